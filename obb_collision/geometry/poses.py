@@ -1,0 +1,127 @@
+"""Poses: quaternions (x y z w) and rotation matrices, and how a pose moves a box.
+
+A pose is seven numbers, ``x y z qx qy qz qw``: the position in metres and a unit quaternion.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from obb_collision._jit import njit
+from obb_collision.geometry.validation import (
+    ORTHONORMAL_ROUNDING,
+    Floats,
+    as_array,
+    as_quaternions,
+    orthonormal_defect,
+    orthonormalize,
+)
+
+IDENTITY_POSE: Floats = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
+IDENTITY_POSE.setflags(write=False)
+
+
+def as_poses(value: ArrayLike, name: str = "poses") -> tuple[Floats, Floats]:
+    """Check poses (n, 7) and return positions (n, 3) and rotation matrices (n, 3, 3)."""
+    poses = as_array(value, name, (None, 7))
+    quaternions = as_quaternions(poses[:, 3:], f"{name} (quaternion)", (None, 4))
+    return np.ascontiguousarray(poses[:, :3]), matrices_from_quaternions(quaternions)
+
+
+def matrices_from_quaternions(quaternions: Floats) -> Floats:
+    """Return (n, 3, 3) rotation matrices of unit quaternions (n, 4).
+
+    Diagonal entries are 1 - 2(..) as usual; orthonormal to rounding as all others of the package.
+    """
+    matrices = np.empty((len(quaternions), 3, 3))
+    _fill_matrices(np.ascontiguousarray(quaternions), matrices)
+    loose = orthonormal_defect(matrices) > ORTHONORMAL_ROUNDING
+    if loose.any():
+        matrices[loose] = orthonormalize(matrices[loose])
+    return matrices
+
+
+def quaternions_from_matrices(matrices: Floats) -> Floats:
+    """Return unit quaternions (n, 4), w >= 0, of rotation matrices (n, 3, 3).
+
+    Shepperd's method: the largest of the four components comes from a square root, the others
+    by division, so none loses accuracy.
+    """
+    quaternions = np.empty((len(matrices), 4))
+    _fill_quaternions(np.ascontiguousarray(matrices), quaternions)
+    return quaternions
+
+
+@njit
+def _fill_matrices(quaternions: Floats, out: Floats) -> None:
+    for n in range(len(quaternions)):
+        x, y, z, w = quaternions[n]
+        out[n, 0, 0] = 1.0 - 2.0 * (y * y + z * z)
+        out[n, 0, 1] = 2.0 * (x * y - z * w)
+        out[n, 0, 2] = 2.0 * (x * z + y * w)
+        out[n, 1, 0] = 2.0 * (x * y + z * w)
+        out[n, 1, 1] = 1.0 - 2.0 * (x * x + z * z)
+        out[n, 1, 2] = 2.0 * (y * z - x * w)
+        out[n, 2, 0] = 2.0 * (x * z - y * w)
+        out[n, 2, 1] = 2.0 * (y * z + x * w)
+        out[n, 2, 2] = 1.0 - 2.0 * (x * x + y * y)
+
+
+@njit
+def _fill_quaternions(matrices: Floats, out: Floats) -> None:
+    for n in range(len(matrices)):
+        m = matrices[n]
+        trace = m[0, 0] + m[1, 1] + m[2, 2]
+        best = 3
+        largest = trace
+        for k in range(3):
+            if m[k, k] > largest:
+                largest = m[k, k]
+                best = k
+        if best == 3:
+            out[n, 0] = m[2, 1] - m[1, 2]
+            out[n, 1] = m[0, 2] - m[2, 0]
+            out[n, 2] = m[1, 0] - m[0, 1]
+            out[n, 3] = 1.0 + trace
+        else:
+            i = best
+            j = (i + 1) % 3
+            k = (i + 2) % 3
+            out[n, i] = 1.0 + 2.0 * m[i, i] - trace
+            out[n, j] = m[j, i] + m[i, j]
+            out[n, k] = m[k, i] + m[i, k]
+            out[n, 3] = m[k, j] - m[j, k]
+        norm = np.sqrt((out[n] * out[n]).sum())
+        if out[n, 3] < 0.0:
+            norm = -norm
+        out[n] /= norm
+
+
+@njit
+def place_boxes(
+    positions: Floats,
+    rotations: Floats,
+    local_centers: Floats,
+    local_rotations: Floats,
+    rows: np.ndarray,
+    out_centers: Floats,
+    out_rotations: Floats,
+) -> None:
+    """Move local boxes to the world: row ``rows[n]`` of the outputs gets pose n applied.
+
+    positions (m, 3), rotations (m, 3, 3): the poses of the objects; the local boxes and the
+    outputs are indexed by row, (.., 3) and (.., 3, 3).
+    """
+    for n in range(len(rows)):
+        row = rows[n]
+        for i in range(3):
+            total = 0.0
+            for k in range(3):
+                total += rotations[n, i, k] * local_centers[row, k]
+            out_centers[row, i] = positions[n, i] + total
+            for j in range(3):
+                total = 0.0
+                for k in range(3):
+                    total += rotations[n, i, k] * local_rotations[row, k, j]
+                out_rotations[row, i, j] = total

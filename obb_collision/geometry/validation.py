@@ -1,0 +1,144 @@
+"""Checks at the edge: what comes in is finite, of the right shape and meaningful, or is refused.
+
+Everything past these functions may trust its arrays: float64, C-contiguous, finite.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Floats = NDArray[np.float64]
+
+#: Largest magnitude accepted (metres). Sums of a few such numbers still can't overflow.
+MAX_MAGNITUDE = 1e300
+
+#: Largest entry of R^T R - I that still counts as a rotation that was meant (interface).
+ORTHONORMAL_TOLERANCE = 1e-6
+
+#: Largest entry of R^T R - I kept bit for bit: 16 unit roundoffs, what products of a few
+#: rotations or the conversion of a quaternion leave behind. The certified test allows for it.
+ORTHONORMAL_ROUNDING = 2.0**-49
+
+
+def _shape_text(shape: tuple[int | None, ...]) -> str:
+    sizes = ["n" if size is None else str(size) for size in shape]
+    return f"({sizes[0]},)" if len(sizes) == 1 else f"({', '.join(sizes)})"
+
+
+def first_bad_row(bad: NDArray[np.bool_]) -> str:
+    """Return ' in row K' for the first row of ``bad`` with a True, '' for a single value."""
+    if bad.ndim == 0:
+        return ""
+    rows = bad.reshape(bad.shape[0], -1).any(axis=1)
+    return f" in row {int(np.argmax(rows))}"
+
+
+def as_array(value: ArrayLike, name: str, shape: tuple[int | None, ...]) -> Floats:
+    """Return ``value`` as a finite, contiguous float64 array of the shape (None: any length).
+
+    A new array unless ``value`` already is one of that kind. Raises ValueError naming the
+    argument and, for arrays with a free first length, the row.
+    """
+    try:
+        array = np.ascontiguousarray(value, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{name} must be numbers of shape {_shape_text(shape)}: {error}") from None
+    if array.ndim == 1 and np.ndim(value) == 0:
+        array = array.reshape(())
+    fits = array.ndim == len(shape) and all(
+        want is None or want == got for want, got in zip(shape, array.shape, strict=True)
+    )
+    if not fits:
+        raise ValueError(f"{name} must have shape {_shape_text(shape)}, got {array.shape}")
+    check_magnitude(array, name, by_row=bool(shape) and shape[0] is None)
+    return array
+
+
+def check_magnitude(array: Floats, name: str, by_row: bool) -> None:
+    """Raise ValueError unless all of ``array`` is finite and at most MAX_MAGNITUDE."""
+    with np.errstate(invalid="ignore"):
+        good = np.abs(array) <= MAX_MAGNITUDE  # False for NaN too
+    if good.all():
+        return
+    where = first_bad_row(~good) if by_row else ""
+    if not np.isfinite(array).all():
+        raise ValueError(f"{name} must be finite{where}")
+    raise ValueError(f"{name} must not exceed {MAX_MAGNITUDE:g} in magnitude{where}")
+
+
+def as_half_extents(value: ArrayLike, name: str, shape: tuple[int | None, ...]) -> Floats:
+    """Return non-negative half extents of the shape (zero is legal: flat boxes)."""
+    array = as_array(value, name, shape)
+    negative = array < 0.0
+    if negative.any():
+        where = first_bad_row(negative) if shape[0] is None else ""
+        raise ValueError(f"{name} must not be negative{where}")
+    return array + 0.0  # -0.0 becomes 0.0, so that equal boxes are equal bit for bit
+
+
+def as_quaternions(value: ArrayLike, name: str, shape: tuple[int | None, ...]) -> Floats:
+    """Return unit quaternions x y z w, shape (4,) or (n, 4).
+
+    Raises ValueError for a quaternion of zero length. Scaled by its largest component first, so
+    that neither tiny nor huge ones under- or overflow.
+    """
+    array = as_array(value, name, shape)
+    largest = np.abs(array).max(axis=-1, keepdims=True, initial=0.0)
+    zero = largest[..., 0] == 0.0
+    if zero.any():
+        where = first_bad_row(zero) if shape[0] is None else ""
+        raise ValueError(f"{name} must not be a zero quaternion{where}")
+    scaled = array / largest
+    norm: Floats = np.sqrt((scaled * scaled).sum(axis=-1, keepdims=True))
+    unit: Floats = scaled / norm
+    return unit
+
+
+def as_rotations(value: ArrayLike, name: str, shape: tuple[int | None, ...]) -> Floats:
+    """Return rotation matrices, (3, 3) or (n, 3, 3), whose columns are the box axes.
+
+    Orthonormal to rounding: kept bit for bit. Orthonormal to 1e-6: made orthonormal by the
+    nearest rotation (polar decomposition). A left-handed frame gets its third axis reversed: the
+    same box, with determinant +1. Otherwise ValueError.
+    """
+    array = as_array(value, name, shape)
+    stack = array.reshape(-1, 3, 3)
+    defect = orthonormal_defect(stack)
+    wrong = defect > ORTHONORMAL_TOLERANCE
+    if wrong.any():
+        row = int(np.argmax(wrong))
+        where = f" in row {row}" if shape[0] is None else ""
+        raise ValueError(
+            f"{name} must be orthonormal to {ORTHONORMAL_TOLERANCE:g}{where}: "
+            f"R^T R differs from the identity by {defect[row]:.3g}"
+        )
+    left_handed = np.linalg.det(stack) < 0.0
+    loose = defect > ORTHONORMAL_ROUNDING
+    if left_handed.any() or loose.any():
+        stack = stack.copy()
+        stack[left_handed, :, 2] *= -1.0
+        stack[loose] = orthonormalize(stack[loose])
+    return stack.reshape(array.shape)
+
+
+def orthonormal_defect(stack: Floats) -> Floats:
+    """Return (n,) the largest entry of abs(R^T R - I) of each matrix of (n, 3, 3)."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        product = np.einsum("nki,nkj->nij", stack, stack)
+        defect = np.abs(product - np.eye(3)).max(axis=(1, 2), initial=0.0)
+    result: Floats = np.where(np.isnan(defect), np.inf, defect)
+    return result
+
+
+def orthonormalize(stack: Floats) -> Floats:
+    """Return the nearest orthonormal matrices of (n, 3, 3) that already nearly are.
+
+    Newton's iteration for the polar factor, R <- R (3 I - R^T R) / 2 (Higham, Functions of
+    Matrices, 8.3): quadratic, so from a defect below 1e-6 two steps reach rounding; a third
+    settles it.
+    """
+    for _ in range(3):
+        product = np.einsum("nki,nkj->nij", stack, stack)
+        stack = np.einsum("nij,njk->nik", stack, 1.5 * np.eye(3) - 0.5 * product)
+    return stack
