@@ -1,0 +1,34 @@
+"""Settings of the whole test suite: ``--pairs`` and a hypothesis profile without chance."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import HealthCheck, settings
+
+# The same examples on every machine and every run; no deadline, since the first call compiles.
+settings.register_profile(
+    "repeatable",
+    derandomize=True,
+    deadline=None,
+    database=None,
+    suppress_health_check=[HealthCheck.too_slow],
+)
+settings.load_profile("repeatable")
+
+#: Pairs of each family that fit a test run of minutes on two cores.
+DEFAULT_PAIRS = 1500
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption(
+        "--pairs",
+        type=int,
+        default=DEFAULT_PAIRS,
+        help="box pairs of each family to check against exact arithmetic (a million: an hour)",
+    )
+
+
+@pytest.fixture(scope="session")
+def pairs(request: pytest.FixtureRequest) -> int:
+    """How many pairs of each family to check."""
+    return int(request.config.getoption("--pairs"))
