@@ -104,51 +104,54 @@ def verdict_kernel(
     rows_b: np.ndarray,
     out: np.ndarray,
 ) -> None:
-    """Write the certified verdict of each pair of rows."""
+    """Write the certified verdict of each pair of rows.
+
+    centers (n, 3), rotations (n, 3, 3), half extents (n, 3) of both sides; rows and out (m,).
+    """
     for n in range(len(rows_a)):
         i = rows_a[n]
         j = rows_b[n]
-        out[n] = classify(
-            centers_a[i], rotations_a[i], half_extents_a[i],
-            centers_b[j], rotations_b[j], half_extents_b[j],
-        )  # fmt: skip
+        verdict = classify_fast(
+            centers_a, rotations_a, half_extents_a, i, centers_b, rotations_b, half_extents_b, j
+        )
+        if verdict == UNDECIDED:
+            verdict = classify_careful(
+                centers_a[i], rotations_a[i], half_extents_a[i],
+                centers_b[j], rotations_b[j], half_extents_b[j],
+            )  # fmt: skip
+        out[n] = verdict
 
 
 @njit
-def classify(
-    center_a: Floats, axes_a: Floats, h: Floats, center_b: Floats, axes_b: Floats, f: Floats
+def classify_fast(
+    ca: Floats, a: Floats, h: Floats, i: int, cb: Floats, b: Floats, f: Floats, j: int
 ) -> int:
-    """Return the certified verdict of one pair: centres (3,), axes (3, 3), half extents (3,)."""
-    verdict = classify_fast(center_a, axes_a, h, center_b, axes_b, f)
-    if verdict == UNDECIDED:
-        verdict = classify_careful(center_a, axes_a, h, center_b, axes_b, f)
-    return verdict
+    """Return SEPARATE or OVERLAP where certain by a coarse bound, else UNDECIDED.
 
-
-@njit
-def classify_fast(ca: Floats, a: Floats, h: Floats, cb: Floats, b: Floats, f: Floats) -> int:
-    """Return SEPARATE or OVERLAP where certain by a coarse bound, else UNDECIDED."""
-    dx = cb[0] - ca[0]
-    dy = cb[1] - ca[1]
-    dz = cb[2] - ca[2]
-    h0, h1, h2 = h[0], h[1], h[2]
-    f0, f1, f2 = f[0], f[1], f[2]
+    ca, cb: centres (n, 3); a, b: axes (n, 3, 3); h, f: half extents (n, 3). Box i of the first
+    against box j of the second: handing over slices would cost more than the test itself.
+    """
+    dx = cb[j, 0] - ca[i, 0]
+    dy = cb[j, 1] - ca[i, 1]
+    dz = cb[j, 2] - ca[i, 2]
+    h0, h1, h2 = h[i, 0], h[i, 1], h[i, 2]
+    f0, f1, f2 = f[j, 0], f[j, 1], f[j, 2]
     bound = abs(dx) + abs(dy) + abs(dz) + (h0 + h1 + h2) + (f0 + f1 + f2)
     bound = FAST_BOUND * bound + UNDERFLOW
 
     # dot products r_ij = a_i . b_j, and the offset t in the frame of a
-    r00 = a[0, 0] * b[0, 0] + a[1, 0] * b[1, 0] + a[2, 0] * b[2, 0]
-    r01 = a[0, 0] * b[0, 1] + a[1, 0] * b[1, 1] + a[2, 0] * b[2, 1]
-    r02 = a[0, 0] * b[0, 2] + a[1, 0] * b[1, 2] + a[2, 0] * b[2, 2]
-    r10 = a[0, 1] * b[0, 0] + a[1, 1] * b[1, 0] + a[2, 1] * b[2, 0]
-    r11 = a[0, 1] * b[0, 1] + a[1, 1] * b[1, 1] + a[2, 1] * b[2, 1]
-    r12 = a[0, 1] * b[0, 2] + a[1, 1] * b[1, 2] + a[2, 1] * b[2, 2]
-    r20 = a[0, 2] * b[0, 0] + a[1, 2] * b[1, 0] + a[2, 2] * b[2, 0]
-    r21 = a[0, 2] * b[0, 1] + a[1, 2] * b[1, 1] + a[2, 2] * b[2, 1]
-    r22 = a[0, 2] * b[0, 2] + a[1, 2] * b[1, 2] + a[2, 2] * b[2, 2]
-    t0 = a[0, 0] * dx + a[1, 0] * dy + a[2, 0] * dz
-    t1 = a[0, 1] * dx + a[1, 1] * dy + a[2, 1] * dz
-    t2 = a[0, 2] * dx + a[1, 2] * dy + a[2, 2] * dz
+    r00 = a[i, 0, 0] * b[j, 0, 0] + a[i, 1, 0] * b[j, 1, 0] + a[i, 2, 0] * b[j, 2, 0]
+    r01 = a[i, 0, 0] * b[j, 0, 1] + a[i, 1, 0] * b[j, 1, 1] + a[i, 2, 0] * b[j, 2, 1]
+    r02 = a[i, 0, 0] * b[j, 0, 2] + a[i, 1, 0] * b[j, 1, 2] + a[i, 2, 0] * b[j, 2, 2]
+    r10 = a[i, 0, 1] * b[j, 0, 0] + a[i, 1, 1] * b[j, 1, 0] + a[i, 2, 1] * b[j, 2, 0]
+    r11 = a[i, 0, 1] * b[j, 0, 1] + a[i, 1, 1] * b[j, 1, 1] + a[i, 2, 1] * b[j, 2, 1]
+    r12 = a[i, 0, 1] * b[j, 0, 2] + a[i, 1, 1] * b[j, 1, 2] + a[i, 2, 1] * b[j, 2, 2]
+    r20 = a[i, 0, 2] * b[j, 0, 0] + a[i, 1, 2] * b[j, 1, 0] + a[i, 2, 2] * b[j, 2, 0]
+    r21 = a[i, 0, 2] * b[j, 0, 1] + a[i, 1, 2] * b[j, 1, 1] + a[i, 2, 2] * b[j, 2, 1]
+    r22 = a[i, 0, 2] * b[j, 0, 2] + a[i, 1, 2] * b[j, 1, 2] + a[i, 2, 2] * b[j, 2, 2]
+    t0 = a[i, 0, 0] * dx + a[i, 1, 0] * dy + a[i, 2, 0] * dz
+    t1 = a[i, 0, 1] * dx + a[i, 1, 1] * dy + a[i, 2, 1] * dz
+    t2 = a[i, 0, 2] * dx + a[i, 1, 2] * dy + a[i, 2, 2] * dz
     q00, q01, q02 = abs(r00), abs(r01), abs(r02)
     q10, q11, q12 = abs(r10), abs(r11), abs(r12)
     q20, q21, q22 = abs(r20), abs(r21), abs(r22)

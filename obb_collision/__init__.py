@@ -1,0 +1,63 @@
+"""Oriented bounding box collision checking.
+
+Conventions, everywhere in this package
+---------------------------------------
+Numbers are float64, lengths are metres, angles radians, times seconds.
+Frames: all boxes of a call or scene are in one common frame.
+Quaternions are ordered x y z w; poses are x y z qx qy qz qw.
+Rotations are (3, 3) matrices whose columns are the box axes.
+Extents are half extents, never negative; zero makes a flat box, which is legal.
+A box is the set {centre + sum_i t_i h_i a_i, abs(t_i) <= 1}, for the doubles as stored.
+Boxes are closed: touching is a collision. What doubles can't tell from touching counts as such.
+Separations are signed: positive apart, negative overlapping; the depth is its negative.
+Normals have unit length and point from the first box, a, to the second, b.
+Pairs are sorted: i < j in a pair, and the pairs in lexicographic order.
+Corners come in one order: on the +z face left-top, left-bottom, right-bottom, right-top, then on
+the -z face right-top, right-bottom, left-bottom, left-top (right is +x, top is +y).
+
+Layers, each importing only those before it: ``geometry`` (what a box is), ``queries`` (one file a
+question about boxes), ``obb`` (one box as a value), ``scene`` (the store, the broad phase, the
+check), ``node`` (ROS), and ``benchmarks`` beside it.
+"""
+
+from obb_collision.geometry.aabb import AABB
+from obb_collision.geometry.boxes import Boxes
+from obb_collision.geometry.shapes import (
+    Box,
+    Capsule,
+    Cone,
+    Cylinder,
+    Ellipsoid,
+    Hull,
+    Mesh,
+    Shape,
+    Sphere,
+)
+from obb_collision.obb import OBB, Separation
+from obb_collision.queries.separation import Verdict, verdicts
+from obb_collision.scene.pairs import find_pairs
+from obb_collision.scene.report import Report
+from obb_collision.scene.scene import Scene
+
+__version__ = "0.1.0"
+
+__all__ = [
+    "AABB",
+    "OBB",
+    "Box",
+    "Boxes",
+    "Capsule",
+    "Cone",
+    "Cylinder",
+    "Ellipsoid",
+    "Hull",
+    "Mesh",
+    "Report",
+    "Scene",
+    "Separation",
+    "Shape",
+    "Sphere",
+    "Verdict",
+    "find_pairs",
+    "verdicts",
+]

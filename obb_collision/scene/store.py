@@ -1,0 +1,154 @@
+"""The store of objects: names and slots, local boxes, poses, and the world boxes they make.
+
+A structure of arrays with one row (slot) an object. A slot keeps its number while the object
+lives; freed slots are used again, the lowest first. Arrays grow by doubling.
+"""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from obb_collision.geometry.boxes import Boxes, add_outwards
+from obb_collision.geometry.poses import as_poses, place_boxes
+from obb_collision.geometry.validation import Floats, as_array
+
+LocalBox = tuple[Floats, Floats, Floats]
+Rows = NDArray[np.int64]
+
+FIRST_CAPACITY = 16
+
+
+class ObjectStore:
+    """Named objects, each with a local box and a pose; ``changed`` marks what moved."""
+
+    def __init__(self) -> None:
+        self.slots: dict[str, int] = {}
+        self._free: list[int] = []
+        self._allocate(FIRST_CAPACITY)
+
+    def _allocate(self, capacity: int) -> None:
+        self.names: list[str | None] = [None] * capacity
+        self.used = np.zeros(capacity, np.bool_)
+        self.active = np.zeros(capacity, np.bool_)  # used and enabled
+        self.changed = np.zeros(capacity, np.bool_)  # since the last check
+        self.paddings = np.zeros(capacity)
+        self.poses = np.zeros((capacity, 7))
+        self.local_centers = np.zeros((capacity, 3))
+        self.local_rotations = np.zeros((capacity, 3, 3))
+        self.local_half_extents = np.zeros((capacity, 3))
+        self.centers = np.zeros((capacity, 3))
+        self.rotations = np.zeros((capacity, 3, 3))
+        self.half_extents = np.zeros((capacity, 3))
+        self._free = list(range(capacity))
+
+    def _grow(self) -> None:
+        size = len(self.names)
+        before = vars(self).copy()
+        self._allocate(2 * size)
+        for key, value in before.items():
+            if isinstance(value, np.ndarray):
+                getattr(self, key)[:size] = value
+        self.names[:size] = before["names"]
+        self._free = list(range(size, 2 * size))
+
+    def __len__(self) -> int:
+        return len(self.slots)
+
+    def slot(self, name: str) -> int:
+        """Return the slot of a name; KeyError naming it if there is none."""
+        try:
+            return self.slots[name]
+        except KeyError:
+            raise KeyError(f"no object named {name!r}") from None
+
+    def live(self) -> Rows:
+        """Return the slots in use, ascending."""
+        return np.flatnonzero(self.used)
+
+    def put(self, name: str, local_box: LocalBox, pose: Floats, padding: float) -> int:
+        """Add an object, or replace the one of that name in its slot; return the slot."""
+        positions, rotations = as_poses(pose[None], "pose")
+        slot = self.slots.get(name)
+        if slot is None:
+            if not self._free:
+                self._grow()
+            slot = heapq.heappop(self._free)
+            self.slots[name] = slot
+            self.names[slot] = name
+            self.used[slot] = True
+        self.local_centers[slot], self.local_rotations[slot], extents = local_box
+        self.local_half_extents[slot] = extents
+        self.poses[slot] = pose
+        self.active[slot] = True
+        self._place(np.array([slot]), positions, rotations)
+        self.pad(np.array([slot]), padding)
+        return slot
+
+    def move(self, rows: Rows, poses: ArrayLike) -> None:
+        """Give slots (m,) new poses (m, 7); what has its pose already is not marked changed."""
+        new = as_array(poses, "poses", (None, 7))
+        if len(new) != len(rows):
+            raise ValueError(
+                f"poses must have one row an object, got {len(new)} for {len(rows)} objects"
+            )
+        moved = (self.poses[rows] != new).any(axis=1)
+        if not moved.all() and len(np.unique(rows)) == len(rows):
+            rows, new = rows[moved], new[moved]
+        positions, rotations = as_poses(new)
+        self.poses[rows] = new
+        self._place(rows, positions, rotations)
+
+    def _place(self, rows: Rows, positions: Floats, rotations: Floats) -> None:
+        place_boxes(
+            *(positions, rotations, self.local_centers, self.local_rotations, rows),
+            *(self.centers, self.rotations),
+        )
+        self.changed[rows] = True
+
+    def pad(self, rows: Rows, padding: float) -> None:
+        """Grow slots by ``padding`` metres on every side beyond their local box."""
+        pad = as_array(padding, "padding", ())
+        if pad < 0.0:
+            raise ValueError("padding must not be negative")
+        self.paddings[rows] = pad
+        self.half_extents[rows] = add_outwards(self.local_half_extents[rows], pad)
+        self.changed[rows] = True
+
+    def remove(self, name: str) -> int:
+        """Take an object out; return the slot it had."""
+        slot = self.slot(name)
+        del self.slots[name]
+        self.names[slot] = None
+        self.used[slot] = False
+        self.active[slot] = False
+        self.changed[slot] = True
+        heapq.heappush(self._free, slot)
+        return slot
+
+    def check_slots(self, slots: ArrayLike) -> Rows:
+        """Return slots as an index array; KeyError naming the first that is not in use."""
+        rows = np.atleast_1d(np.asarray(slots))
+        if rows.dtype.kind not in "iu" and rows.size:
+            raise ValueError(f"indices must be integers, got {rows.dtype}")
+        rows = rows.astype(np.int64)
+        known = (rows >= 0) & (rows < len(self.names))
+        known[known] = self.used[rows[known]]
+        if not known.all():
+            raise KeyError(f"no object with index {int(rows[~known][0])}")
+        return rows
+
+    def boxes(self, rows: Rows) -> Boxes:
+        """Return the world boxes of slots."""
+        return Boxes.trusted(self.centers[rows], self.rotations[rows], self.half_extents[rows])
+
+    def all_boxes(self) -> Boxes:
+        """Return the world boxes of all slots, used or not, as views."""
+        return Boxes.trusted(self.centers, self.rotations, self.half_extents)
+
+    def slots_of(self, names: Iterable[str]) -> Rows:
+        """Return the slots of names; KeyError naming the first unknown one."""
+        return np.array([self.slot(name) for name in names], np.int64)

@@ -1,0 +1,51 @@
+from glob import glob
+
+from setuptools import find_packages, setup
+
+package_name = "obb_collision"
+
+setup(
+    name=package_name,
+    version="0.1.0",
+    packages=find_packages(include=[package_name, f"{package_name}.*"]),
+    package_data={package_name: ["py.typed"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{package_name}"]),
+        (f"share/{package_name}", ["package.xml"]),
+        (f"share/{package_name}/launch", glob("launch/*.launch.py")),
+        (f"share/{package_name}/config", glob("config/*")),
+    ],
+    python_requires=">=3.10",
+    # pycollada and lxml: trimesh reads DAE files with them
+    install_requires=[
+        "setuptools",
+        "numpy>=1.26",
+        "numba>=0.58",
+        "scipy>=1.11",
+        "trimesh>=4.0",
+        "pycollada",
+        "lxml",
+    ],
+    extras_require={
+        # on a robot these come from apt; matplotlib draws the picture of the demo
+        "ros": ["ros-jazzy-rclpy[fastrtps]", "ros-jazzy-common-interfaces", "matplotlib"],
+        "test": ["pytest>=7.4", "hypothesis>=6.98"],
+        "lint": ["ruff==0.17.5", "mypy==2.4.1"],
+        # peers to compare with, and plots
+        "bench": ["python-fcl", "coal", "mujoco", "matplotlib", "tqdm"],
+    },
+    zip_safe=True,
+    maintainer="The obb_collision developers",
+    maintainer_email="obb-collision@users.noreply.github.com",
+    description="Certified oriented bounding box collision checking for ROS 2 and Python.",
+    license="Apache-2.0",
+    entry_points={
+        "console_scripts": [
+            "obb_collision_node = obb_collision.node.node:main",
+            "obb_collision_demo = obb_collision.node.demo:main",
+            "obb_collision_latency = obb_collision.node.latency:main",
+            "obb_collision_speed = obb_collision.benchmarks.speed:main",
+            "obb_collision_wrong_answers = obb_collision.benchmarks.wrong_answers:main",
+        ],
+    },
+)
