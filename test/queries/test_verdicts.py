@@ -87,7 +87,9 @@ def test_shared_pairs(case: dict) -> None:
     kept = all(
         np.array_equal(box.rotations[0], r) for box, (_, r, _) in zip((a, b), given, strict=True)
     )
-    if kept:
+    # A label speaks about the doubles as given; made orthonormal, a pair moves by a rounding.
+    clear = abs(oracle.ExactPair(a.row(0), b.row(0)).relative_separation()) > 1e-12
+    if kept or clear:
         assert truth == LABELS[case["expected"]]
 
 
