@@ -31,7 +31,9 @@ relabellings = st.tuples(
 cached_family = cache(family)
 
 
-def check_same(first: tuple[Boxes, Boxes], second: tuple[Boxes, Boxes], factor: float = 1.0) -> None:
+def check_same(
+    first: tuple[Boxes, Boxes], second: tuple[Boxes, Boxes], factor: float = 1.0
+) -> None:
     """Verdicts, gaps and axes agree bit for bit; gaps times a power of two, axes up to the sign
     where the centres agree along them (there the sign says nothing)."""
     check_verdicts(first, second)
@@ -73,9 +75,7 @@ def test_swapping_the_boxes_reverses_the_axis(name: str, seed: int) -> None:
 
 def relabelled(boxes: Boxes, how: tuple[tuple[int, ...], tuple[float, ...]]) -> Boxes:
     order, signs = list(how[0]), np.array(how[1])
-    return Boxes(
-        boxes.centers, boxes.rotations[:, :, order] * signs, boxes.half_extents[:, order]
-    )
+    return Boxes(boxes.centers, boxes.rotations[:, :, order] * signs, boxes.half_extents[:, order])
 
 
 @settings(max_examples=100)
