@@ -20,7 +20,9 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numba
-from numba.core import config
+from numba.core import config as _config
+
+config: Any = _config  # its attributes are set at run time
 
 F = TypeVar("F", bound=Callable[..., Any])
 

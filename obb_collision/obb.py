@@ -7,10 +7,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from obb_collision.geometry.aabb import AABB, CORNER_SIGNS
+from obb_collision.geometry.aabb import AABB
 from obb_collision.geometry.boxes import Boxes, add_outwards
 from obb_collision.geometry.fitting import fit_points
 from obb_collision.geometry.poses import matrices_from_quaternions, quaternions_from_matrices
+from obb_collision.geometry.representations import corners
 from obb_collision.geometry.transforms import transform_box
 from obb_collision.geometry.validation import (
     Floats,
@@ -77,9 +78,7 @@ class OBB:
     def from_aabb(cls, aabb: AABB) -> OBB:
         """Return the box with axes x, y, z that certainly contains the AABB."""
         center = 0.5 * aabb.minimum + 0.5 * aabb.maximum
-        reach = np.maximum(
-            add_outwards(aabb.maximum, -center), add_outwards(center, -aabb.minimum)
-        )
+        reach = np.maximum(add_outwards(aabb.maximum, -center), add_outwards(center, -aabb.minimum))
         return cls(center, np.eye(3), reach)
 
     @classmethod
@@ -108,8 +107,7 @@ class OBB:
         right-top; then four on the -z face: right-top, right-bottom, left-bottom, left-top.
         Right is +x, top is +y.
         """
-        result: Floats = self.center + (CORNER_SIGNS * self.half_extents) @ self.rotation.T
-        return result
+        return corners(self._boxes())[0]
 
     def edge_direction(self, i: int) -> Floats:
         """Return the unit direction (3,) of the four edges along axis i, 0 to 2."""

@@ -1,1 +1,1 @@
-
+"""What accuracy costs and how fast it is, beside the peers installed."""

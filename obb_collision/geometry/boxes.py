@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from obb_collision._jit import njit
+from obb_collision.geometry.error_free import two_sum_error
 from obb_collision.geometry.poses import as_poses
 from obb_collision.geometry.validation import Floats, as_array, as_half_extents, as_rotations
 
@@ -60,8 +61,7 @@ class Boxes:
         h = as_half_extents(half_extents, "half_extents", (None, 3))
         if len(h) != len(centers):
             raise ValueError(
-                "poses and half_extents must have the same length, "
-                f"got {len(centers)} and {len(h)}"
+                f"poses and half_extents must have the same length, got {len(centers)} and {len(h)}"
             )
         return cls.trusted(centers, rotations, h)
 
@@ -122,15 +122,10 @@ def world_bounds_kernel(
             center = centers[n, k]
             low = center - radius
             high = center + radius
-            if aligned < 3:
-                slack = BOUND_SLACK * (abs(center) + radius) + BOUND_UNDERFLOW
+            slack = BOUND_SLACK * (abs(center) + radius) + BOUND_UNDERFLOW
+            if aligned < 3 or two_sum_error(center, -radius) < 0.0:
                 low -= slack
+            if aligned < 3 or two_sum_error(center, radius) > 0.0:
                 high += slack
-            else:
-                slack = 2.0**-53 * (abs(center) + radius) + BOUND_UNDERFLOW
-                if center - low != radius or center - radius != low or low + radius != center:
-                    low -= slack
-                if high - center != radius or high - radius != center:
-                    high += slack
             minimum[n, k] = low
             maximum[n, k] = high

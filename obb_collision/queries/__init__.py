@@ -1,1 +1,1 @@
-
+"""Questions about boxes, one file each."""

@@ -32,8 +32,8 @@ from numpy.typing import NDArray
 
 from obb_collision._jit import njit
 from obb_collision.geometry.boxes import Boxes
+from obb_collision.geometry.error_free import determinant, length, sum_sorted
 from obb_collision.geometry.validation import Floats
-from obb_collision.queries.error_free import determinant, length, sum_sorted
 from obb_collision.queries.exact import exact_verdict
 
 Verdicts = NDArray[np.int8]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.queries.separation import SEPARATE, Verdicts, pair_verdicts
@@ -35,5 +34,3 @@ def colliding_pairs(boxes: Boxes, candidates: Pairs, exact: bool = False) -> tup
     order = np.argsort(keys)
     pairs = candidates[colliding][order]
     return pairs, verdicts[colliding][order]
-
-

@@ -47,6 +47,4 @@ class Report:
 
     def names(self) -> list[tuple[str, str]]:
         """Return the pairs by name, in the order of ``pairs``."""
-        return [
-            (str(self.slot_names[i]), str(self.slot_names[j])) for i, j in self.pairs.tolist()
-        ]
+        return [(str(self.slot_names[i]), str(self.slot_names[j])) for i, j in self.pairs.tolist()]

@@ -98,7 +98,7 @@ class Scene:
 
     @property
     def padding(self) -> float:
-        """Metres by which boxes are grown on every side, where they have no padding of their own."""
+        """Metres by which boxes without a padding of their own are grown on every side."""
         return self._padding
 
     @padding.setter

@@ -15,6 +15,14 @@ SPLITTER = 134217729.0
 
 
 @njit
+def two_sum_error(a: float, b: float) -> float:
+    """Return the exact rounding error of fl(a + b), that is a + b - fl(a + b) (Knuth)."""
+    total = a + b
+    back = total - a
+    return (a - (total - back)) + (b - back)
+
+
+@njit
 def two_product(a: float, b: float) -> tuple[float, float]:
     """Return fl(a * b) and its exact rounding error (barring underflow)."""
     product = a * b

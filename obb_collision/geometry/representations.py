@@ -1,0 +1,69 @@
+"""Other ways to write a box down, and what each costs in memory.
+
+Centre, rotation and half extents (15 numbers) are what this package computes with. The others are
+here for those who store, send or draw boxes.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from obb_collision.geometry.aabb import CORNER_SIGNS
+from obb_collision.geometry.boxes import Boxes
+from obb_collision.geometry.validation import Floats, as_array
+
+
+def corners(boxes: Boxes) -> Floats:
+    """Return the eight corners (n, 8, 3), in the order of ``OBB.corners``."""
+    steps = CORNER_SIGNS * boxes.half_extents[:, None, :]
+    result: Floats = boxes.centers[:, None, :] + steps @ boxes.rotations.transpose(0, 2, 1)
+    return result
+
+
+def face_planes(boxes: Boxes) -> Floats:
+    """Return six planes (n, 6, 4), outward unit normal and offset: inside is n.x <= offset.
+
+    Faces in the order +x, -x, +y, -y, +z, -z of the box's own axes.
+    """
+    normals = np.stack([boxes.rotations, -boxes.rotations], axis=-1).transpose(0, 2, 3, 1)
+    normals = normals.reshape(-1, 6, 3)
+    reach = np.repeat(boxes.half_extents, 2, axis=1)
+    offsets = np.einsum("nfk,nk->nf", normals, boxes.centers) + reach
+    return np.concatenate([normals, offsets[..., None]], axis=-1)
+
+
+def corner_and_edges(boxes: Boxes) -> Floats:
+    """Return the corner with all minus signs, then the three full edge vectors, (n, 4, 3)."""
+    edges = 2.0 * boxes.half_extents[:, :, None] * boxes.rotations.transpose(0, 2, 1)
+    corner = boxes.centers - 0.5 * edges.sum(axis=1)
+    return np.concatenate([corner[:, None], edges], axis=1)
+
+
+def to_compact(boxes: Boxes) -> Floats:
+    """Return (n, 12): centre, half extents, and two axes; the third is their cross product."""
+    axes = boxes.rotations.transpose(0, 2, 1)[:, :2].reshape(-1, 6)
+    return np.concatenate([boxes.centers, boxes.half_extents, axes], axis=1)
+
+
+def from_compact(numbers: ArrayLike) -> Boxes:
+    """Return the boxes of ``to_compact``; ValueError for what can't be one."""
+    array = as_array(numbers, "numbers", (None, 12))
+    x, y = array[:, 6:9], array[:, 9:12]
+    rotations = np.stack([x, y, np.cross(x, y)], axis=-1)
+    return Boxes(array[:, :3], rotations, array[:, 3:6])
+
+
+def memory_table() -> dict[str, tuple[int, int, int]]:
+    """Return numbers, bytes as float64 and bytes as float32 of one box in each representation."""
+    one = Boxes(np.zeros((1, 3)), np.eye(3)[None], np.ones((1, 3)))
+    stored = one.centers.size + one.rotations.size + one.half_extents.size
+    sizes = {
+        "axis-aligned box (two corners)": 2 * one.centers.size,
+        "oriented box, two axes (compact)": to_compact(one).size,
+        "corner and three edges": corner_and_edges(one).size,
+        "oriented box, three axes": stored,
+        "eight corners": corners(one).size,
+        "six planes": face_planes(one).size,
+    }
+    return {name: (size, 8 * size, 4 * size) for name, size in sizes.items()}

@@ -1,0 +1,223 @@
+"""Boxes: construction, refusals, representations, world bounds."""
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+import obb_collision as oc
+from obb_collision.geometry.representations import (
+    corner_and_edges,
+    corners,
+    face_planes,
+    from_compact,
+    memory_table,
+    to_compact,
+)
+from obb_collision.geometry.validation import Floats, orthonormal_defect
+
+
+def random_boxes(count: int, seed: int = 0) -> oc.Boxes:
+    rng = np.random.default_rng(seed)
+    rotations = Rotation.random(count, random_state=seed).as_matrix()
+    return oc.Boxes(rng.normal(size=(count, 3)), rotations, rng.uniform(0, 2, (count, 3)))
+
+
+def test_rotations_orthonormal_to_rounding_are_kept_bit_for_bit() -> None:
+    rotations = Rotation.random(1000, random_state=3).as_matrix()
+    boxes = oc.Boxes(np.zeros((1000, 3)), rotations, np.ones((1000, 3)))
+    assert (boxes.rotations == rotations).all()
+
+
+@pytest.mark.parametrize("size", [1e-14, 1e-10, 9e-8])
+def test_nearly_orthonormal_rotations_are_made_orthonormal(size: float) -> None:
+    rng = np.random.default_rng(5)
+    rotations = Rotation.random(200, random_state=5).as_matrix()
+    bent = rotations + size * rng.uniform(-1, 1, rotations.shape)
+    boxes = oc.Boxes(np.zeros((200, 3)), bent, np.ones((200, 3)))
+    assert (orthonormal_defect(boxes.rotations) < 2.0**-50).all()
+    assert np.allclose(np.linalg.det(boxes.rotations), 1.0, atol=1e-14)
+    assert np.abs(boxes.rotations - rotations).max() < 4 * size
+
+
+def test_a_left_handed_frame_is_the_same_box_with_determinant_one() -> None:
+    mirror = np.diag([1.0, 1.0, -1.0])
+    box = oc.OBB([1, 2, 3], mirror, [1, 2, 3])
+    assert (box.rotation == np.eye(3)).all()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (([[0, 0, 0], [np.nan, 0, 0]], [np.eye(3)] * 2, [[1, 1, 1]] * 2), "centers.*row 1"),
+        (([[0, 0, 0]], [np.eye(3)], [[1, np.inf, 1]]), "half_extents.*row 0"),
+        (([[0, 0, 0]] * 3, [np.eye(3)] * 3, [[1, 1, 1], [1, 1, 1], [1, -1, 1]]), "half_ex.*row 2"),
+        (([[0, 0]], [np.eye(3)], [[1, 1, 1]]), "centers must have shape"),
+        (([[0, 0, 0]] * 2, [np.eye(3), 2 * np.eye(3)], [[1, 1, 1]] * 2), "rotations.*row 1"),
+        (([[0, 0, 0]], [np.eye(3)] * 2, [[1, 1, 1]] * 2), "same length"),
+        (([["a", 0, 0]], [np.eye(3)], [[1, 1, 1]]), "centers must be numbers"),
+        (([[1e301, 0, 0]], [np.eye(3)], [[1, 1, 1]]), "centers.*magnitude"),
+        (([[0, 0, 0]], [np.zeros((3, 3))], [[1, 1, 1]]), "rotations.*orthonormal"),
+    ],
+)
+def test_bad_boxes_are_refused_by_name_and_row(
+    arguments: tuple[list[object], list[object], list[object]], message: str
+) -> None:
+    with pytest.raises(ValueError, match=message):
+        oc.Boxes(*arguments)  # type: ignore[arg-type]
+
+
+def test_a_zero_quaternion_is_refused_with_its_row() -> None:
+    poses = np.zeros((3, 7))
+    poses[:2, 6] = 1.0
+    with pytest.raises(ValueError, match=r"quaternion.*row 2"):
+        oc.Boxes.from_poses(poses, np.ones((3, 3)))
+
+
+@given(st.integers(-900, 900))
+def test_quaternions_of_any_length_are_normalised(power: int) -> None:
+    rotation = Rotation.from_rotvec([0.3, -0.4, 0.5])
+    box = oc.OBB.from_quaternion([0, 0, 0], np.ldexp(rotation.as_quat(), power), [1, 1, 1])
+    assert np.allclose(box.rotation, rotation.as_matrix(), atol=1e-15)
+    assert np.allclose(box.quaternion, rotation.as_quat(canonical=True), atol=1e-15)
+
+
+def test_quaternions_and_matrices_agree_with_scipy_both_ways() -> None:
+    rotations = Rotation.random(500, random_state=7)
+    poses = np.concatenate([np.zeros((500, 3)), rotations.as_quat()], axis=1)
+    boxes = oc.Boxes.from_poses(poses, np.ones((500, 3)))
+    assert np.allclose(boxes.rotations, rotations.as_matrix(), atol=1e-15)
+    back = np.array([oc.OBB(*boxes.row(k)).quaternion for k in range(500)])
+    assert np.allclose(back, rotations.as_quat(canonical=True), atol=1e-14)
+
+
+def exact_reach(boxes: oc.Boxes, n: int, k: int) -> Fraction:
+    """Return the exact half length of box n along the world axis k."""
+    products = zip(boxes.rotations[n, k].tolist(), boxes.half_extents[n].tolist(), strict=True)
+    return sum((abs(Fraction(r) * Fraction(h)) for r, h in products), Fraction(0))
+
+
+def test_world_bounds_certainly_contain_the_box_and_are_tight() -> None:
+    boxes = random_boxes(300)
+    minimum, maximum = boxes.world_bounds()
+    for n in range(300):
+        for k in range(3):
+            center, reach = Fraction(boxes.centers[n, k]), exact_reach(boxes, n, k)
+            slack = Fraction(2) ** -49 * (abs(center) + reach)
+            assert 0 <= center - reach - Fraction(minimum[n, k]) <= slack
+            assert 0 <= Fraction(maximum[n, k]) - center - reach <= slack
+
+
+@given(
+    st.lists(st.floats(-1e9, 1e9), min_size=3, max_size=3),
+    st.lists(st.floats(0, 1e9), min_size=3, max_size=3),
+)
+def test_bounds_of_aligned_boxes_contain_them_exactly(c: list[float], h: list[float]) -> None:
+    boxes = oc.Boxes([c], [np.eye(3)], [h])
+    minimum, maximum = boxes.world_bounds()
+    for k in range(3):
+        assert Fraction(minimum[0, k]) <= Fraction(c[k]) - Fraction(h[k])
+        assert Fraction(maximum[0, k]) >= Fraction(c[k]) + Fraction(h[k])
+
+
+def test_bounds_are_exact_where_that_is_representable() -> None:
+    box = oc.OBB([0.5, 1.5, -2.0], [[0, -1, 0], [1, 0, 0], [0, 0, 1]], [0.25, 1.0, 3.0])
+    aabb = box.aabb()
+    assert aabb.minimum.tolist() == [-0.5, 1.25, -5.0]
+    assert aabb.maximum.tolist() == [1.5, 1.75, 1.0]
+
+
+@given(
+    st.lists(st.floats(-1e150, 1e150), min_size=3, max_size=3),
+    st.lists(st.floats(0, 1e150), min_size=3, max_size=3),
+)
+def test_a_box_from_an_aabb_contains_it_exactly(low: list[float], size: list[float]) -> None:
+    aabb = oc.AABB(low, np.add(low, size))
+    box = oc.OBB.from_aabb(aabb)
+    assert box.contains(aabb.corners(), exact=True).all()  # type: ignore[union-attr]
+
+
+@given(st.floats(0, 1e6), st.floats(0, 1e3))
+def test_padding_rounds_outwards(extent: float, margin: float) -> None:
+    box = oc.OBB(half_extents=[extent] * 3).padded(margin)
+    assert Fraction(box.half_extents[0]) >= Fraction(extent) + Fraction(margin)
+
+
+def test_corners_come_in_the_documented_order() -> None:
+    expected = [
+        (-1, 2, 3), (-1, -2, 3), (1, -2, 3), (1, 2, 3),
+        (1, 2, -3), (1, -2, -3), (-1, -2, -3), (-1, 2, -3),
+    ]  # fmt: skip
+    assert oc.OBB([0, 0, 0], np.eye(3), [1, 2, 3]).corners().tolist() == [list(c) for c in expected]
+    assert oc.AABB([-1, -2, -3], [1, 2, 3]).corners().tolist() == [list(c) for c in expected]
+
+
+def test_representations_describe_the_same_boxes() -> None:
+    boxes = random_boxes(50)
+    cloud = corners(boxes)
+    planes = face_planes(boxes)
+    heights = np.einsum("nfk,nck->nfc", planes[..., :3], cloud) - planes[..., 3:]
+    assert np.abs(heights.max(axis=2)).max() < 1e-14
+    assert ((np.abs(heights) < 1e-14).sum(axis=2) == 4).all()
+    frame = corner_and_edges(boxes)
+    assert np.allclose(frame[:, 0], cloud[:, 6], atol=1e-14)
+    assert np.allclose(frame.sum(axis=1), cloud[:, 3], atol=1e-14)
+
+
+def test_the_compact_form_comes_back() -> None:
+    boxes = random_boxes(200)
+    back = from_compact(to_compact(boxes))
+    assert (back.centers == boxes.centers).all()
+    assert (back.half_extents == boxes.half_extents).all()
+    assert np.allclose(back.rotations, boxes.rotations, atol=1e-15)
+
+
+def test_memory_is_that_of_the_arrays() -> None:
+    table = memory_table()
+    assert table["axis-aligned box (two corners)"] == (6, 48, 24)
+    assert table["oriented box, three axes"] == (15, 120, 60)
+    assert table["oriented box, two axes (compact)"] == (12, 96, 48)
+
+
+def edges_of(box: oc.OBB) -> list[Floats]:
+    return [box.edge_direction(i) for i in range(3)]
+
+
+def test_edges_and_faces_by_index() -> None:
+    box = oc.OBB([1, 2, 3], Rotation.from_rotvec([0.1, 0.2, 0.3]).as_matrix(), [1, 2, 3])
+    assert all((edge == box.rotation[:, i]).all() for i, edge in enumerate(edges_of(box)))
+    for i in range(3):
+        assert (box.face_normal(2 * i) == box.rotation[:, i]).all()
+        assert (box.face_normal(2 * i + 1) == -box.rotation[:, i]).all()
+    with pytest.raises(ValueError, match="0, 1 or 2"):
+        box.edge_direction(3)
+    with pytest.raises(ValueError, match="0 to 5"):
+        box.face_normal(-1)
+
+
+def test_set_and_reset() -> None:
+    box = oc.OBB([1, 2, 3], np.eye(3), [1, 1, 1])
+    box.reset()
+    assert box == oc.OBB()
+    assert box.corners().tolist() == [[0.0, 0.0, 0.0]] * 8
+    assert box.intersects(oc.OBB(half_extents=[1, 1, 1]))
+    with pytest.raises(ValueError, match="half_extents"):
+        box.set([9, 9, 9], np.eye(3), [1, -1, 1])
+    assert box == oc.OBB()
+
+
+def test_aabb_questions_are_exact_comparisons() -> None:
+    a = oc.AABB([0, 0, 0], [1, 1, 1])
+    assert a.intersects(oc.AABB([1, 1, 1], [2, 2, 2]))
+    assert not a.intersects(oc.AABB([np.nextafter(1, 2), 0, 0], [2, 1, 1]))
+    assert a.contains([1, 1, 1])
+    assert a.contains([[0.5, 0.5, 0.5], [np.nextafter(1, 2), 0, 0]]).tolist() == [True, False]  # type: ignore[union-attr]
+    with pytest.raises(ValueError, match="minimum must not exceed"):
+        oc.AABB([0, 0, 2], [1, 1, 1])
+    with pytest.raises(ValueError, match="empty"):
+        oc.AABB.from_points(np.empty((0, 3)))
+    fitted = oc.AABB.from_points([[0, 5, 1], [2, 3, -1]])
+    assert (fitted.minimum.tolist(), fitted.maximum.tolist()) == ([0, 3, -1], [2, 5, 1])
