@@ -1,0 +1,220 @@
+"""Shapes made of points: convex hulls and triangle meshes, from arrays or files."""
+
+from __future__ import annotations
+
+import importlib.util
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+from urllib.parse import unquote, urlparse
+
+import numpy as np
+import trimesh
+from numpy.typing import ArrayLike, NDArray
+
+from obb_collision.geometry.enclosing import ROUNDOFF
+from obb_collision.geometry.fitting import check_fit, fit_points
+from obb_collision.geometry.primitives import (
+    NO_SCALE,
+    LocalBox,
+    Shape,
+    Triple,
+    positive_triple,
+    read_only,
+)
+from obb_collision.geometry.validation import Floats, as_array, check_magnitude
+
+Triangles = NDArray[np.int64]
+
+#: Splits a double into two halves of 26 bits (Dekker 1971, Veltkamp): 2**27 + 1.
+SPLITTER = 134217729.0
+#: Products and their errors are exact above this magnitude (no underflow) ...
+SMALLEST_EXACT = 2.0**-900
+#: ... and factors up to this one can be split without overflow.
+LARGEST_EXACT = 2.0**990
+
+
+class _Cloud(Shape):
+    """A shape that the box of its scaled points contains."""
+
+    fit: str
+
+    def _points(self) -> Floats:
+        raise NotImplementedError
+
+    @cached_property
+    def local_box(self) -> LocalBox:
+        """Centre (3,), rotation (3, 3), half extents (3,): read-only arrays, fitted once."""
+        points = self._points()
+        scale = np.array(self.scale)
+        with np.errstate(over="ignore"):
+            scaled = points * scale
+        check_magnitude(scaled, "points times scale", by_row=True)
+        center, rotation, half_extents = fit_points(scaled, self.fit)
+        error = _rounding(points, scale, scaled)
+        if error.any():
+            # |R^-1 e| is below |R|^T |e| but for roundoffs of it, which the factor covers.
+            wider = half_extents + (np.abs(rotation).T @ error) * (1.0 + 64.0 * ROUNDOFF)
+            half_extents = np.nextafter(wider, np.inf)
+        return read_only(center, rotation, half_extents)
+
+
+def _rounding(points: Floats, scale: Floats, scaled: Floats) -> Floats:
+    """Return (3,) bounds on abs(scaled - points * scale) by coordinate; zero where all exact."""
+    inexact = ~_exact_products(points, scale, scaled)
+    error: Floats = np.where(inexact, np.abs(scaled), 0.0).max(axis=0) * ROUNDOFF
+    return np.where(inexact.any(axis=0), np.maximum(error, np.finfo(float).smallest_subnormal), 0.0)
+
+
+def _exact_products(a: Floats, b: Floats, product: Floats) -> NDArray[np.bool_]:
+    """Return whether a * b == product exactly (Dekker's product); False where not known."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        a_high, b_high = (x * SPLITTER - (x * SPLITTER - x) for x in (a, b))
+        a_low, b_low = a - a_high, b - b_high
+        error = a_high * b_high - product + a_high * b_low + a_low * b_high + a_low * b_low
+        size = np.abs(product)
+        small = np.maximum(np.abs(a), b) <= LARGEST_EXACT
+    exact: NDArray[np.bool_] = (error == 0.0) & (size >= SMALLEST_EXACT) & small
+    return exact | (a == 0.0)
+
+
+@dataclass(frozen=True, init=False, eq=False)
+class Hull(_Cloud):
+    """The convex hull of points (n, 3), n >= 1; ``fit`` as in ``OBB.from_points``."""
+
+    points: Floats
+    scale: Triple
+    fit: str
+
+    def __init__(self, points: ArrayLike, scale: ArrayLike = NO_SCALE, fit: str = "best") -> None:
+        self._store(
+            points=_owned_points(points, "points"),
+            scale=positive_triple(scale, "scale"),
+            fit=check_fit(fit),
+        )
+
+    def _points(self) -> Floats:
+        return self.points
+
+
+@dataclass(frozen=True, init=False, eq=False)
+class Mesh(_Cloud):
+    """Triangles: vertices (n, 3) metres, faces (m, 3) rows of vertices; no faces: all vertices.
+
+    The local box is that of the triangles; vertices that no face uses don't count. Raises
+    ValueError for no vertices, numbers that are not finite, faces out of range.
+    """
+
+    vertices: Floats
+    faces: Triangles = field(repr=False)
+    scale: Triple
+    fit: str
+
+    def __init__(
+        self,
+        vertices: ArrayLike,
+        faces: ArrayLike,
+        scale: ArrayLike = NO_SCALE,
+        fit: str = "best",
+    ) -> None:
+        points = _owned_points(vertices, "vertices")
+        self._store(
+            vertices=points,
+            faces=_checked_faces(faces, len(points)),
+            scale=positive_triple(scale, "scale"),
+            fit=check_fit(fit),
+        )
+
+    @classmethod
+    def from_file(cls, path: str | Path, scale: ArrayLike = NO_SCALE, fit: str = "best") -> Mesh:
+        """Return the mesh of a file that trimesh reads: STL, OBJ, PLY, DAE, GLB and others.
+
+        ``path`` may be a path, a file:// or a package:// URI (the latter needs ROS). The parts of
+        a scene are joined, each where the scene puts it. Lengths are metres; a file that names
+        another unit (DAE) is converted. Raises ValueError naming the file where it is missing,
+        can't be read or holds no vertices.
+        """
+        file = resolve_path(path)
+        try:
+            vertices, faces = _read_file(file)
+            return cls(vertices, faces, scale, fit)
+        except ValueError as error:
+            raise ValueError(f"mesh file {file}: {error}") from error
+
+    def _points(self) -> Floats:
+        return self.vertices[np.unique(self.faces)] if len(self.faces) else self.vertices
+
+
+def _owned_points(value: ArrayLike, name: str) -> Floats:
+    points = as_array(value, name, (None, 3)).copy()
+    if len(points) == 0:
+        raise ValueError(f"{name} must hold at least one point, got none")
+    points.setflags(write=False)
+    return points
+
+
+def _checked_faces(value: ArrayLike, vertices: int) -> Triangles:
+    faces = np.asarray(value)
+    if faces.size == 0:
+        faces = np.empty((0, 3), np.int64)
+    if faces.ndim != 2 or faces.shape[1] != 3 or faces.dtype.kind not in "iu":
+        raise ValueError(
+            f"faces must be integers of shape (n, 3), got {faces.dtype} of shape {faces.shape}"
+        )
+    wrong = ((faces < 0) | (faces >= vertices)).any(axis=1)
+    if wrong.any():
+        row = int(wrong.argmax())
+        raise ValueError(
+            f"faces must name vertices 0 to {vertices - 1} in row {row}, got {faces[row].tolist()}"
+        )
+    checked = faces.astype(np.int64)
+    checked.setflags(write=False)
+    return checked
+
+
+def resolve_path(path: str | Path) -> Path:
+    """Return the path of a path, file:// or package:// URI; ValueError where there is none."""
+    text = str(path)
+    scheme, _, rest = text.partition("://")
+    if not rest or isinstance(path, Path):
+        return Path(path)
+    if scheme == "file":
+        return Path(unquote(urlparse(text).path))
+    if scheme == "package":
+        package, _, inside = rest.partition("/")
+        return _package_share(package, text) / unquote(inside)
+    raise ValueError(f"mesh file {text}: only paths, file:// and package:// URIs can be read")
+
+
+def _package_share(package: str, uri: str) -> Path:
+    try:
+        from ament_index_python.packages import get_package_share_directory
+    except ImportError:
+        raise ValueError(f"mesh file {uri}: package:// needs ament_index_python (ROS)") from None
+    try:
+        return Path(get_package_share_directory(package))
+    except (LookupError, ValueError) as error:
+        raise ValueError(f"mesh file {uri}: {error}") from error
+
+
+def _read_file(file: Path) -> tuple[Floats, Triangles]:
+    """Return vertices (n, 3) in metres and faces (m, 3) of all parts of a file."""
+    if not file.is_file():
+        raise ValueError("there is no such file")
+    if file.suffix.lower() == ".dae" and importlib.util.find_spec("collada") is None:
+        raise ValueError("reading DAE needs the package pycollada")
+    try:
+        scene: Any = trimesh.load(file, force="scene", process=False)
+        parts = [part for part in scene.dump() if hasattr(part, "vertices")]
+        unit = 1.0 if scene.units is None else trimesh.units.unit_conversion(scene.units, "meters")
+    except Exception as error:  # each of trimesh's readers raises what its parser raises
+        raise ValueError(f"it can't be read: {type(error).__name__}: {error}") from error
+    vertices, faces, count = [np.empty((0, 3))], [np.empty((0, 3), np.int64)], 0
+    for part in parts:
+        vertices.append(np.asarray(part.vertices, dtype=np.float64))
+        if len(getattr(part, "faces", ())):
+            faces.append(np.asarray(part.faces, dtype=np.int64) + count)
+        count += len(vertices[-1])
+    joined = np.concatenate(vertices)
+    return (joined if unit == 1.0 else joined * unit), np.concatenate(faces)
