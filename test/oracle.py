@@ -88,7 +88,7 @@ class ExactPair:
         self.corners_b = _corners((offset[0], offset[1], offset[2]), self.axes_b, lengths[9:12])
 
     def candidate_axes(self) -> Iterator[Vector]:
-        """The 15 exact candidate axes, not normalised; parallel edges give none."""
+        """Yield the 15 exact candidate axes, not normalised; parallel edges give none."""
         for axes in (self.axes_a, self.axes_b):
             for i in range(3):
                 yield _cross(axes[(i + 1) % 3], axes[(i + 2) % 3])
@@ -143,10 +143,7 @@ def _root(gap: int, squared: int) -> tuple[float, int]:
     """``gap / sqrt(squared)`` as (mantissa of size 0.5 to 1, exponent): no under- or overflow."""
     numerator = gap * gap
     shift = numerator.bit_length() - squared.bit_length()
-    if shift >= 0:
-        quotient = numerator / (squared << shift)
-    else:
-        quotient = (numerator << -shift) / squared
+    quotient = numerator / (squared << shift) if shift >= 0 else (numerator << -shift) / squared
     if shift % 2:
         quotient, shift = quotient * 2.0, shift - 1
     mantissa, exponent = math.frexp(math.copysign(math.sqrt(quotient), 1 if gap > 0 else -1))
@@ -203,7 +200,7 @@ def exact_vector(values: Iterable[float]) -> tuple[Fraction, ...]:
 
 
 def corners(box: Box) -> list[tuple[Fraction, ...]]:
-    """The eight corners as exact fractions (in no promised order)."""
+    """Return the eight corners as exact fractions (in no promised order)."""
     center, axes, half = _fractions(box)
     return [
         tuple(

@@ -19,7 +19,7 @@ CHUNK = 20_000
 
 
 def stored(boxes: Boxes) -> Arrays:
-    """The arrays of boxes as they are stored: what verdicts speak about."""
+    """Return the arrays of boxes as they are stored: what verdicts speak about."""
     return boxes.centers, boxes.rotations, boxes.half_extents
 
 

@@ -52,7 +52,7 @@ def near_parallel(rng: Rng, n: int) -> Pairs:
 
 
 def same_rotation(rng: Rng, n: int) -> Pairs:
-    """The same rotation in both boxes, entries off by up to two units in the last place."""
+    """Use the same rotation in both boxes, entries off by up to two units in the last place."""
     rot_a = random_rotations(rng, n)
     steps = rng.integers(-2, 3, (n, 3, 3)) * (rng.random((n, 1, 1)) < 0.8)
     rot_b = rot_a + steps * np.spacing(np.abs(rot_a))

@@ -21,9 +21,11 @@ PERPENDICULAR = 1e-9
 EPS = float(np.finfo(np.float64).eps)
 
 
-def log_uniform(rng: np.random.Generator, low: float, high: float, shape: object) -> Array:
+def log_uniform(
+    rng: np.random.Generator, low: float, high: float, shape: int | tuple[int, ...]
+) -> Array:
     """Random numbers between 10**low and 10**high, uniform in the exponent."""
-    return np.asarray(10.0 ** rng.uniform(low, high, shape))  # type: ignore[arg-type]
+    return np.asarray(10.0 ** rng.uniform(low, high, shape))
 
 
 def random_rotations(rng: np.random.Generator, n: int) -> Array:

@@ -31,7 +31,7 @@ def exact_contacts(rng: Rng, n: int) -> Pairs:
 
 
 def flat_contacts(rng: Rng, n: int) -> Pairs:
-    """The same with zero extents: plates edge to edge, crossing segments, points on plates."""
+    """Make the same with zero extents: plates edge to edge, crossing segments, points on plates."""
     kind = rng.integers(0, 3, n)
     made = [_flat_grid(rng, n), _end_on_face(rng, n), _flat_turned(rng, n)]
     return _mixed(kind, [m[0] for m in made]), _mixed(kind, [m[1] for m in made])
@@ -52,6 +52,7 @@ def _grid(rng: Rng, n: int) -> Pairs:
     inside = rng.integers(-16, 17, (n, 3)) / 16.0
     offset = np.where(touching, side * reach, inside)
     center_a = rng.integers(-64, 65, (n, 3)) / 16.0
+    center_a += rng.integers(-(2**30), 2**30, (n, 3)) * rng.integers(0, 2, (n, 1))  # up to 1e9 m
     permute_a, permute_b = signed_permutations(rng, n), signed_permutations(rng, n)
     a = (center_a, permute_a, _own_order(permute_a, half_a))
     return a, (center_a + offset, permute_b, _own_order(permute_b, half_b))
@@ -102,7 +103,7 @@ def _flat_turned(rng: Rng, n: int) -> Pairs:
 
 
 def _turned_stack(rng: Rng, n: int) -> Pairs:
-    """A dyadic stack turned as one: exact on paper, off by roundings as stored."""
+    """Turn a dyadic stack as one: exact on paper, off by roundings as stored."""
     rotation = random_rotations(rng, n)
     half_a, half_b = rng.integers(1, 17, (2, n, 3)) / 16.0
     side = rng.choice([-1.0, 1.0], (n, 3))
@@ -125,7 +126,7 @@ def _decimal_stack(rng: Rng, n: int) -> Pairs:
 
 
 def _end_on_face(rng: Rng, n: int) -> Pairs:
-    """A face of a goes through the origin, where a segment (b) of any direction ends."""
+    """Let a segment (b) of any direction end at the origin, on a face of a."""
     rot_a, rot_b = random_rotations(rng, n), random_rotations(rng, n)
     rows = np.arange(n)
     i, j = rng.integers(0, 3, (2, n))

@@ -29,13 +29,16 @@ relabellings = st.tuples(
     st.sampled_from(list(product((-1.0, 1.0), repeat=3))),
 )
 cached_family = cache(family)
+Relabelling = tuple[tuple[int, ...], tuple[float, ...]]
 
 
 def check_same(
     first: tuple[Boxes, Boxes], second: tuple[Boxes, Boxes], factor: float = 1.0
 ) -> None:
-    """Verdicts, gaps and axes agree bit for bit; gaps times a power of two, axes up to the sign
-    where the centres agree along them (there the sign says nothing)."""
+    """Verdicts, gaps and axes agree bit for bit, gaps times a power of two.
+
+    Axes may differ in sign where the centres agree along them: there the sign says nothing.
+    """
     check_verdicts(first, second)
     gaps, axes = witnesses(*first)
     other_gaps, other_axes = witnesses(*second)
@@ -73,7 +76,7 @@ def test_swapping_the_boxes_reverses_the_axis(name: str, seed: int) -> None:
     np.testing.assert_array_equal(axes[signed], -swapped_axes[signed])
 
 
-def relabelled(boxes: Boxes, how: tuple[tuple[int, ...], tuple[float, ...]]) -> Boxes:
+def relabelled(boxes: Boxes, how: Relabelling) -> Boxes:
     order, signs = list(how[0]), np.array(how[1])
     return Boxes(boxes.centers, boxes.rotations[:, :, order] * signs, boxes.half_extents[:, order])
 
@@ -81,7 +84,7 @@ def relabelled(boxes: Boxes, how: tuple[tuple[int, ...], tuple[float, ...]]) -> 
 @settings(max_examples=100)
 @given(names, seeds, relabellings, relabellings)
 def test_relabelling_and_flipping_axes_changes_nothing(
-    name: str, seed: int, how_a: tuple, how_b: tuple
+    name: str, seed: int, how_a: Relabelling, how_b: Relabelling
 ) -> None:
     a, b = cached_family(name, ROWS, seed)
     check_same((a, b), (relabelled(a, how_a), relabelled(b, how_b)))

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import oracle
@@ -72,7 +73,7 @@ def test_ordinary_scenes_leave_nothing_open() -> None:
 
 
 @pytest.mark.parametrize("case", SHARED_PAIRS, ids=lambda case: case["name"])
-def test_shared_pairs(case: dict) -> None:
+def test_shared_pairs(case: dict[str, Any]) -> None:
     """Pairs from public bug reports and test suites; the axes are listed row by row."""
     given = [
         (np.array(box["center"]), np.array(box["axes"]).T, np.array(box["half_extents"]))
@@ -133,8 +134,7 @@ def test_no_flicker_in_a_sweep_of_angles(axis: int, gap: float) -> None:
 @pytest.mark.parametrize("other", [1, 2])
 @pytest.mark.parametrize("gap", [0.0, 1e-15, -1e-15, 1e-12, -1e-12, 1e-7, -1e-7])
 def test_sweeps_that_tilt_the_contact(axis: int, other: int, gap: float) -> None:
-    """Turning about an edge moves the gap through zero: right at every angle, and open
-    only where the true gap is within the promised width."""
+    """Turning about an edge moves the gap through zero: right at every angle all the same."""
     half = np.array([0.5, 0.375, 0.25])
     offset = np.full(3, 0.03125)
     contact = (axis + other) % 3

@@ -65,7 +65,7 @@ def one_giant(rng: Rng, n: int) -> Boxes:
 
 def far_away(rng: Rng, n: int) -> Boxes:
     boxes = uniform(rng, n)
-    return Boxes(boxes.centers + [1e9, -1e8, 1e7], boxes.rotations, boxes.half_extents)
+    return Boxes(boxes.centers + np.array([1e9, -1e8, 1e7]), boxes.rotations, boxes.half_extents)
 
 
 def far_apart(rng: Rng, n: int) -> Boxes:
@@ -81,14 +81,14 @@ def flat(rng: Rng, n: int) -> Boxes:
 
 
 def coplanar(rng: Rng, n: int) -> Boxes:
-    """A floor plan: all centres in one plane, dyadic, axis-aligned, many touching exactly."""
+    """Lay out a floor plan: all centres in one plane, many touching exactly."""
     centers = rng.integers(0, 2 * int(n**0.5), (n, 3)) / 2.0 * [1.0, 1.0, 0.0]
     half = rng.integers(0, 3, (n, 3)) / 4.0
     return Boxes(centers, np.tile(np.eye(3), (n, 1, 1)), half)
 
 
 def grid_stack(rng: Rng, n: int) -> Boxes:
-    """Bricks laid edge to edge: every neighbour touches exactly, corners included."""
+    """Lay bricks edge to edge: every neighbour touches exactly, corners included."""
     side = round(n ** (1 / 3))
     cells = np.stack(np.meshgrid(*3 * [np.arange(side)], indexing="ij"), axis=-1).reshape(-1, 3)
     order = rng.permutation(len(cells))
@@ -157,7 +157,7 @@ def test_candidates_are_each_pair_of_overlapping_bounds_once() -> None:
     rng = np.random.default_rng(8)
     for n in (2, 17, 64, 65, 257, 900):
         low = rng.integers(0, 20, (n, 3)).astype(float)
-        high = low + rng.integers(0, 4, (n, 3))
+        high = low + rng.integers(0, 4, (n, 3)).astype(float)
         rows = all_pairs(n)
         i, j = rows.T
         expected = rows[((low[i] <= high[j]) & (low[j] <= high[i])).all(axis=1)]
