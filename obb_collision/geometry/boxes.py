@@ -68,7 +68,7 @@ class Boxes:
     def __len__(self) -> int:
         return len(self.centers)
 
-    def row(self, index: int) -> tuple[Floats, Floats, Floats]:
+    def row(self, index: int | np.integer) -> tuple[Floats, Floats, Floats]:
         """Return centre (3,), rotation (3, 3) and half extents (3,) of one box, as views."""
         return self.centers[index], self.rotations[index], self.half_extents[index]
 

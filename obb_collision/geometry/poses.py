@@ -36,7 +36,7 @@ def matrices_from_quaternions(quaternions: Floats) -> Floats:
     """
     matrices = np.empty((len(quaternions), 3, 3))
     _fill_matrices(np.ascontiguousarray(quaternions), matrices)
-    loose = orthonormal_defect(matrices) > ORTHONORMAL_ROUNDING
+    loose = np.abs(orthonormal_defect(matrices)) > ORTHONORMAL_ROUNDING
     if loose.any():
         matrices[loose] = orthonormalize(matrices[loose])
     return matrices

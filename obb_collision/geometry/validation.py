@@ -8,6 +8,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from obb_collision._jit import njit
+
 Floats = NDArray[np.float64]
 
 #: Largest magnitude accepted (metres). Sums of a few such numbers still can't overflow.
@@ -105,16 +107,16 @@ def as_rotations(value: ArrayLike, name: str, shape: tuple[int | None, ...]) -> 
     array = as_array(value, name, shape)
     stack = array.reshape(-1, 3, 3)
     defect = orthonormal_defect(stack)
-    wrong = defect > ORTHONORMAL_TOLERANCE
+    wrong = ~(np.abs(defect) <= ORTHONORMAL_TOLERANCE)
     if wrong.any():
         row = int(np.argmax(wrong))
         where = f" in row {row}" if shape[0] is None else ""
         raise ValueError(
             f"{name} must be orthonormal to {ORTHONORMAL_TOLERANCE:g}{where}: "
-            f"R^T R differs from the identity by {defect[row]:.3g}"
+            f"R^T R differs from the identity by {abs(defect[row]):.3g}"
         )
-    left_handed = np.linalg.det(stack) < 0.0
-    loose = defect > ORTHONORMAL_ROUNDING
+    left_handed = np.signbit(defect)
+    loose = np.abs(defect) > ORTHONORMAL_ROUNDING
     if left_handed.any() or loose.any():
         stack = stack.copy()
         stack[left_handed, :, 2] *= -1.0
@@ -122,13 +124,28 @@ def as_rotations(value: ArrayLike, name: str, shape: tuple[int | None, ...]) -> 
     return stack.reshape(array.shape)
 
 
+@njit
 def orthonormal_defect(stack: Floats) -> Floats:
-    """Return (n,) the largest entry of abs(R^T R - I) of each matrix of (n, 3, 3)."""
-    with np.errstate(over="ignore", invalid="ignore"):
-        product = np.einsum("nki,nkj->nij", stack, stack)
-        defect = np.abs(product - np.eye(3)).max(axis=(1, 2), initial=0.0)
-    result: Floats = np.where(np.isnan(defect), np.inf, defect)
-    return result
+    """Return (n,) the largest entry of abs(R^T R - I) of each matrix of (n, 3, 3).
+
+    With the sign of the determinant: negative, also -0.0, for left-handed frames.
+    """
+    defect = np.empty(len(stack))
+    for n in range(len(stack)):
+        m = stack[n]
+        largest = 0.0
+        for i in range(3):
+            for j in range(i, 3):
+                entry = m[0, i] * m[0, j] + m[1, i] * m[1, j] + m[2, i] * m[2, j]
+                error = abs(entry - (1.0 if i == j else 0.0))
+                largest = error if not error <= largest else largest  # NaN stays
+        determinant = (
+            m[0, 0] * (m[1, 1] * m[2, 2] - m[1, 2] * m[2, 1])
+            - m[0, 1] * (m[1, 0] * m[2, 2] - m[1, 2] * m[2, 0])
+            + m[0, 2] * (m[1, 0] * m[2, 1] - m[1, 1] * m[2, 0])
+        )
+        defect[n] = -largest if determinant < 0.0 else largest
+    return defect
 
 
 def orthonormalize(stack: Floats) -> Floats:

@@ -75,7 +75,8 @@ def witness_kernel(
 
 
 #: Rounds of alternating projections: each moves the point into one box, then into the other.
-PROJECTION_ROUNDS = 4
+#: Nearly always one or two are enough; thin wedges take more.
+PROJECTION_ROUNDS = 32
 
 
 @njit
@@ -91,18 +92,22 @@ def common_point(
         out[k] = ca[k] + 0.5 * (cb[k] - ca[k])
     for _ in range(PROJECTION_ROUNDS):
         _clamp(out, ca, a, h)
-        _clamp(out, cb, b, f)
+        if not _clamp(out, cb, b, f):
+            break
 
 
 @njit
-def _clamp(point: Floats, center: Floats, axes: Floats, extents: Floats) -> None:
-    """Move the point to the nearest one of the box."""
+def _clamp(point: Floats, center: Floats, axes: Floats, extents: Floats) -> bool:
+    """Move the point to the nearest one of the box; return whether it had to move."""
+    moved = False
     dx = point[0] - center[0]
     dy = point[1] - center[1]
     dz = point[2] - center[2]
     for i in range(3):
         along = dx * axes[0, i] + dy * axes[1, i] + dz * axes[2, i]
         excess = along - min(max(along, -extents[i]), extents[i])
+        moved = moved or excess != 0.0
         point[0] -= excess * axes[0, i]
         point[1] -= excess * axes[1, i]
         point[2] -= excess * axes[2, i]
+    return moved

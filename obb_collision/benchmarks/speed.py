@@ -1,0 +1,166 @@
+"""How fast is the full step, beside the peers installed? Console script obb_collision_speed.
+
+A step sets every pose, updates, and finds every colliding pair. All peers see the same scenes and
+take turns in one run, so the ratios hold even on a noisy machine; the times are this machine's.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import json
+import sys
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from obb_collision.benchmarks.step_peers import PEERS, Peer
+from obb_collision.geometry.validation import Floats
+
+SIZES = (100, 1_000, 10_000)
+#: Half extents of the boxes, metres.
+EXTENTS = (0.05, 0.5)
+#: Cubic metres a box: gives about half a colliding pair a box.
+VOLUME_PER_BOX = 1.75
+#: A few scenes in turn, so that nobody profits from seeing the same poses again.
+FRAMES = 5
+
+
+@dataclass(frozen=True)
+class Row:
+    """Times of one peer at one size."""
+
+    peer: str
+    boxes: int
+    median_ms: float
+    best_ms: float
+    steps: int
+    pairs: int
+    differing_pairs: int  #: in the last frame, against find_pairs
+
+
+def make_frames(count: int, seed: int) -> tuple[Floats, list[tuple[Floats, Floats]]]:
+    """Return half extents (n, 3) and poses (centres, rotations) of every frame."""
+    rng = np.random.default_rng(seed)
+    half = 0.5 * (VOLUME_PER_BOX * count) ** (1 / 3)
+    half_extents = rng.uniform(*EXTENTS, (count, 3))
+    frames = [
+        (rng.uniform(-half, half, (count, 3)), Rotation.random(count, rng=rng).as_matrix())
+        for _ in range(FRAMES)
+    ]
+    return half_extents, frames
+
+
+def run_size(count: int, seconds: float, seed: int) -> list[Row]:
+    """Time every installed peer on the same frames, taking turns, for about ``seconds``."""
+    half_extents, frames = make_frames(count, seed)
+    peers: dict[str, Peer] = {}
+    for name, module, kind in PEERS:
+        if importlib.util.find_spec(module) is not None:
+            peers[name] = kind(half_extents)
+    found: dict[str, Any] = {name: peer.step(*frames[-1]) for name, peer in peers.items()}
+    pairs = {name: peers[name].pairs(found[name]) for name in peers}
+    times: dict[str, list[float]] = {name: [] for name in peers}
+    deadline = perf_counter() + seconds
+    while perf_counter() < deadline or min(len(t) for t in times.values()) < FRAMES:
+        frame = frames[len(times["find_pairs"]) % FRAMES]
+        for name, peer in peers.items():
+            start = perf_counter()
+            peer.step(*frame)
+            times[name].append(perf_counter() - start)
+    return [
+        Row(
+            name,
+            count,
+            1e3 * float(np.median(spent)),
+            1e3 * min(spent),
+            len(spent),
+            len(pairs[name]),
+            len(pairs[name] ^ pairs["find_pairs"]),
+        )
+        for name, spent in times.items()
+    ]
+
+
+def format_table(rows: Sequence[Row]) -> str:
+    """Return the rows as text, with each peer's median relative to ``find_pairs``."""
+    ours = {row.boxes: row.median_ms for row in rows if row.peer == "find_pairs"}
+    lines = [
+        f"{'':12} {'boxes':>7} {'median ms':>10} {'best ms':>9} {'ratio':>7} {'pairs':>7}  note"
+    ]
+    for row in rows:
+        note = f"{row.differing_pairs} pairs differ" if row.differing_pairs else ""
+        lines.append(
+            f"{row.peer:12} {row.boxes:7} {row.median_ms:10.3f} {row.best_ms:9.3f} "
+            f"{row.median_ms / ours[row.boxes]:6.1f}x {row.pairs:7}  {note}"
+        )
+    return "\n".join(lines)
+
+
+def save_plot(rows: Sequence[Row], path: Path) -> None:
+    """Draw the median time of a step over the number of boxes, both logarithmic."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(7.0, 4.5), layout="constrained")
+    axes = figure.subplots()
+    for name in dict.fromkeys(row.peer for row in rows):
+        own = [row for row in rows if row.peer == name]
+        ours = name in ("find_pairs", "Scene")
+        (line,) = axes.loglog(
+            [row.boxes for row in own],
+            [row.median_ms for row in own],
+            marker="o",
+            linewidth=2.5 if ours else 1.2,
+            linestyle="-" if ours else "--",
+        )
+        axes.annotate(
+            name,
+            (own[-1].boxes, own[-1].median_ms),
+            xytext=(8, 0),
+            textcoords="offset points",
+            va="center",
+            color=line.get_color(),
+        )
+    axes.set_xlabel("boxes, all moving")
+    axes.set_ylabel("milliseconds a step (median)")
+    axes.set_title("Set every pose, find every colliding pair")
+    axes.margins(x=0.15)
+    axes.grid(which="both", alpha=0.2)
+    figure.savefig(path, dpi=130)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the benchmark and print its table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument(
+        "--sizes", type=int, nargs="+", default=list(SIZES), help="numbers of boxes"
+    )
+    parser.add_argument("--seconds", type=float, default=20.0, help="about how long, all sizes")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the rows as JSON")
+    parser.add_argument("--plot", type=Path, metavar="FILE", help="draw the rows, PNG or SVG")
+    options = parser.parse_args(arguments)
+    if min(options.sizes) < 1 or not options.seconds > 0.0:
+        parser.error("sizes must be at least 1 and seconds positive")
+    rows: list[Row] = []
+    for size in options.sizes:
+        print(f"{size} boxes ...", file=sys.stderr, flush=True)
+        rows += run_size(size, options.seconds / len(options.sizes), options.seed)
+    print(format_table(rows))
+    missing = [name for name, module, _ in PEERS if importlib.util.find_spec(module) is None]
+    if missing:
+        print(f"not installed, so not compared: {', '.join(missing)}")
+    if options.json:
+        options.json.write_text(json.dumps([asdict(row) for row in rows], indent=1) + "\n")
+    if options.plot:
+        save_plot(rows, options.plot)
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
