@@ -15,14 +15,16 @@ from numpy.typing import ArrayLike, NDArray
 from obb_collision.geometry.enclosing import enclose_points
 from obb_collision.geometry.frames import (
     box_size,
-    convex_hull,
+    complete_frame,
     covariance_frame,
     hull_covariance_frame,
     keep_flat,
     minimum_volume_frame,
     polygon_covariance_frame,
     refined_frame,
+    spread_frames,
 )
+from obb_collision.geometry.hulls import convex_hull, hull_volume
 from obb_collision.geometry.validation import MAX_MAGNITUDE, Floats, as_array
 
 #: A set whose extent along a principal axis is below this fraction of the largest is flat: what
@@ -42,6 +44,9 @@ TIE = 1e-9
 MANY_CORNERS = 2000
 #: Above this many points the hull is skipped: a million on a sphere take Qhull 10 s.
 MANY_POINTS = 100_000
+#: How many of the principal frames, and of the spread ones, "best" refines (see SPREAD).
+REFINED_PRINCIPAL = 2
+REFINED_SPREAD = 4
 #: Directions spread evenly over a half sphere; two extreme points each.
 DIRECTIONS = 256
 
@@ -85,14 +90,21 @@ def _choose_frame(points: Floats, fit: str) -> Floats:
     rank, frame, floor = _rank(scaled, noise)
     if fit == "covariance":
         return keep_flat(frame, flat)
-    corners = _corners(scaled, frame)
+    if rank == 1:
+        corners, judges = scaled, scaled
+    else:
+        corners, complete = _corners(scaled, frame)
+        judges = corners if complete else scaled
+    tight = (1.0 + TIE) * hull_volume(corners) if rank == 3 else 0.0
     best: Floats | None = None
     least = np.inf
     for candidate in FITS[fit](corners, frame, rank, floor):
         exact = keep_flat(candidate, flat)
-        size = box_size(corners, exact, floor)
+        size = box_size(judges, exact, floor)
         if best is None or size < least * (1.0 - TIE):
             best, least = exact, size
+        if least <= tight:
+            break  # the hull is a box
     assert best is not None  # every fit offers at least the principal axes
     return best
 
@@ -115,19 +127,22 @@ def _rank(points: Floats, noise: float) -> tuple[int, Floats, float]:
     return max(1, int((widths > floor).sum())), frame, floor
 
 
-def _corners(points: Floats, frame: Floats) -> Floats:
-    """Return the points that decide on the axes: corners of the hull, a few thousand at most."""
+def _corners(points: Floats, frame: Floats) -> tuple[Floats, bool]:
+    """Return the points that offer axes, a few thousand at most, and whether they all count.
+
+    They are the corners of the hull, or some of them.
+    """
     if len(points) <= MANY_POINTS:
         hull = convex_hull(points)
         corners = points if hull is None else points[hull.vertices]
         if len(corners) <= MANY_CORNERS:
-            return corners
+            return corners, True
     along = points @ frame
     widths = np.ptp(along, axis=0)
     along /= np.where(widths > 0.0, widths, 1.0)  # thin sets have two sides too
     directions = _half_sphere(DIRECTIONS)
     chosen = _extreme_rows(along, directions)
-    return points[chosen]
+    return points[chosen], False
 
 
 def _half_sphere(count: int) -> Floats:
@@ -175,13 +190,26 @@ def _hull_covariance(corners: Floats, frame: Floats, rank: int, floor: float) ->
 
 def _minimum_volume(corners: Floats, frame: Floats, rank: int, floor: float) -> Iterator[Floats]:
     found = minimum_volume_frame(corners) if rank == 3 else None
-    yield refined_frame(corners, frame if found is None else found, floor)
+    start = frame if found is None else found
+    yield start if rank == 1 else refined_frame(corners, start, floor)
 
 
 def _best(corners: Floats, frame: Floats, rank: int, floor: float) -> Iterator[Floats]:
-    yield from _axis_aligned(corners, frame, rank, floor)
+    yield np.eye(3)
+    if rank == 1:
+        yield frame
+        return
     yield from _minimum_volume(corners, frame, rank, floor)
-    for candidate in (frame, next(_hull_covariance(corners, frame, rank, floor)), np.eye(3)):
+    principal = [np.eye(3), frame, *_hull_covariance(corners, frame, rank, floor)]
+    principal.sort(key=lambda candidate: box_size(corners, candidate, floor))
+    for candidate in principal[:REFINED_PRINCIPAL]:
+        yield refined_frame(corners, candidate, floor)
+    if rank < 3:
+        return  # the plane is known, and the least rectangle in it found
+    spread = spread_frames()
+    widths = np.ptp(np.einsum("ni,mij->mnj", corners, spread), axis=1)
+    for row in np.argsort(widths.prod(axis=1))[:REFINED_SPREAD]:
+        candidate = complete_frame(spread[row, :, 0], spread[row, :, 1])
         yield refined_frame(corners, candidate, floor)
 
 
