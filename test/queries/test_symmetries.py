@@ -18,7 +18,12 @@ from support import family, stored, witnesses
 
 from obb_collision.benchmarks.families import FAMILIES
 from obb_collision.geometry.boxes import Boxes
-from obb_collision.queries.separation import verdicts
+from obb_collision.queries.separation import (
+    UNDECIDED,
+    classify_careful,
+    classify_fast,
+    verdicts,
+)
 
 ROWS = 300
 SOME = np.arange(20)
@@ -119,6 +124,19 @@ def test_moving_both_by_the_same_offset_changes_nothing(
 def on_grid(boxes: Boxes) -> Boxes:
     centers = np.clip(np.round(boxes.centers * 1024.0), -(2**40), 2**40) / 1024.0
     return Boxes(centers, boxes.rotations, boxes.half_extents)
+
+
+@pytest.mark.parametrize("name", FAMILIES)
+def test_the_two_stages_never_contradict_each_other(name: str) -> None:
+    """What the fast stage decides, the careful one decides too: hence the symmetries hold."""
+    a, b = cached_family(name, 2000, 0)
+    decided = 0
+    for row in range(len(a)):
+        fast = classify_fast(*stored(a), row, *stored(b), row)
+        if fast != UNDECIDED:
+            assert fast == classify_careful(*a.row(row), *b.row(row))
+            decided += 1
+    assert decided > 50
 
 
 @pytest.mark.parametrize("name", FAMILIES)
