@@ -73,7 +73,7 @@ def loosened(rotations: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     n = len(rotations)
     stretched = 1.0 + rng.uniform(-20.0, 20.0, (n, 1, 3)) * ROUNDOFF
     result = rotations * stretched + rng.uniform(-18.0, 18.0, (n, 3, 3)) * ROUNDOFF
-    too_loose = orthonormal_defect(result) > 60.0 * ROUNDOFF
+    too_loose = np.abs(orthonormal_defect(result)) > 60.0 * ROUNDOFF
     result[too_loose] = rotations[too_loose]
     assert too_loose.mean() < 0.7
     return result
