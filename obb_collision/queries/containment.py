@@ -6,19 +6,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from obb_collision._jit import njit
+from obb_collision.geometry.error_free import length
 from obb_collision.geometry.exact import contains_exactly
 from obb_collision.geometry.validation import Floats
+from obb_collision.queries.separation import CAREFUL_BOUND, UNDERFLOW, cross_columns
 
 OUTSIDE = 0
 DOUBTFUL = 1
 INSIDE = 2
 
-#: Bound of abs(a_i.(p - c)) - h_i relative to abs(p - c) + sum h: rounding gives 6 units of
-#: 2^-53; that a_i is the face normal of orthonormal axes only to 64 units (see ``separation``)
-#: gives 2 x 96 more.
-CONTAINMENT_BOUND = 2.0**-45
-#: Added to the bound: more than what gradual underflow can take.
-UNDERFLOW = 2.0**-1060
+#: Bound of the fast stage, relative to abs(p - c) + sum h: rounding gives 6 units of 2^-53, and
+#: taking a_i for the face normal, with axes orthonormal to 64 units, 2 x 96 more.
+FAST_BOUND = 2.0**-45
 
 
 def contains(
@@ -26,8 +25,9 @@ def contains(
 ) -> NDArray[np.bool_]:
     """Return (n,) whether each point (n, 3) lies in the closed box.
 
-    Points that doubles can't tell from the surface (within ``CONTAINMENT_BOUND`` of the size)
-    count as inside; with ``exact=True`` they are decided by integer arithmetic.
+    Points that doubles can't tell from the surface count as inside (within 4e-15 of their
+    distance from the centre and the half extent); with ``exact=True`` they are decided by integer
+    arithmetic.
     """
     places = np.empty(len(points), np.int8)
     containment_kernel(center, rotation, half_extents, points, places)
@@ -53,10 +53,29 @@ def containment_kernel(
             abs(axes[0, 1] * dx + axes[1, 1] * dy + axes[2, 1] * dz) - extents[1],
             abs(axes[0, 2] * dx + axes[1, 2] * dy + axes[2, 2] * dz) - extents[2],
         )
-        bound = CONTAINMENT_BOUND * (abs(dx) + abs(dy) + abs(dz) + size) + UNDERFLOW
+        bound = FAST_BOUND * (abs(dx) + abs(dy) + abs(dz) + size) + UNDERFLOW
         if excess > bound:
             out[n] = OUTSIDE
         elif excess < -bound:
             out[n] = INSIDE
         else:
-            out[n] = DOUBTFUL
+            out[n] = _place_carefully(dx, dy, dz, axes, extents)
+
+
+@njit
+def _place_carefully(dx: float, dy: float, dz: float, axes: Floats, extents: Floats) -> int:
+    """Return the place of an offset from the centre, by the face normals taken without error.
+
+    Same bound as ``separation.careful_axis``, whose error analysis covers a point as a box.
+    """
+    place = INSIDE
+    for i in range(3):
+        nx, ny, nz = cross_columns(axes, (i + 1) % 3, axes, (i + 2) % 3)
+        along = abs((nx * dx + ny * dy) + nz * dz)
+        reach = abs((nx * axes[0, i] + ny * axes[1, i]) + nz * axes[2, i]) * extents[i]
+        bound = CAREFUL_BOUND * (length(dx, dy, dz) + extents[i]) * length(nx, ny, nz) + UNDERFLOW
+        if along - reach > bound:
+            return OUTSIDE
+        if along - reach >= -bound:
+            place = DOUBTFUL
+    return place

@@ -262,11 +262,11 @@ def careful_axis(
     ``_implied_margin``, with a margin below every bound), so its gap is given as minus infinity.
     """
     if axis < 3:
-        nx, ny, nz = _cross(a, (axis + 1) % 3, a, (axis + 2) % 3)
+        nx, ny, nz = cross_columns(a, (axis + 1) % 3, a, (axis + 2) % 3)
     elif axis < 6:
-        nx, ny, nz = _cross(b, (axis + 1) % 3, b, (axis + 2) % 3)
+        nx, ny, nz = cross_columns(b, (axis + 1) % 3, b, (axis + 2) % 3)
     else:
-        nx, ny, nz = _cross(a, (axis - 6) // 3, b, (axis - 6) % 3)
+        nx, ny, nz = cross_columns(a, (axis - 6) // 3, b, (axis - 6) % 3)
     norm = length(nx, ny, nz)
     if norm < PARALLEL:
         return -np.inf, 0.0, 0.0, 0.0, 0.0
@@ -286,7 +286,7 @@ def careful_axis(
 
 
 @njit
-def _cross(a: Floats, i: int, b: Floats, j: int) -> tuple[float, float, float]:
+def cross_columns(a: Floats, i: int, b: Floats, j: int) -> tuple[float, float, float]:
     """Return column i of a crossed with column j of b, each component nearly exact."""
     return (
         determinant(a[1, i], a[2, i], b[1, j], b[2, j]),
