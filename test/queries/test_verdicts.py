@@ -12,7 +12,9 @@ from typing import Any
 import numpy as np
 import oracle
 import pytest
-from support import chunks, family, stored
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from support import chunks, family, stored, witnesses
 
 from obb_collision.benchmarks.families import FAMILIES
 from obb_collision.geometry.boxes import Boxes
@@ -77,6 +79,29 @@ def loosened(rotations: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     result[too_loose] = rotations[too_loose]
     assert too_loose.mean() < 0.7
     return result
+
+
+numbers = st.floats(-1e300, 1e300)
+vectors = st.tuples(numbers, numbers, numbers)
+extents = st.tuples(*3 * [st.floats(0.0, 1e300)])
+quaternions = st.tuples(*4 * [st.floats(-1.0, 1.0)]).filter(any)
+
+
+@settings(max_examples=500)
+@given(vectors, quaternions, extents, st.one_of(vectors, st.none()), quaternions, extents)
+def test_any_doubles_at_all(
+    center: Any, one: Any, half: Any, offset: Any, other: Any, other_half: Any
+) -> None:
+    """Whatever is accepted is answered rightly, from subnormal to 1e300, equal centres too."""
+    a = Boxes.from_poses([(*center, *one)], [half])
+    b = Boxes.from_poses([(*(offset or center), *other)], [other_half])
+    truth = oracle.verdicts(stored(a), stored(b))
+    default = verdicts(a, b)
+    assert default[0] in (truth[0], Verdict.TOUCHING)
+    np.testing.assert_array_equal(verdicts(a, b, exact=True), truth)
+    gap, axis = witnesses(a, b)
+    assert np.isfinite(gap).all()
+    np.testing.assert_allclose(np.linalg.norm(axis), 1.0, rtol=0, atol=1e-15)
 
 
 def test_every_one_of_the_15_axes_decides_alone() -> None:
