@@ -13,7 +13,7 @@ from obb_collision.benchmarks.families import FAMILIES
 from obb_collision.obb import OBB
 
 #: A point this near to the surface, relative to the size, may count as inside by default.
-DOUBT = 1e-13
+DOUBT = 1e-14
 
 
 def points_near(obb: OBB, rng: np.random.Generator, n: int) -> np.ndarray:
