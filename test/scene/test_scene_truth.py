@@ -33,7 +33,7 @@ def check_report(scene: oc.Scene, exact: bool) -> None:
 
 
 def random_pose(rng: np.random.Generator, spread: float) -> np.ndarray:
-    """A pose on a dyadic grid or anywhere, square to the axes or turned."""
+    """Return a pose on a dyadic grid or anywhere, square to the axes or turned."""
     position = rng.uniform(-spread, spread, 3)
     if rng.random() < 0.5:
         position = np.round(4.0 * position) / 4.0
