@@ -1,3 +1,4 @@
+# ruff: noqa: T201 - a command line tool prints
 """From the publication of ``object_poses`` to the ``collisions`` it leads to, in one process.
 
 The console script ``obb_collision_latency``: moving boxes, real topics, every sample the time from
