@@ -7,11 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from membership import Floats, assert_proper, holds
 from scipy.spatial.transform import Rotation
 
+from obb_collision.geometry import enclosing
 from obb_collision.geometry.enclosing import EXACT_POINTS, enclose_points
 from obb_collision.geometry.fitting import FITS, fit_points
 
@@ -115,6 +116,38 @@ def test_flat_sets_are_contained_and_thin(
     assert fit == "aabb" or (thin <= 1e-11 * size + 1e-300).all()
 
 
+def hard_set(rng: np.random.Generator) -> Floats:
+    """Return up to 15 points: flat, gridded, thin, in a skew plane or a cube's, turned, moved."""
+    points = rng.normal(size=(int(rng.integers(1, 16)), 3))
+    kind = rng.integers(8)
+    if kind < 2:
+        points[:, 2 - kind :] = 0.0
+    elif kind == 2:
+        points = np.round(points)
+    elif kind == 3:
+        points *= 10.0 ** rng.integers(-12, 0, 3)
+    elif kind == 4:
+        points[:, 2] = points[:, 0] + points[:, 1]
+    elif kind == 5:
+        points = np.sign(points)
+    points = points @ Rotation.random(random_state=rng).as_matrix()
+    if rng.random() < 0.5:
+        points = points + rng.normal(size=3) * 10.0 ** rng.integers(-3, 10)
+    hard: Floats = points * 10.0 ** rng.integers(-320, 290) if rng.random() < 0.2 else points
+    return hard
+
+
+@EVERY_FIT
+@pytest.mark.parametrize("exact_points", [0, EXACT_POINTS])
+def test_hard_sets_are_contained_by_integers_and_by_the_bound_alone(
+    fit: str, exact_points: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(enclosing, "EXACT_POINTS", exact_points)
+    rng = np.random.default_rng(exact_points)
+    for _ in range(100):
+        fitted(hard_set(rng), fit)
+
+
 @EVERY_FIT
 @pytest.mark.parametrize("normal", range(3))
 def test_flat_in_a_coordinate_plane_stays_exactly_flat(fit: str, normal: int) -> None:
@@ -185,6 +218,7 @@ def test_hull_covariance_ignores_how_densely_sides_are_sampled() -> None:
     assert volume(plain) > 1.2 * volume(half)
 
 
+@settings(max_examples=20)
 @given(st.permutations(range(12)), st.integers(-300, 300))
 def test_scale_by_powers_of_two_scales_the_box(order: list[int], exponent: int) -> None:
     points = np.random.default_rng(8).normal(size=(12, 3))

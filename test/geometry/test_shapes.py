@@ -217,7 +217,9 @@ def two_part_scene() -> trimesh.Scene:
 def test_files_of_every_kind_are_read(tmp_path: Path, suffix: str) -> None:
     file = tmp_path / f"two words.{suffix}"
     scene = two_part_scene()
-    (scene.to_mesh() if suffix in ("stl", "ply", "dae") else scene).export(file)
+    (trimesh.util.concatenate(scene.dump()) if suffix in ("stl", "ply", "dae") else scene).export(
+        file
+    )
     mesh = shapes.Mesh.from_file(file, scale=(2.0, 1.0, 1.0))
     assert len(mesh.faces) == 24
     assert np.ptp(mesh.vertices, axis=0) == pytest.approx([6.0, 1.0, 1.0])

@@ -4,7 +4,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from hypothesis import assume, given
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from membership import Box, Floats, assert_proper, corners, determinant, fractions, moved, outside
 from scipy.spatial.transform import Rotation
@@ -96,6 +96,7 @@ def test_scale_along_the_box_axes_is_exact() -> None:
     assert half.tolist() == [3.0, 1.0, 0.0]
 
 
+@settings(max_examples=50)
 @given(QUATERNION, QUATERNION, HALF, st.floats(1e-3, 1e3), st.booleans())
 def test_similarities_are_tight(
     first: list[float], second: list[float], half: list[float], scale: float, mirror: bool
