@@ -11,8 +11,13 @@ import numpy.typing as npt
 
 from obb_collision.node.demo.picture import COLLIDING, STATE_COLORS
 
+#: x and y in pixels from the top left, and the text.
+Label = tuple[float, float, str]
+
 #: Pixels per inch of the figure; one point of text is DPI / 72 pixels.
 DPI = 100
+#: Room that a label takes, pixels.
+LABEL_WIDTH, LABEL_HEIGHT = 200.0, 18.0
 INK, GREY = (0.13, 0.15, 0.18), (0.42, 0.45, 0.49)
 
 
@@ -22,11 +27,11 @@ def save_picture(
     title: str,
     subtitle: str,
     legend: Sequence[str],
-    labels: Sequence[tuple[float, float, str]],
+    labels: Sequence[Label],
 ) -> None:
     """Write an image (h, w, 3) as PNG with its texts. ImportError without matplotlib.
 
-    legend: a text for each state. labels: x, y in pixels from the top left, and what to say there.
+    legend: a text for each state.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -54,10 +59,22 @@ def save_picture(
     axes.plot([54], [height - 111], color=tuple(STATE_COLORS[COLLIDING]), **dot)
     axes.text(74, height - 106, "contact, and how deep", fontsize=12.5, color=INK, va="baseline")
     halo = [withStroke(linewidth=3.0, foreground=(1.0, 1.0, 1.0, 0.85))]
-    for at_x, at_y, text in labels:
+    for at_x, at_y, text in spread(labels):
         axes.text(at_x + 13, at_y - 10, text, fontsize=10.5, color=INK, path_effects=halo)
     axes.set(xlim=(0, width), ylim=(height, 0))
     figure.savefig(file, dpi=DPI, format="png", pil_kwargs={"optimize": True})
+
+
+def spread(labels: Sequence[Label]) -> list[Label]:
+    """Return labels moved down, from the top one on, until none covers another."""
+    placed: list[Label] = []
+    for x, y, text in sorted(labels, key=lambda label: label[1]):
+        for other_x, other_y, _ in placed:  # these are in order too
+            if abs(x - other_x) < LABEL_WIDTH and y < other_y + LABEL_HEIGHT:
+                y = other_y + LABEL_HEIGHT
+        placed.append((x, y, text))
+        placed.sort(key=lambda label: label[1])
+    return placed
 
 
 def _outlined(corners: Sequence[tuple[float, float]], color: npt.NDArray[np.float64]) -> Any:

@@ -29,6 +29,13 @@ from obb_collision.node.demo.motion import (
 Random = np.random.Generator
 Color = tuple[float, float, float]
 
+#: The whole warehouse; more objects than these fill a store behind it.
+DEFAULT_OBJECTS = 52
+#: With fewer there would be nothing to see; these hold every kind of shape.
+MIN_OBJECTS = 12
+#: A seed with much going on at the end of ten seconds.
+DEFAULT_SEED = 94
+
 CARD, WOOD, STEEL = (0.82, 0.70, 0.55), (0.86, 0.77, 0.62), (0.72, 0.75, 0.79)
 BLUE, NAVY, WHITE = (0.45, 0.60, 0.80), (0.30, 0.37, 0.50), (0.93, 0.93, 0.94)
 VIOLET, STONE = (0.66, 0.60, 0.80), (0.66, 0.64, 0.62)
@@ -134,7 +141,7 @@ def _lift(random: Random) -> Iterator[Item]:
         lambda t: Box((0.9, 0.8, height(t))),
     )  # fmt: skip
     drum = Cylinder(0.3, 0.75)
-    yield Item("drum", 0, drum, BLUE, lambda t: pose(x, y, height(t) + 0.375), "object_poses")
+    yield Item("drum", 0, drum, BLUE, lambda t: pose(x, y, height(t) + 0.375), "objects")
     quarter = pose(x + 0.15, y, 1.78, 0.0, np.pi / 2)
     yield Item("pipe", 0, Cylinder(0.08, 2.6), STEEL, resting(quarter))
     yield Item("post", 0, Cylinder(0.06, 1.68), STEEL, resting(pose(x + 0.15, -1.25, 0.84)))
