@@ -38,6 +38,7 @@ def assert_contains(shape: shapes.Hull | shapes.Mesh, points: Floats) -> None:
     ("shape", "expected"),
     [
         (shapes.Box((1.0, 2.0, 3.0)), (0.5, 1.0, 1.5)),
+        (shapes.Box((1.0, 0.0, 3.0)), (0.5, 0.0, 1.5)),
         (shapes.Box((1.0, 2.0, 3.0), scale=(2.0, 3.0, 4.0)), (1.0, 3.0, 6.0)),
         (shapes.Sphere(0.5), (0.5, 0.5, 0.5)),
         (shapes.Sphere(0.5, scale=(1.0, 2.0, 4.0)), (0.5, 1.0, 2.0)),
@@ -115,7 +116,6 @@ def test_bad_scales_are_refused(make: Callable[..., shapes.Shape]) -> None:
 def test_bad_sizes_are_refused_by_name() -> None:
     for bad, why in ((0.0, "positive"), (-1.0, "positive"), (np.nan, "finite"), (np.inf, "finite")):
         for make, name in (
-            (lambda x: shapes.Box((1.0, x, 1.0)), "size"),
             (lambda x: shapes.Sphere(x), "radius"),
             (lambda x: shapes.Cylinder(x, 1.0), "radius"),
             (lambda x: shapes.Cylinder(1.0, x), "length"),
@@ -125,6 +125,9 @@ def test_bad_sizes_are_refused_by_name() -> None:
         ):
             with pytest.raises(ValueError, match=f"{name} must be {why}"):
                 make(bad)
+    for bad, why in ((-1.0, "not be negative"), (np.nan, "be finite"), (np.inf, "be finite")):
+        with pytest.raises(ValueError, match=f"size must {why}"):
+            shapes.Box((1.0, bad, 1.0))
     with pytest.raises(ValueError, match="must not exceed"):
         _ = shapes.Sphere(1e200, (1e200, 1.0, 1.0)).local_box
 
