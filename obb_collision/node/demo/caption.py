@@ -1,4 +1,7 @@
-"""Texts on the demo's picture: title, legend, names at the contacts. Needs matplotlib."""
+"""Texts on the demo's picture: title, legend, names at the contacts.
+
+The only module that needs matplotlib, which is an extra: import it where a picture is drawn.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +11,10 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.patches import Polygon
+from matplotlib.patheffects import withStroke
 
 from obb_collision.node.demo.picture import COLLIDING, STATE_COLORS
 
@@ -29,14 +36,10 @@ def save_picture(
     legend: Sequence[str],
     labels: Sequence[Label],
 ) -> None:
-    """Write an image (h, w, 3) as PNG with its texts. ImportError without matplotlib.
+    """Write an image (h, w, 3) as PNG with its texts.
 
     legend: a text for each state.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-    from matplotlib.patheffects import withStroke
-
     height, width = image.shape[:2]
     figure = Figure(figsize=(width / DPI, height / DPI), dpi=DPI)
     FigureCanvasAgg(figure)
@@ -78,6 +81,4 @@ def spread(labels: Sequence[Label]) -> list[Label]:
 
 
 def _outlined(corners: Sequence[tuple[float, float]], color: npt.NDArray[np.float64]) -> Any:
-    from matplotlib.patches import Polygon
-
     return Polygon(corners, facecolor=(*color, 0.25), edgecolor=tuple(color), linewidth=1.8)

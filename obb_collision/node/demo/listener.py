@@ -6,14 +6,20 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import PointCloud2
+from visualization_msgs.msg import Marker, MarkerArray
 
 from obb_collision.node.clouds import collisions_from_ros, named_pairs
-from obb_collision.node.conversions import NANOSECONDS, stamp_from_ros
+from obb_collision.node.conversions import (
+    NANOSECONDS,
+    FloatArray,
+    name_from_key,
+    pose_from_ros,
+    stamp_from_ros,
+)
 from obb_collision.node.demo.publisher import LATCHED
 
 Pair = tuple[str, str]
@@ -34,6 +40,7 @@ class CollisionListener(Node):
     start: stamp (ns) before which nothing counts; epoch: that from which times are told.
     pairs: the last message, depth (m) by pair. seen: every pair ever. latencies: seconds from the
     stamp of a state to its collisions, once for each stamp. cycles: messages received.
+    boxes: pose (7,) and edge lengths by name, once they are watched.
     """
 
     def __init__(self, tell: Callable[[str], None], **node_options: Any) -> None:
@@ -43,9 +50,11 @@ class CollisionListener(Node):
         self.stamp, self.start, self.epoch = -1, 0, 0
         self.cycles, self.most = 0, 0
         self.pairs: dict[Pair, float] = {}
-        self.points: npt.NDArray[np.float64] = np.empty((0, 3))
+        self.points: FloatArray = np.empty((0, 3))
         self.seen: set[Pair] = set()
         self.latencies: list[float] = []
+        self.boxes: dict[str, tuple[FloatArray, tuple[float, float, float]]] = {}
+        self.boxes_stamp = -1
         self.create_subscription(DiagnosticStatus, "namespaces", self._take_names, LATCHED)
         self.create_subscription(PointCloud2, "collisions", self._take, QoSProfile(depth=10))
 
@@ -53,6 +62,19 @@ class CollisionListener(Node):
     def matched(self) -> bool:
         """Whether somebody publishes what this listens to."""
         return self.count_publishers("collisions") > 0 and self._names is not None
+
+    def watch_boxes(self, topic: str) -> None:
+        """Take the marker boxes of a topic from now on, into ``boxes`` and ``boxes_stamp``."""
+        self.create_subscription(MarkerArray, topic, self._take_boxes, QoSProfile(depth=1))
+
+    def _take_boxes(self, message: MarkerArray) -> None:
+        self.boxes = {
+            name_from_key((m.ns, m.id)): (pose_from_ros(m.pose), (m.scale.x, m.scale.y, m.scale.z))
+            for m in message.markers
+            if m.type == Marker.CUBE and m.action == Marker.ADD
+        }
+        if message.markers:
+            self.boxes_stamp = max(stamp_from_ros(m.header.stamp) for m in message.markers)
 
     def _take_names(self, message: DiagnosticStatus) -> None:
         self._names = message

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,7 +13,6 @@ from obb_collision.node.demo import overlay, raster
 from obb_collision.node.demo.raster import FloatArray, Pixels
 from obb_collision.node.demo.scene import DemoScene
 from obb_collision.node.demo.shapes import triangles_of
-from obb_collision.scene.scene import Scene
 
 IntArray = npt.NDArray[np.int64]
 
@@ -80,20 +78,14 @@ def corner_normals(vertices: FloatArray, faces: IntArray) -> FloatArray:
     return (result / np.maximum(lengths, 1e-30)).reshape(-1, 3, 3)
 
 
-def draw(
-    scene: DemoScene, time: float, states: Mapping[str, int], contacts: FloatArray
-) -> tuple[npt.NDArray[np.uint8], FloatArray]:
-    """Return the picture of a scene at a time, see ``render``; states by name, free if not."""
-    shapes, poses = scene.shapes(time), scene.poses(time)
-    checked = Scene()
+def bodies_of(scene: DemoScene, time: float) -> list[Body]:
+    """Return the bodies of a scene at a time."""
+    centers, rotations = as_poses(scene.poses(time))
     bodies = []
-    rotations = as_poses(poses)[1]
-    for item, shape, pose, rotation in zip(scene.items, shapes, poses, rotations, strict=True):
-        checked.add(item.name, shape, pose)
+    for row, (item, shape) in enumerate(zip(scene.items, scene.shapes(time), strict=True)):
         vertices, faces = triangles_of(shape)
-        bodies.append(Body(vertices @ rotation.T + pose[:3], faces, item.color))
-    kinds = np.array([states.get(name, FREE) for name in scene.names])
-    return render(bodies, checked.boxes, kinds, contacts)
+        bodies.append(Body(vertices @ rotations[row].T + centers[row], faces, item.color))
+    return bodies
 
 
 def render(

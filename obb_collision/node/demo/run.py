@@ -12,6 +12,7 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 
+from obb_collision.geometry.boxes import Boxes
 from obb_collision.node.demo.listener import TOUCH_DEPTH, CollisionListener, told
 from obb_collision.node.demo.publisher import CHANNELS, FRAME, ScenePublisher
 from obb_collision.node.demo.scene import DemoScene
@@ -52,6 +53,7 @@ class Demo:
         overrides = [
             Parameter("fixed_frame", value=FRAME),
             Parameter("trigger", value="arrival"),
+            Parameter("marker_form", value="cubes"),
         ]
         self._checker = CollisionNode(
             parameter_overrides=overrides,
@@ -132,18 +134,38 @@ class Demo:
         )
         return lines
 
+    def fetch_boxes(self) -> Boxes:
+        """Return the boxes of all objects as the checker's markers show them now."""
+        heard, names = self.listener, self.scene.names
+        heard.watch_boxes(f"{NODE_NAME}/markers")
+        self.spin_until(lambda: heard.boxes_stamp >= heard.stamp and len(heard.boxes) == len(names))
+        poses, sizes = zip(*(heard.boxes[name] for name in names), strict=True)
+        return Boxes.from_poses(np.array(poses), 0.5 * np.array(sizes))
+
     def save_picture(self, file: Path) -> None:
         """Draw what the listener knows. ImportError without matplotlib, OSError for the file."""
         from obb_collision.node.demo.caption import save_picture
-        from obb_collision.node.demo.picture import COLLIDING, FREE, STATE_NAMES, TOUCHING, draw
+        from obb_collision.node.demo.picture import (
+            COLLIDING,
+            FREE,
+            STATE_NAMES,
+            TOUCHING,
+            bodies_of,
+            render,
+        )
 
         pairs = list(self.listener.pairs.items())
         deep = [k for k, (_, depth) in enumerate(pairs) if depth >= TOUCH_DEPTH]
         states = dict.fromkeys((name for pair, _ in pairs for name in pair), TOUCHING)
         states |= dict.fromkeys((name for k in deep for name in pairs[k][0]), COLLIDING)
-        image, places = draw(self.scene, self.time, states, self.listener.points[deep])
-        labels = [(x, y, told(*pairs[k])) for (x, y), k in zip(places, deep, strict=True)]
         kinds = [states.get(name, FREE) for name in self.scene.names]
+        image, places = render(
+            bodies_of(self.scene, self.time),
+            self.fetch_boxes(),
+            np.array(kinds),
+            self.listener.points[deep],
+        )
+        labels = [(x, y, told(*pairs[k])) for (x, y), k in zip(places, deep, strict=True)]
         legend = [f"{kinds.count(k)} {word}" for k, word in enumerate(STATE_NAMES)]
         save_picture(
             file,
