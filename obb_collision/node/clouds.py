@@ -173,13 +173,16 @@ def named_pairs(
     """Return the collisions with names: ``for a, b, depth in named_pairs(message, table): ...``.
 
     ``namespaces`` is the latest message of the topic ``namespaces`` (or a list or dict of the
-    same). Rows keep their order.
+    same). Rows keep their order. Raises RefusedError ("unknown namespace") where the table is
+    older than the collisions: it is published first, but topics may overtake each other.
     """
     is_message = isinstance(namespaces, DiagnosticStatus)
     table = namespaces_from_ros(namespaces) if is_message else namespaces
-    return [
-        NamedPair(name_from_key((table[na], ia)), name_from_key((table[nb], ib)), depth)
-        for na, ia, nb, ib, depth in collisions_from_ros(message)[
-            ["ns_a", "id_a", "ns_b", "id_b", "depth"]
-        ].tolist()
-    ]
+    rows = collisions_from_ros(message)[["ns_a", "id_a", "ns_b", "id_b", "depth"]].tolist()
+    try:
+        return [
+            NamedPair(name_from_key((table[na], ia)), name_from_key((table[nb], ib)), depth)
+            for na, ia, nb, ib, depth in rows
+        ]
+    except (IndexError, KeyError) as error:
+        raise RefusedError("unknown namespace", "take a newer message of 'namespaces'") from error

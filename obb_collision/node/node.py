@@ -80,7 +80,7 @@ class CollisionNode(Node):
         self._outputs.publish_namespaces([])
         self._apply_parameters()
         self._start_timers()
-        self.add_post_set_parameters_callback(lambda _: self._apply_parameters())
+        self.parameters.on_change = self._apply_parameters
         self.create_service(Trigger, "~/clear", self._clear)
         self.create_service(SetBool, "~/enable", self._enable)
         self._jump = self.get_clock().create_jump_callback(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -146,6 +146,7 @@ class Parameters:
 
     def __init__(self, node: Node) -> None:
         """Declare all; an override that can't be used stops the node with the reason."""
+        self.on_change: Callable[[], None] = lambda: None
         for spec in SPECS:
             value = node.declare_parameter(spec.name, spec.default, spec.descriptor()).value
             fault = spec.fault(value)
@@ -159,6 +160,7 @@ class Parameters:
         for parameter in parameters:
             if any(spec.name == parameter.name for spec in SPECS):
                 setattr(self, parameter.name, parameter.value)
+        self.on_change()
 
 
 def check_parameters(parameters: Sequence[Parameter]) -> SetParametersResult:

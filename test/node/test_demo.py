@@ -92,8 +92,7 @@ def brute_force(scene: DemoScene, time: float) -> set[tuple[str, str]]:
     colliding = oc.verdicts(boxes.take(i), boxes.take(j)) != oc.Verdict.SEPARATE
     names = scene.names
     return {
-        tuple(sorted((names[a], names[b])))  # type: ignore[misc]
-        for a, b in zip(i[colliding], j[colliding], strict=True)
+        tuple(sorted((names[a], names[b]))) for a, b in zip(i[colliding], j[colliding], strict=True)
     }
 
 
