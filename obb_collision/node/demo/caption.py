@@ -24,7 +24,9 @@ Label = tuple[float, float, str]
 #: Pixels per inch of the figure; one point of text is DPI / 72 pixels.
 DPI = 100
 #: Room that a label takes, pixels.
-LABEL_WIDTH, LABEL_HEIGHT = 200.0, 18.0
+LABEL_WIDTH, LABEL_HEIGHT = 250.0, 22.0
+#: Size of the letters, points, and from one line to the next, pixels: legible at half the size.
+LETTERS, LINE = 15.5, 32
 INK, GREY = (0.13, 0.15, 0.18), (0.42, 0.45, 0.49)
 
 
@@ -46,24 +48,22 @@ def save_picture(
     axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
     axes.set_axis_off()
     axes.imshow(image, interpolation="none", extent=(0, width, height, 0), aspect="auto")
-    axes.text(44, 62, title, fontsize=25, weight="bold", color=INK, va="baseline")
-    axes.text(45, 95, subtitle, fontsize=12.5, color=GREY, va="baseline")
-    for k, (text, color) in enumerate(zip(legend, STATE_COLORS, strict=True)):
-        x, y = 45, height - 92 + 26 * k
-        box = [(x, y), (x + 18, y), (x + 18, y + 14), (x, y + 14)]
-        axes.add_patch(_outlined(box, color))
-        axes.text(x + 29, y + 13, text, fontsize=12.5, color=INK, va="baseline")
-    dot: Any = {
-        "marker": "o",
-        "markersize": 7.5,
-        "markeredgewidth": 1.5,
-        "markeredgecolor": "white",
-    }
-    axes.plot([54], [height - 111], color=tuple(STATE_COLORS[COLLIDING]), **dot)
-    axes.text(74, height - 106, "contact, and how deep", fontsize=12.5, color=INK, va="baseline")
-    halo = [withStroke(linewidth=3.0, foreground=(1.0, 1.0, 1.0, 0.85))]
+    halo = [withStroke(linewidth=3.5, foreground=(1.0, 1.0, 1.0, 0.85))]
+    over: Any = {"va": "baseline", "path_effects": halo, "zorder": 4}
+    axes.text(44, 70, title, fontsize=30, weight="bold", color=INK, **over)
+    axes.text(46, 110, subtitle, fontsize=LETTERS, color=GREY, **over)
+    top = height - 34 - LINE * (len(legend) + 1)
+    dot: Any = {"marker": "o", "markersize": 10, "markeredgewidth": 2, "markeredgecolor": "white"}
+    axes.plot([57], [top - 6], color=tuple(STATE_COLORS[COLLIDING]), **dot)
+    axes.text(82, top, "contact, and how deep", fontsize=LETTERS, color=INK, va="baseline")
+    for k, (text, color) in enumerate(zip(legend, STATE_COLORS, strict=True), start=1):
+        y = top + LINE * k
+        box = [(46, y), (68, y), (68, y - 16), (46, y - 16)]
+        fill, edge = (*color, 0.25), tuple(color)
+        axes.add_patch(Polygon(box, facecolor=fill, edgecolor=edge, linewidth=2.0))
+        axes.text(82, y, text, fontsize=LETTERS, color=INK, va="baseline")
     for at_x, at_y, text in spread(labels):
-        axes.text(at_x + 13, at_y - 10, text, fontsize=10.5, color=INK, path_effects=halo)
+        axes.text(at_x + 15, at_y - 11, text, fontsize=13, color=INK, path_effects=halo)
     axes.set(xlim=(0, width), ylim=(height, 0))
     figure.savefig(file, dpi=DPI, format="png", pil_kwargs={"optimize": True})
 
@@ -78,7 +78,3 @@ def spread(labels: Sequence[Label]) -> list[Label]:
         placed.append((x, y, text))
         placed.sort(key=lambda label: label[1])
     return placed
-
-
-def _outlined(corners: Sequence[tuple[float, float]], color: npt.NDArray[np.float64]) -> Any:
-    return Polygon(corners, facecolor=(*color, 0.25), edgecolor=tuple(color), linewidth=1.8)

@@ -67,8 +67,8 @@ def make_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument(
         "--picture",
-        type=Path,
-        default=Path("obb_collision_demo.png"),
+        type=_file,
+        default="obb_collision_demo.png",
         metavar="FILE",
         help="PNG of how the scene ends",
     )
@@ -90,6 +90,14 @@ def _number(kind: type, low: float, high: float) -> Callable[[str], float]:
         return value
 
     return convert
+
+
+def _file(text: str) -> Path:
+    """Convert for argparse: a file that can be written, as far as its folder tells."""
+    path = Path(text)
+    if path.is_dir() or not path.parent.is_dir():
+        raise argparse.ArgumentTypeError(f"{text!r} is no file in a folder that exists")
+    return path
 
 
 def _run(options: argparse.Namespace, ros_arguments: list[str]) -> int:

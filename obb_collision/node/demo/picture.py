@@ -29,11 +29,11 @@ STATE_COLORS = np.array(((0.05, 0.56, 0.34), (0.93, 0.60, 0.05), (0.86, 0.10, 0.
 #: How much of a box's faces covers what is inside, by state.
 FACE_ALPHAS = np.array((0.06, 0.10, 0.30))
 #: Half the width of a box's edges by state, pixels of the picture.
-EDGE_RADII = np.array((0.85, 1.0, 1.25))
+EDGE_RADII = np.array((0.95, 1.1, 1.45))
 #: How much is seen of an edge behind something.
 HIDDEN_EDGE = 0.16
 #: Radius of the dot at a contact, pixels of the picture, and of the white around it.
-DOT_RADII = (5.0, 7.0)
+DOT_RADII = (5.5, 8.0)
 
 EYE, TARGET = np.array((6.4, -11.2, 7.0)), np.array((0.38, -0.05, 0.75))
 #: Pixels of the picture per unit of slope.

@@ -21,9 +21,11 @@ from obb_collision.node.node import NODE_NAME, CollisionNode
 #: Everything of the demo is in this namespace: it must not disturb a robot.
 NAMESPACE = "/obb_collision_demo"
 #: Seconds to wait for discovery or an answer; discovery takes well below one.
-PATIENCE = 10.0
+PATIENCE = 30.0
 #: Seconds after which the executor looks whether it is time to stop.
 GLANCE = 0.05
+#: Contacts named in the picture, the deepest ones.
+MAX_LABELS = 12
 
 
 class Demo:
@@ -60,6 +62,7 @@ class Demo:
             cli_args=["--ros-args", "-r", "/diagnostics:=diagnostics"],
             **where,
         )
+        where["start_parameter_services"] = False  # six services less to wait for, each time
         self.publisher = ScenePublisher(self.scene, **where)
         self.listener = CollisionListener(tell, **where)
         self._executor = SingleThreadedExecutor(context=context)
@@ -165,13 +168,14 @@ class Demo:
             np.array(kinds),
             self.listener.points[deep],
         )
-        labels = [(x, y, told(*pairs[k])) for (x, y), k in zip(places, deep, strict=True)]
+        deepest = sorted(range(len(deep)), key=lambda k: -pairs[deep[k]][1])[:MAX_LABELS]
+        labels = [(*places[k], told(*pairs[deep[k]])) for k in deepest]
         legend = [f"{kinds.count(k)} {word}" for k, word in enumerate(STATE_NAMES)]
         save_picture(
             file,
             image,
             "obb_collision",
-            f"{len(self.scene.items)} objects of all shapes, {len(pairs)} pairs in contact",
+            f"{len(self.scene.items)} objects, {len(pairs)} pairs in contact",
             legend,
             labels,
         )
