@@ -131,8 +131,8 @@ def namespaces_to_ros(namespaces: Sequence[str]) -> DiagnosticStatus:
 def pose_faults(poses: FloatArray) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
     """Which rows of (n, 7) poses can't be used: (not finite or too large, quaternion zero)."""
     with np.errstate(invalid="ignore"):
-        usable: npt.NDArray[np.bool_] = (np.abs(poses) <= LARGEST_COORDINATE).all(axis=1)
-    zero: npt.NDArray[np.bool_] = (poses[:, 3:] == 0.0).all(axis=1)
+        usable = np.all(np.abs(poses) <= LARGEST_COORDINATE, axis=1)
+    zero = np.all(poses[:, 3:] == 0.0, axis=1)
     return ~usable, zero & usable
 
 

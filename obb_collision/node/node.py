@@ -265,16 +265,22 @@ def warm_up() -> float:
 
 def run(make_node: Callable[[Context], Node], args: Sequence[str] | None = None) -> int:
     """Spin a node until SIGINT, SIGTERM or a shutdown of its context; returns the exit code."""
-    # rclpy's handler wakes the executor and then calls this one: without it, Python's own would
-    # raise KeyboardInterrupt in whatever line runs just then.
-    signal.signal(signal.SIGINT, lambda *_: None)
+    # rclpy's handlers wake the executor and then call these. Without them Python would raise
+    # KeyboardInterrupt in whatever line runs just then, and a signal from before rclpy's handlers
+    # stand would be lost or deadly.
+    received: list[int] = []
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda number, _: received.append(number))
     context = Context()
     arguments = None if args is None else list(args)
     rclpy.init(args=arguments, context=context, signal_handler_options=SignalHandlerOptions.ALL)
     node = None
     try:
-        node = make_node(context)
+        if received:
+            return 0
+        # first, for rclpy's executor can't be made half once the context is gone
         executor = SingleThreadedExecutor(context=context)
+        node = make_node(context)
         executor.add_node(node)
         executor.spin()
     except ExternalShutdownException:

@@ -37,7 +37,9 @@ from obb_collision.node.node import CollisionNode
 
 os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
 DOMAIN = 1 + os.getpid() % 100
-"""Domain id of this run, from the process id: runs side by side on one machine don't meet."""
+"""Domain id of this run, from the process id."""
+NAMESPACE = f"/test_{os.getpid()}"
+"""Namespace of all nodes of this run: where two runs share a domain by chance, they don't meet."""
 FRAME = "map"
 PATIENCE = 30.0
 """Seconds after which a wait has failed: long, for loaded machines; never waited for in success."""
@@ -93,7 +95,7 @@ class Client:
 
     def __init__(self, context: Context, executor: SingleThreadedExecutor) -> None:
         self.executor = executor
-        self.client = Node("client", context=context)
+        self.client = Node("client", context=context, namespace=NAMESPACE)
         self.pubs = {
             topic: self.client.create_publisher(kind, topic, 100) for topic, kind in INPUTS.items()
         }
@@ -108,7 +110,8 @@ class Client:
             qos = LATCHED if topic in ("in_collision", "namespaces") else QoSProfile(depth=50)
 
             def take(message: Any, topic: str = topic) -> None:
-                self.last[topic] = message
+                if topic != "/diagnostics" or message.status[0].name.startswith(NAMESPACE[1:]):
+                    self.last[topic] = message
 
             self.client.create_subscription(OUTPUTS[topic], topic, take, qos)
 
@@ -181,6 +184,7 @@ class Client:
         """Wait for another ``/diagnostics`` and return the values of one status, by key."""
         message = self.next("/diagnostics")
         (found,) = [status for status in message.status if status.name.endswith(name)]
+        assert found.name.startswith(NAMESPACE[1:])
         return {"message": found.message, "level": found.level.hex()} | {
             pair.key: pair.value for pair in found.values
         }
@@ -195,7 +199,10 @@ class Rig(Client):
         super().__init__(self.context, SingleThreadedExecutor(context=self.context))
         overrides = [Parameter(name, value=value) for name, value in parameters.items()]
         self.node = CollisionNode(
-            context=self.context, frames=frames, parameter_overrides=overrides
+            context=self.context,
+            namespace=NAMESPACE,
+            frames=frames,
+            parameter_overrides=overrides,
         )
         self.executor.add_node(self.node)
         self.listen("collisions", "in_collision", "namespaces")

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 pytest.importorskip("rclpy")
-yaml = pytest.importorskip("yaml")
+import yaml
 
 from obb_collision.node.parameters import SPECS
 

@@ -18,13 +18,14 @@ import pytest
 pytest.importorskip("rclpy")
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
-from rig import DOMAIN, Client, cube, pose
+from rig import DOMAIN, NAMESPACE, Client, cube, pose
 from scipy.spatial.transform import Rotation
 
 from obb_collision.node.conversions import pose_to_ros
 
 PATIENCE = 60.0
 """Seconds a process may take to start or end on a loaded machine; compiling kernels included."""
+IN_NAMESPACE = ("--ros-args", "-r", f"__ns:={NAMESPACE}")
 
 
 def command() -> list[str]:
@@ -80,7 +81,7 @@ def end(process: subprocess.Popen[str], number: signal.Signals) -> str:
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_the_executable_serves_another_process_and_ends_cleanly(number: signal.Signals) -> None:
-    with running() as process, client() as other:
+    with running(*IN_NAMESPACE) as process, client() as other:
         other.send(cube(("a", 1)), cube(("a", 2), (0.5, 0, 0)))
         assert other.pairs() == {("a/1", "a/2")}
         output = end(process, number)
@@ -91,9 +92,9 @@ def test_the_executable_serves_another_process_and_ends_cleanly(number: signal.S
 
 def test_parameters_namespace_and_remapping_come_by_the_command_line() -> None:
     arguments = ["--ros-args", "-r", "__ns:=/cell", "-r", "objects:=scene"]
+    lines: list[str] = []
     with running(*arguments, "-p", "rate:=20.0", "-p", "fixed_frame:=odom") as process:
         assert process.stdout is not None
-        lines = []
         while "ready:" not in (lines or [""])[-1]:
             line = process.stdout.readline()
             assert line, f"ended before it was ready: {lines}"
@@ -143,7 +144,7 @@ def test_a_scene_of_another_process_gets_the_right_pairs_after_every_pose() -> N
             if interval_overlap(boxes[i], boxes[j])
         }
 
-    with running() as process, client() as other:
+    with running(*IN_NAMESPACE) as process, client() as other:
         other.send(*markers)
         assert other.pairs() == expected()
         for _ in range(moves):
