@@ -100,7 +100,25 @@ def _file(text: str) -> Path:
     return path
 
 
+class _Interrupts:
+    """Turns SIGINT and SIGTERM into ``asked``; the second one raises KeyboardInterrupt.
+
+    An exception would come in the middle of any callback, where rclpy may swallow it.
+    """
+
+    def __init__(self) -> None:
+        self.asked = False
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, self._take)
+
+    def _take(self, *_: object) -> None:
+        if self.asked:
+            raise KeyboardInterrupt
+        self.asked = True
+
+
 def _run(options: argparse.Namespace, ros_arguments: list[str]) -> int:
+    interrupts = _Interrupts()
     from rclpy.context import Context
 
     from obb_collision.node.demo.run import Demo
@@ -110,23 +128,16 @@ def _run(options: argparse.Namespace, ros_arguments: list[str]) -> int:
     demo = None
     try:
         demo = Demo(context, options.objects, options.seed, options.rate, options.seconds, _say)
-        # A signal raises nothing in the middle of a callback: it asks the loop to end.
-        old = {
-            number: signal.signal(number, lambda *_: demo.stop())
-            for number in (signal.SIGINT, signal.SIGTERM)
-        }
-        demo.run()
+        demo.run(lambda: interrupts.asked)
         for line in demo.summary():
             _say(line)
-        for number, handler in old.items():
-            signal.signal(number, handler)
         if not options.no_picture:
             _picture(demo.save_picture, options.picture)
     except TimeoutError as error:
         _say(f"obb_collision_demo: {error}", sys.stderr)
         return 1
-    except KeyboardInterrupt:  # while drawing
-        pass
+    except KeyboardInterrupt:
+        _say("obb_collision_demo: interrupted twice", sys.stderr)
     finally:
         if demo is not None:
             demo.close()

@@ -50,7 +50,6 @@ class Demo:
         self._rate, self._seconds = rate, seconds
         self.scene = DemoScene(objects, seed)
         self.time = 0.0
-        self.stopped = False
         where: Any = {"context": context, "namespace": NAMESPACE}
         overrides = [
             Parameter("fixed_frame", value=FRAME),
@@ -69,24 +68,18 @@ class Demo:
         for node in (self._checker, self.publisher, self.listener):
             self._executor.add_node(node)
 
-    def run(self) -> None:
-        """Show the scene for the time given, or until ``stop``; then bring it to rest."""
+    def run(self, stopped: Callable[[], bool] = lambda: False) -> None:
+        """Show the scene for the time given or until ``stopped``, then bring it to rest."""
         self.begin()
-        if self.stopped:
-            return
         start = perf_counter()
         self.listener.epoch = self.listener.get_clock().now().nanoseconds
         timer = self.publisher.create_timer(
             1.0 / self._rate, lambda: self._step(perf_counter() - start)
         )
-        self.spin_until(lambda: perf_counter() - start >= self._seconds, np.inf)
+        self.spin_until(lambda: stopped() or perf_counter() - start >= self._seconds, np.inf)
         timer.cancel()
         # exactly the end, so that equal commands end alike
-        self.settle(self.time if self.stopped else self._seconds)
-
-    def stop(self) -> None:
-        """End the demo soon."""
-        self.stopped = True
+        self.settle(self.time if stopped() else self._seconds)
 
     def begin(self) -> None:
         """Wait for the match of the nodes and publish all objects."""
@@ -101,16 +94,15 @@ class Demo:
         Afterwards what the listener knows is about exactly that state.
         """
         self.time = time
-        self.stopped = False
         for channel in CHANNELS:
             stamp = self.publisher.publish_channel(channel, time)
             if stamp is not None:
                 self.spin_until(lambda stamp=stamp: self.listener.stamp >= stamp)  # type: ignore[misc]
 
     def spin_until(self, reached: Callable[[], bool], patience: float = PATIENCE) -> None:
-        """Spin until something is reached or the demo stopped."""
+        """Spin until something is reached. Raises TimeoutError after ``patience`` seconds."""
         limit = perf_counter() + patience
-        while not reached() and not self.stopped:
+        while not reached():
             if perf_counter() > limit:
                 raise TimeoutError("the nodes of the demo did not hear each other in time")
             self._executor.spin_once(timeout_sec=GLANCE)
