@@ -35,6 +35,7 @@ from obb_collision.node import diagnostics
 from obb_collision.node.conversions import stamp_to_ros
 from obb_collision.node.frames import FrameSource, make_frames
 from obb_collision.node.inputs import Inputs
+from obb_collision.node.markers import Markers
 from obb_collision.node.monitors import CycleMonitor, InputMonitor
 from obb_collision.node.objects import Objects
 from obb_collision.node.outputs import Outputs
@@ -260,6 +261,8 @@ def warm_up() -> float:
     for x in (0.0, 0.1):
         scene.move_indices(np.array([0]), np.array([(x, 0.1, 0, 0, 0.6, 0, 0.8)]))
         _ = scene.check().colliding
+    keys = [("", number) for number in range(WARM_UP_OBJECTS)]
+    Markers("").write(keys, scene.boxes, np.zeros(WARM_UP_OBJECTS, np.int64), 0, 0.0, None)
     return perf_counter() - start
 
 
