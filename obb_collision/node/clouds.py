@@ -32,19 +32,20 @@ DATATYPE_OF = {np.dtype(code): number for number, code in DATATYPES.items()}
 
 COLLISION_FIELDS = (
     *("x", "y", "z", "normal_x", "normal_y", "normal_z", "depth"),
-    *("ns_a", "id_a", "ns_b", "id_b"),
+    *("ns_a", "id_a", "ns_b", "id_b", "verdict"),
 )
 COLLISION_DTYPE = np.dtype(
     {
         "names": COLLISION_FIELDS,
         # RViz draws x y z only as float32; what is measured (normal, depth) stays float64.
-        "formats": ("<f4",) * 3 + ("<f8",) * 4 + ("<i4",) * 4,
-        "offsets": (0, 4, 8, 16, 24, 32, 40, 48, 52, 56, 60),
-        "itemsize": 64,
+        "formats": ("<f4",) * 3 + ("<f8",) * 4 + ("<i4",) * 4 + ("u1",),
+        "offsets": (0, 4, 8, 16, 24, 32, 40, 48, 52, 56, 60, 64),
+        "itemsize": 72,
     }
 )
 """One row of ``collisions``: contact point (m, float32), unit normal from a to b and depth (m),
-and the two objects as namespace index and id."""
+the two objects as namespace index and id, and the verdict: 1 touching or not told from it by
+doubles, 2 overlap."""
 
 
 class NamedPair(NamedTuple):
@@ -53,6 +54,8 @@ class NamedPair(NamedTuple):
     a: str
     b: str
     depth: float
+    touching: bool
+    """Touching, or not told from touching by doubles; it counts as colliding all the same."""
 
 
 def cloud_from_ros(message: PointCloud2) -> npt.NDArray[Any]:
@@ -170,7 +173,7 @@ def collisions_from_ros(message: PointCloud2) -> npt.NDArray[Any]:
 def named_pairs(
     message: PointCloud2, namespaces: DiagnosticStatus | Sequence[str] | Mapping[int, str]
 ) -> list[NamedPair]:
-    """Return the collisions with names: ``for a, b, depth in named_pairs(message, table): ...``.
+    """Return the collisions with names: ``for pair in named_pairs(message, table): pair.depth``.
 
     ``namespaces`` is the latest message of the topic ``namespaces`` (or a list or dict of the
     same). Rows keep their order. Raises RefusedError ("unknown namespace") where the table is

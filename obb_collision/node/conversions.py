@@ -27,6 +27,9 @@ Key = tuple[str, int]
 NANOSECONDS = 1_000_000_000
 LARGEST_COORDINATE = 1e300
 """Magnitudes above this are refused by the library, for sums must not overflow."""
+SMALLEST_MEANT = float(np.finfo(np.float64).tiny)
+"""Sizes and quaternions below this count as zero. rclpy does not check what Python code assigns to
+a float field: an int there arrives as the bits of its object header, a subnormal number."""
 
 
 def stamp_from_ros(stamp: Time | Duration) -> int:
@@ -132,7 +135,7 @@ def pose_faults(poses: FloatArray) -> tuple[npt.NDArray[np.bool_], npt.NDArray[n
     """Which rows of (n, 7) poses can't be used: (not finite or too large, quaternion zero)."""
     with np.errstate(invalid="ignore"):
         usable = np.all(np.abs(poses) <= LARGEST_COORDINATE, axis=1)
-    zero = np.all(poses[:, 3:] == 0.0, axis=1)
+    zero = np.all(np.abs(poses[:, 3:]) < SMALLEST_MEANT, axis=1)
     return ~usable, zero & usable
 
 

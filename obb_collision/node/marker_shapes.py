@@ -24,7 +24,7 @@ from geometry_msgs.msg import Point
 from visualization_msgs.msg import Marker
 
 from obb_collision.geometry import shapes
-from obb_collision.node.conversions import LARGEST_COORDINATE, FloatArray
+from obb_collision.node.conversions import LARGEST_COORDINATE, SMALLEST_MEANT, FloatArray
 from obb_collision.node.errors import RefusedError
 
 Signature = tuple[Any, ...]
@@ -60,7 +60,8 @@ def scale_from_ros(marker: Marker) -> FloatArray:
     used = scale[: SCALE_AXES.get(marker.type, 3)]
     if marker.type == Marker.ARROW and marker.points:
         used = scale[:2]  # head length 0 is RViz's "choose one"
-    if not (np.isfinite(scale).all() and (used > 0).all() and (used <= LARGEST_COORDINATE).all()):
+    meant = (used >= SMALLEST_MEANT) & (used <= LARGEST_COORDINATE)
+    if not (np.isfinite(scale).all() and meant.all()):
         raise RefusedError("bad scale", f"{scale.tolist()} must be finite and positive")
     return scale
 

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from obb_collision import Scene
 from obb_collision.geometry.shapes import Shape
 from obb_collision.node.conversions import (
     NANOSECONDS,
@@ -27,6 +26,7 @@ from obb_collision.node.errors import RefusedError
 from obb_collision.node.frames import FrameSource
 from obb_collision.node.marker_shapes import Signature
 from obb_collision.node.object_table import NEVER, ObjectTable, Slots
+from obb_collision.scene.scene import Scene
 
 RETRY_PERIOD = NANOSECONDS // 2
 """How often a pose in a frame that is not known yet is tried again."""

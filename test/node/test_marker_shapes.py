@@ -96,6 +96,7 @@ def test_meshes_are_read_from_uris_and_from_the_message(tmp_path: Path) -> None:
         (marker(Marker.CUBE, (1.0, float("nan"), 1.0)), "bad scale"),
         (marker(Marker.SPHERE, (1.0, float("inf"), 1.0)), "bad scale"),
         (marker(Marker.POINTS, (0.0, 1.0, 0.0), POINTS), "bad scale"),
+        (marker(Marker.CUBE, (1.0, 5e-323, 1.0)), "bad scale"),
         (marker(Marker.POINTS), "no points"),
         (marker(Marker.TRIANGLE_LIST, points=POINTS[:2]), "array lengths differ"),
         (marker(Marker.ARROW, points=POINTS[:1]), "array lengths differ"),
