@@ -14,6 +14,7 @@ from std_msgs.msg import Header
 
 from obb_collision.node.conversions import FloatArray, name_from_key, namespaces_from_ros
 from obb_collision.node.errors import RefusedError
+from obb_collision.queries.separation import Verdict
 
 IntArray = npt.NDArray[np.int64]
 
@@ -30,9 +31,10 @@ DATATYPES = {
 }
 DATATYPE_OF = {np.dtype(code): number for number, code in DATATYPES.items()}
 
+PAIR_FIELDS = ("ns_a", "id_a", "ns_b", "id_b")
 COLLISION_FIELDS = (
     *("x", "y", "z", "normal_x", "normal_y", "normal_z", "depth"),
-    *("ns_a", "id_a", "ns_b", "id_b", "verdict"),
+    *(*PAIR_FIELDS, "verdict"),
 )
 COLLISION_DTYPE = np.dtype(
     {
@@ -181,11 +183,16 @@ def named_pairs(
     """
     is_message = isinstance(namespaces, DiagnosticStatus)
     table = namespaces_from_ros(namespaces) if is_message else namespaces
-    rows = collisions_from_ros(message)[["ns_a", "id_a", "ns_b", "id_b", "depth"]].tolist()
+    rows = collisions_from_ros(message)[[*PAIR_FIELDS, "depth", "verdict"]].tolist()
     try:
         return [
-            NamedPair(name_from_key((table[na], ia)), name_from_key((table[nb], ib)), depth)
-            for na, ia, nb, ib, depth in rows
+            NamedPair(
+                name_from_key((table[na], ia)),
+                name_from_key((table[nb], ib)),
+                depth,
+                verdict == Verdict.TOUCHING,
+            )
+            for na, ia, nb, ib, depth, verdict in rows
         ]
     except (IndexError, KeyError) as error:
         raise RefusedError("unknown namespace", "take a newer message of 'namespaces'") from error

@@ -12,6 +12,7 @@ from std_msgs.msg import Header
 from obb_collision.node.clouds import COLLISION_DTYPE
 from obb_collision.node.conversions import name_from_key
 from obb_collision.node.object_table import ObjectTable
+from obb_collision.queries.separation import Verdict
 from obb_collision.scene.report import Report
 
 
@@ -32,6 +33,7 @@ def collision_rows(report: Report, table: ObjectTable) -> npt.NDArray[Any]:
     rows["depth"] = report.depths[order]
     rows["ns_a"], rows["id_a"] = table.ns[a], table.id[a]
     rows["ns_b"], rows["id_b"] = table.ns[b], table.id[b]
+    rows["verdict"] = report.verdicts[order]
     return rows
 
 
@@ -48,17 +50,19 @@ def text_from_rows(
     for row in rows[:limit]:
         a = name_from_key((namespaces[row["ns_a"]], int(row["id_a"])))
         b = name_from_key((namespaces[row["ns_b"]], int(row["id_b"])))
+        touching = row["verdict"] == Verdict.TOUCHING
         normal = " ".join(f"{row['normal_' + axis]:.4f}" for axis in "xyz")
         message.status.append(
             DiagnosticStatus(
                 level=DiagnosticStatus.WARN,
                 name=f"{a} - {b}",
-                message=f"{row['depth']:.6f} m deep",
+                message="touching" if touching else f"{row['depth']:.6f} m deep",
                 values=[
                     KeyValue(key="a", value=a),
                     KeyValue(key="b", value=b),
                     KeyValue(key="depth", value=repr(float(row["depth"]))),
                     KeyValue(key="normal", value=normal),
+                    KeyValue(key="verdict", value=Verdict(row["verdict"]).name.lower()),
                 ],
             )
         )

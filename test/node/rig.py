@@ -168,7 +168,7 @@ class Client:
         most = int(max(rows["ns_a"].max(initial=-1), rows["ns_b"].max(initial=-1)))
         self.namespaces(most + 1)
         named = named_pairs(self.last["collisions"], self.last["namespaces"])
-        return {(a, b) for a, b, _ in named}
+        return {(a, b) for a, b, *_ in named}
 
     def namespaces(self, count: int) -> list[str]:
         """Wait for a table of at least ``count`` namespaces; topics may overtake each other."""

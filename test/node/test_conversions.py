@@ -22,6 +22,7 @@ from obb_collision.node.clouds import (
     poses_to_ros,
 )
 from obb_collision.node.errors import RefusedError
+from obb_collision.queries.separation import Verdict
 
 numbers = st.floats(allow_nan=False, allow_infinity=False)
 poses = st.lists(numbers, min_size=7, max_size=7)
@@ -163,9 +164,8 @@ def collision_rows(count: int) -> np.ndarray:
     rows = np.zeros(count, COLLISION_DTYPE)
     rng = np.random.default_rng(count)
     for name in COLLISION_DTYPE.names or ():
-        rows[name] = (
-            rng.integers(0, 2, count) if name[:2] in ("ns", "id") else rng.normal(size=count)
-        )
+        whole = name[:2] in ("ns", "id") or name == "verdict"
+        rows[name] = rng.integers(0, 2, count) if whole else rng.normal(size=count)
     return rows
 
 
@@ -183,7 +183,7 @@ def test_collisions_have_the_layout_that_rviz_draws_and_the_interface_names() ->
     kinds = {found.name: found.datatype for found in message.fields}
     assert list(kinds) == [
         *("x", "y", "z", "normal_x", "normal_y", "normal_z", "depth"),
-        *("ns_a", "id_a", "ns_b", "id_b"),
+        *("ns_a", "id_a", "ns_b", "id_b", "verdict"),
     ]
     assert {kinds[name] for name in "xyz"} == {PointField.FLOAT32}
     assert kinds["depth"] == PointField.FLOAT64
@@ -191,10 +191,10 @@ def test_collisions_have_the_layout_that_rviz_draws_and_the_interface_names() ->
 
 def test_pairs_get_their_names_in_one_line() -> None:
     rows = np.zeros(1, COLLISION_DTYPE)
-    rows[["id_a", "ns_b", "id_b", "depth"]] = (-3, 1, 8, 0.25)
+    rows[["id_a", "ns_b", "id_b", "depth", "verdict"]] = (-3, 1, 8, 0.25, Verdict.OVERLAP)
     message = collisions_to_ros(rows)
     table = cv.namespaces_to_ros(["arm", ""])
-    assert named_pairs(message, table) == [("arm/-3", "/8", 0.25)]
+    assert named_pairs(message, table) == [("arm/-3", "/8", 0.25, False)]
     assert named_pairs(message, ["arm", ""]) == named_pairs(message, {0: "arm", 1: ""})
     with pytest.raises(RefusedError, match="unknown namespace"):
         named_pairs(message, ["arm"])

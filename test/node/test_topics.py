@@ -18,6 +18,7 @@ from sensor_msgs.msg import PointCloud2, PointField
 from std_srvs.srv import SetBool, Trigger
 from visualization_msgs.msg import Marker
 
+from obb_collision import Verdict
 from obb_collision.node import collisions_from_ros, poses_to_ros
 from obb_collision.node.conversions import namespaces_from_ros, stamp_from_ros, states_to_ros
 from obb_collision.node.errors import RefusedError
@@ -192,6 +193,17 @@ def test_text_for_people_is_capped_and_states_the_total() -> None:
         values = {pair.key: pair.value for pair in message.status[1].values}
         assert float(values["depth"]) == pytest.approx(1.0)
         assert len(values["normal"].split()) == 3
+
+
+def test_touching_pairs_collide_and_are_marked_as_touching(rig: Rig) -> None:
+    rig.send(cube(A1), cube(A2, (1.0, 0.0, 0.0)))  # exactly face to face
+    rows = collisions_from_ros(rig.answer())
+    assert rows["verdict"].tolist() == [Verdict.TOUCHING]
+    assert rows["depth"].tolist() == [0.0]
+    rig.listen("collisions_text")
+    assert rig.next("collisions_text").status[1].message == "touching"
+    rig.send_transform("a/2", pose(0.5))
+    assert collisions_from_ros(rig.answer())["verdict"].tolist() == [Verdict.OVERLAP]
 
 
 def test_latched_topics_reach_late_subscribers(rig: Rig) -> None:

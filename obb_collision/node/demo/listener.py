@@ -85,7 +85,7 @@ class CollisionListener(Node):
         if stamp < self.start or self._names is None:
             return
         try:
-            pairs = {(a, b): depth for a, b, depth in named_pairs(message, self._names)}
+            pairs = {(a, b): depth for a, b, depth, _ in named_pairs(message, self._names)}
         except IndexError:
             return  # a new namespace, whose message is under way; the next cycle has it
         if stamp > self.stamp:
