@@ -40,7 +40,7 @@ class Boxes:
                 "centers, rotations and half_extents must have the same length, "
                 f"got {len(c)}, {len(r)} and {len(h)}"
             )
-        self._set(c, r, h)
+        self._set(c.copy(), r.copy(), h)  # what is checked must not change behind our back
 
     def _set(self, centers: Floats, rotations: Floats, half_extents: Floats) -> None:
         object.__setattr__(self, "centers", centers)

@@ -70,6 +70,25 @@ def test_bad_boxes_are_refused_by_name_and_row(
         oc.Boxes(*arguments)  # type: ignore[arg-type]
 
 
+def test_boxes_do_not_change_with_the_arrays_they_were_made_from() -> None:
+    centers, rotations, half_extents = np.zeros((2, 3)), np.array([np.eye(3)] * 2), np.ones((2, 3))
+    boxes = oc.Boxes(centers, rotations, half_extents)
+    for array in (centers, rotations, half_extents):
+        array[...] = np.nan
+    assert np.isfinite(boxes.centers).all()
+    assert np.isfinite(boxes.rotations).all()
+    assert np.isfinite(boxes.half_extents).all()
+
+
+def test_no_boxes_have_no_pairs() -> None:
+    none = oc.Boxes(np.empty((0, 3)), np.empty((0, 3, 3)), np.empty((0, 3)))
+    assert len(none) == 0
+    assert oc.find_pairs(none).shape == (0, 2)
+    assert oc.verdicts(none, none).shape == (0,)
+    assert oc.verdicts(none, none, exact=True).dtype == np.int8
+    assert none.world_bounds()[0].shape == (0, 3)
+
+
 def test_a_zero_quaternion_is_refused_with_its_row() -> None:
     poses = np.zeros((3, 7))
     poses[:2, 6] = 1.0
