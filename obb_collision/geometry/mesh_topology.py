@@ -1,0 +1,63 @@
+"""What a triangle mesh is: closed or open, and of how many pieces."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+from obb_collision.geometry.validation import Floats
+
+Integers = NDArray[np.int64]
+
+
+def merged_faces(vertices: Floats, faces: Integers) -> Integers:
+    """Return faces (m, 3) with vertices (n, 3) of the same place made one, in the same order.
+
+    Files often store every triangle with corners of its own (STL always does).
+    """
+    # adding zero makes -0.0 and 0.0 the same place
+    keys = np.ascontiguousarray(vertices + 0.0).view([("", vertices.dtype)] * 3).ravel()
+    _, first, inverse = np.unique(keys, return_index=True, return_inverse=True)
+    result: Integers = first[inverse.ravel()][faces]
+    return result
+
+
+def boundary_faces(faces: Integers) -> Integers:
+    """Return (k,) the faces that bound a solid, if one is bounded: each triangle once, none flat.
+
+    Of several faces on the same three corners one counts; one with a repeated corner none.
+    """
+    corners = np.sort(faces, axis=1)
+    whole = (corners[:, 0] != corners[:, 1]) & (corners[:, 1] != corners[:, 2])
+    rows = np.flatnonzero(whole)
+    _, first = np.unique(corners[rows], axis=0, return_index=True)
+    return np.sort(rows[first])
+
+
+def is_closed(faces: Integers) -> bool:
+    """Return whether every edge of faces (m, 3) borders an even number of them, and some exist.
+
+    That is what inside and outside by counting crossings need. A manifold has two faces at every
+    edge; solids that share an edge have four.
+    """
+    if len(faces) == 0:
+        return False
+    edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
+    order = np.lexsort((edges[:, 1], edges[:, 0]))
+    edges = edges[order]
+    starts = np.flatnonzero(np.r_[True, (edges[1:] != edges[:-1]).any(axis=1)])
+    return bool((np.diff(np.r_[starts, len(edges)]) % 2 == 0).all())
+
+
+def piece_corners(faces: Integers) -> Integers:
+    """Return (k,) one vertex of each connected piece of the surface."""
+    pairs = np.concatenate([faces[:, :2], faces[:, 1:]])
+    size = int(faces.max()) + 1
+    graph = coo_matrix((np.ones(len(pairs), np.int8), (pairs[:, 0], pairs[:, 1])), (size, size))
+    _, labels = connected_components(graph, directed=False)
+    used = np.unique(faces)
+    _, first = np.unique(labels[used], return_index=True)
+    result: Integers = used[first]
+    return result
