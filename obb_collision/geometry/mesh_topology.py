@@ -51,13 +51,19 @@ def is_closed(faces: Integers) -> bool:
     return bool((np.diff(np.r_[starts, len(edges)]) % 2 == 0).all())
 
 
-def piece_corners(faces: Integers) -> Integers:
-    """Return (k,) one vertex of each connected piece of the surface."""
+def piece_corners(vertices: Floats, faces: Integers) -> Integers:
+    """Return (k, 6) vertices of each connected piece of the surface: the extremes along x, y, z.
+
+    Several, so that some lie well off whatever a piece rests on.
+    """
     pairs = np.concatenate([faces[:, :2], faces[:, 1:]])
     size = int(faces.max()) + 1
     graph = coo_matrix((np.ones(len(pairs), np.int8), (pairs[:, 0], pairs[:, 1])), (size, size))
     _, labels = connected_components(graph, directed=False)
     used = np.unique(faces)
-    _, first = np.unique(labels[used], return_index=True)
-    result: Integers = used[first]
-    return result
+    extremes = []
+    for k in range(3):
+        order = used[np.lexsort((vertices[used, k], labels[used]))]
+        change = np.flatnonzero(np.diff(labels[order])) + 1
+        extremes += [order[np.r_[0, change]], order[np.r_[change, len(order)] - 1]]
+    return np.stack(extremes, axis=1)

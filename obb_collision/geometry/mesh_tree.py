@@ -58,7 +58,7 @@ class MeshTrees:
     nodes (m, 16): centre 3, rotation 9 row by row, half extents 3, size; children (m,): the first
     of two adjacent rows, -1 for a leaf; starts (m, 2): the run of triangles; levels (m,): 0 the
     root. For each mesh: roots, solid, radii (largest distance from the origin), and
-    ``pieces[piece_starts[i]:piece_starts[i + 1]]``, (p, 3) a corner of each connected piece.
+    ``pieces[piece_starts[i]:piece_starts[i + 1]]``, (p, 6, 3) corners of each connected piece.
     """
 
     triangles: Floats
@@ -96,7 +96,7 @@ class MeshTrees:
         counted[boundary] = True
         triangles = mesh.vertices[mesh.faces].reshape(-1, 9)
         order, nodes, children, starts, levels = build_tree(triangles, leaf)
-        pieces = mesh.vertices[piece_corners(merged)]
+        pieces = mesh.vertices[piece_corners(mesh.vertices, merged)]
         return cls(
             triangles[order], order, counted[order], nodes, children, starts, levels,
             roots=np.zeros(1, np.int64),

@@ -19,6 +19,8 @@ from obb_collision.geometry.validation import Floats
 NODE = 16
 #: Where the half extents of a row start.
 HALF = 12
+#: Where the size stands, by which a descent chooses the node to split: half extents, summed.
+SIZE = 15
 #: A box is widened by this fraction of its triangles' distance from its first vertex and of its
 #: centre: 64 unit roundoffs. Projections are off by 5, the frame by 8, the centre by 4 of them.
 WIDENING = 2.0**-47
@@ -81,7 +83,9 @@ def _moments(triangles: Floats, first: int, last: int, covariance: Floats) -> in
         covariance[0, 2] += area * (ax * az + bx * bz + cx * cz + mx * mz)
         covariance[1, 2] += area * (ay * az + by * bz + cy * cz + my * mz)
     sx, sy, sz = sx / (3.0 * total), sy / (3.0 * total), sz / (3.0 * total)
-    covariance /= 12.0 * total
+    for i in range(3):
+        for k in range(3):
+            covariance[i, k] /= 12.0 * total
     covariance[0, 0] -= sx * sx
     covariance[1, 1] -= sy * sy
     covariance[2, 2] -= sz * sz
@@ -147,7 +151,10 @@ def _make_square(frame: Floats) -> None:
         frame[:, 0] = 0.0
         frame[0, 0] = 1.0
     if not _make_unit(frame, 1) or not _remove_along(frame):
-        least = np.argmin(np.abs(frame[:, 0]))
+        least = 0
+        for k in range(1, 3):
+            if abs(frame[k, 0]) < abs(frame[least, 0]):
+                least = k
         frame[:, 1] = 0.0
         frame[least, 1] = 1.0
         _remove_along(frame)
@@ -207,5 +214,5 @@ def _measure(triangles: Floats, first: int, last: int, frame: Floats, row: Float
             row[3 + 3 * i + k] = frame[i, k]
     h0, h1, h2 = 0.5 * (high0 - low0), 0.5 * (high1 - low1), 0.5 * (high2 - low2)
     row[HALF], row[HALF + 1], row[HALF + 2] = h0 + slack, h1 + slack, h2 + slack
-    row[NODE - 1] = h0 + h1 + h2
+    row[SIZE] = h0 + h1 + h2
     return h0 * h1 + h1 * h2 + h2 * h0

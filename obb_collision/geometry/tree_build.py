@@ -18,6 +18,8 @@ from obb_collision.geometry.validation import Floats
 LEAST_SHARE = 0.25
 #: Rows of the stack of a build: one for each level.
 LEVELS = 128
+#: Rounds of a selection; 2 log2 n are the rule.
+ROUNDS = 100
 
 
 def build_tree(
@@ -85,7 +87,10 @@ def _split(
     triangles: Floats, order: np.ndarray, keys: Floats, first: int, last: int, row: Floats
 ) -> int:
     """Part the triangles of a node along its longest axis; return where the second part starts."""
-    axis = np.argmax(row[HALF : HALF + 3])
+    axis = 0
+    for k in range(1, 3):
+        if row[HALF + k] > row[HALF + axis]:
+            axis = k
     x, y, z = row[3 + axis], row[6 + axis], row[9 + axis]
     mean = 0.0
     for n in range(first, last):
@@ -104,12 +109,40 @@ def _split(
     least = LEAST_SHARE * (last - first)
     if i - first >= least and last - i >= least:
         return i
-    ranks = np.argsort(keys[first:last])
-    sorted_triangles = triangles[first:last][ranks]
-    sorted_order = order[first:last][ranks]
-    triangles[first:last] = sorted_triangles
-    order[first:last] = sorted_order
-    return (first + last) // 2
+    middle = (first + last) // 2
+    _select(triangles, order, keys, first, last, middle)
+    return middle
+
+
+@njit
+def _select(
+    triangles: Floats, order: np.ndarray, keys: Floats, first: int, last: int, middle: int
+) -> None:
+    """Move the triangles with the smaller keys before ``middle`` (Hoare 1961, "Find").
+
+    Gives up after ROUNDS, when the keys are laid out to spite it: any halves make a valid tree.
+    """
+    low, high = first, last - 1
+    for _ in range(ROUNDS):
+        if low >= high:
+            return
+        pivot = keys[(low + high) // 2]
+        i, j = low, high
+        while i <= j:
+            while keys[i] < pivot:
+                i += 1
+            while keys[j] > pivot:
+                j -= 1
+            if i <= j:
+                _swap(triangles, order, keys, i, j)
+                i += 1
+                j -= 1
+        if middle <= j:
+            high = j
+        elif middle >= i:
+            low = i
+        else:
+            return
 
 
 @njit

@@ -5,8 +5,9 @@ common point, or if a piece of one lies inside the other, which must be a solid.
 SEPARATE, certainly no common point; OVERLAP, two triangles certainly pierce each other or a piece
 lies certainly inside; TOUCHING, what is left: surfaces that touch (also those of solids that
 overlap with nothing but coplanar faces and shared edges, such as a mesh and its copy in the same
-place), or too near to tell (1e-13 of the size of the pair at a corner's inside test, 1e-26 at
-triangles). Speaks about the corners centre + rotation vertex for the doubles as stored.
+place), or too near to tell: triangles within 1e-26 of the size of the pair, or a piece of which
+six corners all lie within 1e-13 of the other's surface. They speak about the points
+centre + rotation x corner for the doubles as stored.
 
 A box is a mesh too (``MeshTrees.from_half_extents``), exactly.
 """
@@ -216,5 +217,5 @@ def _inside(a: PlacedMeshes, i: int, b: PlacedMeshes, j: int) -> Iterator[bool]:
     first, last = b.trees.starts[roots[other]]
     triangles = b.trees.triangles[first:last][b.trees.counted[first:last]].ravel()
     starts = a.trees.piece_starts
-    for point in a.trees.pieces[starts[mesh] : starts[mesh + 1]]:
+    for point in a.trees.pieces[starts[mesh] : starts[mesh + 1], 0]:
         yield inside_exactly(exact_corners((point, triangles), (a.place(i), b.place(j))))

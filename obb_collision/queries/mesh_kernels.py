@@ -96,19 +96,35 @@ def _nesting(
     unknown = False
     if a.solid[mesh_a]:
         for k in range(b.piece_starts[mesh_b], b.piece_starts[mesh_b + 1]):
-            point = moved(pose, (b.pieces[k, 0], b.pieces[k, 1], b.pieces[k, 2]))
-            side = point_side(a, a.roots[mesh_a], point, error, stack)
+            side = _piece_side(a, mesh_a, b.pieces, k, pose, False, error, stack)
             if side == INSIDE:
                 return OVERLAP
             unknown = unknown or side == UNKNOWN
     if b.solid[mesh_b]:
         for k in range(a.piece_starts[mesh_a], a.piece_starts[mesh_a + 1]):
-            point = _moved_back(pose, (a.pieces[k, 0], a.pieces[k, 1], a.pieces[k, 2]))
-            side = point_side(b, b.roots[mesh_b], point, error, stack)
+            side = _piece_side(b, mesh_b, a.pieces, k, pose, True, error, stack)
             if side == INSIDE:
                 return OVERLAP
             unknown = unknown or side == UNKNOWN
     return TOUCHING if unknown else SEPARATE
+
+
+@njit
+def _piece_side(
+    trees: TreeArrays, mesh: int, pieces: Floats, k: int,
+    pose: Floats, back: bool, error: float, stack: np.ndarray,
+) -> int:  # fmt: skip
+    """Return the side of piece k (p, 6, 3) of the one mesh in the other: of its first sure corner.
+
+    ``back``: the pose takes the solid to the piece's frame, not the piece to the solid's.
+    """
+    for n in range(pieces.shape[1]):
+        point = (pieces[k, n, 0], pieces[k, n, 1], pieces[k, n, 2])
+        point = _moved_back(pose, point) if back else moved(pose, point)
+        side = point_side(trees, trees.roots[mesh], point, error, stack)
+        if side != UNKNOWN:
+            return side
+    return UNKNOWN
 
 
 @njit

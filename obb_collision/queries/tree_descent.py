@@ -13,6 +13,7 @@ import numpy as np
 
 from obb_collision._jit import njit
 from obb_collision.geometry.mesh_tree import TreeArrays
+from obb_collision.geometry.node_boxes import SIZE
 from obb_collision.geometry.validation import Floats
 from obb_collision.queries.tree_boxes import box_gap
 from obb_collision.queries.triangle_axes import classify_by_axes
@@ -72,27 +73,27 @@ def descend(
                     if verdict >= stop:
                         return verdict, found
             continue
-        waiting = push_children(
-            nodes_a, i, child_a, nodes_b, j, child_b, pose, box_bound, stack, waiting
-        )
+        split_a = child_b < 0 or (child_a >= 0 and nodes_a[i, SIZE] >= nodes_b[j, SIZE])
+        child = child_a if split_a else child_b
+        waiting = _push(nodes_a, i, nodes_b, j, split_a, child, pose, box_bound, stack, waiting)
     return verdict, found
 
 
 @njit
-def push_children(
-    nodes_a: Floats, i: int, child_a: int, nodes_b: Floats, j: int, child_b: int,
+def _push(
+    nodes_a: Floats, i: int, nodes_b: Floats, j: int, split_a: bool, child: int,
     pose: Floats, bound: float, stack: np.ndarray, waiting: int,
 ) -> int:  # fmt: skip
-    """Put the pairs of children that may meet on the stack, the more overlapping one last.
+    """Put the pairs with the two children of i or j that may meet on the stack; return its size.
 
-    A negative child is none. Returns how many pairs wait.
+    child: the first of two adjacent rows. The more overlapping pair comes last, is next.
     """
     i1 = i2 = i
     j1 = j2 = j
-    if child_b < 0 or (child_a >= 0 and nodes_a[i, 15] >= nodes_b[j, 15]):
-        i1, i2 = child_a, child_a + 1
+    if split_a:
+        i1, i2 = child, child + 1
     else:
-        j1, j2 = child_b, child_b + 1
+        j1, j2 = child, child + 1
     first = box_gap(nodes_a, i1, nodes_b, j1, pose, bound)
     second = box_gap(nodes_a, i2, nodes_b, j2, pose, bound)
     if first < second:
@@ -112,7 +113,10 @@ def boxes_meet(
     a: TreeArrays, root_a: int, b: TreeArrays, root_b: int,
     pose: Floats, box_bound: float, depth: int, stack: np.ndarray,
 ) -> bool:  # fmt: skip
-    """Return whether boxes of a depth are not certainly apart, nor those above them."""
+    """Return whether boxes of a depth are not certainly apart, nor those above them.
+
+    A greater depth never reports what a lesser one doesn't.
+    """
     nodes_a, children_a, levels_a = a.nodes, a.children, a.levels
     nodes_b, children_b, levels_b = b.nodes, b.children, b.levels
     stack[0, 0], stack[0, 1] = root_a, root_b
@@ -124,7 +128,8 @@ def boxes_meet(
         child_b = children_b[j] if levels_b[j] < depth else -1
         if child_a < 0 and child_b < 0:
             return True
-        waiting = push_children(
-            nodes_a, i, child_a, nodes_b, j, child_b, pose, box_bound, stack, waiting
-        )
+        # By levels, not by size: every depth then looks at all pairs of the lesser ones.
+        split_a = child_b < 0 or (child_a >= 0 and levels_a[i] <= levels_b[j])
+        child = child_a if split_a else child_b
+        waiting = _push(nodes_a, i, nodes_b, j, split_a, child, pose, box_bound, stack, waiting)
     return False
