@@ -22,7 +22,7 @@ setup(
         "numpy>=1.26",
         "numba>=0.58",
         "scipy>=1.11",
-        "trimesh>=4.0",
+        "trimesh>=4.4.9",
         "pycollada",
         "lxml",
     ],

@@ -22,7 +22,7 @@ from obb_collision.geometry.validation import (
 )
 from obb_collision.queries.containment import contains
 from obb_collision.queries.separation import SEPARATE, Verdict, verdicts
-from obb_collision.queries.witness import witness
+from obb_collision.queries.witness import AXES, witness
 
 
 class Separation(NamedTuple):
@@ -160,6 +160,7 @@ class OBB:
         gap, x, y, z, _ = witness(
             *(self.center, self.rotation, self.half_extents),
             *(other.center, other.rotation, other.half_extents),
+            np.empty(AXES),
         )
         verdict = Verdict(int(verdicts(self._boxes(), other._boxes())[0]))
         return Separation(gap, np.array([x, y, z]), verdict)

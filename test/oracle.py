@@ -229,17 +229,3 @@ def gap_along(a: Box, b: Box, axis: Iterable[float]) -> Fraction:
         return [sum((x * y for x, y in zip(n, p, strict=True)), Fraction(0)) for p in corners(box)]
 
     return min(project(b)) - max(project(a))
-
-
-def contains(box: Box, point: Iterable[float | Fraction]) -> bool:
-    """Whether the closed box contains the point (doubles or fractions), exactly."""
-    center, axes, half = _fractions(box)
-    offset = [Fraction(p) - c for p, c in zip(point, center, strict=True)]
-    for i in range(3):
-        u, v = axes[(i + 1) % 3], axes[(i + 2) % 3]
-        normal = _cross(u, v)  # type: ignore[arg-type]
-        distance = sum(n * d for n, d in zip(normal, offset, strict=True))
-        reach = half[i] * sum(n * x for n, x in zip(normal, axes[i], strict=True))
-        if abs(distance) > abs(reach):
-            return False
-    return True

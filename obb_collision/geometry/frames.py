@@ -137,9 +137,15 @@ def _surface_frame(triangles: Floats) -> Floats:
 
 def minimum_volume_frame(points: Floats) -> Floats | None:
     """Return trimesh's oriented bounds: over hull faces, the least rectangle. None if it fails."""
+    hull = convex_hull(points)
+    if hull is None:
+        return None
+    # As a mesh: of bare points trimesh repairs the hull's winding, sometimes by networkx, which
+    # it does not require.
+    mesh = trimesh.Trimesh(points, hull.simplices, process=False)
     try:
-        to_box, _ = trimesh.bounds.oriented_bounds(points, ordered=False)
-    except (QhullError, ValueError, IndexError, TypeError, np.linalg.LinAlgError):
+        to_box, _ = trimesh.bounds.oriented_bounds(mesh, ordered=False)
+    except (QhullError, ValueError, IndexError, TypeError, ImportError, np.linalg.LinAlgError):
         return None  # nearly flat sets; the other candidates are used
     if not np.isfinite(to_box).all():
         return None

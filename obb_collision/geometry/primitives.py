@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from obb_collision.geometry.enclosing import round_up
-from obb_collision.geometry.validation import MAX_MAGNITUDE, Floats, as_array
+from obb_collision.geometry.validation import MAX_MAGNITUDE, Floats, as_array, as_half_extents
 
 Triple = tuple[float, float, float]
 #: Centre (3,), rotation (3, 3) and half extents (3,) of a box in the frame of its shape.
@@ -88,13 +88,14 @@ def read_only(center: Floats, rotation: Floats, half_extents: Floats) -> LocalBo
 
 @dataclass(frozen=True, init=False)
 class Box(Primitive):
-    """A box; ``size`` (3,) are its full edge lengths."""
+    """A box; ``size`` (3,) are its full edge lengths, zero allowed: a flat box."""
 
     size: Triple
     scale: Triple
 
     def __init__(self, size: ArrayLike, scale: ArrayLike = NO_SCALE) -> None:
-        self._store(size=positive_triple(size, "size"), scale=positive_triple(scale, "scale"))
+        x, y, z = as_half_extents(size, "size", (3,)).tolist()
+        self._store(size=(x, y, z), scale=positive_triple(scale, "scale"))
 
     def _reach(self) -> Reach:
         x, y, z = (Fraction(edge) / 2 for edge in self.size)

@@ -87,13 +87,14 @@ def _candidates(axes: Floats, sides: Floats, rotation: Floats) -> Iterator[Float
     """Yield frames for the skewed box whose edges are ``sides``, parallel to ``axes``."""
     units = axes / np.abs(axes).max(axis=0)
     units = units / np.sqrt((units * units).sum(axis=0))
-    turned = np.minimum(np.abs(units - rotation), np.abs(units + rotation))
+    same, reversed_ = np.abs(units - rotation), np.abs(units + rotation)
+    turned = np.minimum(same.max(axis=0), reversed_.max(axis=0))
     if (turned <= UNTURNED_ROUNDOFFS * ROUNDOFF).all():
         yield rotation
     straight = _straight(axes)
     if straight is not None:
         yield straight
-    if orthonormal_defect(units[None])[0] <= SQUARE:
+    if abs(orthonormal_defect(units[None])[0]) <= SQUARE:
         yield complete_frame(units[:, 0], units[:, 1])
         return  # still a box: nothing is smaller
     for i, j, k in permutations(range(3)):  # a side of the box flush with a face and an edge
@@ -111,7 +112,7 @@ def _straight(axes: Floats) -> Floats | None:
     """Return the axes themselves where the matrix is rigid but for a power of two."""
     for exponent in (0, 1):
         frame = np.ldexp(axes, exponent)
-        if orthonormal_defect(frame[None])[0] <= ORTHONORMAL_ROUNDING:
+        if abs(orthonormal_defect(frame[None])[0]) <= ORTHONORMAL_ROUNDING:
             return _right_handed(frame) + 0.0
     return None
 

@@ -37,7 +37,7 @@ def find_candidates(minimum: Floats, maximum: Floats) -> Pairs:
     capacity = 8 * count
     while True:
         pairs = np.empty((capacity, 2), np.int64)
-        found = _self_overlaps(nodes, starts, order, count, pairs)
+        found = _self_overlaps(nodes, starts, order, pairs)
         if found <= capacity:
             return pairs[:found]
         capacity = found
@@ -145,9 +145,7 @@ def _build_tree(minimum: Floats, maximum: Floats) -> tuple[np.ndarray, np.ndarra
 
 
 @njit
-def _self_overlaps(
-    nodes: Floats, starts: np.ndarray, order: np.ndarray, count: int, pairs: np.ndarray
-) -> int:
+def _self_overlaps(nodes: Floats, starts: np.ndarray, order: np.ndarray, pairs: np.ndarray) -> int:
     """Write the overlapping pairs of boxes, as far as there is room; return how many there are.
 
     Every leaf looks for the leaves at or after it that it overlaps; nodes all before it are
@@ -167,7 +165,7 @@ def _self_overlaps(
             level = level_stack[depth]
             node = node_stack[depth]
             if level == 1:
-                found = _leaf_pairs(nodes, order, count, leaf, node, pairs, found)
+                found = _leaf_pairs(nodes, order, starts[1], leaf, node, pairs, found)
                 continue
             below = starts[level - 1]
             first = node * FANOUT
@@ -191,8 +189,13 @@ def _leaf_pairs(
     pairs: np.ndarray,
     found: int,
 ) -> int:
-    """Append the overlapping pairs between the boxes of two leaves; return the new count."""
+    """Append the overlapping pairs between the boxes of two leaves; return the new count.
+
+    count: number of boxes, after which the leaves are.
+    """
     for i in range(leaf * LEAF, min((leaf + 1) * LEAF, count)):
+        if not _overlap(nodes, i, nodes, count + other):
+            continue
         start = i + 1 if other == leaf else other * LEAF
         for j in range(start, min((other + 1) * LEAF, count)):
             if _overlap(nodes, i, nodes, j):

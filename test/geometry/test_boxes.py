@@ -38,7 +38,7 @@ def test_nearly_orthonormal_rotations_are_made_orthonormal(size: float) -> None:
     rotations = Rotation.random(200, random_state=5).as_matrix()
     bent = rotations + size * rng.uniform(-1, 1, rotations.shape)
     boxes = oc.Boxes(np.zeros((200, 3)), bent, np.ones((200, 3)))
-    assert (orthonormal_defect(boxes.rotations) < 2.0**-50).all()
+    assert (np.abs(orthonormal_defect(boxes.rotations)) < 2.0**-50).all()
     assert np.allclose(np.linalg.det(boxes.rotations), 1.0, atol=1e-14)
     assert np.abs(boxes.rotations - rotations).max() < 4 * size
 

@@ -1,6 +1,6 @@
 """Verdicts are never wrong: every family of hard pairs against exact arithmetic.
 
-``--pairs 1000000`` is the long run.
+``--pairs 1000000`` is the long run; ``-rP`` shows how wide the gaps left open are.
 """
 
 from __future__ import annotations
@@ -29,25 +29,25 @@ ROUNDOFF = 2.0**-53
 LABELS = {"separate": Verdict.SEPARATE, "touch": Verdict.TOUCHING, "overlap": Verdict.OVERLAP}
 
 
-def check_against_truth(a: Boxes, b: Boxes) -> np.ndarray:
-    """Assert the promise for every row and return the true verdicts."""
+def check_against_truth(a: Boxes, b: Boxes) -> float:
+    """Assert the promise for every row; return the widest gap left open, relative to the size."""
     truth = oracle.verdicts(stored(a), stored(b))
     default = verdicts(a, b)
     decided = default != Verdict.TOUCHING
     np.testing.assert_array_equal(default[decided], truth[decided])
     np.testing.assert_array_equal(verdicts(a, b, exact=True), truth)
     open_rows = np.flatnonzero(~decided & (truth != Verdict.TOUCHING))
-    if len(open_rows):
-        a, b = a.take(open_rows), b.take(open_rows)
-        width = oracle.relative_separations(stored(a), stored(b))
-        assert np.abs(width).max() <= UNDECIDED_WIDTH
-    return truth
+    a, b = a.take(open_rows), b.take(open_rows)
+    gaps = oracle.relative_separations(stored(a), stored(b))
+    widest = float(np.abs(gaps).max(initial=0.0))
+    assert widest <= UNDECIDED_WIDTH
+    return widest
 
 
 @pytest.mark.parametrize("name", FAMILIES)
 def test_no_verdict_is_wrong(name: str, pairs: int) -> None:
-    for a, b in chunks(name, pairs):
-        check_against_truth(a, b)
+    widest = max(check_against_truth(a, b) for a, b in chunks(name, pairs))
+    print(f"{name}: {pairs} pairs, widest gap left open {widest:.2e} of the size")  # noqa: T201
 
 
 @pytest.mark.parametrize("name", FAMILIES)
@@ -131,7 +131,8 @@ def test_shared_pairs(case: dict[str, Any]) -> None:
             [Boxes(c[None], r[None], h[None]) for c, r, h in given]
         return
     a, b = (Boxes(c[None], r[None], h[None]) for c, r, h in given)
-    (truth,) = check_against_truth(a, b)
+    check_against_truth(a, b)
+    truth = oracle.verdict(a.row(0), b.row(0))
     kept = all(
         np.array_equal(box.rotations[0], r) for box, (_, r, _) in zip((a, b), given, strict=True)
     )

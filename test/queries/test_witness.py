@@ -12,8 +12,8 @@ from support import family, sizes, stored, witnesses
 from obb_collision.benchmarks.families import FAMILIES
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.obb import OBB
-from obb_collision.queries.separation import Verdict, verdicts
-from obb_collision.queries.witness import witness
+from obb_collision.queries.separation import Verdict, careful_axis, verdicts
+from obb_collision.queries.witness import AXES, witness
 
 #: Promised accuracy of gap and depth, relative to the sum of all half extents.
 DEPTH_ACCURACY = 1e-12
@@ -68,7 +68,17 @@ def test_moving_by_the_depth_ends_the_overlap(name: str) -> None:
 def test_all_15_axes_come_out_as_least_penetration() -> None:
     a, b = family("each of the 15 axes alone", 15 * 40)
     for row in range(len(a)):
-        assert witness(*a.row(row), *b.row(row))[4] == row % 15
+        assert witness(*a.row(row), *b.row(row), np.empty(AXES))[4] == row % 15
+
+
+@pytest.mark.parametrize("name", FAMILIES)
+def test_axes_left_out_by_a_rough_look_could_not_have_won(name: str) -> None:
+    a, b = family(name, 300)
+    for row in range(len(a)):
+        gap, *axis, number = witness(*a.row(row), *b.row(row), np.empty(AXES))
+        every = [careful_axis(*a.row(row), *b.row(row), k) for k in range(AXES)]
+        assert gap == max(found[0] for found in every)
+        assert every[number][2:] == tuple(axis)
 
 
 @pytest.mark.parametrize("half", [(1.0, 2.0, 3.0), (1.0, 2.0, 0.0), (1.0, 0.0, 0.0), (0.0,) * 3])

@@ -1,6 +1,5 @@
-"""The demo's scene: a small warehouse whose objects move as functions of time.
+"""What stands and moves in the demo's warehouse, part by part.
 
-Everything follows from (number of objects, seed, time). Metres, seconds; z is up, the floor at 0.
 Resting things touch exactly what they rest on: those heights are multiples of 1/64 m.
 """
 
@@ -8,14 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from itertools import chain, islice
 
 import numpy as np
-import numpy.typing as npt
 
 from obb_collision.geometry.shapes import Box, Cylinder, Ellipsoid, Shape, Sphere
-from obb_collision.node import demo_shapes as shapes
-from obb_collision.node.demo_motion import (
+from obb_collision.node.demo import shapes
+from obb_collision.node.demo.motion import (
     Motion,
     Pose,
     around,
@@ -29,14 +26,15 @@ from obb_collision.node.demo_motion import (
     travelling,
 )
 
-FloatArray = npt.NDArray[np.float64]
 Random = np.random.Generator
 Color = tuple[float, float, float]
 
 #: The whole warehouse; more objects than these fill a store behind it.
-DEFAULT_OBJECTS = 48
+DEFAULT_OBJECTS = 52
 #: With fewer there would be nothing to see; these hold every kind of shape.
 MIN_OBJECTS = 12
+#: A seed with much going on at the end of ten seconds.
+DEFAULT_SEED = 94
 
 CARD, WOOD, STEEL = (0.82, 0.70, 0.55), (0.86, 0.77, 0.62), (0.72, 0.75, 0.79)
 BLUE, NAVY, WHITE = (0.45, 0.60, 0.80), (0.30, 0.37, 0.50), (0.93, 0.93, 0.94)
@@ -70,38 +68,9 @@ class Item:
         return f"{self.namespace}/{self.id}"
 
 
-class DemoScene:
-    """The first ``objects`` objects of the warehouse of a seed."""
-
-    def __init__(self, objects: int = DEFAULT_OBJECTS, seed: int = 0) -> None:
-        if objects < MIN_OBJECTS:
-            raise ValueError(f"objects must be at least {MIN_OBJECTS}, got {objects}")
-        # one generator a part: taking fewer objects changes nothing about those that stay
-        sources = (np.random.default_rng([seed, k]) for k in range(len(PARTS)))
-        parts = chain.from_iterable(part(r) for part, r in zip(PARTS, sources, strict=True))
-        self.items: list[Item] = list(islice(parts, objects))
-
-    @property
-    def names(self) -> list[str]:
-        """The names of the objects, in their order."""
-        return [item.name for item in self.items]
-
-    def channel(self, name: str) -> list[int]:
-        """Return the rows of the objects whose motion goes through a topic."""
-        return [row for row, item in enumerate(self.items) if item.channel == name]
-
-    def poses(self, time: float) -> FloatArray:
-        """Return the poses (n, 7) at a time, x y z qx qy qz qw."""
-        return np.array([item.motion(time) for item in self.items])
-
-    def shapes(self, time: float) -> list[Shape]:
-        """Return the shapes at a time; the same values while a shape does not change."""
-        return [item.stretch(time) if item.stretch else item.shape for item in self.items]
-
-
 def _vehicles(random: Random) -> Iterator[Item]:
     """Yield two vehicles with loads on their decks, one going round the pallets."""
-    ring = travelling((-2.4, -1.55), (2.75, 2.0), 0.8, 1.0, random.uniform(0.0, 0.6))
+    ring = travelling((-2.2, -1.55), (2.4, 1.95), 0.8, 1.0, random.uniform(0.0, 0.6))
     aisle = shuttling((-3.9, 0.72, 0.0), (1.2, 0.72, 0.0), 11.0, random.uniform(0.0, 0.4))
     for k, (motion, load) in enumerate(
         ((ring, Box((0.625, 0.5625, 0.5))), (aisle, Box((0.75, 0.5, 0.4375))))
@@ -152,10 +121,10 @@ def _flying(random: Random) -> Iterator[Item]:
     yield Item("drone", 0, shapes.drone(), WHITE, motion, "object_transform")
     swing = swinging((-2.3, -1.5, 4.0), 0.5, 3.9, random.uniform(0.0, 1.0))
     hung = Box((0.7, 0.55, 0.5))
-    length = 2.45
-    rope = attached(swing, pose(0, 0, -length / 2))
+    hook, length = -2.45, 1.2
+    rope = attached(swing, pose(0, 0, hook + length / 2))
     yield Item("crane", 0, Cylinder(0.03, length), STEEL, rope, "object_poses")
-    load = attached(swing, pose(0, 0, -length - CLEARANCE - 0.25))
+    load = attached(swing, pose(0, 0, hook - CLEARANCE - 0.25))
     yield Item("crane", 1, hung, CARD, load, "object_poses")
 
 
@@ -166,15 +135,16 @@ def _lift(random: Random) -> Iterator[Item]:
         wave = 0.5 - 0.5 * np.cos(2 * np.pi * (time / 8.0 + phase))
         return float(np.round((0.25 + 0.75 * wave) * 64) / 64)
 
-    phase, x, y = random.uniform(0.2, 0.3), 3.6, -2.6
+    phase, x, y = random.uniform(0.2, 0.3), 3.4, -2.35
     yield Item(
         "lift", 0, Box((0.9, 0.8, 0.25)), NAVY, lambda t: pose(x, y, height(t) / 2), "objects",
         lambda t: Box((0.9, 0.8, height(t))),
     )  # fmt: skip
     drum = Cylinder(0.3, 0.75)
-    yield Item("drum", 0, drum, BLUE, lambda t: pose(x, y, height(t) + 0.375), "object_poses")
-    quarter = pose(3.75, y, 1.78, 0.0, np.pi / 2)
+    yield Item("drum", 0, drum, BLUE, lambda t: pose(x, y, height(t) + 0.375), "objects")
+    quarter = pose(x + 0.15, y, 1.78, 0.0, np.pi / 2)
     yield Item("pipe", 0, Cylinder(0.08, 2.6), STEEL, resting(quarter))
+    yield Item("post", 0, Cylinder(0.06, 1.68), STEEL, resting(pose(x + 0.15, -1.25, 0.84)))
 
 
 def _rack(random: Random) -> Iterator[Item]:
@@ -219,10 +189,12 @@ def _pallets(random: Random) -> Iterator[Item]:
         yield Item("pallet", k, shapes.pallet(), WOOD, resting(pose(x, y, 0)))
         for j, (dx, z) in enumerate(((-0.28125, 0.375), (0.28125, 0.375), (0.0, 0.875))[: 2 + k]):
             yield Item("box", 3 * k + j, box, CARD, resting(pose(x + dx, y, z)))
-    for k, (x, y) in enumerate(((0.75, -2.9), (0.72, -0.4))):
+    for k, (x, y) in enumerate(((0.6, -2.9), (0.6, -0.4))):
         place = pose(x, y, CLEARANCE, random.uniform(-0.4, 0.4))
         yield Item("cone", k, shapes.traffic_cone(), VIOLET, resting(place))
     yield Item("rock", 0, shapes.rock(random, 0.8), STONE, resting(pose(1.9, -2.6, 0.33)))
+    for k, (x, y) in enumerate(((4.7, 2.1), (5.4, 1.8), (5.0, 2.8))):
+        yield Item("buoy", k, Ellipsoid((0.3, 0.3, 0.5)), WOOD, resting(pose(x, y, 0.5)))
     yield Item("bottle", 0, shapes.bottle(), STEEL, resting(pose(0.55, 2.35, CLEARANCE)))
 
 

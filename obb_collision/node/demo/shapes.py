@@ -24,7 +24,9 @@ SECTIONS = 24
 
 def triangles_of(shape: Shape) -> tuple[FloatArray, IntArray]:
     """Return vertices (n, 3), metres, and faces (m, 3) of a shape, for drawing it."""
-    body = shape if isinstance(shape, Mesh) else _unscaled(shape)
+    if isinstance(shape, Mesh):
+        return shape.vertices * np.array(shape.scale), shape.faces
+    body = _unscaled(shape)
     return np.array(body.vertices) * np.array(shape.scale), np.array(body.faces)
 
 
@@ -41,7 +43,7 @@ def _unscaled(shape: Shape) -> Any:
 
 
 def _mesh(*parts: Any) -> Mesh:
-    body = trimesh.util.concatenate(parts)
+    body: Any = trimesh.util.concatenate(parts)
     return Mesh(body.vertices, body.faces)
 
 

@@ -1,0 +1,198 @@
+"""PointCloud2 <-> arrays: bulk poses in, collisions out, always by field name."""
+
+from __future__ import annotations
+
+from array import array
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from diagnostic_msgs.msg import DiagnosticStatus
+from sensor_msgs.msg import PointCloud2, PointField
+from std_msgs.msg import Header
+
+from obb_collision.node.conversions import FloatArray, name_from_key, namespaces_from_ros
+from obb_collision.node.errors import RefusedError
+from obb_collision.queries.separation import Verdict
+
+IntArray = npt.NDArray[np.int64]
+
+POSE_FIELDS = ("x", "y", "z", "qx", "qy", "qz", "qw")
+DATATYPES = {
+    PointField.INT8: "i1",
+    PointField.UINT8: "u1",
+    PointField.INT16: "i2",
+    PointField.UINT16: "u2",
+    PointField.INT32: "i4",
+    PointField.UINT32: "u4",
+    PointField.FLOAT32: "f4",
+    PointField.FLOAT64: "f8",
+}
+DATATYPE_OF = {np.dtype(code): number for number, code in DATATYPES.items()}
+
+PAIR_FIELDS = ("ns_a", "id_a", "ns_b", "id_b")
+COLLISION_FIELDS = (
+    *("x", "y", "z", "normal_x", "normal_y", "normal_z", "depth"),
+    *(*PAIR_FIELDS, "verdict"),
+)
+COLLISION_DTYPE = np.dtype(
+    {
+        "names": COLLISION_FIELDS,
+        # RViz draws x y z only as float32; what is measured (normal, depth) stays float64.
+        "formats": ("<f4",) * 3 + ("<f8",) * 4 + ("<i4",) * 4 + ("u1",),
+        "offsets": (0, 4, 8, 16, 24, 32, 40, 48, 52, 56, 60, 64),
+        "itemsize": 72,
+    }
+)
+"""One row of ``collisions``: contact point (m, float32), unit normal from a to b and depth (m),
+the two objects as namespace index and id, and the verdict: 1 touching or not told from it by
+doubles, 2 overlap."""
+
+
+class NamedPair(NamedTuple):
+    """One collision with the objects' names, ``ns/id``."""
+
+    a: str
+    b: str
+    depth: float
+    touching: bool
+    """Touching, or not told from touching by doubles; it counts as colliding all the same."""
+
+
+def cloud_from_ros(message: PointCloud2) -> npt.NDArray[Any]:
+    """(n,) structured view of a cloud, whatever its order of fields, padding and endianness.
+
+    Raises RefusedError ("field layout") where the message contradicts itself.
+    """
+    order = ">" if message.is_bigendian else "<"
+    names, formats, offsets = [], [], []
+    for field in message.fields:
+        # count 0 is what some old writers put for a single number
+        if field.datatype not in DATATYPES or field.count > 1 or field.name in names:
+            continue
+        names.append(field.name)
+        formats.append(order + DATATYPES[field.datatype])
+        offsets.append(int(field.offset))
+    step, width, height = int(message.point_step), int(message.width), int(message.height)
+    rows = int(message.row_step) or width * step
+    try:
+        dtype = np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": step})
+        if width * height == 0:
+            return np.zeros(0, dtype)
+        if rows < width * step or len(message.data) < (height - 1) * rows + width * step:
+            raise ValueError(
+                f"{len(message.data)} bytes of data for {height} rows of {rows} bytes, "
+                f"{width} points of {step} bytes each"
+            )
+        grid = np.ndarray((height, width), dtype, memoryview(message.data), 0, (rows, step))
+    except ValueError as error:
+        raise RefusedError("field layout", str(error)) from error
+    return grid.reshape(-1)
+
+
+def cloud_to_ros(rows: npt.NDArray[Any], header: Header | None = None) -> PointCloud2:
+    """Unordered cloud of a (n,) structured array; fields follow the array's dtype."""
+    message = PointCloud2(header=header) if header is not None else PointCloud2()
+    dtype = rows.dtype
+    assert dtype.names is not None
+    assert dtype.fields is not None
+    for name in dtype.names:
+        kind, offset = dtype.fields[name][:2]
+        datatype = DATATYPE_OF[kind.newbyteorder("=")]
+        message.fields.append(PointField(name=name, offset=offset, datatype=datatype, count=1))
+    message.is_bigendian = any(dtype[name].byteorder == ">" for name in dtype.names)
+    message.height, message.width = 1, len(rows)
+    message.point_step, message.row_step = dtype.itemsize, dtype.itemsize * len(rows)
+    message.is_dense = True
+    # rclpy checks every element of anything but array('B'): hundreds of times slower
+    data = array("B")
+    data.frombytes(np.ascontiguousarray(rows).tobytes())
+    message.data = data
+    return message
+
+
+def poses_from_ros(message: PointCloud2) -> tuple[IntArray | None, IntArray, FloatArray]:
+    """Bulk poses: namespace indices (n,) or None without a field ``ns``, ids (n,), poses (n, 7).
+
+    Raises RefusedError ("field layout") where a field is missing or of the wrong kind: ``id`` and
+    ``ns`` are integers of any size, the pose fields float32 or float64.
+    """
+    rows = cloud_from_ros(message)
+    fields: Mapping[str, Any] = rows.dtype.fields or {}
+    for name in ("id", *POSE_FIELDS):
+        if name not in fields:
+            raise RefusedError("field layout", f"no field {name!r}")
+    for name in ("id", "ns"):
+        if name in fields and fields[name][0].kind not in "iu":
+            raise RefusedError("field layout", f"field {name!r} is not an integer")
+    poses = np.empty((len(rows), 7))
+    for column, name in enumerate(POSE_FIELDS):
+        if fields[name][0].kind != "f":
+            raise RefusedError("field layout", f"field {name!r} is not a float")
+        poses[:, column] = rows[name]
+    namespaces = rows["ns"].astype(np.int64) if "ns" in fields else None
+    return namespaces, rows["id"].astype(np.int64), poses
+
+
+def poses_to_ros(
+    ids: npt.ArrayLike,
+    poses: npt.ArrayLike,
+    namespaces: npt.ArrayLike | None = None,
+    header: Header | None = None,
+    single: bool = False,
+) -> PointCloud2:
+    """Bulk poses for ``object_poses``: (n,) ids, (n, 7) poses, (n,) namespace indices.
+
+    ``single`` writes float32, half the bytes and 7 decimal digits.
+    """
+    ids, poses = np.asarray(ids), np.asarray(poses, dtype=np.float64)
+    integers = [("id", "<i4")] if namespaces is None else [("ns", "<i4"), ("id", "<i4")]
+    dtype = np.dtype([(name, "<f4" if single else "<f8") for name in POSE_FIELDS] + integers)
+    rows = np.zeros(len(ids), dtype)
+    for column, name in enumerate(POSE_FIELDS):
+        rows[name] = poses[:, column]
+    rows["id"] = ids
+    if namespaces is not None:
+        rows["ns"] = namespaces
+    return cloud_to_ros(rows, header)
+
+
+def collisions_to_ros(rows: npt.NDArray[Any], header: Header | None = None) -> PointCloud2:
+    """``collisions`` message of (n,) rows of COLLISION_DTYPE."""
+    return cloud_to_ros(rows, header)
+
+
+def collisions_from_ros(message: PointCloud2) -> npt.NDArray[Any]:
+    """(n,) structured array of a ``collisions`` message: ``rows["depth"]``, ``rows["id_a"]``..."""
+    rows = cloud_from_ros(message)
+    missing = [name for name in COLLISION_FIELDS if name not in (rows.dtype.names or ())]
+    if missing:
+        raise RefusedError("field layout", f"no field {missing[0]!r}: not a collisions message")
+    return rows
+
+
+def named_pairs(
+    message: PointCloud2, namespaces: DiagnosticStatus | Sequence[str] | Mapping[int, str]
+) -> list[NamedPair]:
+    """Return the collisions with names: ``for pair in named_pairs(message, table): pair.depth``.
+
+    ``namespaces`` is the latest message of the topic ``namespaces`` (or a list or dict of the
+    same). Rows keep their order. Raises RefusedError ("unknown namespace") where the table is
+    older than the collisions: it is published first, but topics may overtake each other.
+    """
+    is_message = isinstance(namespaces, DiagnosticStatus)
+    table = namespaces_from_ros(namespaces) if is_message else namespaces
+    rows = collisions_from_ros(message)[[*PAIR_FIELDS, "depth", "verdict"]].tolist()
+    try:
+        return [
+            NamedPair(
+                name_from_key((table[na], ia)),
+                name_from_key((table[nb], ib)),
+                depth,
+                verdict == Verdict.TOUCHING,
+            )
+            for na, ia, nb, ib, depth, verdict in rows
+        ]
+    except (IndexError, KeyError) as error:
+        raise RefusedError("unknown namespace", "take a newer message of 'namespaces'") from error

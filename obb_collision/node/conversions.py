@@ -1,0 +1,156 @@
+"""Messages <-> arrays: poses, stamps and names.
+
+Pairs of pure functions ``x_from_ros`` / ``x_to_ros``. Poses are float64 rows
+``x y z qx qy qz qw`` (metres, quaternion x y z w), exactly the doubles of the message.
+Stamps are whole nanoseconds. Clouds are in ``clouds.py``, shapes in ``marker_shapes.py``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from builtin_interfaces.msg import Duration, Time
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+from geometry_msgs.msg import Pose, Transform, Vector3
+from sensor_msgs.msg import MultiDOFJointState
+
+from obb_collision.geometry.validation import as_quaternions
+from obb_collision.node.errors import RefusedError
+
+FloatArray = npt.NDArray[np.float64]
+Key = tuple[str, int]
+"""What names an object: marker namespace and marker id."""
+
+NANOSECONDS = 1_000_000_000
+LARGEST_COORDINATE = 1e300
+"""Magnitudes above this are refused by the library, for sums must not overflow."""
+SMALLEST_MEANT = float(np.finfo(np.float64).tiny)
+"""Sizes and quaternions below this count as zero. rclpy does not check what Python code assigns to
+a float field: an int there arrives as the bits of its object header, a subnormal number."""
+
+
+def stamp_from_ros(stamp: Time | Duration) -> int:
+    """Nanoseconds of a Time or a Duration."""
+    return int(stamp.sec) * NANOSECONDS + int(stamp.nanosec)
+
+
+def stamp_to_ros(nanoseconds: int) -> Time:
+    """Time message of whole nanoseconds."""
+    seconds, rest = divmod(int(nanoseconds), NANOSECONDS)
+    return Time(sec=seconds, nanosec=rest)
+
+
+def duration_to_ros(seconds: float) -> Duration:
+    """Duration message of seconds."""
+    whole, rest = divmod(round(seconds * NANOSECONDS), NANOSECONDS)
+    return Duration(sec=whole, nanosec=rest)
+
+
+def name_from_key(key: Key) -> str:
+    """Return the object's name, ``ns/id``; an empty namespace gives ``/id``."""
+    return f"{key[0]}/{key[1]}"
+
+
+def pose_from_ros(pose: Pose) -> FloatArray:
+    """(7,) array of a Pose."""
+    p, q = pose.position, pose.orientation
+    return np.array((p.x, p.y, p.z, q.x, q.y, q.z, q.w))
+
+
+def pose_to_ros(pose: Sequence[float] | FloatArray) -> Pose:
+    """Pose of a (7,) array."""
+    x, y, z, qx, qy, qz, qw = (float(value) for value in pose)
+    message = Pose()
+    message.position.x, message.position.y, message.position.z = x, y, z
+    q = message.orientation
+    q.x, q.y, q.z, q.w = qx, qy, qz, qw
+    return message
+
+
+def transform_from_ros(transform: Transform) -> FloatArray:
+    """(7,) array of a Transform."""
+    p, q = transform.translation, transform.rotation
+    return np.array((p.x, p.y, p.z, q.x, q.y, q.z, q.w))
+
+
+def transform_to_ros(pose: Sequence[float] | FloatArray) -> Transform:
+    """Transform of a (7,) array."""
+    x, y, z, qx, qy, qz, qw = (float(value) for value in pose)
+    message = Transform(translation=Vector3(x=x, y=y, z=z))
+    q = message.rotation
+    q.x, q.y, q.z, q.w = qx, qy, qz, qw
+    return message
+
+
+def states_from_ros(message: MultiDOFJointState) -> tuple[list[str], FloatArray]:
+    """Names and (n, 7) poses of a MultiDOFJointState.
+
+    Raises RefusedError ("array lengths differ") where the number of names is not the number of
+    transforms: which pose belongs to which name is then a guess. Twists and wrenches are optional
+    and not read.
+    """
+    names, transforms = message.joint_names, message.transforms
+    if len(names) != len(transforms):
+        raise RefusedError(
+            "array lengths differ", f"{len(names)} joint_names, {len(transforms)} transforms"
+        )
+    rows = []
+    for transform in transforms:
+        p, q = transform.translation, transform.rotation
+        rows.append((p.x, p.y, p.z, q.x, q.y, q.z, q.w))
+    return list(names), np.array(rows, dtype=np.float64).reshape(-1, 7)
+
+
+def states_to_ros(
+    names: Sequence[str], poses: FloatArray, header: Any = None
+) -> MultiDOFJointState:
+    """MultiDOFJointState of names and (n, 7) poses."""
+    message = MultiDOFJointState(joint_names=list(names))
+    message.transforms = [transform_to_ros(pose) for pose in poses]
+    if header is not None:
+        message.header = header
+    return message
+
+
+def namespaces_from_ros(message: DiagnosticStatus) -> list[str]:
+    """Namespaces by index out of the latched ``namespaces`` message."""
+    return [pair.value for pair in sorted(message.values, key=lambda pair: int(pair.key))]
+
+
+def namespaces_to_ros(namespaces: Sequence[str]) -> DiagnosticStatus:
+    """Return the latched table of the ``ns`` indices: key is the index, value the namespace."""
+    values = [KeyValue(key=str(i), value=name) for i, name in enumerate(namespaces)]
+    return DiagnosticStatus(
+        level=DiagnosticStatus.OK,
+        name="namespaces",
+        message=f"{len(namespaces)} namespaces",
+        values=values,
+    )
+
+
+def pose_faults(poses: FloatArray) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
+    """Which rows of (n, 7) poses can't be used: (not finite or too large, quaternion zero)."""
+    with np.errstate(invalid="ignore"):
+        usable = np.all(np.abs(poses) <= LARGEST_COORDINATE, axis=1)
+    zero = np.all(np.abs(poses[:, 3:]) < SMALLEST_MEANT, axis=1)
+    return ~usable, zero & usable
+
+
+def compose_poses(outer: FloatArray, inner: FloatArray) -> FloatArray:
+    """``outer`` (7,) after ``inner`` (n, 7): poses given in a frame, placed where that frame is."""
+    x, y, z, w = as_quaternions(outer[3:], "outer", (4,))
+    vector, bx, by, bz, bw = inner[:, :3], *as_quaternions(inner[:, 3:], "inner", (None, 4)).T
+    axis = np.array((x, y, z))
+    with np.errstate(over="ignore", invalid="ignore"):  # the caller looks at what came out
+        turned = 2.0 * np.cross(axis, vector)
+        placed = outer[:3] + vector + w * turned + np.cross(axis, turned)
+    quaternion = (
+        w * bx + x * bw + y * bz - z * by,
+        w * by - x * bz + y * bw + z * bx,
+        w * bz + x * by - y * bx + z * bw,
+        w * bw - x * bx - y * by - z * bz,
+    )
+    return np.column_stack((placed, *quaternion))

@@ -1,0 +1,162 @@
+"""The console script ``obb_collision_demo``."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import os
+import signal
+import sys
+from collections.abc import Callable, Sequence
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TextIO
+
+from obb_collision.node.demo.layout import DEFAULT_OBJECTS, DEFAULT_SEED, MIN_OBJECTS
+from obb_collision.node.environment import set_defaults
+
+#: More would be a load test; ``obb_collision_latency`` is one.
+MAX_OBJECTS = 5000
+MAX_SECONDS = 86400.0
+MAX_RATE = 200.0
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the demo; returns the exit code."""
+    arguments = list(sys.argv[1:] if args is None else args)
+    own = arguments[: arguments.index("--ros-args")] if "--ros-args" in arguments else arguments
+    options = make_parser().parse_args(own)
+    if any(find_spec(name) is None for name in ("rclpy", "visualization_msgs")):
+        _say(
+            "obb_collision_demo needs rclpy and common_interfaces: source a ROS 2 installation, "
+            "or install 'obb_collision[ros]' by pip",
+            sys.stderr,
+        )
+        return 1
+    set_defaults()
+    # The demo is for this machine; who wants it on the network says so.
+    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    return _run(options, arguments[len(own) :])
+
+
+def make_parser() -> argparse.ArgumentParser:
+    """Return the parser of the command line; it refuses what can't be used, with the reason."""
+    parser = argparse.ArgumentParser(
+        prog="obb_collision_demo",
+        description="The collision node and a moving warehouse in one process: prints the pairs "
+        "as they begin and end, then a summary, and saves a picture.",
+        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
+    )
+    parser.add_argument(
+        "--seconds", type=_number(float, 0.1, MAX_SECONDS), default=10.0, help="how long to run"
+    )
+    parser.add_argument(
+        "--objects",
+        type=_number(int, MIN_OBJECTS, MAX_OBJECTS),
+        default=DEFAULT_OBJECTS,
+        help="how many objects there are",
+    )
+    parser.add_argument(
+        "--seed", type=_number(int, 0, 2**32 - 1), default=DEFAULT_SEED, help="of the scene"
+    )
+    parser.add_argument(
+        "--rate",
+        type=_number(float, 1.0, MAX_RATE),
+        default=30.0,
+        help="how many times a second what moves is published (Hz)",
+    )
+    parser.add_argument(
+        "--picture",
+        type=_file,
+        default="obb_collision_demo.png",
+        metavar="FILE",
+        help="PNG of how the scene ends",
+    )
+    parser.add_argument("--no-picture", action="store_true", help="draw no picture")
+    return parser
+
+
+def _number(kind: type, low: float, high: float) -> Callable[[str], float]:
+    """Return a converter for argparse that accepts numbers of a kind within limits."""
+    name = "a whole number" if kind is int else "a number"
+
+    def convert(text: str) -> float:
+        try:
+            value: float = kind(text)
+        except ValueError:
+            raise argparse.ArgumentTypeError(f"{text!r} is not {name}") from None
+        if not (math.isfinite(value) and low <= value <= high):
+            raise argparse.ArgumentTypeError(f"must be between {low:g} and {high:g}, not {text}")
+        return value
+
+    return convert
+
+
+def _file(text: str) -> Path:
+    """Convert for argparse: a file that can be written, as far as its folder tells."""
+    path = Path(text)
+    if path.is_dir() or not path.parent.is_dir():
+        raise argparse.ArgumentTypeError(f"{text!r} is no file in a folder that exists")
+    return path
+
+
+class _Interrupts:
+    """Turns SIGINT and SIGTERM into ``asked``; the second one raises KeyboardInterrupt.
+
+    An exception would come in the middle of any callback, where rclpy may swallow it.
+    """
+
+    def __init__(self) -> None:
+        self.asked = False
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, self._take)
+
+    def _take(self, *_: object) -> None:
+        if self.asked:
+            raise KeyboardInterrupt
+        self.asked = True
+
+
+def _run(options: argparse.Namespace, ros_arguments: list[str]) -> int:
+    interrupts = _Interrupts()
+    from rclpy.context import Context
+
+    from obb_collision.node.demo.run import Demo
+
+    context = Context()
+    context.init(args=ros_arguments)
+    demo = None
+    try:
+        demo = Demo(context, options.objects, options.seed, options.rate, options.seconds, _say)
+        demo.run(lambda: interrupts.asked)
+        for line in demo.summary():
+            _say(line)
+        if not options.no_picture:
+            _picture(demo.save_picture, options.picture)
+    except TimeoutError as error:
+        _say(f"obb_collision_demo: {error}", sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        _say("obb_collision_demo: interrupted twice", sys.stderr)
+    finally:
+        if demo is not None:
+            demo.close()
+        context.try_shutdown()
+    return 0
+
+
+def _picture(save: Callable[[Path], None], file: Path) -> None:
+    """Save the picture, or say why there is none: the demo has done its work without."""
+    try:
+        save(file)
+        _say(f"picture: {file}")
+    except ImportError as error:
+        _say(f"no picture, for it needs matplotlib: {error}", sys.stderr)
+    except OSError as error:
+        _say(f"no picture: {error}", sys.stderr)
+
+
+def _say(line: str, stream: TextIO | None = None) -> None:
+    out = stream or sys.stdout
+    out.write(line + "\n")
+    out.flush()

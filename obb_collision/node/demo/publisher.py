@@ -1,0 +1,147 @@
+"""The demo's robot side: publishes the scene. It knows topics and messages, not who listens."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import TransformStamped
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from sensor_msgs.msg import MultiDOFJointState, PointCloud2
+from std_msgs.msg import Header
+from visualization_msgs.msg import Marker, MarkerArray
+
+from obb_collision.geometry.shapes import Shape
+from obb_collision.node.clouds import poses_to_ros
+from obb_collision.node.conversions import (
+    namespaces_from_ros,
+    pose_to_ros,
+    stamp_to_ros,
+    states_to_ros,
+    transform_to_ros,
+)
+from obb_collision.node.demo.scene import DemoScene
+from obb_collision.node.marker_shapes import shape_to_ros
+
+FRAME = "map"
+#: Topics that carry motion, in the order in which a step publishes them.
+CHANNELS = ("objects", "object_states", "object_transform", "object_poses")
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+class ScenePublisher(Node):
+    """Publishes a ``DemoScene``: all objects as markers, then their motion on four topics.
+
+    node_options go to ``rclpy.node.Node`` (context, namespace...).
+    """
+
+    def __init__(self, scene: DemoScene, **node_options: Any) -> None:
+        super().__init__("scene", **node_options)
+        self.scene = scene
+        self._published: dict[int, tuple[Shape, bytes]] = {}  # shape and pose, by row
+        kinds = (MarkerArray, MultiDOFJointState, TransformStamped, PointCloud2)
+        # twice the objects may wait: one transform is published for each
+        self._topics = {
+            topic: self.create_publisher(kind, topic, QoSProfile(depth=10))
+            for topic, kind in zip(CHANNELS, kinds, strict=True)
+        }
+        self._senders = {
+            "objects": self._send_changed,
+            "object_states": self._send_states,
+            "object_transform": self._send_transforms,
+            "object_poses": self._send_cloud,
+        }
+        self._table: dict[str, int] = {}
+        self.create_subscription(DiagnosticStatus, "namespaces", self._take_namespaces, LATCHED)
+
+    @property
+    def topics(self) -> dict[str, str]:
+        """The resolved name of each topic."""
+        return {topic: publisher.topic_name for topic, publisher in self._topics.items()}
+
+    @property
+    def matched(self) -> bool:
+        """Whether every topic has somebody who listens."""
+        return all(p.get_subscription_count() > 0 for p in self._topics.values())
+
+    @property
+    def knows_namespaces(self) -> bool:
+        """Whether bulk poses can be published: they name namespaces by index."""
+        return all(item.namespace in self._table for item in self.scene.items)
+
+    def publish_all(self, time: float) -> int:
+        """Publish all objects as they are at a time; returns the stamp (ns)."""
+        return self._send_markers(range(len(self.scene.items)), time)
+
+    def publish_step(self, time: float) -> None:
+        """Publish all that moves as it is at a time."""
+        for channel in CHANNELS:
+            self.publish_channel(channel, time)
+
+    def publish_channel(self, channel: str, time: float) -> int | None:
+        """Publish what moves by one of CHANNELS; returns its stamp (ns), None if nothing does."""
+        rows = self.scene.channel(channel)
+        return self._senders[channel](rows, time) if rows else None
+
+    def _take_namespaces(self, message: DiagnosticStatus) -> None:
+        self._table = {name: index for index, name in enumerate(namespaces_from_ros(message))}
+
+    def _header(self) -> tuple[int, Header]:
+        now = self.get_clock().now().nanoseconds
+        return now, Header(stamp=stamp_to_ros(now), frame_id=FRAME)
+
+    def _send_markers(self, rows: Any, time: float) -> int:
+        shapes, poses = self.scene.shapes(time), self.scene.poses(time)
+        markers: list[Marker] = []
+        for row in rows:
+            item = self.scene.items[row]
+            self._published[row] = shapes[row], poses[row].tobytes()
+            marker = shape_to_ros(shapes[row])
+            marker.ns, marker.id, marker.pose = item.namespace, item.id, pose_to_ros(poses[row])
+            marker.color.r, marker.color.g, marker.color.b = item.color
+            marker.color.a = 1.0
+            markers.append(marker)
+        stamp, header = self._header()
+        for marker in markers:
+            marker.header = header
+        self._topics["objects"].publish(MarkerArray(markers=markers))
+        return stamp
+
+    def _send_changed(self, rows: list[int], time: float) -> int | None:
+        """Publish markers of those whose shape or pose is another than last time."""
+        shapes, poses = self.scene.shapes(time), self.scene.poses(time)
+        new = {row: (shapes[row], poses[row].tobytes()) for row in rows}
+        changed = [row for row in rows if new[row] != self._published.get(row)]
+        return self._send_markers(changed, time) if changed else None
+
+    def _send_states(self, rows: list[int], time: float) -> int:
+        poses = self.scene.poses(time)[rows]
+        stamp, header = self._header()
+        names = [self.scene.items[row].name for row in rows]
+        self._topics["object_states"].publish(states_to_ros(names, poses, header))
+        return stamp
+
+    def _send_transforms(self, rows: list[int], time: float) -> int:
+        poses = self.scene.poses(time)
+        for row in rows:
+            stamp, header = self._header()
+            message = TransformStamped(
+                header=header,
+                child_frame_id=self.scene.items[row].name,
+                transform=transform_to_ros(poses[row]),
+            )
+            self._topics["object_transform"].publish(message)
+        return stamp
+
+    def _send_cloud(self, rows: list[int], time: float) -> int | None:
+        if not self.knows_namespaces:
+            return None
+        items = [self.scene.items[row] for row in rows]
+        poses = self.scene.poses(time)[rows]
+        namespaces = np.array([self._table[item.namespace] for item in items])
+        stamp, header = self._header()
+        ids = np.array([item.id for item in items])
+        self._topics["object_poses"].publish(poses_to_ros(ids, poses, namespaces, header))
+        return stamp

@@ -1,0 +1,179 @@
+"""Runs the demo: checker, publisher and listener in one process, topics in between."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter
+
+from obb_collision.geometry.boxes import Boxes
+from obb_collision.node.demo.listener import TOUCH_DEPTH, CollisionListener, told
+from obb_collision.node.demo.publisher import CHANNELS, FRAME, ScenePublisher
+from obb_collision.node.demo.scene import DemoScene
+from obb_collision.node.node import NODE_NAME, CollisionNode
+
+#: Everything of the demo is in this namespace: it must not disturb a robot.
+NAMESPACE = "/obb_collision_demo"
+#: Seconds to wait for discovery or an answer; discovery takes well below one.
+PATIENCE = 30.0
+#: Seconds after which the executor looks whether it is time to stop.
+GLANCE = 0.05
+#: Contacts named in the picture, the deepest ones.
+MAX_LABELS = 12
+
+
+class Demo:
+    """The three nodes and their executor, for a scene of (objects, seed).
+
+    rate: publications of what moves, Hz. ``tell`` gets each line to print. Raises TimeoutError
+    where the nodes don't find each other.
+    """
+
+    def __init__(
+        self,
+        context: Context,
+        objects: int,
+        seed: int,
+        rate: float,
+        seconds: float,
+        tell: Callable[[str], None],
+    ) -> None:
+        topics = (*CHANNELS, "collisions", f"{NODE_NAME}/markers")
+        tell("topics to watch: " + " ".join(f"{NAMESPACE}/{topic}" for topic in topics))
+        tell("starting; the first start on a machine compiles for some seconds")
+        self._rate, self._seconds = rate, seconds
+        self.scene = DemoScene(objects, seed)
+        self.time = 0.0
+        where: Any = {"context": context, "namespace": NAMESPACE}
+        overrides = [
+            Parameter("fixed_frame", value=FRAME),
+            Parameter("trigger", value="arrival"),
+            Parameter("marker_form", value="cubes"),
+        ]
+        self._checker = CollisionNode(
+            parameter_overrides=overrides,
+            cli_args=["--ros-args", "-r", "/diagnostics:=diagnostics"],
+            **where,
+        )
+        where["start_parameter_services"] = False  # six services less to wait for, each time
+        self.publisher = ScenePublisher(self.scene, **where)
+        self.listener = CollisionListener(tell, **where)
+        self._executor = SingleThreadedExecutor(context=context)
+        for node in (self._checker, self.publisher, self.listener):
+            self._executor.add_node(node)
+
+    def run(self, stopped: Callable[[], bool] = lambda: False) -> None:
+        """Show the scene for the time given or until ``stopped``, then bring it to rest."""
+        self.begin()
+        start = perf_counter()
+        self.listener.epoch = self.listener.get_clock().now().nanoseconds
+        timer = self.publisher.create_timer(
+            1.0 / self._rate, lambda: self._step(perf_counter() - start)
+        )
+        self.spin_until(lambda: stopped() or perf_counter() - start >= self._seconds, np.inf)
+        timer.cancel()
+        # exactly the end, so that equal commands end alike
+        self.settle(self.time if stopped() else self._seconds)
+
+    def begin(self) -> None:
+        """Wait for the match of the nodes and publish all objects."""
+        self.spin_until(lambda: self.publisher.matched and self.listener.matched)
+        self.listener.start = self.publisher.publish_all(0.0)
+        self.listener.epoch = self.listener.start
+        self.spin_until(lambda: self.publisher.knows_namespaces and self.listener.cycles > 0)
+
+    def settle(self, time: float) -> None:
+        """Publish the state of a time, topic by topic, each after the last one's collisions.
+
+        Afterwards what the listener knows is about exactly that state.
+        """
+        self.time = time
+        for channel in CHANNELS:
+            stamp = self.publisher.publish_channel(channel, time)
+            if stamp is not None:
+                self.spin_until(lambda stamp=stamp: self.listener.stamp >= stamp)  # type: ignore[misc]
+
+    def spin_until(self, reached: Callable[[], bool], patience: float = PATIENCE) -> None:
+        """Spin until something is reached. Raises TimeoutError after ``patience`` seconds."""
+        limit = perf_counter() + patience
+        while not reached():
+            if perf_counter() > limit:
+                raise TimeoutError("the nodes of the demo did not hear each other in time")
+            self._executor.spin_once(timeout_sec=GLANCE)
+
+    def _step(self, time: float) -> None:
+        self.time = min(time, self._seconds)
+        self.publisher.publish_step(self.time)
+
+    def summary(self) -> list[str]:
+        """Return the lines that end the demo."""
+        heard = self.listener
+        channels = [item.channel for item in self.scene.items]
+        lines = [
+            f"{self.time:.1f} s, {len(channels)} objects, {len(channels) - channels.count('')} "
+            f"moving, {heard.cycles} cycles",
+        ]
+        if heard.latencies:
+            median, p95 = 1e3 * np.percentile(heard.latencies, (50, 95))
+            lines.append(f"publish to collisions: median {median:.1f} ms, p95 {p95:.1f} ms")
+        deep = sum(depth >= TOUCH_DEPTH for depth in heard.pairs.values())
+        lines.append(
+            f"{len(heard.seen)} pairs seen, at most {heard.most} at once; at the end "
+            f"{len(heard.pairs)}, {deep} overlapping and {len(heard.pairs) - deep} touching"
+        )
+        return lines
+
+    def fetch_boxes(self) -> Boxes:
+        """Return the boxes of all objects as the checker's markers show them now."""
+        heard, names = self.listener, self.scene.names
+        heard.watch_boxes(f"{NODE_NAME}/markers")
+        self.spin_until(lambda: heard.boxes_stamp >= heard.stamp and len(heard.boxes) == len(names))
+        poses, sizes = zip(*(heard.boxes[name] for name in names), strict=True)
+        return Boxes.from_poses(np.array(poses), 0.5 * np.array(sizes))
+
+    def save_picture(self, file: Path) -> None:
+        """Draw what the listener knows. ImportError without matplotlib, OSError for the file."""
+        from obb_collision.node.demo.caption import save_picture
+        from obb_collision.node.demo.picture import (
+            COLLIDING,
+            FREE,
+            STATE_NAMES,
+            TOUCHING,
+            bodies_of,
+            render,
+        )
+
+        pairs = list(self.listener.pairs.items())
+        deep = [k for k, (_, depth) in enumerate(pairs) if depth >= TOUCH_DEPTH]
+        states = dict.fromkeys((name for pair, _ in pairs for name in pair), TOUCHING)
+        states |= dict.fromkeys((name for k in deep for name in pairs[k][0]), COLLIDING)
+        kinds = [states.get(name, FREE) for name in self.scene.names]
+        image, places = render(
+            bodies_of(self.scene, self.time),
+            self.fetch_boxes(),
+            np.array(kinds),
+            self.listener.points[deep],
+        )
+        deepest = sorted(range(len(deep)), key=lambda k: -pairs[deep[k]][1])[:MAX_LABELS]
+        labels = [(*places[k], told(*pairs[deep[k]])) for k in deepest]
+        legend = [f"{kinds.count(k)} {word}" for k, word in enumerate(STATE_NAMES)]
+        save_picture(
+            file,
+            image,
+            "obb_collision",
+            f"{len(self.scene.items)} objects, {len(pairs)} pairs in contact",
+            legend,
+            labels,
+        )
+
+    def close(self) -> None:
+        """Take the nodes down."""
+        self._executor.shutdown()
+        for node in (self.listener, self.publisher, self._checker):
+            node.destroy_node()

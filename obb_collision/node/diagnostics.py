@@ -1,0 +1,128 @@
+"""The statuses of ``/diagnostics``: inputs, objects, cycle and QoS."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+
+from obb_collision.node.conversions import name_from_key
+from obb_collision.node.monitors import NANOSECONDS_F, CycleMonitor, InputMonitor
+from obb_collision.node.objects import Objects
+
+OK, WARN = DiagnosticStatus.OK, DiagnosticStatus.WARN
+MAX_NAMED = 10
+"""Objects named in a status; the counts are complete."""
+
+
+def _status(
+    name: str, level: bytes, message: str, values: Iterable[tuple[str, object]]
+) -> DiagnosticStatus:
+    pairs = [KeyValue(key=key, value=str(value)) for key, value in values]
+    return DiagnosticStatus(
+        level=level, name=name, message=message, hardware_id="obb_collision", values=pairs
+    )
+
+
+def input_status(
+    node: str, key: str, monitor: InputMonitor, now: int, seconds: float
+) -> DiagnosticStatus:
+    """Rate, age and refused items by reason of one input, over the last ``seconds``."""
+    messages, refused = monitor.since_last_report()
+    values: list[tuple[str, object]] = [
+        ("topic", monitor.topic),
+        ("messages", monitor.messages),
+        ("rate (Hz)", f"{messages / seconds:.2f}"),
+        (
+            "age (s)",
+            "never" if monitor.last is None else f"{(now - monitor.last) / NANOSECONDS_F:.3f}",
+        ),
+        ("rejected", monitor.refused.total()),
+        ("qos mismatches", monitor.mismatches),
+        *((f"rejected: {reason}", count) for reason, count in sorted(monitor.refused.items())),
+    ]
+    faults = []
+    if refused:
+        faults.append(f"{refused} items rejected")
+    if monitor.mismatches:
+        faults.append("a publisher has incompatible QoS")
+    message = "; ".join(faults) or f"{messages} messages"
+    return _status(f"{node}: input {key}", WARN if faults else OK, message, values)
+
+
+def _some(names: list[str]) -> str:
+    more = len(names) - MAX_NAMED
+    return ", ".join(names[:MAX_NAMED]) + (f" and {more} more" if more > 0 else "")
+
+
+def object_status(node: str, objects: Objects, policy: str, colliding: int) -> DiagnosticStatus:
+    """Count objects: stale, refused (last box kept), unplaceable (no box: not checked)."""
+    table = objects.table
+    stale = table.live & table.stale
+    kept = table.live & table.placed & objects.doubtful & ~stale
+    waiting = table.live & ~table.placed
+    reasons = Counter(objects.unplaceable.values())
+    unplaceable = [name_from_key(key) for key in objects.unplaceable]
+    names = {
+        label: [name_from_key(table.key(slot)) for slot in np.flatnonzero(rows)[: MAX_NAMED + 1]]
+        for label, rows in (("stale", stale), ("refused", kept), ("waiting", waiting))
+    }
+    missing = int(waiting.sum()) + len(unplaceable)
+    values: list[tuple[str, object]] = [
+        ("count", len(table)),
+        ("colliding", colliding),
+        ("stale", int(stale.sum())),
+        ("stale policy", policy),
+        ("refused", int(kept.sum())),
+        ("unplaceable", missing),
+        *((f"unplaceable: {reason}", count) for reason, count in sorted(reasons.items())),
+    ]
+    if waiting.any():
+        values.append(("unplaceable: no transform yet", int(waiting.sum())))
+    names["unplaceable"] = unplaceable + names.pop("waiting")
+    values += [(f"names {label}", _some(some)) for label, some in names.items() if some]
+    faults = [
+        f"{count} {label}"
+        for count, label in (
+            (int(stale.sum()), f"stale ({'ignored' if policy == 'ignore' else 'last box kept'})"),
+            (int(kept.sum()), "refused (last box kept)"),
+            (missing, "unplaceable (not checked)"),
+        )
+        if count
+    ]
+    message = "; ".join(faults) or f"{len(table)} objects"
+    return _status(f"{node}: objects", WARN if faults else OK, message, values)
+
+
+def cycle_status(
+    node: str, cycles: CycleMonitor, enabled: bool, seconds: float
+) -> DiagnosticStatus:
+    """Mean and longest duration of the last cycles, whole and by stage; overruns since start."""
+    overruns_before = cycles.reported_overruns
+    durations, stages = cycles.take()
+    values: list[tuple[str, object]] = [
+        ("enabled", enabled),
+        ("rate (Hz)", f"{len(durations) / seconds:.2f}"),
+        ("overruns", cycles.overruns),
+        ("cycles", cycles.total),
+    ]
+    for name, times in (("cycle", durations), *stages.items()):
+        if times:
+            values.append((f"{name} mean (ms)", f"{1e3 * sum(times) / len(times):.3f}"))
+            values.append((f"{name} max (ms)", f"{1e3 * max(times):.3f}"))
+    faults = []
+    if not enabled:
+        faults.append("disabled: nothing is checked")
+    if cycles.overruns > overruns_before:
+        faults.append(f"{cycles.overruns - overruns_before} cycles took longer than a period")
+    message = "; ".join(faults) or f"{len(durations)} cycles"
+    return _status(f"{node}: cycle", WARN if faults else OK, message, values)
+
+
+def qos_status(node: str, mismatches: dict[str, int]) -> DiagnosticStatus:
+    """Name publishers and subscribers that can't be matched, by topic."""
+    found = {topic: count for topic, count in mismatches.items() if count}
+    message = "incompatible QoS on " + ", ".join(found) if found else "no mismatch"
+    return _status(f"{node}: qos", WARN if found else OK, message, found.items())

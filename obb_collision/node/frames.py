@@ -1,0 +1,71 @@
+"""Where a frame is, seen from the fixed frame: with tf2 any frame, without it the fixed one."""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+from rclpy.node import Node
+from rclpy.time import Time
+
+from obb_collision.node.conversions import FloatArray, transform_from_ros
+from obb_collision.node.errors import RefusedError
+
+try:
+    import tf2_ros
+except ImportError:  # not on PyPI; on a robot it comes with ROS
+    tf2_ros = None
+
+
+class FrameSource(Protocol):
+    """Looks up frames other than the fixed frame."""
+
+    waits: bool
+    """Whether a frame unknown now may be known later."""
+    description: str
+    """For the log: what frames are accepted."""
+
+    def lookup(self, frame: str, stamp: int) -> FloatArray:
+        """Pose (7,) of ``frame`` in the fixed frame at ``stamp`` (ns; 0 is the latest known).
+
+        Raises RefusedError ("unknown frame") where it isn't known (yet).
+        """
+        ...
+
+
+class FixedFrameOnly:
+    """Without tf2: no frame but the fixed one."""
+
+    waits = False
+
+    def __init__(self, fixed_frame: str) -> None:
+        self._fixed_frame = fixed_frame
+        self.description = "fixed frame only (no tf2_ros here)"
+
+    def lookup(self, frame: str, stamp: int) -> FloatArray:
+        """Refuse every frame."""
+        raise RefusedError("unknown frame", f"{frame!r} is not {self._fixed_frame!r}; no tf2 here")
+
+
+class TfFrames:
+    """Frames by tf2, listening on the node's own executor."""
+
+    waits = True
+    description = "tf2"
+
+    def __init__(self, node: Node, fixed_frame: str) -> None:
+        self._fixed_frame = fixed_frame
+        self._buffer: Any = tf2_ros.Buffer(node=node)
+        self._listener: Any = tf2_ros.TransformListener(self._buffer, node, spin_thread=False)
+
+    def lookup(self, frame: str, stamp: int) -> FloatArray:
+        """Pose of ``frame`` from the tf2 buffer, without waiting."""
+        try:
+            found = self._buffer.lookup_transform(self._fixed_frame, frame, Time(nanoseconds=stamp))
+        except tf2_ros.TransformException as error:
+            raise RefusedError("unknown frame", str(error)) from error
+        return transform_from_ros(found.transform)
+
+
+def make_frames(node: Node, fixed_frame: str) -> FrameSource:
+    """Frames by tf2 where it is installed, else the fixed frame only."""
+    return FixedFrameOnly(fixed_frame) if tf2_ros is None else TfFrames(node, fixed_frame)

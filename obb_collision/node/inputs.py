@@ -1,0 +1,175 @@
+"""Messages -> objects: every item is used or refused on its own, and counted if refused."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from geometry_msgs.msg import TransformStamped
+from sensor_msgs.msg import MultiDOFJointState, PointCloud2
+from visualization_msgs.msg import Marker, MarkerArray
+
+from obb_collision.node.clouds import poses_from_ros
+from obb_collision.node.conversions import (
+    FloatArray,
+    Key,
+    name_from_key,
+    pose_faults,
+    pose_from_ros,
+    stamp_from_ros,
+    states_from_ros,
+    transform_from_ros,
+)
+from obb_collision.node.errors import RefusedError
+from obb_collision.node.marker_shapes import shape_from_ros, signature_from_ros
+from obb_collision.node.monitors import InputMonitor
+from obb_collision.node.object_table import Slots
+from obb_collision.node.objects import Objects, State
+
+SHORTEST_LIFETIME = 100_000
+"""RViz takes a marker lifetime up to this (ns) as none."""
+
+
+class Inputs:
+    """Stores the messages of the four input topics; the latest state of an object wins."""
+
+    def __init__(
+        self, objects: Objects, monitors: dict[str, InputMonitor], clock: Callable[[], int]
+    ) -> None:
+        self._objects = objects
+        self._monitors = monitors
+        self._clock = clock
+
+    def take_markers(self, message: MarkerArray) -> None:
+        """Apply a MarkerArray in order, as RViz does."""
+        monitor, now = self._monitors["objects"], self._clock()
+        monitor.received(now)
+        for marker in message.markers:
+            key = (marker.ns, marker.id)
+            try:
+                self._take_marker(marker, key, now)
+            except RefusedError as error:
+                monitor.refuse(now, error.reason, name_from_key(key), error.detail)
+
+    def _take_marker(self, marker: Marker, key: Key, now: int) -> None:
+        objects = self._objects
+        if marker.action == Marker.ADD:
+            self._add(marker, key, now)
+        elif marker.action == Marker.DELETE:
+            objects.remove(key)
+        elif marker.action == Marker.DELETEALL:
+            objects.remove_all(marker.ns or None)  # RViz: all, or all of the namespace
+        else:
+            objects.refuse(key, "unknown action", shape=True)
+            raise RefusedError("unknown action", f"action {marker.action}")
+
+    def _add(self, marker: Marker, key: Key, now: int) -> None:
+        objects, pose = self._objects, pose_from_ros(marker.pose)
+        lifetime = stamp_from_ros(marker.lifetime)
+        expiry = now + lifetime if lifetime > SHORTEST_LIFETIME else None
+        stamp = stamp_from_ros(marker.header.stamp)
+        if objects.is_old(key, stamp):
+            raise RefusedError("older stamp", "a newer state is known")
+        part_is_shape = False
+        try:
+            _check_pose(pose)
+            objects.check_frame(marker.header.frame_id)
+            part_is_shape = True
+            signature = signature_from_ros(marker)
+            same = signature == objects.signature(key)
+            slot = objects.put(key, None if same else shape_from_ros(marker), signature, expiry)
+        except RefusedError as error:
+            objects.refuse(key, error.reason, part_is_shape)
+            raise
+        state = State(marker.header.frame_id, stamp, now)
+        objects.store_poses(np.array([slot]), pose[None], state)
+        if marker.frame_locked:
+            objects.lock(slot)
+
+    def take_transform(self, message: TransformStamped) -> None:
+        """Store one pose."""
+        pose = transform_from_ros(message.transform)[None]
+        self._take_named("object_transform", [message.child_frame_id], pose, message.header)
+
+    def take_states(self, message: MultiDOFJointState) -> None:
+        """Store poses by name. Twists are not used; one list too short is counted, no more."""
+        monitor, now = self._monitors["object_states"], self._clock()
+        try:
+            names, poses = states_from_ros(message)
+        except RefusedError as error:
+            monitor.received(now)
+            monitor.refuse(now, error.reason, detail=error.detail)
+            known = [self._slot(name) for name in message.joint_names]
+            self._objects.refuse_poses(np.array([s for s in known if s >= 0], np.int64))
+            return
+        self._take_named("object_states", names, poses, message.header)
+        if message.twist and len(message.twist) != len(names):
+            detail = f"{len(message.twist)} twists, {len(names)} names; poses used"
+            monitor.refuse(now, "array lengths differ", "twist", detail)
+
+    def take_poses(self, message: PointCloud2) -> None:
+        """Store bulk poses by namespace index and id."""
+        monitor, now = self._monitors["object_poses"], self._clock()
+        monitor.received(now)
+        try:
+            namespaces, ids, poses = poses_from_ros(message)
+            slots = self._objects.table.find(namespaces, ids)
+        except RefusedError as error:
+            monitor.refuse(now, error.reason, detail=error.detail)
+            return
+        self._store("object_poses", slots, poses, message.header, lambda row: f"id {ids[row]}")
+
+    def _take_named(self, topic: str, names: list[str], poses: FloatArray, header: object) -> None:
+        self._monitors[topic].received(self._clock())
+        slots = np.array([self._slot(name) for name in names], np.int64)
+        self._store(topic, slots, poses, header, lambda row: repr(names[row]))
+
+    def _slot(self, name: str) -> int:
+        """Slot of a name, -1 for an unknown one; ``5`` means ``/5``, an empty namespace."""
+        by_name = self._objects.table.by_name
+        return by_name.get(name, by_name.get("/" + name, -1))
+
+    def _store(
+        self,
+        topic: str,
+        slots: Slots,
+        poses: FloatArray,
+        header: object,
+        describe: Callable[[int], str],
+    ) -> None:
+        """Store the good rows; count the others by reason and mark their objects."""
+        monitor, now = self._monitors[topic], self._clock()
+        unknown = slots < 0
+        numbers, quaternions = pose_faults(poses)
+        for reason, bad in (
+            ("unknown object", unknown),
+            ("bad pose", numbers & ~unknown),
+            ("zero quaternion", quaternions & ~unknown),
+        ):
+            if bad.any():
+                item = describe(int(np.argmax(bad)))
+                monitor.refuse(now, reason, item, count=int(np.count_nonzero(bad)))
+        bad = numbers | quaternions
+        good = ~(bad | unknown)
+        if not good.all():
+            refused, slots, poses = slots[bad & ~unknown], slots[good], poses[good]
+        else:
+            refused = slots[:0]
+        state = State(header.frame_id, stamp_from_ros(header.stamp), now)  # type: ignore[attr-defined]
+        try:
+            old = self._objects.store_poses(slots, poses, state)
+            if old.any():
+                monitor.refuse(now, "older stamp", count=int(np.count_nonzero(old)))
+        except RefusedError as error:
+            monitor.refuse(now, error.reason, detail=error.detail, count=max(1, len(slots)))
+            self._objects.refuse_poses(slots)
+        self._objects.refuse_poses(refused)
+
+
+def _check_pose(pose: FloatArray) -> None:
+    """RefusedError unless the pose (7,) can be used."""
+    numbers, quaternions = pose_faults(pose[None])
+    if numbers[0]:
+        raise RefusedError("bad pose", "not finite or too large")
+    if quaternions[0]:
+        raise RefusedError("zero quaternion")

@@ -1,0 +1,85 @@
+"""Counting what comes in, what is refused and why, and how long cycles take."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+NANOSECONDS_F = 1e9
+MAX_REASONS = 64
+"""Reasons counted apart: they are fixed phrases, so this is only a guard."""
+
+
+@dataclass
+class InputMonitor:
+    """One input topic: messages, age, refusals by reason; warns at most once a period."""
+
+    topic: str
+    warn: Callable[[str], None]
+    messages: int = 0
+    last: int | None = None
+    """Time of the last message (ns)."""
+    refused: Counter[str] = field(default_factory=Counter)
+    mismatches: int = 0
+    """Publishers and subscribers seen with incompatible QoS."""
+    warn_period: float = 5.0
+    _seen: int = 0
+    _seen_refused: int = 0
+    _next_warning: int = 0
+    _unwarned: Counter[str] = field(default_factory=Counter)
+
+    def received(self, now: int) -> None:
+        """Count a message."""
+        self.messages += 1
+        self.last = now
+
+    def refuse(
+        self, now: int, reason: str, item: str = "", detail: str = "", count: int = 1
+    ) -> None:
+        """Count refused items; warn about them now or, soon after a warning, with the next one."""
+        if reason not in self.refused and len(self.refused) >= MAX_REASONS:
+            reason = "other"
+        self.refused[reason] += count
+        self._unwarned[reason] += count
+        if 0 <= self._next_warning - now < self.warn_period * NANOSECONDS_F:
+            return
+        self._next_warning = now + int(self.warn_period * NANOSECONDS_F)
+        counts = ", ".join(f"{reason}: {n}" for reason, n in self._unwarned.items())
+        last = " ".join(part for part in (item, f"({detail})" if detail else "") if part)
+        self.warn(f"{self.topic}: refused {counts}" + (f"; last: {last}" if last else ""))
+        self._unwarned.clear()
+
+    def since_last_report(self) -> tuple[int, int]:
+        """Messages and refused items since this was last called."""
+        messages, refused = self.messages - self._seen, self.refused.total() - self._seen_refused
+        self._seen, self._seen_refused = self.messages, self.refused.total()
+        return messages, refused
+
+
+@dataclass
+class CycleMonitor:
+    """Durations of the cycles since the last report, whole and by stage (s)."""
+
+    durations: list[float] = field(default_factory=list)
+    stages: dict[str, list[float]] = field(default_factory=dict)
+    overruns: int = 0
+    """Cycles that took longer than a period, since the start."""
+    total: int = 0
+    reported_overruns: int = 0
+
+    def add(self, stages: dict[str, float], period: float) -> None:
+        """Count a cycle by its stages (s)."""
+        duration = sum(stages.values())
+        self.durations.append(duration)
+        for name, seconds in stages.items():
+            self.stages.setdefault(name, []).append(seconds)
+        self.overruns += duration > period
+        self.total += 1
+
+    def take(self) -> tuple[list[float], dict[str, list[float]]]:
+        """Return the durations, whole and by stage, and begin anew."""
+        taken = self.durations, self.stages
+        self.reported_overruns = self.overruns
+        self.durations, self.stages = [], {}
+        return taken

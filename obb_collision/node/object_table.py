@@ -1,0 +1,149 @@
+"""What the node knows of each object beside its box: key, stamps, lifetime, faults.
+
+One row an object, at the object's scene index, so that a message of thousands of poses is stored
+and a cycle evaluated without a Python loop. All times are whole nanoseconds of the node's clock.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from obb_collision.node.conversions import Key
+from obb_collision.node.errors import RefusedError
+
+Slots = npt.NDArray[np.int64]
+
+NEVER = np.iinfo(np.int64).max
+"""Time of expiry of an object without a lifetime."""
+FIRST_ROWS = 64
+"""Rows of a new table; it doubles when full."""
+ID_BITS = 32
+"""Marker ids are int32: a key in one int64 is the namespace index above, the id below."""
+ID_OFFSET = 1 << (ID_BITS - 1)
+"""Makes ids positive, so that the order of the keys is the order of (ns, id)."""
+
+COLUMNS: dict[str, tuple[Any, tuple[int, ...]]] = {
+    "live": (np.bool_, ()),
+    "ns": (np.int64, ()),  # index into the table of namespaces
+    "id": (np.int64, ()),
+    "pending": (np.bool_, ()),  # a pose is stored that is not in the scene yet
+    "given": (np.float64, (7,)),  # the latest pose as given, in ``frame``
+    "frame": (np.int64, ()),  # index into the table of frames, 0 is the fixed frame
+    "stamp": (np.int64, ()),  # of ``given``; 0: none
+    "order": (np.int64, ()),  # states with an older stamp are dropped
+    "received": (np.int64, ()),
+    "placed": (np.bool_, ()),  # has a world box
+    "world": (np.float64, (7,)),  # the pose in the scene
+    "world_stamp": (np.int64, ()),  # stamp of ``world``; 0: none
+    "expiry": (np.int64, ()),
+    "locked": (np.bool_, ()),  # frame_locked: placed anew every cycle
+    "stale": (np.bool_, ()),
+    "shape_refused": (np.bool_, ()),  # the latest shape could not be used: the last one stays
+    "pose_refused": (np.bool_, ()),  # the latest pose could not be used: the last one stays
+    "frame_refused": (np.bool_, ()),  # the latest pose has no place yet: tried again
+}
+
+
+class ObjectTable:
+    """The columns above, and who is where."""
+
+    live: npt.NDArray[np.bool_]
+    ns: Slots
+    id: Slots
+    pending: npt.NDArray[np.bool_]
+    given: npt.NDArray[np.float64]
+    frame: Slots
+    stamp: Slots
+    order: Slots
+    received: Slots
+    placed: npt.NDArray[np.bool_]
+    world: npt.NDArray[np.float64]
+    world_stamp: Slots
+    expiry: Slots
+    locked: npt.NDArray[np.bool_]
+    stale: npt.NDArray[np.bool_]
+    shape_refused: npt.NDArray[np.bool_]
+    pose_refused: npt.NDArray[np.bool_]
+    frame_refused: npt.NDArray[np.bool_]
+
+    def __init__(self) -> None:
+        self.namespaces: list[str] = []
+        self._namespace_index: dict[str, int] = {}
+        self.slots: dict[Key, int] = {}
+        self.by_name: dict[str, int] = {}
+        self._sorted: tuple[Slots, Slots] | None = None
+        for name, (dtype, shape) in COLUMNS.items():
+            setattr(self, name, np.zeros((FIRST_ROWS, *shape), dtype))
+
+    def __len__(self) -> int:
+        return len(self.slots)
+
+    def claim(self, slot: int, key: Key, name: str) -> None:
+        """Begin a new object at ``slot``, all columns at zero."""
+        while slot >= len(self.live):
+            for column in COLUMNS:
+                old = getattr(self, column)
+                setattr(self, column, np.concatenate((old, np.zeros_like(old))))
+        for column in COLUMNS:
+            getattr(self, column)[slot] = 0
+        self.live[slot] = True
+        self.ns[slot], self.id[slot] = self.namespace_index(key[0]), key[1]
+        self.expiry[slot] = NEVER
+        self.slots[key] = slot
+        self.by_name[name] = slot
+        self._sorted = None
+
+    def release(self, key: Key, name: str) -> int:
+        """End an object; returns the slot it had."""
+        slot = self.slots.pop(key)
+        del self.by_name[name]
+        self.live[slot] = self.pending[slot] = self.placed[slot] = False
+        self._sorted = None
+        return slot
+
+    def namespace_index(self, namespace: str) -> int:
+        """Index of a namespace, a new one at its first use. Indices never change."""
+        index = self._namespace_index.get(namespace)
+        if index is None:
+            index = self._namespace_index[namespace] = len(self.namespaces)
+            self.namespaces.append(namespace)
+        return index
+
+    def knows_namespace(self, namespace: str) -> bool:
+        """Whether the namespace has an index already."""
+        return namespace in self._namespace_index
+
+    def key(self, slot: int) -> Key:
+        """Key of the object at a slot."""
+        return self.namespaces[self.ns[slot]], int(self.id[slot])
+
+    def order_keys(self, slots: Slots) -> Slots:
+        """One int64 per slot that sorts as (ns, id)."""
+        return (self.ns[slots] << ID_BITS) + self.id[slots] + ID_OFFSET
+
+    def find(self, namespaces: Slots | None, ids: Slots) -> Slots:
+        """Slots (n,) of objects by namespace index and id, -1 where there is no such object.
+
+        Without namespace indices all objects must share one namespace: RefusedError otherwise.
+        """
+        if self._sorted is None:
+            slots = np.fromiter(self.slots.values(), np.int64, len(self.slots))
+            keys = self.order_keys(slots)
+            order = np.argsort(keys)
+            self._sorted = (keys[order], slots[order])
+        known, slots = self._sorted
+        if len(known) == 0 or len(ids) == 0:
+            return np.full(len(ids), -1, np.int64)
+        if namespaces is None:
+            first, last = known[0] >> ID_BITS, known[-1] >> ID_BITS
+            if first != last:
+                raise RefusedError("field layout", "several namespaces: field 'ns' is needed")
+            namespaces = np.broadcast_to(first, ids.shape)
+        legal = (ids >= -ID_OFFSET) & (ids < ID_OFFSET)
+        legal &= (namespaces >= 0) & (namespaces < len(self.namespaces))
+        wanted = (namespaces << ID_BITS) + ids + ID_OFFSET
+        at = np.minimum(np.searchsorted(known, wanted), len(known) - 1)
+        return np.where(legal & (known[at] == wanted), slots[at], -1)

@@ -1,0 +1,247 @@
+"""The rig of the node's tests: publishers for its inputs, subscriptions for its outputs.
+
+Nothing here sleeps: every wait spins the one executor until what is waited for is there. States
+carry rising stamps, and ``collisions`` carries the newest one evaluated, so "the answer to this
+state" is a stamp to wait for and not a number of messages.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable, Iterable
+from typing import Any
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import TransformStamped
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from sensor_msgs.msg import MultiDOFJointState, PointCloud2
+from std_msgs.msg import Bool, Header
+from visualization_msgs.msg import Marker, MarkerArray
+
+from obb_collision.node import collisions_from_ros, named_pairs, poses_to_ros
+from obb_collision.node.conversions import (
+    namespaces_from_ros,
+    pose_to_ros,
+    stamp_from_ros,
+    stamp_to_ros,
+    states_to_ros,
+    transform_to_ros,
+)
+from obb_collision.node.node import CollisionNode
+
+os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+DOMAIN = 1 + os.getpid() % 100
+"""Domain id of this run, from the process id."""
+NAMESPACE = f"/test_{os.getpid()}"
+"""Namespace of all nodes of this run: where two runs share a domain by chance, they don't meet."""
+FRAME = "map"
+PATIENCE = 30.0
+"""Seconds after which a wait has failed: long, for loaded machines; never waited for in success."""
+FIRST_STAMP = 1_000_000_000
+
+INPUTS: dict[str, Any] = {
+    "objects": MarkerArray,
+    "object_transform": TransformStamped,
+    "object_states": MultiDOFJointState,
+    "object_poses": PointCloud2,
+}
+OUTPUTS: dict[str, Any] = {
+    "collisions": PointCloud2,
+    "in_collision": Bool,
+    "namespaces": DiagnosticStatus,
+    "collisions_text": DiagnosticArray,
+    "obb_collision/markers": MarkerArray,
+    "/diagnostics": DiagnosticArray,
+}
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+def spin_until(
+    executor: SingleThreadedExecutor, reached: Callable[[], Any], what: str, patience: float
+) -> Any:
+    """Spin until ``reached`` returns something true; returns that."""
+    limit = time.monotonic() + patience
+    while not (result := reached()):
+        assert time.monotonic() < limit, f"waited in vain for {what or reached}"
+        executor.spin_once(timeout_sec=0.05)
+    return result
+
+
+def cube(
+    key: tuple[str, int],
+    position: Iterable[float] = (0.0, 0.0, 0.0),
+    size: Iterable[float] = (1.0, 1.0, 1.0),
+    **fields: Any,
+) -> Marker:
+    """Return an ADD marker of a cube in the fixed frame; more fields by name."""
+    marker = Marker(
+        ns=key[0], id=key[1], type=Marker.CUBE, pose=pose_to_ros((*position, 0, 0, 0, 1))
+    )
+    marker.header.frame_id = FRAME
+    marker.scale.x, marker.scale.y, marker.scale.z = (float(edge) for edge in size)
+    for name, value in fields.items():
+        setattr(marker, name, value)
+    return marker
+
+
+class Client:
+    """A node that talks to a collision node by topics only."""
+
+    def __init__(self, context: Context, executor: SingleThreadedExecutor) -> None:
+        self.executor = executor
+        self.client = Node("client", context=context, namespace=NAMESPACE)
+        self.pubs = {
+            topic: self.client.create_publisher(kind, topic, 100) for topic, kind in INPUTS.items()
+        }
+        self.last: dict[str, Any] = {}
+        self.stamp = FIRST_STAMP
+        self.patience = PATIENCE
+        executor.add_node(self.client)
+
+    def listen(self, *topics: str) -> None:
+        """Subscribe to outputs."""
+        for topic in topics:
+            qos = LATCHED if topic in ("in_collision", "namespaces") else QoSProfile(depth=50)
+
+            def take(message: Any, topic: str = topic) -> None:
+                if topic != "/diagnostics" or message.status[0].name.startswith(NAMESPACE[1:]):
+                    self.last[topic] = message
+
+            self.client.create_subscription(OUTPUTS[topic], topic, take, qos)
+
+    def until(self, reached: Callable[[], Any], what: str = "") -> Any:
+        """Spin until ``reached``."""
+        return spin_until(self.executor, reached, what, self.patience)
+
+    def wait_matched(self) -> None:
+        """Wait until every publisher has the node and ``collisions`` arrive here."""
+        self.until(lambda: all(p.get_subscription_count() for p in self.pubs.values()), "match")
+        self.until(lambda: "collisions" in self.last, "collisions")
+
+    def header(self, frame: str = FRAME) -> Header:
+        """Return a header with the next stamp."""
+        self.stamp += 1_000_000
+        return Header(stamp=stamp_to_ros(self.stamp), frame_id=frame)
+
+    def send(self, *markers: Marker, stamped: bool = True) -> None:
+        """Publish markers, all with the next stamp."""
+        if stamped:
+            stamp = self.header().stamp
+            for marker in markers:
+                marker.header.stamp = stamp
+        self.pubs["objects"].publish(MarkerArray(markers=list(markers)))
+
+    def send_transform(self, name: str, pose: Any, frame: str = FRAME) -> None:
+        """Publish one pose (7,)."""
+        message = TransformStamped(header=self.header(frame), child_frame_id=name)
+        message.transform = transform_to_ros(pose)
+        self.pubs["object_transform"].publish(message)
+
+    def send_states(self, names: list[str], poses: Any, frame: str = FRAME) -> None:
+        """Publish poses (n, 7) by name."""
+        self.pubs["object_states"].publish(states_to_ros(names, poses, self.header(frame)))
+
+    def send_poses(self, ids: Any, poses: Any, namespaces: Any = None, **options: Any) -> None:
+        """Publish bulk poses (n, 7)."""
+        header = self.header(options.pop("frame", FRAME))
+        self.pubs["object_poses"].publish(poses_to_ros(ids, poses, namespaces, header, **options))
+
+    def answer(self) -> PointCloud2:
+        """Wait for the ``collisions`` of the last state sent."""
+
+        def arrived() -> Any:
+            message = self.last.get("collisions")
+            return message is not None and stamp_from_ros(message.header.stamp) == self.stamp
+
+        self.until(arrived, f"collisions of stamp {self.stamp}")
+        return self.last["collisions"]
+
+    def pairs(self) -> set[tuple[str, str]]:
+        """Names of the pairs in the answer to the last state."""
+        rows = collisions_from_ros(self.answer())
+        most = int(max(rows["ns_a"].max(initial=-1), rows["ns_b"].max(initial=-1)))
+        self.namespaces(most + 1)
+        named = named_pairs(self.last["collisions"], self.last["namespaces"])
+        return {(a, b) for a, b, *_ in named}
+
+    def namespaces(self, count: int) -> list[str]:
+        """Wait for a table of at least ``count`` namespaces; topics may overtake each other."""
+        self.until(lambda: len(self.last["namespaces"].values) >= count, "namespaces")
+        return namespaces_from_ros(self.last["namespaces"])
+
+    def next(self, topic: str) -> Any:
+        """Wait for another message of a topic."""
+        self.last.pop(topic, None)
+        return self.until(lambda: self.last.get(topic), topic)
+
+    def status(self, name: str) -> dict[str, str]:
+        """Wait for another ``/diagnostics`` and return the values of one status, by key."""
+        message = self.next("/diagnostics")
+        (found,) = [status for status in message.status if status.name.endswith(name)]
+        assert found.name.startswith(NAMESPACE[1:])
+        return {"message": found.message, "level": found.level.hex()} | {
+            pair.key: pair.value for pair in found.values
+        }
+
+
+class Rig(Client):
+    """A collision node and a client in one context on one executor."""
+
+    def __init__(self, frames: Any = None, **parameters: Any) -> None:
+        self.context = Context()
+        self.context.init(domain_id=DOMAIN)
+        super().__init__(self.context, SingleThreadedExecutor(context=self.context))
+        overrides = [Parameter(name, value=value) for name, value in parameters.items()]
+        self.node = CollisionNode(
+            context=self.context,
+            namespace=NAMESPACE,
+            frames=frames,
+            parameter_overrides=overrides,
+        )
+        self.executor.add_node(self.node)
+        self.listen("collisions", "in_collision", "namespaces")
+        self.wait_matched()
+        self.until(lambda: "namespaces" in self.last and "in_collision" in self.last, "latched")
+
+    def refused(self, topic: str) -> dict[str, int]:
+        """Refused items of an input so far, by reason."""
+        return dict(self.node._monitors[topic].refused)
+
+    def call(self, kind: Any, name: str, request: Any) -> Any:
+        """Call a service of the node."""
+        service = self.client.create_client(kind, name)
+        self.until(service.service_is_ready, name)
+        future = service.call_async(request)
+        return self.until(lambda: future.done() and future.result(), name)
+
+    def set(self, **parameters: Any) -> list[Any]:
+        """Set parameters of the node as a remote client would; returns the results."""
+        return self.node.set_parameters(
+            [Parameter(name, value=value) for name, value in parameters.items()]
+        )
+
+    def __enter__(self) -> Rig:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Take both nodes down."""
+        self.executor.shutdown()
+        self.client.destroy_node()
+        self.node.destroy_node()
+        self.context.try_shutdown()
+
+
+def pose(x: float, y: float = 0.0, z: float = 0.0) -> list[float]:
+    """Return a pose (7,) without rotation."""
+    return [float(x), float(y), float(z), 0.0, 0.0, 0.0, 1.0]
+
+
+def overlaps(a: np.ndarray, b: np.ndarray) -> bool:
+    """Oracle for unrotated cubes (6,) of centre and edges: closed intervals meet on every axis."""
+    return bool((2.0 * np.abs(a[:3] - b[:3]) <= a[3:] + b[3:]).all())

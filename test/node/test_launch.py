@@ -1,0 +1,47 @@
+"""Launch file, parameter file and RViz configuration agree with the node."""
+
+from __future__ import annotations
+
+import runpy
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("rclpy")
+import yaml
+
+from obb_collision.node.parameters import SPECS
+
+ROOT = Path(__file__).parents[2]
+
+
+def test_the_parameter_file_holds_every_parameter_at_its_default() -> None:
+    content = yaml.safe_load((ROOT / "config" / "obb_collision.yaml").read_text())
+    values = content["/**"]["ros__parameters"]
+    assert values == {spec.name: spec.default for spec in SPECS}
+    for spec in SPECS:
+        assert type(values[spec.name]) is type(spec.default), "ROS refuses an int for a double"
+
+
+def displays() -> dict[str, Any]:
+    content = yaml.safe_load((ROOT / "config" / "obb_collision.rviz").read_text())
+    return {display["Name"]: display for display in content["Visualization Manager"]["Displays"]}
+
+
+def test_the_rviz_configuration_shows_the_boxes_and_the_contacts() -> None:
+    shown = displays()
+    assert shown["World boxes"]["Class"] == "rviz_default_plugins/MarkerArray"
+    assert shown["World boxes"]["Topic"]["Value"] == "obb_collision/markers"
+    assert shown["Contacts"]["Class"] == "rviz_default_plugins/PointCloud2"
+    assert shown["Contacts"]["Topic"]["Value"] == "collisions"
+
+
+def test_the_launch_file_describes_the_node() -> None:
+    # by submodule: the folder launch/ of this project also answers to "launch"
+    pytest.importorskip("launch.actions", reason="launch is not installed (not on PyPI)")
+    pytest.importorskip("launch_ros.actions", reason="launch_ros is not installed (not on PyPI)")
+    described = runpy.run_path(str(ROOT / "launch" / "obb_collision.launch.py"))
+    entities = described["generate_launch_description"]().entities
+    nodes = [entity for entity in entities if hasattr(entity, "node_executable")]
+    assert [node.node_executable for node in nodes] == ["obb_collision_node", "rviz2"]
