@@ -24,16 +24,39 @@ def merged_faces(vertices: Floats, faces: Integers) -> Integers:
     return result
 
 
-def boundary_faces(faces: Integers) -> Integers:
-    """Return (k,) the faces that bound a solid, if one is bounded: each triangle once, none flat.
+def boundary_faces(faces: Integers) -> tuple[Integers, bool]:
+    """Return (k,) the faces that may bound a solid, and whether they do (see ``is_closed``).
 
-    Of several faces on the same three corners one counts; one with a repeated corner none.
+    Flat faces (a repeated corner) are none of them, and of copies of a face one is. Copies that
+    face opposite ways are copies in a double-sided mesh; where that leaves the surface open, they
+    may be the walls between two solids, which both count.
     """
     corners = np.sort(faces, axis=1)
     whole = (corners[:, 0] != corners[:, 1]) & (corners[:, 1] != corners[:, 2])
     rows = np.flatnonzero(whole)
     _, first = np.unique(corners[rows], axis=0, return_index=True)
-    return np.sort(rows[first])
+    single = np.sort(rows[first])
+    if is_closed(faces[single]):
+        return single, True
+    turned = np.take_along_axis(faces, (faces.argmin(axis=1)[:, None] + np.arange(3)) % 3, axis=1)
+    _, first = np.unique(turned[rows], axis=0, return_index=True)
+    double = np.sort(rows[first])
+    return (double, True) if is_closed(faces[double]) else (single, False)
+
+
+def is_oriented(faces: Integers) -> bool:
+    """Return whether every edge is run through as often in one direction as in the other.
+
+    Then the surface winds about each point a whole number of times, and inside is where that is
+    not zero, also where several solids overlap.
+    """
+    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    direction = np.where(edges[:, 0] < edges[:, 1], 1, -1)
+    edges = np.sort(edges, axis=1)
+    order = np.lexsort((edges[:, 1], edges[:, 0]))
+    edges = edges[order]
+    starts = np.flatnonzero(np.r_[True, (edges[1:] != edges[:-1]).any(axis=1)])
+    return bool((np.add.reduceat(direction[order], starts) == 0).all())
 
 
 def is_closed(faces: Integers) -> bool:

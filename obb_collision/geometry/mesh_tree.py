@@ -19,7 +19,7 @@ from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.mesh_topology import (
     Integers,
     boundary_faces,
-    is_closed,
+    is_oriented,
     merged_faces,
     piece_corners,
 )
@@ -44,6 +44,7 @@ class TreeArrays(NamedTuple):
     levels: Integers
     roots: Integers
     solid: NDArray[np.bool_]
+    winding: NDArray[np.bool_]
     radii: Floats
     pieces: Floats
     piece_starts: Integers
@@ -57,8 +58,10 @@ class MeshTrees:
     mesh each is; counted (f,): whether it counts for inside and outside (see ``mesh_topology``).
     nodes (m, 16): centre 3, rotation 9 row by row, half extents 3, size; children (m,): the first
     of two adjacent rows, -1 for a leaf; starts (m, 2): the run of triangles; levels (m,): 0 the
-    root. For each mesh: roots, solid, radii (largest distance from the origin), and
-    ``pieces[piece_starts[i]:piece_starts[i + 1]]``, (p, 6, 3) corners of each connected piece.
+    root. For each mesh: roots; solid; winding (inside is where the surface winds about a point,
+    else where a ray crosses it an odd number of times); radii, the largest distance from the
+    origin; ``pieces[piece_starts[i]:piece_starts[i + 1]]``, (p, 6, 3) corners of each connected
+    piece.
     """
 
     triangles: Floats
@@ -70,6 +73,7 @@ class MeshTrees:
     levels: Integers
     roots: Integers
     solid: NDArray[np.bool_]
+    winding: NDArray[np.bool_]
     radii: Floats
     pieces: Floats
     piece_starts: Integers
@@ -88,8 +92,7 @@ class MeshTrees:
         if len(mesh.faces) == 0:
             raise ValueError("faces must hold at least one triangle, got none")
         merged = merged_faces(mesh.vertices, mesh.faces)
-        boundary = boundary_faces(merged)
-        closed = is_closed(merged[boundary])
+        boundary, closed = boundary_faces(merged)
         if solid and not closed:
             raise ValueError("solid must not be true for a mesh that is not watertight")
         counted = np.zeros(len(merged), np.bool_)
@@ -101,6 +104,7 @@ class MeshTrees:
             triangles[order], order, counted[order], nodes, children, starts, levels,
             roots=np.zeros(1, np.int64),
             solid=np.array([closed if solid is None else solid]),
+            winding=np.array([closed and is_oriented(merged[boundary])]),
             radii=np.array([_radius(triangles, nodes)]),
             pieces=pieces,
             piece_starts=np.array([0, len(pieces)]),
@@ -131,6 +135,7 @@ class MeshTrees:
             np.concatenate([t.levels for t in trees]),
             np.concatenate([t.roots + n for t, n in zip(trees, nodes)]),  # noqa: B905
             np.concatenate([t.solid for t in trees]),
+            np.concatenate([t.winding for t in trees]),
             np.concatenate([t.radii for t in trees]),
             np.concatenate([t.pieces for t in trees]),
             np.r_[0, np.concatenate([t.piece_starts[1:] + n for t, n in zip(trees, pieces)])],  # noqa: B905

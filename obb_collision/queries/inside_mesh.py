@@ -1,7 +1,11 @@
 """Is a point inside a watertight mesh? Counting what a ray crosses, certified.
 
-A point off the surface is inside if a ray from it crosses the surface an odd number of times. A
-crossing counts only if three orientations and the side of the point are certain; a ray that
+A point off the surface is inside if a ray from it leaves the surface another number of times than
+it enters it: the surface winds about the point. That holds for solids that overlap, too, and for
+cavities whose faces point inwards. Where faces point this way and that, so that in and out mean
+nothing, it is inside if the ray crosses the surface an odd number of times.
+
+A crossing counts only if three orientations and the side of the point are certain; a ray that
 passes too near to an edge, or a point too near to the surface, gives no answer, and the next
 direction is tried. Triangles are found through the tree: every node that the ray may hit.
 """
@@ -23,6 +27,8 @@ from obb_collision.queries.triangle_signs import (
 )
 
 OUTSIDE, INSIDE, UNKNOWN = 0, 1, -1
+#: Instead of the sign of a crossing: the ray passes too near to an edge to tell.
+GRAZES = 2
 
 #: Directions in no special position, tried in order until a ray grazes nothing.
 DIRECTIONS = np.array(
@@ -42,18 +48,20 @@ TIME_SLACK = 1e-5
 
 
 @njit
-def point_side(trees: TreeArrays, root: int, point: Point, error: float, stack: np.ndarray) -> int:
+def point_side(trees: TreeArrays, mesh: int, point: Point, error: float, stack: np.ndarray) -> int:
     """Return INSIDE or OUTSIDE of a closed mesh where certain, else UNKNOWN.
 
     point: in the frame of the mesh, each component off by at most ``error``; stack (s, 2).
     """
+    root = trees.roots[mesh]
     if _outside_box(trees.nodes, root, point, error):
         return OUTSIDE
     for k in range(len(DIRECTIONS)):
         ray = (DIRECTIONS[k, 0], DIRECTIONS[k, 1], DIRECTIONS[k, 2])
-        side = _parity(trees, root, point, ray, error, stack)
-        if side != UNKNOWN:
-            return side
+        grazes, count = _count_crossings(trees, root, point, ray, error, stack)
+        if not grazes:
+            inside = count != 0 if trees.winding[mesh] else count % 2 == 1
+            return INSIDE if inside else OUTSIDE
     return UNKNOWN
 
 
@@ -70,10 +78,10 @@ def _outside_box(nodes: Floats, n: int, p: Point, error: float) -> bool:
 
 
 @njit
-def _parity(
+def _count_crossings(
     trees: TreeArrays, root: int, point: Point, ray: Point, error: float, stack: np.ndarray
-) -> int:
-    """Return INSIDE or OUTSIDE by the crossings of one ray; UNKNOWN if one is not certain."""
+) -> tuple[bool, int]:
+    """Return whether the ray grazes an edge, and how often it leaves less how often it enters."""
     nodes, children, starts = trees.nodes, trees.children, trees.starts
     triangles, counted = trees.triangles, trees.counted
     crossings = 0
@@ -91,10 +99,10 @@ def _parity(
         for n in range(starts[node, 0], starts[node, 1]):
             if counted[n]:
                 hit = _crosses(triangles, n, point, ray, error)
-                if hit == UNKNOWN:
-                    return UNKNOWN
+                if hit == GRAZES:
+                    return True, 0
                 crossings += hit
-    return crossings % 2
+    return False, crossings
 
 
 @njit
@@ -120,7 +128,7 @@ def _may_hit(nodes: Floats, n: int, p: Point, w: Point, error: float) -> bool:
 
 @njit
 def _crosses(triangles: Floats, n: int, p: Point, w: Point, error: float) -> int:
-    """Return 1 if the ray certainly crosses the inner of a triangle, 0 if it misses it."""
+    """Return 1 or -1 if the ray certainly leaves or enters by a triangle, 0 if it misses it."""
     a, b, c = _from(p, corner(triangles, n, 0)), _from(p, corner(triangles, n, 3)), p
     c = _from(p, corner(triangles, n, 6))
     ab, bc, ca = _ray_sign(w, a, b, error), _ray_sign(w, b, c, error), _ray_sign(w, c, a, error)
@@ -128,13 +136,13 @@ def _crosses(triangles: Floats, n: int, p: Point, w: Point, error: float) -> int
         return 0
     volume = _volume_sign(a, b, c, error)
     if ab == bc == ca != 0 and volume != 0:
-        return 1 if volume == ab else 0
+        return ab if volume == ab else 0
     # All three corners behind the start: no crossing, however near to an edge.
     reach = max(extent(a), extent(b), extent(c)) * 3.0 * extent(w)
     ahead = max(_along(w, a), _along(w, b), _along(w, c))
     if ahead < -(SLAB_SLACK * reach + 16.0 * error):
         return 0
-    return UNKNOWN
+    return GRAZES
 
 
 @njit
@@ -162,32 +170,30 @@ def _volume_sign(a: Point, b: Point, c: Point, error: float) -> int:
     return 1 if value > bound else (-1 if value < -bound else 0)
 
 
-def inside_exactly(corners: list[Vector]) -> bool:
+def inside_exactly(corners: list[Vector], winding: bool) -> bool:
     """Return whether a point is inside a closed mesh, or on its surface, in exact integers.
 
-    corners: the point, then three corners of each counted triangle. Tens of microseconds a
-    triangle. Raises RuntimeError if all directions graze an edge, which takes malice.
+    corners: the point, then three corners of each counted triangle; winding: see ``MeshTrees``.
+    Tens of microseconds a triangle. Raises RuntimeError if all directions graze an edge, which
+    takes malice.
     """
     point, rest = corners[0], corners[1:]
     moved = [(v[0] - point[0], v[1] - point[1], v[2] - point[2]) for v in rest]
     for direction in np.rint(DIRECTIONS * 1e8).astype(int).tolist():
-        crossings = 0
         ray = (direction[0], direction[1], direction[2])
-        for k in range(0, len(moved), 3):
-            hit = _exact_crossing(ray, moved[k], moved[k + 1], moved[k + 2])
-            if hit is None:
-                break
-            crossings += hit
-        else:
-            return crossings % 2 == 1
+        hits = [_exact_crossing(ray, *moved[k : k + 3]) for k in range(0, len(moved), 3)]
+        if GRAZES not in hits:
+            count = sum(hits)
+            return count != 0 if winding else count % 2 == 1
     raise RuntimeError("every ray from the point grazes an edge of the mesh")
 
 
-def _exact_crossing(w: Vector, a: Vector, b: Vector, c: Vector) -> int | None:
-    """Return 1 for a crossing, 0 for none, None where the ray meets an edge."""
+def _exact_crossing(w: Vector, a: Vector, b: Vector, c: Vector) -> int:
+    """Return 1 for leaving, -1 for entering, 0 for no crossing, GRAZES where it meets an edge."""
     sides = [dot(w, cross(a, b)), dot(w, cross(b, c)), dot(w, cross(c, a))]
     if min(sides) < 0 < max(sides):
         return 0
     if 0 in sides:
-        return None if max(dot(w, a), dot(w, b), dot(w, c)) >= 0 else 0
-    return 1 if (dot(a, cross(b, c)) > 0) == (sides[0] > 0) else 0
+        return GRAZES if max(dot(w, a), dot(w, b), dot(w, c)) >= 0 else 0
+    sign = 1 if sides[0] > 0 else -1
+    return sign if dot(a, cross(b, c)) * sign > 0 else 0

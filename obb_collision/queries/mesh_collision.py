@@ -218,4 +218,5 @@ def _inside(a: PlacedMeshes, i: int, b: PlacedMeshes, j: int) -> Iterator[bool]:
     triangles = b.trees.triangles[first:last][b.trees.counted[first:last]].ravel()
     starts = a.trees.piece_starts
     for point in a.trees.pieces[starts[mesh] : starts[mesh + 1], 0]:
-        yield inside_exactly(exact_corners((point, triangles), (a.place(i), b.place(j))))
+        corners = exact_corners((point, triangles), (a.place(i), b.place(j)))
+        yield inside_exactly(corners, bool(b.trees.winding[other]))

@@ -121,7 +121,7 @@ def _piece_side(
     for n in range(pieces.shape[1]):
         point = (pieces[k, n, 0], pieces[k, n, 1], pieces[k, n, 2])
         point = _moved_back(pose, point) if back else moved(pose, point)
-        side = point_side(trees, trees.roots[mesh], point, error, stack)
+        side = point_side(trees, mesh, point, error, stack)
         if side != UNKNOWN:
             return side
     return UNKNOWN

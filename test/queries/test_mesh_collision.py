@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from mesh_zoo import zoo
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 from trimesh import Trimesh, creation
 
 from obb_collision.geometry.boxes import Boxes
-from obb_collision.geometry.mesh_tree import BOX_CORNERS, MeshTrees
+from obb_collision.geometry.mesh_tree import BOX_CORNERS, BOX_FACES, MeshTrees
 from obb_collision.queries.mesh_collision import (
     PlacedMeshes,
     mesh_collisions,
@@ -19,7 +19,11 @@ from obb_collision.queries.mesh_collision import (
     tree_collisions,
 )
 from obb_collision.queries.separation import Verdict, verdicts
+from obb_collision.queries.triangle_exact import exact_triangle_verdict
 from obb_collision.queries.triangles import triangle_verdicts
+
+Floats = NDArray[np.float64]
+Faces = NDArray[np.int64]
 
 ZOO = zoo()
 NAMES = list(ZOO)
@@ -280,3 +284,83 @@ def test_many_faces_in_one_place_end() -> None:
     across = _place(vertices[:, [2, 1, 0]] + np.array([[0.25, 0.0, -0.5]]), np.array([[0, 1, 2]]))
     assert _verdict(heap, above) == Verdict.SEPARATE
     assert _verdict(heap, across) == Verdict.OVERLAP
+
+
+def _winds_about(vertices: Floats, faces: Faces, points: Floats) -> NDArray[np.bool_]:
+    """Whether the solid angles of all triangles sum to something (Van Oosterom, Strackee 1983)."""
+    a, b, c = (vertices[faces[:, k]][None] - points[:, None] for k in range(3))
+    la, lb, lc = (np.linalg.norm(v, axis=2) for v in (a, b, c))
+    top = np.einsum("nij,nij->ni", a, np.cross(b, c))
+    ab, bc, ca = (np.einsum("nij,nij->ni", u, v) for u, v in ((a, b), (b, c), (c, a)))
+    angle = 2.0 * np.arctan2(top, la * lb * lc + ab * lc + bc * la + ca * lb)
+    return np.abs(angle.sum(axis=1)) > 2.0 * np.pi
+
+
+def _points_inside(trees: MeshTrees, points: Floats) -> NDArray[np.bool_]:
+    count = len(points)
+    still, zero = np.tile(np.eye(3), (count, 1, 1)), np.zeros(count, np.int64)
+    speck = MeshTrees.build([[0.0, 0.0, 0.0]], [[0, 0, 0]])
+    body = PlacedMeshes(trees, zero, np.zeros((count, 3)), still)
+    return mesh_collisions(body, PlacedMeshes(speck, zero, points, still))
+
+
+def test_inside_agrees_with_solid_angles() -> None:
+    """Solids that overlap (the crumbs) and cavities included."""
+    rng = np.random.default_rng(8)
+    inside = 0
+    for name, (vertices, faces) in ZOO.items():
+        trees = MeshTrees.build(vertices, faces)
+        if trees.solid[0]:
+            assert trees.winding[0], name
+            points = rng.uniform(-0.5, 0.5, (200, 3))
+            expected = _winds_about(vertices, faces, points)
+            assert (_points_inside(trees, points) == expected).all(), name
+            inside += int(expected.sum())
+    assert inside > 500
+
+
+def test_inside_whatever_way_the_faces_point() -> None:
+    vertices, faces = ZOO["bumpy1"]
+    rng = np.random.default_rng(9)
+    points = rng.uniform(-0.5, 0.5, (300, 3))
+    expected = _winds_about(vertices, faces, points)
+    turned = np.where(rng.random((len(faces), 1)) < 0.5, faces, faces[:, ::-1])
+    double_sided = np.concatenate([faces, faces[:, ::-1]])
+    for variant in (turned, double_sided):
+        trees = MeshTrees.build(vertices, variant)
+        assert trees.solid[0]
+        assert (_points_inside(trees, points) == expected).all()
+
+
+def test_solids_with_a_wall_in_common_are_solid() -> None:
+    """Two boxes side by side, each with the wall between them."""
+    cube, cube_faces = BOX_CORNERS * 0.5, BOX_FACES
+    vertices = np.concatenate([cube, cube + np.array([[1.0, 0.0, 0.0]])])
+    trees = MeshTrees.build(vertices, np.concatenate([cube_faces, cube_faces + 8]))
+    assert trees.solid[0]
+    points = np.array([[0.1, 0.2, 0.3], [1.1, 0.2, 0.3], [1.6, 0.2, 0.3], [-0.4, 0.1, 0.1]])
+    assert _points_inside(trees, points).tolist() == [True, True, False, True]
+
+
+def test_posed_triangles_that_nearly_touch_are_never_judged_wrongly() -> None:
+    """A corner or edge within 1e-12 to 1e-17 of a face or edge, under poses: against integers."""
+    rng = np.random.default_rng(10)
+    count = 400
+    wrong = decided = 0
+    rotations = Rotation.random(2 * count, random_state=rng).as_matrix()
+    for n in range(count):
+        ra, rb = rotations[2 * n], rotations[2 * n + 1]
+        a, b = rng.normal(size=(2, 3, 3))
+        target = rng.dirichlet([1, 1, 1]) @ a if n % 2 else rng.random() * (a[1] - a[0]) + a[0]
+        source = b[0] if n % 4 < 2 else 0.5 * (b[0] + b[1])
+        gap = 10.0 ** rng.uniform(-17, -12) * rng.normal(size=3)
+        offset = ra @ target - rb @ source + gap
+        first = PlacedMeshes(MeshTrees.build(a, [[0, 1, 2]]), [0], np.zeros((1, 3)), ra[None])
+        second = PlacedMeshes(MeshTrees.build(b, [[0, 1, 2]]), [0], offset[None], rb[None])
+        verdict = mesh_verdicts(first, second)[0]
+        truth = exact_triangle_verdict(a.ravel(), first.place(0), b.ravel(), second.place(0))
+        decided += verdict != Verdict.TOUCHING
+        wrong += verdict not in (Verdict.TOUCHING, truth)
+        assert mesh_verdicts(first, second, exact=True)[0] == truth
+    assert wrong == 0
+    assert decided > 0.95 * count
