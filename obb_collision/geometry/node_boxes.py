@@ -28,6 +28,10 @@ WIDENING = 2.0**-47
 SMALLEST = 2.0**-1060
 #: Sweeps of Jacobi's method: cubic convergence leaves roundoffs after 4 to 6 on every matrix tried.
 SWEEPS = 8
+#: Off-diagonal entries below this fraction of the diagonal ones change no double there.
+NEGLIGIBLE = 1e-18
+#: Area that edges squared add, so that triangles without area count where there are no others.
+EDGE_WEIGHT = 1e-6
 #: A vector whose length fell below this fraction when made square to another was parallel to it.
 PARALLEL = 1e-8
 
@@ -70,7 +74,7 @@ def _moments(triangles: Floats, first: int, last: int, covariance: Floats) -> in
         if area > largest_area:
             largest, largest_area = n, area
         # slivers and points count a little, for nodes that have nothing else
-        area += 1e-6 * (ux * ux + uy * uy + uz * uz + vx * vx + vy * vy + vz * vz) + SMALLEST
+        area += EDGE_WEIGHT * (ux * ux + uy * uy + uz * uz + vx * vx + vy * vy + vz * vz) + SMALLEST
         mx, my, mz = ax + bx + cx, ay + by + cy, az + bz + cz
         total += area
         sx += area * mx
@@ -106,7 +110,7 @@ def _eigenvectors(a: Floats, vectors: Floats) -> None:
             return
         for turn in range(3):
             p, q = (0, 1) if turn == 0 else ((0, 2) if turn == 1 else (1, 2))
-            if abs(a[p, q]) <= 1e-18 * (abs(a[p, p]) + abs(a[q, q])):
+            if abs(a[p, q]) <= NEGLIGIBLE * (abs(a[p, p]) + abs(a[q, q])):
                 a[p, q] = 0.0
                 continue
             theta = (a[q, q] - a[p, p]) / (2.0 * a[p, q])
