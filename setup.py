@@ -41,9 +41,9 @@ setup(
     license="Apache-2.0",
     entry_points={
         "console_scripts": [
-            "obb_collision_node = obb_collision.node.node:main",
+            "obb_collision_node = obb_collision.node.commands:node",
             "obb_collision_demo = obb_collision.node.demo:main",
-            "obb_collision_latency = obb_collision.node.latency:main",
+            "obb_collision_latency = obb_collision.node.commands:latency",
             "obb_collision_speed = obb_collision.benchmarks.speed:main",
             "obb_collision_wrong_answers = obb_collision.benchmarks.wrong_answers:main",
         ],

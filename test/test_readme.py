@@ -73,7 +73,7 @@ def test_files_and_links_exist() -> None:
 
 def test_console_scripts_exist() -> None:
     setup = (ROOT / "setup.py").read_text()
-    scripts = dict(re.findall(r'"(obb_collision_\w+) = ([\w.]+):main"', setup))
+    scripts = dict(re.findall(r'"(obb_collision_\w+) = ([\w.]+):\w+"', setup))
     assert set(re.findall(r"obb_collision_(?:node|demo|speed|\w+_answers|latency)", README)) <= set(
         scripts
     )

@@ -1,8 +1,8 @@
 """Peers that do the same full step: set every pose, update, find every colliding pair.
 
-Each peer is built once from the half extents; ``step`` takes centres (n, 3) and rotations
-(n, 3, 3) and returns the set of colliding pairs in the peer's own fastest form; ``pairs`` turns
-that into (i, j) tuples outside the timing.
+Each peer is built once from half extents and first poses, for a tree is only as good as what it is
+built from. ``step`` takes centres (n, 3) and rotations (n, 3, 3) and returns the colliding pairs in
+the peer's own fastest form; ``pairs`` turns that into (i, j) tuples outside the timing.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ def _ordered(pairs: Any) -> set[tuple[int, int]]:
 class OurPairs:
     """``find_pairs`` of this package, the boxes checked at the edge as always."""
 
-    def __init__(self, half_extents: Floats) -> None:
+    def __init__(self, half_extents: Floats, centers: Floats, rotations: Floats) -> None:
         self._half_extents = half_extents
 
     def step(self, centers: Floats, rotations: Floats) -> Any:
@@ -52,7 +52,7 @@ class OurPairs:
 class OurScene:
     """``Scene`` of this package: named objects, with separations, normals and points."""
 
-    def __init__(self, half_extents: Floats) -> None:
+    def __init__(self, half_extents: Floats, centers: Floats, rotations: Floats) -> None:
         self._scene = Scene()
         self._indices = np.array(
             [self._scene.add(f"box/{k}", Box(2.0 * h)) for k, h in enumerate(half_extents)]
@@ -74,11 +74,12 @@ class OurScene:
 class PythonFcl:
     """python-fcl: dynamic AABB tree, box-box collision without contacts."""
 
-    def __init__(self, half_extents: Floats) -> None:
+    def __init__(self, half_extents: Floats, centers: Floats, rotations: Floats) -> None:
         self._fcl = importlib.import_module("fcl")
         geometries = [self._fcl.Box(*(2.0 * h)) for h in half_extents]
         self._number = {id(geometry): k for k, geometry in enumerate(geometries)}
-        self._objects = [self._fcl.CollisionObject(g, self._fcl.Transform()) for g in geometries]
+        transforms = map(self._fcl.Transform, rotations, centers)
+        self._objects = list(map(self._fcl.CollisionObject, geometries, transforms))
         self._manager = self._fcl.DynamicAABBTreeCollisionManager()
         self._manager.registerObjects(self._objects)
         self._manager.setup()
@@ -101,11 +102,12 @@ class PythonFcl:
 class Coal:
     """coal: dynamic AABB tree, one contact a pair."""
 
-    def __init__(self, half_extents: Floats) -> None:
+    def __init__(self, half_extents: Floats, centers: Floats, rotations: Floats) -> None:
         self._coal = importlib.import_module("coal")
         shapes = [self._coal.Box(*(2.0 * h)) for h in half_extents]
         self._half_extents = [shape.halfSide for shape in shapes]
-        self._objects = [self._coal.CollisionObject(s, self._coal.Transform3s()) for s in shapes]
+        transforms = map(self._coal.Transform3s, rotations, centers)
+        self._objects = list(map(self._coal.CollisionObject, shapes, transforms))
         self._manager = self._coal.DynamicAABBTreeCollisionManager()
         for item in self._objects:
             self._manager.registerObject(item)
@@ -134,7 +136,7 @@ class Coal:
 class Mujoco:
     """MuJoCo: free bodies, kinematics and collision only; makes contact manifolds."""
 
-    def __init__(self, half_extents: Floats) -> None:
+    def __init__(self, half_extents: Floats, centers: Floats, rotations: Floats) -> None:
         self._mujoco = importlib.import_module("mujoco")
         bodies = "".join(
             f'<body><freejoint/><geom type="box" size="{h[0]} {h[1]} {h[2]}"/></body>'

@@ -9,7 +9,6 @@ afterwards, whatever the frame (enclosing.py).
 from __future__ import annotations
 
 import numpy as np
-import trimesh
 from numpy.typing import NDArray
 from scipy.spatial import QhullError
 
@@ -137,6 +136,8 @@ def _surface_frame(triangles: Floats) -> Floats:
 
 def minimum_volume_frame(points: Floats) -> Floats | None:
     """Return trimesh's oriented bounds: over hull faces, the least rectangle. None if it fails."""
+    import trimesh  # half a second: only who fits points pays it
+
     hull = convex_hull(points)
     if hull is None:
         return None

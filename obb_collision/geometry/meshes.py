@@ -10,7 +10,6 @@ from typing import Any
 from urllib.parse import unquote, urlparse
 
 import numpy as np
-import trimesh
 from numpy.typing import ArrayLike, NDArray
 
 from obb_collision.geometry.enclosing import ROUNDOFF
@@ -204,6 +203,8 @@ def _read_file(file: Path) -> tuple[Floats, Triangles]:
         raise ValueError("there is no such file")
     if file.suffix.lower() == ".dae" and importlib.util.find_spec("collada") is None:
         raise ValueError("reading DAE needs the package pycollada")
+    import trimesh  # half a second: only who reads files pays it
+
     try:
         scene: Any = trimesh.load(file, force="scene", process=False)
         parts = [part for part in scene.dump() if hasattr(part, "vertices")]

@@ -1,9 +1,10 @@
-"""What the process environment must say before rclpy is used."""
+"""What must be there, and what the environment must say, before rclpy is used."""
 
 from __future__ import annotations
 
 import os
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 
 
@@ -14,3 +15,14 @@ def set_defaults() -> None:
     """
     if (Path(sys.prefix) / "share" / "ament_index").is_dir():
         os.environ.setdefault("AMENT_PREFIX_PATH", sys.prefix)
+
+
+def is_ros_here(program: str) -> bool:
+    """Return whether rclpy and the messages can be imported; if not, say what to do."""
+    missing = [name for name in ("rclpy", "visualization_msgs") if find_spec(name) is None]
+    if missing:
+        sys.stderr.write(
+            f"{program} needs rclpy and common_interfaces: source a ROS 2 installation, "
+            "or install 'obb_collision[ros]' by pip\n"
+        )
+    return not missing

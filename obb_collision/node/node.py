@@ -20,7 +20,9 @@ from rclpy.clock_type import ClockType
 from rclpy.context import Context
 from rclpy.duration import Duration
 from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.exceptions import ParameterException
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.logging import get_logger
 from rclpy.node import Node
 from rclpy.qos import QoSPolicyKind, QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
@@ -283,7 +285,11 @@ def run(make_node: Callable[[Context], Node], args: Sequence[str] | None = None)
             return 0
         # first, for rclpy's executor can't be made half once the context is gone
         executor = SingleThreadedExecutor(context=context)
-        node = make_node(context)
+        try:
+            node = make_node(context)
+        except (ValueError, ParameterException) as error:  # a parameter that can't be used
+            get_logger(NODE_NAME).fatal(str(error))
+            return 1
         executor.add_node(node)
         executor.spin()
     except ExternalShutdownException:

@@ -193,7 +193,7 @@ def test_bad_options_are_refused_with_a_reason(
 def test_without_rclpy_it_says_how_to_get_it(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("obb_collision.node.demo.command.find_spec", lambda name: None)
+    monkeypatch.setattr("obb_collision.node.environment.find_spec", lambda name: None)
     assert main([]) == 1
     assert capsys.readouterr().err.splitlines() == [
         "obb_collision_demo needs rclpy and common_interfaces: source a ROS 2 installation, "

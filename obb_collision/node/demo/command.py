@@ -8,12 +8,11 @@ import os
 import signal
 import sys
 from collections.abc import Callable, Sequence
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TextIO
 
 from obb_collision.node.demo.layout import DEFAULT_OBJECTS, DEFAULT_SEED, MIN_OBJECTS
-from obb_collision.node.environment import set_defaults
+from obb_collision.node.environment import is_ros_here, set_defaults
 
 #: More would be a load test; ``obb_collision_latency`` is one.
 MAX_OBJECTS = 5000
@@ -26,12 +25,7 @@ def main(args: Sequence[str] | None = None) -> int:
     arguments = list(sys.argv[1:] if args is None else args)
     own = arguments[: arguments.index("--ros-args")] if "--ros-args" in arguments else arguments
     options = make_parser().parse_args(own)
-    if any(find_spec(name) is None for name in ("rclpy", "visualization_msgs")):
-        _say(
-            "obb_collision_demo needs rclpy and common_interfaces: source a ROS 2 installation, "
-            "or install 'obb_collision[ros]' by pip",
-            sys.stderr,
-        )
+    if not is_ros_here("obb_collision_demo"):
         return 1
     set_defaults()
     # The demo is for this machine; who wants it on the network says so.
