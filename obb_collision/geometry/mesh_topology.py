@@ -1,0 +1,92 @@
+"""What a triangle mesh is: closed or open, and of how many pieces."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+from obb_collision.geometry.validation import Floats
+
+Integers = NDArray[np.int64]
+
+
+def merged_faces(vertices: Floats, faces: Integers) -> Integers:
+    """Return faces (m, 3) with vertices (n, 3) of the same place made one, in the same order.
+
+    Files often store every triangle with corners of its own (STL always does).
+    """
+    # adding zero makes -0.0 and 0.0 the same place
+    keys = np.ascontiguousarray(vertices + 0.0).view([("", vertices.dtype)] * 3).ravel()
+    _, first, inverse = np.unique(keys, return_index=True, return_inverse=True)
+    result: Integers = first[inverse.ravel()][faces]
+    return result
+
+
+def boundary_faces(faces: Integers) -> tuple[Integers, bool]:
+    """Return (k,) the faces that may bound a solid, and whether they do (see ``is_closed``).
+
+    Flat faces (a repeated corner) are none of them, and of copies of a face one is. Copies that
+    face opposite ways are copies in a double-sided mesh; where that leaves the surface open, they
+    may be the walls between two solids, which both count.
+    """
+    corners = np.sort(faces, axis=1)
+    whole = (corners[:, 0] != corners[:, 1]) & (corners[:, 1] != corners[:, 2])
+    rows = np.flatnonzero(whole)
+    _, first = np.unique(corners[rows], axis=0, return_index=True)
+    single = np.sort(rows[first])
+    if is_closed(faces[single]):
+        return single, True
+    turned = np.take_along_axis(faces, (faces.argmin(axis=1)[:, None] + np.arange(3)) % 3, axis=1)
+    _, first = np.unique(turned[rows], axis=0, return_index=True)
+    double = np.sort(rows[first])
+    return (double, True) if is_closed(faces[double]) else (single, False)
+
+
+def is_oriented(faces: Integers) -> bool:
+    """Return whether every edge is run through as often in one direction as in the other.
+
+    Then the surface winds about each point a whole number of times, and inside is where that is
+    not zero, also where several solids overlap.
+    """
+    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    direction = np.where(edges[:, 0] < edges[:, 1], 1, -1)
+    edges = np.sort(edges, axis=1)
+    order = np.lexsort((edges[:, 1], edges[:, 0]))
+    edges = edges[order]
+    starts = np.flatnonzero(np.r_[True, (edges[1:] != edges[:-1]).any(axis=1)])
+    return bool((np.add.reduceat(direction[order], starts) == 0).all())
+
+
+def is_closed(faces: Integers) -> bool:
+    """Return whether every edge of faces (m, 3) borders an even number of them, and some exist.
+
+    That is what inside and outside by counting crossings need. A manifold has two faces at every
+    edge; solids that share an edge have four.
+    """
+    if len(faces) == 0:
+        return False
+    edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
+    order = np.lexsort((edges[:, 1], edges[:, 0]))
+    edges = edges[order]
+    starts = np.flatnonzero(np.r_[True, (edges[1:] != edges[:-1]).any(axis=1)])
+    return bool((np.diff(np.r_[starts, len(edges)]) % 2 == 0).all())
+
+
+def piece_corners(vertices: Floats, faces: Integers) -> Integers:
+    """Return (k, 6) vertices of each connected piece of the surface: the extremes along x, y, z.
+
+    Several, so that some lie well off whatever a piece rests on.
+    """
+    pairs = np.concatenate([faces[:, :2], faces[:, 1:]])
+    size = int(faces.max()) + 1
+    graph = coo_matrix((np.ones(len(pairs), np.int8), (pairs[:, 0], pairs[:, 1])), (size, size))
+    _, labels = connected_components(graph, directed=False)
+    used = np.unique(faces)
+    extremes = []
+    for k in range(3):
+        order = used[np.lexsort((vertices[used, k], labels[used]))]
+        change = np.flatnonzero(np.diff(labels[order])) + 1
+        extremes += [order[np.r_[0, change]], order[np.r_[change, len(order)] - 1]]
+    return np.stack(extremes, axis=1)

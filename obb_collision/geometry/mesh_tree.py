@@ -1,0 +1,182 @@
+"""OBB trees over triangle meshes (Gottschalk, Lin, Manocha 1996), many of them as arrays.
+
+A node is split in two along its longest axis at the mean of its triangles' centroids, or in
+halves where that is too lopsided, down to a few triangles. Every node's box certainly contains
+its triangles: in exact arithmetic, for the doubles as stored.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from obb_collision.geometry.boxes import Boxes
+from obb_collision.geometry.mesh_topology import (
+    Integers,
+    boundary_faces,
+    is_oriented,
+    merged_faces,
+    piece_corners,
+)
+from obb_collision.geometry.meshes import Mesh
+from obb_collision.geometry.node_boxes import HALF
+from obb_collision.geometry.tree_build import build_tree
+from obb_collision.geometry.validation import Floats
+
+#: Triangles in a leaf: fewer make more nodes, more test too many triangles.
+LEAF = 2
+
+
+class TreeArrays(NamedTuple):
+    """The arrays of ``MeshTrees``, by the same names, for kernels."""
+
+    triangles: Floats
+    faces: Integers
+    counted: NDArray[np.bool_]
+    nodes: Floats
+    children: Integers
+    starts: Integers
+    levels: Integers
+    roots: Integers
+    solid: NDArray[np.bool_]
+    winding: NDArray[np.bool_]
+    radii: Floats
+    pieces: Floats
+    piece_starts: Integers
+
+
+@dataclass(frozen=True, eq=False)
+class MeshTrees:
+    """OBB trees of k meshes, metres, each in the frame of its mesh.
+
+    triangles (f, 9): the three corners, those of a node in one run; faces (f,): which face of its
+    mesh each is; counted (f,): whether it counts for inside and outside (see ``mesh_topology``).
+    nodes (m, 16): centre 3, rotation 9 row by row, half extents 3, size; children (m,): the first
+    of two adjacent rows, -1 for a leaf; starts (m, 2): the run of triangles; levels (m,): 0 the
+    root. For each mesh: roots; solid; winding (inside is where the surface winds about a point,
+    else where a ray crosses it an odd number of times); radii, the largest distance from the
+    origin; ``pieces[piece_starts[i]:piece_starts[i + 1]]``, (p, 6, 3) corners of each connected
+    piece.
+    """
+
+    triangles: Floats
+    faces: Integers
+    counted: NDArray[np.bool_]
+    nodes: Floats
+    children: Integers
+    starts: Integers
+    levels: Integers
+    roots: Integers
+    solid: NDArray[np.bool_]
+    winding: NDArray[np.bool_]
+    radii: Floats
+    pieces: Floats
+    piece_starts: Integers
+
+    @classmethod
+    def build(
+        cls, vertices: ArrayLike, faces: ArrayLike, solid: bool | None = None, leaf: int = LEAF
+    ) -> MeshTrees:
+        """Return the tree of one mesh: vertices (n, 3) metres, faces (m, 3), m >= 1.
+
+        ``solid``: whether it is a body or a surface; None: a body if watertight. Raises
+        ValueError for numbers that are not finite, faces out of range or none at all, and for
+        a surface with a boundary that is said to be solid.
+        """
+        mesh = Mesh(vertices, faces)
+        if len(mesh.faces) == 0:
+            raise ValueError("faces must hold at least one triangle, got none")
+        merged = merged_faces(mesh.vertices, mesh.faces)
+        boundary, closed = boundary_faces(merged)
+        if solid and not closed:
+            raise ValueError("solid must not be true for a mesh that is not watertight")
+        counted = np.zeros(len(merged), np.bool_)
+        counted[boundary] = True
+        triangles = mesh.vertices[mesh.faces].reshape(-1, 9)
+        order, nodes, children, starts, levels = build_tree(triangles, leaf)
+        pieces = mesh.vertices[piece_corners(mesh.vertices, merged)]
+        return cls(
+            triangles[order], order, counted[order], nodes, children, starts, levels,
+            roots=np.zeros(1, np.int64),
+            solid=np.array([closed if solid is None else solid]),
+            winding=np.array([closed and is_oriented(merged[boundary])]),
+            radii=np.array([_radius(triangles, nodes)]),
+            pieces=pieces,
+            piece_starts=np.array([0, len(pieces)]),
+        )  # fmt: skip
+
+    @classmethod
+    def from_half_extents(cls, half_extents: ArrayLike) -> MeshTrees:
+        """Return the trees of k solid boxes about the origin, half extents (k, 3) metres."""
+        rows = np.atleast_2d(np.asarray(half_extents, np.float64))
+        return cls.join([cls.build(BOX_CORNERS * row, BOX_FACES) for row in rows])
+
+    @classmethod
+    def join(cls, trees: Sequence[MeshTrees]) -> MeshTrees:
+        """Return all trees of several in one, in order."""
+        if not trees:
+            raise ValueError("trees must not be empty")
+        nodes = np.cumsum([0, *(len(t.nodes) for t in trees)])
+        triangles = np.cumsum([0, *(len(t.triangles) for t in trees)])
+        pieces = np.cumsum([0, *(len(t.pieces) for t in trees)])
+        shifted = [np.where(t.children < 0, -1, t.children + n) for t, n in zip(trees, nodes)]  # noqa: B905
+        return cls(
+            np.concatenate([t.triangles for t in trees]),
+            np.concatenate([t.faces for t in trees]),
+            np.concatenate([t.counted for t in trees]),
+            np.concatenate([t.nodes for t in trees]),
+            np.concatenate(shifted),
+            np.concatenate([t.starts + n for t, n in zip(trees, triangles)]),  # noqa: B905
+            np.concatenate([t.levels for t in trees]),
+            np.concatenate([t.roots + n for t, n in zip(trees, nodes)]),  # noqa: B905
+            np.concatenate([t.solid for t in trees]),
+            np.concatenate([t.winding for t in trees]),
+            np.concatenate([t.radii for t in trees]),
+            np.concatenate([t.pieces for t in trees]),
+            np.r_[0, np.concatenate([t.piece_starts[1:] + n for t, n in zip(trees, pieces)])],  # noqa: B905
+        )
+
+    def __len__(self) -> int:
+        return len(self.roots)
+
+    @cached_property
+    def arrays(self) -> TreeArrays:
+        """All arrays, for kernels."""
+        return TreeArrays(*(getattr(self, item.name) for item in fields(self)))
+
+    def boxes(self, index: int, depth: int) -> Boxes:
+        """Return the boxes of mesh ``index`` at a depth, at most 2^depth, in the mesh's frame."""
+        rows = self.rows(index, depth)
+        rotations = self.nodes[rows, 3:HALF].reshape(-1, 3, 3)
+        return Boxes.trusted(
+            self.nodes[rows, :3].copy(), rotations.copy(), self.nodes[rows, HALF : HALF + 3].copy()
+        )
+
+    def rows(self, index: int, depth: int) -> Integers:
+        """Return the nodes at a depth, with the leaves above it: together they hold all."""
+        last = self.roots[index + 1] if index + 1 < len(self) else len(self.nodes)
+        rows = np.arange(self.roots[index], last)
+        leaf = self.children[rows] < 0
+        level = self.levels[rows]
+        return rows[(level == depth) | (leaf & (level < depth))]
+
+
+#: Corners (8, 3) and outward faces (12, 3) of the box of half extents one.
+BOX_CORNERS = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
+BOX_FACES = np.array(
+    [
+        [0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1],
+        [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3],
+    ]
+)  # fmt: skip
+
+
+def _radius(triangles: Floats, nodes: Floats) -> float:
+    """Return a bound on the distance of every triangle and node box from the origin, metres."""
+    sizes = np.abs(nodes[:, :3]).sum(axis=1) + nodes[:, HALF : HALF + 3].sum(axis=1)
+    return float(max(np.abs(triangles).max() * 2.0, sizes.max()))

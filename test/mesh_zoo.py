@@ -1,0 +1,121 @@
+"""Generated meshes of every kind: convex or not, with holes, in pieces, open, odd."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+from trimesh import creation
+
+Arrays = tuple[NDArray[np.float64], NDArray[np.int64]]
+
+
+def _arrays(mesh: Any) -> Arrays:
+    return np.array(mesh.vertices, float), np.array(mesh.faces, np.int64)
+
+
+def _prism(outline: NDArray[np.floating], height: float) -> Arrays:
+    """Extrude a star-shaped outline (n, 2) about the origin; no polygon library needed."""
+    n = len(outline)
+    low = np.column_stack([outline, np.zeros(n)])
+    up = np.array([[0.0, 0.0, height]])
+    vertices = np.concatenate([low, low + up, 0.0 * up, up])
+    k, nxt = np.arange(n), (np.arange(n) + 1) % n
+    faces = [
+        np.column_stack([k, nxt, k + n]), np.column_stack([nxt, nxt + n, k + n]),
+        np.column_stack([nxt, k, np.full(n, 2 * n)]),
+        np.column_stack([k + n, nxt + n, np.full(n, 2 * n + 1)]),
+    ]  # fmt: skip
+    return vertices - 0.5 * up, np.concatenate(faces)
+
+
+def _star(rng: np.random.Generator, points: int) -> Arrays:
+    radii = np.where(np.arange(2 * points) % 2, rng.uniform(0.15, 0.35), rng.uniform(0.4, 0.6))
+    angles = np.linspace(0.0, 2.0 * np.pi, 2 * points, endpoint=False)
+    outline = radii[:, None] * np.column_stack([np.cos(angles), np.sin(angles)])
+    return _prism(outline, rng.uniform(0.1, 0.6))
+
+
+def _bumpy(rng: np.random.Generator, subdivisions: int) -> Arrays:
+    vertices, faces = _arrays(creation.icosphere(subdivisions=subdivisions, radius=0.4))
+    waves = np.sin(vertices @ rng.normal(0.0, 8.0, (3, 4))).sum(axis=1)
+    return vertices * (1.0 + 0.12 * waves)[:, None], faces
+
+
+def _hull(rng: np.random.Generator, count: int) -> Arrays:
+    points = rng.normal(size=(count, 3)) * rng.uniform(0.05, 0.4, 3)
+    return _arrays(trimesh.convex.convex_hull(points))
+
+
+def _opened(arrays: Arrays, rng: np.random.Generator, share: float) -> Arrays:
+    vertices, faces = arrays
+    return vertices, faces[rng.random(len(faces)) < share]
+
+
+def _sheet(rng: np.random.Generator, n: int) -> Arrays:
+    grid = np.linspace(-0.5, 0.5, n)
+    x, y = (g.ravel() for g in np.meshgrid(grid, grid))
+    vertices = np.column_stack([x, y, 0.15 * np.sin(5.0 * x + rng.random()) * np.cos(4.0 * y)])
+    k = (np.arange(n - 1)[:, None] * n + np.arange(n - 1)).ravel()
+    faces = np.concatenate(
+        [np.column_stack([k, k + 1, k + n]), np.column_stack([k + 1, k + n + 1, k + n])]
+    )
+    return vertices, faces
+
+
+def _joined(parts: list[Arrays], offsets: NDArray[np.floating]) -> Arrays:
+    counts = np.cumsum([0, *(len(v) for v, _ in parts)])
+    vertices = [v + o for (v, _), o in zip(parts, offsets, strict=True)]
+    faces = [f + n for (_, f), n in zip(parts, counts[:-1], strict=True)]
+    return np.concatenate(vertices), np.concatenate(faces)
+
+
+def _hollow(outer: Arrays, shrink: float) -> Arrays:
+    """Make a shell with a cavity: what lies in the cavity doesn't collide."""
+    inner = (outer[0] * shrink, outer[1][:, ::-1])
+    return _joined([outer, inner], np.zeros((2, 3)))
+
+
+def zoo() -> dict[str, Arrays]:
+    """Meshes by name, of size about 1 m; 66 of them."""
+    rng = np.random.default_rng(4)
+    meshes: dict[str, Arrays] = {}
+    for n in range(4):
+        size = rng.uniform(0.2, 1.0, 3)
+        meshes[f"box{n}"] = _arrays(creation.box(size))
+        meshes[f"fine_box{n}"] = _arrays(creation.box(size).subdivide().subdivide())
+        meshes[f"sphere{n}"] = _arrays(creation.icosphere(subdivisions=n, radius=0.45))
+        meshes[f"uv_sphere{n}"] = _arrays(creation.uv_sphere(radius=0.4, count=[4 + 4 * n] * 2))
+        meshes[f"cylinder{n}"] = _arrays(creation.cylinder(rng.uniform(0.1, 0.8), 0.5, sections=16))
+        meshes[f"cone{n}"] = _arrays(creation.cone(rng.uniform(0.2, 0.8), 0.6, sections=12 + n))
+        meshes[f"capsule{n}"] = _arrays(creation.capsule(0.6, rng.uniform(0.1, 0.4), count=[8, 8]))
+        inner = rng.uniform(0.1, 0.4)
+        meshes[f"annulus{n}"] = _arrays(creation.annulus(inner, 0.45, rng.uniform(0.1, 0.6)))
+        meshes[f"torus{n}"] = _arrays(creation.torus(0.4, 0.05 + 0.05 * n, 24, 12))
+        meshes[f"star{n}"] = _star(rng, 3 + 2 * n)
+        meshes[f"bumpy{n}"] = _bumpy(rng, 1 + n % 3)
+        meshes[f"hull{n}"] = _hull(rng, 8 * 4**n)
+        meshes[f"open_sphere{n}"] = _opened(_bumpy(rng, 1 + n % 3), rng, 0.7)
+        meshes[f"sheet{n}"] = _sheet(rng, 3 + 4 * n)
+        meshes[f"hollow{n}"] = _hollow(_bumpy(rng, 2), 0.5 + 0.1 * n)
+        crumbs = [_hull(rng, 10) for _ in range(5)]
+        crumbs = [(0.3 * v, f) for v, f in crumbs]
+        meshes[f"crumbs{n}"] = _joined(crumbs, rng.uniform(-0.4, 0.4, (5, 3)))
+    meshes["triangle"] = (np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2]]))
+    meshes["moebius"] = _moebius()
+    return meshes
+
+
+def _moebius(n: int = 48) -> Arrays:
+    t = np.linspace(0.0, 2.0 * np.pi, n, endpoint=False)
+    rows = []
+    for s in (-0.15, 0.15):
+        r = 0.4 + s * np.cos(0.5 * t)
+        rows.append(np.column_stack([r * np.cos(t), r * np.sin(t), s * np.sin(0.5 * t)]))
+    k = np.arange(n)
+    nxt, up, up_nxt = (k + 1) % n, k + n, (k + 1) % n + n
+    nxt[-1], up_nxt[-1] = n, 0  # half a turn
+    faces = [np.column_stack([k, nxt, up]), np.column_stack([nxt, up_nxt, up])]
+    return np.concatenate(rows), np.concatenate(faces)
