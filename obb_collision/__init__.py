@@ -22,6 +22,7 @@ check), ``node`` (ROS), and ``benchmarks`` beside it.
 
 from obb_collision.geometry.aabb import AABB
 from obb_collision.geometry.boxes import Boxes
+from obb_collision.geometry.mesh_tree import MeshTrees
 from obb_collision.geometry.shapes import (
     Box,
     Capsule,
@@ -34,6 +35,13 @@ from obb_collision.geometry.shapes import (
     Sphere,
 )
 from obb_collision.obb import OBB, Separation
+from obb_collision.queries.mesh_collision import (
+    PlacedMeshes,
+    mesh_collisions,
+    mesh_contacts,
+    mesh_verdicts,
+    tree_collisions,
+)
 from obb_collision.queries.separation import Verdict, verdicts
 from obb_collision.scene.pairs import find_pairs
 from obb_collision.scene.report import Report
@@ -52,6 +60,8 @@ __all__ = [
     "Ellipsoid",
     "Hull",
     "Mesh",
+    "MeshTrees",
+    "PlacedMeshes",
     "Report",
     "Scene",
     "Separation",
@@ -59,5 +69,9 @@ __all__ = [
     "Sphere",
     "Verdict",
     "find_pairs",
+    "mesh_collisions",
+    "mesh_contacts",
+    "mesh_verdicts",
+    "tree_collisions",
     "verdicts",
 ]
