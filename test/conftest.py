@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from typing import Any
+
 import pytest
 from hypothesis import HealthCheck, settings
 
@@ -32,3 +35,12 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 def pairs(request: pytest.FixtureRequest) -> int:
     """How many pairs of each family to check."""
     return int(request.config.getoption("--pairs"))
+
+
+@pytest.fixture
+def rig() -> Iterator[Any]:
+    """Yield a collision node with its outside world: ``rig.Rig`` of test/node."""
+    from rig import Rig
+
+    with Rig() as made:
+        yield made

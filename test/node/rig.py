@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterable
 from typing import Any
 
 import numpy as np
+import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import TransformStamped
 from rclpy.context import Context
@@ -245,3 +246,14 @@ def pose(x: float, y: float = 0.0, z: float = 0.0) -> list[float]:
 def overlaps(a: np.ndarray, b: np.ndarray) -> bool:
     """Oracle for unrotated cubes (6,) of centre and edges: closed intervals meet on every axis."""
     return bool((2.0 * np.abs(a[:3] - b[:3]) <= a[3:] + b[3:]).all())
+
+
+def sync(rig: Client) -> set[tuple[str, str]]:
+    """Pairs once everything sent before is taken in: a far cube's state comes after it."""
+    rig.send(cube(("sync", 0), (1e3, 1e3, 1e3)))
+    return rig.pairs()
+
+
+def color(marker: Marker) -> Any:
+    """Colour of a marker, to compare with."""
+    return pytest.approx((marker.color.r, marker.color.g, marker.color.b, marker.color.a))

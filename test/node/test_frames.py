@@ -1,0 +1,97 @@
+"""Frames other than the fixed one."""
+
+from __future__ import annotations
+
+import importlib.util
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+from rig import Rig, cube, pose
+from visualization_msgs.msg import Marker
+
+from obb_collision.node import collisions_from_ros
+from obb_collision.node.errors import RefusedError
+
+A1, A2, B1 = ("a", 1), ("a", 2), ("b", 1)
+NAN = float("nan")
+
+
+class FakeFrames:
+    """Frames that a test moves about."""
+
+    waits = True
+    description = "a test"
+
+    def __init__(self) -> None:
+        self.known: dict[str, list[float]] = {}
+        self.asked: list[tuple[str, int]] = []
+
+    def lookup(self, frame: str, stamp: int) -> Any:
+        self.asked.append((frame, stamp))
+        if frame not in self.known:
+            raise RefusedError("unknown frame", frame)
+        return np.array(self.known[frame])
+
+
+def in_frame(marker: Marker, frame: str) -> Marker:
+    marker.header.frame_id = frame
+    return marker
+
+
+def test_poses_in_other_frames_are_placed_at_their_stamp() -> None:
+    frames = FakeFrames()
+    turn = np.sqrt(0.5)
+    frames.known["robot"] = [5.0, 0.0, 0.0, 0.0, 0.0, turn, turn]
+    with Rig(frames) as rig:
+        rig.send(cube(A1, (5, 2, 0)), in_frame(cube(A2, (1.5, 0, 0)), "robot"))
+        assert rig.pairs() == {("a/1", "a/2")}
+        assert ("robot", rig.stamp) in frames.asked
+        frames.known["robot"][0] = 9.0
+        rig.send_transform("a/1", pose(5, 2))
+        assert rig.pairs() == {("a/1", "a/2")}, "not locked: stays where it was placed"
+        rig.send_poses([2], [pose(1.5)], frame="robot")
+        assert rig.pairs() == set()
+
+
+def test_frame_locked_objects_follow_their_frame() -> None:
+    frames = FakeFrames()
+    frames.known["robot"] = pose(5.0)
+    with Rig(frames) as rig:
+        rig.send(cube(A1), in_frame(cube(A2, frame_locked=True), "robot"))
+        assert rig.pairs() == set()
+        frames.known["robot"] = pose(0.5)
+        rig.until(lambda: len(collisions_from_ros(rig.next("collisions"))) == 1, "followed")
+        assert ("robot", 0) in frames.asked
+        del frames.known["robot"]
+        table = rig.node.objects.table
+        rig.until(lambda: rig.node.objects.doubtful[table.slots[A2]], "doubt")
+        assert len(collisions_from_ros(rig.next("collisions"))) == 1, "keeps its last box"
+
+
+def test_an_object_whose_frame_is_not_known_yet_is_unplaceable_until_it_is() -> None:
+    frames = FakeFrames()
+    with Rig(frames, transform_timeout=0.0) as rig:
+        rig.listen("/diagnostics")
+        rig.send(cube(A1), in_frame(cube(A2), "late"))
+        rig.until(lambda: rig.refused("objects") == {"unknown frame": 1}, "refusal")
+        assert rig.status(": objects")["names unplaceable"] == "a/2"
+        frames.known["late"] = pose(0.5)
+        rig.until(lambda: len(collisions_from_ros(rig.next("collisions"))) == 1, "placed")
+        assert rig.refused("objects") == {"unknown frame": 1}, "counted once"
+        assert rig.status(": objects")["unplaceable"] == "0"
+
+
+def test_tf2_frames_are_used_where_tf2_is_installed() -> None:
+    pytest.importorskip("tf2_ros")
+    with Rig() as rig:
+        assert rig.node._frames.description == "tf2"
+
+
+def test_without_tf2_the_node_says_so() -> None:
+    if importlib.util.find_spec("tf2_ros") is not None:
+        pytest.skip("tf2_ros is installed")
+    with Rig() as rig:
+        assert "fixed frame only" in rig.node._frames.description
