@@ -39,10 +39,13 @@ def hull_tree(shape: Mesh | Hull) -> MeshTrees:
     and for hulls of tens of thousands of faces, its local box.
     """
     points = shape._points() * np.array(shape.scale)
-    margin = HULL_MARGIN * float(np.abs(points).max())
-    grown = _grown_hull(points, margin)
+    largest = float(np.abs(points).max())
+    margin = HULL_MARGIN * largest
+    # By a power of two, exactly, so that products neither overflow nor vanish.
+    power = int(np.frexp(largest)[1])
+    grown = _grown_hull(np.ldexp(points, -power), float(np.ldexp(margin, -power)))
     if grown is not None:
-        tree = MeshTrees.build(*grown)
+        tree = MeshTrees.build(np.ldexp(grown[0], power), grown[1])
         if tree.solid[0] and tree.winding[0]:
             return tree
     center, rotation, half_extents = shape.local_box
