@@ -90,31 +90,46 @@ def _faces_kernel(
     rows_a: np.ndarray, rows_b: np.ndarray, out: np.ndarray,
 ) -> None:  # fmt: skip
     for n in range(len(rows_a)):
-        i, j = rows_a[n], rows_b[n]
-        x = centers[j, 0] - centers[i, 0]
-        y = centers[j, 1] - centers[i, 1]
-        z = centers[j, 2] - centers[i, 2]
-        total = abs(x) + abs(y) + abs(z)
-        for k in range(3):
-            total += half_extents[i, k] + half_extents[j, k]
-        bound = FAST_BOUND * total + UNDERFLOW
-        out[n] = not (
-            _face_separates(axes, half_extents, i, j, x, y, z, bound)
-            or _face_separates(axes, half_extents, j, i, x, y, z, bound)
-        )
+        out[n] = not _faces_separate(centers, axes, half_extents, rows_a[n], rows_b[n])
 
 
 @njit
-def _face_separates(
-    axes: Floats, half_extents: Floats, i: int, j: int, x: float, y: float, z: float, bound: float
-) -> bool:
-    """Return whether a face normal of box i separates it from box j, offset by x, y, z."""
-    for k in range(3):
-        u, v, w = axes[i, 0, k], axes[i, 1, k], axes[i, 2, k]
-        reach = half_extents[i, k]
-        for m in range(3):
-            along = u * axes[j, 0, m] + v * axes[j, 1, m] + w * axes[j, 2, m]
-            reach += half_extents[j, m] * abs(along)
-        if abs(u * x + v * y + w * z) - reach > bound:
-            return True
-    return False
+def _faces_separate(c: Floats, a: Floats, h: Floats, i: int, j: int) -> bool:
+    """Return whether a face normal of box i or j separates the two; as in ``classify_fast``.
+
+    c: centres (n, 3); a: axes (n, 3, 3); h: half extents (n, 3). Written out, as there: loops
+    over the axes take longer than all 15 of them written out (50 against 35 ns a pair).
+    """
+    x, y, z = c[j, 0] - c[i, 0], c[j, 1] - c[i, 1], c[j, 2] - c[i, 2]
+    h0, h1, h2 = h[i, 0], h[i, 1], h[i, 2]
+    f0, f1, f2 = h[j, 0], h[j, 1], h[j, 2]
+    bound = abs(x) + abs(y) + abs(z) + (h0 + h1 + h2) + (f0 + f1 + f2)
+    bound = FAST_BOUND * bound + UNDERFLOW
+    r00 = a[i, 0, 0] * a[j, 0, 0] + a[i, 1, 0] * a[j, 1, 0] + a[i, 2, 0] * a[j, 2, 0]
+    r01 = a[i, 0, 0] * a[j, 0, 1] + a[i, 1, 0] * a[j, 1, 1] + a[i, 2, 0] * a[j, 2, 1]
+    r02 = a[i, 0, 0] * a[j, 0, 2] + a[i, 1, 0] * a[j, 1, 2] + a[i, 2, 0] * a[j, 2, 2]
+    r10 = a[i, 0, 1] * a[j, 0, 0] + a[i, 1, 1] * a[j, 1, 0] + a[i, 2, 1] * a[j, 2, 0]
+    r11 = a[i, 0, 1] * a[j, 0, 1] + a[i, 1, 1] * a[j, 1, 1] + a[i, 2, 1] * a[j, 2, 1]
+    r12 = a[i, 0, 1] * a[j, 0, 2] + a[i, 1, 1] * a[j, 1, 2] + a[i, 2, 1] * a[j, 2, 2]
+    r20 = a[i, 0, 2] * a[j, 0, 0] + a[i, 1, 2] * a[j, 1, 0] + a[i, 2, 2] * a[j, 2, 0]
+    r21 = a[i, 0, 2] * a[j, 0, 1] + a[i, 1, 2] * a[j, 1, 1] + a[i, 2, 2] * a[j, 2, 1]
+    r22 = a[i, 0, 2] * a[j, 0, 2] + a[i, 1, 2] * a[j, 1, 2] + a[i, 2, 2] * a[j, 2, 2]
+    t0 = a[i, 0, 0] * x + a[i, 1, 0] * y + a[i, 2, 0] * z
+    t1 = a[i, 0, 1] * x + a[i, 1, 1] * y + a[i, 2, 1] * z
+    t2 = a[i, 0, 2] * x + a[i, 1, 2] * y + a[i, 2, 2] * z
+    faces = max(
+        abs(t0) - (h0 + (f0 * abs(r00) + f1 * abs(r01) + f2 * abs(r02))),
+        abs(t1) - (h1 + (f0 * abs(r10) + f1 * abs(r11) + f2 * abs(r12))),
+        abs(t2) - (h2 + (f0 * abs(r20) + f1 * abs(r21) + f2 * abs(r22))),
+    )
+    if faces > bound:
+        return True
+    faces = max(
+        abs(t0 * r00 + t1 * r10 + t2 * r20)
+        - (f0 + (h0 * abs(r00) + h1 * abs(r10) + h2 * abs(r20))),
+        abs(t0 * r01 + t1 * r11 + t2 * r21)
+        - (f1 + (h0 * abs(r01) + h1 * abs(r11) + h2 * abs(r21))),
+        abs(t0 * r02 + t1 * r12 + t2 * r22)
+        - (f2 + (h0 * abs(r02) + h1 * abs(r12) + h2 * abs(r22))),
+    )
+    return faces > bound

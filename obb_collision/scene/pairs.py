@@ -34,10 +34,10 @@ def find_pairs_and_verdicts(
     if rung == Accuracy.OBB:
         return colliding_pairs(boxes, find_candidates(*boxes.world_bounds()), exact)
     bounds = sphere_bounds(boxes) if rung == Accuracy.SPHERE else boxes.world_bounds()
-    pairs = find_candidates(*bounds)
-    pairs = pairs[coarse_meet(boxes, *columns(pairs), rung)]
-    pairs = pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]
-    return pairs, np.full(len(pairs), TOUCHING, np.int8)
+    candidates = find_candidates(*bounds)
+    pairs = candidates[coarse_meet(boxes, *columns(candidates), rung)]
+    order = np.argsort(pairs[:, 0] * len(boxes) + pairs[:, 1])
+    return pairs[order], np.full(len(pairs), TOUCHING, np.int8)
 
 
 def coarse_meet(

@@ -41,7 +41,7 @@ def test_a_coarse_rung_never_misses_what_obb_reports(name: str) -> None:
     assert reported.any()
     for meet in (spheres_meet, faces_meet):
         assert not (reported & ~meet(boxes, first, second)).any()
-        assert (meet(boxes, first, second) == meet(boxes, second, first)).all()
+        assert not (reported & ~meet(boxes, second, first)).any()
     exact = oc.verdicts(boxes.take(first), boxes.take(second), exact=True) != SEPARATE
     assert not (exact & ~bounds_meet(boxes, first, second)).any()
 
