@@ -309,3 +309,11 @@ def test_a_scene_refuses_what_is_no_rung_or_depth() -> None:
     with pytest.raises(KeyError, match="nobody"):
         scene.set_accuracy("nobody", "mesh")
     assert scene.accuracy == oc.Accuracy.OBB
+
+
+def test_exact_scenes_decide_boxes_and_triangles_by_integers() -> None:
+    for rung in ("obb", "mesh"):
+        scene = mixed_scene(60, 9, accuracy=rung, exact=True)
+        loose = mixed_scene(60, 9, accuracy=rung)
+        assert keys(scene.check().pairs) <= keys(loose.check().pairs)
+        assert len(scene.check()) > 0
