@@ -35,6 +35,7 @@ from obb_collision.geometry.shapes import (
     Sphere,
 )
 from obb_collision.obb import OBB, Separation
+from obb_collision.queries.accuracy import Accuracy
 from obb_collision.queries.mesh_collision import (
     PlacedMeshes,
     mesh_collisions,
@@ -52,6 +53,7 @@ __version__ = "0.1.0"
 __all__ = [
     "AABB",
     "OBB",
+    "Accuracy",
     "Box",
     "Boxes",
     "Capsule",

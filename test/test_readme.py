@@ -15,11 +15,11 @@ WITH_ROS = [code for code in SNIPPETS if "import rclpy" in code]
 
 
 def test_the_snippets_are_found() -> None:
-    assert len(WITHOUT_ROS) == 3
+    assert len(WITHOUT_ROS) == 4
     assert len(WITH_ROS) == 1
 
 
-@pytest.mark.parametrize("code", WITHOUT_ROS, ids=["scene", "arrays", "meshes"])
+@pytest.mark.parametrize("code", WITHOUT_ROS, ids=["scene", "arrays", "mesh scene", "meshes"])
 def test_snippets_run_and_print_what_they_say(
     code: str, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -13,14 +13,19 @@ from obb_collision.geometry.poses import IDENTITY_POSE
 from obb_collision.geometry.shapes import Shape
 from obb_collision.geometry.validation import Floats, as_array
 from obb_collision.obb import OBB
-from obb_collision.queries.witness import witness_kernel
+from obb_collision.queries.accuracy import Accuracy, as_accuracy
+from obb_collision.queries.coarse import sphere_bounds
 from obb_collision.scene.broad_phase import Pairs, find_candidates, find_candidates_of
+from obb_collision.scene.ladder import Found, decide_pairs, is_plain, needs_spheres
 from obb_collision.scene.pairs import colliding_pairs
-from obb_collision.scene.report import Report
+from obb_collision.scene.report import Report, describe
 from obb_collision.scene.store import LocalBox, ObjectStore, Rows
+from obb_collision.scene.tree_bank import TreeBank
 
 #: With fewer than one object in this many changed, only pairs of the changed ones are looked at.
 INCREMENTAL_SHARE = 32
+#: Depth of the trees on the rung "obb_tree": eight boxes a mesh.
+DEFAULT_DEPTH = 3
 
 
 class Scene:
@@ -28,16 +33,27 @@ class Scene:
 
     padding: metres by which every box is grown on each side.
     exact: decide by integer arithmetic what doubles can't tell from touching.
+    accuracy: the rung of ``Accuracy`` for objects without one of their own, or its name. A pair is
+    decided on the lower rung of its two objects, above "obb" only where meshes or hulls are
+    concerned that have no padding (see ``scene.ladder``).
+    tree_depth: of the boxes of "obb_tree", 2^depth a mesh.
+    Raises ValueError for a padding or depth below zero and an unknown accuracy.
     """
 
-    def __init__(self, *, padding: float = 0.0, exact: bool = False) -> None:
-        self._store = ObjectStore()
-        self._own_padding: set[int] = set()
+    def __init__(
+        self,
+        *,
+        padding: float = 0.0,
+        exact: bool = False,
+        accuracy: Accuracy | str = "obb",
+        tree_depth: int = DEFAULT_DEPTH,
+    ) -> None:
+        self.clear()
         self._padding = 0.0
         self.padding = padding
         self._exact = exact
-        self._bounds: tuple[Floats, Floats] | None = None
-        self._report: Report | None = None
+        self._accuracy = as_accuracy(accuracy)
+        self._tree_depth = _checked_depth(tree_depth)
 
     def add(
         self,
@@ -46,19 +62,23 @@ class Scene:
         pose: ArrayLike | None = None,
         *,
         padding: float | None = None,
+        accuracy: Accuracy | str | None = None,
     ) -> int:
         """Add an object, or replace the one of that name, and return its index.
 
         shape: a value of ``geometry.shapes`` or an OBB, in the object's own frame; its local box
-        is fitted once. pose (7,): x y z qx qy qz qw, identity if not given. padding: metres, in
-        place of the scene's. Raises ValueError for a bad pose or padding.
+        is fitted once. pose (7,): x y z qx qy qz qw, identity if not given. padding, metres, and
+        accuracy: in place of the scene's. Raises ValueError for bad values of any of them.
         """
         if not isinstance(name, str):
             raise ValueError(f"name must be a string, got {name!r}")
         where = IDENTITY_POSE if pose is None else as_array(pose, "pose", (7,))
         pad = self._padding if padding is None else padding
         _check_padding(pad)
+        rung = None if accuracy is None else as_accuracy(accuracy)
         slot = self._store.put(name, _local_box(shape), where, pad)
+        self._store.kinds[slot] = self._bank.put(slot, shape)
+        self._set_accuracy(slot, rung)
         if padding is None:
             self._own_padding.discard(slot)
         else:
@@ -80,14 +100,20 @@ class Scene:
 
     def remove(self, name: str) -> None:
         """Take an object out. KeyError for an unknown name."""
-        self._own_padding.discard(self._store.remove(name))
+        slot = self._store.remove(name)
+        self._own_padding.discard(slot)
+        self._own_accuracy.discard(slot)
+        self._bank.shapes.pop(slot, None)
 
     def clear(self) -> None:
         """Take all objects out."""
         self._store = ObjectStore()
-        self._own_padding.clear()
-        self._bounds = None
-        self._report = None
+        self._bank = TreeBank()
+        self._own_padding: set[int] = set()
+        self._own_accuracy: set[int] = set()
+        self._bounds: tuple[Floats, Floats] | None = None
+        self._spheres = False  # whether the bounds hold the spheres, too
+        self._report: Report | None = None
 
     def set_enabled(self, name: str, enabled: bool) -> None:
         """Let an object take part in collisions or not; it keeps its box either way."""
@@ -107,6 +133,42 @@ class Scene:
         self._padding = float(value)
         rows = np.setdiff1d(self._store.live(), sorted(self._own_padding)).astype(np.int64)
         self._store.pad(rows, self._padding)
+
+    @property
+    def accuracy(self) -> Accuracy:
+        """The rung of the objects without one of their own; may be set, also by name."""
+        return self._accuracy
+
+    @accuracy.setter
+    def accuracy(self, value: Accuracy | str) -> None:
+        self._accuracy = as_accuracy(value)
+        for slot in np.setdiff1d(self._store.live(), sorted(self._own_accuracy)).tolist():
+            self._set_accuracy(int(slot), None)
+
+    def set_accuracy(self, name: str, accuracy: Accuracy | str | None) -> None:
+        """Give an object a rung of its own, or with None the scene's. KeyError, ValueError."""
+        rung = None if accuracy is None else as_accuracy(accuracy)
+        self._set_accuracy(self._store.slot(name), rung)
+
+    def _set_accuracy(self, slot: int, own: Accuracy | None) -> None:
+        if own is None:
+            self._own_accuracy.discard(slot)
+        else:
+            self._own_accuracy.add(slot)
+        value = self._accuracy if own is None else own
+        if self._store.accuracies[slot] != value:
+            self._store.accuracies[slot] = value
+            self._store.changed[slot] = True
+
+    @property
+    def tree_depth(self) -> int:
+        """Depth of the boxes on the rung "obb_tree": at most 2^depth of them a mesh."""
+        return self._tree_depth
+
+    @tree_depth.setter
+    def tree_depth(self, value: int) -> None:
+        self._tree_depth = _checked_depth(value)
+        self._store.changed |= self._store.used & (self._store.accuracies >= Accuracy.OBB_TREE)
 
     def __len__(self) -> int:
         return len(self._store)
@@ -148,72 +210,77 @@ class Scene:
             return self._report
         start = perf_counter()
         few = len(changed) * INCREMENTAL_SHARE < len(self._store.names)
-        if self._report is not None and self._bounds is not None and few:
-            pairs, verdicts, old = self._check_changed(changed, self._report, self._bounds)
+        spheres = needs_spheres(self._store)
+        known = self._bounds is not None and (self._spheres or not spheres)
+        last = self._report if few and known else None
+        if last is not None and self._bounds is not None:
+            found, old = self._check_changed(changed, last, self._bounds)
         else:
-            pairs, verdicts = self._check_all()
-            old = None
-        found = perf_counter()
-        self._report = self._describe(pairs, verdicts, old, found - start)
+            self._spheres = spheres
+            found, old = self._check_all(), None
+        stages = {"pairs": perf_counter() - start}
+        names = tuple(self._store.names)
+        self._report = describe(self._store.all_boxes(), found, names, stages, last, old)
         self._store.changed[:] = False
         return self._report
 
-    def _check_all(self) -> tuple[Pairs, NDArray[np.int8]]:
+    def _check_all(self) -> Found:
         active = np.flatnonzero(self._store.active)
         boxes = self._store.boxes(active)
-        minimum, maximum = boxes.world_bounds()
-        pairs, verdicts = colliding_pairs(boxes, find_candidates(minimum, maximum), self._exact)
+        minimum, maximum = self._bounds_of(boxes)
+        candidates = find_candidates(minimum, maximum)
         shape = self._store.centers.shape
         self._bounds = (np.full(shape, np.inf), np.full(shape, -np.inf))
         self._bounds[0][active] = minimum
         self._bounds[1][active] = maximum
-        return active[pairs], verdicts
+        if not is_plain(self._store):
+            return self._decide(active[candidates])
+        pairs, verdicts = colliding_pairs(boxes, candidates, self._exact)
+        return active[pairs], verdicts, _on_boxes(len(pairs))
 
     def _check_changed(
         self, changed: Rows, report: Report, bounds: tuple[Floats, Floats]
-    ) -> tuple[Pairs, NDArray[np.int8], NDArray[np.int64]]:
-        """Return pairs, verdicts, and each pair's row in the last report, -1 for those anew."""
+    ) -> tuple[Found, Rows]:
+        """Return what is found, and each pair's row in the last report, -1 for those anew."""
         store = self._store
         active = changed[store.active[changed]]
         bounds[0][changed] = np.inf  # empty: overlaps nothing
         bounds[1][changed] = -np.inf
-        bounds[0][active], bounds[1][active] = store.boxes(active).world_bounds()
-        boxes = store.all_boxes()
-        new, verdicts = colliding_pairs(boxes, find_candidates_of(*bounds, active), self._exact)
+        bounds[0][active], bounds[1][active] = self._bounds_of(store.boxes(active))
+        candidates = find_candidates_of(*bounds, active)
+        if is_plain(store):
+            new, verdicts = colliding_pairs(store.all_boxes(), candidates, self._exact)
+            rungs = _on_boxes(len(new))
+        else:
+            new, verdicts, rungs = self._decide(candidates)
         kept = np.flatnonzero(~store.changed[report.pairs].any(axis=1))
         pairs = np.concatenate([report.pairs[kept], new])
         order = np.lexsort((pairs[:, 1], pairs[:, 0]))
         old = np.concatenate([kept, np.full(len(new), -1)])[order]
-        return pairs[order], np.concatenate([report.verdicts[kept], verdicts])[order], old
+        verdicts = np.concatenate([report.verdicts[kept], verdicts])[order]
+        rungs = np.concatenate([report.rungs[kept], rungs])[order]
+        return (pairs[order], verdicts, rungs), old
 
-    def _describe(
-        self, pairs: Pairs, verdicts: NDArray[np.int8], old: Rows | None, seconds: float
-    ) -> Report:
-        """Add separations, normals and points, copied where the pair's row ``old`` has them."""
-        start = perf_counter()
-        boxes = self._store.all_boxes()
-        gaps, normals, points = np.empty(len(pairs)), *np.empty((2, len(pairs), 3))
-        anew = np.arange(len(pairs)) if old is None else np.flatnonzero(old < 0)
-        results = np.empty(len(anew)), *np.empty((2, len(anew), 3))
-        witness_kernel(boxes.centers, boxes.rotations, boxes.half_extents, pairs[anew], *results)
-        gaps[anew], normals[anew], points[anew] = results
-        if old is not None and self._report is not None:
-            known = np.flatnonzero(old >= 0)
-            last = self._report
-            for new_values, values in (
-                (gaps, last.separations),
-                (normals, last.normals),
-                (points, last.points),
-            ):
-                new_values[known] = values[old[known]]
-        stages = {"pairs": seconds, "separations": perf_counter() - start}
-        names = tuple(self._store.names)
-        return Report(pairs, verdicts, gaps, normals, points, names, stages)
+    def _bounds_of(self, boxes: Boxes) -> tuple[Floats, Floats]:
+        return sphere_bounds(boxes) if self._spheres else boxes.world_bounds()
+
+    def _decide(self, candidates: Pairs) -> Found:
+        return decide_pairs(self._store, self._bank, candidates, self._tree_depth, self._exact)
+
+
+def _on_boxes(count: int) -> NDArray[np.int8]:
+    return np.full(count, Accuracy.OBB, np.int8)
 
 
 def _check_padding(padding: float) -> None:
     if as_array(padding, "padding", ()) < 0.0:
         raise ValueError("padding must not be negative")
+
+
+def _checked_depth(depth: int) -> int:
+    if isinstance(depth, bool) or not isinstance(depth, (int, np.integer)) or depth < 0:
+        raise ValueError(f"tree_depth must be a whole number, not negative, got {depth!r}")
+    return int(depth)
 
 
 def _local_box(shape: Shape | OBB) -> LocalBox:

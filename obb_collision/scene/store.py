@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from obb_collision.geometry.boxes import Boxes, add_outwards
 from obb_collision.geometry.poses import as_poses, place_boxes
 from obb_collision.geometry.validation import Floats, as_array
+from obb_collision.queries.accuracy import Accuracy
 
 LocalBox = tuple[Floats, Floats, Floats]
 Rows = NDArray[np.int64]
@@ -35,6 +36,8 @@ class ObjectStore:
         self.used = np.zeros(capacity, np.bool_)
         self.active = np.zeros(capacity, np.bool_)  # used and enabled
         self.changed = np.zeros(capacity, np.bool_)  # since the last check
+        self.accuracies = np.full(capacity, Accuracy.OBB, np.int8)
+        self.kinds = np.zeros(capacity, np.int8)  # see ``tree_bank``
         self.paddings = np.zeros(capacity)
         self.poses = np.zeros((capacity, 7))
         self.local_centers = np.zeros((capacity, 3))

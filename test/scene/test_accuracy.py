@@ -1,0 +1,319 @@
+"""The rungs of accuracy: none misses what a more exact one reports, and what is off is not paid."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from mesh_zoo import zoo
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+import obb_collision as oc
+from obb_collision.benchmarks.families import FAMILIES, generate
+from obb_collision.queries.coarse import bounds_meet, faces_meet, spheres_meet
+from obb_collision.queries.separation import SEPARATE
+from obb_collision.scene import tree_bank
+
+#: Pairs of each of the 16 families: 104,000 in all.
+PAIRS = 6500
+COARSE = ("sphere", "aabb", "obb_faces")
+FINE = ("obb_tree", "hull", "mesh")
+ZOO = zoo()
+MESHES = ("sphere1", "torus1", "star1", "bumpy1", "hull1", "open_sphere1", "sheet1", "hollow1",
+          "crumbs1", "annulus2", "cone0", "moebius", "triangle", "capsule1")  # fmt: skip
+Keys = set[tuple[int, int]]
+
+
+def keys(pairs: NDArray[np.int64]) -> Keys:
+    return set(map(tuple, pairs.tolist()))
+
+
+@pytest.mark.parametrize("name", FAMILIES)
+def test_a_coarse_rung_never_misses_what_obb_reports(name: str) -> None:
+    a, b = generate(name, PAIRS, seed=11)
+    boxes = oc.Boxes(*(np.concatenate(both) for both in zip(a, b, strict=True)))
+    first, second = np.arange(PAIRS), np.arange(PAIRS, 2 * PAIRS)
+    reported = oc.verdicts(boxes.take(first), boxes.take(second)) != SEPARATE
+    assert reported.any()
+    for meet in (spheres_meet, faces_meet):
+        assert not (reported & ~meet(boxes, first, second)).any()
+        assert not (reported & ~meet(boxes, second, first)).any()
+    exact = oc.verdicts(boxes.take(first), boxes.take(second), exact=True) != SEPARATE
+    assert not (exact & ~bounds_meet(boxes, first, second)).any()
+
+
+def test_coarse_rungs_tell_some_pairs_apart() -> None:
+    a, b = generate("ordinary scene", PAIRS, seed=11)
+    boxes = oc.Boxes(*(np.concatenate(both) for both in zip(a, b, strict=True)))
+    found = {name: len(oc.find_pairs(boxes, accuracy=name)) for name in (*COARSE, "obb")}
+    assert found["obb"] < found["obb_faces"] < found["aabb"] < 3 * found["obb"]
+    assert found["obb"] < found["sphere"] < 3 * found["obb"]
+
+
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    count=st.integers(0, 60),
+    size=st.sampled_from([1e-6, 1.0, 1e5]),
+    grid=st.booleans(),
+)
+def test_find_pairs_keeps_the_order_of_the_rungs(
+    seed: int, count: int, size: float, grid: bool
+) -> None:
+    rng = np.random.default_rng(seed)
+    centers, extents = rng.uniform(-2.0, 2.0, (count, 3)), rng.uniform(0.0, 1.0, (count, 3))
+    rotations = Rotation.random(count, rng=rng).as_matrix() if count else np.empty((0, 3, 3))
+    if grid:  # resting contacts
+        centers, extents = np.rint(2.0 * centers) / 2.0, np.rint(4.0 * extents) / 4.0
+        rotations = np.broadcast_to(np.eye(3), (count, 3, 3))
+    boxes = oc.Boxes(centers * size, rotations, extents * size)
+    reported = keys(oc.find_pairs(boxes))
+    for name in COARSE:
+        pairs = oc.find_pairs(boxes, accuracy=name)
+        assert pairs.tolist() == sorted(pairs.tolist())
+        assert (pairs[:, 0] < pairs[:, 1]).all()
+        assert reported <= keys(pairs)
+    i, j = np.triu_indices(count, 1)
+    meet = spheres_meet(boxes, i, j)
+    assert keys(oc.find_pairs(boxes, accuracy="sphere")) == set(
+        zip(i[meet].tolist(), j[meet].tolist(), strict=True)
+    )
+
+
+def shape(kind: int, rng: np.random.Generator) -> oc.Shape | oc.OBB:
+    """Return one of 14 meshes, their hulls, boxes and primitives."""
+    vertices, faces = ZOO[MESHES[kind % len(MESHES)]]
+    if kind < 2 * len(MESHES):
+        scale = rng.uniform(0.6, 1.4, 3)
+        if kind < len(MESHES):
+            return oc.Mesh(vertices, faces, scale=scale)
+        return oc.Hull(vertices, scale=scale)
+    rotation = Rotation.random(rng=rng).as_matrix()
+    others: list[oc.Shape | oc.OBB] = [
+        oc.Box(rng.uniform(0.1, 1.0, 3)),
+        oc.OBB(rng.uniform(-0.2, 0.2, 3), rotation, rng.uniform(0.05, 0.5, 3)),
+        oc.Box([0.5, 0.0, 0.8]),
+        oc.Sphere(0.4),
+        oc.Cylinder(0.3, 0.9),
+    ]
+    return others[kind % len(others)]
+
+
+def poses(count: int, rng: np.random.Generator, spread: float) -> NDArray[np.float64]:
+    quaternions = Rotation.random(count, rng=rng).as_quat()
+    return np.concatenate([rng.uniform(-spread, spread, (count, 3)), quaternions], axis=1)
+
+
+def mixed_scene(count: int, seed: int, **options: object) -> oc.Scene:
+    rng = np.random.default_rng(seed)
+    shapes = [shape(kind, rng) for kind in range(2 * len(MESHES) + 5)]
+    scene = oc.Scene(**options)  # type: ignore[arg-type]
+    for k, pose in enumerate(poses(count, rng, 0.32 * count ** (1 / 3))):
+        scene.add(f"{k}", shapes[k % len(shapes)], pose)
+    return scene
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_every_rung_of_a_scene_reports_what_the_exacter_ones_do(seed: int) -> None:
+    scene = mixed_scene(500, seed)
+    reported: dict[str, Keys] = {}
+    for name in (*COARSE, "obb", *FINE):
+        scene.accuracy = name
+        report = scene.check()
+        reported[name] = keys(report.pairs)
+        assert report.pairs.tolist() == sorted(report.pairs.tolist())
+        assert report.rungs.max() == oc.Accuracy[name.upper()]
+        assert (report.verdicts != SEPARATE).all()
+    for name in ("obb_tree", "hull"):
+        assert reported["mesh"] < reported[name] < reported["obb"]
+    for name in COARSE:
+        assert reported["obb"] < reported[name]
+    depths = []
+    scene.accuracy = "obb_tree"
+    for depth in (0, 2, 5, 8):
+        scene.tree_depth = depth
+        depths.append(keys(scene.check().pairs))
+    for coarser, finer in pairwise(depths):
+        assert reported["mesh"] <= finer < coarser <= reported["obb"]
+
+
+def test_mesh_verdicts_of_a_scene_are_those_of_the_mesh_queries() -> None:
+    rng = np.random.default_rng(5)
+    names = [name for name in MESHES if len(ZOO[name][1])]
+    trees = oc.MeshTrees.join([oc.MeshTrees.build(*ZOO[name]) for name in names])
+    shapes = [oc.Mesh(*ZOO[name]) for name in names]
+    where = poses(150, rng, 1.2)
+    kinds = np.arange(150) % len(names)
+    scene = oc.Scene(accuracy="mesh")
+    for k in range(150):
+        scene.add(f"{k}", shapes[kinds[k]], where[k])
+    bodies = oc.PlacedMeshes.from_poses(trees, kinds, where)
+    i, j = np.triu_indices(150, 1)
+    expected = oc.mesh_verdicts(bodies, bodies, i, j)
+    hit = expected != SEPARATE
+    report = scene.check()
+    assert report.pairs.tolist() == np.stack([i[hit], j[hit]], axis=1).tolist()
+    assert report.verdicts.tolist() == expected[hit].tolist()
+    assert len(report) > 50
+
+
+@pytest.mark.parametrize("name", [*COARSE, *FINE])
+def test_incremental_checks_find_what_a_check_from_scratch_finds(name: str) -> None:
+    rng = np.random.default_rng(8)
+    scene = mixed_scene(300, 8, accuracy=name)
+    scene.check()
+    levels = [None, *oc.Accuracy]
+    for step in range(12):
+        moved = rng.choice(300, 3, replace=False)
+        scene.move_indices(moved, poses(3, rng, 2.0))
+        if step % 3 == 0:
+            scene.set_accuracy(str(moved[0]), levels[step % len(levels)])
+        if step == 5:
+            scene.set_enabled(str(moved[1]), False)
+        report = scene.check()
+        scene._report = None
+        again = scene.check()
+        assert report.pairs.tolist() == again.pairs.tolist()
+        assert report.rungs.tolist() == again.rungs.tolist()
+        assert report.verdicts.tolist() == again.verdicts.tolist()
+
+
+def ring_and_rod(**options: object) -> oc.Scene:
+    """Put a rod through the hole of a torus: only their boxes and their hulls collide."""
+    scene = oc.Scene(**options)  # type: ignore[arg-type]
+    scene.add("ring", oc.Mesh(*ZOO["torus0"]))
+    scene.add("rod", oc.Box([0.1, 0.1, 2.0]))
+    return scene
+
+
+def test_a_pair_is_decided_on_the_lower_rung_of_its_objects() -> None:
+    scene = ring_and_rod(accuracy="mesh")
+    assert len(scene.check()) == 0
+    scene.set_accuracy("rod", "hull")
+    report = scene.check()
+    assert (len(report), report.rungs.tolist()) == (1, [oc.Accuracy.HULL])
+    for rung in (*COARSE, "obb"):
+        scene.add("rod", oc.Box([0.1, 0.1, 2.0]), accuracy=rung)
+        assert scene.check().rungs.tolist() == [oc.Accuracy[rung.upper()]]
+    scene.accuracy = "obb_tree"
+    assert scene.check().rungs.tolist() == [oc.Accuracy.OBB]  # the rod keeps its own
+    scene.set_accuracy("rod", None)
+    scene.tree_depth = 6
+    assert len(scene.check()) == 0
+    assert scene.accuracy == oc.Accuracy.OBB_TREE
+
+
+@pytest.mark.parametrize("other", [oc.Sphere(0.1), oc.Cylinder(0.1, 1.0), oc.Mesh([[0, 0, 0]], [])])
+def test_shapes_without_a_mesh_stay_on_obb(other: oc.Shape) -> None:
+    scene = ring_and_rod(accuracy="mesh")
+    scene.add("rod", other)
+    assert scene.check().rungs.tolist() == [oc.Accuracy.OBB]
+
+
+def test_padding_keeps_a_pair_on_obb() -> None:
+    scene = ring_and_rod(accuracy="mesh", padding=0.01)
+    assert scene.check().rungs.tolist() == [oc.Accuracy.OBB]
+    scene.padding = 0.0
+    assert len(scene.check()) == 0
+
+
+def test_spheres_reach_further_than_boxes() -> None:
+    scene = oc.Scene()
+    scene.add("a", oc.Box([2.0, 2.0, 0.1]))
+    scene.add("b", oc.Box([2.0, 2.0, 0.1]), [0, 0, 1.0, 0, 0, 0, 1])
+    scene.add("c", oc.Box([2.0, 2.0, 0.1]), [0, 0, 2.0, 0, 0, 0, 1])
+    for k in range(100):
+        scene.add(f"far {k}", oc.Box([1, 1, 1]), [10.0 + 3 * k, 0, 0, 0, 0, 0, 1])
+    assert len(scene.check()) == 0
+    scene.set_accuracy("a", "sphere")
+    assert scene.check().names() == [("a", "b"), ("a", "c")]
+    scene.set_accuracy("a", None)
+    assert len(scene.check()) == 0
+
+
+def test_trees_are_built_only_when_asked_for_and_once_a_shape(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    built: list[str] = []
+
+    def counted(name: str) -> None:
+        build = getattr(tree_bank, name)
+
+        def count(*args: object) -> oc.MeshTrees:
+            built.append(name)
+            tree: oc.MeshTrees = build(*args)
+            return tree
+
+        monkeypatch.setattr(tree_bank, name, count)
+
+    for name in ("mesh_tree", "box_tree", "hull_tree"):
+        counted(name)
+    scene = oc.Scene()
+    ring = oc.Mesh(*ZOO["torus0"])
+    for k in range(40):
+        scene.add(f"ring {k}", ring, [0.1 * k, 0, 0, 0, 0, 0, 1])
+        scene.add(f"rod {k}", oc.Box([0.1, 0.1, 2.0]), [0.1 * k, 0, 0, 0, 0, 0, 1])
+    for rung in (*COARSE, "obb"):
+        scene.accuracy = rung
+        assert len(scene.check()) > 0
+    assert built == []
+    scene.accuracy = "mesh"
+    scene.check()
+    scene.move("ring 0", [0.05, 0, 0, 0, 0, 0, 1])
+    scene.check()
+    assert sorted(built) == ["box_tree", "mesh_tree"]
+    scene.accuracy = "hull"
+    scene.check()
+    assert sorted(built) == ["box_tree", "box_tree", "hull_tree", "mesh_tree"]
+
+
+def test_trees_of_shapes_that_are_gone_go_too() -> None:
+    scene = ring_and_rod(accuracy="mesh")
+    for k in range(5):
+        scene.add("ring", oc.Mesh(*ZOO["torus0"], scale=[1.0 + k, 1, 1]))
+        scene.check()
+    assert len(scene._bank) == 2
+
+
+def test_the_default_is_obb() -> None:
+    scene = mixed_scene(200, 3)
+    report = scene.check()
+    assert (report.rungs == oc.Accuracy.OBB).all()
+    assert report.pairs.tolist() == [
+        [scene.indices[i], scene.indices[j]] for i, j in oc.find_pairs(scene.boxes)
+    ]
+
+
+@pytest.mark.parametrize("wrong", ["box", "OBB", 7, -1, None, True, 2.5, "hull", "mesh", 6])
+def test_find_pairs_refuses_other_rungs_and_names_the_choices(wrong: object) -> None:
+    boxes = oc.Boxes(np.zeros((1, 3)), np.eye(3)[None], np.ones((1, 3)))
+    with pytest.raises(ValueError, match="sphere, aabb, obb_faces, obb"):
+        oc.find_pairs(boxes, accuracy=wrong)  # type: ignore[arg-type]
+
+
+def test_a_scene_refuses_what_is_no_rung_or_depth() -> None:
+    with pytest.raises(ValueError, match="obb_tree, hull, mesh"):
+        oc.Scene(accuracy="triangles")
+    for depth in (-1, 1.5, True, "3"):
+        with pytest.raises(ValueError, match="tree_depth"):
+            oc.Scene(tree_depth=depth)  # type: ignore[arg-type]
+    scene = ring_and_rod()
+    with pytest.raises(ValueError, match="accuracy must be one of"):
+        scene.add("new", oc.Box([1, 1, 1]), accuracy="fine")
+    assert "new" not in scene
+    with pytest.raises(ValueError, match="accuracy must be one of"):
+        scene.accuracy = "fine"
+    with pytest.raises(KeyError, match="nobody"):
+        scene.set_accuracy("nobody", "mesh")
+    assert scene.accuracy == oc.Accuracy.OBB
+
+
+def test_exact_scenes_decide_boxes_and_triangles_by_integers() -> None:
+    for rung in ("obb", "mesh"):
+        scene = mixed_scene(60, 9, accuracy=rung, exact=True)
+        loose = mixed_scene(60, 9, accuracy=rung)
+        assert keys(scene.check().pairs) <= keys(loose.check().pairs)
+        assert len(scene.check()) > 0
