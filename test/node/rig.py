@@ -173,7 +173,12 @@ class Client:
 
     def namespaces(self, count: int) -> list[str]:
         """Wait for a table of at least ``count`` namespaces; topics may overtake each other."""
-        self.until(lambda: len(self.last["namespaces"].values) >= count, "namespaces")
+
+        def complete() -> bool:
+            table = self.last.get("namespaces")
+            return table is not None and len(table.values) >= count
+
+        self.until(complete, f"a table of {count} namespaces")
         return namespaces_from_ros(self.last["namespaces"])
 
     def next(self, topic: str) -> Any:
