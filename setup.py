@@ -23,6 +23,7 @@ setup(
         "numba>=0.58",
         "scipy>=1.11",
         "trimesh>=4.4.9",
+        "pyyaml",
         "pycollada",
         "lxml",
     ],
