@@ -1,0 +1,128 @@
+"""Deciding pairs on the rungs above OBB, all of them or what a budget has time for.
+
+What is left when the time is up stays on OBB, which misses nothing; always the last ones, so that
+the same pairs are left in every cycle. Pairs that wait, because nothing about them has changed
+since they were left behind, get what time remains, on the rung they ask for.
+"""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from obb_collision.queries.accuracy import Accuracy
+from obb_collision.queries.separation import Verdicts
+from obb_collision.scene.budget import ABOVE, Budget
+from obb_collision.scene.store import Rows
+
+Rungs = NDArray[np.int8]
+
+#: Share of what fits that is decided at once; then the clock is looked at again. A cycle holds
+#: though pairs take four times as long as they used to.
+PORTION = 0.25
+#: A rung that isn't in use is tried once in this many cycles, to know what it costs by now ...
+TRIAL_CYCLES = 10
+#: ... on at most this many pairs, and this share of the time that is left.
+TRIAL_PAIRS = 64
+TRIAL_SHARE = 0.1
+#: ... or, where that is too little for one pair, only every so many times.
+RARE_TRIALS = 10
+
+
+class Job(Protocol):
+    """The pairs of a cycle: what ``refine`` needs to know of them."""
+
+    def prepare(self, rung: Accuracy, rows: Rows, budget: Budget | None) -> NDArray[np.bool_]:
+        """Build what pairs need for a rung while there is time; return (k,) which have it."""
+
+    def decide(self, rung: Accuracy, rows: Rows) -> Verdicts:
+        """Return the verdicts (k,) of pairs on a rung."""
+
+
+def refine(
+    job: Job, asked: Rungs, waiting: NDArray[np.bool_], rungs: Rungs, verdicts: Verdicts,
+    budget: Budget | None,
+) -> None:  # fmt: skip
+    """Decide pairs that OBB doesn't separate on the rungs they ask for, or as the budget has it.
+
+    asked (m,): above OBB; waiting (m,): see above; rungs, verdicts (m,): as known, updated.
+    """
+    state = rungs, verdicts
+    if budget is None:
+        for rung in ABOVE:
+            _decide(job, rung, np.flatnonzero(asked == rung), state, None)
+        return
+    budget.refining()
+    _meet_rungs(job, asked, budget)
+    counts = {rung: int(((asked == rung) & ~waiting).sum()) for rung in ABOVE}
+    target = np.minimum(asked, budget.choose(counts))
+    for rung in ABOVE:
+        _decide(job, rung, np.flatnonzero((target == rung) & ~waiting), state, budget)
+    for rung in ABOVE:
+        _decide(job, rung, np.flatnonzero((asked == rung) & waiting), state, budget)
+    turn, number = divmod(budget.cycle, TRIAL_CYCLES)
+    if number < len(ABOVE) and ABOVE[number] != budget.cap:
+        short = budget.left() < (budget.cost(ABOVE[number]) or 0.0)
+        if not short or turn % RARE_TRIALS == 0:
+            _try(job, ABOVE[number], asked, budget)
+    budget.refined()
+
+
+def _decide(
+    job: Job, rung: Accuracy, rows: Rows, state: tuple[Rungs, Verdicts], budget: Budget | None
+) -> None:
+    """Decide pairs on a rung, portion by portion while there is time."""
+    rungs, verdicts = state
+    if len(rows) == 0:
+        return
+    rows = rows[job.prepare(rung, rows, budget)]
+    if budget is None:
+        rungs[rows], verdicts[rows] = rung, job.decide(rung, rows)
+        return
+    done, seconds = 0, 0.0
+    while done < len(rows):
+        pace = max(budget.cost(rung) or 0.0, seconds / max(done, 1))
+        left = budget.left()
+        if left < pace or left <= 0.0:
+            break
+        count = int(PORTION * left / pace) if pace > 0.0 else 1
+        portion = rows[done : done + max(1, count)]
+        start = budget.clock()
+        rungs[portion], verdicts[portion] = rung, job.decide(rung, portion)
+        seconds += budget.clock() - start
+        done += len(portion)
+    budget.learn(rung, done, seconds)
+
+
+def _meet_rungs(job: Job, asked: Rungs, budget: Budget) -> None:
+    """Learn what the rungs cost that are not known yet, by a few pairs."""
+    for rung in ABOVE:
+        rows = np.flatnonzero(asked >= rung)
+        if budget.cost(rung) is None and len(rows) and budget.left() > 0.0:
+            if job.prepare(rung, rows[:1], budget).all():
+                job.decide(rung, rows[:1])  # the first call loads machine code, or compiles
+            _try(job, rung, asked, budget)
+
+
+def _try(job: Job, rung: Accuracy, asked: Rungs, budget: Budget) -> None:
+    """Learn what a rung costs by a few pairs from everywhere; their verdicts aren't used."""
+    rows = np.flatnonzero(asked >= rung)
+    step = max(1, len(rows) // TRIAL_PAIRS)
+    rows = rows[budget.cycle % step :: step][:TRIAL_PAIRS]
+    if len(rows) == 0 or budget.left() <= 0.0:
+        return
+    rows = rows[job.prepare(rung, rows, budget)]
+    allowed = TRIAL_SHARE * budget.left()
+    done, seconds, total = 0, 0.0, 0.0
+    portions: list[tuple[int, float]] = []
+    while done < len(rows) and total + 2.0 * seconds <= allowed:
+        portion = rows[done : 2 * done + 1]
+        start = budget.clock()
+        job.decide(rung, portion)
+        seconds = budget.clock() - start
+        portions.append((len(portion), seconds))
+        done, total = done + len(portion), total + seconds
+    if portions:
+        budget.learn(rung, *max(portions))  # in the largest the call itself counts least
