@@ -2,49 +2,120 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass
 from time import perf_counter
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.validation import Floats
-from obb_collision.queries.witness import witness_kernel
-from obb_collision.scene.ladder import Found
+from obb_collision.scene.checker import Findings
+from obb_collision.scene.effects import EFFECTS
+from obb_collision.scene.effects.base import Cycle, Setting
+from obb_collision.scene.effects.settings import OFF
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
+class Cost:
+    """What one effect took: pairs (or points) it ran on, seconds, and what failed."""
+
+    count: int
+    seconds: float
+    failures: tuple[str, ...] = ()
+
+
 class Report:
     """The colliding pairs of a scene, m of them, as arrays with one row a pair.
 
     pairs (m, 2) int64: object indices i < j, in lexicographic order.
     verdicts (m,) int8: ``Verdict.TOUCHING`` or ``OVERLAP``; both count as colliding. OVERLAP is
     certain; on all rungs but OBB and MESH, which can't be, everything is TOUCHING.
-    separations (m,) metres, negative where overlapping; normals (m, 3), unit, from i to j.
-    points (m, 3) metres: a place near both boxes at which to show the contact. These three are
-    those of the boxes on every rung; on the rungs below OBB separations may be positive.
     rungs (m,) int8: the ``Accuracy`` that each pair was decided on.
-    stages: seconds spent, by stage of the check.
+    stages: seconds spent, by stage of the check; costs: by effect, those computed so far.
+
+    Everything else is an effect: computed when first read, from the boxes as they were at the
+    check, unless the scene has it "on" or the check was asked for it. Reading one that is "off", or
+    one that can't be had later and was not asked for, is a ValueError.
     """
 
-    pairs: NDArray[np.int64]
-    verdicts: NDArray[np.int8]
-    separations: Floats
-    normals: Floats
-    points: Floats
-    rungs: NDArray[np.int8]
-    slot_names: tuple[str | None, ...] = field(repr=False)
-    stages: dict[str, float] = field(repr=False)
+    def __init__(
+        self,
+        found: Findings,
+        slot_names: tuple[str | None, ...],
+        stages: dict[str, float],
+        cycle: Cycle,
+        settings: Mapping[str, Setting],
+    ) -> None:
+        self.pairs, self.verdicts, self.rungs = found.pairs, found.verdicts, found.rungs
+        self.results = found.results
+        self.slot_names = slot_names
+        self.stages = stages
+        self.costs: dict[str, Cost] = {}
+        self.cycle = cycle
+        self._settings = settings
 
     def __len__(self) -> int:
         return len(self.pairs)
+
+    def __repr__(self) -> str:
+        return f"Report({len(self)} pairs, effects: {', '.join(self.results) or 'none'})"
+
+    def result(self, effect: str) -> Any:
+        """Return what an effect gave; see its module for what that is."""
+        if effect not in self.results:
+            if effect not in self._settings:
+                raise ValueError(f"effect must be one of {', '.join(EFFECTS)}, got {effect!r}")
+            if self._settings[effect].mode == OFF:
+                raise ValueError(f"the effect {effect!r} is off in this scene")
+            if not EFFECTS[effect].lazy:
+                raise ValueError(f"ask for it: scene.check(effects=[{effect!r}])")
+            self.compute(effect)
+        return self.results[effect]
+
+    def compute(self, effect: str) -> None:
+        """Compute an effect and note what it took."""
+        start = perf_counter()
+        outcome = EFFECTS[effect].run(self.cycle, self._settings[effect])
+        self.results[effect] = outcome.result
+        seconds = perf_counter() - start
+        self.costs[effect] = Cost(outcome.count, seconds, outcome.failures)
+
+    @property
+    def separations(self) -> Floats:
+        """(m,) metres, signed: negative where the boxes overlap.
+
+        These, normals, points and depths are those of the boxes on every rung; on the rungs below
+        OBB separations may be positive.
+        """
+        return self._column(0)
+
+    @property
+    def normals(self) -> Floats:
+        """(m, 3) unit vectors from i to j, along which the boxes overlap least."""
+        return self._column(1)
+
+    @property
+    def points(self) -> Floats:
+        """(m, 3) metres: a place near both boxes at which to show the contact."""
+        return self._column(2)
 
     @property
     def depths(self) -> Floats:
         """(m,) metres: how deep each pair overlaps, 0 where only touching."""
         result: Floats = np.maximum(-self.separations, 0.0)
         return result
+
+    def _column(self, number: int) -> Floats:
+        """Return a column of the effect ``separations``, NaN for pairs that don't call for it."""
+        table = self.result("separations")
+        column: Floats = table.columns[number]
+        if len(column) == len(self):
+            return column
+        full = np.full((len(self), *column.shape[1:]), np.nan)
+        full[table.rows] = column
+        return full
 
     @property
     def colliding(self) -> NDArray[np.bool_]:
@@ -56,35 +127,3 @@ class Report:
     def names(self) -> list[tuple[str, str]]:
         """Return the pairs by name, in the order of ``pairs``."""
         return [(str(self.slot_names[i]), str(self.slot_names[j])) for i, j in self.pairs.tolist()]
-
-
-def describe(
-    boxes: Boxes,
-    found: Found,
-    names: tuple[str | None, ...],
-    stages: dict[str, float],
-    last: Report | None,
-    old: NDArray[np.int64] | None,
-) -> Report:
-    """Add separations, normals and points, copied where row ``old`` of ``last`` has them.
-
-    boxes: those of all slots; old (m,): -1 for pairs found anew, None if all are; stages: seconds
-    spent so far.
-    """
-    start = perf_counter()
-    pairs, verdicts, rungs = found
-    gaps, normals, points = np.empty(len(pairs)), *np.empty((2, len(pairs), 3))
-    anew = np.arange(len(pairs)) if old is None else np.flatnonzero(old < 0)
-    results = np.empty(len(anew)), *np.empty((2, len(anew), 3))
-    witness_kernel(boxes.centers, boxes.rotations, boxes.half_extents, pairs[anew], *results)
-    gaps[anew], normals[anew], points[anew] = results
-    if old is not None and last is not None:
-        known = np.flatnonzero(old >= 0)
-        for new_values, values in (
-            (gaps, last.separations),
-            (normals, last.normals),
-            (points, last.points),
-        ):
-            new_values[known] = values[old[known]]
-    stages = {**stages, "separations": perf_counter() - start}
-    return Report(pairs, verdicts, gaps, normals, points, rungs, names, stages)

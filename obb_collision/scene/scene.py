@@ -2,34 +2,30 @@
 
 from __future__ import annotations
 
+import weakref
 from collections.abc import Iterable
 from time import perf_counter
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from obb_collision.geometry.boxes import Boxes
-from obb_collision.geometry.poses import IDENTITY_POSE
-from obb_collision.geometry.shapes import Shape
-from obb_collision.geometry.validation import Floats, as_array
-from obb_collision.obb import OBB
-from obb_collision.queries.accuracy import Accuracy, as_accuracy
-from obb_collision.queries.coarse import sphere_bounds
-from obb_collision.scene.broad_phase import Pairs, find_candidates, find_candidates_of
-from obb_collision.scene.ladder import Found, decide_pairs, is_plain, needs_spheres
-from obb_collision.scene.pairs import colliding_pairs
-from obb_collision.scene.report import Report, describe
-from obb_collision.scene.store import LocalBox, ObjectStore, Rows
-from obb_collision.scene.tree_bank import TreeBank
+from obb_collision.geometry.validation import as_points
+from obb_collision.queries.accuracy import Accuracy
+from obb_collision.scene.allowed import AllowedPairs
+from obb_collision.scene.checker import Checker
+from obb_collision.scene.effects import EFFECTS
+from obb_collision.scene.effects.base import Before, Cycle, Setting
+from obb_collision.scene.effects.settings import EffectSettings
+from obb_collision.scene.objects import SceneObjects
+from obb_collision.scene.report import Report
 
-#: With fewer than one object in this many changed, only pairs of the changed ones are looked at.
-INCREMENTAL_SHARE = 32
 #: Depth of the trees on the rung "obb_tree": eight boxes a mesh.
 DEFAULT_DEPTH = 3
 
 
-class Scene:
-    """A store of named objects that knows which of them collide.
+class Scene(SceneObjects):
+    """Named objects, and which of them collide.
 
     padding: metres by which every box is grown on each side.
     exact: decide by integer arithmetic what doubles can't tell from touching.
@@ -48,117 +44,19 @@ class Scene:
         accuracy: Accuracy | str = "obb",
         tree_depth: int = DEFAULT_DEPTH,
     ) -> None:
-        self.clear()
-        self._padding = 0.0
-        self.padding = padding
+        self._allowed = AllowedPairs()
+        self._effects = EffectSettings(EFFECTS.values())
         self._exact = exact
-        self._accuracy = as_accuracy(accuracy)
         self._tree_depth = _checked_depth(tree_depth)
-
-    def add(
-        self,
-        name: str,
-        shape: Shape | OBB,
-        pose: ArrayLike | None = None,
-        *,
-        padding: float | None = None,
-        accuracy: Accuracy | str | None = None,
-    ) -> int:
-        """Add an object, or replace the one of that name, and return its index.
-
-        shape: a value of ``geometry.shapes`` or an OBB, in the object's own frame; its local box
-        is fitted once. pose (7,): x y z qx qy qz qw, identity if not given. padding, metres, and
-        accuracy: in place of the scene's. Raises ValueError for bad values of any of them.
-        """
-        if not isinstance(name, str):
-            raise ValueError(f"name must be a string, got {name!r}")
-        where = IDENTITY_POSE if pose is None else as_array(pose, "pose", (7,))
-        pad = self._padding if padding is None else padding
-        _check_padding(pad)
-        rung = None if accuracy is None else as_accuracy(accuracy)
-        slot = self._store.put(name, _local_box(shape), where, pad)
-        self._store.kinds[slot] = self._bank.put(slot, shape)
-        self._set_accuracy(slot, rung)
-        if padding is None:
-            self._own_padding.discard(slot)
-        else:
-            self._own_padding.add(slot)
-        return slot
-
-    def move(self, name: str, pose: ArrayLike) -> None:
-        """Give one object a new pose (7,). KeyError for an unknown name."""
-        slot = self._store.slot(name)
-        self._store.move(np.array([slot]), as_array(pose, "pose", (7,))[None])
-
-    def move_many(self, names: Iterable[str], poses: ArrayLike) -> None:
-        """Give objects new poses (n, 7), by name; all or, on an error, none."""
-        self._store.move(self._store.slots_of(names), poses)
-
-    def move_indices(self, indices: ArrayLike, poses: ArrayLike) -> None:
-        """Give objects new poses (n, 7), by index array (n,); all or, on an error, none."""
-        self._store.move(self._store.check_slots(indices), poses)
-
-    def remove(self, name: str) -> None:
-        """Take an object out. KeyError for an unknown name."""
-        slot = self._store.remove(name)
-        self._own_padding.discard(slot)
-        self._own_accuracy.discard(slot)
-        self._bank.shapes.pop(slot, None)
+        self._points: NDArray[Any] | None = None
+        super().__init__(padding, accuracy)
 
     def clear(self) -> None:
-        """Take all objects out."""
-        self._store = ObjectStore()
-        self._bank = TreeBank()
-        self._own_padding: set[int] = set()
-        self._own_accuracy: set[int] = set()
-        self._bounds: tuple[Floats, Floats] | None = None
-        self._spheres = False  # whether the bounds hold the spheres, too
-        self._report: Report | None = None
-
-    def set_enabled(self, name: str, enabled: bool) -> None:
-        """Let an object take part in collisions or not; it keeps its box either way."""
-        slot = self._store.slot(name)
-        if self._store.active[slot] != enabled:
-            self._store.active[slot] = enabled
-            self._store.changed[slot] = True
-
-    @property
-    def padding(self) -> float:
-        """Metres by which boxes without a padding of their own are grown on every side."""
-        return self._padding
-
-    @padding.setter
-    def padding(self, value: float) -> None:
-        _check_padding(value)
-        self._padding = float(value)
-        rows = np.setdiff1d(self._store.live(), sorted(self._own_padding)).astype(np.int64)
-        self._store.pad(rows, self._padding)
-
-    @property
-    def accuracy(self) -> Accuracy:
-        """The rung of the objects without one of their own; may be set, also by name."""
-        return self._accuracy
-
-    @accuracy.setter
-    def accuracy(self, value: Accuracy | str) -> None:
-        self._accuracy = as_accuracy(value)
-        for slot in np.setdiff1d(self._store.live(), sorted(self._own_accuracy)).tolist():
-            self._set_accuracy(int(slot), None)
-
-    def set_accuracy(self, name: str, accuracy: Accuracy | str | None) -> None:
-        """Give an object a rung of its own, or with None the scene's. KeyError, ValueError."""
-        rung = None if accuracy is None else as_accuracy(accuracy)
-        self._set_accuracy(self._store.slot(name), rung)
-
-    def _set_accuracy(self, slot: int, own: Accuracy | None) -> None:
-        if own is None:
-            self._own_accuracy.discard(slot)
-        else:
-            self._own_accuracy.add(slot)
-        value = self._accuracy if own is None else own
-        if self._store.accuracies[slot] != value:
-            self._store.accuracies[slot] = value
-            self._store.changed[slot] = True
+        """Take all objects out; what is set stays."""
+        super().clear()
+        self._checker = Checker(self._store, self._bank, self._allowed)
+        self._report: weakref.ref[Report] | None = None
+        self._before: Before | None = None
 
     @property
     def tree_depth(self) -> int:
@@ -170,120 +68,93 @@ class Scene:
         self._tree_depth = _checked_depth(value)
         self._store.changed |= self._store.used & (self._store.accuracies >= Accuracy.OBB_TREE)
 
-    def __len__(self) -> int:
-        return len(self._store)
+    def allow(self, first: str, second: str, allowed: bool = True) -> None:
+        """Let objects touch: their pairs no longer count; with ``allowed=False`` they do again.
 
-    def __contains__(self, name: object) -> bool:
-        return name in self._store.slots
-
-    def index(self, name: str) -> int:
-        """Return the index of an object. KeyError for an unknown name."""
-        return self._store.slot(name)
-
-    def name(self, index: int) -> str:
-        """Return the name of the object with an index. KeyError for an unknown one."""
-        return str(self._store.names[self._store.check_slots(index)[0]])
+        first, second: names or patterns such as ``gripper/*``. Of several rules for a pair the last
+        one counts. Raises ValueError for what is no pattern.
+        """
+        self._allowed.add(first, second, allowed)
+        self._store.changed |= self._store.used
 
     @property
-    def names(self) -> list[str]:
-        """The names of the objects, in the order of ``indices``."""
-        return [str(self._store.names[slot]) for slot in self.indices]
+    def allowed(self) -> list[tuple[str, str, bool]]:
+        """The rules of ``allow``, in the order in which they count."""
+        return list(self._allowed.rules)
+
+    def set_effect(
+        self,
+        name: str,
+        mode: str | None = None,
+        objects: Iterable[str] | str | None = None,
+        **options: float,
+    ) -> None:
+        """Set an effect; what is not given stays.
+
+        mode: "off", "on" (at every check), or "auto" (when ``check`` is asked for it, or its result
+        is read). objects: names or patterns; only pairs of which one object or both match get it.
+        options: those of the effect. Raises ValueError naming what can't be used.
+        """
+        self._effects.set(name, mode, objects, options)
+        self._report = None
+
+    def effect_setting(self, name: str) -> Setting:
+        """Return how an effect is set. ValueError for an unknown one."""
+        return self._effects[name]
 
     @property
-    def indices(self) -> NDArray[np.int64]:
-        """(n,) the indices of the objects, ascending."""
-        return self._store.live()
+    def points(self) -> NDArray[Any] | None:
+        """Obstacle points (k, 3), float32 or float64, for the effect ``points``; None for none.
 
-    @property
-    def boxes(self) -> Boxes:
-        """The world boxes, padding included, in the order of ``indices``."""
-        return self._store.boxes(self.indices)
+        The array is taken as it is, not copied. Rows that are not finite are ignored and counted.
+        """
+        return self._points
 
-    def obb(self, name: str) -> OBB:
-        """Return the world box of one object, padding included."""
-        return OBB(*self._store.all_boxes().row(self._store.slot(name)))
+    @points.setter
+    def points(self, value: ArrayLike | None) -> None:
+        self._points = None if value is None else as_points(value, "points")
+        self._report = None
 
-    def check(self) -> Report:
-        """Return all colliding pairs. Only what changed since the last check is computed anew."""
-        changed = np.flatnonzero(self._store.changed)
-        if self._report is not None and len(changed) == 0:
-            return self._report
+    def check(self, effects: Iterable[str] = ()) -> Report:
+        """Return all colliding pairs, with the effects asked for by name.
+
+        Only what changed since the last check is computed anew. ValueError for an unknown effect.
+        """
         start = perf_counter()
-        few = len(changed) * INCREMENTAL_SHARE < len(self._store.names)
-        spheres = needs_spheres(self._store)
-        known = self._bounds is not None and (self._spheres or not spheres)
-        last = self._report if few and known else None
-        if last is not None and self._bounds is not None:
-            found, old = self._check_changed(changed, last, self._bounds)
-        else:
-            self._spheres = spheres
-            found, old = self._check_all(), None
-        stages = {"pairs": perf_counter() - start}
-        names = tuple(self._store.names)
-        self._report = describe(self._store.all_boxes(), found, names, stages, last, old)
-        self._store.changed[:] = False
-        return self._report
+        wanted = self._effects.wanted(effects)
+        lasting = all(EFFECTS[name].lazy for name in wanted)
+        report = self._report() if self._report is not None else None
+        if report is None or not lasting or self._store.changed.any():
+            report = self._checked(start)
+            self._report = weakref.ref(report)
+        for name in wanted:
+            if name not in report.results:
+                report.compute(name)
+        self._before = None if lasting else report.cycle.as_before()
+        return report
 
-    def _check_all(self) -> Found:
-        active = np.flatnonzero(self._store.active)
-        boxes = self._store.boxes(active)
-        minimum, maximum = self._bounds_of(boxes)
-        candidates = find_candidates(minimum, maximum)
-        shape = self._store.centers.shape
-        self._bounds = (np.full(shape, np.inf), np.full(shape, -np.inf))
-        self._bounds[0][active] = minimum
-        self._bounds[1][active] = maximum
-        if not is_plain(self._store):
-            return self._decide(active[candidates])
-        pairs, verdicts = colliding_pairs(boxes, candidates, self._exact)
-        return active[pairs], verdicts, _on_boxes(len(pairs))
-
-    def _check_changed(
-        self, changed: Rows, report: Report, bounds: tuple[Floats, Floats]
-    ) -> tuple[Found, Rows]:
-        """Return what is found, and each pair's row in the last report, -1 for those anew."""
+    def _checked(self, start: float) -> Report:
         store = self._store
-        active = changed[store.active[changed]]
-        bounds[0][changed] = np.inf  # empty: overlaps nothing
-        bounds[1][changed] = -np.inf
-        bounds[0][active], bounds[1][active] = self._bounds_of(store.boxes(active))
-        candidates = find_candidates_of(*bounds, active)
-        if is_plain(store):
-            new, verdicts = colliding_pairs(store.all_boxes(), candidates, self._exact)
-            rungs = _on_boxes(len(new))
-        else:
-            new, verdicts, rungs = self._decide(candidates)
-        kept = np.flatnonzero(~store.changed[report.pairs].any(axis=1))
-        pairs = np.concatenate([report.pairs[kept], new])
-        order = np.lexsort((pairs[:, 1], pairs[:, 0]))
-        old = np.concatenate([kept, np.full(len(new), -1)])[order]
-        verdicts = np.concatenate([report.verdicts[kept], verdicts])[order]
-        rungs = np.concatenate([report.rungs[kept], rungs])[order]
-        return (pairs[order], verdicts, rungs), old
-
-    def _bounds_of(self, boxes: Boxes) -> tuple[Floats, Floats]:
-        return sphere_bounds(boxes) if self._spheres else boxes.world_bounds()
-
-    def _decide(self, candidates: Pairs) -> Found:
-        return decide_pairs(self._store, self._bank, candidates, self._tree_depth, self._exact)
-
-
-def _on_boxes(count: int) -> NDArray[np.int8]:
-    return np.full(count, Accuracy.OBB, np.int8)
-
-
-def _check_padding(padding: float) -> None:
-    if as_array(padding, "padding", ()) < 0.0:
-        raise ValueError("padding must not be negative")
+        last = self._checker.last
+        found = self._checker.find(self._tree_depth, self._exact)
+        stages = {"pairs": perf_counter() - start}
+        cycle = Cycle(
+            boxes=store.snapshot(),
+            active=store.active.copy(),
+            pairs=found.pairs,
+            verdicts=found.verdicts,
+            counts=self._checker.counts,
+            old=found.old,
+            last={} if last is None else last.results,
+            points=self._points,
+            store=store,
+            before=self._before,
+        )
+        settings = self._effects.resolved(store.names, store.version)
+        return Report(found, store.name_tuple(), stages, cycle, settings)
 
 
 def _checked_depth(depth: int) -> int:
     if isinstance(depth, bool) or not isinstance(depth, (int, np.integer)) or depth < 0:
         raise ValueError(f"tree_depth must be a whole number, not negative, got {depth!r}")
     return int(depth)
-
-
-def _local_box(shape: Shape | OBB) -> LocalBox:
-    if isinstance(shape, OBB):
-        return shape.center, shape.rotation, shape.half_extents
-    return shape.local_box

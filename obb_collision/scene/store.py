@@ -7,7 +7,9 @@ lives; freed slots are used again, the lowest first. Arrays grow by doubling.
 from __future__ import annotations
 
 import heapq
+import weakref
 from collections.abc import Iterable
+from itertools import count
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,6 +23,7 @@ LocalBox = tuple[Floats, Floats, Floats]
 Rows = NDArray[np.int64]
 
 FIRST_CAPACITY = 16
+_versions = count(1)
 
 
 class ObjectStore:
@@ -28,6 +31,8 @@ class ObjectStore:
 
     def __init__(self) -> None:
         self.slots: dict[str, int] = {}
+        self.version = next(_versions)  # changes with the names; no two stores share one
+        self._name_tuple: tuple[int, tuple[str | None, ...]] = (0, ())
         self._free: list[int] = []
         self._allocate(FIRST_CAPACITY)
 
@@ -40,12 +45,15 @@ class ObjectStore:
         self.kinds = np.zeros(capacity, np.int8)  # see ``tree_bank``
         self.paddings = np.zeros(capacity)
         self.poses = np.zeros((capacity, 7))
+        self.twists = np.zeros((capacity, 6))
+        self.born = np.zeros(capacity, np.int64)  # version in which the object came
         self.local_centers = np.zeros((capacity, 3))
         self.local_rotations = np.zeros((capacity, 3, 3))
         self.local_half_extents = np.zeros((capacity, 3))
         self.centers = np.zeros((capacity, 3))
         self.rotations = np.zeros((capacity, 3, 3))
         self.half_extents = np.zeros((capacity, 3))
+        self._lent: weakref.ref[Boxes] | None = None
         self._free = list(range(capacity))
 
     def _grow(self) -> None:
@@ -68,6 +76,12 @@ class ObjectStore:
         except KeyError:
             raise KeyError(f"no object named {name!r}") from None
 
+    def name_tuple(self) -> tuple[str | None, ...]:
+        """Return the names by slot, None where there is no object."""
+        if self._name_tuple[0] != self.version:
+            self._name_tuple = self.version, tuple(self.names)
+        return self._name_tuple[1]
+
     def live(self) -> Rows:
         """Return the slots in use, ascending."""
         return np.flatnonzero(self.used)
@@ -77,12 +91,15 @@ class ObjectStore:
         positions, rotations = as_poses(pose[None], "pose")
         slot = self.slots.get(name)
         if slot is None:
+            self.version = next(_versions)
             if not self._free:
                 self._grow()
             slot = heapq.heappop(self._free)
             self.slots[name] = slot
             self.names[slot] = name
             self.used[slot] = True
+            self.born[slot] = self.version
+            self.twists[slot] = 0.0
         self.local_centers[slot], self.local_rotations[slot], extents = local_box
         self.local_half_extents[slot] = extents
         self.poses[slot] = pose
@@ -106,6 +123,7 @@ class ObjectStore:
         self._place(rows, positions, rotations)
 
     def _place(self, rows: Rows, positions: Floats, rotations: Floats) -> None:
+        self._keep_lent()
         place_boxes(
             *(positions, rotations, self.local_centers, self.local_rotations, rows),
             *(self.centers, self.rotations),
@@ -117,6 +135,7 @@ class ObjectStore:
         pad = as_array(padding, "padding", ())
         if pad < 0.0:
             raise ValueError("padding must not be negative")
+        self._keep_lent()
         self.paddings[rows] = pad
         self.half_extents[rows] = add_outwards(self.local_half_extents[rows], pad)
         self.changed[rows] = True
@@ -124,6 +143,7 @@ class ObjectStore:
     def remove(self, name: str) -> int:
         """Take an object out; return the slot it had."""
         slot = self.slot(name)
+        self.version = next(_versions)
         del self.slots[name]
         self.names[slot] = None
         self.used[slot] = False
@@ -151,6 +171,24 @@ class ObjectStore:
     def all_boxes(self) -> Boxes:
         """Return the world boxes of all slots, used or not, as views."""
         return Boxes.trusted(self.centers, self.rotations, self.half_extents)
+
+    def snapshot(self) -> Boxes:
+        """Return the world boxes of all slots; they stay as they are when the store changes.
+
+        Nothing is copied now: the next change copies them if the snapshot is still in use then.
+        """
+        lent = self._lent() if self._lent is not None else None
+        if lent is None:
+            lent = self.all_boxes()
+            self._lent = weakref.ref(lent)
+        return lent
+
+    def _keep_lent(self) -> None:
+        """Leave the arrays to a snapshot in use and go on with copies."""
+        if self._lent is not None and self._lent() is not None:
+            self.centers, self.rotations = self.centers.copy(), self.rotations.copy()
+            self.half_extents = self.half_extents.copy()
+        self._lent = None
 
     def slots_of(self, names: Iterable[str]) -> Rows:
         """Return the slots of names; KeyError naming the first unknown one."""

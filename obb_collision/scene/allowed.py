@@ -1,0 +1,67 @@
+"""Allowed pairs: objects that may touch, so that their collision is none.
+
+Rules name pairs of patterns; of several that fit a pair the last one counts, as in an allowed
+collision matrix. Objects that no rule tells apart form a group, so a pair is looked up in a small
+table of groups, however many objects there are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from obb_collision.scene.patterns import as_patterns, matching
+
+Rows = NDArray[np.int64]
+Rule = tuple[str, str, bool]
+#: Whether pairs of slots (m,), (m,) count, (m,).
+Counts = Callable[[Rows, Rows], NDArray[np.bool_]]
+
+
+class AllowedPairs:
+    """Rules, and the table they make for the names at hand."""
+
+    def __init__(self) -> None:
+        self.rules: list[Rule] = []
+        self._made: tuple[int, Counts] | None = None
+
+    def add(self, first: str, second: str, allowed: bool) -> None:
+        """Let objects that match two patterns touch each other, or, with False, no longer.
+
+        Raises ValueError for what is no pattern.
+        """
+        a, b = (*as_patterns(first, "first"), *as_patterns(second, "second"))
+        rule = (a, b, bool(allowed))
+        same = {(a, b), (b, a)}
+        self.rules = [old for old in self.rules if old[:2] not in same] + [rule]
+        self._made = None
+
+    def counts(self, names: Sequence[str | None], version: int) -> Counts | None:
+        """Return which pairs count as collisions if they collide, None for all.
+
+        names: by slot; version: a number that changes with them, so that the table can be kept.
+        """
+        if not self.rules:
+            return None
+        if self._made is None or self._made[0] != version:
+            self._made = version, _counts(self.rules, names)
+        return self._made[1]
+
+
+def _counts(rules: Sequence[Rule], names: Sequence[str | None]) -> Counts:
+    patterns = sorted({pattern for a, b, _ in rules for pattern in (a, b)})
+    columns = np.stack([matching([pattern], names) for pattern in patterns], axis=1)
+    kinds, groups = np.unique(columns, axis=0, return_inverse=True)
+    groups = groups.reshape(-1)  # numpy 2.0 gave it another shape
+    table = np.ones((len(kinds), len(kinds)), np.bool_)
+    for a, b, allowed in rules:
+        in_a, in_b = kinds[:, patterns.index(a)], kinds[:, patterns.index(b)]
+        table[np.outer(in_a, in_b) | np.outer(in_b, in_a)] = not allowed
+
+    def counts(first: Rows, second: Rows) -> NDArray[np.bool_]:
+        result: NDArray[np.bool_] = table[groups[first], groups[second]]
+        return result
+
+    return counts

@@ -1,0 +1,8 @@
+"""The effects of a scene: one module each, and one line here."""
+
+from __future__ import annotations
+
+from obb_collision.scene.effects.base import Effect
+from obb_collision.scene.effects.separations import Separations
+
+EFFECTS: dict[str, Effect] = {effect.name: effect for effect in (Separations(),)}

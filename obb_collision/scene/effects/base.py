@@ -1,0 +1,206 @@
+"""What an effect is: something computed on top of the pairs, only where it is called for.
+
+An effect sees one check of a scene (``Cycle``) and how it is set (``Setting``), and gives a result.
+It neither knows other effects nor who asks. One that looks at pairs one by one uses ``pair_rows``,
+which computes only what changed and lives through a pair that fails.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from obb_collision.geometry.boxes import Boxes
+from obb_collision.geometry.validation import as_array
+from obb_collision.queries.separation import Verdicts
+from obb_collision.scene.allowed import Counts
+from obb_collision.scene.broad_phase import Pairs
+from obb_collision.scene.store import ObjectStore, Rows
+
+Mask = NDArray[np.bool_]
+Table = tuple[NDArray[Any], ...]
+
+
+class Option(NamedTuple):
+    """A number an effect can be set by: what it means, in which unit, from where to where."""
+
+    default: float
+    low: float
+    high: float
+    description: str
+    choices: tuple[float, ...] = ()
+
+    def checked(self, name: str, value: Any) -> float:
+        """Return the value if it can be used; ValueError naming it otherwise."""
+        number = float(as_array(value, name, ()))
+        if self.choices and number not in self.choices:
+            choices = " or ".join(f"{choice:g}" for choice in self.choices)
+            raise ValueError(f"{name} must be {choices}, got {value!r}")
+        if not self.low <= number <= self.high:
+            raise ValueError(f"{name} must be from {self.low:g} to {self.high:g}, got {value!r}")
+        return number
+
+
+@dataclass(frozen=True)
+class Setting:
+    """How an effect is set: its mode, the objects that call for it (patterns), its options."""
+
+    mode: str = "auto"
+    objects: tuple[str, ...] = ("*",)
+    values: Mapping[str, float] = field(default_factory=dict)
+    wanted: Mask | None = None
+    """(slots,) the objects that call for it, None for all."""
+
+    def calls(self, pairs: Pairs) -> Rows:
+        """Return the rows of pairs (m, 2) of which one object or both call for the effect."""
+        if self.wanted is None:
+            return np.arange(len(pairs))
+        return np.flatnonzero(self.wanted[pairs].any(axis=1))
+
+
+class Before(NamedTuple):
+    """Where the objects were at the check before; rows of slots."""
+
+    boxes: Boxes
+    active: Mask
+    born: Rows
+
+
+@dataclass(eq=False)
+class Cycle:
+    """One check of a scene as effects see it; the arrays stay as they are.
+
+    boxes: of all slots; active (slots,): which take part; pairs (m, 2) and verdicts (m,): what
+    collides; counts: which pairs of slots (k,), (k,) count, None for all; old (m,): the row that
+    each pair had in the check before, -1 if it is to be computed anew, None if all are; last:
+    results of the check before by effect; points (k, 3): obstacles, None for none.
+
+    For effects that are not lazy only: store, whose poses and twists may change after the check,
+    and before, None where nobody asked at the check before.
+    """
+
+    boxes: Boxes
+    active: Mask
+    pairs: Pairs
+    verdicts: Verdicts
+    counts: Counts | None
+    old: Rows | None
+    last: Mapping[str, Any]
+    points: NDArray[Any] | None
+    store: ObjectStore
+    before: Before | None
+
+    def counted(self, pairs: Pairs) -> Pairs:
+        """Return those of pairs (k, 2) that may not touch."""
+        if self.counts is None:
+            return pairs
+        return pairs[self.counts(pairs[:, 0], pairs[:, 1])]
+
+    def as_before(self) -> Before:
+        """Return what the next check can compare with."""
+        return Before(self.boxes, self.active, self.store.born.copy())
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """What an effect gave: its result, how many pairs (or points) it ran on, and what failed."""
+
+    result: Any
+    count: int
+    failures: tuple[str, ...] = ()
+
+
+class Effect(Protocol):
+    """One effect; a value without state, so that one serves all scenes."""
+
+    name: str
+    options: Mapping[str, Option]
+    lazy: bool
+    """Whether it can still be computed after the check, when the scene may have moved on."""
+
+    def run(self, cycle: Cycle, setting: Setting) -> Outcome:
+        """Compute it for one check."""
+
+
+@dataclass(frozen=True, eq=False)
+class PairTable:
+    """Results with one row for each of some colliding pairs.
+
+    rows (k,): rows of ``Report.pairs``; columns: arrays (k, ...); values: the options they were
+    computed with.
+    """
+
+    rows: Rows
+    columns: Table
+    values: Mapping[str, float]
+
+
+def pair_rows(
+    name: str, cycle: Cycle, setting: Setting, compute: Callable[[Boxes, Pairs], Table]
+) -> tuple[PairTable, int, tuple[str, ...]]:
+    """Return the table of the pairs that call for an effect, how many were computed, failures.
+
+    compute(boxes, pairs) returns columns with one row a pair. Rows of pairs that are as they were
+    in the check before are copied. A pair for which ``compute`` raises gets a row of zeros and NaN,
+    and is named in the failures.
+    """
+    rows = setting.calls(cycle.pairs)
+    known = _known_rows(cycle, rows, setting, cycle.last.get(name))
+    anew = np.flatnonzero(known < 0)
+    fresh, failures = _computed(cycle.boxes, cycle.pairs[rows[anew]], compute)
+    columns = []
+    copied = np.flatnonzero(known >= 0)
+    for number, part in enumerate(fresh):
+        if len(copied) == 0:
+            columns.append(part)
+            continue
+        column = np.empty((len(rows), *part.shape[1:]), part.dtype)
+        column[anew] = part
+        column[copied] = cycle.last[name].columns[number][known[copied]]
+        columns.append(column)
+    return PairTable(rows, tuple(columns), setting.values), len(anew), failures
+
+
+def _known_rows(cycle: Cycle, rows: Rows, setting: Setting, last: PairTable | None) -> Rows:
+    """Return (k,) the row of each pair in the last table, -1 where it must be computed."""
+    if cycle.old is None or last is None or last.values != setting.values:
+        return np.full(len(rows), -1)
+    where = np.full(max(int(cycle.old.max(initial=-1)), int(last.rows.max(initial=-1))) + 2, -1)
+    where[last.rows] = np.arange(len(last.rows))
+    return where[cycle.old[rows]]  # the last entry, which -1 takes, is -1
+
+
+def _computed(
+    boxes: Boxes, pairs: Pairs, compute: Callable[[Boxes, Pairs], Table]
+) -> tuple[Table, tuple[str, ...]]:
+    """Return the columns of pairs; where that raises, pair by pair to see which one it is."""
+    try:
+        return compute(boxes, pairs), ()
+    except Exception as error:
+        blank = _blanks(compute(boxes, pairs[:0]), len(pairs))
+        failures: list[str] = []
+        if len(pairs) <= 1:
+            return blank, (_named(pairs, error),)
+        for row in range(len(pairs)):
+            part, failed = _computed(boxes, pairs[row : row + 1], compute)
+            failures += failed
+            for column, value in zip(blank, part, strict=True):
+                column[row] = value[0]
+        return blank, tuple(failures)
+
+
+def _blanks(columns: Table, count: int) -> Table:
+    """Return columns of ``count`` rows that say nothing: NaN, or zero for whole numbers."""
+    return tuple(
+        np.full((count, *part.shape[1:]), np.nan if part.dtype.kind == "f" else 0, part.dtype)
+        for part in columns
+    )
+
+
+def _named(pairs: Pairs, error: Exception) -> str:
+    where = "".join(f"pair {i}, {j}: " for i, j in pairs.tolist())
+    return f"{where}{type(error).__name__}: {error}"

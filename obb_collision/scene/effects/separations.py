@@ -1,0 +1,30 @@
+"""The effect ``separations``: how deep each colliding pair is, along which axis, and where."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from obb_collision.geometry.boxes import Boxes
+from obb_collision.queries.witness import witness_kernel
+from obb_collision.scene.broad_phase import Pairs
+from obb_collision.scene.effects.base import Cycle, Option, Outcome, Setting, Table, pair_rows
+
+
+class Separations:
+    """Signed separations (k,), unit normals (k, 3) and a place (k, 3) of the colliding pairs."""
+
+    name = "separations"
+    options: Mapping[str, Option] = {}
+    lazy = True
+
+    def run(self, cycle: Cycle, setting: Setting) -> Outcome:
+        """Compute the columns of ``Report.separations``, ``normals`` and ``points``."""
+        return Outcome(*pair_rows(self.name, cycle, setting, _separations))
+
+
+def _separations(boxes: Boxes, pairs: Pairs) -> Table:
+    columns = np.empty(len(pairs)), *np.empty((2, len(pairs), 3))
+    witness_kernel(boxes.centers, boxes.rotations, boxes.half_extents, pairs, *columns)
+    return columns

@@ -1,0 +1,84 @@
+"""How the effects of a scene are set, and which of its objects call for each."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+from obb_collision.scene.effects.base import Effect, Setting
+from obb_collision.scene.patterns import as_patterns, matching
+
+OFF, AUTO, ON = MODES = ("off", "auto", "on")
+"""Never; when asked for; at every check."""
+
+
+class EffectSettings:
+    """One ``Setting`` an effect, by name."""
+
+    def __init__(self, effects: Iterable[Effect]) -> None:
+        self._effects = {effect.name: effect for effect in effects}
+        self._settings = {
+            name: Setting(values={key: option.default for key, option in effect.options.items()})
+            for name, effect in self._effects.items()
+        }
+        self._resolved: tuple[int, dict[str, Setting]] | None = None
+
+    def __getitem__(self, name: str) -> Setting:
+        return self._settings[self.check_name(name)]
+
+    def check_name(self, name: str) -> str:
+        """Return the name of an effect; ValueError with the choices otherwise."""
+        if name not in self._settings:
+            raise ValueError(f"effect must be one of {', '.join(self._settings)}, got {name!r}")
+        return name
+
+    def set(
+        self,
+        name: str,
+        mode: str | None = None,
+        objects: Iterable[str] | str | None = None,
+        options: Mapping[str, Any] | None = None,
+    ) -> None:
+        """Change what is given of one effect; all or, on a ValueError, nothing."""
+        setting = self[name]
+        known = self._effects[name].options
+        if mode is not None and mode not in MODES:
+            raise ValueError(f"mode of {name} must be off, auto or on, got {mode!r}")
+        values = dict(setting.values)
+        for key, value in (options or {}).items():
+            if key not in known:
+                choices = f"has {', '.join(known)}" if known else "has no options"
+                raise ValueError(f"effect {name} {choices}; got {key!r}")
+            values[key] = known[key].checked(f"{name} {key}", value)
+        patterns = setting.objects if objects is None else as_patterns(objects, f"{name} objects")
+        self._settings[name] = replace(
+            setting, mode=mode or setting.mode, objects=patterns, values=values
+        )
+        self._resolved = None
+
+    def wanted(self, asked: Iterable[str]) -> list[str]:
+        """Return the effects to compute: those that are on, and those asked for that are not off.
+
+        Raises ValueError for an unknown name.
+        """
+        names = {self.check_name(name) for name in asked}
+        modes = ((name, setting.mode) for name, setting in self._settings.items())
+        return [name for name, mode in modes if mode == ON or (mode == AUTO and name in names)]
+
+    def resolved(self, names: Sequence[str | None], version: int) -> Mapping[str, Setting]:
+        """Return the settings with the masks of the objects that call for each effect.
+
+        names: by slot; version: a number that changes with them, so that masks can be kept.
+        """
+        if self._resolved is None or self._resolved[0] != version:
+            self._resolved = (
+                version,
+                {
+                    name: setting
+                    if "*" in setting.objects
+                    else replace(setting, wanted=matching(setting.objects, names))
+                    for name, setting in self._settings.items()
+                },
+            )
+        return self._resolved[1]

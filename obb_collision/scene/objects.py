@@ -1,0 +1,187 @@
+"""The objects of a scene: they come, get poses and settings of their own, and go."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from obb_collision.geometry.boxes import Boxes
+from obb_collision.geometry.poses import IDENTITY_POSE
+from obb_collision.geometry.shapes import Shape
+from obb_collision.geometry.validation import as_array
+from obb_collision.obb import OBB
+from obb_collision.queries.accuracy import Accuracy, as_accuracy
+from obb_collision.scene.store import LocalBox, ObjectStore
+from obb_collision.scene.tree_bank import TreeBank
+
+
+class SceneObjects:
+    """A store of named objects: shapes, poses, twists, padding and accuracy."""
+
+    def __init__(self, padding: float, accuracy: Accuracy | str) -> None:
+        self.clear()
+        self._padding = 0.0
+        self.padding = padding
+        self._accuracy = as_accuracy(accuracy)
+
+    def add(
+        self,
+        name: str,
+        shape: Shape | OBB,
+        pose: ArrayLike | None = None,
+        *,
+        padding: float | None = None,
+        accuracy: Accuracy | str | None = None,
+    ) -> int:
+        """Add an object, or replace the one of that name, and return its index.
+
+        shape: a value of ``geometry.shapes`` or an OBB, in the object's own frame; its local box
+        is fitted once. pose (7,): x y z qx qy qz qw, identity if not given. padding, metres, and
+        accuracy: in place of the scene's. Raises ValueError for bad values of any of them.
+        """
+        if not isinstance(name, str):
+            raise ValueError(f"name must be a string, got {name!r}")
+        where = IDENTITY_POSE if pose is None else as_array(pose, "pose", (7,))
+        pad = self._padding if padding is None else padding
+        _check_padding(pad)
+        rung = None if accuracy is None else as_accuracy(accuracy)
+        slot = self._store.put(name, _local_box(shape), where, pad)
+        self._store.kinds[slot] = self._bank.put(slot, shape)
+        self._set_accuracy(slot, rung)
+        if padding is None:
+            self._own_padding.discard(slot)
+        else:
+            self._own_padding.add(slot)
+        return slot
+
+    def move(self, name: str, pose: ArrayLike) -> None:
+        """Give one object a new pose (7,). KeyError for an unknown name."""
+        slot = self._store.slot(name)
+        self._store.move(np.array([slot]), as_array(pose, "pose", (7,))[None])
+
+    def move_many(self, names: Iterable[str], poses: ArrayLike) -> None:
+        """Give objects new poses (n, 7), by name; all or, on an error, none."""
+        self._store.move(self._store.slots_of(names), poses)
+
+    def move_indices(self, indices: ArrayLike, poses: ArrayLike) -> None:
+        """Give objects new poses (n, 7), by index array (n,); all or, on an error, none."""
+        self._store.move(self._store.check_slots(indices), poses)
+
+    def set_twist(self, name: str, twist: ArrayLike) -> None:
+        """Say how an object moves: (6,) linear x y z (m/s), angular x y z (rad/s).
+
+        In the frame of the poses, of the point that the pose places. It holds until the next one;
+        the effect ``sweep`` predicts with it. KeyError for an unknown name.
+        """
+        slot = self._store.slot(name)
+        self._store.twists[slot] = as_array(twist, "twist", (6,))
+
+    def set_twists(self, indices: ArrayLike, twists: ArrayLike) -> None:
+        """Give objects twists (n, 6), by index array (n,); all or, on an error, none."""
+        slots = self._store.check_slots(indices)
+        self._store.twists[slots] = as_array(twists, "twists", (len(slots), 6))
+
+    def remove(self, name: str) -> None:
+        """Take an object out. KeyError for an unknown name."""
+        slot = self._store.remove(name)
+        self._own_padding.discard(slot)
+        self._own_accuracy.discard(slot)
+        self._bank.shapes.pop(slot, None)
+
+    def clear(self) -> None:
+        """Take all objects out; what is set stays."""
+        self._store = ObjectStore()
+        self._bank = TreeBank()
+        self._own_padding: set[int] = set()
+        self._own_accuracy: set[int] = set()
+
+    def set_enabled(self, name: str, enabled: bool) -> None:
+        """Let an object take part in collisions or not; it keeps its box either way."""
+        slot = self._store.slot(name)
+        if self._store.active[slot] != enabled:
+            self._store.active[slot] = enabled
+            self._store.changed[slot] = True
+
+    @property
+    def padding(self) -> float:
+        """Metres by which boxes without a padding of their own are grown on every side."""
+        return self._padding
+
+    @padding.setter
+    def padding(self, value: float) -> None:
+        _check_padding(value)
+        self._padding = float(value)
+        rows = np.setdiff1d(self._store.live(), sorted(self._own_padding)).astype(np.int64)
+        self._store.pad(rows, self._padding)
+
+    @property
+    def accuracy(self) -> Accuracy:
+        """The rung of the objects without one of their own; may be set, also by name."""
+        return self._accuracy
+
+    @accuracy.setter
+    def accuracy(self, value: Accuracy | str) -> None:
+        self._accuracy = as_accuracy(value)
+        for slot in np.setdiff1d(self._store.live(), sorted(self._own_accuracy)).tolist():
+            self._set_accuracy(int(slot), None)
+
+    def set_accuracy(self, name: str, accuracy: Accuracy | str | None) -> None:
+        """Give an object a rung of its own, or with None the scene's. KeyError, ValueError."""
+        rung = None if accuracy is None else as_accuracy(accuracy)
+        self._set_accuracy(self._store.slot(name), rung)
+
+    def _set_accuracy(self, slot: int, own: Accuracy | None) -> None:
+        if own is None:
+            self._own_accuracy.discard(slot)
+        else:
+            self._own_accuracy.add(slot)
+        value = self._accuracy if own is None else own
+        if self._store.accuracies[slot] != value:
+            self._store.accuracies[slot] = value
+            self._store.changed[slot] = True
+
+    def __len__(self) -> int:
+        return len(self._store)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._store.slots
+
+    def index(self, name: str) -> int:
+        """Return the index of an object. KeyError for an unknown name."""
+        return self._store.slot(name)
+
+    def name(self, index: int) -> str:
+        """Return the name of the object with an index. KeyError for an unknown one."""
+        return str(self._store.names[self._store.check_slots(index)[0]])
+
+    @property
+    def names(self) -> list[str]:
+        """The names of the objects, in the order of ``indices``."""
+        return [str(self._store.names[slot]) for slot in self.indices]
+
+    @property
+    def indices(self) -> NDArray[np.int64]:
+        """(n,) the indices of the objects, ascending."""
+        return self._store.live()
+
+    @property
+    def boxes(self) -> Boxes:
+        """The world boxes, padding included, in the order of ``indices``."""
+        return self._store.boxes(self.indices)
+
+    def obb(self, name: str) -> OBB:
+        """Return the world box of one object, padding included."""
+        return OBB(*self._store.all_boxes().row(self._store.slot(name)))
+
+
+def _check_padding(padding: float) -> None:
+    if as_array(padding, "padding", ()) < 0.0:
+        raise ValueError("padding must not be negative")
+
+
+def _local_box(shape: Shape | OBB) -> LocalBox:
+    if isinstance(shape, OBB):
+        return shape.center, shape.rotation, shape.half_extents
+    return shape.local_box

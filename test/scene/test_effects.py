@@ -1,0 +1,178 @@
+"""The machinery of effects: nothing is computed that nobody asked for, and reports stay true."""
+
+import gc
+from typing import Any
+
+import numpy as np
+import pytest
+
+import obb_collision as oc
+from obb_collision.scene.effects import EFFECTS, separations
+from obb_collision.scene.effects.base import pair_rows
+
+LAZY = [name for name, effect in EFFECTS.items() if effect.lazy]
+
+
+def row_of_cubes(count: int = 5, gap: float = 0.75) -> oc.Scene:
+    """Return unit cubes along x, each overlapping the next."""
+    scene = oc.Scene()
+    for k in range(count):
+        scene.add(f"{'even' if k % 2 == 0 else 'odd'}/{k}", oc.Box([1, 1, 1]), at(gap * k))
+    return scene
+
+
+def at(x: float, y: float = 0.0, z: float = 0.0) -> list[float]:
+    return [x, y, z, 0.0, 0.0, 0.0, 1.0]
+
+
+@pytest.fixture
+def calls(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """Record the pairs of each call of the kernel of separations."""
+    made: list[int] = []
+    kernel = separations.witness_kernel
+
+    def counted(*arguments: Any) -> None:
+        made.append(len(arguments[3]))
+        kernel(*arguments)
+
+    monkeypatch.setattr(separations, "witness_kernel", counted)
+    return made
+
+
+def test_what_nobody_reads_is_not_computed(calls: list[int]) -> None:
+    scene = row_of_cubes()
+    report = scene.check()
+    assert (len(report), calls, report.costs) == (4, [], {})
+    assert report.depths.tolist() == [0.25] * 4
+    assert report.normals.shape == report.points.shape == (4, 3)
+    assert calls == [4]
+    assert report.costs["separations"].count == 4
+
+
+def test_modes(calls: list[int]) -> None:
+    scene = row_of_cubes()
+    scene.set_effect("separations", "on")
+    report = scene.check()
+    assert calls == [4]
+    scene.set_effect("separations", "off")
+    assert scene.check() is not report
+    with pytest.raises(ValueError, match="'separations' is off"):
+        _ = scene.check().depths
+    _ = scene.check(effects=["separations"])
+    assert calls == [4]
+    scene.set_effect("separations", "auto")
+    report = scene.check()
+    assert calls == [4]
+    assert scene.check(effects=["separations"]) is report
+    assert calls == [4, 4]
+
+
+def test_only_pairs_that_changed_are_computed_again(calls: list[int]) -> None:
+    scene = row_of_cubes(200)
+    scene.set_effect("separations", "on")
+    scene.check()
+    scene.move("even/100", at(75.1))
+    report = scene.check()
+    assert calls == [199, 2]
+    assert np.allclose(report.depths[[98, 99, 100, 101]], [0.25, 0.15, 0.35, 0.25], atol=1e-12)
+    assert report.costs["separations"].count == 2
+
+
+def test_a_report_is_of_its_check_however_late_it_is_read() -> None:
+    scene = row_of_cubes()
+    first = scene.check()
+    scene.move("odd/1", at(0.5))
+    scene.padding = 0.125
+    second = scene.check()
+    scene.remove("even/0")
+    scene.add("even/0", oc.Sphere(3.0))
+    assert first.depths.tolist() == [0.25] * 4
+    assert second.names()[0] == ("even/0", "odd/1")
+    assert second.depths[0] == 0.75
+
+
+def test_boxes_are_copied_only_for_reports_in_use() -> None:
+    scene = row_of_cubes()
+    report = scene.check()
+    held = scene._store.centers
+    scene.move("odd/1", at(0.5))
+    assert scene._store.centers is not held
+    held = scene._store.centers
+    del report
+    scene.check()
+    gc.collect()
+    scene.move("odd/1", at(0.6))
+    assert scene._store.centers is held
+
+
+def test_only_objects_that_call_for_an_effect_get_it(calls: list[int]) -> None:
+    scene = row_of_cubes()
+    scene.set_effect("separations", objects=["even/4"])
+    report = scene.check()
+    assert np.isnan(report.depths).tolist() == [True, True, True, False]
+    assert calls == [1]
+    scene.add("even/4", oc.Box([1, 1, 1]), at(0.5))
+    assert np.isfinite(scene.check().depths).sum() == 3
+    scene.set_effect("separations", objects="nobody")
+    assert np.isnan(scene.check().depths).all()
+
+
+def test_a_pair_that_fails_is_named_and_the_others_are_computed() -> None:
+    scene = row_of_cubes()
+    report = scene.check()
+
+    def compute(boxes: oc.Boxes, pairs: Any) -> Any:
+        if 2 in pairs[:, 0]:
+            raise ArithmeticError("no answer")
+        return (pairs[:, 1] * 1.0,)
+
+    table, count, failures = pair_rows("x", report.cycle, scene.effect_setting("separations"), compute)
+    assert count == 4
+    assert failures == ("pair 2, 3: ArithmeticError: no answer",)
+    assert np.isnan(table.columns[0]).tolist() == [False, False, True, False]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("nothing",), "effect must be one of"),
+        (("separations", "sometimes"), "must be off, auto or on"),
+        (("separations", None, [""]), "names or patterns"),
+    ],
+)
+def test_what_cannot_be_set_is_refused(arguments: Any, message: str) -> None:
+    scene = row_of_cubes()
+    before = scene.effect_setting("separations")
+    with pytest.raises(ValueError, match=message):
+        scene.set_effect(*arguments)
+    with pytest.raises(ValueError, match="has no options"):
+        scene.set_effect("separations", "on", limit=3.0)
+    with pytest.raises(ValueError, match="effect must be one of"):
+        scene.check(effects=["nothing"])
+    assert scene.effect_setting("separations") == before
+
+
+@pytest.mark.parametrize("accuracy", ["sphere", "obb", "mesh"])
+def test_allowed_pairs_do_not_count(accuracy: str) -> None:
+    scene = row_of_cubes()
+    scene.accuracy = oc.Accuracy[accuracy.upper()]
+    everything = scene.check().names()
+    scene.allow("even/*", "odd/*")
+    left = [(a, b) for a, b in everything if a[:3] == b[:3]]
+    assert scene.check().names() == left
+    scene.allow("odd/1", "*", allowed=False)
+    kept = [pair for pair in everything if pair in left or "odd/1" in pair]
+    assert scene.check().names() == kept
+    scene.move("even/0", at(0.01))  # by what changed alone, too
+    assert scene.check().names() == kept
+    scene.clear()
+    assert scene.allowed == [("even/*", "odd/*", True), ("odd/1", "*", False)]
+    with pytest.raises(ValueError, match="names or patterns"):
+        scene.allow("", "*")
+
+
+def test_objects_may_come_one_by_one_between_checks() -> None:
+    scene = oc.Scene()
+    for k in range(70):
+        scene.add(str(k), oc.Box([1, 1, 1]), at(0.75 * k))
+        assert len(scene.check()) == k
