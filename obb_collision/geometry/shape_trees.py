@@ -15,6 +15,10 @@ from obb_collision.geometry.validation import Floats
 HULL_MARGIN = 2.0**-36
 #: What would have to grow by more to get that margin is too thin: its box takes its place.
 LARGEST_GROWTH = 2.0**-10
+#: A facet less high than this times its longest side may have a corner too many, on that side.
+SLIVER = 2.0**-20
+#: Rounds of leaving out such corners; real meshes needed three at most.
+ROUNDS = 8
 #: Largest number of faces times points of a hull: some 2 s. Larger ones get their box.
 LARGEST_WORK = 2_000_000_000
 #: Products held at once while the farthest points are sought: 32 MB.
@@ -38,7 +42,8 @@ def hull_tree(shape: Mesh | Hull) -> MeshTrees:
     The hull itself, larger by HULL_MARGIN; for a shape so flat that Qhull or that margin fails,
     and for hulls of tens of thousands of faces, its local box.
     """
-    points = shape._points() * np.array(shape.scale)
+    # Each corner once: files of single triangles repeat them, and Qhull makes facets of copies.
+    points = np.unique(shape._points() * np.array(shape.scale), axis=0)
     largest = float(np.abs(points).max())
     margin = HULL_MARGIN * largest
     # By a power of two, exactly, so that products neither overflow nor vanish.
@@ -54,17 +59,46 @@ def hull_tree(shape: Mesh | Hull) -> MeshTrees:
 
 
 def _grown_hull(points: Floats, margin: float) -> tuple[Floats, Integers] | None:
+    """Return vertices and outward faces of a hull that holds the points with a margin; or None.
+
+    Facets of no height, which flat faces with many corners get, have any normal at all; where
+    they forbid it, their needless corners are left out. Growing covers those like all others.
+    """
+    corners = points
+    for _ in range(ROUNDS):
+        hull = convex_hull(corners)
+        if hull is None or len(hull.simplices) * len(points) > LARGEST_WORK:
+            return None
+        used, faces = np.unique(hull.simplices, return_inverse=True)
+        faces = faces.reshape(-1, 3).astype(np.int64)
+        corners = corners[used]
+        grown = _grown(corners, faces, points, margin)
+        if grown is not None:
+            return grown
+        needless = _needless(corners[faces], faces)
+        if len(needless) == 0:
+            return None
+        corners = np.delete(corners, needless, axis=0)
+    return None
+
+
+def _needless(corners: Floats, faces: Integers) -> Integers:
+    """Return the vertices that lie about on the longest side of a face (m, 3, 3), opposite it."""
+    sides = corners[:, [2, 0, 1]] - corners[:, [1, 2, 0]]  # each opposite its corner
+    lengths = np.linalg.norm(sides, axis=2)
+    doubled = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
+    thin = doubled <= SLIVER * lengths.max(axis=1) ** 2
+    return faces[thin, lengths[thin].argmax(axis=1)]
+
+
+def _grown(
+    vertices: Floats, faces: Integers, points: Floats, margin: float
+) -> tuple[Floats, Integers] | None:
     """Return vertices and outward faces of the hull, stretched about an inner point; or None.
 
     The surface is star-shaped about that point if all faces have it on their inner side. Then it
     holds all that is behind every face's plane; so each plane is moved past the farthest point.
     """
-    hull = convex_hull(points)
-    if hull is None or len(hull.simplices) * len(points) > LARGEST_WORK:
-        return None
-    used, faces = np.unique(hull.simplices, return_inverse=True)
-    faces = faces.reshape(-1, 3).astype(np.int64)
-    vertices = points[used]
     middle = vertices.mean(axis=0)
     a, b, c = (vertices - middle)[faces].transpose(1, 0, 2)
     normals = np.cross(b - a, c - a)

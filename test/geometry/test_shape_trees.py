@@ -7,6 +7,7 @@ import pytest
 from mesh_zoo import zoo
 from numpy.typing import ArrayLike
 
+from obb_collision.geometry.hulls import hull_volume
 from obb_collision.geometry.mesh_tree import MeshTrees
 from obb_collision.geometry.meshes import Hull, Mesh
 from obb_collision.geometry.shape_trees import HULL_MARGIN, box_tree, hull_tree, mesh_tree
@@ -51,6 +52,24 @@ def test_flat_shapes_get_a_box(points: list[list[float]]) -> None:
     assert tree.solid[0]
     assert len(tree.faces) == 12
     assert least_distance(tree, points) > 0.99 * HULL_MARGIN
+
+
+def test_repeated_corners_and_corners_amid_edges_still_get_a_hull() -> None:
+    # As files of single triangles have them; flat faces with fine rims give Qhull's facets of
+    # no area, above all where it joggles: from a thousand corners on.
+    rng = np.random.default_rng(2)
+    wedge = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 0.7], [1, 0, 0.7], [0, 1, 0.7]])
+    edges = np.array([[0, 1], [1, 2], [2, 0], [3, 4], [4, 5], [5, 3], [0, 3], [1, 4], [2, 5]])
+    shares = rng.random((9, 300, 1))
+    rims = wedge[edges[:, :1]] * shares + wedge[edges[:, 1:]] * (1.0 - shares)
+    turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    for points in (np.repeat(rims.reshape(-1, 3), 3, axis=0) @ turn, ZOO["bumpy2"][0].repeat(6, 0)):
+        points = points.astype(np.float32).astype(np.float64)
+        tree = hull_tree(Hull(points))
+        assert least_distance(tree, points) > 0.99 * HULL_MARGIN
+        corners = tree.triangles.reshape(-1, 3, 3)
+        volume = np.linalg.det(corners - corners.mean(axis=(0, 1))).sum() / 6.0
+        assert volume == pytest.approx(hull_volume(np.unique(points, axis=0)), rel=1e-4)
 
 
 def test_scales_and_boxes() -> None:
