@@ -126,7 +126,8 @@ def test_a_pair_that_fails_is_named_and_the_others_are_computed() -> None:
             raise ArithmeticError("no answer")
         return (pairs[:, 1] * 1.0,)
 
-    table, count, failures = pair_rows("x", report.cycle, scene.effect_setting("separations"), compute)
+    setting = scene.effect_setting("separations")
+    table, count, failures = pair_rows("x", report.cycle, setting, compute)
     assert count == 4
     assert failures == ("pair 2, 3: ArithmeticError: no answer",)
     assert np.isnan(table.columns[0]).tolist() == [False, False, True, False]
