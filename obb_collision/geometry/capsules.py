@@ -1,0 +1,64 @@
+"""Capsules: many capsules as a structure of arrays; a sphere is a capsule without length."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from obb_collision.geometry.validation import Floats, as_array, as_half_extents
+
+
+@dataclass(frozen=True, eq=False)
+class Capsules:
+    """n capsules: all points within radii[k] of the segment from starts[k] to ends[k].
+
+    starts and ends (n, 3), radii (n,), metres; equal ends make a sphere, radius zero a segment.
+    All float64. Raises ValueError naming the argument and the row for anything else.
+    """
+
+    starts: Floats
+    ends: Floats
+    radii: Floats
+
+    def __init__(self, starts: ArrayLike, ends: ArrayLike, radii: ArrayLike) -> None:
+        p = as_array(starts, "starts", (None, 3))
+        q = as_array(ends, "ends", (None, 3))
+        r = as_half_extents(radii, "radii", (None,))
+        if not len(p) == len(q) == len(r):
+            raise ValueError(
+                "starts, ends and radii must have the same length, "
+                f"got {len(p)}, {len(q)} and {len(r)}"
+            )
+        self._set(p.copy(), q.copy(), r)  # what is checked must not change behind our back
+
+    def _set(self, starts: Floats, ends: Floats, radii: Floats) -> None:
+        object.__setattr__(self, "starts", starts)
+        object.__setattr__(self, "ends", ends)
+        object.__setattr__(self, "radii", radii)
+
+    @classmethod
+    def trusted(cls, starts: Floats, ends: Floats, radii: Floats) -> Capsules:
+        """Return capsules over arrays known to be valid, neither checked nor copied."""
+        capsules = cls.__new__(cls)
+        capsules._set(starts, ends, radii)
+        return capsules
+
+    @classmethod
+    def spheres(cls, centers: ArrayLike, radii: ArrayLike) -> Capsules:
+        """Return spheres: centers (n, 3), radii (n,), metres; checked as capsules are."""
+        c = as_array(centers, "centers", (None, 3)).copy()
+        r = as_half_extents(radii, "radii", (None,))
+        if len(c) != len(r):
+            raise ValueError(
+                f"centers and radii must have the same length, got {len(c)} and {len(r)}"
+            )
+        return cls.trusted(c, c, r)
+
+    def __len__(self) -> int:
+        return len(self.starts)
+
+    def take(self, rows: NDArray[np.int64] | NDArray[np.bool_]) -> Capsules:
+        """Return the capsules of an index array or mask, in that order."""
+        return Capsules.trusted(self.starts[rows], self.ends[rows], self.radii[rows])
