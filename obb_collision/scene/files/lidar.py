@@ -1,0 +1,78 @@
+"""A lidar that is not there: a cloud of what a scanner in the middle of a scene would see.
+
+For demos and measurements of the effect ``points``. The rays meet the floor (z = 0) and the
+oriented boxes of the objects that the sensor sees.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from obb_collision.geometry.boxes import Boxes
+from obb_collision.geometry.validation import Floats
+
+Cloud = NDArray[np.float32]
+
+#: Scanners have a few lines of many points: this many, between these angles above the horizon.
+LINES = 32
+LOWEST, HIGHEST = np.radians(-35.0), np.radians(15.0)
+#: Standard deviation of a measured distance (m), and the nearest one measured.
+NOISE, NEAREST = 0.01, 0.3
+
+
+@dataclass(frozen=True)
+class Lidar:
+    """A scanner: number of rays a turn, range (m), position (3,), patterns of what it sees.
+
+    seed: of the noise of the distances; equal seeds and times give equal clouds.
+    """
+
+    count: int
+    range: float
+    position: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    sees: tuple[str, ...] = ("*",)
+    seed: int = 0
+
+    def directions(self) -> Floats:
+        """Return the unit directions (count, 3) of the rays, line by line from below."""
+        lines = min(LINES, self.count)
+        line = np.arange(self.count) * lines // self.count
+        turn = np.modf(np.arange(self.count) * lines / self.count)[0] * 2.0 * np.pi
+        rise = LOWEST + (HIGHEST - LOWEST) * line / max(lines - 1, 1)
+        return np.stack(
+            [np.cos(rise) * np.cos(turn), np.cos(rise) * np.sin(turn), np.sin(rise)], axis=1
+        )
+
+    def scan(self, boxes: Boxes, time: float) -> Cloud:
+        """Return the points (k, 3) seen at a time (s), boxes being those of what it sees."""
+        directions = self.directions()
+        origin = np.array(self.position)
+        with np.errstate(divide="ignore"):
+            way = np.where(directions[:, 2] < 0.0, -origin[2] / directions[:, 2], np.inf)
+        way[way <= 0.0] = np.inf
+        for row in range(len(boxes)):
+            way = np.minimum(way, _distances(origin, directions, *boxes.row(row)))
+        moment = round(time * 1e6) % 2**63  # microseconds: what a stamp would tell apart
+        noise = np.random.default_rng([self.seed, moment]).normal(0.0, NOISE, self.count)
+        seen = (way >= NEAREST) & (way <= self.range)
+        points = origin + (way + noise)[seen, None] * directions[seen]
+        return points.astype(np.float32)
+
+
+def _distances(
+    origin: Floats, directions: Floats, center: Floats, rotation: Floats, half_extents: Floats
+) -> Floats:
+    """Return (n,) metres along rays to a box, inf where they miss it; by slabs (Kay, Kajiya 1986).
+
+    A ray from inside of the box sees nothing of it.
+    """
+    start = (origin - center) @ rotation
+    along = directions @ rotation
+    with np.errstate(divide="ignore", invalid="ignore"):
+        first, second = (-half_extents - start) / along, (half_extents - start) / along
+    near = np.nanmax(np.fmin(first, second), axis=1)
+    far = np.nanmin(np.fmax(first, second), axis=1)
+    return np.where((near <= far) & (near > 0.0), near, np.inf)

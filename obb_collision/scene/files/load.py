@@ -1,0 +1,65 @@
+"""From a path to a scene description, whichever of the two formats the file is in."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import suppress
+from importlib.metadata import PackageNotFoundError, files
+from pathlib import Path
+
+from obb_collision.geometry.shapes import resolve_path
+from obb_collision.scene.files.description import SceneDescription
+from obb_collision.scene.files.errors import Problem, SceneFileError
+from obb_collision.scene.files.moveit import MARKS, read_planning_scene
+from obb_collision.scene.files.native import read_scene
+from obb_collision.scene.files.reading import parse, read_text
+
+PACKAGE = "obb_collision"
+#: Names of the scenes in the folder ``config`` of the package.
+READY = ("tabletop", "warehouse", "lidar_zone")
+
+
+def load_scene(path: str | Path) -> SceneDescription:
+    """Return what a scene file says: one of this package, or a MoveIt planning scene, as YAML.
+
+    Which of them it is tell its keys. Raises SceneFileError, a ValueError, that names file, line
+    and key of everything that is wrong with it.
+    """
+    file = Path(path)
+    top = parse(str(path), read_text(file))
+    if top.peek("objects") is not None:
+        return read_scene(top, file)
+    if any(top.peek(mark) is not None for mark in MARKS):
+        return read_planning_scene(top, file)
+    if top.is_mapping:
+        top.refuse("needs objects: (a scene) or world: (a MoveIt planning scene)")
+    top.expected("a mapping (key: value)")
+
+
+def find_scene(name: str) -> Path:
+    """Return the file of a path, or of the name of a scene that comes with the package.
+
+    Raises SceneFileError, with the names there are, where there is neither.
+    """
+    path = Path(name)
+    if path.exists() or path.suffix or len(path.parts) != 1:
+        return path
+    for folder in _config_folders() if name in READY else ():
+        if (folder / f"{name}.yaml").is_file():
+            return folder / f"{name}.yaml"
+    reason = f"there is no such file; the scenes of the package are {', '.join(READY)}"
+    raise SceneFileError(name, [Problem(1, "", reason)])
+
+
+def _config_folders() -> Iterator[Path]:
+    """Yield where ``config`` may be: beside the sources, where pip put it, where colcon did."""
+    yield Path(__file__).resolve().parents[3] / "config"
+    try:
+        installed = files(PACKAGE) or []
+    except PackageNotFoundError:
+        installed = []
+    for entry in installed:
+        if entry.name == f"{READY[0]}.yaml":
+            yield Path(str(entry.locate())).resolve().parent
+    with suppress(ValueError):  # without ROS there are no packages
+        yield resolve_path(f"package://{PACKAGE}/config")

@@ -1,0 +1,76 @@
+"""The key ``motion`` of an object: a twist, waypoints, or whom it follows."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+from obb_collision.scene.files.motion import (
+    Follow,
+    Loop,
+    Motion,
+    Pose,
+    Quaternion,
+    Steady,
+    from_rpy,
+    unit,
+)
+from obb_collision.scene.files.places import quaternion_of
+from obb_collision.scene.files.values import Value
+
+#: What a motion is told by, one of them, and the other keys it may have.
+KINDS = {"twist": ("period",), "waypoints": ("period",), "follow": ()}
+
+
+def read_motion(value: Value, turn: Quaternion) -> Motion:
+    """Return a motion; turn: the orientation of the object, for waypoints without one."""
+    fields = value.fields(("twist", "waypoints", "follow", "period"))
+    kinds = [kind for kind in KINDS if kind in fields]
+    if len(kinds) != 1:
+        value.expected("one of twist, waypoints, follow")
+    kind = kinds[0]
+    for key in fields:
+        if key != kind and key not in KINDS[kind]:
+            fields[key].refuse(f"a motion by {kind} has no {key}")
+    if kind == "follow":
+        return Follow(fields["follow"].text("the name of an object"))
+    period = fields["period"].positive() if "period" in fields else None
+    if kind == "twist":
+        x, y, z, about_x, about_y, about_z = fields["twist"].numbers(6)
+        return Steady((x, y, z, about_x, about_y, about_z), period)
+    if period is None:
+        value.refuse("needs period, the seconds of one round")
+    return _read_loop(fields["waypoints"], turn, period)
+
+
+def _read_loop(value: Value, turn: Quaternion, period: float) -> Loop:
+    points = value.items()
+    if len(points) < 2:
+        value.expected("at least 2 waypoints")
+    read = [_read_waypoint(point, turn) for point in points]
+    given = [time for _, time in read if time is not None]
+    if not given:
+        times = [period * k / len(read) for k in range(len(read))]
+    elif len(given) < len(read):
+        value.refuse("all waypoints need a time, or none")
+    else:
+        times = given
+    ascending = all(a < b for a, b in pairwise([*times, period]))
+    if times[0] != 0.0 or not ascending:
+        value.refuse(f"times must ascend from 0 and stay below the period {period:g}, got {times}")
+    return Loop(tuple(pose for pose, _ in read), tuple(times), period)
+
+
+def _read_waypoint(value: Value, turn: Quaternion) -> tuple[Pose, float | None]:
+    """Return pose and time of [x, y, z], [x, y, z, yaw] or a mapping."""
+    if value.is_mapping:
+        fields = value.fields(("position", "rpy", "quaternion", "time"), ("position",))
+        x, y, z = fields["position"].numbers(3)
+        time = fields["time"].not_negative() if "time" in fields else None
+        return (x, y, z, *unit(quaternion_of(fields, turn))), time
+    if value.is_list and len(value.items()) == 4:
+        x, y, z, yaw = value.numbers(4)
+        return (x, y, z, *from_rpy(0.0, 0.0, yaw)), None
+    if not value.is_list:
+        value.expected("[x, y, z], [x, y, z, yaw], or a mapping with position")
+    x, y, z = value.numbers(3)
+    return (x, y, z, *unit(turn)), None

@@ -1,0 +1,222 @@
+"""Values of a YAML file that know where they stand and refuse what can't be used.
+
+Numbers are read here, by one rule: decimal and finite. (PyYAML takes ``1e-3`` for a word and
+``010`` for eight.)
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Collection, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from difflib import get_close_matches
+from typing import NoReturn
+
+import yaml
+
+from obb_collision.geometry.validation import MAX_MAGNITUDE
+from obb_collision.scene.files.errors import Problem, Problems, SceneFileError
+
+NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", re.ASCII)
+NULL = "tag:yaml.org,2002:null"
+#: Tags of plain YAML; others ask for objects to be made, which is never done.
+PLAIN_TAGS = frozenset(
+    f"tag:yaml.org,2002:{name}"
+    for name in ("bool", "float", "int", "map", "merge", "null", "seq", "str", "timestamp", "value")
+)
+TRUE, FALSE = ("true", "yes", "on"), ("false", "no", "off")
+#: How much of a refused value is shown: levels of lists, items of a list, letters in all.
+SHOWN_LEVELS, SHOWN_ITEMS, SHOWN_LETTERS = 3, 8, 60
+
+
+@dataclass(frozen=True)
+class Value:
+    """A value in a file: its YAML node, the key that leads to it, and where problems go."""
+
+    node: yaml.Node
+    key: str
+    problems: Problems = field(repr=False)
+
+    def __post_init__(self) -> None:
+        if self.node.tag not in PLAIN_TAGS:
+            self.refuse(f"tags are not read, got {self.node.tag}")
+
+    @property
+    def line(self) -> int:
+        """Its line, counted from 1."""
+        return int(self.node.start_mark.line) + 1
+
+    def problem(self, reason: str) -> Problem:
+        """Return that this value is wrong."""
+        return Problem(self.line, self.key, reason)
+
+    def refuse(self, reason: str) -> NoReturn:
+        """Raise SceneFileError that names this value."""
+        raise SceneFileError(self.problems.file, [self.problem(reason)])
+
+    def expected(self, what: str) -> NoReturn:
+        """Raise SceneFileError: must be ``what``, got something else."""
+        self.refuse(f"must be {what}, got {self.shown()}")
+
+    def shown(self) -> str:
+        """Return the value for people, shortened."""
+        text = _shown(self.node, SHOWN_LEVELS)
+        return text if len(text) <= SHOWN_LETTERS else text[: SHOWN_LETTERS - 3] + "..."
+
+    @property
+    def is_mapping(self) -> bool:
+        """Whether it is a mapping."""
+        return isinstance(self.node, yaml.MappingNode)
+
+    @property
+    def is_list(self) -> bool:
+        """Whether it is a list."""
+        return isinstance(self.node, yaml.SequenceNode)
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether nothing stands there, or null."""
+        return bool(self.node.tag == NULL)
+
+    def items(self) -> list[Value]:
+        """Return the values of a list."""
+        if not self.is_list:
+            self.expected("a list")
+        return [
+            Value(node, f"{self.key}[{k}]", self.problems) for k, node in enumerate(self.node.value)
+        ]
+
+    def entries(self) -> dict[str, Value]:
+        """Return the values of a mapping by key; keys that stand twice are problems."""
+        if not self.is_mapping:
+            self.expected("a mapping (key: value)")
+        found: dict[str, Value] = {}
+        for key_node, node in self.node.value:
+            with self.problems.kept():
+                name = Value(key_node, self.key, self.problems).text("a key")
+                if name == "<<":
+                    self.refuse("merged mappings (<<) are not read")
+                value = Value(node, f"{self.key}.{name}" if self.key else name, self.problems)
+                if name in found:
+                    at = Value(key_node, value.key, self.problems)
+                    at.refuse(f"stands twice, first in line {found[name].line}")
+                found[name] = value
+        return found
+
+    def peek(self, name: str) -> Value | None:
+        """Return the value of one key of a mapping, without a look at the others."""
+        for key_node, node in self.node.value if self.is_mapping else ():
+            if key_node.value == name:
+                return Value(node, f"{self.key}.{name}" if self.key else name, self.problems)
+        return None
+
+    @contextmanager
+    def reasons(self) -> Iterator[None]:
+        """Name this value in the ValueErrors of others, such as shapes, raised within."""
+        try:
+            yield
+        except SceneFileError:
+            raise
+        except ValueError as error:
+            self.refuse(str(error))
+
+    def fields(self, known: Collection[str], required: Collection[str] = ()) -> dict[str, Value]:
+        """Return the values of a mapping with known keys; others are problems, with a guess."""
+        found = self.entries()
+        for name in [name for name in found if name not in known]:
+            value = found.pop(name)
+            self.problems.found.append(value.problem(f"unknown key{guess(name, known)}"))
+        given = {name: value for name, value in found.items() if not value.is_empty}
+        missing = [name for name in required if name not in given]
+        if missing:
+            self.refuse(f"needs {', '.join(missing)}")
+        return given
+
+    def text(self, what: str = "a word") -> str:
+        """Return a word, quoted or not."""
+        if not isinstance(self.node, yaml.ScalarNode) or self.is_empty or not self.node.value:
+            self.expected(what)
+        return str(self.node.value)
+
+    def choice(self, choices: Collection[str]) -> str:
+        """Return one of some words."""
+        word = self.text(f"one of {', '.join(choices)}")
+        if word not in choices:
+            self.expected(f"one of {', '.join(choices)}")
+        return word
+
+    def flag(self) -> bool:
+        """Return true or false."""
+        word = str(self.node.value).lower() if isinstance(self.node, yaml.ScalarNode) else ""
+        if self.node.style is not None or word not in TRUE + FALSE:
+            self.expected("true or false")
+        return word in TRUE
+
+    def number(self, what: str = "a number", fits: Callable[[float], bool] | None = None) -> float:
+        """Return a finite number for which ``fits`` holds, what being its words."""
+        number = _as_number(self.node)
+        if number is None or (fits is not None and not fits(number)):
+            self.expected(what)
+        return number
+
+    def positive(self) -> float:
+        """Return a number above zero."""
+        return self.number("a positive number", lambda number: number > 0.0)
+
+    def not_negative(self) -> float:
+        """Return a number not below zero."""
+        return self.number("a number, not negative", lambda number: number >= 0.0)
+
+    def whole(self, low: int, high: int) -> int:
+        """Return a whole number within limits, both allowed."""
+        number = self.number(
+            f"a whole number from {low} to {high}", lambda x: x == int(x) and low <= x <= high
+        )
+        return int(number)
+
+    def numbers(self, count: int, positive: bool = False) -> tuple[float, ...]:
+        """Return a list of so many finite numbers."""
+        numbers = [_as_number(node) for node in self.node.value] if self.is_list else []
+        good = [x for x in numbers if x is not None and (x > 0.0 or not positive)]
+        if len(numbers) != count or len(good) != count:
+            self.expected(f"{count} {'positive ' if positive else ''}numbers")
+        return tuple(good)
+
+
+def items_of(fields: dict[str, Value], key: str) -> list[Value]:
+    """Return the items of a list that may not be there."""
+    return fields[key].items() if key in fields else []
+
+
+def guess(word: str, known: Collection[str]) -> str:
+    """Return what an unknown word was perhaps meant to be, as the end of a sentence."""
+    close = get_close_matches(word, known, 1)
+    if close:
+        return f"; did you mean {close[0]}?"
+    return f"; there are {', '.join(known)}" if known else ""
+
+
+def _as_number(node: yaml.Node) -> float | None:
+    plain = isinstance(node, yaml.ScalarNode) and node.style is None and node.tag in PLAIN_TAGS
+    if not plain or NUMBER.fullmatch(node.value) is None:
+        return None
+    number = float(node.value)
+    return number if abs(number) <= MAX_MAGNITUDE else None
+
+
+def _shown(node: yaml.Node, levels: int) -> str:
+    if isinstance(node, yaml.ScalarNode):
+        if node.tag == NULL:
+            return "nothing"
+        return str(node.value) if node.style is None else repr(node.value)
+    brackets = "[{}]" if isinstance(node, yaml.SequenceNode) else "{{{}}}"
+    if levels == 0:
+        return brackets.format("...")
+    parts = [
+        _shown(item, levels - 1)
+        if not isinstance(item, tuple)
+        else f"{_shown(item[0], 0)}: {_shown(item[1], levels - 1)}"
+        for item in node.value[:SHOWN_ITEMS]
+    ]
+    return brackets.format(", ".join(parts + ["..."] * (len(node.value) > SHOWN_ITEMS)))
