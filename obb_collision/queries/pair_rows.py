@@ -1,0 +1,24 @@
+"""Pairs of rows as they come from outside."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+
+def as_pairs(value: ArrayLike, count: int) -> NDArray[np.int64]:
+    """Return pairs (m, 2) of rows of ``count`` boxes as contiguous int64; [] is no pair.
+
+    Raises ValueError naming ``pairs`` and the row for anything but whole numbers of a box.
+    """
+    array = np.asarray(value)
+    if array.size == 0 and array.shape in ((0,), (0, 2)):
+        return np.empty((0, 2), np.int64)
+    if array.ndim != 2 or array.shape[1] != 2:
+        raise ValueError(f"pairs must have shape (m, 2), got {array.shape}")
+    if not np.issubdtype(array.dtype, np.integer):
+        raise ValueError(f"pairs must be whole numbers, got {array.dtype}")
+    if array.min() < 0 or array.max() >= count:
+        row = int(np.argmax(((array < 0) | (array >= count)).any(axis=1)))
+        raise ValueError(f"pairs must be rows of the {count} boxes: not so in row {row}")
+    return np.ascontiguousarray(array, np.int64)
