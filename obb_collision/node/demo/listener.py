@@ -12,7 +12,7 @@ from rclpy.qos import QoSProfile
 from sensor_msgs.msg import PointCloud2
 from visualization_msgs.msg import Marker, MarkerArray
 
-from obb_collision.node.clouds import collisions_from_ros, named_pairs
+from obb_collision.node import collisions_from_ros, named_pairs
 from obb_collision.node.conversions import (
     NANOSECONDS,
     FloatArray,
