@@ -25,7 +25,8 @@ from obb_collision._jit import njit
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.error_free import length
 from obb_collision.geometry.validation import Floats
-from obb_collision.queries.closest_features import Pair, empty_pair
+from obb_collision.queries.box_frame import Pair, Vector, clamped, dot, minus, plus
+from obb_collision.queries.closest_features import Points
 from obb_collision.queries.closest_points import NEAR, best_face, points_apart, points_near
 from obb_collision.queries.pair_rows import as_pairs
 from obb_collision.queries.separation import (
@@ -106,40 +107,37 @@ def clearance_kernel(
 
     All outputs have room for m.
     """
-    pair = empty_pair()
     most = np.empty(AXES)
     count = 0
     for row in range(len(pairs)):
-        i, j = pairs[row]
-        first, second = points_a[count], points_b[count]
+        i, j = pairs[row, 0], pairs[row, 1]
         swapped = _comes_before(centers, rotations, half_extents, j, i)
         if swapped:
             i, j = j, i
-            first, second = second, first
-        size, scale = _enter_frame(centers, rotations, half_extents, i, j, pair)
-        gap, number = best_face(pair)
-        if (gap - NEAR * size) / scale > limit:
+        pair, size, scale = _enter_frame(centers, rotations, half_extents, i, j)
+        face = best_face(pair)
+        if (face[0] - NEAR * size) / scale > limit:
             continue
-        if points_apart(pair, size, gap, number):
-            verdict, gap = SEPARATE, 0.0
-        else:
-            verdict, gap = _near_points(
+        apart, points, n = points_apart(pair, size, face)
+        verdict, gap = SEPARATE, 0.0
+        if not apart:
+            verdict, gap, points, n = _near_points(
                 centers, rotations, half_extents, i, j, pair, size, scale, most
             )
-        distance = _leave_frame(
-            centers, rotations, half_extents, i, j, pair, scale, first, second, normals[count]
-        )
-        distance = max(distance, gap) if verdict == SEPARATE else min(gap, 0.0)
-        if verdict == TOUCHING:
-            distance = 0.0
-        if distance > limit:
-            continue
+        distance, p, q, n = _leave_frame(centers, rotations, half_extents, i, j, points, n, scale)
         if swapped:
+            p, q, n = q, p, (-n[0], -n[1], -n[2])
+        if verdict == TOUCHING:
+            gap = 0.0
+        distance = max(distance, gap) if verdict == SEPARATE else gap
+        if distance <= limit:
+            rows[count] = row
+            distances[count] = distance
             for k in range(3):
-                normals[count, k] = -normals[count, k]
-        distances[count] = distance
-        rows[count] = row
-        count += 1
+                points_a[count, k] = p[k]
+                points_b[count, k] = q[k]
+                normals[count, k] = n[k]
+            count += 1
     return count
 
 
@@ -161,39 +159,49 @@ def _comes_before(centers: Floats, rotations: Floats, extents: Floats, i: int, j
 
 @njit
 def _enter_frame(
-    centers: Floats, rotations: Floats, extents: Floats, i: int, j: int, pair: Pair
-) -> tuple[float, float]:
-    """Write both boxes in the frame of i, scaled; return their size in it, and the scale.
+    centers: Floats, rotations: Floats, extents: Floats, i: int, j: int
+) -> tuple[Pair, float, float]:
+    """Return both boxes in the frame of i, scaled; their size in it, and the scale.
 
     The size is that of ``separation``: offset of the centres and half extents of both, summed.
     """
-    x = centers[j, 0] - centers[i, 0]
-    y = centers[j, 1] - centers[i, 1]
-    z = centers[j, 2] - centers[i, 2]
-    size = abs(x) + abs(y) + abs(z)
-    for k in range(3):
-        size += extents[i, k] + extents[j, k]
+    d = minus(_vector(centers, j), _vector(centers, i))
+    h, f = _vector(extents, i), _vector(extents, j)
+    size = (abs(d[0]) + abs(d[1]) + abs(d[2])) + (h[0] + h[1] + h[2]) + (f[0] + f[1] + f[2])
     scale = 1.0
-    if size != 0.0 and not SCALED_BELOW < size < SCALED_ABOVE:
+    if not SCALED_BELOW < size < SCALED_ABOVE and size != 0.0:
         scale = math.ldexp(1.0, min(max(-math.frexp(size)[1], -1022), 1022))
-    for k in range(3):
-        ax, ay, az = rotations[i, 0, k], rotations[i, 1, k], rotations[i, 2, k]
-        pair.d[k] = ax * (x * scale) + ay * (y * scale) + az * (z * scale)
-        for m in range(3):
-            pair.r[k, m] = (
-                ax * rotations[j, 0, m] + ay * rotations[j, 1, m] + az * rotations[j, 2, m]
-            )
-        pair.h[k] = extents[i, k] * scale
-        pair.f[k] = extents[j, k] * scale
-    return size * scale, scale
+        d, h, f = _scaled(d, scale), _scaled(h, scale), _scaled(f, scale)
+    x, y, z = _column(rotations, i, 0), _column(rotations, i, 1), _column(rotations, i, 2)
+    u, v, w = _column(rotations, j, 0), _column(rotations, j, 1), _column(rotations, j, 2)
+    d = dot(x, d), dot(y, d), dot(z, d)
+    u = dot(x, u), dot(y, u), dot(z, u)
+    v = dot(x, v), dot(y, v), dot(z, v)
+    w = dot(x, w), dot(y, w), dot(z, w)
+    return Pair(d, (u, v, w), h, f), size * scale, scale
+
+
+@njit
+def _vector(array: Floats, i: int) -> Vector:
+    return array[i, 0], array[i, 1], array[i, 2]
+
+
+@njit
+def _column(rotations: Floats, i: int, k: int) -> Vector:
+    return rotations[i, 0, k], rotations[i, 1, k], rotations[i, 2, k]
+
+
+@njit
+def _scaled(v: Vector, scale: float) -> Vector:
+    return v[0] * scale, v[1] * scale, v[2] * scale
 
 
 @njit
 def _near_points(
     centers: Floats, rotations: Floats, extents: Floats, i: int, j: int, pair: Pair,
     size: float, scale: float, most: Floats,
-) -> tuple[int, float]:  # fmt: skip
-    """Write points and axis of boxes that touch, overlap or are nearly so; verdict, gap (metres).
+) -> tuple[int, float, Points, Vector]:  # fmt: skip
+    """Return verdict, gap (metres), points and axis of boxes that overlap, or do so nearly.
 
     Points of boxes that overlap are those that touch when the depth has been taken back.
     """
@@ -203,35 +211,33 @@ def _near_points(
     if verdict == UNDECIDED:
         verdict = classify_careful(ca, a, h, cb, b, f)
     gap, x, y, z, number = witness(ca, a, h, cb, b, f, most)
+    n = (
+        a[0, 0] * x + a[1, 0] * y + a[2, 0] * z,
+        a[0, 1] * x + a[1, 1] * y + a[2, 1] * z,
+        a[0, 2] * x + a[1, 2] * y + a[2, 2] * z,
+    )
     back = 0.0 if verdict == SEPARATE else gap * scale
-    for k in range(3):
-        pair.n[k] = a[0, k] * x + a[1, k] * y + a[2, k] * z
-        pair.d[k] -= back * pair.n[k]
-    points_near(pair, size, gap * scale - back, number)
-    for k in range(3):
-        pair.n[k] = a[0, k] * x + a[1, k] * y + a[2, k] * z
-    return verdict, gap
+    touching = Pair(minus(pair.d, _scaled(n, back)), pair.r, pair.h, pair.f)
+    return verdict, gap, points_near(touching, size, gap * scale - back, number, n), n
 
 
 @njit
 def _leave_frame(
-    centers: Floats, rotations: Floats, extents: Floats, i: int, j: int, pair: Pair,
-    scale: float, first: Floats, second: Floats, normal: Floats,
-) -> float:  # fmt: skip
-    """Write points and normal (3,) in the world frame; return the distance of the points."""
-    for k in range(3):
-        pair.s[k] = min(max(pair.s[k] / scale, -extents[i, k]), extents[i, k])
-        pair.t[k] = min(max(pair.t[k] / scale, -extents[j, k]), extents[j, k])
-    for k in range(3):
-        a0, a1, a2 = rotations[i, k, 0], rotations[i, k, 1], rotations[i, k, 2]
-        b0, b1, b2 = rotations[j, k, 0], rotations[j, k, 1], rotations[j, k, 2]
-        from_i = a0 * pair.s[0] + a1 * pair.s[1] + a2 * pair.s[2]
-        from_j = b0 * pair.t[0] + b1 * pair.t[1] + b2 * pair.t[2]
-        first[k] = centers[i, k] + from_i
-        second[k] = centers[j, k] + from_j
-        normal[k] = a0 * pair.n[0] + a1 * pair.n[1] + a2 * pair.n[2]
-        pair.d[k] = (centers[j, k] - centers[i, k]) + (from_j - from_i)
-    norm = length(normal[0], normal[1], normal[2])
-    for k in range(3):
-        normal[k] /= norm
-    return length(pair.d[0], pair.d[1], pair.d[2])
+    centers: Floats, rotations: Floats, extents: Floats, i: int, j: int,
+    points: Points, n: Vector, scale: float,
+) -> tuple[float, Vector, Vector, Vector]:  # fmt: skip
+    """Return the distance of the points, the points and the normal in the world frame."""
+    s = clamped(_scaled(points.s, 1.0 / scale), _vector(extents, i))
+    t = clamped(_scaled(points.t, 1.0 / scale), _vector(extents, j))
+    s, t, n = _turned(rotations, i, s), _turned(rotations, j, t), _turned(rotations, i, n)
+    n = _scaled(n, 1.0 / math.sqrt(dot(n, n)))
+    p, q = _vector(centers, i), _vector(centers, j)
+    v = plus(minus(q, p), minus(t, s))
+    return length(v[0], v[1], v[2]), plus(p, s), plus(q, t), n
+
+
+@njit
+def _turned(rotations: Floats, i: int, v: Vector) -> Vector:
+    """Return a vector along the axes of a box in the world frame."""
+    x, y, z = _column(rotations, i, 0), _column(rotations, i, 1), _column(rotations, i, 2)
+    return plus(plus(_scaled(x, v[0]), _scaled(y, v[1])), _scaled(z, v[2]))

@@ -21,13 +21,21 @@ from __future__ import annotations
 import math
 
 from obb_collision._jit import njit
-from obb_collision.geometry.validation import Floats
-from obb_collision.queries.closest_features import (
+from obb_collision.queries.box_frame import (
     Pair,
+    Vector,
+    dot,
+    dot_abs,
+    gap_along,
+    minus,
+    point_of_b,
+    replaced,
+)
+from obb_collision.queries.closest_features import (
+    Points,
     all_edge_points,
     edge_points,
     face_points,
-    squared_distance,
     vertex_points,
 )
 
@@ -40,135 +48,159 @@ NEAR = 2.0**-40
 #: Squared length below which a cross product of edges is left to stage 4.
 SHORT_SQUARE = 2.0**-40
 
-
-@njit
-def best_face(pair: Pair) -> tuple[float, int]:
-    """Write the face normal (3,) of the largest gap, from a to b; return gap and number."""
-    d, r, h, f, n = pair.d, pair.r, pair.h, pair.f, pair.n
-    best = -math.inf
-    number = 0
-    for i in range(3):
-        gap = abs(d[i]) - h[i] - (f[0] * abs(r[i, 0]) + f[1] * abs(r[i, 1]) + f[2] * abs(r[i, 2]))
-        if gap > best:
-            best, number = gap, i
-    for j in range(3):
-        gap = abs(d[0] * r[0, j] + d[1] * r[1, j] + d[2] * r[2, j]) - f[j]
-        gap -= h[0] * abs(r[0, j]) + h[1] * abs(r[1, j]) + h[2] * abs(r[2, j])
-        if gap > best:
-            best, number = gap, 3 + j
-    for i in range(3):
-        n[i] = r[i, number - 3] if number >= 3 else 1.0 if i == number else 0.0
-    _face_b(d, n)
-    return best, number
+Axis = tuple[float, int]
 
 
 @njit
-def best_edge(pair: Pair, least: float) -> tuple[float, int]:
-    """Write the unit edge axis (3,) of the largest gap, from a to b; return gap and number.
+def best_face(pair: Pair) -> Axis:
+    """Return the largest gap along a face normal, and its number: 0 to 2 of a, 3 to 5 of b."""
+    d, (x, y, z), h, f = pair.d, pair.r, pair.h, pair.f
+    best = -math.inf, 0
+    best = _larger(best, abs(d[0]) - h[0] - dot_abs(f, (x[0], y[0], z[0])), 0)
+    best = _larger(best, abs(d[1]) - h[1] - dot_abs(f, (x[1], y[1], z[1])), 1)
+    best = _larger(best, abs(d[2]) - h[2] - dot_abs(f, (x[2], y[2], z[2])), 2)
+    best = _larger(best, abs(dot(d, x)) - f[0] - dot_abs(h, x), 3)
+    best = _larger(best, abs(dot(d, y)) - f[1] - dot_abs(h, y), 4)
+    return _larger(best, abs(dot(d, z)) - f[2] - dot_abs(h, z), 5)
 
-    Number -1, and n left as it is, where no gap exceeds ``least`` and 0. The largest by a quick
-    calculation: not certain among equals and among nearly parallel edges.
+
+@njit
+def best_edge(pair: Pair, best: Axis) -> Axis:
+    """Return the largest gap along a unit edge axis i, j, number 6 + 3 i + j; else ``best``.
+
+    Only positive gaps count. The largest by a quick calculation: not certain among equals and
+    among nearly parallel edges.
     """
-    d, r, h, f, n = pair.d, pair.r, pair.h, pair.f, pair.n
-    best, number, length = least, -1, 1.0
-    for i, k, m in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-        for j, p, q in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-            square = r[k, j] * r[k, j] + r[m, j] * r[m, j]
-            gap = abs(d[m] * r[k, j] - d[k] * r[m, j])
-            gap -= h[k] * abs(r[m, j]) + h[m] * abs(r[k, j])
-            gap -= f[p] * abs(r[i, q]) + f[q] * abs(r[i, p])
-            if gap > 0.0 and square > SHORT_SQUARE:
-                norm = math.sqrt(square)
-                if gap > best * norm:
-                    best, number, length = gap / norm, 6 + 3 * i + j, norm
-    if number < 0:
-        return least, number
-    i, j = (number - 6) // 3, (number - 6) % 3
-    n[i] = 0.0
-    n[(i + 1) % 3] = -r[(i + 2) % 3, j] / length
-    n[(i + 2) % 3] = r[(i + 1) % 3, j] / length
-    _face_b(d, n)
-    return gap_along(pair), number
-
-
-@njit
-def _face_b(d: Floats, n: Floats) -> None:
-    """Turn n from a to b."""
-    if n[0] * d[0] + n[1] * d[1] + n[2] * d[2] < 0.0:
-        n[0], n[1], n[2] = -n[0], -n[1], -n[2]
-
-
-@njit
-def gap_along(pair: Pair) -> float:
-    """Return the gap along a unit vector from a to b: at most the distance."""
-    d, r, h, f, n = pair.d, pair.r, pair.h, pair.f, pair.n
-    gap = n[0] * d[0] + n[1] * d[1] + n[2] * d[2]
-    gap -= h[0] * abs(n[0]) + h[1] * abs(n[1]) + h[2] * abs(n[2])
+    d, (x, y, z), h, f = pair.d, pair.r, pair.h, pair.f
     for j in range(3):
-        gap -= f[j] * abs(n[0] * r[0, j] + n[1] * r[1, j] + n[2] * r[2, j])
-    return gap
+        best = _larger(
+            best, _edge_gap(d[1], d[2], x[1], x[2], h[1], h[2], f[1], f[2], y[0], z[0]), 6 + j
+        )
+        best = _larger(
+            best, _edge_gap(d[2], d[0], x[2], x[0], h[2], h[0], f[1], f[2], y[1], z[1]), 9 + j
+        )
+        best = _larger(
+            best, _edge_gap(d[0], d[1], x[0], x[1], h[0], h[1], f[1], f[2], y[2], z[2]), 12 + j
+        )
+        x, y, z = y, z, x
+        f = f[1], f[2], f[0]
+    return best
 
 
 @njit
-def points_apart(pair: Pair, size: float, gap: float, number: int) -> bool:
-    """Write the closest points and their normal; False if the boxes are not certainly apart.
+def _edge_gap(
+    dk: float, dm: float, uk: float, um: float, hk: float, hm: float,
+    fp: float, fq: float, p: float, q: float,
+) -> float:  # fmt: skip
+    """Return the gap along edge i of a crossed with edge u of b; minus infinity if not positive.
 
-    gap, number: of ``best_face``.
+    k, m: components after i; p, q: component i of the axes of b after u.
     """
-    near = NEAR * size
-    if gap > near and _proven(points_on_axis(pair, number), gap, size):
-        return True
-    edge_gap, edge = best_edge(pair, gap)
-    if max(edge_gap, gap) <= near:
-        return False
-    if edge >= 0:
-        number = edge
-    best = points_on_axis(pair, number)
-    if not _proven(best, edge_gap, size):
-        points_anywhere(pair, size, best)
-    return True
+    gap = abs(dm * uk - dk * um) - (hk * abs(um) + hm * abs(uk)) - (fp * abs(q) + fq * abs(p))
+    square = uk * uk + um * um
+    if gap > 0.0 and square > SHORT_SQUARE:
+        return gap / math.sqrt(square)
+    return -math.inf
 
 
 @njit
-def points_on_axis(pair: Pair, number: int) -> float:
-    """Write the closest points if n, the axis of that number, is their normal; their square."""
+def _larger(best: Axis, gap: float, number: int) -> Axis:
+    return (gap, number) if gap > best[0] else best
+
+
+@njit
+def unit_axis(pair: Pair, number: int) -> Vector:
+    """Return the unit vector of an axis, from a to b."""
+    if number < 3:
+        n = replaced((0.0, 0.0, 0.0), number, 1.0)
+    elif number < 6:
+        n = _axis_of_b(pair, number - 3)
+    else:
+        i = (number - 6) // 3
+        u = _axis_of_b(pair, (number - 6) % 3)
+        if i == 0:
+            n = 0.0, -u[2], u[1]
+        elif i == 1:
+            n = u[2], 0.0, -u[0]
+        else:
+            n = -u[1], u[0], 0.0
+        norm = math.sqrt(dot(n, n))
+        n = n[0] / norm, n[1] / norm, n[2] / norm
+    if dot(n, pair.d) < 0.0:
+        return -n[0], -n[1], -n[2]
+    return n
+
+
+@njit
+def _axis_of_b(pair: Pair, j: int) -> Vector:
+    return pair.r[0] if j == 0 else pair.r[1] if j == 1 else pair.r[2]
+
+
+@njit
+def points_apart(pair: Pair, size: float, face: Axis) -> tuple[bool, Points, Vector]:
+    """Return whether boxes are certainly apart, and then their closest points and the normal.
+
+    face: of ``best_face``.
+    """
+    gap, number = face
+    n = unit_axis(pair, number)
+    if gap > NEAR * size:
+        points = points_on_axis(pair, number, n)
+        if _proven(points, gap, size):
+            return True, points, n
+    gap, number = best_edge(pair, face)
+    if number >= 6:
+        n = unit_axis(pair, number)
+        gap = max(gap_along(pair, n), face[0])
+    points = points_on_axis(pair, number, n)
+    if gap <= NEAR * size:
+        return False, points, n
+    if _proven(points, gap, size):
+        return True, points, n
+    points, n = points_anywhere(pair, size, points, n)
+    return True, points, n
+
+
+@njit
+def points_near(pair: Pair, size: float, gap: float, number: int, n: Vector) -> Points:
+    """Return the closest points of boxes that (nearly) touch; gap, number: of the axis n."""
+    points = points_on_axis(pair, number, n)
+    if _proven(points, max(gap, 0.0), size):
+        return points
+    return points_anywhere(pair, size, points, n)[0]
+
+
+@njit
+def points_on_axis(pair: Pair, number: int, n: Vector) -> Points:
+    """Return the closest points if n, the axis of that number, is their normal."""
     if number < 6:
-        return face_points(pair, number)
-    return edge_points(pair, (number - 6) // 3, (number - 6) % 3)
+        return face_points(pair, n, number < 3)
+    return edge_points(pair, (number - 6) // 3, (number - 6) % 3, n)
 
 
 @njit
-def points_near(pair: Pair, size: float, gap: float, number: int) -> None:
-    """Write the closest points of boxes that (nearly) touch; gap, number: of the axis n."""
-    best = points_on_axis(pair, number)
-    if not _proven(best, max(gap, 0.0), size):
-        points_anywhere(pair, size, best)
+def points_anywhere(pair: Pair, size: float, points: Points, n: Vector) -> tuple[Points, Vector]:
+    """Stages 3 and 4: return the closest points and their direction, n where they agree."""
+    points = vertex_points(pair, points)
+    n = _direction(pair, points, n)
+    if not _proven(points, max(gap_along(pair, n), 0.0), size):
+        points = all_edge_points(pair, points)
+        n = _direction(pair, points, n)
+    return points, n
 
 
 @njit
-def points_anywhere(pair: Pair, size: float, best: float) -> None:
-    """Stages 3 and 4: write the closest points and their direction n, from those of ``best``."""
-    best = vertex_points(pair, best)
-    _direct(pair)
-    if _proven(best, max(gap_along(pair), 0.0), size):
-        return
-    all_edge_points(pair, best)
-    _direct(pair)
-
-
-@njit
-def _proven(square: float, gap: float, size: float) -> bool:
-    """Tell whether points are closest, by the square of their distance and a gap."""
+def _proven(points: Points, gap: float, size: float) -> bool:
+    """Tell whether points are closest: no farther apart than a gap."""
     limit = gap + PROVEN * size
-    return square <= limit * limit
+    return points.square <= limit * limit
 
 
 @njit
-def _direct(pair: Pair) -> None:
-    """Turn n from s to t; it stays as it is where they agree."""
-    d, r, s, t, n = pair.d, pair.r, pair.s, pair.t, pair.n
-    norm = math.sqrt(squared_distance(pair))
-    if norm > 0.0:
-        for i in range(3):
-            x = d[i] + ((r[i, 0] * t[0] + r[i, 1] * t[1]) + r[i, 2] * t[2]) - s[i]
-            n[i] = x / norm
+def _direction(pair: Pair, points: Points, n: Vector) -> Vector:
+    """Return the unit vector from s to t; n where they agree."""
+    if points.square == 0.0:
+        return n
+    v = minus(point_of_b(pair, points.t), points.s)
+    norm = math.sqrt(points.square)
+    return v[0] / norm, v[1] / norm, v[2] / norm
