@@ -14,21 +14,32 @@ from obb_collision.geometry.validation import Floats
 from obb_collision.queries.accuracy import Accuracy
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.files.lidar import Lidar
-from obb_collision.scene.files.motion import AT_REST, Follow, Motion, Pose, State, follow, unit
+from obb_collision.scene.files.motion import (
+    AT_REST,
+    Follow,
+    Motion,
+    Pose,
+    State,
+    carried,
+    compose,
+    inverse,
+    unit,
+)
 from obb_collision.scene.patterns import matching
 from obb_collision.scene.scene import Scene
 
 #: Effects that only the node has: what it publishes for people and monitors.
 NODE_EFFECTS = ("markers", "text", "in_collision", "diagnostics")
 Triple = tuple[float, float, float]
+Color = tuple[float, float, float, float]
 
 
 @dataclass(frozen=True)
 class SceneObject:
     """One object: its name, its shape, its pose at the start (x y z qx qy qz qw).
 
-    padding (m) and accuracy: None for the scene's; color: red, green, blue from 0 to 1, for
-    pictures; motion: for demos and measurements, None for what stays.
+    padding (m) and accuracy: None for the scene's; color: red, green, blue and opacity from 0 to 1,
+    for pictures; motion: for demos and measurements, None for what stays.
     """
 
     name: str
@@ -36,7 +47,7 @@ class SceneObject:
     pose: Pose
     padding: float | None = None
     accuracy: Accuracy | None = None
-    color: Triple | None = None
+    color: Color | None = None
     motion: Motion | None = None
 
 
@@ -145,9 +156,13 @@ def _state(
     if thing.motion is None:
         state: State = start, AT_REST
     elif isinstance(thing.motion, Follow):
-        leader = _state(things, thing.motion.name, time, known)
-        begin = _state(things, thing.motion.name, 0.0, {})[0]
-        state = follow(_united(begin), (_united(leader[0]), leader[1]), _united(start))
+        pose, twist = _state(things, thing.motion.name, time, known)
+        if thing.motion.loop is None:
+            begin = _state(things, thing.motion.name, 0.0, {})[0]
+            inner = compose(inverse(_united(begin)), _united(start)), AT_REST
+        else:
+            inner = thing.motion.loop.state(start, time)
+        state = carried((_united(pose), twist), inner)
     else:
         state = thing.motion.state(_united(start), time)
     known[name] = state

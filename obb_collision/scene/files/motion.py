@@ -56,22 +56,27 @@ class Loop:
 
 @dataclass(frozen=True)
 class Follow:
-    """Fixed to another object, where it stands relative to it at the start."""
+    """Carried by another object, where it stands relative to it at the start.
+
+    loop: how it moves relative to the other, in the frame of whose pose; None: not at all.
+    """
 
     name: str
+    loop: Loop | None = None
 
 
 Motion = Steady | Loop | Follow
 
 
-def follow(leader_start: Pose, leader: State, start: Pose) -> State:
-    """Return the state of what is fixed to a leader, from where both start."""
+def carried(leader: State, inner: State) -> State:
+    """Return the state of what has the state ``inner`` in the frame of a leader."""
     place, twist = leader
-    pose = compose(place, compose(inverse(leader_start), start))
+    pose = compose(place, inner[0])
     arm = (pose[0] - place[0], pose[1] - place[1], pose[2] - place[2])
-    swing = _cross(twist[3:], arm)
-    velocity = (twist[0] + swing[0], twist[1] + swing[1], twist[2] + swing[2])
-    return pose, (*velocity, *twist[3:])
+    parts = zip(twist[:3], _cross(twist[3:], arm), rotate(place[3:], inner[1][:3]), strict=True)
+    x, y, z = (sum(part) for part in parts)
+    turn = rotate(place[3:], inner[1][3:])
+    return pose, (x, y, z, twist[3] + turn[0], twist[4] + turn[1], twist[5] + turn[2])
 
 
 def moved(pose: Pose, twist: Twist, seconds: float) -> Pose:

@@ -17,29 +17,38 @@ from obb_collision.scene.files.motion import (
 from obb_collision.scene.files.places import quaternion_of
 from obb_collision.scene.files.values import Value
 
-#: What a motion is told by, one of them, and the other keys it may have.
-KINDS = {"twist": ("period",), "waypoints": ("period",), "follow": ()}
+#: What a motion is told by, and all the keys it may then have.
+KINDS = {
+    "follow": ("follow", "waypoints", "period"),
+    "waypoints": ("waypoints", "period"),
+    "twist": ("twist", "period"),
+}
 
 
 def read_motion(value: Value, turn: Quaternion) -> Motion:
     """Return a motion; turn: the orientation of the object, for waypoints without one."""
     fields = value.fields(("twist", "waypoints", "follow", "period"))
-    kinds = [kind for kind in KINDS if kind in fields]
-    if len(kinds) != 1:
-        value.expected("one of twist, waypoints, follow")
-    kind = kinds[0]
+    kind = next((kind for kind in KINDS if kind in fields), None)
+    if kind is None:
+        value.expected("a mapping with twist, waypoints or follow")
     for key in fields:
-        if key != kind and key not in KINDS[kind]:
+        if key not in KINDS[kind]:
             fields[key].refuse(f"a motion by {kind} has no {key}")
-    if kind == "follow":
-        return Follow(fields["follow"].text("the name of an object"))
     period = fields["period"].positive() if "period" in fields else None
     if kind == "twist":
         x, y, z, about_x, about_y, about_z = fields["twist"].numbers(6)
         return Steady((x, y, z, about_x, about_y, about_z), period)
-    if period is None:
-        value.refuse("needs period, the seconds of one round")
-    return _read_loop(fields["waypoints"], turn, period)
+    loop = None
+    if "waypoints" in fields:
+        if period is None:
+            value.refuse("needs period, the seconds of one round")
+        loop = _read_loop(fields["waypoints"], turn, period)
+    elif period is not None:
+        fields["period"].refuse("without waypoints there is no round")
+    if "follow" in fields:
+        return Follow(fields["follow"].text("the name of an object"), loop)
+    assert loop is not None
+    return loop
 
 
 def _read_loop(value: Value, turn: Quaternion, period: float) -> Loop:

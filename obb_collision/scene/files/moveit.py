@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from obb_collision.scene.files.description import AllowedRule, SceneDescription, SceneObject, Triple
+from obb_collision.scene.files.description import AllowedRule, Color, SceneDescription, SceneObject
 from obb_collision.scene.files.moveit_matrix import read_matrix, rules_between
 from obb_collision.scene.files.moveit_objects import IDENTITY, Frames, read_object, read_pose
 from obb_collision.scene.files.values import Value, items_of
@@ -121,13 +121,14 @@ class _PlanningScene:
         self._matrix = read_matrix(value)
 
     def _read_colors(self, value: Value) -> None:
-        colors: dict[str, Triple] = {}
+        colors: dict[str, Color] = {}
         for item in value.items():
             with self._problems.kept():
                 fields = item.fields(("id", "color"), ("id", "color"))
                 parts = fields["color"].fields(("r", "g", "b", "a"), ("r", "g", "b"))
-                r, g, b = (min(max(parts[key].number(), 0.0), 1.0) for key in "rgb")
-                colors[fields["id"].text("an id")] = r, g, b
+                r, g, b, a = (parts[key].number() if key in parts else 1.0 for key in "rgba")
+                red, green, blue, opacity = (min(max(part, 0.0), 1.0) for part in (r, g, b, a))
+                colors[fields["id"].text("an id")] = red, green, blue, opacity
         self._objects = [_colored(thing, colors) for thing in self._objects]
 
     def _read_robot(self, value: Value) -> None:
@@ -142,7 +143,7 @@ class _PlanningScene:
             self._notes.append("this is a difference to a scene that is not in the file")
 
 
-def _colored(thing: SceneObject, colors: dict[str, Triple]) -> SceneObject:
+def _colored(thing: SceneObject, colors: dict[str, Color]) -> SceneObject:
     """Return an object with the colour of its id, of which its name may be a part."""
     color = colors.get(thing.name, colors.get(thing.name.rpartition("/")[0]))
     return replace(thing, color=color) if color is not None else thing

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 from obb_collision.geometry.shapes import (
@@ -17,7 +18,7 @@ from obb_collision.geometry.shapes import (
     Sphere,
 )
 from obb_collision.queries.accuracy import ALL_RUNGS, Accuracy, as_accuracy
-from obb_collision.scene.files.description import SceneObject, Triple
+from obb_collision.scene.files.description import Color, SceneDescription, SceneObject, Triple
 from obb_collision.scene.files.errors import Problems
 from obb_collision.scene.files.motion import Follow, Loop, Motion, Pose
 from obb_collision.scene.files.motions import read_motion
@@ -49,7 +50,7 @@ NO_SCALE: Triple = (1.0, 1.0, 1.0)
 
 
 def read_objects(values: list[Value], folder: Path, problems: Problems) -> list[SceneObject]:
-    """Return the objects that can be used; the others are problems."""
+    """Return the objects; those that can't be used are problems, then the list is not complete."""
     objects: list[SceneObject] = []
     lines: dict[str, int] = {}
     meshes: dict[tuple[str, Triple], Mesh] = {}
@@ -65,7 +66,7 @@ def read_objects(values: list[Value], folder: Path, problems: Problems) -> list[
             if thing.motion is not None:
                 motions[thing.name] = value.peek("motion") or value
     _check_followers(objects, motions, problems)
-    return objects
+    return objects if problems.found else _placed(objects)
 
 
 def read_accuracy(value: Value) -> Accuracy:
@@ -88,16 +89,13 @@ def _read_object(value: Value, folder: Path, meshes: dict[tuple[str, Triple], Me
     with value.reasons():
         shape = _read_shape(word, fields, folder, meshes)
         _ = shape.local_box  # fitted here, where a shape that has none can be refused
-    color = fields["color"].numbers(3) if "color" in fields else None
-    if color is not None and not all(0.0 <= part <= 1.0 for part in color):
-        fields["color"].expected("3 numbers from 0 to 1")
     return SceneObject(
         name,
         shape,
         pose,
         padding=fields["padding"].not_negative() if "padding" in fields else None,
         accuracy=read_accuracy(fields["accuracy"]) if "accuracy" in fields else None,
-        color=None if color is None else (color[0], color[1], color[2]),
+        color=_read_color(fields["color"]) if "color" in fields else None,
         motion=motion,
     )
 
@@ -105,10 +103,11 @@ def _read_object(value: Value, folder: Path, meshes: dict[tuple[str, Triple], Me
 def _read_place(fields: Fields) -> tuple[Pose, Motion | None]:
     turn = quaternion_of(fields)
     motion = read_motion(fields["motion"], turn) if "motion" in fields else None
-    if isinstance(motion, Loop):
+    loop = motion.loop if isinstance(motion, Follow) else motion
+    if isinstance(loop, Loop):
         if "position" in fields:
             fields["position"].refuse("the waypoints of the motion say where it is")
-        return motion.poses[0], motion
+        return loop.poses[0], motion
     x, y, z = fields["position"].numbers(3) if "position" in fields else (0.0, 0.0, 0.0)
     return (x, y, z, *turn), motion
 
@@ -126,7 +125,10 @@ def _read_shape(
     if word in TURNED:
         return TURNED[word](fields["radius"].positive(), fields["length"].positive(), scale)
     if word == "hull":
-        return Hull([point.numbers(3) for point in fields["points"].items()], scale)
+        points = [point.numbers(3) for point in fields["points"].items()]
+        if not points:
+            fields["points"].expected("points [x, y, z], at least one")
+        return Hull(points, scale)
     file = fields["file"].text("a path or a file:// or package:// URI")
     key = (file, scale)
     if key not in meshes:
@@ -136,12 +138,33 @@ def _read_shape(
     return meshes[key]
 
 
+def _read_color(value: Value) -> Color:
+    """Return a colour of red, green, blue and, where it is not 1, opacity."""
+    count = 4 if value.is_list and len(value.items()) == 4 else 3
+    parts = value.numbers(count)
+    if not all(0.0 <= part <= 1.0 for part in parts):
+        value.expected("3 or 4 numbers from 0 to 1")
+    red, green, blue, opacity = (*parts, 1.0)[:4]
+    return red, green, blue, opacity
+
+
 def _read_scale(value: Value) -> Triple:
     if value.is_list:
         x, y, z = value.numbers(3, positive=True)
         return x, y, z
     number = value.positive()
     return number, number, number
+
+
+def _placed(objects: list[SceneObject]) -> list[SceneObject]:
+    """Return the objects with the start poses of those that move relative to others."""
+    poses, _ = SceneDescription("", tuple(objects)).states(0.0)
+    return [
+        replace(thing, pose=tuple(pose))
+        if isinstance(thing.motion, Follow) and thing.motion.loop is not None
+        else thing
+        for thing, pose in zip(objects, poses.tolist(), strict=True)
+    ]
 
 
 def _check_followers(
