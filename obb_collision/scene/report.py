@@ -14,7 +14,9 @@ from obb_collision.geometry.validation import Floats
 from obb_collision.scene.checker import Findings
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.effects.base import Cycle, Setting
+from obb_collision.scene.effects.clearance import PairClearances
 from obb_collision.scene.effects.settings import OFF
+from obb_collision.scene.effects.sweep import SweptPairs
 
 
 @dataclass(frozen=True)
@@ -64,7 +66,7 @@ class Report:
 
     def result(self, effect: str) -> Any:
         """Return what an effect gave; see its module for what that is."""
-        if effect not in self.results:
+        if effect not in self.costs:
             if effect not in self._settings:
                 raise ValueError(f"effect must be one of {', '.join(EFFECTS)}, got {effect!r}")
             if self._settings[effect].mode == OFF:
@@ -72,15 +74,21 @@ class Report:
             if not EFFECTS[effect].lazy:
                 raise ValueError(f"ask for it: scene.check(effects=[{effect!r}])")
             self.compute(effect)
+        if effect not in self.results:
+            raise RuntimeError(f"the effect {effect!r} failed: {self.costs[effect].failures[0]}")
         return self.results[effect]
 
     def compute(self, effect: str) -> None:
-        """Compute an effect and note what it took."""
+        """Compute an effect and note what it took, and why it failed if it did."""
         start = perf_counter()
-        outcome = EFFECTS[effect].run(self.cycle, self._settings[effect])
-        self.results[effect] = outcome.result
-        seconds = perf_counter() - start
-        self.costs[effect] = Cost(outcome.count, seconds, outcome.failures)
+        count, failures = 0, tuple[str, ...]()
+        try:
+            outcome = EFFECTS[effect].run(self.cycle, self._settings[effect])
+            self.results[effect] = outcome.result
+            count, failures = outcome.count, outcome.failures
+        except Exception as error:  # whatever it is, the others and the cycle go on
+            failures = (f"{type(error).__name__}: {error}",)
+        self.costs[effect] = Cost(count, perf_counter() - start, failures)
 
     @property
     def separations(self) -> Floats:
@@ -116,6 +124,18 @@ class Report:
         full = np.full((len(self), *column.shape[1:]), np.nan)
         full[table.rows] = column
         return full
+
+    @property
+    def clearances(self) -> PairClearances:
+        """Distance and closest points of pairs nearer than the limit of the effect."""
+        result: PairClearances = self.result("clearance")
+        return result
+
+    @property
+    def swept(self) -> SweptPairs:
+        """What objects passed through since the check before, and what they will run into."""
+        result: SweptPairs = self.result("sweep")
+        return result
 
     @property
     def colliding(self) -> NDArray[np.bool_]:

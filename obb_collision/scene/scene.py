@@ -128,7 +128,7 @@ class Scene(SceneObjects):
             report = self._checked(start)
             self._report = weakref.ref(report)
         for name in wanted:
-            if name not in report.results:
+            if name not in report.costs:
                 report.compute(name)
         self._before = None if lasting else report.cycle.as_before()
         return report

@@ -130,11 +130,12 @@ class Effect(Protocol):
 class PairTable:
     """Results with one row for each of some colliding pairs.
 
-    rows (k,): rows of ``Report.pairs``; columns: arrays (k, ...); values: the options they were
-    computed with.
+    rows (k,): rows of ``Report.pairs``; pairs (k, 2): the same as object indices; columns: arrays
+    (k, ...); values: the options they were computed with.
     """
 
     rows: Rows
+    pairs: Pairs
     columns: Table
     values: Mapping[str, float]
 
@@ -145,24 +146,24 @@ def pair_rows(
     """Return the table of the pairs that call for an effect, how many were computed, failures.
 
     compute(boxes, pairs) returns columns with one row a pair. Rows of pairs that are as they were
-    in the check before are copied. A pair for which ``compute`` raises gets a row of zeros and NaN,
-    and is named in the failures.
+    in the check before are copied. Pairs for which ``compute`` raises are left out.
     """
     rows = setting.calls(cycle.pairs)
-    known = _known_rows(cycle, rows, setting, cycle.last.get(name))
+    last: PairTable | None = cycle.last.get(name)
+    known = _known_rows(cycle, rows, setting, last)
     anew = np.flatnonzero(known < 0)
-    fresh, failures = _computed(cycle.boxes, cycle.pairs[rows[anew]], compute)
-    columns = []
+
+    def computed(pairs: Pairs) -> Table:
+        return compute(cycle.boxes, pairs)
+
+    good, columns, failures = isolated(computed, cycle.pairs[rows[anew]])
     copied = np.flatnonzero(known >= 0)
-    for number, part in enumerate(fresh):
-        if len(copied) == 0:
-            columns.append(part)
-            continue
-        column = np.empty((len(rows), *part.shape[1:]), part.dtype)
-        column[anew] = part
-        column[copied] = cycle.last[name].columns[number][known[copied]]
-        columns.append(column)
-    return PairTable(rows, tuple(columns), setting.values), len(anew), failures
+    if last is not None and len(copied):
+        order = np.argsort(np.concatenate([copied, anew[good]]))
+        parts = zip(last.columns, columns, strict=True)
+        columns = tuple(np.concatenate([old[known[copied]], new])[order] for old, new in parts)
+    rows = np.delete(rows, np.delete(anew, good))
+    return PairTable(rows, cycle.pairs[rows], columns, setting.values), len(anew), failures
 
 
 def _known_rows(cycle: Cycle, rows: Rows, setting: Setting, last: PairTable | None) -> Rows:
@@ -174,33 +175,27 @@ def _known_rows(cycle: Cycle, rows: Rows, setting: Setting, last: PairTable | No
     return where[cycle.old[rows]]  # the last entry, which -1 takes, is -1
 
 
-def _computed(
-    boxes: Boxes, pairs: Pairs, compute: Callable[[Boxes, Pairs], Table]
-) -> tuple[Table, tuple[str, ...]]:
-    """Return the columns of pairs; where that raises, pair by pair to see which one it is."""
+def isolated(
+    compute: Callable[[Pairs], Table], pairs: Pairs
+) -> tuple[Rows, Table, tuple[str, ...]]:
+    """Return the rows of pairs (m, 2) that ``compute`` can do, their columns, and its failures.
+
+    compute(pairs) returns columns with one row a pair. Where it raises, halves are tried, down to
+    the pairs that fail.
+    """
     try:
-        return compute(boxes, pairs), ()
+        return np.arange(len(pairs)), compute(pairs), ()
     except Exception as error:
-        blank = _blanks(compute(boxes, pairs[:0]), len(pairs))
-        failures: list[str] = []
         if len(pairs) <= 1:
-            return blank, (_named(pairs, error),)
-        for row in range(len(pairs)):
-            part, failed = _computed(boxes, pairs[row : row + 1], compute)
-            failures += failed
-            for column, value in zip(blank, part, strict=True):
-                column[row] = value[0]
-        return blank, tuple(failures)
-
-
-def _blanks(columns: Table, count: int) -> Table:
-    """Return columns of ``count`` rows that say nothing: NaN, or zero for whole numbers."""
-    return tuple(
-        np.full((count, *part.shape[1:]), np.nan if part.dtype.kind == "f" else 0, part.dtype)
-        for part in columns
+            where = "".join(f"pair {i}, {j}: " for i, j in pairs.tolist())
+            failure = f"{where}{type(error).__name__}: {error}"
+            return np.arange(0), compute(pairs[:0]), (failure,)
+    half = len(pairs) // 2
+    rows, columns, failures = isolated(compute, pairs[:half])
+    more_rows, more_columns, more_failures = isolated(compute, pairs[half:])
+    joined = zip(columns, more_columns, strict=True)
+    return (
+        np.concatenate([rows, half + more_rows]),
+        tuple(np.concatenate(parts) for parts in joined),
+        failures + more_failures,
     )
-
-
-def _named(pairs: Pairs, error: Exception) -> str:
-    where = "".join(f"pair {i}, {j}: " for i, j in pairs.tolist())
-    return f"{where}{type(error).__name__}: {error}"

@@ -1,0 +1,54 @@
+"""The effect ``clearance``: how far apart pairs are that are nearer than a limit, and where."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from obb_collision.queries.clearance import Clearances, clearances_within
+from obb_collision.scene.broad_phase import Pairs
+from obb_collision.scene.effects.base import Cycle, Option, Outcome, Setting, Table, isolated
+from obb_collision.scene.effects.candidates import meeting_pairs
+
+FIELDS = ("distances", "points_a", "points_b", "normals")
+
+
+@dataclass(frozen=True, eq=False)
+class PairClearances:
+    """The clearances of k pairs (k, 2) of object indices, sorted; colliding ones are among them."""
+
+    pairs: Pairs
+    clearances: Clearances
+
+    def __len__(self) -> int:
+        return len(self.pairs)
+
+
+class Clearance:
+    """Distance and closest points of all pairs of boxes nearer than ``limit``."""
+
+    name = "clearance"
+    options: Mapping[str, Option] = {
+        "limit": Option(0.1, 0.0, 1e6, "Pairs farther apart than this are left out (m)."),
+    }
+    lazy = True
+
+    def run(self, cycle: Cycle, setting: Setting) -> Outcome:
+        """Look at pairs whose bounds are near enough; most of those need no closest points."""
+        limit = setting.values["limit"]
+        slots = np.flatnonzero(cycle.active)
+        minimum, maximum = cycle.boxes.take(slots).world_bounds()
+        half = np.nextafter(0.5 * limit, np.inf)
+        callers = None if setting.wanted is None else setting.wanted[slots]
+        low, high = np.nextafter(minimum - half, -np.inf), np.nextafter(maximum + half, np.inf)
+        pairs = meeting_pairs(cycle, slots, low, high, callers)
+
+        def compute(some: Pairs) -> Table:
+            rows, found = clearances_within(cycle.boxes, some, limit)
+            return (some[rows], *(getattr(found, field) for field in FIELDS))
+
+        _, columns, failures = isolated(compute, pairs)
+        result = PairClearances(columns[0], Clearances(*columns[1:]))
+        return Outcome(result, len(pairs), failures)

@@ -1,0 +1,166 @@
+"""The effect ``sweep``: what objects pass through between checks, and what they run into next.
+
+Between the check before and this one every box moves from its pose then to its pose now; pairs
+that are apart at both and were not in between are *passed*. From now on objects with a twist keep
+it over the horizon, the others stay; pairs that meet by then are *predicted*. What collides already
+is in the report itself. Between checks the centre of a box goes straight; ahead it goes round the
+origin of its pose, as the twist says.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from obb_collision.geometry.validation import Floats
+from obb_collision.queries.sweep import LEAST_TOLERANCE, TOLERANCE, Sweeps, sweep, sweep_twists
+from obb_collision.queries.sweep_motion import sweep_needed, swept_bounds
+from obb_collision.scene.broad_phase import Pairs
+from obb_collision.scene.effects.ahead import bounds_ahead, boxes_ahead, piece_count
+from obb_collision.scene.effects.base import (
+    Cycle,
+    Mask,
+    Option,
+    Outcome,
+    Setting,
+    Table,
+    isolated,
+)
+from obb_collision.scene.effects.candidates import meeting_pairs
+
+FIELDS = ("hits", "times", "points", "normals")
+
+
+@dataclass(frozen=True, eq=False)
+class Hits:
+    """First contacts of k pairs (k, 2) of object indices, sorted by pair.
+
+    times (k,), points (k, 3) metres, at that time, normals (k, 3) from the first to the second.
+    """
+
+    pairs: Pairs
+    times: Floats
+    points: Floats
+    normals: Floats
+
+    def __len__(self) -> int:
+        return len(self.pairs)
+
+
+@dataclass(frozen=True, eq=False)
+class SweptPairs:
+    """What ``sweep`` found.
+
+    passed: times are shares of the step, 0 at the check before, 1 now. predicted: times are
+    seconds from now.
+    """
+
+    passed: Hits
+    predicted: Hits
+
+
+class Sweep:
+    """Continuous collision between checks, and prediction by twists."""
+
+    name = "sweep"
+    options: Mapping[str, Option] = {
+        "horizon": Option(1.0, 0.0, 3600.0, "How far twists are followed (s). 0: not at all."),
+        "tolerance": Option(
+            TOLERANCE,
+            LEAST_TOLERANCE,
+            1.0,
+            "Turning boxes nearer than this share of the smaller one's radius count as touching.",
+        ),
+    }
+    lazy = False
+
+    def run(self, cycle: Cycle, setting: Setting) -> Outcome:
+        """Sweep both ways, each only for objects that move far enough to need it."""
+        passed = _passed(cycle, setting)
+        predicted = _predicted(cycle, setting)
+        result = SweptPairs(passed[0], predicted[0])
+        return Outcome(result, passed[1] + predicted[1], passed[2] + predicted[2])
+
+
+Found = tuple[Hits, int, tuple[str, ...]]
+NOTHING: Found = (Hits(np.empty((0, 2), np.int64), np.empty(0), *np.empty((2, 0, 3))), 0, ())
+
+
+def _passed(cycle: Cycle, setting: Setting) -> Found:
+    before = cycle.before
+    if before is None:
+        return NOTHING
+    count = min(len(before.active), len(cycle.active))
+    same = cycle.active[:count] & before.active[:count]
+    same &= cycle.store.born[:count] == before.born[:count]
+    same &= (cycle.boxes.half_extents[:count] == before.boxes.half_extents[:count]).all(axis=1)
+    slots = np.flatnonzero(same)
+    start, end = before.boxes.take(slots), cycle.boxes.take(slots)
+    callers = sweep_needed(start, end)
+    if setting.wanted is not None:
+        callers &= setting.wanted[slots]
+    if not callers.any():
+        return NOTHING
+    pairs = meeting_pairs(cycle, slots, *swept_bounds(start, end), callers)
+    pairs = _apart(pairs, cycle.pairs, len(cycle.active))
+    query = partial(sweep, start, end, tolerance=setting.values["tolerance"])
+    hits, failures = _swept(query, pairs, np.searchsorted(slots, pairs))
+    begun = hits.times > 0.0  # the others collided before, and were reported then
+    hits = Hits(hits.pairs[begun], hits.times[begun], hits.points[begun], hits.normals[begun])
+    return hits, len(pairs), failures
+
+
+def _predicted(cycle: Cycle, setting: Setting) -> Found:
+    horizon, tolerance = setting.values["horizon"], setting.values["tolerance"]
+    callers = cycle.active & cycle.store.twists.any(axis=1)
+    if setting.wanted is not None:
+        callers &= setting.wanted
+    if horizon == 0.0 or not callers.any():
+        return NOTHING
+    slots = np.flatnonzero(cycle.active)
+    hits, counted, failures = NOTHING
+    pieces = piece_count(cycle, slots, horizon)
+    for piece in range(pieces):
+        start, seconds = piece * horizon / pieces, horizon / pieces
+        boxes, speeds = boxes_ahead(cycle, slots, start, seconds)
+        pairs = meeting_pairs(cycle, slots, *bounds_ahead(boxes, speeds * seconds), callers[slots])
+        pairs = _apart(pairs, np.concatenate([cycle.pairs, hits.pairs]), len(cycle.active))
+        more, failed = _swept(
+            partial(sweep_twists, boxes, speeds, horizon=seconds, tolerance=tolerance),
+            pairs,
+            np.searchsorted(slots, pairs),
+        )
+        hits = _joined(hits, replace(more, times=more.times + start))
+        counted, failures = counted + len(pairs), failures + failed
+    return hits, counted, failures
+
+
+def _joined(first: Hits, second: Hits) -> Hits:
+    pairs = np.concatenate([first.pairs, second.pairs])
+    order = np.lexsort((pairs[:, 1], pairs[:, 0]))
+    times = np.concatenate([first.times, second.times])[order]
+    points = np.concatenate([first.points, second.points])[order]
+    return Hits(pairs[order], times, points, np.concatenate([first.normals, second.normals])[order])
+
+
+def _apart(pairs: Pairs, colliding: Pairs, slots: int) -> Pairs:
+    """Return those of pairs (k, 2) that do not collide now."""
+    keys, known = (p[:, 0] * slots + p[:, 1] for p in (pairs, colliding))
+    return pairs[~np.isin(keys, known)]
+
+
+def _swept(
+    query: Callable[[Pairs], Sweeps], pairs: Pairs, rows: Pairs
+) -> tuple[Hits, tuple[str, ...]]:
+    """Return the hits of a query on rows (k, 2) of its boxes, as pairs (k, 2) of slots."""
+
+    def compute(some: Pairs) -> Table:
+        found = query(some)
+        return tuple(getattr(found, field) for field in FIELDS)
+
+    good, (hits, *columns), failures = isolated(compute, rows)
+    hit: Mask = hits.astype(np.bool_)
+    return Hits(pairs[good][hit], *(column[hit] for column in columns)), failures

@@ -1,0 +1,151 @@
+"""The effect ``sweep``: tunnelling between checks, prediction by twists, and when neither runs."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import obb_collision as oc
+from obb_collision.queries.sweep import sweep
+from obb_collision.scene.effects import sweep as module
+
+
+def at(x: float, y: float = 0.0, z: float = 0.0) -> list[float]:
+    return [x, y, z, 0.0, 0.0, 0.0, 1.0]
+
+
+def bullet_and_wall(**options: Any) -> oc.Scene:
+    scene = oc.Scene()
+    scene.add("wall", oc.Box([0.0625, 4, 4]))
+    scene.add("fast/1", oc.Box([0.125, 0.125, 0.125]), at(-1))
+    scene.add("slow/1", oc.Box([0.125, 0.125, 0.125]), at(-3))
+    scene.set_effect("sweep", "on", **options)
+    scene.check()
+    return scene
+
+
+@pytest.fixture
+def calls(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Record the calls of the queries of the effect."""
+    made: list[str] = []
+    for name in ("sweep", "sweep_twists"):
+        query = getattr(module, name)
+
+        def counted(*arguments: Any, query: Any = query, name: str = name, **more: Any) -> Any:
+            made.append(name)
+            return query(*arguments, **more)
+
+        monkeypatch.setattr(module, name, counted)
+    return made
+
+
+def test_what_passes_through_between_checks_is_seen(calls: list[str]) -> None:
+    scene = bullet_and_wall()
+    scene.move("fast/1", at(1))
+    report = scene.check()
+    assert len(report) == 0
+    passed = report.swept.passed
+    assert passed.pairs.tolist() == [[0, 1]]
+    assert passed.times[0] == pytest.approx((1 - 0.03125 - 0.0625) / 2)
+    assert passed.normals.tolist() == [[-1.0, 0.0, 0.0]]
+    assert passed.points[0, 0] == pytest.approx(-0.03125)
+    assert calls == ["sweep"]
+    assert len(scene.check().swept.passed) == 0  # once
+
+
+def test_a_motion_too_small_to_pass_through_anything_is_not_swept(calls: list[str]) -> None:
+    scene = bullet_and_wall()
+    for x in (-0.95, -0.9, -0.85):
+        scene.move("fast/1", at(x))
+        assert len(scene.check().swept.passed) == 0
+    assert calls == []
+
+
+def test_pairs_that_collide_before_or_after_are_left_to_the_pairs() -> None:
+    scene = bullet_and_wall()
+    scene.move("fast/1", at(0.0))
+    report = scene.check()
+    assert (len(report), len(report.swept.passed)) == (1, 0)
+    scene.move("fast/1", at(1.0))
+    report = scene.check()
+    assert (len(report), len(report.swept.passed)) == (0, 0)
+
+
+@pytest.mark.parametrize("change", ["new object", "other shape", "disabled", "allowed", "caller"])
+def test_what_has_no_way_from_the_check_before_is_not_swept(change: str) -> None:
+    scene = bullet_and_wall(objects="fast/*")
+    if change == "new object":
+        scene.remove("fast/1")
+        scene.add("fast/2", oc.Box([0.125, 0.125, 0.125]), at(1))
+    elif change == "other shape":
+        scene.add("fast/1", oc.Box([0.125, 0.125, 0.25]), at(1))
+    elif change == "disabled":
+        scene.set_enabled("fast/1", False)
+        scene.move("fast/1", at(1))
+    elif change == "allowed":
+        scene.allow("fast/*", "wall")
+        scene.move("fast/1", at(1))
+    else:
+        scene.move("slow/1", at(1))
+    assert len(scene.check().swept.passed) == 0
+
+
+def test_prediction_follows_twists_over_the_horizon(calls: list[str]) -> None:
+    scene = bullet_and_wall(horizon=2.0)
+    scene.set_twist("fast/1", [0.5, 0, 0, 0, 0, 0])
+    scene.set_twists([scene.index("slow/1")], [[1.0, 0, 0, 0, 0, 0]])
+    ahead = scene.check().swept.predicted
+    assert ahead.pairs.tolist() == [[0, 1]]
+    assert ahead.times[0] == pytest.approx((1 - 0.03125 - 0.0625) / 0.5)
+    scene.set_effect("sweep", horizon=4.0)
+    ahead = scene.check().swept.predicted
+    assert ahead.pairs.tolist() == [[0, 1], [0, 2], [1, 2]]
+    assert ahead.times[2] == pytest.approx((2 - 0.125) / 0.5)
+    del calls[:]
+    scene.set_twists([1, 2], np.zeros((2, 6)))
+    assert len(scene.check().swept.predicted) == 0
+    scene.set_effect("sweep", horizon=0.0)
+    scene.set_twist("fast/1", [0.5, 0, 0, 0, 0, 0])
+    assert len(scene.check().swept.predicted) == 0
+    assert calls == []
+
+
+def test_a_twist_is_that_of_the_pose_and_swings_a_box_beside_it() -> None:
+    scene = oc.Scene()
+    scene.add("arm", oc.OBB([1.0, 0, 0], np.eye(3), [0.125, 0.125, 0.125]))
+    scene.add("post", oc.Box([0.25, 0.25, 0.25]), at(0.0, 1.0))
+    scene.set_twist("arm", [0, 0, 0, 0, 0, np.pi / 2])
+    ahead = scene.check(effects=["sweep"]).swept.predicted
+    assert ahead.pairs.tolist() == [[0, 1]]  # a quarter turn takes one second
+    assert 0.75 < ahead.times[0] < 1.0
+    assert scene.check(effects=["sweep"]).costs["sweep"].count >= 1
+
+
+def test_it_must_be_asked_for_at_the_check() -> None:
+    scene = bullet_and_wall()
+    scene.set_effect("sweep", "auto")
+    with pytest.raises(ValueError, match="ask for it"):
+        _ = scene.check().swept
+    scene.check(effects=["sweep"])
+    scene.move("fast/1", at(1))
+    assert len(scene.check(effects=["sweep"]).swept.passed) == 1
+    scene.check()  # nobody asks: the next one that does has nothing to compare with
+    scene.move("fast/1", at(-1))
+    assert len(scene.check(effects=["sweep"]).swept.passed) == 0
+
+
+def test_a_pair_whose_sweep_fails_is_named_and_the_others_are_swept(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    scene = bullet_and_wall()
+
+    def failing(start: Any, end: Any, pairs: Any, tolerance: float) -> Any:
+        if (pairs == 1).any():
+            raise ArithmeticError("no answer")
+        return sweep(start, end, pairs, tolerance)
+
+    monkeypatch.setattr(module, "sweep", failing)
+    scene.move_many(["fast/1", "slow/1"], [at(1), at(3, 1)])
+    report = scene.check()
+    assert report.swept.passed.pairs.tolist() == [[0, 2]]
+    assert "ArithmeticError: no answer" in report.costs["sweep"].failures[0]
