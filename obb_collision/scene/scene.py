@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from obb_collision.geometry.validation import as_points
 from obb_collision.queries.accuracy import Accuracy
 from obb_collision.scene.allowed import AllowedPairs
-from obb_collision.scene.checker import Checker
+from obb_collision.scene.checker import Checker, Findings
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.effects.base import Before, Cycle, Setting
 from obb_collision.scene.effects.settings import EffectSettings
@@ -133,10 +133,14 @@ class Scene(SceneObjects):
         self._before = None if lasting else report.cycle.as_before()
         return report
 
+    def _find(self) -> Findings:
+        """Return what collides and nothing more: what a check costs without any effect."""
+        return self._checker.find(self._tree_depth, self._exact)
+
     def _checked(self, start: float) -> Report:
         store = self._store
         last = self._checker.last
-        found = self._checker.find(self._tree_depth, self._exact)
+        found = self._find()
         stages = {"pairs": perf_counter() - start}
         cycle = Cycle(
             boxes=store.snapshot(),
