@@ -24,9 +24,9 @@ from obb_collision.queries.box_frame import (
     replaced,
 )
 
-#: An extent counts as level with a face if it rises by no more than this on its way: 128 unit
-#: roundoffs, what 64 of them in the axes can add up to. Either of its ends is then as close.
-LEVEL = 2.0**-46
+#: An extent counts as level with a face if it rises by no more than this on its way: 32 unit
+#: roundoffs. Either of its ends is then as close, up to a quarter of ``closest_points.PROVEN``.
+LEVEL = 2.0**-48
 
 
 class Points(NamedTuple):

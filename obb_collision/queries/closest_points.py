@@ -7,13 +7,19 @@ any two points is at least that. Where both agree, the points are the closest on
 convex sets (Boyd, Vandenberghe 2004, 8.2), a proof that asks nothing of how they were found.
 Candidates come in stages, each only for what the ones before could not prove:
 
-1. the face axis of the largest gap, its face against the foremost vertex of the other box;
-2. the edge axis of the largest gap, its foremost edges. Wherever two features are closest that
-   fix the normal (face and anything, edge crossing edge), their axis has the largest gap of all;
-3. each vertex against the other box, for what is left: vertex and edge, vertex and vertex;
-4. all 144 pairs of edges. The closest points of disjoint boxes lie on a vertex and a box or on
+1. the face axis of the largest gap: its face against the foremost vertex of the other box;
+2. from there the closest point of b, and of a to that. Reaches nearly all closest points with a
+   vertex, for a vertex once found keeps being the closest;
+3. the edge axis of the largest gap: its foremost edges. Wherever the closest features fix their
+   normal (face against anything, edge crossing edge), that axis has the largest gap of all 15;
+4. as 2, from there;
+5. each vertex against the other box;
+6. all 144 pairs of edges. The closest points of disjoint boxes lie on a vertex and a box or on
    two edges, so nothing else can be closer: where rounding hides the certificate (parallel faces
    that overlap crosswise, boxes nearly touching), the answer rests on having tried everything.
+
+Of random pairs 13 % end in stage 1, 46 % in 2, the rest in 3 and 4; 5 and 6 are for boxes with
+nearly parallel edges or faces.
 """
 
 from __future__ import annotations
@@ -24,6 +30,8 @@ from obb_collision._jit import njit
 from obb_collision.queries.box_frame import (
     Pair,
     Vector,
+    closest_on_a,
+    closest_on_b,
     dot,
     dot_abs,
     gap_along,
@@ -36,16 +44,18 @@ from obb_collision.queries.closest_features import (
     all_edge_points,
     edge_points,
     face_points,
+    points_at,
     vertex_points,
 )
 
 #: Two points are proven closest when their distance exceeds a gap by no more than this, relative
-#: to the size: 512 unit roundoffs. Both are computed to fewer, axes orthonormal to 64.
-PROVEN = 2.0**-44
+#: to the size: 128 unit roundoffs, above what both are off by with axes orthonormal to rounding.
+#: Axes farther off only fail to prove some pairs: they go on to stage 6.
+PROVEN = 2.0**-46
 #: With a gap above this, relative to the size, boxes are certainly apart: 2^13 unit roundoffs,
 #: far beyond every error bound of ``separation``.
 NEAR = 2.0**-40
-#: Squared length below which a cross product of edges is left to stage 4.
+#: Squared length below which a cross product of edges is left to stage 6.
 SHORT_SQUARE = 2.0**-40
 
 Axis = tuple[float, int]
@@ -144,20 +154,22 @@ def points_apart(pair: Pair, size: float, face: Axis) -> tuple[bool, Points, Vec
     """
     gap, number = face
     n = unit_axis(pair, number)
+    points = points_on_axis(pair, number, n)
     if gap > NEAR * size:
-        points = points_on_axis(pair, number, n)
         if _proven(points, gap, size):
             return True, points, n
+        closer, m = _slide(pair, points, n)
+        if _proven(closer, gap_along(pair, m), size):
+            return True, closer, m
     gap, number = best_edge(pair, face)
     if number >= 6:
         n = unit_axis(pair, number)
         gap = max(gap_along(pair, n), face[0])
-    points = points_on_axis(pair, number, n)
+        points = points_on_axis(pair, number, n)
     if gap <= NEAR * size:
         return False, points, n
-    if _proven(points, gap, size):
-        return True, points, n
-    points, n = points_anywhere(pair, size, points, n)
+    if not _proven(points, gap, size):
+        points, n = points_anywhere(pair, size, points, n)
     return True, points, n
 
 
@@ -165,7 +177,7 @@ def points_apart(pair: Pair, size: float, face: Axis) -> tuple[bool, Points, Vec
 def points_near(pair: Pair, size: float, gap: float, number: int, n: Vector) -> Points:
     """Return the closest points of boxes that (nearly) touch; gap, number: of the axis n."""
     points = points_on_axis(pair, number, n)
-    if _proven(points, max(gap, 0.0), size):
+    if _proven(points, gap, size):
         return points
     return points_anywhere(pair, size, points, n)[0]
 
@@ -180,19 +192,30 @@ def points_on_axis(pair: Pair, number: int, n: Vector) -> Points:
 
 @njit
 def points_anywhere(pair: Pair, size: float, points: Points, n: Vector) -> tuple[Points, Vector]:
-    """Stages 3 and 4: return the closest points and their direction, n where they agree."""
+    """Stages 4 to 6, from ``points``: return the closest points and their direction, n where they agree."""
+    points, n = _slide(pair, points, n)
+    if _proven(points, gap_along(pair, n), size):
+        return points, n
     points = vertex_points(pair, points)
     n = _direction(pair, points, n)
-    if not _proven(points, max(gap_along(pair, n), 0.0), size):
-        points = all_edge_points(pair, points)
-        n = _direction(pair, points, n)
-    return points, n
+    if _proven(points, gap_along(pair, n), size):
+        return points, n
+    points = all_edge_points(pair, points)
+    return points, _direction(pair, points, n)
+
+
+@njit
+def _slide(pair: Pair, points: Points, n: Vector) -> tuple[Points, Vector]:
+    """Return the point of b closest to s, the point of a closest to that, and their direction."""
+    t = closest_on_b(pair, points.s)
+    closer = points_at(pair, closest_on_a(pair, t), t)
+    return closer, _direction(pair, closer, n)
 
 
 @njit
 def _proven(points: Points, gap: float, size: float) -> bool:
-    """Tell whether points are closest: no farther apart than a gap."""
-    limit = gap + PROVEN * size
+    """Tell whether points are closest: no farther apart than a gap, or not at all."""
+    limit = max(gap, 0.0) + PROVEN * size
     return points.square <= limit * limit
 
 
