@@ -98,14 +98,32 @@ def _clip_to_rectangle(
     polygon: Floats, count: int, limit_s: float, limit_t: float, spare: Floats
 ) -> int:
     """Clip to abs(s), abs(t) within the limits; return the number of vertices left."""
-    count = clip(polygon, count, 0, 1.0, limit_s + SLACK, spare)
-    count = clip(spare, count, 0, -1.0, limit_s + SLACK, polygon)
-    count = clip(polygon, count, 1, 1.0, limit_t + SLACK, spare)
-    count = clip(spare, count, 1, -1.0, limit_t + SLACK, polygon)
-    for k in range(count):
-        polygon[k, 0] = min(max(polygon[k, 0], -limit_s), limit_s)
-        polygon[k, 1] = min(max(polygon[k, 1], -limit_t), limit_t)
+    for column in range(2):
+        limit = limit_s if column == 0 else limit_t
+        low, high = math.inf, -math.inf
+        for k in range(count):
+            low = min(low, polygon[k, column])
+            high = max(high, polygon[k, column])
+        if high > limit + SLACK:
+            count = clip(polygon, count, column, 1.0, limit + SLACK, spare)
+            for k in range(count):
+                copy_vertex(spare, k, polygon, k)
+        if low < -limit - SLACK:
+            count = clip(polygon, count, column, -1.0, limit + SLACK, spare)
+            for k in range(count):
+                copy_vertex(spare, k, polygon, k)
+        if high > limit or low < -limit:
+            for k in range(count):
+                polygon[k, column] = min(max(polygon[k, column], -limit), limit)
     return count
+
+
+@njit
+def copy_vertex(source: Floats, k: int, target: Floats, m: int) -> None:
+    """Copy row k of one array (n, 3) to row m of another; whole rows at once are slower."""
+    target[m, 0] = source[k, 0]
+    target[m, 1] = source[k, 1]
+    target[m, 2] = source[k, 2]
 
 
 @njit
@@ -117,7 +135,7 @@ def clip(polygon: Floats, count: int, column: int, sign: float, limit: float, ou
         here = sign * polygon[k, column] - limit
         there = sign * polygon[following, column] - limit
         if here <= 0.0:
-            out[found] = polygon[k]
+            copy_vertex(polygon, k, out, found)
             found += 1
         if (here < 0.0 and there > 0.0) or (here > 0.0 and there < 0.0):
             ratio = here / (here - there)

@@ -10,7 +10,7 @@ import math
 
 from obb_collision._jit import njit
 from obb_collision.geometry.validation import Floats
-from obb_collision.queries.contact_patch import CAPACITY, KEEP, TIE
+from obb_collision.queries.contact_patch import CAPACITY, KEEP, TIE, copy_vertex
 
 #: A vertex is left out where it changes the patch by less than this part of the shorter edge: where
 #: two nearly parallel edges cross, a place that noise moves far along them.
@@ -41,8 +41,10 @@ def reduce_patch(polygon: Floats, count: int, limit: int, spare: Floats) -> int:
     kept = min(count, 1)
     for k in range(1, count):
         if polygon[k, 2] <= KEEP:
-            polygon[kept] = polygon[k]
+            copy_vertex(polygon, k, polygon, kept)
             kept += 1
+    if kept == count and count <= limit:
+        return count
     return _leave_out(polygon, kept, limit)
 
 
@@ -70,9 +72,12 @@ def _start_at_deepest(polygon: Floats, count: int, highest: float, spare: Floats
         place = ORDER_S * polygon[k, 0] + ORDER_T * polygon[k, 1]
         if polygon[k, 2] <= equal and place > most:
             start, most = k, place
-        spare[k] = polygon[k]
+    if start == 0:
+        return
     for k in range(count):
-        polygon[k] = spare[(start + k) % count]
+        copy_vertex(polygon, k, spare, k)
+    for k in range(count):
+        copy_vertex(spare, start + k if start + k < count else start + k - count, polygon, k)
 
 
 @njit
@@ -91,7 +96,7 @@ def _leave_out(polygon: Floats, count: int, limit: int) -> int:
         while _change(polygon, count, k, count > limit) > least + TIE:
             k += 1
         for m in range(k, count - 1):
-            polygon[m] = polygon[m + 1]
+            copy_vertex(polygon, m + 1, polygon, m)
         count -= 1
     return count
 

@@ -22,6 +22,7 @@ from obb_collision.geometry.validation import Floats
 from obb_collision.queries.contact_inside import move_into_both
 from obb_collision.queries.contact_patch import CAPACITY, TIE, facing, overlay_faces
 from obb_collision.queries.contact_reduction import reduce_patch
+from obb_collision.queries.pair_rows import as_pairs
 from obb_collision.queries.separation import careful_axis
 from obb_collision.queries.witness import AXES, witness
 
@@ -56,8 +57,8 @@ def contacts(boxes: Boxes, pairs: ArrayLike, limit: int = 4) -> Contacts:
     """
     if limit not in LIMITS:
         raise ValueError(f"limit must be 4 or 8, got {limit!r}")
-    rows = _as_pairs(pairs, len(boxes))
-    m = len(rows)
+    rows = as_pairs(pairs, len(boxes))
+    m, limit = len(rows), int(limit)
     result = Contacts(
         normals=np.empty((m, 3)),
         depths=np.empty(m),
@@ -72,23 +73,6 @@ def contacts(boxes: Boxes, pairs: ArrayLike, limit: int = 4) -> Contacts:
         *(result.points, result.point_depths, result.axes),
     )
     return result
-
-
-def _as_pairs(value: ArrayLike, count: int) -> NDArray[np.int64]:
-    pairs = np.asarray(value)
-    if pairs.size == 0:
-        pairs = pairs.reshape(-1, 2).astype(np.int64)
-    if pairs.ndim != 2 or pairs.shape[1] != 2:
-        raise ValueError(f"pairs must have shape (n, 2), got {pairs.shape}")
-    if pairs.dtype.kind not in "iu":
-        raise ValueError(f"pairs must be integers, got {pairs.dtype}")
-    bad = ((pairs < 0) | (pairs >= count)).any(axis=1)
-    if bad.any():
-        raise ValueError(
-            f"pairs must be rows 0 to {count - 1} of the boxes, "
-            f"got {pairs[bad][0].tolist()} in row {int(np.argmax(bad))}"
-        )
-    return np.ascontiguousarray(pairs, np.int64)
 
 
 @njit
