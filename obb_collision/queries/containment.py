@@ -9,7 +9,8 @@ from obb_collision._jit import njit
 from obb_collision.geometry.error_free import length
 from obb_collision.geometry.exact import contains_exactly
 from obb_collision.geometry.validation import Floats
-from obb_collision.queries.separation import CAREFUL_BOUND, UNDERFLOW, cross_columns
+from obb_collision.queries.segments import Vector, cross, dot
+from obb_collision.queries.separation import CAREFUL_BOUND, UNDERFLOW
 
 OUTSIDE = 0
 DOUBTFUL = 1
@@ -59,21 +60,31 @@ def containment_kernel(
         elif excess < -bound:
             out[n] = INSIDE
         else:
-            out[n] = _place_carefully(dx, dy, dz, axes, extents)
+            out[n] = place_carefully(
+                (dx, dy, dz),
+                (axes[0, 0], axes[1, 0], axes[2, 0]),
+                (axes[0, 1], axes[1, 1], axes[2, 1]),
+                (axes[0, 2], axes[1, 2], axes[2, 2]),
+                (extents[0], extents[1], extents[2]),
+            )
 
 
 @njit
-def _place_carefully(dx: float, dy: float, dz: float, axes: Floats, extents: Floats) -> int:
+def place_carefully(offset: Vector, x: Vector, y: Vector, z: Vector, extents: Vector) -> int:
     """Return the place of an offset from the centre, by the face normals taken without error.
 
-    Same bound as ``separation.careful_axis``, whose error analysis covers a point as a box.
+    x, y, z: the axes. Same bound as ``separation.careful_axis``, whose error analysis covers a
+    point as a box. Tuples: slices of arrays, even in a branch hardly taken, slow loops down.
     """
     place = INSIDE
+    normals = (cross(y, z), cross(z, x), cross(x, y))
+    axes = (x, y, z)
+    distance = length(offset[0], offset[1], offset[2])
     for i in range(3):
-        nx, ny, nz = cross_columns(axes, (i + 1) % 3, axes, (i + 2) % 3)
-        along = abs((nx * dx + ny * dy) + nz * dz)
-        reach = abs((nx * axes[0, i] + ny * axes[1, i]) + nz * axes[2, i]) * extents[i]
-        bound = CAREFUL_BOUND * (length(dx, dy, dz) + extents[i]) * length(nx, ny, nz) + UNDERFLOW
+        n = normals[i]
+        along = abs(dot(n, offset))
+        reach = abs(dot(n, axes[i])) * extents[i]
+        bound = CAREFUL_BOUND * (distance + extents[i]) * length(n[0], n[1], n[2]) + UNDERFLOW
         if along - reach > bound:
             return OUTSIDE
         if along - reach >= -bound:
