@@ -14,7 +14,9 @@ from numpy.typing import ArrayLike, NDArray
 from obb_collision._jit import njit
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.validation import Floats, as_array, check_magnitude
-from obb_collision.queries.sweep_linear import AXES, sweep_linear
+from obb_collision.queries.pair_rows import as_pairs
+from obb_collision.queries.sweep_contact import contact_point
+from obb_collision.queries.sweep_linear import AXES, MISS, sweep_linear
 from obb_collision.queries.sweep_motion import (
     bounding_radii,
     check_same_boxes,
@@ -99,7 +101,7 @@ def sweep_twists(
 
 
 def _sweep(start: Boxes, ends: Floats, turns: Floats, pairs: ArrayLike, tolerance: float) -> Sweeps:
-    rows = _as_pairs(pairs, len(start))
+    rows = as_pairs(pairs, len(start))
     near = float(as_array(tolerance, "tolerance", ()))
     if not LEAST_TOLERANCE <= near <= 1.0:
         raise ValueError(f"tolerance must be from {LEAST_TOLERANCE:g} to 1, got {near:g}")
@@ -110,22 +112,6 @@ def _sweep(start: Boxes, ends: Floats, turns: Floats, pairs: ArrayLike, toleranc
         bounding_radii(start.half_extents), turns, rows, near, times, points, normals,
     )  # fmt: skip
     return Sweeps(np.isfinite(times), times, points, normals)
-
-
-def _as_pairs(pairs: ArrayLike, boxes: int) -> NDArray[np.int64]:
-    rows = np.asarray(pairs)
-    if rows.size == 0:
-        return np.empty((0, 2), np.int64)
-    if rows.ndim != 2 or rows.shape[1] != 2 or not np.issubdtype(rows.dtype, np.integer):
-        raise ValueError(f"pairs must be integers of shape (m, 2), got {rows.dtype} {rows.shape}")
-    bad = ((rows < 0) | (rows >= boxes)).any(axis=1) | (rows[:, 0] == rows[:, 1])
-    if bad.any():
-        row = int(np.argmax(bad))
-        raise ValueError(
-            f"pairs must be two different rows of {boxes} boxes, "
-            f"got {rows[row].tolist()} in row {row}"
-        )
-    return np.ascontiguousarray(rows, dtype=np.int64)
 
 
 @njit
@@ -151,24 +137,22 @@ def sweep_kernel(
     most = np.empty(AXES)
     work = np.empty((WORK_ROWS, 3))
     for n in range(len(pairs)):
-        i, j = pairs[n]
-        times[n] = np.inf
-        points[n] = np.nan
-        normals[n] = np.nan
-        if _far_apart(starts, ends, i, j, radii[i] + radii[j]):
-            continue
-        if _turns(turns, i) or _turns(turns, j):
-            times[n] = sweep_rigid(
-                starts, ends, rotations, half_extents, radii, turns, i, j, tolerance, work
-            )
-        else:
-            times[n], normals[n, 0], normals[n, 1], normals[n, 2] = sweep_linear(
-                starts, ends, rotations, half_extents, i, j, spans
-            )
-        if times[n] < np.inf:
+        i, j = pairs[n, 0], pairs[n, 1]
+        time, nx, ny, nz = MISS
+        if not _far_apart(starts, ends, i, j, radii[i] + radii[j]):
+            if _turns(turns, i) or _turns(turns, j):
+                time = sweep_rigid(
+                    starts, ends, rotations, half_extents, radii, turns, i, j, tolerance, work
+                )
+            else:
+                time, nx, ny, nz = sweep_linear(starts, ends, rotations, half_extents, i, j, spans)
+        times[n] = time
+        normals[n, 0], normals[n, 1], normals[n, 2] = nx, ny, nz
+        points[n, 0], points[n, 1], points[n, 2] = np.nan, np.nan, np.nan
+        if time < np.inf:
             _place_contact(
                 starts, ends, rotations, half_extents, turns, i, j,
-                times[n], points[n], normals[n], work, most,
+                time, points[n], normals[n], work, most,
             )  # fmt: skip
 
 
@@ -205,15 +189,16 @@ def _place_contact(
 ) -> None:
     """Write the point of contact at the given time, and the normal where it is still open."""
     a, b, ca, cb = work[0:3], work[3:6], work[6], work[7]
-    rotate(rotations[i], turns[i], time, a)
-    rotate(rotations[j], turns[j], time, b)
     for k in range(3):
         ca[k] = starts[i, k] + time * (ends[i, k] - starts[i, k])
         cb[k] = starts[j, k] + time * (ends[j, k] - starts[j, k])
     h, f = half_extents[i], half_extents[j]
-    if np.isnan(normal[0]):
-        _, nx, ny, nz, _ = witness(ca, a, h, cb, b, f, most)
-        normal[0] = nx
-        normal[1] = ny
-        normal[2] = nz
+    if normal[0] == normal[0]:
+        contact_point(
+            ca, rotations[i], h, cb, rotations[j], f, normal[0], normal[1], normal[2], point
+        )
+        return
+    rotate(rotations[i], turns[i], time, a)
+    rotate(rotations[j], turns[j], time, b)
+    _, normal[0], normal[1], normal[2], _ = witness(ca, a, h, cb, b, f, most)
     common_point(ca, a, h, cb, b, f, point)

@@ -51,82 +51,92 @@ def sweep_linear(
     bound = _fill_spans(starts, ends, rotations, half_extents, i, j, spans)
     if bound < 0.0:
         return MISS
-    enter, leave = 0.0, np.inf  # outward: not after the truth, not before it
-    surely_in, surely_out = 0.0, np.inf  # inward
+    enter, leave = 0.0, np.inf  # not after the truth, not before it
     for axis in range(AXES):
-        first, last = spans[axis, 0], spans[axis, 1]
-        reach = spans[axis, 2]
-        enter = max(enter, _entry(first, last, reach + bound))
-        leave = min(leave, _exit(first, last, reach + bound))
-        surely_in = max(surely_in, _entry(first, last, reach - bound))
-        surely_out = min(surely_out, _exit(first, last, reach - bound))
-    if enter * (1.0 - TIME_ROUNDING) > leave * (1.0 + TIME_ROUNDING):
+        # without branches: in which order axes are entered is not to be foretold
+        first, last, reach = spans[axis, 0], spans[axis, 1], spans[axis, 2] + bound
+        speed = abs(first - last)
+        when = (abs(first) - reach) / speed
+        enter = when if when > enter else enter
+        when = (reach - (first if last > 0.0 else -first)) / speed
+        leave = when if (abs(last) > reach) & (when < leave) else leave
+    enter *= 1.0 - TIME_ROUNDING
+    if enter > leave * (1.0 + TIME_ROUNDING):
         return MISS
-    if surely_in == 0.0:
-        return 0.0, np.nan, np.nan, np.nan
-    doubtful = surely_in * (1.0 + TIME_ROUNDING) >= surely_out * (1.0 - TIME_ROUNDING)
-    return _decide_carefully(
-        starts, ends, rotations, half_extents, i, j, spans,
-        bound, enter * (1.0 - TIME_ROUNDING),
-        leave * (1.0 + TIME_ROUNDING) if doubtful else -1.0,
-    )  # fmt: skip
+
+    time, nx, ny, nz = 0.0, np.nan, np.nan, np.nan
+    for axis in range(AXES):
+        if not _may_be_entered(spans, axis, bound, enter):
+            continue
+        first, last, reach, x, y, z = _careful_span(
+            starts, ends, rotations, half_extents, i, j, axis
+        )
+        when = _entry(first, last, reach)
+        if when > time:
+            time, nx, ny, nz = when, x, y, z
+    time *= 1.0 - TIME_ROUNDING
+    if time > 1.0:
+        return MISS
+    for axis in range(AXES):
+        if _may_be_left(spans, axis, bound, time):
+            first, last, reach, _, _, _ = _careful_span(
+                starts, ends, rotations, half_extents, i, j, axis
+            )
+            if time > _exit(first, last, reach) * (1.0 + TIME_ROUNDING):
+                return MISS
+    return time, nx, ny, nz
 
 
 @njit
-def _decide_carefully(
+def _may_be_entered(spans: Floats, axis: int, bound: float, time: float) -> bool:
+    """Return whether the span, uncertain by ``bound``, may be entered at ``time`` or later."""
+    first, last = spans[axis, 0], spans[axis, 1]
+    outside = abs(first) - (spans[axis, 2] - bound)
+    return (outside > 0.0) & (outside >= time * (first - last if first > 0.0 else last - first))
+
+
+@njit
+def _may_be_left(spans: Floats, axis: int, bound: float, time: float) -> bool:
+    """Return whether the span, uncertain by ``bound``, may be left by ``time``."""
+    first, last = spans[axis, 0], spans[axis, 1]
+    if last < 0.0:
+        first, last = -first, -last
+    least = spans[axis, 2] - bound
+    return (last > least) & (least - first <= time * (last - first))
+
+
+@njit
+def _careful_span(
     starts: Floats,
     ends: Floats,
     rotations: Floats,
     half_extents: Floats,
     i: int,
     j: int,
-    spans: Floats,
-    bound: float,
-    enter: float,
-    leave: float,
-) -> Hit:
-    """Return the hit by those axes that may be last to be entered at ``enter`` or later.
+    axis: int,
+) -> tuple[float, float, float, float, float, float]:
+    """Return s at 0, s at 1, r with its error bound, and the unit axis, s at 0 not negative.
 
-    And, unless ``leave`` is negative, by those that may be left by then: not where the coarse
-    pass is sure that the boxes meet.
+    All zero for parallel edges, which have no axis: such a span is never left.
     """
-    h, f = half_extents[i], half_extents[j]
-    p0, p1, p2 = _offset(starts, i, j)
-    q0, q1, q2 = _offset(ends, i, j)
-    time, least = 0.0, np.inf
-    bx, by, bz = np.nan, np.nan, np.nan
-    for axis in range(AXES):
-        first, last, reach = spans[axis, 0], spans[axis, 1], spans[axis, 2] - bound
-        latest = _entry(first, last, reach) * (1.0 + TIME_ROUNDING)
-        entering = latest > 0.0 and latest >= enter
-        if not entering and not _exit(first, last, reach) * (1.0 - TIME_ROUNDING) <= leave:
-            continue
-        gap, error, nx, ny, nz = careful_axis(
-            starts[i], rotations[i], h, starts[j], rotations[j], f, axis
-        )
-        if gap == -np.inf:
-            continue
-        first = (nx * p0 + ny * p1) + nz * p2
-        last = (nx * q0 + ny * q1) + nz * q2
-        error += CAREFUL_BOUND * (abs(q0) + abs(q1) + abs(q2))
-        reach = (first - gap) + error
-        when = _entry(first, last, reach)
-        if when > time:
-            time = when
-            bx, by, bz = nx, ny, nz
-        least = min(least, _exit(first, last, reach))
-    time *= 1.0 - TIME_ROUNDING
-    if time > 1.0 or time > least * (1.0 + TIME_ROUNDING):
-        return MISS
-    return time, bx, by, bz
+    gap, error, nx, ny, nz = careful_axis(
+        starts[i], rotations[i], half_extents[i], starts[j], rotations[j], half_extents[j], axis
+    )
+    if gap == -np.inf:
+        return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    px, py, pz = _offset(starts, i, j)
+    qx, qy, qz = _offset(ends, i, j)
+    first = (nx * px + ny * py) + nz * pz
+    last = (nx * qx + ny * qy) + nz * qz
+    error += CAREFUL_BOUND * (abs(qx) + abs(qy) + abs(qz))
+    return first, last, (first - gap) + error, nx, ny, nz
 
 
 @njit
 def _entry(first: float, last: float, reach: float) -> float:
     """Return when s, from ``first`` at 0 to ``last`` at 1, comes within ``reach`` of zero.
 
-    0 if it is there at the start, infinity if it stays beyond on one side. A negative reach
-    stands for doubt about a small one: the time is when s is that far on the other side.
+    0 if it is there at the start, infinity if it stays beyond on one side.
     """
     if first < 0.0:
         first, last = -first, -last

@@ -9,7 +9,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from obb_collision._jit import njit
 from obb_collision.geometry.boxes import BOUND_SLACK, BOUND_UNDERFLOW, Boxes
+from obb_collision.geometry.error_free import length
 from obb_collision.geometry.poses import quaternions_from_matrices
 from obb_collision.geometry.validation import Floats, first_bad_row
 
@@ -23,8 +25,8 @@ def check_same_boxes(start: Boxes, end: Boxes) -> None:
         raise ValueError(
             f"start and end must have the same length, got {len(start)} and {len(end)}"
         )
-    differ = (start.half_extents != end.half_extents).any(axis=1)
-    if differ.any():
+    if not np.array_equal(start.half_extents, end.half_extents):
+        differ = (start.half_extents != end.half_extents).any(axis=1)
         raise ValueError(
             f"end must have the half extents of start, they differ{first_bad_row(differ)}"
         )
@@ -37,7 +39,7 @@ def turns_between(start: Boxes, end: Boxes) -> Floats:
     equally short, and rounding decides between them.
     """
     vectors = np.zeros((len(start), 3))
-    turned = np.flatnonzero((start.rotations != end.rotations).any(axis=(1, 2)))
+    turned = np.flatnonzero(_turned(start.rotations, end.rotations))
     if len(turned):
         relative = np.einsum("nij,nkj->nik", end.rotations[turned], start.rotations[turned])
         quaternions = quaternions_from_matrices(relative)
@@ -49,13 +51,29 @@ def turns_between(start: Boxes, end: Boxes) -> Floats:
     return vectors
 
 
+@njit
+def _turned(first: Floats, last: Floats) -> np.ndarray:
+    """Return (n,) whether two rotations (n, 3, 3) differ in any bit."""
+    result = np.zeros(len(first), np.bool_)
+    for n in range(len(first)):
+        for i in range(3):
+            for j in range(3):
+                result[n] |= first[n, i, j] != last[n, i, j]
+    return result
+
+
 def bounding_radii(half_extents: Floats) -> Floats:
     """Return (n,) radii of the circumscribed spheres, rounded up."""
-    largest = half_extents.max(axis=1, initial=0.0)
-    unit = np.divide(half_extents, largest[:, None], where=largest[:, None] > 0.0,
-                     out=np.zeros_like(half_extents))  # fmt: skip
-    radii: Floats = largest * np.sqrt((unit * unit).sum(axis=1)) * OUTWARD + BOUND_UNDERFLOW
+    radii = np.empty(len(half_extents))
+    _fill_radii(half_extents, radii)
     return radii
+
+
+@njit
+def _fill_radii(half_extents: Floats, out: Floats) -> None:
+    for n in range(len(half_extents)):
+        x, y, z = half_extents[n, 0], half_extents[n, 1], half_extents[n, 2]
+        out[n] = length(x, y, z) * OUTWARD + BOUND_UNDERFLOW
 
 
 def swept_bounds(start: Boxes, end: Boxes) -> tuple[Floats, Floats]:
@@ -114,6 +132,5 @@ def sweep_needed(start: Boxes, end: Boxes) -> NDArray[np.bool_]:
 
 def _still(start: Boxes, end: Boxes) -> NDArray[np.bool_]:
     moved = (start.centers != end.centers).any(axis=1)
-    turned = (start.rotations != end.rotations).any(axis=(1, 2))
-    result: NDArray[np.bool_] = ~(moved | turned)
+    result: NDArray[np.bool_] = ~(moved | _turned(start.rotations, end.rotations))
     return result

@@ -150,13 +150,13 @@ def common_point(
         out[k] = ca[k] + 0.5 * (cb[k] - ca[k])
     settled = SETTLED * (h[0] + h[1] + h[2] + f[0] + f[1] + f[2])
     for _ in range(PROJECTION_ROUNDS):
-        _clamp(out, ca, a, h)
-        if _clamp(out, cb, b, f) <= settled:
+        clamp_to_box(out, ca, a, h)
+        if clamp_to_box(out, cb, b, f) <= settled:
             break
 
 
 @njit
-def _clamp(point: Floats, center: Floats, axes: Floats, extents: Floats) -> float:
+def clamp_to_box(point: Floats, center: Floats, axes: Floats, extents: Floats) -> float:
     """Move the point to the nearest one of the box; return the largest step along an axis."""
     moved = 0.0
     dx = point[0] - center[0]
