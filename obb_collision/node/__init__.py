@@ -11,25 +11,57 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from obb_collision.node.clouds import (
-        NamedPair,
-        collisions_from_ros,
-        collisions_to_ros,
-        named_pairs,
         poses_from_ros,
         poses_to_ros,
     )
+    from obb_collision.node.layouts import (
+        clearances_from_ros,
+        collisions_from_ros,
+        collisions_to_ros,
+        contacts_from_ros,
+        points_inside_from_ros,
+        predictions_from_ros,
+    )
+    from obb_collision.node.readers import (
+        NamedClearance,
+        NamedContact,
+        NamedPair,
+        NamedPoints,
+        NamedPrediction,
+        named_clearances,
+        named_contacts,
+        named_pairs,
+        named_points_inside,
+        named_predictions,
+    )
 
 __all__ = [
+    "NamedClearance",
+    "NamedContact",
     "NamedPair",
+    "NamedPoints",
+    "NamedPrediction",
+    "clearances_from_ros",
     "collisions_from_ros",
     "collisions_to_ros",
+    "contacts_from_ros",
+    "named_clearances",
+    "named_contacts",
     "named_pairs",
+    "named_points_inside",
+    "named_predictions",
+    "points_inside_from_ros",
     "poses_from_ros",
     "poses_to_ros",
+    "predictions_from_ros",
 ]
+
+PLACES = ("clouds", "layouts", "readers")
+"""Modules that hold the public names."""
 
 
 def __getattr__(name: str) -> Any:
     if name in __all__:
-        return getattr(import_module("obb_collision.node.clouds"), name)
+        modules = (import_module(f"obb_collision.node.{place}") for place in PLACES)
+        return next(getattr(module, name) for module in modules if name in vars(module))
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -1,20 +1,18 @@
-"""PointCloud2 <-> arrays: bulk poses in, collisions out, always by field name."""
+"""PointCloud2 <-> arrays, always by field name; bulk poses and obstacle points."""
 
 from __future__ import annotations
 
 from array import array
-from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from diagnostic_msgs.msg import DiagnosticStatus
 from sensor_msgs.msg import PointCloud2, PointField
 from std_msgs.msg import Header
 
-from obb_collision.node.conversions import FloatArray, name_from_key, namespaces_from_ros
+from obb_collision.node.conversions import FloatArray
 from obb_collision.node.errors import RefusedError
-from obb_collision.queries.separation import Verdict
 
 IntArray = npt.NDArray[np.int64]
 
@@ -30,34 +28,6 @@ DATATYPES = {
     PointField.FLOAT64: "f8",
 }
 DATATYPE_OF = {np.dtype(code): number for number, code in DATATYPES.items()}
-
-PAIR_FIELDS = ("ns_a", "id_a", "ns_b", "id_b")
-COLLISION_FIELDS = (
-    *("x", "y", "z", "normal_x", "normal_y", "normal_z", "depth"),
-    *(*PAIR_FIELDS, "verdict"),
-)
-COLLISION_DTYPE = np.dtype(
-    {
-        "names": COLLISION_FIELDS,
-        # RViz draws x y z only as float32; what is measured (normal, depth) stays float64.
-        "formats": ("<f4",) * 3 + ("<f8",) * 4 + ("<i4",) * 4 + ("u1",),
-        "offsets": (0, 4, 8, 16, 24, 32, 40, 48, 52, 56, 60, 64),
-        "itemsize": 72,
-    }
-)
-"""One row of ``collisions``: contact point (m, float32), unit normal from a to b and depth (m),
-the two objects as namespace index and id, and the verdict: 1 touching or not told from it by
-doubles, 2 overlap."""
-
-
-class NamedPair(NamedTuple):
-    """One collision with the objects' names, ``ns/id``."""
-
-    a: str
-    b: str
-    depth: float
-    touching: bool
-    """Touching, or not told from touching by doubles; it counts as colliding all the same."""
 
 
 def cloud_from_ros(message: PointCloud2) -> npt.NDArray[Any]:
@@ -158,41 +128,20 @@ def poses_to_ros(
     return cloud_to_ros(rows, header)
 
 
-def collisions_to_ros(rows: npt.NDArray[Any], header: Header | None = None) -> PointCloud2:
-    """``collisions`` message of (n,) rows of COLLISION_DTYPE."""
-    return cloud_to_ros(rows, header)
+def points_from_ros(message: PointCloud2) -> npt.NDArray[Any]:
+    """Points (n, 3) of a cloud, in its order: float32 if x y z are, float64 otherwise.
 
-
-def collisions_from_ros(message: PointCloud2) -> npt.NDArray[Any]:
-    """(n,) structured array of a ``collisions`` message: ``rows["depth"]``, ``rows["id_a"]``..."""
-    rows = cloud_from_ros(message)
-    missing = [name for name in COLLISION_FIELDS if name not in (rows.dtype.names or ())]
-    if missing:
-        raise RefusedError("field layout", f"no field {missing[0]!r}: not a collisions message")
-    return rows
-
-
-def named_pairs(
-    message: PointCloud2, namespaces: DiagnosticStatus | Sequence[str] | Mapping[int, str]
-) -> list[NamedPair]:
-    """Return the collisions with names: ``for pair in named_pairs(message, table): pair.depth``.
-
-    ``namespaces`` is the latest message of the topic ``namespaces`` (or a list or dict of the
-    same). Rows keep their order. Raises RefusedError ("unknown namespace") where the table is
-    older than the collisions: it is published first, but topics may overtake each other.
+    Raises RefusedError ("field layout") where one of them is missing or no float.
     """
-    is_message = isinstance(namespaces, DiagnosticStatus)
-    table = namespaces_from_ros(namespaces) if is_message else namespaces
-    rows = collisions_from_ros(message)[[*PAIR_FIELDS, "depth", "verdict"]].tolist()
-    try:
-        return [
-            NamedPair(
-                name_from_key((table[na], ia)),
-                name_from_key((table[nb], ib)),
-                depth,
-                verdict == Verdict.TOUCHING,
-            )
-            for na, ia, nb, ib, depth, verdict in rows
-        ]
-    except (IndexError, KeyError) as error:
-        raise RefusedError("unknown namespace", "take a newer message of 'namespaces'") from error
+    rows = cloud_from_ros(message)
+    fields: Mapping[str, Any] = rows.dtype.fields or {}
+    for name in "xyz":
+        if name not in fields:
+            raise RefusedError("field layout", f"no field {name!r}")
+        if fields[name][0].kind != "f":
+            raise RefusedError("field layout", f"field {name!r} is not a float")
+    single = all(fields[name][0].itemsize == 4 for name in "xyz")
+    points = np.empty((len(rows), 3), np.float32 if single else np.float64)
+    for column, name in enumerate("xyz"):
+        points[:, column] = rows[name]
+    return points

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
@@ -11,6 +11,8 @@ from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from obb_collision.node.conversions import name_from_key
 from obb_collision.node.monitors import NANOSECONDS_F, CycleMonitor, InputMonitor
 from obb_collision.node.objects import Objects
+from obb_collision.queries.accuracy import ALL_RUNGS
+from obb_collision.scene.report import Report
 
 OK, WARN = DiagnosticStatus.OK, DiagnosticStatus.WARN
 MAX_NAMED = 10
@@ -57,9 +59,13 @@ def _some(names: list[str]) -> str:
     return ", ".join(names[:MAX_NAMED]) + (f" and {more} more" if more > 0 else "")
 
 
-def object_status(node: str, objects: Objects, policy: str, colliding: int) -> DiagnosticStatus:
+def object_status(
+    node: str, objects: Objects, policy: str, report: Report | None
+) -> DiagnosticStatus:
     """Count objects: stale, refused (last box kept), unplaceable (no box: not checked)."""
     table = objects.table
+    colliding = 0 if report is None else int(report.colliding.sum())
+    rungs = Counter() if report is None else Counter(report.rungs.tolist())
     stale = table.live & table.stale
     kept = table.live & table.placed & objects.doubtful & ~stale
     waiting = table.live & ~table.placed
@@ -73,6 +79,7 @@ def object_status(node: str, objects: Objects, policy: str, colliding: int) -> D
     values: list[tuple[str, object]] = [
         ("count", len(table)),
         ("colliding", colliding),
+        *((f"pairs on {ALL_RUNGS[rung]}", count) for rung, count in sorted(rungs.items())),
         ("stale", int(stale.sum())),
         ("stale policy", policy),
         ("refused", int(kept.sum())),
@@ -97,10 +104,13 @@ def object_status(node: str, objects: Objects, policy: str, colliding: int) -> D
 
 
 def cycle_status(
-    node: str, cycles: CycleMonitor, enabled: bool, seconds: float
+    node: str, cycles: CycleMonitor, effects: Mapping[str, str], enabled: bool, seconds: float
 ) -> DiagnosticStatus:
-    """Mean and longest duration of the last cycles, whole and by stage; overruns since start."""
-    overruns_before = cycles.reported_overruns
+    """Mean and longest duration of the last cycles, whole, by stage and by effect; overruns.
+
+    effects: by name, what becomes of each in words.
+    """
+    overruns_before, failures_before = cycles.reported_overruns, cycles.reported_failures
     durations, stages = cycles.take()
     values: list[tuple[str, object]] = [
         ("enabled", enabled),
@@ -112,7 +122,16 @@ def cycle_status(
         if times:
             values.append((f"{name} mean (ms)", f"{1e3 * sum(times) / len(times):.3f}"))
             values.append((f"{name} max (ms)", f"{1e3 * max(times):.3f}"))
+    for name, state in effects.items():
+        values.append((f"effect {name}", state))
+        if name in cycles.counts:
+            values.append((f"effect {name} ran on", cycles.counts[name]))
+        if name in cycles.failures:
+            values.append((f"effect {name} failures", cycles.failures[name]))
+            values.append((f"effect {name} last failure", cycles.last_failures[name]))
     faults = []
+    if cycles.failures.total() > failures_before:
+        faults.append("effects failed on some pairs")
     if not enabled:
         faults.append("disabled: nothing is checked")
     if cycles.overruns > overruns_before:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import TransformStamped
@@ -39,6 +40,15 @@ class Inputs:
         self._objects = objects
         self._monitors = monitors
         self._clock = clock
+
+    def takers(self) -> dict[str, Callable[[Any], None]]:
+        """Return what takes the messages of each topic."""
+        return {
+            "objects": self.take_markers,
+            "object_transform": self.take_transform,
+            "object_states": self.take_states,
+            "object_poses": self.take_poses,
+        }
 
     def take_markers(self, message: MarkerArray) -> None:
         """Apply a MarkerArray in order, as RViz does."""

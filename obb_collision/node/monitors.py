@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+
+from obb_collision.scene.report import Cost
 
 NANOSECONDS_F = 1e9
 MAX_REASONS = 64
@@ -67,6 +69,12 @@ class CycleMonitor:
     """Cycles that took longer than a period, since the start."""
     total: int = 0
     reported_overruns: int = 0
+    counts: dict[str, int] = field(default_factory=dict)
+    """By effect: the pairs or points that it ran on when it was last computed."""
+    failures: Counter[str] = field(default_factory=Counter)
+    """By effect: what failed since the start."""
+    last_failures: dict[str, str] = field(default_factory=dict)
+    reported_failures: int = 0
 
     def add(self, stages: dict[str, float], period: float) -> None:
         """Count a cycle by its stages (s)."""
@@ -77,9 +85,19 @@ class CycleMonitor:
         self.overruns += duration > period
         self.total += 1
 
+    def add_costs(self, costs: Mapping[str, Cost]) -> dict[str, float]:
+        """Count what effects took in a cycle; returns their stages (s)."""
+        for name, cost in costs.items():
+            self.counts[name] = cost.count
+            if cost.failures:
+                self.failures[name] += len(cost.failures)
+                self.last_failures[name] = cost.failures[-1]
+        return {f"effect {name}": cost.seconds for name, cost in costs.items()}
+
     def take(self) -> tuple[list[float], dict[str, list[float]]]:
         """Return the durations, whole and by stage, and begin anew."""
         taken = self.durations, self.stages
         self.reported_overruns = self.overruns
+        self.reported_failures = self.failures.total()
         self.durations, self.stages = [], {}
         return taken

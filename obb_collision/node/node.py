@@ -5,57 +5,41 @@
 
 from __future__ import annotations
 
-import signal
 from collections.abc import Callable, Sequence
 from importlib.metadata import version
 from time import perf_counter
 from typing import Any
 
 import numpy as np
-import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import TransformStamped
 from rclpy.clock import Clock, JumpThreshold, TimeJump
 from rclpy.clock_type import ClockType
-from rclpy.context import Context
 from rclpy.duration import Duration
-from rclpy.event_handler import SubscriptionEventCallbacks
-from rclpy.exceptions import ParameterException
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
-from rclpy.logging import get_logger
 from rclpy.node import Node
-from rclpy.qos import QoSPolicyKind, QoSProfile
-from rclpy.qos_overriding_options import QoSOverridingOptions
-from rclpy.signals import SignalHandlerOptions
-from rclpy.utilities import try_shutdown
-from sensor_msgs.msg import MultiDOFJointState, PointCloud2
 from std_srvs.srv import SetBool, Trigger
-from visualization_msgs.msg import MarkerArray
 
-from obb_collision.geometry.shapes import Box
 from obb_collision.node import diagnostics
-from obb_collision.node.conversions import stamp_to_ros
+from obb_collision.node.conversions import NANOSECONDS, stamp_to_ros
+from obb_collision.node.effects import Effects
 from obb_collision.node.frames import FrameSource, make_frames
 from obb_collision.node.inputs import Inputs
-from obb_collision.node.markers import Markers
 from obb_collision.node.monitors import CycleMonitor, InputMonitor
 from obb_collision.node.objects import Objects
-from obb_collision.node.outputs import Outputs
+from obb_collision.node.outputs import Outputs, Published
 from obb_collision.node.parameters import Parameters
+from obb_collision.node.running import run
+from obb_collision.node.scene_settings import SceneSettings
+from obb_collision.node.subscriptions import INPUTS, subscribe
+from obb_collision.node.warm_up import WarmUp, warm_up
+from obb_collision.scene.effects import EFFECTS
+from obb_collision.scene.effects.settings import ON
 from obb_collision.scene.report import Report
-from obb_collision.scene.scene import Scene
 
 NODE_NAME = "obb_collision"
 DIAGNOSTICS_PERIOD = 1.0
 """Seconds between two messages on /diagnostics."""
-WARM_UP_OBJECTS = 64
-"""Enough that one moved object of them takes the incremental way through the scene."""
 SHORTEST_TIMER = 1e-4
 """Period (s) of the timer that ends a burst where min_period is zero."""
-
-DEPTHS = {"objects": 100, "object_transform": 1000, "object_states": 10, "object_poses": 10}
-"""Messages that may wait, by topic. Markers and single poses are for different objects, so more of
-them wait; the bulk messages overtake themselves."""
 
 
 class CollisionNode(Node):
@@ -67,19 +51,26 @@ class CollisionNode(Node):
 
     def __init__(self, *, frames: FrameSource | None = None, **node_options: Any) -> None:
         super().__init__(NODE_NAME, **node_options)
+        start = perf_counter()
         self.parameters = Parameters(self)
-        warm_up_seconds = warm_up()
         fixed_frame = self.parameters.fixed_frame
         self._frames = frames if frames is not None else make_frames(self, fixed_frame)
-        self._monitors = {topic: InputMonitor(topic, self._warn) for topic in DEPTHS}
+        self._monitors = {topic: InputMonitor(topic, self._warn) for topic in INPUTS}
         self._mismatches: dict[str, int] = {}
         self._cycles = CycleMonitor()
         self._enabled = True
         self._last_cycle = float("-inf")
+        self._last_stamp = 0
         self._report: Report | None = None
         self._outputs = Outputs(self, self.parameters, self._count_mismatch)
         self.objects = Objects(fixed_frame, self._frames, self._refuse_late)
         self.inputs = Inputs(self.objects, self._monitors, self._now)
+        self._warm = WarmUp(self._say, self._warn)
+        self._settings = SceneSettings(self.parameters, self.objects, self._warm)
+        self._effects = Effects(self.parameters, self._outputs.publishers, self._warm)
+        warm_up()
+        switched_on = [name for name in EFFECTS if self.parameters.mode(name) == ON]
+        self._warm.finish([*self._settings.rungs(), *switched_on])
         self._outputs.publish_namespaces([])
         self._apply_parameters()
         self._start_timers()
@@ -92,39 +83,19 @@ class CollisionNode(Node):
             ),
             post_callback=self._clock_jumped,
         )
-        inputs = self._subscribe()
+        takers = self.inputs.takers().items()
+        inputs = subscribe(
+            self,
+            {topic: self._storing(take) for topic, take in takers},
+            self._monitors,
+            self._count_mismatch,
+        )
         self.get_logger().info(
             f"ready: fixed frame '{fixed_frame}', frames by {self._frames.description}; "
             f"trigger {self.parameters.trigger} at {self.parameters.rate:g} Hz; backend numba "
-            f"{version('numba')}, kernels ready in {warm_up_seconds:.1f} s; "
+            f"{version('numba')}, kernels ready in {perf_counter() - start:.1f} s; "
             f"in: {' '.join(inputs)}; out: {' '.join(self._outputs.topics)}"
         )
-
-    def _subscribe(self) -> list[str]:
-        """Subscribe to all inputs; returns the resolved topics."""
-        takers: dict[str, tuple[type, Callable[[Any], None]]] = {
-            "objects": (MarkerArray, self.inputs.take_markers),
-            "object_transform": (TransformStamped, self.inputs.take_transform),
-            "object_states": (MultiDOFJointState, self.inputs.take_states),
-            "object_poses": (PointCloud2, self.inputs.take_poses),
-        }
-        topics = []
-        for topic, (kind, take) in takers.items():
-            subscription = self.create_subscription(
-                kind,
-                topic,
-                self._storing(take),
-                QoSProfile(depth=DEPTHS[topic]),
-                event_callbacks=SubscriptionEventCallbacks(
-                    incompatible_qos=self._mismatch_counter(topic)
-                ),
-                qos_overriding_options=QoSOverridingOptions(
-                    [QoSPolicyKind.DEPTH, QoSPolicyKind.DURABILITY, QoSPolicyKind.RELIABILITY]
-                ),
-            )
-            self._monitors[topic].topic = subscription.topic_name
-            topics.append(subscription.topic_name)
-        return topics
 
     def _storing(self, take: Callable[[Any], None]) -> Callable[[Any], None]:
         def store(message: Any) -> None:
@@ -146,7 +117,7 @@ class CollisionNode(Node):
     def _apply_parameters(self) -> None:
         """Bring what was made from parameters up to date with them."""
         parameters, objects = self.parameters, self.objects
-        objects.scene.padding = parameters.padding
+        self._settings.apply()
         objects.max_objects = parameters.max_objects
         objects.transform_timeout = parameters.transform_timeout
         ignore = parameters.stale_policy == "ignore"
@@ -163,19 +134,15 @@ class CollisionNode(Node):
         """Time of the node's clock (ns)."""
         return int(self.get_clock().now().nanoseconds)
 
+    def _say(self, text: str) -> None:
+        self.get_logger().info(text)
+
     def _warn(self, text: str) -> None:
         self.get_logger().warning(text)
 
     def _refuse_late(self, reason: str, item: str, detail: str) -> None:
         """Count a pose that was stored but could not be placed at the cycle."""
         self._monitors["objects"].refuse(self._now(), reason, item, detail)
-
-    def _mismatch_counter(self, topic: str) -> Callable[[Any], None]:
-        def count(info: Any) -> None:
-            self._monitors[topic].mismatches = info.total_count
-            self._count_mismatch(topic, info.total_count)
-
-        return count
 
     def _count_mismatch(self, topic: str, count: int) -> None:
         self._mismatches[topic] = count
@@ -209,22 +176,36 @@ class CollisionNode(Node):
         self._cycles.add(stages, 1.0 / self.parameters.rate)
 
     def _check(self, now: int) -> dict[str, float]:
-        """Check and publish; returns the seconds of each stage."""
+        """Check and publish; returns the seconds of each stage and of each effect computed."""
+        if self._settings.waiting:
+            self._settings.apply_accuracy()
+        effects = self._effects.of_cycle()
         times = [perf_counter()]
-        self._report = report = self.objects.scene.check()
+        last, known = self._report, () if self._report is None else tuple(self._report.costs)
+        self._report = report = self.objects.scene.check(effects & EFFECTS.keys())
         times.append(perf_counter())
         stamp = self.objects.newest_stamp(now)
-        self._outputs.publish_report(report, self.objects, stamp)
+        step = max(0, stamp - self._last_stamp) / NANOSECONDS if self._last_stamp else 0.0
+        self._last_stamp = stamp
+        given = Published(report, self.objects, effects, stamp, step)
+        self._outputs.publish_report(given)
         times.append(perf_counter())
-        self._outputs.publish_markers(report, self.objects, stamp)
+        self._outputs.publish_markers(given)
         times.append(perf_counter())
-        return dict(zip(("check", "publish", "markers"), np.diff(times).tolist(), strict=True))
+        stages = dict(zip(("check", "publish", "markers"), np.diff(times).tolist(), strict=True))
+        # where nothing had changed, the report is the one before, with what it took then
+        old = known if report is last else ()
+        costs = {name: cost for name, cost in report.costs.items() if name not in old}
+        stages["check"] -= sum(cost.seconds for cost in costs.values())
+        return stages | self._cycles.add_costs(costs)
 
     def _publish_diagnostics(self) -> None:
         elapsed, now = perf_counter() - self._last_diagnostics, self._now()
         self._last_diagnostics += elapsed
+        if not self._effects.is_called("diagnostics"):
+            self._cycles.take()
+            return
         name = self.get_fully_qualified_name().lstrip("/")
-        colliding = 0 if self._report is None else int(self._report.colliding.sum())
         message = DiagnosticArray()
         message.header.stamp = stamp_to_ros(now)
         message.status = [
@@ -232,11 +213,15 @@ class CollisionNode(Node):
                 diagnostics.input_status(name, key, monitor, now, elapsed)
                 for key, monitor in self._monitors.items()
             ),
-            diagnostics.object_status(name, self.objects, self.parameters.stale_policy, colliding),
-            diagnostics.cycle_status(name, self._cycles, self._enabled, elapsed),
+            diagnostics.object_status(
+                name, self.objects, self.parameters.stale_policy, self._report
+            ),
+            diagnostics.cycle_status(
+                name, self._cycles, self._effects.states(), self._enabled, elapsed
+            ),
             diagnostics.qos_status(name, self._mismatches),
         ]
-        self._outputs.diagnostics.publish(message)
+        self._outputs.publishers["diagnostics"].publish(message)
 
     def _clear(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         count = self.objects.remove_all()
@@ -254,59 +239,9 @@ class CollisionNode(Node):
         self.objects.forget_order(self._now())
 
 
-def warm_up() -> float:
-    """Compile or load every kernel a cycle calls; returns the seconds it took."""
-    start = perf_counter()
-    scene = Scene()
-    for number in range(WARM_UP_OBJECTS):
-        scene.add(str(number), Box((1.0, 1.0, 1.0)), (0.75 * number, 0, 0, 0, 0, 0.6, 0.8))
-    for x in (0.0, 0.1):
-        scene.move_indices(np.array([0]), np.array([(x, 0.1, 0, 0, 0.6, 0, 0.8)]))
-        _ = scene.check().colliding
-    keys = [("", number) for number in range(WARM_UP_OBJECTS)]
-    Markers("").write(keys, scene.boxes, np.zeros(WARM_UP_OBJECTS, np.int64), 0, 0.0, None)
-    return perf_counter() - start
-
-
-def run(make_node: Callable[[Context], Node], args: Sequence[str] | None = None) -> int:
-    """Spin a node until SIGINT, SIGTERM or a shutdown of its context; returns the exit code."""
-    # rclpy's handlers wake the executor and then call these. Without them Python would raise
-    # KeyboardInterrupt in whatever line runs just then, and a signal from before rclpy's handlers
-    # stand would be lost or deadly.
-    received: list[int] = []
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda number, _: received.append(number))
-    context = Context()
-    arguments = None if args is None else list(args)
-    rclpy.init(args=arguments, context=context, signal_handler_options=SignalHandlerOptions.ALL)
-    node = None
-    try:
-        if received:
-            return 0
-        # first, for rclpy's executor can't be made half once the context is gone
-        executor = SingleThreadedExecutor(context=context)
-        try:
-            node = make_node(context)
-        except (ValueError, ParameterException) as error:  # a parameter that can't be used
-            get_logger(NODE_NAME).fatal(str(error))
-            return 1
-        executor.add_node(node)
-        executor.spin()
-    except ExternalShutdownException:
-        pass
-    except Exception:
-        if context.ok():  # what fails because the context is gone is no error
-            raise
-    finally:
-        if node is not None:
-            node.destroy_node()
-        try_shutdown(context=context)
-    return 0
-
-
 def main(args: Sequence[str] | None = None) -> int:
     """Run the console script ``obb_collision_node``."""
-    return run(lambda context: CollisionNode(context=context), args)
+    return run(NODE_NAME, lambda context: CollisionNode(context=context), args)
 
 
 if __name__ == "__main__":

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from obb_collision.geometry.shapes import Shape
+from obb_collision.node.accuracy import Overrides
 from obb_collision.node.conversions import (
     NANOSECONDS,
     FloatArray,
@@ -57,6 +58,7 @@ class Objects:
     ) -> None:
         self.scene = Scene()
         self.table = ObjectTable()
+        self.overrides = Overrides()
         self.unplaceable: dict[Key, str] = {}
         self.max_objects = MAX_NAMES
         self.transform_timeout = 0.0
@@ -105,8 +107,9 @@ class Objects:
             raise RefusedError("too many namespaces", f"{MAX_NAMES} is the limit")
         if shape is not None:
             try:
-                placed = slot is not None and table.placed[slot]
-                index = self.scene.add(name, shape, table.world[slot] if placed else None)
+                pose = table.world[slot] if slot is not None and table.placed[slot] else None
+                rung = self.overrides.rung(name)
+                index = self.scene.add(name, shape, pose, accuracy=rung)
             except ValueError as error:
                 raise RefusedError("bad shape", str(error)) from error
             if slot is None:
@@ -253,6 +256,12 @@ class Objects:
         self.ignore_stale = ignore
         for slot in np.flatnonzero(self.table.live).tolist():
             self._enable(slot)
+
+    def set_overrides(self, overrides: Overrides) -> None:
+        """Give objects, those to come too, an accuracy of their own by their names."""
+        self.overrides = overrides
+        for name in self.table.by_name:
+            self.scene.set_accuracy(name, overrides.rung(name))
 
     def newest_stamp(self, now: int) -> int:
         """Stamp (ns) of the newest state evaluated; time of receipt where none has a stamp."""

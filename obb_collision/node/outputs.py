@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from time import perf_counter
 from typing import Any
 
@@ -16,21 +17,46 @@ from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Bool, Header
 from visualization_msgs.msg import MarkerArray
 
-from obb_collision.node.clouds import collisions_to_ros
+from obb_collision.node.clouds import cloud_to_ros
 from obb_collision.node.conversions import namespaces_to_ros, stamp_to_ros
+from obb_collision.node.effects import TOPICS
+from obb_collision.node.layouts import Rows
 from obb_collision.node.markers import COLLIDING, DOUBTFUL, FREE, Markers
 from obb_collision.node.objects import Objects
 from obb_collision.node.parameters import Parameters
-from obb_collision.node.results import collision_rows, text_from_rows
+from obb_collision.node.rows import clearance_rows, collision_rows, contact_rows, prediction_rows
+from obb_collision.node.text import text_from_rows
+from obb_collision.scene.effects.settings import OFF
 from obb_collision.scene.report import Report
 
 RELIABLE = QoSProfile(depth=10)
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """The last message reaches late subscribers too, if they ask for transient local."""
+KINDS = {
+    "text": DiagnosticArray,
+    "in_collision": Bool,
+    "markers": MarkerArray,
+    "diagnostics": DiagnosticArray,
+}
+"""Messages of the topics that are no clouds."""
+
+
+@dataclass(frozen=True)
+class Published:
+    """One check to publish: its report, the effects called for, its stamp (ns).
+
+    step: seconds between this state and that of the check before.
+    """
+
+    report: Report
+    objects: Objects
+    effects: frozenset[str]
+    stamp: int
+    step: float
 
 
 class Outputs:
-    """Publishes reports: pairs, their text, the latched flag and table, markers."""
+    """Publishes reports: clouds, text, the latched flag and table, markers."""
 
     def __init__(
         self,
@@ -38,10 +64,11 @@ class Outputs:
         parameters: Parameters,
         on_mismatch: Callable[[str, int], None],
     ) -> None:
-        self._node, self._parameters = node, parameters
+        self._parameters = parameters
         self._markers = Markers(parameters.fixed_frame)
         self._next_markers = 0.0
         self._namespaces_sent = -1
+        self._flag: bool | None = None
 
         def publisher(kind: type, topic: str, qos: QoSProfile) -> Publisher:
             def mismatch(info: Any) -> None:
@@ -50,18 +77,20 @@ class Outputs:
             events = PublisherEventCallbacks(incompatible_qos=mismatch)
             return node.create_publisher(kind, topic, qos, event_callbacks=events)
 
-        self.collisions = publisher(PointCloud2, "collisions", RELIABLE)
-        self.text = publisher(DiagnosticArray, "collisions_text", RELIABLE)
-        self.in_collision = publisher(Bool, "in_collision", LATCHED)
+        self.publishers = {
+            effect: publisher(
+                KINDS.get(effect, PointCloud2),
+                topic,
+                LATCHED if effect == "in_collision" else RELIABLE,
+            )
+            for effect, topic in TOPICS.items()
+        }
         self.namespaces = publisher(DiagnosticStatus, "namespaces", LATCHED)
-        self.markers = publisher(MarkerArray, "~/markers", RELIABLE)
-        self.diagnostics = publisher(DiagnosticArray, "/diagnostics", RELIABLE)
 
     @property
     def topics(self) -> list[str]:
         """Resolved names of the topics."""
-        publishers = (self.collisions, self.text, self.in_collision, self.namespaces)
-        return [p.topic_name for p in (*publishers, self.markers, self.diagnostics)]
+        return [p.topic_name for p in (*self.publishers.values(), self.namespaces)]
 
     def publish_namespaces(self, namespaces: list[str]) -> None:
         """Publish the table of namespace indices if it grew."""
@@ -69,40 +98,65 @@ class Outputs:
             self._namespaces_sent = len(namespaces)
             self.namespaces.publish(namespaces_to_ros(namespaces))
 
-    def publish_report(self, report: Report, objects: Objects, stamp: int) -> None:
-        """Publish the pairs, also when there are none."""
-        table, fixed_frame = objects.table, self._parameters.fixed_frame
-        header = Header(stamp=stamp_to_ros(stamp), frame_id=fixed_frame)
-        rows = collision_rows(report, table)
+    def publish_report(self, given: Published) -> None:
+        """Publish what is called for, also when it is empty."""
+        table, report = given.objects.table, given.report
         self.publish_namespaces(table.namespaces)
-        self.collisions.publish(collisions_to_ros(rows, header))
-        self.in_collision.publish(Bool(data=len(rows) > 0))
-        if self.text.get_subscription_count():
-            limit = self._parameters.max_text_pairs
-            self.text.publish(text_from_rows(rows, table.namespaces, header, limit))
+        header = Header(stamp=stamp_to_ros(given.stamp), frame_id=self._parameters.fixed_frame)
+        if not given.effects.isdisjoint(("collisions", "text")):
+            self._publish_pairs(given, header)
+        self._publish_flag(len(report) > 0, "in_collision" in given.effects)
+        makers: dict[str, Callable[[Any], Rows]] = {
+            "contacts": lambda result: contact_rows(result, table),
+            "clearance": lambda result: clearance_rows(result, table),
+            "sweep": lambda result: prediction_rows(result, given.step, table),
+        }
+        for effect, make in makers.items():
+            if effect in given.effects:
+                rows = make(report.result(effect))
+                self.publishers[effect].publish(cloud_to_ros(rows, header))
 
-    def publish_markers(self, report: Report, objects: Objects, stamp: int) -> None:
+    def _publish_pairs(self, given: Published, header: Header) -> None:
+        table = given.objects.table
+        rows = collision_rows(given.report, table)
+        if "collisions" in given.effects:
+            self.publishers["collisions"].publish(cloud_to_ros(rows, header))
+        if "text" in given.effects:
+            limit = self._parameters.max_text_pairs
+            text = text_from_rows(rows, table.namespaces, header, limit)
+            self.publishers["text"].publish(text)
+
+    def _publish_flag(self, flag: bool, called: bool) -> None:
+        """Publish the latched flag, also unheard where it changed: late subscribers get the last.
+
+        Not where the effect is off.
+        """
+        if called or (self._parameters.mode("in_collision") != OFF and flag != self._flag):
+            self._flag = flag
+            self.publishers["in_collision"].publish(Bool(data=flag))
+
+    def publish_markers(self, given: Published) -> None:
         """Publish the boxes, if it is time to and somebody looks."""
         parameters, now = self._parameters, perf_counter()
         if parameters.marker_rate <= 0.0 or now < self._next_markers:
             return
-        if not self.markers.get_subscription_count():
+        if "markers" not in given.effects:
             return
         self._next_markers = now + 1.0 / parameters.marker_rate
-        table = objects.table
+        objects, table = given.objects, given.objects.table
         slots = objects.scene.indices
         drawn = table.placed[slots]
         slots, boxes = slots[drawn], objects.scene.boxes.take(np.flatnonzero(drawn))
         colors = np.where(objects.doubtful[slots], DOUBTFUL, FREE)
-        colors[report.colliding[slots]] = COLLIDING
+        colors[given.report.colliding[slots]] = COLLIDING
         form, most = parameters.marker_form, parameters.marker_max_cubes
         lines = form == "lines" or (form == "auto" and len(slots) > most)
-        self.markers.publish(
+        self.publishers["markers"].publish(
             self._markers.write(
                 [] if lines else [table.key(slot) for slot in slots],
                 boxes,
                 colors,
-                stamp,
+                given.stamp,
                 parameters.marker_lifetime,
                 parameters.marker_line_width if lines else None,
             )

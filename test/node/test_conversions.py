@@ -14,7 +14,6 @@ from sensor_msgs.msg import PointCloud2, PointField
 from obb_collision.node import collisions_from_ros, collisions_to_ros, named_pairs
 from obb_collision.node import conversions as cv
 from obb_collision.node.clouds import (
-    COLLISION_DTYPE,
     DATATYPE_OF,
     POSE_FIELDS,
     cloud_to_ros,
@@ -22,6 +21,7 @@ from obb_collision.node.clouds import (
     poses_to_ros,
 )
 from obb_collision.node.errors import RefusedError
+from obb_collision.node.layouts import COLLISION_DTYPE
 from obb_collision.queries.separation import Verdict
 
 numbers = st.floats(allow_nan=False, allow_infinity=False)
@@ -164,7 +164,7 @@ def collision_rows(count: int) -> np.ndarray:
     rows = np.zeros(count, COLLISION_DTYPE)
     rng = np.random.default_rng(count)
     for name in COLLISION_DTYPE.names or ():
-        whole = name[:2] in ("ns", "id") or name == "verdict"
+        whole = name[:2] in ("ns", "id") or name in ("verdict", "rung")
         rows[name] = rng.integers(0, 2, count) if whole else rng.normal(size=count)
     return rows
 
@@ -183,7 +183,7 @@ def test_collisions_have_the_layout_that_rviz_draws_and_the_interface_names() ->
     kinds = {found.name: found.datatype for found in message.fields}
     assert list(kinds) == [
         *("x", "y", "z", "normal_x", "normal_y", "normal_z", "depth"),
-        *("ns_a", "id_a", "ns_b", "id_b", "verdict"),
+        *("ns_a", "id_a", "ns_b", "id_b", "verdict", "rung"),
     ]
     assert {kinds[name] for name in "xyz"} == {PointField.FLOAT32}
     assert kinds["depth"] == PointField.FLOAT64

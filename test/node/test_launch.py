@@ -19,6 +19,8 @@ ROOT = Path(__file__).parents[2]
 def test_the_parameter_file_holds_every_parameter_at_its_default() -> None:
     content = yaml.safe_load((ROOT / "config" / "obb_collision.yaml").read_text())
     values = content["/**"]["ros__parameters"]
+    effects = values.pop("effects")
+    values |= {f"effects.{name}": value for name, value in effects.items()}
     assert values == {spec.name: spec.default for spec in SPECS}
     for spec in SPECS:
         assert type(values[spec.name]) is type(spec.default), "ROS refuses an int for a double"

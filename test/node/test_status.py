@@ -159,9 +159,9 @@ def test_two_nodes_in_namespaces_do_not_meet() -> None:
 
         other = CollisionNode(context=rig.context, namespace="cell")
         try:
-            assert other._outputs.collisions.topic_name == "/cell/collisions"
-            assert other._outputs.markers.topic_name == "/cell/obb_collision/markers"
-            assert other._outputs.diagnostics.topic_name == "/diagnostics"
+            assert other._outputs.publishers["collisions"].topic_name == "/cell/collisions"
+            assert other._outputs.publishers["markers"].topic_name == "/cell/obb_collision/markers"
+            assert other._outputs.publishers["diagnostics"].topic_name == "/diagnostics"
             assert other._monitors["objects"].topic == "/cell/objects"
         finally:
             other.destroy_node()

@@ -1,0 +1,45 @@
+"""Which rung of ``Accuracy`` each object gets: the node's, or that of the last override it fits."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from fnmatch import translate
+
+from obb_collision.queries.accuracy import Accuracy, as_accuracy
+
+Override = tuple[str, Accuracy]
+"""A pattern of names ``ns/id``, and the rung of the objects that match it."""
+
+
+def override_from_text(text: str) -> Override:
+    """Read ``PATTERN: RUNG``, or ``NAMESPACE=RUNG`` for all of a namespace.
+
+    ValueError with the reason.
+    """
+    found = re.fullmatch(r"(.*?)\s*([:=])\s*(\w*)", text)
+    if found is None:
+        raise ValueError(f"{text!r} is not like 'gripper/*: mesh' or 'gripper=mesh'")
+    where, sign, rung = found.groups()
+    if sign == "=":
+        where += "/*"
+    elif "/" not in where and "*" not in where:
+        hint = f"; all of a namespace are '{where}/*' or '{where}='" if where else ""
+        raise ValueError(f"{where!r} in {text!r} is no name like 'gripper/1' or pattern{hint}")
+    return where, as_accuracy(rung)
+
+
+class Overrides:
+    """Overrides, of which the last one that fits a name counts."""
+
+    def __init__(self, overrides: Sequence[Override] = ()) -> None:
+        self.overrides = tuple(overrides)
+        self._tests = [(re.compile(translate(p)).match, rung) for p, rung in reversed(overrides)]
+
+    def rung(self, name: str) -> Accuracy | None:
+        """Return the rung of an object by its name, None for the node's own."""
+        return next((rung for match, rung in self._tests if match(name)), None)
+
+    def capped(self, highest: Accuracy) -> Overrides:
+        """Return the same with no rung above ``highest``."""
+        return Overrides([(pattern, min(rung, highest)) for pattern, rung in self.overrides])

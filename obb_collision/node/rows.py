@@ -1,0 +1,130 @@
+"""What a check gave -> rows of the clouds, sorted by (ns_a, id_a, ns_b, id_b), a before b."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from obb_collision.node.conversions import FloatArray
+from obb_collision.node.layouts import (
+    A_FIELDS,
+    B_FIELDS,
+    CLEARANCE_DTYPE,
+    COLLISION_DTYPE,
+    CONTACT_DTYPE,
+    NORMAL_FIELDS,
+    POINT_FIELDS,
+    POSITION_FIELDS,
+    PREDICTION_DTYPE,
+    Rows,
+)
+from obb_collision.node.object_table import ObjectTable, Slots
+from obb_collision.scene.report import Report
+
+if TYPE_CHECKING:
+    from obb_collision.scene.effects.clearance import PairClearances
+    from obb_collision.scene.effects.contacts import PairContacts
+    from obb_collision.scene.effects.sweep import SweptPairs
+
+
+class Ordered(NamedTuple):
+    """Pairs in the order of the rows.
+
+    order: which pair each was; a, b: its objects; swapped: they are the other way round there.
+    """
+
+    order: Slots
+    a: Slots
+    b: Slots
+    swapped: npt.NDArray[np.bool_]
+
+    def flipped(self, normals: FloatArray) -> FloatArray:
+        """Return normals (m, 3) of the pairs in the order of the rows, from a to b."""
+        turned: FloatArray = np.where(self.swapped[:, None], -1.0, 1.0) * normals[self.order]
+        return turned
+
+
+def order_pairs(pairs: npt.NDArray[np.int64], table: ObjectTable) -> Ordered:
+    """Sort pairs (m, 2) of slots by the keys of their objects."""
+    keys = table.order_keys(pairs)
+    order = np.lexsort((keys.max(axis=1), keys.min(axis=1)))
+    keys, pairs = keys[order], pairs[order]
+    swapped = keys[:, 0] > keys[:, 1]
+    a, b = np.where(swapped, pairs[:, ::-1].T, pairs.T)
+    return Ordered(order, a, b, swapped)
+
+
+def _named_rows(dtype: np.dtype[Any], a: Slots, b: Slots, table: ObjectTable) -> Rows:
+    rows = np.zeros(len(a), dtype)
+    rows["ns_a"], rows["id_a"] = table.ns[a], table.id[a]
+    rows["ns_b"], rows["id_b"] = table.ns[b], table.id[b]
+    return rows
+
+
+def _put(rows: Rows, names: tuple[str, ...], values: FloatArray) -> None:
+    with np.errstate(over="ignore"):  # x y z are float32, for RViz
+        for name, column in zip(names, values.T, strict=True):
+            rows[name] = column
+
+
+def collision_rows(report: Report, table: ObjectTable) -> Rows:
+    """(m,) rows of COLLISION_DTYPE; NaN for what the effect ``separations`` did not give."""
+    found = order_pairs(report.pairs, table)
+    rows = _named_rows(COLLISION_DTYPE, found.a, found.b, table)
+    rows["verdict"], rows["rung"] = report.verdicts[found.order], report.rungs[found.order]
+    if "separations" not in report.results:
+        for name in (*POSITION_FIELDS, *NORMAL_FIELDS, "depth"):
+            rows[name] = np.nan
+        return rows
+    _put(rows, POSITION_FIELDS, report.points[found.order])
+    _put(rows, NORMAL_FIELDS, found.flipped(report.normals))
+    rows["depth"] = report.depths[found.order]
+    return rows
+
+
+def contact_rows(result: PairContacts, table: ObjectTable) -> Rows:
+    """(k,) rows of CONTACT_DTYPE, one a contact point."""
+    found, patches = order_pairs(result.pairs, table), result.patches
+    counts = patches.counts[found.order]
+    pair = np.repeat(np.arange(len(counts)), counts)
+    index = np.arange(len(pair)) - np.repeat(np.cumsum(counts) - counts, counts)
+    rows = _named_rows(CONTACT_DTYPE, found.a[pair], found.b[pair], table)
+    points = patches.points[found.order[pair], index]
+    _put(rows, POSITION_FIELDS, points)
+    _put(rows, POINT_FIELDS, points)
+    _put(rows, NORMAL_FIELDS, found.flipped(patches.normals)[pair])
+    rows["depth"] = patches.point_depths[found.order[pair], index]
+    rows["index"], rows["count"] = index, counts[pair]
+    return rows
+
+
+def clearance_rows(result: PairClearances, table: ObjectTable) -> Rows:
+    """(k,) rows of CLEARANCE_DTYPE."""
+    found, near = order_pairs(result.pairs, table), result.clearances
+    rows = _named_rows(CLEARANCE_DTYPE, found.a, found.b, table)
+    swapped = found.swapped[:, None]
+    first, second = near.points_a[found.order], near.points_b[found.order]
+    a, b = np.where(swapped, second, first), np.where(swapped, first, second)
+    _put(rows, POSITION_FIELDS, 0.5 * a + 0.5 * b)
+    _put(rows, A_FIELDS, a)
+    _put(rows, B_FIELDS, b)
+    _put(rows, NORMAL_FIELDS, found.flipped(near.normals))
+    rows["distance"] = near.distances[found.order]
+    return rows
+
+
+def prediction_rows(result: SweptPairs, step: float, table: ObjectTable) -> Rows:
+    """(k,) rows of PREDICTION_DTYPE; ``step``: seconds between the last two states checked."""
+    passed, predicted = result.passed, result.predicted
+    found = order_pairs(np.concatenate([passed.pairs, predicted.pairs]), table)
+    rows = _named_rows(PREDICTION_DTYPE, found.a, found.b, table)
+    points = np.concatenate([passed.points, predicted.points])[found.order]
+    _put(rows, POSITION_FIELDS, points)
+    _put(rows, POINT_FIELDS, points)
+    _put(rows, NORMAL_FIELDS, found.flipped(np.concatenate([passed.normals, predicted.normals])))
+    times = np.concatenate([(passed.times - 1.0) * step, predicted.times])
+    rows["time"] = times[found.order]
+    rows["passed"] = found.order < len(passed)
+    return rows

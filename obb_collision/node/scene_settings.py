@@ -1,0 +1,62 @@
+"""Parameters -> settings of the scene, each set only when it changes."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from obb_collision.node.accuracy import Overrides
+from obb_collision.node.allowed import AllowedPair, set_allowed
+from obb_collision.node.objects import Objects
+from obb_collision.node.parameters import Parameters
+from obb_collision.node.warm_up import WarmUp
+from obb_collision.queries.accuracy import Accuracy, as_accuracy
+from obb_collision.scene.effects import EFFECTS
+from obb_collision.scene.effects.settings import AUTO, OFF
+
+
+class SceneSettings:
+    """What of the parameters is set in the scene, and what waits until its kernels are ready."""
+
+    def __init__(self, parameters: Parameters, objects: Objects, warm: WarmUp) -> None:
+        self._parameters, self._objects, self._warm = parameters, objects, warm
+        self._allowed: list[AllowedPair] = []
+        self._effects: dict[str, Any] = {}
+        self.waiting = False
+        """Whether an accuracy waits for its kernels; until then ``obb`` takes its place."""
+
+    def rungs(self) -> list[Accuracy]:
+        """Return the rungs that the parameters name."""
+        own = [rung for _, rung in self._parameters.accuracy_overrides]
+        return sorted({as_accuracy(self._parameters.accuracy), *own})
+
+    def apply(self) -> None:
+        """Bring the scene up to date with the parameters."""
+        parameters, scene = self._parameters, self._objects.scene
+        if scene.padding != parameters.padding:
+            scene.padding = parameters.padding
+        if scene.tree_depth != parameters.tree_depth:
+            scene.tree_depth = parameters.tree_depth
+        self.apply_accuracy()
+        if self._allowed != parameters.allowed_pairs:
+            set_allowed(scene, self._allowed, parameters.allowed_pairs)
+            self._allowed = list(parameters.allowed_pairs)
+        for name in EFFECTS:
+            # Never "on": the node asks at each check, so that nothing starts before it is ready.
+            mode = OFF if parameters.mode(name) == OFF else AUTO
+            setting = {"mode": mode, **parameters.setting(name)}
+            if self._effects.get(name) != setting:
+                self._effects[name] = setting
+                scene.set_effect(name, **setting)
+
+    def apply_accuracy(self) -> None:
+        """Give every object its rung, as far as their kernels are ready."""
+        parameters, objects = self._parameters, self._objects
+        ready = [self._warm.is_ready(rung) for rung in self.rungs()]
+        self.waiting = not all(ready)
+        highest = Accuracy.OBB if self.waiting else Accuracy.MESH
+        rung = min(as_accuracy(parameters.accuracy), highest)
+        if objects.scene.accuracy != rung:
+            objects.scene.accuracy = rung
+        overrides = Overrides(parameters.accuracy_overrides).capped(highest)
+        if overrides.overrides != objects.overrides.overrides:
+            objects.set_overrides(overrides)

@@ -1,0 +1,81 @@
+"""What a parameter of the node is: its meaning, range and choices, and how its value is read."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+
+from obb_collision.scene.effects.settings import MODES, OFF, ON
+
+
+@dataclass(frozen=True)
+class Spec:
+    """One parameter. ``limits`` are inclusive; ``choices`` are the words or numbers allowed."""
+
+    name: str
+    default: Any
+    description: str
+    limits: tuple[float, float] | None = None
+    choices: tuple[Any, ...] = ()
+    fixed: bool = False
+    """Read at the start only."""
+    optional: bool = False
+    """Whether a text may be empty."""
+    entry: Callable[[str], Any] | None = None
+    """How an entry of a list is read: it raises ValueError for one that can't be used."""
+
+    def descriptor(self) -> ParameterDescriptor:
+        """Return what ``ros2 param describe`` shows."""
+        descriptor = ParameterDescriptor(
+            name=self.name,
+            description=self.description,
+            read_only=self.fixed,
+            # Unquoted off and on are booleans in YAML, and an empty list has no type in ROS.
+            dynamic_typing=self.choices == MODES or isinstance(self.default, list),
+        )
+        if self.choices:
+            descriptor.additional_constraints = "one of " + _words(self.choices)
+        if self.limits is not None and isinstance(self.default, float):
+            low, high = self.limits
+            descriptor.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
+        elif isinstance(self.default, int):
+            low, high = (int(limit) for limit in self.limits or (self.choices[0], self.choices[-1]))
+            descriptor.integer_range = [IntegerRange(from_value=low, to_value=high)]
+        return descriptor
+
+    def read(self, value: Any) -> Any:
+        """Return a value as the node uses it; ValueError with the reason if it can't be used."""
+        if isinstance(self.default, list):
+            return self._read_list(value)
+        if self.choices == MODES and isinstance(value, bool):
+            value = ON if value else OFF
+        if self.choices and value not in self.choices:
+            raise ValueError(f"{self.name} must be one of {_words(self.choices)}, not {value!r}")
+        if isinstance(self.default, str) and not (value or self.optional):
+            raise ValueError(f"{self.name} must not be empty")
+        if self.limits is not None:
+            low, high = self.limits
+            if not (math.isfinite(value) and low <= value <= high):
+                raise ValueError(f"{self.name} must be between {low:g} and {high:g}, not {value!r}")
+        return value
+
+    def _read_list(self, value: Any) -> list[Any]:
+        """Return the entries; an empty text counts as none, for [] has no type in ROS."""
+        entries = [value] if isinstance(value, str) else list(value or ())
+        if not all(isinstance(entry, str) for entry in entries):
+            raise ValueError(f"{self.name} must be a list of texts, not {value!r}")
+        kept = [entry.strip() for entry in entries if entry.strip()]
+        if self.entry is None:
+            return kept
+        try:
+            return [self.entry(entry) for entry in kept]
+        except ValueError as error:
+            raise ValueError(f"{self.name}: {error}") from error
+
+
+def _words(choices: tuple[Any, ...]) -> str:
+    return ", ".join(str(choice) for choice in choices)

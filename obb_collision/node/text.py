@@ -1,0 +1,51 @@
+"""Rows of ``collisions`` in words, for people."""
+
+from __future__ import annotations
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from std_msgs.msg import Header
+
+from obb_collision.node.conversions import name_from_key
+from obb_collision.node.layouts import Rows
+from obb_collision.queries.accuracy import ALL_RUNGS
+from obb_collision.queries.separation import Verdict
+
+
+def text_from_rows(
+    rows: Rows, namespaces: list[str], header: Header, limit: int
+) -> DiagnosticArray:
+    """Return a status with the total, then one a pair, at most ``limit``."""
+    total = f"{len(rows)} pairs in collision"
+    if len(rows) > limit:
+        total += f", the first {limit} named"
+    values = [KeyValue(key="pairs", value=str(len(rows)))]
+    message = DiagnosticArray(header=header)
+    message.status = [DiagnosticStatus(name="collisions", message=total, values=values)]
+    for row in rows[:limit]:
+        a = name_from_key((namespaces[row["ns_a"]], int(row["id_a"])))
+        b = name_from_key((namespaces[row["ns_b"]], int(row["id_b"])))
+        touching = row["verdict"] == Verdict.TOUCHING
+        values = [
+            ("a", a),
+            ("b", b),
+            ("depth", repr(float(row["depth"]))),
+            ("normal", " ".join(f"{row['normal_' + axis]:.4f}" for axis in "xyz")),
+            ("verdict", Verdict(row["verdict"]).name.lower()),
+            ("rung", ALL_RUNGS[row["rung"]]),
+        ]
+        message.status.append(
+            DiagnosticStatus(
+                level=DiagnosticStatus.WARN,
+                name=f"{a} - {b}",
+                message=_told(row["depth"], touching),
+                values=[KeyValue(key=key, value=value) for key, value in values],
+            )
+        )
+    return message
+
+
+def _told(depth: float, touching: bool) -> str:
+    if touching:
+        return "touching"
+    return "overlapping" if np.isnan(depth) else f"{depth:.6f} m deep"
