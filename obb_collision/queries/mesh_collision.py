@@ -68,6 +68,18 @@ class PlacedMeshes:
         """Return bodies at poses (n, 7), x y z qx qy qz qw."""
         return cls(trees, meshes, *as_poses(poses))
 
+    @classmethod
+    def trusted(
+        cls, trees: MeshTrees, meshes: Integers, centers: Floats, rotations: Floats
+    ) -> PlacedMeshes:
+        """Return bodies of arrays that are known to be right, unchecked and not copied."""
+        bodies = object.__new__(cls)
+        for name, value in (
+            ("trees", trees), ("meshes", meshes), ("centers", centers), ("rotations", rotations),
+        ):  # fmt: skip
+            object.__setattr__(bodies, name, value)
+        return bodies
+
     def __len__(self) -> int:
         return len(self.meshes)
 

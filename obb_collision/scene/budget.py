@@ -34,10 +34,8 @@ LASTING = 1000
 LONGEST_WAIT = 3200
 #: Estimates are medians of this many cycles: one in which others had the processor counts little.
 WINDOW = 9
-#: Cycles that decide fewer pairs on a rung teach what a call costs, not what a pair does ...
-ENOUGH_PAIRS = 32
-#: ... unless they take this share of the budget.
-ENOUGH_TIME = 0.05
+#: At least this share of what a call takes is due to its pairs, not to the call.
+LEAST_SHARE = 0.1
 
 
 class Budget:
@@ -57,6 +55,7 @@ class Budget:
         self._waits = dict.fromkeys(ABOVE, WAIT)
         self._roomy = dict.fromkeys(ABOVE, 0)  # cycles in a row with room for a rung
         self._costs: dict[Accuracy, deque[float]] = {r: deque(maxlen=WINDOW) for r in ABOVE}
+        self._calls: dict[Accuracy, deque[float]] = {r: deque(maxlen=WINDOW) for r in ABOVE}
         self._before: deque[float] = deque(maxlen=WINDOW)
         self._after: deque[float] = deque(maxlen=WINDOW)
         self.start()
@@ -103,11 +102,17 @@ class Budget:
         costs = self._costs[rung]
         return median_low(costs) if costs else None
 
-    def learn(self, rung: Accuracy, pairs: int, seconds: float) -> None:
-        """Take note of what pairs of one cycle took on a rung."""
-        few = pairs < ENOUGH_PAIRS and seconds < ENOUGH_TIME * self.seconds
-        if pairs and not (few and self._costs[rung]):
-            self._costs[rung].append(seconds / pairs)
+    def overhead(self, rung: Accuracy) -> float:
+        """Return the seconds that a call for no pairs at all takes."""
+        return _median(self._calls[rung])
+
+    def learn(self, rung: Accuracy, pairs: int, seconds: float, calls: int = 1) -> None:
+        """Take note of what pairs took on a rung, in how many calls; no pairs: the calls alone."""
+        if pairs:
+            own = max(seconds - calls * self.overhead(rung), LEAST_SHARE * seconds)
+            self._costs[rung].append(own / pairs)
+        elif calls:
+            self._calls[rung].append(seconds / calls)
 
     def choose(self, counts: Counts) -> Accuracy:
         """Return the cap of this cycle; counts: pairs to be decided, by the rung they ask for."""
@@ -144,7 +149,7 @@ class Budget:
                 cost = self.cost(min(asked, cap))
                 if cost is None:
                     return float("inf")
-                needed += count * cost
+                needed += count * cost + self.overhead(min(asked, cap))
         room = PLANNED * self.seconds - _median(self._before) - _median(self._after)
         if needed == 0.0:
             return 0.0

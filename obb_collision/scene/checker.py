@@ -6,7 +6,6 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.validation import Floats
@@ -15,8 +14,17 @@ from obb_collision.queries.coarse import sphere_bounds
 from obb_collision.queries.separation import Verdicts
 from obb_collision.scene.allowed import AllowedPairs, Counts
 from obb_collision.scene.broad_phase import Pairs, find_candidates, find_candidates_of
-from obb_collision.scene.ladder import Found, Rungs, decide_pairs, is_plain, needs_spheres
-from obb_collision.scene.pairs import colliding_pairs
+from obb_collision.scene.budget import Budget
+from obb_collision.scene.ladder import (
+    NONE,
+    Found,
+    decide_pairs,
+    is_plain,
+    needs_spheres,
+    pair_rungs,
+)
+from obb_collision.scene.pairs import colliding_pairs, columns
+from obb_collision.scene.refinement import Rungs
 from obb_collision.scene.store import ObjectStore, Rows
 from obb_collision.scene.tree_bank import TreeBank
 
@@ -28,6 +36,8 @@ INCREMENTAL_SHARE = 32
 class Findings:
     """What a check found, and what its effects gave so far.
 
+    behind: whether a budget left pairs on a lower rung than they ask for; cap: the highest rung it
+    allowed, None without a budget.
     old (m,): the row of each pair in the findings before, -1 if it was decided anew; None if all
     were.
     """
@@ -35,6 +45,8 @@ class Findings:
     pairs: Pairs
     verdicts: Verdicts
     rungs: Rungs
+    behind: bool = False
+    cap: Accuracy | None = None
     old: Rows | None = None
     results: dict[str, Any] = field(default_factory=dict)
 
@@ -51,73 +63,84 @@ class Checker:
         self.last: Findings | None = None
         self.counts: Counts | None = None
 
-    def find(self, depth: int, exact: bool) -> Findings:
+    @property
+    def behind(self) -> bool:
+        """Whether the next check may get further though nothing changes."""
+        return self.last is not None and self.last.behind
+
+    def find(self, depth: int, exact: bool, budget: Budget | None = None) -> Findings:
         """Return what collides. depth: of the boxes on the rung "obb_tree"."""
-        store = self._store
+        store, last = self._store, self.last
         self.counts = self._allowed.counts(store.names, store.version)
-        changed = np.flatnonzero(store.changed)
-        spheres = needs_spheres(store)
-        bounds = self._bounds
-        if (
-            self.last is not None
-            and bounds is not None
-            and len(bounds[0]) == len(store.names)  # else the store has grown
-            and len(changed) * INCREMENTAL_SHARE < len(store.names)
-            and (self._spheres or not spheres)
-        ):
-            self.last = self._find_changed(changed, self.last, bounds, depth, exact)
+        if last is None or store.changed[store.active].all():
+            found, behind = self._decide(self._all_candidates(), depth, exact, budget)
+            self.last = Findings(*found, behind)
         else:
-            self._spheres = spheres
-            self.last = Findings(*self._find_all(depth, exact))
+            self.last = self._find_changed(last, depth, exact, budget)
+        self.last.cap = None if budget is None else budget.cap
         store.changed[:] = False
         return self.last
 
-    def _find_all(self, depth: int, exact: bool) -> Found:
-        store = self._store
-        active = np.flatnonzero(store.active)
-        boxes = store.boxes(active)
-        minimum, maximum = self._bounds_of(boxes)
-        candidates = find_candidates(minimum, maximum)
-        shape = store.centers.shape
-        self._bounds = (np.full(shape, np.inf), np.full(shape, -np.inf))
-        self._bounds[0][active] = minimum
-        self._bounds[1][active] = maximum
-        if not is_plain(store):
-            return decide_pairs(store, self._bank, self._counted(active[candidates]), depth, exact)
-        if self.counts is not None:
-            candidates = candidates[self.counts(*active[candidates].T)]
-        pairs, verdicts = colliding_pairs(boxes, candidates, exact)
-        return active[pairs], verdicts, _on_boxes(len(pairs))
-
     def _find_changed(
-        self, changed: Rows, last: Findings, bounds: tuple[Floats, Floats], depth: int, exact: bool
+        self, last: Findings, depth: int, exact: bool, budget: Budget | None
     ) -> Findings:
+        """Decide pairs with a change to them, and those that were left behind."""
         store = self._store
-        active = changed[store.active[changed]]
-        bounds[0][changed] = np.inf  # empty: overlaps nothing
-        bounds[1][changed] = -np.inf
-        bounds[0][active], bounds[1][active] = self._bounds_of(store.boxes(active))
-        candidates = self._counted(find_candidates_of(*bounds, active))
-        if is_plain(store):
-            new, verdicts = colliding_pairs(store.all_boxes(), candidates, exact)
-            rungs = _on_boxes(len(new))
-        else:
-            new, verdicts, rungs = decide_pairs(store, self._bank, candidates, depth, exact)
-        kept = np.flatnonzero(~store.changed[last.pairs].any(axis=1))
+        same = ~store.changed[last.pairs].any(axis=1)
+        waits = same & (last.rungs < pair_rungs(store, *columns(last.pairs))) & last.behind
+        waiting = last.pairs[waits], last.verdicts[waits], last.rungs[waits]
+        (new, verdicts, rungs), behind = self._decide(
+            self._candidates(), depth, exact, budget, waiting
+        )
+        kept = np.flatnonzero(same & ~waits)
         pairs = np.concatenate([last.pairs[kept], new])
         order = np.lexsort((pairs[:, 1], pairs[:, 0]))
         old = np.concatenate([kept, np.full(len(new), -1)])[order]
         verdicts = np.concatenate([last.verdicts[kept], verdicts])[order]
         rungs = np.concatenate([last.rungs[kept], rungs])[order]
-        return Findings(pairs[order], verdicts, rungs, old)
+        return Findings(pairs[order], verdicts, rungs, behind, old=old)
 
-    def _counted(self, candidates: Pairs) -> Pairs:
-        """Return those of the candidates (m, 2) that may not touch."""
-        return candidates if self.counts is None else candidates[self.counts(*candidates.T)]
+    def _decide(
+        self, candidates: Pairs, depth: int, exact: bool, budget: Budget | None,
+        waiting: Found = NONE,
+    ) -> tuple[Found, bool]:  # fmt: skip
+        store = self._store
+        if self.counts is not None:
+            candidates = candidates[self.counts(*candidates.T)]  # may not touch
+        if is_plain(store):
+            pairs, verdicts = colliding_pairs(store.all_boxes(), candidates, exact)
+            return (pairs, verdicts, np.full(len(pairs), Accuracy.OBB, np.int8)), False
+        return decide_pairs(store, self._bank, candidates, depth, exact, budget, waiting)
+
+    def _candidates(self) -> Pairs:
+        """Return pairs (m, 2) of slots with a change to them whose bounds meet."""
+        store = self._store
+        changed = np.flatnonzero(store.changed)
+        bounds = self._bounds
+        if (
+            bounds is None
+            or len(bounds[0]) < len(store.names)  # the store has grown
+            or len(changed) * INCREMENTAL_SHARE >= len(store.names)
+            or (needs_spheres(store) and not self._spheres)
+        ):
+            candidates = self._all_candidates()
+            return candidates[store.changed[candidates].any(axis=1)]
+        active = changed[store.active[changed]]
+        bounds[0][changed] = np.inf  # empty: overlaps nothing
+        bounds[1][changed] = -np.inf
+        bounds[0][active], bounds[1][active] = self._bounds_of(store.boxes(active))
+        return find_candidates_of(*bounds, active)
+
+    def _all_candidates(self) -> Pairs:
+        """Return all pairs (m, 2) of slots whose bounds meet."""
+        store = self._store
+        self._spheres = needs_spheres(store)
+        active = np.flatnonzero(store.active)
+        minimum, maximum = self._bounds_of(store.boxes(active))
+        shape = store.centers.shape
+        self._bounds = np.full(shape, np.inf), np.full(shape, -np.inf)
+        self._bounds[0][active], self._bounds[1][active] = minimum, maximum
+        return active[find_candidates(minimum, maximum)]
 
     def _bounds_of(self, boxes: Boxes) -> tuple[Floats, Floats]:
         return sphere_bounds(boxes) if self._spheres else boxes.world_bounds()
-
-
-def _on_boxes(count: int) -> NDArray[np.int8]:
-    return np.full(count, Accuracy.OBB, np.int8)

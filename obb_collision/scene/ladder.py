@@ -8,25 +8,19 @@ model; else the pair stays on OBB. They look only at what OBB reports.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from obb_collision.geometry.boxes import Boxes
-from obb_collision.geometry.poses import as_poses
 from obb_collision.queries.accuracy import Accuracy
 from obb_collision.queries.coarse import bounds_meet
-from obb_collision.queries.mesh_collision import (
-    PlacedMeshes,
-    mesh_collisions,
-    mesh_verdicts,
-    tree_collisions,
-)
 from obb_collision.queries.separation import SEPARATE, TOUCHING, Verdicts, pair_verdicts
 from obb_collision.scene.broad_phase import Pairs
+from obb_collision.scene.budget import Budget
+from obb_collision.scene.mesh_pairs import MeshPairs
 from obb_collision.scene.pairs import coarse_meet, columns
+from obb_collision.scene.refinement import Rungs, refine
 from obb_collision.scene.store import ObjectStore, Rows
-from obb_collision.scene.tree_bank import BOX, BOXED, CONVEX, TreeBank
+from obb_collision.scene.tree_bank import BOX, BOXED, TreeBank
 
-Rungs = NDArray[np.int8]
 #: Pairs (m, 2) of slots, sorted, their verdicts (m,) and their rungs (m,).
 Found = tuple[Pairs, Verdicts, Rungs]
 
@@ -54,26 +48,42 @@ def pair_rungs(store: ObjectStore, first: Rows, second: Rows) -> Rungs:
     return np.where(boxes_only, np.minimum(rungs, np.int8(Accuracy.OBB)), rungs)
 
 
+NONE: Found = np.empty((0, 2), np.int64), np.empty(0, np.int8), np.empty(0, np.int8)
+
+
 def decide_pairs(
-    store: ObjectStore, bank: TreeBank, candidates: Pairs, depth: int, exact: bool
-) -> Found:
-    """Return the candidates (m, 2), pairs of slots whose bounds meet, that are not SEPARATE."""
+    store: ObjectStore, bank: TreeBank, candidates: Pairs, depth: int, exact: bool,
+    budget: Budget | None = None, waiting: Found = NONE,
+) -> tuple[Found, bool]:  # fmt: skip
+    """Return the candidates (m, 2), pairs of slots whose bounds meet, that are not SEPARATE.
+
+    depth: of the boxes on OBB_TREE. waiting: pairs that haven't changed, decided on a lower rung
+    than they ask for; returned among the others if they still collide. Also returns whether any
+    pair has been decided on a lower rung than it asks for, which takes a budget.
+    """
     boxes = store.all_boxes()
     first, second = columns(candidates)
-    rungs = pair_rungs(store, first, second)
+    asked = pair_rungs(store, first, second)
     if needs_spheres(store):
-        kept = (rungs == Accuracy.SPHERE) | bounds_meet(boxes, first, second)
-        first, second, rungs = first[kept], second[kept], rungs[kept]
-    verdicts = _box_verdicts(boxes, first, second, rungs, exact)
-    for rung in (Accuracy.OBB_TREE, Accuracy.HULL, Accuracy.MESH):
-        rows = np.flatnonzero((rungs == rung) & (verdicts != SEPARATE))
-        if len(rows):
-            ends = first[rows], second[rows]
-            verdicts[rows] = _mesh_verdicts(store, bank, *ends, rung, depth, exact)
+        kept = (asked == Accuracy.SPHERE) | bounds_meet(boxes, first, second)
+        first, second, asked = first[kept], second[kept], asked[kept]
+    verdicts = _box_verdicts(boxes, first, second, asked, exact)
+    met = np.flatnonzero(verdicts != SEPARATE)
+    pairs = np.concatenate([np.stack([first[met], second[met]], axis=1), waiting[0]])
+    verdicts = np.concatenate([verdicts[met], waiting[1]])
+    asked = np.concatenate([asked[met], pair_rungs(store, *columns(waiting[0]))])
+    rungs = np.concatenate([np.minimum(asked[: len(met)], np.int8(Accuracy.OBB)), waiting[2]])
+
+    high = np.flatnonzero(asked > Accuracy.OBB)
+    if len(high):
+        job = MeshPairs(store, bank, *columns(pairs[high]), depth, exact)
+        state = rungs[high], verdicts[high]
+        refine(job, asked[high], high >= len(met), *state, budget)
+        rungs[high], verdicts[high] = state
     found = np.flatnonzero(verdicts != SEPARATE)
-    found = found[np.lexsort((second[found], first[found]))]
-    pairs = np.stack([first[found], second[found]], axis=1)
-    return pairs, verdicts[found], rungs[found]
+    found = found[np.lexsort((pairs[found, 1], pairs[found, 0]))]
+    behind = bool((rungs[found] < asked[found]).any())
+    return (pairs[found], verdicts[found], rungs[found]), behind
 
 
 def _box_verdicts(boxes: Boxes, first: Rows, second: Rows, rungs: Rungs, exact: bool) -> Verdicts:
@@ -87,31 +97,3 @@ def _box_verdicts(boxes: Boxes, first: Rows, second: Rows, rungs: Rungs, exact: 
     rows = np.flatnonzero(rungs >= Accuracy.OBB)
     result[rows] = pair_verdicts(boxes, first[rows], boxes, second[rows], exact)
     return result
-
-
-def _mesh_verdicts(
-    store: ObjectStore, bank: TreeBank, first: Rows, second: Rows,
-    rung: Accuracy, depth: int, exact: bool,
-) -> Verdicts:  # fmt: skip
-    """Return verdicts (m,) on a rung above OBB; OVERLAP only where it holds for the shapes."""
-    slots, ends = np.unique(np.concatenate([first, second]), return_inverse=True)
-    bodies = _placed(store, bank, slots, rung == Accuracy.HULL)
-    i, j = ends[: len(first)], ends[len(first) :]
-    if rung == Accuracy.OBB_TREE:
-        met = tree_collisions(bodies, bodies, depth, i, j)
-    elif rung == Accuracy.HULL:
-        met = mesh_collisions(bodies, bodies, i, j)
-    else:
-        verdicts = mesh_verdicts(bodies, bodies, i, j, exact)
-        grown = (store.kinds[first] == CONVEX) | (store.kinds[second] == CONVEX)
-        return np.where(grown, np.minimum(verdicts, np.int8(TOUCHING)), verdicts)
-    return np.where(met, np.int8(TOUCHING), np.int8(SEPARATE))
-
-
-def _placed(store: ObjectStore, bank: TreeBank, slots: Rows, hull: bool) -> PlacedMeshes:
-    """Return the bodies of slots: meshes at their poses, boxes where their boxes are."""
-    trees, rows = bank.rows(store, slots, hull)
-    centers, rotations = as_poses(store.poses[slots])
-    boxes = store.kinds[slots] == BOX
-    centers[boxes], rotations[boxes] = store.centers[slots[boxes]], store.rotations[slots[boxes]]
-    return PlacedMeshes(trees, rows, centers, rotations)

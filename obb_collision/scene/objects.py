@@ -88,7 +88,7 @@ class SceneObjects:
         slot = self._store.remove(name)
         self._own_padding.discard(slot)
         self._own_accuracy.discard(slot)
-        self._bank.shapes.pop(slot, None)
+        self._bank.drop(slot)
 
     def clear(self) -> None:
         """Take all objects out; what is set stays."""

@@ -81,10 +81,10 @@ def _decide(
     if budget is None:
         rungs[rows], verdicts[rows] = rung, job.decide(rung, rows)
         return
-    done, seconds = 0, 0.0
+    done, calls, seconds = 0, 0, 0.0
     while done < len(rows):
         pace = max(budget.cost(rung) or 0.0, seconds / max(done, 1))
-        left = budget.left()
+        left = budget.left() - budget.overhead(rung)
         if left < pace or left <= 0.0:
             break
         count = int(PORTION * left / pace) if pace > 0.0 else 1
@@ -92,8 +92,9 @@ def _decide(
         start = budget.clock()
         rungs[portion], verdicts[portion] = rung, job.decide(rung, portion)
         seconds += budget.clock() - start
-        done += len(portion)
-    budget.learn(rung, done, seconds)
+        done, calls = done + len(portion), calls + 1
+    if calls:
+        budget.learn(rung, done, seconds, calls)
 
 
 def _meet_rungs(job: Job, asked: Rungs, budget: Budget) -> None:
@@ -114,15 +115,21 @@ def _try(job: Job, rung: Accuracy, asked: Rungs, budget: Budget) -> None:
     if len(rows) == 0 or budget.left() <= 0.0:
         return
     rows = rows[job.prepare(rung, rows, budget)]
-    allowed = TRIAL_SHARE * budget.left()
+    if len(rows) == 0:
+        return
+    allowed = max(0.0, TRIAL_SHARE * budget.left())
+    budget.learn(rung, 0, _timed(job, rung, rows[:0], budget))
     done, seconds, total = 0, 0.0, 0.0
     portions: list[tuple[int, float]] = []
     while done < len(rows) and total + 2.0 * seconds <= allowed:
         portion = rows[done : 2 * done + 1]
-        start = budget.clock()
-        job.decide(rung, portion)
-        seconds = budget.clock() - start
+        seconds = _timed(job, rung, portion, budget)
         portions.append((len(portion), seconds))
         done, total = done + len(portion), total + seconds
-    if portions:
-        budget.learn(rung, *max(portions))  # in the largest the call itself counts least
+    budget.learn(rung, *max(portions))  # of the largest: the call itself counts least
+
+
+def _timed(job: Job, rung: Accuracy, rows: Rows, budget: Budget) -> float:
+    start = budget.clock()
+    job.decide(rung, rows)
+    return budget.clock() - start

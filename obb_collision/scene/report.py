@@ -15,7 +15,6 @@ from obb_collision.scene.checker import Findings
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.effects.base import Cycle, Setting
 from obb_collision.scene.effects.clearance import PairClearances
-from obb_collision.scene.effects.contacts import PairContacts
 from obb_collision.scene.effects.settings import OFF
 from obb_collision.scene.effects.sweep import SweptPairs
 
@@ -36,6 +35,7 @@ class Report:
     verdicts (m,) int8: ``Verdict.TOUCHING`` or ``OVERLAP``; both count as colliding. OVERLAP is
     certain; on all rungs but OBB and MESH, which can't be, everything is TOUCHING.
     rungs (m,) int8: the ``Accuracy`` that each pair was decided on.
+    cap: the highest ``Accuracy`` that the scene's time budget allowed, None without a budget.
     stages: seconds spent, by stage of the check; costs: by effect, those computed so far.
 
     Everything else is an effect: computed when first read, from the boxes as they were at the
@@ -52,6 +52,7 @@ class Report:
         settings: Mapping[str, Setting],
     ) -> None:
         self.pairs, self.verdicts, self.rungs = found.pairs, found.verdicts, found.rungs
+        self.cap = found.cap
         self.results = found.results
         self.slot_names = slot_names
         self.stages = stages
@@ -125,12 +126,6 @@ class Report:
         full = np.full((len(self), *column.shape[1:]), np.nan)
         full[table.rows] = column
         return full
-
-    @property
-    def contacts(self) -> PairContacts:
-        """The contact patches of the colliding pairs that call for them."""
-        result: PairContacts = self.result("contacts")
-        return result
 
     @property
     def clearances(self) -> PairClearances:

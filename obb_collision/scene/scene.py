@@ -13,10 +13,12 @@ from numpy.typing import ArrayLike, NDArray
 from obb_collision.geometry.validation import as_points
 from obb_collision.queries.accuracy import Accuracy
 from obb_collision.scene.allowed import AllowedPairs
-from obb_collision.scene.checker import Checker, Findings
+from obb_collision.scene.budget import Budget
+from obb_collision.scene.checker import Checker
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.effects.base import Before, Cycle, Setting
 from obb_collision.scene.effects.settings import EffectSettings
+from obb_collision.scene.mesh_pairs import prepare_trees
 from obb_collision.scene.objects import SceneObjects
 from obb_collision.scene.report import Report
 
@@ -33,7 +35,9 @@ class Scene(SceneObjects):
     decided on the lower rung of its two objects, above "obb" only where meshes or hulls are
     concerned that have no padding (see ``scene.ladder``).
     tree_depth: of the boxes of "obb_tree", 2^depth a mesh.
-    Raises ValueError for a padding or depth below zero and an unknown accuracy.
+    time_budget: seconds for a check, None for no limit; see the property.
+    Raises ValueError for a padding or depth below zero, a budget that is not positive, and an
+    unknown accuracy.
     """
 
     def __init__(
@@ -43,12 +47,15 @@ class Scene(SceneObjects):
         exact: bool = False,
         accuracy: Accuracy | str = "obb",
         tree_depth: int = DEFAULT_DEPTH,
+        time_budget: float | Budget | None = None,
     ) -> None:
         self._allowed = AllowedPairs()
         self._effects = EffectSettings(EFFECTS.values())
         self._exact = exact
         self._tree_depth = _checked_depth(tree_depth)
         self._points: NDArray[Any] | None = None
+        self._budget: Budget | None = None
+        self.time_budget = time_budget
         super().__init__(padding, accuracy)
 
     def clear(self) -> None:
@@ -67,6 +74,31 @@ class Scene(SceneObjects):
     def tree_depth(self, value: int) -> None:
         self._tree_depth = _checked_depth(value)
         self._store.changed |= self._store.used & (self._store.accuracies >= Accuracy.OBB_TREE)
+
+    @property
+    def time_budget(self) -> float | None:
+        """Seconds for a check with the effects asked for, None for no limit; may be set.
+
+        Above "obb" a check then uses the highest rung that fits, and loses no collision by it;
+        ``Report.rungs`` says which one decided each pair. A pair that was left on a lower rung
+        and doesn't change is refined at later checks. Below "obb" there is nothing to gain.
+        Building the tree of a new shape may take longer; see ``prepare``. A ``Budget`` may be set,
+        too, which has a clock of its own.
+        """
+        return None if self._budget is None else self._budget.seconds
+
+    @time_budget.setter
+    def time_budget(self, value: float | Budget | None) -> None:
+        if value is None or isinstance(value, Budget):
+            self._budget = value
+        elif self._budget is None:
+            self._budget = Budget(value)
+        else:
+            self._budget.seconds = value
+
+    def prepare(self) -> None:
+        """Build the trees of all shapes now, which else the first checks that need them do."""
+        prepare_trees(self._store, self._bank)
 
     def allow(self, first: str, second: str, allowed: bool = True) -> None:
         """Let objects touch: their pairs no longer count; with ``allowed=False`` they do again.
@@ -121,26 +153,27 @@ class Scene(SceneObjects):
         Only what changed since the last check is computed anew. ValueError for an unknown effect.
         """
         start = perf_counter()
+        if self._budget is not None:
+            self._budget.start()
         wanted = self._effects.wanted(effects)
         lasting = all(EFFECTS[name].lazy for name in wanted)
         report = self._report() if self._report is not None else None
-        if report is None or not lasting or self._store.changed.any():
+        anew = self._store.changed.any() or self._checker.behind
+        if report is None or not lasting or anew:
             report = self._checked(start)
             self._report = weakref.ref(report)
         for name in wanted:
             if name not in report.costs:
                 report.compute(name)
         self._before = None if lasting else report.cycle.as_before()
+        if self._budget is not None:
+            self._budget.finish()
         return report
-
-    def _find(self) -> Findings:
-        """Return what collides and nothing more: what a check costs without any effect."""
-        return self._checker.find(self._tree_depth, self._exact)
 
     def _checked(self, start: float) -> Report:
         store = self._store
         last = self._checker.last
-        found = self._find()
+        found = self._checker.find(self._tree_depth, self._exact, self._budget)
         stages = {"pairs": perf_counter() - start}
         cycle = Cycle(
             boxes=store.snapshot(),
