@@ -15,6 +15,7 @@ from obb_collision.scene.checker import Findings
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.effects.base import Cycle, Setting
 from obb_collision.scene.effects.clearance import PairClearances
+from obb_collision.scene.effects.contacts import PairContacts
 from obb_collision.scene.effects.settings import OFF
 from obb_collision.scene.effects.sweep import SweptPairs
 
@@ -126,6 +127,12 @@ class Report:
         full = np.full((len(self), *column.shape[1:]), np.nan)
         full[table.rows] = column
         return full
+
+    @property
+    def contacts(self) -> PairContacts:
+        """The contact patches of the colliding pairs that call for them."""
+        result: PairContacts = self.result("contacts")
+        return result
 
     @property
     def clearances(self) -> PairClearances:

@@ -14,7 +14,7 @@ from obb_collision.geometry.validation import as_points
 from obb_collision.queries.accuracy import Accuracy
 from obb_collision.scene.allowed import AllowedPairs
 from obb_collision.scene.budget import Budget
-from obb_collision.scene.checker import Checker
+from obb_collision.scene.checker import Checker, Findings
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.effects.base import Before, Cycle, Setting
 from obb_collision.scene.effects.settings import EffectSettings
@@ -170,10 +170,14 @@ class Scene(SceneObjects):
             self._budget.finish()
         return report
 
+    def _find(self) -> Findings:
+        """Return what collides and nothing more: what a check costs without any effect."""
+        return self._checker.find(self._tree_depth, self._exact, self._budget)
+
     def _checked(self, start: float) -> Report:
         store = self._store
         last = self._checker.last
-        found = self._checker.find(self._tree_depth, self._exact, self._budget)
+        found = self._find()
         stages = {"pairs": perf_counter() - start}
         cycle = Cycle(
             boxes=store.snapshot(),
