@@ -15,7 +15,6 @@ centres counts, not where they are.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,11 +22,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from obb_collision._jit import njit
 from obb_collision.geometry.boxes import Boxes
-from obb_collision.geometry.error_free import length
 from obb_collision.geometry.validation import Floats
-from obb_collision.queries.box_frame import Pair, Vector, clamped, dot, minus, plus
+from obb_collision.queries.box_frame import Pair, Vector, enter_frame, leave_frame, minus, scaled
 from obb_collision.queries.closest_features import Points
-from obb_collision.queries.closest_points import NEAR, best_face, points_apart, points_near
+from obb_collision.queries.closest_points import NEAR, points_apart, points_near
+from obb_collision.queries.gap_axes import best_face
 from obb_collision.queries.pair_rows import as_pairs
 from obb_collision.queries.separation import (
     SEPARATE,
@@ -37,10 +36,6 @@ from obb_collision.queries.separation import (
     classify_fast,
 )
 from obb_collision.queries.witness import AXES, witness
-
-#: Sizes between these powers of two are taken as they are: their squares are far from the ends.
-SCALED_BELOW = 2.0**-300
-SCALED_ABOVE = 2.0**300
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +49,8 @@ class Clearances:
     points_b: Floats
     """(m, 3) the same of b: ``points_a + distances * normals``, to rounding."""
     normals: Floats
-    """(m, 3) unit vector from a to b along which the distance is."""
+    """(m, 3) unit vector from a to b along which the distance is; within 1e-12 of touching, and
+    where boxes overlap, the axis of the largest gap."""
 
     def __len__(self) -> int:
         return len(self.distances)
@@ -114,7 +110,7 @@ def clearance_kernel(
         swapped = _comes_before(centers, rotations, half_extents, j, i)
         if swapped:
             i, j = j, i
-        pair, size, scale = _enter_frame(centers, rotations, half_extents, i, j)
+        pair, size, scale = enter_frame(centers, rotations, half_extents, i, j)
         face = best_face(pair)
         if (face[0] - NEAR * size) / scale > limit:
             continue
@@ -124,7 +120,9 @@ def clearance_kernel(
             verdict, gap, points, n = _near_points(
                 centers, rotations, half_extents, i, j, pair, size, scale, most
             )
-        distance, p, q, n = _leave_frame(centers, rotations, half_extents, i, j, points, n, scale)
+        distance, p, q, n = leave_frame(
+            centers, rotations, half_extents, i, j, points.s, points.t, n, scale
+        )
         if swapped:
             p, q, n = q, p, (-n[0], -n[1], -n[2])
         if verdict == TOUCHING:
@@ -158,45 +156,6 @@ def _comes_before(centers: Floats, rotations: Floats, extents: Floats, i: int, j
 
 
 @njit
-def _enter_frame(
-    centers: Floats, rotations: Floats, extents: Floats, i: int, j: int
-) -> tuple[Pair, float, float]:
-    """Return both boxes in the frame of i, scaled; their size in it, and the scale.
-
-    The size is that of ``separation``: offset of the centres and half extents of both, summed.
-    """
-    d = minus(_vector(centers, j), _vector(centers, i))
-    h, f = _vector(extents, i), _vector(extents, j)
-    size = (abs(d[0]) + abs(d[1]) + abs(d[2])) + (h[0] + h[1] + h[2]) + (f[0] + f[1] + f[2])
-    scale = 1.0
-    if not SCALED_BELOW < size < SCALED_ABOVE and size != 0.0:
-        scale = math.ldexp(1.0, min(max(-math.frexp(size)[1], -1022), 1022))
-        d, h, f = _scaled(d, scale), _scaled(h, scale), _scaled(f, scale)
-    x, y, z = _column(rotations, i, 0), _column(rotations, i, 1), _column(rotations, i, 2)
-    u, v, w = _column(rotations, j, 0), _column(rotations, j, 1), _column(rotations, j, 2)
-    d = dot(x, d), dot(y, d), dot(z, d)
-    u = dot(x, u), dot(y, u), dot(z, u)
-    v = dot(x, v), dot(y, v), dot(z, v)
-    w = dot(x, w), dot(y, w), dot(z, w)
-    return Pair(d, (u, v, w), h, f), size * scale, scale
-
-
-@njit
-def _vector(array: Floats, i: int) -> Vector:
-    return array[i, 0], array[i, 1], array[i, 2]
-
-
-@njit
-def _column(rotations: Floats, i: int, k: int) -> Vector:
-    return rotations[i, 0, k], rotations[i, 1, k], rotations[i, 2, k]
-
-
-@njit
-def _scaled(v: Vector, scale: float) -> Vector:
-    return v[0] * scale, v[1] * scale, v[2] * scale
-
-
-@njit
 def _near_points(
     centers: Floats, rotations: Floats, extents: Floats, i: int, j: int, pair: Pair,
     size: float, scale: float, most: Floats,
@@ -217,27 +176,5 @@ def _near_points(
         a[0, 2] * x + a[1, 2] * y + a[2, 2] * z,
     )
     back = 0.0 if verdict == SEPARATE else gap * scale
-    touching = Pair(minus(pair.d, _scaled(n, back)), pair.r, pair.h, pair.f)
+    touching = Pair(minus(pair.d, scaled(n, back)), pair.r, pair.h, pair.f)
     return verdict, gap, points_near(touching, size, gap * scale - back, number, n), n
-
-
-@njit
-def _leave_frame(
-    centers: Floats, rotations: Floats, extents: Floats, i: int, j: int,
-    points: Points, n: Vector, scale: float,
-) -> tuple[float, Vector, Vector, Vector]:  # fmt: skip
-    """Return the distance of the points, the points and the normal in the world frame."""
-    s = clamped(_scaled(points.s, 1.0 / scale), _vector(extents, i))
-    t = clamped(_scaled(points.t, 1.0 / scale), _vector(extents, j))
-    s, t, n = _turned(rotations, i, s), _turned(rotations, j, t), _turned(rotations, i, n)
-    n = _scaled(n, 1.0 / math.sqrt(dot(n, n)))
-    p, q = _vector(centers, i), _vector(centers, j)
-    v = plus(minus(q, p), minus(t, s))
-    return length(v[0], v[1], v[2]), plus(p, s), plus(q, t), n
-
-
-@njit
-def _turned(rotations: Floats, i: int, v: Vector) -> Vector:
-    """Return a vector along the axes of a box in the world frame."""
-    x, y, z = _column(rotations, i, 0), _column(rotations, i, 1), _column(rotations, i, 2)
-    return plus(plus(_scaled(x, v[0]), _scaled(y, v[1])), _scaled(z, v[2]))

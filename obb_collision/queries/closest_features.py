@@ -14,6 +14,7 @@ from obb_collision.queries.box_frame import (
     Pair,
     Vector,
     along_b,
+    axis_of_b,
     clamp,
     closest_on_a,
     closest_on_b,
@@ -88,7 +89,7 @@ def _cross_edges(pair: Pair, i: int, j: int, s: Vector, t: Vector) -> Points:
     a vertex is closer (``vertex_points``).
     """
     s, t = replaced(s, i, 0.0), replaced(t, j, 0.0)
-    u = pair.r[0] if j == 0 else pair.r[1] if j == 1 else pair.r[2]
+    u = axis_of_b(pair, j)
     across = replaced(u, i, 0.0)
     v = minus(point_of_b(pair, t), s)
     square = dot(across, across)

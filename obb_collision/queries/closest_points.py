@@ -32,12 +32,9 @@ from obb_collision.queries.box_frame import (
     Vector,
     closest_on_a,
     closest_on_b,
-    dot,
-    dot_abs,
     gap_along,
     minus,
     point_of_b,
-    replaced,
 )
 from obb_collision.queries.closest_features import (
     Points,
@@ -47,6 +44,7 @@ from obb_collision.queries.closest_features import (
     points_at,
     vertex_points,
 )
+from obb_collision.queries.gap_axes import Axis, best_edge, unit_axis
 
 #: Two points are proven closest when their distance exceeds a gap by no more than this, relative
 #: to the size: 128 unit roundoffs, above what both are off by with axes orthonormal to rounding.
@@ -55,102 +53,13 @@ PROVEN = 2.0**-46
 #: With a gap above this, relative to the size, boxes are certainly apart: 2^13 unit roundoffs,
 #: far beyond every error bound of ``separation``.
 NEAR = 2.0**-40
-#: Squared length below which a cross product of edges is left to stage 6.
-SHORT_SQUARE = 2.0**-40
-
-Axis = tuple[float, int]
-
-
-@njit
-def best_face(pair: Pair) -> Axis:
-    """Return the largest gap along a face normal, and its number: 0 to 2 of a, 3 to 5 of b."""
-    d, (x, y, z), h, f = pair.d, pair.r, pair.h, pair.f
-    best = -math.inf, 0
-    best = _larger(best, abs(d[0]) - h[0] - dot_abs(f, (x[0], y[0], z[0])), 0)
-    best = _larger(best, abs(d[1]) - h[1] - dot_abs(f, (x[1], y[1], z[1])), 1)
-    best = _larger(best, abs(d[2]) - h[2] - dot_abs(f, (x[2], y[2], z[2])), 2)
-    best = _larger(best, abs(dot(d, x)) - f[0] - dot_abs(h, x), 3)
-    best = _larger(best, abs(dot(d, y)) - f[1] - dot_abs(h, y), 4)
-    return _larger(best, abs(dot(d, z)) - f[2] - dot_abs(h, z), 5)
-
-
-@njit
-def best_edge(pair: Pair, best: Axis) -> Axis:
-    """Return the largest gap along a unit edge axis i, j, number 6 + 3 i + j; else ``best``.
-
-    Only positive gaps count. The largest by a quick calculation: not certain among equals and
-    among nearly parallel edges.
-    """
-    d, (x, y, z), h, f = pair.d, pair.r, pair.h, pair.f
-    for j in range(3):
-        best = _larger(
-            best, _edge_gap(d[1], d[2], x[1], x[2], h[1], h[2], f[1], f[2], y[0], z[0]), 6 + j
-        )
-        best = _larger(
-            best, _edge_gap(d[2], d[0], x[2], x[0], h[2], h[0], f[1], f[2], y[1], z[1]), 9 + j
-        )
-        best = _larger(
-            best, _edge_gap(d[0], d[1], x[0], x[1], h[0], h[1], f[1], f[2], y[2], z[2]), 12 + j
-        )
-        x, y, z = y, z, x
-        f = f[1], f[2], f[0]
-    return best
-
-
-@njit
-def _edge_gap(
-    dk: float, dm: float, uk: float, um: float, hk: float, hm: float,
-    fp: float, fq: float, p: float, q: float,
-) -> float:  # fmt: skip
-    """Return the gap along edge i of a crossed with edge u of b; minus infinity if not positive.
-
-    k, m: components after i; p, q: component i of the axes of b after u.
-    """
-    gap = abs(dm * uk - dk * um) - (hk * abs(um) + hm * abs(uk)) - (fp * abs(q) + fq * abs(p))
-    square = uk * uk + um * um
-    if gap > 0.0 and square > SHORT_SQUARE:
-        return gap / math.sqrt(square)
-    return -math.inf
-
-
-@njit
-def _larger(best: Axis, gap: float, number: int) -> Axis:
-    return (gap, number) if gap > best[0] else best
-
-
-@njit
-def unit_axis(pair: Pair, number: int) -> Vector:
-    """Return the unit vector of an axis, from a to b."""
-    if number < 3:
-        n = replaced((0.0, 0.0, 0.0), number, 1.0)
-    elif number < 6:
-        n = _axis_of_b(pair, number - 3)
-    else:
-        i = (number - 6) // 3
-        u = _axis_of_b(pair, (number - 6) % 3)
-        if i == 0:
-            n = 0.0, -u[2], u[1]
-        elif i == 1:
-            n = u[2], 0.0, -u[0]
-        else:
-            n = -u[1], u[0], 0.0
-        norm = math.sqrt(dot(n, n))
-        n = n[0] / norm, n[1] / norm, n[2] / norm
-    if dot(n, pair.d) < 0.0:
-        return -n[0], -n[1], -n[2]
-    return n
-
-
-@njit
-def _axis_of_b(pair: Pair, j: int) -> Vector:
-    return pair.r[0] if j == 0 else pair.r[1] if j == 1 else pair.r[2]
 
 
 @njit
 def points_apart(pair: Pair, size: float, face: Axis) -> tuple[bool, Points, Vector]:
     """Return whether boxes are certainly apart, and then their closest points and the normal.
 
-    face: of ``best_face``.
+    face: of ``gap_axes.best_face``.
     """
     gap, number = face
     n = unit_axis(pair, number)
@@ -192,16 +101,20 @@ def points_on_axis(pair: Pair, number: int, n: Vector) -> Points:
 
 @njit
 def points_anywhere(pair: Pair, size: float, points: Points, n: Vector) -> tuple[Points, Vector]:
-    """Stages 4 to 6, from ``points``: return the closest points and their direction, n where they agree."""
-    points, n = _slide(pair, points, n)
-    if _proven(points, gap_along(pair, n), size):
-        return points, n
+    """Stages 4 to 6: return the closest points and the normal.
+
+    Of points that stay unproven the normal is their direction or n, whichever shows more of a gap.
+    """
+    points, m = _slide(pair, points, n)
+    if _proven(points, gap_along(pair, m), size):
+        return points, m
     points = vertex_points(pair, points)
-    n = _direction(pair, points, n)
-    if _proven(points, gap_along(pair, n), size):
-        return points, n
+    m = _direction(pair, points, n)
+    if _proven(points, gap_along(pair, m), size):
+        return points, m
     points = all_edge_points(pair, points)
-    return points, _direction(pair, points, n)
+    m = _direction(pair, points, n)
+    return points, m if gap_along(pair, m) > gap_along(pair, n) else n
 
 
 @njit
