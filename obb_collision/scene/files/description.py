@@ -29,7 +29,7 @@ from obb_collision.scene.patterns import matching
 from obb_collision.scene.scene import Scene
 
 #: Effects that only the node has: what it publishes for people and monitors.
-NODE_EFFECTS = ("markers", "text", "in_collision", "diagnostics")
+NODE_EFFECTS = ("collisions", "text", "in_collision", "markers", "diagnostics")
 Triple = tuple[float, float, float]
 Color = tuple[float, float, float, float]
 
