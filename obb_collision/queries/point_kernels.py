@@ -1,4 +1,4 @@
-"""Kernels of ``points``: for each point its cell, for each box there the test of ``containment``."""
+"""Kernels of ``points``: each point finds its cell, and is tested against the boxes there."""
 
 from __future__ import annotations
 
