@@ -16,6 +16,7 @@ from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.effects.base import Cycle, Setting
 from obb_collision.scene.effects.clearance import PairClearances
 from obb_collision.scene.effects.contacts import PairContacts
+from obb_collision.scene.effects.points import ObjectPoints
 from obb_collision.scene.effects.settings import OFF
 from obb_collision.scene.effects.sweep import SweptPairs
 
@@ -144,6 +145,12 @@ class Report:
     def swept(self) -> SweptPairs:
         """What objects passed through since the check before, and what they will run into."""
         result: SweptPairs = self.result("sweep")
+        return result
+
+    @property
+    def points_inside(self) -> ObjectPoints:
+        """Which of ``Scene.points`` lie inside which objects."""
+        result: ObjectPoints = self.result("points")
         return result
 
     @property
