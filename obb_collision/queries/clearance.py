@@ -6,7 +6,9 @@ the least translation along any of the 15 axes that parts them (``witness``).
 
 Accuracy: distances of separate pairs are within 1e-12 of the size of the pair, the sum of its six
 half extents or the distance itself, whichever is larger; so is the distance between the points
-given, but for the rounding of world coordinates. How that is known: ``closest_points``.
+given, but for the rounding of world coordinates. How that is known: ``closest_points``. Where many
+points are equally close (parallel faces) the ones given are some of them; where they are so up to
+that accuracy (nearly parallel), the ones given may lie anywhere among those.
 
 The answer for b and a is that for a and b, bit for bit, points exchanged and normal reversed
 (boxes identical in every bit have no order: theirs is the same both ways). Only the offset of the
@@ -47,7 +49,7 @@ class Clearances:
     points_a: Floats
     """(m, 3) the point of a closest to b; overlapping, the deepest in b along the normal."""
     points_b: Floats
-    """(m, 3) the same of b: ``points_a + distances * normals``, to rounding."""
+    """(m, 3) the same of b."""
     normals: Floats
     """(m, 3) unit vector from a to b along which the distance is; within 1e-12 of touching, and
     where boxes overlap, the axis of the largest gap."""

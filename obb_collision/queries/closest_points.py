@@ -101,10 +101,7 @@ def points_on_axis(pair: Pair, number: int, n: Vector) -> Points:
 
 @njit
 def points_anywhere(pair: Pair, size: float, points: Points, n: Vector) -> tuple[Points, Vector]:
-    """Stages 4 to 6: return the closest points and the normal.
-
-    Of points that stay unproven the normal is their direction or n, whichever shows more of a gap.
-    """
+    """Stages 4 to 6: return the closest points and the normal, n or better."""
     points, m = _slide(pair, points, n)
     if _proven(points, gap_along(pair, m), size):
         return points, m
@@ -113,8 +110,22 @@ def points_anywhere(pair: Pair, size: float, points: Points, n: Vector) -> tuple
     if _proven(points, gap_along(pair, m), size):
         return points, m
     points = all_edge_points(pair, points)
-    m = _direction(pair, points, n)
-    return points, m if gap_along(pair, m) > gap_along(pair, n) else n
+    return points, _widest(pair, n, _direction(pair, points, n))
+
+
+@njit
+def _widest(pair: Pair, n: Vector, m: Vector) -> Vector:
+    """Return n, m or the edge axis, also of nearly parallel edges, that shows the largest gap.
+
+    The direction of points close together is that of their rounding errors.
+    """
+    if gap_along(pair, m) > gap_along(pair, n):
+        n = m
+    for number in range(6, 15):
+        m = unit_axis(pair, number)
+        if gap_along(pair, m) > gap_along(pair, n):  # not so for NaN, of parallel edges
+            n = m
+    return n
 
 
 @njit
