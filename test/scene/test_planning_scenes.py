@@ -48,7 +48,7 @@ def test_messages_as_ros_prints_them_are_read() -> None:
     np.testing.assert_allclose(
         scene.obb("crate/0").rotation, [[0, -1, 0], [1, 0, 0], [0, 0, 1]], atol=1e-15
     )
-    assert scene.obb("wedge").contains([[3, 0, 0], [4, 0, 0], [3, 1, 0], [3, 0, 1]]).all()
+    assert np.all(scene.obb("wedge").contains([[3, 0, 0], [4, 0, 0], [3, 1, 0], [3, 0, 1]]))
     assert description.objects[3].shape == oc.Cone(radius=0.125, length=0.25)
     np.testing.assert_array_equal(scene.obb("cable").center, [0, 0, 1])
     assert description.objects[0].color == (0.5, 0.25, 0.125, 1.0)
