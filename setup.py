@@ -34,6 +34,8 @@ setup(
         "lint": ["ruff==0.17.5", "mypy==2.4.1"],
         # peers to compare with, and plots
         "bench": ["python-fcl", "coal", "mujoco", "matplotlib", "tqdm"],
+        # real meshes to measure on: 240 MB to download; pybullet has wheels up to Python 3.11
+        "meshes": ["example-robot-data", "pybullet; python_version < '3.12'"],
     },
     zip_safe=True,
     maintainer="The obb_collision developers",
@@ -43,6 +45,7 @@ setup(
     entry_points={
         "console_scripts": [
             "obb_collision_node = obb_collision.node.commands:node",
+            "obb_collision_accuracy = obb_collision.benchmarks.accuracy:main",
             "obb_collision_demo = obb_collision.node.demo:main",
             "obb_collision_latency = obb_collision.node.commands:latency",
             "obb_collision_speed = obb_collision.benchmarks.speed:main",

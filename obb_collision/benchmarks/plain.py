@@ -21,7 +21,10 @@ def plain_kernel(
     ca: Floats, a: Floats, h: Floats, rows_a: np.ndarray,
     cb: Floats, b: Floats, f: Floats, rows_b: np.ndarray, out: np.ndarray,
 ) -> None:  # fmt: skip
-    """Write 0 (apart) or 2 (colliding) for each pair of rows; arrays as in ``separation``."""
+    """Write 0 (apart) or 2 (colliding) for each pair of rows; arrays as in ``separation``.
+
+    Of float32 arrays everything is computed in float32.
+    """
     for n in range(len(rows_a)):
         out[n] = 2 if _collide(ca, a, h, rows_a[n], cb, b, f, rows_b[n]) else 0
 
@@ -31,27 +34,28 @@ def _collide(
     ca: Floats, a: Floats, h: Floats, i: int, cb: Floats, b: Floats, f: Floats, j: int
 ) -> bool:
     dx, dy, dz = cb[j, 0] - ca[i, 0], cb[j, 1] - ca[i, 1], cb[j, 2] - ca[i, 2]
+    epsilon = h.dtype.type(EPSILON)  # else float32 would turn into float64
     h0, h1, h2 = h[i, 0], h[i, 1], h[i, 2]
     f0, f1, f2 = f[j, 0], f[j, 1], f[j, 2]
     t0 = dx * a[i, 0, 0] + dy * a[i, 1, 0] + dz * a[i, 2, 0]
     r00 = a[i, 0, 0] * b[j, 0, 0] + a[i, 1, 0] * b[j, 1, 0] + a[i, 2, 0] * b[j, 2, 0]
     r01 = a[i, 0, 0] * b[j, 0, 1] + a[i, 1, 0] * b[j, 1, 1] + a[i, 2, 0] * b[j, 2, 1]
     r02 = a[i, 0, 0] * b[j, 0, 2] + a[i, 1, 0] * b[j, 1, 2] + a[i, 2, 0] * b[j, 2, 2]
-    q00, q01, q02 = abs(r00) + EPSILON, abs(r01) + EPSILON, abs(r02) + EPSILON
+    q00, q01, q02 = abs(r00) + epsilon, abs(r01) + epsilon, abs(r02) + epsilon
     if abs(t0) > h0 + f0 * q00 + f1 * q01 + f2 * q02:
         return False
     t1 = dx * a[i, 0, 1] + dy * a[i, 1, 1] + dz * a[i, 2, 1]
     r10 = a[i, 0, 1] * b[j, 0, 0] + a[i, 1, 1] * b[j, 1, 0] + a[i, 2, 1] * b[j, 2, 0]
     r11 = a[i, 0, 1] * b[j, 0, 1] + a[i, 1, 1] * b[j, 1, 1] + a[i, 2, 1] * b[j, 2, 1]
     r12 = a[i, 0, 1] * b[j, 0, 2] + a[i, 1, 1] * b[j, 1, 2] + a[i, 2, 1] * b[j, 2, 2]
-    q10, q11, q12 = abs(r10) + EPSILON, abs(r11) + EPSILON, abs(r12) + EPSILON
+    q10, q11, q12 = abs(r10) + epsilon, abs(r11) + epsilon, abs(r12) + epsilon
     if abs(t1) > h1 + f0 * q10 + f1 * q11 + f2 * q12:
         return False
     t2 = dx * a[i, 0, 2] + dy * a[i, 1, 2] + dz * a[i, 2, 2]
     r20 = a[i, 0, 2] * b[j, 0, 0] + a[i, 1, 2] * b[j, 1, 0] + a[i, 2, 2] * b[j, 2, 0]
     r21 = a[i, 0, 2] * b[j, 0, 1] + a[i, 1, 2] * b[j, 1, 1] + a[i, 2, 2] * b[j, 2, 1]
     r22 = a[i, 0, 2] * b[j, 0, 2] + a[i, 1, 2] * b[j, 1, 2] + a[i, 2, 2] * b[j, 2, 2]
-    q20, q21, q22 = abs(r20) + EPSILON, abs(r21) + EPSILON, abs(r22) + EPSILON
+    q20, q21, q22 = abs(r20) + epsilon, abs(r21) + epsilon, abs(r22) + epsilon
     if abs(t2) > h2 + f0 * q20 + f1 * q21 + f2 * q22:
         return False
     if abs(t0 * r00 + t1 * r10 + t2 * r20) > f0 + h0 * q00 + h1 * q10 + h2 * q20:

@@ -1,0 +1,170 @@
+"""What does accuracy cost? Console script obb_collision_accuracy.
+
+For every rung of the ladder, from spheres to triangles: the time of a pair and of a step, memory,
+preparation, and how many of its reports are false, relative to the triangles; beside the peers
+installed, on the same pairs in the same run. Then the fits of a box, and what certainty costs.
+All take turns, so the ratios hold even on a noisy machine; absolute times are this machine's.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import platform
+import sys
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+from obb_collision.benchmarks.price.corpus import Plan, measure
+from obb_collision.benchmarks.price.fits import FitRow, measure_fits
+from obb_collision.benchmarks.price.floats import FloatRow, measure_floats, pair_sets
+from obb_collision.benchmarks.price.peers import BOX_PEERS, MESH_PEERS
+from obb_collision.benchmarks.price.plot import save_plot
+from obb_collision.benchmarks.price.progress import Progress, progress
+from obb_collision.benchmarks.price.rows import Price
+from obb_collision.benchmarks.price.scenes import (
+    Corpus,
+    box_corpus,
+    generated_corpus,
+    real_corpus,
+)
+from obb_collision.benchmarks.price.tables import claims, format_result
+
+#: Seconds a run takes by default, compiling included: below two minutes also on slow machines.
+SECONDS = 90.0
+#: What is left of the time after compiling, at least: a minute on a busy machine.
+LEAST_SHARE = 0.6
+#: Bodies in the room, pairs asked about in each corpus of meshes, pairs timed beside the peers.
+BODIES, PAIRS, TIMED = 2_000, 60_000, 3_000
+#: Pairs of each hard family that the kernels are asked about.
+HARD_PAIRS = 1_000
+#: What the parts get of the time that is left when they begin: real meshes take the most.
+SHARES = {"boxes": 0.15, "fits": 0.15, "floats": 0.1, "reading": 0.1, "real": 0.6}
+
+
+@dataclass
+class Result:
+    """All that was measured."""
+
+    prices: list[Price] = field(default_factory=list)
+    fits: list[FitRow] = field(default_factory=list)
+    floats: list[FloatRow] = field(default_factory=list)
+
+    @property
+    def missed(self) -> int:
+        """How many reports our rungs owe: none, or there is a defect."""
+        wrong = sum(r.false + r.missed for r in self.floats if r.kernel.startswith("certified"))
+        return sum(price.missed for price in self.prices) + wrong
+
+
+@dataclass(frozen=True)
+class Size:
+    """How much is measured, whatever the time."""
+
+    bodies: int
+    pairs: int
+    timed: int
+    hard: int
+
+
+def run(seconds: float, seed: int, size: Size, bar: Progress) -> Result:
+    """Measure everything in about ``seconds``."""
+    bar.tell("compiling")
+    boxes, generated = box_corpus(size.bodies, seed), generated_corpus(seed)
+    _warm_up(generated, seed)
+    bar.leave(LEAST_SHARE * seconds)
+    bar.tell("reading real meshes")
+    real = real_corpus(SHARES["reading"] * bar.left)
+    result = Result()
+    bar.tell("fits")
+    result.fits = measure_fits([generated, real], SHARES["fits"] * bar.left, bar.tell)
+    sets = pair_sets(boxes, size.bodies, size.hard, seed)
+    result.floats = measure_floats(sets, SHARES["floats"] * bar.left, bar.tell)
+    corpora = [(boxes, SHARES["boxes"]), (generated, 1.0 - SHARES["real"]), (real, 1.0)]
+    for corpus, share in corpora:
+        if not corpus.shapes:
+            result.prices.append(Price(corpus.name, corpus.note, 0, 0))
+            continue
+        plan = Plan(size.bodies, size.pairs, size.timed, share * bar.left)
+        result.prices.append(measure(corpus, plan, seed, bar.tell))
+    return result
+
+
+def _warm_up(generated: Corpus, seed: int) -> None:
+    """Compile what is measured, on next to nothing."""
+    few = Corpus("", dict(list(generated.shapes.items())[:3]))
+    for corpus in (box_corpus(20, seed), few):
+        measure(corpus, Plan(20, 1, 10, 0.0), seed, lambda what: None)
+    measure_fits([few], 0.0, lambda what: None)
+    measure_floats(pair_sets(box_corpus(20, seed), 20, 2, seed), 0.0, lambda what: None)
+
+
+def machine() -> dict[str, Any]:
+    """Return what the absolute times depend on."""
+    peers: dict[str, str | None] = {}
+    for peer in (*BOX_PEERS, *MESH_PEERS):
+        try:
+            peers[peer.distribution] = version(peer.distribution)
+        except PackageNotFoundError:
+            peers[peer.distribution] = None
+    return {"machine": platform.machine(), "python": platform.python_version(), "peers": peers}
+
+
+def as_json(result: Result, options: argparse.Namespace) -> dict[str, Any]:
+    """Return everything measured, for a file."""
+    prices = []
+    for price in result.prices:
+        prices.append(asdict(price) | {"rows": [row.as_dict() for row in price.rows]})
+    return {
+        "seed": options.seed,
+        "seconds": options.seconds,
+        "this_machine": machine(),
+        "corpora": prices,
+        "fits": [asdict(row) for row in result.fits],
+        "floats": [asdict(row) for row in result.floats],
+        "claims": claims(result.prices),
+        "missed": result.missed,
+    }
+
+
+def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
+    """Read the command line."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0] if __doc__ else None)
+    parser.add_argument("--seconds", type=float, default=SECONDS, help="about how long in all")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--bodies", type=int, default=BODIES, help="bodies in the room")
+    parser.add_argument("--pairs", type=int, default=PAIRS, help="pairs asked about, each corpus")
+    parser.add_argument("--timed", type=int, default=TIMED, help="pairs timed beside the peers")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write all numbers as JSON")
+    parser.add_argument("--plot", type=Path, metavar="FILE", help="draw time against wrong alarms")
+    options = parser.parse_args(arguments)
+    if not options.seconds > 0.0:
+        parser.error("--seconds must be positive")
+    if min(options.bodies, options.pairs, options.timed) < 1 or options.seed < 0:
+        parser.error("--bodies, --pairs and --timed must be at least 1, --seed at least 0")
+    if options.plot and options.plot.suffix.lower() not in (".png", ".svg"):
+        parser.error("--plot must name a .png or .svg file")
+    return options
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the comparison; exit code 1 if a rung missed a collision or a verdict was wrong."""
+    options = parse(arguments)
+    size = Size(options.bodies, options.pairs, options.timed, min(HARD_PAIRS, options.pairs))
+    with progress(options.seconds) as bar:
+        result = run(options.seconds, options.seed, size, bar)
+    print(format_result(result.prices, result.fits, result.floats))
+    if options.json:
+        options.json.write_text(json.dumps(as_json(result, options), indent=1) + "\n")
+    if options.plot:
+        save_plot(result.prices, options.plot)
+    if result.missed:
+        print(f"\nDEFECT: {result.missed} collisions missed", file=sys.stderr)
+    return int(result.missed > 0)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

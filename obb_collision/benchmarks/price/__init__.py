@@ -1,0 +1,1 @@
+"""The price of accuracy: what ``obb_collision.benchmarks.accuracy`` measures, tells and draws."""

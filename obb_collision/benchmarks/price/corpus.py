@@ -1,0 +1,222 @@
+"""The price on one corpus: what every rung and peer reports, and the time it takes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import islice, product
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from obb_collision.benchmarks.price.peers import BOX_PEERS, MESH_PEERS, Ask, Query
+from obb_collision.benchmarks.price.rows import Price, Row
+from obb_collision.benchmarks.price.rungs import (
+    Bodies,
+    Mask,
+    Prepared,
+    Rows,
+    Rung,
+    Throw,
+    memory,
+    prepare,
+    prepare_ms,
+    rungs_of,
+)
+from obb_collision.benchmarks.price.scenes import Corpus
+from obb_collision.benchmarks.price.turns import Times, take_turns
+from obb_collision.geometry.mesh_tree import MeshTrees
+from obb_collision.geometry.meshes import Mesh
+from obb_collision.queries.mesh_collision import PlacedMeshes, mesh_collisions
+
+#: Poses that the steps go through in turn.
+FRAMES = 4
+#: What preparing shapes, asking and timing pairs get of the time of a corpus; the steps the rest.
+PREPARING, ASKING, TIMING = 0.4, 0.3, 0.35
+#: Rungs that must report all that others do.
+WIDER = {
+    "sphere": ("obb",),
+    "aabb": ("obb",),
+    "obb_faces": ("obb",),
+    "obb": ("obb_tree", "hull"),
+    "obb_tree": ("mesh",),
+    "hull": ("mesh",),
+}
+#: Our rung that a peer's shape is compared with.
+OURS = {"box": "obb", "hull": "hull", "mesh": "mesh"}
+#: The peer whose triangles are compared with ours.
+SURFACES = "python-fcl mesh"
+
+Tell = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Bodies in the room, pairs asked about, pairs timed, and seconds for all of it."""
+
+    bodies: int
+    pairs: int
+    timed: int
+    seconds: float
+
+
+class Contest:
+    """Our rungs and the installed peers, asked about the same pairs of the same bodies."""
+
+    def __init__(self, corpus: Corpus, prepared: list[Prepared], plan: Plan, seed: int) -> None:
+        self.prepared = prepared
+        self.rungs = rungs_of(corpus)
+        self.price = Price(corpus.name, corpus.note, len(corpus.shapes), plan.bodies)
+        self.price.rows = [Row(rung.name, peer=False) for rung in self.rungs]
+        self._rng = np.random.default_rng(seed)
+        self.bodies = Bodies(corpus, plan.bodies, seed)
+        if prepared:
+            self.bodies.use_trees([p.mesh for p in prepared], [p.hull for p in prepared])
+        self.peers: dict[str, Callable[[Query], Ask]] = {}
+        for peer in BOX_PEERS if corpus.boxes_only else MESH_PEERS:
+            try:
+                self.peers[peer.label] = peer.load(corpus.shapes.values())
+            except ImportError:
+                self.price.missing.append(peer.label)
+        self.price.rows += [Row(label, peer=True) for label in self.peers]
+
+    def ask_all(self, throw: Throw, first: Rows, second: Rows) -> dict[str, Ask]:
+        """Return by name what asks each about pairs of a throw."""
+        asks: dict[str, Ask] = {}
+        for rung in self.rungs:
+            asks[rung.name] = partial(rung.ask, throw, first, second)
+        query = Query(throw.rows, throw.centers, throw.rotations, first, second)
+        return asks | {label: load(query) for label, load in self.peers.items()}
+
+    def count(self, pairs: int, end: float) -> Throw:
+        """Count false and missed reports in throw after throw; return the last one."""
+        while True:
+            throw = self.bodies.throw()
+            asks = self.ask_all(throw, throw.first, throw.second)
+            answers = {name: ask() for name, ask in asks.items()}
+            truth = answers[self.rungs[-1].name]
+            self.price.pairs += len(truth)
+            self.price.colliding += int(truth.sum())
+            for row in self.price.rows:
+                row.count(answers[row.name], truth)
+            _count_far_spheres(self.price.row("sphere"), throw, answers["sphere"])
+            self.price.out_of_order += sum(
+                int((answers[exact.name] & ~answers[coarse.name]).sum())
+                for coarse, exact in _ordered(self.rungs)
+            )
+            if SURFACES in answers:
+                _compare_surfaces(self.price, throw, answers[SURFACES])
+            if self.price.pairs >= pairs or perf_counter() > end:
+                return throw
+
+    def time_pairs(self, throw: Throw, count: int, seconds: float) -> None:
+        """Time all on the same random pairs, in the order in which they come.
+
+        Before its turn each rung is asked about as many others of the same bodies: in a scene the
+        bodies are in the caches too, and the same pairs again would be foreseen by the processor.
+        """
+        order = self._rng.permutation(len(throw.first))
+        chosen, others = np.sort(order[:count]), np.sort(order[count : 2 * count])
+        contestants = self.ask_all(throw, throw.first[chosen], throw.second[chosen])
+        before: dict[str, Callable[[], Any]] = dict.fromkeys(contestants, lambda: None)
+        for rung in self.rungs:
+            rows = throw.first[others], throw.second[others]
+            before[rung.name] = partial(rung.ask, throw, *rows)
+        times = take_turns(contestants, seconds, before)
+        for row in self.price.rows:
+            row.pair_ns = 1e9 * times.best(row.name) / max(1, len(chosen))
+        self.price.ratios = self._ratios(times)
+
+    def _ratios(self, times: Times) -> dict[str, float]:
+        """Return how many times longer each peer takes than our rung of the same shape."""
+        return {label: times.ratio(label, OURS[label.split()[-1]]) for label in self.peers}
+
+    def time_steps(self, seconds: float) -> None:
+        """Time setting every pose and finding every pair in a ``Scene``, on each rung in turn."""
+        scene, indices = self.bodies.scene, self.bodies.scene.indices
+        frames = [self.bodies.poses() for _ in range(FRAMES)]
+        steps = 0
+
+        def choose(rung: Rung) -> None:
+            scene.accuracy = rung.accuracy
+            if rung.depth is not None:
+                scene.tree_depth = rung.depth
+
+        def step() -> None:
+            nonlocal steps
+            scene.move_indices(indices, frames[steps // len(self.rungs) % FRAMES])
+            scene.check()
+            steps += 1
+
+        for rung in self.rungs:  # builds trees, compiles what is new
+            choose(rung)
+            step()
+        before = {rung.name: partial(choose, rung) for rung in self.rungs}
+        times = take_turns({rung.name: step for rung in self.rungs}, seconds, before)
+        for rung in self.rungs:
+            self.price.row(rung.name).step_ms = 1e3 * times.best(rung.name)
+
+    def weigh(self, throw: Throw) -> None:
+        """Tell what each rung takes in memory, and in time once."""
+        for rung in self.rungs:
+            row = self.price.row(rung.name)
+            row.bytes = memory(rung, throw.boxes, self.prepared)
+            row.prepare_ms = prepare_ms(rung, self.prepared)
+
+
+def measure(corpus: Corpus, plan: Plan, seed: int, tell: Tell) -> Price:
+    """Measure all rungs and the installed peers on a corpus, in about ``plan.seconds``."""
+    start = perf_counter()
+    end = start + plan.seconds
+    corpus, prepared = _prepared(corpus, start + PREPARING * plan.seconds, tell)
+    tell(f"{corpus.name}: what each rung and peer reports")
+    contest = Contest(corpus, prepared, plan, seed)
+    throw = contest.count(plan.pairs, perf_counter() + ASKING * plan.seconds)
+    tell(f"{corpus.name}: time of a pair, in turn")
+    contest.time_pairs(throw, plan.timed, TIMING * plan.seconds)
+    tell(f"{corpus.name}: time of a step, in turn")
+    contest.time_steps(end - perf_counter())
+    contest.weigh(throw)
+    return contest.price
+
+
+def _prepared(corpus: Corpus, end: float, tell: Tell) -> tuple[Corpus, list[Prepared]]:
+    """Return the meshes that were prepared before ``end``, one at least, and their trees."""
+    prepared: list[Prepared] = []
+    for k, shape in enumerate(corpus.shapes.values()):
+        if isinstance(shape, Mesh) and (k == 0 or perf_counter() < end):
+            tell(f"{corpus.name}: trees {k + 1}/{len(corpus.shapes)}")
+            prepared.append(prepare(shape))
+    if prepared:
+        corpus = replace(corpus, shapes=dict(islice(corpus.shapes.items(), len(prepared))))
+    return corpus, prepared
+
+
+def _ordered(rungs: tuple[Rung, ...]) -> Iterator[tuple[Rung, Rung]]:
+    """Yield pairs of rungs of which the first must report all that the second does."""
+    for coarse, exact in product(rungs, rungs):
+        deeper = coarse.depth is not None and exact.depth is not None and coarse.depth < exact.depth
+        if exact.accuracy in WIDER.get(coarse.accuracy, ()) or deeper:
+            yield coarse, exact
+
+
+def _count_far_spheres(row: Row, throw: Throw, near: Mask) -> None:
+    """Count the spheres that meet though the AABBs don't, and what is handed over for them."""
+    pairs, meet = throw.sphere_counts
+    far = meet - int(near.sum())
+    row.pairs += pairs - len(near)
+    row.reports += far
+    row.false += far
+
+
+def _compare_surfaces(price: Price, throw: Throw, answers: Mask) -> None:
+    """Count where a peer's triangles disagree with ours, ours as surfaces like the peer's."""
+    placed = throw.meshes
+    arrays = placed.trees.arrays._asdict()
+    hollow = MeshTrees(**arrays | {"solid": np.zeros_like(placed.trees.solid)})
+    bodies = PlacedMeshes(hollow, placed.meshes, placed.centers, placed.rotations)
+    ours = mesh_collisions(bodies, bodies, throw.first, throw.second)
+    price.surface_pairs += len(ours)
+    price.surface_differ += int((ours != answers).sum())

@@ -1,0 +1,196 @@
+"""Peers asked about the same pairs at the same poses, one by one from Python, as they are used.
+
+Shapes and transforms are made beforehand; asking sets poses where a peer keeps them in objects.
+A peer that is not installed is left out.
+"""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+from trimesh.convex import convex_hull
+
+from obb_collision.geometry.meshes import Mesh
+from obb_collision.geometry.shapes import Box, Shape
+from obb_collision.geometry.validation import Floats
+
+Rows = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+Ask = Callable[[], Mask]
+
+
+@dataclass(frozen=True)
+class Query:
+    """Pairs (m,) and (m,) of bodies: body k has shape ``rows[k]`` at a pose.
+
+    centers (n, 3), rotations (n, 3, 3).
+    """
+
+    rows: Rows
+    centers: Floats
+    rotations: Floats
+    first: Rows
+    second: Rows
+
+    def pairs(self) -> list[tuple[int, int]]:
+        """Return the pairs as plain integers, which Python loops over faster."""
+        return list(zip(self.first.tolist(), self.second.tolist(), strict=True))
+
+
+def _hull(shape: Shape) -> Any:
+    assert isinstance(shape, Mesh)
+    return convex_hull(np.unique(shape._points(), axis=0))
+
+
+def fcl_box(fcl: Any, shape: Shape) -> Any:
+    """Return python-fcl's box."""
+    assert isinstance(shape, Box)
+    return fcl.Box(*shape.size)
+
+
+def fcl_hull(fcl: Any, shape: Shape) -> Any:
+    """Return python-fcl's convex body, with the hull that trimesh finds."""
+    hull = _hull(shape)
+    faces = np.column_stack([np.full(len(hull.faces), 3), hull.faces]).ravel()
+    return fcl.Convex(np.asarray(hull.vertices), len(hull.faces), faces)
+
+
+def fcl_mesh(fcl: Any, shape: Shape) -> Any:
+    """Return python-fcl's triangle tree."""
+    assert isinstance(shape, Mesh)
+    model = fcl.BVHModel()
+    model.beginModel(len(shape.vertices), len(shape.faces))
+    model.addSubModel(shape.vertices, shape.faces)
+    model.endModel()
+    return model
+
+
+def ask_fcl(fcl: Any, made: list[Any], query: Query) -> Ask:
+    """Return a function that asks python-fcl about all pairs; each body is an object of it."""
+    places = map(fcl.Transform, query.rotations, query.centers)
+    items = [fcl.CollisionObject(made[row], t) for row, t in zip(query.rows, places, strict=True)]
+    pairs, request = query.pairs(), fcl.CollisionRequest()
+
+    def run() -> Mask:
+        collide, result = fcl.collide, fcl.CollisionResult
+        hits = [collide(items[i], items[j], request, result()) > 0 for i, j in pairs]
+        return np.array(hits, np.bool_)
+
+    return run
+
+
+def coal_box(coal: Any, shape: Shape) -> Any:
+    """Return coal's box."""
+    assert isinstance(shape, Box)
+    return coal.Box(*shape.size)
+
+
+def coal_mesh(coal: Any, shape: Shape) -> Any:
+    """Return coal's triangle tree."""
+    assert isinstance(shape, Mesh)
+    model = coal.BVHModelOBBRSS()
+    model.beginModel(len(shape.faces), len(shape.vertices))
+    model.addVertices(shape.vertices)
+    model.addTriangles(shape.faces)
+    model.endModel()
+    return model
+
+
+def coal_hull(coal: Any, shape: Shape) -> Any:
+    """Return coal's convex body, with the hull that coal finds."""
+    assert isinstance(shape, Mesh)
+    hull = _hull(shape)
+    model = coal_mesh(coal, Mesh(hull.vertices, hull.faces))
+    model.buildConvexHull(True, "Qt")
+    return model.convex
+
+
+def ask_coal(coal: Any, made: list[Any], query: Query) -> Ask:
+    """Return a function that asks coal about all pairs, without contact points."""
+    shapes = [made[row] for row in query.rows]
+    places = list(map(coal.Transform3s, query.rotations, query.centers))
+    pairs, request, result = query.pairs(), coal.CollisionRequest(), coal.CollisionResult()
+    request.enable_contact = False
+
+    def run() -> Mask:
+        collide, clear, hits = coal.collide, result.clear, []
+        for i, j in pairs:
+            hit = collide(shapes[i], places[i], shapes[j], places[j], request, result) > 0
+            if hit:
+                clear()  # a full result would end the next search
+            hits.append(hit)
+        return np.array(hits, np.bool_)
+
+    return run
+
+
+def trimesh_managers(collision: Any, shape: Shape) -> Any:
+    """Return two of trimesh's managers with the mesh in each: one for either side of a pair."""
+    assert isinstance(shape, Mesh)
+    if collision.fcl is None:
+        raise ImportError("trimesh.collision needs python-fcl")
+    mesh = trimesh.Trimesh(shape.vertices, shape.faces, process=False)
+    managers = collision.CollisionManager(), collision.CollisionManager()
+    for manager in managers:
+        manager.add_object("body", mesh)
+    return managers
+
+
+def ask_trimesh(collision: Any, made: list[Any], query: Query) -> Ask:
+    """Return a function that asks trimesh's manager of one body about that of another."""
+    places = np.tile(np.eye(4), (len(query.rows), 1, 1))
+    places[:, :3, :3], places[:, :3, 3] = query.rotations, query.centers
+    rows, pairs = query.rows.tolist(), query.pairs()
+
+    def run() -> Mask:
+        hits = []
+        for i, j in pairs:
+            a, b = made[rows[i]][0], made[rows[j]][1]
+            a.set_transform("body", places[i])
+            b.set_transform("body", places[j])
+            hits.append(a.in_collision_other(b))
+        return np.array(hits, np.bool_)
+
+    return run
+
+
+@dataclass(frozen=True)
+class Peer:
+    """A peer: its name, what stands for a shape, its distribution, its module, how it is asked."""
+
+    name: str
+    shape: str
+    distribution: str
+    module: str
+    make: Callable[[Any, Shape], Any]
+    ask: Callable[[Any, list[Any], Query], Ask]
+
+    @property
+    def label(self) -> str:
+        """The name of the peer and of what it takes for a shape."""
+        return f"{self.name} {self.shape}"
+
+    def load(self, shapes: Iterable[Shape]) -> Callable[[Query], Ask]:
+        """Make the shapes and return what prepares a query; ImportError if not installed."""
+        module = importlib.import_module(self.module)
+        return partial(self.ask, module, [self.make(module, shape) for shape in shapes])
+
+
+BOX_PEERS = (
+    Peer("python-fcl", "box", "python-fcl", "fcl", fcl_box, ask_fcl),
+    Peer("coal", "box", "coal", "coal", coal_box, ask_coal),
+)
+MESH_PEERS = (
+    Peer("python-fcl", "hull", "python-fcl", "fcl", fcl_hull, ask_fcl),
+    Peer("coal", "hull", "coal", "coal", coal_hull, ask_coal),
+    Peer("python-fcl", "mesh", "python-fcl", "fcl", fcl_mesh, ask_fcl),
+    Peer("coal", "mesh", "coal", "coal", coal_mesh, ask_coal),
+    Peer("trimesh", "mesh", "python-fcl", "trimesh.collision", trimesh_managers, ask_trimesh),
+)

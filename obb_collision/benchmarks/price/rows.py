@@ -1,0 +1,73 @@
+"""What is known of a rung or peer on a corpus, and of the corpus as a whole."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+from obb_collision.benchmarks.price.rungs import Mask
+
+
+@dataclass
+class Row:
+    """A rung or peer: what it costs and how often it is wrong; None where that was not asked."""
+
+    name: str
+    peer: bool
+    pair_ns: float = 0.0
+    step_ms: float | None = None
+    bytes: float | None = None
+    prepare_ms: float | None = None
+    pairs: int = 0  #: candidates asked about
+    reports: int = 0
+    false: int = 0  #: reports of bodies whose triangles don't meet
+    missed: int = 0  #: bodies whose triangles meet, not reported
+
+    def count(self, answers: Mask, truth: Mask) -> None:
+        """Add answers about pairs."""
+        self.pairs += len(truth)
+        self.reports += int(answers.sum())
+        self.false += int((answers & ~truth).sum())
+        self.missed += int((truth & ~answers).sum())
+
+    @property
+    def false_of_reports(self) -> float:
+        """Share of the reports that are false."""
+        return self.false / max(1, self.reports)
+
+    @property
+    def false_of_pairs(self) -> float:
+        """Share of the candidates that are falsely reported."""
+        return self.false / max(1, self.pairs)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return all numbers, the shares included."""
+        shares = {name: getattr(self, name) for name in ("false_of_reports", "false_of_pairs")}
+        return asdict(self) | shares
+
+
+@dataclass
+class Price:
+    """The rows of a corpus and what compares two of them."""
+
+    corpus: str
+    note: str
+    shapes: int
+    bodies: int
+    pairs: int = 0
+    colliding: int = 0
+    rows: list[Row] = field(default_factory=list)
+    out_of_order: int = 0  #: pairs that a more exact rung reports and a coarser one doesn't
+    ratios: dict[str, float] = field(default_factory=dict)  #: peer's time over that of our rung
+    surface_pairs: int = 0  #: pairs asked of python-fcl's triangles and of ours as surfaces
+    surface_differ: int = 0
+    missing: list[str] = field(default_factory=list)  #: peers that are not installed
+
+    @property
+    def missed(self) -> int:
+        """Pairs that a rung of ours must report and doesn't: none, or there is a defect."""
+        return self.out_of_order + sum(row.missed for row in self.rows if not row.peer)
+
+    def row(self, name: str) -> Row:
+        """Return the row of a name."""
+        return next(row for row in self.rows if row.name == name)

@@ -1,0 +1,242 @@
+"""The rungs of the ladder on bodies thrown into a room: what each reports, costs and takes.
+
+A rung is asked as a ``Scene`` asks it: those above ``obb`` look only at what ``obb`` reports.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from time import thread_time
+
+import numpy as np
+from numpy.typing import NDArray
+
+from obb_collision._jit import njit
+from obb_collision.benchmarks.price.scenes import Corpus, random_poses
+from obb_collision.geometry.boxes import Boxes
+from obb_collision.geometry.fitting import fit_points
+from obb_collision.geometry.mesh_tree import MeshTrees, TreeArrays
+from obb_collision.geometry.meshes import Mesh
+from obb_collision.geometry.poses import as_poses
+from obb_collision.geometry.representations import to_compact
+from obb_collision.geometry.shape_trees import hull_tree, mesh_tree
+from obb_collision.geometry.validation import Floats
+from obb_collision.queries.coarse import faces_meet, sphere_bounds, spheres_meet
+from obb_collision.queries.mesh_collision import PlacedMeshes, mesh_collisions, tree_collisions
+from obb_collision.queries.separation import SEPARATE, pair_verdicts
+from obb_collision.scene.broad_phase import find_candidates
+from obb_collision.scene.scene import Scene
+
+Rows = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+#: Depths of the trees of boxes that are measured.
+DEPTHS = (1, 2, 3, 4, 5, 6)
+#: Cubic metres a body of one metre of diagonal: about two candidate pairs a body.
+VOLUME_PER_BODY = 0.3
+#: Bytes of a node of a tree: its numbers, its children, its triangles, its level.
+NODE_ARRAYS = ("nodes", "children", "starts", "levels")
+
+
+class Throw:
+    """Bodies at their poses, and the pairs of them, first (m,) and second (m,), whose AABBs meet.
+
+    Body k has shape ``rows[k]`` at centers (n, 3), rotations (n, 3, 3).
+    """
+
+    def __init__(
+        self,
+        rows: Rows,
+        poses: Floats,
+        boxes: Boxes,
+        meshes: PlacedMeshes | None = None,
+        hulls: PlacedMeshes | None = None,
+    ) -> None:
+        self.rows = rows
+        self.centers, self.rotations = as_poses(poses)
+        self.boxes = boxes
+        self._meshes, self._hulls = meshes, hulls
+        self.low, self.high = boxes.world_bounds()
+        pairs = find_candidates(self.low, self.high)
+        self.first = np.ascontiguousarray(pairs[:, 0])
+        self.second = np.ascontiguousarray(pairs[:, 1])
+
+    @property
+    def meshes(self) -> PlacedMeshes:
+        """The triangles of the bodies, in place."""
+        assert self._meshes is not None
+        return self._meshes
+
+    @property
+    def hulls(self) -> PlacedMeshes:
+        """The hulls of the bodies, in place."""
+        assert self._hulls is not None
+        return self._hulls
+
+    @cached_property
+    def sphere_counts(self) -> tuple[int, int]:
+        """How many pairs the broad phase for spheres hands over, and how many spheres meet.
+
+        Spheres may meet where AABBs don't, so there are more than the pairs above.
+        """
+        pairs = find_candidates(*sphere_bounds(self.boxes))
+        first, second = (np.ascontiguousarray(column) for column in pairs.T)
+        return len(pairs), int(spheres_meet(self.boxes, first, second).sum())
+
+
+class Bodies:
+    """Bodies of a corpus in a ``Scene``, thrown anew again and again."""
+
+    def __init__(self, corpus: Corpus, count: int, seed: int) -> None:
+        self.corpus = corpus
+        self._rng = np.random.default_rng(seed)
+        shapes = list(corpus.shapes.values())
+        self.rows = np.arange(count, dtype=np.int64) % len(shapes)
+        self.scene = Scene()
+        for k, row in enumerate(self.rows):
+            self.scene.add(f"{k}", shapes[row])
+        self._trees: list[MeshTrees] = []
+
+    def use_trees(self, meshes: list[MeshTrees], hulls: list[MeshTrees]) -> None:
+        """Use these trees, one a shape, for the rungs above ``obb``."""
+        self._trees = [MeshTrees.join(meshes), MeshTrees.join(hulls)]
+
+    def poses(self) -> Floats:
+        """Return fresh random poses (n, 7)."""
+        return random_poses(len(self.rows), VOLUME_PER_BODY, self._rng)
+
+    def throw(self, poses: Floats | None = None) -> Throw:
+        """Move all bodies to poses, random ones if none are given."""
+        where = self.poses() if poses is None else poses
+        self.scene.move_indices(self.scene.indices, where)
+        placed = [PlacedMeshes.from_poses(trees, self.rows, where) for trees in self._trees]
+        return Throw(self.rows, where, self.scene.boxes, *placed)
+
+
+@njit
+def _aabb_kernel(
+    low: Floats, high: Floats, rows_a: np.ndarray, rows_b: np.ndarray, out: np.ndarray
+) -> None:
+    for n in range(len(rows_a)):
+        i, j = rows_a[n], rows_b[n]
+        out[n] = (
+            low[i, 0] <= high[j, 0] and low[j, 0] <= high[i, 0]
+            and low[i, 1] <= high[j, 1] and low[j, 1] <= high[i, 1]
+            and low[i, 2] <= high[j, 2] and low[j, 2] <= high[i, 2]
+        )  # fmt: skip
+
+
+def _ask_aabb(throw: Throw, first: Rows, second: Rows) -> Mask:
+    out = np.empty(len(first), np.bool_)
+    _aabb_kernel(throw.low, throw.high, first, second, out)
+    return out
+
+
+def _ask_obb(throw: Throw, first: Rows, second: Rows) -> Mask:
+    return np.asarray(pair_verdicts(throw.boxes, first, throw.boxes, second) != SEPARATE)
+
+
+def _refine(ask: Callable[[Throw, Rows, Rows], Mask]) -> Callable[[Throw, Rows, Rows], Mask]:
+    def refined(throw: Throw, first: Rows, second: Rows) -> Mask:
+        met = _ask_obb(throw, first, second)
+        rows = np.flatnonzero(met)
+        met[rows] = ask(throw, first[rows], second[rows])
+        return met
+
+    return refined
+
+
+def _ask_tree(depth: int) -> Callable[[Throw, Rows, Rows], Mask]:
+    return _refine(lambda t, i, j: tree_collisions(t.meshes, t.meshes, depth, i, j))
+
+
+@dataclass(frozen=True)
+class Rung:
+    """A name, how it is asked about pairs, and what a ``Scene`` is told to use it."""
+
+    name: str
+    ask: Callable[[Throw, Rows, Rows], Mask]
+    accuracy: str
+    depth: int | None = None
+
+
+BOX_RUNGS = (
+    Rung("sphere", lambda t, i, j: spheres_meet(t.boxes, i, j), "sphere"),
+    Rung("aabb", _ask_aabb, "aabb"),
+    Rung("obb_faces", lambda t, i, j: faces_meet(t.boxes, i, j), "obb_faces"),
+    Rung("obb", _ask_obb, "obb"),
+)
+MESH_RUNGS = (
+    *(Rung(f"obb_tree {depth}", _ask_tree(depth), "obb_tree", depth) for depth in DEPTHS),
+    Rung("hull", _refine(lambda t, i, j: mesh_collisions(t.hulls, t.hulls, i, j)), "hull"),
+    Rung("mesh", _refine(lambda t, i, j: mesh_collisions(t.meshes, t.meshes, i, j)), "mesh"),
+)
+
+
+def rungs_of(corpus: Corpus) -> tuple[Rung, ...]:
+    """Return the rungs that a corpus has: boxes have none above ``obb``."""
+    return BOX_RUNGS if corpus.boxes_only else (*BOX_RUNGS, *MESH_RUNGS)
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """What is made of a mesh once: its trees, and the milliseconds each took."""
+
+    mesh: MeshTrees
+    hull: MeshTrees
+    box_ms: float
+    mesh_ms: float
+    hull_ms: float
+
+
+def prepare(mesh: Mesh) -> Prepared:
+    """Fit the box and build the trees of a mesh, timed."""
+    start = thread_time()
+    fit_points(mesh._points())
+    fitted = thread_time()
+    triangles = mesh_tree(mesh)
+    built = thread_time()
+    hull = hull_tree(mesh)
+    end = thread_time()
+    box_ms, mesh_ms, hull_ms = 1e3 * np.diff([start, fitted, built, end])
+    return Prepared(triangles, hull, float(box_ms), float(mesh_ms), float(hull_ms))
+
+
+def prepare_ms(rung: Rung, prepared: list[Prepared]) -> float:
+    """Return the mean milliseconds that a rung needs once for a shape; boxes need none."""
+    if not prepared:
+        return 0.0
+    extra = {"obb_tree": "mesh_ms", "mesh": "mesh_ms", "hull": "hull_ms"}.get(rung.accuracy)
+    return float(np.mean([p.box_ms + (getattr(p, extra) if extra else 0.0) for p in prepared]))
+
+
+def memory(rung: Rung, boxes: Boxes, prepared: list[Prepared]) -> float:
+    """Return the bytes that a rung reads of one object, float64, the mean over the shapes.
+
+    A tree, hull or mesh is stored once for all objects of one shape.
+    """
+    count = len(boxes)
+    if rung.accuracy == "sphere":
+        return (boxes.centers.nbytes + boxes.half_extents[:, 0].nbytes) / count
+    if rung.accuracy == "aabb":
+        return sum(bound.nbytes for bound in boxes.world_bounds()) / count
+    if rung.accuracy in ("obb_faces", "obb"):
+        return (boxes.centers.nbytes + boxes.rotations.nbytes + boxes.half_extents.nbytes) / count
+    if rung.accuracy == "obb_tree":
+        assert rung.depth is not None
+        return float(np.mean([tree_bytes(p.mesh.arrays, rung.depth) for p in prepared]))
+    trees = [p.hull if rung.accuracy == "hull" else p.mesh for p in prepared]
+    return float(np.mean([sum(array.nbytes for array in tree.arrays) for tree in trees]))
+
+
+def tree_bytes(tree: TreeArrays, depth: int) -> int:
+    """Return the bytes of the nodes of a tree down to a depth."""
+    nodes = int((tree.levels <= depth).sum())
+    return nodes * sum(getattr(tree, name)[0].nbytes for name in NODE_ARRAYS)
+
+
+def compact_numbers() -> int:
+    """Return the numbers of a box whose third axis is left to be computed."""
+    return to_compact(Boxes(np.zeros((1, 3)), np.eye(3)[None], np.ones((1, 3)))).size
