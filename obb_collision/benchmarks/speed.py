@@ -20,6 +20,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from obb_collision.benchmarks.certificate import measure_certificate
+from obb_collision.benchmarks.effects import format_effects, run_effects, save_effects_plot
 from obb_collision.benchmarks.step_peers import PEERS, Peer
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.validation import Floats
@@ -151,6 +152,16 @@ def save_plot(rows: Sequence[Row], path: Path) -> None:
     figure.savefig(path, dpi=130)
 
 
+def _run_effects(options: argparse.Namespace) -> int:
+    rows = run_effects(options.seconds, lambda text: print(text, file=sys.stderr, flush=True))
+    print(format_effects(rows))
+    if options.json:
+        options.json.write_text(json.dumps([asdict(row) for row in rows], indent=1) + "\n")
+    if options.plot:
+        save_effects_plot(rows, options.plot)
+    return 0
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the benchmark and print its table."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -161,7 +172,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the rows as JSON")
     parser.add_argument("--plot", type=Path, metavar="FILE", help="draw the rows, PNG or SVG")
+    parser.add_argument(
+        "--effects",
+        action="store_true",
+        help="instead: what each effect costs in the ready scene files",
+    )
     options = parser.parse_args(arguments)
+    if options.effects:
+        return _run_effects(options)
     if min(options.sizes) < 1 or not options.seconds > 0.0:
         parser.error("sizes must be at least 1 and seconds positive")
     rows: list[Row] = []

@@ -60,6 +60,7 @@ def test_a_new_cloud_is_looked_at_and_none_costs_nothing(monkeypatch: pytest.Mon
     scene.points = np.zeros((2, 3))
     assert scene.check().points_inside.inside.counts.tolist() == [2]
     assert calls == [4, 2]
+    wrong: Any
     for wrong in (np.zeros((3, 2)), ["x"]):
         with pytest.raises(ValueError, match="points must"):
             scene.points = wrong

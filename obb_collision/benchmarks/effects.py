@@ -1,0 +1,201 @@
+"""What each effect costs beside the step without: ``obb_collision_speed --effects``.
+
+The ready scene files are moved along as their files say, and every variant makes the same steps in
+turn: the pairs alone, the scene with every effect off, with each effect that its file has alone,
+and with all of these. What an effect costs is how much longer the same step took with it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from obb_collision.geometry.validation import Floats
+from obb_collision.scene.effects import EFFECTS
+from obb_collision.scene.files import READY, SceneDescription, find_scene, load_scene
+from obb_collision.scene.patterns import matching
+from obb_collision.scene.scene import Scene
+
+#: Poses are published at this rate (Hz) and a step is one of them.
+RATE = 30.0
+#: States that every turn goes through, and as many to warm up with.
+FRAMES = 60
+PAIRS, OFF, ALL = "pairs alone", "effects off", "all"
+
+
+@dataclass(frozen=True)
+class EffectRow:
+    """Steps of one variant of one scene; times in microseconds."""
+
+    scene: str
+    variant: str
+    objects: int
+    step_us: float  #: median
+    extra_us: float  #: median of what the same step took beyond the one with the effects off
+    ratio: float  #: median of step to step with the effects off
+    count: float  #: pairs or points that the effects ran on, mean of a step
+
+
+@dataclass(frozen=True)
+class Frame:
+    """The state of a scene at one moment."""
+
+    poses: Floats
+    twists: Floats
+    points: NDArray[Any] | None
+
+
+class Variant:
+    """A scene of a description in which some effects are on and all others off."""
+
+    def __init__(self, description: SceneDescription, effects: tuple[str, ...]) -> None:
+        self.scene: Scene = description.build()
+        self.rows = np.array([self.scene.index(name) for name in description.names])
+        for name in EFFECTS:
+            self.scene.set_effect(name, "on" if name in effects else "off")
+
+    def set(self, frame: Frame) -> None:
+        """Bring the scene to a state."""
+        self.scene.move_indices(self.rows, frame.poses)
+        self.scene.set_twists(self.rows, frame.twists)
+        if frame.points is not None:
+            self.scene.points = frame.points
+
+    def step(self, frame: Frame) -> int:
+        """Set a state and check; return how many pairs and points the effects ran on."""
+        self.set(frame)
+        return sum(cost.count for cost in self.scene.check().costs.values())
+
+
+class Pairs(Variant):
+    """The same without the machinery of effects: only what finds the pairs."""
+
+    def step(self, frame: Frame) -> int:
+        """Set a state and find the pairs."""
+        self.set(frame)
+        self.scene._find()
+        return 0
+
+
+def frames_of(description: SceneDescription) -> list[Frame]:
+    """Return the states of a scene that all variants go through."""
+    scene, seen = description.build(), np.zeros(len(description.objects), np.bool_)
+    if description.lidar is not None:
+        seen = matching(description.lidar.sees, description.names)
+    frames = []
+    for number in range(FRAMES):
+        poses, twists = description.states(number / RATE)
+        points = None
+        if description.lidar is not None:
+            scene.move_many(description.names, poses)
+            boxes = scene.boxes.take(np.flatnonzero(seen))
+            points = description.lidar.scan(boxes, number / RATE)
+        frames.append(Frame(poses, twists, points))
+    return frames
+
+
+def effects_of(description: SceneDescription) -> tuple[str, ...]:
+    """Return the effects that a file has, and the one that every user of pairs has."""
+    choices = description.effects
+    named = [name for name in EFFECTS if name in choices and choices[name].mode != "off"]
+    return tuple(dict.fromkeys(["separations", *named]))
+
+
+def run_scene(name: str, seconds: float) -> list[EffectRow]:
+    """Measure a ready scene or file, for about some seconds."""
+    description = load_scene(find_scene(name))
+    names, frames = effects_of(description), frames_of(description)
+    variants: dict[str, Variant] = {PAIRS: Pairs(description, ()), OFF: Variant(description, ())}
+    variants |= {effect: Variant(description, (effect,)) for effect in names}
+    if len(names) > 1:
+        variants[ALL] = Variant(description, names)
+    for frame in frames:
+        for variant in variants.values():
+            variant.step(frame)
+    times: dict[str, list[float]] = {key: [] for key in variants}
+    counts = dict.fromkeys(variants, 0)
+    rng = np.random.default_rng(0)
+    end, turn = perf_counter() + seconds, 0
+    while turn < 2 or perf_counter() < end:
+        for frame in frames:
+            for key in rng.permutation(list(variants)).tolist():  # whom one follows matters
+                start = perf_counter()
+                counts[key] += variants[key].step(frame)
+                times[key].append(perf_counter() - start)
+        turn += 1
+    return [_row(description, key, times, counts[key]) for key in variants]
+
+
+def _row(
+    description: SceneDescription, key: str, times: dict[str, list[float]], count: int
+) -> EffectRow:
+    steps, base = 1e6 * np.array(times[key]), 1e6 * np.array(times[OFF])
+    return EffectRow(
+        scene=description.name,
+        variant=key,
+        objects=len(description.objects),
+        step_us=float(np.median(steps)),
+        extra_us=float(np.median(steps - base)),
+        ratio=float(np.median(steps / base)),
+        count=count / len(steps),
+    )
+
+
+def run_effects(seconds: float, tell: Callable[[str], None]) -> list[EffectRow]:
+    """Measure all ready scenes."""
+    rows: list[EffectRow] = []
+    for name in READY:
+        tell(f"{name} ...")
+        rows += run_scene(name, seconds / len(READY))
+    return rows
+
+
+def format_effects(rows: list[EffectRow]) -> str:
+    """Return the table, one block a scene."""
+    lines = [f"{'scene':<12}{'step with':<14}{'us':>9}{'more, us':>10}{'ratio':>8}{'ran on':>10}"]
+    for row in rows:
+        lines.append(
+            f"{row.scene:<12}{row.variant:<14}{row.step_us:>9.1f}{row.extra_us:>10.1f}"
+            f"{row.ratio:>8.3f}{row.count:>10.1f}"
+        )
+    for scene in dict.fromkeys(row.scene for row in rows):
+        (alone,) = [row for row in rows if row.scene == scene and row.variant == PAIRS]
+        lines.append(f"{scene}: effects off / pairs alone {1.0 / alone.ratio:.3f}")
+    return "\n".join(lines)
+
+
+def save_effects_plot(rows: list[EffectRow], path: Path) -> None:
+    """Draw the rows as bars, one panel a scene."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot
+
+    scenes = list(dict.fromkeys(row.scene for row in rows))
+    figure, panels = pyplot.subplots(
+        1, len(scenes), figsize=(4.2 * len(scenes), 3.4), layout="constrained", squeeze=False
+    )
+    for axes, scene in zip(panels[0], scenes, strict=True):
+        own = [row for row in rows if row.scene == scene and row.variant != PAIRS]
+        (base,) = [row.step_us for row in own if row.variant == OFF]
+        labels = [row.variant for row in own]
+        axes.barh(labels, [base] * len(own), color="0.78")
+        more = [max(row.extra_us, 0.0) for row in own]
+        axes.barh(labels, more, left=base, color="#d1495b")
+        for row, extra in zip(own, more, strict=True):
+            text = f" +{extra:.0f} us" if row.variant != OFF else f" {base:.0f} us"
+            axes.text(base + extra, row.variant, text, va="center", fontsize=9)
+        axes.set_title(f"{scene}, {own[0].objects} objects")
+        axes.set_xlabel("microseconds a step (median)")
+        axes.invert_yaxis()
+        axes.margins(x=0.25)
+        for side in ("top", "right"):
+            axes.spines[side].set_visible(False)
+    figure.suptitle("A step costs what is asked of it: grey the pairs, red what the effects add")
+    figure.savefig(path, dpi=130)

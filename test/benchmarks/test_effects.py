@@ -1,0 +1,38 @@
+"""What effects cost: the table has every variant, and what is off runs on nothing."""
+
+from pathlib import Path
+
+import pytest
+
+from obb_collision.benchmarks import effects
+from obb_collision.scene.files import READY
+
+
+@pytest.fixture(scope="module")
+def rows() -> list[effects.EffectRow]:
+    return effects.run_effects(0.0, lambda _: None)
+
+
+def test_every_scene_has_its_effects_alone_and_together(rows: list[effects.EffectRow]) -> None:
+    for name in READY:
+        own = {row.variant: row for row in rows if row.scene == name}
+        assert list(own)[:3] == [effects.PAIRS, effects.OFF, "separations"]
+        assert list(own)[-1] == effects.ALL
+        assert own[effects.OFF].count == own[effects.PAIRS].count == 0.0
+        assert own[effects.OFF].ratio == 1.0
+        assert all(row.step_us > 0.0 for row in own.values())
+    table = effects.format_effects(rows)
+    assert all(f"{name}: effects off / pairs alone" in table for name in READY)
+
+
+def test_the_effects_of_the_ready_scenes_have_something_to_do(
+    rows: list[effects.EffectRow],
+) -> None:
+    busy = {(row.scene, row.variant) for row in rows if row.count > 0}
+    assert {("tabletop", "clearance"), ("warehouse", "sweep"), ("lidar_zone", "points")} <= busy
+
+
+def test_the_plot_is_written(rows: list[effects.EffectRow], tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    effects.save_effects_plot(rows, tmp_path / "effects.svg")
+    assert (tmp_path / "effects.svg").stat().st_size > 1000
