@@ -49,17 +49,16 @@ def _pull(
     x: float, y: float, z: float, axes: Floats, extents: Floats
 ) -> tuple[float, float, float, float]:
     """Return the nearest point of a box at the origin, and the largest step along an axis."""
-    moved = 0.0
-    px, py, pz = x, y, z
-    for i in range(3):
-        along = px * axes[0, i] + py * axes[1, i] + pz * axes[2, i]
-        excess = along - min(max(along, -extents[i]), extents[i])
-        if excess != 0.0:
-            moved = max(moved, abs(excess))
-            x -= excess * axes[0, i]
-            y -= excess * axes[1, i]
-            z -= excess * axes[2, i]
-    return x, y, z, moved
+    p = x * axes[0, 0] + y * axes[1, 0] + z * axes[2, 0]
+    q = x * axes[0, 1] + y * axes[1, 1] + z * axes[2, 1]
+    r = x * axes[0, 2] + y * axes[1, 2] + z * axes[2, 2]
+    p -= min(max(p, -extents[0]), extents[0])
+    q -= min(max(q, -extents[1]), extents[1])
+    r -= min(max(r, -extents[2]), extents[2])
+    x -= p * axes[0, 0] + q * axes[0, 1] + r * axes[0, 2]
+    y -= p * axes[1, 0] + q * axes[1, 1] + r * axes[1, 2]
+    z -= p * axes[2, 0] + q * axes[2, 1] + r * axes[2, 2]
+    return x, y, z, max(abs(p), abs(q), abs(r))
 
 
 @njit

@@ -84,13 +84,14 @@ def overlay_faces(
     s1, t1, w1 = sx * x + sy * y + sz * z, tx * x + ty * y + tz * z, wx * x + wy * y + wz * z
     x, y, z = f[j2] * b[0, j2], f[j2] * b[1, j2], f[j2] * b[2, j2]
     s2, t2, w2 = sx * x + sy * y + sz * z, tx * x + ty * y + tz * z, wx * x + wy * y + wz * z
+    scale = 1.0 / size
     for corner in range(4):
         p = 1.0 if corner == 1 or corner == 2 else -1.0
         q = 1.0 if corner >= 2 else -1.0
-        polygon[corner, 0] = (s + p * s1 + q * s2) / size
-        polygon[corner, 1] = (t + p * t1 + q * t2) / size
-        polygon[corner, 2] = (w + p * w1 + q * w2) / size
-    return _clip_to_rectangle(polygon, 4, h[i1] / size, h[i2] / size, spare)
+        polygon[corner, 0] = (s + p * s1 + q * s2) * scale
+        polygon[corner, 1] = (t + p * t1 + q * t2) * scale
+        polygon[corner, 2] = (w + p * w1 + q * w2) * scale
+    return _clip_to_rectangle(polygon, 4, h[i1] * scale, h[i2] * scale, spare)
 
 
 @njit

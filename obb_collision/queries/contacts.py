@@ -29,6 +29,9 @@ from obb_collision.queries.witness import AXES, witness
 #: How many points a pair can be asked for.
 LIMITS = (4, 8)
 
+#: Least size of a pair, metres: its reciprocal must be finite. Less is a point for all we can tell.
+SMALLEST = 1e-300
+
 
 @dataclass(frozen=True, eq=False)
 class Contacts:
@@ -119,7 +122,7 @@ def _contact_points(
     """Write points (limit, 3) and their depths (limit,), and return how many."""
     dx, dy, dz = cb[0] - ca[0], cb[1] - ca[1], cb[2] - ca[2]
     size = (h[0] + h[1] + h[2]) + (f[0] + f[1] + f[2])
-    unit = size if size > 0.0 else 1.0
+    unit = max(size, SMALLEST)
     i = facing(nx, ny, nz, a)
     j = facing(nx, ny, nz, b)
     count = overlay_faces(
@@ -139,7 +142,7 @@ def _contact_points(
         # points that were pulled together count once
         for m in range(found):
             apart = max(abs(x - spare[m, 0]), abs(y - spare[m, 1]), abs(z - spare[m, 2]))
-            if apart <= TIE * size:
+            if apart <= TIE * unit:
                 break
         else:
             spare[found, 0], spare[found, 1], spare[found, 2] = x, y, z

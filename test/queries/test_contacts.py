@@ -133,6 +133,11 @@ def test_every_colliding_pair_has_points_and_no_other(name: str, limit: int) -> 
     assert (np.abs(depths[:, 0] - found.depths[hit]) <= 2.0 * TIE * size).all()
     assert (np.nanmax(depths, axis=1) <= found.depths[hit] + DEPTH_ACCURACY * size).all()
     assert (depths[used[hit]] >= 0.0).all()
+    # none is there twice
+    apart = np.linalg.norm(found.points[:, :, None] - found.points[:, None], axis=3)
+    apart[:, np.arange(limit), np.arange(limit)] = np.inf
+    grain = 4.0 * np.spacing(np.nanmax(np.abs(found.points[hit]), axis=(1, 2)))
+    assert (np.nanmin(apart[hit], axis=(1, 2)) >= 0.5 * TIE * size - grain).all()
 
 
 @given(st.integers(0, 2**32 - 1), st.sampled_from([0.0, 1e-9, 1e-3, 1.0]))
@@ -262,6 +267,32 @@ def test_a_resting_stack_stays_under_noise(base: str, depth: float, yaw: float, 
         assert np.abs(found.normals - resting.normals).max() <= 10.0 * NOISE
 
 
+@pytest.mark.parametrize("limit", [4, 8])
+@pytest.mark.parametrize("angle", [1e-6, 1e-4, 1e-2])
+def test_edges_that_cross_at_a_small_angle_give_no_loose_points(angle: float, limit: int) -> None:
+    """Where they cross moves a hundred to a million times as far as they do: no place for one."""
+    boxes = stack(np.degrees(angle), 1e-3, BASES["tilted"])
+    resting = contacts(Boxes(*boxes), STACK_PAIRS, limit)
+    rng = np.random.default_rng(8)
+    for _ in range(50):
+        found = contacts(noisy(boxes, rng), STACK_PAIRS, limit)
+        np.testing.assert_array_equal(found.counts, 4)
+        assert np.nanmax(np.linalg.norm(found.points - resting.points, axis=2)) <= 10.0 * NOISE
+
+
+def test_faces_that_lean_alike_do_not_take_turns() -> None:
+    """An edge sunk into a wall hardly wider: both faces beside it face the wall equally."""
+    wall, cube = [0.03, 1.0, 1.0], [0.5] * 3
+    centers = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0 + np.sqrt(0.5) - 0.05]])
+    rotations = np.array([np.eye(3), turned([0, 1, 0], 45)])
+    boxes = (centers, rotations, np.array([wall, cube]))
+    resting = contacts(Boxes(*boxes), [[0, 1]])
+    rng = np.random.default_rng(9)
+    for _ in range(50):
+        found = contacts(noisy(boxes, rng), [[0, 1]])
+        assert np.nanmax(np.abs(found.points - resting.points)) <= 10.0 * NOISE
+
+
 @pytest.mark.parametrize("yaw", [0.0, 45.0])
 @pytest.mark.parametrize("base", BASES)
 def test_a_thousand_identical_frames_are_identical(base: str, yaw: float) -> None:
@@ -289,8 +320,9 @@ def test_points_of_any_pair_stay_under_noise(name: str, limit: int) -> None:
     assert (nearest <= 10.0 * moved[:, None])[used].all()
 
 
-def test_boxes_that_only_just_touch_lose_points_but_move_none() -> None:
-    boxes = stack(0.0, 0.0, BASES["upright"])
+@pytest.mark.parametrize("yaw", [0.0, 30.0, 45.0])
+def test_boxes_that_only_just_touch_lose_points_but_move_none(yaw: float) -> None:
+    boxes = stack(yaw, 0.0, BASES["upright"])
     resting = contacts(Boxes(*boxes), STACK_PAIRS)
     rng = np.random.default_rng(6)
     for _ in range(200):
