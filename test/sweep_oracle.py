@@ -16,11 +16,13 @@ from typing import Any
 import numpy as np
 from oracle import ExactPair
 from scipy.spatial.transform import Rotation
+from support import sizes, witnesses
 
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.queries.separation import Verdict, verdicts
 
 Pair = tuple[Any, Any]
+Rows = np.ndarray
 
 
 @dataclass
@@ -59,6 +61,19 @@ class ExactMotion:
                     leave = min(leave, x / (x - y))
         return enter if enter <= leave else None
 
+    def way(self, contact: Fraction) -> float:
+        """How far along the axis entered last at that contact: its gap at the start, of `size`.
+
+        The less it is, the more of a rounding shows in the time.
+        """
+        entered = [
+            x / norm
+            for low_0, high_0, low_1, high_1, norm in self.spans
+            for x, y in ((low_0, low_1), (-high_0, -high_1))
+            if x > 0 and x / (x - y) == contact
+        ]
+        return float(min(entered) / Fraction(self.size)) if entered else 0.0
+
     def gap(self, time: float) -> float:
         """Largest gap over the 15 unit axes at a time, relative to `size`."""
         t = Fraction(time)
@@ -67,7 +82,7 @@ class ExactMotion:
             low = low_0 + t * (low_1 - low_0)
             high = high_0 + t * (high_1 - high_0)
             gaps.append(max(low, -high) / norm)
-        return float(max(gaps) / Fraction(self.size))
+        return float(max(gaps) / Fraction(self.size)) if self.size else float(max(gaps))
 
 
 def _sides(pair: ExactPair, axis: Any) -> tuple[int, int]:
@@ -77,40 +92,74 @@ def _sides(pair: ExactPair, axis: Any) -> tuple[int, int]:
     return min(b) - max(a), max(b) - min(a)
 
 
-def poses_at(start: Boxes, end: Boxes, times: np.ndarray) -> Boxes:
-    """Box k at times[k] of its motion: linear centre, shortest turn at constant speed."""
-    first = Rotation.from_matrix(start.rotations)
-    turn = (Rotation.from_matrix(end.rotations) * first.inv()).as_rotvec()
+def poses_at(start: Boxes, end: Boxes, rows: np.ndarray, times: np.ndarray) -> Boxes:
+    """Box rows[k] at times[k] of its motion: linear centre, shortest turn at constant speed."""
+    first = Rotation.from_matrix(start.rotations[rows])
+    turn = (Rotation.from_matrix(end.rotations[rows]) * first.inv()).as_rotvec()
     rotations = (Rotation.from_rotvec(turn * times[:, None]) * first).as_matrix()
-    centers = start.centers + times[:, None] * (end.centers - start.centers)
-    return Boxes(centers, rotations, start.half_extents)
+    way = end.centers[rows] - start.centers[rows]
+    return Boxes(start.centers[rows] + times[:, None] * way, rotations, start.half_extents[rows])
 
 
-def first_sampled_contact(
-    start: tuple[Boxes, Boxes], end: tuple[Boxes, Boxes], samples: int
-) -> np.ndarray:
-    """(n,) a time at which each pair certainly overlaps, near the first; infinity if none seen.
+def first_sampled_contact(start: Boxes, end: Boxes, rows: Rows, samples: int = 160) -> np.ndarray:
+    """(m,) a time at which each pair certainly overlaps, near the first; infinity if none seen.
 
-    ``samples`` times in [0, 1], then bisection between the last free one and the first hit.
+    Samples fill the time during which the spheres round both boxes meet. Where none overlaps,
+    finer ones go between the neighbours of the one with the least gap, three times over. Then
+    bisection between the first hit and the free sample before it.
     """
-    n = len(start[0])
-    free, hit = np.zeros(n), np.full(n, np.inf)
-    for time in np.linspace(0.0, 1.0, samples):
-        unseen = np.flatnonzero(~np.isfinite(hit))
-        colliding = _overlap(start, end, unseen, np.full(len(unseen), time))
-        hit[unseen[colliding]] = time
-        free[unseen[~colliding]] = time
-    rows = np.flatnonzero(np.isfinite(hit) & (hit > 0.0))
+    first, last = _meeting_window(start, end, rows)
+    free, hit = first.copy(), np.full(len(rows), np.inf)
+    for n in (samples, 24, 24, 24):
+        unseen = np.flatnonzero(~np.isfinite(hit) & (first <= last))
+        grid = np.linspace(first[unseen], last[unseen], n)
+        gaps = np.array([_gaps(start, end, rows[unseen], times)[0] for times in grid])
+        best = gaps.argmin(axis=0)
+        every = np.arange(len(unseen))
+        first[unseen] = grid[np.maximum(best - 1, 0), every]
+        last[unseen] = grid[np.minimum(best + 1, n - 1), every]
+        overlaps = gaps < -1e-13 * sizes(start.take(rows[unseen, 0]), start.take(rows[unseen, 1]))
+        seen = overlaps.any(axis=0)
+        index = overlaps.argmax(axis=0)
+        hit[unseen[seen]] = grid[index, every][seen]
+        free[unseen[seen]] = grid[np.maximum(index - 1, 0), every][seen]
+    found = np.flatnonzero(np.isfinite(hit))
+    found = found[_overlap(start, end, rows[found], hit[found])]
+    result = np.full(len(rows), np.inf)
+    low, high = free[found], hit[found]
     for _ in range(40):
-        middle = 0.5 * (free[rows] + hit[rows])
-        colliding = _overlap(start, end, rows, middle)
-        hit[rows[colliding]] = middle[colliding]
-        free[rows[~colliding]] = middle[~colliding]
-    return hit
+        middle = 0.5 * (low + high)
+        colliding = _overlap(start, end, rows[found], middle)
+        high = np.where(colliding, middle, high)
+        low = np.where(colliding, low, middle)
+    result[found] = high
+    return result
 
 
-def _overlap(
-    start: tuple[Boxes, Boxes], end: tuple[Boxes, Boxes], rows: np.ndarray, times: np.ndarray
-) -> np.ndarray:
-    a, b = (poses_at(s.take(rows), e.take(rows), times) for s, e in zip(start, end, strict=True))
-    return verdicts(a, b) == Verdict.OVERLAP
+def gaps_at(start: Boxes, end: Boxes, rows: Rows, times: np.ndarray) -> np.ndarray:
+    """(m,) largest gap of the 15 axes of each pair at its time, metres."""
+    return _gaps(start, end, rows, times)[0]
+
+
+def _gaps(start: Boxes, end: Boxes, rows: Rows, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    a, b = (poses_at(start, end, rows[:, side], times) for side in (0, 1))
+    return witnesses(a, b)
+
+
+def _overlap(start: Boxes, end: Boxes, rows: Rows, times: np.ndarray) -> np.ndarray:
+    a, b = (poses_at(start, end, rows[:, side], times) for side in (0, 1))
+    result: np.ndarray = verdicts(a, b) == Verdict.OVERLAP
+    return result
+
+
+def _meeting_window(start: Boxes, end: Boxes, rows: Rows) -> tuple[np.ndarray, np.ndarray]:
+    offset, later = (b.centers[rows[:, 1]] - b.centers[rows[:, 0]] for b in (start, end))
+    way = later - offset
+    reach = np.linalg.norm(start.half_extents, axis=1)[rows].sum(axis=1)
+    square = np.maximum((way * way).sum(axis=1), 1e-300)
+    middle = -(offset * way).sum(axis=1) / square
+    nearest = np.linalg.norm(offset + middle[:, None] * way, axis=1)
+    half = np.sqrt(np.maximum(reach**2 - nearest**2, 0.0) / square) * 1.001
+    low, high = np.clip(middle - half, 0.0, 1.0), np.clip(middle + half, 0.0, 1.0)
+    beyond = (nearest > reach) | (middle - half > 1.0) | (middle + half < 0.0)
+    return np.where(beyond, 1.0, low), np.where(beyond, 0.0, high)

@@ -277,7 +277,7 @@ def careful_axis(
     dy = cb[1] - ca[1]
     dz = cb[2] - ca[2]
     along = (nx * dx + ny * dy) + nz * dz
-    gap = abs(along) - (_radius(nx, ny, nz, a, h) + _radius(nx, ny, nz, b, f))
+    gap = abs(along) - (projected_radius(nx, ny, nz, a, h) + projected_radius(nx, ny, nz, b, f))
     extents = sum_sorted(h[0], h[1], h[2]) + sum_sorted(f[0], f[1], f[2])
     bound = CAREFUL_BOUND * (length(dx, dy, dz) + extents) + UNDERFLOW
     if along < 0.0:
@@ -296,7 +296,7 @@ def cross_columns(a: Floats, i: int, b: Floats, j: int) -> tuple[float, float, f
 
 
 @njit
-def _radius(nx: float, ny: float, nz: float, axes: Floats, extents: Floats) -> float:
+def projected_radius(nx: float, ny: float, nz: float, axes: Floats, extents: Floats) -> float:
     """Return half the length of a box projected on n."""
     return sum_sorted(
         extents[0] * abs((nx * axes[0, 0] + ny * axes[1, 0]) + nz * axes[2, 0]),

@@ -22,13 +22,13 @@ from obb_collision.queries.sweep_motion import (
     check_same_boxes,
     turns_between,
 )
-from obb_collision.queries.sweep_rigid import WORK_ROWS, rotate, sweep_rigid
+from obb_collision.queries.sweep_rigid import FLOOR, WORK_ROWS, rotate, sweep_rigid
 from obb_collision.queries.witness import common_point, witness
 
 #: Nearer than this counts as touching where a box turns, in radii of the smaller box.
 TOLERANCE = 1e-4
-#: Nearly parallel edges leave the separation of turning boxes uncertain by up to 2e-6.
-LEAST_TOLERANCE = 1e-5
+#: What rounding allows, and then the least that is taken (see ``sweep_rigid``).
+LEAST_TOLERANCE = FLOOR
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,11 +60,11 @@ def sweep(start: Boxes, end: Boxes, pairs: ArrayLike, tolerance: float = TOLERAN
     Where neither box turns (rotations equal bit for bit), the time is exact but for rounding:
     never late, and at that time they are less than 4e-15 T apart (see ``sweep_linear``).
     Where one does, time and hit are conservative: never late, none missed, and at that time the
-    boxes are nearer than ``tolerance`` times the bounding radius of the smaller box (or 1e-5 of
+    boxes are nearer than ``tolerance`` times the bounding radius of the smaller box (or 2e-6 of
     the larger one's where that is more). A turning pair that passes by that near may hit.
 
     Raises ValueError for different lengths or half extents, for pairs that are not rows of the
-    boxes, and for a tolerance outside 1e-5 to 1.
+    boxes, and for a tolerance outside 2e-6 to 1.
     """
     check_same_boxes(start, end)
     return _sweep(start, end.centers, turns_between(start, end), pairs, tolerance)
@@ -134,6 +134,7 @@ def sweep_kernel(
     circumscribed spheres; turns (n, 3) rotation vectors over the whole time.
     """
     spans = np.empty((AXES, 3))
+    centers, turned, extents = np.empty((2, 3)), np.empty((2, 3, 3)), np.empty((2, 3))
     most = np.empty(AXES)
     work = np.empty((WORK_ROWS, 3))
     for n in range(len(pairs)):
@@ -149,10 +150,14 @@ def sweep_kernel(
         times[n] = time
         normals[n, 0], normals[n, 1], normals[n, 2] = nx, ny, nz
         points[n, 0], points[n, 1], points[n, 2] = np.nan, np.nan, np.nan
-        if time < np.inf:
+        if nx == nx:
+            points[n, 0], points[n, 1], points[n, 2] = contact_point(
+                starts, ends, rotations, half_extents, i, j, time, nx, ny, nz
+            )
+        elif time < np.inf:
             _place_contact(
                 starts, ends, rotations, half_extents, turns, i, j,
-                time, points[n], normals[n], work, most,
+                time, points[n], normals[n], centers, turned, extents, most,
             )  # fmt: skip
 
 
@@ -184,21 +189,26 @@ def _place_contact(
     time: float,
     point: Floats,
     normal: Floats,
-    work: Floats,
+    centers: Floats,
+    turned: Floats,
+    extents: Floats,
     most: Floats,
 ) -> None:
-    """Write the point of contact at the given time, and the normal where it is still open."""
-    a, b, ca, cb = work[0:3], work[3:6], work[6], work[7]
-    for k in range(3):
-        ca[k] = starts[i, k] + time * (ends[i, k] - starts[i, k])
-        cb[k] = starts[j, k] + time * (ends[j, k] - starts[j, k])
-    h, f = half_extents[i], half_extents[j]
-    if normal[0] == normal[0]:
-        contact_point(
-            ca, rotations[i], h, cb, rotations[j], f, normal[0], normal[1], normal[2], point
+    """Write point and normal (3,) of boxes that turn, or that overlap at the start.
+
+    centers (2, 3), turned (2, 3, 3), extents (2, 3), most (15,): work space.
+    """
+    for side, row in ((0, i), (1, j)):
+        rotate(rotations[row], turns[row], time, turned[side])
+        for k in range(3):
+            centers[side, k] = starts[row, k] + time * (ends[row, k] - starts[row, k])
+            extents[side, k] = half_extents[row, k]
+    a, b = turned[0], turned[1]
+    gap, nx, ny, nz, _ = witness(centers[0], a, extents[0], centers[1], b, extents[1], most)
+    normal[0], normal[1], normal[2] = nx, ny, nz
+    if gap >= 0.0:
+        point[0], point[1], point[2] = contact_point(
+            centers, centers, turned, extents, 0, 1, 0.0, nx, ny, nz
         )
-        return
-    rotate(rotations[i], turns[i], time, a)
-    rotate(rotations[j], turns[j], time, b)
-    _, normal[0], normal[1], normal[2], _ = witness(ca, a, h, cb, b, f, most)
-    common_point(ca, a, h, cb, b, f, point)
+    else:
+        common_point(centers[0], a, extents[0], centers[1], b, extents[1], point)

@@ -21,8 +21,16 @@ from __future__ import annotations
 import numpy as np
 
 from obb_collision._jit import njit
+from obb_collision.geometry.error_free import length
 from obb_collision.geometry.validation import Floats
-from obb_collision.queries.separation import CAREFUL_BOUND, FAST_BOUND, UNDERFLOW, careful_axis
+from obb_collision.queries.separation import (
+    CAREFUL_BOUND,
+    FAST_BOUND,
+    PARALLEL,
+    UNDERFLOW,
+    cross_columns,
+    projected_radius,
+)
 
 #: A time is a quotient of two differences: off by 3 unit roundoffs, bounded by 8.
 TIME_ROUNDING = 2.0**-50
@@ -51,17 +59,17 @@ def sweep_linear(
     bound = _fill_spans(starts, ends, rotations, half_extents, i, j, spans)
     if bound < 0.0:
         return MISS
-    enter, leave = 0.0, np.inf  # not after the truth, not before it
+    # No branches below: nothing foretells in which order axes are entered.
+    enter = 0.0
     for axis in range(AXES):
-        # without branches: in which order axes are entered is not to be foretold
         first, last, reach = spans[axis, 0], spans[axis, 1], spans[axis, 2] + bound
-        speed = abs(first - last)
-        when = (abs(first) - reach) / speed
+        when = (abs(first) - reach) / abs(first - last)
         enter = when if when > enter else enter
-        when = (reach - (first if last > 0.0 else -first)) / speed
-        leave = when if (abs(last) > reach) & (when < leave) else leave
     enter *= 1.0 - TIME_ROUNDING
-    if enter > leave * (1.0 + TIME_ROUNDING):
+    left = False
+    for axis in range(AXES):
+        left |= _left_by(spans, axis, -bound, enter)
+    if left:
         return MISS
 
     time, nx, ny, nz = 0.0, np.nan, np.nan, np.nan
@@ -78,7 +86,7 @@ def sweep_linear(
     if time > 1.0:
         return MISS
     for axis in range(AXES):
-        if _may_be_left(spans, axis, bound, time):
+        if _left_by(spans, axis, bound, time):
             first, last, reach, _, _, _ = _careful_span(
                 starts, ends, rotations, half_extents, i, j, axis
             )
@@ -96,12 +104,16 @@ def _may_be_entered(spans: Floats, axis: int, bound: float, time: float) -> bool
 
 
 @njit
-def _may_be_left(spans: Floats, axis: int, bound: float, time: float) -> bool:
-    """Return whether the span, uncertain by ``bound``, may be left by ``time``."""
+def _left_by(spans: Floats, axis: int, doubt: float, time: float) -> bool:
+    """Return whether the span, shorter by ``doubt``, has been left for good by ``time``.
+
+    By the error bound: whether it may have been; by its negative: whether it surely has.
+    """
     first, last = spans[axis, 0], spans[axis, 1]
-    if last < 0.0:
-        first, last = -first, -last
-    least = spans[axis, 2] - bound
+    flip = 1.0 if last > 0.0 else -1.0
+    first *= flip
+    last *= flip
+    least = spans[axis, 2] - doubt
     return (last > least) & (least - first <= time * (last - first))
 
 
@@ -119,17 +131,34 @@ def _careful_span(
 
     All zero for parallel edges, which have no axis: such a span is never left.
     """
-    gap, error, nx, ny, nz = careful_axis(
-        starts[i], rotations[i], half_extents[i], starts[j], rotations[j], half_extents[j], axis
+    # which two edges: one branch to foretell instead of the four of ``careful_axis``
+    k, m = axis % 3, axis // 3
+    one = j if m == 1 else i
+    other = i if m == 0 else j
+    nx, ny, nz = cross_columns(
+        rotations[one],
+        (k + 1) % 3 if m < 2 else m - 2,
+        rotations[other],
+        (k + 2) % 3 if m < 2 else k,
     )
-    if gap == -np.inf:
+    norm = length(nx, ny, nz)
+    if norm < PARALLEL:
         return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     px, py, pz = _offset(starts, i, j)
     qx, qy, qz = _offset(ends, i, j)
     first = (nx * px + ny * py) + nz * pz
+    norm = norm if first >= 0.0 else -norm
+    nx /= norm
+    ny /= norm
+    nz /= norm
+    first /= norm
     last = (nx * qx + ny * qy) + nz * qz
-    error += CAREFUL_BOUND * (abs(qx) + abs(qy) + abs(qz))
-    return first, last, (first - gap) + error, nx, ny, nz
+    reach = projected_radius(nx, ny, nz, rotations[i], half_extents[i])
+    reach += projected_radius(nx, ny, nz, rotations[j], half_extents[j])
+    size = (abs(px) + abs(py) + abs(pz)) + (abs(qx) + abs(qy) + abs(qz))
+    for n in range(3):
+        size += half_extents[i, n] + half_extents[j, n]
+    return first, last, reach + (CAREFUL_BOUND * size + UNDERFLOW), nx, ny, nz
 
 
 @njit

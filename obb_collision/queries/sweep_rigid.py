@@ -34,8 +34,9 @@ MAX_STEPS = 2000
 #: distance: the separating directions are a cone spanned by three of the axes, all within 90
 #: degrees, so one of these is within acos(1 / sqrt(3)) of the direction of the distance.
 SHOWN = 3.0**-0.5
-#: Least tolerance, relative to the radius of the larger box: see ``sweep.LEAST_TOLERANCE``.
-FLOOR = 1e-5
+#: Least tolerance, relative to the radius of the larger box: nearly parallel edges are too short
+#: an axis to show a gap below sqrt(2 ROUNDING) of it, 7e-7 (see ``separation._implied_margin``).
+FLOOR = 2e-6
 
 
 @njit
