@@ -22,6 +22,7 @@ check), ``node`` (ROS), and ``benchmarks`` beside it.
 
 from obb_collision.geometry.aabb import AABB
 from obb_collision.geometry.boxes import Boxes
+from obb_collision.geometry.capsules import Capsules
 from obb_collision.geometry.mesh_tree import MeshTrees
 from obb_collision.geometry.shapes import (
     Box,
@@ -36,6 +37,9 @@ from obb_collision.geometry.shapes import (
 )
 from obb_collision.obb import OBB, Separation
 from obb_collision.queries.accuracy import Accuracy
+from obb_collision.queries.capsules import CapsuleDistances, capsule_distances, capsule_verdicts
+from obb_collision.queries.clearance import Clearances, clearances, clearances_within
+from obb_collision.queries.contacts import Contacts, contacts
 from obb_collision.queries.mesh_collision import (
     PlacedMeshes,
     mesh_collisions,
@@ -43,7 +47,12 @@ from obb_collision.queries.mesh_collision import (
     mesh_verdicts,
     tree_collisions,
 )
+from obb_collision.queries.planes import PlaneDistances, aabb_verdicts, plane_distances
+from obb_collision.queries.points import PointsInside, points_inside
+from obb_collision.queries.rays import RayHits, cast_rays, cast_segments, segments_intersect
 from obb_collision.queries.separation import Verdict, verdicts
+from obb_collision.queries.sweep import Sweeps, sweep, sweep_twists
+from obb_collision.scene.files import SceneDescription, load_scene
 from obb_collision.scene.pairs import find_pairs
 from obb_collision.scene.report import Report
 from obb_collision.scene.scene import Scene
@@ -57,23 +66,46 @@ __all__ = [
     "Box",
     "Boxes",
     "Capsule",
+    "CapsuleDistances",
+    "Capsules",
+    "Clearances",
     "Cone",
+    "Contacts",
     "Cylinder",
     "Ellipsoid",
     "Hull",
     "Mesh",
     "MeshTrees",
     "PlacedMeshes",
+    "PlaneDistances",
+    "PointsInside",
+    "RayHits",
     "Report",
     "Scene",
+    "SceneDescription",
     "Separation",
     "Shape",
     "Sphere",
+    "Sweeps",
     "Verdict",
+    "aabb_verdicts",
+    "capsule_distances",
+    "capsule_verdicts",
+    "cast_rays",
+    "cast_segments",
+    "clearances",
+    "clearances_within",
+    "contacts",
     "find_pairs",
+    "load_scene",
     "mesh_collisions",
     "mesh_contacts",
     "mesh_verdicts",
+    "plane_distances",
+    "points_inside",
+    "segments_intersect",
+    "sweep",
+    "sweep_twists",
     "tree_collisions",
     "verdicts",
 ]
