@@ -119,10 +119,10 @@ def sweep_needed(start: Boxes, end: Boxes) -> NDArray[np.bool_]:
     and M the sum of both ways. At a time t some axis that separated at the start is overlapped
     by at most what both moved until then, and likewise for the end and what they still move: so
     the depth (least translation that separates) is never more than M / 2. If the centre of one
-    box lay in the other, the depth would be at least its smallest half extent. As M / 2 is below
-    the larger of both, the thicker box never gets its centre into the thinner one, let alone
-    through it: thin plates are not passed through, however thin. What may go unseen is a graze
-    at a corner or edge that begins and ends within the step, at most M / 2 deep.
+    box were inside the other, the depth would be more than its smallest half extent. As M / 2 is
+    not above the larger of both, the thicker box never gets its centre into the thinner one, let
+    alone through it: thin plates are not passed through, however thin. What may go unseen is a
+    graze at a corner or edge that begins and ends within the step, at most M / 2 deep.
     """
     check_same_boxes(start, end)
     smallest = start.half_extents.min(axis=1, initial=np.inf)
