@@ -15,8 +15,9 @@ from sweep_motions import TURNING, about_pi, pair_rows
 from sweep_oracle import first_sampled_contact, gaps_at, poses_at
 
 from obb_collision.geometry.boxes import Boxes
-from obb_collision.queries.sweep import FLOOR, TOLERANCE, Sweeps, sweep, sweep_twists
+from obb_collision.queries.sweep import TOLERANCE, Sweeps, sweep, sweep_twists
 from obb_collision.queries.sweep_motion import bounding_radii
+from obb_collision.queries.sweep_rigid import FLOOR
 
 CHUNK = 2000
 
