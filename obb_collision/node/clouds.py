@@ -74,7 +74,7 @@ def cloud_to_ros(rows: npt.NDArray[Any], header: Header | None = None) -> PointC
     message.is_bigendian = any(dtype[name].byteorder == ">" for name in dtype.names)
     message.height, message.width = 1, len(rows)
     message.point_step, message.row_step = dtype.itemsize, dtype.itemsize * len(rows)
-    message.is_dense = True
+    message.is_dense = "x" not in dtype.names or bool(np.isfinite(rows["x"]).all())
     # rclpy checks every element of anything but array('B'): hundreds of times slower
     data = array("B")
     data.frombytes(np.ascontiguousarray(rows).tobytes())
@@ -131,7 +131,8 @@ def poses_to_ros(
 def points_from_ros(message: PointCloud2) -> npt.NDArray[Any]:
     """Points (n, 3) of a cloud, in its order: float32 if x y z are, float64 otherwise.
 
-    Raises RefusedError ("field layout") where one of them is missing or no float.
+    Where they stand side by side in the message they are not copied. Raises RefusedError ("field
+    layout") where one of them is missing or no float.
     """
     rows = cloud_from_ros(message)
     fields: Mapping[str, Any] = rows.dtype.fields or {}
@@ -140,8 +141,11 @@ def points_from_ros(message: PointCloud2) -> npt.NDArray[Any]:
             raise RefusedError("field layout", f"no field {name!r}")
         if fields[name][0].kind != "f":
             raise RefusedError("field layout", f"field {name!r} is not a float")
-    single = all(fields[name][0].itemsize == 4 for name in "xyz")
-    points = np.empty((len(rows), 3), np.float32 if single else np.float64)
-    for column, name in enumerate("xyz"):
-        points[:, column] = rows[name]
-    return points
+    (x, y, z), places = zip(*(fields[name][:2] for name in "xyz"), strict=True)
+    if x == y == z and x.isnative and np.diff(places).tolist() == [x.itemsize] * 2:
+        side_by_side = {"names": ["xyz"], "formats": [(x, 3)], "offsets": [places[0]]}
+        points = rows.view(np.dtype({**side_by_side, "itemsize": rows.dtype.itemsize}))["xyz"]
+        if points.flags.aligned:
+            return points
+    single = max(kind.itemsize for kind in (x, y, z)) == 4
+    return np.stack([rows[name] for name in "xyz"], axis=1, dtype="f4" if single else "f8")

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 from builtin_interfaces.msg import Duration, Time
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
-from geometry_msgs.msg import Pose, Transform, Vector3
+from geometry_msgs.msg import Pose, Transform, Twist, Vector3
 from sensor_msgs.msg import MultiDOFJointState
 
 from obb_collision.geometry.validation import as_quaternions
@@ -89,8 +89,7 @@ def states_from_ros(message: MultiDOFJointState) -> tuple[list[str], FloatArray]
     """Names and (n, 7) poses of a MultiDOFJointState.
 
     Raises RefusedError ("array lengths differ") where the number of names is not the number of
-    transforms: which pose belongs to which name is then a guess. Twists and wrenches are optional
-    and not read.
+    transforms: which pose belongs to which name is then a guess.
     """
     names, transforms = message.joint_names, message.transforms
     if len(names) != len(transforms):
@@ -104,12 +103,29 @@ def states_from_ros(message: MultiDOFJointState) -> tuple[list[str], FloatArray]
     return list(names), np.array(rows, dtype=np.float64).reshape(-1, 7)
 
 
+def twists_from_ros(message: MultiDOFJointState) -> FloatArray:
+    """Twists (n, 6) of a MultiDOFJointState: linear x y z (m/s), angular x y z (rad/s)."""
+    rows = []
+    for twist in message.twist:
+        v, w = twist.linear, twist.angular
+        rows.append((v.x, v.y, v.z, w.x, w.y, w.z))
+    return np.array(rows, dtype=np.float64).reshape(-1, 6)
+
+
+def twist_to_ros(twist: Sequence[float] | FloatArray) -> Twist:
+    """Twist of a (6,) array."""
+    x, y, z, wx, wy, wz = (float(value) for value in twist)
+    return Twist(linear=Vector3(x=x, y=y, z=z), angular=Vector3(x=wx, y=wy, z=wz))
+
+
 def states_to_ros(
-    names: Sequence[str], poses: FloatArray, header: Any = None
+    names: Sequence[str], poses: FloatArray, header: Any = None, twists: FloatArray | None = None
 ) -> MultiDOFJointState:
-    """MultiDOFJointState of names and (n, 7) poses."""
+    """MultiDOFJointState of names, (n, 7) poses and (n, 6) twists."""
     message = MultiDOFJointState(joint_names=list(names))
     message.transforms = [transform_to_ros(pose) for pose in poses]
+    if twists is not None:
+        message.twist = [twist_to_ros(twist) for twist in twists]
     if header is not None:
         message.header = header
     return message

@@ -43,6 +43,7 @@ def input_status(
         ),
         ("rejected", monitor.refused.total()),
         ("qos mismatches", monitor.mismatches),
+        *(() if monitor.ignored is None else [("not finite in the last cloud", monitor.ignored)]),
         *((f"rejected: {reason}", count) for reason, count in sorted(monitor.refused.items())),
     ]
     faults = []
@@ -75,11 +76,13 @@ def object_status(
         label: [name_from_key(table.key(slot)) for slot in np.flatnonzero(rows)[: MAX_NAMED + 1]]
         for label, rows in (("stale", stale), ("refused", kept), ("waiting", waiting))
     }
+    cap = None if report is None else report.cap
     missing = int(waiting.sum()) + len(unplaceable)
     values: list[tuple[str, object]] = [
         ("count", len(table)),
         ("colliding", colliding),
         *((f"pairs on {ALL_RUNGS[rung]}", count) for rung, count in sorted(rungs.items())),
+        *(() if cap is None else [("highest accuracy in the time budget", ALL_RUNGS[cap])]),
         ("stale", int(stale.sum())),
         ("stale policy", policy),
         ("refused", int(kept.sum())),

@@ -12,6 +12,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from obb_collision.node.clouds import poses_from_ros
 from obb_collision.node.conversions import (
+    LARGEST_COORDINATE,
     FloatArray,
     Key,
     name_from_key,
@@ -20,6 +21,7 @@ from obb_collision.node.conversions import (
     stamp_from_ros,
     states_from_ros,
     transform_from_ros,
+    twists_from_ros,
 )
 from obb_collision.node.errors import RefusedError
 from obb_collision.node.marker_shapes import shape_from_ros, signature_from_ros
@@ -32,14 +34,19 @@ SHORTEST_LIFETIME = 100_000
 
 
 class Inputs:
-    """Stores the messages of the four input topics; the latest state of an object wins."""
+    """Stores the messages of the four topics about objects; the latest state of one wins."""
 
     def __init__(
-        self, objects: Objects, monitors: dict[str, InputMonitor], clock: Callable[[], int]
+        self,
+        objects: Objects,
+        monitors: dict[str, InputMonitor],
+        clock: Callable[[], int],
+        wants_twists: Callable[[], bool],
     ) -> None:
         self._objects = objects
         self._monitors = monitors
         self._clock = clock
+        self._wants_twists = wants_twists
 
     def takers(self) -> dict[str, Callable[[Any], None]]:
         """Return what takes the messages of each topic."""
@@ -83,7 +90,7 @@ class Inputs:
         part_is_shape = False
         try:
             _check_pose(pose)
-            objects.check_frame(marker.header.frame_id)
+            objects.placement.frame_index(marker.header.frame_id)
             part_is_shape = True
             signature = signature_from_ros(marker)
             same = signature == objects.signature(key)
@@ -102,7 +109,7 @@ class Inputs:
         self._take_named("object_transform", [message.child_frame_id], pose, message.header)
 
     def take_states(self, message: MultiDOFJointState) -> None:
-        """Store poses by name. Twists are not used; one list too short is counted, no more."""
+        """Store poses by name, and twists if there is one for each; else they are counted."""
         monitor, now = self._monitors["object_states"], self._clock()
         try:
             names, poses = states_from_ros(message)
@@ -112,10 +119,25 @@ class Inputs:
             known = [self._slot(name) for name in message.joint_names]
             self._objects.refuse_poses(np.array([s for s in known if s >= 0], np.int64))
             return
-        self._take_named("object_states", names, poses, message.header)
-        if message.twist and len(message.twist) != len(names):
+        twists = self._twists(message, names)
+        self._take_named("object_states", names, poses, message.header, twists)
+
+    def _twists(self, message: MultiDOFJointState, names: list[str]) -> FloatArray | None:
+        """Return twists (n, 6), zero where they can't be used; None where nobody wants any."""
+        if not (message.twist and self._wants_twists()):
+            return None
+        monitor, now = self._monitors["object_states"], self._clock()
+        if len(message.twist) != len(names):
             detail = f"{len(message.twist)} twists, {len(names)} names; poses used"
             monitor.refuse(now, "array lengths differ", "twist", detail)
+            return None
+        twists = twists_from_ros(message)
+        bad = ~(np.abs(twists) <= LARGEST_COORDINATE).all(axis=1)
+        if bad.any():
+            item, count = repr(names[int(np.argmax(bad))]), int(np.count_nonzero(bad))
+            monitor.refuse(now, "bad twist", item, "pose used", count)
+            twists[bad] = 0.0
+        return twists
 
     def take_poses(self, message: PointCloud2) -> None:
         """Store bulk poses by namespace index and id."""
@@ -129,10 +151,17 @@ class Inputs:
             return
         self._store("object_poses", slots, poses, message.header, lambda row: f"id {ids[row]}")
 
-    def _take_named(self, topic: str, names: list[str], poses: FloatArray, header: object) -> None:
+    def _take_named(
+        self,
+        topic: str,
+        names: list[str],
+        poses: FloatArray,
+        header: object,
+        twists: FloatArray | None = None,
+    ) -> None:
         self._monitors[topic].received(self._clock())
         slots = np.array([self._slot(name) for name in names], np.int64)
-        self._store(topic, slots, poses, header, lambda row: repr(names[row]))
+        self._store(topic, slots, poses, header, lambda row: repr(names[row]), twists)
 
     def _slot(self, name: str) -> int:
         """Slot of a name, -1 for an unknown one; ``5`` means ``/5``, an empty namespace."""
@@ -146,6 +175,7 @@ class Inputs:
         poses: FloatArray,
         header: object,
         describe: Callable[[int], str],
+        twists: FloatArray | None = None,
     ) -> None:
         """Store the good rows; count the others by reason and mark their objects."""
         monitor, now = self._monitors[topic], self._clock()
@@ -161,13 +191,13 @@ class Inputs:
                 monitor.refuse(now, reason, item, count=int(np.count_nonzero(bad)))
         bad = numbers | quaternions
         good = ~(bad | unknown)
+        refused = slots[bad & ~unknown]
         if not good.all():
-            refused, slots, poses = slots[bad & ~unknown], slots[good], poses[good]
-        else:
-            refused = slots[:0]
+            slots, poses = slots[good], poses[good]
+            twists = None if twists is None else twists[good]
         state = State(header.frame_id, stamp_from_ros(header.stamp), now)  # type: ignore[attr-defined]
         try:
-            old = self._objects.store_poses(slots, poses, state)
+            old = self._objects.store_poses(slots, poses, state, 0.0 if twists is None else twists)
             if old.any():
                 monitor.refuse(now, "older stamp", count=int(np.count_nonzero(old)))
         except RefusedError as error:

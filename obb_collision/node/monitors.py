@@ -23,6 +23,8 @@ class InputMonitor:
     last: int | None = None
     """Time of the last message (ns)."""
     refused: Counter[str] = field(default_factory=Counter)
+    ignored: int | None = None
+    """Of the last cloud: points that are not finite; None where nobody looked."""
     mismatches: int = 0
     """Publishers and subscribers seen with incompatible QoS."""
     warn_period: float = 5.0

@@ -10,7 +10,6 @@ from importlib.metadata import version
 from time import perf_counter
 from typing import Any
 
-import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.clock import Clock, JumpThreshold, TimeJump
 from rclpy.clock_type import ClockType
@@ -19,21 +18,24 @@ from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
 from obb_collision.node import diagnostics
-from obb_collision.node.conversions import NANOSECONDS, stamp_to_ros
+from obb_collision.node.conversions import stamp_to_ros
+from obb_collision.node.cycle import Cycle
 from obb_collision.node.effects import Effects
 from obb_collision.node.frames import FrameSource, make_frames
 from obb_collision.node.inputs import Inputs
-from obb_collision.node.monitors import CycleMonitor, InputMonitor
+from obb_collision.node.monitors import InputMonitor
 from obb_collision.node.objects import Objects
-from obb_collision.node.outputs import Outputs, Published
+from obb_collision.node.obstacles import Obstacles
+from obb_collision.node.outputs import Outputs
 from obb_collision.node.parameters import Parameters
 from obb_collision.node.running import run
+from obb_collision.node.scene_files import SceneFile
 from obb_collision.node.scene_settings import SceneSettings
-from obb_collision.node.subscriptions import INPUTS, subscribe
+from obb_collision.node.subscriptions import INPUTS, Subscriptions
 from obb_collision.node.warm_up import WarmUp, warm_up
 from obb_collision.scene.effects import EFFECTS
-from obb_collision.scene.effects.settings import ON
-from obb_collision.scene.report import Report
+from obb_collision.scene.effects.settings import OFF, ON
+from obb_collision.scene.files import find_scene, load_scene
 
 NODE_NAME = "obb_collision"
 DIAGNOSTICS_PERIOD = 1.0
@@ -53,26 +55,41 @@ class CollisionNode(Node):
         super().__init__(NODE_NAME, **node_options)
         start = perf_counter()
         self.parameters = Parameters(self)
+        scene_file = self._read_scene_file()
         fixed_frame = self.parameters.fixed_frame
         self._frames = frames if frames is not None else make_frames(self, fixed_frame)
         self._monitors = {topic: InputMonitor(topic, self._warn) for topic in INPUTS}
         self._mismatches: dict[str, int] = {}
-        self._cycles = CycleMonitor()
-        self._enabled = True
         self._last_cycle = float("-inf")
-        self._last_stamp = 0
-        self._report: Report | None = None
         self._outputs = Outputs(self, self.parameters, self._count_mismatch)
         self.objects = Objects(fixed_frame, self._frames, self._refuse_late)
-        self.inputs = Inputs(self.objects, self._monitors, self._now)
+        self.inputs = Inputs(
+            self.objects,
+            self._monitors,
+            self._now,
+            lambda: self.parameters.mode("sweep") != OFF,
+        )
         self._warm = WarmUp(self._say, self._warn)
         self._settings = SceneSettings(self.parameters, self.objects, self._warm)
         self._effects = Effects(self.parameters, self._outputs.publishers, self._warm)
+        scene, monitor = self.objects.scene, self._monitors["points"]
+        self._obstacles = Obstacles(scene, self._frames, fixed_frame, monitor, self._now)
+        self._subscribed = self._make_subscriptions()
+        self.cycle = Cycle(
+            self.parameters,
+            self.objects,
+            self._obstacles,
+            self._settings,
+            self._effects,
+            self._outputs,
+        )
         warm_up()
         switched_on = [name for name in EFFECTS if self.parameters.mode(name) == ON]
         self._warm.finish([*self._settings.rungs(), *switched_on])
         self._outputs.publish_namespaces([])
         self._apply_parameters()
+        if scene_file is not None:
+            scene_file.add_to(self.objects, self._now())
         self._start_timers()
         self.parameters.on_change = self._apply_parameters
         self.create_service(Trigger, "~/clear", self._clear)
@@ -83,19 +100,34 @@ class CollisionNode(Node):
             ),
             post_callback=self._clock_jumped,
         )
-        takers = self.inputs.takers().items()
-        inputs = subscribe(
-            self,
-            {topic: self._storing(take) for topic, take in takers},
-            self._monitors,
-            self._count_mismatch,
-        )
+        for topic in INPUTS:
+            self._subscribed.keep(topic, self._is_wanted(topic))
         self.get_logger().info(
             f"ready: fixed frame '{fixed_frame}', frames by {self._frames.description}; "
             f"trigger {self.parameters.trigger} at {self.parameters.rate:g} Hz; backend numba "
             f"{version('numba')}, kernels ready in {perf_counter() - start:.1f} s; "
-            f"in: {' '.join(inputs)}; out: {' '.join(self._outputs.topics)}"
+            f"in: {' '.join(self._subscribed.topics)}; out: {' '.join(self._outputs.topics)}"
         )
+
+    def _read_scene_file(self) -> SceneFile | None:
+        """Read the scene file, if there is one, and take its settings as parameters."""
+        if not self.parameters.scene_file:
+            return None
+        description = load_scene(find_scene(self.parameters.scene_file))
+        for note in description.notes:
+            self._say(f"{self.parameters.scene_file}: {note}")
+        found = SceneFile(description)
+        self.parameters.suppose(found.parameters())
+        return found
+
+    def _make_subscriptions(self) -> Subscriptions:
+        takers = {**self.inputs.takers(), "points": self._obstacles.take}
+        stored = {topic: self._storing(take) for topic, take in takers.items()}
+        return Subscriptions(self, stored, self._monitors, self._count_mismatch)
+
+    def _is_wanted(self, topic: str) -> bool:
+        """Return whether the node subscribes to an input."""
+        return topic != "points" or self.parameters.mode("points") != OFF
 
     def _storing(self, take: Callable[[Any], None]) -> Callable[[Any], None]:
         def store(message: Any) -> None:
@@ -119,10 +151,14 @@ class CollisionNode(Node):
         parameters, objects = self.parameters, self.objects
         self._settings.apply()
         objects.max_objects = parameters.max_objects
-        objects.transform_timeout = parameters.transform_timeout
+        objects.placement.timeout = parameters.transform_timeout
         ignore = parameters.stale_policy == "ignore"
         if ignore != objects.ignore_stale:
             objects.set_ignore_stale(ignore)
+        self._obstacles.timeout = parameters.transform_timeout
+        self._subscribed.keep("points", self._is_wanted("points"))
+        if not self._is_wanted("points"):
+            self._obstacles.forget()
         for monitor in self._monitors.values():
             monitor.warn_period = parameters.warn_period
         period = round(1e9 / parameters.rate)
@@ -163,47 +199,14 @@ class CollisionNode(Node):
         self._cycle()
 
     def _cycle(self) -> None:
-        """Bring the scene up to date, check it, publish."""
-        start = perf_counter()
-        now = self._now()
-        self.objects.update(now, self.parameters.object_timeout)
-        stages = {"update": perf_counter() - start}
-        if self._enabled:
-            stages.update(self._check(now))
-        else:
-            self._outputs.publish_namespaces(self.objects.table.namespaces)
+        self.cycle.run(self._now())
         self._last_cycle = perf_counter()
-        self._cycles.add(stages, 1.0 / self.parameters.rate)
-
-    def _check(self, now: int) -> dict[str, float]:
-        """Check and publish; returns the seconds of each stage and of each effect computed."""
-        if self._settings.waiting:
-            self._settings.apply_accuracy()
-        effects = self._effects.of_cycle()
-        times = [perf_counter()]
-        last, known = self._report, () if self._report is None else tuple(self._report.costs)
-        self._report = report = self.objects.scene.check(effects & EFFECTS.keys())
-        times.append(perf_counter())
-        stamp = self.objects.newest_stamp(now)
-        step = max(0, stamp - self._last_stamp) / NANOSECONDS if self._last_stamp else 0.0
-        self._last_stamp = stamp
-        given = Published(report, self.objects, effects, stamp, step)
-        self._outputs.publish_report(given)
-        times.append(perf_counter())
-        self._outputs.publish_markers(given)
-        times.append(perf_counter())
-        stages = dict(zip(("check", "publish", "markers"), np.diff(times).tolist(), strict=True))
-        # where nothing had changed, the report is the one before, with what it took then
-        old = known if report is last else ()
-        costs = {name: cost for name, cost in report.costs.items() if name not in old}
-        stages["check"] -= sum(cost.seconds for cost in costs.values())
-        return stages | self._cycles.add_costs(costs)
 
     def _publish_diagnostics(self) -> None:
         elapsed, now = perf_counter() - self._last_diagnostics, self._now()
         self._last_diagnostics += elapsed
         if not self._effects.is_called("diagnostics"):
-            self._cycles.take()
+            self.cycle.monitor.take()
             return
         name = self.get_fully_qualified_name().lstrip("/")
         message = DiagnosticArray()
@@ -214,10 +217,10 @@ class CollisionNode(Node):
                 for key, monitor in self._monitors.items()
             ),
             diagnostics.object_status(
-                name, self.objects, self.parameters.stale_policy, self._report
+                name, self.objects, self.parameters.stale_policy, self.cycle.report
             ),
             diagnostics.cycle_status(
-                name, self._cycles, self._effects.states(), self._enabled, elapsed
+                name, self.cycle.monitor, self._effects.states(), self.cycle.enabled, elapsed
             ),
             diagnostics.qos_status(name, self._mismatches),
         ]
@@ -229,7 +232,7 @@ class CollisionNode(Node):
         return response
 
     def _enable(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
-        self._enabled = request.data
+        self.cycle.enabled = request.data
         response.success = True
         response.message = "checking" if request.data else "not checking; states are still taken"
         self.get_logger().info(response.message)

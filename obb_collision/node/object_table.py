@@ -31,6 +31,8 @@ COLUMNS: dict[str, tuple[Any, tuple[int, ...]]] = {
     "id": (np.int64, ()),
     "pending": (np.bool_, ()),  # a pose is stored that is not in the scene yet
     "given": (np.float64, (7,)),  # the latest pose as given, in ``frame``
+    "twist": (np.float64, (6,)),  # of ``given``: linear, angular; zero if there was none
+    "moving": (np.bool_, ()),  # the scene has a twist
     "frame": (np.int64, ()),  # index into the table of frames, 0 is the fixed frame
     "stamp": (np.int64, ()),  # of ``given``; 0: none
     "order": (np.int64, ()),  # states with an older stamp are dropped
@@ -55,6 +57,8 @@ class ObjectTable:
     id: Slots
     pending: npt.NDArray[np.bool_]
     given: npt.NDArray[np.float64]
+    twist: npt.NDArray[np.float64]
+    moving: npt.NDArray[np.bool_]
     frame: Slots
     stamp: Slots
     order: Slots

@@ -15,24 +15,16 @@ import numpy.typing as npt
 
 from obb_collision.geometry.shapes import Shape
 from obb_collision.node.accuracy import Overrides
-from obb_collision.node.conversions import (
-    NANOSECONDS,
-    FloatArray,
-    Key,
-    compose_poses,
-    name_from_key,
-    pose_faults,
-)
+from obb_collision.node.conversions import NANOSECONDS, FloatArray, Key, name_from_key
 from obb_collision.node.errors import RefusedError
 from obb_collision.node.frames import FrameSource
 from obb_collision.node.marker_shapes import Signature
 from obb_collision.node.object_table import NEVER, ObjectTable, Slots
+from obb_collision.node.placement import Placement
 from obb_collision.scene.scene import Scene
 
-RETRY_PERIOD = NANOSECONDS // 2
-"""How often a pose in a frame that is not known yet is tried again."""
 MAX_NAMES = 1000
-"""Namespaces, frames and refused newcomers remembered: senders can't make the node grow."""
+"""Namespaces and refused newcomers remembered: senders can't make the node grow."""
 
 
 @dataclass(frozen=True)
@@ -61,43 +53,34 @@ class Objects:
         self.overrides = Overrides()
         self.unplaceable: dict[Key, str] = {}
         self.max_objects = MAX_NAMES
-        self.transform_timeout = 0.0
         self.ignore_stale = False
         self._signatures: dict[int, Signature] = {}
-        self._frames = frames
-        self._frame_names = [fixed_frame]
-        self._on_refused = on_refused
-        self._next_retry = 0
+        self.placement = Placement(
+            self.scene, self.table, frames, fixed_frame, on_refused, self._enable
+        )
 
     def signature(self, key: Key) -> Signature | None:
         """Signature of the object's shape, None for an unknown object."""
         return self._signatures.get(self.table.slots.get(key, -1))
-
-    def check_frame(self, frame: str) -> int:
-        """Index of a frame; an empty one means the fixed frame.
-
-        Raises RefusedError ("unknown frame") where it can't become known.
-        """
-        if frame in ("", self._frame_names[0]):
-            return 0
-        if not self._frames.waits:
-            self._frames.lookup(frame, 0)
-        if frame not in self._frame_names:
-            if len(self._frame_names) >= MAX_NAMES:
-                raise RefusedError("unknown frame", "too many frames")
-            self._frame_names.append(frame)
-        return self._frame_names.index(frame)
 
     def is_old(self, key: Key, stamp: int) -> bool:
         """Whether a state with this stamp comes after a newer one of the same object."""
         slot = self.table.slots.get(key)
         return slot is not None and 0 < stamp < self.table.order[slot]
 
-    def put(self, key: Key, shape: Shape | None, signature: Signature, expiry: int | None) -> int:
+    def put(
+        self,
+        key: Key,
+        shape: Shape | None,
+        signature: Signature,
+        expiry: int | None,
+        padding: float | None = None,
+    ) -> int:
         """Add an object, or give it a new shape (None keeps the one it has); returns its slot.
 
-        ``expiry`` is when its lifetime ends (ns), None for never. A new object takes part once it
-        has a pose. Raises RefusedError ("too many objects", "bad shape").
+        ``expiry`` is when its lifetime ends (ns), None for never; ``padding`` in place of the
+        scene's (m). A new object takes part once it has a pose. Raises RefusedError ("too many
+        objects", "bad shape").
         """
         table, name = self.table, name_from_key(key)
         slot = table.slots.get(key)
@@ -109,7 +92,7 @@ class Objects:
             try:
                 pose = table.world[slot] if slot is not None and table.placed[slot] else None
                 rung = self.overrides.rung(name)
-                index = self.scene.add(name, shape, pose, accuracy=rung)
+                index = self.scene.add(name, shape, pose, padding=padding, accuracy=rung)
             except ValueError as error:
                 raise RefusedError("bad shape", str(error)) from error
             if slot is None:
@@ -138,17 +121,21 @@ class Objects:
             self.remove(key)
         return len(keys)
 
-    def store_poses(self, slots: Slots, poses: FloatArray, state: State) -> npt.NDArray[np.bool_]:
+    def store_poses(
+        self, slots: Slots, poses: FloatArray, state: State, twists: FloatArray | float = 0.0
+    ) -> npt.NDArray[np.bool_]:
         """Store poses (n, 7) of slots (n,) for the next cycle; returns which were too old (n,).
 
-        The poses are finite with quaternions that are not zero. Of rows for the same object the
-        last one stays. Raises RefusedError ("unknown frame").
+        The poses are finite with quaternions that are not zero, the twists (n, 6) finite. Of rows
+        for the same object the last one stays. Raises RefusedError ("unknown frame").
         """
-        table, frame = self.table, self.check_frame(state.frame)
+        table, frame = self.table, self.placement.frame_index(state.frame)
+        twists = np.broadcast_to(twists, (len(slots), 6))
         old = (table.order[slots] > state.stamp) & (state.stamp != 0)
         if old.any():
-            slots, poses = slots[~old], poses[~old]
+            slots, poses, twists = slots[~old], poses[~old], twists[~old]
         table.given[slots] = poses
+        table.twist[slots] = twists
         table.frame[slots] = frame
         table.stamp[slots] = state.stamp
         if state.stamp:
@@ -184,7 +171,7 @@ class Objects:
         """After a jump of the clock: stamps and ages of before mean nothing any more."""
         self.table.order[:] = 0
         self.table.received[:] = now
-        self._next_retry = 0
+        self.placement.try_again()
 
     def update(self, now: int, timeout: float) -> None:
         """Bring the scene up to date at time ``now`` (ns): expire, place, mark stale.
@@ -194,57 +181,15 @@ class Objects:
         table = self.table
         for slot in np.flatnonzero(table.live & (table.expiry <= now)).tolist():
             self.remove(table.key(slot))
-        table.pending |= table.live & table.locked
-        rows = np.flatnonzero(table.pending)
-        if rows.size:
-            here = table.frame[rows] == 0
-            self._move(rows[here], table.given[rows[here]])
-            if not here.all():
-                self._place(rows[~here], now)
+        self.placement.place(now)
         stale = table.live & table.placed & (timeout > 0)
         stale &= now - table.received > int(timeout * NANOSECONDS)
         changed = np.flatnonzero(table.live & (stale != table.stale))
         table.stale[:] = stale
-        table.order[changed[stale[changed]]] = 0  # a restarted sender may begin anew
+        gone = changed[stale[changed]]
+        table.order[gone] = 0  # a restarted sender may begin anew
+        self.placement.stop(gone)  # nobody knows by now
         for slot in changed.tolist():
-            self._enable(slot)
-
-    def _place(self, rows: Slots, now: int) -> None:
-        """Place poses given in other frames: one look-up for each frame and stamp."""
-        table = self.table
-        if now < self._next_retry:
-            rows = rows[~table.frame_refused[rows] | table.locked[rows]]
-        else:
-            self._next_retry = now + RETRY_PERIOD
-        pairs = np.column_stack((table.frame[rows], table.stamp[rows]))
-        groups, which = np.unique(pairs, axis=0, return_inverse=True)
-        which = which.reshape(-1)  # numpy 2.0 gave it another shape
-        for number, (frame, stamp) in enumerate(groups.tolist()):
-            members = rows[which == number]
-            try:
-                outer = self._frames.lookup(self._frame_names[frame], stamp)
-                placed = compose_poses(outer, table.given[members])
-                if any(fault.any() for fault in pose_faults(placed)):
-                    raise RefusedError("bad pose", "out of range once placed")
-                self._move(members, placed)
-            except RefusedError as error:
-                late = now - table.received[members] > int(self.transform_timeout * NANOSECONDS)
-                self._refuse_placed(members[late | table.locked[members]], error)
-
-    def _refuse_placed(self, slots: Slots, error: RefusedError) -> None:
-        for slot in slots[~self.table.frame_refused[slots]].tolist():
-            self._on_refused(error.reason, name_from_key(self.table.key(slot)), error.detail)
-        self.table.frame_refused[slots] = True
-
-    def _move(self, slots: Slots, poses: FloatArray) -> None:
-        table = self.table
-        self.scene.move_indices(slots, poses)
-        table.world[slots] = poses
-        table.world_stamp[slots] = table.stamp[slots]
-        table.pending[slots] = False
-        table.frame_refused[slots] = False
-        for slot in slots[~table.placed[slots]].tolist():
-            table.placed[slot] = True
             self._enable(slot)
 
     def _enable(self, slot: int) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from time import perf_counter
 from typing import Any
@@ -24,7 +24,13 @@ from obb_collision.node.layouts import Rows
 from obb_collision.node.markers import COLLIDING, DOUBTFUL, FREE, Markers
 from obb_collision.node.objects import Objects
 from obb_collision.node.parameters import Parameters
-from obb_collision.node.rows import clearance_rows, collision_rows, contact_rows, prediction_rows
+from obb_collision.node.rows import (
+    clearance_rows,
+    collision_rows,
+    contact_rows,
+    inside_rows,
+    prediction_rows,
+)
 from obb_collision.node.text import text_from_rows
 from obb_collision.scene.effects.settings import OFF
 from obb_collision.scene.report import Report
@@ -45,7 +51,8 @@ KINDS = {
 class Published:
     """One check to publish: its report, the effects called for, its stamp (ns).
 
-    step: seconds between this state and that of the check before.
+    step: seconds between this state and that of the check before. cloud_stamp: of the obstacle
+    points.
     """
 
     report: Report
@@ -53,6 +60,7 @@ class Published:
     effects: frozenset[str]
     stamp: int
     step: float
+    cloud_stamp: int
 
 
 class Outputs:
@@ -106,15 +114,23 @@ class Outputs:
         if not given.effects.isdisjoint(("collisions", "text")):
             self._publish_pairs(given, header)
         self._publish_flag(len(report) > 0, "in_collision" in given.effects)
+        for effect, rows in self._clouds(given):
+            stamp = given.cloud_stamp if effect == "points" else given.stamp
+            header = Header(stamp=stamp_to_ros(stamp), frame_id=self._parameters.fixed_frame)
+            self.publishers[effect].publish(cloud_to_ros(rows, header))
+
+    def _clouds(self, given: Published) -> Iterator[tuple[str, Rows]]:
+        """Yield the effects that were called for and did not fail, with their rows."""
+        table, results = given.objects.table, given.report.results
         makers: dict[str, Callable[[Any], Rows]] = {
             "contacts": lambda result: contact_rows(result, table),
             "clearance": lambda result: clearance_rows(result, table),
             "sweep": lambda result: prediction_rows(result, given.step, table),
+            "points": lambda result: inside_rows(result, given.report.cycle.points, table),
         }
         for effect, make in makers.items():
-            if effect in given.effects:
-                rows = make(report.result(effect))
-                self.publishers[effect].publish(cloud_to_ros(rows, header))
+            if effect in given.effects and effect in results:
+                yield effect, make(results[effect])
 
     def _publish_pairs(self, given: Published, header: Header) -> None:
         table = given.objects.table

@@ -106,6 +106,14 @@ ACCURACY = (
         "Objects that may touch: 'robot/* table/1', two names or patterns each.",
         entry=allowed_from_text,
     ),
+    Spec(
+        "scene_file",
+        "",
+        "Scene file to begin with: a path, or the name of one in config. What it says holds where "
+        "a parameter is at its default. Read at the start only.",
+        fixed=True,
+        optional=True,
+    ),
 )
 
 MEANINGS = {

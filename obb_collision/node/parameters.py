@@ -41,6 +41,7 @@ class Parameters:
     tree_depth: int
     time_budget: float
     allowed_pairs: list[AllowedPair]
+    scene_file: str
 
     def __init__(self, node: Node) -> None:
         """Declare all; an override that can't be used stops the node with the reason."""
@@ -85,10 +86,11 @@ class Parameters:
 
     def _take(self, parameters: Sequence[Parameter]) -> None:
         specs = {spec.name: spec for spec in SPECS}
-        for parameter in parameters:
-            if parameter.name in specs:
-                self._values[parameter.name] = specs[parameter.name].read(parameter.value)
-        self.on_change()
+        ours = [parameter for parameter in parameters if parameter.name in specs]
+        for parameter in ours:
+            self._values[parameter.name] = specs[parameter.name].read(parameter.value)
+        if ours:  # others are declared while a subscription is made
+            self.on_change()
 
 
 def check_parameters(parameters: Sequence[Parameter]) -> SetParametersResult:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -14,6 +14,7 @@ from obb_collision.node.layouts import (
     CLEARANCE_DTYPE,
     COLLISION_DTYPE,
     CONTACT_DTYPE,
+    INSIDE_DTYPE,
     NORMAL_FIELDS,
     POINT_FIELDS,
     POSITION_FIELDS,
@@ -21,12 +22,11 @@ from obb_collision.node.layouts import (
     Rows,
 )
 from obb_collision.node.object_table import ObjectTable, Slots
+from obb_collision.scene.effects.clearance import PairClearances
+from obb_collision.scene.effects.contacts import PairContacts
+from obb_collision.scene.effects.points import ObjectPoints
+from obb_collision.scene.effects.sweep import SweptPairs
 from obb_collision.scene.report import Report
-
-if TYPE_CHECKING:
-    from obb_collision.scene.effects.clearance import PairClearances
-    from obb_collision.scene.effects.contacts import PairContacts
-    from obb_collision.scene.effects.sweep import SweptPairs
 
 
 class Ordered(NamedTuple):
@@ -127,4 +127,19 @@ def prediction_rows(result: SweptPairs, step: float, table: ObjectTable) -> Rows
     times = np.concatenate([(passed.times - 1.0) * step, predicted.times])
     rows["time"] = times[found.order]
     rows["passed"] = found.order < len(passed)
+    return rows
+
+
+def inside_rows(result: ObjectPoints, points: npt.NDArray[Any] | None, table: ObjectTable) -> Rows:
+    """(k,) rows of INSIDE_DTYPE, of the objects with points inside; points: the cloud."""
+    inside = result.inside
+    found = np.flatnonzero(inside.counts)
+    found = found[np.argsort(table.order_keys(result.indices[found]))]
+    slots = result.indices[found]
+    rows = np.zeros(len(slots), INSIDE_DTYPE)
+    rows["ns"], rows["id"] = table.ns[slots], table.id[slots]
+    rows["count"], rows["first"] = inside.counts[found], inside.first[found]
+    rows["nearest"], rows["distance"] = inside.nearest[found], inside.distances[found]
+    if points is not None and len(found):
+        _put(rows, POSITION_FIELDS, points[inside.nearest[found]])
     return rows

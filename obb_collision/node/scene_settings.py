@@ -10,6 +10,7 @@ from obb_collision.node.objects import Objects
 from obb_collision.node.parameters import Parameters
 from obb_collision.node.warm_up import WarmUp
 from obb_collision.queries.accuracy import Accuracy, as_accuracy
+from obb_collision.scene.budget import ABOVE
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.effects.settings import AUTO, OFF
 
@@ -25,9 +26,12 @@ class SceneSettings:
         """Whether an accuracy waits for its kernels; until then ``obb`` takes its place."""
 
     def rungs(self) -> list[Accuracy]:
-        """Return the rungs that the parameters name."""
-        own = [rung for _, rung in self._parameters.accuracy_overrides]
-        return sorted({as_accuracy(self._parameters.accuracy), *own})
+        """Return the rungs that the parameters ask for."""
+        rungs = {rung for _, rung in self._parameters.accuracy_overrides}
+        rungs.add(as_accuracy(self._parameters.accuracy))
+        if self._parameters.time_budget:  # it chooses from all
+            rungs |= {rung for rung in ABOVE if rung <= max(rungs)}
+        return sorted(rungs)
 
     def apply(self) -> None:
         """Bring the scene up to date with the parameters."""
@@ -36,6 +40,8 @@ class SceneSettings:
             scene.padding = parameters.padding
         if scene.tree_depth != parameters.tree_depth:
             scene.tree_depth = parameters.tree_depth
+        if (scene.time_budget or 0.0) != parameters.time_budget:
+            scene.time_budget = parameters.time_budget or None
         self.apply_accuracy()
         if self._allowed != parameters.allowed_pairs:
             set_allowed(scene, self._allowed, parameters.allowed_pairs)

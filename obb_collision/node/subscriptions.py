@@ -10,6 +10,7 @@ from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.qos import QoSPolicyKind, QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
+from rclpy.subscription import Subscription
 from sensor_msgs.msg import MultiDOFJointState, PointCloud2
 from visualization_msgs.msg import MarkerArray
 
@@ -30,33 +31,50 @@ INPUTS = {
     "object_transform": Input(TransformStamped, 1000),
     "object_states": Input(MultiDOFJointState, 10),
     "object_poses": Input(PointCloud2, 10),
+    "points": Input(PointCloud2, 1),
 }
 
 
-def subscribe(
-    node: Node,
-    takers: Mapping[str, Callable[[Any], None]],
-    monitors: Mapping[str, InputMonitor],
-    on_mismatch: Callable[[str, int], None],
-) -> list[str]:
-    """Subscribe to the topics of ``takers``; returns the resolved topics."""
-    topics = []
-    for topic, take in takers.items():
+class Subscriptions:
+    """Subscribes to inputs, and gives up those that nobody wants."""
 
-        def mismatch(info: Any, topic: str = topic) -> None:
-            monitors[topic].mismatches = info.total_count
-            on_mismatch(topic, info.total_count)
+    def __init__(
+        self,
+        node: Node,
+        takers: Mapping[str, Callable[[Any], None]],
+        monitors: Mapping[str, InputMonitor],
+        on_mismatch: Callable[[str, int], None],
+    ) -> None:
+        self._node, self._takers, self._monitors = node, takers, monitors
+        self._on_mismatch = on_mismatch
+        self._open: dict[str, Subscription] = {}
 
-        subscription = node.create_subscription(
+    @property
+    def topics(self) -> list[str]:
+        """Resolved names of the topics subscribed to."""
+        return [subscription.topic_name for subscription in self._open.values()]
+
+    def keep(self, topic: str, wanted: bool) -> None:
+        """Subscribe to a topic, or no longer."""
+        if wanted and topic not in self._open:
+            self._open[topic] = self._subscribe(topic)
+        elif not wanted and topic in self._open:
+            self._node.destroy_subscription(self._open.pop(topic))
+
+    def _subscribe(self, topic: str) -> Subscription:
+        def mismatch(info: Any) -> None:
+            self._monitors[topic].mismatches = info.total_count
+            self._on_mismatch(topic, info.total_count)
+
+        subscription = self._node.create_subscription(
             INPUTS[topic].kind,
             topic,
-            take,
+            self._takers[topic],
             QoSProfile(depth=INPUTS[topic].depth),
             event_callbacks=SubscriptionEventCallbacks(incompatible_qos=mismatch),
             qos_overriding_options=QoSOverridingOptions(
                 [QoSPolicyKind.DEPTH, QoSPolicyKind.DURABILITY, QoSPolicyKind.RELIABILITY]
             ),
         )
-        monitors[topic].topic = subscription.topic_name
-        topics.append(subscription.topic_name)
-    return topics
+        self._monitors[topic].topic = subscription.topic_name
+        return subscription

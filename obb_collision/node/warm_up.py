@@ -51,7 +51,8 @@ def warm_up_effect(name: str) -> None:
     scene = _row_of_boxes()
     scene.set_effect(name, "on")
     scene.set_twists(np.arange(OBJECTS), np.full((OBJECTS, 6), 0.1))
-    for points, step in ((np.zeros((4, 3)), 0.25), (np.zeros((4, 3), np.float32), 3.0)):
+    clouds = [np.zeros((4, size), kind)[:, :3] for size in (3, 4) for kind in ("f4", "f8")]
+    for points, step in zip(clouds, (0.25, 3.0, 0.9, 1.0), strict=True):
         scene.points = points
         scene.check()
         poses = np.zeros((OBJECTS, 7))

@@ -26,6 +26,7 @@ from std_msgs.msg import Bool, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
 from obb_collision.node import collisions_from_ros, named_pairs, poses_to_ros
+from obb_collision.node.clouds import cloud_to_ros
 from obb_collision.node.conversions import (
     namespaces_from_ros,
     pose_to_ros,
@@ -51,12 +52,17 @@ INPUTS: dict[str, Any] = {
     "object_transform": TransformStamped,
     "object_states": MultiDOFJointState,
     "object_poses": PointCloud2,
+    "points": PointCloud2,
 }
 OUTPUTS: dict[str, Any] = {
     "collisions": PointCloud2,
     "in_collision": Bool,
     "namespaces": DiagnosticStatus,
     "collisions_text": DiagnosticArray,
+    "contacts": PointCloud2,
+    "clearances": PointCloud2,
+    "predicted_collisions": PointCloud2,
+    "points_inside": PointCloud2,
     "obb_collision/markers": MarkerArray,
     "/diagnostics": DiagnosticArray,
 }
@@ -101,20 +107,30 @@ class Client:
             topic: self.client.create_publisher(kind, topic, 100) for topic, kind in INPUTS.items()
         }
         self.last: dict[str, Any] = {}
+        self.subscriptions: dict[str, Any] = {}
         self.stamp = FIRST_STAMP
         self.patience = PATIENCE
+        self.unmatched: set[str] = set()  # inputs that the node does not subscribe to
         executor.add_node(self.client)
 
     def listen(self, *topics: str) -> None:
         """Subscribe to outputs."""
         for topic in topics:
+            assert topic not in self.subscriptions
             qos = LATCHED if topic in ("in_collision", "namespaces") else QoSProfile(depth=50)
 
             def take(message: Any, topic: str = topic) -> None:
                 if topic != "/diagnostics" or message.status[0].name.startswith(NAMESPACE[1:]):
                     self.last[topic] = message
 
-            self.client.create_subscription(OUTPUTS[topic], topic, take, qos)
+            kind = OUTPUTS[topic]
+            self.subscriptions[topic] = self.client.create_subscription(kind, topic, take, qos)
+
+    def ignore(self, *topics: str) -> None:
+        """Subscribe to outputs no longer."""
+        for topic in topics:
+            self.client.destroy_subscription(self.subscriptions.pop(topic))
+            self.last.pop(topic, None)
 
     def until(self, reached: Callable[[], Any], what: str = "") -> Any:
         """Spin until ``reached``."""
@@ -122,8 +138,10 @@ class Client:
 
     def wait_matched(self) -> None:
         """Wait until every publisher has the node and ``collisions`` arrive here."""
-        self.until(lambda: all(p.get_subscription_count() for p in self.pubs.values()), "match")
-        self.until(lambda: "collisions" in self.last, "collisions")
+        wanted = [p for topic, p in self.pubs.items() if topic not in self.unmatched]
+        self.until(lambda: all(p.get_subscription_count() for p in wanted), "match")
+        if "collisions" in self.subscriptions:
+            self.until(lambda: "collisions" in self.last, "collisions")
 
     def header(self, frame: str = FRAME) -> Header:
         """Return a header with the next stamp."""
@@ -144,9 +162,19 @@ class Client:
         message.transform = transform_to_ros(pose)
         self.pubs["object_transform"].publish(message)
 
-    def send_states(self, names: list[str], poses: Any, frame: str = FRAME) -> None:
-        """Publish poses (n, 7) by name."""
-        self.pubs["object_states"].publish(states_to_ros(names, poses, self.header(frame)))
+    def send_states(
+        self, names: list[str], poses: Any, frame: str = FRAME, twists: Any = None
+    ) -> None:
+        """Publish poses (n, 7), and twists (n, 6), by name."""
+        message = states_to_ros(names, poses, self.header(frame), twists)
+        self.pubs["object_states"].publish(message)
+
+    def send_points(self, points: Any, frame: str = FRAME, kind: str = "<f4") -> None:
+        """Publish a cloud of points (n, 3), with the next stamp."""
+        rows = np.zeros(len(points), [(name, kind) for name in "xyz"])
+        for column, name in enumerate("xyz"):
+            rows[name] = np.asarray(points)[:, column]
+        self.pubs["points"].publish(cloud_to_ros(rows, self.header(frame)))
 
     def send_poses(self, ids: Any, poses: Any, namespaces: Any = None, **options: Any) -> None:
         """Publish bulk poses (n, 7)."""
@@ -199,7 +227,8 @@ class Client:
 class Rig(Client):
     """A collision node and a client in one context on one executor."""
 
-    def __init__(self, frames: Any = None, **parameters: Any) -> None:
+    def __init__(self, frames: Any = None, deaf: bool = False, **parameters: Any) -> None:
+        """Wait until they have met; deaf: the client listens to nothing yet."""
         self.context = Context()
         self.context.init(domain_id=DOMAIN)
         super().__init__(self.context, SingleThreadedExecutor(context=self.context))
@@ -211,9 +240,20 @@ class Rig(Client):
             parameter_overrides=overrides,
         )
         self.executor.add_node(self.node)
+        if parameters.get("effects.points") == "off":
+            self.unmatched.add("points")
+        if deaf:
+            self.wait_matched()
+            return
         self.listen("collisions", "in_collision", "namespaces")
         self.wait_matched()
         self.until(lambda: "namespaces" in self.last and "in_collision" in self.last, "latched")
+
+    def cycles(self, count: int) -> None:
+        """Wait for some more cycles of the node."""
+        monitor = self.node.cycle.monitor
+        end = monitor.total + count
+        self.until(lambda: monitor.total >= end, "cycles")
 
     def refused(self, topic: str) -> dict[str, int]:
         """Refused items of an input so far, by reason."""

@@ -1,0 +1,84 @@
+"""One cycle of the node: bring the scene up to date, check it, publish what is called for."""
+
+from __future__ import annotations
+
+from time import perf_counter
+
+import numpy as np
+
+from obb_collision.node.conversions import NANOSECONDS
+from obb_collision.node.effects import Effects
+from obb_collision.node.monitors import CycleMonitor
+from obb_collision.node.objects import Objects
+from obb_collision.node.obstacles import Obstacles
+from obb_collision.node.outputs import Outputs, Published
+from obb_collision.node.parameters import Parameters
+from obb_collision.node.scene_settings import SceneSettings
+from obb_collision.scene.effects import EFFECTS
+from obb_collision.scene.report import Report
+
+
+class Cycle:
+    """What a cycle does, and what it took."""
+
+    def __init__(
+        self,
+        parameters: Parameters,
+        objects: Objects,
+        obstacles: Obstacles,
+        settings: SceneSettings,
+        effects: Effects,
+        outputs: Outputs,
+    ) -> None:
+        self._parameters, self._settings = parameters, settings
+        self._objects, self._obstacles = objects, obstacles
+        self._effects, self._outputs = effects, outputs
+        self.monitor = CycleMonitor()
+        self.enabled = True
+        self.report: Report | None = None
+        """Of the last check."""
+        self._last_stamp = 0
+
+    def run(self, now: int) -> None:
+        """Run one cycle at time ``now`` (ns)."""
+        start = perf_counter()
+        self._objects.update(now, self._parameters.object_timeout)
+        stages = {"update": perf_counter() - start}
+        if self.enabled:
+            stages.update(self._check(now))
+        else:
+            self._outputs.publish_namespaces(self._objects.table.namespaces)
+        self.monitor.add(stages, 1.0 / self._parameters.rate)
+
+    def _check(self, now: int) -> dict[str, float]:
+        """Check and publish; returns the seconds of each stage and of each effect computed."""
+        times = [perf_counter()]
+        if self._settings.waiting:
+            self._settings.apply_accuracy()
+        effects = self._effects.of_cycle()
+        if "points" in effects:
+            self._obstacles.place(now)
+        times.append(perf_counter())
+        last, known = self.report, () if self.report is None else tuple(self.report.costs)
+        self.report = report = self._objects.scene.check(effects & EFFECTS.keys())
+        self._obstacles.note(report)
+        times.append(perf_counter())
+        given = self._given(report, effects, now)
+        self._outputs.publish_report(given)
+        times.append(perf_counter())
+        self._outputs.publish_markers(given)
+        times.append(perf_counter())
+        names = ("prepare", "check", "publish", "markers")
+        stages = dict(zip(names, np.diff(times).tolist(), strict=True))
+        # where nothing had changed, the report is the one before, with what it took then
+        old = known if report is last else ()
+        costs = {name: cost for name, cost in report.costs.items() if name not in old}
+        stages["check"] -= sum(cost.seconds for cost in costs.values())
+        return stages | self.monitor.add_costs(costs)
+
+    def _given(self, report: Report, effects: frozenset[str], now: int) -> Published:
+        stamp = self._objects.newest_stamp(now)
+        step = max(0, stamp - self._last_stamp) / NANOSECONDS if self._last_stamp else 0.0
+        self._last_stamp = stamp
+        cloud_stamp = self._obstacles.stamp or stamp
+        return Published(report, self._objects, effects, stamp, step, cloud_stamp)

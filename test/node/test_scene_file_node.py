@@ -1,0 +1,160 @@
+"""A scene file as the node's beginning: objects, rules, settings."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("rclpy")
+from rclpy.context import Context
+from rig import DOMAIN, NAMESPACE, Rig, cube
+
+from obb_collision.node import collisions_from_ros
+from obb_collision.node.commands import node as run_node
+from obb_collision.node.node import CollisionNode
+from obb_collision.node.scene_files import SceneFile, keys_from_names
+from obb_collision.queries.accuracy import Accuracy
+from obb_collision.scene.files import find_scene, load_scene
+
+ROOT = Path(__file__).parents[2]
+SCENE = """
+accuracy: {default: obb, parts: obb_faces, lid: sphere}
+padding: 0.25
+groups: {parts: ["part/*"]}
+allowed: [[parts, lid]]
+effects:
+  contacts: {mode: "on", objects: [lid, parts], max_points: 8}
+  clearance: off
+  markers: off
+objects:
+  - {name: part/7, shape: box, size: [1, 1, 1], position: [0, 0, 0]}
+  - {name: part/8, shape: box, size: [1, 1, 1], position: [1.25, 0, 0]}
+  - {name: lid, shape: box, size: [1, 1, 1], position: [0, 0, 0.5], accuracy: aabb}
+  - {name: floor, shape: box, size: [9, 9, 1], position: [0, 0, -1.25], padding: 0.0}
+"""
+
+
+@pytest.fixture
+def scene_file(tmp_path: Path) -> Path:
+    file = tmp_path / "scene.yaml"
+    file.write_text(SCENE)
+    return file
+
+
+def test_objects_rules_and_settings_of_a_scene_file_are_those_of_the_node(scene_file: Path) -> None:
+    with Rig(scene_file=str(scene_file)) as rig:
+        rig.until(lambda: len(rig.node.cycle.report or ()) > 0, "pairs")
+        report = rig.node.cycle.report
+        assert report is not None
+        assert set(report.names()) == {
+            ("part/7", "part/8"),  # 0.25 apart, both padded by as much
+            ("part/7", "floor/0"),
+            ("part/8", "floor/0"),
+        }
+        scene = rig.node.objects.scene
+        assert scene.accuracy == Accuracy.OBB
+        assert scene._store.accuracies[scene.index("part/7")] == Accuracy.OBB_FACES
+        assert scene._store.accuracies[scene.index("lid/0")] == Accuracy.AABB
+        value = {name: rig.node.get_parameter(name).value for name in rig.node._parameters}
+        assert value["padding"] == 0.25
+        assert value["effects.contacts"] == "on"
+        assert value["effects.contacts_max_points"] == 8
+        assert value["effects.contacts_objects"] == ["part/*", "lid/0"]
+        assert (value["effects.clearance"], value["effects.markers"]) == ("off", "off")
+        assert value["effects.sweep"] == "auto"
+        assert scene.effect_setting("contacts").values["max_points"] == 8
+
+
+def test_objects_of_a_file_move_change_and_go_like_all_others(scene_file: Path) -> None:
+    with Rig(scene_file=str(scene_file), padding=0.5) as rig:
+        rig.send(cube(("part", 7), (20.0, 0.0, 0.0)), cube(("lid", 0), (20.5, 0.0, 0.0)))
+        rig.answer()
+        names = {(row["id_a"], row["id_b"]) for row in collisions_from_ros(rig.last["collisions"])}
+        assert (7, 0) not in names, "they may still touch"
+        assert rig.node.get_parameter("padding").value == 0.5, "what is said to the node counts"
+        rig.node.objects.remove_all("floor")
+        rig.until(lambda: len(collisions_from_ros(rig.next("collisions"))) == 0, "floor gone")
+
+
+@pytest.mark.parametrize("name", ["tabletop", "warehouse", "lidar_zone"])
+def test_ready_scenes_start_by_name(name: str) -> None:
+    context = Context()
+    context.init(domain_id=DOMAIN)
+    overrides = ["--ros-args", "-p", f"scene_file:={name}"]
+    node = CollisionNode(context=context, namespace=NAMESPACE, cli_args=overrides)
+    try:
+        assert len(node.objects.table) == len(load_scene(find_scene(name)).objects)
+        node.cycle.run(1)
+        assert node.cycle.report is not None
+    finally:
+        node.destroy_node()
+        context.try_shutdown()
+
+
+def test_a_scene_file_that_cannot_be_used_ends_the_node_with_file_and_line(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "wrong.yaml"
+    file.write_text("objects:\n  - {name: a/1, shape: box, size: [1, -1, 1]}\n")
+    assert run_node(["--ros-args", "-p", f"scene_file:={file}"]) == 1
+    assert f"{file}:2: " in capfd.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("names", "keys"),
+    [
+        (["cup/1", "a/b/2", "/3"], [("cup", 1), ("a/b", 2), ("", 3)]),
+        (["cup", "cup/0", "cup/x"], [("cup", 1), ("cup", 0), ("cup/x", 0)]),
+        (["a/01", "a/-1", "a/9999999999"], [("a/01", 0), ("a/-1", 0), ("a/9999999999", 0)]),
+    ],
+)
+def test_names_of_a_file_become_keys(names: list[str], keys: list[Any]) -> None:
+    assert keys_from_names(names) == keys
+
+
+def test_patterns_reach_objects_whose_names_changed(scene_file: Path) -> None:
+    found = SceneFile(load_scene(scene_file))
+    values = found.parameters()
+    assert values["accuracy_overrides"] == ["part/*: obb_faces", "lid/0: sphere", "lid/0: aabb"]
+    assert values["effects.contacts_objects"] == ["part/*", "lid/0"]
+
+
+def test_the_parameter_file_of_the_package_starts_a_node_with_the_defaults() -> None:
+    context = Context()
+    context.init(domain_id=DOMAIN)
+    file = str(ROOT / "config" / "obb_collision.yaml")
+    arguments = ["--ros-args", "--params-file", file]
+    node = CollisionNode(context=context, namespace=NAMESPACE, cli_args=arguments)
+    try:
+        assert node.parameters.accuracy_overrides == []
+        assert node.parameters.mode("contacts") == "auto"
+        assert node.parameters.setting("sweep") == {
+            "objects": ["*"],
+            "horizon": 1.0,
+            "tolerance": 1e-4,
+        }
+    finally:
+        node.destroy_node()
+        context.try_shutdown()
+
+
+def test_unquoted_words_and_empty_lists_of_yaml_are_understood(tmp_path: Path) -> None:
+    file = tmp_path / "parameters.yaml"
+    file.write_text(
+        "/**:\n  ros__parameters:\n    accuracy_overrides: []\n    effects:\n"
+        "      contacts: off\n      clearance: on\n      contacts_objects: []\n"
+    )
+    context = Context()
+    context.init(domain_id=DOMAIN)
+    arguments = ["--ros-args", "--params-file", str(file), "-p", "effects.sweep:=off"]
+    node = CollisionNode(context=context, namespace=NAMESPACE, cli_args=arguments)
+    try:
+        modes = [node.parameters.mode(name) for name in ("contacts", "clearance", "sweep")]
+        assert modes == ["off", "on", "off"]
+        assert node.parameters.accuracy_overrides == []
+        assert node.parameters.setting("contacts")["objects"] == []
+    finally:
+        node.destroy_node()
+        context.try_shutdown()
