@@ -7,6 +7,9 @@ Both are timed by the processor time of this process, turn by turn, the best of 
 What counts as a miss: the boxes certainly overlap at a time just after our time of contact (by
 the certified verdicts, with poses computed by scipy), and the other side reports no collision.
 
+Turning, python-fcl 0.7 answers differently from one process to the next: all hits found in most,
+hardly any in some, from the same input.
+
     python -m obb_collision.benchmarks.sweep_peers [--pairs N] [--json FILE]
 """
 

@@ -37,7 +37,8 @@ class Sweeps:
 
     hits (m,) bool: do the boxes touch at any time? times (m,): of first contact, in the unit of
     the motion; infinite without a hit. points (m, 3) metres: where, in the common frame at that
-    time; normals (m, 3): unit vectors from the first box to the second; NaN without a hit.
+    time (in or near both of boxes that overlap at the start); normals (m, 3): unit vectors from
+    the first box to the second. Both NaN without a hit.
     """
 
     hits: NDArray[np.bool_]

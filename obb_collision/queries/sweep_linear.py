@@ -3,16 +3,17 @@
 Along each of the 15 axes of ``separation`` the centre offset is linear in time, s(t), and the sum
 of the projected radii r is constant: the axis separates while abs(s(t)) > r. Turning neither box
 keeps the axes, so the boxes touch exactly during the common part of 15 intervals of time
-(Gottschalk 2000, 6.4; Ericson 2005, 5.5.8, Eberly, "Dynamic Collision Detection using Oriented
-Bounding Boxes").
+(Eberly, "Dynamic Collision Detection using Oriented Bounding Boxes"; Ericson 2005, 5.5).
 
 Certified like the verdicts, and in two stages like them: a coarse pass that settles most misses,
 then the axes that may decide the entry, or the exit, taken carefully. Every r is widened by the
 error bound of its stage, so intervals only grow: no hit is missed and no time is late. What this
 may cost: a miss by less than the bound, 4e-15 of T, counts as a hit, and at the time given the
-boxes are apart by less than that (T: offset of the centres plus all half extents).
+boxes are apart by less than that (T: the offsets of the centres at the start and at the end, their
+components summed, plus all half extents). A time is early by at most that over the speed along
+the axis entered last: 1e-12 of it where the way along that axis is a hundredth of T or more.
 
-Both offsets, at the start and the end, are differences of stored centres, so a motion that two
+Both offsets are differences of stored centres, so a motion that two
 boxes share costs no accuracy.
 """
 

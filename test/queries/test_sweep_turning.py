@@ -47,8 +47,8 @@ def check_nearness(
         box = poses_at(start, end, rows[hits, side], found.times[hits])
         local = np.einsum("nji,nj->ni", box.rotations, found.points[hits] - box.centers)
         excess = np.abs(local) - box.half_extents
-        # of boxes that overlap at the start it may be a little outside of one
-        reach = 3.0 * near + np.where(found.times[hits] == 0.0, 0.05 * radii.max(axis=1), 0.0)
+        # of thin boxes that overlap at the start it may be outside of one: see common_point
+        reach = 3.0 * near + np.where(found.times[hits] == 0.0, 0.1 * radii.max(axis=1), 0.0)
         assert (excess.max(axis=1) <= reach).all()
 
 
