@@ -8,6 +8,8 @@ from obb_collision.scene.scene import Scene
 
 AllowedPair = tuple[str, str]
 """Two patterns of names: objects that match them may touch."""
+AllowedRule = tuple[str, str, bool]
+"""The same, or with False: they may not."""
 
 
 def allowed_from_text(text: str) -> AllowedPair:
@@ -18,9 +20,9 @@ def allowed_from_text(text: str) -> AllowedPair:
     return words[0], words[1]
 
 
-def set_allowed(scene: Scene, old: Sequence[AllowedPair], new: Sequence[AllowedPair]) -> None:
-    """Replace pairs that may touch."""
-    for first, second in old:
+def set_allowed(scene: Scene, rules: Sequence[AllowedRule]) -> None:
+    """Let touch what these rules say, of which the last one that fits counts, and nothing else."""
+    for first, second, _ in scene.allowed:
         scene.allow(first, second, False)
-    for first, second in new:
-        scene.allow(first, second)
+    for rule in rules:
+        scene.allow(*rule)

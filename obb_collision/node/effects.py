@@ -49,13 +49,16 @@ class Effects:
         mode = self.mode(name)
         if mode != AUTO:
             return mode == ON
-        if name == "separations":
+        if name not in TOPICS:
             return any(self.is_called(topic) for topic in DESCRIBED)
         return self._publishers[name].get_subscription_count() > 0
 
     def of_cycle(self) -> frozenset[str]:
         """Return the effects to compute in this cycle."""
-        called = (name for name in MEANINGS if self.is_called(name))
+        called = {name for name in TOPICS if self.is_called(name)}
+        mode = self.mode("separations")
+        if mode == ON or (mode == AUTO and not called.isdisjoint(DESCRIBED)):
+            called.add("separations")
         return frozenset(n for n in called if n not in EFFECTS or self._warm.is_ready(n))
 
     def states(self) -> dict[str, str]:

@@ -11,8 +11,7 @@ from time import perf_counter
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.clock import Clock, JumpThreshold, TimeJump
-from rclpy.clock_type import ClockType
+from rclpy.clock import JumpThreshold, TimeJump
 from rclpy.duration import Duration
 from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
@@ -31,6 +30,7 @@ from obb_collision.node.parameters import Parameters
 from obb_collision.node.running import run
 from obb_collision.node.scene_files import SceneFile
 from obb_collision.node.scene_settings import SceneSettings
+from obb_collision.node.schedule import Schedule
 from obb_collision.node.subscriptions import INPUTS, Subscriptions
 from obb_collision.node.warm_up import WarmUp, warm_up
 from obb_collision.scene.effects import EFFECTS
@@ -40,8 +40,6 @@ from obb_collision.scene.files import find_scene, load_scene
 NODE_NAME = "obb_collision"
 DIAGNOSTICS_PERIOD = 1.0
 """Seconds between two messages on /diagnostics."""
-SHORTEST_TIMER = 1e-4
-"""Period (s) of the timer that ends a burst where min_period is zero."""
 
 
 class CollisionNode(Node):
@@ -60,7 +58,6 @@ class CollisionNode(Node):
         self._frames = frames if frames is not None else make_frames(self, fixed_frame)
         self._monitors = {topic: InputMonitor(topic, self._warn) for topic in INPUTS}
         self._mismatches: dict[str, int] = {}
-        self._last_cycle = float("-inf")
         self._outputs = Outputs(self, self.parameters, self._count_mismatch)
         self.objects = Objects(fixed_frame, self._frames, self._refuse_late)
         self.inputs = Inputs(
@@ -71,6 +68,7 @@ class CollisionNode(Node):
         )
         self._warm = WarmUp(self._say, self._warn)
         self._settings = SceneSettings(self.parameters, self.objects, self._warm)
+        self._settings.allowed = [] if scene_file is None else scene_file.allowed()
         self._effects = Effects(self.parameters, self._outputs.publishers, self._warm)
         scene, monitor = self.objects.scene, self._monitors["points"]
         self._obstacles = Obstacles(scene, self._frames, fixed_frame, monitor, self._now)
@@ -83,6 +81,7 @@ class CollisionNode(Node):
             self._effects,
             self._outputs,
         )
+        self._schedule = Schedule(self, self.parameters, lambda: self.cycle.run(self._now()))
         warm_up()
         switched_on = [name for name in EFFECTS if self.parameters.mode(name) == ON]
         self._warm.finish([*self._settings.rungs(), *switched_on])
@@ -90,7 +89,9 @@ class CollisionNode(Node):
         self._apply_parameters()
         if scene_file is not None:
             scene_file.add_to(self.objects, self._now())
-        self._start_timers()
+        self._last_diagnostics = perf_counter()
+        clock = self._schedule.clock
+        self.create_timer(DIAGNOSTICS_PERIOD, self._publish_diagnostics, clock=clock)
         self.parameters.on_change = self._apply_parameters
         self.create_service(Trigger, "~/clear", self._clear)
         self.create_service(SetBool, "~/enable", self._enable)
@@ -121,30 +122,27 @@ class CollisionNode(Node):
         return found
 
     def _make_subscriptions(self) -> Subscriptions:
-        takers = {**self.inputs.takers(), "points": self._obstacles.take}
-        stored = {topic: self._storing(take) for topic, take in takers.items()}
+        stored = {topic: self._storing(take) for topic, take in self.inputs.takers().items()}
+        stored["points"] = self._storing(
+            self._obstacles.take, lambda: self._effects.is_called("points")
+        )
         return Subscriptions(self, stored, self._monitors, self._count_mismatch)
 
     def _is_wanted(self, topic: str) -> bool:
         """Return whether the node subscribes to an input."""
         return topic != "points" or self.parameters.mode("points") != OFF
 
-    def _storing(self, take: Callable[[Any], None]) -> Callable[[Any], None]:
+    def _storing(
+        self, take: Callable[[Any], None], calls: Callable[[], bool] = lambda: True
+    ) -> Callable[[Any], None]:
+        """Return what stores a message and, if that calls for it, starts a cycle."""
+
         def store(message: Any) -> None:
             take(message)
-            if self.parameters.trigger == "arrival":
-                self._arrived()
+            if calls():
+                self._schedule.arrived()
 
         return store
-
-    def _start_timers(self) -> None:
-        # Steady time: a paused or missing simulation clock must not stop the checks.
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self._timer = self.create_timer(1.0 / self.parameters.rate, self._cycle, clock=steady)
-        self._burst_timer = self.create_timer(SHORTEST_TIMER, self._end_burst, clock=steady)
-        self._burst_timer.cancel()
-        self._last_diagnostics = perf_counter()
-        self.create_timer(DIAGNOSTICS_PERIOD, self._publish_diagnostics, clock=steady)
 
     def _apply_parameters(self) -> None:
         """Bring what was made from parameters up to date with them."""
@@ -161,10 +159,7 @@ class CollisionNode(Node):
             self._obstacles.forget()
         for monitor in self._monitors.values():
             monitor.warn_period = parameters.warn_period
-        period = round(1e9 / parameters.rate)
-        if hasattr(self, "_timer") and self._timer.timer_period_ns != period:
-            self._timer.timer_period_ns = period
-            self._timer.reset()
+        self._schedule.apply()
 
     def _now(self) -> int:
         """Time of the node's clock (ns)."""
@@ -183,24 +178,6 @@ class CollisionNode(Node):
     def _count_mismatch(self, topic: str, count: int) -> None:
         self._mismatches[topic] = count
         self._warn(f"{topic}: a publisher or subscriber asks for incompatible QoS; no data flows")
-
-    def _arrived(self) -> None:
-        """With trigger arrival: compute at once, or once the burst is over."""
-        if perf_counter() - self._last_cycle >= self.parameters.min_period:
-            self._cycle()
-            self._timer.reset()
-        elif self._burst_timer.is_canceled():
-            rest = self.parameters.min_period - (perf_counter() - self._last_cycle)
-            self._burst_timer.timer_period_ns = round(1e9 * max(rest, SHORTEST_TIMER))
-            self._burst_timer.reset()
-
-    def _end_burst(self) -> None:
-        self._burst_timer.cancel()
-        self._cycle()
-
-    def _cycle(self) -> None:
-        self.cycle.run(self._now())
-        self._last_cycle = perf_counter()
 
     def _publish_diagnostics(self) -> None:
         elapsed, now = perf_counter() - self._last_diagnostics, self._now()

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from obb_collision.node.allowed import AllowedRule
 from obb_collision.node.conversions import Key, name_from_key
 from obb_collision.node.object_table import ID_OFFSET
 from obb_collision.node.objects import Objects, State
@@ -49,7 +50,7 @@ class SceneFile:
     def parameters(self) -> dict[str, Any]:
         """Return values of parameters by which the node does what the file says.
 
-        Allowed pairs are not among them: see ``add_to``.
+        What may touch is not among them: a parameter can't say that some may not after all.
         """
         scene = self._scene
         values: dict[str, Any] = {
@@ -68,18 +69,24 @@ class SceneFile:
                 values[option_name(effect, key)] = type(default)(value)
         return values
 
+    def allowed(self) -> list[AllowedRule]:
+        """Return the rules of what may touch."""
+        return [
+            (first, second, rule.allowed)
+            for rule in self._scene.allowed
+            for first, second in product(
+                self._patterns([rule.first]), self._patterns([rule.second])
+            )
+        ]
+
     def add_to(self, objects: Objects, now: int) -> None:
-        """Add the objects, at rest at the start, and the pairs that may touch.
+        """Add the objects, at rest at the start.
 
         Raises RefusedError where an object can't be used ("too many objects").
         """
         for key, thing in zip(self.keys, self._scene.objects, strict=True):
             slot = objects.put(key, thing.shape, (), None, thing.padding)
             objects.store_poses(np.array([slot]), np.array([thing.pose]), State("", 0, now))
-        for rule in self._scene.allowed:
-            ends = self._patterns([rule.first]), self._patterns([rule.second])
-            for first, second in product(*ends):
-                objects.scene.allow(first, second, rule.allowed)
 
     def _overrides(self) -> list[str]:
         """Return entries of ``accuracy_overrides``, the objects' own behind those of patterns."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from obb_collision.node.accuracy import Overrides
-from obb_collision.node.allowed import AllowedPair, set_allowed
+from obb_collision.node.allowed import AllowedRule, set_allowed
 from obb_collision.node.objects import Objects
 from obb_collision.node.parameters import Parameters
 from obb_collision.node.warm_up import WarmUp
@@ -20,7 +20,9 @@ class SceneSettings:
 
     def __init__(self, parameters: Parameters, objects: Objects, warm: WarmUp) -> None:
         self._parameters, self._objects, self._warm = parameters, objects, warm
-        self._allowed: list[AllowedPair] = []
+        self.allowed: list[AllowedRule] = []
+        """Rules beside those of the parameters, which come after them."""
+        self._allowed: list[AllowedRule] = []
         self._effects: dict[str, Any] = {}
         self.waiting = False
         """Whether an accuracy waits for its kernels; until then ``obb`` takes its place."""
@@ -43,9 +45,10 @@ class SceneSettings:
         if (scene.time_budget or 0.0) != parameters.time_budget:
             scene.time_budget = parameters.time_budget or None
         self.apply_accuracy()
-        if self._allowed != parameters.allowed_pairs:
-            set_allowed(scene, self._allowed, parameters.allowed_pairs)
-            self._allowed = list(parameters.allowed_pairs)
+        allowed = [*self.allowed, *((*pair, True) for pair in parameters.allowed_pairs)]
+        if self._allowed != allowed:
+            set_allowed(scene, allowed)
+            self._allowed = allowed
         for name in EFFECTS:
             # Never "on": the node asks at each check, so that nothing starts before it is ready.
             mode = OFF if parameters.mode(name) == OFF else AUTO

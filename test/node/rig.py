@@ -116,7 +116,6 @@ class Client:
     def listen(self, *topics: str) -> None:
         """Subscribe to outputs."""
         for topic in topics:
-            assert topic not in self.subscriptions
             qos = LATCHED if topic in ("in_collision", "namespaces") else QoSProfile(depth=50)
 
             def take(message: Any, topic: str = topic) -> None:

@@ -168,9 +168,9 @@ def test_the_latched_flag_is_published_when_it_changes_or_somebody_subscribes() 
         publish = publisher.publish
         publisher.publish = lambda message: (sent.append(message.data), publish(message))
         rig.send(cube(("a", 1)), cube(("a", 2), (0.5, 0, 0)))
-        rig.until(lambda: sent == [True], "flag")
+        rig.until(lambda: sent[-1:] == [True], "flag")
         rig.cycles(3)
-        assert sent == [True], "it has not changed"
+        assert sent in ([True], [False, True]), "sent where it changes"
         rig.listen("in_collision")
         assert rig.until(lambda: rig.last.get("in_collision"), "flag").data is True
         rig.until(lambda: len(sent) > 3, "every cycle")

@@ -1,0 +1,57 @@
+"""When cycles run: by a timer, or as soon as something arrives."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from time import perf_counter
+
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.node import Node
+
+from obb_collision.node.parameters import Parameters
+
+SHORTEST_TIMER = 1e-4
+"""Period (s) of the timer that ends a burst where min_period is zero."""
+
+
+class Schedule:
+    """Calls ``cycle`` as the parameters ``trigger``, ``rate`` and ``min_period`` say.
+
+    clock: of steady time, for a paused or missing simulation clock must not stop the checks.
+    """
+
+    def __init__(self, node: Node, parameters: Parameters, cycle: Callable[[], None]) -> None:
+        self._parameters, self._run = parameters, cycle
+        self.clock = Clock(clock_type=ClockType.STEADY_TIME)
+        self._last = float("-inf")
+        self._timer = node.create_timer(1.0 / parameters.rate, self._cycle, clock=self.clock)
+        self._burst_timer = node.create_timer(SHORTEST_TIMER, self._end_burst, clock=self.clock)
+        self._burst_timer.cancel()
+
+    def apply(self) -> None:
+        """Take over a new rate."""
+        period = round(1e9 / self._parameters.rate)
+        if self._timer.timer_period_ns != period:
+            self._timer.timer_period_ns = period
+            self._timer.reset()
+
+    def arrived(self) -> None:
+        """With trigger arrival: compute at once, or once the burst is over."""
+        if self._parameters.trigger != "arrival":
+            return
+        rest = self._parameters.min_period - (perf_counter() - self._last)
+        if rest <= 0.0:
+            self._cycle()
+            self._timer.reset()
+        elif self._burst_timer.is_canceled():
+            self._burst_timer.timer_period_ns = round(1e9 * max(rest, SHORTEST_TIMER))
+            self._burst_timer.reset()
+
+    def _end_burst(self) -> None:
+        self._burst_timer.cancel()
+        self._cycle()
+
+    def _cycle(self) -> None:
+        self._run()
+        self._last = perf_counter()
