@@ -25,6 +25,7 @@ from obb_collision.geometry.mesh_topology import (
 )
 from obb_collision.geometry.meshes import Mesh
 from obb_collision.geometry.node_boxes import HALF
+from obb_collision.geometry.primitives import LocalBox
 from obb_collision.geometry.tree_build import build_tree
 from obb_collision.geometry.validation import Floats
 
@@ -81,11 +82,17 @@ class MeshTrees:
 
     @classmethod
     def build(
-        cls, vertices: ArrayLike, faces: ArrayLike, solid: bool | None = None, leaf: int = LEAF
+        cls,
+        vertices: ArrayLike,
+        faces: ArrayLike,
+        solid: bool | None = None,
+        leaf: int = LEAF,
+        root: LocalBox | None = None,
     ) -> MeshTrees:
         """Return the tree of one mesh: vertices (n, 3) metres, faces (m, 3), m >= 1.
 
-        ``solid``: whether it is a body or a surface; None: a body if watertight. Raises
+        ``solid``: whether it is a body or a surface; None: a body if watertight. root: a box that
+        certainly holds all triangles, in place of the one fitted for the first node. Raises
         ValueError for numbers that are not finite, faces out of range or none at all, and for
         a surface with a boundary that is said to be solid.
         """
@@ -100,6 +107,9 @@ class MeshTrees:
         counted[boundary] = True
         triangles = mesh.vertices[mesh.faces].reshape(-1, 9)
         order, nodes, children, starts, levels = build_tree(triangles, leaf)
+        if root is not None:
+            center, rotation, half_extents = root
+            nodes[0] = np.r_[center, rotation.ravel(), half_extents, half_extents.sum()]
         pieces = mesh.vertices[piece_corners(mesh.vertices, merged)]
         return cls(
             triangles[order], order, counted[order], nodes, children, starts, levels,

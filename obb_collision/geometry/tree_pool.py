@@ -1,64 +1,124 @@
-"""Trees one after another in arrays that grow by doubling, so that a new one costs its own size."""
+"""Trees and hulls one after another in arrays that grow by doubling: each costs its own size."""
 
 from __future__ import annotations
 
 from dataclasses import fields
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from obb_collision.geometry.mesh_topology import Integers
 from obb_collision.geometry.mesh_tree import MeshTrees
+from obb_collision.geometry.validation import Floats
 
-NAMES = tuple(item.name for item in fields(MeshTrees))
+TREE_ARRAYS = tuple(item.name for item in fields(MeshTrees))
+
+
+class Hulls(NamedTuple):
+    """Corners (v, 3) of k hulls, ``corners[starts[i]:starts[i + 1]]``, and radii (k,) about 0."""
+
+    corners: Floats
+    starts: Integers
+    radii: Floats
+
+    @classmethod
+    def of(cls, corners: Floats) -> Hulls:
+        """Return one hull."""
+        radius = np.abs(corners).sum(axis=1).max()
+        return cls(corners, np.array([0, len(corners)]), np.array([radius]))
+
+
+class _Buffers:
+    """Named arrays to which rows are added; what was handed out stays as it was."""
+
+    def __init__(self) -> None:
+        self._arrays: dict[str, NDArray[Any]] = {}
+        self._used: dict[str, int] = {}
+
+    def used(self, name: str) -> int:
+        return self._used.get(name, 0)
+
+    def part(self, name: str) -> NDArray[Any]:
+        return self._arrays[name][: self._used[name]]
+
+    def extend(self, name: str, values: NDArray[Any]) -> None:
+        used, needed = self.used(name), self.used(name) + len(values)
+        array = self._arrays.get(name)
+        if array is None or len(array) < needed:
+            larger = np.empty((max(needed, 2 * used), *values.shape[1:]), values.dtype)
+            if array is not None:
+                larger[:used] = array[:used]
+            self._arrays[name] = array = larger
+        array[used:needed] = values
+        self._used[name] = needed
 
 
 class TreePool:
     """What ``MeshTrees.join`` makes, tree by tree."""
 
     def __init__(self) -> None:
-        self._buffers: dict[str, NDArray[Any]] = {}
-        self._used = dict.fromkeys(NAMES, 0)
-        self._trees: MeshTrees | None = None
-
-    def __len__(self) -> int:
-        return self._used["roots"]
+        self._buffers = _Buffers()
+        self._all: MeshTrees | None = None
 
     @property
-    def triangles(self) -> int:
+    def size(self) -> int:
         """The number of triangles of all trees."""
-        return self._used["triangles"]
+        return self._buffers.used("triangles")
 
     @property
-    def trees(self) -> MeshTrees:
-        """All trees, as views that stay as they are. There must be one."""
-        if self._trees is None:
-            parts = {name: self._buffers[name][: self._used[name]] for name in NAMES}
-            self._trees = MeshTrees(**parts)
-        return self._trees
+    def all(self) -> MeshTrees:
+        """All trees, of which there must be one."""
+        if self._all is None:
+            self._all = MeshTrees(**{name: self._buffers.part(name) for name in TREE_ARRAYS})
+        return self._all
+
+    @staticmethod
+    def size_of(tree: MeshTrees) -> int:
+        """Return the number of triangles of a tree."""
+        return len(tree.triangles)
 
     def append(self, tree: MeshTrees) -> int:
-        """Add a tree (or several); return the row of the first."""
-        row = len(self)
-        nodes, triangles, pieces = (self._used[k] for k in ("nodes", "triangles", "pieces"))
+        """Add a tree; return its row."""
+        used = self._buffers.used
+        row, nodes = used("roots"), used("nodes")
         shifted = {
             "children": np.where(tree.children < 0, -1, tree.children + nodes),
-            "starts": tree.starts + triangles,
+            "starts": tree.starts + used("triangles"),
             "roots": tree.roots + nodes,
-            "piece_starts": tree.piece_starts[1 if row else 0 :] + pieces,
+            "piece_starts": tree.piece_starts[1 if row else 0 :] + used("pieces"),
         }
-        for name in NAMES:
-            self._extend(name, shifted.get(name, getattr(tree, name)))
-        self._trees = None
+        for name in TREE_ARRAYS:
+            self._buffers.extend(name, shifted.get(name, getattr(tree, name)))
+        self._all = None
         return row
 
-    def _extend(self, name: str, values: NDArray[Any]) -> None:
-        used, needed = self._used[name], self._used[name] + len(values)
-        buffer = self._buffers.get(name)
-        if buffer is None or len(buffer) < needed:
-            larger = np.empty((max(needed, 2 * used), *values.shape[1:]), values.dtype)
-            if buffer is not None:
-                larger[:used] = buffer[:used]
-            self._buffers[name] = buffer = larger
-        buffer[used:needed] = values
-        self._used[name] = needed
+
+class HullPool:
+    """Hulls, one after another."""
+
+    def __init__(self) -> None:
+        self._buffers = _Buffers()
+
+    @property
+    def size(self) -> int:
+        """The number of corners of all hulls."""
+        return self._buffers.used("corners")
+
+    @property
+    def all(self) -> Hulls:
+        """All hulls, of which there must be one."""
+        return Hulls(*(self._buffers.part(name) for name in Hulls._fields))
+
+    @staticmethod
+    def size_of(hull: Hulls) -> int:
+        """Return the number of corners of a hull."""
+        return len(hull.corners)
+
+    def append(self, hull: Hulls) -> int:
+        """Add a hull; return its row."""
+        row, corners = self._buffers.used("radii"), self.size
+        self._buffers.extend("corners", hull.corners)
+        self._buffers.extend("starts", hull.starts[1 if row else 0 :] + corners)
+        self._buffers.extend("radii", hull.radii)
+        return row

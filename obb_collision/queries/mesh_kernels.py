@@ -23,12 +23,13 @@ from obb_collision.queries.triangle_signs import OVERLAP, SEPARATE, TOUCHING, mo
 def find_kernel(
     a: TreeArrays, meshes_a: np.ndarray, placed_a: Placement, rows_a: np.ndarray,
     b: TreeArrays, meshes_b: np.ndarray, placed_b: Placement, rows_b: np.ndarray,
-    stop: int, out: np.ndarray, contacts: np.ndarray,
+    stop: int, effort: int, out: np.ndarray, contacts: np.ndarray,
 ) -> int:  # fmt: skip
     """Write the verdict of each pair of rows, and contacts while there is room; return how many.
 
     contacts (c, 4): pair, triangle of a, triangle of b, verdict. The search within a pair ends at
-    the first triangles of a verdict of at least ``stop``.
+    the first triangles of a verdict of at least ``stop``, or ``effort`` pairs of nodes after the
+    first that touch.
     """
     pose = np.empty(12)
     stack = np.empty((STACK, 2), np.int64)
@@ -48,7 +49,7 @@ def find_kernel(
         error = POINT_BOUND * size + SMALLEST
         verdict, found = descend(
             a, root_a, placed_a, i, b, root_b, placed_b, j,
-            pose, bound, error, stop, stack, n, contacts, found,
+            pose, bound, error, stop, effort, stack, n, contacts, found,
         )  # fmt: skip
         if verdict == SEPARATE:
             verdict = _nesting(a, mesh_a, b, mesh_b, pose, error, stack)

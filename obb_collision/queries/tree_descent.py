@@ -17,7 +17,7 @@ from obb_collision.geometry.node_boxes import SIZE
 from obb_collision.geometry.validation import Floats
 from obb_collision.queries.tree_boxes import box_gap
 from obb_collision.queries.triangle_axes import classify_by_axes
-from obb_collision.queries.triangle_signs import SEPARATE, UNDECIDED, classify_by_signs
+from obb_collision.queries.triangle_signs import SEPARATE, TOUCHING, UNDECIDED, classify_by_signs
 
 
 class Placement(NamedTuple):
@@ -36,14 +36,15 @@ STACK = 256
 def descend(
     a: TreeArrays, root_a: int, placed_a: Placement, row_a: int,
     b: TreeArrays, root_b: int, placed_b: Placement, row_b: int,
-    pose: Floats, box_bound: float, error: float, stop: int,
+    pose: Floats, box_bound: float, error: float, stop: int, effort: int,
     stack: np.ndarray, row: int, contacts: np.ndarray, found: int,
 ) -> tuple[int, int]:  # fmt: skip
     """Return the highest verdict of two triangles, and the number of contacts so far.
 
     pose (12,), box_bound and error: see ``tree_boxes``; stack (STACK, 2). Ends at the first
-    verdict of at least ``stop``. Every pair of triangles that is not SEPARATE is written to
-    contacts (c, 4) as (row, triangle of a, triangle of b, verdict), as far as there is room.
+    verdict of at least ``stop``, or ``effort`` pairs of nodes after the first TOUCHING. Every pair
+    of triangles that is not SEPARATE is written to contacts (c, 4) as (row, triangle of a,
+    triangle of b, verdict), as far as there is room.
     """
     nodes_a, children_a, starts_a, triangles_a = a.nodes, a.children, a.starts, a.triangles
     nodes_b, children_b, starts_b, triangles_b = b.nodes, b.children, b.starts, b.triangles
@@ -52,6 +53,10 @@ def descend(
     waiting = 1
     while waiting > 0:
         waiting -= 1
+        if verdict == TOUCHING:
+            effort -= 1
+            if effort < 0:
+                break
         i, j = stack[waiting, 0], stack[waiting, 1]
         child_a, child_b = children_a[i], children_b[j]
         if child_a < 0 and child_b < 0:

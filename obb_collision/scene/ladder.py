@@ -1,8 +1,8 @@
 """Deciding pairs on the rungs of ``Accuracy``: which rung a pair gets, and what it says.
 
-A pair is decided on the lower rung of its two objects' accuracies. The rungs above OBB need a
-mesh or hull on one side and a mesh, hull or box on the other, and no padding, which meshes don't
-model; else the pair stays on OBB. They look only at what OBB reports.
+A pair is decided on the lower rung of its two objects' accuracies. The rungs above OBB look only
+at what OBB reports. They need a shape that is no box, and no padding, except on spheres, capsules
+and boxes among themselves: meshes don't model it. Else the pair stays on OBB.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from obb_collision.scene.mesh_pairs import MeshPairs
 from obb_collision.scene.pairs import coarse_meet, columns
 from obb_collision.scene.refinement import Rungs, refine
 from obb_collision.scene.store import ObjectStore, Rows
-from obb_collision.scene.tree_bank import BOX, BOXED, TreeBank
+from obb_collision.scene.tree_bank import BOX, BOXED, ROUND, TreeBank
 
 #: Pairs (m, 2) of slots, sorted, their verdicts (m,) and their rungs (m,).
 Found = tuple[Pairs, Verdicts, Rungs]
@@ -44,7 +44,8 @@ def pair_rungs(store: ObjectStore, first: Rows, second: Rows) -> Rungs:
     rungs: Rungs = np.minimum(store.accuracies[first], store.accuracies[second])
     kinds = np.stack([store.kinds[first], store.kinds[second]])
     padded = (store.paddings[first] > 0.0) | (store.paddings[second] > 0.0)
-    boxes_only = (kinds == BOXED).any(axis=0) | (kinds == BOX).all(axis=0) | padded
+    boxes_only = (kinds == BOXED).any(axis=0) | (kinds == BOX).all(axis=0)
+    boxes_only |= padded & (kinds.max(axis=0) != ROUND)
     return np.where(boxes_only, np.minimum(rungs, np.int8(Accuracy.OBB)), rungs)
 
 

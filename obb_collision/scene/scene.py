@@ -18,7 +18,7 @@ from obb_collision.scene.checker import Checker, Findings
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.effects.base import Before, Cycle, Setting
 from obb_collision.scene.effects.settings import EffectSettings
-from obb_collision.scene.mesh_pairs import prepare_trees
+from obb_collision.scene.mesh_pairs import prepare_shapes
 from obb_collision.scene.objects import SceneObjects
 from obb_collision.scene.report import Report
 
@@ -97,8 +97,8 @@ class Scene(SceneObjects):
             self._budget.seconds = value
 
     def prepare(self) -> None:
-        """Build the trees of all shapes now, which else the first checks that need them do."""
-        prepare_trees(self._store, self._bank)
+        """Build the trees and hulls of all shapes now; else the first checks that need them do."""
+        prepare_shapes(self._store, self._bank)
 
     def allow(self, first: str, second: str, allowed: bool = True) -> None:
         """Let objects touch: their pairs no longer count; with ``allowed=False`` they do again.

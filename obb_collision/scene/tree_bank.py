@@ -1,128 +1,117 @@
-"""The trees of a scene's shapes: built when a rung above OBB first asks, once a shape."""
+"""The trees and hulls of a scene's shapes: built when a rung above OBB first asks, once a shape."""
 
 from __future__ import annotations
 
 from collections.abc import Hashable
+from fractions import Fraction
 
 import numpy as np
 from numpy.typing import NDArray
 
+from obb_collision.geometry.enclosing import round_up
+from obb_collision.geometry.hull_mesh import box_corners, hull_mesh
 from obb_collision.geometry.mesh_tree import MeshTrees
-from obb_collision.geometry.meshes import Hull, Mesh
+from obb_collision.geometry.meshes import Mesh
 from obb_collision.geometry.shape_trees import box_tree, hull_tree, mesh_tree
-from obb_collision.geometry.shapes import Box, Shape
-from obb_collision.geometry.tree_pool import TreePool
+from obb_collision.geometry.shapes import Box, Capsule, Shape, Sphere
+from obb_collision.geometry.tree_pool import HullPool, Hulls, TreePool
 from obb_collision.obb import OBB
 from obb_collision.scene.budget import Budget
+from obb_collision.scene.shelf import Shelf
 from obb_collision.scene.store import ObjectStore, Rows
 
-#: Kinds of shapes: without a mesh (decided by their boxes), boxes, triangles, hulls.
-BOXED, BOX, TRIANGLES, CONVEX = range(4)
-
-#: Whether it is the tree of a hull, and of what: a shape, or the bytes of half extents.
-Key = tuple[bool, Hashable]
+#: Kinds of shapes: decided by their boxes only, boxes, spheres and capsules, other convex ones,
+#: triangles.
+BOXED, BOX, ROUND, CONVEX, TRIANGLES = range(5)
 
 
 def kind_of(shape: Shape | OBB) -> int:
     """Return what a shape is to the rungs above OBB; a Mesh without faces has no triangles."""
     if isinstance(shape, (Box, OBB)):
         return BOX
-    if isinstance(shape, Hull):
-        return CONVEX
-    return TRIANGLES if isinstance(shape, Mesh) and len(shape.faces) else BOXED
+    if isinstance(shape, Mesh):
+        return TRIANGLES if len(shape.faces) else BOXED
+    round_one = isinstance(shape, (Sphere, Capsule)) and len(set(shape.scale)) == 1
+    return ROUND if round_one else CONVEX
 
 
 class TreeBank:
-    """Shapes by slot, and the trees of those that were asked for, in one pool.
+    """Shapes by slot, and the trees and hulls of those that were asked for.
 
-    Meshes and hulls count as the same if they are the same object, boxes if their half extents
-    are equal. Trees that no slot needs any more leave the pool when they are half of it.
+    Shapes count as the same if they are the same object, boxes if their half extents are equal.
     """
 
     def __init__(self) -> None:
-        self._shapes: dict[int, Mesh | Hull] = {}
-        self._trees: dict[Key, MeshTrees] = {}
-        self._users: dict[Key, set[tuple[bool, int]]] = {}
-        self._keys: dict[tuple[bool, int], Key] = {}
-        self._rows = [np.full(0, -1), np.full(0, -1)]  # by slot: of triangles, of hulls
-        self._pool = TreePool()
+        self._shapes: dict[int, Shape] = {}
+        self._trees: Shelf[MeshTrees, MeshTrees] = Shelf(TreePool)
+        self._hulls: Shelf[Hulls, Hulls] = Shelf(HullPool)
+        self._round: dict[int, tuple[float, float]] = {}
 
     def put(self, slot: int, shape: Shape | OBB) -> int:
-        """Keep the shape of a slot if a tree may be asked of it; return its kind."""
+        """Keep the shape of a slot if more than its box may be asked of it; return its kind."""
         self.drop(slot)
-        if isinstance(shape, (Mesh, Hull)):
+        if not isinstance(shape, (Box, OBB)):
             self._shapes[slot] = shape
+        if kind_of(shape) == ROUND:
+            self._round[slot] = round_sizes(shape)
         return kind_of(shape)
 
     def drop(self, slot: int) -> None:
         """Let the shape of a slot go."""
         self._shapes.pop(slot, None)
-        for hull in (False, True):
-            key = self._keys.pop((hull, slot), None)
-            if key is not None:
-                self._rows[hull][slot] = -1
-                self._users[key].discard((hull, slot))
-                if not self._users[key]:
-                    del self._users[key], self._trees[key]
+        self._round.pop(slot, None)
+        self._trees.drop(slot)
+        self._hulls.drop(slot)
 
     def __len__(self) -> int:
-        return len(self._trees)
+        return len(self._trees) + len(self._hulls)
 
-    @property
-    def trees(self) -> MeshTrees:
-        """The trees that ``rows`` speaks of; building others leaves these as they are."""
-        return self._pool.trees
+    def trees(self, slots: Rows) -> tuple[MeshTrees, NDArray[np.int64]]:
+        """Return trees, and the row (k,) of each slot's among them, -1 for none yet."""
+        return self._trees.all, self._trees.rows(slots)
 
-    def rows(self, slots: Rows, hull: bool) -> NDArray[np.int64]:
-        """Return the row (k,) of each slot's tree, -1 for none yet; hull: that of its hull."""
-        known = slots < len(self._rows[hull])
-        result = np.full(len(slots), -1)
-        result[known] = self._rows[hull][slots[known]]
-        return result
+    def hulls(self, slots: Rows) -> tuple[Hulls, NDArray[np.int64]]:
+        """Return hulls, and the row (k,) of each slot's among them, -1 for none yet."""
+        return self._hulls.all, self._hulls.rows(slots)
+
+    def rounds(self, slots: Rows) -> NDArray[np.float64]:
+        """Return the radius and half the length (k, 2) of spheres and capsules, metres."""
+        return np.array([self._round[slot] for slot in slots.tolist()]).reshape(-1, 2)
 
     def build(
         self, store: ObjectStore, slots: Rows, hull: bool, budget: Budget | None
     ) -> NDArray[np.bool_]:
-        """Build trees that slots lack, while there is time; return (k,) which have theirs."""
-        missing = np.unique(slots[self.rows(slots, hull) < 0])
-        if len(missing):
-            short = len(store.names) - len(self._rows[hull])
-            self._rows[hull] = np.append(self._rows[hull], np.full(max(0, short), -1))
-            for slot in missing.tolist():
-                if budget is not None and budget.left() <= 0.0:
-                    break
-                self._build(store, slot, hull)
-            self._compact()
-        return self.rows(slots, hull) >= 0
+        """Build hulls or trees that slots lack, while there is time; return (k,) which have one."""
 
-    def _build(self, store: ObjectStore, slot: int, hull: bool) -> None:
-        shape = self._shapes.get(slot)
-        extents = store.local_half_extents[slot]
-        what: Hashable = extents.tobytes() if shape is None else shape
-        key = hull or isinstance(shape, Hull), what
-        if key in self._trees:
-            other_hull, other = next(iter(self._users[key]))
-            row = int(self._rows[other_hull][other])
-        else:
+        def key_of(slot: int) -> Hashable:
+            shape = self._shapes.get(slot)
+            return store.local_half_extents[slot].tobytes() if shape is None else shape
+
+        def make_tree(slot: int) -> MeshTrees:
+            shape = self._shapes.get(slot)
             if shape is None:
-                tree = box_tree(extents, hull)
-            elif hull or isinstance(shape, Hull):
-                tree = hull_tree(shape)
-            else:
-                tree = mesh_tree(shape)
-            self._trees[key], self._users[key] = tree, set()
-            row = self._pool.append(tree)
-        self._keys[hull, slot] = key
-        self._users[key].add((hull, slot))
-        self._rows[hull][slot] = row
+                return box_tree(store.local_half_extents[slot])
+            return mesh_tree(shape) if isinstance(shape, Mesh) else hull_tree(shape)
 
-    def _compact(self) -> None:
-        """Make the pool anew where half of it is of no use any more."""
-        used = sum(len(tree.triangles) for tree in self._trees.values())
-        if 2 * used >= self._pool.triangles:
-            return
-        self._pool = TreePool()
-        for key, tree in self._trees.items():
-            row = self._pool.append(tree)
-            for hull, slot in self._users[key]:
-                self._rows[hull][slot] = row
+        def make_hull(slot: int) -> Hulls:
+            shape = self._shapes.get(slot)
+            if shape is None:
+                return Hulls.of(box_corners(store.local_half_extents[slot]))
+            return Hulls.of(hull_mesh(shape)[0])
+
+        if hull:
+            return self._hulls.build(slots, key_of, make_hull, budget)
+        return self._trees.build(slots, key_of, make_tree, budget)
+
+
+def round_sizes(shape: Shape | OBB) -> tuple[float, float]:
+    """Return the radius and half the length of a sphere or capsule, scaled, not too small."""
+    if not isinstance(shape, (Sphere, Capsule)):
+        raise TypeError(f"a {type(shape).__name__} is not round")
+    scale = Fraction(shape.scale[0])
+    length = Fraction(shape.length) / 2 if isinstance(shape, Capsule) else Fraction(0)
+    radius, half = Fraction(shape.radius) * scale, length * scale
+    return (
+        round_up(radius.numerator, radius.denominator),
+        round_up(half.numerator, half.denominator),
+    )

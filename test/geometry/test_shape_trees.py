@@ -7,10 +7,11 @@ import pytest
 from mesh_zoo import zoo
 from numpy.typing import ArrayLike
 
+from obb_collision.geometry.hull_mesh import HULL_MARGIN, MANY_CORNERS, box_corners
 from obb_collision.geometry.hulls import hull_volume
 from obb_collision.geometry.mesh_tree import MeshTrees
 from obb_collision.geometry.meshes import Hull, Mesh
-from obb_collision.geometry.shape_trees import HULL_MARGIN, box_tree, hull_tree, mesh_tree
+from obb_collision.geometry.shape_trees import box_tree, hull_tree, mesh_tree
 
 ZOO = zoo()
 
@@ -35,7 +36,8 @@ def test_hulls_hold_their_meshes_with_a_margin_and_no_more(size: float) -> None:
         assert tree.winding[0], name
         assert least_distance(tree, points) > 0.99 * HULL_MARGIN, name
         if name != "triangle":  # which gets its box
-            assert np.abs(tree.triangles).max() < (1.0 + 1e-8) * np.abs(points).max(), name
+            loose = 1.03 if len(np.unique(points, axis=0)) > MANY_CORNERS else 1.0 + 1e-8
+            assert np.abs(tree.triangles).max() < loose * np.abs(points).max(), name
 
 
 @pytest.mark.parametrize(
@@ -69,7 +71,7 @@ def test_repeated_corners_and_corners_amid_edges_still_get_a_hull() -> None:
         assert least_distance(tree, points) > 0.99 * HULL_MARGIN
         corners = tree.triangles.reshape(-1, 3, 3)
         volume = np.linalg.det(corners - corners.mean(axis=(0, 1))).sum() / 6.0
-        assert volume == pytest.approx(hull_volume(np.unique(points, axis=0)), rel=1e-4)
+        assert volume == pytest.approx(hull_volume(np.unique(points, axis=0)), rel=1e-3)
 
 
 def test_scales_and_boxes() -> None:
@@ -78,6 +80,6 @@ def test_scales_and_boxes() -> None:
     assert np.abs(tree.triangles).max() == np.abs(vertices * [1.0, 2.0, 3.0]).max()
     half_extents = np.array([1.0, 0.0, 2.0])
     assert np.abs(box_tree(half_extents).triangles).max() == 2.0
-    assert (np.abs(box_tree(half_extents, hull=True).triangles).max() - 2.0) == 2.0 * HULL_MARGIN
+    assert np.abs(box_corners(half_extents)).max() - 2.0 == 2.0 * HULL_MARGIN
     with pytest.raises(ValueError, match="at least one triangle"):
         mesh_tree(Mesh(vertices, []))
