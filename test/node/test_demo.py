@@ -16,10 +16,12 @@ import pytest
 
 import obb_collision as oc
 from obb_collision.geometry.poses import as_poses
+from obb_collision.node.demo import picture
+from obb_collision.node.demo.bodies import as_marked, bodies_of, triangles_of
 from obb_collision.node.demo.command import main, make_parser
+from obb_collision.node.demo.file_scene import FileScene
 from obb_collision.node.demo.layout import DEFAULT_OBJECTS, MIN_OBJECTS
 from obb_collision.node.demo.scene import DemoScene
-from obb_collision.node.demo.shapes import triangles_of
 
 rclpy_context = pytest.importorskip("rclpy.context")
 
@@ -78,10 +80,10 @@ def test_too_few_objects_are_refused() -> None:
         DemoScene(MIN_OBJECTS - 1)
 
 
-def brute_force(scene: DemoScene, time: float) -> set[tuple[str, str]]:
+def brute_force(scene: DemoScene | FileScene, time: float) -> set[tuple[str, str]]:
     """All pairs of the scene as published, each judged for itself, names sorted in a pair."""
     positions, rotations = as_poses(scene.poses(time))
-    shapes = [shape_from_ros(shape_to_ros(shape)) for shape in scene.shapes(time)]
+    shapes = [shape_from_ros(shape_to_ros(as_marked(shape))) for shape in scene.shapes(time)]
     centers, axes, half_extents = (
         np.array(part) for part in zip(*(s.local_box for s in shapes), strict=True)
     )
@@ -105,7 +107,7 @@ def lines() -> list[str]:
 def demo(lines: list[str]) -> Iterator[Demo]:
     context = rclpy_context.Context()
     context.init(domain_id=DOMAIN)
-    running = Demo(context, DEFAULT_OBJECTS, 7, 20.0, 2.0, lines.append)
+    running = Demo(context, DemoScene(DEFAULT_OBJECTS, 7), 20.0, 2.0, lines.append)
     yield running
     running.close()
     context.try_shutdown()
@@ -143,18 +145,17 @@ def test_a_short_run_tells_pairs_and_ends_with_summary_and_picture(
 
 
 def test_the_picture_shows_states_by_colour() -> None:
-    picture = pytest.importorskip("obb_collision.node.demo.picture")
     scene = DemoScene()
-    bodies = picture.bodies_of(scene, 0.0)
+    bodies = bodies_of(scene, 0.0)
     checked = oc.Scene()
     for item, pose in zip(scene.items, scene.poses(0.0), strict=True):
         checked.add(item.name, item.shape, pose)
     red = []
     for state in (picture.FREE, picture.COLLIDING):
         states = np.full(len(bodies), state)
-        image, places = picture.render(bodies, checked.boxes, states, np.array([[0.0, 0.0, 1.0]]))
+        marks = picture.Marks(contacts=np.array([[0.0, 0.0, 1.0]]))
+        image = picture.render(bodies, checked.boxes, states, marks)
         assert image.shape == (900, 1600, 3)
-        assert ((places > 0.0) & (places < (1600.0, 900.0))).all()
         pixels = image.reshape(-1, 3).astype(int)
         red.append(int((pixels[:, 0] > pixels[:, 1] + 60).sum()))
     assert red[1] > 50_000 > 5_000 > red[0]

@@ -56,7 +56,7 @@ def test_the_stop_zone_is_free_at_first_and_then_is_not() -> None:
     for time in (0.0, 10.0):
         scene.move_many(description.names, description.states(time)[0])
         points = description.lidar.scan(scene.boxes.take(rows), time)
-        counts.append(int(scene.obb("zone/0").contains(points.astype(float)).sum()))
+        counts.append(np.count_nonzero(scene.obb("zone/0").contains(points.astype(float))))
     assert counts[0] == 0
     assert counts[1] > 20
 
@@ -139,7 +139,8 @@ def test_a_steady_motion_starts_again_after_its_period(tmp_path: Path) -> None:
 
 def test_a_lidar_sees_the_near_sides_of_boxes_and_the_floor() -> None:
     lidar = Lidar(5000, 8.0, (0.0, 0.0, 1.5), seed=3)
-    boxes = oc.Boxes.from_poses([[3, 0, 1, 0, 0, 0.5, 1], [6, 0, 1, 0, 0, 0, 1]], [[0.5, 1, 1]] * 2)
+    poses = np.array([[3, 0, 1, 0, 0, 0.5, 1], [6, 0, 1, 0, 0, 0, 1.0]])
+    boxes = oc.Boxes.from_poses(poses, np.tile([0.5, 1.0, 1.0], (2, 1)))
     points = lidar.scan(boxes, 0.5)
     assert points.dtype == np.float32
     assert np.array_equal(points, lidar.scan(boxes, 0.5))
@@ -159,6 +160,17 @@ def test_a_lidar_sees_the_near_sides_of_boxes_and_the_floor() -> None:
     floor = np.abs(points[:, 2]) < 6 * NOISE
     assert (at_first[0] | at_first[1] | floor).all()
     assert np.linalg.norm(points - [0, 0, 1.5], axis=1).max() < 8.0 + 6 * NOISE
+
+
+def test_a_lidar_sees_cylinders_as_they_are() -> None:
+    lidar = Lidar(20000, 8.0, (0.0, 0.0, 1.5))
+    box = oc.Boxes.from_poses(np.array([[3, 0, 1, 0, 0.1, 0, 1.0]]), np.array([[0.5, 0.5, 0.75]]))
+    points = lidar.scan(box, 0.0, [True]).astype(float)
+    local = (points[points[:, 2] > 0.1] - box.centers[0]) @ box.rotations[0]
+    radii, heights = np.hypot(local[:, 0], local[:, 1]), np.abs(local[:, 2])
+    assert len(local) > 100
+    assert ((radii < 0.5 + 6 * NOISE) & (heights < 0.75 + 6 * NOISE)).all()
+    assert ((radii > 0.5 - 6 * NOISE) | (heights > 0.75 - 6 * NOISE)).all()
 
 
 def test_a_lidar_in_a_box_or_straight_above_a_face_gives_no_nonsense() -> None:

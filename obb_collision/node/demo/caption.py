@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -16,8 +16,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 from matplotlib.patheffects import withStroke
 
-from obb_collision.node.demo.picture import COLLIDING, STATE_COLORS
-
+Color = tuple[float, float, float]
 #: x and y in pixels from the top left, and the text.
 Label = tuple[float, float, str]
 
@@ -30,18 +29,23 @@ LETTERS, LINE = 15.5, 32
 INK, GREY = (0.13, 0.15, 0.18), (0.42, 0.45, 0.49)
 
 
+class Entry(NamedTuple):
+    """A line of the legend; form: "box", "dot" or "line", as it is in the picture."""
+
+    text: str
+    color: Color
+    form: str = "box"
+
+
 def save_picture(
     file: Path,
     image: npt.NDArray[np.uint8],
     title: str,
     subtitle: str,
-    legend: Sequence[str],
+    legend: Sequence[Entry],
     labels: Sequence[Label],
 ) -> None:
-    """Write an image (h, w, 3) as PNG with its texts.
-
-    legend: a text for each state.
-    """
+    """Write an image (h, w, 3) as PNG with its texts."""
     height, width = image.shape[:2]
     figure = Figure(figsize=(width / DPI, height / DPI), dpi=DPI)
     FigureCanvasAgg(figure)
@@ -52,20 +56,28 @@ def save_picture(
     over: Any = {"va": "baseline", "path_effects": halo, "zorder": 4}
     axes.text(44, 70, title, fontsize=30, weight="bold", color=INK, **over)
     axes.text(46, 110, subtitle, fontsize=LETTERS, color=GREY, **over)
-    top = height - 34 - LINE * (len(legend) + 1)
-    dot: Any = {"marker": "o", "markersize": 10, "markeredgewidth": 2, "markeredgecolor": "white"}
-    axes.plot([57], [top - 6], color=tuple(STATE_COLORS[COLLIDING]), **dot)
-    axes.text(82, top, "contact, and how deep", fontsize=LETTERS, color=INK, va="baseline")
-    for k, (text, color) in enumerate(zip(legend, STATE_COLORS, strict=True), start=1):
+    top = height - 34 - LINE * len(legend)
+    for k, entry in enumerate(legend):
         y = top + LINE * k
-        box = [(46, y), (68, y), (68, y - 16), (46, y - 16)]
-        fill, edge = (*color, 0.25), tuple(color)
-        axes.add_patch(Polygon(box, facecolor=fill, edgecolor=edge, linewidth=2.0))
-        axes.text(82, y, text, fontsize=LETTERS, color=INK, va="baseline")
+        _draw_sign(axes, entry, y)
+        axes.text(82, y, entry.text, fontsize=LETTERS, color=INK, path_effects=halo, zorder=4)
     for at_x, at_y, text in spread(labels):
         axes.text(at_x + 15, at_y - 11, text, fontsize=13, color=INK, path_effects=halo)
     axes.set(xlim=(0, width), ylim=(height, 0))
     figure.savefig(file, dpi=DPI, format="png", pil_kwargs={"optimize": True})
+
+
+def _draw_sign(axes: Any, entry: Entry, y: float) -> None:
+    """Draw what stands before a legend's text whose base line is at y, as it is in the picture."""
+    color = tuple(entry.color)
+    if entry.form == "dot":
+        white: Any = {"markeredgewidth": 2, "markeredgecolor": "white"}
+        axes.plot([57], [y - 6], color=color, marker="o", markersize=10, **white)
+    elif entry.form == "line":
+        axes.plot([46, 68], [y - 7, y - 7], color=color, linewidth=3.0)
+    else:
+        box = [(46, y), (68, y), (68, y - 16), (46, y - 16)]
+        axes.add_patch(Polygon(box, facecolor=(*color, 0.25), edgecolor=color, linewidth=2.0))
 
 
 def spread(labels: Sequence[Label]) -> list[Label]:

@@ -11,8 +11,17 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TextIO
 
+from obb_collision.node.demo.file_scene import FileScene
 from obb_collision.node.demo.layout import DEFAULT_OBJECTS, DEFAULT_SEED, MIN_OBJECTS
+from obb_collision.node.demo.scene import DemoScene
 from obb_collision.node.environment import is_ros_here, set_defaults
+from obb_collision.scene.files import (
+    READY,
+    SceneDescription,
+    SceneFileError,
+    find_scene,
+    load_scene,
+)
 
 #: More would be a load test; ``obb_collision_latency`` is one.
 MAX_OBJECTS = 5000
@@ -45,13 +54,23 @@ def make_parser() -> argparse.ArgumentParser:
         "--seconds", type=_number(float, 0.1, MAX_SECONDS), default=10.0, help="how long to run"
     )
     parser.add_argument(
+        "--scene",
+        type=_description,
+        metavar="FILE",
+        help=f"scene file instead of the warehouse that is built in: one of {', '.join(READY)}, a "
+        "path of one of your own, or of a MoveIt planning scene",
+    )
+    parser.add_argument(
         "--objects",
         type=_number(int, MIN_OBJECTS, MAX_OBJECTS),
         default=DEFAULT_OBJECTS,
-        help="how many objects there are",
+        help="how many objects there are in the built-in scene",
     )
     parser.add_argument(
-        "--seed", type=_number(int, 0, 2**32 - 1), default=DEFAULT_SEED, help="of the scene"
+        "--seed",
+        type=_number(int, 0, 2**32 - 1),
+        default=DEFAULT_SEED,
+        help="of the built-in scene",
     )
     parser.add_argument(
         "--rate",
@@ -84,6 +103,17 @@ def _number(kind: type, low: float, high: float) -> Callable[[str], float]:
         return value
 
     return convert
+
+
+def _description(text: str) -> SceneDescription:
+    """Convert for argparse: what a scene file says."""
+    try:
+        description = load_scene(find_scene(text))
+    except SceneFileError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+    if not description.objects:
+        raise argparse.ArgumentTypeError(f"{text}: there are no objects in it")
+    return description
 
 
 def _file(text: str) -> Path:
@@ -121,7 +151,8 @@ def _run(options: argparse.Namespace, ros_arguments: list[str]) -> int:
     context.init(args=ros_arguments)
     demo = None
     try:
-        demo = Demo(context, options.objects, options.seed, options.rate, options.seconds, _say)
+        scene = _scene(options)
+        demo = Demo(context, scene, options.rate, options.seconds, _say)
         demo.run(lambda: interrupts.asked)
         for line in demo.summary():
             _say(line)
@@ -137,6 +168,15 @@ def _run(options: argparse.Namespace, ros_arguments: list[str]) -> int:
             demo.close()
         context.try_shutdown()
     return 0
+
+
+def _scene(options: argparse.Namespace) -> DemoScene | FileScene:
+    """Return the scene asked for, and say what of a file is left out."""
+    if options.scene is None:
+        return DemoScene(options.objects, options.seed)
+    for line in (f"scene {options.scene.name}: {options.scene.description}", *options.scene.notes):
+        _say(line)
+    return FileScene(options.scene)
 
 
 def _picture(save: Callable[[Path], None], file: Path) -> None:

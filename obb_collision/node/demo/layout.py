@@ -51,7 +51,8 @@ class Item:
     """One object: name, shape, colour, and its pose as a function of time.
 
     channel: the topic that carries its motion, empty for what never moves; ``stretch`` gives the
-    shape at a time for what changes its shape (channel ``objects``).
+    shape at a time for what changes its shape (channel ``objects``). opacity: below 1 only the box
+    is drawn, as of a zone.
     """
 
     namespace: str
@@ -61,6 +62,7 @@ class Item:
     motion: Motion
     channel: str = ""
     stretch: Callable[[float], Shape] | None = None
+    opacity: float = 1.0
 
     @property
     def name(self) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import numpy as np
@@ -20,6 +20,7 @@ from obb_collision.node.conversions import (
     pose_from_ros,
     stamp_from_ros,
 )
+from obb_collision.node.demo.hearing import Hearing
 from obb_collision.node.demo.publisher import LATCHED
 
 Pair = tuple[str, str]
@@ -40,10 +41,13 @@ class CollisionListener(Node):
     start: stamp (ns) before which nothing counts; epoch: that from which times are told.
     pairs: the last message, depth (m) by pair. seen: every pair ever. latencies: seconds from the
     stamp of a state to its collisions, once for each stamp. cycles: messages received.
-    boxes: pose (7,) and edge lengths by name, once they are watched.
+    boxes: pose (7,) and edge lengths by name, once they are watched. effects: what is heard of
+    those asked for.
     """
 
-    def __init__(self, tell: Callable[[str], None], **node_options: Any) -> None:
+    def __init__(
+        self, tell: Callable[[str], None], effects: Iterable[str] = (), **node_options: Any
+    ) -> None:
         super().__init__("listener", **node_options)
         self._tell = tell
         self._names: DiagnosticStatus | None = None
@@ -57,11 +61,16 @@ class CollisionListener(Node):
         self.boxes_stamp = -1
         self.create_subscription(DiagnosticStatus, "namespaces", self._take_names, LATCHED)
         self.create_subscription(PointCloud2, "collisions", self._take, QoSProfile(depth=10))
+        self.effects = Hearing(self, effects, self.seconds_of, tell, lambda: self._names)
 
     @property
     def matched(self) -> bool:
         """Whether somebody publishes what this listens to."""
         return self.count_publishers("collisions") > 0 and self._names is not None
+
+    def seconds_of(self, stamp: int) -> float:
+        """Return the demo's time (s) of a stamp (ns)."""
+        return max(0, stamp - self.epoch) / NANOSECONDS
 
     def watch_boxes(self, topic: str) -> None:
         """Take the marker boxes of a topic from now on, into ``boxes`` and ``boxes_stamp``."""
@@ -93,7 +102,7 @@ class CollisionListener(Node):
         rows = collisions_from_ros(message)
         self.points = np.column_stack([rows[axis].astype(np.float64) for axis in "xyz"])
         self.cycles += 1
-        self._compare(pairs, max(0, stamp - self.epoch) / NANOSECONDS)
+        self._compare(pairs, self.seconds_of(stamp))
         self.stamp, self.pairs = stamp, pairs
         self.seen.update(pairs)
         self.most = max(self.most, len(pairs))

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
-from geometry_msgs.msg import TransformStamped
+from geometry_msgs.msg import TransformStamped, Twist, Vector3
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import MultiDOFJointState, PointCloud2
@@ -14,7 +14,7 @@ from std_msgs.msg import Header
 from visualization_msgs.msg import Marker, MarkerArray
 
 from obb_collision.geometry.shapes import Shape
-from obb_collision.node.clouds import poses_to_ros
+from obb_collision.node.clouds import cloud_to_ros, poses_to_ros
 from obb_collision.node.conversions import (
     namespaces_from_ros,
     pose_to_ros,
@@ -22,22 +22,28 @@ from obb_collision.node.conversions import (
     states_to_ros,
     transform_to_ros,
 )
+from obb_collision.node.demo.bodies import as_marked
+from obb_collision.node.demo.file_scene import FileScene
 from obb_collision.node.demo.scene import DemoScene
 from obb_collision.node.marker_shapes import shape_to_ros
 
 FRAME = "map"
 #: Topics that carry motion, in the order in which a step publishes them.
 CHANNELS = ("objects", "object_states", "object_transform", "object_poses")
+#: Turns of the lidar per second, Hz.
+SCAN_RATE = 10.0
+#: A point of ``points``.
+POINT_DTYPE = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4")])
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 class ScenePublisher(Node):
-    """Publishes a ``DemoScene``: all objects as markers, then their motion on four topics.
+    """Publishes a scene: all objects as markers, then their motion on four topics, then points.
 
     node_options go to ``rclpy.node.Node`` (context, namespace...).
     """
 
-    def __init__(self, scene: DemoScene, **node_options: Any) -> None:
+    def __init__(self, scene: DemoScene | FileScene, **node_options: Any) -> None:
         super().__init__("scene", **node_options)
         self.scene = scene
         self._published: dict[int, tuple[Shape, bytes]] = {}  # shape and pose, by row
@@ -53,6 +59,10 @@ class ScenePublisher(Node):
             "object_transform": self._send_transforms,
             "object_poses": self._send_cloud,
         }
+        self._points: Any = None
+        self._next_scan = 0.0
+        if scene.points(0.0) is not None:
+            self._points = self.create_publisher(PointCloud2, "points", QoSProfile(depth=2))
         self._table: dict[str, int] = {}
         self.create_subscription(DiagnosticStatus, "namespaces", self._take_namespaces, LATCHED)
 
@@ -79,6 +89,19 @@ class ScenePublisher(Node):
         """Publish all that moves as it is at a time."""
         for channel in CHANNELS:
             self.publish_channel(channel, time)
+        if time >= self._next_scan:
+            self._next_scan = time + 1.0 / SCAN_RATE
+            self.publish_points(time)
+
+    def publish_points(self, time: float) -> int | None:
+        """Publish what the scene's sensor sees; returns the stamp (ns), None without a sensor."""
+        points = self.scene.points(time)
+        if points is None:
+            return None
+        stamp, header = self._header()
+        rows = points.astype("<f4").view(POINT_DTYPE)[:, 0]
+        self._points.publish(cloud_to_ros(rows, header))
+        return stamp
 
     def publish_channel(self, channel: str, time: float) -> int | None:
         """Publish what moves by one of CHANNELS; returns its stamp (ns), None if nothing does."""
@@ -98,10 +121,10 @@ class ScenePublisher(Node):
         for row in rows:
             item = self.scene.items[row]
             self._published[row] = shapes[row], poses[row].tobytes()
-            marker = shape_to_ros(shapes[row])
+            marker = shape_to_ros(as_marked(shapes[row]))
             marker.ns, marker.id, marker.pose = item.namespace, item.id, pose_to_ros(poses[row])
             marker.color.r, marker.color.g, marker.color.b = item.color
-            marker.color.a = 1.0
+            marker.color.a = item.opacity
             markers.append(marker)
         stamp, header = self._header()
         for marker in markers:
@@ -120,7 +143,11 @@ class ScenePublisher(Node):
         poses = self.scene.poses(time)[rows]
         stamp, header = self._header()
         names = [self.scene.items[row].name for row in rows]
-        self._topics["object_states"].publish(states_to_ros(names, poses, header))
+        message = states_to_ros(names, poses, header)
+        twists = self.scene.twists(time)
+        if twists is not None:
+            message.twist = [_twist_to_ros(twist) for twist in twists[rows].tolist()]
+        self._topics["object_states"].publish(message)
         return stamp
 
     def _send_transforms(self, rows: list[int], time: float) -> int:
@@ -145,3 +172,8 @@ class ScenePublisher(Node):
         ids = np.array([item.id for item in items])
         self._topics["object_poses"].publish(poses_to_ros(ids, poses, namespaces, header))
         return stamp
+
+
+def _twist_to_ros(twist: list[float]) -> Twist:
+    linear, angular = (Vector3(x=x, y=y, z=z) for x, y, z in (twist[:3], twist[3:]))
+    return Twist(linear=linear, angular=angular)

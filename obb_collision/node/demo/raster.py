@@ -20,7 +20,7 @@ Pixels = npt.NDArray[np.float32]
 FaceMap = npt.NDArray[np.int32]
 
 #: Metres that a point is lifted off its surface before asking whether it is in shadow.
-SHADOW_LIFT = 0.015
+SHADOW_LIFT = 0.025
 #: Half the width of the soft edge of shadows, in pixels of the shadow map.
 SHADOW_SOFTNESS = 3
 #: How bright what the light does not reach is, on the floor and elsewhere; the sky's share of

@@ -13,23 +13,28 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 
 from obb_collision.geometry.boxes import Boxes
-from obb_collision.node.demo.listener import TOUCH_DEPTH, CollisionListener, told
+from obb_collision.node.demo.file_scene import FileScene
+from obb_collision.node.demo.file_settings import parameters_of
+from obb_collision.node.demo.followers import EFFECTS
+from obb_collision.node.demo.listener import TOUCH_DEPTH, CollisionListener
 from obb_collision.node.demo.publisher import CHANNELS, FRAME, ScenePublisher
 from obb_collision.node.demo.scene import DemoScene
+from obb_collision.node.effects import TOPICS
 from obb_collision.node.node import NODE_NAME, CollisionNode
 
 #: Everything of the demo is in this namespace: it must not disturb a robot.
 NAMESPACE = "/obb_collision_demo"
-#: Seconds to wait for discovery or an answer; discovery takes well below one.
-PATIENCE = 30.0
+#: Seconds to wait for discovery or an answer: well below one, but for what compiles the first time.
+PATIENCE = 300.0
 #: Seconds after which the executor looks whether it is time to stop.
 GLANCE = 0.05
-#: Contacts named in the picture, the deepest ones.
-MAX_LABELS = 12
+
+#: Stamp (ns) before which all is told to be at 0 s: the clock starts when the motion does.
+NOT_YET = 2**63 - 1
 
 
 class Demo:
-    """The three nodes and their executor, for a scene of (objects, seed).
+    """The three nodes and their executor, for a scene.
 
     rate: publications of what moves, Hz. ``tell`` gets each line to print. Raises TimeoutError
     where the nodes don't find each other.
@@ -38,32 +43,31 @@ class Demo:
     def __init__(
         self,
         context: Context,
-        objects: int,
-        seed: int,
+        scene: DemoScene | FileScene,
         rate: float,
         seconds: float,
         tell: Callable[[str], None],
     ) -> None:
-        topics = (*CHANNELS, "collisions", f"{NODE_NAME}/markers")
+        effects = _effects_of(scene)
+        heard = ("collisions", *(TOPICS[name] for name in effects))
+        topics = (*CHANNELS, *heard, f"{NODE_NAME}/markers")
         tell("topics to watch: " + " ".join(f"{NAMESPACE}/{topic}" for topic in topics))
         tell("starting; the first start on a machine compiles for some seconds")
         self._rate, self._seconds = rate, seconds
-        self.scene = DemoScene(objects, seed)
+        self.scene = scene
         self.time = 0.0
         where: Any = {"context": context, "namespace": NAMESPACE}
-        overrides = [
-            Parameter("fixed_frame", value=FRAME),
-            Parameter("trigger", value="arrival"),
-            Parameter("marker_form", value="cubes"),
-        ]
+        values = {"fixed_frame": FRAME, "trigger": "arrival", "marker_form": "cubes"}
+        if isinstance(scene, FileScene):
+            values |= parameters_of(scene)
         self._checker = CollisionNode(
-            parameter_overrides=overrides,
+            parameter_overrides=[Parameter(name, value=value) for name, value in values.items()],
             cli_args=["--ros-args", "-r", "/diagnostics:=diagnostics"],
             **where,
         )
         where["start_parameter_services"] = False  # six services less to wait for, each time
         self.publisher = ScenePublisher(self.scene, **where)
-        self.listener = CollisionListener(tell, **where)
+        self.listener = CollisionListener(tell, effects, **where)
         self._executor = SingleThreadedExecutor(context=context)
         for node in (self._checker, self.publisher, self.listener):
             self._executor.add_node(node)
@@ -85,8 +89,11 @@ class Demo:
         """Wait for the match of the nodes and publish all objects."""
         self.spin_until(lambda: self.publisher.matched and self.listener.matched)
         self.listener.start = self.publisher.publish_all(0.0)
-        self.listener.epoch = self.listener.start
+        self.listener.epoch = NOT_YET
         self.spin_until(lambda: self.publisher.knows_namespaces and self.listener.cycles > 0)
+        self.publisher.publish_points(0.0)
+        stamps = self.listener.effects.stamps
+        self.spin_until(lambda: min(stamps.values(), default=0) >= 0)
 
     def settle(self, time: float) -> None:
         """Publish the state of a time, topic by topic, each after the last one's collisions.
@@ -98,6 +105,9 @@ class Demo:
             stamp = self.publisher.publish_channel(channel, time)
             if stamp is not None:
                 self.spin_until(lambda stamp=stamp: self.listener.stamp >= stamp)  # type: ignore[misc]
+        self.publisher.publish_points(time)
+        last, stamps = self.listener.stamp, self.listener.effects.stamps
+        self.spin_until(lambda: min(stamps.values(), default=last) >= last)
 
     def spin_until(self, reached: Callable[[], bool], patience: float = PATIENCE) -> None:
         """Spin until something is reached. Raises TimeoutError after ``patience`` seconds."""
@@ -127,7 +137,7 @@ class Demo:
             f"{len(heard.seen)} pairs seen, at most {heard.most} at once; at the end "
             f"{len(heard.pairs)}, {deep} overlapping and {len(heard.pairs) - deep} touching"
         )
-        return lines
+        return lines + heard.effects.summary()
 
     def fetch_boxes(self) -> Boxes:
         """Return the boxes of all objects as the checker's markers show them now."""
@@ -139,41 +149,18 @@ class Demo:
 
     def save_picture(self, file: Path) -> None:
         """Draw what the listener knows. ImportError without matplotlib, OSError for the file."""
-        from obb_collision.node.demo.caption import save_picture
-        from obb_collision.node.demo.picture import (
-            COLLIDING,
-            FREE,
-            STATE_NAMES,
-            TOUCHING,
-            bodies_of,
-            render,
-        )
+        from obb_collision.node.demo.portrait import Portrait
 
-        pairs = list(self.listener.pairs.items())
-        deep = [k for k, (_, depth) in enumerate(pairs) if depth >= TOUCH_DEPTH]
-        states = dict.fromkeys((name for pair, _ in pairs for name in pair), TOUCHING)
-        states |= dict.fromkeys((name for k in deep for name in pairs[k][0]), COLLIDING)
-        kinds = [states.get(name, FREE) for name in self.scene.names]
-        image, places = render(
-            bodies_of(self.scene, self.time),
-            self.fetch_boxes(),
-            np.array(kinds),
-            self.listener.points[deep],
-        )
-        deepest = sorted(range(len(deep)), key=lambda k: -pairs[deep[k]][1])[:MAX_LABELS]
-        labels = [(*places[k], told(*pairs[deep[k]])) for k in deepest]
-        legend = [f"{kinds.count(k)} {word}" for k, word in enumerate(STATE_NAMES)]
-        save_picture(
-            file,
-            image,
-            "obb_collision",
-            f"{len(self.scene.items)} objects, {len(pairs)} pairs in contact",
-            legend,
-            labels,
-        )
+        Portrait(self.scene, self.time, self.fetch_boxes(), self.listener).save(file)
 
     def close(self) -> None:
         """Take the nodes down."""
         self._executor.shutdown()
         for node in (self.listener, self.publisher, self._checker):
             node.destroy_node()
+
+
+def _effects_of(scene: DemoScene | FileScene) -> list[str]:
+    """Return the effects to listen to: those a scene file names and does not turn off."""
+    said = scene.description.effects if isinstance(scene, FileScene) else {}
+    return [name for name in EFFECTS if name in said and said[name].mode != "off"]

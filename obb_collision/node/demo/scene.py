@@ -46,3 +46,11 @@ class DemoScene:
     def shapes(self, time: float) -> list[Shape]:
         """Return the shapes at a time; the same values while a shape does not change."""
         return [item.stretch(time) if item.stretch else item.shape for item in self.items]
+
+    def twists(self, time: float) -> FloatArray | None:
+        """Return None: nobody is told how fast these things move."""
+        return None
+
+    def points(self, time: float) -> FloatArray | None:
+        """Return None: there is no sensor."""
+        return None

@@ -1,4 +1,4 @@
-"""Bodies of the demo's warehouse, as shapes of the library, and any shape as triangles."""
+"""Bodies of the demo's warehouse, as shapes of the library."""
 
 from __future__ import annotations
 
@@ -8,38 +8,14 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import trimesh
 from trimesh import creation
 from trimesh.transformations import rotation_matrix, translation_matrix
 
-from obb_collision.geometry.shapes import Box, Cylinder, Ellipsoid, Mesh, Shape, Sphere
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
+from obb_collision.geometry.shapes import Mesh
 
 #: Corners of a round body's polygon: round to the eye, few enough for a marker of triangles.
 SECTIONS = 24
-
-
-def triangles_of(shape: Shape) -> tuple[FloatArray, IntArray]:
-    """Return vertices (n, 3), metres, and faces (m, 3) of a shape, for drawing it."""
-    if isinstance(shape, Mesh):
-        return shape.vertices * np.array(shape.scale), shape.faces
-    body = _unscaled(shape)
-    return np.array(body.vertices) * np.array(shape.scale), np.array(body.faces)
-
-
-def _unscaled(shape: Shape) -> Any:
-    if isinstance(shape, Box):
-        return creation.box(extents=shape.size)
-    if isinstance(shape, Cylinder):
-        return creation.cylinder(shape.radius, shape.length, sections=2 * SECTIONS)
-    if isinstance(shape, Sphere):
-        return creation.icosphere(subdivisions=3, radius=shape.radius)
-    if isinstance(shape, Ellipsoid):
-        return creation.icosphere(subdivisions=3).apply_scale(shape.radii)
-    raise TypeError(f"the demo has no {type(shape).__name__}")
 
 
 def _mesh(*parts: Any) -> Mesh:

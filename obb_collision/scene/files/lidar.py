@@ -8,12 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.validation import Floats
+from obb_collision.queries.rays import cast_rays
 
 Cloud = NDArray[np.float32]
 
@@ -37,8 +39,9 @@ class Lidar:
     sees: tuple[str, ...] = ("*",)
     seed: int = 0
 
+    @cached_property
     def directions(self) -> Floats:
-        """Return the unit directions (count, 3) of the rays, line by line from below."""
+        """Unit directions (count, 3) of the rays, line by line from below."""
         lines = min(LINES, self.count)
         line = np.arange(self.count) * lines // self.count
         turn = np.modf(np.arange(self.count) * lines / self.count)[0] * 2.0 * np.pi
@@ -52,38 +55,38 @@ class Lidar:
 
         boxes: of what it sees; turned (n,): whether cylinders along z stand in them.
         """
-        directions = self.directions()
-        origin = np.array(self.position)
+        directions, origin = self.directions, np.array(self.position)
         with np.errstate(divide="ignore"):
-            way = np.where(directions[:, 2] < 0.0, -origin[2] / directions[:, 2], np.inf)
-        way[way <= 0.0] = np.inf
-        for row in range(len(boxes)):
-            hit = _to_cylinder if turned and turned[row] else _to_box
-            center, rotation, half_extents = boxes.row(row)
-            start, along = (origin - center) @ rotation, directions @ rotation
-            way = np.minimum(way, hit(start, along, half_extents))
+            ways = np.where(directions[:, 2] < 0.0, -origin[2] / directions[:, 2], np.inf)
+        ways[ways <= 0.0] = np.inf
+        local = np.einsum("nji,nj->ni", boxes.rotations, origin - boxes.centers)
+        outside = (np.abs(local) > boxes.half_extents).any(axis=1)  # from inside nothing is seen
+        is_turned = np.zeros(len(boxes), np.bool_) if len(turned) == 0 else np.array(turned)
+        flat = boxes.take(np.flatnonzero(outside & ~is_turned))
+        ways = np.minimum(ways, self._to_boxes(flat, directions))
+        for row in np.flatnonzero(outside & is_turned):
+            box = boxes.take(np.array([row]))
+            near = np.flatnonzero(np.isfinite(self._to_boxes(box, directions)))
+            ways[near] = np.minimum(ways[near], _to_cylinder(local[row], directions[near], box))
         moment = round(time * 1e6) % 2**63  # microseconds: what a stamp would tell apart
         noise = np.random.default_rng([self.seed, moment]).normal(0.0, NOISE, self.count)
-        seen = (way >= NEAREST) & (way <= self.range)
-        points = origin + (way + noise)[seen, None] * directions[seen]
+        seen = (ways >= NEAREST) & (ways <= self.range)
+        points = origin + (ways + noise)[seen, None] * directions[seen]
         return points.astype(np.float32)
 
+    def _to_boxes(self, boxes: Boxes, directions: Floats) -> Floats:
+        """Return (n,) metres along the rays to the first box, inf where they meet none."""
+        origins = np.tile(np.array(self.position), (len(directions), 1))
+        return cast_rays(boxes, origins, directions, self.range).distances
 
-def _to_box(start: Floats, along: Floats, half_extents: Floats) -> Floats:
-    """Return (n,) metres along rays to a box, inf where they miss it; by slabs (Kay, Kajiya 1986).
 
-    start (3,), along (n, 3): the rays in the frame of the box. From inside nothing is seen of it.
+def _to_cylinder(start: Floats, directions: Floats, box: Boxes) -> Floats:
+    """Return (n,) metres along rays to the cylinder along z in a box, inf where they miss it.
+
+    start (3,): the origin in the frame of the box.
     """
-    with np.errstate(divide="ignore", invalid="ignore"):
-        first, second = (-half_extents - start) / along, (half_extents - start) / along
-    near = np.nanmax(np.fmin(first, second), axis=1)
-    far = np.nanmin(np.fmax(first, second), axis=1)
-    return np.where((near <= far) & (near > 0.0), near, np.inf)
-
-
-def _to_cylinder(start: Floats, along: Floats, half_extents: Floats) -> Floats:
-    """Return (n,) metres along rays to the cylinder along z in a box, inf where they miss it."""
-    radius, height = half_extents[0], half_extents[2]
+    along = directions @ box.rotations[0]
+    radius, _, height = box.half_extents[0]
     a = (along[:, :2] ** 2).sum(axis=1)
     b = along[:, :2] @ start[:2]
     root = b * b - a * (start[:2] @ start[:2] - radius * radius)
