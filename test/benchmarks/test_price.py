@@ -10,7 +10,7 @@ import pytest
 
 from obb_collision.benchmarks import accuracy
 from obb_collision.benchmarks.price import corpus as corpus_module
-from obb_collision.benchmarks.price import rungs
+from obb_collision.benchmarks.price import rungs, upkeep
 from obb_collision.benchmarks.price.corpus import Plan, measure
 from obb_collision.benchmarks.price.fits import measure_fits
 from obb_collision.benchmarks.price.floats import measure_floats, pair_sets
@@ -74,15 +74,15 @@ def test_memory_is_that_of_the_arrays(price: Price) -> None:
     assert price.row("sphere").bytes == 4 * 8
     assert price.row("aabb").bytes == table["axis-aligned box (two corners)"][1]
     assert price.row("obb").bytes == table["oriented box, three axes"][1]
-    assert rungs.compact_numbers() == table["oriented box, two axes (compact)"][0]
+    assert upkeep.compact_numbers() == table["oriented box, two axes (compact)"][0]
     trees = [MeshTrees.build(*vertices_and_faces(mesh)) for mesh in FEW.shapes.values()]
     whole = np.mean([sum(array.nbytes for array in tree.arrays) for tree in trees])
     assert price.row("mesh").bytes == whole
-    deep = [rungs.tree_bytes(tree.arrays, 100) for tree in trees]
-    nodes = [sum(getattr(t, name).nbytes for name in rungs.NODE_ARRAYS) for t in trees]
+    deep = [upkeep.tree_bytes(tree.arrays, 100) for tree in trees]
+    nodes = [sum(getattr(t, name).nbytes for name in upkeep.NODE_ARRAYS) for t in trees]
     assert deep == nodes
-    one_node = rungs.tree_bytes(trees[0].arrays, 0)
-    assert rungs.tree_bytes(trees[0].arrays, 2) == 7 * one_node
+    one_node = upkeep.tree_bytes(trees[0].arrays, 0)
+    assert upkeep.tree_bytes(trees[0].arrays, 2) == 7 * one_node
     assert price.row("obb_tree 2").bytes == 7 * one_node
 
 

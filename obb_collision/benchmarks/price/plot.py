@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from itertools import pairwise
+from collections.abc import Mapping, Sequence
+from itertools import islice, pairwise, permutations
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +19,10 @@ PEERS = {
     "coal": ("^", "#4f7f1f"),
     "trimesh": ("D", "#8a4fa3"),
 }
+#: Offset in x and y, horizontal and vertical alignment.
+Place = tuple[float, float, str, str]
 #: Where a label may be beside its point: offset in points of 1/72 inch, and which end is there.
-PLACES = [
+PLACES: list[Place] = [
     (9, 0, "left", "center"), (-6, -6, "right", "top"), (0, 9, "center", "bottom"),
     (6, 6, "left", "bottom"), (0, -9, "center", "top"), (6, -6, "left", "top"),
     (-9, 0, "right", "center"), (-6, 6, "right", "bottom"),
@@ -31,6 +33,10 @@ PLACES = [
 NEAR = 15.0
 #: Room that a point and a piece of line keep free of labels, pixels at 100 dots an inch.
 POINT_ROOM, LINE_ROOM = 6.0, 2.0
+#: And a label; and how far labels may stand out of the axes to the right and above.
+GAP, MARGIN = 2.0, 12.0
+#: Orders of the peers that are tried for labels that need no long lines.
+MOST_ORDERS = 120
 
 
 def save_plot(prices: Sequence[Price], path: Path) -> None:
@@ -64,7 +70,7 @@ def _percent(row: Row) -> float:
 def _frame(figure: Any, axes: Any, price: Price) -> None:
     axes.set_xscale("log")
     times = [row.pair_ns for row in price.rows]
-    axes.set_xlim(0.6 * min(times), 6.0 * max(times))
+    axes.set_xlim(0.6 * min(times), 5.0 * max(times))
     axes.set_ylim(-8.0, 1.12 * max(_percent(row) for row in price.rows) + 1.0)
     axes.xaxis.set_major_formatter(lambda value, _: _time(value))
     axes.yaxis.set_major_formatter(lambda value, _: f"{value:.0f} %")
@@ -76,7 +82,7 @@ def _frame(figure: Any, axes: Any, price: Price) -> None:
         0.015, 0.955, "The closer the look, the longer it takes and the fewer alarms are false",
         fontsize=13.5, fontweight="bold", va="center",
     )  # fmt: skip
-    what = f"{price.shapes} {price.corpus}, {price.pairs:,} pairs whose bounds meet. "
+    what = f"{price.shapes} {price.corpus}, {price.pairs:,} pairs. "
     how = "Filled: rungs of obb_collision, none missed. Hollow: peers, from Python."
     figure.text(
         0.015, 0.9, what + how, fontsize=10, color="#555555", va="center",
@@ -96,32 +102,66 @@ def _time(nanoseconds: float) -> str:
 
 
 def _label(figure: Any, axes: Any, rows: Sequence[Row], line: Floats) -> None:
-    """Write each name at the first of PLACES where it covers nothing."""
+    """Write each name at one of PLACES where it covers nothing: the peers in the best order."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.text import Text
 
     renderer = FigureCanvasAgg(figure).get_renderer()  # which knows how wide a text is
     to_pixels = axes.transData.transform
-    taken = [_box(point, POINT_ROOM) for point in to_pixels([_at(row) for row in rows])]
+    boxes = [_box(point, POINT_ROOM) for point in to_pixels([_at(row) for row in rows])]
     for start, end in pairwise(to_pixels(line)):
-        taken += [_box(point, LINE_ROOM) for point in np.linspace(start, end, 12)]
+        boxes += [_box(point, LINE_ROOM) for point in np.linspace(start, end, 12)]
+    taken = np.array(boxes)
     inside = np.array(axes.get_window_extent(renderer).extents)
-    for row in sorted(rows, key=lambda row: (row.peer, row.pair_ns)):
-        place = 0
-        while True:
-            text = _write(axes, row, PLACES[place])
-            text.update_positions(renderer)
-            box = np.array(Text.get_window_extent(text, renderer).extents)  # without its line
-            path = _leader(to_pixels(_at(row)), box)
-            free = not any(_overlap(own, other) for own in (box, *path) for other in taken)
-            place += 1
-            if place == len(PLACES) or (free and _within(box, inside)):
-                break
-            text.remove()
-        taken += [box, *path]
+    rooms: dict[str, list[Floats]] = {}
+    for row in rows:
+        text = _write(axes, row, PLACES[0])
+        text.update_positions(renderer)
+        low, high = np.array(text.get_window_extent(renderer).extents).reshape(2, 2)
+        point, scale = to_pixels(_at(row)), figure.dpi / 72.0
+        rooms[row.name] = [_room(point, high - low, place, scale, inside) for place in PLACES]
+        text.remove()
+    own = sorted((row.name for row in rows if not row.peer), key=[r.name for r in rows].index)
+    _, chosen, taken = _choose(own, rooms, taken)
+    peers = sorted((row for row in rows if row.peer), key=lambda row: -row.pair_ns)
+    orders = islice(permutations([row.name for row in peers]), MOST_ORDERS)
+    _, others, _ = min((_choose(order, rooms, taken) for order in orders), key=lambda c: c[0])
+    for row in rows:
+        _write(axes, row, PLACES[(chosen | others)[row.name]])
 
 
-def _write(axes: Any, row: Row, place: tuple[float, float, str, str]) -> Any:
+def _room(point: Floats, size: Floats, place: Place, scale: float, inside: Floats) -> Floats:
+    """Return the boxes (k, 4) of a label and of the line to it; none if it leaves the axes."""
+    x, y, ha, va = place
+    end = {"left": 0.0, "bottom": 0.0, "center": 0.5, "right": 1.0, "top": 1.0}
+    low = point + scale * np.array([x, y]) - np.array([end[ha], end[va]]) * size
+    box = np.concatenate([low - GAP, low + size + GAP])
+    if (box[:2] < inside[:2]).any() or (box[2:] > inside[2:] + MARGIN).any():
+        return np.empty((0, 4))
+    way = np.clip(point, box[:2], box[2:]) - point
+    length = float(np.linalg.norm(way))
+    steps = np.arange(2.0 * POINT_ROOM, length, POINT_ROOM) / max(length, 1.0)
+    return np.array([box, *(_box(point + step * way, 1.0) for step in steps)])
+
+
+def _choose(
+    names: Sequence[str], rooms: Mapping[str, list[Floats]], taken: Floats
+) -> tuple[int, dict[str, int], Floats]:
+    """Give each name in turn the first place that is free.
+
+    Returns how far down the list they are in all, the places, and what is taken then.
+    """
+    cost, chosen = 0, {}
+    for name in names:
+        places = enumerate(rooms[name])
+        free = (k for k, room in places if len(room) and not _overlap(room, taken))
+        place = next(free, None)
+        cost += 10 * len(PLACES) if place is None else place
+        chosen[name] = place or 0
+        taken = np.concatenate([taken, rooms[name][chosen[name]]])
+    return cost, chosen, taken
+
+
+def _write(axes: Any, row: Row, place: Place) -> Any:
     x, y, ha, va = place
     color = PEERS[row.name.split()[0]][1] if row.peer else OURS
     line = {"arrowstyle": "-", "color": color, "linewidth": 0.8, "shrinkB": 5}
@@ -130,14 +170,6 @@ def _write(axes: Any, row: Row, place: tuple[float, float, str, str]) -> Any:
         fontsize=9.5, fontweight="normal" if row.peer else "bold",
         arrowprops=line if float(np.hypot(x, y)) > NEAR else None,
     )  # fmt: skip
-
-
-def _leader(point: Floats, box: Floats) -> list[Floats]:
-    """Return room for the line from a point to its label, but beside the point itself."""
-    end = np.clip(point, box[:2], box[2:])
-    length = float(np.linalg.norm(end - point))
-    steps = np.arange(2.0 * POINT_ROOM, length, POINT_ROOM)
-    return [_box(point + step / length * (end - point), 1.0) for step in steps]
 
 
 def _name(row: Row) -> str:
@@ -157,8 +189,6 @@ def _box(point: Floats, room: float) -> Floats:
 
 
 def _overlap(a: Floats, b: Floats) -> bool:
-    return bool((a[:2] < b[2:]).all() and (b[:2] < a[2:]).all())
-
-
-def _within(box: Floats, outer: Floats) -> bool:
-    return bool((box[:2] >= outer[:2]).all() and (box[2:] <= outer[2:] + 12.0).all())
+    """Return whether any of the boxes (k, 4) covers any of the others (m, 4)."""
+    low, high = np.maximum(a[:, None, :2], b[:, :2]), np.minimum(a[:, None, 2:], b[:, 2:])
+    return bool((low < high).all(axis=2).any())

@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from time import thread_time
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,12 +15,8 @@ from numpy.typing import NDArray
 from obb_collision._jit import njit
 from obb_collision.benchmarks.price.scenes import Corpus, random_poses
 from obb_collision.geometry.boxes import Boxes
-from obb_collision.geometry.fitting import fit_points
-from obb_collision.geometry.mesh_tree import MeshTrees, TreeArrays
-from obb_collision.geometry.meshes import Mesh
+from obb_collision.geometry.mesh_tree import MeshTrees
 from obb_collision.geometry.poses import as_poses
-from obb_collision.geometry.representations import to_compact
-from obb_collision.geometry.shape_trees import hull_tree, mesh_tree
 from obb_collision.geometry.validation import Floats
 from obb_collision.queries.coarse import faces_meet, sphere_bounds, spheres_meet
 from obb_collision.queries.mesh_collision import PlacedMeshes, mesh_collisions, tree_collisions
@@ -36,8 +31,6 @@ Mask = NDArray[np.bool_]
 DEPTHS = (1, 2, 3, 4, 5, 6)
 #: Cubic metres a body of one metre of diagonal: about two candidate pairs a body.
 VOLUME_PER_BODY = 0.3
-#: Bytes of a node of a tree: its numbers, its children, its triangles, its level.
-NODE_ARRAYS = ("nodes", "children", "starts", "levels")
 
 
 class Throw:
@@ -178,65 +171,3 @@ MESH_RUNGS = (
 def rungs_of(corpus: Corpus) -> tuple[Rung, ...]:
     """Return the rungs that a corpus has: boxes have none above ``obb``."""
     return BOX_RUNGS if corpus.boxes_only else (*BOX_RUNGS, *MESH_RUNGS)
-
-
-@dataclass(frozen=True)
-class Prepared:
-    """What is made of a mesh once: its trees, and the milliseconds each took."""
-
-    mesh: MeshTrees
-    hull: MeshTrees
-    box_ms: float
-    mesh_ms: float
-    hull_ms: float
-
-
-def prepare(mesh: Mesh) -> Prepared:
-    """Fit the box and build the trees of a mesh, timed."""
-    start = thread_time()
-    fit_points(mesh._points())
-    fitted = thread_time()
-    triangles = mesh_tree(mesh)
-    built = thread_time()
-    hull = hull_tree(mesh)
-    end = thread_time()
-    box_ms, mesh_ms, hull_ms = 1e3 * np.diff([start, fitted, built, end])
-    return Prepared(triangles, hull, float(box_ms), float(mesh_ms), float(hull_ms))
-
-
-def prepare_ms(rung: Rung, prepared: list[Prepared]) -> float:
-    """Return the mean milliseconds that a rung needs once for a shape; boxes need none."""
-    if not prepared:
-        return 0.0
-    extra = {"obb_tree": "mesh_ms", "mesh": "mesh_ms", "hull": "hull_ms"}.get(rung.accuracy)
-    return float(np.mean([p.box_ms + (getattr(p, extra) if extra else 0.0) for p in prepared]))
-
-
-def memory(rung: Rung, boxes: Boxes, prepared: list[Prepared]) -> float:
-    """Return the bytes that a rung reads of one object, float64, the mean over the shapes.
-
-    A tree, hull or mesh is stored once for all objects of one shape.
-    """
-    count = len(boxes)
-    if rung.accuracy == "sphere":
-        return (boxes.centers.nbytes + boxes.half_extents[:, 0].nbytes) / count
-    if rung.accuracy == "aabb":
-        return sum(bound.nbytes for bound in boxes.world_bounds()) / count
-    if rung.accuracy in ("obb_faces", "obb"):
-        return (boxes.centers.nbytes + boxes.rotations.nbytes + boxes.half_extents.nbytes) / count
-    if rung.accuracy == "obb_tree":
-        assert rung.depth is not None
-        return float(np.mean([tree_bytes(p.mesh.arrays, rung.depth) for p in prepared]))
-    trees = [p.hull if rung.accuracy == "hull" else p.mesh for p in prepared]
-    return float(np.mean([sum(array.nbytes for array in tree.arrays) for tree in trees]))
-
-
-def tree_bytes(tree: TreeArrays, depth: int) -> int:
-    """Return the bytes of the nodes of a tree down to a depth."""
-    nodes = int((tree.levels <= depth).sum())
-    return nodes * sum(getattr(tree, name)[0].nbytes for name in NODE_ARRAYS)
-
-
-def compact_numbers() -> int:
-    """Return the numbers of a box whose third axis is left to be computed."""
-    return to_compact(Boxes(np.zeros((1, 3)), np.eye(3)[None], np.ones((1, 3)))).size

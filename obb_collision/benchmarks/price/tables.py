@@ -8,7 +8,7 @@ from typing import Any
 from obb_collision.benchmarks.price.fits import FitRow
 from obb_collision.benchmarks.price.floats import FloatRow
 from obb_collision.benchmarks.price.rows import Price, Row
-from obb_collision.benchmarks.price.rungs import compact_numbers
+from obb_collision.benchmarks.price.upkeep import compact_numbers
 
 
 def format_result(
