@@ -69,7 +69,7 @@ class Obstacles:
         """Take note of what the effect made of the points."""
         found: ObjectPoints | None = report.results.get("points")
         if found is not None and self.stamp:
-            self._monitor.ignored = found.inside.ignored
+            self._monitor.ignored = found.ignored
 
     def forget(self) -> None:
         """Take all points away."""

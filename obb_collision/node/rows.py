@@ -86,32 +86,32 @@ def collision_rows(report: Report, table: ObjectTable) -> Rows:
 
 def contact_rows(result: PairContacts, table: ObjectTable) -> Rows:
     """(k,) rows of CONTACT_DTYPE, one a contact point."""
-    found, patches = order_pairs(result.pairs, table), result.patches
-    counts = patches.counts[found.order]
+    found = order_pairs(result.pairs, table)
+    counts = result.counts[found.order]
     pair = np.repeat(np.arange(len(counts)), counts)
     index = np.arange(len(pair)) - np.repeat(np.cumsum(counts) - counts, counts)
     rows = _named_rows(CONTACT_DTYPE, found.a[pair], found.b[pair], table)
-    points = patches.points[found.order[pair], index]
+    points = result.points[found.order[pair], index]
     _put(rows, POSITION_FIELDS, points)
     _put(rows, POINT_FIELDS, points)
-    _put(rows, NORMAL_FIELDS, found.flipped(patches.normals)[pair])
-    rows["depth"] = patches.point_depths[found.order[pair], index]
+    _put(rows, NORMAL_FIELDS, found.flipped(result.normals)[pair])
+    rows["depth"] = result.point_depths[found.order[pair], index]
     rows["index"], rows["count"] = index, counts[pair]
     return rows
 
 
 def clearance_rows(result: PairClearances, table: ObjectTable) -> Rows:
     """(k,) rows of CLEARANCE_DTYPE."""
-    found, near = order_pairs(result.pairs, table), result.clearances
+    found = order_pairs(result.pairs, table)
     rows = _named_rows(CLEARANCE_DTYPE, found.a, found.b, table)
     swapped = found.swapped[:, None]
-    first, second = near.points_a[found.order], near.points_b[found.order]
+    first, second = result.points_a[found.order], result.points_b[found.order]
     a, b = np.where(swapped, second, first), np.where(swapped, first, second)
     _put(rows, POSITION_FIELDS, 0.5 * a + 0.5 * b)
     _put(rows, A_FIELDS, a)
     _put(rows, B_FIELDS, b)
-    _put(rows, NORMAL_FIELDS, found.flipped(near.normals))
-    rows["distance"] = near.distances[found.order]
+    _put(rows, NORMAL_FIELDS, found.flipped(result.normals))
+    rows["distance"] = result.distances[found.order]
     return rows
 
 
@@ -132,14 +132,13 @@ def prediction_rows(result: SweptPairs, step: float, table: ObjectTable) -> Rows
 
 def inside_rows(result: ObjectPoints, points: npt.NDArray[Any] | None, table: ObjectTable) -> Rows:
     """(k,) rows of INSIDE_DTYPE, of the objects with points inside; points: the cloud."""
-    inside = result.inside
-    found = np.flatnonzero(inside.counts)
+    found = np.flatnonzero(result.counts)
     found = found[np.argsort(table.order_keys(result.indices[found]))]
     slots = result.indices[found]
     rows = np.zeros(len(slots), INSIDE_DTYPE)
     rows["ns"], rows["id"] = table.ns[slots], table.id[slots]
-    rows["count"], rows["first"] = inside.counts[found], inside.first[found]
-    rows["nearest"], rows["distance"] = inside.nearest[found], inside.distances[found]
+    rows["count"], rows["first"] = result.counts[found], result.first[found]
+    rows["nearest"], rows["distance"] = result.nearest[found], result.distances[found]
     if points is not None and len(found):
-        _put(rows, POSITION_FIELDS, points[inside.nearest[found]])
+        _put(rows, POSITION_FIELDS, points[result.nearest[found]])
     return rows

@@ -20,7 +20,7 @@ def all_clearances(scene: oc.Scene, limit: float) -> dict[tuple[int, int], float
 def found(report: oc.Report) -> dict[tuple[int, int], float]:
     near = report.clearances
     keys = map(tuple, near.pairs.tolist())
-    return dict(zip(keys, near.clearances.distances.tolist(), strict=True))
+    return dict(zip(keys, near.distances.tolist(), strict=True))
 
 
 @pytest.mark.parametrize("limit", [0.0, 0.05, 1.0, 100.0])

@@ -6,10 +6,10 @@ from test_scene import filled_scene
 
 import obb_collision as oc
 from obb_collision.queries.contacts import Contacts, contacts
-from obb_collision.scene.effects.contacts import FIELDS
+from obb_collision.scene.effects.contacts import FIELDS, PairContacts
 
 
-def assert_equal(found: Contacts, expected: Contacts) -> None:
+def assert_equal(found: PairContacts, expected: Contacts) -> None:
     for field in FIELDS:
         np.testing.assert_array_equal(getattr(found, field), getattr(expected, field))
 
@@ -21,9 +21,9 @@ def test_all_colliding_pairs_have_the_patch_of_their_boxes(max_points: int) -> N
     report = scene.check()
     found = report.contacts
     assert found.pairs.tolist() == report.pairs.tolist()
-    assert (found.patches.counts >= 1).all()
-    assert (found.patches.depths == report.depths).all()
-    assert_equal(found.patches, contacts(scene.boxes, report.pairs, max_points))
+    assert (found.counts >= 1).all()
+    assert (found.depths == report.depths).all()
+    assert_equal(found, contacts(scene.boxes, report.pairs, max_points))
 
 
 def test_patches_of_callers_only_and_what_rests_is_copied() -> None:
@@ -36,7 +36,7 @@ def test_patches_of_callers_only_and_what_rests_is_copied() -> None:
     found = report.contacts
     assert found.pairs.tolist() == [pair for pair in report.pairs.tolist() if min(pair) < 100]
     assert 0 < report.costs["contacts"].count < 20 < len(found.pairs)
-    assert_equal(found.patches, contacts(scene.boxes, found.pairs))
+    assert_equal(found, contacts(scene.boxes, found.pairs))
     scene.set_effect("contacts", max_points=8)  # other options: nothing can be copied
     assert scene.check().costs["contacts"].count == len(found.pairs)
 

@@ -17,12 +17,12 @@ def test_every_object_knows_its_points() -> None:
     scene.points = cloud
     found = scene.check().points_inside
     assert found.indices.tolist() == scene.indices.tolist()
-    assert found.inside.ignored == 1
+    assert found.ignored == 1
     for name, row in zip(scene.names, range(len(found)), strict=True):
         held = np.flatnonzero(scene.obb(name).contains(np.nan_to_num(cloud, nan=1e6)))
-        assert found.inside.counts[row] == len(held)
-        assert found.inside.first[row] == (held[0] if len(held) else -1)
-    assert found.inside.counts.sum() > 100
+        assert found.counts[row] == len(held)
+        assert found.first[row] == (held[0] if len(held) else -1)
+    assert found.counts.sum() > 100
 
 
 def test_margin_callers_and_disabled_objects() -> None:
@@ -33,8 +33,8 @@ def test_margin_callers_and_disabled_objects() -> None:
     scene.set_effect("points", objects="zone/*", margin=0.25)
     found = scene.check().points_inside
     assert found.indices.tolist() == [0, 1]
-    assert found.inside.counts.tolist() == [1, 1]
-    assert found.inside.nearest.tolist() == [0, 1]
+    assert found.counts.tolist() == [1, 1]
+    assert found.nearest.tolist() == [0, 1]
     scene.set_enabled("zone/2", False)
     assert scene.check().points_inside.indices.tolist() == [0]
 
@@ -51,14 +51,14 @@ def test_a_new_cloud_is_looked_at_and_none_costs_nothing(monkeypatch: pytest.Mon
     scene = oc.Scene()
     scene.add("zone", oc.Box([1, 1, 1]))
     scene.set_effect("points", "on")
-    assert scene.check().points_inside.inside.counts.tolist() == [0]
+    assert scene.check().points_inside.counts.tolist() == [0]
     scene.points = np.zeros((0, 3))
     scene.check()
     assert calls == []
     scene.points = np.zeros((4, 3))
-    assert scene.check().points_inside.inside.counts.tolist() == [4]
+    assert scene.check().points_inside.counts.tolist() == [4]
     scene.points = np.zeros((2, 3))
-    assert scene.check().points_inside.inside.counts.tolist() == [2]
+    assert scene.check().points_inside.counts.tolist() == [2]
     assert calls == [4, 2]
     wrong: Any
     for wrong in (np.zeros((3, 2)), ["x"]):

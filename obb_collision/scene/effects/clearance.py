@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from obb_collision.queries.clearance import Clearances, clearances_within
+from obb_collision.geometry.validation import Floats
+from obb_collision.queries.clearance import clearances_within
 from obb_collision.scene.broad_phase import Pairs
 from obb_collision.scene.effects.base import Cycle, Option, Outcome, Setting, Table, isolated
 from obb_collision.scene.effects.candidates import meeting_pairs
@@ -17,10 +18,18 @@ FIELDS = ("distances", "points_a", "points_b", "normals")
 
 @dataclass(frozen=True, eq=False)
 class PairClearances:
-    """The clearances of k pairs (k, 2) of object indices, sorted; colliding ones are among them."""
+    """The clearances of k pairs of objects, sorted; colliding ones are among them.
+
+    pairs (k, 2): object indices; distances (k,) metres, negative minus the depth; points_a,
+    points_b (k, 3): the closest points of the first and the second; normals (k, 3): from first to
+    second. As in ``queries.clearance``.
+    """
 
     pairs: Pairs
-    clearances: Clearances
+    distances: Floats
+    points_a: Floats
+    points_b: Floats
+    normals: Floats
 
     def __len__(self) -> int:
         return len(self.pairs)
@@ -50,5 +59,4 @@ class Clearance:
             return (some[rows], *(getattr(found, field) for field in FIELDS))
 
         _, columns, failures = isolated(compute, pairs)
-        result = PairClearances(columns[0], Clearances(*columns[1:]))
-        return Outcome(result, len(pairs), failures)
+        return Outcome(PairClearances(*columns), len(pairs), failures)

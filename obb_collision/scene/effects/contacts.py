@@ -5,8 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from functools import partial
 
+import numpy as np
+from numpy.typing import NDArray
+
 from obb_collision.geometry.boxes import Boxes
-from obb_collision.queries.contacts import Contacts, contacts
+from obb_collision.geometry.validation import Floats
+from obb_collision.queries.contacts import contacts
 from obb_collision.scene.broad_phase import Pairs
 from obb_collision.scene.effects.base import (
     Cycle,
@@ -22,12 +26,40 @@ FIELDS = ("normals", "depths", "counts", "points", "point_depths", "axes")
 
 
 class PairContacts(PairTable):
-    """The contact patches of k colliding pairs: ``pairs`` (k, 2) and what ``Contacts`` has."""
+    """The contact patches of k colliding pairs (k, 2) of object indices, ``pairs``."""
+
+    def __len__(self) -> int:
+        return len(self.pairs)
 
     @property
-    def patches(self) -> Contacts:
-        """The patches, one row a pair."""
-        return Contacts(**dict(zip(FIELDS, self.columns, strict=True)))
+    def normals(self) -> Floats:
+        """(k, 3) unit vectors from the first to the second, along which they overlap least."""
+        return self.columns[0]
+
+    @property
+    def depths(self) -> Floats:
+        """(k,) metres along the normals."""
+        return self.columns[1]
+
+    @property
+    def counts(self) -> NDArray[np.int64]:
+        """(k,) how many points each pair has, at least one."""
+        return self.columns[2]
+
+    @property
+    def points(self) -> Floats:
+        """(k, max_points, 3) metres, in both boxes, the deepest first; NaN past the count."""
+        return self.columns[3]
+
+    @property
+    def point_depths(self) -> Floats:
+        """(k, max_points) metres that the faces overlap at each point; NaN past the count."""
+        return self.columns[4]
+
+    @property
+    def axes(self) -> NDArray[np.int8]:
+        """(k,) the number of the axis of each normal, as in ``queries.contacts``."""
+        return self.columns[5]
 
 
 class ContactPatches:

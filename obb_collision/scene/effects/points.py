@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from obb_collision.queries.points import PointsInside, points_inside
+from obb_collision.geometry.validation import Floats
+from obb_collision.queries.points import points_inside
 from obb_collision.scene.effects.base import Cycle, Option, Outcome, Setting
 from obb_collision.scene.store import Rows
 
@@ -16,11 +17,16 @@ from obb_collision.scene.store import Rows
 class ObjectPoints:
     """What the boxes of n objects hold of the cloud ``Scene.points``.
 
-    indices (n,): the objects that call for it, ascending; inside: row by row the same.
+    indices (n,): the objects that call for it, ascending; counts, first, nearest, distances (n,)
+    and ignored: as in ``PointsInside``, row by row.
     """
 
     indices: Rows
-    inside: PointsInside
+    counts: Rows
+    first: Rows
+    nearest: Rows
+    distances: Floats
+    ignored: int
 
     def __len__(self) -> int:
         return len(self.indices)
@@ -40,11 +46,14 @@ class Points:
         called = cycle.active if setting.wanted is None else cycle.active & setting.wanted
         slots = np.flatnonzero(called)
         if cycle.points is None or len(cycle.points) == 0 or len(slots) == 0:
-            return Outcome(ObjectPoints(slots, _nothing(len(slots))), 0)
-        inside = points_inside(cycle.boxes.take(slots), cycle.points, setting.values["margin"])
-        return Outcome(ObjectPoints(slots, inside), len(cycle.points))
+            return Outcome(_nothing(slots), 0)
+        found = points_inside(cycle.boxes.take(slots), cycle.points, setting.values["margin"])
+        result = ObjectPoints(
+            slots, found.counts, found.first, found.nearest, found.distances, found.ignored
+        )
+        return Outcome(result, len(cycle.points))
 
 
-def _nothing(count: int) -> PointsInside:
-    none = np.full(count, -1)
-    return PointsInside(np.zeros(count, np.int64), none, none.copy(), np.full(count, np.inf), 0)
+def _nothing(slots: Rows) -> ObjectPoints:
+    none, count = np.full(len(slots), -1), np.zeros(len(slots), np.int64)
+    return ObjectPoints(slots, count, none, none.copy(), np.full(len(slots), np.inf), 0)
