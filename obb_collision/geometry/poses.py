@@ -49,7 +49,7 @@ def quaternions_from_matrices(matrices: Floats) -> Floats:
     by division, so none loses accuracy.
     """
     quaternions = np.empty((len(matrices), 4))
-    _fill_quaternions(np.ascontiguousarray(matrices), quaternions)
+    fill_quaternions(np.ascontiguousarray(matrices), quaternions)
     return quaternions
 
 
@@ -69,7 +69,8 @@ def _fill_matrices(quaternions: Floats, out: Floats) -> None:
 
 
 @njit
-def _fill_quaternions(matrices: Floats, out: Floats) -> None:
+def fill_quaternions(matrices: Floats, out: Floats) -> None:
+    """Write the quaternions (n, 4) of ``quaternions_from_matrices``."""
     for n in range(len(matrices)):
         m = matrices[n]
         trace = m[0, 0] + m[1, 1] + m[2, 2]

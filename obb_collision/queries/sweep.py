@@ -16,7 +16,8 @@ from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.validation import Floats, as_array, check_magnitude
 from obb_collision.queries.pair_rows import as_pairs
 from obb_collision.queries.sweep_contact import contact_point
-from obb_collision.queries.sweep_linear import AXES, MISS, sweep_linear
+from obb_collision.queries.sweep_intervals import AXES, spheres_pass
+from obb_collision.queries.sweep_linear import MISS, NO_NORMAL, sweep_linear
 from obb_collision.queries.sweep_motion import (
     bounding_radii,
     check_same_boxes,
@@ -134,28 +135,31 @@ def sweep_kernel(
     starts, ends: centres (n, 3) at times 0 and 1; rotations (n, 3, 3) at 0; radii (n,) of the
     circumscribed spheres; turns (n, 3) rotation vectors over the whole time.
     """
-    spans = np.empty((AXES, 3))
+    spans = np.empty((2, AXES))
     centers, turned, extents = np.empty((2, 3)), np.empty((2, 3, 3)), np.empty((2, 3))
     most = np.empty(AXES)
     work = np.empty((WORK_ROWS, 3))
     for n in range(len(pairs)):
         i, j = pairs[n, 0], pairs[n, 1]
-        time, nx, ny, nz = MISS
-        if not _far_apart(starts, ends, i, j, radii[i] + radii[j]):
+        time, normal, axis = MISS
+        if not spheres_pass(starts, ends, i, j, radii[i] + radii[j]):
             if _turns(turns, i) or _turns(turns, j):
                 time = sweep_rigid(
                     starts, ends, rotations, half_extents, radii, turns, i, j, tolerance, work
                 )
             else:
-                time, nx, ny, nz = sweep_linear(starts, ends, rotations, half_extents, i, j, spans)
-        times[n] = time
-        normals[n, 0], normals[n, 1], normals[n, 2] = nx, ny, nz
-        points[n, 0], points[n, 1], points[n, 2] = np.nan, np.nan, np.nan
-        if nx == nx:
-            points[n, 0], points[n, 1], points[n, 2] = contact_point(
-                starts, ends, rotations, half_extents, i, j, time, nx, ny, nz
+                time, normal, axis = sweep_linear(
+                    starts, ends, rotations, half_extents, i, j, spans
+                )
+        point = NO_NORMAL
+        if axis >= 0:
+            point = contact_point(
+                starts, ends, rotations, half_extents, i, j, time, normal, axis
             )
-        elif time < np.inf:
+        times[n] = time
+        for k in range(3):
+            normals[n, k], points[n, k] = normal[k], point[k]
+        if axis < 0 and time < np.inf:
             _place_contact(
                 starts, ends, rotations, half_extents, turns, i, j,
                 time, points[n], normals[n], centers, turned, extents, most,
@@ -165,17 +169,6 @@ def sweep_kernel(
 @njit
 def _turns(turns: Floats, i: int) -> bool:
     return turns[i, 0] != 0.0 or turns[i, 1] != 0.0 or turns[i, 2] != 0.0
-
-
-@njit
-def _far_apart(starts: Floats, ends: Floats, i: int, j: int, reach: float) -> bool:
-    """Return whether the spheres round both boxes are apart along x, y or z all the time."""
-    for k in range(3):
-        first = starts[j, k] - starts[i, k]
-        last = ends[j, k] - ends[i, k]
-        if min(first, last) > reach or max(first, last) < -reach:
-            return True
-    return False
 
 
 @njit
@@ -205,11 +198,11 @@ def _place_contact(
             centers[side, k] = starts[row, k] + time * (ends[row, k] - starts[row, k])
             extents[side, k] = half_extents[row, k]
     a, b = turned[0], turned[1]
-    gap, nx, ny, nz, _ = witness(centers[0], a, extents[0], centers[1], b, extents[1], most)
+    gap, nx, ny, nz, axis = witness(centers[0], a, extents[0], centers[1], b, extents[1], most)
     normal[0], normal[1], normal[2] = nx, ny, nz
     if gap >= 0.0:
         point[0], point[1], point[2] = contact_point(
-            centers, centers, turned, extents, 0, 1, 0.0, nx, ny, nz
+            centers, centers, turned, extents, 0, 1, 0.0, (nx, ny, nz), axis
         )
     else:
         common_point(centers[0], a, extents[0], centers[1], b, extents[1], point)

@@ -8,6 +8,16 @@ import numpy as np
 
 from obb_collision._jit import njit
 from obb_collision.geometry.validation import Floats
+from obb_collision.queries.box_frame import (
+    Vector,
+    clamp,
+    column,
+    dot,
+    minus,
+    plus,
+    scaled,
+    vector,
+)
 from obb_collision.queries.witness import clamp_to_box
 
 #: A side that rises less than this over its length, relative to the sum of all half extents,
@@ -21,6 +31,10 @@ ROUNDS = 16
 SETTLED = 1e-12
 
 
+#: The middle of a vertex, edge or face, how many sides of the box it spans, and the last of them.
+Feature = tuple[Vector, int, int]
+
+
 @njit
 def contact_point(
     starts: Floats,
@@ -30,77 +44,80 @@ def contact_point(
     i: int,
     j: int,
     time: float,
-    nx: float,
-    ny: float,
-    nz: float,
-) -> tuple[float, float, float]:
-    """Return the point where boxes i and j touch in a plane of the normal n, from i to j.
+    normal: Vector,
+    axis: int,
+) -> Vector:
+    """Return the point where boxes i and j touch in a plane of the normal, from i to j.
 
-    The corner of either box if that is what touches, the crossing of two edges, else some point
-    common to the flat features that meet.
+    axis: the number of the normal's among the 15 (``separation``), which tells where to look
+    first. The corner of either box if that is what touches, the crossing of two edges, else some
+    point common to the flat features that meet.
     """
     size = 0.0
     for k in range(3):
         size += half_extents[i, k] + half_extents[j, k]
     flat = FLAT * size
-    where = starts, ends, rotations, half_extents
-    free_a, m, ax, ay, az = _support(*where, i, time, nx, ny, nz, flat)
-    if free_a == 0:
-        return ax, ay, az
-    free_b, n, bx, by, bz = _support(*where, j, time, -nx, -ny, -nz, flat)
-    if free_b == 0:
-        return bx, by, bz
+    ca, cb = _center_at(starts, ends, i, time), _center_at(starts, ends, j, time)
+    back = scaled(normal, -1.0)
+    if axis < 3:  # a face of i: it is the other that may touch with a corner
+        b, free_b, n = _support(cb, rotations, half_extents, j, back, flat)
+        if free_b == 0:
+            return b
+        a, free_a, m = _support(ca, rotations, half_extents, i, normal, flat)
+        if free_a == 0:
+            return a
+    else:
+        a, free_a, m = _support(ca, rotations, half_extents, i, normal, flat)
+        if free_a == 0:
+            return a
+        b, free_b, n = _support(cb, rotations, half_extents, j, back, flat)
+        if free_b == 0:
+            return b
     if free_a == 1 and free_b == 1:
-        ux, uy, uz = rotations[i, 0, m], rotations[i, 1, m], rotations[i, 2, m]
-        vx, vy, vz = rotations[j, 0, n], rotations[j, 1, n], rotations[j, 2, n]
-        cosine = ux * vx + uy * vy + uz * vz
+        u, v = column(rotations, i, m), column(rotations, j, n)
+        cosine = dot(u, v)
         square = 1.0 - cosine * cosine
         if square > PARALLEL_SQUARED:
-            wx, wy, wz = bx - ax, by - ay, bz - az
-            along = wx * (ux - cosine * vx) + wy * (uy - cosine * vy) + wz * (uz - cosine * vz)
-            along = min(max(along / square, -half_extents[i, m]), half_extents[i, m])
-            return ax + along * ux, ay + along * uy, az + along * uz
+            along = dot(minus(b, a), minus(u, scaled(v, cosine))) / square
+            return plus(a, scaled(u, clamp(along, half_extents[i, m])))
+    corner = a if free_a < free_b else b
+    return _common(corner, ca, cb, rotations, half_extents, i, j, SETTLED * size)
+
+
+@njit
+def _common(
+    point: Vector, ca: Vector, cb: Vector,
+    rotations: Floats, half_extents: Floats, i: int, j: int, settled: float,
+) -> Vector:  # fmt: skip
+    """Return a point of both boxes near another, by projections onto one, then the other."""
     work = np.empty((3, 3))
-    point, ca, cb = work[0], work[1], work[2]
-    corner = (ax, ay, az) if free_a < free_b else (bx, by, bz)
-    point[0], point[1], point[2] = corner
     for k in range(3):
-        ca[k] = starts[i, k] + time * (ends[i, k] - starts[i, k])
-        cb[k] = starts[j, k] + time * (ends[j, k] - starts[j, k])
+        work[0, k], work[1, k], work[2, k] = point[k], ca[k], cb[k]
     for _ in range(ROUNDS):
-        moved = clamp_to_box(point, ca, rotations[i], half_extents[i])
-        if max(moved, clamp_to_box(point, cb, rotations[j], half_extents[j])) <= SETTLED * size:
+        moved = clamp_to_box(work[0], work[1], rotations[i], half_extents[i])
+        if max(moved, clamp_to_box(work[0], work[2], rotations[j], half_extents[j])) <= settled:
             break
-    return point[0], point[1], point[2]
+    return vector(work, 0)
+
+
+@njit
+def _center_at(starts: Floats, ends: Floats, i: int, time: float) -> Vector:
+    start = vector(starts, i)
+    return plus(start, scaled(minus(vector(ends, i), start), time))
 
 
 @njit
 def _support(
-    starts: Floats,
-    ends: Floats,
-    rotations: Floats,
-    half_extents: Floats,
-    i: int,
-    time: float,
-    nx: float,
-    ny: float,
-    nz: float,
-    flat: float,
-) -> tuple[int, int, float, float, float]:
-    """Return the middle of what is farthest along n, how many sides it spans, and the last one."""
-    x = starts[i, 0] + time * (ends[i, 0] - starts[i, 0])
-    y = starts[i, 1] + time * (ends[i, 1] - starts[i, 1])
-    z = starts[i, 2] + time * (ends[i, 2] - starts[i, 2])
-    free, edge = 0, 0
+    center: Vector, rotations: Floats, half_extents: Floats, i: int, normal: Vector, flat: float
+) -> Feature:
+    """Return the middle of what is farthest along the normal (see ``Feature``)."""
+    point, free, edge = center, 0, 0
     for k in range(3):
-        ex, ey, ez = rotations[i, 0, k], rotations[i, 1, k], rotations[i, 2, k]
-        rise = half_extents[i, k] * (nx * ex + ny * ey + nz * ez)
+        side = column(rotations, i, k)
+        rise = half_extents[i, k] * dot(normal, side)
         if abs(rise) <= flat:
             free += 1
             edge = k
-            continue
-        reach = math.copysign(half_extents[i, k], rise)
-        x += reach * ex
-        y += reach * ey
-        z += reach * ez
-    return free, edge, x, y, z
+        else:
+            point = plus(point, scaled(side, math.copysign(half_extents[i, k], rise)))
+    return point, free, edge

@@ -6,17 +6,21 @@ constant speed, turning at constant speed the shortest way about a fixed axis.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
 from obb_collision._jit import njit
 from obb_collision.geometry.boxes import BOUND_SLACK, BOUND_UNDERFLOW, Boxes
 from obb_collision.geometry.error_free import length
-from obb_collision.geometry.poses import quaternions_from_matrices
+from obb_collision.geometry.poses import fill_quaternions
 from obb_collision.geometry.validation import Floats, first_bad_row
 
 #: Rounding of a radius, or of a bound on motion: a few units of 2^-53.
 OUTWARD = 1.0 + 2.0**-48
+#: Squares below may have lost digits to underflow.
+LEAST_SQUARE = 2.0**-900
 
 
 def check_same_boxes(start: Boxes, end: Boxes) -> None:
@@ -39,27 +43,40 @@ def turns_between(start: Boxes, end: Boxes) -> Floats:
     equally short, and rounding decides between them.
     """
     vectors = np.zeros((len(start), 3))
-    turned = np.flatnonzero(_turned(start.rotations, end.rotations))
-    if len(turned):
-        relative = np.einsum("nij,nkj->nik", end.rotations[turned], start.rotations[turned])
-        quaternions = quaternions_from_matrices(relative)
-        sines = np.linalg.norm(quaternions[:, :3], axis=1)
-        angles = 2.0 * np.arctan2(sines, quaternions[:, 3])
-        # Two rotations that differ by rounding may give a null axis: then there is no turn.
-        scale = np.divide(angles, sines, out=np.zeros_like(sines), where=sines > 0.0)
-        vectors[turned] = quaternions[:, :3] * scale[:, None]
+    _fill_turns(start.rotations, end.rotations, vectors)
     return vectors
 
 
 @njit
-def _turned(first: Floats, last: Floats) -> np.ndarray:
-    """Return (n,) whether two rotations (n, 3, 3) differ in any bit."""
-    result = np.zeros(len(first), np.bool_)
+def _fill_turns(first: Floats, last: Floats, out: Floats) -> None:
+    """Write the rotation vectors (n, 3) from one rotation (n, 3, 3) to another; zeros stay."""
+    relative, quaternion = np.empty((1, 3, 3)), np.empty((1, 4))
     for n in range(len(first)):
+        if not _turned(first, last, n):
+            continue
         for i in range(3):
             for j in range(3):
-                result[n] |= first[n, i, j] != last[n, i, j]
-    return result
+                total = 0.0
+                for k in range(3):
+                    total += last[n, i, k] * first[n, j, k]
+                relative[0, i, j] = total
+        fill_quaternions(relative, quaternion)
+        x, y, z, w = quaternion[0]
+        sine = length(x, y, z)
+        # Two rotations that differ by rounding may give a null axis: then there is no turn.
+        if sine > 0.0:
+            scale = 2.0 * math.atan2(sine, w) / sine
+            out[n, 0], out[n, 1], out[n, 2] = x * scale, y * scale, z * scale
+
+
+@njit
+def _turned(first: Floats, last: Floats, n: int) -> bool:
+    """Return whether rotation n of (n, 3, 3) differs in any bit."""
+    differ = False
+    for i in range(3):
+        for j in range(3):
+            differ |= first[n, i, j] != last[n, i, j]
+    return differ
 
 
 def bounding_radii(half_extents: Floats) -> Floats:
@@ -72,8 +89,15 @@ def bounding_radii(half_extents: Floats) -> Floats:
 @njit
 def _fill_radii(half_extents: Floats, out: Floats) -> None:
     for n in range(len(half_extents)):
-        x, y, z = half_extents[n, 0], half_extents[n, 1], half_extents[n, 2]
-        out[n] = length(x, y, z) * OUTWARD + BOUND_UNDERFLOW
+        out[n] = _radius(half_extents, n)
+
+
+@njit
+def _radius(half_extents: Floats, n: int) -> float:
+    x, y, z = half_extents[n, 0], half_extents[n, 1], half_extents[n, 2]
+    square = x * x + y * y + z * z
+    plain = math.sqrt(square) if LEAST_SQUARE < square < math.inf else length(x, y, z)
+    return plain * OUTWARD + BOUND_UNDERFLOW
 
 
 def swept_bounds(start: Boxes, end: Boxes) -> tuple[Floats, Floats]:
@@ -88,25 +112,48 @@ def swept_bounds(start: Boxes, end: Boxes) -> tuple[Floats, Floats]:
     low_a, high_a = start.world_bounds()
     low_b, high_b = end.world_bounds()
     low, high = np.minimum(low_a, low_b), np.maximum(high_a, high_b)
-    angles = np.linalg.norm(turns_between(start, end), axis=1)
-    turning = np.flatnonzero(angles > 0.0)
-    if len(turning):
-        radii = bounding_radii(start.half_extents[turning])[:, None]
-        sag = radii * (0.125 * OUTWARD) * (angles[turning] ** 2)[:, None]
-        centers = np.stack([start.centers[turning], end.centers[turning]])
-        slack = BOUND_SLACK * (np.abs(centers).max(axis=0) + radii) + BOUND_UNDERFLOW
-        low[turning] = np.maximum(low[turning] - sag, centers.min(axis=0) - radii) - slack
-        high[turning] = np.minimum(high[turning] + sag, centers.max(axis=0) + radii) + slack
+    turns = turns_between(start, end)
+    _widen(start.centers, end.centers, start.half_extents, turns, low, high)
     return low, high
+
+
+@njit
+def _widen(
+    starts: Floats, ends: Floats, half_extents: Floats, turns: Floats, low: Floats, high: Floats
+) -> None:
+    """Add to bounds (n, 3) of both ends what turning in between needs."""
+    for n in range(len(starts)):
+        angle = length(turns[n, 0], turns[n, 1], turns[n, 2])
+        if angle == 0.0:
+            continue
+        radius = _radius(half_extents, n)
+        sag = radius * (0.125 * OUTWARD) * angle * angle
+        for k in range(3):
+            least, most = min(starts[n, k], ends[n, k]), max(starts[n, k], ends[n, k])
+            slack = BOUND_SLACK * (max(abs(least), abs(most)) + radius) + BOUND_UNDERFLOW
+            low[n, k] = max(low[n, k] - sag, least - radius) - slack
+            high[n, k] = min(high[n, k] + sag, most + radius) + slack
 
 
 def motion_bounds(start: Boxes, end: Boxes) -> Floats:
     """Return (n,) metres that no point of each box exceeds on its way, rounded up."""
-    way = end.centers - start.centers
-    turned = np.linalg.norm(turns_between(start, end), axis=1) * bounding_radii(start.half_extents)
-    with np.errstate(over="ignore"):
-        total: Floats = (np.hypot(np.hypot(way[:, 0], way[:, 1]), way[:, 2]) + turned) * OUTWARD
-    return total
+    ways = np.empty(len(start))
+    _fill_ways(
+        start.centers, end.centers, start.half_extents, turns_between(start, end), ways
+    )  # fmt: skip
+    return ways
+
+
+@njit
+def _fill_ways(
+    starts: Floats, ends: Floats, half_extents: Floats, turns: Floats, out: Floats
+) -> None:
+    for n in range(len(starts)):
+        straight = length(
+            ends[n, 0] - starts[n, 0], ends[n, 1] - starts[n, 1], ends[n, 2] - starts[n, 2]
+        )
+        turned = length(turns[n, 0], turns[n, 1], turns[n, 2]) * _radius(half_extents, n)
+        out[n] = (straight + turned) * OUTWARD
 
 
 def sweep_needed(start: Boxes, end: Boxes) -> NDArray[np.bool_]:
@@ -125,12 +172,22 @@ def sweep_needed(start: Boxes, end: Boxes) -> NDArray[np.bool_]:
     graze at a corner or edge that begins and ends within the step, at most M / 2 deep.
     """
     check_same_boxes(start, end)
-    smallest = start.half_extents.min(axis=1, initial=np.inf)
-    needed: NDArray[np.bool_] = motion_bounds(start, end) > smallest
-    return needed & ~_still(start, end)
+    needed = np.empty(len(start), np.bool_)
+    _fill_needed(
+        start.centers, end.centers, start.rotations, end.rotations, start.half_extents,
+        motion_bounds(start, end), needed,
+    )  # fmt: skip
+    return needed
 
 
-def _still(start: Boxes, end: Boxes) -> NDArray[np.bool_]:
-    moved = (start.centers != end.centers).any(axis=1)
-    result: NDArray[np.bool_] = ~(moved | _turned(start.rotations, end.rotations))
-    return result
+@njit
+def _fill_needed(
+    starts: Floats, ends: Floats, first: Floats, last: Floats, half_extents: Floats,
+    ways: Floats, out: np.ndarray,
+) -> None:  # fmt: skip
+    for n in range(len(starts)):
+        moved = (
+            starts[n, 0] != ends[n, 0] or starts[n, 1] != ends[n, 1] or starts[n, 2] != ends[n, 2]
+        )
+        smallest = min(half_extents[n, 0], half_extents[n, 1], half_extents[n, 2])
+        out[n] = ways[n] > smallest and (moved or _turned(first, last, n))
