@@ -33,6 +33,10 @@ SMALL_SQUARE = 2.0**-900
 
 AXES = 15
 
+#: First and last time, and the number of the axis entered at the first (-1: time 0).
+Span = tuple[float, float, int]
+NEVER = (math.inf, -1)
+
 
 @njit
 def spheres_pass(starts: Floats, ends: Floats, i: int, j: int, reach: float) -> bool:
@@ -65,8 +69,10 @@ def meeting_intervals(
     i: int,
     j: int,
     times: Floats,
-) -> float:
-    """Return the least time of first contact of boxes i and j, or infinity for a certain miss.
+) -> tuple[float, int]:
+    """Return the least time of first contact of boxes i and j, infinity for a certain miss.
+
+    And the axis that is entered then, -1 if all were before the start.
 
     Written to ``times`` (2, 15), unless it is a miss: when each axis has certainly been entered,
     and when it has certainly not been left (NaN: not known). All but for TIME_ROUNDING.
@@ -86,30 +92,38 @@ def meeting_intervals(
     z = dot(a[2], b[0]), dot(a[2], b[1]), dot(a[2], b[2])
     s = dot(a[0], p), dot(a[1], p), dot(a[2], p)
     e = dot(a[0], q), dot(a[1], q), dot(a[2], q)
-    span = 0.0, 1.0
+    span = 0.0, 1.0, -1
     span = _meet(times, 0, s[0], e[0], h[0] + dot_abs(f, x), bound, span)
     span = _meet(times, 1, s[1], e[1], h[1] + dot_abs(f, y), bound, span)
     span = _meet(times, 2, s[2], e[2], h[2] + dot_abs(f, z), bound, span)
-    if span[0] > span[1]:
-        return math.inf
+    if _over(span):
+        return NEVER
     u, v, w = (x[0], y[0], z[0]), (x[1], y[1], z[1]), (x[2], y[2], z[2])
     span = _meet(times, 3, dot(b[0], p), dot(b[0], q), f[0] + dot_abs(h, u), bound, span)
     span = _meet(times, 4, dot(b[1], p), dot(b[1], q), f[1] + dot_abs(h, v), bound, span)
     span = _meet(times, 5, dot(b[2], p), dot(b[2], q), f[2] + dot_abs(h, w), bound, span)
-    if span[0] > span[1]:
-        return math.inf
+    if _over(span):
+        return NEVER
     span = _meet_edges(times, 6, s[1], s[2], e[1], e[2], h[1], h[2], f, y, z, x, bound, span)
     span = _meet_edges(times, 9, s[2], s[0], e[2], e[0], h[2], h[0], f, z, x, y, bound, span)
     span = _meet_edges(times, 12, s[0], s[1], e[0], e[1], h[0], h[1], f, x, y, z, bound, span)
-    return span[0] if span[0] <= span[1] else math.inf
+    if _over(span):
+        return NEVER
+    return span[0] * (1.0 - TIME_ROUNDING), span[2]
+
+
+@njit
+def _over(span: Span) -> bool:
+    """Return whether a span has certainly no time left."""
+    return span[0] * (1.0 - TIME_ROUNDING) > span[1] * (1.0 + TIME_ROUNDING)
 
 
 @njit
 def _meet_edges(
     times: Floats, axis: int,
     sk: float, sm: float, ek: float, em: float, hk: float, hm: float, f: Vector,
-    k: Vector, m: Vector, own: Vector, bound: float, span: tuple[float, float],
-) -> tuple[float, float]:  # fmt: skip
+    k: Vector, m: Vector, own: Vector, bound: float, span: Span,
+) -> Span:  # fmt: skip
     """Take the axes of an edge of a, ``own`` along the axes of b, with the three edges of b.
 
     k, m: the axes of a after it along those of b; s, e, h: what belongs to them.
@@ -130,8 +144,8 @@ def _meet(
     last: float,
     reach: float,
     bound: float,
-    span: tuple[float, float],
-) -> tuple[float, float]:
+    span: Span,
+) -> Span:
     """Return the part of a span during which abs(s) <= reach, s from ``first`` to ``last``.
 
     The span for ``reach`` at most; kept in ``times`` is that for ``reach`` at least. Where
@@ -142,6 +156,11 @@ def _meet(
     most, least = side * (reach + bound), side * (reach - bound)
     times[0, axis] = (-least - first) * inverse
     times[1, axis] = (least - first) * inverse
-    enter = (-most - first) * inverse * (1.0 - TIME_ROUNDING)
-    leave = (most - first) * inverse * (1.0 + TIME_ROUNDING)
-    return enter if enter > span[0] else span[0], leave if leave < span[1] else span[1]
+    enter = (-most - first) * inverse
+    leave = (most - first) * inverse
+    later, sooner = enter > span[0], leave < span[1]
+    return (
+        enter if later else span[0],
+        leave if sooner else span[1],
+        axis if later else span[2],
+    )

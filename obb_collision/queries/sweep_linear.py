@@ -26,7 +26,12 @@ from obb_collision.geometry.error_free import determinant, length, sum_sorted
 from obb_collision.geometry.validation import Floats
 from obb_collision.queries.box_frame import Vector, column, dot, minus, vector
 from obb_collision.queries.separation import CAREFUL_BOUND, PARALLEL, UNDERFLOW
-from obb_collision.queries.sweep_intervals import AXES, TIME_ROUNDING, meeting_intervals
+from obb_collision.queries.sweep_intervals import (
+    AXES,
+    SMALL_SQUARE,
+    TIME_ROUNDING,
+    meeting_intervals,
+)
 
 NO_NORMAL: Vector = (math.nan, math.nan, math.nan)
 
@@ -50,24 +55,46 @@ def sweep_linear(
     starts, ends: centres (n, 3) at times 0 and 1; rotations (n, 3, 3); half extents (n, 3);
     ``times`` (2, 15) is work space. At time 0 the normal is not given (NaN).
     """
-    least = meeting_intervals(starts, ends, rotations, half_extents, i, j, times)
+    least, number = meeting_intervals(starts, ends, rotations, half_extents, i, j, times)
     if least == math.inf:
         return MISS
-    time, normal, number = 0.0, NO_NORMAL, -1
+    time, normal = 0.0, NO_NORMAL
+    if number >= 0:
+        span = _careful_span(starts, ends, rotations, half_extents, i, j, number)
+        times[0, number] = 0.0
+        time, normal = _entry(span[0], span[1], span[2]), span[3]
+    earlier, later = time * (1.0 - 4.0 * TIME_ROUNDING), time * (1.0 + 4.0 * TIME_ROUNDING)
+    settled = True  # one loop without branches: most often no other axis matters
     for axis in range(AXES):
-        # entered before the start, or before another axis is; NaN is looked at
-        if times[0, axis] <= 0.0 or times[0, axis] < least:
+        settled &= (times[0, axis] <= earlier) & (times[1, axis] > later)
+    hit = time * (1.0 - TIME_ROUNDING), normal, number if time > 0.0 else -1
+    if not settled:
+        hit = _settle(starts, ends, rotations, half_extents, i, j, times, hit)
+    return hit if hit[0] <= 1.0 else MISS
+
+
+@njit
+def _settle(
+    starts: Floats,
+    ends: Floats,
+    rotations: Floats,
+    half_extents: Floats,
+    i: int,
+    j: int,
+    times: Floats,
+    hit: Hit,
+) -> Hit:
+    """Return the hit, or a later one of another axis, or MISS if an axis is left before it."""
+    time, normal, number = hit
+    for axis in range(AXES):
+        if times[0, axis] <= time * (1.0 - 2.0 * TIME_ROUNDING):  # NaN is looked at
             continue
         span = _careful_span(starts, ends, rotations, half_extents, i, j, axis)
-        when = _entry(span[0], span[1], span[2])
+        when = _entry(span[0], span[1], span[2]) * (1.0 - TIME_ROUNDING)
         if when > time:
             time, normal, number = when, span[3], axis
-    time *= 1.0 - TIME_ROUNDING
-    if time > 1.0:
-        return MISS
-    latest = time * (1.0 + 2.0 * TIME_ROUNDING)
     for axis in range(AXES):
-        if times[1, axis] > latest:
+        if times[1, axis] > time * (1.0 + 4.0 * TIME_ROUNDING):
             continue
         span = _careful_span(starts, ends, rotations, half_extents, i, j, axis)
         if time > _exit(span[0], span[1], span[2]) * (1.0 + TIME_ROUNDING):
@@ -97,7 +124,8 @@ def _careful_span(
     x = determinant(u[1], u[2], v[1], v[2])
     y = determinant(u[2], u[0], v[2], v[0])
     z = determinant(u[0], u[1], v[0], v[1])
-    norm = length(x, y, z)
+    square = x * x + y * y + z * z
+    norm = math.sqrt(square) if square > SMALL_SQUARE else length(x, y, z)
     if norm < PARALLEL:
         return 0.0, 0.0, 0.0, (0.0, 0.0, 0.0)
     p, q = minus(vector(starts, j), vector(starts, i)), minus(vector(ends, j), vector(ends, i))
