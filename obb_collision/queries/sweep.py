@@ -153,9 +153,7 @@ def sweep_kernel(
                 )
         point = NO_NORMAL
         if axis >= 0:
-            point = contact_point(
-                starts, ends, rotations, half_extents, i, j, time, normal, axis
-            )
+            point = contact_point(starts, ends, rotations, half_extents, i, j, time, normal, axis)
         times[n] = time
         for k in range(3):
             normals[n, k], points[n, k] = normal[k], point[k]
