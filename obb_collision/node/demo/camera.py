@@ -70,12 +70,14 @@ def camera_of(view: View | None, boxes: Boxes) -> Camera:
     if view is not None:
         return _camera(np.array(view.eye), np.array(view.target), floor)
     target = (low + high) / 2.0
-    corners = np.array(list(product(*zip(low, high, strict=True))))
+    signs = np.array(list(product((-1.0, 1.0), repeat=3)))
+    reach = signs * boxes.half_extents[:, None]
+    corners = boxes.centers[:, None] + np.einsum("nij,nkj->nki", boxes.rotations, reach)
     away = max(float(np.linalg.norm(high - low)), 1e-6) * 2.0
     for _ in range(TRIALS):
         camera = _camera(target + (EYE - TARGET) * (away / DISTANCE), target, floor)
-        reach = np.abs(camera.pixels(corners) / SIZE - 0.5).max()
-        away *= 2.0 * float(reach) / FILLED
+        furthest = np.abs(camera.pixels(corners.reshape(-1, 3)) / SIZE - 0.5).max()
+        away *= 2.0 * float(furthest) / FILLED
     return _camera(target + (EYE - TARGET) * (away / DISTANCE), target, floor)
 
 
