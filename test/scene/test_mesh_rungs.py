@@ -147,7 +147,7 @@ def huge(subdivisions: int) -> oc.Mesh:
 def test_huge_meshes_are_decided_on_every_rung(rung: str, pairs: int) -> None:
     """20,480 triangles; with ``--pairs`` of 10,000 or more 1.3 million."""
     ball = huge(8 if pairs >= 10_000 else 5)
-    scene = oc.Scene(accuracy=rung)
+    scene = oc.Scene(accuracy=rung, tree_depth=8)
     scene.add("a", ball)
     scene.add("b", ball, [0.8, 0.1, 0, 0, 0, 0, 1])
     scene.add("cup", oc.Mesh(*ZOO["open_sphere1"]), [0, 0, 3.0, 0, 0, 0, 1])
