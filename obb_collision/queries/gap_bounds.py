@@ -22,7 +22,6 @@ from obb_collision.geometry.validation import Floats
 from obb_collision.queries.box_frame import Pair, dot, dot_abs
 from obb_collision.queries.separation import FAST_BOUND, UNDERFLOW
 
-AXES = 15
 #: An edge axis shorter than this is not worth a rough look.
 SHORT = 2.0**-20
 

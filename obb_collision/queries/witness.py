@@ -19,7 +19,9 @@ from obb_collision.queries.box_frame import (
     vector,
 )
 from obb_collision.queries.careful_gap import Axes, careful_gap, columns
-from obb_collision.queries.gap_bounds import AXES, bound_gaps
+from obb_collision.queries.gap_bounds import bound_gaps
+
+AXES = 15
 
 #: Signed gap, unit axis, number of the axis.
 Witness = tuple[float, float, float, float, int]
