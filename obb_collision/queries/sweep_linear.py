@@ -24,14 +24,9 @@ import numpy as np
 from obb_collision._jit import njit
 from obb_collision.geometry.error_free import length
 from obb_collision.geometry.validation import Floats
-from obb_collision.queries.separation import (
-    CAREFUL_BOUND,
-    FAST_BOUND,
-    PARALLEL,
-    UNDERFLOW,
-    cross_columns,
-    projected_radius,
-)
+from obb_collision.queries.box_frame import column, vector
+from obb_collision.queries.careful_gap import PARALLEL, columns, cross, projected_radius
+from obb_collision.queries.separation import CAREFUL_BOUND, FAST_BOUND, UNDERFLOW
 
 #: A time is a quotient of two differences: off by 3 unit roundoffs, bounded by 8.
 TIME_ROUNDING = 2.0**-50
@@ -132,15 +127,13 @@ def _careful_span(
 
     All zero for parallel edges, which have no axis: such a span is never left.
     """
-    # which two edges: one branch to foretell instead of the four of ``careful_axis``
+    # which two columns: as in ``careful_gap``
     k, m = axis % 3, axis // 3
     one = j if m == 1 else i
     other = i if m == 0 else j
-    nx, ny, nz = cross_columns(
-        rotations[one],
-        (k + 1) % 3 if m < 2 else m - 2,
-        rotations[other],
-        (k + 2) % 3 if m < 2 else k,
+    nx, ny, nz = cross(
+        column(rotations, one, (k + 1) % 3 if m < 2 else m - 2),
+        column(rotations, other, (k + 2) % 3 if m < 2 else k),
     )
     norm = length(nx, ny, nz)
     if norm < PARALLEL:
@@ -154,8 +147,8 @@ def _careful_span(
     nz /= norm
     first /= norm
     last = (nx * qx + ny * qy) + nz * qz
-    reach = projected_radius(nx, ny, nz, rotations[i], half_extents[i])
-    reach += projected_radius(nx, ny, nz, rotations[j], half_extents[j])
+    reach = projected_radius(nx, ny, nz, columns(rotations[i]), vector(half_extents, i))
+    reach += projected_radius(nx, ny, nz, columns(rotations[j]), vector(half_extents, j))
     size = (abs(px) + abs(py) + abs(pz)) + (abs(qx) + abs(qy) + abs(qz))
     for n in range(3):
         size += half_extents[i, n] + half_extents[j, n]
