@@ -1,6 +1,6 @@
 """Start the collision node, and RViz with it if asked.
 
-ros2 launch obb_collision obb_collision.launch.py rviz:=true namespace:=cell
+ros2 launch obb_collision obb_collision.launch.py rviz:=true namespace:=cell scene_file:=tabletop
 """
 
 from launch import LaunchDescription
@@ -8,6 +8,7 @@ from launch.actions import DeclareLaunchArgument
 from launch.conditions import IfCondition
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import Node
+from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
 
 
@@ -23,6 +24,11 @@ def generate_launch_description() -> LaunchDescription:
                 "params_file",
                 default_value=PathJoinSubstitution([config, "obb_collision.yaml"]),
                 description="YAML file of parameters.",
+            ),
+            DeclareLaunchArgument(
+                "scene_file",
+                default_value="",
+                description="Scene file to begin with: a path, or tabletop, warehouse, lidar_zone.",
             ),
             DeclareLaunchArgument(
                 "use_sim_time",
@@ -46,7 +52,12 @@ def generate_launch_description() -> LaunchDescription:
                 namespace=LaunchConfiguration("namespace"),
                 parameters=[
                     LaunchConfiguration("params_file"),
-                    {"use_sim_time": LaunchConfiguration("use_sim_time")},
+                    {
+                        "use_sim_time": LaunchConfiguration("use_sim_time"),
+                        "scene_file": ParameterValue(
+                            LaunchConfiguration("scene_file"), value_type=str
+                        ),
+                    },
                 ],
                 arguments=["--ros-args", "--log-level", LaunchConfiguration("log_level")],
                 output="screen",

@@ -17,6 +17,7 @@ import shutil
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
+from time import time
 from typing import Any, TypeVar
 
 import numba
@@ -28,6 +29,8 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 #: Cache folders kept: a few checkouts or virtual environments side by side, not every edit ever.
 KEPT_CACHES = 8
+#: Seconds since its last use for which a folder stays anyway: a running process may still need it.
+IN_USE = 86400.0
 
 
 def _source_hash() -> str:
@@ -50,6 +53,8 @@ def _cache_home() -> Path:
 def _drop_old_caches(home: Path) -> None:
     folders = sorted((p for p in home.iterdir() if p.is_dir()), key=lambda p: p.stat().st_mtime)
     for folder in folders[:-KEPT_CACHES]:
+        if time() - folder.stat().st_mtime < IN_USE:
+            continue
         shutil.rmtree(folder, ignore_errors=True)
 
 

@@ -15,17 +15,19 @@ WITH_ROS = [code for code in SNIPPETS if "import rclpy" in code]
 
 
 def test_the_snippets_are_found() -> None:
-    assert len(WITHOUT_ROS) == 4
+    assert len(WITHOUT_ROS) == 5
     assert len(WITH_ROS) == 1
 
 
-@pytest.mark.parametrize("code", WITHOUT_ROS, ids=["scene", "arrays", "mesh scene", "meshes"])
+@pytest.mark.parametrize(
+    "code", WITHOUT_ROS, ids=["scene", "arrays", "mesh scene", "meshes", "effects"]
+)
 def test_snippets_run_and_print_what_they_say(
     code: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     exec(compile(code, "README.md", "exec"), {})
     printed = capsys.readouterr().out.splitlines()
-    expected = re.findall(r"print\(.*\)  # (\[.*?\]|\d+)(?:[:\s]|$)", code, re.MULTILINE)
+    expected = re.findall(r"print\(.*\)  # (\[.*?\]|\{\}|\d+)(?:[:\s]|$)", code, re.MULTILINE)
     assert len(expected) > 0
     for line, text in zip(printed, expected, strict=False):
         assert line.startswith(text)

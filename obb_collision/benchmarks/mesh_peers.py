@@ -1,8 +1,9 @@
-"""Triangle meshes: this library's trees beside python-fcl's BVHModel, in one run.
+"""Triangle meshes: this library's trees beside python-fcl's and coal's, in one run.
 
-Both get the same surfaces at the same random poses and say whether they collide; python-fcl is
-called from Python pair by pair with transforms made beforehand, which is how it is used. Both
-are timed by the processor time of this process, turn by turn, the best of several turns.
+All get the same surfaces at the same random poses and say whether they collide; the peers, those
+of them that are installed, are called from Python pair by pair with transforms made beforehand,
+which is how they are used. All are timed by the processor time of this process, turn by turn, the
+best of several turns.
 
     python -m obb_collision.benchmarks.mesh_peers [--pairs N] [--json FILE]
 """
@@ -11,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import importlib.util
 import json
 import time
 from collections.abc import Callable
@@ -24,6 +26,9 @@ from trimesh import creation
 
 from obb_collision.geometry.mesh_tree import MeshTrees
 from obb_collision.queries.mesh_collision import PlacedMeshes, mesh_collisions
+
+Hits = NDArray[np.bool_]
+Maker = Callable[[Any, Any, list[PlacedMeshes]], Callable[[], Hits]]
 
 #: Turns of each side; the best counts, since others use the machine too.
 TURNS = 5
@@ -48,7 +53,10 @@ def meshes() -> dict[str, Any]:
 
 
 def compare(first: Any, second: Any, pairs: int, spread: float) -> dict[str, float]:
-    """Return microseconds a pair of either side, their ratio, the hits, the disagreements."""
+    """Return microseconds a pair and the share that collides.
+
+    Of each peer installed its microseconds, that over ours, and on how many pairs it differs.
+    """
     rng = np.random.default_rng(0)
     centers = rng.uniform(-spread, spread, (2, pairs, 3))
     rotations = [Rotation.random(pairs, random_state=rng).as_matrix() for _ in range(2)]
@@ -56,24 +64,30 @@ def compare(first: Any, second: Any, pairs: int, spread: float) -> dict[str, flo
     for mesh, center, rotation in zip((first, second), centers, rotations, strict=True):
         trees = MeshTrees.build(mesh.vertices, mesh.faces, solid=False)
         bodies.append(PlacedMeshes(trees, np.zeros(pairs, np.int64), center, rotation))
-    fcl_collide = _fcl(first, second, bodies)
 
-    def collide() -> NDArray[np.bool_]:
+    def collide() -> Hits:
         return mesh_collisions(bodies[0], bodies[1])
 
-    ours, theirs = collide(), fcl_collide()
-    turns = [(_seconds(collide), _seconds(fcl_collide)) for _ in range(TURNS)]
-    times = np.array(turns).min(axis=0)
-    return {
-        "ours_us": 1e6 * times[0] / pairs,
-        "fcl_us": 1e6 * times[1] / pairs,
-        "ratio": times[1] / times[0],
-        "colliding": float(ours.mean()),
-        "disagree": int((ours != theirs).sum()),
-    }
+    asked = {name: make(first, second, bodies) for name, make in installed().items()}
+    ours = collide()
+    theirs = {name: ask() for name, ask in asked.items()}
+    runs = [collide, *asked.values()]
+    times = np.array([[_seconds(run) for run in runs] for _ in range(TURNS)]).min(axis=0)
+    row = {"ours_us": 1e6 * times[0] / pairs, "colliding": float(ours.mean())}
+    for name, seconds in zip(asked, times[1:], strict=True):
+        row[f"{name}_us"] = 1e6 * seconds / pairs
+        row[f"{name}_ratio"] = seconds / times[0]
+        row[f"{name}_differ"] = int((ours != theirs[name]).sum())
+    return row
 
 
-def _fcl(first: Any, second: Any, bodies: list[PlacedMeshes]) -> Callable[[], NDArray[np.bool_]]:
+def installed() -> dict[str, Maker]:
+    """Return how to ask each peer that is installed, by name."""
+    makers = {"fcl": _fcl, "coal": _coal}
+    return {name: make for name, make in makers.items() if importlib.util.find_spec(name)}
+
+
+def _fcl(first: Any, second: Any, bodies: list[PlacedMeshes]) -> Callable[[], Hits]:
     fcl = importlib.import_module("fcl")
     objects, transforms = [], []
     for mesh, placed in zip((first, second), bodies, strict=True):
@@ -87,12 +101,37 @@ def _fcl(first: Any, second: Any, bodies: list[PlacedMeshes]) -> Callable[[], ND
     a, b = objects
     request = fcl.CollisionRequest()
 
-    def run() -> NDArray[np.bool_]:
+    def run() -> Hits:
         hits = np.empty(len(transforms[0]), np.bool_)
         for n, (place_a, place_b) in enumerate(zip(*transforms, strict=True)):
             a.setTransform(place_a)
             b.setTransform(place_b)
             hits[n] = fcl.collide(a, b, request, fcl.CollisionResult()) > 0
+        return hits
+
+    return run
+
+
+def _coal(first: Any, second: Any, bodies: list[PlacedMeshes]) -> Callable[[], Hits]:
+    coal = importlib.import_module("coal")
+    models, places = [], []
+    for mesh, placed in zip((first, second), bodies, strict=True):
+        model = coal.BVHModelOBBRSS()
+        model.beginModel(len(mesh.faces), len(mesh.vertices))
+        model.addVertices(np.asarray(mesh.vertices))
+        model.addTriangles(np.asarray(mesh.faces))
+        model.endModel()
+        models.append(model)
+        places.append(list(map(coal.Transform3s, placed.rotations, placed.centers)))
+    a, b = models
+    request, result = coal.CollisionRequest(), coal.CollisionResult()
+    request.enable_contact = False
+
+    def run() -> Hits:
+        hits = np.empty(len(places[0]), np.bool_)
+        for n, (place_a, place_b) in enumerate(zip(*places, strict=True)):
+            hits[n] = coal.collide(a, place_a, b, place_b, request, result) > 0
+            result.clear()  # a full result would end the next search
         return hits
 
     return run
@@ -106,21 +145,24 @@ def _seconds(run: Callable[[], object]) -> float:
 
 def main(arguments: list[str] | None = None) -> None:
     """Print the table; ``--json FILE`` writes it too."""
-    parser = argparse.ArgumentParser(description="mesh against mesh beside python-fcl")
+    parser = argparse.ArgumentParser(description="mesh against mesh beside python-fcl and coal")
     parser.add_argument("--pairs", type=int, default=1000, help="pairs of poses a row")
     parser.add_argument("--json", type=Path, help="write the figures to a file")
     options = parser.parse_args(arguments)
-    rows = {}
-    print(f"{'triangles':28}{'poses':>7}{'hits':>7}{'ours us':>9}{'fcl us':>9}{'ratio':>7}  differ")
+    rows, peers = {}, list(installed())
+    heads = "".join(f"{name + ' us':>10}{'ratio':>7}{'differ':>8}" for name in peers)
+    print(f"{'triangles':28}{'poses':>7}{'hits':>7}{'ours us':>9}{heads}")
     for name, (first, second) in meshes().items():
         for label, spread in SPREADS.items():
             row = rows[f"{name}, {label}"] = compare(first, second, options.pairs, spread)
-            print(
-                f"{name:28}{label:>7}{row['colliding']:7.0%}{row['ours_us']:9.2f}"
-                f"{row['fcl_us']:9.2f}{row['ratio']:7.1f}  {row['disagree']:.0f}"
+            cells = "".join(
+                f"{row[f'{peer}_us']:10.2f}{row[f'{peer}_ratio']:7.1f}{row[f'{peer}_differ']:8.0f}"
+                for peer in peers
             )
-    ratios = np.array([row["ratio"] for row in rows.values()])
-    print(f"python-fcl / ours: least {ratios.min():.1f}, median {np.median(ratios):.1f}")
+            print(f"{name:28}{label:>7}{row['colliding']:7.0%}{row['ours_us']:9.2f}{cells}")
+    for peer in peers:
+        ratios = np.array([row[f"{peer}_ratio"] for row in rows.values()])
+        print(f"{peer} / ours: least {ratios.min():.1f}, median {np.median(ratios):.1f}")
     if options.json:
         options.json.write_text(json.dumps(rows, indent=1))
 

@@ -5,8 +5,6 @@ Everything past these functions may trust its arrays: float64, C-contiguous, fin
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -59,20 +57,21 @@ def as_array(value: ArrayLike, name: str, shape: tuple[int | None, ...]) -> Floa
     return array
 
 
-def as_points(value: ArrayLike, name: str) -> NDArray[Any]:
-    """Return points (k, 3) as they are, if float32 or float64, else as float64; not copied.
+def as_points(value: ArrayLike, name: str) -> NDArray[np.floating]:
+    """Return points (n, 3) as they are if native float32 or float64, else as float64.
 
     They need not be finite. Raises ValueError naming the argument for another shape or kind.
     """
-    points = np.asarray(value)
-    if points.dtype not in (np.float32, np.float64):
-        try:
-            points = points.astype(np.float64)
-        except (TypeError, ValueError) as error:
-            raise ValueError(f"{name} must be numbers of shape (n, 3): {error}") from None
-    if points.ndim != 2 or points.shape[1] != 3:
-        raise ValueError(f"{name} must have shape (n, 3), got {points.shape}")
-    return points
+    try:
+        array = np.asarray(value)
+        usable = array.dtype in (np.float32, np.float64) and array.flags.aligned
+        if not (usable and array.dtype.isnative):
+            array = array.astype(np.float64)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{name} must be numbers of shape (n, 3): {error}") from None
+    if array.ndim != 2 or array.shape[1] != 3:
+        raise ValueError(f"{name} must have shape (n, 3), got {array.shape}")
+    return array
 
 
 def check_magnitude(array: Floats, name: str, by_row: bool) -> None:

@@ -143,8 +143,9 @@ def points_from_ros(message: PointCloud2) -> npt.NDArray[Any]:
             raise RefusedError("field layout", f"field {name!r} is not a float")
     (x, y, z), places = zip(*(fields[name][:2] for name in "xyz"), strict=True)
     if x == y == z and x.isnative and np.diff(places).tolist() == [x.itemsize] * 2:
-        side_by_side = {"names": ["xyz"], "formats": [(x, 3)], "offsets": [places[0]]}
-        points = rows.view(np.dtype({**side_by_side, "itemsize": rows.dtype.itemsize}))["xyz"]
+        layout: Any = {"names": ["xyz"], "formats": [(x, 3)], "offsets": [places[0]]}
+        layout["itemsize"] = rows.dtype.itemsize
+        points = rows.view(np.dtype(layout))["xyz"]
         if points.flags.aligned:
             return points
     single = max(kind.itemsize for kind in (x, y, z)) == 4

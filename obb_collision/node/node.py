@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from importlib.metadata import version
 from time import perf_counter
 from typing import Any
@@ -27,6 +27,7 @@ from obb_collision.node.objects import Objects
 from obb_collision.node.obstacles import Obstacles
 from obb_collision.node.outputs import Outputs
 from obb_collision.node.parameters import Parameters
+from obb_collision.node.qos import QosWatch
 from obb_collision.node.running import run
 from obb_collision.node.scene_files import SceneFile
 from obb_collision.node.scene_settings import SceneSettings
@@ -57,8 +58,7 @@ class CollisionNode(Node):
         fixed_frame = self.parameters.fixed_frame
         self._frames = frames if frames is not None else make_frames(self, fixed_frame)
         self._monitors = {topic: InputMonitor(topic, self._warn) for topic in INPUTS}
-        self._mismatches: dict[str, int] = {}
-        self._outputs = Outputs(self, self.parameters, self._count_mismatch)
+        self._outputs = Outputs(self, self.parameters)
         self.objects = Objects(fixed_frame, self._frames, self._refuse_late)
         self.inputs = Inputs(
             self.objects,
@@ -90,6 +90,7 @@ class CollisionNode(Node):
         if scene_file is not None:
             scene_file.add_to(self.objects, self._now())
         self._last_diagnostics = perf_counter()
+        self._qos = QosWatch(self, self._warn)
         clock = self._schedule.clock
         self.create_timer(DIAGNOSTICS_PERIOD, self._publish_diagnostics, clock=clock)
         self.parameters.on_change = self._apply_parameters
@@ -107,7 +108,7 @@ class CollisionNode(Node):
             f"ready: fixed frame '{fixed_frame}', frames by {self._frames.description}; "
             f"trigger {self.parameters.trigger} at {self.parameters.rate:g} Hz; backend numba "
             f"{version('numba')}, kernels ready in {perf_counter() - start:.1f} s; "
-            f"in: {' '.join(self._subscribed.topics)}; out: {' '.join(self._outputs.topics)}"
+            f"in: {_topics(self._subscribed.open)}; out: {_topics(self._outputs.ends)}"
         )
 
     def _read_scene_file(self) -> SceneFile | None:
@@ -126,7 +127,7 @@ class CollisionNode(Node):
         stored["points"] = self._storing(
             self._obstacles.take, lambda: self._effects.is_called("points")
         )
-        return Subscriptions(self, stored, self._monitors, self._count_mismatch)
+        return Subscriptions(self, stored, self._monitors)
 
     def _is_wanted(self, topic: str) -> bool:
         """Return whether the node subscribes to an input."""
@@ -175,13 +176,12 @@ class CollisionNode(Node):
         """Count a pose that was stored but could not be placed at the cycle."""
         self._monitors["objects"].refuse(self._now(), reason, item, detail)
 
-    def _count_mismatch(self, topic: str, count: int) -> None:
-        self._mismatches[topic] = count
-        self._warn(f"{topic}: a publisher or subscriber asks for incompatible QoS; no data flows")
-
     def _publish_diagnostics(self) -> None:
         elapsed, now = perf_counter() - self._last_diagnostics, self._now()
         self._last_diagnostics += elapsed
+        self._qos.look({**self._subscribed.open, **self._outputs.ends})
+        for topic, monitor in self._monitors.items():
+            monitor.mismatches = self._qos.mismatches.get(topic, 0)
         if not self._effects.is_called("diagnostics"):
             self.cycle.monitor.take()
             return
@@ -199,7 +199,7 @@ class CollisionNode(Node):
             diagnostics.cycle_status(
                 name, self.cycle.monitor, self._effects.states(), self.cycle.enabled, elapsed
             ),
-            diagnostics.qos_status(name, self._mismatches),
+            diagnostics.qos_status(name, self._qos.mismatches),
         ]
         self._outputs.publishers["diagnostics"].publish(message)
 
@@ -217,6 +217,10 @@ class CollisionNode(Node):
 
     def _clock_jumped(self, jump: TimeJump) -> None:
         self.objects.forget_order(self._now())
+
+
+def _topics(ends: Mapping[str, Any]) -> str:
+    return " ".join(end.topic_name for end in ends.values())
 
 
 def main(args: Sequence[str] | None = None) -> int:

@@ -70,7 +70,6 @@ class Outputs:
         self,
         node: Node,
         parameters: Parameters,
-        on_mismatch: Callable[[str, int], None],
     ) -> None:
         self._parameters = parameters
         self._markers = Markers(parameters.fixed_frame)
@@ -79,10 +78,7 @@ class Outputs:
         self._flag: bool | None = None
 
         def publisher(kind: type, topic: str, qos: QoSProfile) -> Publisher:
-            def mismatch(info: Any) -> None:
-                on_mismatch(topic, info.total_count)
-
-            events = PublisherEventCallbacks(incompatible_qos=mismatch)
+            events = PublisherEventCallbacks(use_default_callbacks=False)  # see qos.py
             return node.create_publisher(kind, topic, qos, event_callbacks=events)
 
         self.publishers = {
@@ -96,9 +92,10 @@ class Outputs:
         self.namespaces = publisher(DiagnosticStatus, "namespaces", LATCHED)
 
     @property
-    def topics(self) -> list[str]:
-        """Resolved names of the topics."""
-        return [p.topic_name for p in (*self.publishers.values(), self.namespaces)]
+    def ends(self) -> dict[str, Publisher]:
+        """All publishers, by topic as the node names it."""
+        named = {TOPICS[effect]: publisher for effect, publisher in self.publishers.items()}
+        return {**named, "namespaces": self.namespaces}
 
     def publish_namespaces(self, namespaces: list[str]) -> None:
         """Publish the table of namespace indices if it grew."""

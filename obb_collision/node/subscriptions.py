@@ -43,35 +43,25 @@ class Subscriptions:
         node: Node,
         takers: Mapping[str, Callable[[Any], None]],
         monitors: Mapping[str, InputMonitor],
-        on_mismatch: Callable[[str, int], None],
     ) -> None:
         self._node, self._takers, self._monitors = node, takers, monitors
-        self._on_mismatch = on_mismatch
-        self._open: dict[str, Subscription] = {}
-
-    @property
-    def topics(self) -> list[str]:
-        """Resolved names of the topics subscribed to."""
-        return [subscription.topic_name for subscription in self._open.values()]
+        self.open: dict[str, Subscription] = {}
+        """By topic, as the node names it."""
 
     def keep(self, topic: str, wanted: bool) -> None:
         """Subscribe to a topic, or no longer."""
-        if wanted and topic not in self._open:
-            self._open[topic] = self._subscribe(topic)
-        elif not wanted and topic in self._open:
-            self._node.destroy_subscription(self._open.pop(topic))
+        if wanted and topic not in self.open:
+            self.open[topic] = self._subscribe(topic)
+        elif not wanted and topic in self.open:
+            self._node.destroy_subscription(self.open.pop(topic))
 
     def _subscribe(self, topic: str) -> Subscription:
-        def mismatch(info: Any) -> None:
-            self._monitors[topic].mismatches = info.total_count
-            self._on_mismatch(topic, info.total_count)
-
         subscription = self._node.create_subscription(
             INPUTS[topic].kind,
             topic,
             self._takers[topic],
             QoSProfile(depth=INPUTS[topic].depth),
-            event_callbacks=SubscriptionEventCallbacks(incompatible_qos=mismatch),
+            event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),  # see qos.py
             qos_overriding_options=QoSOverridingOptions(
                 [QoSPolicyKind.DEPTH, QoSPolicyKind.DURABILITY, QoSPolicyKind.RELIABILITY]
             ),

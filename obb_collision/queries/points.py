@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from obb_collision.geometry.boxes import Boxes
-from obb_collision.geometry.validation import Floats, as_array
+from obb_collision.geometry.validation import Floats, as_array, as_points
 from obb_collision.queries.point_grid import build_grid
 from obb_collision.queries.point_kernels import lengths_kernel, points_kernel
 from obb_collision.queries.segments import LARGEST_EXPONENT
@@ -71,7 +71,7 @@ def points_inside(
     default as many as this process has cores. Raises ValueError for points of another shape, a
     negative margin or a number of threads below 1.
     """
-    cloud = _as_cloud(points)
+    cloud = as_points(points, "points")
     reach = float(as_array(margin, "margin", ()))
     if reach < 0.0:
         raise ValueError(f"margin must not be negative, got {reach!r}")
@@ -100,20 +100,6 @@ def points_inside(
         with ThreadPoolExecutor(min(threads, len(starts))) as pool:
             list(pool.map(look, range(len(starts))))
     return _merged(boxes, cloud, found, squares, int(ignored.sum()), labels if each_point else None)
-
-
-def _as_cloud(points: ArrayLike) -> NDArray[np.floating]:
-    """Return points as an array (p, 3) of float32 or float64: the one given, if it is of these."""
-    try:
-        array = np.asarray(points)
-        usable = array.dtype in (np.float32, np.float64) and array.flags.aligned
-        if not (usable and array.dtype.isnative):
-            array = array.astype(np.float64)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"points must be numbers of shape (n, 3): {error}") from None
-    if array.ndim != 2 or array.shape[1] != 3:
-        raise ValueError(f"points must have shape (n, 3), got {array.shape}")
-    return array
 
 
 def _cores() -> int:

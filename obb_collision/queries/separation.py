@@ -32,8 +32,10 @@ from numpy.typing import NDArray
 
 from obb_collision._jit import njit
 from obb_collision.geometry.boxes import Boxes
-from obb_collision.geometry.error_free import determinant, length, sum_sorted
+from obb_collision.geometry.error_free import length, sum_sorted
 from obb_collision.geometry.validation import Floats
+from obb_collision.queries.box_frame import Vector
+from obb_collision.queries.careful_gap import careful_gap, columns
 from obb_collision.queries.exact import exact_verdict
 
 Verdicts = NDArray[np.int8]
@@ -58,8 +60,6 @@ FAST_BOUND = 2.0**-43
 CAREFUL_BOUND = 2.0**-49
 #: Added to every bound: more than what gradual underflow can take from a gap.
 UNDERFLOW = 2.0**-1060
-#: Edges whose cross product is shorter are implied by other axes (see ``careful_axis``).
-PARALLEL = 2.0**-900
 #: Edges count as nearly parallel in the fast stage when all off-axis dot products are below.
 NEARLY_PARALLEL = 2.0**-20
 
@@ -238,9 +238,13 @@ def _implied_margin(gap: float, bound: float, extent: float, off_axis: float) ->
 @njit
 def classify_careful(ca: Floats, a: Floats, h: Floats, cb: Floats, b: Floats, f: Floats) -> int:
     """Return SEPARATE or OVERLAP where certain by the tight bound, else TOUCHING."""
+    p, q = (ca[0], ca[1], ca[2]), (cb[0], cb[1], cb[2])
+    u, v = (h[0], h[1], h[2]), (f[0], f[1], f[2])
+    axes_a, axes_b = columns(a), columns(b)
+    bound = _careful_bound(p, u, q, v)
     verdict = OVERLAP
     for axis in range(15):
-        gap, bound, _, _, _ = careful_axis(ca, a, h, cb, b, f, axis)
+        gap, _ = careful_gap(p, axes_a, u, q, axes_b, v, axis)
         if gap > bound:
             return SEPARATE
         if gap >= -bound:
@@ -254,52 +258,19 @@ def careful_axis(
 ) -> tuple[float, float, float, float, float]:
     """Return the gap along a unit axis, its error bound, and the axis, from a towards b.
 
-    axis: 0 to 2 the faces of a, 3 to 5 the faces of b, 6 + 3 i + j edge i of a with edge j of b.
-    Face normals are cross products too: stored axes are orthonormal to rounding only.
-
-    Edges shorter than PARALLEL in their product are parallel for all that doubles can tell. Such
-    an axis can separate only if another one does up to its bound (the argument of
-    ``_implied_margin``, with a margin below every bound), so its gap is given as minus infinity.
+    axis: as in ``careful_gap``.
     """
-    if axis < 3:
-        nx, ny, nz = cross_columns(a, (axis + 1) % 3, a, (axis + 2) % 3)
-    elif axis < 6:
-        nx, ny, nz = cross_columns(b, (axis + 1) % 3, b, (axis + 2) % 3)
-    else:
-        nx, ny, nz = cross_columns(a, (axis - 6) // 3, b, (axis - 6) % 3)
-    norm = length(nx, ny, nz)
-    if norm < PARALLEL:
-        return -np.inf, 0.0, 0.0, 0.0, 0.0
-    nx /= norm
-    ny /= norm
-    nz /= norm
-    dx = cb[0] - ca[0]
-    dy = cb[1] - ca[1]
-    dz = cb[2] - ca[2]
-    along = (nx * dx + ny * dy) + nz * dz
-    gap = abs(along) - (projected_radius(nx, ny, nz, a, h) + projected_radius(nx, ny, nz, b, f))
+    p, q = (ca[0], ca[1], ca[2]), (cb[0], cb[1], cb[2])
+    u, v = (h[0], h[1], h[2]), (f[0], f[1], f[2])
+    gap, (nx, ny, nz) = careful_gap(p, columns(a), u, q, columns(b), v, axis)
+    if nx == ny == nz == 0.0:
+        return gap, 0.0, nx, ny, nz
+    return gap, _careful_bound(p, u, q, v), nx, ny, nz
+
+
+@njit
+def _careful_bound(p: Vector, h: Vector, q: Vector, f: Vector) -> float:
+    """Return the bound of the careful stage for boxes at p and q."""
+    distance = length(q[0] - p[0], q[1] - p[1], q[2] - p[2])
     extents = sum_sorted(h[0], h[1], h[2]) + sum_sorted(f[0], f[1], f[2])
-    bound = CAREFUL_BOUND * (length(dx, dy, dz) + extents) + UNDERFLOW
-    if along < 0.0:
-        return gap, bound, -nx, -ny, -nz
-    return gap, bound, nx, ny, nz
-
-
-@njit
-def cross_columns(a: Floats, i: int, b: Floats, j: int) -> tuple[float, float, float]:
-    """Return column i of a crossed with column j of b, each component nearly exact."""
-    return (
-        determinant(a[1, i], a[2, i], b[1, j], b[2, j]),
-        determinant(a[2, i], a[0, i], b[2, j], b[0, j]),
-        determinant(a[0, i], a[1, i], b[0, j], b[1, j]),
-    )
-
-
-@njit
-def projected_radius(nx: float, ny: float, nz: float, axes: Floats, extents: Floats) -> float:
-    """Return half the length of a box projected on n."""
-    return sum_sorted(
-        extents[0] * abs((nx * axes[0, 0] + ny * axes[1, 0]) + nz * axes[2, 0]),
-        extents[1] * abs((nx * axes[0, 1] + ny * axes[1, 1]) + nz * axes[2, 1]),
-        extents[2] * abs((nx * axes[0, 2] + ny * axes[1, 2]) + nz * axes[2, 2]),
-    )
+    return CAREFUL_BOUND * (distance + extents) + UNDERFLOW

@@ -14,8 +14,7 @@ the end, their components summed, plus all half extents). A time is early by at 
 speed along the axis entered last: 1e-12 of it where the way along that axis is a hundredth of T or
 more.
 
-Both offsets are differences of stored centres, so a motion that two
-boxes share costs no accuracy.
+Both offsets are differences of stored centres, so a motion that two boxes share costs no accuracy.
 """
 
 from __future__ import annotations
@@ -26,7 +25,8 @@ from obb_collision._jit import njit
 from obb_collision.geometry.error_free import determinant, length, sum_sorted
 from obb_collision.geometry.validation import Floats
 from obb_collision.queries.box_frame import Vector, column, dot, minus, vector
-from obb_collision.queries.separation import CAREFUL_BOUND, PARALLEL, UNDERFLOW
+from obb_collision.queries.careful_gap import PARALLEL
+from obb_collision.queries.separation import CAREFUL_BOUND, UNDERFLOW
 from obb_collision.queries.sweep_intervals import (
     AXES,
     SMALL_SQUARE,
@@ -116,10 +116,10 @@ def _careful_span(
     """Return s at 0, s at 1, r with its error bound, and the unit axis, s at 0 not negative.
 
     All zero for parallel edges, which have no axis: such a span is never left. The axes and
-    bound of ``separation.careful_axis``; face normals by plain products, off by 2.5 unit
+    bound of ``careful_gap``; face normals by plain products, off by 2.5 unit
     roundoffs instead of 2, which the bound has room for (it is 16 where 10 are needed).
     """
-    # which two edges: one branch to foretell instead of the four of ``careful_axis``
+    # which two edges: one branch to foretell instead of four
     k, m = axis % 3, axis // 3
     u = column(rotations, j if m == 1 else i, (k + 1) % 3 if m < 2 else m - 2)
     v = column(rotations, i if m == 0 else j, (k + 2) % 3 if m < 2 else k)

@@ -2,22 +2,29 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from obb_collision._jit import njit
 from obb_collision.geometry.validation import Floats
-from obb_collision.queries.separation import FAST_BOUND, UNDERFLOW, careful_axis
-
-#: Errors of a rough gap, relative to T (see ``separation``): of the gap before it is divided by
-#: the length of its axis, and of the square of that length.
-GAP_ERROR = FAST_BOUND
-LENGTH_ERROR = 2.0**-44
-#: An edge axis shorter than this is not worth a rough look.
-SHORT = 2.0**-10
+from obb_collision.queries.box_frame import (
+    Pair,
+    Vector,
+    along_b,
+    clamped,
+    column,
+    dot,
+    minus,
+    plus,
+    scaled,
+    vector,
+)
+from obb_collision.queries.careful_gap import Axes, careful_gap, columns
+from obb_collision.queries.gap_bounds import bound_gaps
 
 AXES = 15
+
+#: Signed gap, unit axis, number of the axis.
+Witness = tuple[float, float, float, float, int]
 
 
 @njit
@@ -36,69 +43,49 @@ def witness(
     Only axes that may have the largest gap, by a rough calculation with its error bound, are
     computed carefully: one or two of the 15, as a rule. The result is that of all 15.
     """
-    least = _bound_gaps(ca, a, h, cb, b, f, most)
+    p, u = (ca[0], ca[1], ca[2]), (h[0], h[1], h[2])
+    q, v = (cb[0], cb[1], cb[2]), (f[0], f[1], f[2])
+    return _witness(p, columns(a), u, q, columns(b), v, most)[0]
+
+
+@njit
+def _witness(
+    ca: Vector, a: Axes, h: Vector, cb: Vector, b: Axes, f: Vector, most: Floats
+) -> tuple[Witness, Pair]:
+    """Return the witness, and the boxes in the frame of a."""
+    d = minus(cb, ca)
+    size = (abs(d[0]) + abs(d[1]) + abs(d[2])) + (h[0] + h[1] + h[2]) + (f[0] + f[1] + f[2])
+    pair = Pair(along(a, d), (along(a, b[0]), along(a, b[1]), along(a, b[2])), h, f)
+    least = bound_gaps(pair, size, most)
     best = -np.inf
-    bx, by, bz = 0.0, 0.0, 0.0
+    n = 0.0, 0.0, 0.0
     number = -1
     for axis in range(AXES):
         if not most[axis] >= least:
             continue
-        gap, _, nx, ny, nz = careful_axis(ca, a, h, cb, b, f, axis)
-        if gap > best or (gap == best and _before(nx, ny, nz, bx, by, bz)):
-            best = gap
-            bx, by, bz = nx, ny, nz
-            number = axis
-    return best, bx, by, bz, number
+        gap, m = careful_gap(ca, a, h, cb, b, f, axis)
+        if gap > best or (gap == best and _before(m, n)):
+            best, n, number = gap, m, axis
+    return (best, n[0], n[1], n[2], number), pair
 
 
 @njit
-def _bound_gaps(
-    ca: Floats, a: Floats, h: Floats, cb: Floats, b: Floats, f: Floats, most: Floats
-) -> float:
-    """Write the most that each gap can be (15,), and return the least the largest must be."""
-    dx, dy, dz = cb[0] - ca[0], cb[1] - ca[1], cb[2] - ca[2]
-    size = (abs(dx) + abs(dy) + abs(dz)) + (h[0] + h[1] + h[2]) + (f[0] + f[1] + f[2])
-    least = -np.inf
-    for axis in range(AXES):
-        i = axis % 3
-        if axis < 3:
-            nx, ny, nz = a[0, i], a[1, i], a[2, i]
-        elif axis < 6:
-            nx, ny, nz = b[0, i], b[1, i], b[2, i]
-        else:
-            k = (axis - 6) // 3
-            nx = a[1, k] * b[2, i] - a[2, k] * b[1, i]
-            ny = a[2, k] * b[0, i] - a[0, k] * b[2, i]
-            nz = a[0, k] * b[1, i] - a[1, k] * b[0, i]
-        square = nx * nx + ny * ny + nz * nz
-        if square < SHORT * SHORT:
-            most[axis] = np.inf
-            continue
-        gap = abs(nx * dx + ny * dy + nz * dz)
-        for k in range(3):
-            gap -= h[k] * abs(nx * a[0, k] + ny * a[1, k] + nz * a[2, k])
-            gap -= f[k] * abs(nx * b[0, k] + ny * b[1, k] + nz * b[2, k])
-        norm = math.sqrt(square)
-        error = size * (GAP_ERROR / norm + LENGTH_ERROR / square) + UNDERFLOW
-        most[axis] = gap / norm + error
-        least = max(least, gap / norm - error)
-    return least
+def along(axes: Axes, v: Vector) -> Vector:
+    """Return the components of a vector along the axes."""
+    return dot(axes[0], v), dot(axes[1], v), dot(axes[2], v)
 
 
 @njit
-def _before(ax: float, ay: float, az: float, bx: float, by: float, bz: float) -> bool:
+def _before(u: Vector, v: Vector) -> bool:
     """Order axes by magnitudes, then by relative signs: the same for both axes reversed."""
-    if abs(ax) != abs(bx):
-        return abs(ax) > abs(bx)
-    if abs(ay) != abs(by):
-        return abs(ay) > abs(by)
-    if abs(az) != abs(bz):
-        return abs(az) > abs(bz)
-    if ax * ay != bx * by:
-        return ax * ay > bx * by
-    if ay * az != by * bz:
-        return ay * az > by * bz
-    return ax * az > bx * bz
+    for k in range(3):
+        if abs(u[k]) != abs(v[k]):
+            return abs(u[k]) > abs(v[k])
+    if u[0] * u[1] != v[0] * v[1]:
+        return u[0] * u[1] > v[0] * v[1]
+    if u[1] * u[2] != v[1] * v[2]:
+        return u[1] * u[2] > v[1] * v[2]
+    return u[0] * u[2] > v[0] * v[2]
 
 
 @njit
@@ -114,19 +101,20 @@ def witness_kernel(
     """Write gap (m,), axis (m, 3) and a point (m, 3) of the contact of each pair (m, 2)."""
     most = np.empty(AXES)
     for n in range(len(pairs)):
-        i, j = pairs[n]
-        gap, nx, ny, nz, _ = witness(
-            centers[i], rotations[i], half_extents[i],
-            centers[j], rotations[j], half_extents[j], most,
-        )  # fmt: skip
-        gaps[n] = gap
-        axes[n, 0] = nx
-        axes[n, 1] = ny
-        axes[n, 2] = nz
-        common_point(
-            centers[i], rotations[i], half_extents[i],
-            centers[j], rotations[j], half_extents[j], points[n],
-        )  # fmt: skip
+        i, j = pairs[n, 0], pairs[n, 1]
+        ca, a, h = vector(centers, i), _axes(rotations, i), vector(half_extents, i)
+        cb, b, f = vector(centers, j), _axes(rotations, j), vector(half_extents, j)
+        (gaps[n], axes[n, 0], axes[n, 1], axes[n, 2], _), pair = _witness(ca, a, h, cb, b, f, most)
+        s = _common(pair)
+        x, y, z = a
+        for k in range(3):
+            points[n, k] = ca[k] + (s[0] * x[k] + s[1] * y[k] + s[2] * z[k])
+
+
+@njit
+def _axes(rotations: Floats, i: int) -> Axes:
+    """Return the axes of box i."""
+    return column(rotations, i, 0), column(rotations, i, 1), column(rotations, i, 2)
 
 
 #: Rounds of alternating projections: each moves the point into one box, then into the other.
@@ -146,13 +134,30 @@ def common_point(
     Alternating projections onto convex sets (von Neumann; Bregman 1965), from between the
     centres. A place to draw the contact at, not a contact manifold.
     """
+    x, y, z = columns(a)
+    axes = x, y, z
+    d = along(axes, (cb[0] - ca[0], cb[1] - ca[1], cb[2] - ca[2]))
+    u, v, w = columns(b)
+    r = along(axes, u), along(axes, v), along(axes, w)
+    s = _common(Pair(d, r, (h[0], h[1], h[2]), (f[0], f[1], f[2])))
     for k in range(3):
-        out[k] = ca[k] + 0.5 * (cb[k] - ca[k])
+        out[k] = ca[k] + (s[0] * x[k] + s[1] * y[k] + s[2] * z[k])
+
+
+@njit
+def _common(pair: Pair) -> Vector:
+    """Return the point of ``common_point`` in the frame of a."""
+    d, (x, y, z), h, f = pair.d, pair.r, pair.h, pair.f
     settled = SETTLED * (h[0] + h[1] + h[2] + f[0] + f[1] + f[2])
+    s = scaled(d, 0.5)
     for _ in range(PROJECTION_ROUNDS):
-        clamp_to_box(out, ca, a, h)
-        if clamp_to_box(out, cb, b, f) <= settled:
+        s = clamped(s, h)
+        t = along_b(pair, minus(s, d))
+        t = minus(t, clamped(t, f))
+        s = minus(s, plus(plus(scaled(x, t[0]), scaled(y, t[1])), scaled(z, t[2])))
+        if max(abs(t[0]), abs(t[1]), abs(t[2])) <= settled:
             break
+    return s
 
 
 @njit

@@ -24,7 +24,7 @@ class AllowedPairs:
     """Rules, and the table they make for the names at hand."""
 
     def __init__(self) -> None:
-        self.rules: list[Rule] = []
+        self._rules: dict[tuple[str, ...], Rule] = {}  # by both patterns, sorted
         self._made: tuple[int, Counts] | None = None
 
     def add(self, first: str, second: str, allowed: bool) -> None:
@@ -33,17 +33,22 @@ class AllowedPairs:
         Raises ValueError for what is no pattern.
         """
         a, b = (*as_patterns(first, "first"), *as_patterns(second, "second"))
-        rule = (a, b, bool(allowed))
-        same = {(a, b), (b, a)}
-        self.rules = [old for old in self.rules if old[:2] not in same] + [rule]
+        key = tuple(sorted((a, b)))
+        self._rules.pop(key, None)  # the last rule comes last
+        self._rules[key] = a, b, bool(allowed)
         self._made = None
+
+    @property
+    def rules(self) -> list[Rule]:
+        """The rules, in the order in which they count."""
+        return list(self._rules.values())
 
     def counts(self, names: Sequence[str | None], version: int) -> Counts | None:
         """Return which pairs count as collisions if they collide, None for all.
 
         names: by slot; version: a number that changes with them, so that the table can be kept.
         """
-        if not self.rules:
+        if not self._rules:
             return None
         if self._made is None or self._made[0] != version:
             self._made = version, _counts(self.rules, names)
@@ -56,8 +61,9 @@ def _counts(rules: Sequence[Rule], names: Sequence[str | None]) -> Counts:
     kinds, groups = np.unique(columns, axis=0, return_inverse=True)
     groups = groups.reshape(-1)  # numpy 2.0 gave it another shape
     table = np.ones((len(kinds), len(kinds)), np.bool_)
+    numbers = {pattern: number for number, pattern in enumerate(patterns)}
     for a, b, allowed in rules:
-        in_a, in_b = kinds[:, patterns.index(a)], kinds[:, patterns.index(b)]
+        in_a, in_b = kinds[:, numbers[a]], kinds[:, numbers[b]]
         table[np.outer(in_a, in_b) | np.outer(in_b, in_a)] = not allowed
 
     def counts(first: Rows, second: Rows) -> NDArray[np.bool_]:

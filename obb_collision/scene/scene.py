@@ -32,8 +32,8 @@ class Scene(SceneObjects):
     padding: metres by which every box is grown on each side.
     exact: decide by integer arithmetic what doubles can't tell from touching.
     accuracy: the rung of ``Accuracy`` for objects without one of their own, or its name. A pair is
-    decided on the lower rung of its two objects, above "obb" only where meshes or hulls are
-    concerned that have no padding (see ``scene.ladder``).
+    decided on the lower rung of its two objects, above "obb" only where that can say more than
+    boxes do (see ``scene.ladder``).
     tree_depth: of the boxes of "obb_tree", 2^depth a mesh.
     time_budget: seconds for a check, None for no limit; see the property.
     Raises ValueError for a padding or depth below zero, a budget that is not positive, and an

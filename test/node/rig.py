@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -226,8 +226,18 @@ class Client:
 class Rig(Client):
     """A collision node and a client in one context on one executor."""
 
-    def __init__(self, frames: Any = None, deaf: bool = False, **parameters: Any) -> None:
-        """Wait until they have met; deaf: the client listens to nothing yet."""
+    def __init__(
+        self,
+        frames: Any = None,
+        deaf: bool = False,
+        given: Mapping[str, Any] | None = None,
+        **parameters: Any,
+    ) -> None:
+        """Wait until they have met.
+
+        deaf: the client listens to nothing yet; given: more parameters, of any name.
+        """
+        parameters |= given or {}
         self.context = Context()
         self.context.init(domain_id=DOMAIN)
         super().__init__(self.context, SingleThreadedExecutor(context=self.context))

@@ -12,38 +12,27 @@ import pytest
 
 import obb_collision as oc
 from obb_collision.node.demo import picture
-from obb_collision.node.demo.bodies import as_marked, bodies_of, triangles_of
+from obb_collision.node.demo.bodies import bodies_of, triangles_of
 from obb_collision.node.demo.camera import SIZE, WAREHOUSE, camera_of
 from obb_collision.node.demo.command import main, make_parser
-from obb_collision.node.demo.file_scene import FileScene, keys_of
 from obb_collision.scene.files import READY, find_scene, load_scene
 
 rclpy_context = pytest.importorskip("rclpy.context")
 
 from obb_collision.node import NamedClearance, NamedPoints, NamedPrediction  # noqa: E402
-from obb_collision.node.demo.file_settings import parameters_of  # noqa: E402
+from obb_collision.node.demo.file_scene import FileScene  # noqa: E402
 from obb_collision.node.demo.followers import Clearances, Insides, Predictions  # noqa: E402
 from obb_collision.node.demo.run import Demo  # noqa: E402
-from obb_collision.node.parameter_table import SPECS  # noqa: E402
 
 #: Domain of these tests, apart from those a robot or the other tests use.
 DOMAIN = 100 + os.getpid() % 40
 MOVEIT = Path(__file__).parents[1] / "data" / "moveit"
-POINTS = [[0, 0, 0], [1, 0, 0], [0, 2, 0], [0, 0, 3], [0.5, 0.5, 0.5]]
+POINTS = np.array([[0.0, 0, 0], [1, 0, 0], [0, 2, 0], [0, 0, 3], [0.5, 0.5, 0.5]])
 
 
 def ready(name: str) -> FileScene:
-    return FileScene(load_scene(find_scene(name)))
-
-
-def test_names_become_namespaces_and_ids() -> None:
-    names = ["cup/1", "cup", "a/b/2", "cup/01", "cup/x", "cup/0", "/7", f"n/{2**31}", "ü/3"]
-    keys = keys_of(names)
-    assert keys == [
-        ("cup", 1), ("cup", 2), ("a/b", 2), ("cup/01", 0), ("cup/x", 0), ("cup", 0), ("", 7),
-        (f"n/{2**31}", 0), ("ü", 3),
-    ]  # fmt: skip
-    assert len(set(keys)) == len(keys)
+    file = find_scene(name)
+    return FileScene(load_scene(file), file)
 
 
 @pytest.mark.parametrize("name", READY)
@@ -70,33 +59,11 @@ def test_ready_scenes_keep_names_poses_and_twists(name: str) -> None:
     ],
     ids=["cone", "capsule", "hull", "flat hull", "point"],
 )
-def test_shapes_without_a_marker_are_sent_with_the_same_box(shape: oc.Shape) -> None:
-    for got, expected in zip(as_marked(shape).local_box, shape.local_box, strict=True):
-        np.testing.assert_allclose(got, expected, rtol=0, atol=1e-12)
+def test_bodies_are_in_their_boxes(shape: oc.Shape) -> None:
     vertices, faces = triangles_of(shape)
     center, rotation, half_extents = shape.local_box
     local = (vertices[np.unique(faces)] - center) @ rotation
     assert (np.abs(local) <= half_extents + 1e-9).all()
-
-
-@pytest.mark.parametrize("name", READY)
-def test_parameters_are_those_of_the_node(name: str) -> None:
-    scene = ready(name)
-    values = parameters_of(scene)
-    specs = {spec.name: spec for spec in SPECS}
-    for key, value in values.items():
-        assert type(value) is type(specs[key].default), key
-        specs[key].read(value)  # refuses what can't be used
-    pairs = [f"{rule.first} {rule.second}" for rule in scene.description.allowed]
-    assert values["allowed_pairs"] == pairs
-    for effect, choice in scene.description.effects.items():
-        assert values.get(f"effects.{effect}") == choice.mode
-
-
-def test_rules_between_other_names_are_told_pair_by_pair() -> None:
-    scene = FileScene(load_scene(MOVEIT / "shelf.yaml"))
-    assert scene.names == ["tin/0", "board/0", "side/0"]
-    assert parameters_of(scene)["allowed_pairs"] == ["tin/0 board/0"]
 
 
 @pytest.mark.parametrize("scale", [0.01, 1.0, 300.0])
@@ -207,7 +174,7 @@ def start(lines: list[str]) -> Iterator[Start]:
     started: list[Demo] = []
 
     def start(path: Path) -> Demo:
-        started.append(Demo(context, FileScene(load_scene(path)), 20.0, 1.5, lines.append))
+        started.append(Demo(context, FileScene(load_scene(path), path), 20.0, 1.5, lines.append))
         return started[0]
 
     yield start
@@ -269,7 +236,7 @@ def test_bad_scene_files_are_refused_with_line_and_key(
 
 
 def test_scenes_of_the_package_are_found_by_name(capsys: pytest.CaptureFixture[str]) -> None:
-    assert make_parser().parse_args(["--scene", "tabletop"]).scene.name == "tabletop"
+    assert make_parser().parse_args(["--scene", "tabletop"]).scene[0].name == "tabletop"
     with pytest.raises(SystemExit):
         make_parser().parse_args(["--scene", "kitchen"])
     assert "tabletop, warehouse, lidar_zone" in capsys.readouterr().err

@@ -101,7 +101,7 @@ def test_contacts_are_points_in_both_boxes_with_the_normal_from_a_to_b(rig: Rig)
 
 
 def test_eight_points_a_pair_if_asked_for() -> None:
-    with Rig(**{"effects.contacts_max_points": 8}) as rig:
+    with Rig(given={"effects.contacts_max_points": 8}) as rig:
         listening(rig, "contacts")
         turned = cube(("a", 2), (0.0, 0.0, 0.875))
         turned.pose.orientation.z, turned.pose.orientation.w = np.sin(np.pi / 8), np.cos(np.pi / 8)
@@ -110,7 +110,7 @@ def test_eight_points_a_pair_if_asked_for() -> None:
 
 
 def test_clearances_have_the_closest_points_of_each_and_leave_out_what_is_far() -> None:
-    with Rig(**{"effects.clearance_limit": 0.75}) as rig:
+    with Rig(given={"effects.clearance_limit": 0.75}) as rig:
         listening(rig, "clearances")
         rig.send(cube(("a", 2), (1.5, 0, 0)), cube(("a", 1)), cube(("b", 1), (-1.8, 0, 0)))
         (found,) = named_clearances(answer(rig, "clearances"), rig.namespaces(2))

@@ -146,7 +146,7 @@ def test_modes_change_at_run_time(calls: Counter[str], effect: str) -> None:
     topics = [topic.replace("~", "obb_collision") for topic in TOPICS.values()]
     if effect == "collisions":
         topics.remove("collisions_text")  # which needs the same rows
-    with Rig(deaf=True, marker_rate=100.0, **{f"effects.{effect}": "off"}) as rig:
+    with Rig(deaf=True, marker_rate=100.0, given={f"effects.{effect}": "off"}) as rig:
         scene = Scene(rig)
         rig.listen(*topics)
         settled(scene, calls)
@@ -161,12 +161,19 @@ def test_modes_change_at_run_time(calls: Counter[str], effect: str) -> None:
         assert settled(scene, calls) == Counter()
 
 
-def test_the_latched_flag_is_published_when_it_changes_or_somebody_subscribes() -> None:
+def test_the_latched_flag_is_published_when_it_changes_or_somebody_subscribes(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     with Rig(deaf=True) as rig:
         publisher = rig.node._outputs.publishers["in_collision"]
         sent: list[bool] = []
         publish = publisher.publish
-        publisher.publish = lambda message: (sent.append(message.data), publish(message))
+
+        def noted(message: Any) -> None:
+            sent.append(message.data)
+            publish(message)
+
+        monkeypatch.setattr(publisher, "publish", noted)
         rig.send(cube(("a", 1)), cube(("a", 2), (0.5, 0, 0)))
         rig.until(lambda: sent[-1:] == [True], "flag")
         rig.cycles(3)
@@ -182,7 +189,7 @@ def test_the_latched_flag_is_published_when_it_changes_or_somebody_subscribes() 
 
 
 def test_diagnostics_say_what_is_computed_and_what_it_took() -> None:
-    with Rig(**{"effects.contacts": "on", "effects.points": "off"}) as rig:
+    with Rig(given={"effects.contacts": "on", "effects.points": "off"}) as rig:
         rig.listen("/diagnostics")
         scene = Scene(rig)
         scene.step(3)
@@ -197,11 +204,14 @@ def test_diagnostics_say_what_is_computed_and_what_it_took() -> None:
 
 
 def test_diagnostics_off_or_unheard_are_not_built(monkeypatch: pytest.MonkeyPatch) -> None:
-    built: list[None] = []
+    built: list[Any] = []
     original = diagnostics.cycle_status
-    monkeypatch.setattr(
-        diagnostics, "cycle_status", lambda *args: (built.append(None), original(*args))[1]
-    )
+
+    def noted(*args: Any) -> Any:
+        built.append(original(*args))
+        return built[-1]
+
+    monkeypatch.setattr(diagnostics, "cycle_status", noted)
     with Rig(deaf=True) as rig:
         publish = rig.node._publish_diagnostics
         publish()
@@ -237,7 +247,7 @@ def test_an_effect_that_fails_is_reported_and_the_cycle_goes_on(
 
 
 def test_only_objects_that_call_for_an_effect_get_it() -> None:
-    with Rig(**{"effects.contacts_objects": ["a/2"]}) as rig:
+    with Rig(given={"effects.contacts_objects": ["a/2"]}) as rig:
         rig.patience = COMPILING
         rig.listen("contacts", "/diagnostics")
         rig.send(*(cube(("a", k), (0.5 * k, 0, 0)) for k in range(4)))

@@ -11,6 +11,7 @@ import pytest
 pytest.importorskip("rclpy")
 import yaml
 
+from obb_collision.node.effects import TOPICS
 from obb_collision.node.parameters import SPECS
 
 ROOT = Path(__file__).parents[2]
@@ -37,6 +38,17 @@ def test_the_rviz_configuration_shows_the_boxes_and_the_contacts() -> None:
     assert shown["World boxes"]["Topic"]["Value"] == "obb_collision/markers"
     assert shown["Contacts"]["Class"] == "rviz_default_plugins/PointCloud2"
     assert shown["Contacts"]["Topic"]["Value"] == "collisions"
+
+
+def test_the_rviz_configuration_has_the_topics_of_the_effects_switched_off() -> None:
+    clouds = {
+        shown["Topic"]["Value"]: shown["Enabled"]
+        for shown in displays().values()
+        if shown["Class"] == "rviz_default_plugins/PointCloud2"
+    }
+    assert clouds.pop("collisions") is True
+    effects = ("contacts", "clearance", "sweep", "points")
+    assert clouds == {TOPICS[name]: False for name in effects}
 
 
 def test_the_launch_file_describes_the_node() -> None:

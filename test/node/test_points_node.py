@@ -14,7 +14,7 @@ from std_msgs.msg import Header
 from test_effect_topics import answer, listening
 from test_frames import FakeFrames
 
-from obb_collision.node import named_points_inside
+from obb_collision.node import named_points_inside, obstacles
 from obb_collision.node.clouds import cloud_to_ros, points_from_ros
 from obb_collision.node.conversions import stamp_from_ros
 from obb_collision.node.errors import RefusedError
@@ -52,7 +52,7 @@ def test_the_latest_cloud_counts_and_an_empty_one_has_no_points(rig: Rig) -> Non
 
 
 def test_a_margin_counts_points_near_a_box() -> None:
-    with Rig(**{"effects.points_margin": 0.25}) as rig:
+    with Rig(given={"effects.points_margin": 0.25}) as rig:
         listening(rig, "points_inside")
         rig.send(cube(("a", 1)))
         rig.answer()
@@ -140,13 +140,13 @@ def test_refused_clouds_and_points_that_are_no_numbers_are_counted(rig: Rig) -> 
 def test_a_cloud_that_nobody_asks_about_is_kept_but_not_looked_at(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    from obb_collision.node import obstacles
+    taken: list[Any] = []
 
-    taken: list[int] = []
-    original = obstacles.points_from_ros
-    monkeypatch.setattr(
-        obstacles, "points_from_ros", lambda message: (taken.append(1), original(message))[1]
-    )
+    def noted(message: PointCloud2) -> Any:
+        taken.append(points_from_ros(message))
+        return taken[-1]
+
+    monkeypatch.setattr(obstacles, "points_from_ros", noted)
     with Rig() as rig:
         rig.send(cube(("a", 1)))
         rig.answer()
@@ -157,11 +157,11 @@ def test_a_cloud_that_nobody_asks_about_is_kept_but_not_looked_at(
         assert taken == []
         listening(rig, "points_inside")
         assert inside(rig) == [("a/1", 1)]
-        assert taken == [1], "the latest one only"
+        assert len(taken) == 1, "the latest one only"
 
 
 def test_off_gives_the_subscription_up_and_auto_takes_it_again() -> None:
-    with Rig(**{"effects.points": "off"}) as rig:
+    with Rig(given={"effects.points": "off"}) as rig:
         publisher = rig.pubs["points"]
         assert publisher.get_subscription_count() == 0
         rig.set(**{"effects.points": "auto"})

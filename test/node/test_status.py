@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
 import pytest
 
 pytest.importorskip("rclpy")
-from rclpy.qos import QoSProfile, ReliabilityPolicy
-from rig import NAMESPACE, Rig, color, cube, pose
+from rclpy.context import Context
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rig import DOMAIN, NAMESPACE, Rig, color, cube, pose
 from sensor_msgs.msg import PointCloud2
+from std_msgs.msg import Bool
 from std_srvs.srv import SetBool, Trigger
 
 from obb_collision.node import collisions_from_ros
@@ -64,6 +69,35 @@ def test_a_sender_with_incompatible_qos_is_reported(rig: Rig) -> None:
     rig.until(lambda: rig.status(": qos").get("object_poses"), "mismatch")
     assert rig.status("input object_poses")["qos mismatches"] == "1"
     assert "incompatible QoS on object_poses" in rig.status(": qos")["message"]
+
+
+@contextmanager
+def other_participant() -> Iterator[Node]:
+    """Yield a node that may use a topic with another type, as that of another process may."""
+    context = Context()
+    context.init(domain_id=DOMAIN)
+    node = Node("other", context=context, namespace=NAMESPACE)
+    try:
+        yield node
+    finally:
+        node.destroy_node()
+        context.try_shutdown()
+
+
+def test_a_listener_with_incompatible_qos_or_type_is_reported(
+    rig: Rig, capfd: pytest.CaptureFixture[str]
+) -> None:
+    rig.listen("/diagnostics")
+    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    rig.client.create_subscription(PointCloud2, "contacts", print, latched)
+    with other_participant() as other:
+        other.create_subscription(Bool, "clearances", print, 1)
+        wrong = {"contacts", "clearances"}
+        rig.until(lambda: wrong <= set(rig.status(": qos")), "mismatches")
+    assert rig.node._effects.of_cycle().isdisjoint({"contacts", "clearance"})
+    errors = capfd.readouterr().err
+    assert "DURABILITY" in errors
+    assert "type std_msgs/msg/Bool of other" in errors
 
 
 def test_clear_removes_everything(rig: Rig) -> None:

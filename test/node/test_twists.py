@@ -96,7 +96,7 @@ def test_twists_are_not_read_where_sweeps_are_off(monkeypatch: pytest.MonkeyPatc
         raise AssertionError("read")
 
     monkeypatch.setattr(inputs, "twists_from_ros", never)
-    with Rig(**{"effects.sweep": "off"}) as rig:
+    with Rig(given={"effects.sweep": "off"}) as rig:
         rig.send(cube(A1))
         rig.answer()
         rig.send_states(["a/1"], [pose(1.0)], twists=[FORWARD])

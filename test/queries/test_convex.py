@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from mesh_zoo import zoo
@@ -29,7 +31,7 @@ def pool(corners: list[Floats]) -> Hulls:
     return hulls.all
 
 
-def random_bodies(count: int, kinds: int, spread: float, seed: int) -> tuple[Floats, ...]:
+def random_bodies(count: int, kinds: int, spread: float, seed: int) -> tuple[Any, Any, Any]:
     rng = np.random.default_rng(seed)
     rotations = Rotation.random(count, rng=rng).as_matrix()
     return rng.integers(0, kinds, count), rng.uniform(-spread, spread, (count, 3)), rotations

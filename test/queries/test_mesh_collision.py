@@ -1,6 +1,8 @@
-"""Meshes: the order of the rungs, agreement with python-fcl, solids, and bad input."""
+"""Meshes: the order of the rungs, agreement with python-fcl and coal, solids, and bad input."""
 
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 import pytest
@@ -96,12 +98,20 @@ def _root_boxes(bodies: PlacedMeshes) -> Boxes:
     return Boxes(centers, rotations, rows[:, 12:15] * (1.0 + 1e-12))
 
 
-def test_surfaces_agree_with_fcl(trees: MeshTrees) -> None:
+@pytest.mark.parametrize("peer", ["fcl", "coal"])
+def test_surfaces_agree_with_peers(trees: MeshTrees, peer: str) -> None:
     """On every pair but those where a nudge of 1e-9 m changes our own verdict."""
-    fcl = pytest.importorskip("fcl")
+    module = pytest.importorskip(peer)
     surfaces = MeshTrees.join([MeshTrees.build(*ZOO[name], solid=False) for name in NAMES])
     a, b = _bodies(surfaces, PAIRS, 0.5, 4)
     ours = mesh_collisions(a, b)
+    theirs = (_fcl_hits if peer == "fcl" else _coal_hits)(module, a, b)
+    for row in np.flatnonzero(ours != theirs).tolist():
+        assert _near_touching(a, b, row, 1e-9), f"pair {row}: ours {ours[row]}"
+    assert 0.1 < ours.mean() < 0.9
+
+
+def _fcl_hits(fcl: Any, a: PlacedMeshes, b: PlacedMeshes) -> NDArray[np.bool_]:
     models = []
     for name in NAMES:
         model = fcl.BVHModel()
@@ -109,18 +119,38 @@ def test_surfaces_agree_with_fcl(trees: MeshTrees) -> None:
         model.addSubModel(*ZOO[name])
         model.endModel()
         models.append(model)
-    theirs = np.empty(PAIRS, np.bool_)
-    for n in range(PAIRS):
+    hits = np.empty(len(a), np.bool_)
+    for n in range(len(a)):
         objects = [
             fcl.CollisionObject(
                 models[side.meshes[n]], fcl.Transform(side.rotations[n], side.centers[n])
             )
             for side in (a, b)
         ]
-        theirs[n] = fcl.collide(*objects, fcl.CollisionRequest(), fcl.CollisionResult()) > 0
-    for row in np.flatnonzero(ours != theirs).tolist():
-        assert _near_touching(a, b, row, 1e-9), f"pair {row}: ours {ours[row]}"
-    assert 0.1 < ours.mean() < 0.9
+        hits[n] = fcl.collide(*objects, fcl.CollisionRequest(), fcl.CollisionResult()) > 0
+    return hits
+
+
+def _coal_hits(coal: Any, a: PlacedMeshes, b: PlacedMeshes) -> NDArray[np.bool_]:
+    models = []
+    for name in NAMES:
+        model = coal.BVHModelOBBRSS()
+        model.beginModel(len(ZOO[name][1]), len(ZOO[name][0]))
+        model.addVertices(ZOO[name][0])
+        model.addTriangles(ZOO[name][1])
+        model.endModel()
+        models.append(model)
+    hits = np.empty(len(a), np.bool_)
+    for n in range(len(a)):
+        sides = [
+            part
+            for side in (a, b)
+            for part in (
+                models[side.meshes[n]], coal.Transform3s(side.rotations[n], side.centers[n])
+            )
+        ]  # fmt: skip
+        hits[n] = coal.collide(*sides, coal.CollisionRequest(), coal.CollisionResult()) > 0
+    return hits
 
 
 def _near_touching(a: PlacedMeshes, b: PlacedMeshes, n: int, distance: float) -> bool:

@@ -170,6 +170,12 @@ REFUSED = {
     "world: {}\nrobot_state: {attached_collision_objects: [{link_name: a}]}": (
         "attached_collision_objects[0]: needs object"
     ),
+    "world: {}\nname: [a]": ":2: name: must be a word, got [a]",
+    f"world: {{collision_objects: [{{{OBJECT}, header: {{frame_id: [x]}}}}]}}": (
+        "header.frame_id: must be a word, got [x]"
+    ),
+    f"world: {{collision_objects: [{{{OBJECT}, operation: [0]}}]}}": "operation: must be a word",
+    "world: {}\nis_diff: [true]": "is_diff: must be true or false, got [true]",
     "world: {}\nis_diff: maybe": "is_diff: must be true or false, got maybe",
 }
 

@@ -29,7 +29,7 @@ def test_margin_callers_and_disabled_objects() -> None:
     scene = oc.Scene()
     for name, x in (("zone/1", 0.0), ("zone/2", 5.0), ("other/1", 0.0)):
         scene.add(name, oc.Box([1, 1, 1]), [x, 0, 0, 0, 0, 0, 1])
-    scene.points = [[0.75, 0, 0], [5, 0, 0]]
+    scene.points = [[0.75, 0.0, 0.0], [5.0, 0.0, 0.0]]
     scene.set_effect("points", objects="zone/*", margin=0.25)
     found = scene.check().points_inside
     assert found.indices.tolist() == [0, 1]

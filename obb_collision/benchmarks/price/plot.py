@@ -48,9 +48,9 @@ def save_plot(prices: Sequence[Price], path: Path) -> None:
     figure = Figure(figsize=(8.4, 5.2), dpi=100)
     figure.subplots_adjust(left=0.085, right=0.975, bottom=0.115, top=0.845)
     axes = figure.subplots()
-    rungs = sorted((row for row in price.rows if not row.peer), key=lambda row: row.pair_ns)
-    points = np.array([[row.pair_ns, _percent(row)] for row in rungs])
-    axes.plot(*points.T, color=OURS, linewidth=2.2, marker="o", markersize=8, zorder=3)
+    lines = _lines(price)
+    for points, width in zip(lines, (2.2, 1.4), strict=False):
+        axes.plot(*points.T, color=OURS, linewidth=width, marker="o", markersize=8, zorder=3)
     for row in price.rows:
         if row.peer:
             marker, color = PEERS[row.name.split()[0]]
@@ -59,8 +59,17 @@ def save_plot(prices: Sequence[Price], path: Path) -> None:
                 markerfacecolor="white", markeredgewidth=2.0, zorder=4, clip_on=False,
             )  # fmt: skip
     _frame(figure, axes, price)
-    _label(figure, axes, price.rows, points)
+    _label(figure, axes, price.rows, lines)
     figure.savefig(path, dpi=130)
+
+
+def _lines(price: Price) -> list[Floats]:
+    """Return the line (k, 2) of the rungs from quick to slow, and the branch of the trees."""
+    rungs = sorted((row for row in price.rows if not row.peer), key=lambda row: row.pair_ns)
+    trees = [row for row in rungs if row.name.startswith("obb_tree")]
+    ladder = [_at(row) for row in rungs if row not in trees]
+    branch = [_at(price.row("obb")), *(_at(row) for row in trees)]
+    return [np.array(ladder), np.array(branch)][: 2 if trees else 1]
 
 
 def _percent(row: Row) -> float:
@@ -101,15 +110,15 @@ def _time(nanoseconds: float) -> str:
     return f"{nanoseconds / 1e3:g} µs" if nanoseconds < 1e6 else f"{nanoseconds / 1e6:g} ms"
 
 
-def _label(figure: Any, axes: Any, rows: Sequence[Row], line: Floats) -> None:
+def _label(figure: Any, axes: Any, rows: Sequence[Row], lines: list[Floats]) -> None:
     """Write each name at one of PLACES where it covers nothing: the peers in the best order."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
     renderer = FigureCanvasAgg(figure).get_renderer()  # which knows how wide a text is
     to_pixels = axes.transData.transform
     boxes = [_box(point, POINT_ROOM) for point in to_pixels([_at(row) for row in rows])]
-    for start, end in pairwise(to_pixels(line)):
-        boxes += [_box(point, LINE_ROOM) for point in np.linspace(start, end, 12)]
+    for start, end in (ends for line in lines for ends in pairwise(to_pixels(line))):
+        boxes += [_box(point, LINE_ROOM) for point in np.linspace(start, end, 24)]
     taken = np.array(boxes)
     inside = np.array(axes.get_window_extent(renderer).extents)
     rooms: dict[str, list[Floats]] = {}

@@ -17,8 +17,10 @@ from obb_collision.benchmarks.price.scenes import Corpus, random_poses
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.mesh_tree import MeshTrees
 from obb_collision.geometry.poses import as_poses
+from obb_collision.geometry.tree_pool import HullPool, Hulls
 from obb_collision.geometry.validation import Floats
 from obb_collision.queries.coarse import faces_meet, sphere_bounds, spheres_meet
+from obb_collision.queries.convex import PlacedHulls, hulls_meet
 from obb_collision.queries.mesh_collision import PlacedMeshes, mesh_collisions, tree_collisions
 from obb_collision.queries.separation import SEPARATE, pair_verdicts
 from obb_collision.scene.broad_phase import find_candidates
@@ -45,7 +47,7 @@ class Throw:
         poses: Floats,
         boxes: Boxes,
         meshes: PlacedMeshes | None = None,
-        hulls: PlacedMeshes | None = None,
+        hulls: PlacedHulls | None = None,
     ) -> None:
         self.rows = rows
         self.centers, self.rotations = as_poses(poses)
@@ -63,7 +65,7 @@ class Throw:
         return self._meshes
 
     @property
-    def hulls(self) -> PlacedMeshes:
+    def hulls(self) -> PlacedHulls:
         """The hulls of the bodies, in place."""
         assert self._hulls is not None
         return self._hulls
@@ -90,11 +92,14 @@ class Bodies:
         self.scene = Scene()
         for k, row in enumerate(self.rows):
             self.scene.add(f"{k}", shapes[row])
-        self._trees: list[MeshTrees] = []
+        self._trees: tuple[MeshTrees, Hulls] | None = None
 
-    def use_trees(self, meshes: list[MeshTrees], hulls: list[MeshTrees]) -> None:
-        """Use these trees, one a shape, for the rungs above ``obb``."""
-        self._trees = [MeshTrees.join(meshes), MeshTrees.join(hulls)]
+    def use_trees(self, meshes: list[MeshTrees], hulls: list[Hulls]) -> None:
+        """Use these trees and hulls, one a shape, for the rungs above ``obb``."""
+        pool = HullPool()
+        for hull in hulls:
+            pool.append(hull)
+        self._trees = MeshTrees.join(meshes), pool.all
 
     def poses(self) -> Floats:
         """Return fresh random poses (n, 7)."""
@@ -104,8 +109,11 @@ class Bodies:
         """Move all bodies to poses, random ones if none are given."""
         where = self.poses() if poses is None else poses
         self.scene.move_indices(self.scene.indices, where)
-        placed = [PlacedMeshes.from_poses(trees, self.rows, where) for trees in self._trees]
-        return Throw(self.rows, where, self.scene.boxes, *placed)
+        if self._trees is None:
+            return Throw(self.rows, where, self.scene.boxes)
+        meshes = PlacedMeshes.from_poses(self._trees[0], self.rows, where)
+        hulls = PlacedHulls(self._trees[1], self.rows, meshes.centers, meshes.rotations)
+        return Throw(self.rows, where, self.scene.boxes, meshes, hulls)
 
 
 @njit
@@ -163,7 +171,7 @@ BOX_RUNGS = (
 )
 MESH_RUNGS = (
     *(Rung(f"obb_tree {depth}", _ask_tree(depth), "obb_tree", depth) for depth in DEPTHS),
-    Rung("hull", _refine(lambda t, i, j: mesh_collisions(t.hulls, t.hulls, i, j)), "hull"),
+    Rung("hull", _refine(lambda t, i, j: hulls_meet(t.hulls, t.hulls, i, j)), "hull"),
     Rung("mesh", _refine(lambda t, i, j: mesh_collisions(t.meshes, t.meshes, i, j)), "mesh"),
 )
 

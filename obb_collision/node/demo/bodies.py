@@ -1,14 +1,14 @@
-"""Shapes as triangles to draw and as what a marker can carry, and the bodies of a scene."""
+"""Shapes as triangles to draw, and the bodies of a scene."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 from scipy.spatial import QhullError
-from trimesh import convex, creation
+from trimesh import Trimesh, convex, creation
 
 from obb_collision.geometry.poses import as_poses
 from obb_collision.geometry.shapes import (
@@ -22,9 +22,11 @@ from obb_collision.geometry.shapes import (
     Shape,
     Sphere,
 )
-from obb_collision.node.demo.file_scene import FileScene
 from obb_collision.node.demo.scene import DemoScene
 from obb_collision.node.demo.shapes import SECTIONS
+
+if TYPE_CHECKING:
+    from obb_collision.node.demo.file_scene import FileScene
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -70,25 +72,10 @@ def _unscaled(shape: Shape) -> Any:
         try:
             return convex.convex_hull(shape.points)
         except QhullError:  # a point, a line, a triangle
-            return as_marked(Hull(shape.points))
+            rows = np.arange(len(shape.points))
+            faces = np.stack([rows, np.roll(rows, -1), np.roll(rows, -2)], axis=1)
+            return Trimesh(shape.points, faces, process=False)
     raise TypeError(f"the demo has no {type(shape).__name__}")
-
-
-def as_marked(shape: Shape) -> Shape:
-    """Return a shape that a marker type draws, with the same box.
-
-    Cones and capsules have no marker type: they become the cylinder around them. Hulls become
-    triangles between their points in some order; what counts is that all are there.
-    """
-    if isinstance(shape, Cone):
-        return Cylinder(shape.radius, shape.length, shape.scale)
-    if isinstance(shape, Capsule):
-        return Cylinder(shape.radius, shape.length + 2.0 * shape.radius, shape.scale)
-    if isinstance(shape, Hull):
-        rows = np.arange(len(shape.points))
-        faces = np.stack([rows, np.roll(rows, -1), np.roll(rows, -2)], axis=1)
-        return Mesh(shape.points, faces, shape.scale, shape.fit)
-    return shape
 
 
 def corner_normals(vertices: FloatArray, faces: IntArray) -> FloatArray:

@@ -6,6 +6,7 @@ The picture's own space has the size of the demo's warehouse: light, floor and l
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from itertools import product
 
 import numpy as np
 
@@ -23,8 +24,9 @@ FOCAL = 1730.0
 #: Where the warehouse is seen from, and the place in the middle of the picture.
 EYE, TARGET = np.array((6.4, -11.2, 7.0)), np.array((0.38, -0.05, 0.75))
 DISTANCE = float(np.linalg.norm(EYE - TARGET))
-#: Share of the picture's height that a scene without a view of its own fills.
-FILLED = 0.8
+#: Share of the picture that a scene without a view of its own fills, from the middle outwards, and
+#: how often the distance is set right for that: what is nearer grows faster.
+FILLED, TRIALS = 0.82, 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,14 +66,23 @@ def camera_of(view: View | None, boxes: Boxes) -> Camera:
     """Return the camera for a view of a scene file, or for one that has all boxes in it."""
     minimum, maximum = boxes.world_bounds()
     low, high = minimum.min(axis=0), maximum.max(axis=0)
-    if view is None:
-        target = (low + high) / 2.0
-        radius = max(float(np.linalg.norm(high - low)) / 2.0, 1e-6)
-        away = radius * 2.0 * FOCAL / (FILLED * SIZE[1])
-        eye = target + (EYE - TARGET) * (away / DISTANCE)
-    else:
-        eye, target = np.array(view.eye), np.array(view.target)
-    scale = DISTANCE / float(np.linalg.norm(eye - target))
     floor = min(0.0, float(low[2]))
+    if view is not None:
+        return _camera(np.array(view.eye), np.array(view.target), floor)
+    target = (low + high) / 2.0
+    signs = np.array(list(product((-1.0, 1.0), repeat=3)))
+    reach = signs * boxes.half_extents[:, None]
+    corners = boxes.centers[:, None] + np.einsum("nij,nkj->nki", boxes.rotations, reach)
+    away = max(float(np.linalg.norm(high - low)), 1e-6) * 2.0
+    for _ in range(TRIALS):
+        camera = _camera(target + (EYE - TARGET) * (away / DISTANCE), target, floor)
+        furthest = np.abs(camera.pixels(corners.reshape(-1, 3)) / SIZE - 0.5).max()
+        away *= 2.0 * float(furthest) / FILLED
+    return _camera(target + (EYE - TARGET) * (away / DISTANCE), target, floor)
+
+
+def _camera(eye: FloatArray, target: FloatArray, floor: float) -> Camera:
+    """Return the camera from world places; floor: the height that becomes the picture's."""
+    scale = DISTANCE / float(np.linalg.norm(eye - target))
     offset = np.array((*(TARGET - target * scale)[:2], -floor * scale))
     return Camera(eye * scale + offset, target * scale + offset, scale, offset)

@@ -30,7 +30,7 @@ INK, GREY = (0.13, 0.15, 0.18), (0.42, 0.45, 0.49)
 
 
 class Entry(NamedTuple):
-    """A line of the legend; form: "box", "dot" or "line", as it is in the picture."""
+    """A line of the legend; form: "box", "dot", "speck" or "line", as in the picture."""
 
     text: str
     color: Color
@@ -73,6 +73,8 @@ def _draw_sign(axes: Any, entry: Entry, y: float) -> None:
     if entry.form == "dot":
         white: Any = {"markeredgewidth": 2, "markeredgecolor": "white"}
         axes.plot([57], [y - 6], color=color, marker="o", markersize=10, **white)
+    elif entry.form == "speck":
+        axes.plot([57], [y - 6], color=color, marker="o", markersize=4)
     elif entry.form == "line":
         axes.plot([46, 68], [y - 7, y - 7], color=color, linewidth=3.0)
     else:

@@ -9,9 +9,8 @@ import signal
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TextIO
+from typing import TYPE_CHECKING, TextIO
 
-from obb_collision.node.demo.file_scene import FileScene
 from obb_collision.node.demo.layout import DEFAULT_OBJECTS, DEFAULT_SEED, MIN_OBJECTS
 from obb_collision.node.demo.scene import DemoScene
 from obb_collision.node.environment import is_ros_here, set_defaults
@@ -22,6 +21,9 @@ from obb_collision.scene.files import (
     find_scene,
     load_scene,
 )
+
+if TYPE_CHECKING:
+    from obb_collision.node.demo.file_scene import FileScene
 
 #: More would be a load test; ``obb_collision_latency`` is one.
 MAX_OBJECTS = 5000
@@ -105,15 +107,16 @@ def _number(kind: type, low: float, high: float) -> Callable[[str], float]:
     return convert
 
 
-def _description(text: str) -> SceneDescription:
-    """Convert for argparse: what a scene file says."""
+def _description(text: str) -> tuple[SceneDescription, Path]:
+    """Convert for argparse: what a scene file says, and where it is."""
     try:
-        description = load_scene(find_scene(text))
+        file = find_scene(text)
+        description = load_scene(file)
     except SceneFileError as error:
         raise argparse.ArgumentTypeError(str(error)) from None
     if not description.objects:
         raise argparse.ArgumentTypeError(f"{text}: there are no objects in it")
-    return description
+    return description, file
 
 
 def _file(text: str) -> Path:
@@ -174,9 +177,11 @@ def _scene(options: argparse.Namespace) -> DemoScene | FileScene:
     """Return the scene asked for, and say what of a file is left out."""
     if options.scene is None:
         return DemoScene(options.objects, options.seed)
-    for line in (f"scene {options.scene.name}: {options.scene.description}", *options.scene.notes):
-        _say(line)
-    return FileScene(options.scene)
+    from obb_collision.node.demo.file_scene import FileScene
+
+    description, file = options.scene
+    _say(f"scene {description.name}: {description.description or file}")
+    return FileScene(description, file)
 
 
 def _picture(save: Callable[[Path], None], file: Path) -> None:

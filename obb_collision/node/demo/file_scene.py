@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
-from itertools import count
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,7 @@ from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.shapes import Capsule, Cylinder, Shape
 from obb_collision.node.demo.layout import BLUE, CARD, NAVY, STEEL, STONE, VIOLET, WHITE, WOOD, Item
 from obb_collision.node.demo.scene import FloatArray
+from obb_collision.node.scene_files import keys_from_names
 from obb_collision.scene.files import SceneDescription
 from obb_collision.scene.files.lidar import Cloud
 from obb_collision.scene.patterns import matching
@@ -22,20 +23,17 @@ Rows = npt.NDArray[np.int64]
 
 #: Colours of objects that name none, by namespace in the order in which they come.
 PALETTE = (CARD, BLUE, WHITE, WOOD, STEEL, VIOLET, NAVY, STONE)
-#: Ids of markers are int32.
-LARGEST_ID = 2**31 - 1
 
 
 class FileScene:
     """A scene file with the interface of ``DemoScene``, and twists and a lidar's points.
 
-    Names of the file like ``cup/1`` are those on the topics; others, such as ``cup`` or those of
-    MoveIt, become a namespace: ``cup/0``.
+    file: what it was read from, for the node reads it, too.
     """
 
-    def __init__(self, description: SceneDescription) -> None:
-        self.description = description
-        keys = keys_of(description.names)
+    def __init__(self, description: SceneDescription, file: Path) -> None:
+        self.description, self.file = description, file
+        keys = keys_from_names(description.names)
         palette = dict.fromkeys(namespace for namespace, _ in keys)
         shades = {namespace: PALETTE[k % len(PALETTE)] for k, namespace in enumerate(palette)}
         self.items = [
@@ -100,22 +98,3 @@ class FileScene:
         """Return the boxes of some of the objects at a time."""
         self._scene.move_many(self.description.names, self.poses(time))
         return self._scene.boxes.take(rows)
-
-
-def keys_of(names: list[str]) -> list[tuple[str, int]]:
-    """Return the namespace and id for each name: of ``ns/id`` these, else the name and a number."""
-    keys = [_key(name) for name in names]
-    taken = {key for key in keys if key is not None}
-    result: list[tuple[str, int]] = []
-    for name, key in zip(names, keys, strict=True):
-        if key is None:
-            key = name, next(number for number in count() if (name, number) not in taken)
-            taken.add(key)
-        result.append(key)
-    return result
-
-
-def _key(name: str) -> tuple[str, int] | None:
-    namespace, _, digits = name.rpartition("/")
-    whole = digits.isascii() and digits.isdigit() and str(int(digits)) == digits
-    return (namespace, int(digits)) if whole and int(digits) <= LARGEST_ID else None

@@ -60,7 +60,8 @@ class Portrait:
             camera = camera_of(scene.description.view, self._boxes)
         image = render(bodies_of(scene, self._time), self._boxes, states, marks, camera)
         title = scene.description.name if isinstance(scene, FileScene) else "obb_collision"
-        subtitle = f"{len(scene.items)} objects, {len(self._pairs)} pairs in contact"
+        pairs = f"{len(self._pairs)} pair{'s' * (len(self._pairs) != 1)} in contact"
+        subtitle = f"{len(scene.items)} objects, {pairs}"
         save_picture(file, image, title, subtitle, self._legend(states), self._labels(camera))
 
     def _states(self) -> IntArray:
@@ -90,13 +91,16 @@ class Portrait:
 
     def _legend(self, states: IntArray) -> list[Entry]:
         kinds = [k for k, zone in zip(states.tolist(), self._zones, strict=True) if not zone]
-        entries = [Entry("contact, and how deep", _rgb(STATE_COLORS[COLLIDING]), "dot")]
+        entries = []
+        if len(self._contacts()):
+            color = _rgb(STATE_COLORS[COLLIDING])
+            entries.append(Entry("contact, and how deep", color, "dot"))
         if self._coming:
             entries.append(Entry("contact to come, and when", COMING_COLOR, "dot"))
         if len(self._near):
             entries.append(Entry("closest points, and how far", NEAR_COLOR, "line"))
         if self._inside:
-            entries.append(Entry("point in a zone", _rgb(CLOUD_COLORS[1]), "dot"))
+            entries.append(Entry("point in a zone", _rgb(CLOUD_COLORS[1]), "speck"))
         return entries + [
             Entry(f"{kinds.count(k)} {word}", _rgb(STATE_COLORS[k]))
             for k, word in enumerate(STATE_NAMES)

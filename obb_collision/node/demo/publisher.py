@@ -22,7 +22,6 @@ from obb_collision.node.conversions import (
     states_to_ros,
     transform_to_ros,
 )
-from obb_collision.node.demo.bodies import as_marked
 from obb_collision.node.demo.file_scene import FileScene
 from obb_collision.node.demo.scene import DemoScene
 from obb_collision.node.marker_shapes import shape_to_ros
@@ -82,7 +81,12 @@ class ScenePublisher(Node):
         return all(item.namespace in self._table for item in self.scene.items)
 
     def publish_all(self, time: float) -> int:
-        """Publish all objects as they are at a time; returns the stamp (ns)."""
+        """Publish all objects as they are at a time; returns the stamp (ns).
+
+        Of a scene file only where they are: what they are the checker reads there itself.
+        """
+        if isinstance(self.scene, FileScene):
+            return self._send_states(list(range(len(self.scene.items))), time)
         return self._send_markers(range(len(self.scene.items)), time)
 
     def publish_step(self, time: float) -> None:
@@ -121,10 +125,10 @@ class ScenePublisher(Node):
         for row in rows:
             item = self.scene.items[row]
             self._published[row] = shapes[row], poses[row].tobytes()
-            marker = shape_to_ros(as_marked(shapes[row]))
+            marker = shape_to_ros(shapes[row])
             marker.ns, marker.id, marker.pose = item.namespace, item.id, pose_to_ros(poses[row])
             marker.color.r, marker.color.g, marker.color.b = item.color
-            marker.color.a = item.opacity
+            marker.color.a = 1.0
             markers.append(marker)
         stamp, header = self._header()
         for marker in markers:

@@ -14,7 +14,6 @@ from rclpy.parameter import Parameter
 
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.node.demo.file_scene import FileScene
-from obb_collision.node.demo.file_settings import parameters_of
 from obb_collision.node.demo.followers import EFFECTS
 from obb_collision.node.demo.listener import TOUCH_DEPTH, CollisionListener
 from obb_collision.node.demo.publisher import CHANNELS, FRAME, ScenePublisher
@@ -59,7 +58,7 @@ class Demo:
         where: Any = {"context": context, "namespace": NAMESPACE}
         values = {"fixed_frame": FRAME, "trigger": "arrival", "marker_form": "cubes"}
         if isinstance(scene, FileScene):
-            values |= parameters_of(scene)
+            values["scene_file"] = str(scene.file.resolve())
         self._checker = CollisionNode(
             parameter_overrides=[Parameter(name, value=value) for name, value in values.items()],
             cli_args=["--ros-args", "-r", "/diagnostics:=diagnostics"],

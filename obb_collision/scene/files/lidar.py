@@ -18,6 +18,7 @@ from obb_collision.geometry.validation import Floats
 from obb_collision.queries.rays import cast_rays
 
 Cloud = NDArray[np.float32]
+Rows = NDArray[np.int64]
 
 #: Scanners have a few lines of many points: this many, between these angles above the horizon.
 LINES = 32
@@ -61,23 +62,25 @@ class Lidar:
         ways[ways <= 0.0] = np.inf
         local = np.einsum("nji,nj->ni", boxes.rotations, origin - boxes.centers)
         outside = (np.abs(local) > boxes.half_extents).any(axis=1)  # from inside nothing is seen
+        ways = np.minimum(ways, self.range)
+        met = np.flatnonzero(self._to_boxes(boxes.take(np.flatnonzero(outside)), ways) < ways)
         is_turned = np.zeros(len(boxes), np.bool_) if len(turned) == 0 else np.array(turned)
         flat = boxes.take(np.flatnonzero(outside & ~is_turned))
-        ways = np.minimum(ways, self._to_boxes(flat, directions))
+        ways[met] = np.minimum(ways[met], self._to_boxes(flat, ways[met], met))
         for row in np.flatnonzero(outside & is_turned):
-            box = boxes.take(np.array([row]))
-            near = np.flatnonzero(np.isfinite(self._to_boxes(box, directions)))
-            ways[near] = np.minimum(ways[near], _to_cylinder(local[row], directions[near], box))
+            to_cylinder = _to_cylinder(local[row], directions[met], boxes.take(np.array([row])))
+            ways[met] = np.minimum(ways[met], to_cylinder)
         moment = round(time * 1e6) % 2**63  # microseconds: what a stamp would tell apart
         noise = np.random.default_rng([self.seed, moment]).normal(0.0, NOISE, self.count)
-        seen = (ways >= NEAREST) & (ways <= self.range)
+        seen = (ways >= NEAREST) & (ways < self.range)
         points = origin + (ways + noise)[seen, None] * directions[seen]
         return points.astype(np.float32)
 
-    def _to_boxes(self, boxes: Boxes, directions: Floats) -> Floats:
-        """Return (n,) metres along the rays to the first box, inf where they meet none."""
+    def _to_boxes(self, boxes: Boxes, reaches: Floats, rays: Rows | None = None) -> Floats:
+        """Return (n,) metres along some of the rays to the first box, inf beyond their reaches."""
+        directions = self.directions if rays is None else self.directions[rays]
         origins = np.tile(np.array(self.position), (len(directions), 1))
-        return cast_rays(boxes, origins, directions, self.range).distances
+        return cast_rays(boxes, origins, directions, reaches).distances
 
 
 def _to_cylinder(start: Floats, directions: Floats, box: Boxes) -> Floats:

@@ -57,10 +57,13 @@ class _PlanningScene:
             if name in self._fields:
                 with self._problems.kept():
                     read(self._fields[name])
+        name = ""
+        if "name" in self._fields:
+            with self._problems.kept():
+                name = self._fields["name"].label()
         self._problems.finish()
-        name = self._fields["name"].node.value if "name" in self._fields else ""
         return SceneDescription(
-            str(name) or path.stem,
+            name or path.stem,
             tuple(self._objects),
             allowed=(*self._matrix, *self._own_rules),
             notes=tuple(self._notes),
@@ -132,7 +135,7 @@ class _PlanningScene:
         self._objects = [_colored(thing, colors) for thing in self._objects]
 
     def _read_robot(self, value: Value) -> None:
-        if value.node.value:
+        if value.label():
             self._notes.append(
                 f"the robot {value.text()} is left out: its links are in its model, not in the "
                 "file; what may touch them is kept"

@@ -35,7 +35,7 @@ class Frames:
     def of_world(self, value: Value) -> Pose:
         """Return the pose of the frame of one of the world's objects."""
         header = _frame_id(value)
-        name = "" if header is None else str(header.node.value).lstrip("/")
+        name = "" if header is None else header.label().lstrip("/")
         pose = self._poses.get(name)
         if pose is not None or header is None:
             return pose or IDENTITY
@@ -48,7 +48,7 @@ class Frames:
     def of_link(self, value: Value, link: str) -> Pose | None:
         """Return the pose of the frame of an object fixed to a link, None where it isn't told."""
         header = _frame_id(value)
-        name = link if header is None else str(header.node.value)
+        name = link if header is None else header.label()
         return self._poses.get(name.lstrip("/"))
 
 
@@ -65,7 +65,7 @@ def read_object(value: Value, base: Pose) -> list[SceneObject]:
     """
     fields = value.fields(KEYS, ("id",))
     name = fields["id"].text("an id")
-    if "operation" in fields and str(fields["operation"].node.value) not in ADD:
+    if "operation" in fields and fields["operation"].label() not in ADD:
         fields["operation"].expected("0 (ADD): a file can't remove or move objects")
     if "planes" in fields and fields["planes"].items():
         fields["planes"].refuse("a plane has no end and no box; use a large, flat box instead")

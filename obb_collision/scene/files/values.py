@@ -139,6 +139,10 @@ class Value:
             self.expected(what)
         return str(self.node.value)
 
+    def label(self) -> str:
+        """Return a word that may be empty, or missing."""
+        return "" if self.is_empty or not getattr(self.node, "value", "") else self.text()
+
     def choice(self, choices: Collection[str]) -> str:
         """Return one of some words."""
         word = self.text(f"one of {', '.join(choices)}")
@@ -148,8 +152,9 @@ class Value:
 
     def flag(self) -> bool:
         """Return true or false."""
-        word = str(self.node.value).lower() if isinstance(self.node, yaml.ScalarNode) else ""
-        if self.node.style is not None or word not in TRUE + FALSE:
+        plain = isinstance(self.node, yaml.ScalarNode) and self.node.style is None
+        word = str(self.node.value).lower() if plain else ""
+        if word not in TRUE + FALSE:
             self.expected("true or false")
         return word in TRUE
 
