@@ -64,7 +64,7 @@ class OurScene:
         self._poses[:, :3] = centers
         self._poses[:, 3:] = Rotation.from_matrix(rotations).as_quat()
         self._scene.move_indices(self._indices, self._poses)
-        return self._scene.check()
+        return self._scene.check(effects=["separations"])
 
     def pairs(self, found: Any) -> set[tuple[int, int]]:
         """Turn rows into tuples."""
