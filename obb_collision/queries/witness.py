@@ -132,7 +132,8 @@ def common_point(
     """Write a point (3,) near both boxes: inside both, or nearly, where they overlap.
 
     Alternating projections onto convex sets (von Neumann; Bregman 1965), from between the
-    centres. A place to draw the contact at, not a contact manifold.
+    centres, in the frame of a. A place to draw the contact at, not a contact manifold: unlike the
+    witness it is not the same to the last bit when the boxes are swapped or relabelled.
     """
     x, y, z = columns(a)
     axes = x, y, z
