@@ -39,7 +39,7 @@ class Sweeps:
     hits (m,) bool: do the boxes touch at any time? times (m,): of first contact, in the unit of
     the motion; infinite without a hit. points (m, 3) metres: where, in the common frame at that
     time (in or near both of boxes that overlap at the start); normals (m, 3): unit vectors from
-    the first box to the second. Both NaN without a hit.
+    the first box to the second. Both NaN without a hit, and (0, 3) where not asked for.
     """
 
     hits: NDArray[np.bool_]
@@ -51,7 +51,14 @@ class Sweeps:
         return len(self.hits)
 
 
-def sweep(start: Boxes, end: Boxes, pairs: ArrayLike, tolerance: float = TOLERANCE) -> Sweeps:
+def sweep(
+    start: Boxes,
+    end: Boxes,
+    pairs: ArrayLike,
+    tolerance: float = TOLERANCE,
+    *,
+    contacts: bool = True,
+) -> Sweeps:
     """Return the first contact of each pair (m, 2) while all boxes move from start to end.
 
     Every box k moves during times 0 to 1 from pose k of ``start`` to pose k of ``end``: its
@@ -64,12 +71,13 @@ def sweep(start: Boxes, end: Boxes, pairs: ArrayLike, tolerance: float = TOLERAN
     Where one does, time and hit are conservative: never late, none missed, and at that time the
     boxes are nearer than ``tolerance`` times the bounding radius of the smaller box (or 2e-6 of
     the larger one's where that is more). A turning pair that passes by that near may hit.
+    Without ``contacts`` only hits and times are computed; points and normals have no rows then.
 
     Raises ValueError for different lengths or half extents, for pairs that are not rows of the
     boxes, and for a tolerance outside 2e-6 to 1.
     """
     check_same_boxes(start, end)
-    return _sweep(start, end.centers, turns_between(start, end), pairs, tolerance)
+    return _sweep(start, end.centers, turns_between(start, end), pairs, tolerance, contacts)
 
 
 def sweep_twists(
@@ -78,6 +86,8 @@ def sweep_twists(
     pairs: ArrayLike,
     horizon: float,
     tolerance: float = TOLERANCE,
+    *,
+    contacts: bool = True,
 ) -> Sweeps:
     """Return the first contact of each pair (m, 2) within ``horizon`` seconds; times in seconds.
 
@@ -98,17 +108,19 @@ def sweep_twists(
         ends = boxes.centers + moved[:, :3]
     check_magnitude(ends, "twists times horizon", by_row=True)
     check_magnitude(moved, "twists times horizon", by_row=True)
-    result = _sweep(boxes, ends, np.ascontiguousarray(moved[:, 3:]), pairs, tolerance)
+    result = _sweep(boxes, ends, np.ascontiguousarray(moved[:, 3:]), pairs, tolerance, contacts)
     return Sweeps(result.hits, result.times * seconds, result.points, result.normals)
 
 
-def _sweep(start: Boxes, ends: Floats, turns: Floats, pairs: ArrayLike, tolerance: float) -> Sweeps:
+def _sweep(
+    start: Boxes, ends: Floats, turns: Floats, pairs: ArrayLike, tolerance: float, contacts: bool
+) -> Sweeps:
     rows = as_pairs(pairs, len(start))
     near = float(as_array(tolerance, "tolerance", ()))
     if not LEAST_TOLERANCE <= near <= 1.0:
         raise ValueError(f"tolerance must be from {LEAST_TOLERANCE:g} to 1, got {near:g}")
     times = np.empty(len(rows))
-    points, normals = np.empty((len(rows), 3)), np.empty((len(rows), 3))
+    points, normals = np.empty((2, len(rows) if contacts else 0, 3))
     sweep_kernel(
         start.centers, ends, start.rotations, start.half_extents,
         bounding_radii(start.half_extents), turns, rows, near, times, points, normals,
@@ -130,7 +142,7 @@ def sweep_kernel(
     points: Floats,
     normals: Floats,
 ) -> None:
-    """Write time (m,), point and normal (m, 3) of the first contact of each pair (m, 2).
+    """Write time (m,), point and normal (m, 3), or (0, 3) for none, of the first contact of pairs.
 
     starts, ends: centres (n, 3) at times 0 and 1; rotations (n, 3, 3) at 0; radii (n,) of the
     circumscribed spheres; turns (n, 3) rotation vectors over the whole time.
@@ -151,10 +163,12 @@ def sweep_kernel(
                 time, normal, axis = sweep_linear(
                     starts, ends, rotations, half_extents, i, j, spans
                 )
+        times[n] = time
+        if len(points) == 0:
+            continue
         point = NO_NORMAL
         if axis >= 0:
             point = contact_point(starts, ends, rotations, half_extents, i, j, time, normal, axis)
-        times[n] = time
         for k in range(3):
             normals[n, k], points[n, k] = normal[k], point[k]
         if axis < 0 and time < np.inf:

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 from support import family, joined, sizes
 from sweep_oracle import ExactMotion
 
@@ -205,3 +206,16 @@ def test_no_pairs_no_answers() -> None:
     assert len(sweep(start, end, [])) == 0
     nothing = start.take(np.arange(0))
     assert len(sweep(nothing, nothing, np.empty((0, 2), np.int64))) == 0
+
+
+def test_times_alone_are_those_with_contacts() -> None:
+    rng = np.random.default_rng(12)
+    turns = Rotation.random(80, random_state=rng)
+    start = Boxes(rng.uniform(-2, 2, (80, 3)), turns.as_matrix(), rng.uniform(0, 1, (80, 3)))
+    pairs = rng.permutation(80).reshape(-1, 2)
+    for rotations in (start.rotations, Rotation.random(80, random_state=rng).as_matrix()):
+        end = Boxes(rng.uniform(-2, 2, (80, 3)), rotations, start.half_extents)
+        full, alone = sweep(start, end, pairs), sweep(start, end, pairs, contacts=False)
+        assert alone.times.tolist() == full.times.tolist()
+        assert alone.hits.tolist() == full.hits.tolist()
+        assert alone.points.shape == alone.normals.shape == (0, 3)
