@@ -7,8 +7,8 @@ Both are timed by the processor time of this process, turn by turn, the best of 
 What counts as a miss: the boxes certainly overlap at a time just after our time of contact (by
 the certified verdicts, with poses computed by scipy), and the other side reports no collision.
 
-Turning, python-fcl 0.7 found all of these hits in most runs, and in one run of eight hardly any,
-from the same input: look at its misses before its speed.
+Turning, python-fcl 0.7 gives other answers in other runs from the same input: all hits and no
+false ones, hardly any, or a hit for every pair. Look at its misses and false hits before its speed.
 
     python -m obb_collision.benchmarks.sweep_peers [--pairs N] [--json FILE]
 """

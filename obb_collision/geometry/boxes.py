@@ -43,9 +43,8 @@ class Boxes:
         self._set(c.copy(), r.copy(), h)  # what is checked must not change behind our back
 
     def _set(self, centers: Floats, rotations: Floats, half_extents: Floats) -> None:
-        object.__setattr__(self, "centers", centers)
-        object.__setattr__(self, "rotations", rotations)
-        object.__setattr__(self, "half_extents", half_extents)
+        # past the guard of a frozen value, at a third of what object.__setattr__ takes
+        vars(self).update(centers=centers, rotations=rotations, half_extents=half_extents)
 
     @classmethod
     def trusted(cls, centers: Floats, rotations: Floats, half_extents: Floats) -> Boxes:

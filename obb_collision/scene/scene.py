@@ -22,6 +22,7 @@ from obb_collision.scene.mesh_pairs import prepare_shapes
 from obb_collision.scene.objects import SceneObjects
 from obb_collision.scene.report import Report
 
+NO_RESULTS: dict[str, Any] = {}
 #: Depth of the trees on the rung "obb_tree": eight boxes a mesh.
 DEFAULT_DEPTH = 3
 
@@ -156,10 +157,9 @@ class Scene(SceneObjects):
         if self._budget is not None:
             self._budget.start()
         wanted = self._effects.wanted(effects)
-        lasting = all(EFFECTS[name].lazy for name in wanted)
+        lasting = not wanted or all(EFFECTS[name].lazy for name in wanted)
         report = self._report() if self._report is not None else None
-        anew = self._store.changed.any() or self._checker.behind
-        if report is None or not lasting or anew:
+        if report is None or not lasting or self._store.changed.any() or self._checker.behind:
             report = self._checked(start)
             self._report = weakref.ref(report)
         for name in wanted:
@@ -180,16 +180,9 @@ class Scene(SceneObjects):
         found = self._find()
         stages = {"pairs": perf_counter() - start}
         cycle = Cycle(
-            boxes=store.snapshot(),
-            active=store.active.copy(),
-            pairs=found.pairs,
-            verdicts=found.verdicts,
-            counts=self._checker.counts,
-            old=found.old,
-            last={} if last is None else last.results,
-            points=self._points,
-            store=store,
-            before=self._before,
+            *(store.snapshot(), store.active.copy(), found.pairs, found.verdicts),
+            *(self._checker.counts, found.old, NO_RESULTS if last is None else last.results),
+            *(self._points, store, self._before),
         )
         settings = self._effects.resolved(store.names, store.version)
         return Report(found, store.name_tuple(), stages, cycle, settings)

@@ -23,6 +23,7 @@ class EffectSettings:
             for name, effect in self._effects.items()
         }
         self._resolved: tuple[int, dict[str, Setting]] | None = None
+        self._always: tuple[str, ...] = ()  # those that are on
 
     def __getitem__(self, name: str) -> Setting:
         return self._settings[self.check_name(name)]
@@ -55,13 +56,16 @@ class EffectSettings:
         self._settings[name] = replace(
             setting, mode=mode or setting.mode, objects=patterns, values=values
         )
+        self._always = tuple(key for key, value in self._settings.items() if value.mode == ON)
         self._resolved = None
 
-    def wanted(self, asked: Iterable[str]) -> list[str]:
+    def wanted(self, asked: Iterable[str]) -> Sequence[str]:
         """Return the effects to compute: those that are on, and those asked for that are not off.
 
         Raises ValueError for an unknown name.
         """
+        if asked == ():
+            return self._always
         names = {self.check_name(name) for name in asked}
         modes = ((name, setting.mode) for name, setting in self._settings.items())
         return [name for name, mode in modes if mode == ON or (mode == AUTO and name in names)]
