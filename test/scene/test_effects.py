@@ -1,6 +1,8 @@
 """The machinery of effects: nothing is computed that nobody asked for, and reports stay true."""
 
 import gc
+import tracemalloc
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -128,7 +130,7 @@ def test_a_pair_that_fails_is_named_and_the_others_are_computed() -> None:
         return (pairs[:, 1] * 1.0,)
 
     setting = scene.effect_setting("separations")
-    table, count, failures = pair_rows("x", report.cycle, setting, compute)
+    table, count, failures = pair_rows("x", report.cycle, setting, compute, (np.empty(0),))
     assert count == 4
     assert failures == ("pair 2, 3: ArithmeticError: no answer",)
     assert table.rows.tolist() == [0, 1, 3]
@@ -179,3 +181,48 @@ def test_objects_may_come_one_by_one_between_checks() -> None:
     for k in range(70):
         scene.add(str(k), oc.Box([1, 1, 1]), at(0.75 * k))
         assert len(scene.check()) == k
+
+
+def test_where_nothing_collides_no_kernel_of_an_effect_is_called(
+    monkeypatch: pytest.MonkeyPatch, calls: list[int]
+) -> None:
+    queries = (("contacts", "contacts"), ("clearance", "clearances_within"), ("sweep", "sweep"))
+    for module, query in (*queries, ("sweep", "sweep_twists"), ("points", "points_inside")):
+
+        def called(*_: Any, query: str = query, **__: Any) -> None:
+            raise AssertionError(query)
+
+        monkeypatch.setattr(f"obb_collision.scene.effects.{module}.{query}", called)
+    scene = row_of_cubes(3, gap=5.0)
+    for name in EFFECTS:
+        scene.set_effect(name, "on")
+    scene.check()
+    scene.move("odd/1", at(5.25))
+    scene.points = np.empty((0, 3))
+    report = scene.check()
+    assert calls == []
+    assert all(cost.count == 0 and not cost.failures for cost in report.costs.values())
+    assert len(report.depths) == len(report.contacts) == len(report.clearances) == 0
+    assert len(report.swept.passed) == len(report.swept.predicted) == 0
+    assert report.points_inside.counts.tolist() == [0, 0, 0]
+
+
+def test_what_is_off_or_not_asked_for_allocates_nothing_of_its_own() -> None:
+    scene = row_of_cubes(400)
+    frames = iter(range(99))
+
+    def peak(check: Callable[[], object]) -> int:
+        shift = 0.01 * next(frames)
+        scene.move_indices(np.arange(400), [at(0.75 * k + shift) for k in range(400)])
+        tracemalloc.start()
+        check()
+        used = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        return used
+
+    for mode in ("auto", "off"):
+        for name in EFFECTS:
+            scene.set_effect(name, mode)
+        peak(scene.check), peak(scene._find)  # what the first time allocates for good
+        # the report, and which objects were active: no array with a row a pair
+        assert peak(scene.check) - peak(scene._find) < 4096

@@ -141,14 +141,21 @@ class PairTable:
 
 
 def pair_rows(
-    name: str, cycle: Cycle, setting: Setting, compute: Callable[[Boxes, Pairs], Table]
+    name: str,
+    cycle: Cycle,
+    setting: Setting,
+    compute: Callable[[Boxes, Pairs], Table],
+    blank: Table,
 ) -> tuple[PairTable, int, tuple[str, ...]]:
     """Return the table of the pairs that call for an effect, how many were computed, failures.
 
-    compute(boxes, pairs) returns columns with one row a pair. Rows of pairs that are as they were
-    in the check before are copied. Pairs for which ``compute`` raises are left out.
+    compute(boxes, pairs) returns columns with one row a pair; blank: the same without a row. Rows
+    of pairs that are as they were in the check before are copied. Pairs for which ``compute``
+    raises are left out, and where there are none it is not called.
     """
     rows = setting.calls(cycle.pairs)
+    if len(rows) == 0:
+        return PairTable(rows, cycle.pairs[rows], blank, setting.values), 0, ()
     last: PairTable | None = cycle.last.get(name)
     known = _known_rows(cycle, rows, setting, last)
     anew = np.flatnonzero(known < 0)
@@ -156,7 +163,7 @@ def pair_rows(
     def computed(pairs: Pairs) -> Table:
         return compute(cycle.boxes, pairs)
 
-    good, columns, failures = isolated(computed, cycle.pairs[rows[anew]])
+    good, columns, failures = isolated(computed, cycle.pairs[rows[anew]], blank)
     copied = np.flatnonzero(known >= 0)
     if last is not None and len(copied):
         order = np.argsort(np.concatenate([copied, anew[good]]))
@@ -176,23 +183,25 @@ def _known_rows(cycle: Cycle, rows: Rows, setting: Setting, last: PairTable | No
 
 
 def isolated(
-    compute: Callable[[Pairs], Table], pairs: Pairs
+    compute: Callable[[Pairs], Table], pairs: Pairs, blank: Table
 ) -> tuple[Rows, Table, tuple[str, ...]]:
     """Return the rows of pairs (m, 2) that ``compute`` can do, their columns, and its failures.
 
-    compute(pairs) returns columns with one row a pair. Where it raises, halves are tried, down to
-    the pairs that fail.
+    compute(pairs) returns columns with a row for some or all pairs; blank: the same without one.
+    Without pairs it is not called; where it raises, halves are tried, down to the pairs that fail.
     """
+    if len(pairs) == 0:
+        return np.arange(0), blank, ()
     try:
         return np.arange(len(pairs)), compute(pairs), ()
     except Exception as error:
-        if len(pairs) <= 1:
+        if len(pairs) == 1:
             where = "".join(f"pair {i}, {j}: " for i, j in pairs.tolist())
             failure = f"{where}{type(error).__name__}: {error}"
-            return np.arange(0), compute(pairs[:0]), (failure,)
+            return np.arange(0), blank, (failure,)
     half = len(pairs) // 2
-    rows, columns, failures = isolated(compute, pairs[:half])
-    more_rows, more_columns, more_failures = isolated(compute, pairs[half:])
+    rows, columns, failures = isolated(compute, pairs[:half], blank)
+    more_rows, more_columns, more_failures = isolated(compute, pairs[half:], blank)
     joined = zip(columns, more_columns, strict=True)
     return (
         np.concatenate([rows, half + more_rows]),

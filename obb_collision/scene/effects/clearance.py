@@ -14,6 +14,7 @@ from obb_collision.scene.effects.base import Cycle, Option, Outcome, Setting, Ta
 from obb_collision.scene.effects.candidates import meeting_pairs
 
 FIELDS = ("distances", "points_a", "points_b", "normals")
+BLANK: Table = (np.empty((0, 2), np.int64), np.empty(0), *np.empty((3, 0, 3)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,5 +59,5 @@ class Clearance:
             rows, found = clearances_within(cycle.boxes, some, limit)
             return (some[rows], *(getattr(found, field) for field in FIELDS))
 
-        _, columns, failures = isolated(compute, pairs)
+        _, columns, failures = isolated(compute, pairs, BLANK)
         return Outcome(PairClearances(*columns), len(pairs), failures)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.validation import Floats
-from obb_collision.queries.contacts import contacts
+from obb_collision.queries.contacts import LIMITS, contacts
 from obb_collision.scene.broad_phase import Pairs
 from obb_collision.scene.effects.base import (
     Cycle,
@@ -23,6 +23,15 @@ from obb_collision.scene.effects.base import (
 )
 
 FIELDS = ("normals", "depths", "counts", "points", "point_depths", "axes")
+
+
+BLANKS: dict[int, Table] = {
+    limit: (
+        *(np.empty((0, 3)), np.empty(0), np.empty(0, np.int64)),
+        *(np.empty((0, limit, 3)), np.empty((0, limit)), np.empty(0, np.int8)),
+    )
+    for limit in LIMITS
+}
 
 
 class PairContacts(PairTable):
@@ -75,7 +84,8 @@ class ContactPatches:
         """Compute the patches."""
         limit = int(setting.values["max_points"])
         table, count, failures = pair_rows(
-            self.name, cycle, setting, partial(_patches, limit=limit)
+            *(self.name, cycle, setting),
+            *(partial(_patches, limit=limit), BLANKS[limit]),
         )
         result = PairContacts(table.rows, table.pairs, table.columns, table.values)
         return Outcome(result, count, failures)

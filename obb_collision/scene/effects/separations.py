@@ -11,6 +11,8 @@ from obb_collision.queries.witness import witness_kernel
 from obb_collision.scene.broad_phase import Pairs
 from obb_collision.scene.effects.base import Cycle, Option, Outcome, Setting, Table, pair_rows
 
+BLANK: Table = (np.empty(0), *np.empty((2, 0, 3)))
+
 
 class Separations:
     """Signed separations (k,), unit normals (k, 3) and a place (k, 3) of the colliding pairs."""
@@ -21,7 +23,7 @@ class Separations:
 
     def run(self, cycle: Cycle, setting: Setting) -> Outcome:
         """Compute the columns of ``Report.separations``, ``normals`` and ``points``."""
-        return Outcome(*pair_rows(self.name, cycle, setting, _separations))
+        return Outcome(*pair_rows(self.name, cycle, setting, _separations, BLANK))
 
 
 def _separations(boxes: Boxes, pairs: Pairs) -> Table:

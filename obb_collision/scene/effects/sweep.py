@@ -32,6 +32,7 @@ from obb_collision.scene.effects.base import (
 from obb_collision.scene.effects.candidates import meeting_pairs
 
 FIELDS = ("hits", "times", "points", "normals")
+BLANK: Table = (np.empty(0, np.bool_), np.empty(0), *np.empty((2, 0, 3)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,6 +162,6 @@ def _swept(
         found = query(some)
         return tuple(getattr(found, field) for field in FIELDS)
 
-    good, (hits, *columns), failures = isolated(compute, rows)
+    good, (hits, *columns), failures = isolated(compute, rows, BLANK)
     hit: Mask = hits.astype(np.bool_)
     return Hits(pairs[good][hit], *(column[hit] for column in columns)), failures
