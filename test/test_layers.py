@@ -11,7 +11,8 @@ import obb_collision
 
 ROOT = Path(obb_collision.__file__).parent
 LAYERS = {
-    "_jit": set(),
+    "_kernel_cache": set(),
+    "_jit": {"_kernel_cache"},
     "geometry": {"_jit"},
     "queries": {"_jit", "geometry"},
     "obb": {"_jit", "geometry", "queries"},

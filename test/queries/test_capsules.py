@@ -53,8 +53,8 @@ def scene(n: int, seed: int) -> tuple[Boxes, np.ndarray, np.ndarray]:
 def near_radii(separations: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """Radii that make pairs touch, nearly touch or overlap, given distances without a radius."""
     noise = rng.choice([0.0, 1e-16, 1e-14, 1e-9, 0.3], len(separations))
-    noise = 1.0 + noise * rng.choice([-1.0, 1.0], len(separations))
-    return np.maximum(separations, 0.0) * noise * (rng.random(len(separations)) < 0.9)
+    factors = 1.0 + noise * rng.choice([-1.0, 1.0], len(separations))
+    return np.maximum(separations, 0.0) * factors * (rng.random(len(separations)) < 0.9)
 
 
 def check(verdict: int, separation: float, square: Fraction, radius: Fraction, size: float) -> None:

@@ -48,8 +48,8 @@ def aimed(boxes: Boxes, rng: np.random.Generator, each: int) -> tuple[np.ndarray
     """Rays at corners, along edges and faces, from inside, from the surface, and past the box."""
     n = len(boxes)
     reach = boxes.half_extents.sum(axis=1)[:, None, None] + 1e-300
-    target = rng.choice([-1.0, 0.0, 1.0, 0.3, 1.0 + 1e-15, 1.1], (n, each, 3))
-    target *= boxes.half_extents[:, None]
+    shares = rng.choice([-1.0, 0.0, 1.0, 0.3, 1.0 + 1e-15, 1.1], (n, each, 3))
+    target = shares * boxes.half_extents[:, None]
     way = rng.normal(size=(n, each, 3)) * rng.choice([0.0, 1.0], (n, each, 3), p=[0.3, 0.7])
     way[~way.any(axis=2)] = 1.0, 0.0, 0.0
     way *= reach
