@@ -11,7 +11,6 @@ from collections.abc import Callable
 from typing import Any, TypeVar
 
 import numba
-from numba.core.dispatcher import Dispatcher
 
 from obb_collision._kernel_cache import KernelCache, cache_home, is_writable
 
@@ -22,6 +21,6 @@ def njit(function: F) -> F:
     """Compile a kernel with the options of the project (see the module's docstring)."""
     compiled: Any = numba.njit(nogil=True, error_model="numpy", fastmath=False)(function)
     kernel: F = compiled
-    if isinstance(compiled, Dispatcher) and is_writable(cache_home()):
+    if hasattr(compiled, "_cache") and is_writable(cache_home()):  # not where numba is disabled
         compiled._cache = KernelCache(function)  # in place of numba's own
     return kernel
