@@ -22,6 +22,7 @@ import numpy as np
 
 from obb_collision.node.conversions import NANOSECONDS
 from obb_collision.node.effects import Effects
+from obb_collision.node.guard import Guard
 from obb_collision.node.monitors import CycleMonitor
 from obb_collision.node.objects import Objects
 from obb_collision.node.obstacles import Obstacles
@@ -43,18 +44,25 @@ class Cycle:
         settings: SceneSettings,
         effects: Effects,
         outputs: Outputs,
+        guard: Guard,
     ) -> None:
         self._parameters, self._settings = parameters, settings
         self._objects, self._obstacles = objects, obstacles
         self._effects, self._outputs = effects, outputs
+        self._guard = guard
         self.monitor = CycleMonitor()
         self.enabled = True
         self.report: Report | None = None
         """Of the last check."""
+        self.failed = False
+        """Whether the last cycle ended in an internal error: its answer is not known."""
         self._last_stamp = 0
 
     def run(self, now: int) -> None:
-        """Run one cycle at time ``now`` (ns)."""
+        """Run one cycle at time ``now`` (ns); one that fails is counted, and the next one runs."""
+        self.failed = not self._guard.run("cycle", lambda: self._run(now))
+
+    def _run(self, now: int) -> None:
         start = perf_counter()
         self._objects.update(now, self._parameters.object_timeout)
         stages = {"update": perf_counter() - start}

@@ -23,12 +23,13 @@ import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
 from obb_collision.node.conversions import name_from_key
+from obb_collision.node.guard import INTERNAL_ERROR, Guard
 from obb_collision.node.monitors import NANOSECONDS_F, CycleMonitor, InputMonitor
 from obb_collision.node.objects import Objects
 from obb_collision.queries.accuracy import ALL_RUNGS
 from obb_collision.scene.report import Report
 
-OK, WARN = DiagnosticStatus.OK, DiagnosticStatus.WARN
+OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 MAX_NAMED = 10
 """Objects named in a status; the counts are complete."""
 
@@ -155,6 +156,15 @@ def cycle_status(
         faults.append(f"{cycles.overruns - overruns_before} cycles took longer than a period")
     message = "; ".join(faults) or f"{len(durations)} cycles"
     return _status(f"{node}: cycle", WARN if faults else OK, message, values)
+
+
+def guard_status(node: str, guard: Guard) -> DiagnosticStatus:
+    """Count failures inside the node by where they happened; an error once there was one."""
+    values: list[tuple[str, object]] = [("total", guard.total), *sorted(guard.counts.items())]
+    if guard.last:
+        values.append(("last", guard.last))
+    message = f"{guard.total} {INTERNAL_ERROR}s" if guard.total else "none"
+    return _status(f"{node}: internal errors", ERROR if guard.total else OK, message, values)
 
 
 def qos_status(node: str, mismatches: dict[str, int]) -> DiagnosticStatus:

@@ -38,6 +38,7 @@ from obb_collision.node.conversions import (
     twists_from_ros,
 )
 from obb_collision.node.errors import RefusedError
+from obb_collision.node.guard import INTERNAL_ERROR, Guard
 from obb_collision.node.marker_shapes import shape_from_ros, signature_from_ros
 from obb_collision.node.monitors import InputMonitor
 from obb_collision.node.object_table import Slots
@@ -56,11 +57,13 @@ class Inputs:
         monitors: dict[str, InputMonitor],
         clock: Callable[[], int],
         wants_twists: Callable[[], bool],
+        guard: Guard,
     ) -> None:
         self._objects = objects
         self._monitors = monitors
         self._clock = clock
         self._wants_twists = wants_twists
+        self._guard = guard
 
     def takers(self) -> dict[str, Callable[[Any], None]]:
         """Return what takes the messages of each topic."""
@@ -81,6 +84,10 @@ class Inputs:
                 self._take_marker(marker, key, now)
             except RefusedError as error:
                 monitor.refuse(now, error.reason, name_from_key(key), error.detail)
+            except Exception as error:
+                self._guard.caught("input objects", error, name_from_key(key))
+                monitor.refuse(now, INTERNAL_ERROR, name_from_key(key), str(error))
+                self._objects.refuse(key, INTERNAL_ERROR, shape=True)
 
     def _take_marker(self, marker: Marker, key: Key, now: int) -> None:
         objects = self._objects

@@ -35,6 +35,7 @@ from obb_collision.node.conversions import stamp_to_ros
 from obb_collision.node.cycle import Cycle
 from obb_collision.node.effects import Effects
 from obb_collision.node.frames import FrameSource, make_frames
+from obb_collision.node.guard import INTERNAL_ERROR, Guard
 from obb_collision.node.inputs import Inputs
 from obb_collision.node.monitors import InputMonitor
 from obb_collision.node.objects import Objects
@@ -67,18 +68,20 @@ class CollisionNode(Node):
     def __init__(self, *, frames: FrameSource | None = None, **node_options: Any) -> None:
         super().__init__(NODE_NAME, **node_options)
         start = perf_counter()
+        self.guard = Guard(self._complain, self.context.ok)
         self.parameters = Parameters(self)
         scene_file = self._read_scene_file()
         fixed_frame = self.parameters.fixed_frame
         self._frames = frames if frames is not None else make_frames(self, fixed_frame)
         self._monitors = {topic: InputMonitor(topic, self._warn) for topic in INPUTS}
-        self._outputs = Outputs(self, self.parameters)
+        self._outputs = Outputs(self, self.parameters, self.guard)
         self.objects = Objects(fixed_frame, self._frames, self._refuse_late)
         self.inputs = Inputs(
             self.objects,
             self._monitors,
             self._now,
             lambda: self.parameters.mode("sweep") != OFF,
+            self.guard,
         )
         self._warm = WarmUp(self._say, self._warn)
         self._settings = SceneSettings(self.parameters, self.objects, self._warm)
@@ -94,6 +97,7 @@ class CollisionNode(Node):
             self._settings,
             self._effects,
             self._outputs,
+            self.guard,
         )
         self._schedule = Schedule(self, self.parameters, lambda: self.cycle.run(self._now()))
         warm_up()
@@ -106,8 +110,12 @@ class CollisionNode(Node):
         self._last_diagnostics = perf_counter()
         self._qos = QosWatch(self, self._warn)
         clock = self._schedule.clock
-        self.create_timer(DIAGNOSTICS_PERIOD, self._publish_diagnostics, clock=clock)
-        self.parameters.on_change = self._apply_parameters
+        self.create_timer(
+            DIAGNOSTICS_PERIOD,
+            lambda: self.guard.run("diagnostics", self._publish_diagnostics),
+            clock=clock,
+        )
+        self.parameters.on_change = lambda: self.guard.run("parameters", self._apply_parameters)
         self.create_service(Trigger, "~/clear", self._clear)
         self.create_service(SetBool, "~/enable", self._enable)
         self._jump = self.get_clock().create_jump_callback(
@@ -137,9 +145,9 @@ class CollisionNode(Node):
         return found
 
     def _make_subscriptions(self) -> Subscriptions:
-        stored = {topic: self._storing(take) for topic, take in self.inputs.takers().items()}
+        stored = {topic: self._storing(topic, take) for topic, take in self.inputs.takers().items()}
         stored["points"] = self._storing(
-            self._obstacles.take, lambda: self._effects.is_called("points")
+            "points", self._obstacles.take, lambda: self._effects.is_called("points")
         )
         return Subscriptions(self, stored, self._monitors)
 
@@ -148,12 +156,13 @@ class CollisionNode(Node):
         return topic != "points" or self.parameters.mode("points") != OFF
 
     def _storing(
-        self, take: Callable[[Any], None], calls: Callable[[], bool] = lambda: True
+        self, topic: str, take: Callable[[Any], None], calls: Callable[[], bool] = lambda: True
     ) -> Callable[[Any], None]:
         """Return what stores a message and, if that calls for it, starts a cycle."""
 
         def store(message: Any) -> None:
-            take(message)
+            if not self.guard.run(f"input {topic}", lambda: take(message)):
+                self._monitors[topic].refuse(self._now(), INTERNAL_ERROR, "whole message")
             if calls():
                 self._schedule.arrived()
 
@@ -186,6 +195,9 @@ class CollisionNode(Node):
     def _warn(self, text: str) -> None:
         self.get_logger().warning(text)
 
+    def _complain(self, text: str) -> None:
+        self.get_logger().error(text)
+
     def _refuse_late(self, reason: str, item: str, detail: str) -> None:
         """Count a pose that was stored but could not be placed at the cycle."""
         self._monitors["objects"].refuse(self._now(), reason, item, detail)
@@ -213,13 +225,18 @@ class CollisionNode(Node):
             diagnostics.cycle_status(
                 name, self.cycle.monitor, self._effects.states(), self.cycle.enabled, elapsed
             ),
+            diagnostics.guard_status(name, self.guard),
             diagnostics.qos_status(name, self._qos.mismatches),
         ]
         self._outputs.publishers["diagnostics"].publish(message)
 
     def _clear(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        count = self.objects.remove_all()
-        response.success, response.message = True, f"{count} objects removed"
+        try:
+            count = self.objects.remove_all()
+            response.success, response.message = True, f"{count} objects removed"
+        except Exception as error:
+            self.guard.caught("service clear", error)
+            response.success, response.message = False, f"{INTERNAL_ERROR}: {error}"
         return response
 
     def _enable(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
@@ -230,7 +247,7 @@ class CollisionNode(Node):
         return response
 
     def _clock_jumped(self, jump: TimeJump) -> None:
-        self.objects.forget_order(self._now())
+        self.guard.run("clock jump", lambda: self.objects.forget_order(self._now()))
 
 
 def _topics(ends: Mapping[str, Any]) -> str:

@@ -16,8 +16,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from time import perf_counter
 from typing import Any
 
@@ -34,6 +35,7 @@ from visualization_msgs.msg import MarkerArray
 from obb_collision.node.clouds import cloud_to_ros
 from obb_collision.node.conversions import namespaces_to_ros, stamp_to_ros
 from obb_collision.node.effects import TOPICS
+from obb_collision.node.guard import Guard
 from obb_collision.node.layouts import Rows
 from obb_collision.node.markers import COLLIDING, DOUBTFUL, FREE, Markers
 from obb_collision.node.objects import Objects
@@ -84,8 +86,9 @@ class Outputs:
         self,
         node: Node,
         parameters: Parameters,
+        guard: Guard,
     ) -> None:
-        self._parameters = parameters
+        self._parameters, self._guard = parameters, guard
         self._markers = Markers(parameters.fixed_frame)
         self._next_markers = 0.0
         self._namespaces_sent = -1
@@ -118,33 +121,42 @@ class Outputs:
             self.namespaces.publish(namespaces_to_ros(namespaces))
 
     def publish_report(self, given: Published) -> None:
-        """Publish what is called for, also when it is empty."""
-        table, report = given.objects.table, given.report
-        self.publish_namespaces(table.namespaces)
-        header = Header(stamp=stamp_to_ros(given.stamp), frame_id=self._parameters.fixed_frame)
-        if not given.effects.isdisjoint(("collisions", "text")):
-            self._publish_pairs(given, header)
-        self._publish_flag(len(report) > 0, "in_collision" in given.effects)
-        for effect, rows in self._clouds(given):
-            stamp = given.cloud_stamp if effect == "points" else given.stamp
-            header = Header(stamp=stamp_to_ros(stamp), frame_id=self._parameters.fixed_frame)
-            self.publishers[effect].publish(cloud_to_ros(rows, header))
+        """Publish what is called for, also when it is empty; one output that fails stops no other.
 
-    def _clouds(self, given: Published) -> Iterator[tuple[str, Rows]]:
-        """Yield the effects that were called for and did not fail, with their rows."""
-        table, results = given.objects.table, given.report.results
-        makers: dict[str, Callable[[Any], Rows]] = {
+        The table of namespaces goes first, the flag last: who sees it can already read the rest.
+        """
+        guard = self._guard
+        guard.run(
+            "output namespaces", lambda: self.publish_namespaces(given.objects.table.namespaces)
+        )
+        if not given.effects.isdisjoint(("collisions", "text")):
+            guard.run("output collisions", lambda: self._publish_pairs(given))
+        for effect, make in self._clouds(given).items():
+            if effect in given.effects and effect in given.report.results:
+                guard.run(f"output {effect}", partial(self._publish_cloud, effect, make, given))
+        flag, called = len(given.report) > 0, "in_collision" in given.effects
+        guard.run("output in_collision", lambda: self._publish_flag(flag, called))
+
+    def _header(self, stamp: int) -> Header:
+        return Header(stamp=stamp_to_ros(stamp), frame_id=self._parameters.fixed_frame)
+
+    def _publish_cloud(self, effect: str, make: Callable[[Any], Rows], given: Published) -> None:
+        stamp = given.cloud_stamp if effect == "points" else given.stamp
+        rows = make(given.report.results[effect])
+        self.publishers[effect].publish(cloud_to_ros(rows, self._header(stamp)))
+
+    def _clouds(self, given: Published) -> dict[str, Callable[[Any], Rows]]:
+        """Return what makes the rows of each effect from its result."""
+        table = given.objects.table
+        return {
             "contacts": lambda result: contact_rows(result, table),
             "clearance": lambda result: clearance_rows(result, table),
             "sweep": lambda result: prediction_rows(result, given.step, table),
             "points": lambda result: inside_rows(result, given.report.cycle.points, table),
         }
-        for effect, make in makers.items():
-            if effect in given.effects and effect in results:
-                yield effect, make(results[effect])
 
-    def _publish_pairs(self, given: Published, header: Header) -> None:
-        table = given.objects.table
+    def _publish_pairs(self, given: Published) -> None:
+        table, header = given.objects.table, self._header(given.stamp)
         rows = collision_rows(given.report, table)
         if "collisions" in given.effects:
             self.publishers["collisions"].publish(cloud_to_ros(rows, header))
@@ -164,6 +176,9 @@ class Outputs:
 
     def publish_markers(self, given: Published) -> None:
         """Publish the boxes, if it is time to and somebody looks."""
+        self._guard.run("output markers", lambda: self._publish_markers(given))
+
+    def _publish_markers(self, given: Published) -> None:
         parameters, now = self._parameters, perf_counter()
         if parameters.marker_rate <= 0.0 or now < self._next_markers:
             return

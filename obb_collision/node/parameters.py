@@ -117,6 +117,6 @@ def check_parameters(parameters: Sequence[Parameter]) -> SetParametersResult:
             if parameter.value is None:
                 raise ValueError(f"{parameter.name} can't be taken away")
             specs[parameter.name].read(parameter.value)
-        except ValueError as error:
+        except Exception as error:  # whatever a value makes its reader raise: it is refused
             return SetParametersResult(successful=False, reason=str(error))
     return SetParametersResult(successful=True)
