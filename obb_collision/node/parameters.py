@@ -59,7 +59,7 @@ class Parameters:
 
     def __init__(self, node: Node) -> None:
         """Declare all; an override that can't be used stops the node with the reason."""
-        self.on_change: Callable[[], None] = lambda: None
+        self.on_change: Callable[[], object] = lambda: None
         self._node = node
         self._values: dict[str, Any] = {}
         for spec in SPECS:
