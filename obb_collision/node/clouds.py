@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 from array import array
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any
 
 import numpy as np
@@ -41,38 +41,55 @@ DATATYPES = {
     PointField.FLOAT32: "f4",
     PointField.FLOAT64: "f8",
 }
+LARGEST_POINT = 2**31 - 1
+"""Bytes of a point at most: numpy before 2.0 stores the size of an item in 32 bits."""
 DATATYPE_OF = {np.dtype(code): number for number, code in DATATYPES.items()}
 
 
-def cloud_from_ros(message: PointCloud2) -> npt.NDArray[Any]:
-    """(n,) structured view of a cloud, whatever its order of fields, padding and endianness.
+def cloud_from_ros(message: PointCloud2, names: Collection[str]) -> npt.NDArray[Any]:
+    """(n,) structured view of the named fields that a cloud has, whatever its layout.
 
-    Raises RefusedError ("field layout") where the message contradicts itself.
+    Order of fields, padding and endianness are the message's. No more is copied than the message
+    holds. Raises RefusedError ("field layout") where it contradicts itself.
     """
+    step, width, height = int(message.point_step), int(message.width), int(message.height)
+    dtype = _dtype_from_ros(message, names, step)
+    if width * height == 0:
+        return np.zeros(0, dtype)
+    rows, size = int(message.row_step) or width * step, len(message.data)
+    # Rows that overlap would make far more points than there are bytes.
+    if step == 0 or rows < width * step or size < (height - 1) * rows + width * step:
+        raise RefusedError(
+            "field layout",
+            f"{size} bytes of data for {height} rows of {rows} bytes, "
+            f"{width} points of {step} bytes each",
+        )
+    grid = np.ndarray((height, width), dtype, memoryview(message.data), 0, (rows, step))
+    return grid.reshape(-1)
+
+
+def _dtype_from_ros(message: PointCloud2, names: Collection[str], step: int) -> np.dtype[Any]:
+    """Layout of the named fields. All is checked in Python's integers: numpy's wrap around."""
+    if step > LARGEST_POINT:
+        raise RefusedError("field layout", f"points of {step} bytes each")
     order = ">" if message.is_bigendian else "<"
-    names, formats, offsets = [], [], []
+    fields: dict[str, tuple[str, int]] = {}
     for field in message.fields:
         # count 0 is what some old writers put for a single number
-        if field.datatype not in DATATYPES or field.count > 1 or field.name in names:
+        if field.datatype not in DATATYPES or field.count > 1 or field.name not in names:
             continue
-        names.append(field.name)
-        formats.append(order + DATATYPES[field.datatype])
-        offsets.append(int(field.offset))
-    step, width, height = int(message.point_step), int(message.width), int(message.height)
-    rows = int(message.row_step) or width * step
-    try:
-        dtype = np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": step})
-        if width * height == 0:
-            return np.zeros(0, dtype)
-        if rows < width * step or len(message.data) < (height - 1) * rows + width * step:
-            raise ValueError(
-                f"{len(message.data)} bytes of data for {height} rows of {rows} bytes, "
-                f"{width} points of {step} bytes each"
+        code, offset = DATATYPES[field.datatype], int(field.offset)
+        if offset < 0 or offset + int(code[1:]) > step:
+            raise RefusedError(
+                "field layout",
+                f"field {field.name!r} at byte {offset} reaches beyond the {step} of a point",
             )
-        grid = np.ndarray((height, width), dtype, memoryview(message.data), 0, (rows, step))
-    except ValueError as error:
-        raise RefusedError("field layout", str(error)) from error
-    return grid.reshape(-1)
+        if field.name in fields:
+            raise RefusedError("field layout", f"field {field.name!r} is there twice")
+        fields[field.name] = order + code, offset
+    formats, offsets = [code for code, _ in fields.values()], [at for _, at in fields.values()]
+    layout: Any = {"names": list(fields), "formats": formats, "offsets": offsets, "itemsize": step}
+    return np.dtype(layout)
 
 
 def cloud_to_ros(rows: npt.NDArray[Any], header: Header | None = None) -> PointCloud2:
@@ -102,7 +119,7 @@ def poses_from_ros(message: PointCloud2) -> tuple[IntArray | None, IntArray, Flo
     Raises RefusedError ("field layout") where a field is missing or of the wrong kind: ``id`` and
     ``ns`` are integers of any size, the pose fields float32 or float64.
     """
-    rows = cloud_from_ros(message)
+    rows = cloud_from_ros(message, ("ns", "id", *POSE_FIELDS))
     fields: Mapping[str, Any] = rows.dtype.fields or {}
     for name in ("id", *POSE_FIELDS):
         if name not in fields:
@@ -148,7 +165,7 @@ def points_from_ros(message: PointCloud2) -> npt.NDArray[Any]:
     Where they stand side by side in the message they are not copied. Raises RefusedError ("field
     layout") where one of them is missing or no float.
     """
-    rows = cloud_from_ros(message)
+    rows = cloud_from_ros(message, ("x", "y", "z"))
     fields: Mapping[str, Any] = rows.dtype.fields or {}
     for name in "xyz":
         if name not in fields:

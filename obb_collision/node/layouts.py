@@ -95,7 +95,7 @@ def rows_from_ros(message: PointCloud2, layout: np.dtype[Any], topic: str) -> Ro
 
     Raises RefusedError ("field layout") where a field of the layout is missing.
     """
-    rows = cloud_from_ros(message)
+    rows = cloud_from_ros(message, layout.names or ())
     known = rows.dtype.names or ()
     for name in layout.names or ():
         if name not in known and name not in OPTIONAL_FIELDS:
