@@ -25,6 +25,7 @@ from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.poses import IDENTITY_POSE
 from obb_collision.geometry.shapes import Shape
 from obb_collision.geometry.validation import as_array
+from obb_collision.geometry.words import MAX_OBJECT_NAME, check_name
 from obb_collision.obb import OBB
 from obb_collision.queries.accuracy import Accuracy, as_accuracy
 from obb_collision.scene.store import LocalBox, ObjectStore
@@ -51,12 +52,12 @@ class SceneObjects:
     ) -> int:
         """Add an object, or replace the one of that name, and return its index.
 
-        shape: a value of ``geometry.shapes`` or an OBB, in the object's own frame; its local box
-        is fitted once. pose (7,): x y z qx qy qz qw, identity if not given. padding, metres, and
-        accuracy: in place of the scene's. Raises ValueError for bad values of any of them.
+        name: text that can be printed, of at most 300 characters. shape: a value of
+        ``geometry.shapes`` or an OBB, in the object's own frame; its local box is fitted once.
+        pose (7,): x y z qx qy qz qw, identity if not given. padding, metres, and accuracy: in
+        place of the scene's. Raises ValueError for bad values of any of them.
         """
-        if not isinstance(name, str):
-            raise ValueError(f"name must be a string, got {name!r}")
+        check_name(name, "name", MAX_OBJECT_NAME)
         where = IDENTITY_POSE if pose is None else as_array(pose, "pose", (7,))
         pad = self._padding if padding is None else padding
         _check_padding(pad)

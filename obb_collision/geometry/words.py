@@ -1,0 +1,62 @@
+"""Text from outside: names that can be printed, sent and matched, and values shown in messages.
+
+A name reaches messages, logs and patterns. One with a lone surrogate can't be encoded, one with a
+control character breaks the line of a log, and an enormous one is copied with every message.
+"""
+
+from __future__ import annotations
+
+import re
+import reprlib
+
+#: Most characters of a name or namespace as it is given.
+MAX_NAME = 255
+#: Most characters of an object's name in a scene: a namespace, a slash and an id, with room.
+MAX_OBJECT_NAME = 300
+#: Most characters of a path or URI: what Linux takes for a path.
+MAX_PATH = 4096
+#: Most characters of a value shown in a message.
+MAX_SHOWN = 80
+
+#: Control characters, separators of lines, and halves of surrogate pairs (no UTF-8 holds them).
+UNPRINTABLE = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029\ud800-\udfff]")
+
+_repr = reprlib.Repr()
+_repr.maxstring = _repr.maxother = MAX_SHOWN
+
+
+def text_fault(text: str, most: int = MAX_NAME) -> str | None:
+    """Return why a text is no usable name, as the end of a sentence; None if it is one."""
+    if not text:
+        return "must not be empty"
+    if len(text) > most:
+        return f"must have at most {most} characters, got {len(text)}"
+    found = UNPRINTABLE.search(text)
+    if found is not None:
+        return f"must not hold the character U+{ord(found[0]):04X}, got {shown(text)}"
+    return None
+
+
+def check_name(value: object, what: str, most: int = MAX_NAME) -> str:
+    """Return a name as it is. Raises ValueError, beginning with ``what``, for anything else."""
+    if not isinstance(value, str):
+        raise ValueError(f"{what} must be a string, got {shown(value)}")
+    fault = text_fault(value, most)
+    if fault is not None:
+        raise ValueError(f"{what} {fault}")
+    return value
+
+
+def printable(text: str) -> str:
+    """Return a text with what can't be printed or encoded as escapes."""
+    return UNPRINTABLE.sub(lambda found: repr(found[0])[1:-1], text)
+
+
+def shown(value: object) -> str:
+    """Return a value for a message: like ``repr``, but short, printable and never failing."""
+    try:
+        text = _repr.repr(value)
+    except Exception:  # its own repr fails, or it is an integer of too many digits
+        text = f"a value of type {type(value).__name__}"
+    text = printable(" ".join(text.split("\n")))
+    return text if len(text) <= MAX_SHOWN else text[: MAX_SHOWN - 3] + "..."
