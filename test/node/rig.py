@@ -49,6 +49,7 @@ from obb_collision.node.conversions import (
     states_to_ros,
     transform_to_ros,
 )
+from obb_collision.node.frames import FixedFrameOnly
 from obb_collision.node.node import CollisionNode
 
 os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
@@ -245,13 +246,18 @@ class Rig(Client):
         frames: Any = None,
         deaf: bool = False,
         given: Mapping[str, Any] | None = None,
+        tf2: bool = False,
         **parameters: Any,
     ) -> None:
         """Wait until they have met.
 
-        deaf: the client listens to nothing yet; given: more parameters, of any name.
+        frames: what knows other frames; none, unless tf2 is asked for, so that a test finds the
+        same node whether tf2 is installed or not. deaf: the client listens to nothing yet; given:
+        more parameters, of any name.
         """
         parameters |= given or {}
+        if frames is None and not tf2:
+            frames = FixedFrameOnly(parameters.get("fixed_frame", FRAME))
         self.context = Context()
         self.context.init(domain_id=DOMAIN)
         super().__init__(self.context, SingleThreadedExecutor(context=self.context))

@@ -16,17 +16,21 @@
 
 from __future__ import annotations
 
-import importlib.util
 from typing import Any
 
 import numpy as np
 import pytest
 
 pytest.importorskip("rclpy")
-from rig import Rig, cube, pose
+import tf2_stand_in
+from geometry_msgs.msg import TransformStamped
+from rig import FRAME, Rig, cube, pose
+from std_msgs.msg import Header
 from visualization_msgs.msg import Marker
 
 from obb_collision.node import collisions_from_ros
+from obb_collision.node import frames as frames_of_node
+from obb_collision.node.conversions import stamp_to_ros, transform_to_ros
 from obb_collision.node.errors import RefusedError
 
 A1, A2, B1 = ("a", 1), ("a", 2), ("b", 1)
@@ -98,14 +102,45 @@ def test_an_object_whose_frame_is_not_known_yet_is_unplaceable_until_it_is() -> 
         assert rig.status(": objects")["unplaceable"] == "0"
 
 
-def test_tf2_frames_are_used_where_tf2_is_installed() -> None:
-    pytest.importorskip("tf2_ros")
-    with Rig() as rig:
+@pytest.fixture(params=["tf2", "stand-in"])
+def tf2_ros(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Any:
+    """tf2_ros as the node sees it: the real one where it is installed, and its stand-in."""
+    if request.param == "tf2":
+        return pytest.importorskip("tf2_ros", reason="tf2_ros is not installed (not on PyPI)")
+    monkeypatch.setattr(frames_of_node, "tf2_ros", tf2_stand_in)
+    return tf2_stand_in
+
+
+def set_transform(rig: Rig, x: float, stamp: int) -> None:
+    """Give the node a transform of the frame "robot"."""
+    transform = TransformStamped(child_frame_id="robot", transform=transform_to_ros(pose(x)))
+    transform.header = Header(stamp=stamp_to_ros(stamp), frame_id=FRAME)
+    frames: Any = rig.node._frames
+    frames._buffer.set_transform(transform, "test")
+
+
+def test_with_tf2_poses_are_placed_at_their_stamp(tf2_ros: Any) -> None:
+    with Rig(tf2=True) as rig:
         assert rig.node._frames.description == "tf2"
+        set_transform(rig, 2.0, rig.stamp)
+        set_transform(rig, 4.0, rig.stamp + 2_000_000)  # the marker is of the middle
+        rig.send(in_frame(cube(A2, (0.5, 0, 0)), "robot"), cube(A1, (3, 0, 0)))
+        assert rig.pairs() == {("a/1", "a/2")}
+        assert rig.node.objects.table.world[rig.node.objects.table.slots[A2]][0] == 3.5
 
 
-def test_without_tf2_the_node_says_so() -> None:
-    if importlib.util.find_spec("tf2_ros") is not None:
-        pytest.skip("tf2_ros is installed")
-    with Rig() as rig:
+def test_with_tf2_frames_that_it_does_not_know_are_refused(tf2_ros: Any) -> None:
+    with Rig(tf2=True, transform_timeout=0.0) as rig:
+        rig.send(in_frame(cube(A1), "nowhere"), cube(A2))
+        rig.until(lambda: rig.refused("objects"), "refusal")
+        assert rig.refused("objects") == {"unknown frame": 1}
+        assert rig.pairs() == set()
+
+
+def test_without_tf2_the_node_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(frames_of_node, "tf2_ros", None)
+    with Rig(tf2=True) as rig:
         assert "fixed frame only" in rig.node._frames.description
+        rig.send(in_frame(cube(A1), "nowhere"), cube(A2))
+        rig.answer()
+        assert rig.refused("objects") == {"unknown frame": 1}, "at once: no frame can come later"
