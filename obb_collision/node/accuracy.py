@@ -22,6 +22,9 @@ from fnmatch import translate
 
 from obb_collision.queries.accuracy import Accuracy, as_accuracy
 
+#: Most overrides: one for each object that a node takes unless told otherwise.
+MAX_OVERRIDES = 20000
+
 Override = tuple[str, Accuracy]
 """A pattern of names ``ns/id``, and the rung of the objects that match it."""
 
@@ -48,12 +51,25 @@ class Overrides:
 
     def __init__(self, overrides: Sequence[Override] = ()) -> None:
         self.overrides = tuple(overrides)
-        self._tests = [(re.compile(translate(p)).match, rung) for p, rung in reversed(overrides)]
+        numbered = list(enumerate(self.overrides))
+        self._names = {where: number for number, (where, _) in numbered if not _is_pattern(where)}
+        self._tests = [
+            (number, re.compile(translate(where)).match)
+            for number, (where, _) in reversed(numbered)
+            if _is_pattern(where)
+        ]
 
     def rung(self, name: str) -> Accuracy | None:
         """Return the rung of an object by its name, None for the node's own."""
-        return next((rung for match, rung in self._tests if match(name)), None)
+        by_name = self._names.get(name, -1)
+        by_pattern = (number for number, match in self._tests if number > by_name and match(name))
+        last = next(by_pattern, by_name)
+        return None if last < 0 else self.overrides[last][1]
 
     def capped(self, highest: Accuracy) -> Overrides:
         """Return the same with no rung above ``highest``."""
         return Overrides([(pattern, min(rung, highest)) for pattern, rung in self.overrides])
+
+
+def _is_pattern(where: str) -> bool:
+    return any(letter in where for letter in "*?[")

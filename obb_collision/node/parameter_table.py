@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from obb_collision.node.accuracy import override_from_text
+from obb_collision.node.accuracy import MAX_OVERRIDES, override_from_text
 from obb_collision.node.allowed import allowed_from_text
 from obb_collision.node.specs import Spec
 from obb_collision.queries.accuracy import ALL_RUNGS
@@ -105,6 +105,7 @@ ACCURACY = (
         "Objects with an accuracy of their own: 'gripper/*: mesh' by pattern of names, or "
         "'gripper=mesh' by namespace. The last one that fits counts.",
         entry=override_from_text,
+        most=MAX_OVERRIDES,
     ),
     Spec("tree_depth", DEFAULT_DEPTH, "Accuracy obb_tree: at most 2^depth boxes a mesh.", (0, 20)),
     Spec(

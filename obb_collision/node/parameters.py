@@ -25,6 +25,7 @@ from rclpy.parameter import Parameter
 
 from obb_collision.node.accuracy import Override
 from obb_collision.node.allowed import AllowedPair
+from obb_collision.node.parameter_services import guard_parameter_services
 from obb_collision.node.parameter_table import SPECS, option_name
 from obb_collision.scene.effects import EFFECTS
 
@@ -67,6 +68,7 @@ class Parameters:
             self._values[spec.name] = spec.read(given)
         node.add_on_set_parameters_callback(check_parameters)
         node.add_post_set_parameters_callback(self._take)
+        guard_parameter_services(node)
 
     def __getattr__(self, name: str) -> Any:
         try:
@@ -111,6 +113,8 @@ def check_parameters(parameters: Sequence[Parameter]) -> SetParametersResult:
     """Refuse what can't be used, with the reason; all of a set or none."""
     specs = {spec.name: spec for spec in SPECS}
     for parameter in parameters:
+        if not parameter.name:  # rclpy takes it for declared
+            return SetParametersResult(successful=False, reason="a parameter needs a name")
         if parameter.name not in specs:
             continue
         try:

@@ -17,13 +17,23 @@
 from __future__ import annotations
 
 import math
+from array import array
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 
+from obb_collision.geometry.words import MAX_NAME, MAX_OBJECT_NAME, MAX_PATH, check_name, shown
 from obb_collision.scene.effects.settings import MODES, OFF, ON
+
+#: Most entries of a list, unless its parameter says otherwise, and most patterns among them: each
+#: is compared with the names of all objects.
+MAX_ENTRIES = MAX_PATTERNS = 1000
+#: Most characters of an entry: two names and what stands between.
+MAX_ENTRY = 2 * MAX_OBJECT_NAME + 10
+#: How the types of values are called in a reason.
+KINDS = {float: "a decimal number such as 5.0", int: "a whole number", str: "a text"}
 
 
 @dataclass(frozen=True)
@@ -41,6 +51,8 @@ class Spec:
     """Whether a text may be empty."""
     entry: Callable[[str], Any] | None = None
     """How an entry of a list is read: it raises ValueError for one that can't be used."""
+    most: int = MAX_ENTRIES
+    """Most entries of a list."""
 
     def descriptor(self) -> ParameterDescriptor:
         """Return what ``ros2 param describe`` shows."""
@@ -67,10 +79,14 @@ class Spec:
             return self._read_list(value)
         if self.choices == MODES and isinstance(value, bool):
             value = ON if value else OFF
+        if type(value) is not type(self.default):
+            kind = KINDS[type(self.default)]
+            raise ValueError(f"{self.name} must be {kind}, got {shown(value)}")
         if self.choices and value not in self.choices:
-            raise ValueError(f"{self.name} must be one of {_words(self.choices)}, not {value!r}")
-        if isinstance(self.default, str) and not (value or self.optional):
-            raise ValueError(f"{self.name} must not be empty")
+            words = _words(self.choices)
+            raise ValueError(f"{self.name} must be one of {words}, not {shown(value)}")
+        if isinstance(value, str) and (value or not self.optional):
+            check_name(value, self.name, MAX_PATH if self.optional else MAX_NAME)
         if self.limits is not None:
             low, high = self.limits
             if not (math.isfinite(value) and low <= value <= high):
@@ -79,10 +95,19 @@ class Spec:
 
     def _read_list(self, value: Any) -> list[Any]:
         """Return the entries; an empty text counts as none, for [] has no type in ROS."""
-        entries = [value] if isinstance(value, str) else list(value or ())
-        if not all(isinstance(entry, str) for entry in entries):
-            raise ValueError(f"{self.name} must be a list of texts, not {value!r}")
+        entries = [value] if isinstance(value, str) else [] if value is None else value
+        is_list = isinstance(entries, (list, tuple, array)) and len(entries) <= self.most
+        if not is_list or not all(isinstance(entry, str) for entry in entries):
+            most = f" of at most {self.most}" if isinstance(entries, (list, tuple, array)) else ""
+            raise ValueError(f"{self.name} must be a list of texts{most}, got {shown(value)}")
         kept = [entry.strip() for entry in entries if entry.strip()]
+        patterns = sum(any(letter in entry for letter in "*?[") for entry in kept)
+        if patterns > MAX_PATTERNS:
+            raise ValueError(
+                f"{self.name} must have at most {MAX_PATTERNS} patterns, got {patterns}"
+            )
+        for entry in kept:
+            check_name(entry, f"an entry of {self.name}", MAX_ENTRY)
         if self.entry is None:
             return kept
         try:
