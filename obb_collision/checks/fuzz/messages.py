@@ -1,0 +1,178 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Valid messages for every input of the node, of random content: what mutations start from."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable
+from pathlib import Path
+from random import Random
+from typing import Any
+from zlib import crc32
+
+import numpy as np
+from geometry_msgs.msg import Point, TransformStamped, Twist
+from sensor_msgs.msg import MultiDOFJointState, PointCloud2
+from std_msgs.msg import Header
+from visualization_msgs.msg import Marker, MarkerArray
+
+from obb_collision.node.clouds import cloud_to_ros, poses_to_ros
+from obb_collision.node.conversions import (
+    NANOSECONDS,
+    duration_to_ros,
+    pose_to_ros,
+    stamp_to_ros,
+    transform_to_ros,
+)
+
+NAMESPACES = ("a", "b", "crate", "arm", "", "a/b")
+FRAMES = ("map", "map", "map", "", "odom")
+MOST_ID = 40
+"""Ids of hostile objects lie below; those of probes above."""
+ROOM = 4.0
+"""Edge of the room in which objects are (m): many of them collide."""
+BODIES = (1, 1, 1, 2, 3, 0, 4, 5, 6, 7, 8, 10, 11)
+"""Marker types, cubes most often; 9, a text, is no body."""
+
+
+class Messages:
+    """Makes messages; ``folder`` gets mesh files, good, bad and blocking ones."""
+
+    def __init__(self, random: Random, folder: Path) -> None:
+        self._random = random
+        self._meshes = [f"file://{path}" for path in mesh_files(folder)]
+        self.makers: dict[str, tuple[type, Callable[[], Any]]] = {
+            "objects": (MarkerArray, self.markers),
+            "object_transform": (TransformStamped, self.transform),
+            "object_states": (MultiDOFJointState, self.states),
+            "object_poses": (PointCloud2, self.poses),
+            "points": (PointCloud2, self.points),
+        }
+
+    def _header(self) -> Header:
+        shift = self._random.choice((0, 0, 0, 0, None, -NANOSECONDS, 3600 * NANOSECONDS))
+        stamp = 0 if shift is None else time.time_ns() + shift
+        return Header(stamp=stamp_to_ros(stamp), frame_id=self._random.choice(FRAMES))
+
+    def _pose(self) -> list[float]:
+        place = [self._random.uniform(0.0, ROOM) for _ in range(3)]
+        turn = [self._random.gauss(0.0, 1.0) for _ in range(4)]
+        length = sum(part * part for part in turn) ** 0.5
+        return place + [part / length for part in turn]
+
+    def _key(self) -> tuple[str, int]:
+        return self._random.choice(NAMESPACES), self._random.randrange(MOST_ID)
+
+    def _corners(self, count: int) -> list[Point]:
+        corner = self._random.uniform
+        return [Point(x=corner(0, 1), y=corner(0, 1), z=corner(0, 1)) for _ in range(count)]
+
+    def marker(self) -> Marker:
+        """Return a marker of any type and action."""
+        random, key = self._random, self._key()
+        marker = Marker(header=self._header(), ns=key[0], id=key[1], type=random.choice(BODIES))
+        marker.action = random.choices((Marker.ADD, Marker.DELETE, Marker.DELETEALL), (30, 4, 1))[0]
+        marker.pose = pose_to_ros(self._pose())
+        edges = [random.uniform(0.05, 1.0) for _ in range(3)]
+        marker.scale.x, marker.scale.y, marker.scale.z = edges
+        marker.lifetime = duration_to_ros(random.choice((0.0, 0.0, 0.05, 10.0)))
+        marker.frame_locked = random.random() < 0.1
+        if marker.type in (4, 5, 6, 7, 8, 11):
+            large = random.random() < 0.02
+            marker.points = self._corners(3 * random.choice((1, 4, 20)) * (50 if large else 1))
+        if marker.type == Marker.MESH_RESOURCE:
+            marker.mesh_resource = random.choice(self._meshes)
+            if random.random() < 0.3:
+                marker.mesh_file.filename = random.choice(("a.stl", "b.obj", "c.glb", "d"))
+                marker.mesh_file.data = random.choice((STL, OBJ, b"\0" * 100))
+        return marker
+
+    def markers(self) -> MarkerArray:
+        """Return some markers, rarely very many."""
+        count = 500 if self._random.random() < 0.005 else self._random.randint(0, 8)
+        return MarkerArray(markers=[self.marker() for _ in range(count)])
+
+    def transform(self) -> TransformStamped:
+        """Return the pose of one object."""
+        namespace, number = self._key()
+        message = TransformStamped(header=self._header(), child_frame_id=f"{namespace}/{number}")
+        message.transform = transform_to_ros(self._pose())
+        return message
+
+    def states(self) -> MultiDOFJointState:
+        """Return poses of some objects by name, some with twists."""
+        count = self._random.randint(0, 6)
+        message = MultiDOFJointState(header=self._header())
+        message.joint_names = ["{}/{}".format(*self._key()) for _ in range(count)]
+        message.transforms = [transform_to_ros(self._pose()) for _ in range(count)]
+        if self._random.random() < 0.5:
+            message.twist = [Twist() for _ in range(count)]
+            for twist in message.twist:
+                twist.linear.x = self._random.gauss(0.0, 1.0)
+                twist.angular.z = self._random.gauss(0.0, 3.0)
+        return message
+
+    def poses(self) -> PointCloud2:
+        """Return bulk poses."""
+        keys = [self._key() for _ in range(self._random.choice((0, 1, 5, 200)))]
+        numbers = np.array([crc32(key[0].encode()) for key in keys], np.uint32).astype(np.int32)
+        poses = np.array([self._pose() for _ in keys]).reshape(-1, 7)
+        namespaces = numbers if self._random.random() < 0.8 else None
+        single = self._random.random() < 0.5
+        ids = np.array([key[1] for key in keys], np.int64)
+        return poses_to_ros(ids, poses, namespaces, self._header(), single)
+
+    def points(self) -> PointCloud2:
+        """Return obstacle points."""
+        count = self._random.choice((0, 1, 100, 5000))
+        rows = np.zeros(count, [(name, self._random.choice(("<f4", "<f8"))) for name in "xyz"])
+        for name in "xyz":
+            rows[name] = np.random.default_rng(count).uniform(0.0, ROOM, count)
+        return cloud_to_ros(rows, self._header())
+
+
+OBJ = b"mtllib pipe.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf 1 2 4\nf 2 3 4\nf 1 3 4\n"
+STL = b"""solid a
+facet normal 0 0 1
+outer loop
+vertex 0 0 0
+vertex 1 0 0
+vertex 0 1 0.5
+endloop
+endfacet
+endsolid a
+"""
+
+
+def mesh_files(folder: Path) -> list[Path]:
+    """Write mesh files below a folder, good, damaged and blocking; returns their paths."""
+    contents = {
+        "good.stl": STL,
+        "good.obj": OBJ,
+        "half.stl": STL[: len(STL) // 2],
+        "empty.obj": b"",
+        "text.glb": b"glTF" + bytes(100),
+        "noise.ply": bytes(range(256)) * 4,
+        "huge.stl": bytes(80) + b"\xff\xff\xff\xff" + bytes(50),
+    }
+    for name, content in contents.items():
+        (folder / name).write_bytes(content)
+    for name in ("pipe.stl", "pipe.mtl"):
+        if not (folder / name).exists():
+            os.mkfifo(folder / name)
+    (folder / "folder.stl").mkdir(exist_ok=True)
+    return [*(folder / name for name in contents), folder / "pipe.stl", folder / "folder.stl"]
