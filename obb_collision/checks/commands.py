@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The console script ``obb_collision_fuzz``: it imports ROS only after it knows that it is there."""
+"""The console script ``obb_collision_fuzz``; it imports ROS only where it is there."""
 
 from __future__ import annotations
 
