@@ -28,6 +28,9 @@ if TYPE_CHECKING:
         poses_from_ros,
         poses_to_ros,
     )
+    from obb_collision.node.conversions import (
+        namespace_table,
+    )
     from obb_collision.node.layouts import (
         clearances_from_ros,
         collisions_from_ros,
@@ -35,6 +38,9 @@ if TYPE_CHECKING:
         contacts_from_ros,
         points_inside_from_ros,
         predictions_from_ros,
+    )
+    from obb_collision.node.names import (
+        namespace_number,
     )
     from obb_collision.node.readers import (
         NamedClearance,
@@ -64,13 +70,15 @@ __all__ = [
     "named_pairs",
     "named_points_inside",
     "named_predictions",
+    "namespace_number",
+    "namespace_table",
     "points_inside_from_ros",
     "poses_from_ros",
     "poses_to_ros",
     "predictions_from_ros",
 ]
 
-PLACES = ("clouds", "layouts", "readers")
+PLACES = ("clouds", "conversions", "layouts", "names", "readers")
 """Modules that hold the public names."""
 
 

@@ -114,7 +114,7 @@ def cloud_to_ros(rows: npt.NDArray[Any], header: Header | None = None) -> PointC
 
 
 def poses_from_ros(message: PointCloud2) -> tuple[IntArray | None, IntArray, FloatArray]:
-    """Bulk poses: namespace indices (n,) or None without a field ``ns``, ids (n,), poses (n, 7).
+    """Bulk poses: namespace numbers (n,) or None without a field ``ns``, ids (n,), poses (n, 7).
 
     Raises RefusedError ("field layout") where a field is missing or of the wrong kind: ``id`` and
     ``ns`` are integers of any size, the pose fields float32 or float64.

@@ -21,7 +21,7 @@ Stamps are whole nanoseconds. Clouds are in ``clouds.py``, shapes in ``marker_sh
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -33,6 +33,7 @@ from sensor_msgs.msg import MultiDOFJointState
 
 from obb_collision.geometry.validation import as_quaternions
 from obb_collision.node.errors import RefusedError
+from obb_collision.node.names import namespace_number
 
 FloatArray = npt.NDArray[np.float64]
 Key = tuple[str, int]
@@ -145,20 +146,38 @@ def states_to_ros(
     return message
 
 
-def namespaces_from_ros(message: DiagnosticStatus) -> list[str]:
-    """Namespaces by index out of the latched ``namespaces`` message."""
-    return [pair.value for pair in sorted(message.values, key=lambda pair: int(pair.key))]
+def namespaces_from_ros(message: DiagnosticStatus) -> dict[int, str]:
+    """Namespaces by number out of the latched ``namespaces`` message."""
+    return {int(pair.key): pair.value for pair in message.values}
 
 
-def namespaces_to_ros(namespaces: Sequence[str]) -> DiagnosticStatus:
-    """Return the latched table of the ``ns`` indices: key is the index, value the namespace."""
-    values = [KeyValue(key=str(i), value=name) for i, name in enumerate(namespaces)]
+def namespaces_to_ros(namespaces: Mapping[int, str] | Iterable[str]) -> DiagnosticStatus:
+    """Return the table of the ``ns`` numbers: key is the number, value the namespace.
+
+    namespaces: by number, or just their names.
+    """
+    table = namespace_table(namespaces)
+    values = [KeyValue(key=str(number), value=name) for number, name in table.items()]
     return DiagnosticStatus(
         level=DiagnosticStatus.OK,
         name="namespaces",
-        message=f"{len(namespaces)} namespaces",
+        message=f"{len(values)} namespaces",
         values=values,
     )
+
+
+def namespace_table(
+    namespaces: DiagnosticStatus | Mapping[int, str] | Iterable[str],
+) -> Mapping[int, str]:
+    """Names by number, of a message of ``namespaces``, of the same, or of names.
+
+    Tables of several nodes can be merged: ``{**namespace_table(a), **namespace_table(b)}``.
+    """
+    if isinstance(namespaces, DiagnosticStatus):
+        return namespaces_from_ros(namespaces)
+    if isinstance(namespaces, Mapping):
+        return namespaces
+    return {namespace_number(name): name for name in namespaces}
 
 
 def pose_faults(poses: FloatArray) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:

@@ -41,6 +41,7 @@ from obb_collision.node.errors import RefusedError
 from obb_collision.node.guard import INTERNAL_ERROR, Guard
 from obb_collision.node.marker_shapes import shape_from_ros, signature_from_ros
 from obb_collision.node.monitors import InputMonitor
+from obb_collision.node.names import shortened
 from obb_collision.node.object_table import Slots
 from obb_collision.node.objects import Objects, State
 
@@ -83,10 +84,10 @@ class Inputs:
             try:
                 self._take_marker(marker, key, now)
             except RefusedError as error:
-                monitor.refuse(now, error.reason, name_from_key(key), error.detail)
+                monitor.refuse(now, error.reason, _named(key), error.detail)
             except Exception as error:
-                self._guard.caught("input objects", error, name_from_key(key))
-                monitor.refuse(now, INTERNAL_ERROR, name_from_key(key), str(error))
+                self._guard.caught("input objects", error, _named(key))
+                monitor.refuse(now, INTERNAL_ERROR, _named(key), str(error))
                 self._objects.refuse(key, INTERNAL_ERROR, shape=True)
 
     def _take_marker(self, marker: Marker, key: Key, now: int) -> None:
@@ -155,18 +156,24 @@ class Inputs:
         twists = twists_from_ros(message)
         bad = ~(np.abs(twists) <= LARGEST_COORDINATE).all(axis=1)
         if bad.any():
-            item, count = repr(names[int(np.argmax(bad))]), int(np.count_nonzero(bad))
+            item, count = _shown(names[int(np.argmax(bad))]), int(np.count_nonzero(bad))
             monitor.refuse(now, "bad twist", item, "pose used", count)
             twists[bad] = 0.0
         return twists
 
     def take_poses(self, message: PointCloud2) -> None:
-        """Store bulk poses by namespace index and id."""
-        monitor, now = self._monitors["object_poses"], self._clock()
+        """Store bulk poses by namespace number and id."""
+        monitor, now, table = self._monitors["object_poses"], self._clock(), self._objects.table
         monitor.received(now)
         try:
             namespaces, ids, poses = poses_from_ros(message)
-            slots = self._objects.table.find(namespaces, ids)
+            if namespaces is not None:
+                known = table.knows(namespaces)
+                if not known.all():
+                    first, count = namespaces[int(np.argmin(known))], int(np.sum(~known))
+                    monitor.refuse(now, "unknown namespace", f"ns {first}", count=count)
+                    namespaces, ids, poses = namespaces[known], ids[known], poses[known]
+            slots = table.find(namespaces, ids)
         except RefusedError as error:
             monitor.refuse(now, error.reason, detail=error.detail)
             return
@@ -182,7 +189,7 @@ class Inputs:
     ) -> None:
         self._monitors[topic].received(self._clock())
         slots = np.array([self._slot(name) for name in names], np.int64)
-        self._store(topic, slots, poses, header, lambda row: repr(names[row]), twists)
+        self._store(topic, slots, poses, header, lambda row: _shown(names[row]), twists)
 
     def _slot(self, name: str) -> int:
         """Slot of a name, -1 for an unknown one; ``5`` means ``/5``, an empty namespace."""
@@ -225,6 +232,14 @@ class Inputs:
             monitor.refuse(now, error.reason, detail=error.detail, count=max(1, len(slots)))
             self._objects.refuse_poses(slots)
         self._objects.refuse_poses(refused)
+
+
+def _named(key: Key) -> str:
+    return name_from_key((shortened(key[0]), key[1]))
+
+
+def _shown(name: str) -> str:
+    return repr(shortened(name))
 
 
 def _check_pose(pose: FloatArray) -> None:

@@ -43,9 +43,12 @@ from obb_collision.node.conversions import (
     stamp_from_ros,
     stamp_to_ros,
 )
+from obb_collision.node.names import namespace_number
 from obb_collision.node.node import CollisionNode
 
 FRAME = "map"
+BOXES = "box"
+"""Namespace of the boxes."""
 HALF_EXTENTS = (0.05, 0.5)
 """Smallest and largest half extent of the random boxes (m)."""
 ROOM_PER_OBJECT = 1.6
@@ -102,7 +105,7 @@ class Latency:
     def _add_objects(self) -> None:
         message = MarkerArray()
         for number, (pose, half) in enumerate(zip(self._given, self._half_extents, strict=True)):
-            marker = Marker(ns="box", id=number, type=Marker.CUBE, pose=pose_to_ros(pose))
+            marker = Marker(ns=BOXES, id=number, type=Marker.CUBE, pose=pose_to_ros(pose))
             marker.header.frame_id = FRAME
             marker.scale.x, marker.scale.y, marker.scale.z = (2.0 * half).tolist()
             message.markers.append(marker)
@@ -113,7 +116,8 @@ class Latency:
         stamp = number * NANOSECONDS
         header = Header(stamp=stamp_to_ros(stamp), frame_id=FRAME)
         ids = np.arange(len(self._given))
-        message = poses_to_ros(ids, self._given, np.zeros_like(ids), header)
+        namespaces = np.full_like(ids, namespace_number(BOXES))
+        message = poses_to_ros(ids, self._given, namespaces, header)
         start = perf_counter()
         self._poses.publish(message)
         self._spin_until(lambda: self._answered == stamp)

@@ -50,8 +50,8 @@ COLLISION_DTYPE = _layout(
     ("u1", ("verdict", "rung")),
 )
 """One row of ``collisions``: contact point, unit normal from a to b and depth (m), the two objects
-as namespace index and id; the verdict: 1 touching or not told from it, 2 overlap; the number of the
-``Accuracy`` on which it was decided."""
+as number of the namespace and id; the verdict: 1 touching or not told from it, 2 overlap; the
+number of the ``Accuracy`` on which it was decided."""
 
 CONTACT_DTYPE = _layout(
     ("<f4", POSITION_FIELDS),

@@ -103,7 +103,7 @@ class CollisionNode(Node):
         warm_up()
         switched_on = [name for name in EFFECTS if self.parameters.mode(name) == ON]
         self._warm.finish([*self._settings.rungs(), *switched_on])
-        self._outputs.publish_namespaces([])
+        self._outputs.publish_namespaces(self.objects.table.namespaces)
         self._apply_parameters()
         if scene_file is not None:
             scene_file.add_to(self.objects, self._now())
@@ -232,7 +232,7 @@ class CollisionNode(Node):
 
     def _clear(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         try:
-            count = self.objects.remove_all()
+            count = self.objects.clear()
             response.success, response.message = True, f"{count} objects removed"
         except Exception as error:
             self.guard.caught("service clear", error)

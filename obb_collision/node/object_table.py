@@ -27,6 +27,7 @@ import numpy.typing as npt
 
 from obb_collision.node.conversions import Key
 from obb_collision.node.errors import RefusedError
+from obb_collision.node.names import NamespaceTable
 
 Slots = npt.NDArray[np.int64]
 
@@ -35,13 +36,13 @@ NEVER = np.iinfo(np.int64).max
 FIRST_ROWS = 64
 """Rows of a new table; it doubles when full."""
 ID_BITS = 32
-"""Marker ids are int32: a key in one int64 is the namespace index above, the id below."""
+"""Marker ids are int32: a key in one int64 is the namespace number above, the id below."""
 ID_OFFSET = 1 << (ID_BITS - 1)
 """Makes ids positive, so that the order of the keys is the order of (ns, id)."""
 
 COLUMNS: dict[str, tuple[Any, tuple[int, ...]]] = {
     "live": (np.bool_, ()),
-    "ns": (np.int64, ()),  # index into the table of namespaces
+    "ns": (np.int64, ()),  # number of the namespace
     "id": (np.int64, ()),
     "pending": (np.bool_, ()),  # a pose is stored that is not in the scene yet
     "given": (np.float64, (7,)),  # the latest pose as given, in ``frame``
@@ -88,8 +89,7 @@ class ObjectTable:
     frame_refused: npt.NDArray[np.bool_]
 
     def __init__(self) -> None:
-        self.namespaces: list[str] = []
-        self._namespace_index: dict[str, int] = {}
+        self.namespaces = NamespaceTable()
         self.slots: dict[Key, int] = {}
         self.by_name: dict[str, int] = {}
         self._sorted: tuple[Slots, Slots] | None = None
@@ -100,7 +100,11 @@ class ObjectTable:
         return len(self.slots)
 
     def claim(self, slot: int, key: Key, name: str) -> None:
-        """Begin a new object at ``slot``, all columns at zero."""
+        """Begin a new object at ``slot``, all columns at zero.
+
+        Raises RefusedError for a namespace that can't be admitted.
+        """
+        number = self.namespaces.admit(key[0])
         while slot >= len(self.live):
             for column in COLUMNS:
                 old = getattr(self, column)
@@ -108,7 +112,8 @@ class ObjectTable:
         for column in COLUMNS:
             getattr(self, column)[slot] = 0
         self.live[slot] = True
-        self.ns[slot], self.id[slot] = self.namespace_index(key[0]), key[1]
+        self.namespaces.use(number)
+        self.ns[slot], self.id[slot] = number, key[1]
         self.expiry[slot] = NEVER
         self.slots[key] = slot
         self.by_name[name] = slot
@@ -118,34 +123,24 @@ class ObjectTable:
         """End an object; returns the slot it had."""
         slot = self.slots.pop(key)
         del self.by_name[name]
+        self.namespaces.leave(int(self.ns[slot]))
         self.live[slot] = self.pending[slot] = self.placed[slot] = False
         self._sorted = None
         return slot
 
-    def namespace_index(self, namespace: str) -> int:
-        """Index of a namespace, a new one at its first use. Indices never change."""
-        index = self._namespace_index.get(namespace)
-        if index is None:
-            index = self._namespace_index[namespace] = len(self.namespaces)
-            self.namespaces.append(namespace)
-        return index
-
-    def knows_namespace(self, namespace: str) -> bool:
-        """Whether the namespace has an index already."""
-        return namespace in self._namespace_index
-
     def key(self, slot: int) -> Key:
         """Key of the object at a slot."""
-        return self.namespaces[self.ns[slot]], int(self.id[slot])
+        return self.namespaces.names[int(self.ns[slot])], int(self.id[slot])
 
     def order_keys(self, slots: Slots) -> Slots:
         """One int64 per slot that sorts as (ns, id)."""
         return (self.ns[slots] << ID_BITS) + self.id[slots] + ID_OFFSET
 
     def find(self, namespaces: Slots | None, ids: Slots) -> Slots:
-        """Slots (n,) of objects by namespace index and id, -1 where there is no such object.
+        """Slots (n,) of objects by namespace number and id, -1 where there is no such object.
 
-        Without namespace indices all objects must share one namespace: RefusedError otherwise.
+        Numbers are int32; the same bits as uint32 will do. Without them all objects must share
+        one namespace: RefusedError otherwise.
         """
         if self._sorted is None:
             slots = np.fromiter(self.slots.values(), np.int64, len(self.slots))
@@ -160,8 +155,21 @@ class ObjectTable:
             if first != last:
                 raise RefusedError("field layout", "several namespaces: field 'ns' is needed")
             namespaces = np.broadcast_to(first, ids.shape)
-        legal = (ids >= -ID_OFFSET) & (ids < ID_OFFSET)
-        legal &= (namespaces >= 0) & (namespaces < len(self.namespaces))
-        wanted = (namespaces << ID_BITS) + ids + ID_OFFSET
+        legal = (ids >= -ID_OFFSET) & (ids < ID_OFFSET) & _are_numbers(namespaces)
+        wanted = (_signed(namespaces) << ID_BITS) + np.where(legal, ids, 0) + ID_OFFSET
         at = np.minimum(np.searchsorted(known, wanted), len(known) - 1)
         return np.where(legal & (known[at] == wanted), slots[at], -1)
+
+    def knows(self, namespaces: Slots) -> npt.NDArray[np.bool_]:
+        """Whether numbers (n,) are those of namespaces in the table."""
+        known = np.fromiter(self.namespaces.names, np.int64, len(self.namespaces))
+        return _are_numbers(namespaces) & np.isin(_signed(namespaces), known)
+
+
+def _are_numbers(namespaces: Slots) -> npt.NDArray[np.bool_]:
+    return (namespaces >= -ID_OFFSET) & (namespaces < 2 * ID_OFFSET)
+
+
+def _signed(namespaces: Slots) -> Slots:
+    """Numbers as int32 of such as are, or the same bits as uint32; anything for others."""
+    return namespaces.astype(np.uint32).astype(np.int32).astype(np.int64)

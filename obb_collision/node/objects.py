@@ -33,12 +33,14 @@ from obb_collision.node.conversions import NANOSECONDS, FloatArray, Key, name_fr
 from obb_collision.node.errors import RefusedError
 from obb_collision.node.frames import FrameSource
 from obb_collision.node.marker_shapes import Signature
+from obb_collision.node.names import shortened
 from obb_collision.node.object_table import NEVER, ObjectTable, Slots
 from obb_collision.node.placement import Placement
 from obb_collision.scene.scene import Scene
 
-MAX_NAMES = 1000
-"""Namespaces and refused newcomers remembered: senders can't make the node grow."""
+DEFAULT_LIMIT = 1000
+MAX_UNPLACEABLE = 1000
+"""Refused newcomers remembered, the latest ones: senders can't make the node grow."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +68,7 @@ class Objects:
         self.table = ObjectTable()
         self.overrides = Overrides()
         self.unplaceable: dict[Key, str] = {}
-        self.max_objects = MAX_NAMES
+        self.max_objects = DEFAULT_LIMIT
         self.ignore_stale = False
         self._signatures: dict[int, Signature] = {}
         self.placement = Placement(
@@ -94,14 +96,14 @@ class Objects:
 
         ``expiry`` is when its lifetime ends (ns), None for never; ``padding`` in place of the
         scene's (m). A new object takes part once it has a pose. Raises RefusedError ("too many
-        objects", "bad shape").
+        objects", "too many namespaces", "namespace number taken", "bad name", "bad shape").
         """
         table, name = self.table, name_from_key(key)
         slot = table.slots.get(key)
         if slot is None and len(table) >= self.max_objects:
             raise RefusedError("too many objects", f"{self.max_objects} is the limit")
-        if not table.knows_namespace(key[0]) and len(table.namespaces) >= MAX_NAMES:
-            raise RefusedError("too many namespaces", f"{MAX_NAMES} is the limit")
+        if slot is None:
+            table.namespaces.admit(key[0])
         if shape is not None:
             try:
                 pose = table.world[slot] if slot is not None and table.placed[slot] else None
@@ -122,7 +124,7 @@ class Objects:
 
     def remove(self, key: Key) -> None:
         """Take an object out, if there is one."""
-        self.unplaceable.pop(key, None)
+        self.unplaceable.pop((shortened(key[0]), key[1]), None)
         if key in self.table.slots:
             name = name_from_key(key)
             self._signatures.pop(self.table.release(key, name), None)
@@ -131,9 +133,19 @@ class Objects:
     def remove_all(self, namespace: str | None = None) -> int:
         """Take out all objects, of one namespace if given; returns how many there were."""
         keys = [key for key in self.table.slots if namespace in (None, key[0])]
-        for key in [*keys, *(key for key in self.unplaceable if namespace in (None, key[0]))]:
+        for key in keys:
             self.remove(key)
+        shown = None if namespace is None else shortened(namespace)
+        for key in [key for key in self.unplaceable if shown in (None, key[0])]:
+            del self.unplaceable[key]
         return len(keys)
+
+    def clear(self) -> int:
+        """Take out all objects, and forget every name; returns how many objects there were."""
+        count = self.remove_all()
+        self.table.namespaces.forget_unused()
+        self.placement.frame_table.forget_unused()
+        return count
 
     def store_poses(
         self, slots: Slots, poses: FloatArray, state: State, twists: FloatArray | float = 0.0
@@ -170,8 +182,11 @@ class Objects:
         """Mark that the latest state (shape or pose) of an object could not be used."""
         slot = self.table.slots.get(key)
         if slot is None:
-            if len(self.unplaceable) < max(MAX_NAMES, self.max_objects):
-                self.unplaceable[key] = reason
+            key = shortened(key[0]), key[1]
+            self.unplaceable.pop(key, None)
+            self.unplaceable[key] = reason
+            if len(self.unplaceable) > MAX_UNPLACEABLE:
+                del self.unplaceable[next(iter(self.unplaceable))]
         elif shape:
             self.table.shape_refused[slot] = True
         else:

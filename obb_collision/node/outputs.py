@@ -38,6 +38,7 @@ from obb_collision.node.effects import TOPICS
 from obb_collision.node.guard import Guard
 from obb_collision.node.layouts import Rows
 from obb_collision.node.markers import COLLIDING, DOUBTFUL, FREE, Markers
+from obb_collision.node.names import NamespaceTable
 from obb_collision.node.objects import Objects
 from obb_collision.node.parameters import Parameters
 from obb_collision.node.rows import (
@@ -91,7 +92,7 @@ class Outputs:
         self._parameters, self._guard = parameters, guard
         self._markers = Markers(parameters.fixed_frame)
         self._next_markers = 0.0
-        self._namespaces_sent = -1
+        self._namespaces_sent = -1  # version of the table
         self._flag: bool | None = None
 
         def publisher(kind: type, topic: str, qos: QoSProfile) -> Publisher:
@@ -114,11 +115,11 @@ class Outputs:
         named = {TOPICS[effect]: publisher for effect, publisher in self.publishers.items()}
         return {**named, "namespaces": self.namespaces}
 
-    def publish_namespaces(self, namespaces: list[str]) -> None:
-        """Publish the table of namespace indices if it grew."""
-        if len(namespaces) != self._namespaces_sent:
-            self._namespaces_sent = len(namespaces)
-            self.namespaces.publish(namespaces_to_ros(namespaces))
+    def publish_namespaces(self, namespaces: NamespaceTable) -> None:
+        """Publish the table of namespace numbers if it changed."""
+        if namespaces.version != self._namespaces_sent:
+            self._namespaces_sent = namespaces.version
+            self.namespaces.publish(namespaces_to_ros(namespaces.names))
 
     def publish_report(self, given: Published) -> None:
         """Publish what is called for, also when it is empty; one output that fails stops no other.
@@ -162,7 +163,7 @@ class Outputs:
             self.publishers["collisions"].publish(cloud_to_ros(rows, header))
         if "text" in given.effects:
             limit = self._parameters.max_text_pairs
-            text = text_from_rows(rows, table.namespaces, header, limit)
+            text = text_from_rows(rows, table.namespaces.names, header, limit)
             self.publishers["text"].publish(text)
 
     def _publish_flag(self, flag: bool, called: bool) -> None:

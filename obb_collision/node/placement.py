@@ -30,13 +30,12 @@ from obb_collision.node.conversions import (
 )
 from obb_collision.node.errors import RefusedError
 from obb_collision.node.frames import FrameSource
+from obb_collision.node.names import FrameTable, check_name
 from obb_collision.node.object_table import ObjectTable, Slots
 from obb_collision.scene.scene import Scene
 
 RETRY_PERIOD = NANOSECONDS // 2
 """How often a pose in a frame that is not known yet is tried again."""
-MAX_FRAMES = 1000
-"""Frames remembered: senders can't make the node grow."""
 
 
 class Placement:
@@ -56,7 +55,7 @@ class Placement:
         on_placed: Callable[[int], None],
     ) -> None:
         self._scene, self._table, self._frames = scene, table, frames
-        self._frame_names = [fixed_frame]
+        self.frame_table = FrameTable(fixed_frame, self._frames_used)
         self._on_refused, self._on_placed = on_refused, on_placed
         self._next_retry = 0
         self.timeout = 0.0
@@ -65,17 +64,17 @@ class Placement:
     def frame_index(self, frame: str) -> int:
         """Index of a frame; an empty one means the fixed frame.
 
-        Raises RefusedError ("unknown frame") where it can't become known.
+        Raises RefusedError ("bad name", "too many frames", "unknown frame").
         """
-        if frame in ("", self._frame_names[0]):
-            return 0
-        if not self._frames.waits:
+        if not (self._frames.waits or self.frame_table.is_fixed(frame)):
+            check_name(frame, "frame")
             self._frames.lookup(frame, 0)
-        if frame not in self._frame_names:
-            if len(self._frame_names) >= MAX_FRAMES:
-                raise RefusedError("unknown frame", "too many frames")
-            self._frame_names.append(frame)
-        return self._frame_names.index(frame)
+        return self.frame_table.index(frame)
+
+    def _frames_used(self) -> list[int]:
+        table = self._table
+        used: list[int] = np.unique(table.frame[table.live]).tolist()
+        return used
 
     def place(self, now: int) -> None:
         """Bring all objects with a new pose, or one that is to be placed anew, to their place."""
@@ -110,7 +109,7 @@ class Placement:
         for number, (frame, stamp) in enumerate(groups.tolist()):
             members = rows[which == number]
             try:
-                outer = self._frames.lookup(self._frame_names[frame], stamp)
+                outer = self._frames.lookup(self.frame_table.name(frame), stamp)
                 placed = compose_poses(outer, table.given[members])
                 if any(fault.any() for fault in pose_faults(placed)):
                     raise RefusedError("bad pose", "out of range once placed")

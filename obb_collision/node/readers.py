@@ -14,7 +14,9 @@
 
 """From messages of the node to names in one line: ``for a, b, *_ in named_contacts(message, ns)``.
 
-``namespaces`` is the latest message of the topic ``namespaces``, or a list or dict of the same.
+``namespaces`` is the latest message of the topic ``namespaces``, a dict of names by number, such as
+that of several nodes merged, or just a list of the names: the number of a namespace is that of its
+name (``namespace_number``).
 Rows keep their order. All raise RefusedError: "field layout" for a message of another topic,
 "unknown namespace" where the table is older than the message: it is published first, but topics may
 overtake each other.
@@ -23,12 +25,12 @@ overtake each other.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple, TypeAlias
+from typing import NamedTuple, TypeAlias
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from sensor_msgs.msg import PointCloud2
 
-from obb_collision.node.conversions import name_from_key, namespaces_from_ros
+from obb_collision.node.conversions import name_from_key, namespace_table
 from obb_collision.node.errors import RefusedError
 from obb_collision.node.layouts import (
     A_FIELDS,
@@ -155,9 +157,8 @@ def _pairs(rows: Rows, namespaces: Namespaces) -> list[tuple[str, str]]:
 
 
 def _names(rows: Rows, ns: str, number: str, namespaces: Namespaces) -> list[str]:
-    is_message = isinstance(namespaces, DiagnosticStatus)
-    table: Any = namespaces_from_ros(namespaces) if is_message else namespaces
+    table = namespace_table(namespaces)
     try:
         return [name_from_key((table[index], key)) for index, key in rows[[ns, number]].tolist()]
-    except (IndexError, KeyError) as error:
+    except KeyError as error:
         raise RefusedError("unknown namespace", "take a newer message of 'namespaces'") from error

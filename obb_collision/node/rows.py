@@ -12,7 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What a check gave -> rows of the clouds, sorted by (ns_a, id_a, ns_b, id_b), a before b."""
+"""What a check gave -> rows of the clouds, sorted by (ns_a, id_a, ns_b, id_b), a before b.
+
+The order is that of the numbers, the same in every node and run: ``ns`` and ``id`` as int32.
+"""
 
 from __future__ import annotations
 

@@ -16,6 +16,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from std_msgs.msg import Header
@@ -27,7 +29,7 @@ from obb_collision.queries.separation import Verdict
 
 
 def text_from_rows(
-    rows: Rows, namespaces: list[str], header: Header, limit: int
+    rows: Rows, namespaces: Mapping[int, str], header: Header, limit: int
 ) -> DiagnosticArray:
     """Return a status with the total, then one a pair, at most ``limit``."""
     total = f"{len(rows)} pairs in collision"
@@ -37,8 +39,8 @@ def text_from_rows(
     message = DiagnosticArray(header=header)
     message.status = [DiagnosticStatus(name="collisions", message=total, values=values)]
     for row in rows[:limit]:
-        a = name_from_key((namespaces[row["ns_a"]], int(row["id_a"])))
-        b = name_from_key((namespaces[row["ns_b"]], int(row["id_b"])))
+        a = name_from_key((namespaces[int(row["ns_a"])], int(row["id_a"])))
+        b = name_from_key((namespaces[int(row["ns_b"])], int(row["id_b"])))
         touching = row["verdict"] == Verdict.TOUCHING
         values = [
             ("a", a),

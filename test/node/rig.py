@@ -39,7 +39,12 @@ from sensor_msgs.msg import MultiDOFJointState, PointCloud2
 from std_msgs.msg import Bool, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
-from obb_collision.node import collisions_from_ros, named_pairs, poses_to_ros
+from obb_collision.node import (
+    collisions_from_ros,
+    named_pairs,
+    namespace_number,
+    poses_to_ros,
+)
 from obb_collision.node.clouds import cloud_to_ros
 from obb_collision.node.conversions import (
     namespaces_from_ros,
@@ -206,21 +211,21 @@ class Client:
         return self.last["collisions"]
 
     def pairs(self) -> set[tuple[str, str]]:
-        """Names of the pairs in the answer to the last state."""
+        """Names of the pairs in the answer to the last state, in the order of the rows."""
         rows = collisions_from_ros(self.answer())
-        most = int(max(rows["ns_a"].max(initial=-1), rows["ns_b"].max(initial=-1)))
-        self.namespaces(most + 1)
+        self.namespaces(*rows["ns_a"].tolist(), *rows["ns_b"].tolist())
         named = named_pairs(self.last["collisions"], self.last["namespaces"])
         return {(a, b) for a, b, *_ in named}
 
-    def namespaces(self, count: int) -> list[str]:
-        """Wait for a table of at least ``count`` namespaces; topics may overtake each other."""
+    def namespaces(self, *wanted: int | str) -> dict[int, str]:
+        """Wait for a table with some namespaces, by number or name; topics overtake each other."""
+        numbers = {namespace_number(one) if isinstance(one, str) else one for one in wanted}
 
         def complete() -> bool:
             table = self.last.get("namespaces")
-            return table is not None and len(table.values) >= count
+            return table is not None and numbers <= namespaces_from_ros(table).keys()
 
-        self.until(complete, f"a table of {count} namespaces")
+        self.until(complete, f"a table with {sorted(numbers)}")
         return namespaces_from_ros(self.last["namespaces"])
 
     def next(self, topic: str) -> Any:

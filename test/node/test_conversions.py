@@ -25,7 +25,12 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import PointCloud2, PointField
 
-from obb_collision.node import collisions_from_ros, collisions_to_ros, named_pairs
+from obb_collision.node import (
+    collisions_from_ros,
+    collisions_to_ros,
+    named_pairs,
+    namespace_number,
+)
 from obb_collision.node import conversions as cv
 from obb_collision.node.clouds import (
     DATATYPE_OF,
@@ -79,10 +84,12 @@ def test_states_of_unequal_lengths_are_refused() -> None:
 
 
 @given(st.lists(st.text(st.characters(exclude_characters="\0", codec="utf-8")), max_size=15))
-def test_the_namespace_table_comes_back_in_order(names: list[str]) -> None:
-    message = cv.namespaces_to_ros(names)
+def test_the_namespace_table_comes_back(names: list[str]) -> None:
+    table = {namespace_number(name): name for name in names}
+    message = cv.namespaces_to_ros(table)
     wire = deserialize_message(serialize_message(message), DiagnosticStatus)
-    assert cv.namespaces_from_ros(wire) == names
+    assert cv.namespaces_from_ros(wire) == table == cv.namespace_table(wire)
+    assert cv.namespace_table(names) == table == cv.namespace_table(table)
 
 
 @given(
@@ -205,11 +212,14 @@ def test_collisions_have_the_layout_that_rviz_draws_and_the_interface_names() ->
 
 def test_pairs_get_their_names_in_one_line() -> None:
     rows = np.zeros(1, COLLISION_DTYPE)
-    rows[["id_a", "ns_b", "id_b", "depth", "verdict"]] = (-3, 1, 8, 0.25, Verdict.OVERLAP)
+    rows["ns_a"] = namespace_number("arm")
+    rows[["id_a", "id_b", "depth", "verdict"]] = (-3, 8, 0.25, Verdict.OVERLAP)
     message = collisions_to_ros(rows)
     table = cv.namespaces_to_ros(["arm", ""])
     assert named_pairs(message, table) == [("arm/-3", "/8", 0.25, False)]
-    assert named_pairs(message, ["arm", ""]) == named_pairs(message, {0: "arm", 1: ""})
+    assert named_pairs(message, ["arm", ""]) == named_pairs(
+        message, {namespace_number("arm"): "arm", 0: ""}
+    )
     with pytest.raises(RefusedError, match="unknown namespace"):
         named_pairs(message, ["arm"])
     with pytest.raises(RefusedError, match="not a collisions message"):

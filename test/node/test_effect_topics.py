@@ -33,6 +33,7 @@ from obb_collision.node import (
     named_pairs,
     named_points_inside,
     named_predictions,
+    namespace_number,
     points_inside_from_ros,
     predictions_from_ros,
 )
@@ -100,7 +101,7 @@ def test_contacts_are_points_in_both_boxes_with_the_normal_from_a_to_b(rig: Rig)
     rows = contacts_from_ros(message)
     assert rows["index"].tolist() == [0, 1, 2, 3]
     assert rows["count"].tolist() == [4] * 4
-    found = named_contacts(message, rig.namespaces(1))
+    found = named_contacts(message, rig.namespaces("a"))
     assert {(c.a, c.b, c.normal) for c in found} == {("a/1", "a/2", (1.0, 0.0, 0.0))}
     assert sorted({(round(y, 9), round(z, 9)) for _, y, z in (c.point for c in found)}) == [
         (-0.25, -0.5),
@@ -127,7 +128,7 @@ def test_clearances_have_the_closest_points_of_each_and_leave_out_what_is_far() 
     with Rig(given={"effects.clearance_limit": 0.75}) as rig:
         listening(rig, "clearances")
         rig.send(cube(("a", 2), (1.5, 0, 0)), cube(("a", 1)), cube(("b", 1), (-1.8, 0, 0)))
-        (found,) = named_clearances(answer(rig, "clearances"), rig.namespaces(2))
+        (found,) = named_clearances(answer(rig, "clearances"), rig.namespaces("a", "b"))
         assert (found.a, found.b, found.distance) == ("a/1", "a/2", 0.5)
         assert (found.point_a[0], found.point_b[0]) == (0.5, 1.0)
         assert found.point_a[1:] == found.point_b[1:]
@@ -140,7 +141,7 @@ def test_clearances_have_the_closest_points_of_each_and_leave_out_what_is_far() 
 def test_overlapping_boxes_have_a_negative_clearance(rig: Rig) -> None:
     listening(rig, "clearances")
     rig.send(cube(("a", 1)), cube(("a", 2), (0.75, 0, 0)))
-    (found,) = named_clearances(answer(rig, "clearances"), rig.namespaces(1))
+    (found,) = named_clearances(answer(rig, "clearances"), rig.namespaces("a"))
     assert found.distance == -0.25
 
 
@@ -149,7 +150,9 @@ def test_twists_predict_collisions_with_their_time(rig: Rig) -> None:
     rig.send(cube(("wall", 1), (2.0, 0, 0), (0.5, 4, 4)), cube(("fast", 1)))
     rig.answer()
     rig.send_states(["fast/1"], [pose(0.0)], twists=[[2.5, 0, 0, 0, 0, 0]])
-    (found,) = named_predictions(answer(rig, "predicted_collisions"), rig.namespaces(2))
+    (found,) = named_predictions(
+        answer(rig, "predicted_collisions"), rig.namespaces("wall", "fast")
+    )
     assert (found.a, found.b) == ("wall/1", "fast/1")
     assert found.time == pytest.approx(0.5)
     assert found.point[0] == pytest.approx(1.75)
@@ -170,7 +173,7 @@ def test_what_passes_through_a_wall_between_two_states_is_told_once(rig: Rig) ->
     message = answer(rig, "predicted_collisions")
     assert rig.pairs() == set(), "neither before nor after"
     seconds = 1e-9 * (rig.stamp - before)
-    ((a, b, time, point, normal),) = named_predictions(message, rig.namespaces(2))
+    ((a, b, time, point, normal),) = named_predictions(message, rig.namespaces("wall", "fast"))
     assert (a, b) == ("wall/1", "fast/1")
     share = (1.875 - 0.25) / 4.0  # of the way, when the faces meet
     assert time == pytest.approx((share - 1.0) * seconds)
@@ -183,13 +186,13 @@ def test_what_passes_through_a_wall_between_two_states_is_told_once(rig: Rig) ->
 @pytest.mark.parametrize("topic", READERS)
 def test_readers_refuse_other_messages_and_older_tables(topic: str) -> None:
     rows = np.zeros(1, LAYOUTS[topic])
-    rows["ns" if topic == "points_inside" else "ns_b"] = 1
+    rows["ns" if topic == "points_inside" else "ns_b"] = namespace_number("arm")
     message = cloud_to_ros(rows)
     named = READERS[topic](message, ["arm", ""])
-    assert "/0" in named[0]
-    assert named == READERS[topic](message, {0: "arm", 1: ""})
+    assert "arm/0" in named[0]
+    assert named == READERS[topic](message, {0: "", namespace_number("arm"): "arm"})
     with pytest.raises(RefusedError, match="unknown namespace"):
-        READERS[topic](message, ["arm"])
+        READERS[topic](message, [""])
     with pytest.raises(RefusedError, match=f"not a {topic} message"):
         READERS[topic](cloud_to_ros(np.zeros(1, [("x", "<f4")])), ["arm"])
 
@@ -214,7 +217,7 @@ def test_points_inside_are_counted_by_object(rig: Rig) -> None:
     inside = [[9.0, 9, 9], [2.4, 0, 0], [0.25, 0, 0], [np.nan, 0, 0], [0.125, 0, 0], [0.4, 0, 0]]
     rig.send_points(inside)
     message = answer(rig, "points_inside")
-    assert named_points_inside(message, rig.namespaces(2)) == [
+    assert named_points_inside(message, rig.namespaces("a", "b")) == [
         ("a/1", 3, 2, 4, 0.125),
         ("a/2", 1, 1, 1, pytest.approx(0.4)),
     ]

@@ -98,7 +98,7 @@ def test_services_and_timers_go_on(rig: Rig, monkeypatch: pytest.MonkeyPatch) ->
     rig.send(cube(A))
     rig.answer()
     with monkeypatch.context() as patch:
-        patch.setattr(rig.node.objects, "remove_all", failing(lambda: 0, lambda *_: True))
+        patch.setattr(rig.node.objects, "clear", failing(lambda: 0, lambda *_: True))
         response = rig.call(Trigger, "obb_collision/clear", Trigger.Request())
         assert not response.success
         assert INTERNAL_ERROR in response.message

@@ -25,7 +25,7 @@ from rig import Rig, cube, pose, sync
 from sensor_msgs.msg import PointCloud2, PointField
 from visualization_msgs.msg import Marker
 
-from obb_collision.node import poses_to_ros
+from obb_collision.node import namespace_number, poses_to_ros
 from obb_collision.node.conversions import states_to_ros
 
 A1, A2, B1 = ("a", 1), ("a", 2), ("b", 1)
@@ -42,7 +42,7 @@ SENDERS = {
         [name, "a/2"], [row, pose(3.5)]
     ),
     "object_poses": lambda rig, name, number, row: rig.send_poses(
-        [number, 2], [row, pose(3.5)], [0, 0]
+        [number, 2], [row, pose(3.5)], [namespace_number("a")] * 2
     ),
 }
 

@@ -36,6 +36,7 @@ from obb_collision.node.conversions import (
 )
 from obb_collision.node.demo.hearing import Hearing
 from obb_collision.node.demo.publisher import LATCHED
+from obb_collision.node.errors import RefusedError
 
 Pair = tuple[str, str]
 
@@ -109,7 +110,7 @@ class CollisionListener(Node):
             return
         try:
             pairs = {(a, b): depth for a, b, depth, _ in named_pairs(message, self._names)}
-        except IndexError:
+        except RefusedError:
             return  # a new namespace, whose message is under way; the next cycle has it
         if stamp > self.stamp:
             self.latencies.append((now - stamp) / NANOSECONDS)

@@ -19,7 +19,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import TransformStamped, Twist, Vector3
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
@@ -30,7 +29,6 @@ from visualization_msgs.msg import Marker, MarkerArray
 from obb_collision.geometry.shapes import Shape
 from obb_collision.node.clouds import cloud_to_ros, poses_to_ros
 from obb_collision.node.conversions import (
-    namespaces_from_ros,
     pose_to_ros,
     stamp_to_ros,
     states_to_ros,
@@ -39,6 +37,7 @@ from obb_collision.node.conversions import (
 from obb_collision.node.demo.file_scene import FileScene
 from obb_collision.node.demo.scene import DemoScene
 from obb_collision.node.marker_shapes import shape_to_ros
+from obb_collision.node.names import namespace_number
 
 FRAME = "map"
 #: Topics that carry motion, in the order in which a step publishes them.
@@ -76,8 +75,6 @@ class ScenePublisher(Node):
         self._next_scan = 0.0
         if scene.points(0.0) is not None:
             self._points = self.create_publisher(PointCloud2, "points", QoSProfile(depth=2))
-        self._table: dict[str, int] = {}
-        self.create_subscription(DiagnosticStatus, "namespaces", self._take_namespaces, LATCHED)
 
     @property
     def topics(self) -> dict[str, str]:
@@ -88,11 +85,6 @@ class ScenePublisher(Node):
     def matched(self) -> bool:
         """Whether every topic has somebody who listens."""
         return all(p.get_subscription_count() > 0 for p in self._topics.values())
-
-    @property
-    def knows_namespaces(self) -> bool:
-        """Whether bulk poses can be published: they name namespaces by index."""
-        return all(item.namespace in self._table for item in self.scene.items)
 
     def publish_all(self, time: float) -> int:
         """Publish all objects as they are at a time; returns the stamp (ns).
@@ -125,9 +117,6 @@ class ScenePublisher(Node):
         """Publish what moves by one of CHANNELS; returns its stamp (ns), None if nothing does."""
         rows = self.scene.channel(channel)
         return self._senders[channel](rows, time) if rows else None
-
-    def _take_namespaces(self, message: DiagnosticStatus) -> None:
-        self._table = {name: index for index, name in enumerate(namespaces_from_ros(message))}
 
     def _header(self) -> tuple[int, Header]:
         now = self.get_clock().now().nanoseconds
@@ -180,12 +169,10 @@ class ScenePublisher(Node):
             self._topics["object_transform"].publish(message)
         return stamp
 
-    def _send_cloud(self, rows: list[int], time: float) -> int | None:
-        if not self.knows_namespaces:
-            return None
+    def _send_cloud(self, rows: list[int], time: float) -> int:
         items = [self.scene.items[row] for row in rows]
         poses = self.scene.poses(time)[rows]
-        namespaces = np.array([self._table[item.namespace] for item in items])
+        namespaces = np.array([namespace_number(item.namespace) for item in items])
         stamp, header = self._header()
         ids = np.array([item.id for item in items])
         self._topics["object_poses"].publish(poses_to_ros(ids, poses, namespaces, header))

@@ -103,7 +103,7 @@ class Demo:
         self.spin_until(lambda: self.publisher.matched and self.listener.matched)
         self.listener.start = self.publisher.publish_all(0.0)
         self.listener.epoch = NOT_YET
-        self.spin_until(lambda: self.publisher.knows_namespaces and self.listener.cycles > 0)
+        self.spin_until(lambda: self.listener.cycles > 0)
         self.publisher.publish_points(0.0)
         stamps = self.listener.effects.stamps
         self.spin_until(lambda: min(stamps.values(), default=0) >= 0)
