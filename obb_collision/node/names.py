@@ -23,6 +23,7 @@ from __future__ import annotations
 import zlib
 from collections.abc import Callable, Iterable
 
+from obb_collision.geometry.words import printable, text_fault
 from obb_collision.node.errors import RefusedError
 
 MAX_NAME_BYTES = 255
@@ -33,8 +34,8 @@ MAX_NAMESPACE_BYTES = 1 << 20
 """Of the names of all namespaces, in UTF-8: the latched table is sent whole when it changes."""
 MAX_FRAMES = 1000
 """Frames in use at a time."""
-SHOWN_BYTES = 80
-"""What is shown of a name that is too long to be kept."""
+SHOWN_CHARACTERS = 20
+"""What is shown of a name that is too long to be kept, before its checksum."""
 _SIGN = 1 << 31
 
 
@@ -47,30 +48,22 @@ def namespace_number(name: str) -> int:
     return number - 2 * _SIGN if number >= _SIGN else number
 
 
-def name_fault(name: str) -> str:
-    """Return why a name can't be used, "" if it can."""
-    try:
-        size = len(name.encode())
-    except UnicodeEncodeError:
-        return "a lone surrogate has no UTF-8"
-    if size > MAX_NAME_BYTES:
-        return f"{size} bytes long, {MAX_NAME_BYTES} is the limit"
-    return "a NUL ends a text in ROS" if "\0" in name else ""
-
-
 def check_name(name: str, what: str) -> None:
     """Raise RefusedError ("bad name") for a name that can't be used; ``what`` says whose it is."""
-    fault = name_fault(name)
-    if fault:
-        raise RefusedError("bad name", f"{what} {shortened(name)!r}: {fault}")
+    fault = text_fault(name, MAX_NAME_BYTES) if name else None
+    if fault is None and len(name.encode()) > MAX_NAME_BYTES:
+        fault = f"must have at most {MAX_NAME_BYTES} bytes of UTF-8"
+    if fault is not None:
+        raise RefusedError("bad name", f"{what} {fault}")
 
 
 def shortened(name: str) -> str:
-    """Return a name that can be kept and shown: itself, or its beginning and its number."""
-    data = name.replace("\0", "?").encode(errors="replace")
+    """Return a name that can be kept and shown: itself, or its beginning and its checksum."""
+    data = name.encode(errors="backslashreplace")
     if len(data) <= MAX_NAME_BYTES:
-        return data.decode()
-    return f"{data[:SHOWN_BYTES].decode(errors='ignore')}...{zlib.crc32(data):08x}"
+        name = printable(name)
+        return name if len(name.encode()) <= MAX_NAME_BYTES else f"{zlib.crc32(data):08x}"
+    return f"{printable(name[:SHOWN_CHARACTERS])}...{zlib.crc32(data):08x}"
 
 
 class NamespaceTable:

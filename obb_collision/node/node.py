@@ -106,7 +106,12 @@ class CollisionNode(Node):
         self._outputs.publish_namespaces(self.objects.table.namespaces)
         self._apply_parameters()
         if scene_file is not None:
-            scene_file.add_to(self.objects, self._now())
+            refused = scene_file.add_to(self.objects, self._now())
+            if refused:
+                count = len(refused)
+                self._warn(
+                    f"{self.parameters.scene_file}: {count} objects not checked: {refused[0]}"
+                )
         self._last_diagnostics = perf_counter()
         self._qos = QosWatch(self, self._warn)
         clock = self._schedule.clock

@@ -22,8 +22,10 @@ from typing import Any
 
 import numpy as np
 
+from obb_collision.geometry.words import shown
 from obb_collision.node.allowed import AllowedRule
 from obb_collision.node.conversions import Key, name_from_key
+from obb_collision.node.errors import RefusedError
 from obb_collision.node.object_table import ID_OFFSET
 from obb_collision.node.objects import Objects, State
 from obb_collision.node.parameter_table import option_name
@@ -93,14 +95,17 @@ class SceneFile:
             )
         ]
 
-    def add_to(self, objects: Objects, now: int) -> None:
-        """Add the objects, at rest at the start.
-
-        Raises RefusedError where an object can't be used ("too many objects").
-        """
+    def add_to(self, objects: Objects, now: int) -> list[str]:
+        """Add the objects, at rest at the start; returns why some could not be, in a line each."""
+        refused = []
         for key, thing in zip(self.keys, self._scene.objects, strict=True):
-            slot = objects.put(key, thing.shape, (), None, thing.padding)
-            objects.store_poses(np.array([slot]), np.array([thing.pose]), State("", 0, now))
+            try:
+                slot = objects.put(key, thing.shape, (), None, thing.padding)
+                objects.store_poses(np.array([slot]), np.array([thing.pose]), State("", 0, now))
+            except RefusedError as error:
+                objects.refuse(key, error.reason, shape=True)
+                refused.append(f"{shown(name_from_key(key))} refused, {error}")
+        return refused
 
     def _overrides(self) -> list[str]:
         """Return entries of ``accuracy_overrides``, the objects' own behind those of patterns."""

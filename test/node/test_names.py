@@ -19,6 +19,7 @@ from __future__ import annotations
 import subprocess
 import sys
 import zlib
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -152,13 +153,16 @@ def test_long_names_are_refused_and_not_kept(rig: Rig) -> None:
     assert set(namespace_table(rig.last["namespaces"]).values()) == {limit, "a", "sync"}
 
 
-@pytest.mark.parametrize("name", ["\ud800", "a\0b", "é" * 128])
+@pytest.mark.parametrize(
+    "name", ["\ud800", "a\0b", "é" * 128, "a\nb", "\n" * 255, "\ud800" * 2000, LONG]
+)
 def test_what_is_no_name_is_refused(name: str) -> None:
     with pytest.raises(RefusedError, match="bad name"):
         check_name(name, "namespace")
     with pytest.raises(RefusedError, match="bad name"):
         NamespaceTable().admit(name)
     kept = shortened(name)
+    assert kept.isprintable()
     check_name(kept, "namespace")
     assert shortened(kept) == kept
 
@@ -178,6 +182,17 @@ def test_many_namespaces_come_and_go_and_a_full_table_recovers(
     rig.until(lambda: len(rig.node.objects.table) == 0, "all deleted")
     rig.call(Trigger, "obb_collision/clear", Trigger.Request())
     rig.until(lambda: len(rig.last["namespaces"].values) == 0, "an empty table")
+
+
+def test_a_scene_file_with_more_than_fits_starts_with_the_rest(tmp_path: Path) -> None:
+    file = tmp_path / "many.yaml"
+    shape = "shape: box, size: [1, 1, 1]"
+    lines = [f"  - {{name: thing {n}, {shape}, position: [{2 * n}, 0, 0]}}" for n in range(9)]
+    file.write_text("\n".join(["objects:", *lines]))
+    with Rig(scene_file=str(file), max_objects=7) as rig:
+        assert len(rig.node.objects.table) == 7
+        assert set(rig.node.objects.unplaceable.values()) == {"too many objects"}
+        assert sync(rig) == set()
 
 
 def test_the_table_is_bounded_in_bytes() -> None:
