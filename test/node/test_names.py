@@ -192,7 +192,8 @@ def test_a_scene_file_with_more_than_fits_starts_with_the_rest(tmp_path: Path) -
     with Rig(scene_file=str(file), max_objects=7) as rig:
         assert len(rig.node.objects.table) == 7
         assert set(rig.node.objects.unplaceable.values()) == {"too many objects"}
-        assert sync(rig) == set()
+        rig.send_transform("thing 0/0", pose(1.5))
+        assert {frozenset(pair) for pair in rig.pairs()} == {frozenset(("thing 0/0", "thing 1/0"))}
 
 
 def test_the_table_is_bounded_in_bytes() -> None:
