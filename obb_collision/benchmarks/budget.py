@@ -93,7 +93,7 @@ class Motion:
         self._centers = rng.uniform(-reach, reach, (count, 3))
         self._phases, self._speeds = rng.uniform([[0.0], [0.2]], [[6.28], [1.0]], (2, count))
         self._turns = rng.normal(size=(count, 3)) * 0.5
-        self._starts = Rotation.random(count, rng=rng).as_quat()
+        self._starts = Rotation.random(count, rng).as_quat()
         side = int(np.ceil(np.sqrt(stacks)))
         for stack in range(stacks):
             rows = slice(stack * STACK, (stack + 1) * STACK)

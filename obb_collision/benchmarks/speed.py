@@ -74,7 +74,7 @@ def make_frames(count: int, seed: int) -> tuple[Floats, list[tuple[Floats, Float
     half = 0.5 * (VOLUME_PER_BOX * count) ** (1 / 3)
     half_extents = rng.uniform(*EXTENTS, (count, 3))
     centers = rng.uniform(-half, half, (count, 3))
-    rotations = Rotation.random(count, rng=rng)
+    rotations = Rotation.random(count, rng)
     frames = []
     for _ in range(FRAMES):
         frames.append((centers, rotations.as_matrix()))

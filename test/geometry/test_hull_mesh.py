@@ -95,7 +95,7 @@ def many_points() -> dict[str, tuple[Floats, float]]:
     """Return points whose hull has many corners or takes long, and how much larger ours may be."""
     rng = np.random.default_rng(3)
     ball = np.array(creation.icosphere(subdivisions=5).vertices)
-    turn = Rotation.random(rng=rng).as_matrix()
+    turn = Rotation.random(None, rng).as_matrix()
     angles = np.linspace(0.0, 2.0 * np.pi, 700)
     ring = np.stack([np.cos(angles), np.sin(angles)], axis=1)
     cylinder = np.concatenate([np.c_[ring, np.full(700, z)] for z in (-1.0, 1.0)])

@@ -47,7 +47,7 @@ def pool(corners: list[Floats]) -> Hulls:
 
 def random_bodies(count: int, kinds: int, spread: float, seed: int) -> tuple[Any, Any, Any]:
     rng = np.random.default_rng(seed)
-    rotations = Rotation.random(count, rng=rng).as_matrix()
+    rotations = Rotation.random(count, rng).as_matrix()
     return rng.integers(0, kinds, count), rng.uniform(-spread, spread, (count, 3)), rotations
 
 

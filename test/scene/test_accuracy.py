@@ -79,7 +79,7 @@ def test_find_pairs_keeps_the_order_of_the_rungs(
 ) -> None:
     rng = np.random.default_rng(seed)
     centers, extents = rng.uniform(-2.0, 2.0, (count, 3)), rng.uniform(0.0, 1.0, (count, 3))
-    rotations = Rotation.random(count, rng=rng).as_matrix() if count else np.empty((0, 3, 3))
+    rotations = Rotation.random(count, rng).as_matrix() if count else np.empty((0, 3, 3))
     if grid:  # resting contacts
         centers, extents = np.rint(2.0 * centers) / 2.0, np.rint(4.0 * extents) / 4.0
         rotations = np.broadcast_to(np.eye(3), (count, 3, 3))
@@ -105,7 +105,7 @@ def shape(kind: int, rng: np.random.Generator) -> oc.Shape | oc.OBB:
         if kind < len(MESHES):
             return oc.Mesh(vertices, faces, scale=scale)
         return oc.Hull(vertices, scale=scale)
-    rotation = Rotation.random(rng=rng).as_matrix()
+    rotation = Rotation.random(None, rng).as_matrix()
     others: list[oc.Shape | oc.OBB] = [
         oc.Box(rng.uniform(0.1, 1.0, 3)),
         oc.OBB(rng.uniform(-0.2, 0.2, 3), rotation, rng.uniform(0.05, 0.5, 3)),
@@ -117,7 +117,7 @@ def shape(kind: int, rng: np.random.Generator) -> oc.Shape | oc.OBB:
 
 
 def poses(count: int, rng: np.random.Generator, spread: float) -> NDArray[np.float64]:
-    quaternions = Rotation.random(count, rng=rng).as_quat()
+    quaternions = Rotation.random(count, rng).as_quat()
     return np.concatenate([rng.uniform(-spread, spread, (count, 3)), quaternions], axis=1)
 
 

@@ -271,7 +271,7 @@ def crowd(count: int, **options: Any) -> tuple[oc.Scene, Any]:
 
     def move(rows: NDArray[np.int64]) -> None:
         places = rng.uniform(-1.0, 1.0, (len(rows), 3))
-        quaternions = Rotation.random(len(rows), rng=rng).as_quat()
+        quaternions = Rotation.random(len(rows), rng).as_quat()
         scene.move_indices(rows, np.concatenate([places, quaternions], axis=1))
 
     move(np.arange(count))

@@ -75,7 +75,7 @@ def test_no_rung_misses_what_a_more_exact_one_reports(
     count = TIMES * pairs
     rng = np.random.default_rng(seed)
     kinds = rng.integers(0, len(meshes), 2 * count)
-    quaternions = Rotation.random(2 * count, rng=rng).as_quat()
+    quaternions = Rotation.random(2 * count, rng).as_quat()
     poses = np.concatenate([rng.uniform(-spread, spread, (2 * count, 3)), quaternions], axis=1)
     trees, hulls = stored
     placed = oc.PlacedMeshes.from_poses(trees, kinds, poses)

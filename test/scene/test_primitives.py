@@ -32,7 +32,7 @@ UPRIGHT = [0.0, 0.0, 0.0, 1.0]
 
 
 def random_poses(count: int, spread: float, rng: np.random.Generator) -> NDArray[np.float64]:
-    quaternions = Rotation.random(count, rng=rng).as_quat()
+    quaternions = Rotation.random(count, rng).as_quat()
     return np.concatenate([rng.uniform(-spread, spread, (count, 3)), quaternions], axis=1)
 
 

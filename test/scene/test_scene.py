@@ -28,7 +28,7 @@ IDENTITY = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]
 
 
 def random_poses(count: int, rng: np.random.Generator, spread: float) -> Floats:
-    quaternions = Rotation.random(count, rng=rng).as_quat()
+    quaternions = Rotation.random(count, rng).as_quat()
     return np.concatenate([rng.uniform(-spread, spread, (count, 3)), quaternions], axis=1)
 
 
