@@ -16,18 +16,22 @@
 
 from __future__ import annotations
 
-import importlib.util
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any
-from urllib.parse import unquote, urlparse
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from obb_collision.geometry.enclosing import ROUNDOFF
 from obb_collision.geometry.fitting import check_fit, fit_points
+from obb_collision.geometry.mesh_files import (
+    Triangles,
+    read_file,
+    read_mesh,
+    resolve_path,
+    shortened,
+)
 from obb_collision.geometry.primitives import (
     NO_SCALE,
     LocalBox,
@@ -37,8 +41,6 @@ from obb_collision.geometry.primitives import (
     read_only,
 )
 from obb_collision.geometry.validation import Floats, as_array, check_magnitude
-
-Triangles = NDArray[np.int64]
 
 #: Splits a double into two halves of 26 bits (Dekker 1971, Veltkamp): 2**27 + 1.
 SPLITTER = 134217729.0
@@ -145,15 +147,16 @@ class Mesh(_Cloud):
 
         ``path`` may be a path, a file:// or a package:// URI (the latter needs ROS). The parts of
         a scene are joined, each where the scene puts it. Lengths are metres; a file that names
-        another unit (DAE) is converted. Raises ValueError naming the file where it is missing,
-        can't be read or holds no vertices.
+        another unit (DAE) is converted. Only the file itself is read: no materials, textures or
+        buffers in other files. Raises ValueError naming the file where it is missing, no regular
+        file, larger than a gigabyte, can't be read or holds no vertices.
         """
         file = resolve_path(path)
         try:
-            vertices, faces = _read_file(file)
-            return cls(vertices, faces, scale, fit)
-        except ValueError as error:
-            raise ValueError(f"mesh file {file}: {error}") from error
+            return cls(*read_mesh(read_file(file)[0], file.name), scale, fit)
+        except (ValueError, MemoryError) as error:
+            reason = "there is not enough memory" if isinstance(error, MemoryError) else error
+            raise ValueError(f"mesh file {shortened(str(file))}: {reason}") from error
 
     def _points(self) -> Floats:
         return self.vertices[np.unique(self.faces)] if len(self.faces) else self.vertices
@@ -184,52 +187,3 @@ def _checked_faces(value: ArrayLike, vertices: int) -> Triangles:
     checked = faces.astype(np.int64)
     checked.setflags(write=False)
     return checked
-
-
-def resolve_path(path: str | Path) -> Path:
-    """Return the path of a path, file:// or package:// URI; ValueError where there is none."""
-    text = str(path)
-    scheme, _, rest = text.partition("://")
-    if not rest or isinstance(path, Path):
-        return Path(path)
-    if scheme == "file":
-        return Path(unquote(urlparse(text).path))
-    if scheme == "package":
-        package, _, inside = rest.partition("/")
-        return _package_share(package, text) / unquote(inside)
-    raise ValueError(f"mesh file {text}: only paths, file:// and package:// URIs can be read")
-
-
-def _package_share(package: str, uri: str) -> Path:
-    try:
-        from ament_index_python.packages import get_package_share_directory
-    except ImportError:
-        raise ValueError(f"mesh file {uri}: package:// needs ament_index_python (ROS)") from None
-    try:
-        return Path(get_package_share_directory(package))
-    except (LookupError, ValueError) as error:
-        raise ValueError(f"mesh file {uri}: {error}") from error
-
-
-def _read_file(file: Path) -> tuple[Floats, Triangles]:
-    """Return vertices (n, 3) in metres and faces (m, 3) of all parts of a file."""
-    if not file.is_file():
-        raise ValueError("there is no such file")
-    if file.suffix.lower() == ".dae" and importlib.util.find_spec("collada") is None:
-        raise ValueError("reading DAE needs the package pycollada")
-    import trimesh  # half a second: only who reads files pays it
-
-    try:
-        scene: Any = trimesh.load(file, force="scene", process=False)
-        parts = [part for part in scene.dump() if hasattr(part, "vertices")]
-        unit = 1.0 if scene.units is None else trimesh.units.unit_conversion(scene.units, "meters")
-    except Exception as error:  # each of trimesh's readers raises what its parser raises
-        raise ValueError(f"it can't be read: {type(error).__name__}: {error}") from error
-    vertices, faces, count = [np.empty((0, 3))], [np.empty((0, 3), np.int64)], 0
-    for part in parts:
-        vertices.append(np.asarray(part.vertices, dtype=np.float64))
-        if len(getattr(part, "faces", ())):
-            faces.append(np.asarray(part.faces, dtype=np.int64) + count)
-        count += len(vertices[-1])
-    joined = np.concatenate(vertices)
-    return (joined if unit == 1.0 else joined * unit), np.concatenate(faces)

@@ -16,7 +16,8 @@
 
 from __future__ import annotations
 
-from obb_collision.geometry.meshes import Hull, Mesh, resolve_path
+from obb_collision.geometry.mesh_files import resolve_path
+from obb_collision.geometry.meshes import Hull, Mesh
 from obb_collision.geometry.primitives import (
     Box,
     Capsule,

@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from contextlib import suppress
 from importlib.metadata import PackageNotFoundError, files
@@ -56,7 +57,7 @@ def find_scene(name: str) -> Path:
     Raises SceneFileError, with the names there are, where there is neither.
     """
     path = Path(name)
-    if path.exists() or path.suffix or len(path.parts) != 1:
+    if os.path.exists(path) or path.suffix or len(path.parts) != 1:
         return path
     for folder in _config_folders() if name in READY else ():
         if (folder / f"{name}.yaml").is_file():
