@@ -29,6 +29,7 @@ from time import perf_counter
 import numpy as np
 
 from obb_collision.geometry.shapes import Box, Mesh
+from obb_collision.node.marker_scan import scan_markers
 from obb_collision.node.markers import Markers
 from obb_collision.queries.accuracy import Accuracy
 from obb_collision.scene.scene import Scene
@@ -47,7 +48,8 @@ def warm_up() -> None:
         report = scene.check(effects=["separations"])
         _ = report.colliding, report.depths
     keys = [("", number) for number in range(OBJECTS)]
-    Markers("").write(keys, scene.boxes, np.zeros(OBJECTS, np.int64), 0, 0.0, None)
+    data = Markers("").write(keys, scene.boxes, np.zeros(OBJECTS, np.int64), 0, 0.0, None)
+    scan_markers(data)
 
 
 def warm_up_rung(rung: Accuracy) -> None:

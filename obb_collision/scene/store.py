@@ -22,7 +22,7 @@ from __future__ import annotations
 
 import heapq
 import weakref
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from itertools import count
 
 import numpy as np
@@ -121,6 +121,38 @@ class ObjectStore:
         self._place(np.array([slot]), positions, rotations)
         self.pad(np.array([slot]), padding)
         return slot
+
+    def put_boxes(
+        self, names: Sequence[str], half_extents: Floats, poses: Floats, padding: float
+    ) -> Rows:
+        """Add boxes (n,) about their origins, or replace the objects of those names; all distinct.
+
+        Returns their slots; all or, on a ValueError, none.
+        """
+        positions, rotations = as_poses(poses)
+        new = [name for name in names if name not in self.slots]
+        if new:
+            self.version = next(_versions)
+        for name in new:
+            if not self._free:
+                self._grow()
+            slot = heapq.heappop(self._free)
+            self.slots[name] = slot
+            self.names[slot] = name
+        slots = np.array([self.slots[name] for name in names], np.int64)
+        fresh = slots[~self.used[slots]]
+        self.used[fresh], self.born[fresh], self.twists[fresh] = True, self.version, 0.0
+        self.local_centers[slots], self.local_rotations[slots] = 0.0, np.eye(3)
+        self.local_half_extents[slots] = half_extents
+        self.poses[slots], self.active[slots] = poses, True
+        self._place(slots, positions, rotations)
+        self.pad(slots, padding)
+        return slots
+
+    def renew(self, rows: Rows) -> None:
+        """Make objects new ones, as if they had gone and come again where they are."""
+        self.version = next(_versions)
+        self.born[rows], self.twists[rows], self.changed[rows] = self.version, 0.0, True
 
     def move(self, rows: Rows, poses: ArrayLike) -> None:
         """Give slots (m,) new poses (m, 7); what has its pose already is not marked changed."""

@@ -1,0 +1,86 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Objects added many at a time are those added one by one, bit for bit."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import obb_collision as oc
+
+TINY = float(np.nextafter(np.finfo(np.float64).tiny, 1.0))
+
+
+def state(scene: oc.Scene) -> list[object]:
+    store = scene._store
+    columns = ("used", "active", "accuracies", "kinds", "paddings", "poses", "twists")
+    world = ("local_half_extents", "centers", "rotations", "half_extents")
+    arrays = [getattr(store, name)[: len(scene)].tolist() for name in (*columns, *world)]
+    return [*arrays, dict(store.slots), sorted(scene.check().names())]
+
+
+def some(count: int, seed: int) -> tuple[list[str], np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(seed)
+    names = [f"a/{number}" for number in rng.permutation(3 * count)[:count]]
+    sizes, poses = rng.uniform(0.1, 2.0, (count, 3)), rng.normal(size=(count, 7))
+    sizes[0] = TINY, 0.0, 3.0
+    return names, sizes, poses
+
+
+def test_boxes_added_at_once_are_those_added_one_by_one() -> None:
+    one, many = oc.Scene(padding=0.01), oc.Scene(padding=0.01)
+    for seed in range(4):  # later ones replace some of the earlier ones
+        names, sizes, poses = some(30, seed)
+        rungs = ["aabb" if number % 7 == 0 else None for number in range(len(names))]
+        for name, size, pose, rung in zip(names, sizes, poses, rungs, strict=True):
+            one.add(name, oc.Box(size), pose, accuracy=rung)
+        many.add_boxes(names, sizes, poses, rungs)
+        assert state(one) == state(many)
+        for scene in (one, many):
+            scene.remove(names[3])
+            scene.add(names[5], oc.Sphere(0.5), padding=0.2)
+    assert many.obb(names[0]).half_extents[0] >= 0.5 * TINY + 0.01
+
+
+def test_bad_boxes_are_refused_all_together() -> None:
+    scene = oc.Scene()
+    names, sizes, poses = some(4, 1)
+    for bad in (
+        (names[:3], sizes, poses),
+        (["x"] * 4, sizes, poses),
+        (names, -sizes, poses),
+        (names, sizes * np.nan, poses),
+        (names, sizes, np.zeros((4, 7))),
+        ([*names[:3], "\ud800"], sizes, poses),
+        (names, sizes, poses, ["no rung"] * 4),
+    ):
+        with pytest.raises(ValueError, match="must"):
+            scene.add_boxes(*bad)
+    assert len(scene) == 0
+    assert scene.add_boxes([], np.empty((0, 3)), np.empty((0, 7))).tolist() == []
+
+
+def test_renewed_objects_did_not_pass_from_where_they_were() -> None:
+    scene = oc.Scene()
+    scene.add("wall", oc.Box([0.1, 9, 9]))
+    cubes = scene.add_boxes(["a", "b"], np.ones((2, 3)), [[-2, 0, 0, 0, 0, 0, 1]] * 2)
+    scene.allow("a", "b")
+    scene.set_effect("sweep", "on")
+    scene.check()
+    scene.renew_indices(cubes[:1])
+    scene.move_indices(cubes, [[2, 0, 0, 0, 0, 0, 1]] * 2)
+    swept = scene.check().swept
+    assert [tuple(pair) for pair in swept.passed.pairs.tolist()] == [(0, int(cubes[1]))]
