@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from copy import copy
 from dataclasses import dataclass
 from functools import partial
 from time import perf_counter
@@ -41,6 +42,7 @@ from obb_collision.node.markers import COLLIDING, DOUBTFUL, FREE, Markers
 from obb_collision.node.names import NamespaceTable
 from obb_collision.node.objects import Objects
 from obb_collision.node.parameters import Parameters
+from obb_collision.node.qos import overridable
 from obb_collision.node.rows import (
     clearance_rows,
     collision_rows,
@@ -96,8 +98,13 @@ class Outputs:
         self._flag: bool | None = None
 
         def publisher(kind: type, topic: str, qos: QoSProfile) -> Publisher:
-            events = PublisherEventCallbacks(use_default_callbacks=False)  # see qos.py
-            return node.create_publisher(kind, topic, qos, event_callbacks=events)
+            return node.create_publisher(
+                kind,
+                topic,
+                copy(qos),  # overrides are written into it
+                event_callbacks=PublisherEventCallbacks(use_default_callbacks=False),  # see qos.py
+                qos_overriding_options=overridable(),
+            )
 
         self.publishers = {
             effect: publisher(

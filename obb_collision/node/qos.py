@@ -12,10 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Publishers and subscribers that can't be matched with the node's: which, how many and why.
+"""QoS that parameters can change, and other ends that can't be matched: which and why.
 
-Looked for now and then: an event handler an endpoint, as rclpy has them for this, would be waited
-for at every message, which is a third of what a cycle of 1,000 boxes takes.
+Those are looked for now and then: an event handler per endpoint, as rclpy has them for this, would
+be waited for at every message, which is a third of what a cycle of 1,000 boxes takes.
 """
 
 from __future__ import annotations
@@ -23,10 +23,36 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from rclpy.qos import QoSCompatibility, qos_check_compatible
+from rclpy.qos import QoSCompatibility, QoSPolicyKind, QoSProfile, qos_check_compatible
+from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.subscription import Subscription
+
+LARGEST_DEPTH = 100_000
+"""Messages that may wait at most: far more than a node can use, far less than memory holds."""
+
+
+def overridable() -> QoSOverridingOptions:
+    """Return options that let parameters change depth, durability and reliability of an endpoint.
+
+    They are named ``qos_overrides.TOPIC.KIND.POLICY``, as everywhere in ROS: TOPIC is the full
+    name, with namespace and after remapping, KIND is ``publisher`` or ``subscription``.
+    """
+    policies = (QoSPolicyKind.DEPTH, QoSPolicyKind.DURABILITY, QoSPolicyKind.RELIABILITY)
+    return QoSOverridingOptions(policies, callback=_check)
+
+
+def _check(profile: QoSProfile) -> SetParametersResult:
+    """Accept a profile as overridden, or say what is wrong with it."""
+    reason = ""
+    if not 1 <= profile.depth <= LARGEST_DEPTH:
+        reason = f"depth must be 1 to {LARGEST_DEPTH}, not {profile.depth}"
+    for policy in (profile.durability, profile.reliability):
+        if policy.name == "UNKNOWN":
+            reason = f"unknown is no {type(policy).__name__}"
+    return SetParametersResult(successful=not reason, reason=reason)
 
 
 class QosWatch:

@@ -22,20 +22,21 @@ from typing import Any, NamedTuple
 from geometry_msgs.msg import TransformStamped
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
-from rclpy.qos import QoSPolicyKind, QoSProfile
-from rclpy.qos_overriding_options import QoSOverridingOptions
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import MultiDOFJointState, PointCloud2
 from visualization_msgs.msg import MarkerArray
 
 from obb_collision.node.monitors import InputMonitor
+from obb_collision.node.qos import overridable
 
 
 class Input(NamedTuple):
-    """An input topic: its messages, and how many of them may wait."""
+    """An input topic: its messages, how many of them may wait, and whether each must arrive."""
 
     kind: type
     depth: int
+    reliability: ReliabilityPolicy = ReliabilityPolicy.RELIABLE
 
 
 INPUTS = {
@@ -45,7 +46,8 @@ INPUTS = {
     "object_transform": Input(TransformStamped, 1000),
     "object_states": Input(MultiDOFJointState, 10),
     "object_poses": Input(PointCloud2, 10),
-    "points": Input(PointCloud2, 1),
+    # As drivers of sensors send: a reliable subscription would receive nothing from them.
+    "points": Input(PointCloud2, 1, ReliabilityPolicy.BEST_EFFORT),
 }
 
 
@@ -70,15 +72,14 @@ class Subscriptions:
             self._node.destroy_subscription(self.open.pop(topic))
 
     def _subscribe(self, topic: str) -> Subscription:
+        kind, depth, reliability = INPUTS[topic]
         subscription = self._node.create_subscription(
-            INPUTS[topic].kind,
+            kind,
             topic,
             self._takers[topic],
-            QoSProfile(depth=INPUTS[topic].depth),
+            QoSProfile(depth=depth, reliability=reliability),
             event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),  # see qos.py
-            qos_overriding_options=QoSOverridingOptions(
-                [QoSPolicyKind.DEPTH, QoSPolicyKind.DURABILITY, QoSPolicyKind.RELIABILITY]
-            ),
+            qos_overriding_options=overridable(),
         )
         self._monitors[topic].topic = subscription.topic_name
         return subscription

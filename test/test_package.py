@@ -1,0 +1,80 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""package.xml, setup.py and the sources agree."""
+
+from __future__ import annotations
+
+import ast
+import re
+import sys
+from pathlib import Path
+from xml.etree import ElementTree
+
+ROOT = Path(__file__).parent.parent
+PACKAGE = ElementTree.parse(ROOT / "package.xml").getroot()
+SETUP = (ROOT / "setup.py").read_text(encoding="utf-8")
+#: Where rosdep's name is not that of the module.
+KEYS = {
+    "collada": "python3-collada",
+    "lxml": "python3-lxml",
+    "matplotlib": "python3-matplotlib",
+    "numba": "python3-numba",
+    "llvmlite": "python3-numba",
+    "numpy": "python3-numpy",
+    "scipy": "python3-scipy",
+    "tf2_ros": "tf2_ros_py",
+    "trimesh": "python3-trimesh-pip",
+    "yaml": "python3-yaml",
+}
+#: Peers and data of the benchmarks, from PyPI only: the extras "bench" and "meshes".
+EXTRAS = {"coal", "example_robot_data", "fcl", "mujoco", "pybullet_data", "tqdm"}
+
+
+def imported() -> set[str]:
+    """Return the top-level modules that the package and its launch file import anywhere."""
+    found = set()
+    for path in [*(ROOT / "obb_collision").rglob("*.py"), *(ROOT / "launch").glob("*.py")]:
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Import):
+                found |= {alias.name for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and node.module:
+                found.add(node.module)
+    tops = {name.partition(".")[0] for name in found}
+    return tops - set(sys.stdlib_module_names) - {"obb_collision"}
+
+
+def test_what_is_imported_is_declared_for_rosdep() -> None:
+    declared = {element.text for element in PACKAGE.findall("exec_depend")}
+    modules = imported() - EXTRAS
+    assert {"rclpy", "builtin_interfaces", "numpy"} <= modules, "the search finds imports"
+    assert {KEYS.get(name, name) for name in modules} <= declared
+
+
+def test_what_the_launch_file_starts_is_declared() -> None:
+    text = (ROOT / "launch" / "obb_collision.launch.py").read_text(encoding="utf-8")
+    started = set(re.findall(r'package="(\w+)"', text)) - {"obb_collision"}
+    assert started == {"rviz2"}
+    assert started <= {element.text for element in PACKAGE.findall("exec_depend")}
+
+
+def test_both_descriptions_of_the_package_agree() -> None:
+    for key, element in {
+        "version": PACKAGE.findtext("version"),
+        "maintainer": PACKAGE.findtext("maintainer"),
+        "author": PACKAGE.findtext("author"),
+        "license": PACKAGE.findtext("license"),
+        "url": PACKAGE.findtext("url"),
+    }.items():
+        assert f'{key}="{element}"' in SETUP
