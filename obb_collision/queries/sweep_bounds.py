@@ -24,8 +24,12 @@ derivative times t^2. With K the sum of these, each bounded by the product rule,
 
     g(t) >= s (n.d + (n.d)' t) - sum_i h_i abs(n.a_i + (n.a_i)' t) - ... - K t^2 / 2
 
-for s the sign of n.d. The right side is concave, and its first root is never before where the
-chord of any two of its values has one: regula falsi from the left never steps too far.
+for s the sign of n.d. Boxes turn about their origins, whose offset p changes at speed v. What
+turns with n adds nothing to K: to an axis of a, n.p adds w_a (w_a abs(p) + 2 v), and b is a body
+of radius r about its origin that turns relative to n at w_a + w_b or slower: (w_a + w_b)^2 r.
+
+The right side is concave, and its first root is never before where the chord of any two of its
+values has one: regula falsi from the left never steps too far.
 """
 
 from __future__ import annotations
@@ -50,7 +54,9 @@ NARROW = 0.05
 @njit
 def best_step(
     d: Floats,
-    way: Floats,
+    velocity: Floats,
+    far: float,
+    speed: float,
     a: Floats,
     h: Floats,
     turn_a: Floats,
@@ -60,21 +66,20 @@ def best_step(
     turn_b: Floats,
     reach_b: float,
     rounding: float,
+    blur: float,
     horizon: float,
     work: Floats,
 ) -> tuple[float, float]:
     """Return the largest certain gap of the 15 axes, and for how long one surely separates.
 
-    d: offset of the centres; way: its velocity; a, b: rotations, h, f: half extents, turn_a,
-    turn_b: angular velocities, reach_a, reach_b: radii of the boxes; ``rounding``: what gaps may
-    be off by. Both results are at least 0, a step that lasts to the ``horizon`` is infinite.
-    ``work`` (12, 3) is work space.
+    d: offset of the centres, ``velocity`` how it changes; far: the most that the offset of the
+    origins gets to until the horizon, ``speed`` that of its ends; a, b: rotations, h, f: half
+    extents, turn_a, turn_b: angular velocities, reach_a, reach_b: radii about the origins.
+    Gaps may be off by ``rounding``, and by ``blur`` times the length of their axis. Both results
+    are at least 0, a step that lasts to the ``horizon`` is infinite. ``work`` (12, 3): work space.
     """
     wa = length(turn_a[0], turn_a[1], turn_a[2])
     wb = length(turn_b[0], turn_b[1], turn_b[2])
-    speed = length(way[0], way[1], way[2])
-    end = length(d[0] + horizon * way[0], d[1] + horizon * way[1], d[2] + horizon * way[2])
-    offset = max(length(d[0], d[1], d[2]), end)
     da, db, n, dn = work[0:3], work[3:6], work[6], work[7]
     values, slopes = work[8:10], work[10:12]
     _derivatives(a, turn_a, da)
@@ -94,18 +99,22 @@ def best_step(
             gap -= abs(values[0, k]) + abs(values[1, k])
         if gap <= 0.0:
             continue
-        most = max(most, gap / math.sqrt(square))
+        norm = math.sqrt(square)
+        gap -= blur * norm
+        if gap <= 0.0:
+            continue
+        most = max(most, gap / norm)
         for k in range(3):
             slopes[0, k] = h[k] * _product_slope(n, dn, a, da, k)
             slopes[1, k] = f[k] * _product_slope(n, dn, b, db, k)
-        rate = _dot(dn, d) + _dot(n, way)
+        rate = _dot(dn, d) + _dot(n, velocity)
         rate = rate if along > 0.0 else -rate
         if axis < 3:
-            bend = wa * (wa * offset + 2.0 * speed) + both * both * reach_b
+            bend = wa * (wa * far + 2.0 * speed) + both * both * reach_b
         elif axis < 6:
-            bend = wb * (wb * offset + 2.0 * speed) + both * both * reach_a
+            bend = wb * (wb * far + 2.0 * speed) + both * both * reach_a
         else:
-            bend = both * (both * (offset + reach_a + reach_b) + 2.0 * speed)
+            bend = both * (both * (far + reach_a + reach_b) + 2.0 * speed)
         step = max(step, _first_root(gap, rate, bend, values, slopes, horizon))
         if step == np.inf:
             break

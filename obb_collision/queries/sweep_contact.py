@@ -51,27 +51,25 @@ Feature = tuple[Vector, int, int]
 
 @njit
 def contact_point(
-    starts: Floats,
-    ends: Floats,
+    ca: Vector,
+    cb: Vector,
     rotations: Floats,
     half_extents: Floats,
     i: int,
     j: int,
-    time: float,
     normal: Vector,
     axis: int,
 ) -> Vector:
     """Return the point where boxes i and j touch in a plane of the normal, from i to j.
 
-    axis: the number of the normal's among the 15 (``separation``), which tells where to look
-    first. The corner of either box if that is what touches, the crossing of two edges, else some
-    point common to the flat features that meet.
+    ca, cb: their centres; axis: the number of the normal's among the 15 (``separation``), which
+    tells where to look first. The corner of either box if that is what touches, the
+    crossing of two edges, else some point common to the flat features that meet.
     """
     size = 0.0
     for k in range(3):
         size += half_extents[i, k] + half_extents[j, k]
     flat = FLAT * size
-    ca, cb = _center_at(starts, ends, i, time), _center_at(starts, ends, j, time)
     back = scaled(normal, -1.0)
     if axis < 3:  # a face of i: it is the other that may touch with a corner
         b, free_b, n = _support(cb, rotations, half_extents, j, back, flat)
@@ -112,12 +110,6 @@ def _common(
         if max(moved, clamp_to_box(work[0], work[2], rotations[j], half_extents[j])) <= settled:
             break
     return vector(work, 0)
-
-
-@njit
-def _center_at(starts: Floats, ends: Floats, i: int, time: float) -> Vector:
-    start = vector(starts, i)
-    return plus(start, scaled(minus(vector(ends, i), start), time))
 
 
 @njit

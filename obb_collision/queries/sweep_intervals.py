@@ -53,14 +53,14 @@ NEVER = (math.inf, -1)
 
 
 @njit
-def spheres_pass(starts: Floats, ends: Floats, i: int, j: int, reach: float) -> bool:
+def spheres_pass(p: Vector, q: Vector, reach: float) -> bool:
     """Return whether two spheres, together of radius ``reach``, are certainly apart all along.
 
-    A plane shows it: its normal v is where the offset of the centres comes nearest to zero, and
-    any v will do that both ends of the way are beyond: so nothing hangs on the rounding of v.
-    That of the rest is far less than the bound (1024 unit roundoffs).
+    p, q: offset of their centres at the start and at the end. A plane shows it: its normal v is
+    where the offset comes nearest to zero, and any v will do that both ends of the way are
+    beyond: so nothing hangs on the rounding of v. That of the rest is far less than the bound
+    (1024 unit roundoffs).
     """
-    p, q = minus(vector(starts, j), vector(starts, i)), minus(vector(ends, j), vector(ends, i))
     way = minus(q, p)
     when = -dot(p, way) / dot(way, way)
     when = when if when > 0.0 else 0.0  # NaN too, where nothing moves
@@ -76,8 +76,8 @@ def spheres_pass(starts: Floats, ends: Floats, i: int, j: int, reach: float) -> 
 
 @njit
 def meeting_intervals(
-    starts: Floats,
-    ends: Floats,
+    p: Vector,
+    q: Vector,
     rotations: Floats,
     half_extents: Floats,
     i: int,
@@ -86,7 +86,8 @@ def meeting_intervals(
 ) -> tuple[float, int]:
     """Return the least time of first contact of boxes i and j, infinity for a certain miss.
 
-    And the axis that is entered then, -1 if all were before the start.
+    And the axis that is entered then, -1 if all were before the start. p, q: offset of the centres
+    at times 0 and 1.
 
     Written to ``times`` (2, 15), unless it is a miss: when each axis has certainly been entered,
     and when it has certainly not been left (NaN: not known). All but for TIME_ROUNDING.
@@ -94,7 +95,6 @@ def meeting_intervals(
     Formulas and bound as in ``separation.classify_fast``, linear in the offset and so good at any
     time between.
     """
-    p, q = minus(vector(starts, j), vector(starts, i)), minus(vector(ends, j), vector(ends, i))
     h, f = vector(half_extents, i), vector(half_extents, j)
     bound = (abs(p[0]) + abs(p[1]) + abs(p[2])) + (abs(q[0]) + abs(q[1]) + abs(q[2]))
     bound = FAST_BOUND * (bound + (h[0] + h[1] + h[2]) + (f[0] + f[1] + f[2])) + UNDERFLOW

@@ -28,7 +28,9 @@ the end, their components summed, plus all half extents). A time is early by at 
 speed along the axis entered last: 1e-12 of it where the way along that axis is a hundredth of T or
 more.
 
-Both offsets are differences of stored centres, so a motion that two boxes share costs no accuracy.
+Offsets are differences of stored centres, or of velocities (``offset_and_way``): a motion that two
+boxes share costs no accuracy. Of the latter the offset at the end is off by up to 4 unit roundoffs
+where the former are off by 1, which the bounds have room for (see below: 16 where 14 are needed).
 """
 
 from __future__ import annotations
@@ -38,7 +40,7 @@ import math
 from obb_collision._jit import njit
 from obb_collision.geometry.error_free import determinant, length, sum_sorted
 from obb_collision.geometry.validation import Floats
-from obb_collision.queries.box_frame import Vector, column, dot, minus, vector
+from obb_collision.queries.box_frame import Vector, column, dot, vector
 from obb_collision.queries.careful_gap import PARALLEL
 from obb_collision.queries.separation import CAREFUL_BOUND, UNDERFLOW
 from obb_collision.queries.sweep_intervals import (
@@ -57,8 +59,8 @@ MISS: Hit = (math.inf, NO_NORMAL, -1)
 
 @njit
 def sweep_linear(
-    starts: Floats,
-    ends: Floats,
+    p: Vector,
+    q: Vector,
     rotations: Floats,
     half_extents: Floats,
     i: int,
@@ -67,15 +69,15 @@ def sweep_linear(
 ) -> Hit:
     """Return time in [0, 1], unit normal and axis of the first contact of boxes i and j, or MISS.
 
-    starts, ends: centres (n, 3) at times 0 and 1; rotations (n, 3, 3); half extents (n, 3);
+    p, q: offset of their centres at times 0 and 1; rotations (n, 3, 3); half extents (n, 3);
     ``times`` (2, 15) is work space. At time 0 the normal is not given (NaN).
     """
-    least, number = meeting_intervals(starts, ends, rotations, half_extents, i, j, times)
+    least, number = meeting_intervals(p, q, rotations, half_extents, i, j, times)
     if least == math.inf:
         return MISS
     time, normal = 0.0, NO_NORMAL
     if number >= 0:
-        span = _careful_span(starts, ends, rotations, half_extents, i, j, number)
+        span = _careful_span(p, q, rotations, half_extents, i, j, number)
         times[0, number] = 0.0
         time, normal = _entry(span[0], span[1], span[2]), span[3]
     earlier, later = time * (1.0 - 4.0 * TIME_ROUNDING), time * (1.0 + 4.0 * TIME_ROUNDING)
@@ -84,14 +86,14 @@ def sweep_linear(
         settled &= (times[0, axis] <= earlier) & (times[1, axis] > later)
     hit = time * (1.0 - TIME_ROUNDING), normal, number if time > 0.0 else -1
     if not settled:
-        hit = _settle(starts, ends, rotations, half_extents, i, j, times, hit)
+        hit = _settle(p, q, rotations, half_extents, i, j, times, hit)
     return hit if hit[0] <= 1.0 else MISS
 
 
 @njit
 def _settle(
-    starts: Floats,
-    ends: Floats,
+    p: Vector,
+    q: Vector,
     rotations: Floats,
     half_extents: Floats,
     i: int,
@@ -104,14 +106,14 @@ def _settle(
     for axis in range(AXES):
         if times[0, axis] <= time * (1.0 - 2.0 * TIME_ROUNDING):  # NaN is looked at
             continue
-        span = _careful_span(starts, ends, rotations, half_extents, i, j, axis)
+        span = _careful_span(p, q, rotations, half_extents, i, j, axis)
         when = _entry(span[0], span[1], span[2]) * (1.0 - TIME_ROUNDING)
         if when > time:
             time, normal, number = when, span[3], axis
     for axis in range(AXES):
         if times[1, axis] > time * (1.0 + 4.0 * TIME_ROUNDING):
             continue
-        span = _careful_span(starts, ends, rotations, half_extents, i, j, axis)
+        span = _careful_span(p, q, rotations, half_extents, i, j, axis)
         if time > _exit(span[0], span[1], span[2]) * (1.0 + TIME_ROUNDING):
             return MISS
     return time, normal, number
@@ -119,8 +121,8 @@ def _settle(
 
 @njit
 def _careful_span(
-    starts: Floats,
-    ends: Floats,
+    p: Vector,
+    q: Vector,
     rotations: Floats,
     half_extents: Floats,
     i: int,
@@ -147,7 +149,6 @@ def _careful_span(
     norm = math.sqrt(square) if square > SMALL_SQUARE else length(x, y, z)
     if norm < PARALLEL:
         return 0.0, 0.0, 0.0, (0.0, 0.0, 0.0)
-    p, q = minus(vector(starts, j), vector(starts, i)), minus(vector(ends, j), vector(ends, i))
     first = (x * p[0] + y * p[1]) + z * p[2]
     norm = norm if first >= 0.0 else -norm
     n = x / norm, y / norm, z / norm

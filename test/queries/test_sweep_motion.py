@@ -20,7 +20,7 @@ import numpy as np
 import pytest
 from support import sizes
 from sweep_motions import TURNING, Motion, directions, motion, pair_rows, turn
-from sweep_oracle import gaps_at, poses_at
+from sweep_oracle import PoseCourse, gaps_at, poses_at
 
 from obb_collision.benchmarks.placement import log_uniform, random_rotations
 from obb_collision.geometry.boxes import Boxes
@@ -108,9 +108,8 @@ def test_what_is_skipped_does_not_pass_through() -> None:
     start, end = slow(np.random.default_rng(5), n)
     rows = pair_rows(n)
     skipped = ~sweep_needed(start, end)[rows].any(axis=1)
-    apart = (gaps_at(start, end, rows, np.zeros(n)) > 0.0) & (
-        gaps_at(start, end, rows, np.ones(n)) > 0.0
-    )
+    course = PoseCourse(start, end)
+    apart = (gaps_at(course, rows, np.zeros(n)) > 0.0) & (gaps_at(course, rows, np.ones(n)) > 0.0)
     rows = rows[skipped & apart]
     assert len(rows) > 500
     limit = 0.5 * motion_bounds(start, end)[rows].sum(axis=1)
@@ -119,7 +118,7 @@ def test_what_is_skipped_does_not_pass_through() -> None:
     slack = 1e-12 * sizes(start.take(rows[:, 0]), start.take(rows[:, 1]))
     deepest = np.zeros(len(rows))
     for time in np.linspace(0.0, 1.0, 25):
-        deepest = np.maximum(deepest, -gaps_at(start, end, rows, np.full(len(rows), time)))
+        deepest = np.maximum(deepest, -gaps_at(course, rows, np.full(len(rows), time)))
     assert (deepest <= limit + slack).all()
     assert (deepest > 0.0).any(), "a test in which nothing grazes would show nothing"
     # a centre inside means a depth of the smallest half extent: the thicker one's never is

@@ -14,6 +14,7 @@
 
 """The effect ``sweep``: tunnelling between checks, prediction by twists, and when neither runs."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -163,3 +164,52 @@ def test_a_pair_whose_sweep_fails_is_named_and_the_others_are_swept(
     report = scene.check()
     assert report.swept.passed.pairs.tolist() == [[0, 2]]
     assert "ArithmeticError: no answer" in report.costs["sweep"].failures[0]
+
+
+def arm_and_post(post: Any, speed: float, horizon: float) -> Any:
+    scene = oc.Scene()
+    scene.add("arm", oc.OBB([2.0, 0, 0], np.eye(3), [0.0005, 0.0005, 0.0005]), at(5.0, 5.0))
+    scene.add("post", oc.Box([0.008, 0.008, 0.008]), at(5.0 + post, 5.0))
+    scene.set_twist("arm", [0, 0, 0, 0, 0, speed])
+    scene.set_effect("sweep", horizon=horizon)
+    return scene.check(effects=["sweep"]).swept
+
+
+@pytest.mark.parametrize(
+    ("speed", "horizon"), [(1.0, 4.0), (1.0, 60.0), (1.0, 3600.0), (400.0, 1.0), (4000.0, 1.0)]
+)
+def test_an_arm_goes_round_in_a_circle_and_not_along_chords(speed: float, horizon: float) -> None:
+    """A post 4 mm inside of the circle of 2 m, half a turn away; the corner meets it before."""
+    swept = arm_and_post(-1.996, speed, horizon)
+    assert swept.predicted.pairs.tolist() == [[0, 1]]
+    assert 3.138 / speed < swept.predicted.times[0] < 3.1397 / speed  # pi - 4.5 mm / 2 m
+    assert len(arm_and_post(-1.994, speed, horizon).predicted) == 0  # out of reach
+
+
+def test_what_is_not_known_is_undecided_and_no_prediction() -> None:
+    scene = oc.Scene()
+    scene.add("arm", oc.OBB([2.0, 0, 0], np.eye(3), [0.05, 0.05, 0.05]))
+    scene.add("post", oc.Box([0.2, 0.2, 0.2]), at(0.3))
+    scene.set_twists([0, 1], [[0, 0, 0, 0, 0, 1e6], [0.01, 0, 0, 0, 0, 0]])
+    swept = scene.check(effects=["sweep"]).swept
+    assert len(swept.predicted) == 0
+    assert swept.predicted_undecided.pairs.tolist() == [[0, 1]]
+    assert 0.0 < swept.predicted_undecided.free_until[0] < 1.0
+    assert len(swept.passed_undecided) == 0
+
+
+def test_a_step_that_can_not_be_decided_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = bullet_and_wall()
+
+    def unknown(start: Any, end: Any, pairs: Any, tolerance: float) -> Any:
+        found = sweep(start, end, pairs, tolerance)
+        nowhere = np.full((len(pairs), 3), np.nan)
+        return replace(found, hits=~found.hits & False, undecided=found.hits,
+                       times=nowhere[:, 0], points=nowhere, normals=nowhere)  # fmt: skip
+
+    monkeypatch.setattr(module, "sweep", unknown)
+    scene.move("fast/1", at(1))
+    swept = scene.check().swept
+    assert len(swept.passed) == 0
+    assert swept.passed_undecided.pairs.tolist() == [[0, 1]]
+    assert swept.passed_undecided.free_until[0] == pytest.approx((1 - 0.03125 - 0.0625) / 2)

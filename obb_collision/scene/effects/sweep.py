@@ -18,25 +18,26 @@ Between the check before and this one every box moves from its pose then to its 
 that are apart at both and were not in between are *passed*. From now on objects with a twist keep
 it over the horizon, the others stay; pairs that meet by then are *predicted*. What collides already
 is in the report itself. Between checks the centre of a box goes straight; ahead it goes round the
-origin of its pose, as the twist says.
+origin of its pose, as the twist says. Pairs of which it is not known whether they meet are
+*undecided*: whoever must not miss a collision treats them as colliding from then on.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
 from obb_collision.geometry.validation import Floats
 from obb_collision.queries.sweep import LEAST_TOLERANCE, TOLERANCE, Sweeps, sweep, sweep_twists
 from obb_collision.queries.sweep_motion import sweep_needed, swept_bounds
+from obb_collision.queries.sweep_twists import twist_bounds
 from obb_collision.scene.broad_phase import Pairs
-from obb_collision.scene.effects.ahead import bounds_ahead, boxes_ahead, piece_count
 from obb_collision.scene.effects.base import (
     Cycle,
-    Mask,
     Option,
     Outcome,
     Setting,
@@ -45,8 +46,8 @@ from obb_collision.scene.effects.base import (
 )
 from obb_collision.scene.effects.candidates import meeting_pairs
 
-FIELDS = ("hits", "times", "points", "normals")
-BLANK: Table = (np.empty(0, np.bool_), np.empty(0), *np.empty((2, 0, 3)))
+FIELDS = ("hits", "undecided", "free_until", "points", "normals")
+BLANK: Table = (*np.empty((2, 0), np.bool_), np.empty(0), *np.empty((2, 0, 3)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,15 +67,31 @@ class Hits:
 
 
 @dataclass(frozen=True, eq=False)
+class Undecided:
+    """Pairs (k, 2) of object indices of which it is not known whether they meet, sorted.
+
+    free_until (k,): until when they are certainly apart.
+    """
+
+    pairs: Pairs
+    free_until: Floats
+
+    def __len__(self) -> int:
+        return len(self.pairs)
+
+
+@dataclass(frozen=True, eq=False)
 class SweptPairs:
     """What ``sweep`` found.
 
-    passed: times are shares of the step, 0 at the check before, 1 now. predicted: times are
-    seconds from now.
+    passed, passed_undecided: times are shares of the step, 0 at the check before, 1 now.
+    predicted, predicted_undecided: times are seconds from now.
     """
 
     passed: Hits
     predicted: Hits
+    passed_undecided: Undecided
+    predicted_undecided: Undecided
 
 
 class Sweep:
@@ -94,14 +111,22 @@ class Sweep:
 
     def run(self, cycle: Cycle, setting: Setting) -> Outcome:
         """Sweep both ways, each only for objects that move far enough to need it."""
-        passed = _passed(cycle, setting)
-        predicted = _predicted(cycle, setting)
-        result = SweptPairs(passed[0], predicted[0])
-        return Outcome(result, passed[1] + predicted[1], passed[2] + predicted[2])
+        behind, ahead = _passed(cycle, setting), _predicted(cycle, setting)
+        result = SweptPairs(behind.hits, ahead.hits, behind.undecided, ahead.undecided)
+        return Outcome(result, behind.ran + ahead.ran, behind.failures + ahead.failures)
 
 
-Found = tuple[Hits, int, tuple[str, ...]]
-NOTHING: Found = (Hits(np.empty((0, 2), np.int64), np.empty(0), *np.empty((2, 0, 3))), 0, ())
+class Found(NamedTuple):
+    """What one way of sweeping found, on how many pairs it ran, and what failed."""
+
+    hits: Hits
+    undecided: Undecided
+    ran: int = 0
+    failures: tuple[str, ...] = ()
+
+
+NO_PAIRS = np.empty((0, 2), np.int64)
+NOTHING = Found(Hits(NO_PAIRS, np.empty(0), *np.empty((2, 0, 3))), Undecided(NO_PAIRS, np.empty(0)))
 
 
 def _passed(cycle: Cycle, setting: Setting) -> Found:
@@ -122,10 +147,11 @@ def _passed(cycle: Cycle, setting: Setting) -> Found:
     pairs = meeting_pairs(cycle, slots, *swept_bounds(start, end), callers)
     pairs = _apart(pairs, cycle.pairs, len(cycle.active))
     query = partial(sweep, start, end, tolerance=setting.values["tolerance"])
-    hits, failures = _swept(query, pairs, np.searchsorted(slots, pairs))
+    found = _swept(query, pairs, np.searchsorted(slots, pairs))
+    hits = found.hits
     begun = hits.times > 0.0  # the others collided before, and were reported then
     hits = Hits(hits.pairs[begun], hits.times[begun], hits.points[begun], hits.normals[begun])
-    return hits, len(pairs), failures
+    return found._replace(hits=hits)
 
 
 def _predicted(cycle: Cycle, setting: Setting) -> Found:
@@ -136,29 +162,16 @@ def _predicted(cycle: Cycle, setting: Setting) -> Found:
     if horizon == 0.0 or not callers.any():
         return NOTHING
     slots = np.flatnonzero(cycle.active)
-    hits, counted, failures = NOTHING
-    pieces = piece_count(cycle, slots, horizon)
-    for piece in range(pieces):
-        start, seconds = piece * horizon / pieces, horizon / pieces
-        boxes, speeds = boxes_ahead(cycle, slots, start, seconds)
-        pairs = meeting_pairs(cycle, slots, *bounds_ahead(boxes, speeds * seconds), callers[slots])
-        pairs = _apart(pairs, np.concatenate([cycle.pairs, hits.pairs]), len(cycle.active))
-        more, failed = _swept(
-            partial(sweep_twists, boxes, speeds, horizon=seconds, tolerance=tolerance),
-            pairs,
-            np.searchsorted(slots, pairs),
-        )
-        hits = _joined(hits, replace(more, times=more.times + start))
-        counted, failures = counted + len(pairs), failures + failed
-    return hits, counted, failures
-
-
-def _joined(first: Hits, second: Hits) -> Hits:
-    pairs = np.concatenate([first.pairs, second.pairs])
-    order = np.lexsort((pairs[:, 1], pairs[:, 0]))
-    times = np.concatenate([first.times, second.times])[order]
-    points = np.concatenate([first.points, second.points])[order]
-    return Hits(pairs[order], times, points, np.concatenate([first.normals, second.normals])[order])
+    boxes, twists = cycle.boxes.take(slots), cycle.store.twists[slots]
+    origins = cycle.store.poses[slots, :3]
+    bounds = twist_bounds(boxes, twists, origins, horizon)
+    pairs = _apart(
+        meeting_pairs(cycle, slots, *bounds, callers[slots]), cycle.pairs, len(cycle.active)
+    )
+    query = partial(
+        sweep_twists, boxes, twists, horizon=horizon, tolerance=tolerance, origins=origins
+    )
+    return _swept(query, pairs, np.searchsorted(slots, pairs))
 
 
 def _apart(pairs: Pairs, colliding: Pairs, slots: int) -> Pairs:
@@ -167,15 +180,19 @@ def _apart(pairs: Pairs, colliding: Pairs, slots: int) -> Pairs:
     return pairs[~np.isin(keys, known)]
 
 
-def _swept(
-    query: Callable[[Pairs], Sweeps], pairs: Pairs, rows: Pairs
-) -> tuple[Hits, tuple[str, ...]]:
-    """Return the hits of a query on rows (k, 2) of its boxes, as pairs (k, 2) of slots."""
+def _swept(query: Callable[[Pairs], Sweeps], pairs: Pairs, rows: Pairs) -> Found:
+    """Return what a query finds on rows (k, 2) of its boxes, by pairs (k, 2) of slots."""
 
     def compute(some: Pairs) -> Table:
         found = query(some)
         return tuple(getattr(found, field) for field in FIELDS)
 
-    good, (hits, *columns), failures = isolated(compute, rows, BLANK)
-    hit: Mask = hits.astype(np.bool_)
-    return Hits(pairs[good][hit], *(column[hit] for column in columns)), failures
+    good, (hits, open_, times, *columns), failures = isolated(compute, rows, BLANK)
+    hit, unknown = (mask.astype(np.bool_) for mask in (hits, open_))
+    pairs = pairs[good]
+    return Found(
+        Hits(pairs[hit], times[hit], *(column[hit] for column in columns)),
+        Undecided(pairs[unknown], times[unknown]),
+        len(rows),
+        failures,
+    )
