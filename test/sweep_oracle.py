@@ -183,7 +183,7 @@ class TwistCourse:
         return a, b
 
     def window(self, rows: Rows) -> tuple[Rows, Rows]:
-        """(m,), (m,) times between which the spheres about the origins, that hold the boxes, meet."""
+        """(m,), (m,) times between which the spheres about the origins meet that hold the boxes."""
         arms = np.where(self.twists[:, 3:].any(axis=1, keepdims=True),
                         self.boxes.centers - self.origins, 0.0)  # fmt: skip
         i, j = rows.T

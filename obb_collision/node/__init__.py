@@ -51,6 +51,7 @@ if TYPE_CHECKING:
         named_clearances,
         named_contacts,
         named_pairs,
+        named_passed_collisions,
         named_points_inside,
         named_predictions,
     )
@@ -68,6 +69,7 @@ __all__ = [
     "named_clearances",
     "named_contacts",
     "named_pairs",
+    "named_passed_collisions",
     "named_points_inside",
     "named_predictions",
     "namespace_number",

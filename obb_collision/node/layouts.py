@@ -73,10 +73,12 @@ PREDICTION_DTYPE = _layout(
     ("<f4", POSITION_FIELDS),
     ("<f8", (*NORMAL_FIELDS, "time", *POINT_FIELDS)),
     ("<i4", PAIR_FIELDS),
-    ("u1", ("passed",)),
+    ("u1", ("passed", "undecided")),
 )
 """One row of ``predicted_collisions``: time from the stamp (s), point and normal of the contact at
-that time; ``passed``: 1 if it happened between the last two states, and the time is negative."""
+that time; ``passed``: 1 if it happened between the last two states, and the time is negative;
+``undecided``: 1 if it is not known whether the objects collide: they certainly don't before the
+time, may from then on, and point and normal are NaN."""
 
 INSIDE_DTYPE = _layout(
     ("<f4", POSITION_FIELDS),
@@ -86,7 +88,7 @@ INSIDE_DTYPE = _layout(
 """One row of ``points_inside``: an object with points in its box: how many, the indices in the
 cloud of the first and of the one nearest to the box centre, its distance (m) and position."""
 
-OPTIONAL_FIELDS = ("rung",)
+OPTIONAL_FIELDS = ("rung", "undecided")
 """Fields that messages recorded with an earlier version don't have."""
 
 

@@ -25,6 +25,7 @@ overtake each other.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from math import isnan
 from typing import NamedTuple, TypeAlias
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -81,13 +82,22 @@ class NamedClearance(NamedTuple):
 
 
 class NamedPrediction(NamedTuple):
-    """One collision to come, or passed if its time is negative (s from the stamp)."""
+    """One collision to come or passed: when (s from the stamp), where (m), unit normal from a to b.
+
+    If it is ``undecided``, it is not known whether the objects collide: they certainly don't
+    before the time, but they may from then on. Point and normal are NaN then.
+    """
 
     a: str
     b: str
     time: float
     point: Triple
     normal: Triple
+
+    @property
+    def undecided(self) -> bool:
+        """Whether it is not known if they collide."""
+        return isnan(self.point[0])
 
 
 class NamedPoints(NamedTuple):
@@ -134,8 +144,23 @@ def named_clearances(message: PointCloud2, namespaces: Namespaces) -> list[Named
 
 
 def named_predictions(message: PointCloud2, namespaces: Namespaces) -> list[NamedPrediction]:
-    """Return the collisions to come and those passed, with names."""
+    """Return the collisions to come, with names: also what may come, see ``NamedPrediction``."""
+    return _predictions(message, namespaces, passed=False)
+
+
+def named_passed_collisions(message: PointCloud2, namespaces: Namespaces) -> list[NamedPrediction]:
+    """Return what collided, or may have, between the last two states, with names.
+
+    Times are negative. ``named_predictions`` has the rest: only what is to come.
+    """
+    return _predictions(message, namespaces, passed=True)
+
+
+def _predictions(
+    message: PointCloud2, namespaces: Namespaces, passed: bool
+) -> list[NamedPrediction]:
     rows = predictions_from_ros(message)
+    rows = rows[(rows["passed"] != 0) == passed]
     values = rows[["time", *POINT_FIELDS, *NORMAL_FIELDS]].tolist()
     return [
         NamedPrediction(a, b, v[0], v[1:4], v[4:7])

@@ -134,16 +134,21 @@ def clearance_rows(result: PairClearances, table: ObjectTable) -> Rows:
 
 def prediction_rows(result: SweptPairs, step: float, table: ObjectTable) -> Rows:
     """(k,) rows of PREDICTION_DTYPE; ``step``: seconds between the last two states checked."""
-    passed, predicted = result.passed, result.predicted
-    found = order_pairs(np.concatenate([passed.pairs, predicted.pairs]), table)
+    hits = result.passed, result.predicted
+    open_ = result.passed_undecided, result.predicted_undecided
+    found = order_pairs(np.concatenate([part.pairs for part in (*hits, *open_)]), table)
     rows = _named_rows(PREDICTION_DTYPE, found.a, found.b, table)
-    points = np.concatenate([passed.points, predicted.points])[found.order]
+    nowhere = np.full((sum(map(len, open_)), 3), np.nan)
+    points = np.concatenate([*(part.points for part in hits), nowhere])[found.order]
     _put(rows, POSITION_FIELDS, points)
     _put(rows, POINT_FIELDS, points)
-    _put(rows, NORMAL_FIELDS, found.flipped(np.concatenate([passed.normals, predicted.normals])))
-    times = np.concatenate([(passed.times - 1.0) * step, predicted.times])
-    rows["time"] = times[found.order]
-    rows["passed"] = found.order < len(passed)
+    _put(rows, NORMAL_FIELDS, found.flipped(np.concatenate([*(h.normals for h in hits), nowhere])))
+    times = [*(part.times for part in hits), *(part.free_until for part in open_)]
+    for number in (0, 2):
+        times[number] = (times[number] - 1.0) * step
+    rows["time"] = np.concatenate(times)[found.order]
+    part = np.repeat(np.arange(4), [len(seconds) for seconds in times])[found.order]
+    rows["passed"], rows["undecided"] = part % 2 == 0, part >= 2
     return rows
 
 

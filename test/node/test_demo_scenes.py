@@ -135,6 +135,9 @@ def test_what_comes_and_goes_is_told_once() -> None:
     assert lines[0][0].startswith("coming  a/0")
     assert len(list(follower.take([row(1.0)], 2.0))) == 1  # anew, after it was gone
     assert "passed" in next(follower.take([row(-0.02)], 2.1))
+    unknown = NamedPrediction("a/0", "b/0", 0.5, (np.nan,) * 3, (np.nan,) * 3)
+    assert "may collide from 0.50 s on" in next(follower.take([unknown], 2.2))
+    assert follower.rows == []
     assert "2 collisions foreseen, 1 found between two states" in next(follower.ends())
 
     inside = Insides()

@@ -19,6 +19,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import numpy.lib.recfunctions as rfn
 import pytest
 
 pytest.importorskip("rclpy")
@@ -31,6 +32,7 @@ from obb_collision.node import (
     named_clearances,
     named_contacts,
     named_pairs,
+    named_passed_collisions,
     named_points_inside,
     named_predictions,
     namespace_number,
@@ -47,6 +49,9 @@ from obb_collision.node.layouts import (
     INSIDE_DTYPE,
     PREDICTION_DTYPE,
 )
+from obb_collision.node.object_table import ObjectTable
+from obb_collision.node.rows import prediction_rows
+from obb_collision.scene.effects.sweep import Hits, SweptPairs, Undecided
 
 COMPILING = 300.0
 """Seconds that kernels of an effect may take on a loaded machine."""
@@ -173,7 +178,9 @@ def test_what_passes_through_a_wall_between_two_states_is_told_once(rig: Rig) ->
     message = answer(rig, "predicted_collisions")
     assert rig.pairs() == set(), "neither before nor after"
     seconds = 1e-9 * (rig.stamp - before)
-    ((a, b, time, point, normal),) = named_predictions(message, rig.namespaces("wall", "fast"))
+    table = rig.namespaces("wall", "fast")
+    assert named_predictions(message, table) == [], "a rule for what is to come must not see it"
+    ((a, b, time, point, normal),) = named_passed_collisions(message, table)
     assert (a, b) == ("wall/1", "fast/1")
     share = (1.875 - 0.25) / 4.0  # of the way, when the faces meet
     assert time == pytest.approx((share - 1.0) * seconds)
@@ -181,6 +188,50 @@ def test_what_passes_through_a_wall_between_two_states_is_told_once(rig: Rig) ->
     assert normal == pytest.approx((-1.0, 0.0, 0.0))
     assert predictions_from_ros(message)["passed"].tolist() == [1]
     rig.until(lambda: rig.next("predicted_collisions").width == 0, "over")
+
+
+def test_what_is_not_known_is_told_with_the_time_until_which_it_is_free(rig: Rig) -> None:
+    """A millimetre from 1e8 m: doubles have no digits left for the tolerance."""
+    listening(rig, "predicted_collisions")
+    small = (0.001, 0.001, 0.001)
+    rig.send(cube(("post", 1), size=small), cube(("grain", 1), (1e8, 0, 0), small))
+    rig.answer()
+    rig.send_states(["grain/1"], [pose(1e8)], twists=[[-1.5e8, 0, 0, 0.1, 0.2, 0.3]])
+    message = answer(rig, "predicted_collisions")
+    table = rig.namespaces("post", "grain")
+    (found,) = named_predictions(message, table)
+    assert found.undecided
+    assert {found.a, found.b} == {"post/1", "grain/1"}
+    assert found.time == pytest.approx(1.0 / 1.5, abs=1e-9)
+    assert np.isnan([*found.point, *found.normal]).all()
+    (row,) = predictions_from_ros(message)
+    assert (row["undecided"], row["passed"]) == (1, 0)
+    assert named_passed_collisions(message, table) == []
+
+
+def test_passed_coming_and_undecided_each_have_their_marks() -> None:
+    table = ObjectTable()
+    for number in range(5):
+        table.claim(number, ("a", number), f"a/{number}")
+    point = np.array([[1.0, 2.0, 3.0]])
+    parts = [np.array([[0, k]]) for k in range(1, 5)]
+    result = SweptPairs(
+        passed=Hits(parts[0], np.array([0.75]), point, point),
+        predicted=Hits(parts[1], np.array([0.25]), point, point),
+        passed_undecided=Undecided(parts[2], np.array([0.5])),
+        predicted_undecided=Undecided(parts[3], np.array([0.125])),
+    )
+    rows = prediction_rows(result, 0.1, table)
+    assert rows["id_b"].tolist() == [1, 2, 3, 4]
+    assert rows["passed"].tolist() == [1, 0, 1, 0]
+    assert rows["undecided"].tolist() == [0, 0, 1, 1]
+    assert rows["time"].tolist() == pytest.approx([-0.025, 0.25, -0.05, 0.125])
+    assert np.isnan(rows["point_x"]).tolist() == [False, False, True, True]
+    message = cloud_to_ros(rows)
+    assert [r.undecided for r in named_predictions(message, ["a"])] == [False, True]
+    assert [r.undecided for r in named_passed_collisions(message, ["a"])] == [False, True]
+    old = cloud_to_ros(rfn.drop_fields(rows, "undecided"))
+    assert len(named_predictions(old, ["a"])) == 2, "recorded with an earlier version"
 
 
 @pytest.mark.parametrize("topic", READERS)

@@ -1,3 +1,17 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """Sweeps of boxes that keep their twists, about any origin, for any number of turns.
 
 None missed, none late, early by no more than promised, and what is not known is said: against dense
@@ -8,6 +22,7 @@ samples in extended precision (`sweep_oracle.TwistCourse`) and against circles s
 from __future__ import annotations
 
 import zlib
+from typing import Any
 
 import numpy as np
 import pytest
@@ -336,11 +351,12 @@ def test_any_doubles_at_all(one: tuple, two: tuple, half: tuple, horizon: float)
 
 def test_origins_are_checked() -> None:
     boxes = fan_beside_wall(0.1)
-    for origins, match in (
+    cases: tuple[tuple[Any, str], ...] = (
         (np.zeros((3, 3)), "origins must have one row per box"),
         (np.zeros((2, 2)), "origins"),
         ([[0, 0, np.nan], [0, 0, 0]], "origins must be finite in row 0"),
-    ):
+    )
+    for origins, match in cases:
         with pytest.raises(ValueError, match=match):
             sweep_twists(boxes, [STILL, STILL], [[0, 1]], 1.0, origins=origins)
 

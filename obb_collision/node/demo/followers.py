@@ -26,8 +26,10 @@ from typing import Any
 import numpy as np
 
 from obb_collision.node import (
+    NamedPrediction,
     named_clearances,
     named_contacts,
+    named_passed_collisions,
     named_points_inside,
     named_predictions,
 )
@@ -108,9 +110,12 @@ class Predictions:
 
     def take(self, rows: list[Any], seconds: float) -> Iterator[str]:
         """Take the predictions; tell those that are new, and all that passed."""
-        self.rows = [row for row in rows if row.time >= 0.0]
+        self.rows = [row for row in rows if row.time >= 0.0 and not row.undecided]
         for row in rows:
             pair = pair_of(row)
+            if row.undecided:
+                yield f"unclear {pair}  may collide from {row.time:.2f} s on"
+                continue
             if row.time < 0.0:
                 self._passed += 1
                 yield f"passed  {pair}  {-1e3 * row.time:.0f} ms before, unseen by the states"
@@ -152,10 +157,18 @@ class Insides:
             yield f"points in {name}: {now.get(name, 0)} at the end, at most {most}"
 
 
+def all_predictions(message: Any, namespaces: Any) -> list[NamedPrediction]:
+    """Return the rows of ``predicted_collisions``: what is to come, and what passed."""
+    return [
+        *named_predictions(message, namespaces),
+        *named_passed_collisions(message, namespaces),
+    ]
+
+
 #: How each effect is read and followed.
 EFFECTS: dict[str, tuple[Callable[..., list[Any]], type]] = {
     "contacts": (named_contacts, Contacts),
     "clearance": (named_clearances, Clearances),
-    "sweep": (named_predictions, Predictions),
+    "sweep": (all_predictions, Predictions),
     "points": (named_points_inside, Insides),
 }
