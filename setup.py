@@ -63,7 +63,7 @@ setup(
         "console_scripts": [
             "obb_collision_node = obb_collision.node.commands:node",
             "obb_collision_accuracy = obb_collision.benchmarks.accuracy:main",
-            "obb_collision_demo = obb_collision.node.demo:main",
+            "obb_collision_demo = obb_collision.node.commands:demo",
             "obb_collision_fuzz = obb_collision.checks.commands:fuzz",
             "obb_collision_latency = obb_collision.node.commands:latency",
             "obb_collision_speed = obb_collision.benchmarks.speed:main",

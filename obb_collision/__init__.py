@@ -29,97 +29,33 @@ Pairs are sorted: i < j in a pair, and the pairs in lexicographic order.
 Corners come in one order: on the +z face left-top, left-bottom, right-bottom, right-top, then on
 the -z face right-top, right-bottom, left-bottom, left-top (right is +x, top is +y).
 
+The public names, all in ``api``, load when first used: a console script must be able to say what is
+missing, or to end, before seconds of imports.
+
 Layers, each importing only those before it: ``geometry`` (what a box is), ``queries`` (one file a
 question about boxes), ``obb`` (one box as a value), ``scene`` (the store, the broad phase, the
 check), ``node`` (ROS), and ``benchmarks`` beside it.
 """
 
-from obb_collision.geometry.aabb import AABB
-from obb_collision.geometry.boxes import Boxes
-from obb_collision.geometry.capsules import Capsules
-from obb_collision.geometry.mesh_tree import MeshTrees
-from obb_collision.geometry.shapes import (
-    Box,
-    Capsule,
-    Cone,
-    Cylinder,
-    Ellipsoid,
-    Hull,
-    Mesh,
-    Shape,
-    Sphere,
-)
-from obb_collision.obb import OBB, Separation
-from obb_collision.queries.accuracy import Accuracy
-from obb_collision.queries.capsules import CapsuleDistances, capsule_distances, capsule_verdicts
-from obb_collision.queries.clearance import Clearances, clearances, clearances_within
-from obb_collision.queries.contacts import Contacts, contacts
-from obb_collision.queries.mesh_collision import (
-    PlacedMeshes,
-    mesh_collisions,
-    mesh_contacts,
-    mesh_verdicts,
-    tree_collisions,
-)
-from obb_collision.queries.planes import PlaneDistances, aabb_verdicts, plane_distances
-from obb_collision.queries.points import PointsInside, points_inside
-from obb_collision.queries.rays import RayHits, cast_rays, cast_segments, segments_intersect
-from obb_collision.queries.separation import Verdict, verdicts
-from obb_collision.queries.sweep import Sweeps, sweep, sweep_twists
-from obb_collision.scene.files import SceneDescription, load_scene
-from obb_collision.scene.pairs import find_pairs
-from obb_collision.scene.report import Report
-from obb_collision.scene.scene import Scene
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from obb_collision.api import *  # noqa: F403
 
 __version__ = "0.1.0"
 
-__all__ = [
-    "AABB",
-    "OBB",
-    "Accuracy",
-    "Box",
-    "Boxes",
-    "Capsule",
-    "CapsuleDistances",
-    "Capsules",
-    "Clearances",
-    "Cone",
-    "Contacts",
-    "Cylinder",
-    "Ellipsoid",
-    "Hull",
-    "Mesh",
-    "MeshTrees",
-    "PlacedMeshes",
-    "PlaneDistances",
-    "PointsInside",
-    "RayHits",
-    "Report",
-    "Scene",
-    "SceneDescription",
-    "Separation",
-    "Shape",
-    "Sphere",
-    "Sweeps",
-    "Verdict",
-    "aabb_verdicts",
-    "capsule_distances",
-    "capsule_verdicts",
-    "cast_rays",
-    "cast_segments",
-    "clearances",
-    "clearances_within",
-    "contacts",
-    "find_pairs",
-    "load_scene",
-    "mesh_collisions",
-    "mesh_contacts",
-    "mesh_verdicts",
-    "plane_distances",
-    "points_inside",
-    "segments_intersect",
-    "sweep",
-    "sweep_twists",
-    "tree_collisions",
-    "verdicts",
-]
+
+def __getattr__(name: str) -> Any:
+    if name == "__all__" or not name.startswith("_"):
+        api = import_module("obb_collision.api")
+        if name == "__all__" or name in api.__all__:
+            found = globals()[name] = getattr(api, name)
+            return found
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return [*globals(), *__getattr__("__all__")]

@@ -26,6 +26,7 @@ import obb_collision
 ROOT = Path(obb_collision.__file__).parent
 LAYERS = {
     "_kernel_cache": set(),
+    "api": {"geometry", "queries", "obb", "scene"},
     "_jit": {"_kernel_cache"},
     "geometry": {"_jit"},
     "queries": {"_jit", "geometry"},

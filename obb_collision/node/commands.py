@@ -12,20 +12,49 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The console scripts ``obb_collision_node`` and ``obb_collision_latency``.
+"""The console scripts ``obb_collision_node``, ``obb_collision_demo`` and ``obb_collision_latency``.
 
-They import what needs ROS only after they know that it is there.
+They import what takes long, or needs ROS, only after they have looked at the arguments and know
+that ROS is there. A signal during these imports ends them at once and without a word.
 """
 
 from __future__ import annotations
 
+import argparse
+import signal
+import sys
 from collections.abc import Sequence
+from typing import NoReturn
 
-from obb_collision.node.environment import is_ros_here, set_defaults
+from obb_collision.node.environment import (
+    BAD_USAGE,
+    end_at_once_on_signals,
+    is_ros_here,
+    set_defaults,
+    without_ros_arguments,
+)
+
+
+class _Parser(argparse.ArgumentParser):
+    """Says what is wrong in one line."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(BAD_USAGE, f"{self.prog}: {message}; --help says what there is\n")
 
 
 def node(args: Sequence[str] | None = None) -> int:
     """Run the collision node until SIGINT or SIGTERM; returns the exit code."""
+    end_at_once_on_signals()
+    _Parser(
+        prog="obb_collision_node",
+        usage="%(prog)s [--help] [--ros-args ...]",
+        description="Publishes which objects of a scene collide, until SIGINT or SIGTERM. Takes "
+        "ROS arguments only.",
+        epilog="For example: obb_collision_node --ros-args -p rate:=100.0 --params-file FILE "
+        "-r __ns:=/cell -r objects:=scene --log-level debug. The topics and parameters are in "
+        "README.md; the parameters with comments in config/obb_collision.yaml.",
+        allow_abbrev=False,
+    ).parse_args(without_ros_arguments(sys.argv[1:] if args is None else args))
     if not is_ros_here("obb_collision_node"):
         return 1
     set_defaults()
@@ -34,11 +63,29 @@ def node(args: Sequence[str] | None = None) -> int:
     return main(args)
 
 
+def demo(args: Sequence[str] | None = None) -> int:
+    """Run the node and a moving scene in one process; returns the exit code."""
+    end_at_once_on_signals()
+    from obb_collision.node.demo.command import main
+
+    return main(args)
+
+
 def latency(args: Sequence[str] | None = None) -> int:
     """Measure from the publication of poses to the collisions; returns the exit code."""
+    end_at_once_on_signals()
     if not is_ros_here("obb_collision_latency"):
         return 1
     set_defaults()
     from obb_collision.node.latency import main
 
-    return main(args)
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        return main(args)
+    except KeyboardInterrupt:
+        sys.stderr.write("obb_collision_latency: interrupted\n")
+        return 128 + signal.SIGINT
+
+
+if __name__ == "__main__":
+    raise SystemExit(node())

@@ -17,9 +17,38 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
+from collections.abc import Iterable
 from importlib.util import find_spec
 from pathlib import Path
+
+SIGNALS = (signal.SIGINT, signal.SIGTERM)
+"""The signals that ask a process to end."""
+BAD_USAGE = 2
+"""Exit code for arguments that can't be used, as argparse has it."""
+
+
+def end_at_once_on_signals() -> None:
+    """Let a signal end the process at once: for the seconds in which nothing is done but imports.
+
+    KeyboardInterrupt would come out of whatever module is imported just then.
+    """
+    for number in SIGNALS:
+        signal.signal(number, lambda *_: os._exit(0))
+
+
+def without_ros_arguments(arguments: Iterable[str]) -> list[str]:
+    """Return the arguments that are not between ``--ros-args`` and ``--`` or the end."""
+    own, of_ros = [], False
+    for argument in arguments:
+        if argument == "--ros-args":
+            of_ros = True
+        elif of_ros and argument == "--":
+            of_ros = False
+        elif not of_ros:
+            own.append(argument)
+    return own
 
 
 def set_defaults() -> None:

@@ -16,17 +16,60 @@
 
 from __future__ import annotations
 
+import os
+import re
 import signal
+import sys
 from collections.abc import Callable, Sequence
 
 import rclpy
 from rclpy.context import Context
-from rclpy.exceptions import ParameterException
+from rclpy.exceptions import NameValidationException, ParameterException
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.logging import get_logger
 from rclpy.node import Node
-from rclpy.signals import SignalHandlerOptions
+from rclpy.qos_overriding_options import InvalidQosOverridesError
+from rclpy.signals import (
+    SignalHandlerOptions,
+    install_signal_handlers,
+    uninstall_signal_handlers,
+)
 from rclpy.utilities import try_shutdown
+
+from obb_collision.node.environment import BAD_USAGE, SIGNALS
+
+UNUSABLE = (
+    ValueError,
+    RuntimeError,  # rclpy's: names and QoS that rcl does not take
+    NameValidationException,
+    ParameterException,
+    InvalidQosOverridesError,
+)
+"""What a parameter, a remapping or an override that can't be used raises as a node is made."""
+
+
+class Signals:
+    """Counts SIGINT and SIGTERM, so that they raise nothing in whatever line runs just then.
+
+    While the node is made, which may take as long as kernels compile, the first one is kept for
+    later and the second one ends the process at once.
+    """
+
+    def __init__(self) -> None:
+        self.count = 0
+        self.making = True
+        for number in SIGNALS:
+            signal.signal(number, self._take)
+
+    def _take(self, *_: object) -> None:
+        self.count += 1
+        if self.making and self.count > 1:
+            os._exit(0)
+
+    def ignore(self) -> None:
+        """Take no more signals: what is left to do is to end."""
+        for number in SIGNALS:
+            signal.signal(number, signal.SIG_IGN)
 
 
 def run(name: str, make_node: Callable[[Context], Node], args: Sequence[str] | None) -> int:
@@ -34,28 +77,28 @@ def run(name: str, make_node: Callable[[Context], Node], args: Sequence[str] | N
 
     name: of the logger, for what is said before there is a node.
     """
-    # rclpy's handlers wake the executor and then call these. Without them Python would raise
-    # KeyboardInterrupt in whatever line runs just then, and a signal from before rclpy's handlers
-    # stand would be lost or deadly.
-    received: list[int] = []
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda number, _: received.append(number))
+    signals = Signals()
     context = Context()
     arguments = None if args is None else list(args)
-    rclpy.init(args=arguments, context=context, signal_handler_options=SignalHandlerOptions.ALL)
+    try:
+        # no handlers of rclpy yet: they would take the context away from the node being made
+        rclpy.init(args=arguments, context=context, signal_handler_options=SignalHandlerOptions.NO)
+    except (RuntimeError, ValueError) as error:
+        sys.stderr.write(f"{name}: ROS arguments that can't be used: {in_one_line(error)}\n")
+        return BAD_USAGE
     node = None
     try:
-        if received:
-            return 0
-        # first, for rclpy's executor can't be made half once the context is gone
-        executor = SingleThreadedExecutor(context=context)
         try:
             node = make_node(context)
-        except (ValueError, ParameterException) as error:  # a parameter that can't be used
-            get_logger(name).fatal(str(error))
+        except UNUSABLE as error:
+            get_logger(name).fatal(in_one_line(error))
             return 1
+        executor = SingleThreadedExecutor(context=context)
         executor.add_node(node)
-        executor.spin()
+        install_signal_handlers(SignalHandlerOptions.ALL)  # they end the spinning, then count
+        signals.making = False
+        if not signals.count:
+            executor.spin()
     except ExternalShutdownException:
         pass
     except Exception:
@@ -65,4 +108,13 @@ def run(name: str, make_node: Callable[[Context], Node], args: Sequence[str] | N
         if node is not None:
             node.destroy_node()
         try_shutdown(context=context)
+        uninstall_signal_handlers()
+        signals.ignore()
     return 0
+
+
+def in_one_line(error: BaseException) -> str:
+    """Return what an exception says, without line breaks and the places in rcl's sources."""
+    text = re.sub(r",? at \S+\.c(pp)?:\d+", "", str(error))
+    text = text.removeprefix("failed to initialize rcl: ")
+    return " ".join(text.split()) or type(error).__name__

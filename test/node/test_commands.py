@@ -12,13 +12,54 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Console scripts that can't start say why in a line."""
+"""Console scripts: what they say about themselves, and why they can't start, in a line."""
+
+from __future__ import annotations
+
+import re
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
 pytest.importorskip("rclpy")
+import rig  # noqa: F401 - of this machine only
 
 from obb_collision.node import commands, environment
+from obb_collision.node.environment import BAD_USAGE, SIGNALS, without_ros_arguments
+
+SETUP = (Path(__file__).parents[2] / "setup.py").read_text(encoding="utf-8")
+SCRIPTS = dict(re.findall(r'"(obb_collision_\w+) = ([\w.]+:\w+)"', SETUP))
+#: They are run where their peers are not installed, too.
+PATIENCE = 120.0
+
+
+@pytest.fixture(autouse=True)
+def _signal_handlers() -> Iterator[None]:
+    """Give the signals back to pytest: a command is the only one in its process."""
+    handlers = {number: signal.getsignal(number) for number in SIGNALS}
+    yield
+    for number, handler in handlers.items():
+        signal.signal(number, handler)
+
+
+@pytest.mark.parametrize("script", SCRIPTS)
+def test_help_prints_the_usage_and_starts_nothing(script: str) -> None:
+    module, function = SCRIPTS[script].split(":")
+    code = f"import sys; sys.argv[0] = {script!r}; from {module} import {function} as main; "
+    done = subprocess.run(
+        [sys.executable, "-c", code + "sys.exit(main())", "--help"],
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith(f"usage: {script}")
+    assert "ready:" not in done.stdout + done.stderr
 
 
 @pytest.mark.parametrize("command", [commands.node, commands.latency])
@@ -38,10 +79,50 @@ def test_without_ros_they_say_what_is_missing(
         ("rate:=5", "expecting type 'DOUBLE'"),
         ("trigger:=never", "trigger must be one of timer, arrival, not 'never'"),
         ("fixed_frame:=''", "fixed_frame must not be empty"),
+        ("qos_overrides./objects.subscription.depth:=-3", "depth must be 1 to 100000, not -3"),
+        ("qos_overrides./objects.subscription.reliability:=maybe", "`reliability`: `maybe`"),
     ],
 )
 def test_parameters_that_cannot_be_used_end_the_node_with_the_reason(
     parameter: str, reason: str, capfd: pytest.CaptureFixture[str]
 ) -> None:
     assert commands.node(["--ros-args", "-p", parameter]) == 1
-    assert reason in capfd.readouterr().err
+    error = capfd.readouterr().err
+    assert reason in error
+    assert "Traceback" not in error
+
+
+@pytest.mark.parametrize(
+    ("arguments", "reason"),
+    [
+        (["--log-level", "loud"], "does not use a valid severity level"),
+        (["-p", "rate"], "parse parameter override rule: '-p rate'"),
+        (["-r", "__ns:=a b"], "parse remap rule"),
+        (["--params-file", "/nowhere.yaml"], "Error opening YAML file"),
+        (["--nonsense"], "['--nonsense']"),
+        (["--enclave", "x y"], "must be absolute"),
+        (["-p", "\udcff:=1"], "surrogates not allowed"),
+    ],
+)
+def test_ros_arguments_that_cannot_be_used_end_the_node_with_one_line(
+    arguments: list[str], reason: str, capfd: pytest.CaptureFixture[str]
+) -> None:
+    assert commands.node(["--ros-args", *arguments]) == BAD_USAGE
+    error = capfd.readouterr().err
+    (line,) = [line for line in error.splitlines() if line.startswith("obb_collision: ")]
+    assert reason in line
+    assert "Traceback" not in error
+
+
+def test_other_arguments_end_the_node_with_one_line(capfd: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit, match=str(BAD_USAGE)):
+        commands.node(["--rate", "5", "--ros-args", "-p", "rate:=5.0"])
+    error = capfd.readouterr().err
+    assert error == (
+        "obb_collision_node: unrecognized arguments: --rate 5; --help says what there is\n"
+    )
+
+
+def test_ros_arguments_end_with_two_dashes() -> None:
+    arguments = ["a", "--ros-args", "-p", "x:=1", "--", "b", "--ros-args", "-h", "--ros-args"]
+    assert without_ros_arguments(arguments) == ["a", "b"]

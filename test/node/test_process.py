@@ -21,8 +21,9 @@ import shutil
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from itertools import combinations
 from pathlib import Path
 
@@ -46,7 +47,7 @@ def command() -> list[str]:
     """Return the installed executable, or the module where the package is not installed."""
     beside = Path(sys.executable).parent / "obb_collision_node"
     found = str(beside) if beside.exists() else shutil.which("obb_collision_node")
-    return [found] if found else [sys.executable, "-m", "obb_collision.node.node"]
+    return [found] if found else [sys.executable, "-m", "obb_collision.node.commands"]
 
 
 @contextmanager
@@ -102,6 +103,68 @@ def test_the_executable_serves_another_process_and_ends_cleanly(number: signal.S
     (ready,) = [line for line in output.splitlines() if "ready:" in line]
     for word in ("/objects", "/collisions", "'map'", "numba", "/obb_collision/markers"):
         assert word in ready
+
+
+def test_signals_that_go_on_until_the_end_change_nothing() -> None:
+    with running(*IN_NAMESPACE) as process, client() as other:
+        other.send(cube(("a", 1)), cube(("a", 2), (0.5, 0, 0)))
+        assert other.pairs() == {("a/1", "a/2")}
+        limit = time.monotonic() + PATIENCE
+        while process.poll() is None:
+            assert time.monotonic() < limit
+            process.send_signal(signal.SIGINT)
+            with suppress(subprocess.TimeoutExpired):
+                process.wait(0.002)  # as fast as no one can type, slow enough to let it end
+        assert process.stdout is not None
+        output = process.stdout.read()
+    assert process.returncode == 0, output
+    assert "Traceback" not in output
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("module", ["numpy", "numba", "rclpy.context"])
+def test_a_signal_during_the_imports_ends_it_without_a_word(
+    module: str, number: signal.Signals
+) -> None:
+    code = "from obb_collision.node.commands import node; raise SystemExit(node())"
+    process = subprocess.Popen(
+        [sys.executable, "-X", "importtime", "-c", code, *IN_NAMESPACE],
+        env={**os.environ, "ROS_DOMAIN_ID": str(DOMAIN)},
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stderr is not None
+    try:
+        for line in process.stderr:
+            if line.split("|")[-1].strip() == module:
+                break
+        process.send_signal(number)
+        _, rest = process.communicate(timeout=PATIENCE)
+        assert process.returncode == 0, rest
+        assert "Traceback" not in rest
+        assert "ready:" not in rest
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def test_a_second_signal_ends_a_node_that_takes_long_to_be_made() -> None:
+    code = """
+import sys, time
+from obb_collision.node.running import run
+def make(context):
+    sys.stdout.write("making\\n")
+    sys.stdout.flush()
+    time.sleep(3600)
+run("slow", make, [])
+"""
+    process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    assert process.stdout.readline() == "making\n"
+    process.send_signal(signal.SIGINT)
+    process.send_signal(signal.SIGTERM)  # another one, for two of a kind may arrive as one
+    process.communicate(timeout=PATIENCE)
+    assert process.returncode == 0
 
 
 def test_parameters_namespace_and_remapping_come_by_the_command_line() -> None:

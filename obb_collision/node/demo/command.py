@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING, TextIO
 
 from obb_collision.node.demo.layout import DEFAULT_OBJECTS, DEFAULT_SEED, MIN_OBJECTS
 from obb_collision.node.demo.scene import DemoScene
-from obb_collision.node.environment import is_ros_here, set_defaults
+from obb_collision.node.environment import SIGNALS, is_ros_here, set_defaults
 from obb_collision.scene.files import (
     READY,
     SceneDescription,
@@ -142,20 +142,27 @@ def _file(text: str) -> Path:
 
 
 class _Interrupts:
-    """Turns SIGINT and SIGTERM into ``asked``; the second one raises KeyboardInterrupt.
+    """Turns SIGINT and SIGTERM into ``asked``; the second one raises KeyboardInterrupt, once.
 
     An exception would come in the middle of any callback, where rclpy may swallow it.
     """
 
     def __init__(self) -> None:
         self.asked = False
-        for number in (signal.SIGINT, signal.SIGTERM):
+        self._raised = False
+        for number in SIGNALS:
             signal.signal(number, self._take)
 
     def _take(self, *_: object) -> None:
-        if self.asked:
+        if self.asked and not self._raised:
+            self._raised = True
             raise KeyboardInterrupt
         self.asked = True
+
+    def ignore(self) -> None:
+        """Take no more signals: what is left to do is to end."""
+        for number in SIGNALS:
+            signal.signal(number, signal.SIG_IGN)
 
 
 def _run(options: argparse.Namespace, ros_arguments: list[str]) -> int:
@@ -181,6 +188,7 @@ def _run(options: argparse.Namespace, ros_arguments: list[str]) -> int:
     except KeyboardInterrupt:
         _say("obb_collision_demo: interrupted twice", sys.stderr)
     finally:
+        interrupts.ignore()
         if demo is not None:
             demo.close()
         context.try_shutdown()

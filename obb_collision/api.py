@@ -1,0 +1,103 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""All public names of the library; ``obb_collision`` loads them from here when first used."""
+
+from obb_collision.geometry.aabb import AABB
+from obb_collision.geometry.boxes import Boxes
+from obb_collision.geometry.capsules import Capsules
+from obb_collision.geometry.mesh_tree import MeshTrees
+from obb_collision.geometry.shapes import (
+    Box,
+    Capsule,
+    Cone,
+    Cylinder,
+    Ellipsoid,
+    Hull,
+    Mesh,
+    Shape,
+    Sphere,
+)
+from obb_collision.obb import OBB, Separation
+from obb_collision.queries.accuracy import Accuracy
+from obb_collision.queries.capsules import CapsuleDistances, capsule_distances, capsule_verdicts
+from obb_collision.queries.clearance import Clearances, clearances, clearances_within
+from obb_collision.queries.contacts import Contacts, contacts
+from obb_collision.queries.mesh_collision import (
+    PlacedMeshes,
+    mesh_collisions,
+    mesh_contacts,
+    mesh_verdicts,
+    tree_collisions,
+)
+from obb_collision.queries.planes import PlaneDistances, aabb_verdicts, plane_distances
+from obb_collision.queries.points import PointsInside, points_inside
+from obb_collision.queries.rays import RayHits, cast_rays, cast_segments, segments_intersect
+from obb_collision.queries.separation import Verdict, verdicts
+from obb_collision.queries.sweep import Sweeps, sweep, sweep_twists
+from obb_collision.scene.files import SceneDescription, load_scene
+from obb_collision.scene.pairs import find_pairs
+from obb_collision.scene.report import Report
+from obb_collision.scene.scene import Scene
+
+__all__ = [
+    "AABB",
+    "OBB",
+    "Accuracy",
+    "Box",
+    "Boxes",
+    "Capsule",
+    "CapsuleDistances",
+    "Capsules",
+    "Clearances",
+    "Cone",
+    "Contacts",
+    "Cylinder",
+    "Ellipsoid",
+    "Hull",
+    "Mesh",
+    "MeshTrees",
+    "PlacedMeshes",
+    "PlaneDistances",
+    "PointsInside",
+    "RayHits",
+    "Report",
+    "Scene",
+    "SceneDescription",
+    "Separation",
+    "Shape",
+    "Sphere",
+    "Sweeps",
+    "Verdict",
+    "aabb_verdicts",
+    "capsule_distances",
+    "capsule_verdicts",
+    "cast_rays",
+    "cast_segments",
+    "clearances",
+    "clearances_within",
+    "contacts",
+    "find_pairs",
+    "load_scene",
+    "mesh_collisions",
+    "mesh_contacts",
+    "mesh_verdicts",
+    "plane_distances",
+    "points_inside",
+    "segments_intersect",
+    "sweep",
+    "sweep_twists",
+    "tree_collisions",
+    "verdicts",
+]
