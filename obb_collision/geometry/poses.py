@@ -20,7 +20,7 @@ A pose is seven numbers, ``x y z qx qy qz qw``: the position in metres and a uni
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from obb_collision._jit import njit
 from obb_collision.geometry.validation import (
@@ -36,10 +36,19 @@ IDENTITY_POSE: Floats = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
 IDENTITY_POSE.setflags(write=False)
 
 
-def as_poses(value: ArrayLike, name: str = "poses") -> tuple[Floats, Floats]:
-    """Check poses (n, 7) and return positions (n, 3) and rotation matrices (n, 3, 3)."""
+def as_poses(
+    value: ArrayLike,
+    name: str = "poses",
+    numbers: NDArray[np.int64] | None = None,
+    warn: bool = True,
+) -> tuple[Floats, Floats]:
+    """Check poses (n, 7) and return positions (n, 3) and rotation matrices (n, 3, 3).
+
+    Quaternions are normalised; unless told not to, one far from unit length is warned about.
+    numbers (n,): what the rows are called in errors and warnings.
+    """
     poses = as_array(value, name, (None, 7))
-    quaternions = as_quaternions(poses[:, 3:], f"{name} (quaternion)", (None, 4))
+    quaternions = as_quaternions(poses[:, 3:], f"{name} (quaternion)", (None, 4), numbers, warn)
     return np.ascontiguousarray(poses[:, :3]), matrices_from_quaternions(quaternions)
 
 

@@ -19,6 +19,11 @@ Everything past these functions may trust its arrays: float64, C-contiguous, fin
 
 from __future__ import annotations
 
+import math
+import sys
+import warnings
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -32,6 +37,10 @@ MAX_MAGNITUDE = 1e300
 #: Largest entry of R^T R - I that still counts as a rotation that was meant (interface).
 ORTHONORMAL_TOLERANCE = 1e-6
 
+#: How far from 1 the length of a quaternion may be without a warning: 0.7, 0.7 for a quarter turn
+#: is 1 % off. Farther off the numbers may be something else, such as angles.
+UNIT_TOLERANCE = 0.1
+
 #: Largest entry of R^T R - I kept bit for bit: 16 unit roundoffs, what products of a few
 #: rotations or the conversion of a quaternion leave behind. The certified test allows for it.
 ORTHONORMAL_ROUNDING = 2.0**-49
@@ -42,12 +51,24 @@ def _shape_text(shape: tuple[int | None, ...]) -> str:
     return f"({sizes[0]},)" if len(sizes) == 1 else f"({', '.join(sizes)})"
 
 
-def first_bad_row(bad: NDArray[np.bool_]) -> str:
-    """Return ' in row K' for the first row of ``bad`` with a True, '' for a single value."""
+def first_bad_row(bad: NDArray[np.bool_], numbers: NDArray[np.int64] | None = None) -> str:
+    """Return ' in row K' for the first row of ``bad`` with a True, '' for a single value.
+
+    numbers (n,): what the rows are called, where they are some of the rows that were given.
+    """
     if bad.ndim == 0:
         return ""
-    rows = bad.reshape(bad.shape[0], -1).any(axis=1)
-    return f" in row {int(np.argmax(rows))}"
+    row = int(np.argmax(bad.reshape(bad.shape[0], -1).any(axis=1)))
+    return f" in row {row if numbers is None else int(numbers[row])}"
+
+
+def warn_caller(message: str) -> None:
+    """Warn at the line that called this package."""
+    package = __name__.partition(".")[0]
+    frame, level = sys._getframe(1), 2
+    while frame.f_back is not None and frame.f_globals["__name__"].partition(".")[0] == package:
+        frame, level = frame.f_back, level + 1
+    warnings.warn(message, UserWarning, stacklevel=level)
 
 
 def as_array(value: ArrayLike, name: str, shape: tuple[int | None, ...]) -> Floats:
@@ -110,22 +131,39 @@ def as_half_extents(value: ArrayLike, name: str, shape: tuple[int | None, ...]) 
     return array + 0.0  # -0.0 becomes 0.0, so that equal boxes are equal bit for bit
 
 
-def as_quaternions(value: ArrayLike, name: str, shape: tuple[int | None, ...]) -> Floats:
+def as_quaternions(
+    value: ArrayLike,
+    name: str,
+    shape: tuple[int | None, ...],
+    numbers: NDArray[np.int64] | None = None,
+    warn: bool = True,
+) -> Floats:
     """Return unit quaternions x y z w, shape (4,) or (n, 4).
 
-    Raises ValueError for a quaternion of zero length. Scaled by its largest component first, so
-    that neither tiny nor huge ones under- or overflow.
+    Raises ValueError for a quaternion of zero length; unless told not to, warns of one whose length
+    is farther than UNIT_TOLERANCE from 1. Scaled by its largest component first, so that neither
+    tiny nor huge ones under- or overflow. numbers: as for ``first_bad_row``.
     """
     array = as_array(value, name, shape)
     largest = np.abs(array).max(axis=-1, keepdims=True, initial=0.0)
     zero = largest[..., 0] == 0.0
     if zero.any():
-        where = first_bad_row(zero) if shape[0] is None else ""
+        where = first_bad_row(zero, numbers) if shape[0] is None else ""
         raise ValueError(f"{name} must not be a zero quaternion{where}")
     scaled = array / largest
     norm: Floats = np.sqrt((scaled * scaled).sum(axis=-1, keepdims=True))
+    far = np.abs((largest * norm)[..., 0] - 1.0) > UNIT_TOLERANCE
+    if warn and far.any():
+        where = first_bad_row(far, numbers) if shape[0] is None else ""
+        length = float((largest * norm)[..., 0].flat[int(np.argmax(far))])
+        warn_caller(f"{name} far from unit length{where}: {length:.3g}; taken as normalised")
     unit: Floats = scaled / norm
     return unit
+
+
+def is_far_from_unit(quaternion: Sequence[float]) -> bool:
+    """Return whether the length of a quaternion is farther than UNIT_TOLERANCE from 1."""
+    return abs(math.hypot(*quaternion) - 1.0) > UNIT_TOLERANCE
 
 
 def as_rotations(value: ArrayLike, name: str, shape: tuple[int | None, ...]) -> Floats:

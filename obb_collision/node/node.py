@@ -51,7 +51,7 @@ from obb_collision.node.subscriptions import INPUTS, Subscriptions
 from obb_collision.node.warm_up import WarmUp, warm_up
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.effects.settings import OFF, ON
-from obb_collision.scene.files import find_scene, load_scene
+from obb_collision.scene.files import describe_scene, find_scene
 
 NODE_NAME = "obb_collision"
 DIAGNOSTICS_PERIOD = 1.0
@@ -142,7 +142,7 @@ class CollisionNode(Node):
         """Read the scene file, if there is one, and take its settings as parameters."""
         if not self.parameters.scene_file:
             return None
-        description = load_scene(find_scene(self.parameters.scene_file))
+        description = describe_scene(find_scene(self.parameters.scene_file))
         for note in description.notes:
             self._say(f"{self.parameters.scene_file}: {note}")
         found = SceneFile(description)

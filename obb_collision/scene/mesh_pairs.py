@@ -179,7 +179,7 @@ class MeshPairs:
     def _places(self) -> tuple[Floats, Floats]:
         """Where the shapes are: boxes where their boxes are, others at their poses."""
         store, slots = self._store, self._slots
-        centers, rotations = as_poses(store.poses[slots])
+        centers, rotations = as_poses(store.poses[slots], warn=False)
         boxes = store.kinds[slots] == BOX
         centers[boxes], rotations[boxes] = (
             store.centers[slots[boxes]],

@@ -162,9 +162,10 @@ class ObjectStore:
                 f"poses must have one row an object, got {len(new)} for {len(rows)} objects"
             )
         moved = (self.poses[rows] != new).any(axis=1)
+        numbers = None
         if not moved.all() and len(np.unique(rows)) == len(rows):
-            rows, new = rows[moved], new[moved]
-        positions, rotations = as_poses(new)
+            rows, new, numbers = rows[moved], new[moved], np.flatnonzero(moved)
+        positions, rotations = as_poses(new, "poses", numbers)
         self.poses[rows] = new
         self._place(rows, positions, rotations)
 

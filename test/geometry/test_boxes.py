@@ -110,6 +110,7 @@ def test_a_zero_quaternion_is_refused_with_its_row() -> None:
         oc.Boxes.from_poses(poses, np.ones((3, 3)))
 
 
+@pytest.mark.filterwarnings("ignore:.*far from unit length")
 @given(st.integers(-900, 900))
 def test_quaternions_of_any_length_are_normalised(power: int) -> None:
     rotation = Rotation.from_rotvec([0.3, -0.4, 0.5])

@@ -231,6 +231,7 @@ extents = st.tuples(*3 * [st.floats(0.0, 1e300)])
 quaternions = st.tuples(*4 * [st.floats(-1.0, 1.0)]).filter(any)
 
 
+@pytest.mark.filterwarnings("ignore:.*far from unit length")
 @settings(max_examples=300)
 @given(vectors, quaternions, extents, st.one_of(vectors, st.none()), quaternions, extents)
 def test_any_doubles_at_all(

@@ -163,6 +163,7 @@ extents = st.tuples(*3 * [st.floats(0.0, 1e300)])
 quaternions = st.tuples(*4 * [st.floats(-1.0, 1.0)]).filter(any)
 
 
+@pytest.mark.filterwarnings("ignore:.*far from unit length")
 @settings(max_examples=300)
 @given(vectors, vectors, vectors, quaternions, quaternions, quaternions, extents, extents)
 def test_any_doubles_at_all(

@@ -22,6 +22,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import trimesh
 import yaml
 from hypothesis import given
 from hypothesis import strategies as st
@@ -201,6 +202,52 @@ def test_what_is_wrong_is_told_by_line_and_key(text: str, tmp_path: Path) -> Non
     with pytest.raises(SceneFileError) as error:
         load_scene(path)
     assert REFUSED[text] in str(error.value)
+
+
+def test_meshes_may_be_files_as_in_motion_bench_maker(tmp_path: Path) -> None:
+    folder = tmp_path / "kitchen_scenes"  # as a clone of the package has it, without ROS
+    (folder / "scenes" / "meshes").mkdir(parents=True)
+    file = folder / "scenes" / "kitchen.yaml"
+    file.write_text((FOLDER / "kitchen.yaml").read_text())
+    trimesh.creation.box((1.0, 2.0, 4.0)).export(folder / "scenes" / "meshes" / "door.stl")
+    description = load_scene(file)
+    assert description.names == ["front", "side/0", "side/1", "can"]
+    front, side, other, _ = (thing.shape for thing in description.objects)
+    assert isinstance(front, oc.Mesh)
+    assert front is side  # read once
+    assert isinstance(other, oc.Mesh)
+    assert other.scale == (0.5, 0.5, 0.25)
+    boxes = description.build().boxes
+    np.testing.assert_allclose(np.sort(boxes.half_extents[0]), [0.5, 1.0, 2.0], rtol=1e-12)
+    np.testing.assert_allclose(np.sort(boxes.half_extents[2]), [0.25, 0.5, 0.5], rtol=1e-12)
+    np.testing.assert_allclose(boxes.centers[:3], [[0, 0, 0], [3, 0, 0], [3, 0, 5]], atol=1e-12)
+    (folder / "scenes" / "meshes" / "door.stl").unlink()
+    with pytest.raises(SceneFileError) as error:
+        load_scene(file)
+    first, second, *_ = str(error.value).splitlines()
+    assert ":7: world.collision_objects[0].meshes[0].resource: mesh file " in first
+    assert first.endswith("door.stl: there is no such file")
+    assert ":14: world.collision_objects[1].meshes[0].resource: " in second
+
+
+MESH_FILES = {
+    "{resource: a.stl}": "meshes[0].resource: mesh file",
+    "{resource: 'package://nobody/a.stl'}": "meshes[0].resource: mesh file package://nobody/a.stl",
+    "{resource: 'http://a/b.stl'}": "only paths, file:// and package:// URIs can be read",
+    "{resource: a.stl, dimensions: [1, 0, 1]}": "meshes[0].dimensions: must be 3 positive numbers",
+    "{resource: a.stl, vertices: []}": "meshes[0].vertices: unknown key; there are resource, dim",
+    "{dimensions: [1, 1, 1]}": "meshes[0].dimensions: unknown key",
+    "{resource: [a]}": "meshes[0].resource: must be a path or a file:// or package:// URI, got [a]",
+}
+
+
+@pytest.mark.parametrize("mesh", MESH_FILES, ids=range(len(MESH_FILES)))
+def test_mesh_files_that_cannot_be_used_are_refused(mesh: str, tmp_path: Path) -> None:
+    path = tmp_path / "scene.yaml"
+    path.write_text(f"world: {{collision_objects: [{{id: a, meshes: [{mesh}]}}]}}")
+    with pytest.raises(SceneFileError) as error:
+        load_scene(path)
+    assert MESH_FILES[mesh] in str(error.value)
 
 
 def test_one_unknown_frame_is_that_of_the_scene(tmp_path: Path) -> None:

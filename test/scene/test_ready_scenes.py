@@ -153,7 +153,7 @@ def test_a_steady_motion_starts_again_after_its_period(tmp_path: Path) -> None:
 
 def test_a_lidar_sees_the_near_sides_of_boxes_and_the_floor() -> None:
     lidar = Lidar(5000, 8.0, (0.0, 0.0, 1.5), seed=3)
-    poses = np.array([[3, 0, 1, 0, 0, 0.5, 1], [6, 0, 1, 0, 0, 0, 1.0]])
+    poses = np.array([[3, 0, 1, 0, 0, np.sin(0.46), np.cos(0.46)], [6, 0, 1, 0, 0, 0, 1.0]])
     boxes = oc.Boxes.from_poses(poses, np.tile([0.5, 1.0, 1.0], (2, 1)))
     points = lidar.scan(boxes, 0.5)
     assert points.dtype == np.float32

@@ -68,7 +68,7 @@ REFUSED = {
     "objects:\n- {name: a, shape: box, size: [1, 0x10, 1]}": "3 positive numbers",
     "objects:\n- {name: a, shape: box, size: [1, 1_0, 1]}": "3 positive numbers",
     "objects:\n- {name: a, shape: box, size: [1, [1], 1]}": "3 positive numbers, got [1, [1], 1]",
-    "objects:\n- {name: a, shape: box, size: &s [1, *s, 1]}": "objects[0].size: must be 3 positive",
+    "objects:\n- {name: a, shape: box, size: &s [1, *s, 1]}": ":2: &s contains itself",
     "objects:\n- {name: a, shape: sphere, size: [1, 1, 1]}": ".size: unknown key; ",
     "objects:\n- {name: a, shape: sphere, radius: 0}": (
         ".radius: must be a positive number, got 0"
@@ -121,7 +121,10 @@ REFUSED = {
     f"objects: [{BOX}]\naccuracy: {{a: fine}}": "accuracy.a: must be one of sphere",
     f"objects: [{BOX}]\naccuracy: {{b: obb}}": "accuracy.b: b is no group, object or pattern",
     f"objects: [{BOX}]\npadding: -1": "padding: must be a number, not negative, got -1",
-    f"objects: [{BOX}]\ntime_budget: 0": "time_budget: must be a positive number, got 0",
+    f"objects: [{BOX}]\ntime_budget: 0": (
+        "time_budget: must be seconds, above 0 and at most 1, got 0"
+    ),
+    f"objects: [{BOX}]\ntime_budget: 5": "must be seconds, above 0 and at most 1, got 5",
     f"objects: [{BOX}]\neffects: on": "effects: must be a mapping (key: value), got on",
     f"objects: [{BOX}]\neffects: {{seperations: on}}": "did you mean separations?",
     f"objects: [{BOX}]\neffects: {{separations: maybe}}": "must be one of off, auto, on, got maybe",
@@ -146,7 +149,7 @@ MOTIONS = {
     "3": "objects[0].motion: must be a mapping",
     "{}": "objects[0].motion: must be a mapping with twist, waypoints or follow, got {}",
     "{twist: [1, 0, 0]}": "motion.twist: must be 6 numbers",
-    "{twist: [1, 0, 0, 0, 0, 0], period: 0}": "period: must be a positive number",
+    "{twist: [1, 0, 0, 0, 0, 0], period: 0}": "period: must be seconds from 0.001 to",
     "{twist: [1, 0, 0, 0, 0, 0], waypoints: []}": "waypoints: a motion by waypoints has no twist",
     "{waypoints: [[0, 0, 0], [1, 0, 0]]}": "motion: needs period",
     "{waypoints: [[0, 0, 0]], period: 1}": "must be at least 2 waypoints",

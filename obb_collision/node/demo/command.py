@@ -25,6 +25,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, TextIO
 
+from obb_collision.geometry.words import printable
 from obb_collision.node.demo.layout import DEFAULT_OBJECTS, DEFAULT_SEED, MIN_OBJECTS
 from obb_collision.node.demo.scene import DemoScene
 from obb_collision.node.environment import SIGNALS, is_ros_here, set_defaults
@@ -32,8 +33,8 @@ from obb_collision.scene.files import (
     READY,
     SceneDescription,
     SceneFileError,
+    describe_scene,
     find_scene,
-    load_scene,
 )
 
 if TYPE_CHECKING:
@@ -125,7 +126,7 @@ def _description(text: str) -> tuple[SceneDescription, Path]:
     """Convert for argparse: what a scene file says, and where it is."""
     try:
         file = find_scene(text)
-        description = load_scene(file)
+        description = describe_scene(file)
     except SceneFileError as error:
         raise argparse.ArgumentTypeError(str(error)) from None
     if not description.objects:
@@ -202,7 +203,9 @@ def _scene(options: argparse.Namespace) -> DemoScene | FileScene:
     from obb_collision.node.demo.file_scene import FileScene
 
     description, file = options.scene
-    _say(f"scene {description.name}: {description.description or file}")
+    _say(f"scene {description.name}: {description.description or printable(str(file))}")
+    for note in description.notes:
+        _say(f"note: {note}")
     return FileScene(description, file)
 
 

@@ -24,7 +24,7 @@ from obb_collision.scene.files.description import (
     SceneObject,
 )
 from obb_collision.scene.files.errors import SceneFileError
-from obb_collision.scene.files.load import READY, find_scene, load_scene
+from obb_collision.scene.files.load import READY, describe_scene, find_scene, load_scene
 
 __all__ = [
     "READY",
@@ -33,6 +33,7 @@ __all__ = [
     "SceneDescription",
     "SceneFileError",
     "SceneObject",
+    "describe_scene",
     "find_scene",
     "load_scene",
 ]

@@ -97,7 +97,7 @@ class SceneDescription:
 
     groups: patterns by name; accuracies: patterns and their accuracy, of several the last one
     counts; time_budget: seconds a check may take, None for no budget; notes: what the file holds
-    that is left out, in words.
+    that is left out or odd, in words.
     """
 
     name: str
@@ -153,16 +153,24 @@ class SceneDescription:
         """Return poses (n, 7) and twists (n, 6) of the objects' origins at a time (s)."""
         things = {thing.name: thing for thing in self.objects}
         known: dict[str, State] = {}
-        rows = [_state(things, name, time, known) for name in things]
+        begun: dict[str, State] = known if time == 0.0 else {}
+        rows = [_state(things, name, time, known, begun) for name in things]
         poses = np.array([pose for pose, _ in rows], np.float64).reshape(-1, 7)
         twists = np.array([twist for _, twist in rows], np.float64).reshape(-1, 6)
         return poses, twists
 
 
 def _state(
-    things: Mapping[str, SceneObject], name: str, time: float, known: dict[str, State]
+    things: Mapping[str, SceneObject],
+    name: str,
+    time: float,
+    known: dict[str, State],
+    begun: dict[str, State],
 ) -> State:
-    """Return the state of one object, that of whom it follows first."""
+    """Return the state of one object, that of whom it follows first.
+
+    known, begun: those found so far, at this time and at the start, each computed once.
+    """
     if name in known:
         return known[name]
     thing = things[name]
@@ -170,9 +178,9 @@ def _state(
     if thing.motion is None:
         state: State = start, AT_REST
     elif isinstance(thing.motion, Follow):
-        pose, twist = _state(things, thing.motion.name, time, known)
+        pose, twist = _state(things, thing.motion.name, time, known, begun)
         if thing.motion.loop is None:
-            begin = _state(things, thing.motion.name, 0.0, {})[0]
+            begin = _state(things, thing.motion.name, 0.0, begun, begun)[0]
             inner = compose(inverse(_united(begin)), _united(start)), AT_REST
         else:
             inner = thing.motion.loop.state(start, time)

@@ -20,12 +20,16 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import NamedTuple
 
+from obb_collision.geometry.words import MAX_PATH, printable
+
 #: Problems told at once; a file with more has one cause.
 MAX_PROBLEMS = 20
+#: Most characters of a problem's reason that are shown.
+MAX_REASON = 500
 
 
 class Problem(NamedTuple):
-    """What is wrong, at which line (from 1) and key (empty: the whole file)."""
+    """What is wrong, at which line (from 1; 0: the file itself) and key (empty: all of it)."""
 
     line: int
     key: str
@@ -33,25 +37,33 @@ class Problem(NamedTuple):
 
 
 class SceneFileError(ValueError):
-    """A scene file that can't be used: ``problems``, each named ``file:line: key: reason``."""
+    """A scene file that can't be used: ``problems``, each named ``file:line: key: reason``.
+
+    The message can be printed and sent whatever is in the file or its name.
+    """
 
     def __init__(self, file: str, problems: Sequence[Problem]) -> None:
         self.file = file
         self.problems = tuple(sorted(problems, key=lambda problem: problem.line))
-        lines = [
-            f"{file}:{line}: {key}: {reason}" if key else f"{file}:{line}: {reason}"
-            for line, key, reason in self.problems[:MAX_PROBLEMS]
-        ]
+        lines = [_told(file, problem) for problem in self.problems[:MAX_PROBLEMS]]
         rest = len(self.problems) - MAX_PROBLEMS
         super().__init__("\n".join(lines + ([f"and {rest} more"] if rest > 0 else [])))
 
 
+def _told(file: str, problem: Problem) -> str:
+    place = file if len(file) <= MAX_PATH else f"...{file[-100:]}"
+    where = f"{place}:{problem.line}" if problem.line else place
+    reason = problem.reason if len(problem.reason) <= MAX_REASON else problem.reason[:MAX_REASON]
+    return printable(f"{where}: {problem.key}: {reason}" if problem.key else f"{where}: {reason}")
+
+
 class Problems:
-    """Collects what is wrong with a file, so that all of it is told at once."""
+    """Collects what is wrong with a file, so that all of it is told at once, and what is odd."""
 
     def __init__(self, file: str) -> None:
         self.file = file
         self.found: list[Problem] = []
+        self.odd: list[Problem] = []
 
     @contextmanager
     def kept(self) -> Iterator[None]:
@@ -60,6 +72,10 @@ class Problems:
             yield
         except SceneFileError as error:
             self.found += error.problems
+
+    def doubts(self) -> tuple[str, ...]:
+        """Return what is odd but can be used, one line each."""
+        return tuple(_told(self.file, problem) for problem in self.odd)
 
     def finish(self) -> None:
         """Raise SceneFileError if there were any."""

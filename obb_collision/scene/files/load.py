@@ -23,11 +23,13 @@ from importlib.metadata import PackageNotFoundError, files
 from pathlib import Path
 
 from obb_collision.geometry.shapes import resolve_path
+from obb_collision.geometry.validation import warn_caller
 from obb_collision.scene.files.description import SceneDescription
 from obb_collision.scene.files.errors import Problem, SceneFileError
 from obb_collision.scene.files.moveit import MARKS, read_planning_scene
 from obb_collision.scene.files.native import read_scene
 from obb_collision.scene.files.reading import parse, read_text
+from obb_collision.scene.files.values import Value
 
 PACKAGE = "obb_collision"
 #: Names of the scenes in the folder ``config`` of the package.
@@ -38,10 +40,26 @@ def load_scene(path: str | Path) -> SceneDescription:
     """Return what a scene file says: one of this package, or a MoveIt planning scene, as YAML.
 
     Which of them it is tell its keys. Raises SceneFileError, a ValueError, that names file, line
-    and key of everything that is wrong with it.
+    and key of everything that is wrong with it. What is left out or odd is in the notes of the
+    result; a quaternion far from unit length is warned about, too.
     """
-    file = Path(path)
-    top = parse(str(path), read_text(file))
+    description, doubts = _load(Path(path))
+    for doubt in doubts:
+        warn_caller(doubt)
+    return description
+
+
+def describe_scene(path: str | Path) -> SceneDescription:
+    """Return what ``load_scene`` does, for who tells all its notes: without a warning."""
+    return _load(Path(path))[0]
+
+
+def _load(file: Path) -> tuple[SceneDescription, tuple[str, ...]]:
+    top = parse(str(file), read_text(file))
+    return _read(top, file), top.problems.doubts()
+
+
+def _read(top: Value, file: Path) -> SceneDescription:
     if top.peek("objects") is not None:
         return read_scene(top, file)
     if any(top.peek(mark) is not None for mark in MARKS):
@@ -63,7 +81,7 @@ def find_scene(name: str) -> Path:
         if (folder / f"{name}.yaml").is_file():
             return folder / f"{name}.yaml"
     reason = f"there is no such file; the scenes of the package are {', '.join(READY)}"
-    raise SceneFileError(name, [Problem(1, "", reason)])
+    raise SceneFileError(name, [Problem(0, "", reason)])
 
 
 def _config_folders() -> Iterator[Path]:
@@ -76,5 +94,5 @@ def _config_folders() -> Iterator[Path]:
     for entry in installed:
         if entry.name == f"{READY[0]}.yaml":
             yield Path(str(entry.locate())).resolve().parent
-    with suppress(ValueError):  # without ROS there are no packages
+    with suppress(ValueError, OSError):  # without ROS there are no packages
         yield resolve_path(f"package://{PACKAGE}/config")

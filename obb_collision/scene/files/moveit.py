@@ -24,7 +24,9 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+from obb_collision.geometry.words import printable
 from obb_collision.scene.files.description import AllowedRule, Color, SceneDescription, SceneObject
+from obb_collision.scene.files.mesh_files import MeshFiles
 from obb_collision.scene.files.moveit_matrix import read_matrix, rules_between
 from obb_collision.scene.files.moveit_objects import IDENTITY, Frames, read_object, read_pose
 from obb_collision.scene.files.values import Value, items_of
@@ -42,15 +44,16 @@ MARKS = ("world", "allowed_collision_matrix", "robot_state", "robot_model_name")
 
 def read_planning_scene(top: Value, path: Path) -> SceneDescription:
     """Return what a planning scene says. Raises SceneFileError with everything wrong with it."""
-    return _PlanningScene(top).description(path)
+    return _PlanningScene(top, path).description(path)
 
 
 class _PlanningScene:
     """A planning scene that is being read."""
 
-    def __init__(self, top: Value) -> None:
+    def __init__(self, top: Value, path: Path) -> None:
         self._problems = top.problems
         self._fields = top.fields(KEYS)
+        self._files = MeshFiles(path.parent)
         self._frames = Frames()
         self._objects: list[SceneObject] = []
         self._matrix: list[AllowedRule] = []
@@ -77,24 +80,26 @@ class _PlanningScene:
                 name = self._fields["name"].label()
         self._problems.finish()
         return SceneDescription(
-            name or path.stem,
+            name or printable(path.stem),
             tuple(self._objects),
             allowed=(*self._matrix, *self._own_rules),
-            notes=tuple(self._notes),
+            notes=(*self._problems.doubts(), *self._notes),
         )
 
     def _read_frames(self, value: Value) -> None:
         for item in value.items():
             with self._problems.kept():
                 fields = item.fields(("header", "child_frame_id", "transform"), ("child_frame_id",))
-                pose = read_pose(fields["transform"]) if "transform" in fields else None
-                self._frames.add(fields["child_frame_id"].text("the name of a frame"), pose)
+                frame = fields["child_frame_id"].text("the name of a frame")
+                self._frames.add(frame, None)  # known, whatever is wrong with its transform
+                if "transform" in fields:
+                    self._frames.add(frame, read_pose(fields["transform"]))
 
     def _read_world(self, value: Value) -> None:
         fields = value.fields(("collision_objects", "octomap"))
         for item in items_of(fields, "collision_objects"):
             with self._problems.kept():
-                self._take(item, read_object(item, self._frames.of_world(item)))
+                self._take(item, read_object(item, self._frames.of_world(item), self._files))
         octomap = fields["octomap"].peek("octomap") if "octomap" in fields else None
         data = octomap.peek("data") if octomap is not None else None
         if data is not None and data.is_list and data.items():
@@ -123,7 +128,7 @@ class _PlanningScene:
         fields = item.fields(ATTACHED, ("link_name", "object"))
         link = fields["link_name"].text("the name of a link")
         base = self._frames.of_link(fields["object"], link)
-        parts = read_object(fields["object"], IDENTITY if base is None else base)
+        parts = read_object(fields["object"], IDENTITY if base is None else base, self._files)
         name = (fields["object"].peek("id") or item).text()
         links = [link, *(word.text() for word in items_of(fields, "touch_links"))]
         for other in dict.fromkeys(links):

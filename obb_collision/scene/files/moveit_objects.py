@@ -16,10 +16,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from obb_collision.geometry.shapes import Box, Cone, Cylinder, Mesh, Shape, Sphere
 from obb_collision.scene.files.description import SceneObject
+from obb_collision.scene.files.mesh_files import MeshFiles
 from obb_collision.scene.files.motion import Pose, compose, unit
-from obb_collision.scene.files.places import NO_TURN
+from obb_collision.scene.files.objects import NO_SCALE, read_scale
+from obb_collision.scene.files.places import NO_TURN, settled
 from obb_collision.scene.files.values import Value
 
 KEYS = (
@@ -32,6 +36,7 @@ DIMENSIONS = {"box": 3, "sphere": 1, "cylinder": 2, "cone": 2}
 #: The operation ADD, as a number and as the byte that the message has.
 ADD = ("0", "\x00")
 IDENTITY: Pose = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+POSES = {"primitives": "primitive_poses", "meshes": "mesh_poses"}
 VECTOR, QUATERNION = ("x", "y", "z"), ("x", "y", "z", "w")
 
 
@@ -72,19 +77,20 @@ def _frame_id(value: Value) -> Value | None:
     return fields.get("frame_id")
 
 
-def read_object(value: Value, base: Pose) -> list[SceneObject]:
+def read_object(value: Value, base: Pose, files: MeshFiles) -> list[SceneObject]:
     """Return the parts of an object: one by its id, several by id/0, id/1 and so on.
 
-    base: the frame in which the object is given.
+    base: the frame in which the object is given; files: those of its meshes.
     """
     fields = value.fields(KEYS, ("id",))
     name = fields["id"].text("an id")
-    if "operation" in fields and fields["operation"].label() not in ADD:
+    if "operation" in fields and fields["operation"].node.value not in ADD:
+        fields["operation"].label()
         fields["operation"].expected("0 (ADD): a file can't remove or move objects")
     if "planes" in fields and fields["planes"].items():
         fields["planes"].refuse("a plane has no end and no box; use a large, flat box instead")
-    shapes = _read_shapes(fields, "primitives", "primitive_poses")
-    shapes += _read_shapes(fields, "meshes", "mesh_poses")
+    shapes = _read_shapes(fields, "primitives", _read_primitive)
+    shapes += _read_shapes(fields, "meshes", lambda mesh: _read_mesh(mesh, files))
     if not shapes:
         value.refuse("needs primitives or meshes")
     if "pose" in fields:
@@ -98,12 +104,14 @@ def read_object(value: Value, base: Pose) -> list[SceneObject]:
     ]
 
 
-def _read_shapes(fields: dict[str, Value], key: str, poses_key: str) -> list[tuple[Shape, Pose]]:
+def _read_shapes(
+    fields: dict[str, Value], key: str, read: Callable[[Value], Shape]
+) -> list[tuple[Shape, Pose]]:
+    poses_key = POSES[key]
     shapes = fields[key].items() if key in fields else []
     places = fields[poses_key].items() if poses_key in fields else []
     if places and len(places) != len(shapes):
         fields[poses_key].refuse(f"there are {len(shapes)} {key} and {len(places)} {poses_key}")
-    read = _read_primitive if key == "primitives" else _read_mesh
     poses = [read_pose(place) for place in places] or [IDENTITY] * len(shapes)
     return [(read(shape), pose) for shape, pose in zip(shapes, poses, strict=True)]
 
@@ -127,7 +135,18 @@ def _read_primitive(value: Value) -> Shape:
     return shape
 
 
-def _read_mesh(value: Value) -> Shape:
+def _read_mesh(value: Value, files: MeshFiles) -> Shape:
+    """Return a mesh of a message, or of the file ``resource``, scaled by ``dimensions``.
+
+    The latter is what MotionBenchMaker's scenes (robowflex) have; no message of ROS does.
+    """
+    if value.peek("resource") is not None:
+        fields = value.fields(("resource", "dimensions"), ("resource",))
+        scale = read_scale(fields["dimensions"]) if "dimensions" in fields else NO_SCALE
+        shape = files.mesh(fields["resource"], scale)
+        with value.reasons():
+            _ = shape.local_box
+        return shape
     fields = value.fields(("triangles", "vertices"), ("triangles", "vertices"))
     vertices = [_read_vector(point, VECTOR) for point in fields["vertices"].items()]
     last = len(vertices) - 1
@@ -160,7 +179,7 @@ def read_pose(value: Value) -> Pose:
     for key in ("orientation", "rotation"):
         if key in fields:
             x, y, z, w = _read_vector(fields[key], QUATERNION)
-            turn = (x, y, z, w) if any((x, y, z, w)) else NO_TURN
+            turn = settled(fields[key], (x, y, z, w)) if any((x, y, z, w)) else NO_TURN
     return (*place, *turn)
 
 

@@ -16,17 +16,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from itertools import product
 from pathlib import Path
 from types import MappingProxyType
 
+from obb_collision.geometry.words import printable
 from obb_collision.queries.accuracy import Accuracy
 from obb_collision.scene.files.description import AllowedRule, SceneDescription, Triple, View
 from obb_collision.scene.files.effects import read_effects
 from obb_collision.scene.files.lidar import Lidar
 from obb_collision.scene.files.objects import PATTERN_LETTERS, read_accuracy, read_objects
-from obb_collision.scene.files.values import Value, guess
+from obb_collision.scene.files.values import Value
 
 KEYS = (
     *("name", "description", "objects", "groups", "allowed", "accuracy", "padding"),
@@ -36,22 +37,27 @@ KEYS = (
 DEFAULT = "default"
 #: Most rays of a lidar: what large ones give in a turn, and more.
 MAX_RAYS = 10_000_000
+#: Most patterns that a word or a list stands for, and most pairs of them that may touch: all are
+#: compared with the names of all objects.
+MAX_PATTERNS, MAX_RULES = 1000, 100_000
+#: Largest time budget (s): with more, milliseconds were meant.
+MAX_BUDGET = 1.0
 
 
 def read_scene(top: Value, path: Path) -> SceneDescription:
     """Return what a file says. Raises SceneFileError with everything that is wrong with it."""
     problems = top.problems
     fields = top.fields(KEYS, ("objects",))
-    objects = read_objects(fields["objects"].items(), path.parent, problems)
-    words = Words({thing.name for thing in objects})
+    objects, named = read_objects(fields["objects"].items(), path.parent, problems)
+    words = Words(named)
     said: dict[str, object] = {}
     readers: dict[str, Callable[[Value], object]] = {
         "groups": words.read_groups,  # first: the others use them
         "name": Value.text,
-        "description": Value.text,
+        "description": Value.prose,
         "allowed": lambda value: _read_allowed(value, words),
         "padding": Value.not_negative,
-        "time_budget": Value.positive,
+        "time_budget": _read_budget,
         "effects": lambda value: MappingProxyType(read_effects(value, words.patterns)),
         "lidar": lambda value: _read_lidar(value, words),
         "view": _read_view,
@@ -64,13 +70,14 @@ def read_scene(top: Value, path: Path) -> SceneDescription:
         with problems.kept():
             said["accuracy"], said["accuracies"] = _read_accuracies(fields["accuracy"], words)
     problems.finish()
-    return SceneDescription(**{"name": path.stem, **said, "objects": tuple(objects)})  # type: ignore[arg-type]
+    given = {"name": printable(path.stem), "notes": problems.doubts(), **said}
+    return SceneDescription(**{**given, "objects": tuple(objects)})  # type: ignore[arg-type]
 
 
 class Words:
     """What a word in a file stands for: a group, an object, or a pattern of names."""
 
-    def __init__(self, names: set[str]) -> None:
+    def __init__(self, names: Collection[str]) -> None:
         self._names = names
         self._groups: dict[str, tuple[str, ...]] = {}
 
@@ -78,6 +85,7 @@ class Words:
         """Take the groups of a file."""
         for name, entry in value.entries().items():
             with value.problems.kept():
+                self._groups[name] = ()  # known, whatever is wrong with it
                 if name in self._names:
                     entry.refuse("an object has this name already")
                 if name == DEFAULT or any(letter in PATTERN_LETTERS + "/" for letter in name):
@@ -90,7 +98,12 @@ class Words:
         values = value.items() if value.is_list else [value]
         if not values:
             value.expected("a pattern, a group, or a list of them")
-        return tuple(pattern for item in values for pattern in self.meant(item, item.text()))
+        found: dict[str, None] = {}  # each once: groups of groups would double and double
+        for item in values:
+            found.update(dict.fromkeys(self.meant(item, item.text())))
+            if len(found) > MAX_PATTERNS:
+                value.refuse(f"these are more than {MAX_PATTERNS} patterns")
+        return tuple(found)
 
     def meant(self, value: Value, word: str) -> tuple[str, ...]:
         """Return the patterns of a word.
@@ -102,7 +115,7 @@ class Words:
             return self._groups[word]
         pattern = any(letter in PATTERN_LETTERS + "/" for letter in word)
         if not pattern and word not in self._names:
-            hint = guess(word, [*self._groups, *self._names])
+            hint = value.guess(word, [*self._groups, *self._names])
             value.refuse(f"{word} is no group, object or pattern{hint}")
         return (word,)
 
@@ -114,6 +127,8 @@ def _read_allowed(value: Value, words: Words) -> tuple[AllowedRule, ...]:
             if not entry.is_list or len(entry.items()) != 2:
                 entry.expected("a pair of groups, names or patterns")
             first, second = (words.patterns(item) for item in entry.items())
+            if len(rules) + len(first) * len(second) > MAX_RULES:
+                value.refuse(f"these are more than {MAX_RULES} pairs of patterns")
             rules += [AllowedRule(a, b) for a, b in product(first, second)]
     return tuple(rules)
 
@@ -145,6 +160,12 @@ def _read_lidar(value: Value, words: Words) -> Lidar:
         (place[0], place[1], place[2]),
         words.patterns(fields["sees"]) if "sees" in fields else Lidar.sees,
         fields["seed"].whole(0, 2**32 - 1) if "seed" in fields else Lidar.seed,
+    )
+
+
+def _read_budget(value: Value) -> float:
+    return value.number(
+        f"seconds, above 0 and at most {MAX_BUDGET:g}", lambda seconds: 0.0 < seconds <= MAX_BUDGET
     )
 
 

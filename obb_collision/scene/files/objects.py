@@ -27,15 +27,15 @@ from obb_collision.geometry.shapes import (
     Cylinder,
     Ellipsoid,
     Hull,
-    Mesh,
     Shape,
     Sphere,
 )
 from obb_collision.queries.accuracy import ALL_RUNGS, Accuracy, as_accuracy
 from obb_collision.scene.files.description import Color, SceneDescription, SceneObject, Triple
 from obb_collision.scene.files.errors import Problems
+from obb_collision.scene.files.mesh_files import MeshFiles
 from obb_collision.scene.files.motion import Follow, Loop, Motion, Pose
-from obb_collision.scene.files.motions import read_motion
+from obb_collision.scene.files.motions import MAX_MOVING, check_followers, read_motion
 from obb_collision.scene.files.places import quaternion_of
 from obb_collision.scene.files.values import Value
 
@@ -63,24 +63,33 @@ PATTERN_LETTERS = "*?[]"
 NO_SCALE: Triple = (1.0, 1.0, 1.0)
 
 
-def read_objects(values: list[Value], folder: Path, problems: Problems) -> list[SceneObject]:
-    """Return the objects; those that can't be used are problems, then the list is not complete."""
+def read_objects(
+    values: list[Value], folder: Path, problems: Problems
+) -> tuple[list[SceneObject], dict[str, None]]:
+    """Return the objects, and the names of all, in their order, with those that can't be used.
+
+    The latter are problems; what says something about them is not another one.
+    """
     objects: list[SceneObject] = []
+    named: dict[str, None] = {}
     lines: dict[str, int] = {}
-    meshes: dict[tuple[str, Triple], Mesh] = {}
     motions: dict[str, Value] = {}
+    files = MeshFiles(folder)
     for value in values:
+        name = value.peek("name")
+        if name is not None and isinstance(name.node.value, str):
+            named[name.node.value] = None
         with problems.kept():
-            thing = _read_object(value, folder, meshes)
+            thing = _read_object(value, files)
             if thing.name in lines:
                 first = f"the name {thing.name} stands twice, first in line {lines[thing.name]}"
-                (value.peek("name") or value).refuse(first)
+                (name or value).refuse(first)
             lines[thing.name] = value.line
             objects.append(thing)
             if thing.motion is not None:
                 motions[thing.name] = value.peek("motion") or value
-    _check_followers(objects, motions, problems)
-    return objects if problems.found else _placed(objects)
+    check_followers(objects, named, motions, problems)
+    return (objects if problems.found else _placed(objects)), named
 
 
 def read_accuracy(value: Value) -> Accuracy:
@@ -88,7 +97,7 @@ def read_accuracy(value: Value) -> Accuracy:
     return as_accuracy(value.choice(ALL_RUNGS))
 
 
-def _read_object(value: Value, folder: Path, meshes: dict[tuple[str, Triple], Mesh]) -> SceneObject:
+def _read_object(value: Value, files: MeshFiles) -> SceneObject:
     kind = value.peek("shape")
     if kind is None:
         value.fields((*KEYS, *ALL_SIZES), ("name", "shape"))  # says what is missing
@@ -101,7 +110,7 @@ def _read_object(value: Value, folder: Path, meshes: dict[tuple[str, Triple], Me
         fields["name"].refuse(f"must not hold any of {PATTERN_LETTERS}, got {name}")
     pose, motion = _read_place(fields)
     with value.reasons():
-        shape = _read_shape(word, fields, folder, meshes)
+        shape = _read_shape(word, fields, files)
         _ = shape.local_box  # fitted here, where a shape that has none can be refused
     return SceneObject(
         name,
@@ -123,13 +132,13 @@ def _read_place(fields: Fields) -> tuple[Pose, Motion | None]:
             fields["position"].refuse("the waypoints of the motion say where it is")
         return loop.poses[0], motion
     x, y, z = fields["position"].numbers(3) if "position" in fields else (0.0, 0.0, 0.0)
+    if motion is not None and max(abs(x), abs(y), abs(z)) > MAX_MOVING:
+        fields["position"].refuse(f"what moves must be within {MAX_MOVING:g} m")
     return (x, y, z, *turn), motion
 
 
-def _read_shape(
-    word: str, fields: Fields, folder: Path, meshes: dict[tuple[str, Triple], Mesh]
-) -> Shape:
-    scale = _read_scale(fields["scale"]) if "scale" in fields else NO_SCALE
+def _read_shape(word: str, fields: Fields, files: MeshFiles) -> Shape:
+    scale = read_scale(fields["scale"]) if "scale" in fields else NO_SCALE
     if word == "box":
         return Box(fields["size"].numbers(3, positive=True), scale)
     if word == "sphere":
@@ -143,13 +152,7 @@ def _read_shape(
         if not points:
             fields["points"].expected("points [x, y, z], at least one")
         return Hull(points, scale)
-    file = fields["file"].text("a path or a file:// or package:// URI")
-    key = (file, scale)
-    if key not in meshes:
-        with fields["file"].reasons():
-            path = file if "://" in file else folder / file
-            meshes[key] = Mesh.from_file(path, scale)
-    return meshes[key]
+    return files.mesh(fields["file"], scale)
 
 
 def _read_color(value: Value) -> Color:
@@ -162,7 +165,8 @@ def _read_color(value: Value) -> Color:
     return red, green, blue, opacity
 
 
-def _read_scale(value: Value) -> Triple:
+def read_scale(value: Value) -> Triple:
+    """Return a scale: one positive number, or three."""
     if value.is_list:
         x, y, z = value.numbers(3, positive=True)
         return x, y, z
@@ -179,22 +183,3 @@ def _placed(objects: list[SceneObject]) -> list[SceneObject]:
         else thing
         for thing, pose in zip(objects, poses.tolist(), strict=True)
     ]
-
-
-def _check_followers(
-    objects: list[SceneObject], motions: dict[str, Value], problems: Problems
-) -> None:
-    """Refuse who follows nobody, or, along a chain, itself."""
-    things = {thing.name: thing for thing in objects}
-    for thing in objects:
-        passed = [thing.name]
-        motion = thing.motion
-        with problems.kept():
-            while isinstance(motion, Follow):
-                if motion.name not in things:
-                    reason = f"follows {motion.name}, which is no object here"
-                    motions[passed[-1]].refuse(reason)
-                if motion.name in passed:
-                    motions[thing.name].refuse(f"follows itself: {' > '.join(passed)}")
-                passed.append(motion.name)
-                motion = things[motion.name].motion

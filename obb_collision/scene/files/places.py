@@ -16,25 +16,47 @@
 
 from __future__ import annotations
 
-from obb_collision.scene.files.motion import Quaternion, from_rpy
+from math import pi
+
+from obb_collision.geometry.validation import is_far_from_unit
+from obb_collision.scene.files.motion import Quaternion, from_rpy, unit
 from obb_collision.scene.files.values import Value
 
 NO_TURN: Quaternion = (0.0, 0.0, 0.0, 1.0)
+#: Largest angle (rad) taken for one in radians: a whole turn, and what rounding it to 6.3 adds.
+MAX_ANGLE = 6.3
 
 
 def quaternion_of(fields: dict[str, Value], default: Quaternion = NO_TURN) -> Quaternion:
     """Return the quaternion of the keys ``rpy`` (radians) or ``quaternion`` (x y z w).
 
-    It is as given, of any length but zero.
+    One of about length 1 is as given. Others, but for zero, are made so, which is odd.
     """
     if "quaternion" in fields and "rpy" in fields:
         fields["rpy"].refuse("there is a quaternion already; one of them is enough")
     if "rpy" in fields:
         roll, pitch, yaw = fields["rpy"].numbers(3)
+        check_angles(fields["rpy"], roll, pitch, yaw)
         return from_rpy(roll, pitch, yaw)
     if "quaternion" not in fields:
         return default
     x, y, z, w = fields["quaternion"].numbers(4)
     if x == y == z == w == 0.0:
         fields["quaternion"].refuse("must not be zero: without a rotation it is [0, 0, 0, 1]")
-    return x, y, z, w
+    return settled(fields["quaternion"], (x, y, z, w))
+
+
+def check_angles(value: Value, *angles: float) -> None:
+    """Refuse angles that can only be degrees."""
+    largest = max(abs(angle) for angle in angles)
+    if largest > MAX_ANGLE:
+        hint = f"{largest:g} degrees are {largest * pi / 180.0:.6g}"
+        value.refuse(f"angles are in radians, at most a turn; {hint}, got {value.shown()}")
+
+
+def settled(value: Value, quaternion: Quaternion) -> Quaternion:
+    """Return a quaternion that is not zero as it is; far from length 1 normalised, which is odd."""
+    if not is_far_from_unit(quaternion):
+        return quaternion
+    value.doubt(f"a quaternion far from unit length, taken as normalised, got {value.shown()}")
+    return unit(quaternion)

@@ -25,14 +25,19 @@ from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from difflib import get_close_matches
+from itertools import islice
 from typing import NoReturn
 
 import yaml
 
 from obb_collision.geometry.validation import MAX_MAGNITUDE
-from obb_collision.scene.files.errors import Problem, Problems, SceneFileError
+from obb_collision.geometry.words import MAX_NAME, printable, text_fault
+from obb_collision.scene.files.errors import MAX_PROBLEMS, Problem, Problems, SceneFileError
 
-NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", re.ASCII)
+#: No two parts of it take the same digits, so what is none is seen in one pass.
+NUMBER = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?", re.ASCII)
+#: Most characters of a number: the longest that a float needs, written out.
+MAX_NUMBER = 1100
 NULL = "tag:yaml.org,2002:null"
 #: Tags of plain YAML; others ask for objects to be made, which is never done.
 PLAIN_TAGS = frozenset(
@@ -42,6 +47,10 @@ PLAIN_TAGS = frozenset(
 TRUE, FALSE = ("true", "yes", "on"), ("false", "no", "off")
 #: How much of a refused value is shown: levels of lists, items of a list, letters in all.
 SHOWN_LEVELS, SHOWN_ITEMS, SHOWN_LETTERS = 3, 8, 60
+#: Most words compared with one that is unknown, and most of them listed.
+MAX_GUESSES, MAX_LISTED = 500, 20
+#: Most characters of a text for people.
+MAX_PROSE = 10_000
 
 
 @dataclass(frozen=True)
@@ -54,7 +63,7 @@ class Value:
 
     def __post_init__(self) -> None:
         if self.node.tag not in PLAIN_TAGS:
-            self.refuse(f"tags are not read, got {self.node.tag}")
+            self.refuse(f"tags are not read, got {self.node.tag[:SHOWN_LETTERS]}")
 
     @property
     def line(self) -> int:
@@ -69,13 +78,17 @@ class Value:
         """Raise SceneFileError that names this value."""
         raise SceneFileError(self.problems.file, [self.problem(reason)])
 
+    def doubt(self, reason: str) -> None:
+        """Say that this value is odd, though it can be used."""
+        self.problems.odd.append(self.problem(reason))
+
     def expected(self, what: str) -> NoReturn:
         """Raise SceneFileError: must be ``what``, got something else."""
         self.refuse(f"must be {what}, got {self.shown()}")
 
     def shown(self) -> str:
         """Return the value for people, shortened."""
-        text = _shown(self.node, SHOWN_LEVELS)
+        text = printable(_shown(self.node, SHOWN_LEVELS))
         return text if len(text) <= SHOWN_LETTERS else text[: SHOWN_LETTERS - 3] + "..."
 
     @property
@@ -132,26 +145,50 @@ class Value:
             yield
         except SceneFileError:
             raise
-        except ValueError as error:
-            self.refuse(str(error))
+        except (ValueError, OSError, MemoryError) as error:
+            self.refuse(str(error) or type(error).__name__)
 
     def fields(self, known: Collection[str], required: Collection[str] = ()) -> dict[str, Value]:
         """Return the values of a mapping with known keys; others are problems, with a guess."""
         found = self.entries()
         for name in [name for name in found if name not in known]:
             value = found.pop(name)
-            self.problems.found.append(value.problem(f"unknown key{guess(name, known)}"))
+            self.problems.found.append(value.problem(f"unknown key{self.guess(name, known)}"))
         given = {name: value for name, value in found.items() if not value.is_empty}
         missing = [name for name in required if name not in given]
         if missing:
             self.refuse(f"needs {', '.join(missing)}")
         return given
 
-    def text(self, what: str = "a word") -> str:
-        """Return a word, quoted or not."""
+    def guess(self, word: str, known: Collection[str]) -> str:
+        """Return what an unknown word was perhaps meant to be, as the end of a sentence."""
+        if len(self.problems.found) >= MAX_PROBLEMS:  # nobody is told so many
+            return ""
+        near = list(islice(known, MAX_GUESSES))
+        close = get_close_matches(word, near, 1)
+        if close:
+            return f"; did you mean {close[0]}?"
+        more = ", ..." if len(known) > MAX_LISTED else ""
+        return f"; there are {', '.join(near[:MAX_LISTED])}{more}" if near else ""
+
+    def text(self, what: str = "a word", most: int = MAX_NAME) -> str:
+        """Return a word, quoted or not, that can be printed and sent."""
         if not isinstance(self.node, yaml.ScalarNode) or self.is_empty or not self.node.value:
             self.expected(what)
+        fault = text_fault(self.node.value, most)
+        if fault is not None:
+            self.refuse(fault)
         return str(self.node.value)
+
+    def prose(self) -> str:
+        """Return text for people, which may have lines."""
+        if not isinstance(self.node, yaml.ScalarNode) or self.is_empty:
+            self.expected("text")
+        text = str(self.node.value)
+        fault = text_fault(text.replace("\n", " ").replace("\t", " ") or " ", MAX_PROSE)
+        if fault is not None:
+            self.refuse(fault)
+        return text
 
     def label(self) -> str:
         """Return a word that may be empty, or missing."""
@@ -208,17 +245,9 @@ def items_of(fields: dict[str, Value], key: str) -> list[Value]:
     return fields[key].items() if key in fields else []
 
 
-def guess(word: str, known: Collection[str]) -> str:
-    """Return what an unknown word was perhaps meant to be, as the end of a sentence."""
-    close = get_close_matches(word, known, 1)
-    if close:
-        return f"; did you mean {close[0]}?"
-    return f"; there are {', '.join(known)}" if known else ""
-
-
 def _as_number(node: yaml.Node) -> float | None:
     plain = isinstance(node, yaml.ScalarNode) and node.style is None and node.tag in PLAIN_TAGS
-    if not plain or NUMBER.fullmatch(node.value) is None:
+    if not plain or len(node.value) > MAX_NUMBER or NUMBER.fullmatch(node.value) is None:
         return None
     number = float(node.value)
     return number if abs(number) <= MAX_MAGNITUDE else None
@@ -228,7 +257,8 @@ def _shown(node: yaml.Node, levels: int) -> str:
     if isinstance(node, yaml.ScalarNode):
         if node.tag == NULL:
             return "nothing"
-        return str(node.value) if node.style is None else repr(node.value)
+        text = str(node.value[:SHOWN_LETTERS])
+        return text if node.style is None else repr(text)
     brackets = "[{}]" if isinstance(node, yaml.SequenceNode) else "{{{}}}"
     if levels == 0:
         return brackets.format("...")
