@@ -40,6 +40,7 @@ def some(count: int, seed: int) -> tuple[list[str], np.ndarray, np.ndarray]:
     return names, sizes, poses
 
 
+@pytest.mark.filterwarnings("ignore:.*far from unit length")
 def test_boxes_added_at_once_are_those_added_one_by_one() -> None:
     one, many = oc.Scene(padding=0.01), oc.Scene(padding=0.01)
     for seed in range(4):  # later ones replace some of the earlier ones
