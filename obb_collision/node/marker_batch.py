@@ -1,0 +1,275 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The markers of several messages, taken together: which of them count in the end.
+
+Actions are applied in order, but of the states of an object only the last one that can be used is
+worth the time: a backlog is worked off at once, however many messages it has. DELETEALL cancels
+what came before it; nothing else is left out that the order would not have undone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from visualization_msgs.msg import Marker
+
+from obb_collision._jit import njit
+from obb_collision.node.conversions import (
+    LARGEST_COORDINATE,
+    NANOSECONDS,
+    SMALLEST_MEANT,
+    FloatArray,
+    Key,
+    pose_faults,
+)
+from obb_collision.node.errors import RefusedError
+from obb_collision.node.marker_scan import (
+    ACTION,
+    FRAME,
+    ID,
+    LIFETIME_NANOSEC,
+    LIFETIME_SEC,
+    LOCKED,
+    NS,
+    SAME_FRAME,
+    SAME_NS,
+    STAMP_NANOSEC,
+    STAMP_SEC,
+    TYPE,
+    Scanned,
+)
+from obb_collision.node.names import check_name, shortened
+from obb_collision.node.object_table import ID_BITS, ID_OFFSET, NEVER
+
+Rows = npt.NDArray[np.int64]
+Mask = npt.NDArray[np.bool_]
+
+SHORTEST_LIFETIME = 100_000
+"""RViz takes a marker lifetime up to this (ns) as none."""
+PRIMITIVES = (Marker.CUBE, Marker.SPHERE, Marker.CYLINDER)
+"""Types whose shape is the type and the scale, and nothing more."""
+GOOD = -1
+
+
+class Gathered:
+    """The markers of messages in order, n of them, as arrays.
+
+    part, row: the message each is from, and which it is there. ns, frame: indices of names.
+    """
+
+    def __init__(self, parts: Sequence[Scanned], received: Sequence[int]) -> None:
+        self.parts = parts
+        sizes = [len(part) for part in parts]
+        self.part = np.repeat(np.arange(len(parts)), sizes)
+        self.row = np.concatenate([np.arange(size) for size in sizes])
+        whole = np.concatenate([part.integers for part in parts])
+        self.floats: FloatArray = np.concatenate([part.floats for part in parts])
+        self.received = np.asarray(received, np.int64)[self.part]
+        self.id, self.type, self.action = whole[:, ID], whole[:, TYPE], whole[:, ACTION]
+        self.locked = whole[:, LOCKED] != 0
+        self.stamp_parts = whole[:, STAMP_SEC], whole[:, STAMP_NANOSEC]
+        self.stamp = self.stamp_parts[0] * NANOSECONDS + self.stamp_parts[1]
+        lifetime = whole[:, LIFETIME_SEC] * NANOSECONDS + whole[:, LIFETIME_NANOSEC]
+        lives = lifetime > SHORTEST_LIFETIME
+        self.expiry = np.where(lives, self.received + np.where(lives, lifetime, 0), NEVER)
+        self.ns, self.namespaces, self.bad_namespaces = _names(parts, NS, SAME_NS, "namespace")
+        self.frame, self.frames, self.bad_frames = _names(parts, FRAME, SAME_FRAME, "frame")
+
+    def __len__(self) -> int:
+        return len(self.row)
+
+    @property
+    def poses(self) -> FloatArray:
+        """(n, 7) as given."""
+        return self.floats[:, :7]
+
+    @property
+    def scales(self) -> FloatArray:
+        """(n, 3) as given."""
+        return self.floats[:, 7:]
+
+    def key(self, row: int) -> Key:
+        """Key of a marker; a namespace that can't be used is shortened."""
+        return self.namespaces[self.ns[row]], int(self.id[row])
+
+
+def _names(
+    parts: Sequence[Scanned], column: int, same: int, what: str
+) -> tuple[Rows, list[str], dict[int, RefusedError]]:
+    """Return the indices (n,) of texts, the texts, and what is wrong with some of them."""
+    known: dict[bytes, int] = {}
+    indices = []
+    for part in parts:
+        starts = np.flatnonzero(part.integers[:, same] == 0)
+        found = [known.setdefault(part.text(row, column), len(known)) for row in starts.tolist()]
+        lengths = np.diff(np.append(starts, len(part)))
+        indices.append(np.repeat(np.array(found, np.int64), lengths))
+    names, faults = [], {}
+    for index, data in enumerate(known):
+        name = data.decode(errors="replace")
+        try:
+            if "\ufffd" in name and data != name.encode():
+                raise RefusedError("bad name", f"{what} must be UTF-8")
+            check_name(name, what)
+        except RefusedError as error:
+            faults[index] = error
+            name = shortened(name)
+        names.append(name)
+    return np.concatenate(indices), names, faults
+
+
+class Faults:
+    """What is wrong with markers: ``number`` (n,) into ``errors``, GOOD for nothing.
+
+    of_shape: by error, whether it is the shape that can't be used, and not the pose.
+    """
+
+    def __init__(self, count: int) -> None:
+        self.number = np.full(count, GOOD, np.int64)
+        self.errors: list[RefusedError] = []
+        self.of_shape: list[bool] = []
+
+    def note(self, bad: Mask, error: RefusedError, of_shape: bool = False) -> None:
+        """Note what is wrong with markers, of which nothing was known to be wrong so far."""
+        bad = bad & (self.number == GOOD)
+        if bad.any():
+            self.number[bad] = len(self.errors)
+            self.errors.append(error)
+            self.of_shape.append(of_shape)
+
+
+def find_faults(markers: Gathered, index_frame: Callable[[str], int]) -> Faults:
+    """Return what is wrong with markers, as far as it can be seen at once.
+
+    index_frame: returns the index of a frame, or raises RefusedError.
+    """
+    faults = Faults(len(markers))
+    deletes = (markers.action == Marker.DELETE) | (markers.action == Marker.DELETEALL)
+    adds = markers.action == Marker.ADD
+    faults.note(~(adds | deletes), RefusedError("unknown action"), of_shape=True)
+    for index, error in markers.bad_namespaces.items():
+        faults.note(adds & (markers.ns == index), error, of_shape=True)
+    seconds, rest = markers.stamp_parts
+    faults.note(adds & ((seconds < 0) | (rest >= NANOSECONDS)), RefusedError("bad stamp"))
+    numbers, quaternions = pose_faults(markers.poses)
+    faults.note(adds & numbers, RefusedError("bad pose", "not finite or too large"))
+    faults.note(adds & quaternions, RefusedError("zero quaternion"))
+    for index, frame in enumerate(markers.frames):
+        try:
+            if index in markers.bad_frames:
+                raise markers.bad_frames[index]
+            index_frame(frame)
+        except RefusedError as error:
+            faults.note(adds & (markers.frame == index), error)
+    primitive, scales = np.isin(markers.type, PRIMITIVES), markers.scales
+    meant = ((scales >= SMALLEST_MEANT) & (scales <= LARGEST_COORDINATE)).all(axis=1)
+    bad = adds & primitive & ~meant
+    if bad.any():
+        detail = f"{scales[int(np.argmax(bad))].tolist()} must be finite and positive"
+        faults.note(bad, RefusedError("bad scale", detail), of_shape=True)
+    return faults
+
+
+class Outcome(NamedTuple):
+    """What markers come to, k objects, each with one row here.
+
+    first: a marker of the object. winner: the last one that can be used and is not undone, -1 for
+    none. bad: a later one that can't be used, -1 for none. removed: whether what was there before
+    is gone. late (n,): markers with an older stamp than one before them. previous (n,): the marker
+    that would count without this one, -1 for none.
+    """
+
+    first: Rows
+    winner: Rows
+    bad: Rows
+    removed: Mask
+    late: Mask
+    previous: Rows
+
+
+@njit
+def _settle(
+    keys: Rows, order: Rows, deletes: Mask, good: Mask, ends: Mask, cancelled: Mask,
+    stamps: Rows, objects: Rows, removed: Mask, late: Mask, previous: Rows,
+) -> int:  # fmt: skip
+    """Go through the markers of each object in order; return how many objects there are."""
+    count = 0
+    newest = 0
+    for position in range(len(order)):
+        row = order[position]
+        if position == 0 or keys[row] != keys[order[position - 1]]:
+            objects[count, 0] = row
+            count += 1
+            newest = 0
+        found = objects[count - 1]
+        if cancelled[row]:
+            continue
+        if deletes[row] or (good[row] and ends[row]):
+            found[1] = found[2] = -1
+            newest = 0
+            removed[count - 1] = True
+        elif not good[row]:
+            found[2] = row
+        elif 0 < stamps[row] < newest:
+            late[row] = True
+        else:
+            previous[row] = found[1]
+            found[1] = row
+            found[2] = -1
+            newest = stamps[row] if stamps[row] else newest
+    return count
+
+
+def settle(markers: Gathered, faults: Faults, now: int) -> Outcome:
+    """Return what the markers come to at time ``now`` (ns)."""
+    count = len(markers)
+    rows = np.flatnonzero(markers.action != Marker.DELETEALL)
+    keys = (markers.ns << ID_BITS) + markers.id + ID_OFFSET
+    order = rows[np.argsort(keys[rows], kind="stable")]
+    objects = np.full((len(rows), 3), -1, np.int64)
+    removed, late = np.zeros(len(rows), np.bool_), np.zeros(count, np.bool_)
+    previous = np.full(count, -1, np.int64)
+    good = faults.number == GOOD
+    found = _settle(
+        keys, order, markers.action == Marker.DELETE, good, _ended(markers, good, now),
+        _cancelled(markers), markers.stamp, objects, removed, late, previous,
+    )  # fmt: skip
+    first, winner, bad = objects[:found].T
+    return Outcome(first, winner, bad, removed[:found], late, previous)
+
+
+def _cancelled(markers: Gathered) -> Mask:
+    """Return which markers (n,) come before a DELETEALL that is about them."""
+    rows = np.arange(len(markers))
+    last = np.full(len(markers.namespaces), -1)
+    deletes = np.flatnonzero(markers.action == Marker.DELETEALL)
+    last[markers.ns[deletes]] = deletes  # the last one of each stays
+    everything = [last[index] for index, name in enumerate(markers.namespaces) if not name]
+    return rows <= np.maximum(last, max(everything, default=-1))[markers.ns]
+
+
+def _ended(markers: Gathered, good: Mask, now: int) -> Mask:
+    """Return which states (n,) ended while they waited, and are superseded by now.
+
+    The last message about a namespace counts though its lifetime is over: else a node that is
+    slower than the lifetimes would never see anything.
+    """
+    adds = good & (markers.action == Marker.ADD)
+    last = np.full(len(markers.namespaces), -1)
+    np.maximum.at(last, markers.ns[adds], markers.part[adds])
+    return adds & (markers.expiry <= now) & (markers.part < last[markers.ns])
