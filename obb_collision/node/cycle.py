@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from time import perf_counter
 
 import numpy as np
@@ -34,7 +35,10 @@ from obb_collision.scene.report import Report
 
 
 class Cycle:
-    """What a cycle does, and what it took."""
+    """What a cycle does, and what it took.
+
+    collect: takes the messages that wait; returns how long (s) they waited at most.
+    """
 
     def __init__(
         self,
@@ -45,11 +49,12 @@ class Cycle:
         effects: Effects,
         outputs: Outputs,
         guard: Guard,
+        collect: Callable[[], float],
     ) -> None:
         self._parameters, self._settings = parameters, settings
         self._objects, self._obstacles = objects, obstacles
         self._effects, self._outputs = effects, outputs
-        self._guard = guard
+        self._guard, self._collect = guard, collect
         self.monitor = CycleMonitor()
         self.enabled = True
         self.report: Report | None = None
@@ -64,8 +69,10 @@ class Cycle:
 
     def _run(self, now: int) -> None:
         start = perf_counter()
+        self._collect()
+        collected = perf_counter()
         self._objects.update(now, self._parameters.object_timeout)
-        stages = {"update": perf_counter() - start}
+        stages = {"inputs": collected - start, "update": perf_counter() - collected}
         if self.enabled:
             stages.update(self._check(now))
         else:

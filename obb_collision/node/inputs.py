@@ -12,7 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Messages -> objects: every item is used or refused on its own, and counted if refused."""
+"""Messages -> objects: every item is used or refused on its own, and counted if refused.
+
+Markers are in ``marker_input``.
+"""
 
 from __future__ import annotations
 
@@ -22,31 +25,24 @@ from typing import Any
 import numpy as np
 from geometry_msgs.msg import TransformStamped
 from sensor_msgs.msg import MultiDOFJointState, PointCloud2
-from visualization_msgs.msg import Marker, MarkerArray
 
 from obb_collision.node.clouds import poses_from_ros
 from obb_collision.node.conversions import (
     LARGEST_COORDINATE,
     FloatArray,
-    Key,
-    name_from_key,
     pose_faults,
-    pose_from_ros,
     stamp_from_ros,
     states_from_ros,
     transform_from_ros,
     twists_from_ros,
 )
 from obb_collision.node.errors import RefusedError
-from obb_collision.node.guard import INTERNAL_ERROR, Guard
-from obb_collision.node.marker_shapes import shape_from_ros, signature_from_ros
+from obb_collision.node.guard import Guard
+from obb_collision.node.marker_input import MarkerInput
 from obb_collision.node.monitors import InputMonitor
 from obb_collision.node.names import shortened
 from obb_collision.node.object_table import Slots
 from obb_collision.node.objects import Objects, State
-
-SHORTEST_LIFETIME = 100_000
-"""RViz takes a marker lifetime up to this (ns) as none."""
 
 
 class Inputs:
@@ -64,66 +60,25 @@ class Inputs:
         self._monitors = monitors
         self._clock = clock
         self._wants_twists = wants_twists
-        self._guard = guard
+        self.markers = MarkerInput(objects, monitors["objects"], clock, guard)
 
     def takers(self) -> dict[str, Callable[[Any], None]]:
-        """Return what takes the messages of each topic."""
+        """Return what takes the messages of each topic; those of ``objects`` serialised."""
         return {
-            "objects": self.take_markers,
-            "object_transform": self.take_transform,
-            "object_states": self.take_states,
-            "object_poses": self.take_poses,
+            "objects": self.markers.take,
+            "object_transform": self._in_order(self.take_transform),
+            "object_states": self._in_order(self.take_states),
+            "object_poses": self._in_order(self.take_poses),
         }
 
-    def take_markers(self, message: MarkerArray) -> None:
-        """Apply a MarkerArray in order, as RViz does."""
-        monitor, now = self._monitors["objects"], self._clock()
-        monitor.received(now)
-        for marker in message.markers:
-            key = (marker.ns, marker.id)
-            try:
-                self._take_marker(marker, key, now)
-            except RefusedError as error:
-                monitor.refuse(now, error.reason, _named(key), error.detail)
-            except Exception as error:
-                self._guard.caught("input objects", error, _named(key))
-                monitor.refuse(now, INTERNAL_ERROR, _named(key), str(error))
-                self._objects.refuse(key, INTERNAL_ERROR, shape=True)
+    def _in_order(self, take: Callable[[Any], None]) -> Callable[[Any], None]:
+        """Return what takes messages once the markers are applied that came before."""
 
-    def _take_marker(self, marker: Marker, key: Key, now: int) -> None:
-        objects = self._objects
-        if marker.action == Marker.ADD:
-            self._add(marker, key, now)
-        elif marker.action == Marker.DELETE:
-            objects.remove(key)
-        elif marker.action == Marker.DELETEALL:
-            objects.remove_all(marker.ns or None)  # RViz: all, or all of the namespace
-        else:
-            objects.refuse(key, "unknown action", shape=True)
-            raise RefusedError("unknown action", f"action {marker.action}")
+        def apply_and_take(message: Any) -> None:
+            self.markers.apply()
+            take(message)
 
-    def _add(self, marker: Marker, key: Key, now: int) -> None:
-        objects, pose = self._objects, pose_from_ros(marker.pose)
-        lifetime = stamp_from_ros(marker.lifetime)
-        expiry = now + lifetime if lifetime > SHORTEST_LIFETIME else None
-        stamp = stamp_from_ros(marker.header.stamp)
-        if objects.is_old(key, stamp):
-            raise RefusedError("older stamp", "a newer state is known")
-        part_is_shape = False
-        try:
-            _check_pose(pose)
-            objects.placement.frame_index(marker.header.frame_id)
-            part_is_shape = True
-            signature = signature_from_ros(marker)
-            same = signature == objects.signature(key)
-            slot = objects.put(key, None if same else shape_from_ros(marker), signature, expiry)
-        except RefusedError as error:
-            objects.refuse(key, error.reason, part_is_shape)
-            raise
-        state = State(marker.header.frame_id, stamp, now)
-        objects.store_poses(np.array([slot]), pose[None], state)
-        if marker.frame_locked:
-            objects.lock(slot)
+        return apply_and_take
 
     def take_transform(self, message: TransformStamped) -> None:
         """Store one pose."""
@@ -234,18 +189,5 @@ class Inputs:
         self._objects.refuse_poses(refused)
 
 
-def _named(key: Key) -> str:
-    return name_from_key((shortened(key[0]), key[1]))
-
-
 def _shown(name: str) -> str:
     return repr(shortened(name))
-
-
-def _check_pose(pose: FloatArray) -> None:
-    """RefusedError unless the pose (7,) can be used."""
-    numbers, quaternions = pose_faults(pose[None])
-    if numbers[0]:
-        raise RefusedError("bad pose", "not finite or too large")
-    if quaternions[0]:
-        raise RefusedError("zero quaternion")

@@ -21,7 +21,7 @@ what came before it; nothing else is left out that the order would not have undo
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -53,7 +53,7 @@ from obb_collision.node.marker_scan import (
     TYPE,
     Scanned,
 )
-from obb_collision.node.names import check_name, shortened
+from obb_collision.node.names import MAX_FRAMES, check_name, shortened
 from obb_collision.node.object_table import ID_BITS, ID_OFFSET, NEVER
 
 Rows = npt.NDArray[np.int64]
@@ -152,6 +152,29 @@ class Faults:
             self.errors.append(error)
             self.of_shape.append(of_shape)
 
+    def note_names(
+        self, rows: Mask, names: Rows, bad: Mapping[int, RefusedError], of_shape: bool = False
+    ) -> None:
+        """Note what is wrong with the names of some markers: an error for each reason."""
+        by_reason: dict[str, list[int]] = {}
+        for index, error in bad.items():
+            by_reason.setdefault(error.reason, []).append(index)
+        for indices in by_reason.values():
+            self.note(rows & np.isin(names, indices), bad[indices[-1]], of_shape)
+
+
+def _bad_frames(markers: Gathered, index_frame: Callable[[str], int]) -> Mapping[int, RefusedError]:
+    bad = dict(markers.bad_frames)
+    good = [index for index in range(len(markers.frames)) if index not in bad]
+    for index in good[:MAX_FRAMES]:
+        try:
+            index_frame(markers.frames[index])
+        except RefusedError as error:
+            bad[index] = error
+    for index in good[MAX_FRAMES:]:
+        bad[index] = RefusedError("too many frames", f"{len(good)} in one cycle")
+    return bad
+
 
 def find_faults(markers: Gathered, index_frame: Callable[[str], int]) -> Faults:
     """Return what is wrong with markers, as far as it can be seen at once.
@@ -162,20 +185,13 @@ def find_faults(markers: Gathered, index_frame: Callable[[str], int]) -> Faults:
     deletes = (markers.action == Marker.DELETE) | (markers.action == Marker.DELETEALL)
     adds = markers.action == Marker.ADD
     faults.note(~(adds | deletes), RefusedError("unknown action"), of_shape=True)
-    for index, error in markers.bad_namespaces.items():
-        faults.note(adds & (markers.ns == index), error, of_shape=True)
+    faults.note_names(adds, markers.ns, markers.bad_namespaces, of_shape=True)
     seconds, rest = markers.stamp_parts
     faults.note(adds & ((seconds < 0) | (rest >= NANOSECONDS)), RefusedError("bad stamp"))
     numbers, quaternions = pose_faults(markers.poses)
     faults.note(adds & numbers, RefusedError("bad pose", "not finite or too large"))
     faults.note(adds & quaternions, RefusedError("zero quaternion"))
-    for index, frame in enumerate(markers.frames):
-        try:
-            if index in markers.bad_frames:
-                raise markers.bad_frames[index]
-            index_frame(frame)
-        except RefusedError as error:
-            faults.note(adds & (markers.frame == index), error)
+    faults.note_names(adds, markers.frame, _bad_frames(markers, index_frame))
     primitive, scales = np.isin(markers.type, PRIMITIVES), markers.scales
     meant = ((scales >= SMALLEST_MEANT) & (scales <= LARGEST_COORDINATE)).all(axis=1)
     bad = adds & primitive & ~meant

@@ -98,6 +98,7 @@ class CollisionNode(Node):
             self._effects,
             self._outputs,
             self.guard,
+            self._collect,
         )
         self._schedule = Schedule(self, self.parameters, lambda: self.cycle.run(self._now()))
         warm_up()
@@ -150,26 +151,31 @@ class CollisionNode(Node):
         return found
 
     def _make_subscriptions(self) -> Subscriptions:
-        stored = {topic: self._storing(topic, take) for topic, take in self.inputs.takers().items()}
-        stored["points"] = self._storing(
-            "points", self._obstacles.take, lambda: self._effects.is_called("points")
-        )
-        return Subscriptions(self, stored, self._monitors)
+        takers = {**self.inputs.takers(), "points": self._obstacles.take}
+        stored = {topic: self._storing(topic, take) for topic, take in takers.items()}
+        return Subscriptions(self, stored, self._monitors, self._arrived)
+
+    def _arrived(self, topic: str) -> None:
+        """Start a cycle for a message, if it calls for one."""
+        if topic != "points" or self._effects.is_called("points"):
+            self._schedule.arrived()
+
+    def _collect(self) -> float:
+        """Take and apply what waits; returns how long (s) it waited to be taken, at most."""
+        self.guard.run("inputs", self._subscribed.drain)
+        self.guard.run("input objects", self.inputs.markers.apply)
+        return self._subscribed.take_wait()
 
     def _is_wanted(self, topic: str) -> bool:
         """Return whether the node subscribes to an input."""
         return topic != "points" or self.parameters.mode("points") != OFF
 
-    def _storing(
-        self, topic: str, take: Callable[[Any], None], calls: Callable[[], bool] = lambda: True
-    ) -> Callable[[Any], None]:
-        """Return what stores a message and, if that calls for it, starts a cycle."""
+    def _storing(self, topic: str, take: Callable[[Any], None]) -> Callable[[Any], None]:
+        """Return what stores a message; one that fails is counted."""
 
         def store(message: Any) -> None:
             if not self.guard.run(f"input {topic}", lambda: take(message)):
                 self._monitors[topic].refuse(self._now(), INTERNAL_ERROR, "whole message")
-            if calls():
-                self._schedule.arrived()
 
         return store
 

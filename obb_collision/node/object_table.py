@@ -20,6 +20,8 @@ and a cycle evaluated without a Python loop. All times are whole nanoseconds of 
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -56,6 +58,7 @@ COLUMNS: dict[str, tuple[Any, tuple[int, ...]]] = {
     "world": (np.float64, (7,)),  # the pose in the scene
     "world_stamp": (np.int64, ()),  # stamp of ``world``; 0: none
     "expiry": (np.int64, ()),
+    "seen": (np.bool_, ()),  # a cycle has looked at it since its last marker
     "locked": (np.bool_, ()),  # frame_locked: placed anew every cycle
     "stale": (np.bool_, ()),
     "shape_refused": (np.bool_, ()),  # the latest shape could not be used: the last one stays
@@ -82,6 +85,7 @@ class ObjectTable:
     world: npt.NDArray[np.float64]
     world_stamp: Slots
     expiry: Slots
+    seen: npt.NDArray[np.bool_]
     locked: npt.NDArray[np.bool_]
     stale: npt.NDArray[np.bool_]
     shape_refused: npt.NDArray[np.bool_]
@@ -104,20 +108,31 @@ class ObjectTable:
 
         Raises RefusedError for a namespace that can't be admitted.
         """
-        number = self.namespaces.admit(key[0])
+        self.claim_many(np.array([slot]), [key], [name])
+
+    def claim_many(self, slots: Slots, keys: Sequence[Key], names: Sequence[str]) -> None:
+        """Begin new objects at slots (n,); their namespaces are admitted."""
+        if len(slots) == 0:
+            return
+        self._reach(int(slots.max()))
+        for column in COLUMNS:
+            getattr(self, column)[slots] = 0
+        numbers = {name: self.namespaces.admit(name) for name in {key[0] for key in keys}}
+        for name, count in Counter(key[0] for key in keys).items():
+            self.namespaces.use(numbers[name], count)
+        self.ns[slots] = [numbers[key[0]] for key in keys]
+        self.id[slots] = [key[1] for key in keys]
+        self.live[slots], self.expiry[slots] = True, NEVER
+        self.slots.update(zip(keys, slots.tolist(), strict=True))
+        self.by_name.update(zip(names, slots.tolist(), strict=True))
+        self._sorted = None
+
+    def _reach(self, slot: int) -> None:
+        """Grow until there is a row for a slot."""
         while slot >= len(self.live):
             for column in COLUMNS:
                 old = getattr(self, column)
                 setattr(self, column, np.concatenate((old, np.zeros_like(old))))
-        for column in COLUMNS:
-            getattr(self, column)[slot] = 0
-        self.live[slot] = True
-        self.namespaces.use(number)
-        self.ns[slot], self.id[slot] = number, key[1]
-        self.expiry[slot] = NEVER
-        self.slots[key] = slot
-        self.by_name[name] = slot
-        self._sorted = None
 
     def release(self, key: Key, name: str) -> int:
         """End an object; returns the slot it had."""

@@ -21,7 +21,7 @@ keeps its last box and goes on colliding.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -79,6 +79,14 @@ class Objects:
         """Signature of the object's shape, None for an unknown object."""
         return self._signatures.get(self.table.slots.get(key, -1))
 
+    def signatures(self, slots: Slots) -> list[Signature | None]:
+        """Signatures of shapes by slot, None where there is no object."""
+        return [self._signatures.get(slot) for slot in slots.tolist()]
+
+    def note_signatures(self, slots: Slots, signatures: Iterable[Signature]) -> None:
+        """Take note of the shapes that objects have now."""
+        self._signatures.update(zip(slots.tolist(), signatures, strict=True))
+
     def is_old(self, key: Key, stamp: int) -> bool:
         """Whether a state with this stamp comes after a newer one of the same object."""
         slot = self.table.slots.get(key)
@@ -118,13 +126,13 @@ class Objects:
             self._enable(slot)
         assert slot is not None
         table.expiry[slot] = NEVER if expiry is None else expiry
-        table.shape_refused[slot] = False
-        self.unplaceable.pop(key, None)
+        table.shape_refused[slot] = table.seen[slot] = False
+        self.forget_unplaceable(key)
         return slot
 
     def remove(self, key: Key) -> None:
         """Take an object out, if there is one."""
-        self.unplaceable.pop((shortened(key[0]), key[1]), None)
+        self.forget_unplaceable(key)
         if key in self.table.slots:
             name = name_from_key(key)
             self._signatures.pop(self.table.release(key, name), None)
@@ -135,10 +143,18 @@ class Objects:
         keys = [key for key in self.table.slots if namespace in (None, key[0])]
         for key in keys:
             self.remove(key)
+        self.forget_unplaceables(namespace)
+        return len(keys)
+
+    def forget_unplaceable(self, key: Key) -> None:
+        """Forget that an object could not be added."""
+        self.unplaceable.pop((shortened(key[0]), key[1]), None)
+
+    def forget_unplaceables(self, namespace: str | None) -> None:
+        """Forget which objects could not be added, all or those of a namespace."""
         shown = None if namespace is None else shortened(namespace)
         for key in [key for key in self.unplaceable if shown in (None, key[0])]:
-            del self.unplaceable[key]
-        return len(keys)
+            self.forget_unplaceable(key)
 
     def clear(self) -> int:
         """Take out all objects, and forget every name; returns how many objects there were."""
@@ -208,7 +224,7 @@ class Objects:
         ``timeout`` (s) is the age at which a state is stale, 0 for never.
         """
         table = self.table
-        for slot in np.flatnonzero(table.live & (table.expiry <= now)).tolist():
+        for slot in np.flatnonzero(table.live & table.seen & (table.expiry <= now)).tolist():
             self.remove(table.key(slot))
         self.placement.place(now)
         stale = table.live & table.placed & (timeout > 0)
@@ -218,18 +234,22 @@ class Objects:
         gone = changed[stale[changed]]
         table.order[gone] = 0  # a restarted sender may begin anew
         self.placement.stop(gone)  # nobody knows by now
-        for slot in changed.tolist():
-            self._enable(slot)
+        self.enable_many(changed)
+        table.seen[:] = table.live  # whose lifetime is over has taken part once, at least
 
     def _enable(self, slot: int) -> None:
         enabled = self.table.placed[slot] and not (self.ignore_stale and self.table.stale[slot])
         self.scene.set_enabled(name_from_key(self.table.key(slot)), bool(enabled))
 
+    def enable_many(self, slots: Slots) -> None:
+        """Let objects take part in collisions, or not."""
+        shown = self.table.placed[slots] & ~(self.ignore_stale & self.table.stale[slots])
+        self.scene.set_enabled_indices(slots, shown)
+
     def set_ignore_stale(self, ignore: bool) -> None:
         """Whether stale objects take no part in collisions (they are still reported)."""
         self.ignore_stale = ignore
-        for slot in np.flatnonzero(self.table.live).tolist():
-            self._enable(slot)
+        self.enable_many(np.flatnonzero(self.table.live))
 
     def set_overrides(self, overrides: Overrides) -> None:
         """Give objects, those to come too, an accuracy of their own by their names."""

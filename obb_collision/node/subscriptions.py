@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from time import time_ns
 from typing import Any, NamedTuple
 
 from geometry_msgs.msg import TransformStamped
@@ -32,17 +33,21 @@ from obb_collision.node.qos import overridable
 
 
 class Input(NamedTuple):
-    """An input topic: its messages, how many of them may wait, and whether each must arrive."""
+    """An input topic: its messages, how many of them may wait, and whether each must arrive.
+
+    raw: whether they are taken as they are serialised.
+    """
 
     kind: type
     depth: int
     reliability: ReliabilityPolicy = ReliabilityPolicy.RELIABLE
+    raw: bool = False
 
 
 INPUTS = {
     # Markers and single poses are for different objects, so more of them wait; the bulk messages
     # overtake themselves.
-    "objects": Input(MarkerArray, 100),
+    "objects": Input(MarkerArray, 100, raw=True),  # see ``marker_scan``
     "object_transform": Input(TransformStamped, 1000),
     "object_states": Input(MultiDOFJointState, 10),
     "object_poses": Input(PointCloud2, 10),
@@ -52,15 +57,21 @@ INPUTS = {
 
 
 class Subscriptions:
-    """Subscribes to inputs, and gives up those that nobody wants."""
+    """Subscribes to inputs, and gives up those that nobody wants.
+
+    takers: store the messages of each topic; arrived: called with the topic once one is stored.
+    """
 
     def __init__(
         self,
         node: Node,
         takers: Mapping[str, Callable[[Any], None]],
         monitors: Mapping[str, InputMonitor],
+        arrived: Callable[[str], None],
     ) -> None:
         self._node, self._takers, self._monitors = node, takers, monitors
+        self._arrived = arrived
+        self._wait = 0
         self.open: dict[str, Subscription] = {}
         """By topic, as the node names it."""
 
@@ -71,15 +82,51 @@ class Subscriptions:
         elif not wanted and topic in self.open:
             self._node.destroy_subscription(self.open.pop(topic))
 
+    def drain(self) -> None:
+        """Take all messages that wait, up to the depth of each topic.
+
+        The executor takes one of each topic in a round, with a cycle in between where cycles take
+        long: a backlog would grow until messages are lost.
+        """
+        for topic, subscription in self.open.items():
+            with subscription.handle:
+                for _ in range(INPUTS[topic].depth):
+                    taken = subscription.handle.take_message(
+                        subscription.msg_type, subscription.raw
+                    )
+                    if taken is None:
+                        break
+                    self._take(topic, *taken)
+
+    def take_wait(self) -> float:
+        """Return how long (s) messages waited at most until they were taken, since the last time.
+
+        From their receipt by the middleware on.
+        """
+        wait, self._wait = self._wait, 0
+        return wait * 1e-9
+
+    def _take(self, topic: str, message: Any, info: Mapping[str, Any]) -> None:
+        received = info.get("received_timestamp") or 0  # some middlewares don't say
+        if received:
+            self._wait = max(self._wait, time_ns() - received)
+        self._takers[topic](message)
+
     def _subscribe(self, topic: str) -> Subscription:
-        kind, depth, reliability = INPUTS[topic]
+        kind, depth, reliability, raw = INPUTS[topic]
+
+        def take(message: Any, info: Any) -> None:
+            self._take(topic, message, info)
+            self._arrived(topic)
+
         subscription = self._node.create_subscription(
             kind,
             topic,
-            self._takers[topic],
+            take,  # type: ignore[arg-type]  # rclpy gives the information to those that take two
             QoSProfile(depth=depth, reliability=reliability),
             event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),  # see qos.py
             qos_overriding_options=overridable(),
+            raw=raw,
         )
         self._monitors[topic].topic = subscription.topic_name
         return subscription

@@ -156,6 +156,13 @@ class SceneObjects:
             self._store.active[slot] = enabled
             self._store.changed[slot] = True
 
+    def set_enabled_indices(self, indices: ArrayLike, enabled: ArrayLike) -> None:
+        """Let objects take part in collisions or not (n,), by index array (n,)."""
+        slots = self._store.check_slots(indices)
+        changed = self._store.active[slots] != enabled
+        self._store.active[slots] = enabled
+        self._store.changed[slots[changed]] = True
+
     @property
     def padding(self) -> float:
         """Metres by which boxes without a padding of their own are grown on every side."""

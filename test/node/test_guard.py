@@ -25,6 +25,7 @@ pytest.importorskip("rclpy")
 from rig import Rig, cube, pose, sync
 from std_srvs.srv import Trigger
 
+from obb_collision.node import many_objects, marker_input
 from obb_collision.node.guard import INTERNAL_ERROR, Guard
 
 A, B, BAD = ("a", 1), ("a", 2), ("bad", 1)
@@ -47,7 +48,8 @@ def failing(given: Callable[..., Any], fails: Callable[..., bool]) -> Callable[.
 
 def test_an_item_that_fails_is_refused_alone(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
     objects = rig.node.objects
-    monkeypatch.setattr(objects, "put", failing(objects.put, lambda key, *_: key == BAD))
+    fails = failing(many_objects.put_cubes, lambda _, keys, *__: BAD in keys)
+    monkeypatch.setattr(marker_input, "put_cubes", fails)
     rig.send(cube(A), cube(BAD), cube(B, (0.5, 0, 0)))
     assert rig.pairs() == {("a/1", "a/2")}
     assert rig.refused("objects") == {INTERNAL_ERROR: 1}

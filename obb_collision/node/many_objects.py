@@ -1,0 +1,104 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Objects that come, stay and go many at a time, without a step in Python for each where it counts.
+
+What these do to one object is what the methods of ``Objects`` do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from obb_collision.node.conversions import FloatArray, Key, name_from_key
+from obb_collision.node.errors import RefusedError
+from obb_collision.node.object_table import COLUMNS, Slots
+from obb_collision.node.objects import Objects
+
+KEPT = ("live", "ns", "id", "placed", "world", "expiry")
+"""Columns that stay where an object goes and comes again with the shape it had."""
+
+
+def remove_slots(objects: Objects, slots: Slots) -> None:
+    """Take objects out."""
+    for slot in slots.tolist():
+        objects.remove(objects.table.key(slot))
+
+
+def renew_slots(objects: Objects, slots: Slots) -> None:
+    """Take objects out and put them in again where they are, with the shapes they have."""
+    if len(slots) == 0:
+        return
+    table = objects.table
+    stale = slots[table.stale[slots]]
+    for column in COLUMNS:
+        if column not in KEPT:
+            getattr(table, column)[slots] = 0
+    objects.scene.renew_indices(slots)
+    objects.enable_many(stale)
+
+
+def put_cubes(
+    objects: Objects, keys: Sequence[Key], kind: int, sizes: FloatArray, expiry: Slots
+) -> Slots:
+    """Add boxes by their edge lengths (n, 3), or give those shapes to the objects of these keys.
+
+    kind: the type of the markers; expiry (n,) as in the table. Returns their slots; all or, on a
+    RefusedError ("bad shape"), none. Their namespaces are admitted and there is room for them.
+    """
+    table, scene = objects.table, objects.scene
+    names = [name_from_key(key) for key in keys]
+    known = np.array([table.slots.get(key, -1) for key in keys], np.int64)
+    poses = np.zeros((len(keys), 7))
+    poses[:, 6] = 1.0
+    there = known >= 0
+    there[there] = table.placed[known[there]]
+    poses[there] = table.world[known[there]]
+    overrides = objects.overrides
+    rungs = [overrides.rung(name) for name in names] if overrides.overrides else None
+    try:
+        slots = scene.add_boxes(names, sizes, poses, rungs)
+    except ValueError as error:
+        raise RefusedError("bad shape", str(error)) from error
+    new = known < 0
+    if new.any():
+        rows = np.flatnonzero(new).tolist()
+        table.claim_many(slots[new], [keys[row] for row in rows], [names[row] for row in rows])
+    objects.note_signatures(slots, [(kind, *size) for size in sizes.tolist()])
+    objects.enable_many(slots)
+    touch_slots(objects, slots, expiry)
+    return slots
+
+
+def touch_slots(objects: Objects, slots: Slots, expiry: Slots) -> None:
+    """Let objects go on with the shapes they have until their new expiry (n,)."""
+    table = objects.table
+    table.expiry[slots] = expiry
+    table.seen[slots] = False
+    table.shape_refused[slots] = False
+    if objects.unplaceable:
+        for slot in slots.tolist():
+            objects.forget_unplaceable(table.key(slot))
+
+
+def have_shapes(
+    objects: Objects, slots: Slots, types: npt.NDArray[np.int64], scales: FloatArray
+) -> npt.NDArray[np.bool_]:
+    """Return which objects (n,), -1 for none, have the shapes of CUBE, SPHERE, CYLINDER."""
+    given = zip(objects.signatures(slots), types.tolist(), scales.tolist(), strict=True)
+    same = [known == (kind, *scale) for known, kind, scale in given]
+    return np.array(same, np.bool_).reshape(-1)

@@ -1,0 +1,328 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The topic ``objects``: messages wait as bytes and are applied together, at the next cycle.
+
+A sender that is faster than the cycles can't hold them up or make the node grow: what waits is
+bounded in bytes and applied early beyond that, and however many states of an object wait, one of
+them is looked at.
+"""
+
+from __future__ import annotations
+
+from array import array
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+import numpy as np
+from geometry_msgs.msg import Point
+from visualization_msgs.msg import Marker
+
+from obb_collision.node.conversions import name_from_key
+from obb_collision.node.errors import RefusedError
+from obb_collision.node.guard import INTERNAL_ERROR, Guard
+from obb_collision.node.many_objects import (
+    have_shapes,
+    put_cubes,
+    remove_slots,
+    renew_slots,
+    touch_slots,
+)
+from obb_collision.node.marker_batch import (
+    PRIMITIVES,
+    Faults,
+    Gathered,
+    Mask,
+    Outcome,
+    Rows,
+    find_faults,
+    settle,
+)
+from obb_collision.node.marker_scan import FILE, MESH, Scanned, scan_markers
+from obb_collision.node.marker_shapes import shape_from_ros, signature_from_ros
+from obb_collision.node.monitors import InputMonitor
+from obb_collision.node.names import namespace_number
+from obb_collision.node.object_table import NEVER
+from obb_collision.node.objects import Objects, State
+
+MAX_WAITING_BYTES = 64 << 20
+MAX_WAITING_MESSAGES = 1000
+NO_NUMBER = -(1 << 40)
+"""In place of the number of a namespace that is not in the table; no namespace has it."""
+OLDER = "older stamp"
+
+
+class MarkerInput:
+    """Takes messages of ``objects``, and applies what they come to."""
+
+    def __init__(
+        self,
+        objects: Objects,
+        monitor: InputMonitor,
+        clock: Callable[[], int],
+        guard: Guard,
+    ) -> None:
+        self._objects, self._monitor, self._clock, self._guard = objects, monitor, clock, guard
+        self._waiting: list[tuple[bytes, int]] = []
+        self._size = 0
+
+    def take(self, data: bytes) -> None:
+        """Let a serialised MarkerArray wait for the next cycle."""
+        now = self._clock()
+        self._monitor.received(now)
+        self._waiting.append((data, now))
+        self._size += len(data)
+        if self._size > MAX_WAITING_BYTES or len(self._waiting) > MAX_WAITING_MESSAGES:
+            self.apply()
+
+    def apply(self) -> None:
+        """Apply what waits."""
+        if not self._waiting:
+            return
+        waiting, self._waiting, self._size = self._waiting, [], 0
+        now = self._clock()
+        parts, received = [], []
+        for data, at in waiting:
+            part = self._scan(data, now)
+            if part is not None and len(part):
+                parts.append(part)
+                received.append(at)
+        if parts:
+            _Application(self._objects, self._monitor, self._guard, now).run(
+                Gathered(parts, received)
+            )
+
+    def _scan(self, data: bytes, now: int) -> Scanned | None:
+        try:
+            return scan_markers(data)
+        except RefusedError as error:
+            self._monitor.refuse(now, error.reason, "whole message", error.detail)
+        except Exception as error:
+            self._guard.caught("input objects", error, "whole message")
+            self._monitor.refuse(now, INTERNAL_ERROR, "whole message", str(error))
+        return None
+
+
+class _Application:
+    """Applies markers at a time (ns)."""
+
+    def __init__(self, objects: Objects, monitor: InputMonitor, guard: Guard, now: int) -> None:
+        self._objects, self._monitor, self._guard, self._now = objects, monitor, guard, now
+
+    def run(self, markers: Gathered) -> None:
+        """Apply them."""
+        objects = self._objects
+        faults = find_faults(markers, objects.placement.frame_index)
+        outcome = settle(markers, faults, self._now)
+        self._count(markers, faults, outcome)
+        slots = self._remove(markers, outcome)
+        there = np.flatnonzero(outcome.winner >= 0)
+        there = there[np.argsort(outcome.winner[there])]
+        self._add(markers, outcome.winner[there], slots[there], outcome.previous)
+        for row in outcome.bad[outcome.bad >= 0].tolist():
+            number = faults.number[row]
+            objects.refuse(markers.key(row), faults.errors[number].reason, faults.of_shape[number])
+
+    def _count(self, markers: Gathered, faults: Faults, outcome: Outcome) -> None:
+        """Count what is refused, by reason."""
+        for number, error in enumerate(faults.errors):
+            rows = np.flatnonzero(faults.number == number)
+            self._refuse(markers, rows, error)
+        self._refuse(markers, np.flatnonzero(outcome.late), RefusedError(OLDER))
+
+    def _refuse(self, markers: Gathered, rows: Rows, error: RefusedError) -> None:
+        if len(rows):
+            item = name_from_key(markers.key(int(rows[-1])))
+            self._monitor.refuse(self._now, error.reason, item, error.detail, len(rows))
+
+    def _remove(self, markers: Gathered, outcome: Outcome) -> Rows:
+        """Take out what was there and is deleted; return the slots (k,) of the rest, -1 for none.
+
+        What is deleted and comes again as it was, in the fixed frame, stays in its place.
+        """
+        objects, table = self._objects, self._objects.table
+        doomed = self._deleted_by_all(markers)
+        slots = self._slots(markers, outcome.first)
+        doomed[slots[outcome.removed & (slots >= 0)]] = True
+        if objects.unplaceable:
+            for row in outcome.first[outcome.removed].tolist():
+                objects.forget_unplaceable(markers.key(row))
+        again = np.flatnonzero((slots >= 0) & (outcome.winner >= 0))
+        again = again[doomed[slots[again]]]
+        if len(again):
+            rows = outcome.winner[again]
+            frames = [objects.placement.frame_index(frame) for frame in markers.frames]
+            fixed = np.array(frames)[markers.frame[rows]] == 0
+            same = fixed & self._have_shapes(markers, rows, slots[again])
+            again = again[same & table.placed[slots[again]]]
+            doomed[slots[again]] = False
+        remove_slots(objects, np.flatnonzero(doomed & table.live))
+        renew_slots(objects, slots[again])
+        return np.where((slots >= 0) & table.live[slots], slots, -1)
+
+    def _deleted_by_all(self, markers: Gathered) -> Mask:
+        """Return which slots are deleted by DELETEALL, of all or of a namespace, as in RViz."""
+        objects, table = self._objects, self._objects.table
+        doomed = np.zeros(len(table.live), np.bool_)
+        for index in np.unique(markers.ns[markers.action == Marker.DELETEALL]).tolist():
+            name = markers.namespaces[index]
+            objects.forget_unplaceables(name or None)
+            if not name:
+                doomed |= table.live
+            elif index not in markers.bad_namespaces:
+                doomed |= table.live & (table.ns == self._number(name))
+        return doomed
+
+    def _number(self, namespace: str) -> int:
+        number = namespace_number(namespace)
+        known = self._objects.table.namespaces.names.get(number)
+        return number if known == namespace else NO_NUMBER
+
+    def _slots(self, markers: Gathered, rows: Rows) -> Rows:
+        """Return the slots of the objects of markers, -1 for none."""
+        numbers = [
+            NO_NUMBER if index in markers.bad_namespaces else self._number(name)
+            for index, name in enumerate(markers.namespaces)
+        ]
+        return self._objects.table.find(np.array(numbers)[markers.ns[rows]], markers.id[rows])
+
+    def _have_shapes(self, markers: Gathered, rows: Rows, slots: Rows) -> Mask:
+        primitive = np.isin(markers.type[rows], PRIMITIVES)
+        return primitive & have_shapes(
+            self._objects, slots, markers.type[rows], markers.scales[rows]
+        )
+
+    def _add(self, markers: Gathered, rows: Rows, slots: Rows, previous: Rows) -> None:
+        """Give objects the shapes and poses of markers."""
+        current = ~self._are_old(markers, rows, slots)
+        rows, slots = rows[current], slots[current]
+        same = (slots >= 0) & self._have_shapes(markers, rows, slots)
+        self._each(markers, rows[same], lambda some: self._touch(markers, some))
+        cubes = ~same & (markers.type[rows] == Marker.CUBE)
+        with self._room(markers, rows[cubes], slots[cubes]) as admitted:
+            self._each(markers, rows[cubes][admitted], lambda some: self._put_cubes(markers, some))
+        others = ~same & (markers.type[rows] != Marker.CUBE)
+        for row in rows[others].tolist():
+            while row >= 0 and not self._each(
+                markers, np.array([row]), lambda one: self._put(markers, int(one[0]))
+            ):
+                row = int(previous[row])
+
+    def _are_old(self, markers: Gathered, rows: Rows, slots: Rows) -> Mask:
+        """Return which states come after newer ones of their objects; they are counted."""
+        stamps, table = markers.stamp[rows], self._objects.table
+        old = (slots >= 0) & (stamps > 0) & (stamps < table.order[slots])
+        for index in np.flatnonzero(old).tolist():
+            key, stamp = markers.key(int(rows[index])), int(stamps[index])
+            old[index] = self._objects.is_old(key, stamp)
+        self._refuse(markers, rows[old], RefusedError(OLDER, "a newer state is known"))
+        return old
+
+    @contextmanager
+    def _room(self, markers: Gathered, rows: Rows, slots: Rows) -> Iterator[Mask]:
+        """Give for which objects (n,) there is room in the tables; new ones beyond are refused."""
+        objects, table = self._objects, self._objects.table
+        admitted, numbers = np.ones(len(rows), np.bool_), []
+        for index in np.unique(markers.ns[rows[slots < 0]]).tolist():
+            try:
+                numbers.append(table.namespaces.admit(markers.namespaces[index]))
+                table.namespaces.use(numbers[-1])  # so that it stays till its objects are there
+            except RefusedError as error:
+                bad = (slots < 0) & (markers.ns[rows] == index)
+                self._mark(markers, rows[bad], error)
+                admitted &= ~bad
+        surplus = np.flatnonzero(admitted & (slots < 0))[max(0, objects.max_objects - len(table)) :]
+        if len(surplus):
+            full = RefusedError("too many objects", f"{objects.max_objects} is the limit")
+            self._mark(markers, rows[surplus], full)
+            admitted[surplus] = False
+        try:
+            yield admitted
+        finally:
+            for number in numbers:
+                table.namespaces.leave(number)
+
+    def _mark(self, markers: Gathered, rows: Rows, error: RefusedError) -> None:
+        """Count refused states, and mark their objects."""
+        self._refuse(markers, rows, error)
+        for row in rows.tolist():
+            self._objects.refuse(markers.key(row), error.reason, shape=True)
+
+    def _each(self, markers: Gathered, rows: Rows, put: Callable[[Rows], None]) -> bool:
+        """Call ``put`` on all rows or, where that fails, on fewer; return whether none failed."""
+        try:
+            if len(rows):
+                put(rows)
+            return True
+        except Exception as error:
+            if len(rows) > 1:
+                half = len(rows) // 2
+                done = [self._each(markers, some, put) for some in (rows[:half], rows[half:])]
+                return all(done)
+            if not isinstance(error, RefusedError):
+                self._guard.caught("input objects", error, name_from_key(markers.key(rows[0])))
+                error = RefusedError(INTERNAL_ERROR, str(error))
+            self._mark(markers, rows, error)
+            return False
+
+    def _touch(self, markers: Gathered, rows: Rows) -> None:
+        slots = self._slots(markers, rows)
+        touch_slots(self._objects, slots, markers.expiry[rows])
+        self._store(markers, rows, slots)
+
+    def _put_cubes(self, markers: Gathered, rows: Rows) -> None:
+        keys = [markers.key(row) for row in rows.tolist()]
+        sizes, expiry = markers.scales[rows], markers.expiry[rows]
+        self._store(markers, rows, put_cubes(self._objects, keys, Marker.CUBE, sizes, expiry))
+
+    def _put(self, markers: Gathered, row: int) -> None:
+        """Add one object of any type, or change it."""
+        objects, key = self._objects, markers.key(row)
+        marker = _marker(markers, row)
+        signature = signature_from_ros(marker)
+        same = signature == objects.signature(key)
+        expiry = int(markers.expiry[row])
+        shape = None if same else shape_from_ros(marker)
+        slot = objects.put(key, shape, signature, None if expiry == NEVER else expiry)
+        self._store(markers, np.array([row]), np.array([slot]))
+
+    def _store(self, markers: Gathered, rows: Rows, slots: Rows) -> None:
+        """Store the poses of markers, those of the same frame and stamp together."""
+        columns = markers.frame[rows], markers.stamp[rows], markers.part[rows]
+        order = np.lexsort(columns)
+        changes = np.any([np.diff(column[order]) != 0 for column in columns], axis=0)
+        for some in np.split(order, np.flatnonzero(changes) + 1):
+            if len(some):
+                first = rows[some[0]]
+                state = State(
+                    markers.frames[markers.frame[first]],
+                    int(markers.stamp[first]),
+                    int(markers.received[first]),
+                )
+                self._objects.store_poses(slots[some], markers.poses[rows[some]], state)
+        locked = markers.locked[rows]
+        if locked.any():
+            self._objects.lock(slots[locked])
+
+
+def _marker(markers: Gathered, row: int) -> Marker:
+    """Return a marker with what is said of its shape."""
+    part, at = markers.parts[markers.part[row]], int(markers.row[row])
+    marker = Marker(type=int(markers.type[row]))
+    marker.scale.x, marker.scale.y, marker.scale.z = markers.scales[row].tolist()
+    marker.points = [Point(x=x, y=y, z=z) for x, y, z in part.points(at).tolist()]
+    marker.mesh_resource = part.text(at, MESH).decode(errors="replace")
+    marker.mesh_file.filename = part.text(at, FILE).decode(errors="replace")
+    marker.mesh_file.data = array("B", part.content(at))
+    return marker
