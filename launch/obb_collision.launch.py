@@ -15,20 +15,28 @@
 """Start the collision node, and RViz with it if asked.
 
 ros2 launch obb_collision obb_collision.launch.py rviz:=true namespace:=cell scene_file:=tabletop
+
+What is not given here is as params_file has it.
 """
 
-from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument
-from launch.conditions import IfCondition
+from __future__ import annotations
+
+from ament_index_python.packages import PackageNotFoundError, get_package_prefix
+from launch import LaunchContext, LaunchDescription
+from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import Node
-from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
+
+from obb_collision.node.launching import initial_parameters
+
+NAME = "obb_collision"
+CONFIG = PathJoinSubstitution([FindPackageShare("obb_collision"), "config"])
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Describe the node, its arguments and RViz."""
-    config = PathJoinSubstitution([FindPackageShare("obb_collision"), "config"])
+    """Describe the arguments, and what they start."""
+    as_in_file = "Empty: as in params_file."
     return LaunchDescription(
         [
             DeclareLaunchArgument(
@@ -36,19 +44,25 @@ def generate_launch_description() -> LaunchDescription:
             ),
             DeclareLaunchArgument(
                 "params_file",
-                default_value=PathJoinSubstitution([config, "obb_collision.yaml"]),
+                default_value=PathJoinSubstitution([CONFIG, "obb_collision.yaml"]),
                 description="YAML file of parameters.",
             ),
             DeclareLaunchArgument(
                 "scene_file",
                 default_value="",
-                description="Scene file to begin with: a path, or tabletop, warehouse, lidar_zone.",
+                description="Scene file to begin with: a path, or tabletop, warehouse, lidar_zone. "
+                + as_in_file,
+            ),
+            DeclareLaunchArgument(
+                "fixed_frame",
+                default_value="",
+                description="Frame of everything published, and of RViz. " + as_in_file,
             ),
             DeclareLaunchArgument(
                 "use_sim_time",
-                default_value="false",
-                choices=["true", "false"],
-                description="Take stamps and ages from /clock.",
+                default_value="",
+                choices=["", "true", "false"],
+                description="Take stamps and ages, and RViz its time, from /clock. " + as_in_file,
             ),
             DeclareLaunchArgument(
                 "log_level", default_value="info", description="debug, info, warn, error or fatal."
@@ -59,30 +73,50 @@ def generate_launch_description() -> LaunchDescription:
                 choices=["true", "false"],
                 description="Start RViz with the boxes and the contacts.",
             ),
-            Node(
-                package="obb_collision",
-                executable="obb_collision_node",
-                name="obb_collision",
-                namespace=LaunchConfiguration("namespace"),
-                parameters=[
-                    LaunchConfiguration("params_file"),
-                    {
-                        "use_sim_time": LaunchConfiguration("use_sim_time"),
-                        "scene_file": ParameterValue(
-                            LaunchConfiguration("scene_file"), value_type=str
-                        ),
-                    },
-                ],
-                arguments=["--ros-args", "--log-level", LaunchConfiguration("log_level")],
-                output="screen",
-            ),
-            Node(
-                package="rviz2",
-                executable="rviz2",
-                name="rviz_obb_collision",
-                namespace=LaunchConfiguration("namespace"),
-                arguments=["-d", PathJoinSubstitution([config, "obb_collision.rviz"])],
-                condition=IfCondition(LaunchConfiguration("rviz")),
-            ),
+            OpaqueFunction(function=start),
         ]
+    )
+
+
+def start(context: LaunchContext) -> list[Node]:
+    """Return the node, and RViz if asked."""
+
+    def value(name: str) -> str:
+        return LaunchConfiguration(name).perform(context)
+
+    given = {name: text for name in ("scene_file", "fixed_frame") if (text := value(name))}
+    if value("use_sim_time"):
+        given["use_sim_time"] = value("use_sim_time") == "true"
+    node = Node(
+        package="obb_collision",
+        executable="obb_collision_node",
+        name=NAME,
+        namespace=value("namespace"),
+        parameters=[value("params_file"), *([given] if given else [])],
+        arguments=["--ros-args", "--log-level", value("log_level")],
+        output="screen",
+    )
+    if value("rviz") == "false":
+        return [node]
+    try:
+        get_package_prefix("rviz2")
+    except PackageNotFoundError:  # found out later, it would leave the node behind
+        raise RuntimeError(
+            "rviz:=true, but rviz2 is not installed: nothing was started. "
+            "Install it (apt install ros-jazzy-rviz2), or start without rviz:=true"
+        ) from None
+    parameters = initial_parameters(NAME, value("namespace"), value("params_file")) | given
+    return [node, rviz(value("namespace"), parameters)]
+
+
+def rviz(namespace: str, parameters: dict[str, object]) -> Node:
+    """Return RViz with the frame and the clock of the node."""
+    config = PathJoinSubstitution([CONFIG, "obb_collision.rviz"])
+    return Node(
+        package="rviz2",
+        executable="rviz2",
+        name="rviz_obb_collision",
+        namespace=namespace,
+        arguments=["-d", config, "-f", str(parameters.get("fixed_frame", "map"))],
+        parameters=[{"use_sim_time": bool(parameters.get("use_sim_time", False))}],
     )
