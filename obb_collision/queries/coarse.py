@@ -19,6 +19,10 @@ centres exceeds the sum of the radii by SPHERE_SLACK. That is 2^9 times the boun
 ``separation`` gives TOUCHING, and axes orthonormal to 64 roundoffs only add 2^-47 to a radius.
 Faces: the first 6 of the 15 axes, with the bound of the fast stage, so that what is apart here is
 apart there.
+Bounds: world AABBs, grown so that boxes whose bounds are apart are SEPARATE for ``separation``,
+too, not merely apart. Boxes that are a distance d apart have a gap of at least d / sqrt(3) along
+one of the 15 axes: the direction of the distance lies among at most three of these, no two of them
+more than a right angle apart. So MEETING_SLACK makes that gap certain, twice the bound there.
 """
 
 from __future__ import annotations
@@ -37,14 +41,25 @@ Mask = NDArray[np.bool_]
 
 #: Slack of the sphere test relative to the distance and the radii (see above).
 SPHERE_SLACK = 2.0**-40
+#: Growth of bounds relative to abs(c_x) + abs(c_y) + abs(c_z) + the half extents (see above).
+MEETING_SLACK = 2.0**-47
+#: Added to it: more than what ``separation`` adds for underflow.
+MEETING_UNDERFLOW = 2.0**-1058
+
+
+def meeting_bounds(boxes: Boxes) -> tuple[Floats, Floats]:
+    """Return minimum and maximum (n, 3) of bounds which overlap for all boxes not SEPARATE."""
+    minimum, maximum = boxes.world_bounds()
+    _grow_kernel(boxes.centers, boxes.half_extents, minimum, maximum)
+    return minimum, maximum
 
 
 def sphere_bounds(boxes: Boxes) -> tuple[Floats, Floats]:
-    """Return minimum and maximum (n, 3) of bounds that hold each box's world AABB and its sphere.
+    """Return minimum and maximum (n, 3) that hold each box's ``meeting_bounds`` and its sphere.
 
     Of two spheres that ``spheres_meet`` reports these bounds certainly overlap.
     """
-    minimum, maximum = boxes.world_bounds()
+    minimum, maximum = meeting_bounds(boxes)
     radii = np.empty(len(boxes))
     _radius_kernel(boxes.half_extents, radii)
     reach = radii[:, None] + 4.0 * SPHERE_SLACK * (np.abs(boxes.centers) + radii[:, None])
@@ -62,9 +77,9 @@ def spheres_meet(boxes: Boxes, rows_a: Integers, rows_b: Integers) -> Mask:
 
 
 def bounds_meet(boxes: Boxes, rows_a: Integers, rows_b: Integers) -> Mask:
-    """Return (m,) whether the world AABBs of two boxes have a common point."""
-    low_a, high_a = boxes.take(rows_a).world_bounds()
-    low_b, high_b = boxes.take(rows_b).world_bounds()
+    """Return (m,) whether the ``meeting_bounds`` of two boxes have a common point."""
+    low_a, high_a = meeting_bounds(boxes.take(rows_a))
+    low_b, high_b = meeting_bounds(boxes.take(rows_b))
     return np.asarray(((low_a <= high_b) & (low_b <= high_a)).all(axis=1))
 
 
@@ -73,6 +88,17 @@ def faces_meet(boxes: Boxes, rows_a: Integers, rows_b: Integers) -> Mask:
     out = np.empty(len(rows_a), np.bool_)
     _faces_kernel(boxes.centers, boxes.rotations, boxes.half_extents, rows_a, rows_b, out)
     return out
+
+
+@njit
+def _grow_kernel(centers: Floats, half_extents: Floats, minimum: Floats, maximum: Floats) -> None:
+    for n in range(len(centers)):
+        size = abs(centers[n, 0]) + abs(centers[n, 1]) + abs(centers[n, 2])
+        size += half_extents[n, 0] + half_extents[n, 1] + half_extents[n, 2]
+        slack = MEETING_SLACK * size + MEETING_UNDERFLOW
+        for k in range(3):
+            minimum[n, k] -= slack
+            maximum[n, k] += slack
 
 
 @njit

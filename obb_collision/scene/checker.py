@@ -24,7 +24,7 @@ import numpy as np
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.validation import Floats
 from obb_collision.queries.accuracy import Accuracy
-from obb_collision.queries.coarse import sphere_bounds
+from obb_collision.queries.coarse import meeting_bounds, sphere_bounds
 from obb_collision.queries.separation import Verdicts
 from obb_collision.scene.allowed import AllowedPairs, Counts
 from obb_collision.scene.broad_phase import Pairs, find_candidates, find_candidates_of
@@ -135,7 +135,7 @@ class Checker:
             bounds is None
             or len(bounds[0]) < len(store.names)  # the store has grown
             or len(changed) * INCREMENTAL_SHARE >= len(store.names)
-            or (needs_spheres(store) and not self._spheres)
+            or needs_spheres(store) != self._spheres  # the bounds are of another kind
         ):
             candidates = self._all_candidates()
             return candidates[store.changed[candidates].any(axis=1)]
@@ -157,4 +157,4 @@ class Checker:
         return active[find_candidates(minimum, maximum)]
 
     def _bounds_of(self, boxes: Boxes) -> tuple[Floats, Floats]:
-        return sphere_bounds(boxes) if self._spheres else boxes.world_bounds()
+        return sphere_bounds(boxes) if self._spheres else meeting_bounds(boxes)

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.queries.accuracy import Accuracy, as_box_accuracy
-from obb_collision.queries.coarse import faces_meet, sphere_bounds, spheres_meet
+from obb_collision.queries.coarse import faces_meet, meeting_bounds, sphere_bounds, spheres_meet
 from obb_collision.queries.separation import SEPARATE, TOUCHING, Verdicts, pair_verdicts
 from obb_collision.scene.broad_phase import Pairs, find_candidates
 
@@ -46,8 +46,8 @@ def find_pairs_and_verdicts(
     """
     rung = as_box_accuracy(accuracy)
     if rung == Accuracy.OBB:
-        return colliding_pairs(boxes, find_candidates(*boxes.world_bounds()), exact)
-    bounds = sphere_bounds(boxes) if rung == Accuracy.SPHERE else boxes.world_bounds()
+        return colliding_pairs(boxes, find_candidates(*meeting_bounds(boxes)), exact)
+    bounds = sphere_bounds(boxes) if rung == Accuracy.SPHERE else meeting_bounds(boxes)
     candidates = find_candidates(*bounds)
     pairs = candidates[coarse_meet(boxes, *columns(candidates), rung)]
     order = np.argsort(pairs[:, 0] * len(boxes) + pairs[:, 1])

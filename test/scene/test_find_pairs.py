@@ -179,6 +179,53 @@ def test_candidates_are_each_pair_of_overlapping_bounds_once() -> None:
         np.testing.assert_array_equal(found[np.lexsort(found.T[::-1])], expected)
 
 
+def nearly_touching(rng: Rng, n: int, exponents: tuple[int, int]) -> Boxes:
+    """Lay boxes beside one another, some units in the last place apart, along the world's axes.
+
+    Sizes are 10^exponents, up to the largest numbers accepted; half of the boxes are turned.
+    """
+    half = 10.0 ** rng.uniform(*exponents, (n, 1)) * rng.uniform(0.1, 1.0, (n, 3))
+    half = np.minimum(half, 1e300)
+    first = rng.uniform(-1.0, 1.0, (n, 3)) * np.minimum(half.max(axis=1, keepdims=True), 4e299)
+    rotations = np.tile(np.eye(3), (n, 1, 1))
+    turned = rng.random(n) < 0.5
+    rotations[turned] = random_rotations(rng, int(turned.sum()))
+    boxes = Boxes(first, rotations, half)
+    low, high = boxes.world_bounds()
+    k, row = rng.integers(0, 3, n), np.arange(n)
+    beside = first.copy()
+    beside[row, k] += high[row, k] - low[row, k]
+    beside[row, k] += rng.integers(-3, 40, n) * np.spacing(np.abs(beside).max(axis=1))
+    beside = np.clip(beside, -1e300, 1e300)
+    parts = ((first, beside), (rotations, rotations), (half, half))
+    return Boxes(*(np.concatenate(part) for part in parts))
+
+
+@pytest.mark.parametrize("accuracy", [None, "sphere", "aabb", "obb_faces"])
+@pytest.mark.parametrize(
+    "exponents",
+    [(-324, -300), (-170, -150), (-3, 3), (140, 170), (298, 300), (300, 300), (-324, 300)],
+)
+def test_what_is_not_separate_is_found_at_every_magnitude(
+    exponents: tuple[int, int], accuracy: str | None
+) -> None:
+    touching = 0
+    for seed in range(20):
+        boxes = nearly_touching(np.random.default_rng(seed), 15, exponents)
+        if accuracy is None:
+            for exact in (False, True):
+                expected = brute_force(boxes, exact)
+                np.testing.assert_array_equal(find_pairs(boxes, exact), expected)
+            rows = all_pairs(len(boxes))
+            truth = oracle.verdicts(*(stored(boxes.take(rows[:, k])) for k in range(2)))
+            np.testing.assert_array_equal(expected, rows[truth != oracle.SEPARATE])
+            touching += len(find_pairs(boxes)) - len(expected)
+        else:
+            found = set(map(tuple, find_pairs(boxes, accuracy=accuracy).tolist()))
+            assert found >= set(map(tuple, brute_force(boxes).tolist()))
+    assert accuracy is not None or touching > 20  # pairs apart that doubles can't tell apart
+
+
 def test_order_of_the_boxes_does_not_matter() -> None:
     rng = np.random.default_rng(4)
     boxes = uniform(rng, 400)

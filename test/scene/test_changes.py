@@ -1,0 +1,205 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""A scene that changed is the scene built anew, bit for bit, whatever has happened to it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from mesh_zoo import zoo
+from scipy.spatial.transform import Rotation
+
+import obb_collision as oc
+from obb_collision.queries.accuracy import ALL_RUNGS
+
+ZOO = zoo()
+SHAPES = (
+    oc.Box([0.3, 0.5, 0.8]),
+    oc.Box([0.6, 0.6, 0.6]),
+    oc.Sphere(0.3),
+    oc.Capsule(0.2, 0.5),
+    oc.Cylinder(0.3, 0.4),
+    oc.Mesh(*ZOO["torus0"]),
+    oc.Hull(np.random.default_rng(3).normal(size=(12, 3)) * 0.2),
+    oc.Mesh(np.random.default_rng(4).normal(size=(9, 3)) * 0.2, np.empty((0, 3), np.int64)),
+)
+PATTERNS = ("*", "0/*", "1/*", "2/*", "0/3", "1/1", "?/1*")
+EFFECTS = ("separations", "contacts", "clearance")
+
+
+class Twin:
+    """A scene and what it takes to build it anew."""
+
+    def __init__(self, seed: int, settings: dict[str, Any]) -> None:
+        self.rng = np.random.default_rng(seed)
+        self.settings = settings
+        self.scene = oc.Scene(**settings)
+        self.objects: dict[str, dict[str, Any]] = {}
+        self.serial = 0
+
+    def pose(self) -> list[float]:
+        places = self.rng.uniform(-1.2, 1.2, 3)
+        if self.rng.random() < 0.3:
+            places = np.round(places, 1)  # exact contacts
+            return [*places, 0.0, 0.0, 0.0, 1.0]
+        return [*places, *Rotation.random(random_state=int(self.rng.integers(1 << 30))).as_quat()]
+
+    def add(self) -> None:
+        taken = list(self.objects)
+        if taken and self.rng.random() < 0.2:
+            name = taken[self.rng.integers(len(taken))]  # in place of another
+            enabled = True
+        else:
+            name, enabled = f"{self.serial % 3}/{self.serial}", True
+            self.serial += 1
+        padding = None if self.rng.random() < 0.7 else float(self.rng.choice([0.0, 0.01, 0.1]))
+        accuracy = None if self.rng.random() < 0.6 else str(self.rng.choice(ALL_RUNGS[1:]))
+        made: dict[str, Any] = {
+            "shape": SHAPES[self.rng.integers(len(SHAPES))], "pose": self.pose(),
+            "padding": padding, "accuracy": accuracy, "enabled": enabled,
+        }  # fmt: skip
+        self.scene.add(
+            name, made["shape"], made["pose"], padding=padding, accuracy=made["accuracy"]
+        )
+        self.objects[name] = made
+
+    def change(self) -> None:
+        """Do one thing at random."""
+        names = list(self.objects)
+        name = names[self.rng.integers(len(names))] if names else ""
+        what = self.rng.choice(
+            [
+                "add",
+                "move",
+                "many",
+                "remove",
+                "enable",
+                "accuracy",
+                "sphere",
+                "all",
+                "padding",
+                "rule",
+                "depth",
+            ],
+            p=[0.2, 0.28, 0.05, 0.1, 0.08, 0.1, 0.06, 0.02, 0.03, 0.05, 0.03],
+        )
+        if what == "add" or not names:
+            self.add()
+        elif what == "move":
+            self.objects[name]["pose"] = self.pose()
+            self.scene.move(name, self.objects[name]["pose"])
+        elif what == "many":
+            for some in names[:: self.rng.integers(1, 4)]:
+                self.objects[some]["pose"] = self.pose()
+                self.scene.move(some, self.objects[some]["pose"])
+        elif what == "remove":
+            self.scene.remove(name)
+            del self.objects[name]
+        elif what == "enable":
+            enabled = bool(self.rng.random() < 0.5)
+            self.scene.set_enabled(name, enabled)
+            self.objects[name]["enabled"] = enabled
+        elif what == "accuracy":
+            rung = None if self.rng.random() < 0.4 else str(self.rng.choice(ALL_RUNGS[1:]))
+            self.scene.set_accuracy(name, rung)
+            self.objects[name]["accuracy"] = rung
+        elif what == "sphere":
+            spheres = [some for some in names if self.objects[some]["accuracy"] == "sphere"]
+            name, rung = (spheres[0], None) if spheres else (name, "sphere")
+            self.scene.set_accuracy(name, rung)
+            self.objects[name]["accuracy"] = rung
+        elif what == "all":
+            self.settings["accuracy"] = str(self.rng.choice(ALL_RUNGS))
+            self.scene.accuracy = self.settings["accuracy"]
+        elif what == "padding":
+            self.settings["padding"] = float(self.rng.choice([0.0, 0.02]))
+            self.scene.padding = self.settings["padding"]
+        elif what == "rule":
+            if self.rng.random() < 0.3:
+                self.scene.allowed = self.scene.allowed[1:]
+            else:
+                a, b = self.rng.choice(PATTERNS, 2)
+                self.scene.allow(str(a), str(b), bool(self.rng.random() < 0.6))
+        else:
+            self.settings["tree_depth"] = int(self.rng.integers(0, 5))
+            self.scene.tree_depth = self.settings["tree_depth"]
+
+    def anew(self) -> oc.Scene:
+        """Return a scene made of what this one has now, with the same indices."""
+        scene = oc.Scene(**self.settings)
+        scene.allowed = self.scene.allowed
+        where = {self.scene.index(name): name for name in self.objects}
+        for slot in range(max(where, default=-1) + 1):
+            if slot not in where:
+                scene.add(f"gap/{slot}", SHAPES[0])
+                continue
+            made = dict(self.objects[where[slot]])
+            enabled = made.pop("enabled")
+            assert scene.add(where[slot], **made) == slot
+            scene.set_enabled(where[slot], enabled)
+        for name in set(scene.names) - set(self.objects):
+            scene.remove(name)
+        return scene
+
+
+def assert_same(report: oc.Report, anew: oc.Report) -> None:
+    """Compare all that two reports say, bit for bit."""
+    assert report.names() == anew.names()
+    for name in ("pairs", "verdicts", "rungs"):
+        assert getattr(report, name).tobytes() == getattr(anew, name).tobytes(), name
+    assert report.colliding.nonzero()[0].tolist() == anew.colliding.nonzero()[0].tolist()
+    for effect in EFFECTS:
+        ours, theirs = report.result(effect), anew.result(effect)
+        fields = ("columns", "rows", "pairs") if effect != "clearance" else tuple(vars(ours))
+        for field in fields:
+            a, b = getattr(ours, field), getattr(theirs, field)
+            parts = zip(a, b, strict=True) if isinstance(a, tuple) else ((a, b),)
+            assert all(x.tobytes() == y.tobytes() for x, y in parts), (effect, field)
+
+
+@pytest.mark.parametrize("settings", [{}, {"exact": True}, {"accuracy": "mesh"}], ids=str)
+@pytest.mark.parametrize("seed", range(6))
+def test_a_changed_scene_is_one_built_anew(seed: int, settings: dict[str, Any]) -> None:
+    twin = Twin(seed, dict(settings))
+    for _ in range(70):  # so many that one change in between goes by what changed alone
+        twin.add()
+    pairs = 0
+    for _ in range(60):
+        for _ in range(twin.rng.integers(1, 3)):
+            twin.change()
+        report = twin.scene.check(effects=EFFECTS)
+        assert_same(report, twin.anew().check(effects=EFFECTS))
+        pairs += len(report)
+    assert pairs > 1000
+
+
+@pytest.mark.parametrize("once", ["remove", "disable", "accuracy"])
+def test_spheres_leave_nothing_behind(once: str) -> None:
+    scene = oc.Scene(accuracy="aabb")
+    for k in range(80):
+        scene.add(f"rod/{k}", oc.Box([2.0, 0.1, 0.1]), [0.0, 0.3 * k, 0.0, 0.0, 0.0, 0.0, 1.0])
+    scene.add("ball", oc.Sphere(0.1), [50.0, 0, 0, 0, 0, 0, 1], accuracy="sphere")
+    scene.check()
+    if once == "remove":
+        scene.remove("ball")
+    elif once == "disable":
+        scene.set_enabled("ball", False)
+    else:
+        scene.set_accuracy("ball", "obb")
+    scene.check()
+    scene.move("rod/3", [0.01, 0.9, 0.0, 0.0, 0.0, 0.0, 1.0])
+    assert scene.check().names() == []
