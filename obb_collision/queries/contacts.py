@@ -52,10 +52,11 @@ class Contacts:
     """Contacts of m pairs (a, b); rows of pairs that are apart have count 0.
 
     normals (m, 3): unit, from a to b; depths (m,): metres, not negative; counts (m,): points of
-    each pair; points (m, limit, 3): metres, in both boxes, the deepest first, NaN past the count;
-    point_depths (m, limit): how far the faces overlap at each point, along the normal, at most
-    the depth of the pair, NaN past the count; axes (m,) int8: number of the axis, 0 to 2 a face of
-    a, 3 to 5 a face of b, 6 + 3 i + j edge i of a against edge j of b.
+    each pair; points (m, limit, 3): metres, in both boxes, the deepest first, NaN past the count
+    (of points equally deep to 2^-24 of the sum of the half extents always the same one, whatever
+    rounding says); point_depths (m, limit): how far the faces overlap at each point, along the
+    normal, at most the depth of the pair, NaN past the count; axes (m,) int8: number of the axis,
+    0 to 2 a face of a, 3 to 5 a face of b, 6 + 3 i + j edge i of a against edge j of b.
     """
 
     normals: Floats

@@ -147,6 +147,7 @@ def test_every_colliding_pair_has_points_and_no_other(name: str, limit: int) -> 
     assert (np.abs(depths[:, 0] - found.depths[hit]) <= 2.0 * TIE * size).all()
     assert (np.nanmax(depths, axis=1) <= found.depths[hit] + DEPTH_ACCURACY * size).all()
     assert (depths[used[hit]] >= 0.0).all()
+    assert (depths[:, 0] >= np.nanmax(depths, axis=1) - 1.001 * TIE * size).all()
     # none is there twice
     apart = np.linalg.norm(found.points[:, :, None] - found.points[:, None], axis=3)
     apart[:, np.arange(limit), np.arange(limit)] = np.inf

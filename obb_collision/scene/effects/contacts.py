@@ -71,7 +71,10 @@ class PairContacts(PairTable):
 
     @property
     def points(self) -> Floats:
-        """(k, max_points, 3) metres, in both boxes, the deepest first; NaN past the count."""
+        """(k, max_points, 3) metres, in both boxes, the deepest first; NaN past the count.
+
+        Equally deep to 2^-24 of the pair's half extents, summed, counts as equally deep.
+        """
         return self.columns[3]
 
     @property
