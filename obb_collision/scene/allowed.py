@@ -21,7 +21,8 @@ table of groups, however many objects there are.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from fnmatch import fnmatchcase
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,9 +49,27 @@ class AllowedPairs:
         """
         a, b = (*as_patterns(first, "first"), *as_patterns(second, "second"))
         key = tuple(sorted((a, b)))
-        self._rules.pop(key, None)  # the last rule comes last
-        self._rules[key] = a, b, bool(allowed)
+        before = self._rules.pop(key, None)  # the last rule comes last
+        if allowed or before is None or self._may_be_allowed(a, b):
+            self._rules[key] = a, b, bool(allowed)
         self._made = None
+
+    def _may_be_allowed(self, a: str, b: str) -> bool:
+        """Return whether a rule may let objects touch that match two patterns.
+
+        If none does, a rule that was taken back can be forgotten instead of overruled.
+        """
+        return any(
+            allowed and ((_meet(a, p) and _meet(b, q)) or (_meet(a, q) and _meet(b, p)))
+            for p, q, allowed in self._rules.values()
+        )
+
+    def replace(self, rules: Iterable[Rule]) -> None:
+        """Put rules in place of all before; on a ValueError those before stay."""
+        new = AllowedPairs()
+        for rule in rules:
+            new.add(*rule)
+        self._rules, self._made = new._rules, None
 
     @property
     def rules(self) -> list[Rule]:
@@ -67,6 +86,17 @@ class AllowedPairs:
         if self._made is None or self._made[0] != version:
             self._made = version, _counts(self.rules, names)
         return self._made[1]
+
+
+def _meet(a: str, b: str) -> bool:
+    """Return whether a name may match two patterns; True where that is not easily told."""
+    if _is_name(a):
+        return fnmatchcase(a, b)
+    return not _is_name(b) or fnmatchcase(b, a)
+
+
+def _is_name(pattern: str) -> bool:
+    return not set(pattern) & set("*?[")
 
 
 def _counts(rules: Sequence[Rule], names: Sequence[str | None]) -> Counts:

@@ -126,8 +126,18 @@ class Scene(SceneObjects):
 
     @property
     def allowed(self) -> list[tuple[str, str, bool]]:
-        """The rules of ``allow``, in the order in which they count."""
+        """The rules of ``allow``, in the order in which they count.
+
+        May be set, to rules (first, second, allowed) in place of all before; [] forgets them.
+        """
         return list(self._allowed.rules)
+
+    @allowed.setter
+    def allowed(self, rules: Iterable[tuple[str, str, bool]]) -> None:
+        before = self._allowed.rules
+        self._allowed.replace(rules)
+        if self._allowed.rules != before:
+            self._store.changed |= self._store.used
 
     def set_effect(
         self,

@@ -25,7 +25,7 @@ import pytest
 import obb_collision as oc
 from obb_collision.queries.witness import witness_kernel
 from obb_collision.scene.effects import EFFECTS, separations
-from obb_collision.scene.effects.base import pair_rows
+from obb_collision.scene.effects.base import MOST_FAILURES, isolated, pair_rows
 
 LAZY = [name for name, effect in EFFECTS.items() if effect.lazy]
 
@@ -151,6 +151,32 @@ def test_a_pair_that_fails_is_named_and_the_others_are_computed() -> None:
     assert table.columns[0].tolist() == [1.0, 2.0, 4.0]
 
 
+@pytest.mark.parametrize("share", [1.0, 0.5, 0.01])
+def test_pairs_that_fail_are_looked_for_within_bounds(share: float) -> None:
+    count = 10_000
+    pairs = np.stack([np.arange(count), np.arange(count) + 1], axis=1)
+    bad = np.random.default_rng(1).random(count) < share
+    calls = []
+
+    def compute(some: Any) -> Any:
+        calls.append(len(some))
+        if bad[some[:, 0]].any():
+            raise ArithmeticError("no answer")
+        return (some[:, 1] * 1.0,)
+
+    rows, (column,), failures = isolated(compute, pairs, (np.empty(0),))
+    assert len(calls) <= 2 * (MOST_FAILURES + 1) * 14 + 14  # 2^14 > count
+    assert not bad[rows].any()
+    assert (np.diff(rows) > 0).all()
+    assert column.tolist() == (rows + 1.0).tolist()
+    assert failures[0] == f"pair {bad.argmax()}, {bad.argmax() + 1}: ArithmeticError: no answer"
+    assert len(failures) <= MOST_FAILURES + 14
+    if share == 1.0:
+        assert len(calls) <= 2 * (MOST_FAILURES + 14)
+        together = [int(text.split(" and ")[1].split()[0]) for text in failures if " and " in text]
+        assert sum(together) + len(failures) == count  # none is left unsaid
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -188,6 +214,27 @@ def test_allowed_pairs_do_not_count(accuracy: str) -> None:
     assert scene.allowed == [("even/*", "odd/*", True), ("odd/1", "*", False)]
     with pytest.raises(ValueError, match="names or patterns"):
         scene.allow("", "*")
+
+
+def test_rules_that_were_taken_back_are_forgotten() -> None:
+    scene = row_of_cubes()
+    everything = scene.check().names()
+    scene.allow("even/0", "odd/1")
+    for k in range(2000):
+        scene.allow(f"even/{k}", "odd/3")
+        scene.allow("odd/3", f"even/{k}", False)
+    assert scene.allowed == [("even/0", "odd/1", True)]
+    scene.allow("odd/*", "even/*")
+    scene.allow("even/0", "odd/1", False)  # overrules the one before: not forgotten
+    assert scene.check().names() == [("even/0", "odd/1")]
+    with pytest.raises(ValueError, match="names or patterns"):
+        scene.allowed = [("*", "*", True), ("", "*", True)]
+    assert len(scene.allowed) == 2
+    for k in range(2000):
+        scene.allowed = [("even/*", f"odd/{k}", True)]
+    assert scene.allowed == [("even/*", "odd/1999", True)]
+    scene.allowed = []
+    assert scene.check().names() == everything
 
 
 def test_objects_may_come_one_by_one_between_checks() -> None:

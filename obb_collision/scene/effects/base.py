@@ -38,6 +38,9 @@ from obb_collision.scene.store import ObjectStore, Rows
 Mask = NDArray[np.bool_]
 Table = tuple[NDArray[Any], ...]
 
+#: Pairs that fail at one check which are looked for one by one: enough to see what they share.
+MOST_FAILURES = 16
+
 
 class Option(NamedTuple):
     """A number an effect can be set by: what it means, in which unit, from where to where."""
@@ -203,22 +206,31 @@ def isolated(
 
     compute(pairs) returns columns with a row for some or all pairs; blank: the same without one.
     Without pairs it is not called; where it raises, halves are tried, down to the pairs that fail.
+    After MOST_FAILURES of these what raises is left out as it is, so that an effect that always
+    fails is called some 2 (MOST_FAILURES + log2 m) times, not 2 m.
     """
-    if len(pairs) == 0:
-        return np.arange(0), blank, ()
-    try:
-        return np.arange(len(pairs)), compute(pairs), ()
-    except Exception as error:
-        if len(pairs) == 1:
-            where = "".join(f"pair {i}, {j}: " for i, j in pairs.tolist())
-            failure = f"{where}{type(error).__name__}: {error}"
-            return np.arange(0), blank, (failure,)
-    half = len(pairs) // 2
-    rows, columns, failures = isolated(compute, pairs[:half], blank)
-    more_rows, more_columns, more_failures = isolated(compute, pairs[half:], blank)
-    joined = zip(columns, more_columns, strict=True)
-    return (
-        np.concatenate([rows, half + more_rows]),
-        tuple(np.concatenate(parts) for parts in joined),
-        failures + more_failures,
-    )
+    rows, tables, failures = [np.arange(0)], [blank], list[str]()
+    waiting = [np.arange(len(pairs))] if len(pairs) else []
+    while waiting:
+        part = waiting.pop()
+        try:
+            table = compute(pairs[part])
+        except Exception as error:  # whatever it is, other pairs go on
+            if len(part) > 1 and len(failures) < MOST_FAILURES:
+                half = len(part) // 2
+                waiting += [part[half:], part[:half]]  # the first half is next
+            else:
+                failures.append(_failure(pairs[part], error))
+        else:
+            rows.append(part)
+            tables.append(table)
+    if len(tables) == 2:  # all at once, as nearly always: nothing to copy
+        return rows[1], tables[1], tuple(failures)
+    columns = tuple(np.concatenate(parts) for parts in zip(*tables, strict=True))
+    return np.concatenate(rows), columns, tuple(failures)
+
+
+def _failure(pairs: Pairs, error: Exception) -> str:
+    first, second = pairs[0].tolist()
+    more = f" and {len(pairs) - 1} more, not tried alone" if len(pairs) > 1 else ""
+    return f"pair {first}, {second}{more}: {type(error).__name__}: {error}"
