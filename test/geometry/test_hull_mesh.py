@@ -20,6 +20,7 @@ import numpy as np
 import pytest
 from mesh_zoo import zoo
 from numpy.typing import NDArray
+from plane_depths import least_depth
 from scipy.spatial.transform import Rotation
 from trimesh import Trimesh, creation
 
@@ -59,10 +60,7 @@ def surface(shape: Shape, count: int) -> Floats:
 
 def excess(points: Floats, corners: Floats, faces: NDArray[np.int64]) -> float:
     """Return how far points stick out of a convex mesh with outward faces; negative: within."""
-    a, b, c = corners[faces].transpose(1, 0, 2)
-    normals = np.cross(b - a, c - a)
-    normals /= np.linalg.norm(normals, axis=1)[:, None]
-    return float((points @ normals.T - np.einsum("ij,ij->i", normals, a)).max())
+    return -least_depth(corners[faces], points)
 
 
 @pytest.mark.parametrize(

@@ -20,6 +20,7 @@ import numpy as np
 import pytest
 from mesh_zoo import zoo
 from numpy.typing import ArrayLike
+from plane_depths import least_depth
 
 from obb_collision.geometry.hull_mesh import HULL_MARGIN, MANY_CORNERS, box_corners
 from obb_collision.geometry.hulls import hull_volume
@@ -32,12 +33,7 @@ ZOO = zoo()
 
 def least_distance(tree: MeshTrees, points: ArrayLike) -> float:
     """Return how far inside the planes of all faces the points lie, relative to their size."""
-    largest = np.abs(points).max()
-    corners = tree.triangles.reshape(-1, 3, 3) / largest
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normals /= np.linalg.norm(normals, axis=1)[:, None]
-    offsets = np.einsum("ij,ij->i", normals, corners[:, 0])
-    return float((offsets[:, None] - normals @ (np.asarray(points) / largest).T).min())
+    return least_depth(tree.triangles.reshape(-1, 3, 3), points) / float(np.abs(points).max())
 
 
 @pytest.mark.parametrize("size", [1e-150, 1.0, 1e150])
@@ -67,7 +63,10 @@ def test_flat_shapes_get_a_box(points: list[list[float]]) -> None:
     tree = hull_tree(Hull(points))
     assert tree.solid[0]
     assert len(tree.faces) == 12
-    assert least_distance(tree, points) > 0.99 * HULL_MARGIN
+    largest = np.abs(points).max()
+    for first in range(3):  # whichever corner a face begins with
+        corners = np.roll(tree.triangles.reshape(-1, 3, 3), first, axis=1)
+        assert least_depth(corners, points) > 0.99 * HULL_MARGIN * largest
 
 
 def test_repeated_corners_and_corners_amid_edges_still_get_a_hull() -> None:
