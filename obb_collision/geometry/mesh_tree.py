@@ -24,7 +24,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -41,7 +41,14 @@ from obb_collision.geometry.meshes import Mesh
 from obb_collision.geometry.node_boxes import HALF
 from obb_collision.geometry.primitives import LocalBox
 from obb_collision.geometry.tree_build import build_tree
-from obb_collision.geometry.validation import Floats
+from obb_collision.geometry.tree_checks import checked_arrays
+from obb_collision.geometry.validation import (
+    Floats,
+    as_array,
+    as_half_extents,
+    as_rotations,
+    as_whole,
+)
 
 #: Triangles in a leaf. Two take half as many nodes and are up to a fifth quicker on meshes as even
 #: as a ball, but take half as long again on the long thin triangles of real ones.
@@ -94,6 +101,16 @@ class MeshTrees:
     pieces: Floats
     piece_starts: Integers
 
+    def __post_init__(self) -> None:
+        vars(self).update(checked_arrays(vars(self)))
+
+    @classmethod
+    def trusted(cls, **arrays: NDArray[Any]) -> MeshTrees:
+        """Return trees of all arrays by name, known to be right; neither checked nor copied."""
+        trees = object.__new__(cls)
+        vars(trees).update(arrays)
+        return trees
+
     @classmethod
     def build(
         cls,
@@ -105,41 +122,72 @@ class MeshTrees:
     ) -> MeshTrees:
         """Return the tree of one mesh: vertices (n, 3) metres, faces (m, 3), m >= 1.
 
-        ``solid``: whether it is a body or a surface; None: a body if watertight. root: a box that
-        certainly holds all triangles, in place of the one fitted for the first node. Raises
-        ValueError for numbers that are not finite, faces out of range or none at all, and for
-        a surface with a boundary that is said to be solid.
+        ``solid``: whether it is a body or a surface; None: a body if watertight. leaf: most
+        triangles of a node without children, at least 1. root: a box (centre, rotation, half
+        extents) that certainly holds all triangles, in place of the one fitted for the first node.
+        Raises ValueError for numbers that are not finite, faces out of range or none at all, for a
+        surface with a boundary that is said to be solid, and for another leaf or root.
         """
         mesh = Mesh(vertices, faces)
-        if len(mesh.faces) == 0:
+        size = as_whole(leaf, "leaf", 1)
+        if root is not None:
+            center, rotation, half_extents = root
+            root = (
+                as_array(center, "root's centre", (3,)),
+                as_rotations(rotation, "root's rotation", (3, 3)),
+                as_half_extents(half_extents, "root's half extents", (3,)),
+            )
+        return cls.of(mesh.vertices, mesh.faces, solid, size, root)
+
+    @classmethod
+    def of(
+        cls,
+        vertices: Floats,
+        faces: Integers,
+        solid: bool | None = None,
+        leaf: int = LEAF,
+        root: LocalBox | None = None,
+    ) -> MeshTrees:
+        """Return what ``build`` does, of arrays that are known to be right.
+
+        They may exceed the largest magnitude that is accepted, as a hull about such points does.
+        """
+        if len(faces) == 0:
             raise ValueError("faces must hold at least one triangle, got none")
-        merged = merged_faces(mesh.vertices, mesh.faces)
+        merged = merged_faces(vertices, faces)
         boundary, closed = boundary_faces(merged)
         if solid and not closed:
             raise ValueError("solid must not be true for a mesh that is not watertight")
         counted = np.zeros(len(merged), np.bool_)
         counted[boundary] = True
-        triangles = mesh.vertices[mesh.faces].reshape(-1, 9)
+        triangles = vertices[faces].reshape(-1, 9)
         order, nodes, children, starts, levels = build_tree(triangles, leaf)
         if root is not None:
             center, rotation, half_extents = root
             nodes[0] = np.r_[center, rotation.ravel(), half_extents, half_extents.sum()]
-        pieces = mesh.vertices[piece_corners(mesh.vertices, merged)]
-        return cls(
-            triangles[order], order, counted[order], nodes, children, starts, levels,
+        pieces = vertices[piece_corners(vertices, merged)]
+        return cls.trusted(
+            triangles=triangles[order],
+            faces=order,
+            counted=counted[order],
+            nodes=nodes,
+            children=children,
+            starts=starts,
+            levels=levels,
             roots=np.zeros(1, np.int64),
             solid=np.array([closed if solid is None else solid]),
             winding=np.array([closed and is_oriented(merged[boundary])]),
             radii=np.array([_radius(triangles, nodes)]),
             pieces=pieces,
             piece_starts=np.array([0, len(pieces)]),
-        )  # fmt: skip
+        )
 
     @classmethod
     def from_half_extents(cls, half_extents: ArrayLike) -> MeshTrees:
         """Return the trees of k solid boxes about the origin, half extents (k, 3) metres."""
-        rows = np.atleast_2d(np.asarray(half_extents, np.float64))
-        return cls.join([cls.build(BOX_CORNERS * row, BOX_FACES) for row in rows])
+        given = np.asarray(half_extents)
+        rows = as_half_extents(given[None] if given.ndim == 1 else given, "half_extents", (None, 3))
+        return cls.join([cls.of(BOX_CORNERS * row, BOX_FACES) for row in rows])
 
     @classmethod
     def join(cls, trees: Sequence[MeshTrees]) -> MeshTrees:
@@ -150,21 +198,16 @@ class MeshTrees:
         triangles = np.cumsum([0, *(len(t.triangles) for t in trees)])
         pieces = np.cumsum([0, *(len(t.pieces) for t in trees)])
         shifted = [np.where(t.children < 0, -1, t.children + n) for t, n in zip(trees, nodes)]  # noqa: B905
-        return cls(
-            np.concatenate([t.triangles for t in trees]),
-            np.concatenate([t.faces for t in trees]),
-            np.concatenate([t.counted for t in trees]),
-            np.concatenate([t.nodes for t in trees]),
-            np.concatenate(shifted),
-            np.concatenate([t.starts + n for t, n in zip(trees, triangles)]),  # noqa: B905
-            np.concatenate([t.levels for t in trees]),
-            np.concatenate([t.roots + n for t, n in zip(trees, nodes)]),  # noqa: B905
-            np.concatenate([t.solid for t in trees]),
-            np.concatenate([t.winding for t in trees]),
-            np.concatenate([t.radii for t in trees]),
-            np.concatenate([t.pieces for t in trees]),
-            np.r_[0, np.concatenate([t.piece_starts[1:] + n for t, n in zip(trees, pieces)])],  # noqa: B905
-        )
+        joined = {
+            name: np.concatenate([getattr(t, name) for t in trees])
+            for name in TreeArrays._fields
+            if name != "piece_starts"
+        }
+        joined["children"] = np.concatenate(shifted)
+        joined["starts"] = np.concatenate([t.starts + n for t, n in zip(trees, triangles)])  # noqa: B905
+        joined["roots"] = np.concatenate([t.roots + n for t, n in zip(trees, nodes)])  # noqa: B905
+        ends = [t.piece_starts[1:] + n for t, n in zip(trees, pieces)]  # noqa: B905
+        return cls.trusted(**joined, piece_starts=np.r_[0, np.concatenate(ends)])
 
     def __len__(self) -> int:
         return len(self.roots)
@@ -175,7 +218,10 @@ class MeshTrees:
         return TreeArrays(*(getattr(self, item.name) for item in fields(self)))
 
     def boxes(self, index: int, depth: int) -> Boxes:
-        """Return the boxes of mesh ``index`` at a depth, at most 2^depth, in the mesh's frame."""
+        """Return the boxes of mesh ``index`` at a depth, at most 2^depth, in the mesh's frame.
+
+        ValueError for an index or depth that is none.
+        """
         rows = self.rows(index, depth)
         rotations = self.nodes[rows, 3:HALF].reshape(-1, 3, 3)
         return Boxes.trusted(
@@ -184,6 +230,7 @@ class MeshTrees:
 
     def rows(self, index: int, depth: int) -> Integers:
         """Return the nodes at a depth, with the leaves above it: together they hold all."""
+        index, depth = as_whole(index, "index", 0, len(self) - 1), as_whole(depth, "depth")
         last = self.roots[index + 1] if index + 1 < len(self) else len(self.nodes)
         rows = np.arange(self.roots[index], last)
         leaf = self.children[rows] < 0

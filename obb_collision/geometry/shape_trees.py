@@ -30,8 +30,10 @@ def mesh_tree(mesh: Mesh) -> MeshTrees:
 
     ValueError for a mesh without faces.
     """
-    vertices = mesh.vertices * np.array(mesh.scale)
-    return MeshTrees.build(vertices, mesh.faces, root=mesh.local_box if len(mesh.faces) else None)
+    used, faces = np.unique(mesh.faces, return_inverse=True)  # the others may be anywhere
+    vertices = mesh.vertices[used] * np.array(mesh.scale)
+    root = mesh.local_box if len(used) else None
+    return MeshTrees.of(vertices, faces.reshape(-1, 3), root=root)
 
 
 def box_tree(half_extents: Floats) -> MeshTrees:
@@ -40,5 +42,8 @@ def box_tree(half_extents: Floats) -> MeshTrees:
 
 
 def hull_tree(shape: Shape) -> MeshTrees:
-    """Return the tree of a convex mesh that certainly holds a shape (see ``hull_mesh``)."""
-    return MeshTrees.build(*hull_mesh(shape))
+    """Return the tree of a convex mesh that certainly holds a shape (see ``hull_mesh``).
+
+    That may stick out past the largest coordinate a shape can have.
+    """
+    return MeshTrees.of(*hull_mesh(shape))

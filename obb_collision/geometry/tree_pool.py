@@ -84,7 +84,9 @@ class TreePool:
     def all(self) -> MeshTrees:
         """All trees, of which there must be one."""
         if self._all is None:
-            self._all = MeshTrees(**{name: self._buffers.part(name) for name in TREE_ARRAYS})
+            self._all = MeshTrees.trusted(
+                **{name: self._buffers.part(name) for name in TREE_ARRAYS}
+            )
         return self._all
 
     @staticmethod

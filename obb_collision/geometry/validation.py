@@ -34,6 +34,9 @@ Floats = NDArray[np.float64]
 #: Largest magnitude accepted (metres). Sums of a few such numbers still can't overflow.
 MAX_MAGNITUDE = 1e300
 
+#: Largest whole number accepted where there is no other limit: what an index can be.
+MOST_WHOLE = 2**63 - 1
+
 #: Largest entry of R^T R - I that still counts as a rotation that was meant (interface).
 ORTHONORMAL_TOLERANCE = 1e-6
 
@@ -107,6 +110,36 @@ def as_points(value: ArrayLike, name: str) -> NDArray[np.floating]:
     if array.ndim != 2 or array.shape[1] != 3:
         raise ValueError(f"{name} must have shape (n, 3), got {array.shape}")
     return array
+
+
+def as_whole(value: object, name: str, least: int = 0, most: int = MOST_WHOLE) -> int:
+    """Return a whole number from ``least`` to ``most``; ValueError naming it for anything else.
+
+    Numbers that become sizes, indices and depths go through here: no bool, no 1.0.
+    """
+    whole = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
+    if not whole or not least <= int(value) <= most:  # type: ignore[call-overload]
+        bounds = f"from {least} to {most}" if most < MOST_WHOLE else f"at least {least}"
+        raise ValueError(f"{name} must be a whole number, {bounds}, got {value!r}")
+    return int(value)  # type: ignore[call-overload, no-any-return]
+
+
+def as_rows(value: ArrayLike, name: str, count: int) -> NDArray[np.int64]:
+    """Return whole numbers (m,) from 0 to ``count`` - 1 as contiguous int64.
+
+    Raises ValueError naming the argument and the row for anything else.
+    """
+    array = np.asarray(value)
+    if array.shape == (0,):
+        return np.empty(0, np.int64)
+    if array.ndim != 1 or not np.issubdtype(array.dtype, np.integer):
+        raise ValueError(
+            f"{name} must be whole numbers of shape (m,), got {array.dtype} of shape {array.shape}"
+        )
+    wrong = (array < 0) | (array >= count)
+    if wrong.any():
+        raise ValueError(f"{name} must be from 0 to {count - 1}{first_bad_row(wrong)}")
+    return np.ascontiguousarray(array, np.int64)
 
 
 def check_magnitude(array: Floats, name: str, by_row: bool) -> None:

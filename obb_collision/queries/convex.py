@@ -34,6 +34,7 @@ from numpy.typing import NDArray
 from obb_collision._jit import njit
 from obb_collision.geometry.tree_pool import Hulls
 from obb_collision.geometry.validation import Floats
+from obb_collision.queries.segments import unit_scale
 from obb_collision.queries.simplex import nearest_to_origin
 from obb_collision.queries.tree_boxes import SMALLEST, relative_pose
 from obb_collision.queries.tree_descent import Placement
@@ -85,18 +86,20 @@ def _meet_kernel(
         out[n] = not _apart(
             a.corners, a.starts[hull_a], a.starts[hull_a + 1],
             b.corners, b.starts[hull_b], b.starts[hull_b + 1],
-            pose, GAP_BOUND * size + SMALLEST, work,
+            pose, GAP_BOUND * size + SMALLEST, unit_scale(size)[0], work,
         )  # fmt: skip
 
 
 @njit
 def _apart(
     a: Floats, first_a: int, last_a: int, b: Floats, first_b: int, last_b: int,
-    m: Floats, bound: float, work: Floats,
+    m: Floats, bound: float, unit: float, work: Floats,
 ) -> bool:  # fmt: skip
     """Return True if a direction certainly separates corners of a from those of b.
 
-    m (12,): pose of b in the frame of a; work (5, 3): scratch for a simplex and its nearest point.
+    m (12,): pose of b in the frame of a; unit: a power of two that brings sizes near one, so that
+    products of lengths stay within doubles; work (5, 3): scratch for a simplex, times unit, and its
+    nearest point.
     """
     simplex, nearest = work[:4], work[4]
     # from the one centre to the other: it separates most pairs that are apart
@@ -120,11 +123,11 @@ def _apart(
             return True
         if count > 0:
             reached = x * nearest[0] + y * nearest[1] + z * nearest[2]
-            if not reached - gap > CONVERGED * reached:
+            if not reached - unit * gap > CONVERGED * reached:
                 return False
         for i in range(3):
             moved = m[3 * i] * b[n, 0] + m[3 * i + 1] * b[n, 1] + m[3 * i + 2] * b[n, 2]
-            simplex[count, i] = a[k, i] - (moved + m[9 + i])
+            simplex[count, i] = unit * (a[k, i] - (moved + m[9 + i]))
         count = nearest_to_origin(simplex, count + 1, nearest)
         if count == 4:
             return False

@@ -36,7 +36,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from obb_collision.geometry.mesh_tree import MeshTrees
 from obb_collision.geometry.poses import as_poses
-from obb_collision.geometry.validation import Floats, as_array, as_rotations
+from obb_collision.geometry.validation import Floats, as_array, as_rotations, as_rows, as_whole
 from obb_collision.queries.inside_mesh import inside_exactly
 from obb_collision.queries.mesh_kernels import find_kernel, tree_kernel
 from obb_collision.queries.separation import OVERLAP, SEPARATE, TOUCHING
@@ -49,6 +49,8 @@ Integers = NDArray[np.int64]
 NEVER = OVERLAP + 1
 #: More pairs of nodes than any two meshes have.
 UNLIMITED = 2**62
+#: Contacts that there is room for at first, whatever the capacity: 2 MB.
+FIRST_ROOM = 1 << 16
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +68,9 @@ class PlacedMeshes:
     def __init__(
         self, trees: MeshTrees, meshes: ArrayLike, centers: ArrayLike, rotations: ArrayLike
     ) -> None:
-        rows = np.asarray(meshes, np.int64)
+        if not isinstance(trees, MeshTrees):
+            raise ValueError(f"trees must be MeshTrees, got {type(trees).__name__}")
+        rows = as_rows(meshes, "meshes", len(trees))
         c = as_array(centers, "centers", (None, 3))
         r = as_rotations(rotations, "rotations", (None, 3, 3))
         if not len(rows) == len(c) == len(r):
@@ -74,8 +78,6 @@ class PlacedMeshes:
                 "meshes, centers and rotations must have the same length, "
                 f"got {len(rows)}, {len(c)} and {len(r)}"
             )
-        if len(rows) and not (rows.min() >= 0 and rows.max() < len(trees)):
-            raise ValueError(f"meshes must be rows 0 to {len(trees) - 1} of the trees")
         for name, value in (("trees", trees), ("meshes", rows), ("centers", c), ("rotations", r)):
             object.__setattr__(self, name, value)
 
@@ -126,6 +128,7 @@ def mesh_verdicts(
     Raises ValueError if lengths differ.
     """
     i, j = _rows(a, b, rows_a, rows_b)
+    effort = as_whole(effort, "effort")
     result, _, _ = _find(a, b, i, j, OVERLAP, 0, effort)
     if exact:
         open_rows = np.flatnonzero(result == TOUCHING)
@@ -165,7 +168,10 @@ def mesh_contacts(
         contacts = _all_contacts(a, b, i, j)
         count = len(contacts)
     else:
-        _, contacts, count = _find(a, b, i, j, NEVER, capacity)
+        room = as_whole(capacity, "capacity")
+        _, contacts, count = _find(a, b, i, j, NEVER, min(room, FIRST_ROOM))
+        if count > len(contacts) and room > FIRST_ROOM:  # no room is made that nothing fills
+            _, contacts, count = _find(a, b, i, j, NEVER, min(room, count))
     faces = contacts.copy()
     faces[:, 1] = a.trees.faces[contacts[:, 1]]
     faces[:, 2] = b.trees.faces[contacts[:, 2]]
@@ -184,8 +190,7 @@ def tree_collisions(
     Never misses what ``mesh_verdicts`` reports. A pair whose boxes of a lesser depth are apart
     is not reported, even where boxes below stick out of those above.
     """
-    if depth < 0:
-        raise ValueError(f"depth must not be negative, got {depth}")
+    depth = as_whole(depth, "depth")
     i, j = _rows(a, b, rows_a, rows_b)
     result = np.empty(len(i), np.bool_)
     sides = (a.trees.arrays, a.meshes, a.placement, i, b.trees.arrays, b.meshes, b.placement, j)
@@ -196,13 +201,13 @@ def tree_collisions(
 def _rows(
     a: PlacedMeshes, b: PlacedMeshes, rows_a: Integers | None, rows_b: Integers | None
 ) -> tuple[Integers, Integers]:
-    i = np.arange(len(a)) if rows_a is None else np.asarray(rows_a, np.int64)
-    j = np.arange(len(b)) if rows_b is None else np.asarray(rows_b, np.int64)
+    for bodies, name in ((a, "a"), (b, "b")):
+        if not isinstance(bodies, PlacedMeshes):
+            raise ValueError(f"{name} must be PlacedMeshes, got {type(bodies).__name__}")
+    i = np.arange(len(a)) if rows_a is None else as_rows(rows_a, "rows_a", len(a))
+    j = np.arange(len(b)) if rows_b is None else as_rows(rows_b, "rows_b", len(b))
     if len(i) != len(j):
         raise ValueError(f"a and b must have the same length, got {len(i)} and {len(j)}")
-    for rows, bodies, name in ((i, a, "rows_a"), (j, b, "rows_b")):
-        if len(rows) and not (rows.min() >= 0 and rows.max() < len(bodies)):
-            raise ValueError(f"{name} must be rows 0 to {len(bodies) - 1}")
     return i, j
 
 

@@ -34,7 +34,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from obb_collision.geometry.boxes import Boxes
-from obb_collision.geometry.validation import Floats, as_array, as_points
+from obb_collision.geometry.validation import Floats, as_array, as_points, as_whole
 from obb_collision.queries.point_grid import build_grid
 from obb_collision.queries.point_kernels import lengths_kernel, points_kernel
 from obb_collision.queries.segments import LARGEST_EXPONENT
@@ -89,10 +89,7 @@ def points_inside(
     reach = float(as_array(margin, "margin", ()))
     if reach < 0.0:
         raise ValueError(f"margin must not be negative, got {reach!r}")
-    if threads is None:
-        threads = _cores()
-    if threads < 1:
-        raise ValueError(f"threads must be at least 1, got {threads}")
+    threads = _cores() if threads is None else as_whole(threads, "threads", 1)
     size = max(CHUNK, -(-len(cloud) // MOST_CHUNKS))
     starts = range(0, len(cloud), size)
     found = np.zeros((len(starts), 3, len(boxes)), np.int64)

@@ -213,7 +213,7 @@ class SceneObjects:
 
     def name(self, index: int) -> str:
         """Return the name of the object with an index. KeyError for an unknown one."""
-        return str(self._store.names[self._store.check_slots(index)[0]])
+        return str(self._store.names[self._store.check_slots([index])[0]])
 
     @property
     def names(self) -> list[str]:

@@ -47,7 +47,7 @@ class Cost:
 class Report:
     """The colliding pairs of a scene, m of them, as arrays with one row a pair.
 
-    pairs (m, 2) int64: object indices i < j, in lexicographic order.
+    The arrays are read-only. pairs (m, 2) int64: object indices i < j, in lexicographic order.
     verdicts (m,) int8: ``Verdict.TOUCHING`` or ``OVERLAP``; both count as colliding. OVERLAP is
     certain; on all rungs but OBB and MESH, which can't be, everything is TOUCHING.
     rungs (m,) int8: the ``Accuracy`` that each pair was decided on.
@@ -67,7 +67,10 @@ class Report:
         cycle: Cycle,
         settings: Mapping[str, Setting],
     ) -> None:
-        self.pairs, self.verdicts, self.rungs = found.pairs, found.verdicts, found.rungs
+        # read-only: effects computed later, and the next check, go by them
+        self.pairs, self.verdicts, self.rungs = (
+            _read_only(array) for array in (found.pairs, found.verdicts, found.rungs)
+        )
         self.cap = found.cap
         self.results = found.results
         self.slot_names = slot_names
@@ -177,3 +180,9 @@ class Report:
     def names(self) -> list[tuple[str, str]]:
         """Return the pairs by name, in the order of ``pairs``."""
         return [(str(self.slot_names[i]), str(self.slot_names[j])) for i, j in self.pairs.tolist()]
+
+
+def _read_only(array: NDArray[Any]) -> NDArray[Any]:
+    view = array.view()
+    view.setflags(write=False)
+    return view

@@ -202,8 +202,10 @@ class ObjectStore:
     def check_slots(self, slots: ArrayLike) -> Rows:
         """Return slots as an index array; KeyError naming the first that is not in use."""
         rows = np.atleast_1d(np.asarray(slots))
-        if rows.dtype.kind not in "iu" and rows.size:
-            raise ValueError(f"indices must be integers, got {rows.dtype}")
+        if rows.ndim != 1 or (rows.dtype.kind not in "iu" and rows.size):
+            raise ValueError(
+                f"indices must be integers of shape (n,), got {rows.dtype} of shape {rows.shape}"
+            )
         rows = rows.astype(np.int64)
         known = (rows >= 0) & (rows < len(self.names))
         known[known] = self.used[rows[known]]
