@@ -16,9 +16,9 @@
 
     python hostile_arguments.py [STEP]
 
-With a step only one of so many cases is run. Each case replaces one argument of a call that works. Before a case its number and name go to
-standard output, so that whatever ends the process is known. Anything but an answer or an error of
-ERRORS is printed as a failure.
+With a step only one of so many cases is run. Each case replaces one argument of a call that works.
+Before a case its number and name go to standard output, so that whatever ends the process is known.
+Anything but an answer or an error of ERRORS is said as a failure.
 """
 
 from __future__ import annotations
@@ -211,7 +211,15 @@ def tree_calls(name: str, good: Any) -> Iterator[tuple[str, Callable[..., Any], 
 def used(made: oc.MeshTrees) -> Any:
     """Let the kernels go over trees."""
     bodies = oc.PlacedMeshes(made, [0, 1], np.zeros((2, 3)), [np.eye(3)] * 2)
-    return oc.mesh_verdicts(bodies, bodies, [0], [1]), oc.tree_collisions(bodies, bodies, 3)
+    return oc.mesh_verdicts(bodies, bodies, *np.array([[0], [1]])), oc.tree_collisions(
+        bodies, bodies, 3
+    )
+
+
+def say(line: str) -> None:
+    """Write a line at once: the process may end at the next call."""
+    sys.stdout.write(f"{line}\n")
+    sys.stdout.flush()
 
 
 def main() -> None:
@@ -224,20 +232,20 @@ def main() -> None:
                 number += 1
                 if number % step:
                     continue
-                print(f"{number} {name}({argument}=HOSTILE[{which}])", flush=True)
+                say(f"{number} {name}({argument}=HOSTILE[{which}])")
                 try:
                     with warnings.catch_warnings():
                         warnings.simplefilter("ignore")
                         function(**{**good, argument: value})
                 except ERRORS as error:
                     if type(error).__module__.startswith("numba"):
-                        print(f"FAILED {type(error).__name__}: {value!r}", flush=True)
+                        say(f"FAILED {type(error).__name__}: {value!r}")
                 except AttributeError as error:
                     if argument not in OBJECTS:
-                        print(f"FAILED {error} for {value!r}", flush=True)
+                        say(f"FAILED {error} for {value!r}")
                 except BaseException as error:
-                    print(f"FAILED {type(error).__name__}: {error} for {value!r}", flush=True)
-    print(f"done {number}", flush=True)
+                    say(f"FAILED {type(error).__name__}: {error} for {value!r}")
+    say(f"done {number}")
 
 
 if __name__ == "__main__":

@@ -19,6 +19,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from itertools import pairwise
 from pathlib import Path
 
 import obb_collision as oc
@@ -40,7 +41,7 @@ def test_hostile_arguments_are_answered_or_refused() -> None:
         check=False,
     )
     lines = ran.stdout.splitlines()
-    failed = [f"{case}: {line}" for case, line in zip(lines, lines[1:]) if line.startswith("FAIL")]  # noqa: B905
+    failed = [f"{case}: {line}" for case, line in pairwise(lines) if line.startswith("FAILED")]
     assert failed == []
     assert ran.returncode == 0, f"ended by {ran.returncode} in {lines[-1:]}: {ran.stderr[-2000:]}"
     assert lines[-1].startswith("done ")

@@ -121,7 +121,7 @@ def as_whole(value: object, name: str, least: int = 0, most: int = MOST_WHOLE) -
     if not whole or not least <= int(value) <= most:  # type: ignore[call-overload]
         bounds = f"from {least} to {most}" if most < MOST_WHOLE else f"at least {least}"
         raise ValueError(f"{name} must be a whole number, {bounds}, got {value!r}")
-    return int(value)  # type: ignore[call-overload, no-any-return]
+    return int(value)  # type: ignore[call-overload]
 
 
 def as_rows(value: ArrayLike, name: str, count: int) -> NDArray[np.int64]:
