@@ -47,9 +47,21 @@ SMALLEST_MEANT = float(np.finfo(np.float64).tiny)
 a float field: an int there arrives as the bits of its object header, a subnormal number."""
 
 
-def stamp_from_ros(stamp: Time | Duration) -> int:
-    """Nanoseconds of a Time or a Duration."""
-    return int(stamp.sec) * NANOSECONDS + int(stamp.nanosec)
+def stamp_from_ros(stamp: Time) -> int:
+    """Nanoseconds of a Time.
+
+    Raises RefusedError ("bad stamp") for one before 1970 or with a second of nanoseconds or more,
+    which no clock gives.
+    """
+    seconds, rest = int(stamp.sec), int(stamp.nanosec)
+    if seconds < 0 or not 0 <= rest < NANOSECONDS:
+        raise RefusedError("bad stamp", f"sec {seconds}, nanosec {rest}")
+    return seconds * NANOSECONDS + rest
+
+
+def duration_from_ros(duration: Duration) -> int:
+    """Nanoseconds of a Duration; it may be negative."""
+    return int(duration.sec) * NANOSECONDS + int(duration.nanosec)
 
 
 def stamp_to_ros(nanoseconds: int) -> Time:

@@ -58,7 +58,7 @@ class Cycle:
         self.monitor = CycleMonitor()
         self.enabled = True
         self.report: Report | None = None
-        """Of the last check."""
+        """Of the last check, None where it is not known what collides."""
         self.failed = False
         """Whether the last cycle ended in an internal error: its answer is not known."""
         self._last_stamp = 0
@@ -66,6 +66,8 @@ class Cycle:
     def run(self, now: int) -> None:
         """Run one cycle at time ``now`` (ns); one that fails is counted, and the next one runs."""
         self.failed = not self._guard.run("cycle", lambda: self._run(now))
+        if self.failed:
+            self.report = None
 
     def _run(self, now: int) -> None:
         start = perf_counter()

@@ -47,7 +47,7 @@ def input_status(
     node: str, key: str, monitor: InputMonitor, now: int, seconds: float
 ) -> DiagnosticStatus:
     """Rate, age and refused items by reason of one input, over the last ``seconds``."""
-    messages, refused = monitor.since_last_report()
+    messages, refused, doubted = monitor.since_last_report()
     values: list[tuple[str, object]] = [
         ("topic", monitor.topic),
         ("messages", monitor.messages),
@@ -60,10 +60,13 @@ def input_status(
         ("qos mismatches", monitor.mismatches),
         *(() if monitor.ignored is None else [("not finite in the last cloud", monitor.ignored)]),
         *((f"rejected: {reason}", count) for reason, count in sorted(monitor.refused.items())),
+        *((f"doubtful: {reason}", count) for reason, count in sorted(monitor.doubted.items())),
     ]
     faults = []
     if refused:
         faults.append(f"{refused} items rejected")
+    if doubted:
+        faults.append(f"{doubted} items used, but doubtful")
     if monitor.mismatches:
         faults.append("a publisher has incompatible QoS")
     message = "; ".join(faults) or f"{messages} messages"
@@ -80,7 +83,10 @@ def object_status(
 ) -> DiagnosticStatus:
     """Count objects: stale, refused (last box kept), unplaceable (no box: not checked)."""
     table = objects.table
-    colliding = 0 if report is None else int(report.colliding.sum())
+    colliding: object = "not known"
+    if report is not None:  # what left since then does not count
+        rows = min(len(report.colliding), len(table.live))
+        colliding = int(np.count_nonzero(report.colliding[:rows] & table.live[:rows]))
     rungs = Counter() if report is None else Counter(report.rungs.tolist())
     stale = table.live & table.stale
     kept = table.live & table.placed & objects.doubtful & ~stale

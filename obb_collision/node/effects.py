@@ -34,6 +34,7 @@ TOPICS = {
     "collisions": "collisions",
     "text": "collisions_text",
     "in_collision": "in_collision",
+    "collision_status": "collision_status",
     "contacts": "contacts",
     "clearance": "clearances",
     "sweep": "predicted_collisions",

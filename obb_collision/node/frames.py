@@ -29,6 +29,13 @@ try:
 except ImportError:  # not on PyPI; on a robot it comes with ROS
     tf2_ros = None
 
+UNKNOWN_FRAME, NO_TRANSFORM, EXTRAPOLATION = "unknown frame", "no transform", "extrapolation"
+"""Reasons why a frame can't be placed: nobody has named it, nothing connects it with the fixed
+frame, or what is known of it does not reach to the stamp."""
+
+LATER = (UNKNOWN_FRAME, NO_TRANSFORM, EXTRAPOLATION)
+"""What may be otherwise later on."""
+
 
 class FrameSource(Protocol):
     """Looks up frames other than the fixed frame."""
@@ -41,7 +48,8 @@ class FrameSource(Protocol):
     def lookup(self, frame: str, stamp: int) -> FloatArray:
         """Pose (7,) of ``frame`` in the fixed frame at ``stamp`` (ns; 0 is the latest known).
 
-        Raises RefusedError ("unknown frame") where it isn't known (yet).
+        Raises RefusedError where it isn't known (yet): "unknown frame", "no transform" between the
+        two, "extrapolation" where the stamp is later or earlier than what is known.
         """
         ...
 
@@ -57,7 +65,16 @@ class FixedFrameOnly:
 
     def lookup(self, frame: str, stamp: int) -> FloatArray:
         """Refuse every frame."""
-        raise RefusedError("unknown frame", f"{frame!r} is not {self._fixed_frame!r}; no tf2 here")
+        raise RefusedError(UNKNOWN_FRAME, f"{frame!r} is not {self._fixed_frame!r}; no tf2 here")
+
+
+def reason_from_tf2(error: Exception, tf2: Any) -> str:
+    """Return under which reason a TransformException of the module ``tf2`` is counted."""
+    if isinstance(error, tf2.ExtrapolationException):
+        return EXTRAPOLATION
+    if isinstance(error, (tf2.LookupException, tf2.InvalidArgumentException)):
+        return UNKNOWN_FRAME
+    return NO_TRANSFORM
 
 
 class TfFrames:
@@ -76,7 +93,7 @@ class TfFrames:
         try:
             found = self._buffer.lookup_transform(self._fixed_frame, frame, Time(nanoseconds=stamp))
         except tf2_ros.TransformException as error:
-            raise RefusedError("unknown frame", str(error)) from error
+            raise RefusedError(reason_from_tf2(error, tf2_ros), str(error)) from error
         return transform_from_ros(found.transform)
 
 

@@ -42,7 +42,7 @@ from obb_collision.node.marker_input import MarkerInput
 from obb_collision.node.monitors import InputMonitor
 from obb_collision.node.names import shortened
 from obb_collision.node.object_table import Slots
-from obb_collision.node.objects import Objects, State
+from obb_collision.node.objects import OLDER, Objects, State
 
 
 class Inputs:
@@ -178,11 +178,12 @@ class Inputs:
         if not good.all():
             slots, poses = slots[good], poses[good]
             twists = None if twists is None else twists[good]
-        state = State(header.frame_id, stamp_from_ros(header.stamp), now)  # type: ignore[attr-defined]
         try:
+            stamp = stamp_from_ros(header.stamp)  # type: ignore[attr-defined]
+            state = State(header.frame_id, stamp, now, topic)  # type: ignore[attr-defined]
             old = self._objects.store_poses(slots, poses, state, 0.0 if twists is None else twists)
             if old.any():
-                monitor.refuse(now, "older stamp", count=int(np.count_nonzero(old)))
+                monitor.refuse(now, OLDER, count=int(np.count_nonzero(old)))
         except RefusedError as error:
             monitor.refuse(now, error.reason, detail=error.detail, count=max(1, len(slots)))
             self._objects.refuse_poses(slots)

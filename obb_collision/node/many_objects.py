@@ -48,6 +48,7 @@ def renew_slots(objects: Objects, slots: Slots) -> None:
     for column in COLUMNS:
         if column not in KEPT:
             getattr(table, column)[slots] = 0
+    objects.placement.begin(slots)
     objects.scene.renew_indices(slots)
     objects.enable_many(stale)
 
@@ -78,6 +79,7 @@ def put_cubes(
     if new.any():
         rows = np.flatnonzero(new).tolist()
         table.claim_many(slots[new], [keys[row] for row in rows], [names[row] for row in rows])
+        objects.placement.begin(slots[new])
     objects.note_signatures(slots, [(kind, *size) for size in sizes.tolist()])
     objects.enable_many(slots)
     touch_slots(objects, slots, expiry)

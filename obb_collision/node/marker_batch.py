@@ -251,8 +251,11 @@ def _settle(
     return count
 
 
-def settle(markers: Gathered, faults: Faults, now: int) -> Outcome:
-    """Return what the markers come to at time ``now`` (ns)."""
+def settle(markers: Gathered, faults: Faults, now: int, tolerance: int) -> Outcome:
+    """Return what the markers come to at time ``now`` (ns).
+
+    A stamp further than ``tolerance`` (ns) ahead of the time of receipt orders nothing.
+    """
     count = len(markers)
     rows = np.flatnonzero(markers.action != Marker.DELETEALL)
     keys = (markers.ns << ID_BITS) + markers.id + ID_OFFSET
@@ -261,9 +264,10 @@ def settle(markers: Gathered, faults: Faults, now: int) -> Outcome:
     removed, late = np.zeros(len(rows), np.bool_), np.zeros(count, np.bool_)
     previous = np.full(count, -1, np.int64)
     good = faults.number == GOOD
+    believed = np.where(markers.stamp <= markers.received + tolerance, markers.stamp, 0)
     found = _settle(
         keys, order, markers.action == Marker.DELETE, good, _ended(markers, good, now),
-        _cancelled(markers), markers.stamp, objects, removed, late, previous,
+        _cancelled(markers), believed, objects, removed, late, previous,
     )  # fmt: skip
     first, winner, bad = objects[:found].T
     return Outcome(first, winner, bad, removed[:found], late, previous)

@@ -54,13 +54,12 @@ from obb_collision.node.marker_shapes import shape_from_ros, signature_from_ros
 from obb_collision.node.monitors import InputMonitor
 from obb_collision.node.names import namespace_number
 from obb_collision.node.object_table import NEVER
-from obb_collision.node.objects import Objects, State
+from obb_collision.node.objects import OLDER, Objects, State
 
 MAX_WAITING_BYTES = 64 << 20
 MAX_WAITING_MESSAGES = 1000
 NO_NUMBER = -(1 << 40)
 """In place of the number of a namespace that is not in the table; no namespace has it."""
-OLDER = "older stamp"
 
 
 class MarkerInput:
@@ -124,7 +123,7 @@ class _Application:
         """Apply them."""
         objects = self._objects
         faults = find_faults(markers, objects.placement.frame_index)
-        outcome = settle(markers, faults, self._now)
+        outcome = settle(markers, faults, self._now, objects.stamp_tolerance)
         self._count(markers, faults, outcome)
         slots = self._remove(markers, outcome)
         there = np.flatnonzero(outcome.winner >= 0)
@@ -132,7 +131,9 @@ class _Application:
         self._add(markers, outcome.winner[there], slots[there], outcome.previous)
         for row in outcome.bad[outcome.bad >= 0].tolist():
             number = faults.number[row]
-            objects.refuse(markers.key(row), faults.errors[number].reason, faults.of_shape[number])
+            error, of_shape = faults.errors[number], faults.of_shape[number]
+            expiry = int(markers.expiry[row])
+            objects.refuse(markers.key(row), error.reason, of_shape, expiry)
 
     def _count(self, markers: Gathered, faults: Faults, outcome: Outcome) -> None:
         """Count what is refused, by reason."""
@@ -221,11 +222,7 @@ class _Application:
 
     def _are_old(self, markers: Gathered, rows: Rows, slots: Rows) -> Mask:
         """Return which states come after newer ones of their objects; they are counted."""
-        stamps, table = markers.stamp[rows], self._objects.table
-        old = (slots >= 0) & (stamps > 0) & (stamps < table.order[slots])
-        for index in np.flatnonzero(old).tolist():
-            key, stamp = markers.key(int(rows[index])), int(stamps[index])
-            old[index] = self._objects.is_old(key, stamp)
+        old = self._objects.find_late(slots, markers.stamp[rows], markers.received[rows])
         self._refuse(markers, rows[old], RefusedError(OLDER, "a newer state is known"))
         return old
 
@@ -257,7 +254,8 @@ class _Application:
         """Count refused states, and mark their objects."""
         self._refuse(markers, rows, error)
         for row in rows.tolist():
-            self._objects.refuse(markers.key(row), error.reason, shape=True)
+            expiry = int(markers.expiry[row])
+            self._objects.refuse(markers.key(row), error.reason, shape=True, expiry=expiry)
 
     def _each(self, markers: Gathered, rows: Rows, put: Callable[[Rows], None]) -> bool:
         """Call ``put`` on all rows or, where that fails, on fewer; return whether none failed."""

@@ -44,6 +44,10 @@ from obb_collision.node.errors import RefusedError
 Signature = tuple[Any, ...]
 """What tells one shape from another without fitting it: equal signatures, equal shapes."""
 
+NO_BODY = "no body"
+"""Reason: a marker is an annotation, which can't collide."""
+ANNOTATIONS = (Marker.TEXT_VIEW_FACING, Marker.ARROW_STRIP)
+
 CUBE_CORNERS = np.array([(x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
 """Corners of the unit cube, (8, 3)."""
 
@@ -99,7 +103,8 @@ def signature_from_ros(marker: Marker) -> Signature:
     scale = scale_from_ros(marker) if marker.type in BUILDERS else None
     signature: Signature = (marker.type, *(() if scale is None else scale.tolist()))
     if scale is None:
-        raise RefusedError("unknown marker type", f"type {marker.type} is not a body")
+        reason = NO_BODY if marker.type in ANNOTATIONS else "unknown marker type"
+        raise RefusedError(reason, f"type {marker.type}")
     if marker.type == Marker.MESH_RESOURCE:
         return signature + _mesh_signature(marker)
     if marker.type in POINT_TYPES and marker.points:

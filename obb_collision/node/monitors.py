@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+import time
 from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -27,25 +28,47 @@ MAX_REASONS = 64
 """Reasons counted apart: they are fixed phrases, so this is only a guard."""
 
 
+class WarningLimit:
+    """Lets at most one warning per reason through in a period of steady time.
+
+    Steady, for a simulation clock may pause or jump. ``clock`` gives seconds.
+    """
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self.period = 5.0
+        """Least time (s) between two warnings for the same reason; 0 for no limit."""
+        self._clock = clock
+        self._last: dict[str, float] = {}
+
+    def is_due(self, reason: str) -> bool:
+        """Return whether a warning may be given for a reason now."""
+        last = self._last.get(reason)
+        return last is None or self._clock() - last >= self.period
+
+    def given(self, reason: str) -> None:
+        """Note that a warning was given."""
+        self._last[reason] = self._clock()
+
+
 @dataclass
 class InputMonitor:
-    """One input topic: messages, age, refusals by reason; warns at most once a period."""
+    """One input topic: messages, age, refusals and doubts by reason; warns now and then."""
 
     topic: str
     warn: Callable[[str], None]
+    limit: WarningLimit = field(default_factory=WarningLimit)
     messages: int = 0
     last: int | None = None
     """Time of the last message (ns)."""
     refused: Counter[str] = field(default_factory=Counter)
+    doubted: Counter[str] = field(default_factory=Counter)
+    """What was used though something is wrong with it."""
     ignored: int | None = None
     """Of the last cloud: points that are not finite; None where nobody looked."""
     mismatches: int = 0
     """Publishers and subscribers seen with incompatible QoS."""
-    warn_period: float = 5.0
-    _seen: int = 0
-    _seen_refused: int = 0
-    _next_warning: int = 0
-    _unwarned: Counter[str] = field(default_factory=Counter)
+    _seen: tuple[int, int, int] = (0, 0, 0)
+    _unwarned: dict[str, tuple[int, str]] = field(default_factory=dict)
 
     def received(self, now: int) -> None:
         """Count a message."""
@@ -55,24 +78,49 @@ class InputMonitor:
     def refuse(
         self, now: int, reason: str, item: str = "", detail: str = "", count: int = 1
     ) -> None:
-        """Count refused items; warn about them now or, soon after a warning, with the next one."""
-        if reason not in self.refused and len(self.refused) >= MAX_REASONS:
-            reason = "other"
-        self.refused[reason] += count
-        self._unwarned[reason] += count
-        if 0 <= self._next_warning - now < self.warn_period * NANOSECONDS_F:
-            return
-        self._next_warning = now + int(self.warn_period * NANOSECONDS_F)
-        counts = ", ".join(f"{reason}: {n}" for reason, n in self._unwarned.items())
-        last = " ".join(part for part in (item, f"({detail})" if detail else "") if part)
-        self.warn(f"{self.topic}: refused {counts}" + (f"; last: {last}" if last else ""))
-        self._unwarned.clear()
+        """Count refused items, and warn if there was no warning for this reason lately."""
+        self._count(self.refused, "refused", reason, item, detail, count)
 
-    def since_last_report(self) -> tuple[int, int]:
-        """Messages and refused items since this was last called."""
-        messages, refused = self.messages - self._seen, self.refused.total() - self._seen_refused
-        self._seen, self._seen_refused = self.messages, self.refused.total()
-        return messages, refused
+    def doubt(
+        self, now: int, reason: str, item: str = "", detail: str = "", count: int = 1
+    ) -> None:
+        """Count items that are used, but not trusted; warn as for refused ones."""
+        self._count(self.doubted, "doubtful", reason, item, detail, count)
+
+    def _count(
+        self, counter: Counter[str], verb: str, reason: str, item: str, detail: str, count: int
+    ) -> None:
+        if reason not in counter and len(counter) >= MAX_REASONS:
+            reason = "other"
+        counter[reason] += count
+        what = f"{verb} {reason}"
+        last = " ".join(part for part in (item, f"({detail})" if detail else "") if part)
+        held, _ = self._unwarned.get(what, (0, ""))
+        self._unwarned[what] = held + count, last
+        self._warn(what)
+
+    def clock_jumped(self, shift: int) -> None:
+        """Take over a jump of the clock (ns): the age of the last message stays."""
+        if self.last is not None:
+            self.last += shift
+
+    def flush(self) -> None:
+        """Warn of what was held back, where its time has come."""
+        for what in list(self._unwarned):
+            self._warn(what)
+
+    def _warn(self, what: str) -> None:
+        if self.limit.is_due(what):
+            count, last = self._unwarned.pop(what)
+            self.limit.given(what)
+            self.warn(f"{self.topic}: {what}: {count}" + (f"; last: {last}" if last else ""))
+
+    def since_last_report(self) -> tuple[int, int, int]:
+        """Messages, refused and doubtful items since this was last called."""
+        counts = self.messages, self.refused.total(), self.doubted.total()
+        before, self._seen = self._seen, counts
+        messages, refused, doubted = (new - old for new, old in zip(counts, before, strict=True))
+        return messages, refused, doubted
 
 
 @dataclass

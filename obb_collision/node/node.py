@@ -25,13 +25,16 @@ from time import perf_counter
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.clock import JumpThreshold, TimeJump
+from rclpy.clock import JumpThreshold, ROSClock, TimeJump
 from rclpy.duration import Duration
 from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
 from obb_collision.node import diagnostics
-from obb_collision.node.conversions import stamp_to_ros
+from obb_collision.node.answer import answer
+from obb_collision.node.clock import NodeClock
+from obb_collision.node.collision_status import CollisionStatus
+from obb_collision.node.conversions import NANOSECONDS, stamp_to_ros
 from obb_collision.node.cycle import Cycle
 from obb_collision.node.effects import Effects
 from obb_collision.node.frames import FrameSource, make_frames
@@ -75,7 +78,9 @@ class CollisionNode(Node):
         self._frames = frames if frames is not None else make_frames(self, fixed_frame)
         self._monitors = {topic: InputMonitor(topic, self._warn) for topic in INPUTS}
         self._outputs = Outputs(self, self.parameters, self.guard)
-        self.objects = Objects(fixed_frame, self._frames, self._refuse_late)
+        self.objects = Objects(
+            fixed_frame, self._frames, self._refuse_late, self._doubt, self.guard
+        )
         self.inputs = Inputs(
             self.objects,
             self._monitors,
@@ -87,8 +92,20 @@ class CollisionNode(Node):
         self._settings = SceneSettings(self.parameters, self.objects, self._warm)
         self._settings.allowed = [] if scene_file is None else scene_file.allowed()
         self._effects = Effects(self.parameters, self._outputs.publishers, self._warm)
+        self.status = CollisionStatus(
+            f"{self.get_fully_qualified_name().lstrip('/')}: collision",
+            self._outputs.publishers,
+            self._effects,
+            self.parameters,
+            self._read_clock,
+            self.guard,
+        )
+        self.status.begin()
         scene, monitor = self.objects.scene, self._monitors["points"]
-        self._obstacles = Obstacles(scene, self._frames, fixed_frame, monitor, self._now)
+        self._obstacles = Obstacles(
+            scene, self._frames, fixed_frame, monitor, self._now, self.guard
+        )
+        self._time = NodeClock(self._read_clock, self._is_simulated, self._clock_jumped)
         self._subscribed = self._make_subscriptions()
         self.cycle = Cycle(
             self.parameters,
@@ -100,7 +117,7 @@ class CollisionNode(Node):
             self.guard,
             self._collect,
         )
-        self._schedule = Schedule(self, self.parameters, lambda: self.cycle.run(self._now()))
+        self._schedule = Schedule(self, self.parameters, self._run_cycle)
         warm_up()
         switched_on = [name for name in EFFECTS if self.parameters.mode(name) == ON]
         self._warm.finish([*self._settings.rungs(), *switched_on])
@@ -113,13 +130,11 @@ class CollisionNode(Node):
                 self._warn(
                     f"{self.parameters.scene_file}: {count} objects not checked: {refused[0]}"
                 )
-        self._last_diagnostics = perf_counter()
         self._qos = QosWatch(self, self._warn)
-        clock = self._schedule.clock
         self.create_timer(
             DIAGNOSTICS_PERIOD,
             lambda: self.guard.run("diagnostics", self._publish_diagnostics),
-            clock=clock,
+            clock=self._schedule.clock,
         )
         self.parameters.on_change = lambda: self.guard.run("parameters", self._apply_parameters)
         self.create_service(Trigger, "~/clear", self._clear)
@@ -128,10 +143,12 @@ class CollisionNode(Node):
             JumpThreshold(
                 min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=True
             ),
-            post_callback=self._clock_jumped,
+            post_callback=self._look_at_clock,
         )
         for topic in INPUTS:
             self._subscribed.keep(topic, self._is_wanted(topic))
+        self._last_diagnostics = perf_counter()
+        self.status.start()
         self.get_logger().info(
             f"ready: fixed frame '{fixed_frame}', frames by {self._frames.description}; "
             f"trigger {self.parameters.trigger} at {self.parameters.rate:g} Hz; backend numba "
@@ -185,20 +202,47 @@ class CollisionNode(Node):
         self._settings.apply()
         objects.max_objects = parameters.max_objects
         objects.placement.timeout = parameters.transform_timeout
+        objects.stamp_tolerance = int(parameters.stamp_tolerance * NANOSECONDS)
+        objects.order_timeout = int(parameters.order_timeout * NANOSECONDS)
         ignore = parameters.stale_policy == "ignore"
         if ignore != objects.ignore_stale:
             objects.set_ignore_stale(ignore)
         self._obstacles.timeout = parameters.transform_timeout
+        self._obstacles.stamp_tolerance = objects.stamp_tolerance
         self._subscribed.keep("points", self._is_wanted("points"))
         if not self._is_wanted("points"):
             self._obstacles.forget()
         for monitor in self._monitors.values():
-            monitor.warn_period = parameters.warn_period
+            monitor.limit.period = parameters.warn_period
         self._schedule.apply()
+        self.status.update(self.status.answer)
+
+    def _read_clock(self) -> int:
+        return int(self.get_clock().now().nanoseconds)
 
     def _now(self) -> int:
-        """Time of the node's clock (ns)."""
-        return int(self.get_clock().now().nanoseconds)
+        """Time of the node's clock (ns), once what a jump of it changes is changed."""
+        return self._time.now()
+
+    def _is_simulated(self) -> bool:
+        clock = self.get_clock()
+        return isinstance(clock, ROSClock) and clock.ros_time_is_active
+
+    def _look_at_clock(self, jump: TimeJump) -> None:
+        """Find a jump as soon as rclpy tells of it; it does so of a simulation's only."""
+        self._now()
+
+    def _run_cycle(self) -> None:
+        self.cycle.run(self._now())
+        self.guard.run("output collision_status", lambda: self._update_status(cycle=True))
+
+    def _update_status(self, cycle: bool = False) -> None:
+        """Say what is known of collisions now; cycle: a cycle has just come to its end."""
+        if self.status.is_off:
+            return
+        ran, timeout = self.cycle, self.parameters.object_timeout
+        known = answer(self.objects, ran.report, ran.enabled, ran.failed, self._now(), timeout)
+        self.status.update(known, cycle)
 
     def _say(self, text: str) -> None:
         self.get_logger().info(text)
@@ -209,18 +253,26 @@ class CollisionNode(Node):
     def _complain(self, text: str) -> None:
         self.get_logger().error(text)
 
-    def _refuse_late(self, reason: str, item: str, detail: str) -> None:
-        """Count a pose that was stored but could not be placed at the cycle."""
-        self._monitors["objects"].refuse(self._now(), reason, item, detail)
+    def _refuse_late(self, topic: str, reason: str, item: str, detail: str, count: int) -> None:
+        """Count poses that were stored but could not be placed at the cycle."""
+        self._monitors[topic].refuse(self._now(), reason, item, detail, count)
+
+    def _doubt(self, topic: str, reason: str, item: str, detail: str, count: int) -> None:
+        """Count poses that are used, but not trusted."""
+        self._monitors[topic].doubt(self._now(), reason, item, detail, count)
 
     def _publish_diagnostics(self) -> None:
         elapsed, now = perf_counter() - self._last_diagnostics, self._now()
         self._last_diagnostics += elapsed
+        for monitor in self._monitors.values():
+            monitor.flush()
         self._qos.look({**self._subscribed.open, **self._outputs.ends})
         for topic, monitor in self._monitors.items():
             monitor.mismatches = self._qos.mismatches.get(topic, 0)
         if not self._effects.is_called("diagnostics"):
             self.cycle.monitor.take()
+            for monitor in self._monitors.values():
+                monitor.since_last_report()
             return
         name = self.get_fully_qualified_name().lstrip("/")
         message = DiagnosticArray()
@@ -244,6 +296,7 @@ class CollisionNode(Node):
     def _clear(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         try:
             count = self.objects.clear()
+            self._update_status()
             response.success, response.message = True, f"{count} objects removed"
         except Exception as error:
             self.guard.caught("service clear", error)
@@ -252,13 +305,30 @@ class CollisionNode(Node):
 
     def _enable(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         self.cycle.enabled = request.data
+        self.cycle.report = None
+        self.guard.run("output collision_status", self._update_status)
         response.success = True
         response.message = "checking" if request.data else "not checking; states are still taken"
         self.get_logger().info(response.message)
         return response
 
-    def _clock_jumped(self, jump: TimeJump) -> None:
-        self.guard.run("clock jump", lambda: self.objects.forget_order(self._now()))
+    def _clock_jumped(self, shift: int, now: int) -> None:
+        self.guard.run("clock jump", lambda: self._take_jump(shift))
+
+    def _take_jump(self, shift: int) -> None:
+        self._warn(
+            f"the clock jumped by {shift / NANOSECONDS:+.3f} s: ages and lifetimes of "
+            f"{len(self.objects.table)} objects go on from the new time, stamps may begin anew"
+        )
+        self.objects.clock_jumped(shift)
+        self._obstacles.clock_jumped(shift)
+        for monitor in self._monitors.values():
+            monitor.clock_jumped(shift)
+
+    def destroy_node(self) -> None:
+        """Say that nothing is known any more, and end."""
+        self.status.close()
+        super().destroy_node()
 
 
 def _topics(ends: Mapping[str, Any]) -> str:
@@ -267,7 +337,12 @@ def _topics(ends: Mapping[str, Any]) -> str:
 
 def main(args: Sequence[str] | None = None) -> int:
     """Run the console script ``obb_collision_node``."""
-    return run(NODE_NAME, lambda context: CollisionNode(context=context), args)
+    return run(
+        NODE_NAME,
+        lambda context: CollisionNode(context=context),
+        args,
+        farewell=lambda node: node.status.close(),
+    )
 
 
 if __name__ == "__main__":

@@ -54,16 +54,24 @@ COLUMNS: dict[str, tuple[Any, tuple[int, ...]]] = {
     "stamp": (np.int64, ()),  # of ``given``; 0: none
     "order": (np.int64, ()),  # states with an older stamp are dropped
     "received": (np.int64, ()),
+    "number": (np.int64, ()),  # of the latest state: the later it came, the higher
+    "topic": (np.int64, ()),  # by which it came
+    "waited_out": (np.bool_, ()),  # it waited too long for its transform, and is counted for it
     "placed": (np.bool_, ()),  # has a world box
     "world": (np.float64, (7,)),  # the pose in the scene
     "world_stamp": (np.int64, ()),  # stamp of ``world``; 0: none
+    "world_received": (np.int64, ()),  # when it came
+    "world_number": (np.int64, ()),  # its number
     "expiry": (np.int64, ()),
     "seen": (np.bool_, ()),  # a cycle has looked at it since its last marker
     "locked": (np.bool_, ()),  # frame_locked: placed anew every cycle
     "stale": (np.bool_, ()),
     "shape_refused": (np.bool_, ()),  # the latest shape could not be used: the last one stays
     "pose_refused": (np.bool_, ()),  # the latest pose could not be used: the last one stays
-    "frame_refused": (np.bool_, ()),  # the latest pose has no place yet: tried again
+    "frame_refused": (np.bool_, ()),  # poses waited too long for their place since the last placed
+    "ahead": (np.bool_, ()),  # the stamp of ``world`` is from the future
+    "outdated": (np.bool_, ()),  # states with an older stamp came since the latest
+    "held_back": (np.bool_, ()),  # nothing else has come for some time
 }
 
 
@@ -81,9 +89,14 @@ class ObjectTable:
     stamp: Slots
     order: Slots
     received: Slots
+    number: Slots
+    topic: Slots
+    waited_out: npt.NDArray[np.bool_]
     placed: npt.NDArray[np.bool_]
     world: npt.NDArray[np.float64]
     world_stamp: Slots
+    world_received: Slots
+    world_number: Slots
     expiry: Slots
     seen: npt.NDArray[np.bool_]
     locked: npt.NDArray[np.bool_]
@@ -91,6 +104,9 @@ class ObjectTable:
     shape_refused: npt.NDArray[np.bool_]
     pose_refused: npt.NDArray[np.bool_]
     frame_refused: npt.NDArray[np.bool_]
+    ahead: npt.NDArray[np.bool_]
+    outdated: npt.NDArray[np.bool_]
+    held_back: npt.NDArray[np.bool_]
 
     def __init__(self) -> None:
         self.namespaces = NamespaceTable()

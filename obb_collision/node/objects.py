@@ -21,7 +21,7 @@ keeps its last box and goes on colliding.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,37 +32,49 @@ from obb_collision.node.accuracy import Overrides
 from obb_collision.node.conversions import NANOSECONDS, FloatArray, Key, name_from_key
 from obb_collision.node.errors import RefusedError
 from obb_collision.node.frames import FrameSource
-from obb_collision.node.marker_shapes import Signature
+from obb_collision.node.guard import Guard
+from obb_collision.node.marker_shapes import NO_BODY, Signature
 from obb_collision.node.names import shortened
 from obb_collision.node.object_table import NEVER, ObjectTable, Slots
-from obb_collision.node.placement import Placement
+from obb_collision.node.placement import OnItems, Placement
 from obb_collision.scene.scene import Scene
 
 DEFAULT_LIMIT = 1000
 MAX_UNPLACEABLE = 1000
 """Refused newcomers remembered, the latest ones: senders can't make the node grow."""
+OLDER = "older stamp"
+"""Reason: a state came after one with a newer stamp."""
+AHEAD = "stamp from the future"
+"""Doubt: a state's stamp is ahead of the node's clock by more than the tolerance."""
+ANEW = "stamps began anew"
+"""Doubt: a state is older than the one before, which came so long ago that its sender must have
+started again."""
 
 
 @dataclass(frozen=True)
 class State:
-    """Where poses come from: their frame, stamp (ns, 0: none) and time of receipt (ns)."""
+    """Where poses come from: their frame, stamp (ns, 0: none), time of receipt (ns) and topic."""
 
     frame: str
     stamp: int
     received: int
+    topic: str = "objects"
 
 
 class Objects:
     """Bookkeeping from keys to the scene.
 
-    ``on_refused(reason, item, detail)`` hears of poses that could not be placed at a cycle.
+    ``on_refused`` hears of poses that could not be placed at a cycle, ``on_doubted`` of those that
+    are used, but not trusted.
     """
 
     def __init__(
         self,
         fixed_frame: str,
         frames: FrameSource,
-        on_refused: Callable[[str, str, str], None],
+        on_refused: OnItems,
+        on_doubted: OnItems,
+        guard: Guard,
     ) -> None:
         self.scene = Scene()
         self.table = ObjectTable()
@@ -70,9 +82,15 @@ class Objects:
         self.unplaceable: dict[Key, str] = {}
         self.max_objects = DEFAULT_LIMIT
         self.ignore_stale = False
+        self.stamp_tolerance = NANOSECONDS // 2
+        """Stamps further than this ahead of the node's clock (ns) are not believed."""
+        self.order_timeout = NANOSECONDS
+        """For how long after a state (ns) an older one is taken for late, not for a new start."""
+        self._on_doubted = on_doubted
+        self._unplaceable_until: dict[Key, int] = {}
         self._signatures: dict[int, Signature] = {}
         self.placement = Placement(
-            self.scene, self.table, frames, fixed_frame, on_refused, self._enable
+            self.scene, self.table, frames, fixed_frame, on_refused, self._enable, guard
         )
 
     def signature(self, key: Key) -> Signature | None:
@@ -87,10 +105,18 @@ class Objects:
         """Take note of the shapes that objects have now."""
         self._signatures.update(zip(slots.tolist(), signatures, strict=True))
 
-    def is_old(self, key: Key, stamp: int) -> bool:
-        """Whether a state with this stamp comes after a newer one of the same object."""
-        slot = self.table.slots.get(key)
-        return slot is not None and 0 < stamp < self.table.order[slot]
+    def find_late(
+        self, slots: Slots, stamps: Slots | int, received: Slots | int
+    ) -> npt.NDArray[np.bool_]:
+        """Return which states (n,) come too late: soon after newer ones of their objects.
+
+        Their objects are marked, and doubtful if nothing newer comes. Slot -1: a new object.
+        """
+        table = self.table
+        late = (slots >= 0) & (stamps < table.order[slots]) & (np.asarray(stamps) > 0)
+        late &= received - table.received[slots] <= self.order_timeout
+        table.outdated[slots[late]] = True
+        return late
 
     def put(
         self,
@@ -121,6 +147,7 @@ class Objects:
                 raise RefusedError("bad shape", str(error)) from error
             if slot is None:
                 table.claim(index, key, name)
+                self.placement.begin(index)
             slot = index
             self._signatures[slot] = signature
             self._enable(slot)
@@ -148,7 +175,9 @@ class Objects:
 
     def forget_unplaceable(self, key: Key) -> None:
         """Forget that an object could not be added."""
-        self.unplaceable.pop((shortened(key[0]), key[1]), None)
+        key = shortened(key[0]), key[1]
+        self.unplaceable.pop(key, None)
+        self._unplaceable_until.pop(key, None)
 
     def forget_unplaceables(self, namespace: str | None) -> None:
         """Forget which objects could not be added, all or those of a namespace."""
@@ -173,36 +202,63 @@ class Objects:
         """
         table, frame = self.table, self.placement.frame_index(state.frame)
         twists = np.broadcast_to(twists, (len(slots), 6))
-        old = (table.order[slots] > state.stamp) & (state.stamp != 0)
+        old = self._find_old(slots, state)
         if old.any():
             slots, poses, twists = slots[~old], poses[~old], twists[~old]
+        if len(slots) == 0:
+            return old
+        self.placement.supersede(slots)
         table.given[slots] = poses
         table.twist[slots] = twists
         table.frame[slots] = frame
         table.stamp[slots] = state.stamp
-        if state.stamp:
+        table.topic[slots] = self.placement.topic_index(state.topic)
+        if state.stamp > state.received + self.stamp_tolerance:
+            ahead = (state.stamp - state.received) / NANOSECONDS
+            self._doubt(AHEAD, slots, state, f"{ahead:.1f} s ahead of the node's clock")
+        elif state.stamp:
             table.order[slots] = state.stamp
         table.received[slots] = state.received
+        table.outdated[slots] = False
         table.pending[slots] = True
         table.pose_refused[slots] = False
-        table.frame_refused[slots] = False
         table.locked[slots] = False
         return old
+
+    def _find_old(self, slots: Slots, state: State) -> npt.NDArray[np.bool_]:
+        """Return which states come too late (n,), and see which senders began anew."""
+        old = self.find_late(slots, state.stamp, state.received)
+        anew = slots[~old & (self.table.order[slots] > state.stamp)] if state.stamp else slots[:0]
+        if len(anew):
+            before = (self.table.order[anew].max() - state.stamp) / NANOSECONDS
+            self._doubt(ANEW, anew, state, f"{before:.1f} s before the last one")
+        return old
+
+    def _doubt(self, reason: str, slots: Slots, state: State, detail: str) -> None:
+        name = name_from_key(self.table.key(int(slots[0])))
+        self._on_doubted(state.topic, reason, name, detail, len(slots))
 
     def lock(self, slot: int) -> None:
         """Place the stored pose anew every cycle, where its frame is then."""
         self.table.locked[slot] = self.table.frame[slot] != 0
         self.table.stamp[slot] = 0
 
-    def refuse(self, key: Key, reason: str, shape: bool) -> None:
-        """Mark that the latest state (shape or pose) of an object could not be used."""
+    def refuse(self, key: Key, reason: str, shape: bool, expiry: int = NEVER) -> None:
+        """Mark that the latest state (shape or pose) of an object could not be used.
+
+        ``expiry`` is when the lifetime of a new object would end (ns).
+        """
         slot = self.table.slots.get(key)
         if slot is None:
+            self.forget_unplaceable(key)
+            if reason == NO_BODY:
+                return
             key = shortened(key[0]), key[1]
-            self.unplaceable.pop(key, None)
             self.unplaceable[key] = reason
+            if expiry != NEVER:
+                self._unplaceable_until[key] = expiry
             if len(self.unplaceable) > MAX_UNPLACEABLE:
-                del self.unplaceable[next(iter(self.unplaceable))]
+                self.forget_unplaceable(next(iter(self.unplaceable)))
         elif shape:
             self.table.shape_refused[slot] = True
         else:
@@ -212,11 +268,19 @@ class Objects:
         """Mark that the latest poses of slots could not be used."""
         self.table.pose_refused[slots] = True
 
-    def forget_order(self, now: int) -> None:
-        """After a jump of the clock: stamps and ages of before mean nothing any more."""
-        self.table.order[:] = 0
-        self.table.received[:] = now
-        self.placement.try_again()
+    def clock_jumped(self, shift: int) -> None:
+        """Take over a jump of the clock by ``shift`` (ns): ages and what is left of lifetimes stay.
+
+        Stamps of before it mean nothing any more.
+        """
+        table = self.table
+        table.received += shift
+        table.world_received += shift
+        table.expiry[table.expiry != NEVER] += shift
+        for key in self._unplaceable_until:
+            self._unplaceable_until[key] += shift
+        table.order[:] = table.world_stamp[:] = 0
+        self.placement.clock_jumped(shift)
 
     def update(self, now: int, timeout: float) -> None:
         """Bring the scene up to date at time ``now`` (ns): expire, place, mark stale.
@@ -224,11 +288,10 @@ class Objects:
         ``timeout`` (s) is the age at which a state is stale, 0 for never.
         """
         table = self.table
-        for slot in np.flatnonzero(table.live & table.seen & (table.expiry <= now)).tolist():
-            self.remove(table.key(slot))
+        self._expire(now)
         self.placement.place(now)
         stale = table.live & table.placed & (timeout > 0)
-        stale &= now - table.received > int(timeout * NANOSECONDS)
+        stale &= now - table.world_received > int(timeout * NANOSECONDS)
         changed = np.flatnonzero(table.live & (stale != table.stale))
         table.stale[:] = stale
         gone = changed[stale[changed]]
@@ -236,6 +299,19 @@ class Objects:
         self.placement.stop(gone)  # nobody knows by now
         self.enable_many(changed)
         table.seen[:] = table.live  # whose lifetime is over has taken part once, at least
+        table.ahead[:] = table.placed & (table.world_stamp > now + self.stamp_tolerance)
+        since = now - table.received
+        table.outdated &= since <= self.order_timeout
+        table.held_back[:] = table.outdated & (since > self.order_timeout // 2)
+
+    def _expire(self, now: int) -> None:
+        table = self.table
+        for slot in np.flatnonzero(table.live & table.seen & (table.expiry <= now)).tolist():
+            self.remove(table.key(slot))
+        if self._unplaceable_until:
+            gone = [key for key, expiry in self._unplaceable_until.items() if expiry <= now]
+            for key in gone:
+                self.forget_unplaceable(key)
 
     def _enable(self, slot: int) -> None:
         enabled = self.table.placed[slot] and not (self.ignore_stale and self.table.stale[slot])
@@ -258,17 +334,21 @@ class Objects:
             self.scene.set_accuracy(name, overrides.rung(name))
 
     def newest_stamp(self, now: int) -> int:
-        """Stamp (ns) of the newest state evaluated; time of receipt where none has a stamp."""
+        """Stamp (ns) of the newest state evaluated; time of receipt where none has one to believe.
+
+        ``now``, where there is no object.
+        """
         table = self.table
         rows = table.live & table.placed
         if not rows.any():
             return now
-        newest = int(table.world_stamp[rows].max())
-        return newest or int(table.received[rows].max())
+        stamps = table.world_stamp[rows]
+        newest = int(stamps.max(initial=0, where=stamps <= now + self.stamp_tolerance))
+        return newest or int(table.world_received[rows].max())
 
     @property
     def doubtful(self) -> npt.NDArray[np.bool_]:
         """(rows,) objects whose box is not known to be where it should be: shown grey."""
         table = self.table
         refused = table.shape_refused | table.pose_refused | table.frame_refused
-        return table.live & (table.stale | refused)
+        return table.live & (table.stale | refused | table.ahead | table.held_back)

@@ -25,6 +25,7 @@ from typing import Any
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rclpy.duration import Duration
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.node import Node
 from rclpy.publisher import Publisher
@@ -51,7 +52,6 @@ from obb_collision.node.rows import (
     prediction_rows,
 )
 from obb_collision.node.text import text_from_rows
-from obb_collision.scene.effects.settings import OFF
 from obb_collision.scene.report import Report
 
 RELIABLE = QoSProfile(depth=10)
@@ -60,10 +60,23 @@ LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 KINDS = {
     "text": DiagnosticArray,
     "in_collision": Bool,
+    "collision_status": DiagnosticArray,
     "markers": MarkerArray,
     "diagnostics": DiagnosticArray,
 }
 """Messages of the topics that are no clouds."""
+DEADLINE = 0.5
+"""Seconds within which the next ``collision_status`` is promised: five of its periods, for a loaded
+machine."""
+QOS = {
+    "in_collision": LATCHED,
+    "collision_status": QoSProfile(
+        depth=1,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL,
+        deadline=Duration(seconds=DEADLINE),
+    ),
+}
+"""Quality of service of the topics that are not just reliable."""
 
 
 @dataclass(frozen=True)
@@ -83,7 +96,7 @@ class Published:
 
 
 class Outputs:
-    """Publishes reports: clouds, text, the latched flag and table, markers."""
+    """Publishes reports: clouds, text, the latched table, markers; has all publishers."""
 
     def __init__(
         self,
@@ -95,7 +108,6 @@ class Outputs:
         self._markers = Markers(parameters.fixed_frame)
         self._next_markers = 0.0
         self._namespaces_sent = -1  # version of the table
-        self._flag: bool | None = None
 
         def publisher(kind: type, topic: str, qos: QoSProfile) -> Publisher:
             return node.create_publisher(
@@ -110,7 +122,7 @@ class Outputs:
             effect: publisher(
                 KINDS.get(effect, PointCloud2),
                 topic,
-                LATCHED if effect == "in_collision" else RELIABLE,
+                QOS.get(effect, RELIABLE),
             )
             for effect, topic in TOPICS.items()
         }
@@ -131,7 +143,7 @@ class Outputs:
     def publish_report(self, given: Published) -> None:
         """Publish what is called for, also when it is empty; one output that fails stops no other.
 
-        The table of namespaces goes first, the flag last: who sees it can already read the rest.
+        The table of namespaces goes first: who sees the rest can read it.
         """
         guard = self._guard
         guard.run(
@@ -142,8 +154,6 @@ class Outputs:
         for effect, make in self._clouds(given).items():
             if effect in given.effects and effect in given.report.results:
                 guard.run(f"output {effect}", partial(self._publish_cloud, effect, make, given))
-        flag, called = len(given.report) > 0, "in_collision" in given.effects
-        guard.run("output in_collision", lambda: self._publish_flag(flag, called))
 
     def _header(self, stamp: int) -> Header:
         return Header(stamp=stamp_to_ros(stamp), frame_id=self._parameters.fixed_frame)
@@ -172,15 +182,6 @@ class Outputs:
             limit = self._parameters.max_text_pairs
             text = text_from_rows(rows, table.namespaces.names, header, limit)
             self.publishers["text"].publish(text)
-
-    def _publish_flag(self, flag: bool, called: bool) -> None:
-        """Publish the latched flag, also unheard where it changed: late subscribers get the last.
-
-        Not where the effect is off.
-        """
-        if called or (self._parameters.mode("in_collision") != OFF and flag != self._flag):
-            self._flag = flag
-            self.publishers["in_collision"].publish(Bool(data=flag))
 
     def publish_markers(self, given: Published) -> None:
         """Publish the boxes, if it is time to and somebody looks."""

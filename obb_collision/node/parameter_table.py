@@ -64,9 +64,36 @@ GENERAL = (
     Spec(
         "transform_timeout",
         0.2,
-        "How long a state may wait for its frame's transform before it counts as refused (s). It "
-        "is tried again until a newer state comes.",
+        "How long a state may wait for its frame's transform before it counts as refused (s). Of "
+        "each object the newest state that can be placed is; the latest one is tried again and "
+        "again.",
         (0.0, 60.0),
+    ),
+    Spec(
+        "stamp_tolerance",
+        0.5,
+        "A stamp further than this ahead of the node's clock is not believed (s): the state is "
+        "used, but its object is grey and counted, and no output carries the stamp.",
+        (0.0, 1.0e6),
+    ),
+    Spec(
+        "order_timeout",
+        1.0,
+        "A state with an older stamp than its object's latest is refused, unless that one came "
+        "longer ago than this (s): then its sender has begun anew.",
+        (0.0, 1.0e6),
+    ),
+    Spec(
+        "cycle_timeout",
+        0.5,
+        "A cycle that ends this much (s) later than 1/rate after the one before is blocked: what "
+        "collides is then not known.",
+        (0.05, 3600.0),
+    ),
+    Spec(
+        "unknown_is_collision",
+        True,
+        "Whether in_collision is true while it is not known what collides.",
     ),
     Spec("max_objects", 20000, "Objects beyond this many are refused.", (1, 1000000)),
     Spec("max_text_pairs", 100, "Pairs named in collisions_text; the total is stated.", (0, 10000)),
@@ -89,7 +116,12 @@ GENERAL = (
         "marker_max_cubes", 200, "With marker_form auto: most objects drawn as CUBE.", (0, 100000)
     ),
     Spec("marker_line_width", 0.01, "Width of the lines in LINE_LIST markers (m).", (0.0001, 10.0)),
-    Spec("warn_period", 5.0, "Least time between two warnings about one topic (s).", (0.0, 3600.0)),
+    Spec(
+        "warn_period",
+        5.0,
+        "Least time between two warnings about one topic for the same reason (s).",
+        (0.0, 3600.0),
+    ),
 )
 
 ACCURACY = (
@@ -138,6 +170,8 @@ MEANINGS = {
     "text": "The same for people: the topic collisions_text.",
     "in_collision": "Whether any pair collides: the latched topic in_collision. auto: also where "
     "it changes.",
+    "collision_status": "What is known of collisions, or why nothing is: the latched topic "
+    "collision_status. auto: also where it changes.",
     "contacts": "Contact points of colliding pairs: the topic contacts.",
     "clearance": "Distances and closest points of near pairs: the topic clearances.",
     "sweep": "Collisions passed through and to come: the topic predicted_collisions.",

@@ -43,6 +43,10 @@ class Parameters:
     object_timeout: float
     stale_policy: str
     transform_timeout: float
+    stamp_tolerance: float
+    order_timeout: float
+    cycle_timeout: float
+    unknown_is_collision: bool
     max_objects: int
     max_text_pairs: int
     marker_rate: float

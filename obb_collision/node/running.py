@@ -20,7 +20,10 @@ import os
 import re
 import signal
 import sys
-from collections.abc import Callable, Sequence
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import TypeVar
 
 import rclpy
 from rclpy.context import Context
@@ -29,15 +32,12 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.logging import get_logger
 from rclpy.node import Node
 from rclpy.qos_overriding_options import InvalidQosOverridesError
-from rclpy.signals import (
-    SignalHandlerOptions,
-    install_signal_handlers,
-    uninstall_signal_handlers,
-)
+from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import try_shutdown
 
 from obb_collision.node.environment import BAD_USAGE, SIGNALS
 
+N = TypeVar("N", bound=Node)
 UNUSABLE = (
     ValueError,
     RuntimeError,  # rclpy's: names and QoS that rcl does not take
@@ -72,10 +72,45 @@ class Signals:
             signal.signal(number, signal.SIG_IGN)
 
 
-def run(name: str, make_node: Callable[[Context], Node], args: Sequence[str] | None) -> int:
+@contextmanager
+def on_signals(action: Callable[[], None]) -> Iterator[None]:
+    """Call ``action`` once, in a thread of its own, as soon as a signal has come.
+
+    Python runs its handlers between two of its instructions only, which a main thread that waits
+    in rclpy, or computes, may be far from; the byte that a signal writes wakes the thread at once.
+    """
+    reader, writer = os.pipe()
+    os.set_blocking(writer, False)
+
+    def wait() -> None:
+        while number := os.read(reader, 1)[0]:  # other signals come by here, too
+            if number in SIGNALS:
+                action()
+                return
+
+    thread = threading.Thread(target=wait, name="signals", daemon=True)
+    before = signal.set_wakeup_fd(writer, warn_on_full_buffer=False)
+    thread.start()
+    try:
+        yield
+    finally:
+        signal.set_wakeup_fd(before)
+        os.write(writer, bytes(1))  # lets a thread that still waits end
+        thread.join()
+        os.close(reader)
+        os.close(writer)
+
+
+def run(
+    name: str,
+    make_node: Callable[[Context], N],
+    args: Sequence[str] | None,
+    farewell: Callable[[N], None] = lambda _: None,
+) -> int:
     """Spin a node until SIGINT, SIGTERM or a shutdown of its context; returns the exit code.
 
-    name: of the logger, for what is said before there is a node.
+    name: of the logger, for what is said before there is a node. farewell: called with the node
+    when a signal ends it, from another thread, while it can still publish.
     """
     signals = Signals()
     context = Context()
@@ -86,7 +121,16 @@ def run(name: str, make_node: Callable[[Context], Node], args: Sequence[str] | N
     except (RuntimeError, ValueError) as error:
         sys.stderr.write(f"{name}: ROS arguments that can't be used: {in_one_line(error)}\n")
         return BAD_USAGE
-    node = None
+    node: N | None = None
+
+    def end() -> None:
+        # not by rclpy's handlers: they shut the context down at once, and nothing can be published
+        try:
+            if node is not None:
+                farewell(node)
+        finally:
+            context.try_shutdown()
+
     try:
         try:
             node = make_node(context)
@@ -95,10 +139,10 @@ def run(name: str, make_node: Callable[[Context], Node], args: Sequence[str] | N
             return 1
         executor = SingleThreadedExecutor(context=context)
         executor.add_node(node)
-        install_signal_handlers(SignalHandlerOptions.ALL)  # they end the spinning, then count
-        signals.making = False
-        if not signals.count:
-            executor.spin()
+        with on_signals(end):
+            signals.making = False
+            if not signals.count:
+                executor.spin()
     except ExternalShutdownException:
         pass
     except Exception:
@@ -108,7 +152,6 @@ def run(name: str, make_node: Callable[[Context], Node], args: Sequence[str] | N
         if node is not None:
             node.destroy_node()
         try_shutdown(context=context)
-        uninstall_signal_handlers()
         signals.ignore()
     return 0
 

@@ -68,7 +68,7 @@ class Spec:
         if self.limits is not None and isinstance(self.default, float):
             low, high = self.limits
             descriptor.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
-        elif isinstance(self.default, int):
+        elif isinstance(self.default, int) and not isinstance(self.default, bool):
             low, high = (int(limit) for limit in self.limits or (self.choices[0], self.choices[-1]))
             descriptor.integer_range = [IntegerRange(from_value=low, to_value=high)]
         return descriptor

@@ -51,7 +51,7 @@ def warm_up() -> None:
     keys = [("", number) for number in range(OBJECTS)]
     data = Markers("").write(keys, scene.boxes, np.zeros(OBJECTS, np.int64), 0, 0.0, None)
     markers = Gathered([scan_markers(data)], [0])
-    settle(markers, Faults(len(markers)), 0)
+    settle(markers, Faults(len(markers)), 0, 0)
 
 
 def warm_up_rung(rung: Accuracy) -> None:

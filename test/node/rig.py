@@ -77,6 +77,7 @@ INPUTS: dict[str, Any] = {
 OUTPUTS: dict[str, Any] = {
     "collisions": PointCloud2,
     "in_collision": Bool,
+    "collision_status": DiagnosticArray,
     "namespaces": DiagnosticStatus,
     "collisions_text": DiagnosticArray,
     "contacts": PointCloud2,
@@ -86,6 +87,7 @@ OUTPUTS: dict[str, Any] = {
     "obb_collision/markers": MarkerArray,
     "/diagnostics": DiagnosticArray,
 }
+LATCHED_TOPICS = ("in_collision", "namespaces", "collision_status")
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
@@ -136,7 +138,7 @@ class Client:
     def listen(self, *topics: str) -> None:
         """Subscribe to outputs."""
         for topic in topics:
-            qos = LATCHED if topic in ("in_collision", "namespaces") else QoSProfile(depth=50)
+            qos = LATCHED if topic in LATCHED_TOPICS else QoSProfile(depth=50)
 
             def take(message: Any, topic: str = topic) -> None:
                 if topic != "/diagnostics" or message.status[0].name.startswith(NAMESPACE[1:]):

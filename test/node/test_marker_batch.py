@@ -34,6 +34,8 @@ from obb_collision.node.marker_batch import Gathered, find_faults, settle
 from obb_collision.node.marker_scan import scan_markers
 
 SECOND = 1_000_000_000
+ANY = 1 << 62
+"""A tolerance for stamps that believes each."""
 NAMESPACES = ["", "a", "b"]
 
 
@@ -127,7 +129,7 @@ def test_a_backlog_comes_to_what_its_messages_come_to_in_order(
     for row, action in enumerate(action for one in sent for action in one):
         model.apply(row, action)
     faults = find_faults(markers, lambda frame: 0)
-    found = settle(markers, faults, now * SECOND)
+    found = settle(markers, faults, now * SECOND, ANY)
     rows = {(ns, number): -1 for ns in NAMESPACES for number in (-1, 0, 1)}
     for one in sent:
         for action in one:
@@ -151,7 +153,7 @@ def test_a_backlog_comes_to_what_its_messages_come_to_in_order(
 def test_states_before_the_last_one_are_at_hand_where_that_cannot_be_built() -> None:
     sent = [Action("add", "a", 1, stamp, 0) for stamp in (0, 2, 1, 3)]
     markers = gathered([sent[:2], sent[2:]])
-    found = settle(markers, find_faults(markers, lambda frame: 0), 0)
+    found = settle(markers, find_faults(markers, lambda frame: 0), 0, ANY)
     assert found.winner.tolist() == [3]
     assert found.previous.tolist() == [-1, 0, -1, 1]
     assert found.late.tolist() == [False, False, True, False]

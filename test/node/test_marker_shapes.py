@@ -103,7 +103,7 @@ def test_meshes_are_read_from_uris_and_from_the_message(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("message", "reason"),
     [
-        (marker(Marker.TEXT_VIEW_FACING), "unknown marker type"),
+        (marker(Marker.TEXT_VIEW_FACING), "no body"),
         (marker(77), "unknown marker type"),
         (marker(Marker.CUBE, (1.0, 0.0, 1.0)), "bad scale"),
         (marker(Marker.CUBE, (1.0, -1.0, 1.0)), "bad scale"),

@@ -30,7 +30,6 @@ from test_frames import FakeFrames
 
 from obb_collision.node import named_points_inside, obstacles
 from obb_collision.node.clouds import cloud_to_ros, points_from_ros
-from obb_collision.node.conversions import stamp_from_ros
 from obb_collision.node.errors import RefusedError
 from obb_collision.node.obstacles import placed_points
 
@@ -112,7 +111,7 @@ def test_a_cloud_waits_for_its_frame_and_no_longer_than_the_timeout() -> None:
 def latest(rig: Rig) -> int:
     """Stamp of the cloud that waits to be looked at."""
     waiting = rig.node._obstacles._waiting
-    return 0 if waiting is None else stamp_from_ros(waiting[0].header.stamp)
+    return waiting[-1].stamp if waiting else 0
 
 
 def cloud(**fields: Any) -> PointCloud2:

@@ -99,7 +99,14 @@ def test_the_executable_serves_another_process_and_ends_cleanly(number: signal.S
     with running(*IN_NAMESPACE) as process, client() as other:
         other.send(cube(("a", 1)), cube(("a", 2), (0.5, 0, 0)))
         assert other.pairs() == {("a/1", "a/2")}
+        other.listen("collision_status")
+        other.until(lambda: "collision_status" in other.last, "status")
         output = end(process, number)
+        other.until(
+            lambda: other.last["collision_status"].status[0].message.startswith("shutting down"),
+            "the last word",
+        )
+        other.until(lambda: other.last["in_collision"].data, "the last flag")
     (ready,) = [line for line in output.splitlines() if "ready:" in line]
     for word in ("/objects", "/collisions", "'map'", "numba", "/obb_collision/markers"):
         assert word in ready

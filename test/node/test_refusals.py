@@ -122,7 +122,7 @@ BAD_MARKERS = {
     "bad pose": [lambda: with_pose(NAN, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)],
     "zero quaternion": [lambda: with_pose(*[0.0] * 7)],
     "unknown frame": [in_nowhere],
-    "unknown marker type": [text_marker, lambda: cube(A1, type=77)],
+    "unknown marker type": [lambda: cube(A1, type=77)],
     "unknown action": [lambda: cube(A1, action=1)],
     "unreadable mesh": [
         lambda: cube(A1, type=Marker.MESH_RESOURCE, mesh_resource="file:///none.stl")
@@ -151,6 +151,13 @@ def test_a_bad_marker_is_refused_alone_and_never_taken_as_free(rig: Rig, reason:
         rig.send(make())
     assert sync(rig) == {("a/1", "a/2")}, "the last good box stays"
     assert rig.node.objects.doubtful[rig.node.objects.table.slots[A1]]
+
+
+def test_annotations_are_counted_as_refused_and_no_objects_that_are_not_checked(rig: Rig) -> None:
+    rig.send(text_marker(), cube(A2), cube(B1, type=Marker.ARROW_STRIP))
+    assert rig.pairs() == set()
+    assert rig.refused("objects") == {"no body": 2}
+    assert rig.node.objects.unplaceable == {}
 
 
 def test_objects_beyond_the_limit_are_refused_and_reported() -> None:

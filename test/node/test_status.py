@@ -173,7 +173,7 @@ def test_every_parameter_has_a_description_and_numbers_a_range(rig: Rig) -> None
         value = rig.node.get_parameter(name).value
         if isinstance(value, float):
             assert descriptor.floating_point_range, name
-        elif isinstance(value, int):
+        elif isinstance(value, int) and not isinstance(value, bool):
             assert descriptor.integer_range, name
 
 

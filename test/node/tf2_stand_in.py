@@ -37,6 +37,14 @@ class LookupException(TransformException):
     """A frame is not known."""
 
 
+class ConnectivityException(TransformException):
+    """Both frames are known, but nothing connects them."""
+
+
+class InvalidArgumentException(TransformException):
+    """A name that can't be a frame's."""
+
+
 class ExtrapolationException(TransformException):
     """A frame is known, but not at this time."""
 

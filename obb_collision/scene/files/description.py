@@ -43,7 +43,7 @@ from obb_collision.scene.patterns import matching
 from obb_collision.scene.scene import Scene
 
 #: Effects that only the node has: what it publishes for people and monitors.
-NODE_EFFECTS = ("collisions", "text", "in_collision", "markers", "diagnostics")
+NODE_EFFECTS = ("collisions", "text", "in_collision", "collision_status", "markers", "diagnostics")
 Triple = tuple[float, float, float]
 Color = tuple[float, float, float, float]
 

@@ -1,0 +1,110 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Objects without ROS around them: a clock, frames and stamps that a test sets."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+
+import numpy as np
+
+from obb_collision.geometry.shapes import Box
+from obb_collision.node.conversions import FloatArray, Key
+from obb_collision.node.errors import RefusedError
+from obb_collision.node.frames import EXTRAPOLATION, UNKNOWN_FRAME
+from obb_collision.node.guard import Guard
+from obb_collision.node.objects import Objects, State
+
+MILLISECOND = 1_000_000
+SECOND = 1000 * MILLISECOND
+START = 1000 * SECOND
+"""Time of the clock at the start of a test (ns)."""
+
+
+class KnownUntil:
+    """Frames that are known from one stamp to another, and stand still at the origin."""
+
+    waits = True
+    description = "a test"
+
+    def __init__(self) -> None:
+        self.spans: dict[str, tuple[int, int]] = {}
+        self.asked: list[tuple[str, int]] = []
+
+    def lookup(self, frame: str, stamp: int) -> FloatArray:
+        self.asked.append((frame, stamp))
+        if frame not in self.spans:
+            raise RefusedError(UNKNOWN_FRAME, frame)
+        first, last = self.spans[frame]
+        if stamp and not first <= stamp <= last:
+            raise RefusedError(EXTRAPOLATION, f"{stamp} is not between {first} and {last}")
+        return np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
+
+
+class ObjectsRig:
+    """Objects with boxes that slide along x, as far as their stamp says: 1 m per second."""
+
+    def __init__(self, *keys: Key, timeout: float = 0.2, object_timeout: float = 0.0) -> None:
+        self.frames = KnownUntil()
+        self.refused: Counter[tuple[str, str]] = Counter()
+        self.doubted: Counter[tuple[str, str]] = Counter()
+        self.errors: list[str] = []
+        self.objects = Objects(
+            "map",
+            self.frames,
+            self._counting(self.refused),
+            self._counting(self.doubted),
+            Guard(self.errors.append, lambda: True),
+        )
+        self.objects.placement.timeout = timeout
+        self.object_timeout = object_timeout
+        self.now = START
+        self.slots = np.array(
+            [self.objects.put(key, Box([1.0, 1.0, 1.0]), (), None) for key in keys], np.int64
+        )
+
+    def _counting(self, counter: Counter[tuple[str, str]]) -> Callable[..., None]:
+        def count(topic: str, reason: str, item: str, detail: str, number: int) -> None:
+            assert item
+            counter[topic, reason] += number
+
+        return count
+
+    def send(
+        self, stamp: int, frame: str = "", row: int | None = None, topic: str = "object_states"
+    ) -> int:
+        """Store a state of all objects, or of one; returns how many were too old."""
+        slots = self.slots if row is None else self.slots[[row]]
+        poses = np.zeros((len(slots), 7))
+        poses[:, 0], poses[:, 6] = place(stamp), 1.0
+        state = State(frame, stamp, self.now, topic)
+        return int(self.objects.store_poses(slots, poses, state).sum())
+
+    def cycle(self) -> None:
+        """Bring the scene up to date."""
+        self.objects.update(self.now, self.object_timeout)
+
+    def x(self, row: int = 0) -> float:
+        """Where an object is in the scene."""
+        return float(self.objects.table.world[self.slots[row], 0])
+
+    def is_doubtful(self, row: int = 0) -> bool:
+        return bool(self.objects.doubtful[self.slots[row]])
+
+
+def place(stamp: int) -> float:
+    """Where an object is at a stamp (m)."""
+    return (stamp - START) / SECOND
