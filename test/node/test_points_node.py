@@ -189,6 +189,7 @@ def test_placed_points_agree_with_matrices() -> None:
     rotation = pytest.importorskip("scipy.spatial.transform").Rotation
     rng = np.random.default_rng(4)
     frame, points = rng.normal(size=7), rng.normal(size=(50, 3))
+    frame[3:] /= np.linalg.norm(frame[3:])
     expected = rotation.from_quat(frame[3:]).apply(points) + frame[:3]
     np.testing.assert_allclose(placed_points(points, frame), expected, atol=1e-12)
     single = placed_points(points.astype(np.float32), frame)
