@@ -153,6 +153,8 @@ def sweep_rigid(
             sharp = blur <= SHARP * limit
             sharp &= 2.0 * rounding * max(radius_a, radius_b) <= limit * limit
             return time, sharp or (time == 0.0 and _touch(motion, i, j))
+        if not step >= 0.0:
+            return time, False
         time += step
         steps += 1
     return np.inf, True

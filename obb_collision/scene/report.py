@@ -160,7 +160,7 @@ class Report:
 
     @property
     def swept(self) -> SweptPairs:
-        """What objects passed through since the check before, and what they will run into."""
+        """What objects passed since the check before, what they will run into, what is unknown."""
         result: SweptPairs = self.result("sweep")
         return result
 
