@@ -98,7 +98,7 @@ def sweep(
     boxes are nearer than ``tolerance`` times the bounding radius of the smaller box (or 2e-6 of
     the larger one's where that is more). A turning pair that passes by that near may hit. What
     takes more than 2000 steps, or where rounding leaves less than the tolerance (after a way of
-    more than 1e9 times the size of the boxes, or after 1e4 turns), is undecided.
+    more than 1e9 times the size of the boxes or 1e5 turns), is undecided.
     Without ``contacts`` only hits and times are computed; points and normals have no rows then.
 
     Raises ValueError for different lengths or half extents, for pairs that are not rows of the

@@ -115,6 +115,7 @@ def best_step(
             bend = wb * (wb * far + 2.0 * speed) + both * both * reach_a
         else:
             bend = both * (both * (far + reach_a + reach_b) + 2.0 * speed)
+            rate -= blur * both  # the axis grows no faster than its edges turn
         step = max(step, _first_root(gap, rate, bend, values, slopes, horizon))
         if step == np.inf:
             break

@@ -30,8 +30,9 @@ than the tolerance, the answer is that it is not known, and until when the boxes
 Rounding: lengths are in units of a power of two about as large as the boxes and their arms. With u
 the unit roundoff, a place is off by 4 u of offset and way so far (``offset_and_way``, and the time
 itself), bounded by POSITION; a rotation by 16 u and 5 u of the angle so far, bounded by TURNING
-and SPIN. Errors of places shift a gap in proportion to the length of its axis (``blur``), all
-others by as much for short axes as for long ones (``rounding``).
+and SPIN: the boxes move as ones do that are displaced a little, for as long as a step lasts. This
+shifts a gap in proportion to the length of its axis (``blur``), the rounding of the step itself by
+as much for short axes as for long ones (``rounding``).
 """
 
 from __future__ import annotations
@@ -142,7 +143,7 @@ def sweep_rigid(
         for k in range(3):
             d[k], velocity[k] = offset[k], rate[k]
         skew = TURNING + SPIN * (wa + wb) * time
-        rounding = (ROUNDING + skew) * (radius_a + radius_b + _norm(offset))
+        rounding = ROUNDING * (radius_a + radius_b + _norm(offset))
         rounding += ARM_ROUNDING * (reach_a + reach_b)
         blur = stray[0] + stray[1] * time + skew * (reach_a + reach_b)
         gap, step = best_step(

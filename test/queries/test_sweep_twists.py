@@ -248,6 +248,17 @@ def test_a_blade_turning_very_often_hits_what_is_in_its_way_at_once() -> None:
         assert found.times[0] < 2e-9 or not hit
 
 
+@pytest.mark.parametrize("turns", [1e3, 1e5])
+def test_small_things_are_hit_after_many_turns(turns: float) -> None:
+    """A post of 2 mm drifts into the circle of a fan of a metre: its end comes by at once."""
+    boxes = Boxes([[0.0] * 3, [1.1, 0, 0]], [EYE] * 2, [[1.0, 0.02, 0.02], [0.001] * 3])
+    twists = [[0, 0, 0, 0, 0, 2.0 * np.pi * turns], [-0.2, 0, 0, 0, 0, 0]]
+    found = sweep_twists(boxes, twists, [[0, 1]], 1.0)
+    assert found.hits[0]
+    meets = (1.099 - np.hypot(1.0, 0.02)) / 0.2
+    assert meets - 1e-4 < found.times[0] < meets + 1e-3 / 0.2 / np.sqrt(turns) + 1.0 / turns
+
+
 def test_what_takes_too_many_steps_is_undecided_and_never_a_time() -> None:
     """An arm going round a post that drifts: nothing but the walk could tell, for 1e6 turns."""
     boxes = Boxes([[2.0, 0, 0], [0.3, 0, 0]], [EYE] * 2, [[0.05] * 3, [0.1] * 3])
