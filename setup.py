@@ -31,23 +31,24 @@ setup(
     ],
     python_requires=">=3.10",
     # pycollada and lxml: trimesh reads DAE files with them
+    # The lower bounds are those that .ci/full runs the tests with.
     install_requires=[
-        "setuptools",
-        "numpy>=1.26",
-        "numba>=0.58",
-        "scipy>=1.11",
+        "setuptools>=61.0.0",
+        "numpy>=1.26.0",
+        "numba>=0.58.1",
+        "scipy>=1.11.1",
         "trimesh>=4.4.9",
-        "pyyaml",
-        "pycollada",
-        "lxml",
+        "pyyaml>=6.0",
+        "pycollada>=0.7.2",
+        "lxml>=4.9.0",
     ],
     extras_require={
         # on a robot these come from apt; matplotlib draws the picture of the demo
-        "ros": ["ros-jazzy-rclpy[fastrtps]", "ros-jazzy-common-interfaces", "matplotlib"],
-        "test": ["pytest>=7.4", "hypothesis>=6.98"],
+        "ros": ["ros-jazzy-rclpy[fastrtps]", "ros-jazzy-common-interfaces", "matplotlib>=3.6.0"],
+        "test": ["pytest>=7.4.0", "hypothesis>=6.98.0"],
         "lint": ["ruff==0.17.5", "mypy==2.4.1"],
         # peers to compare with, and plots
-        "bench": ["python-fcl", "coal", "mujoco", "matplotlib", "tqdm"],
+        "bench": ["python-fcl", "coal", "mujoco", "matplotlib>=3.6.0", "tqdm"],
         # real meshes to measure on: 240 MB to download; pybullet has wheels up to Python 3.11
         "meshes": ["example-robot-data", "pybullet; python_version < '3.12'"],
     },

@@ -78,3 +78,28 @@ def test_both_descriptions_of_the_package_agree() -> None:
         "url": PACKAGE.findtext("url"),
     }.items():
         assert f'{key}="{element}"' in SETUP
+
+
+def versions(text: str, between: str) -> dict[str, str]:
+    """Return versions by name, of ``name>=1.2`` and the like."""
+    return dict(re.findall(rf"^[^#\n]*?([\w-]+){between}([\d.]+)", text, re.MULTILINE))
+
+
+def test_the_lower_bounds_are_what_the_long_ci_tries() -> None:
+    bounds = dict(re.findall(r'"([\w-]+)>=([\d.]+)"', SETUP))
+    bounds.pop("python", None)
+    oldest = versions((ROOT / ".ci" / "oldest.txt").read_text(encoding="utf-8"), "==")
+    assert {"numpy", "numba", "scipy", "pytest"} <= set(bounds)
+    assert oldest == bounds
+    assert f"setuptools>={'.'.join(oldest['setuptools'].split('.')[:1])}" in (
+        ROOT / "pyproject.toml"
+    ).read_text(encoding="utf-8")
+
+
+def test_ubuntus_versions_are_allowed() -> None:
+    bounds = dict(re.findall(r'"([\w-]+)>=([\d.]+)"', SETUP))
+    ubuntu = versions((ROOT / ".ci" / "ubuntu-24.04.txt").read_text(encoding="utf-8"), "==")
+    for name in set(ubuntu) & set(bounds):
+        found, least = ([int(part) for part in one[name].split(".")] for one in (ubuntu, bounds))
+        assert found >= least, name
+    assert {"numpy", "scipy", "numba"} <= set(ubuntu)
