@@ -97,10 +97,18 @@ class MarkerInput:
             if part is not None and len(part):
                 parts.append(part)
                 received.append(at)
-        if parts:
-            _Application(self._objects, self._monitor, self._guard, now).run(
-                Gathered(parts, received)
-            )
+        if not parts or self._run(parts, received, now):
+            return
+        for part, at in zip(parts, received, strict=True):  # one that fails takes no other with it
+            if not self._run([part], [at], now):
+                self._monitor.refuse(now, INTERNAL_ERROR, "whole message")
+
+    def _run(self, parts: list[Scanned], received: list[int], now: int) -> bool:
+        """Apply messages; return whether that went through."""
+        application = _Application(self._objects, self._monitor, self._guard, now)
+        return self._guard.run(
+            "input objects", lambda: application.run(Gathered(parts, received)), "whole message"
+        )
 
     def _scan(self, data: bytes, now: int) -> Scanned | None:
         try:
@@ -163,8 +171,8 @@ class _Application:
         again = again[doomed[slots[again]]]
         if len(again):
             rows = outcome.winner[again]
-            frames = [objects.placement.frame_index(frame) for frame in markers.frames]
-            fixed = np.array(frames)[markers.frame[rows]] == 0
+            is_fixed = [objects.placement.frame_table.is_fixed(frame) for frame in markers.frames]
+            fixed = np.array(is_fixed)[markers.frame[rows]]
             same = fixed & self._have_shapes(markers, rows, slots[again])
             again = again[same & table.placed[slots[again]]]
             doomed[slots[again]] = False

@@ -28,6 +28,7 @@ from urllib.parse import quote
 import numpy as np
 import pytest
 import trimesh
+from trimesh.visual.material import SimpleMaterial
 
 from obb_collision.geometry import mesh_files
 from obb_collision.geometry.meshes import Mesh
@@ -70,7 +71,7 @@ def loads_in_time(path: Path | str) -> Mesh | Exception:
 
 
 def textured_scene() -> trimesh.Scene:
-    image = trimesh.visual.texture.SimpleMaterial(diffuse=(200, 10, 10, 255))
+    image = SimpleMaterial(diffuse=(200, 10, 10, 255))
     scene = trimesh.Scene()
     for number in range(3):
         part = trimesh.creation.icosphere(1, radius=1.0 + number)

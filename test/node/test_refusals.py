@@ -203,3 +203,16 @@ def test_clouds_of_a_wrong_layout_are_refused(rig: Rig) -> None:
     rig.pubs["object_poses"].publish(PointCloud2())
     rig.until(lambda: rig.refused("object_poses").get("field layout") == 2, "refusals")
     assert sync(rig) == {("a/1", "a/2")}
+
+
+def test_an_unknown_frame_spoils_nothing_else_of_its_message(rig: Rig) -> None:
+    scene = cube(A1), cube(B1, (0.5, 0, 0))
+    rig.send(*scene)
+    assert rig.pairs() == {("a/1", "b/1")}
+    elsewhere = cube(A2)
+    elsewhere.header.frame_id = "nowhere"
+    for _ in range(2):
+        rig.send(Marker(action=Marker.DELETEALL), *scene, elsewhere)
+        assert rig.pairs() == {("a/1", "b/1")}
+    assert rig.refused("objects") == {"unknown frame": 2}
+    assert rig.node.guard.total == 0
