@@ -230,9 +230,10 @@ def test_a_scene_file_says_where_it_names_such_a_mesh(tmp_path: Path, what: str)
     file = tmp_path / "scene.yaml"
     name = json.dumps(PATHS[what])
     file.write_text(f"objects:\n  - name: part/1\n    shape: mesh\n    file: {name}\n")
-    with pytest.raises(SceneFileError, match="mesh file") as caught:
+    with pytest.raises(SceneFileError) as caught:
         load_scene(file)
     assert "scene.yaml:4: objects[0].file" in str(caught.value)
+    assert len(str(caught.value)) < 1000
 
 
 @pytest.mark.parametrize("name", ["a" * 5000, "a" * 5000 + ".yaml", "a\0b"])
