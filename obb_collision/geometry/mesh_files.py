@@ -160,7 +160,7 @@ def read_mesh(data: bytes, name: str) -> tuple[Floats, Triangles]:
     """Return vertices (n, 3) in metres and faces (m, 3) of all parts of a mesh file.
 
     data: what the file holds; its type is the suffix of ``name``. ValueError where it can't be
-    read.
+    read, MemoryError where that takes too much.
     """
     kind = Path(name).suffix.lower()[1:]
     if not kind:
@@ -182,6 +182,8 @@ def read_mesh(data: bytes, name: str) -> tuple[Floats, Triangles]:
         parts = [part for part in scene.dump() if hasattr(part, "vertices")]
         unit = 1.0 if scene.units is None else trimesh.units.unit_conversion(scene.units, "meters")
         return _joined(parts, unit)
+    except MemoryError:
+        raise
     except Exception as error:  # each of trimesh's readers raises what its parser raises
         text = f"it can't be read: {type(error).__name__}: {error}"
         raise ValueError(shortened(text)) from error

@@ -109,6 +109,14 @@ class Hull(_Cloud):
             fit=check_fit(fit),
         )
 
+    @classmethod
+    def fitted(cls, points: Floats, local_box: LocalBox) -> Hull:
+        """Return the hull of points whose box is known; nothing is checked or copied."""
+        hull = object.__new__(cls)
+        hull._store(points=points, scale=NO_SCALE, fit="best", local_box=read_only(*local_box))
+        points.setflags(write=False)
+        return hull
+
     def _points(self) -> Floats:
         return self.points
 
@@ -140,6 +148,17 @@ class Mesh(_Cloud):
             scale=positive_triple(scale, "scale"),
             fit=check_fit(fit),
         )
+
+    @classmethod
+    def fitted(cls, vertices: Floats, faces: Triangles, scale: Floats, local_box: LocalBox) -> Mesh:
+        """Return the mesh whose box is known; nothing is checked or copied."""
+        x, y, z = scale.tolist()
+        mesh = object.__new__(cls)
+        mesh._store(vertices=vertices, faces=faces, scale=(x, y, z), fit="best")
+        mesh._store(local_box=read_only(*local_box))
+        for array in (vertices, faces):
+            array.setflags(write=False)
+        return mesh
 
     @classmethod
     def from_file(cls, path: str | Path, scale: ArrayLike = NO_SCALE, fit: str = "best") -> Mesh:

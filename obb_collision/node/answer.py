@@ -140,7 +140,7 @@ def answer(
     the age (s) at which states are stale, 0 for never.
     """
     table = objects.table
-    placed, waiting = table.live & table.placed, table.live & ~table.placed
+    placed, waiting = objects.visible, table.live & ~objects.visible
     stale = table.live & table.stale
     missing = int(np.count_nonzero(waiting)) + len(objects.unplaceable)
     known = Answer(
@@ -166,7 +166,7 @@ def _unknown(
         return FAILED, 0.0
     if report is None and len(objects.table):
         return UNCHECKED, 0.0
-    received = objects.table.world_received[objects.table.live & objects.table.placed]
+    received = objects.table.world_received[objects.visible]
     if timeout > 0 and len(received):
         age = (now - int(received.max())) / NANOSECONDS
         if age > timeout:

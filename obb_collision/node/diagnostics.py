@@ -89,16 +89,24 @@ def object_status(
         colliding = int(np.count_nonzero(report.colliding[:rows] & table.live[:rows]))
     rungs = Counter() if report is None else Counter(report.rungs.tolist())
     stale = table.live & table.stale
-    kept = table.live & table.placed & objects.doubtful & ~stale
-    waiting = table.live & ~table.placed
+    refused = table.shape_refused | table.pose_refused | table.frame_refused
+    kept = objects.visible & refused & ~stale
+    renewed = objects.visible & table.shape_pending & ~stale & ~refused
+    building = table.live & ~table.shaped
+    waiting = table.live & ~table.placed & table.shaped
     reasons = Counter(objects.unplaceable.values())
     unplaceable = [name_from_key(key) for key in objects.unplaceable]
     names = {
         label: [name_from_key(table.key(slot)) for slot in np.flatnonzero(rows)[: MAX_NAMED + 1]]
-        for label, rows in (("stale", stale), ("refused", kept), ("waiting", waiting))
+        for label, rows in (
+            ("stale", stale),
+            ("refused", kept),
+            ("new shape being built", renewed),
+            ("waiting", waiting | building),
+        )
     }
     cap = None if report is None else report.cap
-    missing = int(waiting.sum()) + len(unplaceable)
+    missing = int((waiting | building).sum()) + len(unplaceable)
     values: list[tuple[str, object]] = [
         ("count", len(table)),
         ("colliding", colliding),
@@ -107,9 +115,12 @@ def object_status(
         ("stale", int(stale.sum())),
         ("stale policy", policy),
         ("refused", int(kept.sum())),
+        ("new shape being built", int(renewed.sum())),
         ("unplaceable", missing),
         *((f"unplaceable: {reason}", count) for reason, count in sorted(reasons.items())),
     ]
+    if building.any():
+        values.append(("unplaceable: shape being built", int(building.sum())))
     if waiting.any():
         values.append(("unplaceable: no transform yet", int(waiting.sum())))
     names["unplaceable"] = unplaceable + names.pop("waiting")
@@ -119,6 +130,7 @@ def object_status(
         for count, label in (
             (int(stale.sum()), f"stale ({'ignored' if policy == 'ignore' else 'last box kept'})"),
             (int(kept.sum()), "refused (last box kept)"),
+            (int(renewed.sum()), "new shapes being built (last box kept)"),
             (missing, "unplaceable (not checked)"),
         )
         if count

@@ -29,7 +29,7 @@ from obb_collision.node.errors import RefusedError
 from obb_collision.node.object_table import COLUMNS, Slots
 from obb_collision.node.objects import Objects
 
-KEPT = ("live", "ns", "id", "placed", "world", "expiry")
+KEPT = ("live", "ns", "id", "placed", "world", "expiry", "shaped")
 """Columns that stay where an object goes and comes again with the shape it had."""
 
 
@@ -44,6 +44,7 @@ def renew_slots(objects: Objects, slots: Slots) -> None:
     if len(slots) == 0:
         return
     table = objects.table
+    objects.want_no_other(slots)
     stale = slots[table.stale[slots]]
     for column in COLUMNS:
         if column not in KEPT:
@@ -92,6 +93,7 @@ def touch_slots(objects: Objects, slots: Slots, expiry: Slots) -> None:
     table.expiry[slots] = expiry
     table.seen[slots] = False
     table.shape_refused[slots] = False
+    objects.want_no_other(slots)
     if objects.unplaceable:
         for slot in slots.tolist():
             objects.forget_unplaceable(table.key(slot))

@@ -21,12 +21,10 @@ them is looked at.
 
 from __future__ import annotations
 
-from array import array
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 import numpy as np
-from geometry_msgs.msg import Point
 from visualization_msgs.msg import Marker
 
 from obb_collision.node.conversions import name_from_key
@@ -50,11 +48,12 @@ from obb_collision.node.marker_batch import (
     settle,
 )
 from obb_collision.node.marker_scan import FILE, MESH, Scanned, scan_markers
-from obb_collision.node.marker_shapes import shape_from_ros, signature_from_ros
 from obb_collision.node.monitors import InputMonitor
 from obb_collision.node.names import namespace_number
 from obb_collision.node.object_table import NEVER
 from obb_collision.node.objects import OLDER, Objects, State
+from obb_collision.node.shape_plans import IMMEDIATE, MarkerShape, Plan, plan_shape
+from obb_collision.scene.building.errors import NO_MEMORY
 
 MAX_WAITING_BYTES = 64 << 20
 MAX_WAITING_MESSAGES = 1000
@@ -126,6 +125,7 @@ class _Application:
 
     def __init__(self, objects: Objects, monitor: InputMonitor, guard: Guard, now: int) -> None:
         self._objects, self._monitor, self._guard, self._now = objects, monitor, guard, now
+        self._plans: dict[int, Plan] = {}
 
     def run(self, markers: Gathered) -> None:
         """Apply them."""
@@ -173,7 +173,9 @@ class _Application:
             rows = outcome.winner[again]
             is_fixed = [objects.placement.frame_table.is_fixed(frame) for frame in markers.frames]
             fixed = np.array(is_fixed)[markers.frame[rows]]
-            same = fixed & self._have_shapes(markers, rows, slots[again])
+            same = self._have_shapes(markers, rows, slots[again])
+            same |= self._have_built_shapes(markers, rows, slots[again])
+            same &= fixed
             again = again[same & table.placed[slots[again]]]
             doomed[slots[again]] = False
         remove_slots(objects, np.flatnonzero(doomed & table.live))
@@ -212,6 +214,15 @@ class _Application:
             self._objects, slots, markers.type[rows], markers.scales[rows]
         )
 
+    def _have_built_shapes(self, markers: Gathered, rows: Rows, slots: Rows) -> Mask:
+        """Return which objects have the shapes of markers, where those take time to build."""
+        same = np.zeros(len(rows), np.bool_)
+        for index in np.flatnonzero(~np.isin(markers.type[rows], IMMEDIATE)).tolist():
+            with suppress(Exception):  # said when it is put
+                signature = self._plan(markers, int(rows[index])).signature
+                same[index] = self._objects.signatures(slots[index : index + 1]) == [signature]
+        return same
+
     def _add(self, markers: Gathered, rows: Rows, slots: Rows, previous: Rows) -> None:
         """Give objects the shapes and poses of markers."""
         current = ~self._are_old(markers, rows, slots)
@@ -223,10 +234,20 @@ class _Application:
             self._each(markers, rows[cubes][admitted], lambda some: self._put_cubes(markers, some))
         others = ~same & (markers.type[rows] != Marker.CUBE)
         for row in rows[others].tolist():
+            self._put_what_stays(markers, row, previous)
             while row >= 0 and not self._each(
                 markers, np.array([row]), lambda one: self._put(markers, int(one[0]))
             ):
                 row = int(previous[row])
+
+    def _put_what_stays(self, markers: Gathered, row: int, previous: Rows) -> None:
+        """Put the last shape before one that has to be built: it stays if that can't be."""
+        if markers.type[row] in IMMEDIATE:
+            return
+        while row >= 0 and markers.type[row] not in IMMEDIATE:
+            row = int(previous[row])
+        if row >= 0:
+            self._each(markers, np.array([row]), lambda one: self._put(markers, int(one[0])))
 
     def _are_old(self, markers: Gathered, rows: Rows, slots: Rows) -> Mask:
         """Return which states come after newer ones of their objects; they are counted."""
@@ -276,6 +297,8 @@ class _Application:
                 half = len(rows) // 2
                 done = [self._each(markers, some, put) for some in (rows[:half], rows[half:])]
                 return all(done)
+            if isinstance(error, MemoryError):
+                error = RefusedError(NO_MEMORY)
             if not isinstance(error, RefusedError):
                 self._guard.caught("input objects", error, name_from_key(markers.key(rows[0])))
                 error = RefusedError(INTERNAL_ERROR, str(error))
@@ -294,14 +317,17 @@ class _Application:
 
     def _put(self, markers: Gathered, row: int) -> None:
         """Add one object of any type, or change it."""
-        objects, key = self._objects, markers.key(row)
-        marker = _marker(markers, row)
-        signature = signature_from_ros(marker)
-        same = signature == objects.signature(key)
         expiry = int(markers.expiry[row])
-        shape = None if same else shape_from_ros(marker)
-        slot = objects.put(key, shape, signature, None if expiry == NEVER else expiry)
+        slot = self._objects.take_shape(
+            markers.key(row), self._plan(markers, row), None if expiry == NEVER else expiry
+        )
         self._store(markers, np.array([row]), np.array([slot]))
+
+    def _plan(self, markers: Gathered, row: int) -> Plan:
+        """Return how to get the shape of a marker; RefusedError where it has none."""
+        if row not in self._plans:
+            self._plans[row] = plan_shape(_shape(markers, row))
+        return self._plans[row]
 
     def _store(self, markers: Gathered, rows: Rows, slots: Rows) -> None:
         """Store the poses of markers, those of the same frame and stamp together."""
@@ -322,13 +348,14 @@ class _Application:
             self._objects.lock(slots[locked])
 
 
-def _marker(markers: Gathered, row: int) -> Marker:
-    """Return a marker with what is said of its shape."""
+def _shape(markers: Gathered, row: int) -> MarkerShape:
+    """Return what a marker says of its shape; points and data are views of the message."""
     part, at = markers.parts[markers.part[row]], int(markers.row[row])
-    marker = Marker(type=int(markers.type[row]))
-    marker.scale.x, marker.scale.y, marker.scale.z = markers.scales[row].tolist()
-    marker.points = [Point(x=x, y=y, z=z) for x, y, z in part.points(at).tolist()]
-    marker.mesh_resource = part.text(at, MESH).decode(errors="replace")
-    marker.mesh_file.filename = part.text(at, FILE).decode(errors="replace")
-    marker.mesh_file.data = array("B", part.content(at))
-    return marker
+    return MarkerShape(
+        int(markers.type[row]),
+        markers.scales[row].copy(),
+        part.points(at),
+        part.text(at, MESH).decode(errors="replace"),
+        part.text(at, FILE).decode(errors="replace"),
+        part.content(at),
+    )

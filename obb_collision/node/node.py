@@ -52,10 +52,12 @@ from obb_collision.node.scene_settings import SceneSettings
 from obb_collision.node.schedule import Schedule
 from obb_collision.node.subscriptions import INPUTS, Subscriptions
 from obb_collision.node.warm_up import WarmUp, warm_up
+from obb_collision.scene.building.process import Limits
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.effects.settings import OFF, ON
 from obb_collision.scene.files import describe_scene, find_scene
 
+MEGABYTE = 1_000_000
 NODE_NAME = "obb_collision"
 DIAGNOSTICS_PERIOD = 1.0
 """Seconds between two messages on /diagnostics."""
@@ -201,6 +203,14 @@ class CollisionNode(Node):
         parameters, objects = self.parameters, self.objects
         self._settings.apply()
         objects.max_objects = parameters.max_objects
+        objects.set_limits(
+            Limits(
+                parameters.shape_timeout,
+                parameters.shape_memory * MEGABYTE,
+                parameters.shape_queue * MEGABYTE,
+            ),
+            parameters.mesh_file_size * MEGABYTE,
+        )
         objects.placement.timeout = parameters.transform_timeout
         objects.stamp_tolerance = int(parameters.stamp_tolerance * NANOSECONDS)
         objects.order_timeout = int(parameters.order_timeout * NANOSECONDS)
@@ -326,8 +336,9 @@ class CollisionNode(Node):
             monitor.clock_jumped(shift)
 
     def destroy_node(self) -> None:
-        """Say that nothing is known any more, and end."""
+        """Say that nothing is known any more, and end, with the process that builds shapes."""
         self.status.close()
+        self.objects.builder.close()
         super().destroy_node()
 
 

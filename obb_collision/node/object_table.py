@@ -66,6 +66,8 @@ COLUMNS: dict[str, tuple[Any, tuple[int, ...]]] = {
     "seen": (np.bool_, ()),  # a cycle has looked at it since its last marker
     "locked": (np.bool_, ()),  # frame_locked: placed anew every cycle
     "stale": (np.bool_, ()),
+    "shaped": (np.bool_, ()),  # has a shape; False while its first one is being built
+    "shape_pending": (np.bool_, ()),  # a newer shape is being built
     "shape_refused": (np.bool_, ()),  # the latest shape could not be used: the last one stays
     "pose_refused": (np.bool_, ()),  # the latest pose could not be used: the last one stays
     "frame_refused": (np.bool_, ()),  # poses waited too long for their place since the last placed
@@ -101,6 +103,8 @@ class ObjectTable:
     seen: npt.NDArray[np.bool_]
     locked: npt.NDArray[np.bool_]
     stale: npt.NDArray[np.bool_]
+    shaped: npt.NDArray[np.bool_]
+    shape_pending: npt.NDArray[np.bool_]
     shape_refused: npt.NDArray[np.bool_]
     pose_refused: npt.NDArray[np.bool_]
     frame_refused: npt.NDArray[np.bool_]
@@ -155,7 +159,7 @@ class ObjectTable:
         slot = self.slots.pop(key)
         del self.by_name[name]
         self.namespaces.leave(int(self.ns[slot]))
-        self.live[slot] = self.pending[slot] = self.placed[slot] = False
+        self.live[slot] = self.pending[slot] = self.placed[slot] = self.shaped[slot] = False
         self._sorted = None
         return slot
 

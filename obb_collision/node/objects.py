@@ -27,16 +27,19 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from obb_collision.geometry.shapes import Shape
+from obb_collision.geometry.shapes import Box, Shape
 from obb_collision.node.accuracy import Overrides
 from obb_collision.node.conversions import NANOSECONDS, FloatArray, Key, name_from_key
 from obb_collision.node.errors import RefusedError
 from obb_collision.node.frames import FrameSource
 from obb_collision.node.guard import Guard
-from obb_collision.node.marker_shapes import NO_BODY, Signature
 from obb_collision.node.names import shortened
 from obb_collision.node.object_table import NEVER, ObjectTable, Slots
 from obb_collision.node.placement import OnItems, Placement
+from obb_collision.node.shape_plans import NO_BODY, Plan, Signature
+from obb_collision.node.shape_requests import Given, ShapeRequests
+from obb_collision.scene.building.builder import Builder
+from obb_collision.scene.building.process import Limits
 from obb_collision.scene.scene import Scene
 
 DEFAULT_LIMIT = 1000
@@ -49,6 +52,10 @@ AHEAD = "stamp from the future"
 ANEW = "stamps began anew"
 """Doubt: a state is older than the one before, which came so long ago that its sender must have
 started again."""
+
+PLACEHOLDER = Box((1.0, 1.0, 1.0))
+"""What an object is while its first shape is being built: it takes part in nothing till then."""
+NO_SIGNATURE: Signature = ()
 
 
 @dataclass(frozen=True)
@@ -64,8 +71,8 @@ class State:
 class Objects:
     """Bookkeeping from keys to the scene.
 
-    ``on_refused`` hears of poses that could not be placed at a cycle, ``on_doubted`` of those that
-    are used, but not trusted.
+    ``on_refused`` hears of poses that could not be placed at a cycle, and of shapes that could not
+    be built, ``on_doubted`` of poses that are used, but not trusted.
     """
 
     def __init__(
@@ -89,12 +96,16 @@ class Objects:
         self._on_doubted = on_doubted
         self._unplaceable_until: dict[Key, int] = {}
         self._signatures: dict[int, Signature] = {}
+        self._on_refused = on_refused
+        self.builder = Builder()
+        """Of shapes; built in another process."""
+        self._requests = ShapeRequests(self.builder)
         self.placement = Placement(
             self.scene, self.table, frames, fixed_frame, on_refused, self._enable, guard
         )
 
     def signature(self, key: Key) -> Signature | None:
-        """Signature of the object's shape, None for an unknown object."""
+        """Signature of the shape that an object has, None for an unknown object."""
         return self._signatures.get(self.table.slots.get(key, -1))
 
     def signatures(self, slots: Slots) -> list[Signature | None]:
@@ -104,6 +115,14 @@ class Objects:
     def note_signatures(self, slots: Slots, signatures: Iterable[Signature]) -> None:
         """Take note of the shapes that objects have now."""
         self._signatures.update(zip(slots.tolist(), signatures, strict=True))
+        self.table.shaped[slots] = True
+        self.want_no_other(slots)
+
+    def want_no_other(self, slots: Slots) -> None:
+        """Let objects go on with the shapes they have: what is built for them is not wanted."""
+        for slot in slots[self.table.shape_pending[slots]].tolist():
+            self._requests.cancel(self.table.key(slot))
+        self.table.shape_pending[slots] = False
 
     def find_late(
         self, slots: Slots, stamps: Slots | int, received: Slots | int
@@ -117,6 +136,31 @@ class Objects:
         late &= received - table.received[slots] <= self.order_timeout
         table.outdated[slots[late]] = True
         return late
+
+    def take_shape(self, key: Key, plan: Plan, expiry: int | None) -> int:
+        """Add an object by the plan of its shape, or give it that; returns its slot.
+
+        A shape that takes time is built elsewhere. Till it is there a new object takes part in
+        nothing and is unplaceable, one with a shape keeps that and is doubtful. ``expiry`` as in
+        ``put``. Raises RefusedError with the reason where there is no such shape.
+        """
+        slot = self.table.slots.get(key)
+        if self.signature(key) == plan.signature:
+            self._requests.check_file(plan)
+            return self.put(key, None, plan.signature, expiry)
+        shape = plan.shape or self._requests.built(plan)
+        if shape is not None:
+            return self.put(key, shape, plan.signature, expiry)
+        if slot is None:
+            self._admit(key, slot)
+        self._requests.request(key, plan)
+        if slot is None:
+            slot = self._give(key, PLACEHOLDER, NO_SIGNATURE, None)
+            self.table.shaped[slot] = False
+            self._enable(slot)
+        self.table.shape_pending[slot] = True
+        self._renew(key, slot, expiry)
+        return slot
 
     def put(
         self,
@@ -132,36 +176,84 @@ class Objects:
         scene's (m). A new object takes part once it has a pose. Raises RefusedError ("too many
         objects", "too many namespaces", "namespace number taken", "bad name", "bad shape").
         """
-        table, name = self.table, name_from_key(key)
-        slot = table.slots.get(key)
-        if slot is None and len(table) >= self.max_objects:
+        slot = self.table.slots.get(key)
+        self._admit(key, slot)
+        if shape is not None:
+            slot = self._give(key, shape, signature, padding)
+        assert slot is not None
+        self._requests.cancel(key)
+        self.table.shape_pending[slot] = False
+        self._renew(key, slot, expiry)
+        return slot
+
+    def _admit(self, key: Key, slot: int | None) -> None:
+        if slot is None and len(self.table) >= self.max_objects:
             raise RefusedError("too many objects", f"{self.max_objects} is the limit")
         if slot is None:
-            table.namespaces.admit(key[0])
-        if shape is not None:
-            try:
-                pose = table.world[slot] if slot is not None and table.placed[slot] else None
-                rung = self.overrides.rung(name)
-                index = self.scene.add(name, shape, pose, padding=padding, accuracy=rung)
-            except ValueError as error:
-                raise RefusedError("bad shape", str(error)) from error
-            if slot is None:
-                table.claim(index, key, name)
-                self.placement.begin(index)
-            slot = index
-            self._signatures[slot] = signature
-            self._enable(slot)
-        assert slot is not None
-        table.expiry[slot] = NEVER if expiry is None else expiry
-        table.shape_refused[slot] = table.seen[slot] = False
+            self.table.namespaces.admit(key[0])
+
+    def _give(self, key: Key, shape: Shape, signature: Signature, padding: float | None) -> int:
+        table, name = self.table, name_from_key(key)
+        slot = table.slots.get(key)
+        try:
+            pose = table.world[slot] if slot is not None and table.placed[slot] else None
+            rung = self.overrides.rung(name)
+            index = self.scene.add(name, shape, pose, padding=padding, accuracy=rung)
+        except ValueError as error:
+            raise RefusedError("bad shape", str(error)) from error
+        if slot is None:
+            table.claim(index, key, name)
+            self.placement.begin(index)
+        self._signatures[index] = signature
+        table.shaped[index] = True
+        self._enable(index)
+        return index
+
+    def _renew(self, key: Key, slot: int, expiry: int | None) -> None:
+        self.table.expiry[slot] = NEVER if expiry is None else expiry
+        self.table.shape_refused[slot] = self.table.seen[slot] = False
         self.forget_unplaceable(key)
-        return slot
+
+    def _take_built(self) -> None:
+        """Give objects the shapes that were built since the last cycle."""
+        for given in self._requests.poll(self._users):
+            if given.key not in self.table.slots:
+                continue
+            error = given.error
+            if given.shape is not None:
+                try:
+                    self._give(given.key, given.shape, given.signature, None)
+                except RefusedError as refused:
+                    error = refused
+            slot = self.table.slots[given.key]
+            if given.newest:
+                self.table.shape_pending[slot] = False
+                if error is not None:
+                    self._refuse_built(given, error, slot)
+
+    def _refuse_built(self, given: Given, error: RefusedError, slot: int) -> None:
+        self._on_refused("objects", error.reason, name_from_key(given.key), error.detail, 1)
+        expiry = int(self.table.expiry[slot])
+        if not self.table.shaped[slot]:
+            self.remove(given.key)
+        self.refuse(given.key, error.reason, True, expiry)
+
+    def _users(self, signature: Signature) -> list[Key]:
+        """Return the objects that have a shape."""
+        slots = [slot for slot, known in self._signatures.items() if known == signature]
+        return [self.table.key(slot) for slot in slots]
+
+    def set_limits(self, limits: Limits, largest_file: int) -> None:
+        """Limit what shapes may take to build, and the bytes of a mesh file."""
+        self.builder.limits = limits
+        self._requests.largest_file = largest_file
 
     def remove(self, key: Key) -> None:
         """Take an object out, if there is one."""
         self.forget_unplaceable(key)
         if key in self.table.slots:
             name = name_from_key(key)
+            self._requests.cancel(key)
             self._signatures.pop(self.table.release(key, name), None)
             self.scene.remove(name)
 
@@ -289,6 +381,7 @@ class Objects:
         """
         table = self.table
         self._expire(now)
+        self._take_built()
         self.placement.place(now)
         stale = table.live & table.placed & (timeout > 0)
         stale &= now - table.world_received > int(timeout * NANOSECONDS)
@@ -314,12 +407,13 @@ class Objects:
                 self.forget_unplaceable(key)
 
     def _enable(self, slot: int) -> None:
-        enabled = self.table.placed[slot] and not (self.ignore_stale and self.table.stale[slot])
-        self.scene.set_enabled(name_from_key(self.table.key(slot)), bool(enabled))
+        self.enable_many(np.array([slot]))
 
     def enable_many(self, slots: Slots) -> None:
         """Let objects take part in collisions, or not."""
-        shown = self.table.placed[slots] & ~(self.ignore_stale & self.table.stale[slots])
+        table = self.table
+        shown = table.placed[slots] & table.shaped[slots]
+        shown &= ~(self.ignore_stale & table.stale[slots])
         self.scene.set_enabled_indices(slots, shown)
 
     def set_ignore_stale(self, ignore: bool) -> None:
@@ -339,7 +433,7 @@ class Objects:
         ``now``, where there is no object.
         """
         table = self.table
-        rows = table.live & table.placed
+        rows = self.visible
         if not rows.any():
             return now
         stamps = table.world_stamp[rows]
@@ -347,8 +441,14 @@ class Objects:
         return newest or int(table.world_received[rows].max())
 
     @property
+    def visible(self) -> npt.NDArray[np.bool_]:
+        """(rows,) objects with a box: their shape is known, and where they are."""
+        return self.table.live & self.table.placed & self.table.shaped
+
+    @property
     def doubtful(self) -> npt.NDArray[np.bool_]:
         """(rows,) objects whose box is not known to be where it should be: shown grey."""
         table = self.table
         refused = table.shape_refused | table.pose_refused | table.frame_refused
-        return table.live & (table.stale | refused | table.ahead | table.held_back)
+        doubts = table.stale | refused | table.ahead | table.held_back | table.shape_pending
+        return table.live & doubts

@@ -196,7 +196,7 @@ class Outputs:
         self._next_markers = now + 1.0 / parameters.marker_rate
         objects, table = given.objects, given.objects.table
         slots = objects.scene.indices
-        drawn = table.placed[slots]
+        drawn = objects.visible[slots]
         slots, boxes = slots[drawn], objects.scene.boxes.take(np.flatnonzero(drawn))
         colors = np.where(objects.doubtful[slots], DOUBTFUL, FREE)
         colors[given.report.colliding[slots]] = COLLIDING

@@ -95,6 +95,27 @@ GENERAL = (
         True,
         "Whether in_collision is true while it is not known what collides.",
     ),
+    Spec(
+        "shape_timeout",
+        60.0,
+        "Time that a shape of points or a mesh file may take to build (s), beside the cycles. One "
+        "that takes longer is refused.",
+        (0.1, 3600.0),
+    ),
+    Spec(
+        "shape_memory",
+        2000,
+        "Memory that the process that builds shapes may take for one (MB). One that needs more is "
+        "refused. A million triangles take 1000.",
+        (50, 1000000),
+    ),
+    Spec(
+        "shape_queue",
+        512,
+        "Points and embedded mesh files that wait to be built (MB). What is beyond is refused.",
+        (1, 1000000),
+    ),
+    Spec("mesh_file_size", 1000, "Mesh files larger than this are refused (MB).", (1, 1000000)),
     Spec("max_objects", 20000, "Objects beyond this many are refused.", (1, 1000000)),
     Spec("max_text_pairs", 100, "Pairs named in collisions_text; the total is stated.", (0, 10000)),
     Spec("marker_rate", 10.0, "Publications of ~/markers per second (Hz). 0: none.", (0.0, 100.0)),

@@ -47,6 +47,10 @@ class Parameters:
     order_timeout: float
     cycle_timeout: float
     unknown_is_collision: bool
+    shape_timeout: float
+    shape_memory: int
+    shape_queue: int
+    mesh_file_size: int
     max_objects: int
     max_text_pairs: int
     marker_rate: float

@@ -216,13 +216,11 @@ def test_too_little_memory_is_an_error_that_names_the_file(
     def fails(*_: object) -> None:
         raise MemoryError
 
-    monkeypatch.setattr(mesh_files, "_joined", fails)
-    with pytest.raises(ValueError, match=r"part\.stl.*MemoryError"):
-        Mesh.from_file(file)
-    monkeypatch.undo()
-    monkeypatch.setattr(Mesh, "__init__", fails)
-    with pytest.raises(ValueError, match=r"part\.stl: there is not enough memory"):
-        Mesh.from_file(file)
+    for owner, name in ((mesh_files, "_joined"), (Mesh, "__init__")):
+        with monkeypatch.context() as patch:
+            patch.setattr(owner, name, fails)
+            with pytest.raises(ValueError, match=r"part\.stl: there is not enough memory"):
+                Mesh.from_file(file)
 
 
 @pytest.mark.parametrize("what", ["a name of 300 characters", "5,000 characters", "a zero byte"])

@@ -291,6 +291,17 @@ class Rig(Client):
         end = monitor.total + count
         self.until(lambda: monitor.total >= end, "cycles")
 
+    def built(self, *keys: tuple[str, int]) -> None:
+        """Wait until objects have come and have their shapes, and a cycle more."""
+        table = self.node.objects.table
+
+        def ready() -> bool:
+            slots = [table.slots.get(key, -1) for key in keys]
+            return all(s >= 0 and table.shaped[s] and not table.shape_pending[s] for s in slots)
+
+        self.until(ready, f"the shapes of {keys}")
+        self.cycles(2)
+
     def refused(self, topic: str) -> dict[str, int]:
         """Refused items of an input so far, by reason."""
         return dict(self.node._monitors[topic].refused)

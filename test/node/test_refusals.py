@@ -138,6 +138,7 @@ def test_a_bad_marker_is_refused_alone_and_never_taken_as_free(rig: Rig, reason:
     for make in makers:
         rig.send(make(), cube(A2, (0.5, 0, 0)))
         assert rig.pairs() == set(), "the rest of the message is used"
+    rig.until(lambda: rig.refused("objects"), "refusal")  # what is built is refused later
     assert rig.refused("objects") == {reason: len(makers)}
     assert rig.node.objects.unplaceable == {A1: reason}
     status = rig.status(": objects")
@@ -150,6 +151,7 @@ def test_a_bad_marker_is_refused_alone_and_never_taken_as_free(rig: Rig, reason:
     for make in makers:
         rig.send(make())
     assert sync(rig) == {("a/1", "a/2")}, "the last good box stays"
+    rig.until(lambda: rig.refused("objects")[reason] == 2 * len(makers), "refusals")
     assert rig.node.objects.doubtful[rig.node.objects.table.slots[A1]]
 
 

@@ -1,0 +1,204 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""A queue of jobs, and the thread that gets them built one after another."""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Hashable
+from dataclasses import dataclass, field
+from itertools import count
+from threading import Condition, Thread
+from typing import Any
+
+from obb_collision.scene.building.errors import NO_BUILDER, NO_MEMORY, TOO_MANY, BuildError
+from obb_collision.scene.building.jobs import Job
+from obb_collision.scene.building.process import Limits, WorkerProcess
+
+#: Jobs that may wait, whatever their size.
+MOST_WAITING = 20_000
+
+
+@dataclass
+class _Entry:
+    job: Job
+    place: int
+    serial: int
+    keys: set[Hashable] = field(default_factory=set)
+
+
+@dataclass
+class Outcome:
+    """What became of a job: who asked for it, and the result or why there is none."""
+
+    job: Job
+    signature: Hashable
+    keys: set[Hashable]
+    result: Any = None
+    error: BuildError | None = None
+
+
+class Builder:
+    """Builds what is asked for by key; of several requests for a key the last one counts.
+
+    Jobs of equal signatures are done once. A job that has begun is finished though its keys ask
+    for something else by then: its outcome is newer than what they have. No method waits.
+    """
+
+    def __init__(self, limits: Limits | None = None) -> None:
+        self.limits = limits or Limits()
+        """May be set at any time."""
+        self._process = WorkerProcess()
+        self._changed = Condition()
+        self._waiting: dict[Hashable, _Entry] = {}
+        self._order: list[tuple[int, int, Hashable]] = []
+        self._running: tuple[Hashable, _Entry] | None = None
+        self._wanted: dict[Hashable, Hashable] = {}
+        self._done: list[Outcome] = []
+        self._size = 0
+        self._places, self._serials = count(), count()
+        self._closed = False
+        self._thread: Thread | None = None
+
+    def __len__(self) -> int:
+        return len(self._wanted)
+
+    def request(self, key: Hashable, signature: Hashable, job: Job) -> None:
+        """Ask for a job; what the key asked for before is no longer wanted.
+
+        Raises BuildError where too much waits already, or nothing can be built.
+        """
+        with self._changed:
+            if self._wanted.get(key) == signature:
+                return
+            place = self._leave(key)
+            running = self._running
+            if running is not None and running[0] == signature:
+                running[1].keys.add(key)
+            else:
+                self._enter(key, signature, job, next(self._places) if place is None else place)
+            self._wanted[key] = signature
+
+    def _enter(self, key: Hashable, signature: Hashable, job: Job, place: int) -> None:
+        entry = self._waiting.get(signature)
+        if entry is None:
+            size = self._size + job.size
+            if len(self._waiting) >= MOST_WAITING or size > self.limits.waiting:
+                megabytes, most = size >> 20, self.limits.waiting >> 20
+                detail = f"{len(self._waiting)} of {megabytes} MB; {MOST_WAITING} of {most} MB"
+                raise BuildError(TOO_MANY, f"{detail} is the limit")
+            self._start()
+            entry = self._waiting[signature] = _Entry(job, place, next(self._serials))
+            self._size = size
+            heapq.heappush(self._order, (place, entry.serial, signature))
+            self._changed.notify()
+        entry.keys.add(key)
+
+    def _leave(self, key: Hashable) -> int | None:
+        """Take a key from what waits; return the place that became free, if any."""
+        signature = self._wanted.pop(key, None)
+        entry = self._waiting.get(signature)
+        if entry is None:
+            return None
+        entry.keys.discard(key)
+        if entry.keys:
+            return None
+        del self._waiting[signature]
+        self._size -= entry.job.size
+        return entry.place
+
+    def cancel(self, key: Hashable) -> None:
+        """Forget all that a key asked for."""
+        with self._changed:
+            self._leave(key)
+            if self._running is not None:
+                self._running[1].keys.discard(key)
+            for outcome in self._done:
+                outcome.keys.discard(key)
+
+    def poll(self) -> list[Outcome]:
+        """Return the outcomes since the last time, in the order in which they were done."""
+        if not self._done:
+            return []
+        with self._changed:
+            done, self._done = self._done, []
+        return [outcome for outcome in done if outcome.keys]
+
+    def wants(self, key: Hashable) -> bool:
+        """Return whether something that a key asked for is still to come."""
+        return key in self._wanted
+
+    def close(self) -> None:
+        """End it; what waits is never built."""
+        with self._changed:
+            self._closed = True
+            self._waiting.clear()
+            self._changed.notify()
+        self._process.close()
+        if self._thread is not None:
+            self._thread.join(2.0)
+
+    def _start(self) -> None:
+        if self._closed:
+            raise BuildError(NO_BUILDER, "it is closed")
+        if self._thread is None:
+            thread = Thread(target=self._work, daemon=True, name="builder")
+            try:
+                thread.start()
+            except RuntimeError as error:  # no memory for another one
+                raise BuildError(NO_BUILDER, str(error)) from error
+            self._thread = thread
+
+    def _work(self) -> None:
+        while (taken := self._next()) is not None:
+            signature, entry = taken
+            outcome = Outcome(entry.job, signature, set())
+            try:
+                outcome.result = self._build(entry.job)
+            except BuildError as error:
+                outcome.error = error
+            except MemoryError:
+                outcome.error = BuildError(NO_MEMORY)
+            except Exception as error:
+                outcome.error = BuildError(NO_BUILDER, f"{type(error).__name__}: {error}")
+            self._finish(outcome, entry)
+            del taken, entry, outcome  # whatever is large
+        self._process.stop()
+
+    def _build(self, job: Job) -> Any:
+        return job.finish(self._process.run(job.message(), self.limits))
+
+    def _next(self) -> tuple[Hashable, _Entry] | None:
+        with self._changed:
+            while not self._closed:
+                while self._order:
+                    _, serial, signature = heapq.heappop(self._order)
+                    entry = self._waiting.get(signature)
+                    if entry is not None and entry.serial == serial:
+                        del self._waiting[signature]
+                        self._running = signature, entry
+                        return self._running
+                self._changed.wait()
+        return None
+
+    def _finish(self, outcome: Outcome, entry: _Entry) -> None:
+        with self._changed:
+            self._running = None
+            self._size -= entry.job.size
+            outcome.keys = entry.keys
+            for key in entry.keys:
+                if self._wanted.get(key) == outcome.signature:
+                    del self._wanted[key]
+            self._done.append(outcome)

@@ -1,0 +1,32 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Why something could not be built."""
+
+from __future__ import annotations
+
+BAD_SHAPE = "bad shape"
+NO_MEMORY = "not enough memory"
+TOO_SLOW = "building took too long"
+NO_BUILDER = "shape builder failed"
+TOO_MANY = "too many shapes waiting"
+
+
+class BuildError(ValueError):
+    """``reason`` is a short fixed phrase, one of the above or a job's own; ``detail`` says more."""
+
+    def __init__(self, reason: str, detail: str = "") -> None:
+        super().__init__(f"{reason}: {detail}" if detail else reason)
+        self.reason = reason
+        self.detail = detail

@@ -1,0 +1,216 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What can be built: a job is sent as a message, done in another process, and finished here.
+
+``message`` and ``finish`` run in the thread that talks to the other process; ``perform`` runs in
+that process. What both sides have already is not sent back.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+from obb_collision.geometry.mesh_files import (
+    Version,
+    file_version,
+    read_file,
+    read_mesh,
+    resolve_path,
+    shortened,
+)
+from obb_collision.geometry.shapes import Hull, LocalBox, Mesh, Shape
+from obb_collision.geometry.validation import MAX_MAGNITUDE, Floats
+from obb_collision.scene.building.errors import BAD_SHAPE, BuildError
+from obb_collision.scene.building.wire import Message
+
+BAD_POINTS = "bad points"
+UNREADABLE = "unreadable mesh"
+
+#: Corners (8, 3) of the unit cube.
+CUBE_CORNERS = np.array([(x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
+
+
+class Job(Protocol):
+    """One thing to build."""
+
+    @property
+    def size(self) -> int:
+        """Bytes that the job holds while it waits."""
+
+    def message(self) -> Message:
+        """Return what is sent; ``job`` is the name in ``PERFORM``."""
+
+    def finish(self, reply: Message) -> Any:
+        """Return what was built."""
+
+
+@dataclass(frozen=True, eq=False)
+class Triangles:
+    """A mesh of points (3n, 3) metres, three of them a triangle."""
+
+    points: Floats
+    scale: Floats
+
+    @property
+    def size(self) -> int:
+        """Bytes that the job holds while it waits."""
+        return self.points.nbytes
+
+    def message(self) -> Message:
+        """Return what is sent."""
+        return {"job": "triangles", "points": self.points, "scale": self.scale}
+
+    def finish(self, reply: Message) -> Mesh:
+        """Return the mesh."""
+        points = np.array(self.points, np.float64)  # what is given may be a view on a message
+        faces = np.arange(len(points)).reshape(-1, 3)
+        return Mesh.fitted(points, faces, self.scale, local_box(reply))
+
+
+@dataclass(frozen=True, eq=False)
+class Bodies:
+    """The hull of equal bodies of edge lengths ``widths`` (3,) at points (n, 3), metres."""
+
+    points: Floats
+    widths: Floats
+
+    @property
+    def size(self) -> int:
+        """Bytes that the job holds while it waits."""
+        return self.points.nbytes
+
+    def message(self) -> Message:
+        """Return what is sent."""
+        return {"job": "bodies", "points": self.points, "widths": self.widths}
+
+    def finish(self, reply: Message) -> Hull:
+        """Return the hull."""
+        return Hull.fitted(body_corners(self.points, self.widths), local_box(reply))
+
+
+@dataclass(frozen=True, eq=False)
+class MeshFile:
+    """A mesh file by its path or URI, or what one holds (``data``, its type by the suffix of name).
+
+    known: the version that is built already; the result is None if the file still has it.
+    """
+
+    name: str
+    scale: Floats
+    data: bytes | None = None
+    largest: int = 1 << 30
+    known: Version | None = None
+
+    @property
+    def size(self) -> int:
+        """Bytes that the job holds while it waits."""
+        return len(self.data or b"") + len(self.name)
+
+    def message(self) -> Message:
+        """Return what is sent."""
+        message = {"name": self.name, "scale": self.scale, "largest": self.largest}
+        if self.data is not None:
+            return message | {"job": "data", "data": np.frombuffer(self.data, np.uint8)}
+        return message | {"job": "file", "known": self.known}
+
+    def finish(self, reply: Message) -> tuple[Mesh, Version | None] | None:
+        """Return the mesh and, of a file, its version; None if it is the known one."""
+        if "vertices" not in reply:
+            return None
+        mesh = Mesh.fitted(reply["vertices"], reply["faces"], self.scale, local_box(reply))
+        version = reply.get("version")
+        return mesh, None if version is None else (int(version[0]), int(version[1]))
+
+
+def body_corners(points: Floats, widths: Floats) -> Floats:
+    """Return the corners (8n, 3) of boxes of edge lengths ``widths`` (3,) at points (n, 3)."""
+    corners: Floats = (points[:, None] + CUBE_CORNERS * widths).reshape(-1, 3)
+    return corners
+
+
+def local_box(reply: Message) -> LocalBox:
+    """Return the box in a reply."""
+    return reply["center"], reply["rotation"], reply["half_extents"]
+
+
+def boxed(shape: Shape) -> Message:
+    """Return a reply with the box of a shape."""
+    center, rotation, half_extents = shape.local_box
+    return {"center": center, "rotation": rotation, "half_extents": half_extents}
+
+
+def _triangles(message: Message) -> Message:
+    points = _checked_points(message)
+    faces = np.arange(len(points)).reshape(-1, 3)
+    return boxed(Mesh(points, faces, message["scale"]))
+
+
+def _bodies(message: Message) -> Message:
+    return boxed(Hull(body_corners(_checked_points(message), message["widths"])))
+
+
+def _checked_points(message: Message) -> Floats:
+    points: Floats = message["points"]
+    if not (np.abs(points) <= MAX_MAGNITUDE).all():
+        raise BuildError(BAD_POINTS, "points must be finite")
+    return points
+
+
+def _data(message: Message) -> Message:
+    try:
+        return _mesh(message["data"].tobytes(), message["name"], message["scale"])
+    except ValueError as error:
+        raise BuildError(UNREADABLE, f"{shortened(message['name'])}: {error}") from error
+
+
+def _file(message: Message) -> Message:
+    name = message["name"]
+    try:
+        path = resolve_path(name)
+        if message["known"] is not None and file_version(path) == tuple(message["known"]):
+            return {}
+        data, version = read_file(path, message["largest"])
+        return _mesh(data, path.name, message["scale"]) | {"version": np.array(version)}
+    except ValueError as error:
+        text = str(error)
+        known = text.startswith("mesh file ")  # it names the file
+        raise BuildError(UNREADABLE, text if known else f"{shortened(name)}: {text}") from error
+
+
+def _mesh(data: bytes, name: str, scale: Floats) -> Message:
+    mesh = Mesh(*read_mesh(data, name), scale)
+    return {"vertices": mesh.vertices, "faces": mesh.faces} | boxed(mesh)
+
+
+PERFORM: dict[str, Callable[[Message], Message]] = {
+    "triangles": _triangles,
+    "bodies": _bodies,
+    "data": _data,
+    "file": _file,
+}
+
+
+def perform(message: Message) -> Message:
+    """Do the job of a message; BuildError with the reason where that can't be."""
+    try:
+        return PERFORM[message["job"]](message)
+    except BuildError:
+        raise
+    except ValueError as error:
+        raise BuildError(BAD_SHAPE, shortened(str(error))) from error

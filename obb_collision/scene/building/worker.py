@@ -1,0 +1,92 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The process that builds: it takes jobs from its standard input until that ends."""
+
+from __future__ import annotations
+
+import os
+import signal
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+
+from obb_collision.scene.building.errors import NO_BUILDER, NO_MEMORY, BuildError
+from obb_collision.scene.building.jobs import perform
+from obb_collision.scene.building.wire import Message, Pipe
+
+#: Seconds beyond the time of a job after which the process ends itself, should nobody else do it.
+GRACE = 5.0
+#: How willingly the process leaves the processor to the one it builds for.
+NICENESS = 5
+#: Rows and columns of a matrix that OpenBLAS takes its buffer for.
+SOME = 128
+
+
+def main(memory: int) -> None:
+    """Work. memory: bytes that jobs may take beyond what the process has when it begins."""
+    pipe = Pipe(os.dup(0), os.dup(1))
+    # what libraries print must not get among the replies
+    for descriptor in (0, 1):
+        os.dup2(os.open(os.devnull, os.O_RDWR), descriptor)
+    with suppress(OSError):
+        os.nice(NICENESS)
+    _take_what_all_jobs_need()
+    _limit_memory(memory)
+    pipe.send({"ready": True})
+    while (message := pipe.receive()) is not None:
+        # Ends the process, also one that is blocked and whose parent is gone.
+        signal.setitimer(signal.ITIMER_REAL, message["seconds"] + GRACE)
+        pipe.send(_reply(message))
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        del message
+
+
+def _take_what_all_jobs_need() -> None:
+    """Load what would count as the memory of the first job."""
+    import trimesh  # noqa: F401
+
+    # OpenBLAS ends the process where it can't have its buffer
+    np.linalg.svd(np.ones((SOME, SOME)) @ np.ones((SOME, SOME)))
+
+
+def _reply(message: Message) -> Message:
+    try:
+        return perform(message)
+    except MemoryError:
+        return _refusal(NO_MEMORY, "")
+    except BuildError as error:
+        return _refusal(error.reason, error.detail)
+    except Exception as error:
+        return _refusal(NO_BUILDER, f"{type(error).__name__}: {error}"[:1000])
+
+
+def _refusal(reason: str, detail: str) -> Message:
+    return {"refused": reason, "detail": detail}
+
+
+def _limit_memory(memory: int) -> None:
+    """Let the process have so many bytes more, where the system can limit it."""
+    try:
+        import resource
+
+        now = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+        _, hard = resource.getrlimit(resource.RLIMIT_AS)
+        limit = now + memory
+        if hard != resource.RLIM_INFINITY:
+            limit = min(limit, hard)
+        resource.setrlimit(resource.RLIMIT_AS, (limit, hard))
+    except (ImportError, OSError, ValueError):
+        return
