@@ -299,7 +299,7 @@ class Objects:
             slots, poses, twists = slots[~old], poses[~old], twists[~old]
         if len(slots) == 0:
             return old
-        self.placement.supersede(slots)
+        self.placement.supersede(slots, frame)
         table.given[slots] = poses
         table.twist[slots] = twists
         table.frame[slots] = frame

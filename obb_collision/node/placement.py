@@ -98,10 +98,13 @@ class Placement:
             self._topics.append(topic)
         return self._topics.index(topic)
 
-    def supersede(self, slots: Slots) -> None:
-        """Make way for newer states of objects: what still waits for its transform is queued."""
+    def supersede(self, slots: Slots, frame: int) -> None:
+        """Make way for newer states of objects, given in a frame: what is not placed is queued.
+
+        Not where both are in the fixed frame, for the newer one does not wait.
+        """
         table = self._table
-        wait = table.pending[slots] & (table.frame[slots] != 0)
+        wait = table.pending[slots] & ((table.frame[slots] != 0) | (frame != 0))
         wait &= ~(table.waited_out[slots] | table.locked[slots])
         if wait.any():
             self.waiting.add(latest_states(table, np.unique(slots[wait])))
@@ -152,8 +155,8 @@ class Placement:
         groups, which = np.unique(pairs, axis=0, return_inverse=True)
         which = which.reshape(-1)  # numpy 2.0 gave it another shape
         for number, (frame, stamp) in enumerate(groups.tolist()):
-            outer = transforms.get(frame, stamp)
-            if outer is not None:
+            outer = None if frame == 0 else transforms.get(frame, stamp)
+            if frame == 0 or outer is not None:
                 self._move(ready[which == number], outer)
         self._drop_superseded()
         self._time_out(latest_states(table, rows[table.pending[rows]]), transforms, now)

@@ -68,8 +68,8 @@ class Transforms:
 
     def reach(self, states: States) -> npt.NDArray[np.bool_]:
         """Return which states can be placed: those up to the newest stamp that is found."""
-        ok = np.zeros(len(states), np.bool_)
-        for frame in np.unique(states["frame"]).tolist():
+        ok = states["frame"] == 0
+        for frame in np.unique(states["frame"][~ok]).tolist():
             rows = np.flatnonzero(states["frame"] == frame)
             given = states["stamp"][rows]
             stamps = np.unique(given[given > 0])

@@ -137,6 +137,42 @@ def test_with_tf2_frames_that_it_does_not_know_are_refused(tf2_ros: Any) -> None
         assert rig.pairs() == set()
 
 
+def test_with_tf2_a_transform_that_comes_late_delays_an_object_only(tf2_ros: Any) -> None:
+    with Rig(tf2=True, transform_timeout=30.0) as rig:
+        rig.send(cube(A1), cube(A2, (9, 0, 0)))
+        rig.answer()
+        table = rig.node.objects.table
+        slot, stamps = table.slots[A2], []
+        set_transform(rig, 0.0, rig.stamp)
+        for x in range(4):
+            rig.send_transform("a/2", pose(x), "robot")
+            stamps.append(rig.stamp)
+        rig.until(lambda: table.stamp[slot] == stamps[-1], "taken in")
+        for number, stamp in enumerate(stamps):
+            set_transform(rig, 100.0, stamp)
+            rig.until(lambda n=number: table.world[slot, 0] == 100.0 + n, "placed")  # type: ignore[misc]
+        assert rig.refused("object_transform") == {}
+
+
+def test_with_tf2_a_stamp_out_of_reach_and_frames_apart_have_reasons_of_their_own(
+    tf2_ros: Any,
+) -> None:
+    with Rig(tf2=True, transform_timeout=0.0) as rig:
+        rig.send(cube(A1))
+        rig.answer()
+        set_transform(rig, 0.0, rig.stamp - 10)
+        rig.send_transform("a/1", pose(1.0), "robot")
+        rig.until(lambda: rig.refused("object_transform"), "refusal")
+        assert rig.refused("object_transform") == {"extrapolation": 1}
+        apart = TransformStamped(child_frame_id="b", transform=transform_to_ros(pose(0.0)))
+        apart.header = Header(stamp=stamp_to_ros(rig.stamp + 1_000_000), frame_id="a")
+        frames: Any = rig.node._frames
+        frames._buffer.set_transform(apart, "test")
+        rig.send_poses([1], [pose(1.0)], frame="b")
+        rig.until(lambda: rig.refused("object_poses"), "refusal")
+        assert rig.refused("object_poses") == {"no transform": 1}
+
+
 def test_without_tf2_the_node_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(frames_of_node, "tf2_ros", None)
     with Rig(tf2=True) as rig:

@@ -142,6 +142,19 @@ def test_a_newer_state_in_another_frame_overtakes_what_waits() -> None:
     assert len(rig.objects.placement.waiting) == 0
 
 
+def test_a_state_that_needs_no_transform_is_not_lost_to_one_that_waits() -> None:
+    rig = ObjectsRig(A1)
+    rig.send(START + 1)
+    rig.send(START + 2, "robot")
+    rig.send(START + 3, "robot")
+    rig.cycle()
+    assert rig.x() == place(START + 1)
+    assert rig.objects.table.placed[rig.slots[0]]
+    rig.frames.spans["robot"] = START, START + 2
+    rig.cycle()
+    assert rig.x() == place(START + 2)
+
+
 def test_what_waits_for_an_object_that_is_gone_moves_no_other_one() -> None:
     rig = ObjectsRig(A1)
     for stamp in (START + 1, START + 2):

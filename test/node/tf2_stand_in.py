@@ -65,6 +65,8 @@ class Buffer:
         """Return the pose of source in target; time 0 is the latest known."""
         poses = self._poses.get((target, source))
         if poses is None:
+            if {target, source} <= {name for names in self._poses for name in names}:
+                raise ConnectivityException(f"{source!r} and {target!r} are not connected")
             raise LookupException(f"{source!r} or {target!r} does not exist")
         stamps = sorted(poses)
         at = time.nanoseconds or stamps[-1]
