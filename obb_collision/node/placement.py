@@ -21,7 +21,7 @@ then, for its frame may become known at last.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -123,7 +123,7 @@ class Placement:
         rows = np.flatnonzero(table.pending & table.live)
         here = table.frame[rows] == 0
         if here.any():
-            self._move(latest_states(table, rows[here]))
+            self._move_here(rows[here])
         if len(rows[~here]) or len(self.waiting):
             self._place(rows[~here], now)
 
@@ -192,19 +192,33 @@ class Placement:
             name = name_from_key(table.key(int(some["slot"][0])))
             self._on_refused(self._topics[topic], error.reason, name, error.detail, len(some))
 
+    def _move_here(self, slots: Slots) -> None:
+        """Move objects to their latest states, given in the fixed frame."""
+        table = self._table
+        try:  # by plain columns: twice as fast as by rows of states
+            self._set(
+                slots,
+                table.given[slots],
+                table.twist[slots],
+                (table.stamp[slots], table.received[slots], table.number[slots]),
+            )
+        except Exception:
+            self._move(latest_states(table, slots))
+
     def _move(self, states: States, outer: FloatArray | None = None) -> None:
         """Move objects to states, given in a frame that is at ``outer`` (7,).
 
         What fails is refused: alone, if need be.
         """
         try:
-            poses, twists = states["pose"], states["twist"]
+            poses, twists = (np.ascontiguousarray(states[name]) for name in ("pose", "twist"))
             if outer is not None:
                 poses = compose_poses(outer, poses)
                 usable = ~np.any(pose_faults(poses), axis=0)
                 states, poses, twists = states[usable], poses[usable], twists[usable]
                 twists = turned_twists(twists, outer)
-            self._set(states, poses, twists)
+            columns = states["stamp"], states["received"], states["number"]
+            self._set(states["slot"], poses, twists, columns)
         except Exception as error:
             if len(states) > 1:
                 for row in range(len(states)):
@@ -219,15 +233,18 @@ class Placement:
                 states, {int(states["frame"][0]): RefusedError(INTERNAL_ERROR, str(error))}
             )
 
-    def _set(self, states: States, poses: FloatArray, twists: FloatArray) -> None:
-        table, slots = self._table, states["slot"]
+    def _set(
+        self, slots: Slots, poses: FloatArray, twists: FloatArray, columns: Sequence[Slots]
+    ) -> None:
+        """Move objects; columns: stamp, time of receipt and number of the states."""
+        table, (stamps, received, numbers) = self._table, columns
         self._scene.move_indices(slots, poses)
         self._set_twists(slots, twists)
         table.world[slots] = poses
-        table.world_stamp[slots] = states["stamp"]
-        table.world_received[slots] = states["received"]
-        table.world_number[slots] = states["number"]
-        table.pending[slots] = table.number[slots] > states["number"]
+        table.world_stamp[slots] = stamps
+        table.world_received[slots] = received
+        table.world_number[slots] = numbers
+        table.pending[slots] = table.number[slots] > numbers
         table.frame_refused[slots] = False
         table.waited_out[slots] &= table.pending[slots]
         for slot in slots[~table.placed[slots]].tolist():
