@@ -96,3 +96,22 @@ def test_console_scripts_exist() -> None:
     for module in scripts.values():
         place = ROOT / module.replace(".", "/")
         assert place.with_suffix(".py").exists() or (place / "__init__.py").exists(), module
+
+
+def test_the_rosdep_line_allows_what_comes_from_pypi() -> None:
+    (line,) = re.findall(r"^.*rosdep install.*$", README, re.MULTILINE)
+    from_pypi = re.findall(r"<exec_depend>(.*-pip)<", (ROOT / "package.xml").read_text())
+    assert from_pypi == ["python3-trimesh-pip"]
+    assert line.startswith("PIP_BREAK_SYSTEM_PACKAGES=1 rosdep install ")
+
+
+def test_the_recording_leaves_out_what_is_computed_for_who_subscribes() -> None:
+    pytest.importorskip("rclpy")
+    from obb_collision.node.effects import TOPICS
+
+    (pattern,) = re.findall(r"--exclude-regex '(.*)'", README)
+    names = {
+        effect: "/cell/" + topic.replace("~", "obb_collision") for effect, topic in TOPICS.items()
+    }
+    left_out = {effect for effect, name in names.items() if re.search(pattern, name)}
+    assert left_out == {"text", "contacts", "clearance", "sweep", "points", "markers"}
