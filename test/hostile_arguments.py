@@ -99,6 +99,7 @@ def scene_calls() -> Iterator[tuple[str, Callable[..., Any], dict[str, Any]]]:
         "name": (lambda s, v: s.name(v), 0),
         "padding": (lambda s, v: setattr(s, "padding", v), 0.1),
         "tree_depth": (lambda s, v: setattr(s, "tree_depth", v), 3),
+        "max_pairs": (lambda s, v: setattr(s, "max_pairs", v), 3),
         "accuracy": (lambda s, v: setattr(s, "accuracy", v), "obb"),
         "points": (lambda s, v: setattr(s, "points", v), np.zeros((3, 3))),
         "allowed": (lambda s, v: setattr(s, "allowed", v), [("a", "b", True)]),

@@ -61,6 +61,8 @@ class Answer:
     doubtful: int = 0
     objects: int = 0
     stamp: int = 0
+    more: bool = False
+    """Whether ``pairs`` is less than there are."""
 
     @property
     def level(self) -> bytes:
@@ -87,7 +89,8 @@ class Answer:
         parts = [self.unknown + time] if self.unknown else []
         if self.pairs:
             last = " at the last check" if self.unknown else ""
-            parts.append(f"{self.pairs} pair{'s collide' if self.pairs > 1 else ' collides'}{last}")
+            number = f"at least {self.pairs}" if self.more else str(self.pairs)
+            parts.append(f"{number} pair{'s collide' if self.pairs > 1 else ' collides'}{last}")
         elif not (self.unknown or self.missing):
             parts.append("free")
         for count, names, what in (
@@ -106,7 +109,7 @@ class Answer:
         """Return the status; ``now`` is the time (ns)."""
         age = f"{(now - self.stamp) / NANOSECONDS:.3f}" if self.stamp else "never"
         values: list[tuple[str, object]] = [
-            ("colliding pairs", self.pairs),
+            ("colliding pairs at least" if self.more else "colliding pairs", self.pairs),
             ("age of the newest state (s)", age),
             ("objects", self.objects),
             ("stale", self.stale),
@@ -144,7 +147,8 @@ def answer(
     stale = table.live & table.stale
     missing = int(np.count_nonzero(waiting)) + len(objects.unplaceable)
     known = Answer(
-        pairs=0 if report is None else len(report),
+        pairs=0 if report is None else report.total,
+        more=report is not None and report.truncated,
         missing=missing,
         names_missing=(*_names(objects, waiting), *_unplaceable(objects)),
         stale=int(np.count_nonzero(stale)),

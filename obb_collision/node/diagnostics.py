@@ -110,6 +110,7 @@ def object_status(
     values: list[tuple[str, object]] = [
         ("count", len(table)),
         ("colliding", colliding),
+        *([("pairs at least", report.total)] if report is not None and report.truncated else ()),
         *((f"pairs on {ALL_RUNGS[rung]}", count) for rung, count in sorted(rungs.items())),
         *(() if cap is None else [("highest accuracy in the time budget", ALL_RUNGS[cap])]),
         ("stale", int(stale.sum())),
@@ -135,6 +136,8 @@ def object_status(
         )
         if count
     ]
+    if report is not None and report.truncated:
+        faults.append(f"at least {report.total} pairs collide (the first {len(report)} published)")
     message = "; ".join(faults) or f"{len(table)} objects"
     return _status(f"{node}: objects", WARN if faults else OK, message, values)
 

@@ -180,7 +180,8 @@ class Outputs:
             self.publishers["collisions"].publish(cloud_to_ros(rows, header))
         if "text" in given.effects:
             limit = self._parameters.max_text_pairs
-            text = text_from_rows(rows, table.namespaces.names, header, limit)
+            total = (given.report.total, given.report.truncated)
+            text = text_from_rows(rows, table.namespaces.names, header, limit, *total)
             self.publishers["text"].publish(text)
 
     def publish_markers(self, given: Published) -> None:

@@ -117,6 +117,13 @@ GENERAL = (
     ),
     Spec("mesh_file_size", 1000, "Mesh files larger than this are refused (MB).", (1, 1000000)),
     Spec("max_objects", 20000, "Objects beyond this many are refused.", (1, 1000000)),
+    Spec(
+        "max_pairs",
+        10000,
+        "Colliding pairs reported at most, those of the objects that came first; how many there "
+        "are at least is stated, and all objects that collide are marked as such.",
+        (1, 10000000),
+    ),
     Spec("max_text_pairs", 100, "Pairs named in collisions_text; the total is stated.", (0, 10000)),
     Spec("marker_rate", 10.0, "Publications of ~/markers per second (Hz). 0: none.", (0.0, 100.0)),
     Spec(

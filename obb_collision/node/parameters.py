@@ -52,6 +52,7 @@ class Parameters:
     shape_queue: int
     mesh_file_size: int
     max_objects: int
+    max_pairs: int
     max_text_pairs: int
     marker_rate: float
     marker_lifetime: float

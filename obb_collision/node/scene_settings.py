@@ -56,6 +56,8 @@ class SceneSettings:
             scene.padding = parameters.padding
         if scene.tree_depth != parameters.tree_depth:
             scene.tree_depth = parameters.tree_depth
+        if scene.max_pairs != parameters.max_pairs:
+            scene.max_pairs = parameters.max_pairs
         if (scene.time_budget or 0.0) != parameters.time_budget:
             scene.time_budget = parameters.time_budget or None
         self.apply_accuracy()

@@ -29,15 +29,25 @@ from obb_collision.queries.separation import Verdict
 
 
 def text_from_rows(
-    rows: Rows, namespaces: Mapping[int, str], header: Header, limit: int
+    rows: Rows,
+    namespaces: Mapping[int, str],
+    header: Header,
+    limit: int,
+    total: int,
+    truncated: bool,
 ) -> DiagnosticArray:
-    """Return a status with the total, then one a pair, at most ``limit``."""
-    total = f"{len(rows)} pairs in collision"
-    if len(rows) > limit:
-        total += f", the first {limit} named"
+    """Return a status with the total, then one a pair, at most ``limit``.
+
+    total: how many pairs collide; at least, if pairs are left out of the rows.
+    """
+    message_total = f"{'at least ' if truncated else ''}{total} pairs in collision"
+    if total > limit:
+        message_total += f", the first {min(limit, len(rows))} named"
     values = [KeyValue(key="pairs", value=str(len(rows)))]
+    if truncated:
+        values.append(KeyValue(key="pairs at least", value=str(total)))
     message = DiagnosticArray(header=header)
-    message.status = [DiagnosticStatus(name="collisions", message=total, values=values)]
+    message.status = [DiagnosticStatus(name="collisions", message=message_total, values=values)]
     for row in rows[:limit]:
         a = name_from_key((namespaces[int(row["ns_a"])], int(row["id_a"])))
         b = name_from_key((namespaces[int(row["ns_b"])], int(row["id_b"])))

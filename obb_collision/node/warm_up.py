@@ -48,6 +48,7 @@ def warm_up() -> None:
         scene.move_indices(np.array([0]), np.array([(x, 0.1, 0, 0, 0.6, 0, 0.8)]))
         report = scene.check(effects=["separations"])
         _ = report.colliding, report.depths
+    _warm_up_crowds()
     keys = [("", number) for number in range(OBJECTS)]
     data = Markers("").write(keys, scene.boxes, np.zeros(OBJECTS, np.int64), 0, 0.0, None)
     markers = Gathered([scan_markers(data)], [0])
@@ -77,6 +78,15 @@ def warm_up_effect(name: str) -> None:
         poses[:, 0], poses[:, 6] = step * np.arange(OBJECTS), 1.0
         scene.move_indices(np.arange(OBJECTS), poses)
     scene.check()
+
+
+def _warm_up_crowds() -> None:
+    """Make ready what more colliding pairs than a limit need: two places full of boxes."""
+    scene = Scene(max_pairs=1)
+    for number in range(2 * OBJECTS):
+        x = 10.0 * (number >= 4)  # too few in one place, and in the other enough
+        scene.add(str(number), Box((1.0, 1.0, 1.0)), (x, 0, 0, 0, 0, 0.6, 0.8))
+    assert scene.check().truncated
 
 
 def _row_of_boxes() -> Scene:

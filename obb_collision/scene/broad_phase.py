@@ -23,6 +23,8 @@ everything overlaps everything there are n^2 / 2 pairs to report.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -39,19 +41,47 @@ FANOUT = 4
 MORTON_CELLS = 1024
 #: Depth-first traversal leaves at most FANOUT - 1 nodes a level behind: enough for 4^24 leaves.
 STACK = 24 * FANOUT
+#: More pairs than there can be.
+UNLIMITED = 2**62
+NO_PAIRS: Pairs = np.empty((0, 2), np.int64)
+
+
+class BoundsTree(NamedTuple):
+    """Bounds (n, 3) to (n, 3) and a hierarchy over them; see ``_build_tree``."""
+
+    minimum: Floats
+    maximum: Floats
+    order: NDArray[np.int64]
+    nodes: Floats
+    starts: NDArray[np.int64]
+
+    @classmethod
+    def build(cls, minimum: Floats, maximum: Floats) -> BoundsTree:
+        """Return the tree of bounds, of which there must be two at least."""
+        order = np.argsort(_morton_codes(minimum, maximum))
+        return cls(minimum, maximum, order, *_build_tree(minimum[order], maximum[order]))
 
 
 def find_candidates(minimum: Floats, maximum: Floats) -> Pairs:
     """Return (m, 2) all i < j whose closed bounds (n, 3) to (n, 3) overlap, in no special order."""
-    count = len(minimum)
-    if count < 2:
-        return np.empty((0, 2), np.int64)
-    order = np.argsort(_morton_codes(minimum, maximum))
-    nodes, starts = _build_tree(minimum[order], maximum[order])
-    capacity = 8 * count
+    if len(minimum) < 2:
+        return NO_PAIRS
+    pairs = find_some_candidates(BoundsTree.build(minimum, maximum), UNLIMITED)
+    assert pairs is not None
+    return pairs
+
+
+def find_some_candidates(tree: BoundsTree, most: int) -> Pairs | None:
+    """Return what ``find_candidates`` does, or None for more than ``most`` pairs.
+
+    Whatever there are, memory and time are those of ``most`` pairs at the most.
+    """
+    capacity = min(8 * len(tree.order), most)
     while True:
         pairs = np.empty((capacity, 2), np.int64)
-        found = _self_overlaps(nodes, starts, order, pairs)
+        found = _self_overlaps(tree.nodes, tree.starts, tree.order, most, pairs)
+        if found > most:
+            return None
         if found <= capacity:
             return pairs[:found]
         capacity = found
@@ -59,12 +89,23 @@ def find_candidates(minimum: Floats, maximum: Floats) -> Pairs:
 
 def find_candidates_of(minimum: Floats, maximum: Floats, rows: NDArray[np.int64]) -> Pairs:
     """Return (m, 2) all i < j with i or j in ``rows`` whose bounds overlap: for few moved boxes."""
+    pairs = find_some_candidates_of(minimum, maximum, rows, UNLIMITED)
+    assert pairs is not None
+    return pairs
+
+
+def find_some_candidates_of(
+    minimum: Floats, maximum: Floats, rows: NDArray[np.int64], most: int
+) -> Pairs | None:
+    """Return what ``find_candidates_of`` does, or None for more than ``most`` pairs."""
     wanted = np.zeros(len(minimum), np.bool_)
     wanted[rows] = True
-    capacity = 16 * (len(rows) + 1)
+    capacity = min(16 * (len(rows) + 1), most)
     while True:
         pairs = np.empty((capacity, 2), np.int64)
-        found = _row_overlaps(minimum, maximum, rows, wanted, pairs)
+        found = _row_overlaps(minimum, maximum, rows, wanted, most, pairs)
+        if found > most:
+            return None
         if found <= capacity:
             return pairs[:found]
         capacity = found
@@ -159,11 +200,13 @@ def _build_tree(minimum: Floats, maximum: Floats) -> tuple[np.ndarray, np.ndarra
 
 
 @njit
-def _self_overlaps(nodes: Floats, starts: np.ndarray, order: np.ndarray, pairs: np.ndarray) -> int:
+def _self_overlaps(
+    nodes: Floats, starts: np.ndarray, order: np.ndarray, most: int, pairs: np.ndarray
+) -> int:
     """Write the overlapping pairs of boxes, as far as there is room; return how many there are.
 
-    Every leaf looks for the leaves at or after it that it overlaps; nodes all before it are
-    skipped.
+    Ends soon after ``most`` are found. Every leaf looks for the leaves at or after it that it
+    overlaps; nodes all before it are skipped.
     """
     root = len(starts) - 2
     level_stack = np.empty(STACK, np.int64)
@@ -175,6 +218,8 @@ def _self_overlaps(nodes: Floats, starts: np.ndarray, order: np.ndarray, pairs: 
         node_stack[0] = 0
         depth = 1
         while depth > 0:
+            if found > most:
+                return found
             depth -= 1
             level = level_stack[depth]
             node = node_stack[depth]
@@ -222,11 +267,21 @@ def _leaf_pairs(
 
 @njit
 def _row_overlaps(
-    minimum: Floats, maximum: Floats, rows: np.ndarray, wanted: np.ndarray, pairs: np.ndarray
+    minimum: Floats,
+    maximum: Floats,
+    rows: np.ndarray,
+    wanted: np.ndarray,
+    most: int,
+    pairs: np.ndarray,
 ) -> int:
-    """Write the pairs of each wanted row with all others; between two wanted ones only once."""
+    """Write the pairs of each wanted row with all others; between two wanted ones only once.
+
+    Ends soon after ``most`` are found.
+    """
     found = 0
     for i in rows:
+        if found > most:
+            return found
         for j in range(len(minimum)):
             if j == i or (wanted[j] and j < i):
                 continue

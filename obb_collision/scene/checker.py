@@ -20,6 +20,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.validation import Floats
@@ -27,7 +28,15 @@ from obb_collision.queries.accuracy import Accuracy
 from obb_collision.queries.coarse import meeting_bounds, sphere_bounds
 from obb_collision.queries.separation import Verdicts
 from obb_collision.scene.allowed import AllowedPairs, Counts
-from obb_collision.scene.broad_phase import Pairs, find_candidates, find_candidates_of
+from obb_collision.scene.broad_phase import (
+    NO_PAIRS,
+    UNLIMITED,
+    BoundsTree,
+    Pairs,
+    find_candidates,
+    find_some_candidates,
+    find_some_candidates_of,
+)
 from obb_collision.scene.budget import Budget
 from obb_collision.scene.ladder import (
     NONE,
@@ -37,6 +46,7 @@ from obb_collision.scene.ladder import (
     needs_spheres,
     pair_rungs,
 )
+from obb_collision.scene.limit import find_limited, most_candidates
 from obb_collision.scene.pairs import colliding_pairs, columns
 from obb_collision.scene.refinement import Rungs
 from obb_collision.scene.store import ObjectStore, Rows
@@ -54,6 +64,8 @@ class Findings:
     allowed, None without a budget.
     old (m,): the row of each pair in the findings before, -1 if it was decided anew; None if all
     were.
+    total: how many pairs collide, at least, where a limit has left some out, else None; colliding
+    (n,): then which slots do, in whatever pair.
     """
 
     pairs: Pairs
@@ -62,11 +74,16 @@ class Findings:
     behind: bool = False
     cap: Accuracy | None = None
     old: Rows | None = None
+    total: int | None = None
+    colliding: NDArray[np.bool_] | None = None
     results: dict[str, Any] = field(default_factory=dict)
 
 
 class Checker:
-    """Finds the pairs of a store that collide, from scratch or by what changed."""
+    """Finds the pairs of a store that collide, from scratch or by what changed.
+
+    limit: how many pairs are kept, None for all.
+    """
 
     def __init__(self, store: ObjectStore, bank: TreeBank, allowed: AllowedPairs) -> None:
         self._store = store
@@ -74,6 +91,7 @@ class Checker:
         self._allowed = allowed
         self._bounds: tuple[Floats, Floats] | None = None
         self._spheres = False  # whether the bounds hold the spheres, too
+        self.limit: int | None = None
         self.last: Findings | None = None
         self.counts: Counts | None = None
 
@@ -86,28 +104,57 @@ class Checker:
         """Return what collides. depth: of the boxes on the rung "obb_tree"."""
         store, last = self._store, self.last
         self.counts = self._allowed.counts(store.names, store.version)
-        if last is None or store.changed[store.active].all():
-            found, behind = self._decide(self._all_candidates(), depth, exact, budget)
-            self.last = Findings(*found, behind)
-        else:
-            self.last = self._find_changed(last, depth, exact, budget)
-        self.last.cap = None if budget is None else budget.cap
+        found = None
+        if last is not None and last.total is None and not store.changed[store.active].all():
+            found = self._find_changed(last, depth, exact, budget)
+        if found is None:
+            found = self._find_all(depth, exact, budget)
+        found.cap = None if budget is None else budget.cap
         store.changed[:] = False
-        return self.last
+        self.last = found
+        return found
+
+    def _find_all(self, depth: int, exact: bool, budget: Budget | None) -> Findings:
+        """Decide all pairs, or as many as the limit leaves."""
+        active, minimum, maximum = self._all_bounds()
+        if self.limit is None or len(active) < 2:
+            candidates = active[find_candidates(minimum, maximum)]
+            found, behind = self._decide(candidates, depth, exact, budget)
+            return Findings(*found, behind)
+        behinds: list[bool] = []
+
+        def decide(candidates: Pairs) -> Found:
+            # A budget is for one round of decisions; OBB, which misses nothing, has to do after it.
+            later = bool(behinds) and budget is not None
+            highest = Accuracy.OBB if later else Accuracy.MESH
+            given = None if later else budget
+            found, behind = self._decide(candidates, depth, exact, given, highest=highest)
+            behinds.append(behind or later)
+            return found
+
+        tree = BoundsTree.build(minimum, maximum)
+        limited = find_limited(tree, active, len(self._store.names), self.limit, decide)
+        if limited.colliding is None:
+            return Findings(*limited.found, any(behinds))
+        # Never behind: pairs that are left out can't be kept for the next check.
+        return Findings(*limited.found, total=limited.total, colliding=limited.colliding)
 
     def _find_changed(
         self, last: Findings, depth: int, exact: bool, budget: Budget | None
-    ) -> Findings:
-        """Decide pairs with a change to them, and those that were left behind."""
+    ) -> Findings | None:
+        """Decide pairs with a change to them, and those left behind; None: too many for that."""
         store = self._store
+        candidates = self._candidates()
+        if candidates is None:
+            return None
         same = ~store.changed[last.pairs].any(axis=1)
         waits = same & (last.rungs < pair_rungs(store, *columns(last.pairs))) & last.behind
         waiting = last.pairs[waits], last.verdicts[waits], last.rungs[waits]
-        (new, verdicts, rungs), behind = self._decide(
-            self._candidates(), depth, exact, budget, waiting
-        )
+        (new, verdicts, rungs), behind = self._decide(candidates, depth, exact, budget, waiting)
         kept = np.flatnonzero(same & ~waits)
         pairs = np.concatenate([last.pairs[kept], new])
+        if self.limit is not None and len(pairs) > self.limit:
+            return None
         order = np.lexsort((pairs[:, 1], pairs[:, 0]))
         old = np.concatenate([kept, np.full(len(new), -1)])[order]
         verdicts = np.concatenate([last.verdicts[kept], verdicts])[order]
@@ -116,7 +163,7 @@ class Checker:
 
     def _decide(
         self, candidates: Pairs, depth: int, exact: bool, budget: Budget | None,
-        waiting: Found = NONE,
+        waiting: Found = NONE, highest: Accuracy = Accuracy.MESH,
     ) -> tuple[Found, bool]:  # fmt: skip
         store = self._store
         if self.counts is not None:
@@ -124,29 +171,36 @@ class Checker:
         if is_plain(store):
             pairs, verdicts = colliding_pairs(store.all_boxes(), candidates, exact)
             return (pairs, verdicts, np.full(len(pairs), Accuracy.OBB, np.int8)), False
-        return decide_pairs(store, self._bank, candidates, depth, exact, budget, waiting)
+        return decide_pairs(store, self._bank, candidates, depth, exact, budget, waiting, highest)
 
-    def _candidates(self) -> Pairs:
-        """Return pairs (m, 2) of slots with a change to them whose bounds meet."""
+    def _candidates(self) -> Pairs | None:
+        """Return pairs (m, 2) of slots with a change to them whose bounds meet; None: too many."""
         store = self._store
         changed = np.flatnonzero(store.changed)
         bounds = self._bounds
+        most = UNLIMITED if self.limit is None else most_candidates(self.limit, len(store.names))
         if (
             bounds is None
             or len(bounds[0]) < len(store.names)  # the store has grown
             or len(changed) * INCREMENTAL_SHARE >= len(store.names)
             or needs_spheres(store) != self._spheres  # the bounds are of another kind
         ):
-            candidates = self._all_candidates()
+            active, minimum, maximum = self._all_bounds()
+            if len(active) < 2:
+                return NO_PAIRS
+            candidates = find_some_candidates(BoundsTree.build(minimum, maximum), most)
+            if candidates is None:
+                return None
+            candidates = active[candidates]
             return candidates[store.changed[candidates].any(axis=1)]
         active = changed[store.active[changed]]
         bounds[0][changed] = np.inf  # empty: overlaps nothing
         bounds[1][changed] = -np.inf
         bounds[0][active], bounds[1][active] = self._bounds_of(store.boxes(active))
-        return find_candidates_of(*bounds, active)
+        return find_some_candidates_of(*bounds, active, most)
 
-    def _all_candidates(self) -> Pairs:
-        """Return all pairs (m, 2) of slots whose bounds meet."""
+    def _all_bounds(self) -> tuple[Rows, Floats, Floats]:
+        """Return the active slots (k,) and their bounds (k, 3), (k, 3), and keep these by slot."""
         store = self._store
         self._spheres = needs_spheres(store)
         active = np.flatnonzero(store.active)
@@ -154,7 +208,7 @@ class Checker:
         shape = store.centers.shape
         self._bounds = np.full(shape, np.inf), np.full(shape, -np.inf)
         self._bounds[0][active], self._bounds[1][active] = minimum, maximum
-        return active[find_candidates(minimum, maximum)]
+        return active, minimum, maximum
 
     def _bounds_of(self, boxes: Boxes) -> tuple[Floats, Floats]:
         return sphere_bounds(boxes) if self._spheres else meeting_bounds(boxes)

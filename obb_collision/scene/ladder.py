@@ -68,17 +68,18 @@ NONE: Found = np.empty((0, 2), np.int64), np.empty(0, np.int8), np.empty(0, np.i
 
 def decide_pairs(
     store: ObjectStore, bank: TreeBank, candidates: Pairs, depth: int, exact: bool,
-    budget: Budget | None = None, waiting: Found = NONE,
+    budget: Budget | None = None, waiting: Found = NONE, highest: Accuracy = Accuracy.MESH,
 ) -> tuple[Found, bool]:  # fmt: skip
     """Return the candidates (m, 2), pairs of slots whose bounds meet, that are not SEPARATE.
 
     depth: of the boxes on OBB_TREE. waiting: pairs that haven't changed, decided on a lower rung
-    than they ask for; returned among the others if they still collide. Also returns whether any
+    than they ask for; returned among the others if they still collide. highest: no candidate is
+    decided above this rung. Also returns whether any
     pair has been decided on a lower rung than it asks for, which takes a budget.
     """
     boxes = store.all_boxes()
     first, second = columns(candidates)
-    asked = pair_rungs(store, first, second)
+    asked = np.minimum(pair_rungs(store, first, second), np.int8(highest))
     if needs_spheres(store):
         kept = (asked == Accuracy.SPHERE) | bounds_meet(boxes, first, second)
         first, second, asked = first[kept], second[kept], asked[kept]

@@ -52,6 +52,8 @@ class Report:
     certain; on all rungs but OBB and MESH, which can't be, everything is TOUCHING.
     rungs (m,) int8: the ``Accuracy`` that each pair was decided on.
     cap: the highest ``Accuracy`` that the scene's time budget allowed, None without a budget.
+    truncated: whether pairs are left out, of which there are more than ``Scene.max_pairs``; then
+    the first ones are here. total: how many pairs collide; at least, where truncated.
     stages: seconds spent, by stage of the check; costs: by effect, those computed so far.
 
     Everything else is an effect: computed when first read, from the boxes as they were at the
@@ -72,6 +74,9 @@ class Report:
             _read_only(array) for array in (found.pairs, found.verdicts, found.rungs)
         )
         self.cap = found.cap
+        self.truncated = found.total is not None
+        self.total = len(found.pairs) if found.total is None else found.total
+        self._colliding = found.colliding
         self.results = found.results
         self.slot_names = slot_names
         self.stages = stages
@@ -83,7 +88,8 @@ class Report:
         return len(self.pairs)
 
     def __repr__(self) -> str:
-        return f"Report({len(self)} pairs, effects: {', '.join(self.results) or 'none'})"
+        more = f" of at least {self.total}" if self.truncated else ""
+        return f"Report({len(self)}{more} pairs, effects: {', '.join(self.results) or 'none'})"
 
     def result(self, effect: str) -> Any:
         """Return what an effect gave; see its module for what that is."""
@@ -107,8 +113,10 @@ class Report:
             outcome = EFFECTS[effect].run(self.cycle, self._settings[effect])
             self.results[effect] = outcome.result
             count, failures = outcome.count, outcome.failures
+            failures += tuple(self.cycle.notes)
         except Exception as error:  # whatever it is, the others and the cycle go on
             failures = (f"{type(error).__name__}: {error}",)
+        self.cycle.notes.clear()
         self.costs[effect] = Cost(count, perf_counter() - start, failures)
 
     @property
@@ -172,7 +180,9 @@ class Report:
 
     @property
     def colliding(self) -> NDArray[np.bool_]:
-        """(slots,) whether the object of each index takes part in a collision."""
+        """(slots,) whether the object of each index takes part in a collision, kept or left out."""
+        if self._colliding is not None:
+            return self._colliding.copy()
         mask = np.zeros(len(self.slot_names), np.bool_)
         mask[self.pairs.ravel()] = True
         return mask

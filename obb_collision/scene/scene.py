@@ -21,10 +21,9 @@ from collections.abc import Iterable
 from time import perf_counter
 from typing import Any
 
-import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from obb_collision.geometry.validation import as_points
+from obb_collision.geometry.validation import as_points, as_whole
 from obb_collision.queries.accuracy import Accuracy
 from obb_collision.scene.allowed import AllowedPairs
 from obb_collision.scene.budget import Budget
@@ -39,6 +38,9 @@ from obb_collision.scene.report import Report
 NO_RESULTS: dict[str, Any] = {}
 #: Depth of the trees on the rung "obb_tree": eight boxes a mesh.
 DEFAULT_DEPTH = 3
+#: Pairs near each other that effects look at, for each that may collide: objects that are apart
+#: have more neighbours than contacts.
+NEAR_PER_PAIR = 10
 
 
 class Scene(SceneObjects):
@@ -51,8 +53,9 @@ class Scene(SceneObjects):
     boxes do (see ``scene.ladder``).
     tree_depth: of the boxes of "obb_tree", 2^depth a mesh.
     time_budget: seconds for a check, None for no limit; see the property.
-    Raises ValueError for a padding or depth below zero, a budget that is not positive, and an
-    unknown accuracy.
+    max_pairs: pairs that a report has at most, None for no limit; see the property.
+    Raises ValueError for a padding or depth below zero, a budget or limit that is not positive, and
+    an unknown accuracy.
     """
 
     def __init__(
@@ -63,20 +66,23 @@ class Scene(SceneObjects):
         accuracy: Accuracy | str = "obb",
         tree_depth: int = DEFAULT_DEPTH,
         time_budget: float | Budget | None = None,
+        max_pairs: int | None = None,
     ) -> None:
         self._allowed = AllowedPairs()
         self._effects = EffectSettings(EFFECTS.values())
         self._exact = exact
-        self._tree_depth = _checked_depth(tree_depth)
+        self._tree_depth = as_whole(tree_depth, "tree_depth")
         self._points: NDArray[Any] | None = None
         self._budget: Budget | None = None
         self.time_budget = time_budget
+        self._max_pairs = _checked_limit(max_pairs)
         super().__init__(padding, accuracy)
 
     def clear(self) -> None:
         """Take all objects out; what is set stays."""
         super().clear()
         self._checker = Checker(self._store, self._bank, self._allowed)
+        self._checker.limit = self._max_pairs
         self._report: weakref.ref[Report] | None = None
         self._before: Before | None = None
 
@@ -87,8 +93,26 @@ class Scene(SceneObjects):
 
     @tree_depth.setter
     def tree_depth(self, value: int) -> None:
-        self._tree_depth = _checked_depth(value)
+        self._tree_depth = as_whole(value, "tree_depth")
         self._store.changed |= self._store.used & (self._store.accuracies >= Accuracy.OBB_TREE)
+
+    @property
+    def max_pairs(self) -> int | None:
+        """The most pairs a report has, None for no limit; may be set.
+
+        n objects in one place collide in n (n - 1) / 2 pairs, which soon takes gigabytes. With a
+        limit time and memory grow with it and with n instead. Where more pairs collide, the first
+        ones in the order of ``Report.pairs`` are kept; ``Report.truncated`` says so, ``total`` how
+        many there are at least, and ``colliding`` is right for every object all the same. Effects
+        look at the pairs kept, and those with pairs of their own at 10 times as many.
+        """
+        return self._max_pairs
+
+    @max_pairs.setter
+    def max_pairs(self, value: int | None) -> None:
+        self._max_pairs = _checked_limit(value)
+        self._checker.limit, self._checker.last = self._max_pairs, None
+        self._report = None
 
     @property
     def time_budget(self) -> float | None:
@@ -207,12 +231,11 @@ class Scene(SceneObjects):
             *(store.snapshot(), store.active.copy(), found.pairs, found.verdicts),
             *(self._checker.counts, found.old, NO_RESULTS if last is None else last.results),
             *(self._points, store, self._before),
+            limit=None if self._max_pairs is None else NEAR_PER_PAIR * self._max_pairs,
         )
         settings = self._effects.resolved(store.names, store.version)
         return Report(found, store.name_tuple(), stages, cycle, settings)
 
 
-def _checked_depth(depth: int) -> int:
-    if isinstance(depth, bool) or not isinstance(depth, (int, np.integer)) or depth < 0:
-        raise ValueError(f"tree_depth must be a whole number, not negative, got {depth!r}")
-    return int(depth)
+def _checked_limit(limit: int | None) -> int | None:
+    return None if limit is None else as_whole(limit, "max_pairs", 1)

@@ -21,6 +21,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 from builtin_interfaces.msg import Duration
+from diagnostic_msgs.msg import DiagnosticStatus
 from rig import FRAME, Rig, cube, overlaps, pose, sync
 from visualization_msgs.msg import Marker
 
@@ -219,3 +220,23 @@ def test_a_moving_cube_meets_what_the_oracle_says(rig: Rig) -> None:
             if overlaps(boxes[i], boxes[j])
         }
         assert rig.pairs() == expected
+
+
+def test_more_pairs_than_a_message_holds_are_said_and_all_objects_marked() -> None:
+    with Rig(max_pairs=5) as rig:
+        rig.listen("collisions_text", "collision_status", "/diagnostics")
+        rig.send(*(cube(("a", number)) for number in range(8)), cube(("a", 8), (50.0, 0.0, 0.0)))
+        assert len(collisions_from_ros(rig.answer())) == 5
+        text = rig.next("collisions_text").status[0]
+        assert text.message == "at least 28 pairs in collision"
+        status = rig.next("collision_status").status[0]
+        assert status.level == DiagnosticStatus.ERROR
+        assert status.message == "at least 28 pairs collide"
+        said = "at least 28 pairs collide (the first 5 published)"
+        status = rig.until(lambda: (s := rig.status(": objects"))["level"] == "01" and s, "warning")
+        assert said in status["message"]
+        assert (status["colliding"], status["pairs at least"]) == ("8", "28")
+        rig.set(max_pairs=28)
+        rig.send(cube(("a", 8), (51.0, 0.0, 0.0)))
+        assert len(collisions_from_ros(rig.answer())) == 28
+        assert rig.next("collisions_text").status[0].message == "28 pairs in collision"

@@ -159,6 +159,7 @@ class Twin:
 def assert_same(report: oc.Report, anew: oc.Report) -> None:
     """Compare all that two reports say, bit for bit."""
     assert report.names() == anew.names()
+    assert (report.total, report.truncated) == (anew.total, anew.truncated)
     for name in ("pairs", "verdicts", "rungs"):
         assert getattr(report, name).tobytes() == getattr(anew, name).tobytes(), name
     assert report.colliding.nonzero()[0].tolist() == anew.colliding.nonzero()[0].tolist()
@@ -171,7 +172,9 @@ def assert_same(report: oc.Report, anew: oc.Report) -> None:
             assert all(x.tobytes() == y.tobytes() for x, y in parts), (effect, field)
 
 
-@pytest.mark.parametrize("settings", [{}, {"exact": True}, {"accuracy": "mesh"}], ids=str)
+@pytest.mark.parametrize(
+    "settings", [{}, {"exact": True}, {"accuracy": "mesh"}, {"max_pairs": 120}], ids=str
+)
 @pytest.mark.parametrize("seed", range(6))
 def test_a_changed_scene_is_one_built_anew(seed: int, settings: dict[str, Any]) -> None:
     twin = Twin(seed, dict(settings))

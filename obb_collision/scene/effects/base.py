@@ -110,6 +110,10 @@ class Cycle:
     points: NDArray[Any] | None
     store: ObjectStore
     before: Before | None
+    limit: int | None = None
+    """The most pairs that an effect with pairs of its own looks at, None for all."""
+    notes: list[str] = field(default_factory=list)
+    """What an effect could not do at all; becomes a failure of its."""
 
     def counted(self, pairs: Pairs) -> Pairs:
         """Return those of pairs (k, 2) that may not touch."""

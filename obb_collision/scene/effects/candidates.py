@@ -19,12 +19,22 @@ from __future__ import annotations
 import numpy as np
 
 from obb_collision.geometry.validation import Floats
-from obb_collision.scene.broad_phase import Pairs, find_candidates, find_candidates_of
+from obb_collision.scene.broad_phase import (
+    NO_PAIRS,
+    UNLIMITED,
+    BoundsTree,
+    Pairs,
+    find_some_candidates,
+    find_some_candidates_of,
+)
+from obb_collision.scene.crowds import ordered_candidates
 from obb_collision.scene.effects.base import Cycle, Mask
 from obb_collision.scene.store import Rows
 
 #: With fewer callers than one in this many objects, only their pairs are looked for.
 FEW = 32
+#: Pairs of a piece, where there are too many.
+PIECE = 1 << 17
 
 
 def meeting_pairs(
@@ -32,15 +42,36 @@ def meeting_pairs(
 ) -> Pairs:
     """Return pairs (k, 2) of slots, sorted, that may collide and whose bounds meet.
 
-    slots (n,) ascending, with bounds minimum and maximum (n, 3); callers (n,): one of each pair or
-    both are among them, None for all.
+    At most ``cycle.limit``, the first ones. slots (n,) ascending, with bounds minimum and maximum
+    (n, 3); callers (n,): one of each pair or both are among them, None for all.
     """
-    if callers is None:
-        pairs = find_candidates(minimum, maximum)
-    elif np.count_nonzero(callers) * FEW < len(slots):
-        pairs = find_candidates_of(minimum, maximum, np.flatnonzero(callers))
+    most = UNLIMITED if cycle.limit is None else cycle.limit
+    if len(slots) < 2:
+        return NO_PAIRS
+    some = callers is not None and np.count_nonzero(callers) * FEW < len(slots)
+    if callers is not None and some:
+        pairs = find_some_candidates_of(minimum, maximum, np.flatnonzero(callers), most)
     else:
-        pairs = find_candidates(minimum, maximum)
+        pairs = find_some_candidates(BoundsTree.build(minimum, maximum), most)
+    if pairs is None:
+        return _first_pairs(cycle, slots, BoundsTree.build(minimum, maximum), callers, most)
+    if callers is not None and not some:
         pairs = pairs[callers[pairs].any(axis=1)]
     pairs = cycle.counted(slots[pairs])
     return pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]
+
+
+def _first_pairs(
+    cycle: Cycle, slots: Rows, tree: BoundsTree, callers: Mask | None, most: int
+) -> Pairs:
+    """Return the first ``most`` pairs in lexicographic order, and note that there are more."""
+    parts, count = [NO_PAIRS], 0
+    for pairs, _ in ordered_candidates(tree, min(most, PIECE)):
+        if callers is not None:
+            pairs = pairs[callers[pairs].any(axis=1)]
+        parts.append(cycle.counted(slots[pairs]))
+        count += len(parts[-1])
+        if count > most:
+            cycle.notes.append(f"more than {most} pairs come near each other: the first are done")
+            break
+    return np.concatenate(parts)[:most]

@@ -1,0 +1,121 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""A limit on colliding pairs: the first ones in order are kept, and of the others who collides.
+
+Where no more pairs collide than the limit, or than there is room for candidates, nothing differs
+from a check without a limit. Else the candidates are decided in lexicographic order, piece by
+piece, until there are more colliding ones than the limit: these are kept. Objects not yet seen to
+collide are then asked for one partner each. So memory grows with the limit and the number of
+objects, and time does where objects collide with most of their candidates, as they do in one place.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from obb_collision.scene.broad_phase import BoundsTree, Pairs, find_some_candidates
+from obb_collision.scene.crowds import FIRST_PARTNERS, GROWTH, ordered_candidates, partners
+from obb_collision.scene.ladder import NONE, Found
+from obb_collision.scene.store import Rows
+
+Mask = NDArray[np.bool_]
+#: Decides pairs (m, 2) of slots; the first time by what it likes best.
+Decide = Callable[[Pairs], Found]
+
+#: Candidates held at once: as many for each pair of the limit ...
+PER_PAIR = 8
+#: ... or for each object, where that is more.
+PER_OBJECT = 32
+#: Candidates of a piece, where there are more: 2 MB, so that pieces take milliseconds.
+PIECE = 1 << 17
+
+
+@dataclass(frozen=True, eq=False)
+class Limited:
+    """What was found: the pairs kept, how many collide at least, and which slots do (n,).
+
+    colliding: None where all pairs are kept.
+    """
+
+    found: Found
+    total: int
+    colliding: Mask | None = None
+
+
+def most_candidates(limit: int, count: int) -> int:
+    """Return how many candidates of ``count`` objects are held at once."""
+    return max(PER_PAIR * limit, PER_OBJECT * count)
+
+
+def find_limited(tree: BoundsTree, slots: Rows, names: int, limit: int, decide: Decide) -> Limited:
+    """Return the first ``limit`` pairs that collide.
+
+    tree: over slots (n,), ascending; names: how many slots there are.
+    """
+    candidates = find_some_candidates(tree, most_candidates(limit, len(slots)))
+    if candidates is not None:
+        found = decide(slots[candidates])
+        if len(found[0]) <= limit:
+            return Limited(found, len(found[0]))
+        return Limited(_first(found, limit), len(found[0]), _mask(found[0], names))
+    parts, total, marked = [NONE], 0, np.zeros(names, np.bool_)
+    for pairs, row in ordered_candidates(tree, min(PIECE, 2 * limit)):
+        parts.append(decide(slots[pairs]))
+        total += len(parts[-1][0])
+        marked |= _mask(parts[-1][0], names)
+        if total > limit:
+            _mark_others(tree, slots, row, decide, marked)
+            return Limited(_first(_joined(parts), limit), total, marked)
+    return Limited(_joined(parts), total)
+
+
+def _mark_others(tree: BoundsTree, slots: Rows, row: int, decide: Decide, marked: Mask) -> None:
+    """Mark all that collide; all pairs with a row before ``row`` are decided and marked."""
+    rows = np.arange(row, len(slots))
+    skip, most = 0, FIRST_PARTNERS
+    while True:
+        rows = rows[~marked[slots[rows]]]
+        if len(rows) == 0:
+            return
+        left = []
+        step = max(1, PIECE // most)
+        for k in range(0, len(rows), step):
+            some = rows[k : k + step]
+            some = some[~marked[slots[some]]]
+            pairs, counts = partners(tree, some, row, skip, most)
+            marked |= _mask(decide(slots[pairs])[0], len(marked))
+            left.append(some[counts == most])
+        rows = np.concatenate(left)
+        skip, most = skip + most, most * GROWTH
+
+
+def _mask(pairs: Pairs, names: int) -> Mask:
+    mask = np.zeros(names, np.bool_)
+    mask[pairs.ravel()] = True
+    return mask
+
+
+def _joined(parts: list[Found]) -> Found:
+    pairs, verdicts, rungs = (np.concatenate(part) for part in zip(*parts, strict=True))
+    return pairs, verdicts, rungs
+
+
+def _first(found: Found, limit: int) -> Found:
+    # copies: what is left out need not stay in memory
+    return found[0][:limit].copy(), found[1][:limit].copy(), found[2][:limit].copy()
