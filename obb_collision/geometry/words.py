@@ -22,6 +22,7 @@ from __future__ import annotations
 
 import re
 import reprlib
+from collections.abc import Sequence
 
 #: Most characters of a name or namespace as it is given.
 MAX_NAME = 255
@@ -59,6 +60,18 @@ def check_name(value: object, what: str, most: int = MAX_NAME) -> str:
     if fault is not None:
         raise ValueError(f"{what} {fault}")
     return value
+
+
+def check_names(values: Sequence[str], what: str, most: int = MAX_NAME) -> None:
+    """Raise ValueError for the first of many names that is none; all are looked at together."""
+    try:
+        good = all(values) and max(map(len, values), default=0) <= most
+        good = good and UNPRINTABLE.search("".join(values)) is None
+    except TypeError:  # not all are strings
+        good = False
+    if not good:
+        for value in values:
+            check_name(value, what, most)
 
 
 def printable(text: str) -> str:

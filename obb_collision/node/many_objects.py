@@ -33,12 +33,6 @@ KEPT = ("live", "ns", "id", "placed", "world", "expiry", "shaped")
 """Columns that stay where an object goes and comes again with the shape it had."""
 
 
-def remove_slots(objects: Objects, slots: Slots) -> None:
-    """Take objects out."""
-    for slot in slots.tolist():
-        objects.remove(objects.table.key(slot))
-
-
 def renew_slots(objects: Objects, slots: Slots) -> None:
     """Take objects out and put them in again where they are, with the shapes they have."""
     if len(slots) == 0:
@@ -102,7 +96,7 @@ def touch_slots(objects: Objects, slots: Slots, expiry: Slots) -> None:
 def have_shapes(
     objects: Objects, slots: Slots, types: npt.NDArray[np.int64], scales: FloatArray
 ) -> npt.NDArray[np.bool_]:
-    """Return which objects (n,), -1 for none, have the shapes of CUBE, SPHERE, CYLINDER."""
+    """Return which objects (n,) have the shapes that markers of these types and scales have."""
     given = zip(objects.signatures(slots), types.tolist(), scales.tolist(), strict=True)
     same = [known == (kind, *scale) for known, kind, scale in given]
     return np.array(same, np.bool_).reshape(-1)

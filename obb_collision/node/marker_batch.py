@@ -22,7 +22,8 @@ what came before it; nothing else is left out that the order would not have undo
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import NamedTuple
+from dataclasses import dataclass, fields, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -64,34 +65,54 @@ SHORTEST_LIFETIME = 100_000
 PRIMITIVES = (Marker.CUBE, Marker.SPHERE, Marker.CYLINDER)
 """Types whose shape is the type and the scale, and nothing more."""
 GOOD = -1
+MAX_TRIES = 3
+"""States of an object that are tried where the last one can't be built."""
+BYTES_PER_ROW = 200
+"""Of the arrays of a marker."""
 
 
+@dataclass
 class Gathered:
     """The markers of messages in order, n of them, as arrays.
 
-    part, row: the message each is from, and which it is there. ns, frame: indices of names.
+    message: the number of the message that each is from, rising; source, row: where it says what
+    its shape is, -1 where that is its type and scale. ns, frame: indices of names; counted:
+    whether a fault of it is counted already.
     """
 
-    def __init__(self, parts: Sequence[Scanned], received: Sequence[int]) -> None:
-        self.parts = parts
-        sizes = [len(part) for part in parts]
-        self.part = np.repeat(np.arange(len(parts)), sizes)
-        self.row = np.concatenate([np.arange(size) for size in sizes])
-        whole = np.concatenate([part.integers for part in parts])
-        self.floats: FloatArray = np.concatenate([part.floats for part in parts])
-        self.received = np.asarray(received, np.int64)[self.part]
-        self.id, self.type, self.action = whole[:, ID], whole[:, TYPE], whole[:, ACTION]
-        self.locked = whole[:, LOCKED] != 0
-        self.stamp_parts = whole[:, STAMP_SEC], whole[:, STAMP_NANOSEC]
-        self.stamp = self.stamp_parts[0] * NANOSECONDS + self.stamp_parts[1]
-        lifetime = whole[:, LIFETIME_SEC] * NANOSECONDS + whole[:, LIFETIME_NANOSEC]
-        lives = lifetime > SHORTEST_LIFETIME
-        self.expiry = np.where(lives, self.received + np.where(lives, lifetime, 0), NEVER)
-        self.ns, self.namespaces, self.bad_namespaces = _names(parts, NS, SAME_NS, "namespace")
-        self.frame, self.frames, self.bad_frames = _names(parts, FRAME, SAME_FRAME, "frame")
+    sources: list[Scanned]
+    source: Rows
+    row: Rows
+    message: Rows
+    received: Rows
+    id: Rows
+    type: Rows
+    action: Rows
+    locked: Mask
+    seconds: Rows
+    nanoseconds: Rows
+    expiry: Rows
+    floats: FloatArray
+    counted: Mask
+    ns: Rows
+    namespaces: list[str]
+    bad_namespaces: dict[int, RefusedError]
+    frame: Rows
+    frames: list[str]
+    bad_frames: dict[int, RefusedError]
 
     def __len__(self) -> int:
         return len(self.row)
+
+    @property
+    def nbytes(self) -> int:
+        """Memory that this takes, about: that of the shapes, and the arrays."""
+        return sum(source.nbytes for source in self.sources) + len(self) * BYTES_PER_ROW
+
+    @property
+    def stamp(self) -> Rows:
+        """(n,) nanoseconds."""
+        return self.seconds * NANOSECONDS + self.nanoseconds
 
     @property
     def poses(self) -> FloatArray:
@@ -106,6 +127,85 @@ class Gathered:
     def key(self, row: int) -> Key:
         """Key of a marker; a namespace that can't be used is shortened."""
         return self.namespaces[self.ns[row]], int(self.id[row])
+
+    def take(self, rows: Rows) -> Gathered:
+        """Return some markers; of their messages nothing is kept but their shapes."""
+        taken: dict[str, Any] = {name: getattr(self, name)[rows] for name in ROW_ARRAYS}
+        shaped = np.flatnonzero(
+            (taken["source"] >= 0)
+            & (taken["action"] == Marker.ADD)
+            & ~np.isin(taken["type"], PRIMITIVES)
+        )
+        alone = [
+            self.sources[source].alone(row)
+            for source, row in zip(
+                taken["source"][shaped].tolist(), taken["row"][shaped].tolist(), strict=True
+            )
+        ]
+        taken["source"][:] = -1
+        taken["source"][shaped], taken["row"][shaped] = np.arange(len(alone)), 0
+        return replace(self, sources=alone, **taken)
+
+
+ROW_ARRAYS = tuple(
+    field.name for field in fields(Gathered) if field.type in ("Rows", "Mask", "FloatArray")
+)
+
+
+def gather(parts: Sequence[Scanned], received: Sequence[int], first: int = 0) -> Gathered:
+    """Return the markers of messages, in order; first: the number of the first message."""
+    sizes = [len(part) for part in parts]
+    source = np.repeat(np.arange(len(parts)), sizes)
+    times = np.asarray(received, np.int64)[source]
+    whole = np.concatenate([part.integers for part in parts])
+    lifetime = whole[:, LIFETIME_SEC] * NANOSECONDS + whole[:, LIFETIME_NANOSEC]
+    lives = lifetime > SHORTEST_LIFETIME
+    ns, namespaces, bad_namespaces = _names(parts, NS, SAME_NS, "namespace")
+    frame, frames, bad_frames = _names(parts, FRAME, SAME_FRAME, "frame")
+    return Gathered(
+        sources=list(parts),
+        source=source,
+        row=np.concatenate([np.arange(size) for size in sizes]),
+        message=source + first,
+        received=times,
+        id=whole[:, ID],
+        type=whole[:, TYPE],
+        action=whole[:, ACTION],
+        locked=whole[:, LOCKED] != 0,
+        seconds=whole[:, STAMP_SEC],
+        nanoseconds=whole[:, STAMP_NANOSEC],
+        expiry=np.where(lives, times + np.where(lives, lifetime, 0), NEVER),
+        floats=np.concatenate([part.floats for part in parts]),
+        counted=np.zeros(len(source), np.bool_),
+        ns=ns,
+        namespaces=namespaces,
+        bad_namespaces=bad_namespaces,
+        frame=frame,
+        frames=frames,
+        bad_frames=bad_frames,
+    )
+
+
+def join(first: Gathered, second: Gathered) -> Gathered:
+    """Return the markers of both, in order."""
+    both: dict[str, Any] = {
+        name: np.concatenate([getattr(first, name), getattr(second, name)]) for name in ROW_ARRAYS
+    }
+    start = len(first)
+    later = both["source"][start:]
+    both["source"][start:] = np.where(later >= 0, later + len(first.sources), -1)
+    result = replace(first, sources=[*first.sources, *second.sources], **both)
+    for rows, names, bad in (
+        ("ns", "namespaces", "bad_namespaces"),
+        ("frame", "frames", "bad_frames"),
+    ):
+        known = {name: index for index, name in enumerate(getattr(first, names))}
+        places = [known.setdefault(name, len(known)) for name in getattr(second, names)]
+        faults = {places[index]: error for index, error in getattr(second, bad).items()}
+        both[rows][start:] = np.array(places, np.int64)[both[rows][start:]]
+        setattr(result, names, list(known))
+        setattr(result, bad, getattr(first, bad) | faults)
+    return result
 
 
 def _names(
@@ -186,7 +286,7 @@ def find_faults(markers: Gathered, index_frame: Callable[[str], int]) -> Faults:
     adds = markers.action == Marker.ADD
     faults.note(~(adds | deletes), RefusedError("unknown action"), of_shape=True)
     faults.note_names(adds, markers.ns, markers.bad_namespaces, of_shape=True)
-    seconds, rest = markers.stamp_parts
+    seconds, rest = markers.seconds, markers.nanoseconds
     faults.note(adds & ((seconds < 0) | (rest >= NANOSECONDS)), RefusedError("bad stamp"))
     numbers, quaternions = pose_faults(markers.poses)
     faults.note(adds & numbers, RefusedError("bad pose", "not finite or too large"))
@@ -202,18 +302,19 @@ def find_faults(markers: Gathered, index_frame: Callable[[str], int]) -> Faults:
 
 
 class Outcome(NamedTuple):
-    """What markers come to, k objects, each with one row here.
+    """What markers come to, k objects, each with one row here; -1 stands for none.
 
-    first: a marker of the object. winner: the last one that can be used and is not undone, -1 for
-    none. bad: a later one that can't be used, -1 for none. removed: whether what was there before
-    is gone. late (n,): markers with an older stamp than one before them. previous (n,): the marker
-    that would count without this one, -1 for none.
+    first: a marker of the object. winner: the last one that can be used and is not undone. bad: a
+    later one that can't be used. removed: whether what was there before is gone; remover: the last
+    marker for which it is. late (n,): markers with an older stamp than one before them. previous
+    (n,): the marker that would count without this one.
     """
 
     first: Rows
     winner: Rows
     bad: Rows
     removed: Mask
+    remover: Rows
     late: Mask
     previous: Rows
 
@@ -221,7 +322,7 @@ class Outcome(NamedTuple):
 @njit
 def _settle(
     keys: Rows, order: Rows, deletes: Mask, good: Mask, ends: Mask, cancelled: Mask,
-    stamps: Rows, objects: Rows, removed: Mask, late: Mask, previous: Rows,
+    stamps: Rows, objects: Rows, late: Mask, previous: Rows,
 ) -> int:  # fmt: skip
     """Go through the markers of each object in order; return how many objects there are."""
     count = 0
@@ -237,8 +338,8 @@ def _settle(
             continue
         if deletes[row] or (good[row] and ends[row]):
             found[1] = found[2] = -1
+            found[3] = row
             newest = 0
-            removed[count - 1] = True
         elif not good[row]:
             found[2] = row
         elif 0 < stamps[row] < newest:
@@ -260,27 +361,45 @@ def settle(markers: Gathered, faults: Faults, now: int, tolerance: int) -> Outco
     rows = np.flatnonzero(markers.action != Marker.DELETEALL)
     keys = (markers.ns << ID_BITS) + markers.id + ID_OFFSET
     order = rows[np.argsort(keys[rows], kind="stable")]
-    objects = np.full((len(rows), 3), -1, np.int64)
-    removed, late = np.zeros(len(rows), np.bool_), np.zeros(count, np.bool_)
+    objects = np.full((len(rows), 4), -1, np.int64)
+    late = np.zeros(count, np.bool_)
     previous = np.full(count, -1, np.int64)
     good = faults.number == GOOD
     believed = np.where(markers.stamp <= markers.received + tolerance, markers.stamp, 0)
     found = _settle(
         keys, order, markers.action == Marker.DELETE, good, _ended(markers, good, now),
-        _cancelled(markers), believed, objects, removed, late, previous,
+        _cancelled(markers), believed, objects, late, previous,
     )  # fmt: skip
-    first, winner, bad = objects[:found].T
-    return Outcome(first, winner, bad, removed[:found], late, previous)
+    first, winner, bad, remover = objects[:found].T
+    return Outcome(first, winner, bad, remover >= 0, remover, late, previous)
 
 
-def _cancelled(markers: Gathered) -> Mask:
-    """Return which markers (n,) come before a DELETEALL that is about them."""
+def remaining(markers: Gathered, outcome: Outcome) -> Gathered:
+    """Return the markers that decide what all of them come to."""
+    deletes = np.flatnonzero(markers.action == Marker.DELETEALL)
+    deletes = deletes[~_cancelled(markers, own=False)[deletes]]
+    winners = outcome.winner[outcome.winner >= 0]
+    built = winners[~np.isin(markers.type[winners], PRIMITIVES)]
+    rows = np.concatenate((deletes, winners, outcome.previous[built], outcome.bad, outcome.remover))
+    rows = np.unique(rows[rows >= 0])
+    kept = markers.take(rows)
+    kept.action[np.isin(rows, outcome.remover)] = Marker.DELETE
+    kept.counted[:] = True
+    return kept
+
+
+def _cancelled(markers: Gathered, own: bool = True) -> Mask:
+    """Return which markers (n,) come before a DELETEALL that is about them.
+
+    own: one counts as coming before itself.
+    """
     rows = np.arange(len(markers))
     last = np.full(len(markers.namespaces), -1)
     deletes = np.flatnonzero(markers.action == Marker.DELETEALL)
     last[markers.ns[deletes]] = deletes  # the last one of each stays
     everything = [last[index] for index, name in enumerate(markers.namespaces) if not name]
-    return rows <= np.maximum(last, max(everything, default=-1))[markers.ns]
+    ends = np.maximum(last, max(everything, default=-1))[markers.ns]
+    return rows <= ends if own else rows < ends
 
 
 def _ended(markers: Gathered, good: Mask, now: int) -> Mask:
@@ -291,5 +410,5 @@ def _ended(markers: Gathered, good: Mask, now: int) -> Mask:
     """
     adds = good & (markers.action == Marker.ADD)
     last = np.full(len(markers.namespaces), -1)
-    np.maximum.at(last, markers.ns[adds], markers.part[adds])
-    return adds & (markers.expiry <= now) & (markers.part < last[markers.ns])
+    np.maximum.at(last, markers.ns[adds], markers.message[adds])
+    return adds & (markers.expiry <= now) & (markers.message < last[markers.ns])

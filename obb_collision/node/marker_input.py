@@ -33,11 +33,11 @@ from obb_collision.node.guard import INTERNAL_ERROR, Guard
 from obb_collision.node.many_objects import (
     have_shapes,
     put_cubes,
-    remove_slots,
     renew_slots,
     touch_slots,
 )
 from obb_collision.node.marker_batch import (
+    MAX_TRIES,
     PRIMITIVES,
     Faults,
     Gathered,
@@ -45,9 +45,12 @@ from obb_collision.node.marker_batch import (
     Outcome,
     Rows,
     find_faults,
+    gather,
+    join,
+    remaining,
     settle,
 )
-from obb_collision.node.marker_scan import FILE, MESH, Scanned, scan_markers
+from obb_collision.node.marker_scan import ACTION, FILE, MESH, NS, Scanned, scan_markers
 from obb_collision.node.monitors import InputMonitor
 from obb_collision.node.names import namespace_number
 from obb_collision.node.object_table import NEVER
@@ -72,52 +75,86 @@ class MarkerInput:
         guard: Guard,
     ) -> None:
         self._objects, self._monitor, self._clock, self._guard = objects, monitor, clock, guard
-        self._waiting: list[tuple[bytes, int]] = []
+        self._waiting: list[tuple[Scanned, int]] = []
+        self._kept: Gathered | None = None  # of messages before those
         self._size = 0
+        self._messages = 0
 
     def take(self, data: bytes) -> None:
-        """Let a serialised MarkerArray wait for the next cycle."""
+        """Let a serialised MarkerArray wait for the next cycle, or refuse it."""
         now = self._clock()
         self._monitor.received(now)
-        self._waiting.append((data, now))
-        self._size += len(data)
+        try:
+            scanned = scan_markers(data)
+        except RefusedError as error:
+            self._monitor.refuse(now, error.reason, "whole message", error.detail)
+            return
+        if len(scanned) == 0:
+            return
+        if ((scanned.integers[:, ACTION] == Marker.DELETEALL) & _nameless(scanned)).any():
+            self.forget()  # it deletes what all of them would add
+        self._waiting.append((scanned, now))
+        self._size += scanned.nbytes
         if self._size > MAX_WAITING_BYTES or len(self._waiting) > MAX_WAITING_MESSAGES:
+            self._coalesce()
+
+    def forget(self) -> None:
+        """Drop what waits."""
+        self._waiting, self._kept, self._size = [], None, 0
+
+    def clock_jumped(self, shift: int) -> None:
+        """Take over a jump of the clock (ns)."""
+        self._waiting = [(scanned, at + shift) for scanned, at in self._waiting]
+        if self._kept is not None:
+            self._kept.received += shift
+            self._kept.expiry[self._kept.expiry != NEVER] += shift
+
+    def _gather(self) -> Gathered | None:
+        """Return all that waits, and wait for more."""
+        kept, waiting = self._kept, self._waiting
+        self.forget()
+        if not waiting:
+            return kept
+        parts, received = zip(*waiting, strict=True)
+        new = gather(parts, received, self._messages)
+        self._messages += len(waiting)
+        return new if kept is None else join(kept, new)
+
+    def _coalesce(self) -> None:
+        """Keep of what waits only what it comes to, or apply that if it is still too much."""
+        markers = self._gather()
+        if markers is None:
+            return
+        _, outcome = self._application().settle(markers)
+        self._kept = remaining(markers, outcome)
+        self._size = self._kept.nbytes
+        if self._size > MAX_WAITING_BYTES // 2:
             self.apply()
 
     def apply(self) -> None:
         """Apply what waits."""
-        if not self._waiting:
+        markers = self._gather()
+        if markers is None or self._run(markers):
             return
-        waiting, self._waiting, self._size = self._waiting, [], 0
-        now = self._clock()
-        parts, received = [], []
-        for data, at in waiting:
-            part = self._scan(data, now)
-            if part is not None and len(part):
-                parts.append(part)
-                received.append(at)
-        if not parts or self._run(parts, received, now):
-            return
-        for part, at in zip(parts, received, strict=True):  # one that fails takes no other with it
-            if not self._run([part], [at], now):
-                self._monitor.refuse(now, INTERNAL_ERROR, "whole message")
+        for number in np.unique(markers.message).tolist():  # one that fails takes no other with it
+            if not self._run(markers.take(np.flatnonzero(markers.message == number))):
+                self._monitor.refuse(self._clock(), INTERNAL_ERROR, "whole message")
 
-    def _run(self, parts: list[Scanned], received: list[int], now: int) -> bool:
-        """Apply messages; return whether that went through."""
-        application = _Application(self._objects, self._monitor, self._guard, now)
+    def _run(self, markers: Gathered) -> bool:
+        """Apply markers; return whether that went through."""
+        application = self._application()
         return self._guard.run(
-            "input objects", lambda: application.run(Gathered(parts, received)), "whole message"
+            "input objects",
+            lambda: application.run(markers, *application.settle(markers)),
+            "whole message",
         )
 
-    def _scan(self, data: bytes, now: int) -> Scanned | None:
-        try:
-            return scan_markers(data)
-        except RefusedError as error:
-            self._monitor.refuse(now, error.reason, "whole message", error.detail)
-        except Exception as error:
-            self._guard.caught("input objects", error, "whole message")
-            self._monitor.refuse(now, INTERNAL_ERROR, "whole message", str(error))
-        return None
+    def _application(self) -> _Application:
+        return _Application(self._objects, self._monitor, self._guard, self._clock())
+
+
+def _nameless(scanned: Scanned) -> Mask:
+    return scanned.integers[:, NS + 1] == 0
 
 
 class _Application:
@@ -127,12 +164,21 @@ class _Application:
         self._objects, self._monitor, self._guard, self._now = objects, monitor, guard, now
         self._plans: dict[int, Plan] = {}
 
-    def run(self, markers: Gathered) -> None:
+    def settle(self, markers: Gathered) -> tuple[Faults, Outcome]:
+        """Return what is wrong with markers, which is counted, and what they come to."""
+        faults = find_faults(markers, self._objects.placement.frame_index)
+        outcome = settle(markers, faults, self._now, self._objects.stamp_tolerance)
+        for number, error in enumerate(faults.errors):
+            bad = (faults.number == number) & ~markers.counted
+            self._refuse(markers, np.flatnonzero(bad), error)
+        late = outcome.late & ~markers.counted
+        self._refuse(markers, np.flatnonzero(late), RefusedError(OLDER))
+        markers.counted[:] = True
+        return faults, outcome
+
+    def run(self, markers: Gathered, faults: Faults, outcome: Outcome) -> None:
         """Apply them."""
         objects = self._objects
-        faults = find_faults(markers, objects.placement.frame_index)
-        outcome = settle(markers, faults, self._now, objects.stamp_tolerance)
-        self._count(markers, faults, outcome)
         slots = self._remove(markers, outcome)
         there = np.flatnonzero(outcome.winner >= 0)
         there = there[np.argsort(outcome.winner[there])]
@@ -142,13 +188,6 @@ class _Application:
             error, of_shape = faults.errors[number], faults.of_shape[number]
             expiry = int(markers.expiry[row])
             objects.refuse(markers.key(row), error.reason, of_shape, expiry)
-
-    def _count(self, markers: Gathered, faults: Faults, outcome: Outcome) -> None:
-        """Count what is refused, by reason."""
-        for number, error in enumerate(faults.errors):
-            rows = np.flatnonzero(faults.number == number)
-            self._refuse(markers, rows, error)
-        self._refuse(markers, np.flatnonzero(outcome.late), RefusedError(OLDER))
 
     def _refuse(self, markers: Gathered, rows: Rows, error: RefusedError) -> None:
         if len(rows):
@@ -178,7 +217,7 @@ class _Application:
             same &= fixed
             again = again[same & table.placed[slots[again]]]
             doomed[slots[again]] = False
-        remove_slots(objects, np.flatnonzero(doomed & table.live))
+        objects.remove_slots(np.flatnonzero(doomed & table.live))
         renew_slots(objects, slots[again])
         return np.where((slots >= 0) & table.live[slots], slots, -1)
 
@@ -209,10 +248,13 @@ class _Application:
         return self._objects.table.find(np.array(numbers)[markers.ns[rows]], markers.id[rows])
 
     def _have_shapes(self, markers: Gathered, rows: Rows, slots: Rows) -> Mask:
-        primitive = np.isin(markers.type[rows], PRIMITIVES)
-        return primitive & have_shapes(
-            self._objects, slots, markers.type[rows], markers.scales[rows]
+        """Return which objects (n,), -1 for none, have the shapes of primitive markers."""
+        same = (slots >= 0) & np.isin(markers.type[rows], PRIMITIVES)
+        some = rows[same]
+        same[same] = have_shapes(
+            self._objects, slots[same], markers.type[some], markers.scales[some]
         )
+        return same
 
     def _have_built_shapes(self, markers: Gathered, rows: Rows, slots: Rows) -> Mask:
         """Return which objects have the shapes of markers, where those take time to build."""
@@ -227,18 +269,27 @@ class _Application:
         """Give objects the shapes and poses of markers."""
         current = ~self._are_old(markers, rows, slots)
         rows, slots = rows[current], slots[current]
-        same = (slots >= 0) & self._have_shapes(markers, rows, slots)
+        same = self._have_shapes(markers, rows, slots)
         self._each(markers, rows[same], lambda some: self._touch(markers, some))
         cubes = ~same & (markers.type[rows] == Marker.CUBE)
         with self._room(markers, rows[cubes], slots[cubes]) as admitted:
             self._each(markers, rows[cubes][admitted], lambda some: self._put_cubes(markers, some))
         others = ~same & (markers.type[rows] != Marker.CUBE)
         for row in rows[others].tolist():
-            self._put_what_stays(markers, row, previous)
-            while row >= 0 and not self._each(
-                markers, np.array([row]), lambda one: self._put(markers, int(one[0]))
-            ):
-                row = int(previous[row])
+            self._put_one_of(markers, row, previous)
+
+    def _put_one_of(self, markers: Gathered, last: int, previous: Rows) -> None:
+        """Give an object the last of its states that can be built."""
+        self._put_what_stays(markers, last, previous)
+        row = last
+        for _ in range(MAX_TRIES):
+            if self._each(markers, np.array([row]), lambda one: self._put(markers, int(one[0]))):
+                break
+            row = int(previous[row])
+            if row < 0:
+                return
+        if row != last:
+            self._objects.refuse(markers.key(last), "", shape=True)  # what it has is not the last
 
     def _put_what_stays(self, markers: Gathered, row: int, previous: Rows) -> None:
         """Put the last shape before one that has to be built: it stays if that can't be."""
@@ -331,7 +382,7 @@ class _Application:
 
     def _store(self, markers: Gathered, rows: Rows, slots: Rows) -> None:
         """Store the poses of markers, those of the same frame and stamp together."""
-        columns = markers.frame[rows], markers.stamp[rows], markers.part[rows]
+        columns = markers.frame[rows], markers.stamp[rows], markers.message[rows]
         order = np.lexsort(columns)
         changes = np.any([np.diff(column[order]) != 0 for column in columns], axis=0)
         for some in np.split(order, np.flatnonzero(changes) + 1):
@@ -349,13 +400,16 @@ class _Application:
 
 
 def _shape(markers: Gathered, row: int) -> MarkerShape:
-    """Return what a marker says of its shape; points and data are views of the message."""
-    part, at = markers.parts[markers.part[row]], int(markers.row[row])
+    """Return what a marker says of its shape, on its own: a view would keep the whole message."""
+    kind, scale = int(markers.type[row]), markers.scales[row].copy()
+    if markers.source[row] < 0:  # nothing else is kept of these
+        return MarkerShape(kind, scale)
+    part, at = markers.sources[markers.source[row]], int(markers.row[row])
     return MarkerShape(
-        int(markers.type[row]),
-        markers.scales[row].copy(),
-        part.points(at),
+        kind,
+        scale,
+        part.points(at).copy(),
         part.text(at, MESH).decode(errors="replace"),
         part.text(at, FILE).decode(errors="replace"),
-        part.content(at),
+        bytes(part.content(at)),
     )

@@ -275,6 +275,20 @@ class Scanned(NamedTuple):
         at, count = self.integers[row, POINTS : POINTS + 2].tolist()
         return np.frombuffer(self.data, "<f8", 3 * count, at if count else 0).reshape(-1, 3)
 
+    def alone(self, row: int) -> Scanned:
+        """Return what one marker says of its shape, without the message it stood in."""
+        integers, data = self.integers[row : row + 1].copy(), b""
+        for column, item in ((POINTS, 24), (MESH, 1), (FILE, 1), (CONTENT, 1)):
+            at, count = self.integers[row, column : column + 2].tolist()
+            integers[0, column] = len(data)
+            data += self.data[at : at + item * count]
+        return Scanned(data, integers, self.floats[row : row + 1].copy())
+
+    @property
+    def nbytes(self) -> int:
+        """Memory that this takes."""
+        return len(self.data) + self.integers.nbytes + self.floats.nbytes
+
     def content(self, row: int) -> memoryview:
         """Return the bytes of an embedded mesh."""
         at, size = self.integers[row, CONTENT : CONTENT + 2].tolist()

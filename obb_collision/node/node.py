@@ -330,6 +330,7 @@ class CollisionNode(Node):
             f"the clock jumped by {shift / NANOSECONDS:+.3f} s: ages and lifetimes of "
             f"{len(self.objects.table)} objects go on from the new time, stamps may begin anew"
         )
+        self.inputs.markers.clock_jumped(shift)
         self.objects.clock_jumped(shift)
         self._obstacles.clock_jumped(shift)
         for monitor in self._monitors.values():

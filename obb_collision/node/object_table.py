@@ -27,7 +27,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from obb_collision.node.conversions import Key
+from obb_collision.node.conversions import Key, name_from_key
 from obb_collision.node.errors import RefusedError
 from obb_collision.node.names import NamespaceTable
 
@@ -154,14 +154,26 @@ class ObjectTable:
                 old = getattr(self, column)
                 setattr(self, column, np.concatenate((old, np.zeros_like(old))))
 
-    def release(self, key: Key, name: str) -> int:
-        """End an object; returns the slot it had."""
-        slot = self.slots.pop(key)
-        del self.by_name[name]
-        self.namespaces.leave(int(self.ns[slot]))
-        self.live[slot] = self.pending[slot] = self.placed[slot] = self.shaped[slot] = False
+    def release(self, slot: int) -> None:
+        """End the object at a slot."""
+        self.release_many(np.array([slot]))
+
+    def release_many(self, slots: Slots) -> None:
+        """End the objects at slots (n,), all in use and distinct."""
+        for key in self.keys(slots):
+            del self.slots[key]
+            del self.by_name[name_from_key(key)]
+        numbers, counts = np.unique(self.ns[slots], return_counts=True)
+        for number, count in zip(numbers.tolist(), counts.tolist(), strict=True):
+            self.namespaces.leave(number, count)
+        self.live[slots] = self.pending[slots] = self.placed[slots] = self.shaped[slots] = False
         self._sorted = None
-        return slot
+
+    def keys(self, slots: Slots) -> list[Key]:
+        """Keys of the objects at slots (n,)."""
+        names = self.namespaces.names
+        pairs = zip(self.ns[slots].tolist(), self.id[slots].tolist(), strict=True)
+        return [(names[number], ident) for number, ident in pairs]
 
     def key(self, slot: int) -> Key:
         """Key of the object at a slot."""

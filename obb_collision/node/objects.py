@@ -101,7 +101,7 @@ class Objects:
         """Of shapes; built in another process."""
         self._requests = ShapeRequests(self.builder)
         self.placement = Placement(
-            self.scene, self.table, frames, fixed_frame, on_refused, self._enable, guard
+            self.scene, self.table, frames, fixed_frame, on_refused, self.enable_many, guard
         )
 
     def signature(self, key: Key) -> Signature | None:
@@ -250,20 +250,28 @@ class Objects:
 
     def remove(self, key: Key) -> None:
         """Take an object out, if there is one."""
-        self.forget_unplaceable(key)
-        if key in self.table.slots:
-            name = name_from_key(key)
-            self._requests.cancel(key)
-            self._signatures.pop(self.table.release(key, name), None)
-            self.scene.remove(name)
+        slot = self.table.slots.get(key)
+        if slot is None:
+            self.forget_unplaceable(key)
+        else:
+            self.remove_slots(np.array([slot]))
+
+    def remove_slots(self, slots: Slots) -> None:
+        """Take out the objects at slots (n,), all in use and distinct."""
+        for slot in slots[self.table.shape_pending[slots]].tolist():
+            self._requests.cancel(self.table.key(slot))
+        self.table.release_many(slots)
+        for slot in slots.tolist():
+            self._signatures.pop(slot, None)
+        self.scene.remove_indices(slots)
 
     def remove_all(self, namespace: str | None = None) -> int:
         """Take out all objects, of one namespace if given; returns how many there were."""
-        keys = [key for key in self.table.slots if namespace in (None, key[0])]
-        for key in keys:
-            self.remove(key)
+        known = self.table.slots
+        slots = [slot for key, slot in known.items() if namespace in (None, key[0])]
+        self.remove_slots(np.array(slots, np.int64))
         self.forget_unplaceables(namespace)
-        return len(keys)
+        return len(slots)
 
     def forget_unplaceable(self, key: Key) -> None:
         """Forget that an object could not be added."""
@@ -330,10 +338,10 @@ class Objects:
         name = name_from_key(self.table.key(int(slots[0])))
         self._on_doubted(state.topic, reason, name, detail, len(slots))
 
-    def lock(self, slot: int) -> None:
-        """Place the stored pose anew every cycle, where its frame is then."""
-        self.table.locked[slot] = self.table.frame[slot] != 0
-        self.table.stamp[slot] = 0
+    def lock(self, slots: Slots) -> None:
+        """Place the stored poses anew every cycle, where their frames are then."""
+        self.table.locked[slots] = self.table.frame[slots] != 0
+        self.table.stamp[slots] = 0
 
     def refuse(self, key: Key, reason: str, shape: bool, expiry: int = NEVER) -> None:
         """Mark that the latest state (shape or pose) of an object could not be used.
@@ -399,8 +407,7 @@ class Objects:
 
     def _expire(self, now: int) -> None:
         table = self.table
-        for slot in np.flatnonzero(table.live & table.seen & (table.expiry <= now)).tolist():
-            self.remove(table.key(slot))
+        self.remove_slots(np.flatnonzero(table.live & table.seen & (table.expiry <= now)))
         if self._unplaceable_until:
             gone = [key for key, expiry in self._unplaceable_until.items() if expiry <= now]
             for key in gone:

@@ -52,8 +52,8 @@ OnItems = Callable[[str, str, str, str, int], None]
 class Placement:
     """Moves objects to the poses stored in the table.
 
-    on_refused hears of poses that could not be placed, on_placed(slot) of objects that have a place
-    for the first time.
+    on_refused hears of poses that could not be placed, on_placed(slots) of objects that have a
+    place for the first time.
     """
 
     def __init__(
@@ -63,7 +63,7 @@ class Placement:
         frames: FrameSource,
         fixed_frame: str,
         on_refused: OnItems,
-        on_placed: Callable[[int], None],
+        on_placed: Callable[[Slots], None],
         guard: Guard,
     ) -> None:
         self._scene, self._table, self._frames, self._guard = scene, table, frames, guard
@@ -247,9 +247,10 @@ class Placement:
         table.pending[slots] = table.number[slots] > numbers
         table.frame_refused[slots] = False
         table.waited_out[slots] &= table.pending[slots]
-        for slot in slots[~table.placed[slots]].tolist():
-            table.placed[slot] = True
-            self._on_placed(slot)
+        new = slots[~table.placed[slots]]
+        if len(new):
+            table.placed[new] = True
+            self._on_placed(new)
 
     def _set_twists(self, slots: Slots, twists: FloatArray) -> None:
         moving = twists.any(axis=1)

@@ -29,7 +29,7 @@ from time import perf_counter
 import numpy as np
 
 from obb_collision.geometry.shapes import Box, Mesh
-from obb_collision.node.marker_batch import Faults, Gathered, settle
+from obb_collision.node.marker_batch import Faults, gather, settle
 from obb_collision.node.marker_scan import scan_markers
 from obb_collision.node.markers import Markers
 from obb_collision.queries.accuracy import Accuracy
@@ -51,7 +51,7 @@ def warm_up() -> None:
     _warm_up_crowds()
     keys = [("", number) for number in range(OBJECTS)]
     data = Markers("").write(keys, scene.boxes, np.zeros(OBJECTS, np.int64), 0, 0.0, None)
-    markers = Gathered([scan_markers(data)], [0])
+    markers = gather([scan_markers(data)], [0])
     settle(markers, Faults(len(markers)), 0, 0)
 
 

@@ -25,7 +25,7 @@ from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.poses import IDENTITY_POSE
 from obb_collision.geometry.shapes import Shape
 from obb_collision.geometry.validation import as_array, as_half_extents
-from obb_collision.geometry.words import MAX_OBJECT_NAME, check_name
+from obb_collision.geometry.words import MAX_OBJECT_NAME, check_name, check_names
 from obb_collision.obb import OBB
 from obb_collision.queries.accuracy import Accuracy, as_accuracy
 from obb_collision.scene.store import LocalBox, ObjectStore
@@ -92,17 +92,28 @@ class SceneObjects:
         lengths = {len(names), len(edges), len(where), len(names if rungs is None else rungs)}
         if len(lengths) > 1 or len(set(names)) < len(names):
             raise ValueError("names, sizes, poses and accuracies must be one per object")
-        for name in names:
-            check_name(name, "name", MAX_OBJECT_NAME)
+        check_names(names, "names", MAX_OBJECT_NAME)
         half = 0.5 * edges
         half = np.where(half + half < edges, np.nextafter(half, np.inf), half)  # if subnormal
         slots = self._store.put_boxes(names, half, where, self._padding)
         self._store.kinds[slots] = BOX
-        for number, slot in enumerate(slots.tolist()):
-            self._bank.drop(slot)
-            self._set_accuracy(slot, None if rungs is None else rungs[number])
-            self._own_padding.discard(slot)
+        self._forget(slots)
+        if rungs is None:
+            ranks = np.full(len(slots), self._accuracy, np.int8)
+        else:
+            self._own_accuracy.update(
+                slot for slot, rung in zip(slots.tolist(), rungs, strict=True) if rung is not None
+            )
+            ranks = np.array([self._accuracy if r is None else r for r in rungs], np.int8)
+        self._store.accuracies[slots] = ranks
         return slots
+
+    def _forget(self, slots: NDArray[np.int64]) -> None:
+        """Drop what was kept of the objects that slots had."""
+        gone = slots.tolist()
+        self._bank.drop_many(gone)
+        self._own_padding.difference_update(gone)
+        self._own_accuracy.difference_update(gone)
 
     def renew_indices(self, indices: ArrayLike) -> None:
         """Make objects new ones, by index array (n,): nothing relates them to what they were."""
@@ -141,6 +152,12 @@ class SceneObjects:
         self._own_padding.discard(slot)
         self._own_accuracy.discard(slot)
         self._bank.drop(slot)
+
+    def remove_indices(self, indices: ArrayLike) -> None:
+        """Take objects out, by index array (n,); all or, on a KeyError, none."""
+        slots = np.unique(self._store.check_slots(indices))
+        self._store.remove_rows(slots)
+        self._forget(slots)
 
     def clear(self) -> None:
         """Take all objects out; what is set stays."""

@@ -78,7 +78,7 @@ class ObjectStore:
             if isinstance(value, np.ndarray):
                 getattr(self, key)[:size] = value
         self.names[:size] = before["names"]
-        self._free = list(range(size, 2 * size))
+        self._free = [*before["_free"], *range(size, 2 * size)]
 
     def __len__(self) -> int:
         return len(self.slots)
@@ -133,12 +133,13 @@ class ObjectStore:
         new = [name for name in names if name not in self.slots]
         if new:
             self.version = next(_versions)
-        for name in new:
-            if not self._free:
-                self._grow()
-            slot = heapq.heappop(self._free)
+        while len(self._free) < len(new):
+            self._grow()
+        self._free.sort()  # a sorted list is a heap
+        for name, slot in zip(new, self._free, strict=False):
             self.slots[name] = slot
             self.names[slot] = name
+        del self._free[: len(new)]
         slots = np.array([self.slots[name] for name in names], np.int64)
         fresh = slots[~self.used[slots]]
         self.used[fresh], self.born[fresh], self.twists[fresh] = True, self.version, 0.0
@@ -198,6 +199,20 @@ class ObjectStore:
         self.changed[slot] = True
         heapq.heappush(self._free, slot)
         return slot
+
+    def remove_rows(self, rows: Rows) -> None:
+        """Take objects out by their slots, all in use and distinct."""
+        if len(rows) == 0:
+            return
+        self.version = next(_versions)
+        for slot in rows.tolist():
+            name = self.names[slot]
+            assert name is not None
+            del self.slots[name]
+            self.names[slot] = None
+        self.used[rows] = self.active[rows] = False
+        self.changed[rows] = True
+        self._free = sorted([*self._free, *rows.tolist()])  # a sorted list is a heap
 
     def check_slots(self, slots: ArrayLike) -> Rows:
         """Return slots as an index array; KeyError naming the first that is not in use."""

@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable
+from collections.abc import Hashable, Iterable
 from fractions import Fraction
 
 import numpy as np
@@ -76,6 +76,12 @@ class TreeBank:
         self._round.pop(slot, None)
         self._trees.drop(slot)
         self._hulls.drop(slot)
+
+    def drop_many(self, slots: Iterable[int]) -> None:
+        """Let the shapes of slots go."""
+        if self._shapes or len(self):  # boxes leave nothing here as a rule
+            for slot in slots:
+                self.drop(slot)
 
     def __len__(self) -> int:
         return len(self._trees) + len(self._hulls)

@@ -16,8 +16,10 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+import numpy as np
+import numpy.typing as npt
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -30,7 +32,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from obb_collision.node.conversions import Key, stamp_to_ros
 from obb_collision.node.errors import RefusedError
-from obb_collision.node.marker_batch import Gathered, find_faults, settle
+from obb_collision.node.marker_batch import Gathered, find_faults, gather, join, remaining, settle
 from obb_collision.node.marker_scan import scan_markers
 
 SECOND = 1_000_000_000
@@ -69,11 +71,28 @@ def marker_of(action: Action) -> Marker:
     return marker
 
 
+def coalesced(sent: list[list[Action]], now: int) -> Gathered:
+    """Return what is left of messages if all that wait are coalesced after each; x is the row."""
+    kept, count = None, 0
+    for number, one in enumerate(sent):
+        markers = [marker_of(action) for action in one]
+        for marker in markers:
+            marker.pose.position.x = float(count)
+            count += 1
+        scan = scan_markers(serialize_message(MarkerArray(markers=markers)))
+        new = gather([scan], [number * SECOND], number)
+        joined = new if kept is None else join(kept, new)
+        outcome = settle(joined, find_faults(joined, lambda frame: 0), now * SECOND, ANY)
+        kept = remaining(joined, outcome)
+    assert kept is not None
+    return kept
+
+
 def gathered(sent: list[list[Action]]) -> Gathered:
     """Return messages, received a second apart."""
     arrays = [MarkerArray(markers=[marker_of(action) for action in one]) for one in sent]
     scans = [scan_markers(serialize_message(message)) for message in arrays]
-    return Gathered(scans, [number * SECOND for number in range(len(scans))])
+    return gather(scans, [number * SECOND for number in range(len(scans))])
 
 
 class Model:
@@ -128,26 +147,29 @@ def test_a_backlog_comes_to_what_its_messages_come_to_in_order(
     model = Model(outlived(sent, now))
     for row, action in enumerate(action for one in sent for action in one):
         model.apply(row, action)
-    faults = find_faults(markers, lambda frame: 0)
-    found = settle(markers, faults, now * SECOND, ANY)
+    assert results(markers, sent, now, np.arange(len(markers))) == (model.rows, model.doubtful)
+    left = coalesced(sent, now)
+    assert results(left, sent, now, left.poses[:, 0]) == (model.rows, model.doubtful)
+
+
+def results(
+    markers: Gathered, sent: list[list[Action]], now: int, numbers: npt.NDArray[Any]
+) -> tuple[dict[Key, int], dict[Key, int]]:
+    """Return the number of the marker that each object has in the end, and of that it refused."""
+    found = settle(markers, find_faults(markers, lambda frame: 0), now * SECOND, ANY)
     rows = {(ns, number): -1 for ns in NAMESPACES for number in (-1, 0, 1)}
-    for one in sent:
-        for action in one:
-            if action.kind == "all":
-                rows = {key: row for key, row in rows.items() if action.ns not in ("", key[0])}
+    for action in (action for one in sent for action in one if action.kind == "all"):
+        rows = {key: row for key, row in rows.items() if action.ns not in ("", key[0])}
     doubtful = {}
-    for first, winner, bad, removed in zip(
-        found.first.tolist(), found.winner.tolist(), found.bad.tolist(), found.removed, strict=True
-    ):
-        key = markers.key(first)
-        if removed:
+    for index, first in enumerate(found.first.tolist()):
+        key, winner, bad = markers.key(first), found.winner[index], found.bad[index]
+        if found.removed[index]:
             rows.pop(key, None)
         if winner >= 0:
-            rows[key] = winner
+            rows[key] = int(numbers[winner])
         if bad >= 0:
-            doubtful[key] = bad
-    assert rows == model.rows
-    assert doubtful == model.doubtful
+            doubtful[key] = int(numbers[bad])
+    return rows, doubtful
 
 
 def test_states_before_the_last_one_are_at_hand_where_that_cannot_be_built() -> None:
@@ -176,7 +198,7 @@ def test_what_is_wrong_is_said_by_reason() -> None:
     markers[7].scale.z = -1.0
     markers[8].type, markers[8].scale.z = Marker.TRIANGLE_LIST, -1.0  # seen when it is built
     scan = scan_markers(serialize_message(MarkerArray(markers=markers)))
-    faults = find_faults(Gathered([scan], [0]), refuse)
+    faults = find_faults(gather([scan], [0]), refuse)
     reasons = [None if n < 0 else faults.errors[n].reason for n in faults.number.tolist()]
     assert reasons == [
         *(None, "bad pose", "zero quaternion", "unknown frame", "bad name", "unknown action"),
@@ -190,6 +212,6 @@ def test_what_is_wrong_is_said_by_reason() -> None:
 def test_names_are_told_apart_by_their_bytes() -> None:
     data = serialize_message(MarkerArray(markers=[Marker(ns="abc"), Marker(ns="abd")]))
     scan = scan_markers(data.replace(b"abc", b"a\xffc").replace(b"abd", b"a\xfec"))
-    markers = Gathered([scan, scan], [0, 1])
+    markers = gather([scan, scan], [0, 1])
     assert markers.ns.tolist() == [0, 1, 0, 1]
     assert {error.reason for error in markers.bad_namespaces.values()} == {"bad name"}
