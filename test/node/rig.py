@@ -66,6 +66,7 @@ FRAME = "map"
 PATIENCE = 30.0
 """Seconds after which a wait has failed: long, for loaded machines; never waited for in success."""
 FIRST_STAMP = 1_000_000_000
+RELIABILITY = "subscription.reliability"
 
 INPUTS: dict[str, Any] = {
     "objects": MarkerArray,
@@ -254,15 +255,19 @@ class Rig(Client):
         deaf: bool = False,
         given: Mapping[str, Any] | None = None,
         tf2: bool = False,
+        sure_points: bool = True,
         **parameters: Any,
     ) -> None:
         """Wait until they have met.
 
         frames: what knows other frames; none, unless tf2 is asked for, so that a test finds the
         same node whether tf2 is installed or not. deaf: the client listens to nothing yet; given:
-        more parameters, of any name.
+        more parameters, of any name. sure_points: points arrive as surely as all else, so that a
+        test need not send them twice.
         """
         parameters |= given or {}
+        if sure_points:
+            parameters.setdefault(f"qos_overrides.{NAMESPACE}/points.{RELIABILITY}", "reliable")
         if frames is None and not tf2:
             frames = FixedFrameOnly(parameters.get("fixed_frame", FRAME))
         self.context = Context()
