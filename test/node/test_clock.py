@@ -174,3 +174,28 @@ def test_by_topics_a_simulation_that_goes_back_keeps_lifetimes(
         assert set(table.slots) == {A1, A2}, "a second is left"
         tick(12)
         rig.until(lambda: set(table.slots) == {A1}, "end of the lifetime")
+
+
+def test_by_topics_the_time_may_change_to_a_simulations_and_back(
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    with Rig() as rig:
+        rig.send(cube(A1), cube(A2, (0.5, 0, 0), lifetime=Duration(sec=3600)))
+        assert rig.pairs() == {("a/1", "a/2")}
+        rig.set(use_sim_time=True)
+        assert rig.node._now() == 0, "no message of /clock so far"
+        assert "the clock jumped by -" in capfd.readouterr().err
+        rig.cycles(2)
+        clock = rig.client.create_publisher(Clock, "/clock", QoSProfile(depth=10))
+        rig.until(lambda: clock.get_subscription_count() > 0, "match")
+        clock.publish(Clock(clock=stamp_to_ros(7 * SECOND)))
+        rig.until(lambda: rig.node._now() == 7 * SECOND, "time")
+        rig.cycles(2)
+        assert "the clock jumped by +7.000 s" in capfd.readouterr().err
+        rig.set(use_sim_time=False)
+        rig.cycles(2)
+        assert "the clock jumped by +" in capfd.readouterr().err
+        assert set(rig.node.objects.table.slots) == {A1, A2}
+        assert not rig.node.objects.doubtful.any()
+        rig.send(cube(A2, (3, 0, 0)))
+        assert rig.pairs() == set()

@@ -26,17 +26,23 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from itertools import combinations
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 pytest.importorskip("rclpy")
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.context import Context
+from rclpy.duration import Duration
+from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.qos import QoSProfile
 from rig import DOMAIN, NAMESPACE, Client, cube, pose
 from scipy.spatial.transform import Rotation
 
 from obb_collision.node.conversions import pose_to_ros
+from obb_collision.node.outputs import DEADLINE
 
 PATIENCE = 60.0
 """Seconds a process may take to start or end on a loaded machine; compiling kernels included."""
@@ -172,6 +178,26 @@ run("slow", make, [])
     process.send_signal(signal.SIGTERM)  # another one, for two of a kind may arrive as one
     process.communicate(timeout=PATIENCE)
     assert process.returncode == 0
+
+
+def test_a_node_that_is_killed_or_hangs_is_told_by_the_deadline() -> None:
+    missed: list[Any] = []
+    told: list[DiagnosticArray] = []
+    with running(*IN_NAMESPACE) as process, client() as other:
+        other.client.create_subscription(
+            DiagnosticArray,
+            "collision_status",
+            told.append,
+            QoSProfile(depth=1, deadline=Duration(seconds=DEADLINE)),
+            event_callbacks=SubscriptionEventCallbacks(deadline=missed.append),
+        )
+        for number in (signal.SIGSTOP, signal.SIGKILL):
+            count = len(told)
+            other.until(lambda n=count: len(told) > n + 3, "status")  # type: ignore[misc]
+            process.send_signal(number)
+            count = len(missed)
+            other.until(lambda n=count: len(missed) > n + 1, "deadline")  # type: ignore[misc]
+            process.send_signal(signal.SIGCONT)
 
 
 def test_parameters_namespace_and_remapping_come_by_the_command_line() -> None:
