@@ -21,6 +21,7 @@ The one place that decides it: the topics ``collision_status`` and ``in_collisio
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import islice
 
 import numpy as np
 import numpy.typing as npt
@@ -184,5 +185,5 @@ def _names(objects: Objects, rows: npt.NDArray[np.bool_]) -> tuple[str, ...]:
 
 
 def _unplaceable(objects: Objects) -> tuple[str, ...]:
-    first = list(objects.unplaceable.items())[:MAX_NAMED] if objects.unplaceable else []
+    first = islice(objects.unplaceable.items(), MAX_NAMED)
     return tuple(f"{name_from_key(key)} ({reason})" for key, reason in first)

@@ -18,10 +18,13 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Mapping
+from itertools import islice
 
 import numpy as np
+import numpy.typing as npt
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
+from obb_collision.node.answer import MAX_NAMED, some
 from obb_collision.node.conversions import name_from_key
 from obb_collision.node.guard import INTERNAL_ERROR, Guard
 from obb_collision.node.monitors import NANOSECONDS_F, CycleMonitor, InputMonitor
@@ -30,8 +33,6 @@ from obb_collision.queries.accuracy import ALL_RUNGS
 from obb_collision.scene.report import Report
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
-MAX_NAMED = 10
-"""Objects named in a status; the counts are complete."""
 
 
 def _status(
@@ -73,73 +74,80 @@ def input_status(
     return _status(f"{node}: input {key}", WARN if faults else OK, message, values)
 
 
-def _some(names: list[str]) -> str:
-    more = len(names) - MAX_NAMED
-    return ", ".join(names[:MAX_NAMED]) + (f" and {more} more" if more > 0 else "")
+def _kinds(objects: Objects) -> dict[str, npt.NDArray[np.bool_]]:
+    """Return which objects are not as they should be, each under the first label that fits."""
+    table, visible = objects.table, objects.visible
+    refused = table.shape_refused | table.pose_refused | table.frame_refused
+    left = visible.copy()
+    kinds = {"unplaceable": table.live & ~visible}
+    for label, rows in (
+        ("stale", table.stale),
+        ("refused", refused),
+        ("new shape being built", table.shape_pending),
+        ("doubtful stamp", table.ahead | table.held_back),
+    ):
+        kinds[label] = left & rows
+        left &= ~rows
+    return kinds
 
 
 def object_status(
     node: str, objects: Objects, policy: str, report: Report | None
 ) -> DiagnosticStatus:
     """Count objects: stale, refused (last box kept), unplaceable (no box: not checked)."""
-    table = objects.table
+    table, kinds = objects.table, _kinds(objects)
     colliding: object = "not known"
     if report is not None:  # what left since then does not count
         rows = min(len(report.colliding), len(table.live))
         colliding = int(np.count_nonzero(report.colliding[:rows] & table.live[:rows]))
     rungs = Counter() if report is None else Counter(report.rungs.tolist())
-    stale = table.live & table.stale
-    refused = table.shape_refused | table.pose_refused | table.frame_refused
-    kept = objects.visible & refused & ~stale
-    renewed = objects.visible & table.shape_pending & ~stale & ~refused
-    building = table.live & ~table.shaped
-    waiting = table.live & ~table.placed & table.shaped
-    reasons = Counter(objects.unplaceable.values())
-    unplaceable = [name_from_key(key) for key in objects.unplaceable]
-    names = {
-        label: [name_from_key(table.key(slot)) for slot in np.flatnonzero(rows)[: MAX_NAMED + 1]]
-        for label, rows in (
-            ("stale", stale),
-            ("refused", kept),
-            ("new shape being built", renewed),
-            ("waiting", waiting | building),
-        )
-    }
     cap = None if report is None else report.cap
-    missing = int((waiting | building).sum()) + len(unplaceable)
+    counts = {label: int(np.count_nonzero(found)) for label, found in kinds.items()}
+    counts["unplaceable"] += len(objects.unplaceable)
+    reasons = Counter(objects.unplaceable.values())
+    reasons["shape being built"] = int(np.count_nonzero(table.live & ~table.shaped))
+    reasons["no transform yet"] = int(np.count_nonzero(table.live & table.shaped & ~table.placed))
     values: list[tuple[str, object]] = [
         ("count", len(table)),
         ("colliding", colliding),
         *([("pairs at least", report.total)] if report is not None and report.truncated else ()),
         *((f"pairs on {ALL_RUNGS[rung]}", count) for rung, count in sorted(rungs.items())),
         *(() if cap is None else [("highest accuracy in the time budget", ALL_RUNGS[cap])]),
-        ("stale", int(stale.sum())),
         ("stale policy", policy),
-        ("refused", int(kept.sum())),
-        ("new shape being built", int(renewed.sum())),
-        ("unplaceable", missing),
-        *((f"unplaceable: {reason}", count) for reason, count in sorted(reasons.items())),
+        *counts.items(),
+        *((f"unplaceable: {reason}", count) for reason, count in sorted(reasons.items()) if count),
+        *(
+            (f"names {label}", text)
+            for label, text in _named(objects, kinds, counts).items()
+            if text
+        ),
     ]
-    if building.any():
-        values.append(("unplaceable: shape being built", int(building.sum())))
-    if waiting.any():
-        values.append(("unplaceable: no transform yet", int(waiting.sum())))
-    names["unplaceable"] = unplaceable + names.pop("waiting")
-    values += [(f"names {label}", _some(some)) for label, some in names.items() if some]
-    faults = [
-        f"{count} {label}"
-        for count, label in (
-            (int(stale.sum()), f"stale ({'ignored' if policy == 'ignore' else 'last box kept'})"),
-            (int(kept.sum()), "refused (last box kept)"),
-            (int(renewed.sum()), "new shapes being built (last box kept)"),
-            (missing, "unplaceable (not checked)"),
-        )
-        if count
-    ]
+    kept = "last box kept"
+    words = {
+        "stale": f"stale ({'ignored' if policy == 'ignore' else kept})",
+        "refused": f"refused ({kept})",
+        "new shape being built": f"new shapes being built ({kept})",
+        "doubtful stamp": "with a doubtful stamp",
+        "unplaceable": "unplaceable (not checked)",
+    }
+    faults = [f"{counts[label]} {text}" for label, text in words.items() if counts[label]]
     if report is not None and report.truncated:
         faults.append(f"at least {report.total} pairs collide (the first {len(report)} published)")
     message = "; ".join(faults) or f"{len(table)} objects"
     return _status(f"{node}: objects", WARN if faults else OK, message, values)
+
+
+def _named(
+    objects: Objects, kinds: Mapping[str, npt.NDArray[np.bool_]], counts: Mapping[str, int]
+) -> dict[str, str]:
+    """Return the names of objects by kind, the first ones."""
+    table, texts = objects.table, {}
+    for label, rows in kinds.items():
+        keys = [table.key(slot) for slot in np.flatnonzero(rows)[:MAX_NAMED].tolist()]
+        if label == "unplaceable":
+            keys = [*islice(objects.unplaceable, MAX_NAMED), *keys]
+        texts[label] = some([name_from_key(key) for key in keys], counts[label])
+    return texts
 
 
 def cycle_status(

@@ -77,7 +77,7 @@ def test_free_and_colliding_are_told_with_stamp_and_age() -> None:
         rig.send(cube(A1), cube(A2, (3, 0, 0)))
         rig.answer()
         before = rig.node._now()
-        rig.last.pop(STATUS, None)
+        rig.until(lambda: wait(rig, FREE, "free", False)["objects"] == "2", "both")
         values = wait(rig, FREE, "free", False)
         assert stamp_from_ros(rig.last[STATUS].header.stamp) >= before - SECOND
         assert values["objects"] == "2"

@@ -246,7 +246,9 @@ def test_by_topics_a_future_stamp_is_counted_and_never_published(rig: Rig) -> No
     rig.until(lambda: rig.last["in_collision"].data, "used")
     status = rig.status("input object_states")
     assert status[f"doubtful: {AHEAD}"] == "1"
-    assert rig.status(": objects")["names refused"] == "a/2"
+    objects = rig.status(": objects")
+    assert objects["names doubtful stamp"] == "a/2"
+    assert (objects["message"], objects["level"]) == ("1 with a doubtful stamp", "01")
     for topic in ("collisions",):
         stamp = stamp_from_ros(rig.next(topic).header.stamp)
         assert stamp <= rig.node._now() + SECOND // 2
