@@ -110,10 +110,11 @@ class Hull(_Cloud):
         )
 
     @classmethod
-    def fitted(cls, points: Floats, local_box: LocalBox) -> Hull:
+    def fitted(cls, points: Floats, local_box: LocalBox, scale: Floats | None = None) -> Hull:
         """Return the hull of points whose box is known; nothing is checked or copied."""
+        x, y, z = NO_SCALE if scale is None else scale.tolist()
         hull = object.__new__(cls)
-        hull._store(points=points, scale=NO_SCALE, fit="best", local_box=read_only(*local_box))
+        hull._store(points=points, scale=(x, y, z), fit="best", local_box=read_only(*local_box))
         points.setflags(write=False)
         return hull
 

@@ -56,16 +56,23 @@ class _Buffers:
     def part(self, name: str) -> NDArray[Any]:
         return self._arrays[name][: self._used[name]]
 
-    def extend(self, name: str, values: NDArray[Any]) -> None:
+    def extend(self, rows: dict[str, NDArray[Any]]) -> None:
+        """Add rows to all arrays or, where there is no memory for that, to none."""
+        for name, values in rows.items():
+            self._reserve(name, values)
+        for name, values in rows.items():
+            used = self.used(name)
+            self._arrays[name][used : used + len(values)] = values
+            self._used[name] = used + len(values)
+
+    def _reserve(self, name: str, values: NDArray[Any]) -> None:
         used, needed = self.used(name), self.used(name) + len(values)
         array = self._arrays.get(name)
         if array is None or len(array) < needed:
             larger = np.empty((max(needed, 2 * used), *values.shape[1:]), values.dtype)
             if array is not None:
                 larger[:used] = array[:used]
-            self._arrays[name] = array = larger
-        array[used:needed] = values
-        self._used[name] = needed
+            self._arrays[name] = larger
 
 
 class TreePool:
@@ -104,8 +111,8 @@ class TreePool:
             "roots": tree.roots + nodes,
             "piece_starts": tree.piece_starts[1 if row else 0 :] + used("pieces"),
         }
-        for name in TREE_ARRAYS:
-            self._buffers.extend(name, shifted.get(name, getattr(tree, name)))
+        rows = {name: shifted.get(name, getattr(tree, name)) for name in TREE_ARRAYS}
+        self._buffers.extend(rows)
         self._all = None
         return row
 
@@ -134,7 +141,11 @@ class HullPool:
     def append(self, hull: Hulls) -> int:
         """Add a hull; return its row."""
         row, corners = self._buffers.used("radii"), self.size
-        self._buffers.extend("corners", hull.corners)
-        self._buffers.extend("starts", hull.starts[1 if row else 0 :] + corners)
-        self._buffers.extend("radii", hull.radii)
+        self._buffers.extend(
+            {
+                "corners": hull.corners,
+                "starts": hull.starts[1 if row else 0 :] + corners,
+                "radii": hull.radii,
+            }
+        )
         return row

@@ -91,6 +91,17 @@ def _kinds(objects: Objects) -> dict[str, npt.NDArray[np.bool_]]:
     return kinds
 
 
+def _prepared(objects: Objects) -> list[tuple[str, object]]:
+    """Return the shapes whose trees and hulls are built, or can't be: their pairs are on obb."""
+    trees = objects.trees
+    values: list[tuple[str, object]] = []
+    if trees.waiting:
+        values.append(("shapes being prepared, pairs on obb meanwhile", trees.waiting))
+    for reason, count in sorted(trees.failed.items()):
+        values.append((f"shapes not prepared, pairs on obb: {reason}", count))
+    return values
+
+
 def object_status(
     node: str, objects: Objects, policy: str, report: Report | None
 ) -> DiagnosticStatus:
@@ -114,6 +125,7 @@ def object_status(
         *((f"pairs on {ALL_RUNGS[rung]}", count) for rung, count in sorted(rungs.items())),
         *(() if cap is None else [("highest accuracy in the time budget", ALL_RUNGS[cap])]),
         ("stale policy", policy),
+        *_prepared(objects),
         *counts.items(),
         *((f"unplaceable: {reason}", count) for reason, count in sorted(reasons.items()) if count),
         *(

@@ -50,7 +50,7 @@ def shape_from_ros(marker: Marker) -> shapes.Shape:
         assert plan.shape is not None
         return plan.shape
     try:
-        built = plan.job.finish(perform(plan.job.message()))
+        built = plan.job.finish(perform(plan.job.message() or {}))
     except BuildError as error:
         raise RefusedError(error.reason, error.detail) from error
     shape: shapes.Shape = built[0] if isinstance(built, tuple) else built

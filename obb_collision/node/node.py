@@ -339,7 +339,7 @@ class CollisionNode(Node):
     def destroy_node(self) -> None:
         """Say that nothing is known any more, and end, with the process that builds shapes."""
         self.status.close()
-        self.objects.builder.close()
+        self.objects.close()
         super().destroy_node()
 
 

@@ -99,6 +99,9 @@ class Objects:
         self._on_refused = on_refused
         self.builder = Builder()
         """Of shapes; built in another process."""
+        self._tree_builder = Builder()
+        self.trees = self.scene.build_outside(self._tree_builder)
+        """What is built of shapes for an accuracy above obb."""
         self._requests = ShapeRequests(self.builder)
         self.placement = Placement(
             self.scene, self.table, frames, fixed_frame, on_refused, self.enable_many, guard
@@ -245,8 +248,13 @@ class Objects:
 
     def set_limits(self, limits: Limits, largest_file: int) -> None:
         """Limit what shapes may take to build, and the bytes of a mesh file."""
-        self.builder.limits = limits
+        self.builder.limits = self._tree_builder.limits = limits
         self._requests.largest_file = largest_file
+
+    def close(self) -> None:
+        """End the processes that build."""
+        self.builder.close()
+        self._tree_builder.close()
 
     def remove(self, key: Key) -> None:
         """Take an object out, if there is one."""

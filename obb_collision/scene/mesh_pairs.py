@@ -63,8 +63,8 @@ def prepare_shapes(store: ObjectStore, bank: TreeBank) -> None:
     pair = MeshPairs(store, bank, wanted[-1:], wanted[-1:], 0, False)
     row = np.zeros(1, np.int64)
     for rung in ABOVE:
-        pair.prepare(rung, row, None)
-        pair.decide(rung, row)
+        if pair.prepare(rung, row, None).all():
+            pair.decide(rung, row)
 
 
 class MeshPairs:

@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -31,9 +32,15 @@ from obb_collision.queries.accuracy import Accuracy, as_accuracy
 from obb_collision.scene.store import LocalBox, ObjectStore
 from obb_collision.scene.tree_bank import BOX, TreeBank
 
+if TYPE_CHECKING:
+    from obb_collision.scene.building.builder import Builder
+    from obb_collision.scene.building.outside import OutsideTrees
+
 
 class SceneObjects:
     """A store of named objects: shapes, poses, twists, padding and accuracy."""
+
+    _outside: OutsideTrees | None = None
 
     def __init__(self, padding: float, accuracy: Accuracy | str) -> None:
         self.clear()
@@ -159,10 +166,22 @@ class SceneObjects:
         self._store.remove_rows(slots)
         self._forget(slots)
 
+    def build_outside(self, builder: Builder) -> OutsideTrees:
+        """Have the trees and hulls of large shapes built by another process.
+
+        Then no check waits for them: their pairs stay on "obb" until they are there. Returns what
+        is being built. The builder must serve nobody else; close it in the end.
+        """
+        from obb_collision.scene.building.outside import OutsideTrees
+
+        self._outside = self._bank.outside = OutsideTrees(builder)
+        return self._outside
+
     def clear(self) -> None:
         """Take all objects out; what is set stays."""
         self._store = ObjectStore()
         self._bank = TreeBank()
+        self._bank.outside = self._outside
         self._own_padding: set[int] = set()
         self._own_accuracy: set[int] = set()
 

@@ -204,6 +204,7 @@ class Scene(SceneObjects):
         start = perf_counter()
         if self._budget is not None:
             self._budget.start()
+        self._bank.take_built()
         wanted = self._effects.wanted(effects)
         lasting = not wanted or all(EFFECTS[name].lazy for name in wanted)
         report = self._report() if self._report is not None else None

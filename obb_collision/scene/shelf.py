@@ -12,17 +12,22 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What is built once a shape and shared by all objects that have it, in one pool of arrays."""
+"""What is built once a shape and shared by all objects that have it, in one pool of arrays.
+
+One thread looks at items and says which are needed. Another may add items meanwhile (``add``); they
+are seen once the first has taken note of them (``note``).
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable
+from dataclasses import dataclass
+from threading import Lock
 from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from obb_collision.scene.budget import Budget
 from obb_collision.scene.store import Rows
 
 Item = TypeVar("Item")
@@ -49,6 +54,27 @@ class Pool(Protocol[ItemIn, JoinedOut]):
         """Add an item; return its row."""
 
 
+class Timer(Protocol):
+    """Says how much time there is."""
+
+    def left(self) -> float:
+        """Return the seconds that are left."""
+
+
+@dataclass(frozen=True, eq=False)
+class Added(Generic[Item, Joined]):
+    """Items that were added to a pool, by key, their rows, and the arrays as they are then.
+
+    count: the rows in the arrays.
+    """
+
+    pool: Pool[Item, Joined]
+    items: dict[Hashable, Item]
+    rows: dict[Hashable, int]
+    all: Joined
+    count: int
+
+
 class Shelf(Generic[Item, Joined]):
     """Items by slot; slots with the same key have one in common.
 
@@ -58,6 +84,9 @@ class Shelf(Generic[Item, Joined]):
     def __init__(self, make: Callable[[], Pool[Item, Joined]]) -> None:
         self._make = make
         self._pool = make()
+        self._adding = Lock()  # of the pool
+        self._all: Joined | None = None
+        self._count = 0  # rows in ``all``, at least
         self._items: dict[Hashable, Item] = {}
         self._users: dict[Hashable, set[int]] = {}
         self._keys: dict[int, Hashable] = {}
@@ -67,9 +96,15 @@ class Shelf(Generic[Item, Joined]):
         return len(self._items)
 
     @property
+    def pool(self) -> Pool[Item, Joined]:
+        """The pool of now."""
+        return self._pool
+
+    @property
     def all(self) -> Joined:
         """The items that ``rows`` speaks of, of which there must be one; they stay as they are."""
-        return self._pool.all
+        assert self._all is not None
+        return self._all
 
     def rows(self, slots: Rows) -> NDArray[np.int64]:
         """Return the row (k,) of each slot's item, -1 for none yet."""
@@ -80,26 +115,47 @@ class Shelf(Generic[Item, Joined]):
 
     def build(
         self, slots: Rows, key_of: Callable[[int], Hashable], make: Callable[[int], Item],
-        budget: Budget | None,
+        timer: Timer | None, compact: bool = True,
     ) -> NDArray[np.bool_]:  # fmt: skip
-        """Make what slots lack, while there is time; return (k,) which have theirs."""
+        """Make what slots lack, while there is time; return (k,) which have theirs.
+
+        With a timer nothing is made while another thread adds an item. compact: drop what is of no
+        use any more.
+        """
         missing = np.unique(slots[self.rows(slots) < 0])
-        if len(missing):
-            short = max(0, int(missing[-1]) + 1 - len(self._rows))
-            self._rows = np.append(self._rows, np.full(short, -1))
-            for slot in missing.tolist():
-                if budget is not None and budget.left() <= 0.0:
-                    break
-                self._put(slot, key_of(slot), make)
-            self._compact()
+        if len(missing) and self._adding.acquire(blocking=timer is None):
+            try:
+                for slot in missing.tolist():
+                    if timer is not None and timer.left() <= 0.0:
+                        break
+                    self._put(slot, key_of(slot), make)
+            finally:
+                self._all = self._pool.all if self._items else None
+                self._adding.release()
+            if compact and self.wasteful:
+                self.compact()
         return self.rows(slots) >= 0
 
     def _put(self, slot: int, key: Hashable, make: Callable[[int], Item]) -> None:
-        if key in self._items:
-            row = int(self._rows[next(iter(self._users[key]))])
-        else:
-            self._items[key], self._users[key] = make(slot), set()
-            row = self._pool.append(self._items[key])
+        if not self.share(slot, key):
+            item = make(slot)
+            row = self._pool.append(item)
+            self._items[key], self._users[key] = item, set()
+            self._use(slot, key, row)
+            self._count = row + 1
+
+    def share(self, slot: int, key: Hashable) -> bool:
+        """Give a slot the item of a key, if there is one; return whether there is."""
+        users = self._users.get(key)
+        if not users:
+            return False
+        self._use(slot, key, int(self._rows[next(iter(users))]))
+        return True
+
+    def _use(self, slot: int, key: Hashable, row: int) -> None:
+        short = max(0, slot + 1 - len(self._rows))
+        if short:
+            self._rows = np.append(self._rows, np.full(max(short, len(self._rows)), -1))
         self._keys[slot] = key
         self._users[key].add(slot)
         self._rows[slot] = row
@@ -113,10 +169,63 @@ class Shelf(Generic[Item, Joined]):
             if not self._users[key]:
                 del self._users[key], self._items[key]
 
-    def _compact(self) -> None:
-        """Fill a new pool where half of this one is of no use any more."""
-        if 2 * sum(self._pool.size_of(item) for item in self._items.values()) >= self._pool.size:
+    def add(self, key: Hashable, item: Item) -> Added[Item, Joined]:
+        """Add an item, in a thread of its own."""
+        with self._adding:
+            pool = self._pool
+            row = pool.append(item)
+            return Added(pool, {key: item}, {key: row}, pool.all, row + 1)
+
+    def note(self, added: Added[Item, Joined], slots: Rows) -> bool:
+        """Take note of an item that was added, for slots; return whether that can be."""
+        if added.pool is not self._pool:
+            return False
+        ((key, item),) = added.items.items()
+        if len(slots) and key not in self._items:
+            self._items[key], self._users[key] = item, set()
+            if added.count > self._count:  # else what was added here since then is in ``all``, too
+                self._all, self._count = added.all, added.count
+            for slot in slots.tolist():
+                self._use(slot, key, added.rows[key])
+        return True
+
+    @property
+    def wasteful(self) -> bool:
+        """Whether half of the pool is of no use any more."""
+        return 2 * self.size < self._pool.size
+
+    @property
+    def size(self) -> int:
+        """How much the items in use take."""
+        return sum(self._pool.size_of(item) for item in self._items.values())
+
+    def items(self) -> dict[Hashable, Item]:
+        """Return the items in use."""
+        return dict(self._items)
+
+    def compacted(self, items: dict[Hashable, Item]) -> Added[Item, Joined]:
+        """Return a pool of items, made in a thread of its own."""
+        pool = self._make()
+        rows = {key: pool.append(item) for key, item in items.items()}
+        return Added(pool, items, rows, pool.all, len(rows))
+
+    def size_beyond(self, added: Added[Item, Joined]) -> int:
+        """Return how much the items in use take that a new pool lacks."""
+        missing = (item for key, item in self._items.items() if added.items.get(key) is not item)
+        return sum(self._pool.size_of(item) for item in missing)
+
+    def compact(self, added: Added[Item, Joined] | None = None) -> None:
+        """Take a new pool, as made before or made now; what it lacks is added to it."""
+        if not self._items:
+            self._pool, self._all, self._count = self._make(), None, 0
             return
-        self._pool = self._make()
+        if added is None:
+            added = self.compacted(self.items())
+        rows, count = dict(added.rows), added.count
         for key, item in self._items.items():
-            self._rows[list(self._users[key])] = self._pool.append(item)
+            if added.items.get(key) is not item:
+                rows[key] = added.pool.append(item)
+                count += 1
+        self._pool, self._all, self._count = added.pool, added.pool.all, count
+        for key, users in self._users.items():
+            self._rows[list(users)] = rows[key]

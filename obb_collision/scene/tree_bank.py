@@ -16,8 +16,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterable
+from collections.abc import Callable, Hashable, Iterable
 from fractions import Fraction
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,8 +32,11 @@ from obb_collision.geometry.shapes import Box, Capsule, Shape, Sphere
 from obb_collision.geometry.tree_pool import HullPool, Hulls, TreePool
 from obb_collision.obb import OBB
 from obb_collision.scene.budget import Budget
-from obb_collision.scene.shelf import Shelf
+from obb_collision.scene.shelf import Item, Shelf
 from obb_collision.scene.store import ObjectStore, Rows
+
+if TYPE_CHECKING:
+    from obb_collision.scene.building.outside import OutsideTrees
 
 #: Kinds of shapes: decided by their boxes only, boxes, spheres and capsules, other convex ones,
 #: triangles.
@@ -60,6 +64,8 @@ class TreeBank:
         self._trees: Shelf[MeshTrees, MeshTrees] = Shelf(TreePool)
         self._hulls: Shelf[Hulls, Hulls] = Shelf(HullPool)
         self._round: dict[int, tuple[float, float]] = {}
+        self.outside: OutsideTrees | None = None
+        """What builds the trees and hulls of large shapes, so that a check does not wait."""
 
     def put(self, slot: int, shape: Shape | OBB) -> int:
         """Keep the shape of a slot if more than its box may be asked of it; return its kind."""
@@ -72,10 +78,12 @@ class TreeBank:
 
     def drop(self, slot: int) -> None:
         """Let the shape of a slot go."""
-        self._shapes.pop(slot, None)
+        shape = self._shapes.pop(slot, None)
         self._round.pop(slot, None)
         self._trees.drop(slot)
         self._hulls.drop(slot)
+        if self.outside is not None and shape is not None:
+            self.outside.drop(slot, shape)
 
     def drop_many(self, slots: Iterable[int]) -> None:
         """Let the shapes of slots go."""
@@ -120,8 +128,27 @@ class TreeBank:
             return Hulls.of(hull_mesh(shape)[0])
 
         if hull:
-            return self._hulls.build(slots, key_of, make_hull, budget)
-        return self._trees.build(slots, key_of, make_tree, budget)
+            return self._build(self._hulls, slots, key_of, make_hull, budget)
+        return self._build(self._trees, slots, key_of, make_tree, budget)
+
+    def take_built(self) -> None:
+        """Take the trees and hulls that were built outside since the last time."""
+        if self.outside is not None:
+            self.outside.take((self._trees, self._hulls))
+
+    def _build(
+        self,
+        shelf: Shelf[Item, Any],
+        slots: Rows,
+        key_of: Callable[[int], Hashable],
+        make: Callable[[int], Item],
+        budget: Budget | None,
+    ) -> NDArray[np.bool_]:
+        if self.outside is None:
+            return shelf.build(slots, key_of, make, budget)
+        rest = self.outside.order(shelf, slots, self._shapes)
+        shelf.build(rest, key_of, make, self.outside.timer(budget), compact=False)
+        return shelf.rows(slots) >= 0
 
 
 def round_sizes(shape: Shape | OBB) -> tuple[float, float]:

@@ -37,6 +37,7 @@ from visualization_msgs.msg import Marker
 
 from obb_collision.geometry import meshes
 from obb_collision.node import shape_requests
+from obb_collision.scene import tree_bank
 from obb_collision.scene.building.process import Limits
 from obb_collision.scene.building.wire import Message
 
@@ -384,3 +385,29 @@ def test_nothing_that_takes_long_is_done_by_the_thread_of_the_cycles(
     rig.built(BODY, OTHER, ("list", 0), *(("list", kind) for kind in kinds))
     assert rig.node.guard.total == 0
     assert not rig.refused("objects")
+
+
+@pytest.mark.parametrize("at_start", [True, False])
+def test_trees_of_large_meshes_are_not_built_by_the_thread_of_the_cycles(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, at_start: bool
+) -> None:
+    def build(*_: object) -> None:
+        raise AssertionError("a tree is built in the node's process")
+
+    file = tmp_path / "part.stl"
+    trimesh.creation.icosphere(3).export(file)
+    with Rig(accuracy="mesh" if at_start else "obb") as rig:
+        rig.patience = 300.0  # kernels may have to be compiled
+        for name in ("mesh_tree", "hull_mesh"):
+            monkeypatch.setattr(tree_bank, name, build)
+        rig.listen("/diagnostics")
+        other = mesh_marker(file, OTHER)
+        other.pose.position.x = other.pose.position.y = 1.5  # the boxes collide, the balls do not
+        rig.send(mesh_marker(file), other)
+        rig.built(BODY, OTHER)
+        if not at_start:
+            assert named(sync(rig)) == named({("body/1", "body/2")})
+            rig.set(accuracy="mesh")
+        rig.until(lambda: sync(rig) == set(), "the trees")
+        assert rig.node.guard.total == 0
+        assert not rig.node.objects.trees.failed

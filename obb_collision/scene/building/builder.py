@@ -178,7 +178,8 @@ class Builder:
         self._process.stop()
 
     def _build(self, job: Job) -> Any:
-        return job.finish(self._process.run(job.message(), self.limits))
+        message = job.message()
+        return job.finish({} if message is None else self._process.run(message, self.limits))
 
     def _next(self) -> tuple[Hashable, _Entry] | None:
         with self._changed:

@@ -37,6 +37,7 @@ from obb_collision.geometry.mesh_files import (
 from obb_collision.geometry.shapes import Hull, LocalBox, Mesh, Shape
 from obb_collision.geometry.validation import MAX_MAGNITUDE, Floats
 from obb_collision.scene.building.errors import BAD_SHAPE, BuildError
+from obb_collision.scene.building.tree_jobs import perform_hull, perform_tree
 from obb_collision.scene.building.wire import Message
 
 BAD_POINTS = "bad points"
@@ -53,8 +54,8 @@ class Job(Protocol):
     def size(self) -> int:
         """Bytes that the job holds while it waits."""
 
-    def message(self) -> Message:
-        """Return what is sent; ``job`` is the name in ``PERFORM``."""
+    def message(self) -> Message | None:
+        """Return what is sent; ``job`` is the name in ``PERFORM``. None: it is done by finish."""
 
     def finish(self, reply: Message) -> Any:
         """Return what was built."""
@@ -203,6 +204,8 @@ PERFORM: dict[str, Callable[[Message], Message]] = {
     "bodies": _bodies,
     "data": _data,
     "file": _file,
+    "tree": perform_tree,
+    "hull": perform_hull,
 }
 
 
