@@ -71,12 +71,16 @@ class Cycle:
 
     def _run(self, now: int) -> None:
         start = perf_counter()
-        self._collect()
+        waited = self._collect()
         collected = perf_counter()
         self._objects.update(now, self._parameters.object_timeout)
         stages = {"inputs": collected - start, "update": perf_counter() - collected}
         if self.enabled:
             stages.update(self._check(now))
+            if waited:
+                took = perf_counter() - start
+                newest = self._objects.newest_stamp(now)
+                self.monitor.add_delay(waited + took, (now - newest) / NANOSECONDS + took)
         else:
             self._outputs.publish_namespaces(self._objects.table.namespaces)
         self.monitor.add(stages, 1.0 / self._parameters.rate)

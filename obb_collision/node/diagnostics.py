@@ -33,6 +33,9 @@ from obb_collision.queries.accuracy import ALL_RUNGS
 from obb_collision.scene.report import Report
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
+LONGEST_DELAY = 0.2
+"""Seconds from a message's receipt to its answer, beyond which the node says that it is too slow;
+where two periods are longer, those."""
 
 
 def _status(
@@ -163,13 +166,19 @@ def _named(
 
 
 def cycle_status(
-    node: str, cycles: CycleMonitor, effects: Mapping[str, str], enabled: bool, seconds: float
+    node: str,
+    cycles: CycleMonitor,
+    effects: Mapping[str, str],
+    enabled: bool,
+    seconds: float,
+    period: float,
 ) -> DiagnosticStatus:
     """Mean and longest duration of the last cycles, whole, by stage and by effect; overruns.
 
-    effects: by name, what becomes of each in words.
+    effects: by name, what becomes of each in words; period: between two cycles (s).
     """
     overruns_before, failures_before = cycles.reported_overruns, cycles.reported_failures
+    delay, age = cycles.delay, cycles.age
     durations, stages = cycles.take()
     values: list[tuple[str, object]] = [
         ("enabled", enabled),
@@ -177,6 +186,9 @@ def cycle_status(
         ("overruns", cycles.overruns),
         ("cycles", cycles.total),
     ]
+    if age is not None:
+        values.append(("longest delay (s)", f"{delay:.3f}"))
+        values.append(("age of the newest state evaluated (s)", f"{age:.3f}"))
     for name, times in (("cycle", durations), *stages.items()):
         if times:
             values.append((f"{name} mean (ms)", f"{1e3 * sum(times) / len(times):.3f}"))
@@ -189,6 +201,8 @@ def cycle_status(
             values.append((f"effect {name} failures", cycles.failures[name]))
             values.append((f"effect {name} last failure", cycles.last_failures[name]))
     faults = []
+    if age is not None and delay > max(LONGEST_DELAY, 2.0 * period):
+        faults.append(f"overload: states wait {delay:.2f} s, the newest one is {age:.2f} s old")
     if cycles.failures.total() > failures_before:
         faults.append("effects failed on some pairs")
     if not enabled:

@@ -139,6 +139,15 @@ class CycleMonitor:
     """By effect: what failed since the start."""
     last_failures: dict[str, str] = field(default_factory=dict)
     reported_failures: int = 0
+    delay: float = 0.0
+    """Longest time (s) since the last report from the receipt of a message to its answer."""
+    age: float | None = None
+    """Of the newest state evaluated, then (s): by its stamp, by its receipt where it has none."""
+
+    def add_delay(self, delay: float, age: float) -> None:
+        """Take note of how long messages waited for their answer, and how old that is (s)."""
+        if self.age is None or delay > self.delay:
+            self.delay, self.age = delay, age
 
     def add(self, stages: dict[str, float], period: float) -> None:
         """Count a cycle by its stages (s)."""
@@ -164,4 +173,5 @@ class CycleMonitor:
         self.reported_overruns = self.overruns
         self.reported_failures = self.failures.total()
         self.durations, self.stages = [], {}
+        self.delay, self.age = 0.0, None
         return taken

@@ -296,7 +296,12 @@ class CollisionNode(Node):
                 name, self.objects, self.parameters.stale_policy, self.cycle.report
             ),
             diagnostics.cycle_status(
-                name, self.cycle.monitor, self._effects.states(), self.cycle.enabled, elapsed
+                name,
+                self.cycle.monitor,
+                self._effects.states(),
+                self.cycle.enabled,
+                elapsed,
+                1.0 / self.parameters.rate,
             ),
             diagnostics.guard_status(name, self.guard),
             diagnostics.qos_status(name, self._qos.mismatches),

@@ -34,8 +34,9 @@ from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Bool, Header
 from visualization_msgs.msg import MarkerArray
 
+from obb_collision.node.cdr import namespace_bytes
 from obb_collision.node.clouds import cloud_to_ros
-from obb_collision.node.conversions import namespaces_to_ros, stamp_to_ros
+from obb_collision.node.conversions import stamp_to_ros
 from obb_collision.node.effects import TOPICS
 from obb_collision.node.guard import Guard
 from obb_collision.node.layouts import Rows
@@ -55,6 +56,8 @@ from obb_collision.node.text import text_from_rows
 from obb_collision.scene.report import Report
 
 RELIABLE = QoSProfile(depth=10)
+NAMESPACES_RATE = 5e6
+"""Bytes per second at most of the table of namespaces, which is sent whole: 100 kB at 50 Hz."""
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """The last message reaches late subscribers too, if they ask for transient local."""
 KINDS = {
@@ -108,6 +111,7 @@ class Outputs:
         self._markers = Markers(parameters.fixed_frame)
         self._next_markers = 0.0
         self._namespaces_sent = -1  # version of the table
+        self._next_namespaces = 0.0
 
         def publisher(kind: type, topic: str, qos: QoSProfile) -> Publisher:
             return node.create_publisher(
@@ -135,10 +139,14 @@ class Outputs:
         return {**named, "namespaces": self.namespaces}
 
     def publish_namespaces(self, namespaces: NamespaceTable) -> None:
-        """Publish the table of namespace numbers if it changed."""
-        if namespaces.version != self._namespaces_sent:
-            self._namespaces_sent = namespaces.version
-            self.namespaces.publish(namespaces_to_ros(namespaces.names))
+        """Publish the table of namespace numbers if it changed: a large one not at every cycle."""
+        now = perf_counter()
+        if namespaces.version == self._namespaces_sent or now < self._next_namespaces:
+            return
+        data = namespace_bytes(namespaces.names)
+        self._namespaces_sent = namespaces.version
+        self._next_namespaces = now + len(data) / NAMESPACES_RATE
+        self.namespaces.publish(data)
 
     def publish_report(self, given: Published) -> None:
         """Publish what is called for, also when it is empty; one output that fails stops no other.

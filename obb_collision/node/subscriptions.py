@@ -71,7 +71,7 @@ class Subscriptions:
     ) -> None:
         self._node, self._takers, self._monitors = node, takers, monitors
         self._arrived = arrived
-        self._wait = 0
+        self._oldest = 0
         self.open: dict[str, Subscription] = {}
         """By topic, as the node names it."""
 
@@ -99,17 +99,17 @@ class Subscriptions:
                     self._take(topic, *taken)
 
     def take_wait(self) -> float:
-        """Return how long (s) messages waited at most until they were taken, since the last time.
+        """Return for how long (s) the oldest message has waited that was taken since the last time.
 
-        From their receipt by the middleware on.
+        From its receipt by the middleware on; 0 if there was none.
         """
-        wait, self._wait = self._wait, 0
-        return wait * 1e-9
+        oldest, self._oldest = self._oldest, 0
+        return max(1, time_ns() - oldest) * 1e-9 if oldest else 0.0
 
     def _take(self, topic: str, message: Any, info: Mapping[str, Any]) -> None:
         received = info.get("received_timestamp") or 0  # some middlewares don't say
-        if received:
-            self._wait = max(self._wait, time_ns() - received)
+        if received and (received < self._oldest or not self._oldest):
+            self._oldest = received
         self._takers[topic](message)
 
     def _subscribe(self, topic: str) -> Subscription:

@@ -30,7 +30,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from obb_collision.node import collisions_from_ros, marker_batch, marker_input
 from obb_collision.node.cdr import MarkerArrayWriter
-from obb_collision.node.conversions import Key
+from obb_collision.node.conversions import Key, stamp_to_ros
 
 SECOND = 1_000_000_000
 A1, A2, B1 = ("a", 1), ("a", 2), ("b", 1)
@@ -217,3 +217,55 @@ def test_markers_take_no_python_step_per_unchanged_object(rig: Rig) -> None:
     table = rig.node.objects.table
     assert np.count_nonzero(table.placed) == 2000
     assert rig.node.objects.scene.names[7] == "c/7"
+
+
+@pytest.mark.parametrize("seconds", [0, 7])
+def test_overload_is_said_with_the_age_of_the_newest_state(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch, seconds: int
+) -> None:
+    rig.listen("/diagnostics")
+    subscribed = rig.node._subscribed
+    taken = subscribed.take_wait
+    monkeypatch.setattr(subscribed, "take_wait", lambda: (wait := taken()) and wait + seconds)
+    stamp = stamp_to_ros(rig.node._now() - 3 * SECOND)
+
+    def said() -> bool:
+        marker = cube(A1)
+        marker.header.stamp = stamp
+        rig.send(marker, stamped=False)
+        status = rig.status(": cycle")
+        key = "age of the newest state evaluated (s)"
+        if key not in status or ("overload" in status["message"]) != bool(seconds):
+            return False
+        assert float(status["longest delay (s)"]) >= seconds
+        assert float(status[key]) >= 3.0, "by its stamp"
+        return status["level"] == "01" if seconds else True
+
+    rig.until(said, "a report on this state")
+
+
+def test_no_message_has_no_delay(rig: Rig) -> None:
+    rig.send(cube(A1))
+    rig.answer()
+    rig.cycles(1)
+    assert rig.node._subscribed.take_wait() == 0.0
+    rig.listen("/diagnostics")
+    rig.next("/diagnostics")
+    assert "longest delay (s)" not in rig.status(": cycle")
+
+
+def test_all_that_waits_is_taken_before_one_cycle() -> None:
+    with Rig(rate=0.1) as rig:
+        for x in range(30):
+            rig.send(cube(A1, (x, 0, 0)))
+            rig.send_transform("a/1", pose(x + 0.5))
+        sent = rig.stamp
+        total = rig.node.cycle.monitor.total
+        monitors = rig.node._monitors
+        rig.until(lambda: monitors["objects"].messages > 0, "the first message")
+        rig.node._collect()
+        assert monitors["objects"].messages == 30
+        assert monitors["object_transform"].messages == 30
+        assert rig.node.cycle.monitor.total == total
+        table = rig.node.objects.table
+        assert table.stamp[table.slots[A1]] == sent

@@ -20,11 +20,14 @@ import subprocess
 import sys
 import zlib
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 pytest.importorskip("rclpy")
+from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.serialization import deserialize_message
 from rig import Rig, cube, pose, sync
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import Marker
@@ -35,6 +38,8 @@ from obb_collision.node import (
     namespace_number,
     namespace_table,
 )
+from obb_collision.node.cdr import namespace_bytes
+from obb_collision.node.conversions import namespaces_to_ros
 from obb_collision.node.errors import RefusedError
 from obb_collision.node.names import (
     MAX_FRAMES,
@@ -45,6 +50,7 @@ from obb_collision.node.names import (
     check_name,
     shortened,
 )
+from obb_collision.node.outputs import NAMESPACES_RATE
 
 A1, A2, B1 = ("a", 1), ("a", 2), ("b", 1)
 CLASHING = "plumless", "buckeroo"
@@ -219,6 +225,33 @@ def test_unused_namespaces_stay_until_their_place_is_needed() -> None:
     table.forget_unused()
     assert (table.names, len(table)) == ({}, 0)
     assert table.version > version
+
+
+@pytest.mark.parametrize("count", [0, 1, 5])
+def test_the_table_is_written_as_rclpy_would(count: int) -> None:
+    names = {namespace_number("ä" * n): "ä" * n for n in range(count)}
+    message = deserialize_message(namespace_bytes(names), DiagnosticStatus)
+    assert message == namespaces_to_ros(names)
+
+
+def test_a_large_table_is_not_sent_at_every_cycle(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now, out = [1e6], rig.node._outputs
+    sent: list[bytes] = []
+    monkeypatch.setattr("obb_collision.node.outputs.perf_counter", lambda: now[0])
+    monkeypatch.setattr(out, "namespaces", SimpleNamespace(publish=sent.append))
+    table = NamespaceTable()
+    for number in range(10_000):
+        table.admit(f"{number:0100}")
+        if number % 10 == 9:
+            now[0] += 0.02  # 1,000 cycles, each with new names
+            out.publish_namespaces(table)
+    assert sum(len(data) for data in sent) < 1.2 * NAMESPACES_RATE * 20.0
+    assert len(sent) < 500, "each at first, later ones more and more rarely"
+    now[0] += 1.0
+    out.publish_namespaces(table)
+    assert len(deserialize_message(sent[-1], DiagnosticStatus).values) == 10_000
 
 
 def test_frames_that_nothing_uses_give_their_place_to_others() -> None:
