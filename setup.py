@@ -68,6 +68,7 @@ setup(
             "obb_collision_fuzz = obb_collision.checks.commands:fuzz",
             "obb_collision_latency = obb_collision.node.commands:latency",
             "obb_collision_speed = obb_collision.benchmarks.speed:main",
+            "obb_collision_warm_up = obb_collision.warm_up.command:main",
             "obb_collision_wrong_answers = obb_collision.benchmarks.wrong_answers:main",
         ],
     },

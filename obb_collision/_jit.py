@@ -26,15 +26,25 @@ from typing import Any, TypeVar
 
 import numba
 
-from obb_collision._kernel_cache import KernelCache, cache_home, is_writable
+from obb_collision._compiling import compiled as _  # noqa: F401  # from now on it is said
+from obb_collision._kernel_cache import KernelCache
 
 F = TypeVar("F", bound=Callable[..., Any])
+
+kernels: list[Any] = []
+"""All kernels that have been defined so far; none where numba is disabled."""
 
 
 def njit(function: F) -> F:
     """Compile a kernel with the options of the project (see the module's docstring)."""
     compiled: Any = numba.njit(nogil=True, error_model="numpy", fastmath=False)(function)
     kernel: F = compiled
-    if hasattr(compiled, "_cache") and is_writable(cache_home()):  # not where numba is disabled
+    if hasattr(compiled, "_cache"):  # not where numba is disabled
         compiled._cache = KernelCache(function)  # in place of numba's own
+        kernels.append(kernel)
     return kernel
+
+
+def unkept_kernels() -> list[str]:
+    """Return the names of the kernels that the cache has for no kind of arguments."""
+    return [kernel._cache.name for kernel in kernels if not kernel._cache.is_kept]

@@ -21,18 +21,24 @@ every new environment compiles anew; and two processes that fill it at once may 
 Here a file's name says everything its content depends on: the kernel, its signature, the
 processor, numba's version and flags, and a hash of the module of the kernel and of all modules of
 this package that it imports, directly or not. Edits elsewhere compile nothing. A file begins with
-a digest of the rest: one that is damaged counts as missing and is written anew.
+a digest of the rest: one that is damaged counts as missing and is written anew. Where nothing
+can be written, each process compiles its own.
 """
 
 from __future__ import annotations
 
+import atexit
 import hashlib
+import logging
 import os
 import pickle
 import re
 import shutil
 import sys
 import tempfile
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
 from time import time
@@ -44,8 +50,12 @@ from numba.core import config as _config
 from numba.core.caching import FunctionCache
 
 config: Any = _config  # its attributes are set at run time
+#: What a user should know goes here: to stderr, where nobody has set up ``logging``.
+logger = logging.getLogger("obb_collision")
 
 PACKAGE = Path(__file__).resolve().parent
+#: Modules that kernels import, but whose content makes no difference to them.
+FEEDS_NOTHING = (Path(__file__).resolve(), PACKAGE / "_compiling.py")
 #: Folders kept per module: a few checkouts or environments side by side, not every edit ever.
 KEPT_FOLDERS = 8
 #: Seconds since its last use for which a folder stays anyway: a running process may still need it.
@@ -84,7 +94,7 @@ def source_hash(file: Path) -> str:
     closure, waiting = set(), [file]
     while waiting:
         one = waiting.pop()
-        if one not in closure and one != Path(__file__).resolve():  # it feeds no kernel
+        if one not in closure and one not in FEEDS_NOTHING:
             closure.add(one)
             waiting.extend(imports_of(one))
     flags = (config.BOUNDSCHECK, config.OPT, config.LOOP_VECTORIZE, config.SLP_VECTORIZE)
@@ -96,23 +106,62 @@ def source_hash(file: Path) -> str:
     return digest.hexdigest()[:16]
 
 
-def cache_home() -> Path:
-    """Return the folder of all kernels: NUMBA_CACHE_DIR, XDG_CACHE_HOME or ~/.cache decide."""
+def cache_home() -> Path | None:
+    """Return the folder of all kernels: NUMBA_CACHE_DIR, XDG_CACHE_HOME or ~/.cache decide.
+
+    None where there is no home folder to put it in.
+    """
     if config.CACHE_DIR:
-        return Path(config.CACHE_DIR) / "obb_collision"
-    base = os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache")
-    return Path(base) / "obb_collision"
+        return Path(config.CACHE_DIR).absolute() / "obb_collision"
+    base = os.environ.get("XDG_CACHE_HOME", "")
+    if not os.path.isabs(base):  # to be ignored then, as its specification has it
+        base = os.path.join(os.path.expanduser("~"), ".cache")
+    return Path(base) / "obb_collision" if os.path.isabs(base) else None
+
+
+#: Where kernels are looked for, and kept: in the first of these folders that takes them.
+places: list[Path] = [home] if (home := cache_home()) is not None else []
+#: Kernels that were compiled and that no folder took.
+unsaved: list[str] = []
+_said: set[tuple[Path | None, str]] = set()
+_used: set[Path] = set()
+_this_thread = threading.local()
+
+
+class KernelMissingError(BaseException):
+    """A kernel would have to be compiled where only loading is allowed.
+
+    No ``Exception``: what lives through failures must not take it for one of them.
+    """
+
+
+@contextmanager
+def only_loading() -> Iterator[None]:
+    """Let this thread load kernels but compile none: KernelMissingError where it would."""
+    _this_thread.only_loads = True
+    try:
+        yield
+    finally:
+        _this_thread.only_loads = False
 
 
 @cache
-def is_writable(home: Path) -> bool:
-    """Return whether files can be written below a folder, which is made."""
+def private_place() -> Path | None:
+    """Return a folder of this process's own, which ends with it; None where none can be made."""
     try:
-        home.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=home):
-            return True
-    except OSError:
-        return False
+        folder = Path(tempfile.mkdtemp(prefix="obb_collision-kernels-"))
+    except OSError as error:
+        _say_once(None, f"there is no temporary folder for kernels: {error}")
+        return None
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    places.append(folder)
+    return folder
+
+
+def _say_once(place: Path | None, text: str) -> None:
+    if (place, text) not in _said:
+        _said.add((place, text))
+        logger.warning(text)
 
 
 def _drop_old(home: Path, module: str) -> None:
@@ -131,35 +180,31 @@ class KernelCache(FunctionCache):  # type: ignore[misc]  # numba has no types
         module = ".".join(file.relative_to(PACKAGE).with_suffix("").parts)
         self._py_func = function
         self._module = module
-        self._folder = cache_home() / f"{module}-{source_hash(file)}"
+        self._folder = f"{module}-{source_hash(file)}"
         self._enabled = True
 
     @property
     def cache_path(self) -> str:
         """Folder of the module's kernels."""
-        return str(self._folder)
+        return str(places[0] / self._folder) if places else ""
 
     def flush(self) -> None:
         """Forget all kernels of the module."""
-        shutil.rmtree(self._folder, ignore_errors=True)
+        for place in places:
+            shutil.rmtree(place / self._folder, ignore_errors=True)
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Return the compiled kernel, None where it is not there or damaged."""
         target_context.refresh()
-        if not self._enabled:
-            return None
-        key = self._index_key(sig, target_context.codegen())
-        try:
-            content = self._path(key).read_bytes()
-            digest, data = content[:DIGEST_SIZE], content[DIGEST_SIZE:]
-            if _digest(data) != digest:
-                return None
-            known, reduced = pickle.loads(data)
-        except Exception:  # whatever a damaged or foreign file makes pickle raise
-            return None
-        if known != key:
-            return None
-        return numba.core.compiler.CompileResult._rebuild(target_context, *reduced)
+        if self._enabled:
+            key = self._index_key(sig, target_context.codegen())
+            for place in places:
+                found = self._load(place, key, target_context)
+                if found is not None:
+                    return found
+        if getattr(_this_thread, "only_loads", False):
+            raise KernelMissingError(self.name)
+        return None
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Store a compiled kernel; a disk that can't take it is no reason to stop."""
@@ -169,28 +214,76 @@ class KernelCache(FunctionCache):  # type: ignore[misc]  # numba has no types
             return
         key = self._index_key(sig, data.codegen)
         content = numba.core.serialize.dumps((key, data._reduce()))
+        content = _digest(content) + content
+        for place in places:
+            try:
+                self._write(place / self._folder, self._file(key), content)
+                return
+            except (OSError, ValueError) as error:
+                reason = getattr(error, "strerror", None) or error
+                _say_once(place, f"kernels can't be kept in {place}: {reason}")
+        unsaved.append(self.name)
+
+    @property
+    def name(self) -> str:
+        """Name of the kernel, without that of the package."""
+        return f"{self._module}.{self._py_func.__qualname__}"
+
+    @property
+    def is_kept(self) -> bool:
+        """Whether there is a file of the kernel, for whichever arguments."""
+        pattern = f"{self._file_name}-*.kernel"
+        return any(any((place / self._folder).glob(pattern)) for place in places)
+
+    def _load(self, place: Path, key: Any, target_context: Any) -> Any:
+        """Return a kernel from a folder, None where it is not there or can't be used."""
+        folder = place / self._folder
         try:
-            self._write(self._path(key), _digest(content) + content)
-        except OSError:
-            return
+            content = (folder / self._file(key)).read_bytes()
+        except FileNotFoundError:
+            return None
+        except (OSError, ValueError) as error:
+            reason = getattr(error, "strerror", None) or error
+            _say_once(place, f"kernels in {place} can't be read: {reason}")
+            return None
+        try:
+            digest, data = content[:DIGEST_SIZE], content[DIGEST_SIZE:]
+            if _digest(data) != digest:
+                raise ValueError("not what was written")
+            known, reduced = pickle.loads(data)
+            if known != key:
+                return None
+            result = numba.core.compiler.CompileResult._rebuild(target_context, *reduced)
+        except Exception:  # whatever a damaged or foreign file makes pickle and numba raise
+            _say_once(place, f"kernels in {place} are damaged: these are compiled anew")
+            return None
+        if folder not in _used:
+            _used.add(folder)
+            with suppress(OSError):
+                os.utime(folder)  # see ``_drop_old``
+        return result
 
-    def _path(self, key: Any) -> Path:
+    @property
+    def _file_name(self) -> str:
+        return re.sub(r"\W", "_", str(self._py_func.__qualname__))
+
+    def _file(self, key: Any) -> str:
         code = self._py_func.__code__
-        name = re.sub(r"\W", "_", self._py_func.__qualname__)
         text = repr((str(key[0]), key[1:], code.co_firstlineno))
-        return self._folder / f"{name}-{hashlib.sha256(text.encode()).hexdigest()[:24]}.kernel"
+        return f"{self._file_name}-{hashlib.sha256(text.encode()).hexdigest()[:24]}.kernel"
 
-    def _write(self, path: Path, content: bytes) -> None:
-        if not self._folder.is_dir():
-            self._folder.mkdir(parents=True, exist_ok=True)
-            _drop_old(self._folder.parent, self._module)
-        handle, temporary = tempfile.mkstemp(dir=self._folder)
+    def _write(self, folder: Path, name: str, content: bytes) -> None:
+        if not folder.is_dir():
+            folder.mkdir(parents=True, exist_ok=True)
+            _drop_old(folder.parent, self._module)
+        handle, temporary = tempfile.mkstemp(dir=folder)
         try:
             with os.fdopen(handle, "wb") as file:
                 file.write(content)
-            os.replace(temporary, path)
+            os.replace(temporary, folder / name)
         except BaseException:
-            os.unlink(temporary)
+            with suppress(OSError):
+                os.unlink(temporary)
             raise
 
 

@@ -17,29 +17,34 @@
 from __future__ import annotations
 
 import ast
+import logging
 import os
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
-from obb_collision import _kernel_cache
+from obb_collision import _compiling, _kernel_cache
 
 PACKAGE = Path(_kernel_cache.__file__).resolve().parent
 RUN = """
-import numpy as np
 import obb_collision as oc
-from obb_collision.queries import separation
 
-box = oc.OBB([0.25, 0.0, 0.0], np.eye(3), [1.0, 1.0, 1.0])
-assert box.separation(oc.OBB([4.0, 0.0, 0.0], np.eye(3), [1.0, 1.0, 1.0])).gap == 1.75
+boxes = oc.Boxes.from_poses([(1, 2, 3, 0, 0, 0, 1)], [(1, 1, 1)])
+assert boxes.rotations[0].diagonal().tolist() == [1, 1, 1]
 """
 
 
-def run(home: Path, code: str = RUN) -> None:
-    environment = {**os.environ, "NUMBA_CACHE_DIR": str(home)}
-    subprocess.run([sys.executable, "-c", code], env=environment, check=True, timeout=300)
+def run(home: Path, code: str = RUN, **environment: str) -> str:
+    """Run code in a process with a cache of its own; returns what it says on stderr."""
+    variables = {**os.environ, "NUMBA_CACHE_DIR": str(home), **environment}
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=variables, timeout=600, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stderr
 
 
 def kernels(home: Path) -> dict[Path, bytes]:
@@ -83,7 +88,8 @@ def test_a_damaged_file_is_written_anew(tmp_path: Path, damage: str) -> None:
                 "halved": content[: len(content) // 2],
             }[damage]
         )
-    run(tmp_path)
+    said = run(tmp_path)
+    assert f"kernels in {tmp_path / 'obb_collision'} are damaged" in said
     again = kernels(tmp_path)
     assert again.keys() == good.keys()
     assert all(len(again[path]) > len(content) // 2 for path, content in good.items())
@@ -92,5 +98,87 @@ def test_a_damaged_file_is_written_anew(tmp_path: Path, damage: str) -> None:
 def test_a_second_run_compiles_nothing(tmp_path: Path) -> None:
     run(tmp_path)
     before = {path: path.stat().st_mtime_ns for path in kernels(tmp_path)}
-    run(tmp_path)
+    assert run(tmp_path) == ""
     assert {path: path.stat().st_mtime_ns for path in kernels(tmp_path)} == before
+
+
+FULL = """
+import resource
+resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))  # as a full disk: files end there
+"""
+
+
+def test_a_full_disk_is_said_once_and_stops_nothing(tmp_path: Path) -> None:
+    said = run(tmp_path, FULL + RUN + "\nfrom obb_collision import _kernel_cache as cache"
+               "\nassert 'geometry.poses._fill_matrices' in cache.unsaved")  # fmt: skip
+    assert said.count(f"kernels can't be kept in {tmp_path / 'obb_collision'}: File too large") == 1
+    assert kernels(tmp_path) == {}
+    assert not list(tmp_path.rglob("tmp*"))  # nothing half written is left
+
+
+@pytest.mark.parametrize("home", ["a file", "no place for one"])
+def test_a_folder_that_cannot_be_is_said_and_stops_nothing(tmp_path: Path, home: str) -> None:
+    (tmp_path / "a file").write_text("")
+    if home == "a file":
+        said = run(tmp_path / home)
+        assert f"kernels can't be kept in {tmp_path / home / 'obb_collision'}" in said
+    else:
+        said = run(tmp_path, RUN, NUMBA_CACHE_DIR="", XDG_CACHE_HOME="relative", HOME="~")
+        assert "kept in" not in said
+        assert not Path("~").exists()
+
+
+def test_a_private_folder_takes_what_the_other_does_not_and_goes_with_the_process(
+    tmp_path: Path,
+) -> None:
+    (tmp_path / "file").write_text("")
+    private = tmp_path / "private"
+    private.mkdir()
+    code = (
+        "from obb_collision import _kernel_cache as cache\n"
+        "assert cache.private_place() == cache.private_place() == cache.places[-1]\n"
+        + RUN
+        + "\nassert cache.unsaved == []\nassert list(cache.places[-1].rglob('*.kernel'))"
+    )
+    run(tmp_path / "file", code, TMPDIR=str(private))
+    assert list(private.iterdir()) == []
+
+
+def test_a_thread_that_only_loads_compiles_nothing(tmp_path: Path) -> None:
+    code = f"""
+from obb_collision import _kernel_cache as cache
+from obb_collision._compiling import compiled
+missing = ""
+try:
+    with cache.only_loading():
+        exec({RUN!r})
+except cache.KernelMissingError as error:
+    missing = str(error)
+assert compiled.names == []
+"""
+    run(tmp_path, code + "assert missing")
+    run(tmp_path)
+    run(tmp_path, code + "assert not missing")
+
+
+def test_compiling_is_said_after_a_second_and_can_be_silenced(tmp_path: Path) -> None:
+    slow = "from obb_collision import _compiling\n_compiling.FIRST_WORD = 0.0\n"
+    slow += "_compiling.compiled.say = _compiling.Words()\n"
+    said = run(tmp_path / "first", slow + RUN)
+    assert said.startswith("compiling kernels (obb_collision_warm_up compiles all beforehand)")
+    assert "so far" in said
+    silent = "import logging\nlogging.getLogger('obb_collision').setLevel('ERROR')\n"
+    assert run(tmp_path / "second", silent + slow + RUN) == ""
+
+
+def test_a_quick_compilation_is_not_worth_a_word() -> None:
+    words, said = _compiling.Words(), []
+    handler = logging.Handler()
+    handler.emit = lambda record: said.append(record.getMessage())  # type: ignore[method-assign]
+    _kernel_cache.logger.addHandler(handler)
+    try:
+        for seconds in (0.5, 0.9, 1.1, 2.0, 6.0, 6.2, 11.5):
+            words(SimpleNamespace(seconds=seconds, names=["a"]))  # type: ignore[arg-type]
+    finally:
+        _kernel_cache.logger.removeHandler(handler)
+    assert [line.rpartition(", ")[2] for line in said] == ["1 s", "6 s", "12 s"]

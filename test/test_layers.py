@@ -27,13 +27,17 @@ ROOT = Path(obb_collision.__file__).parent
 LAYERS = {
     "_kernel_cache": set(),
     "api": {"geometry", "queries", "obb", "scene"},
-    "_jit": {"_kernel_cache"},
+    "_jit": {"_kernel_cache", "_compiling"},
+    "_compiling": {"_kernel_cache"},
     "geometry": {"_jit"},
     "queries": {"_jit", "geometry"},
     "obb": {"_jit", "geometry", "queries"},
     "scene": {"_jit", "geometry", "queries", "obb"},
     "benchmarks": {"_jit", "geometry", "queries", "obb", "scene"},
-    "node": {"_jit", "geometry", "queries", "obb", "scene"},
+    "warm_up": {"_jit", "_kernel_cache", "_compiling", "geometry", "queries", "obb", "scene"},
+    "node": {
+        *("_jit", "_kernel_cache", "_compiling", "geometry", "queries", "obb", "scene", "warm_up"),
+    },
     "checks": {"_jit", "geometry", "queries", "obb", "scene", "node"},
 }
 ROS = {

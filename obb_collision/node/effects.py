@@ -85,4 +85,4 @@ class Effects:
         mode = self.mode(name)
         if mode == OFF or name in computed:
             return mode if mode == OFF else f"{mode}, computed"
-        return f"{mode}, {'being made ready' if self.is_called(name) else 'not called for'}"
+        return f"{mode}, {self._warm.why_not(name) if self.is_called(name) else 'not called for'}"

@@ -27,6 +27,7 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.clock import JumpThreshold, ROSClock, TimeJump
 from rclpy.duration import Duration
+from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
@@ -51,7 +52,7 @@ from obb_collision.node.scene_files import SceneFile
 from obb_collision.node.scene_settings import SceneSettings
 from obb_collision.node.schedule import Schedule
 from obb_collision.node.subscriptions import INPUTS, Subscriptions
-from obb_collision.node.warm_up import WarmUp, warm_up
+from obb_collision.node.warm_up import WarmUp
 from obb_collision.scene.building.process import Limits
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.effects.settings import OFF, ON
@@ -90,7 +91,7 @@ class CollisionNode(Node):
             lambda: self.parameters.mode("sweep") != OFF,
             self.guard,
         )
-        self._warm = WarmUp(self._say, self._warn)
+        self._warm = WarmUp(self._say, self._warn, lambda: not self.context.ok())
         self._settings = SceneSettings(self.parameters, self.objects, self._warm)
         self._settings.allowed = [] if scene_file is None else scene_file.allowed()
         self._effects = Effects(self.parameters, self._outputs.publishers, self._warm)
@@ -120,9 +121,10 @@ class CollisionNode(Node):
             self._collect,
         )
         self._schedule = Schedule(self, self.parameters, self._run_cycle)
-        warm_up()
         switched_on = [name for name in EFFECTS if self.parameters.mode(name) == ON]
-        self._warm.finish([*self._settings.rungs(), *switched_on])
+        self._warm.start([*self._settings.rungs(), *switched_on])
+        if not self.context.ok():
+            raise ExternalShutdownException
         self._outputs.publish_namespaces(self.objects.table.namespaces)
         self._apply_parameters()
         if scene_file is not None:
@@ -138,7 +140,9 @@ class CollisionNode(Node):
             lambda: self.guard.run("diagnostics", self._publish_diagnostics),
             clock=self._schedule.clock,
         )
-        self.parameters.on_change = lambda: self.guard.run("parameters", self._apply_parameters)
+        self.parameters.on_change = self._schedule.calm(
+            lambda: self.guard.run("parameters", self._apply_parameters)
+        )
         self.create_service(Trigger, "~/clear", self._clear)
         self.create_service(SetBool, "~/enable", self._enable)
         self._jump = self.get_clock().create_jump_callback(
@@ -342,8 +346,9 @@ class CollisionNode(Node):
             monitor.clock_jumped(shift)
 
     def destroy_node(self) -> None:
-        """Say that nothing is known any more, and end, with the process that builds shapes."""
+        """Say that nothing is known any more, and end, with all other processes."""
         self.status.close()
+        self._warm.close()
         self.objects.close()
         super().destroy_node()
 

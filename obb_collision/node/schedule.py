@@ -29,6 +29,48 @@ SHORTEST_TIMER = 1e-4
 """Period (s) of the timer that ends a burst where min_period is zero."""
 
 
+STORM_SHARE = 0.1
+"""Share of the time that calls in a storm may take."""
+STORM_PERIOD = 0.05
+"""Seconds between two calls in a storm, at least."""
+
+
+class Calm:
+    """Makes a call at once, but in a storm of calls seldom: the last one always counts.
+
+    start(seconds): have ``end`` called after that time. clock: seconds, rising.
+    """
+
+    def __init__(
+        self,
+        call: Callable[[], object],
+        start: Callable[[float], None],
+        clock: Callable[[], float] = perf_counter,
+    ) -> None:
+        self._call, self._start, self._clock = call, start, clock
+        self._next = float("-inf")
+        self._waits = False
+
+    def __call__(self) -> None:
+        """Make the call now or soon."""
+        rest = self._next - self._clock()
+        if rest <= 0.0:
+            self.end()
+        elif not self._waits:
+            self._waits = True
+            self._start(rest)
+
+    def end(self) -> None:
+        """Make the call now."""
+        self._waits = False
+        start = self._clock()
+        try:
+            self._call()
+        finally:
+            end = self._clock()
+            self._next = end + max(STORM_PERIOD, (end - start) / STORM_SHARE)
+
+
 class Schedule:
     """Calls ``cycle`` as the parameters ``trigger``, ``rate`` and ``min_period`` say.
 
@@ -36,12 +78,29 @@ class Schedule:
     """
 
     def __init__(self, node: Node, parameters: Parameters, cycle: Callable[[], None]) -> None:
-        self._parameters, self._run = parameters, cycle
+        self._node, self._parameters, self._run = node, parameters, cycle
         self.clock = Clock(clock_type=ClockType.STEADY_TIME)
         self._last = float("-inf")
         self._timer = node.create_timer(1.0 / parameters.rate, self._cycle, clock=self.clock)
         self._burst_timer = node.create_timer(SHORTEST_TIMER, self._end_burst, clock=self.clock)
         self._burst_timer.cancel()
+
+    def calm(self, call: Callable[[], object]) -> Calm:
+        """Return what makes a call, seldom in a storm of calls."""
+        calm = Calm(call, lambda seconds: start(seconds))
+
+        def end() -> None:
+            timer.cancel()
+            calm.end()
+
+        timer = self._node.create_timer(STORM_PERIOD, end, clock=self.clock)
+        timer.cancel()
+
+        def start(seconds: float) -> None:
+            timer.timer_period_ns = round(1e9 * max(seconds, SHORTEST_TIMER))
+            timer.reset()
+
+        return calm
 
     def apply(self) -> None:
         """Take over a new rate."""

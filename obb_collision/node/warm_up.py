@@ -12,148 +12,199 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Kernels made ready before a cycle needs them: at the start, or in a thread beside the cycles.
+"""Kernels made ready before a cycle needs them: at the start, or beside the cycles.
 
-The machine code of a kernel is loaded (0.2 s) or, the first time on a machine, compiled: a second
-for one, half a minute for those of triangles. What a cycle always needs is made ready before the
-node subscribes; an accuracy or an effect that somebody asks for later must not stop the cycles.
+Nothing is compiled in the node's process while it runs: numba compiles under one lock, and the
+cycle would wait for it. Other processes compile into the cache (see ``warm_up``), and a thread
+loads what they made. What the cache has is loaded at the start, whether asked for or not.
 """
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Iterable
 from queue import SimpleQueue
-from threading import Thread
+from threading import Event, Thread
 from time import perf_counter
 
-import numpy as np
-
-from obb_collision.geometry.shapes import Box, Mesh
-from obb_collision.node.marker_batch import Faults, gather, settle
-from obb_collision.node.marker_scan import scan_markers
-from obb_collision.node.markers import Markers
+from obb_collision import _compiling, _kernel_cache
 from obb_collision.queries.accuracy import Accuracy
-from obb_collision.scene.scene import Scene
+from obb_collision.warm_up import steps
+from obb_collision.warm_up.processes import Progress, compile_steps
+from obb_collision.warm_up.steps import BOXES, MESSAGES, NODE_STEPS, accuracy_step, effect_step
 
-OBJECTS = 64
-"""Enough that one moved object of them takes the incremental way through the scene."""
-TETRAHEDRON = ((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-TETRAHEDRON_FACES = ((0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3))
+FIRST_WORD, NEXT_WORD = 2.0, 5.0
+"""Seconds until it is said how far it is, and between two lines about it."""
+NICENESS = 5
+"""Of what compiles beside the cycles: these come first, but it must not starve."""
+RETRY = 60.0
+"""Seconds after which what could not be made ready is tried again."""
 
-
-def warm_up() -> None:
-    """Make ready what every cycle needs, whatever is asked of the node."""
-    scene = _row_of_boxes()
-    for x in (0.0, 0.1):
-        scene.move_indices(np.array([0]), np.array([(x, 0.1, 0, 0, 0.6, 0, 0.8)]))
-        report = scene.check(effects=["separations"])
-        _ = report.colliding, report.depths
-    _warm_up_crowds()
-    keys = [("", number) for number in range(OBJECTS)]
-    data = Markers("").write(keys, scene.boxes, np.zeros(OBJECTS, np.int64), 0, 0.0, None)
-    markers = gather([scan_markers(data)], [0])
-    settle(markers, Faults(len(markers)), 0, 0)
-
-
-def warm_up_rung(rung: Accuracy) -> None:
-    """Make ready what pairs on a rung need: meshes, and a mesh and a box."""
-    scene = Scene(accuracy=rung)
-    for number in range(2):
-        mesh = Mesh(TETRAHEDRON, TETRAHEDRON_FACES)
-        scene.add(f"mesh {number}", mesh, (0.3 * number, 0.1, 0.0, 0.0, 0.0, 0.6, 0.8))
-    scene.add("box", Box((0.5, 0.5, 0.5)))
-    scene.check()
-
-
-def warm_up_effect(name: str) -> None:
-    """Make ready what an effect needs."""
-    scene = _row_of_boxes()
-    scene.set_effect(name, "on")
-    scene.set_twists(np.arange(OBJECTS), np.full((OBJECTS, 6), 0.1))
-    clouds = [np.zeros((4, size), kind)[:, :3] for size in (3, 4) for kind in ("f4", "f8")]
-    for points, step in zip(clouds, (0.25, 3.0, 0.9, 1.0), strict=True):
-        scene.points = points
-        scene.check()
-        poses = np.zeros((OBJECTS, 7))
-        poses[:, 0], poses[:, 6] = step * np.arange(OBJECTS), 1.0
-        scene.move_indices(np.arange(OBJECTS), poses)
-    scene.check()
-
-
-def _warm_up_crowds() -> None:
-    """Make ready what more colliding pairs than a limit need: two places full of boxes."""
-    scene = Scene(max_pairs=1)
-    for number in range(2 * OBJECTS):
-        x = 10.0 * (number >= 4)  # too few in one place, and in the other enough
-        scene.add(str(number), Box((1.0, 1.0, 1.0)), (x, 0, 0, 0, 0, 0.6, 0.8))
-    assert scene.check().truncated
-
-
-def _row_of_boxes() -> Scene:
-    scene = Scene()
-    for number in range(OBJECTS):
-        scene.add(str(number), Box((1.0, 1.0, 1.0)), (0.75 * number, 0, 0, 0, 0, 0.6, 0.8))
-    return scene
+Thing = Accuracy | str
+"""A rung of ``Accuracy``, or the name of an effect."""
 
 
 class WarmUp:
     """What is ready, and a thread for what isn't yet.
 
-    Things are rungs of ``Accuracy`` and names of ``EFFECTS``. ``say`` and ``complain`` take lines
-    for the log.
+    say and complain: take lines for the log; stopped: whether a start is to be given up.
     """
 
-    def __init__(self, say: Callable[[str], None], complain: Callable[[str], None]) -> None:
-        self._say, self._complain = say, complain
-        self._ready: set[Accuracy | str] = {rung for rung in Accuracy if rung <= Accuracy.OBB}
-        self._ready.add("separations")
-        self._asked: set[Accuracy | str] = set()
-        self._queue: SimpleQueue[Accuracy | str] = SimpleQueue()
+    def __init__(
+        self,
+        say: Callable[[str], None],
+        complain: Callable[[str], None],
+        stopped: Callable[[], bool] = lambda: False,
+    ) -> None:
+        self._say, self._complain, self._stopped = say, complain, stopped
+        self._ready: set[str] = set()
+        self._asked: dict[str, float] = {}  # when it may be asked for again
+        self._refused: dict[str, str] = {}
+        self._queue: SimpleQueue[str | None] = SimpleQueue()
         self._thread: Thread | None = None
+        self._closed = Event()
+        self._handler = _Forward(complain)
+        _kernel_cache.logger.addHandler(self._handler)
 
-    def finish(self, things: Iterable[Accuracy | str]) -> None:
-        """Make things ready now."""
-        for thing in things:
-            if thing not in self._ready:
-                self._say(_beginning(thing))
-                self._make(thing)
+    def start(self, things: Iterable[Thing]) -> None:
+        """Make ready what every cycle needs, these things, and all that is compiled already."""
+        self._load(NODE_STEPS)
+        wanted = {BOXES, MESSAGES, effect_step("separations"), *map(_step, things)}
+        missing = [step for step in NODE_STEPS if step in wanted - self._ready]
+        if not missing:
+            return
+        progress = self._compile(missing, self._stopped, 0)
+        self._load(NODE_STEPS)
+        failed = [step for step in missing if step not in self._ready]
+        if failed and not progress.stopped:
+            self._compile_here(progress.failed.get(failed[0], "it is not in the cache"))
 
-    def is_ready(self, thing: Accuracy | str) -> bool:
+    def is_ready(self, thing: Thing) -> bool:
         """Return whether a thing is ready; if not, see to it that it will be."""
-        if thing in self._ready:
+        step = _step(thing)
+        if step in self._ready:
             return True
-        if thing not in self._asked:
-            self._asked.add(thing)
-            self._say(_beginning(thing))
-            self._queue.put(thing)
+        if perf_counter() >= self._asked.get(step, 0.0):
+            self._asked[step] = float("inf")
+            self._queue.put(step)
             if self._thread is None:
                 # A daemon: who ends the node does not want to wait for it.
                 self._thread = Thread(target=self._work, daemon=True, name="warm-up")
                 self._thread.start()
         return False
 
+    def why_not(self, thing: Thing) -> str:
+        """Return in words why a thing is not ready."""
+        return self._refused.get(_step(thing), "being made ready")
+
+    def close(self) -> None:
+        """End what compiles; the thread ends by itself."""
+        self._closed.set()
+        self._queue.put(None)
+        _kernel_cache.logger.removeHandler(self._handler)
+
     def _work(self) -> None:
-        while True:
-            self._make(self._queue.get())
-
-    def _make(self, thing: Accuracy | str) -> None:
-        start = perf_counter()
-        try:
-            if isinstance(thing, Accuracy):
-                warm_up_rung(thing)
+        while (step := self._queue.get()) is not None and not self._closed.is_set():
+            self._load([step])
+            reason = ""
+            if step not in self._ready:
+                progress = self._compile([step], self._closed.is_set, NICENESS)
+                if progress.stopped:
+                    return
+                reason = progress.failed.get(step, "it is not in the cache")
+                self._load([step])
+            if step in self._ready:
+                self._refused.pop(step, None)
             else:
-                warm_up_effect(thing)
-        except Exception as error:
-            self._complain(f"{_named(thing)}: {type(error).__name__}: {error}")
-        self._ready.add(thing)
-        self._say(f"{_named(thing)} ready after {perf_counter() - start:.1f} s")
+                self._refuse(step, reason)
+
+    def _refuse(self, step: str, reason: str) -> None:
+        self._refused[step] = f"can't be compiled: {reason}"
+        self._asked[step] = perf_counter() + RETRY
+        self._complain(
+            f"kernels for {step} can't be compiled beside the cycles: {reason}; it stays off, "
+            f"to be tried again in {RETRY:.0f} s"
+        )
+
+    def _load(self, names: Iterable[str]) -> None:
+        """Load the steps that the cache has all of."""
+        for step in names:
+            if step in self._ready:
+                continue
+            try:
+                with _kernel_cache.only_loading():
+                    steps.run(step)
+                self._ready.add(step)
+            except _kernel_cache.KernelMissingError:
+                pass
+            except Exception as error:  # it would fail in a cycle, too, where it is counted
+                self._complain(f"kernels for {step}: {type(error).__name__}: {error}")
+                self._ready.add(step)
+
+    def _compile(self, missing: list[str], stopped: Callable[[], bool], niceness: int) -> Progress:
+        """Compile in other processes, and say how far it is."""
+        kept = _kernel_cache.places[0] if _kernel_cache.places else "no folder"
+        self._say(
+            f"compiling kernels for {', '.join(missing)}: up to a minute the first time, then kept "
+            f"in {kept} (obb_collision_warm_up compiles all beforehand)"
+        )
+        start = perf_counter()
+        due, noted = start + FIRST_WORD, 0
+
+        def look(progress: Progress) -> None:
+            nonlocal due, noted
+            for note in progress.notes[noted:]:
+                self._complain(note)
+            noted = len(progress.notes)
+            if perf_counter() >= due:
+                due = perf_counter() + NEXT_WORD
+                self._say(
+                    f"compiling kernels: {len(progress.kernels)} so far, "
+                    f"{len(progress.done)} of {len(missing)} steps done, "
+                    f"now {', '.join(progress.running)}, {perf_counter() - start:.0f} s"
+                )
+
+        progress = compile_steps(
+            missing,
+            private=_kernel_cache.private_place(),
+            niceness=niceness,
+            look=look,
+            stopped=stopped,
+        )
+        if not progress.stopped:
+            self._say(
+                f"{len(progress.kernels)} kernels compiled in {perf_counter() - start:.1f} s for "
+                f"{', '.join(progress.done) or 'nothing'}"
+            )
+        return progress
+
+    def _compile_here(self, reason: str) -> None:
+        """Compile all that may ever be switched on, as nothing can be compiled elsewhere later."""
+        self._complain(
+            f"kernels can't be compiled in another process: {reason}; so all that may be switched "
+            "on later is compiled before the start"
+        )
+        for step in NODE_STEPS:
+            if step not in self._ready and not self._stopped():
+                start, before = perf_counter(), len(_compiling.compiled.names)
+                steps.run(step)
+                self._ready.add(step)
+                self._say(
+                    f"{step}: {len(_compiling.compiled.names) - before} kernels compiled in "
+                    f"{perf_counter() - start:.1f} s"
+                )
 
 
-def _beginning(thing: Accuracy | str) -> str:
-    return f"making {_named(thing)} ready: seconds, the first time on a machine up to a minute"
+class _Forward(logging.Handler):
+    """Passes on what the library logs."""
+
+    def __init__(self, take: Callable[[str], None]) -> None:
+        super().__init__()
+        self._take = take
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self._take(record.getMessage())
 
 
-def _named(thing: Accuracy | str) -> str:
-    if isinstance(thing, Accuracy):
-        return f"accuracy {thing.name.lower()}"
-    return f"effect {thing}"
+def _step(thing: Thing) -> str:
+    return accuracy_step(thing) if isinstance(thing, Accuracy) else effect_step(thing)

@@ -118,6 +118,13 @@ def render(
     return np.minimum(2.0 * np.round(127.5 * small), 255.0).astype(np.uint8)
 
 
+def compile_kernels() -> None:
+    """Draw next to nothing, so that what draws is compiled."""
+    box = Boxes(np.zeros((1, 3)), np.eye(3)[None], np.ones((1, 3)))
+    body = Body(box.centers, np.zeros((0, 3), np.int64), STATE_COLORS[FREE])
+    render([body], box, np.array([FREE]), Marks())
+
+
 def _shadows(world: FloatArray, target: FloatArray) -> tuple[raster.View, Pixels]:
     """Return the light's view and the closeness of what it sees, per pixel."""
     size = (SHADOW_PIXELS, SHADOW_PIXELS)

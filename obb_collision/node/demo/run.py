@@ -65,7 +65,7 @@ class Demo:
         heard = ("collisions", *(TOPICS[name] for name in effects))
         topics = (*CHANNELS, *heard, f"{NODE_NAME}/markers")
         tell("topics to watch: " + " ".join(f"{NAMESPACE}/{topic}" for topic in topics))
-        tell("starting; the first start on a machine compiles for some seconds")
+        tell("starting; the first start on a machine compiles, and says how far it is")
         self._rate, self._seconds = rate, seconds
         self.scene = scene
         self.time = 0.0

@@ -1,0 +1,111 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The console script ``obb_collision_warm_up``: compiles all kernels beforehand."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from time import perf_counter
+from typing import TextIO
+
+from obb_collision import _jit, _kernel_cache
+from obb_collision.warm_up.processes import Progress, compile_steps
+from obb_collision.warm_up.steps import possible_steps, task_of
+
+WIDTH = 30
+"""Characters of the bar."""
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Compile all kernels that the cache lacks; returns the exit code."""
+    parser = argparse.ArgumentParser(
+        prog="obb_collision_warm_up",
+        description="Compiles all kernels of obb_collision and keeps them in the cache, so that "
+        "no later start on this machine has to. About a minute on two cores; a second run takes "
+        "seconds and compiles nothing.",
+    )
+    parser.add_argument("-q", "--quiet", action="store_true", help="no progress bar")
+    options = parser.parse_args(args)
+    start = perf_counter()
+    wanted = possible_steps()
+    for step in wanted:
+        task_of(step)  # so that its kernels can be counted
+    bar = Bar(sys.stderr, not options.quiet)
+    try:
+        progress = compile_steps(wanted, look=bar.show)
+    except KeyboardInterrupt:
+        bar.end()
+        sys.stderr.write("obb_collision_warm_up: interrupted; what is compiled is kept\n")
+        return 130
+    bar.end()
+    for note in dict.fromkeys(progress.notes):
+        sys.stderr.write(f"{note}\n")
+    for step, reason in progress.failed.items():
+        sys.stderr.write(f"obb_collision_warm_up: {step}: {reason}\n")
+    if progress.failed:
+        return 1
+    size, files = cache_size(_kernel_cache.places[0])
+    sys.stdout.write(
+        f"{len(progress.kernels)} kernels compiled in {perf_counter() - start:.0f} s; "
+        f"{_kernel_cache.places[0]}: {files} kernels, {size / 1e6:.0f} MB\n"
+    )
+    return 0
+
+
+def cache_size(folder: Path) -> tuple[int, int]:
+    """Return the bytes and the number of kernels in a folder, of all versions of the sources."""
+    sizes = [file.stat().st_size for file in folder.rglob("*.kernel")]
+    return sum(sizes), len(sizes)
+
+
+class Bar:
+    """A bar on a terminal; elsewhere a line per step."""
+
+    def __init__(self, stream: TextIO, wanted: bool) -> None:
+        self._stream, self._wanted = stream, wanted
+        self._live = stream.isatty()
+        self._shown = 0
+        self._missing = len(_jit.unkept_kernels())
+
+    def show(self, progress: Progress) -> None:
+        """Draw how far it is."""
+        if not self._wanted:
+            return
+        if self._live:
+            done = len(set(progress.kernels))
+            share = min(1.0, done / self._missing) if self._missing else 1.0
+            bar = "#" * round(share * WIDTH)
+            what = ", ".join(progress.running)[:40]
+            self._stream.write(f"\r[{bar:<{WIDTH}}] {done} of {self._missing} kernels: {what:<40}")
+        else:
+            for step in progress.done[self._shown :]:
+                self._stream.write(
+                    f"{len(progress.done)} of {len(progress.steps)} steps, "
+                    f"{len(progress.kernels)} kernels compiled: {step}\n"
+                )
+            self._shown = len(progress.done)
+        self._stream.flush()
+
+    def end(self) -> None:
+        """Leave the line of the bar."""
+        if self._wanted and self._live:
+            self._stream.write("\n")
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

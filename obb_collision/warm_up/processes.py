@@ -1,0 +1,177 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Processes that compile steps, and what becomes of them.
+
+Compiling holds a lock of numba's, and the interpreter's half of the time: in a process that has
+other things to do, it is done elsewhere, and what is compiled comes by the cache.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import selectors
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterable
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+#: More would compile much of what they have in common several times over.
+MOST_PROCESSES = 2
+#: Seconds after which it is asked whether to stop.
+GLANCE = 0.1
+
+CODE = (
+    "import sys; sys.path[:] = {path!r}; from obb_collision.warm_up.worker import main; "
+    "main({private!r}, {niceness!r})"
+)
+
+
+@dataclass
+class Progress:
+    """How far it is: steps that are done, kernels compiled, and what failed.
+
+    failed: why, by step; stopped: whether it was stopped before all steps were done; notes: lines
+    that a user should read.
+    """
+
+    steps: tuple[str, ...]
+    done: list[str] = field(default_factory=list)
+    running: list[str] = field(default_factory=list)
+    kernels: list[str] = field(default_factory=list)
+    failed: dict[str, str] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+    stopped: bool = False
+
+
+def cores() -> int:
+    """Return how many cores this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def compile_steps(
+    steps: Iterable[str],
+    *,
+    count: int | None = None,
+    private: Path | None = None,
+    niceness: int = 0,
+    look: Callable[[Progress], None] = lambda progress: None,
+    stopped: Callable[[], bool] = lambda: False,
+) -> Progress:
+    """Compile what steps need and the cache lacks, in ``count`` processes; returns at the end.
+
+    private: a second folder for kernels; look: called from time to time, and whenever something
+    has happened; stopped: asked every tenth of a second.
+    """
+    progress = Progress(tuple(steps))
+    waiting = list(progress.steps)
+    if count is None:
+        count = min(MOST_PROCESSES, cores())
+    workers: list[_Worker] = []
+    with selectors.DefaultSelector() as selector:
+        try:
+            for _ in range(min(count, len(waiting))):
+                worker = _Worker(private, niceness)
+                workers.append(worker)
+                selector.register(worker.out, selectors.EVENT_READ, worker)
+                worker.give(waiting, progress)
+            while selector.get_map() and not progress.stopped:
+                for key, _ in selector.select(GLANCE):
+                    if not key.data.take(waiting, progress):
+                        selector.unregister(key.fileobj)
+                look(progress)
+                progress.stopped = stopped()
+        except OSError as error:  # no process, no pipe
+            progress.failed |= dict.fromkeys([*waiting, *progress.running], str(error))
+        finally:
+            for worker in workers:
+                worker.end()
+    for step in () if progress.stopped else waiting:
+        progress.failed.setdefault(step, "no process was left to compile it")
+    return progress
+
+
+class _Worker:
+    """One process."""
+
+    def __init__(self, private: Path | None, niceness: int) -> None:
+        code = CODE.format(
+            path=sys.path, private="" if private is None else str(private), niceness=niceness
+        )
+        if not sys.executable:
+            raise OSError("it is not known where Python is")
+        self._process = subprocess.Popen(
+            [sys.executable, "-c", code],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+        )
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        self._in, self.out = self._process.stdin, self._process.stdout
+        self._rest = b""
+        self._step: str | None = None
+
+    def give(self, waiting: list[str], progress: Progress) -> None:
+        """Give the process the next step."""
+        self._step = waiting.pop(0) if waiting else None
+        if self._step is None:
+            return
+        progress.running.append(self._step)
+        with suppress(BrokenPipeError):  # it has ended, which ``take`` sees
+            self._in.write(f"{self._step}\n".encode())
+            self._in.flush()
+
+    def take(self, waiting: list[str], progress: Progress) -> bool:
+        """Take what the process says; return whether there may be more."""
+        data = os.read(self.out.fileno(), 1 << 16)
+        *lines, self._rest = (self._rest + data).split(b"\n")
+        for line in lines:
+            self._hear(json.loads(line), waiting, progress)
+        if not data and self._step is not None:
+            code = self._process.wait()
+            name = signal.Signals(-code).name if code < 0 else f"code {code}"
+            progress.failed[self._step] = f"its process ended with {name}"
+            progress.running.remove(self._step)
+        return bool(data) and self._step is not None
+
+    def _hear(self, said: dict[str, Any], waiting: list[str], progress: Progress) -> None:
+        if said["event"] == "kernel":
+            progress.kernels.append(said["name"])
+        elif said["event"] == "note":
+            progress.notes.append(said["text"])
+        else:
+            step, lost = said["step"], said["unsaved"]
+            progress.running.remove(step)
+            progress.done.append(step)
+            if said["error"]:
+                progress.failed[step] = said["error"]
+            elif lost:
+                progress.failed[step] = f"no folder takes kernels ({lost[0]} and others)"
+            self.give(waiting, progress)
+
+    def end(self) -> None:
+        """End the process."""
+        self._process.kill()
+        for pipe in (self._in, self.out):
+            with suppress(OSError):
+                pipe.close()
+        self._process.wait()

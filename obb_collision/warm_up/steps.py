@@ -1,0 +1,275 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What uses the kernels, step by step: running a step compiles or loads what it is named after.
+
+A kernel is compiled per kind of argument, so a step calls what users call, with arrays laid out
+as they come by every way: contiguous or not, read-only or not, of one object or many.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from importlib.util import find_spec
+from pkgutil import resolve_name
+
+import numpy as np
+from numpy.typing import NDArray
+
+from obb_collision.geometry.aabb import AABB
+from obb_collision.geometry.boxes import Boxes
+from obb_collision.geometry.capsules import Capsules
+from obb_collision.geometry.mesh_tree import MeshTrees
+from obb_collision.geometry.poses import quaternions_from_matrices
+from obb_collision.geometry.shapes import (
+    Box,
+    Capsule,
+    Cone,
+    Cylinder,
+    Ellipsoid,
+    Hull,
+    Mesh,
+    Shape,
+    Sphere,
+)
+from obb_collision.obb import OBB
+from obb_collision.queries.accuracy import Accuracy
+from obb_collision.queries.capsules import capsule_distances, capsule_verdicts
+from obb_collision.queries.clearance import clearances
+from obb_collision.queries.contacts import contacts
+from obb_collision.queries.mesh_collision import PlacedMeshes, mesh_contacts, mesh_verdicts
+from obb_collision.queries.planes import aabb_verdicts, plane_distances
+from obb_collision.queries.points import points_inside
+from obb_collision.queries.rays import cast_rays, segments_intersect
+from obb_collision.queries.separation import verdicts
+from obb_collision.queries.sweep import sweep, sweep_twists
+from obb_collision.queries.triangles import triangle_verdicts
+from obb_collision.scene.budget import ABOVE
+from obb_collision.scene.effects import EFFECTS
+from obb_collision.scene.pairs import find_pairs
+from obb_collision.scene.scene import Scene
+
+OBJECTS = 64
+"""Enough that one moved object of them takes the incremental way through the scene."""
+TETRAHEDRON = ((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+TETRAHEDRON_FACES = ((0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3))
+TURNED = (0.0, 0.0, 0.0, 0.0, 0.0, 0.6, 0.8)
+BOXES = "boxes"
+"""The step that every check of a scene needs."""
+MESSAGES = "messages"
+"""The step that every message of a node needs."""
+
+
+def effect_step(name: str) -> str:
+    """Return the name of the step of an effect."""
+    return f"effect {name}"
+
+
+def accuracy_step(rung: Accuracy) -> str:
+    """Return the name of the step that objects on a rung need."""
+    return f"accuracy {rung.name.lower()}" if rung in ABOVE else BOXES
+
+
+def task_of(step: str) -> Callable[[], None]:
+    """Return what a step runs. KeyError for an unknown one."""
+    task = STEPS[step]
+    found: Callable[[], None] = resolve_name(task) if isinstance(task, str) else task
+    return found
+
+
+def run(step: str) -> None:
+    """Run a step. KeyError for an unknown one."""
+    task_of(step)()
+
+
+def possible_steps() -> list[str]:
+    """Return the steps that can be run here: those of messages only where ROS is."""
+    ros = all(find_spec(name) for name in ("rclpy", "visualization_msgs"))
+    return [step for step in STEPS if ros or step not in NEEDS_ROS]
+
+
+def _row_of_boxes() -> Scene:
+    scene = Scene()
+    for number in range(OBJECTS):
+        scene.add(str(number), Box((1.0, 1.0, 1.0)), (0.75 * number, 0, 0, 0, 0, 0.6, 0.8))
+    return scene
+
+
+def _boxes() -> None:
+    """Run what every check needs, whatever the objects are, and the rungs up to "obb"."""
+    scene = _row_of_boxes()
+    for x in (0.0, 0.1):
+        scene.move_indices(np.array([0]), np.array([(x, 0.1, 0, 0, 0.6, 0, 0.8)]))
+        report = scene.check(effects=["separations"])
+        _ = report.colliding, report.depths
+    quaternions_from_matrices(scene.boxes.rotations)  # of markers
+    scene.add("at the origin", OBB((0.0, 0.0, 0.0), np.eye(3), (0.1, 0.1, 0.1)))
+    for kind, shapes in _zoo().items():
+        for number, shape in enumerate(shapes):
+            scene.add(f"{kind} {number}", shape)
+    scene.padding = 0.01
+    scene.allow("1*", "2*")
+    for rung in Accuracy:
+        if rung <= Accuracy.OBB:
+            scene.accuracy = rung
+            scene.check()
+            scene.move_indices(np.array([1]), np.array([(0.7, 0.0, 0.1 * rung, 0, 0, 0, 1)]))
+            scene.check()
+            find_pairs(scene.boxes, accuracy=rung)
+    scene.remove("at the origin")
+    scene.check()
+    _crowds()
+
+
+def _crowds() -> None:
+    """Run what more colliding pairs than a limit need: two places full of boxes."""
+    scene = Scene(max_pairs=1)
+    for number in range(2 * OBJECTS):
+        x = 10.0 * (number >= 4)  # too few in one place, and in the other enough
+        scene.add(str(number), Box((1.0, 1.0, 1.0)), (x, 0, 0, 0, 0, 0.6, 0.8))
+    assert scene.check().truncated
+
+
+def _zoo() -> dict[str, tuple[Shape, ...]]:
+    """Return shapes of every kind that the rungs tell apart."""
+    return {
+        "box": (Box((0.5, 0.5, 0.5)), Box((0.5, 0.4, 0.3))),
+        "round": (Sphere(0.3), Capsule(0.2, 0.4)),
+        "convex": (
+            *(Ellipsoid((0.3, 0.2, 0.1)), Cylinder(0.2, 0.4), Cone(0.2, 0.4)),
+            Hull(TETRAHEDRON),
+        ),
+        "mesh": (Mesh(TETRAHEDRON, TETRAHEDRON_FACES), Mesh(TETRAHEDRON, TETRAHEDRON_FACES)),
+    }
+
+
+def _rung(rung: Accuracy) -> None:
+    """Run a rung above "obb" on all kinds of shapes, exactly and within a budget too."""
+    for exact, budget, padding in ((False, None, 0.0), (True, None, 0.0), (False, 10.0, 0.01)):
+        scene = Scene(accuracy=rung, exact=exact, time_budget=budget)
+        shapes = [shape for some in _zoo().values() for shape in some]
+        for number, shape in enumerate(shapes):
+            pose = (0.02 * number, 0.01 * number, 0.0, 0.0, 0.0, 0.6, 0.8)
+            scene.add(str(number), shape, pose)
+        scene.add("padded", Sphere(0.2), padding=padding)
+        scene.check()
+        scene.move("0", TURNED)
+        scene.check()
+        scene.prepare()
+
+
+def _effect(name: str) -> None:
+    """Run an effect on boxes that move, with clouds laid out as they come."""
+    scene = _row_of_boxes()
+    scene.set_effect(name, "on")
+    scene.set_twists(np.arange(OBJECTS), np.full((OBJECTS, 6), 0.1))
+    clouds = _clouds() if name == "points" else [np.zeros((4, 3))] * 4
+    for number, points in enumerate(clouds):
+        scene.points = points
+        scene.check()
+        poses = np.zeros((OBJECTS, 7))
+        poses[:, 0] = (0.25, 3.0, 0.9, 1.0)[number % 4] * np.arange(OBJECTS)
+        poses[:, 6] = 1.0
+        scene.move_indices(np.arange(OBJECTS), poses)
+    scene.check()
+    scene.set_effect(name, objects=["1"])
+    if name == "contacts":
+        scene.set_effect(name, max_points=8)
+    scene.check()
+    scene.move_indices(np.array([1]), np.array([(0.7, 0.0, 0.1, 0, 0, 0, 1)]))
+    scene.set_twists(np.array([1]), np.array([(1.0, 0.0, 0.0, 0.0, 0.0, 0.0)]))
+    scene.check()
+
+
+def _clouds() -> list[NDArray[np.floating]]:
+    """Return points of both kinds, contiguous and not."""
+    return [np.zeros((4, size), kind)[:, :3] for size in (3, 4) for kind in ("f4", "f8")]
+
+
+def _fits() -> None:
+    """Fit boxes, and ask single ones what single ones can be asked."""
+    rng = np.random.default_rng(0)
+    first = OBB.from_points(rng.random((20, 3)))
+    OBB(*Box((1.0, 1.0, 1.0)).local_box)
+    second = OBB.from_quaternion((0.1, 0.2, 0.3), (0.0, 0.0, 0.6, 0.8), (1.0, 1.0, 1.0))
+    third = OBB.from_aabb(AABB((0.0, 0.0, 0.0), (1.0, 1.0, 1.0)))
+    _ = first.separation(second), second.intersects(third), first.quaternion, first.corners()
+    _ = second.contains(np.zeros(3)), second.contains(np.zeros((2, 3)))
+    second.transformed(np.diag([1.0, 2.0, 1.0, 1.0]))
+
+
+def _batch() -> Boxes:
+    poses = np.tile((0.0, 0.0, 0.0, 0.0, 0.0, 0.6, 0.8), (4, 1))
+    poses[:, 0] = 0.75 * np.arange(4)
+    return Boxes.from_poses(poses, np.full((4, 3), 0.5))
+
+
+def _pair_queries() -> None:
+    """Ask all questions about pairs of boxes."""
+    boxes, pairs = _batch(), np.array([(0, 1), (0, 2), (2, 3)])
+    again = Boxes(boxes.centers + 0.1, boxes.rotations, boxes.half_extents)
+    verdicts(boxes, again, exact=True)
+    find_pairs(boxes, exact=True)
+    contacts(boxes, pairs)
+    clearances(boxes, pairs)
+    for with_contacts in (True, False):
+        sweep(boxes, again, pairs, contacts=with_contacts)
+        sweep_twists(boxes, np.full((4, 6), 0.1), pairs, 1.0, contacts=with_contacts)
+
+
+def _other_queries() -> None:
+    """Ask about rays, planes, points, capsules and triangles."""
+    boxes, zeros = _batch(), np.zeros((4, 3))
+    cast_rays(boxes, zeros, zeros + 1.0)
+    cast_rays(boxes, zeros[:1], zeros[:1] + 1.0)
+    segments_intersect(boxes, zeros, zeros + 1.0)
+    plane_distances(zeros, zeros + 1.0, boxes)
+    aabb_verdicts(boxes, zeros, zeros + 1.0)
+    points_inside(boxes, zeros, each_point=True)
+    capsules = Capsules(zeros, zeros + 1.0, np.full(4, 0.1))
+    for other in (capsules, boxes):
+        capsule_verdicts(capsules, other)
+        capsule_distances(capsules, other)
+    corners = np.array(TETRAHEDRON)[np.array(TETRAHEDRON_FACES)]
+    triangle_verdicts(corners, corners, exact=True)
+
+
+def _mesh_queries() -> None:
+    """Ask about meshes without a scene."""
+    trees = MeshTrees.build(np.array(TETRAHEDRON), np.array(TETRAHEDRON_FACES))
+    poses = np.tile(TURNED, (2, 1))
+    bodies = PlacedMeshes.from_poses(trees, np.zeros(2, np.int64), poses)
+    mesh_contacts(bodies, bodies)
+    mesh_verdicts(bodies, bodies, exact=True)
+
+
+STEPS: dict[str, Callable[[], None] | str] = {
+    # In this order two processes have the least in common at any time.
+    BOXES: _boxes,
+    accuracy_step(Accuracy.MESH): lambda: _rung(Accuracy.MESH),
+    **{effect_step(name): (lambda name=name: _effect(name)) for name in EFFECTS},  # type: ignore[misc]
+    accuracy_step(Accuracy.HULL): lambda: _rung(Accuracy.HULL),
+    accuracy_step(Accuracy.OBB_TREE): lambda: _rung(Accuracy.OBB_TREE),
+    "queries of pairs": _pair_queries,
+    "queries of rays, planes, points, capsules, triangles": _other_queries,
+    "queries of meshes": _mesh_queries,
+    "fits": _fits,
+    # looked up by name, for they are in a layer above
+    MESSAGES: "obb_collision.node.kernels:compile_kernels",
+    "the demo's picture": "obb_collision.node.demo.picture:compile_kernels",
+}
+"""What to run, by its name; the steps of a running node come first."""
+NODE_STEPS = (BOXES, MESSAGES, *map(accuracy_step, ABOVE), *map(effect_step, EFFECTS))
+"""Steps of what a node may be asked for."""
+NEEDS_ROS = (MESSAGES,)

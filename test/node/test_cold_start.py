@@ -1,0 +1,168 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What a node compiles, and when: nothing after "ready", whatever the cache is like.
+
+Each test runs processes of its own, for a kernel that one process has stays with it.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("rclpy")
+from rig import DOMAIN
+
+import obb_collision
+from obb_collision import _jit
+from obb_collision.warm_up.processes import compile_steps
+from obb_collision.warm_up.steps import BOXES, MESSAGES, NODE_STEPS
+
+EVERYTHING = Path(__file__).with_name("everything.py")
+PATIENCE = 1200.0
+"""Seconds that compiling everything may take on a loaded machine: a minute on two idle cores."""
+LONGEST_GAP = 0.1
+"""Seconds between two cycles, at most; the time that others had the processors does not count."""
+
+
+def environment(cache: Path | None = None, **more: str) -> dict[str, str]:
+    """Return the environment of a process with this package, and a cache of its own."""
+    root = str(Path(obb_collision.__file__).parents[1])
+    values = {**os.environ, "PYTHONPATH": os.pathsep.join([root, *sys.path[1:]]), **more}
+    return values if cache is None else {**values, "NUMBA_CACHE_DIR": str(cache)}
+
+
+def run_everything(cache: Path | None) -> dict[str, Any]:
+    """Run ``everything.py``; returns what it found."""
+    done = subprocess.run(
+        [sys.executable, str(EVERYTHING)],
+        env=environment(cache),
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE,
+    )
+    assert done.returncode == 0, done.stderr
+    found: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
+    return found
+
+
+@contextmanager
+def node(cache: Path, **more: str) -> Iterator[subprocess.Popen[str]]:
+    """Start a node in a process; killed at the end if it still runs."""
+    process = subprocess.Popen(
+        [sys.executable, "-m", "obb_collision.node.node"],
+        env=environment(cache, ROS_DOMAIN_ID=str(DOMAIN), **more),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def output_until(process: subprocess.Popen[str], word: str) -> str:
+    """Return the output up to a word, without which the process must not end."""
+    assert process.stdout is not None
+    lines: list[str] = []
+    while word not in (lines or [""])[-1]:
+        lines.append(process.stdout.readline())
+        assert lines[-1], f"ended without {word!r}: {lines}"
+    return "".join(lines)
+
+
+def test_what_a_node_uses_is_loaded_at_ready() -> None:
+    """The kernels that it has then are compared with those it has after everything was asked."""
+    assert compile_steps(NODE_STEPS).failed == {}
+    found = run_everything(None)
+    assert found["new"] == []
+    assert found["compiled"] == []
+
+
+def test_cycles_go_on_while_everything_is_switched_on_with_an_empty_cache(tmp_path: Path) -> None:
+    found = run_everything(tmp_path)
+    assert found["compiled"] == []  # not in the process of the node
+    assert found["new"] != []  # but loaded, or this test would show nothing
+    gaps = {stage: numbers["longest without waiting"] for stage, numbers in found["stages"]}
+    assert max(gaps.values()) < LONGEST_GAP, found["stages"]
+    slow = [numbers for _, numbers in found["stages"] if numbers["seconds"] > 2.0]
+    assert slow, "nothing took long enough to be compiled"
+    assert all(numbers["cycles"] >= 20 for numbers in slow), slow
+
+
+def damage(home: Path) -> int:
+    """Damage every kernel in one of four ways; returns how many there are."""
+    files = sorted(home.rglob("*.kernel"))
+    for number, file in enumerate(files):
+        content = file.read_bytes()
+        half = content[: len(content) // 2]
+        ways = (b"", bytes(len(content)), os.urandom(len(content)), half)
+        file.write_bytes(ways[number % len(ways)])
+    return len(files)
+
+
+def test_a_damaged_cache_is_said_and_built_anew(tmp_path: Path) -> None:
+    steps = (BOXES, MESSAGES, "effect separations")
+    assert compile_steps(steps).failed == {}
+    folders = {Path(kernel._cache.cache_path) for kernel in _jit.kernels}
+    for folder in folders:
+        if folder.is_dir():
+            shutil.copytree(folder, tmp_path / "obb_collision" / folder.name)
+    assert damage(tmp_path) > 0
+    with node(tmp_path) as process:
+        output = output_until(process, "ready:")
+        assert f"kernels in {tmp_path / 'obb_collision'} are damaged" in output
+        assert "compiling kernels for boxes" in output
+        process.send_signal(signal.SIGINT)
+        assert process.wait(PATIENCE) == 0
+    with node(tmp_path) as process:
+        assert "compiling" not in output_until(process, "ready:")
+
+
+def test_where_the_cache_takes_nothing_a_temporary_folder_does(tmp_path: Path) -> None:
+    file, temporary = tmp_path / "file", tmp_path / "temporary"
+    file.write_text("no folder")
+    temporary.mkdir()
+    with node(file, TMPDIR=str(temporary)) as process:
+        output = output_until(process, "ready:")
+        assert f"kernels can't be kept in {file / 'obb_collision'}" in output
+        assert list(temporary.glob("obb_collision-kernels-*/*/*.kernel"))
+        process.send_signal(signal.SIGINT)
+        assert process.wait(PATIENCE) == 0
+    assert not list(temporary.glob("obb_collision-kernels-*"))
+
+
+def test_a_start_that_compiles_says_how_far_it_is_and_can_be_interrupted(tmp_path: Path) -> None:
+    with node(tmp_path) as process:
+        first = output_until(process, "compiling kernels for")
+        assert str(tmp_path / "obb_collision") in first
+        assert "steps done" in output_until(process, "so far")
+        process.send_signal(signal.SIGINT)
+        output, _ = process.communicate(timeout=PATIENCE)
+        assert process.returncode == 0, output
+        assert "Traceback" not in output
+        assert "ready:" not in output
