@@ -48,6 +48,9 @@ LASTING = 1000
 LONGEST_WAIT = 3200
 #: Estimates are medians of this many cycles: one in which others had the processor counts little.
 WINDOW = 9
+#: A rung of which one pair takes longer than there is left is tried again twice as late each time,
+#: up to once in so many chances: it may have been an accident, but hardly often.
+RAREST_TRIAL = 10
 #: At least this share of what a call takes is due to its pairs, not to the call.
 LEAST_SHARE = 0.1
 
@@ -68,6 +71,8 @@ class Budget:
         self._risen = -LASTING
         self._waits = dict.fromkeys(ABOVE, WAIT)
         self._roomy = dict.fromkeys(ABOVE, 0)  # cycles in a row with room for a rung
+        self._pauses = dict.fromkeys(ABOVE, 0)  # chances to try a rung that are let go ...
+        self._gaps = dict.fromkeys(ABOVE, 1)  # ... and how many it will be next
         self._costs: dict[Accuracy, deque[float]] = {r: deque(maxlen=WINDOW) for r in ABOVE}
         self._calls: dict[Accuracy, deque[float]] = {r: deque(maxlen=WINDOW) for r in ABOVE}
         self._before: deque[float] = deque(maxlen=WINDOW)
@@ -119,6 +124,18 @@ class Budget:
     def overhead(self, rung: Accuracy) -> float:
         """Return the seconds that a call for no pairs at all takes."""
         return _median(self._calls[rung])
+
+    def is_due(self, rung: Accuracy) -> bool:
+        """Return whether to use this chance to try a rung; where it takes too long only some."""
+        if self.left() >= (self.cost(rung) or 0.0):
+            self._pauses[rung], self._gaps[rung] = 0, 1
+            return True
+        if self._pauses[rung] > 0:
+            self._pauses[rung] -= 1
+            return False
+        self._pauses[rung] = self._gaps[rung] - 1
+        self._gaps[rung] = min(2 * self._gaps[rung], RAREST_TRIAL)
+        return True
 
     def learn(self, rung: Accuracy, pairs: int, seconds: float, calls: int = 1) -> None:
         """Take note of what pairs took on a rung, in how many calls; no pairs: the calls alone."""

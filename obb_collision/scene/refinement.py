@@ -36,13 +36,17 @@ Rungs = NDArray[np.int8]
 #: Share of what fits that is decided at once; then the clock is looked at again. A cycle holds
 #: though pairs take four times as long as they used to.
 PORTION = 0.25
+#: ... but no call is made for pairs worth less than so many times what any call takes.
+LEAST_WORTH = 4.0
 #: A rung that isn't in use is tried once in this many cycles, to know what it costs by now ...
 TRIAL_CYCLES = 10
-#: ... on at most this many pairs, and this share of the time that is left.
+#: ... on at most this many pairs, and this share of the time that is left: nobody else needs it.
 TRIAL_PAIRS = 64
-TRIAL_SHARE = 0.1
-#: ... or, where that is too little for one pair, only every so many times.
-RARE_TRIALS = 10
+TRIAL_SHARE = 0.5
+#: ... or this one while the pairs of the cycle still wait for theirs, of each rung.
+FIRST_SHARE = 0.1
+#: What a call takes besides its pairs is measured where that takes less than this of a trial.
+CALL_SHARE = 0.25
 
 
 class Job(Protocol):
@@ -76,11 +80,9 @@ def refine(
         _decide(job, rung, np.flatnonzero((target == rung) & ~waiting), state, budget)
     for rung in ABOVE:
         _decide(job, rung, np.flatnonzero((asked == rung) & waiting), state, budget)
-    turn, number = divmod(budget.cycle, TRIAL_CYCLES)
-    if number < len(ABOVE) and ABOVE[number] != budget.cap:
-        short = budget.left() < (budget.cost(ABOVE[number]) or 0.0)
-        if not short or turn % RARE_TRIALS == 0:
-            _try(job, ABOVE[number], asked, budget)
+    number = budget.cycle % TRIAL_CYCLES
+    if number < len(ABOVE) and ABOVE[number] != budget.cap and budget.is_due(ABOVE[number]):
+        _try(job, ABOVE[number], asked, budget, TRIAL_SHARE)
     budget.refined()
 
 
@@ -101,7 +103,8 @@ def _decide(
         left = budget.left() - budget.overhead(rung)
         if left < pace or left <= 0.0:
             break
-        count = int(PORTION * left / pace) if pace > 0.0 else 1
+        share = min(left, max(PORTION * left, LEAST_WORTH * budget.overhead(rung)))
+        count = int(share / pace) if pace > 0.0 else 1
         portion = rows[done : done + max(1, count)]
         start = budget.clock()
         rungs[portion], verdicts[portion] = rung, job.decide(rung, portion)
@@ -114,15 +117,17 @@ def _decide(
 def _meet_rungs(job: Job, asked: Rungs, budget: Budget) -> None:
     """Learn what the rungs cost that are not known yet, by a few pairs."""
     for rung in ABOVE:
-        rows = np.flatnonzero(asked >= rung)
-        if budget.cost(rung) is None and len(rows) and budget.left() > 0.0:
-            if job.prepare(rung, rows[:1], budget).all():
-                job.decide(rung, rows[:1])  # the first call loads machine code, or compiles
-            _try(job, rung, asked, budget)
+        if budget.cost(rung) is None:
+            _try(job, rung, asked, budget, FIRST_SHARE)
 
 
-def _try(job: Job, rung: Accuracy, asked: Rungs, budget: Budget) -> None:
-    """Learn what a rung costs by a few pairs from everywhere; their verdicts aren't used."""
+def _try(job: Job, rung: Accuracy, asked: Rungs, budget: Budget, share: float) -> None:
+    """Learn what a rung costs by a few pairs from everywhere; their verdicts aren't used.
+
+    What the first call of a cycle, or of all, takes once is left out: loading machine code, and
+    what all pairs of the cycle share. So is what every call takes, or a few pairs would seem to
+    cost many times what they cost among hundreds, and the rung would never be taken.
+    """
     rows = np.flatnonzero(asked >= rung)
     step = max(1, len(rows) // TRIAL_PAIRS)
     rows = rows[budget.cycle % step :: step][:TRIAL_PAIRS]
@@ -131,10 +136,15 @@ def _try(job: Job, rung: Accuracy, asked: Rungs, budget: Budget) -> None:
     rows = rows[job.prepare(rung, rows, budget)]
     if len(rows) == 0:
         return
-    allowed = max(0.0, TRIAL_SHARE * budget.left())
-    budget.learn(rung, 0, _timed(job, rung, rows[:0], budget))
-    done, seconds, total = 0, 0.0, 0.0
-    portions: list[tuple[int, float]] = []
+    job.decide(rung, rows[:1])
+    allowed = max(0.0, share * budget.left())
+    seconds = total = _timed(job, rung, rows[:1], budget)
+    portions = [(1, seconds)]
+    if seconds <= CALL_SHARE * allowed:
+        twice = _timed(job, rung, rows[[0, 0]], budget)
+        budget.learn(rung, 0, max(0.0, 2.0 * seconds - twice))
+        total += twice
+    done = 1
     while done < len(rows) and total + 2.0 * seconds <= allowed:
         portion = rows[done : 2 * done + 1]
         seconds = _timed(job, rung, portion, budget)

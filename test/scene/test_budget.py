@@ -44,8 +44,12 @@ class World:
     """Pairs that collide up to a rung each, and a clock that deciding them moves on.
 
     levels (m,): the last rung that reports a pair; noise: of the times; spikes: share of the
-    calls in which somebody else has the processor for 3 ms.
+    calls in which somebody else has the processor for 3 ms; slow: how many times as long all takes;
+    shared: seconds that the first call of a cycle takes, call: seconds that each call for pairs
+    does.
     """
+
+    shared, call, slow = 0.0, 0.0, 1.0
 
     def __init__(self, count: int, noise: float = 0.0, spikes: float = 0.0) -> None:
         self.rng = np.random.default_rng(count)
@@ -54,13 +58,14 @@ class World:
         self.now = 0.0
         self.costs = dict(COSTS)
         self.before, self.after = 1e-3, 5e-4
+        self.began = False
         self.decided: list[tuple[Accuracy, int]] = []
 
     def clock(self) -> float:
         return self.now
 
     def spend(self, seconds: float) -> None:
-        self.now += seconds * self.rng.lognormal(0.0, self.noise)
+        self.now += self.slow * seconds * self.rng.lognormal(0.0, self.noise)
         self.now += 3e-3 * (self.rng.random() < self.spikes)
 
     def prepare(self, rung: Accuracy, rows: Rows, budget: Budget | None) -> NDArray[np.bool_]:
@@ -68,6 +73,9 @@ class World:
 
     def decide(self, rung: Accuracy, rows: Rows) -> Verdicts:
         self.spend(2e-5 + self.costs[rung] * len(rows))
+        if len(rows):
+            self.spend(self.call + (0.0 if self.began else self.shared))
+            self.began = True
         self.decided.append((rung, len(rows)))
         return np.where(self.levels[rows] >= rung, TOUCHING, SEPARATE).astype(np.int8)
 
@@ -77,6 +85,7 @@ class World:
         rungs, verdicts = np.full(count, OBB, np.int8), np.full(count, TOUCHING, np.int8)
         if budget is not None:
             budget.start()
+        self.began = False
         self.spend(self.before)
         refine(
             self, np.full(count, asked, np.int8), np.zeros(count, np.bool_), rungs, verdicts, budget
@@ -191,6 +200,80 @@ def test_pairs_that_get_dearer_are_left_behind_always_the_same_ones() -> None:
         world.cycle(budget)
     assert budget.cap == HULL
     assert (world.cycle(budget) == HULL).all()
+
+
+def busy(world: World, count: int) -> World:
+    """Return a world of so many pairs in which calls take as long as those of real scenes."""
+    world.shared, world.call = 3e-4, 1e-4
+    world.levels = world.levels[:count]
+    return world
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.3])
+@pytest.mark.parametrize("slow", [2.0, 20.0, 1000.0])
+@pytest.mark.parametrize("cycles", [1, 5, 20, 200])
+def test_a_slow_start_is_forgotten(cycles: int, slow: float, noise: float) -> None:
+    world = busy(World(1000, noise), 400)
+    budget = Budget(0.6 * BUDGET, world.clock)
+    world.slow = slow
+    for _ in range(cycles):
+        world.cycle(budget)
+    world.slow = 1.0
+    for _ in range(250):
+        world.cycle(budget)
+    used, rungs = [], []
+    for _ in range(200):
+        rungs.append(world.cycle(budget))
+        used.append(budget.used)
+    assert np.mean([(rung == HULL).all() for rung in rungs]) >= 0.95
+    assert np.mean(np.array(used) <= 0.6 * BUDGET) >= 0.95
+
+
+@pytest.mark.parametrize("slow", [5.0, 100.0])
+@pytest.mark.parametrize("cycles", [1, 10, 100])
+def test_the_level_is_found_again_after_a_slow_time(cycles: int, slow: float) -> None:
+    world = busy(World(1000, 0.2, spikes=0.002), 400)
+    budget = Budget(0.6 * BUDGET, world.clock)
+    for _ in range(100):
+        world.cycle(budget)
+    assert budget.cap == HULL
+    for _ in range(3):
+        world.slow = slow
+        for _ in range(cycles):
+            world.cycle(budget)
+        world.slow = 1.0
+        for _ in range(400):
+            world.cycle(budget)
+        assert budget.cap == HULL
+
+
+@pytest.mark.parametrize("spikes", [0.005, 0.01, 0.02])  # of some 20 times a cycle
+def test_others_that_take_the_processor_again_and_again_do_not_keep_from_the_level(
+    spikes: float,
+) -> None:
+    world = busy(World(1000, 0.2, spikes), 400)
+    budget = Budget(0.8 * BUDGET, world.clock)
+    caps = []
+    for _ in range(600):
+        world.cycle(budget)
+        caps.append(budget.cap)
+    assert caps[150:].count(HULL) >= 0.9 * len(caps[150:])
+
+
+def test_few_pairs_in_a_call_do_not_seem_to_cost_more_than_many() -> None:
+    world = busy(World(1000, noise=0.1), 400)
+    budget = Budget(0.6 * BUDGET, world.clock)
+    world.slow = 1000.0
+    world.cycle(budget)  # what is learnt from is trials alone, until a rung is taken
+    world.slow = 1.0
+    for _ in range(200):
+        world.cycle(budget)
+    for rung, factor in ((OBB_TREE, 5.0), (HULL, 2.0), (MESH, 3.0)):
+        cost = budget.cost(rung)
+        assert cost is not None
+        assert 0.3 * COSTS[rung] <= cost <= factor * COSTS[rung]
+    for rung in (OBB_TREE, HULL):
+        assert 0.5 * (world.call + 2e-5) <= budget.overhead(rung) <= 2.0 * (world.call + 2e-5)
 
 
 def test_a_dearer_rung_below_does_not_keep_from_a_cheaper_one_above() -> None:
