@@ -141,6 +141,13 @@ class Ellipsoid(Primitive):
     def __init__(self, radii: ArrayLike, scale: ArrayLike = NO_SCALE) -> None:
         self._store(radii=positive_triple(radii, "radii"), scale=positive_triple(scale, "scale"))
 
+    @classmethod
+    def trusted(cls, radii: Triple) -> Ellipsoid:
+        """Return an ellipsoid of radii that are known to be positive and not too large."""
+        shape = object.__new__(cls)
+        shape._store(radii=radii, scale=NO_SCALE)
+        return shape
+
     def _reach(self) -> Reach:
         x, y, z = (Fraction(radius) for radius in self.radii)
         return x, y, z
@@ -168,6 +175,13 @@ class _Turned(Primitive):
 
 class Cylinder(_Turned):
     """A cylinder along z, centred; ``length`` is its height."""
+
+    @classmethod
+    def trusted(cls, radius: float, length: float, scale: Triple) -> Cylinder:
+        """Return a cylinder of numbers that are known to be positive and not too large."""
+        shape = object.__new__(cls)
+        shape._store(radius=radius, length=length, scale=scale)
+        return shape
 
 
 class Cone(_Turned):

@@ -23,7 +23,9 @@ from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
+from visualization_msgs.msg import Marker
 
+from obb_collision.geometry.shapes import Cylinder, Ellipsoid, Shape
 from obb_collision.node.conversions import FloatArray, Key, name_from_key
 from obb_collision.node.errors import RefusedError
 from obb_collision.node.object_table import COLUMNS, Slots
@@ -48,14 +50,15 @@ def renew_slots(objects: Objects, slots: Slots) -> None:
     objects.enable_many(stale)
 
 
-def put_cubes(
-    objects: Objects, keys: Sequence[Key], kind: int, sizes: FloatArray, expiry: Slots
+def put_primitives(
+    objects: Objects, keys: Sequence[Key], kinds: Slots, sizes: FloatArray, expiry: Slots
 ) -> Slots:
-    """Add boxes by their edge lengths (n, 3), or give those shapes to the objects of these keys.
+    """Add CUBE, SPHERE and CYLINDER of edge lengths (n, 3), or give objects those shapes.
 
-    kind: the type of the markers; expiry (n,) as in the table. Returns their slots; all or, on a
+    kinds (n,): types of markers; expiry (n,) as in the table. Returns their slots; all or, on a
     RefusedError ("bad shape"), none. Their namespaces are admitted and there is room for them.
     """
+    kind_list, size_list = kinds.tolist(), sizes.tolist()
     table, scene = objects.table, objects.scene
     names = [name_from_key(key) for key in keys]
     known = np.array([table.slots.get(key, -1) for key in keys], np.int64)
@@ -67,7 +70,8 @@ def put_cubes(
     overrides = objects.overrides
     rungs = [overrides.rung(name) for name in names] if overrides.overrides else None
     try:
-        slots = scene.add_boxes(names, sizes, poses, rungs)
+        bodies = [_body(kind, size) for kind, size in zip(kind_list, size_list, strict=True)]
+        slots = scene.add_boxes(names, sizes, poses, rungs, bodies)
     except ValueError as error:
         raise RefusedError("bad shape", str(error)) from error
     new = known < 0
@@ -75,10 +79,21 @@ def put_cubes(
         rows = np.flatnonzero(new).tolist()
         table.claim_many(slots[new], [keys[row] for row in rows], [names[row] for row in rows])
         objects.placement.begin(slots[new])
-    objects.note_signatures(slots, [(kind, *size) for size in sizes.tolist()])
+    signatures = [(kind, *size) for kind, size in zip(kind_list, size_list, strict=True)]
+    objects.note_signatures(slots, signatures)
     objects.enable_many(slots)
     touch_slots(objects, slots, expiry)
     return slots
+
+
+def _body(kind: int, size: list[float]) -> Shape | None:
+    """Return the shape of a marker, None for a box: as ``shape_plans`` makes it, but unchecked."""
+    x, y, z = size
+    if kind == Marker.SPHERE:
+        return Ellipsoid.trusted((0.5 * x, 0.5 * y, 0.5 * z))
+    if kind == Marker.CYLINDER:
+        return Cylinder.trusted(0.5, 1.0, (x, y, z))
+    return None
 
 
 def touch_slots(objects: Objects, slots: Slots, expiry: Slots) -> None:

@@ -32,7 +32,7 @@ from obb_collision.node.errors import RefusedError
 from obb_collision.node.guard import INTERNAL_ERROR, Guard
 from obb_collision.node.many_objects import (
     have_shapes,
-    put_cubes,
+    put_primitives,
     renew_slots,
     touch_slots,
 )
@@ -271,11 +271,10 @@ class _Application:
         rows, slots = rows[current], slots[current]
         same = self._have_shapes(markers, rows, slots)
         self._each(markers, rows[same], lambda some: self._touch(markers, some))
-        cubes = ~same & (markers.type[rows] == Marker.CUBE)
-        with self._room(markers, rows[cubes], slots[cubes]) as admitted:
-            self._each(markers, rows[cubes][admitted], lambda some: self._put_cubes(markers, some))
-        others = ~same & (markers.type[rows] != Marker.CUBE)
-        for row in rows[others].tolist():
+        simple = ~same & np.isin(markers.type[rows], PRIMITIVES)
+        with self._room(markers, rows[simple], slots[simple]) as admitted:
+            self._each(markers, rows[simple][admitted], lambda some: self._put_many(markers, some))
+        for row in rows[~same & ~simple].tolist():
             self._put_one_of(markers, row, previous)
 
     def _put_one_of(self, markers: Gathered, last: int, previous: Rows) -> None:
@@ -361,10 +360,10 @@ class _Application:
         touch_slots(self._objects, slots, markers.expiry[rows])
         self._store(markers, rows, slots)
 
-    def _put_cubes(self, markers: Gathered, rows: Rows) -> None:
+    def _put_many(self, markers: Gathered, rows: Rows) -> None:
         keys = [markers.key(row) for row in rows.tolist()]
-        sizes, expiry = markers.scales[rows], markers.expiry[rows]
-        self._store(markers, rows, put_cubes(self._objects, keys, Marker.CUBE, sizes, expiry))
+        given = markers.type[rows], markers.scales[rows], markers.expiry[rows]
+        self._store(markers, rows, put_primitives(self._objects, keys, *given))
 
     def _put(self, markers: Gathered, row: int) -> None:
         """Add one object of any type, or change it."""
@@ -381,19 +380,12 @@ class _Application:
         return self._plans[row]
 
     def _store(self, markers: Gathered, rows: Rows, slots: Rows) -> None:
-        """Store the poses of markers, those of the same frame and stamp together."""
-        columns = markers.frame[rows], markers.stamp[rows], markers.message[rows]
-        order = np.lexsort(columns)
-        changes = np.any([np.diff(column[order]) != 0 for column in columns], axis=0)
-        for some in np.split(order, np.flatnonzero(changes) + 1):
-            if len(some):
-                first = rows[some[0]]
-                state = State(
-                    markers.frames[markers.frame[first]],
-                    int(markers.stamp[first]),
-                    int(markers.received[first]),
-                )
-                self._objects.store_poses(slots[some], markers.poses[rows[some]], state)
+        """Store the poses of markers, those of the same frame together."""
+        for index in np.unique(markers.frame[rows]).tolist():
+            some = markers.frame[rows] == index
+            given = rows[some]
+            state = State(markers.frames[index], markers.stamp[given], markers.received[given])
+            self._objects.store_poses(slots[some], markers.poses[given], state)
         locked = markers.locked[rows]
         if locked.any():
             self._objects.lock(slots[locked])

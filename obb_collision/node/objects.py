@@ -60,11 +60,14 @@ NO_SIGNATURE: Signature = ()
 
 @dataclass(frozen=True)
 class State:
-    """Where poses come from: their frame, stamp (ns, 0: none), time of receipt (ns) and topic."""
+    """Where poses come from: their frame, stamp (ns, 0: none), time of receipt (ns) and topic.
+
+    Stamp and time of receipt are those of all poses, or arrays with one for each.
+    """
 
     frame: str
-    stamp: int
-    received: int
+    stamp: int | Slots
+    received: int | Slots
     topic: str = "objects"
 
 
@@ -310,41 +313,49 @@ class Objects:
         """
         table, frame = self.table, self.placement.frame_index(state.frame)
         twists = np.broadcast_to(twists, (len(slots), 6))
-        old = self._find_old(slots, state)
+        stamps = np.broadcast_to(state.stamp, len(slots))
+        received = np.broadcast_to(state.received, len(slots))
+        old = self._find_old(slots, stamps, received, state.topic)
         if old.any():
             slots, poses, twists = slots[~old], poses[~old], twists[~old]
+            stamps, received = stamps[~old], received[~old]
         if len(slots) == 0:
             return old
         self.placement.supersede(slots, frame)
         table.given[slots] = poses
         table.twist[slots] = twists
         table.frame[slots] = frame
-        table.stamp[slots] = state.stamp
+        table.stamp[slots] = stamps
         table.topic[slots] = self.placement.topic_index(state.topic)
-        if state.stamp > state.received + self.stamp_tolerance:
-            ahead = (state.stamp - state.received) / NANOSECONDS
-            self._doubt(AHEAD, slots, state, f"{ahead:.1f} s ahead of the node's clock")
-        elif state.stamp:
-            table.order[slots] = state.stamp
-        table.received[slots] = state.received
+        ahead = stamps - received
+        doubted = ahead > self.stamp_tolerance
+        if doubted.any():
+            most = f"{ahead.max() / NANOSECONDS:.1f} s ahead of the node's clock"
+            self._doubt(AHEAD, slots[doubted], state.topic, most)
+        orders = ~doubted & (stamps != 0)
+        table.order[slots[orders]] = stamps[orders]
+        table.received[slots] = received
         table.outdated[slots] = False
         table.pending[slots] = True
         table.pose_refused[slots] = False
         table.locked[slots] = False
         return old
 
-    def _find_old(self, slots: Slots, state: State) -> npt.NDArray[np.bool_]:
+    def _find_old(
+        self, slots: Slots, stamps: Slots, received: Slots, topic: str
+    ) -> npt.NDArray[np.bool_]:
         """Return which states come too late (n,), and see which senders began anew."""
-        old = self.find_late(slots, state.stamp, state.received)
-        anew = slots[~old & (self.table.order[slots] > state.stamp)] if state.stamp else slots[:0]
-        if len(anew):
-            before = (self.table.order[anew].max() - state.stamp) / NANOSECONDS
-            self._doubt(ANEW, anew, state, f"{before:.1f} s before the last one")
+        old = self.find_late(slots, stamps, received)
+        before = self.table.order[slots] - stamps
+        anew = ~old & (before > 0) & (stamps != 0)
+        if anew.any():
+            most = f"{before[anew].max() / NANOSECONDS:.1f} s before the last one"
+            self._doubt(ANEW, slots[anew], topic, most)
         return old
 
-    def _doubt(self, reason: str, slots: Slots, state: State, detail: str) -> None:
+    def _doubt(self, reason: str, slots: Slots, topic: str, detail: str) -> None:
         name = name_from_key(self.table.key(int(slots[0])))
-        self._on_doubted(state.topic, reason, name, detail, len(slots))
+        self._on_doubted(topic, reason, name, detail, len(slots))
 
     def lock(self, slots: Slots) -> None:
         """Place the stored poses anew every cycle, where their frames are then."""

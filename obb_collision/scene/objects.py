@@ -84,19 +84,22 @@ class SceneObjects:
         sizes: ArrayLike,
         poses: ArrayLike,
         accuracies: Sequence[Accuracy | str | None] | None = None,
+        shapes: Sequence[Shape | None] | None = None,
     ) -> NDArray[np.int64]:
         """Add boxes, or replace the objects of those names; returns their indices (n,).
 
         As ``add`` with ``Box(size)`` for each, in a fraction of the time. names: n distinct ones.
-        sizes (n, 3): edge lengths. poses (n, 7). accuracies: (n,), None for the scene's. Raises
-        ValueError for bad values; then none is added.
+        sizes (n, 3): edge lengths. poses (n, 7). accuracies: (n,), None for the scene's. shapes:
+        (n,), what has that box, None for the box itself. Raises ValueError for bad values; then
+        none is added.
         """
         edges = as_half_extents(sizes, "sizes", (None, 3))
         where = as_array(poses, "poses", (None, 7))
         rungs = None
         if accuracies is not None:
             rungs = [None if rung is None else as_accuracy(rung) for rung in accuracies]
-        lengths = {len(names), len(edges), len(where), len(names if rungs is None else rungs)}
+        given = (names, edges, where, names if rungs is None else rungs, shapes or names)
+        lengths = {len(values) for values in given}
         if len(lengths) > 1 or len(set(names)) < len(names):
             raise ValueError("names, sizes, poses and accuracies must be one per object")
         check_names(names, "names", MAX_OBJECT_NAME)
@@ -113,6 +116,9 @@ class SceneObjects:
             )
             ranks = np.array([self._accuracy if r is None else r for r in rungs], np.int8)
         self._store.accuracies[slots] = ranks
+        for slot, shape in zip(slots.tolist(), shapes or (), strict=False):
+            if shape is not None:
+                self._store.kinds[slot] = self._bank.put(slot, shape)
         return slots
 
     def _forget(self, slots: NDArray[np.int64]) -> None:

@@ -48,8 +48,8 @@ def failing(given: Callable[..., Any], fails: Callable[..., bool]) -> Callable[.
 
 def test_an_item_that_fails_is_refused_alone(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
     objects = rig.node.objects
-    fails = failing(many_objects.put_cubes, lambda _, keys, *__: BAD in keys)
-    monkeypatch.setattr(marker_input, "put_cubes", fails)
+    fails = failing(many_objects.put_primitives, lambda _, keys, *__: BAD in keys)
+    monkeypatch.setattr(marker_input, "put_primitives", fails)
     rig.send(cube(A), cube(BAD), cube(B, (0.5, 0, 0)))
     assert rig.pairs() == {("a/1", "a/2")}
     assert rig.refused("objects") == {INTERNAL_ERROR: 1}

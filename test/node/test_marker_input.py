@@ -69,15 +69,15 @@ def count_calls(monkeypatch: pytest.MonkeyPatch, *names: str) -> Counter[str]:
 def test_of_a_backlog_only_the_last_state_of_each_object_is_looked_at(
     rig: Rig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    calls = count_calls(monkeypatch, "put_cubes", "touch_slots")
+    calls = count_calls(monkeypatch, "put_primitives", "touch_slots")
     wait(rig, *(serialized(cube(A1, (x, 0, 0)), cube(A2, (x + 0.5, 0, 0))) for x in range(50)))
     assert sync(rig) == {("a/1", "a/2")}
-    assert calls == {"put_cubes": 3}, "two of the backlog and one of sync"
+    assert calls == {"put_primitives": 3}, "two of the backlog and one of sync"
     slot = rig.node.objects.table.slots[A1]
     assert rig.node.objects.table.world[slot][0] == 49.0
     wait(rig, *(serialized(cube(A1, (x, 0, 0))) for x in range(50)))
     sync(rig)
-    assert calls["put_cubes"] == 3, "an unchanged shape is a pose update"
+    assert calls["put_primitives"] == 3, "an unchanged shape is a pose update"
 
 
 def test_no_add_and_no_delete_of_a_backlog_is_lost(rig: Rig) -> None:
@@ -269,3 +269,28 @@ def test_all_that_waits_is_taken_before_one_cycle() -> None:
         assert rig.node.cycle.monitor.total == total
         table = rig.node.objects.table
         assert table.stamp[table.slots[A1]] == sent
+
+
+def test_states_with_stamps_of_their_own_are_stored_together(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stored: list[int] = []
+    objects = rig.node.objects
+    given = objects.store_poses
+
+    def store(slots: Any, *more: Any) -> Any:
+        stored.append(len(slots))
+        return given(slots, *more)
+
+    monkeypatch.setattr(objects, "store_poses", store)
+    markers = [cube(("c", number), (3.0 * number, 0, 0)) for number in range(50)]
+    for number, marker in enumerate(markers):
+        marker.header.stamp = stamp_to_ros(SECOND + number)
+        marker.type = (Marker.CUBE, Marker.SPHERE, Marker.CYLINDER)[number % 3]
+    wait(rig, serialized(*markers))
+    rig.until(lambda: len(keys(rig)) == 50, "objects")
+    assert stored == [50]
+    table = objects.table
+    slots = [table.slots["c", number] for number in range(50)]
+    assert (table.stamp[slots] == SECOND + np.arange(50)).all()
+    assert objects.signature(("c", 1)) == (Marker.SPHERE, 1.0, 1.0, 1.0)

@@ -16,10 +16,13 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
 import obb_collision as oc
+from obb_collision.geometry import shapes as kinds_of_shapes
 
 TINY = float(np.nextafter(np.finfo(np.float64).tiny, 1.0))
 
@@ -37,6 +40,7 @@ def some(count: int, seed: int) -> tuple[list[str], np.ndarray, np.ndarray]:
     names = [f"a/{number}" for number in rng.permutation(3 * count)[:count]]
     sizes, poses = rng.uniform(0.1, 2.0, (count, 3)), rng.normal(size=(count, 7))
     sizes[0] = TINY, 0.0, 3.0
+    poses[:, 3:] /= np.linalg.norm(poses[:, 3:], axis=1, keepdims=True)
     return names, sizes, poses
 
 
@@ -54,6 +58,29 @@ def test_boxes_added_at_once_are_those_added_one_by_one() -> None:
             scene.remove(names[3])
             scene.add(names[5], oc.Sphere(0.5), padding=0.2)
     assert many.obb(names[0]).half_extents[0] >= 0.5 * TINY + 0.01
+
+
+def test_other_shapes_come_with_their_boxes() -> None:
+    one, many = oc.Scene(accuracy="hull"), oc.Scene(accuracy="hull")
+    names, sizes, poses = some(40, 9)
+    sizes[0] = 1.0
+    poses[:, :3] *= 2.0
+    shapes: list[Any] = [None, kinds_of_shapes.Ellipsoid, kinds_of_shapes.Cylinder] * 14
+    bodies = []
+    for name, size, pose, kind in zip(names, sizes, poses, shapes, strict=False):
+        x, y, z = size.tolist()
+        if kind is None:
+            body, trusted = oc.Box(size), None
+        elif kind is kinds_of_shapes.Ellipsoid:
+            body, trusted = kind(0.5 * size), kind.trusted((0.5 * x, 0.5 * y, 0.5 * z))
+        else:
+            body, trusted = kind(0.5, 1.0, size), kind.trusted(0.5, 1.0, (x, y, z))
+        assert trusted is None or trusted == body
+        one.add(name, body, pose)
+        bodies.append(trusted)
+    many.add_boxes(names, sizes, poses, None, bodies)
+    assert state(one) == state(many)
+    assert len(one.check()) > 0
 
 
 def test_bad_boxes_are_refused_all_together() -> None:
