@@ -28,10 +28,10 @@ from obb_collision.queries.accuracy import Accuracy
 from obb_collision.queries.coarse import meeting_bounds, sphere_bounds
 from obb_collision.queries.separation import Verdicts
 from obb_collision.scene.allowed import AllowedPairs, Counts
+from obb_collision.scene.bounds_tree import BoundsTree
 from obb_collision.scene.broad_phase import (
     NO_PAIRS,
     UNLIMITED,
-    BoundsTree,
     Pairs,
     find_candidates,
     find_some_candidates,

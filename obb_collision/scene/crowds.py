@@ -27,7 +27,8 @@ from numpy.typing import NDArray
 
 from obb_collision._jit import njit
 from obb_collision.geometry.validation import Floats
-from obb_collision.scene.broad_phase import FANOUT, LEAF, STACK, BoundsTree, Pairs
+from obb_collision.scene.bounds_tree import FANOUT, LEAF, STACK, BoundsTree
+from obb_collision.scene.broad_phase import Pairs
 
 Rows = NDArray[np.int64]
 

@@ -29,7 +29,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from obb_collision.scene.broad_phase import BoundsTree, Pairs, find_some_candidates
+from obb_collision.scene.bounds_tree import BoundsTree
+from obb_collision.scene.broad_phase import Pairs, find_some_candidates
 from obb_collision.scene.crowds import FIRST_PARTNERS, GROWTH, ordered_candidates, partners
 from obb_collision.scene.ladder import NONE, Found
 from obb_collision.scene.store import Rows

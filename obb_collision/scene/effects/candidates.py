@@ -19,10 +19,10 @@ from __future__ import annotations
 import numpy as np
 
 from obb_collision.geometry.validation import Floats
+from obb_collision.scene.bounds_tree import BoundsTree
 from obb_collision.scene.broad_phase import (
     NO_PAIRS,
     UNLIMITED,
-    BoundsTree,
     Pairs,
     find_some_candidates,
     find_some_candidates_of,
