@@ -22,7 +22,6 @@ from collections.abc import Callable
 from pathlib import Path
 from random import Random
 from typing import Any
-from zlib import crc32
 
 import numpy as np
 from geometry_msgs.msg import Point, TransformStamped, Twist
@@ -38,6 +37,7 @@ from obb_collision.node.conversions import (
     stamp_to_ros,
     transform_to_ros,
 )
+from obb_collision.node.names import namespace_number
 
 NAMESPACES = ("a", "b", "crate", "arm", "", "a/b")
 FRAMES = ("map", "map", "map", "", "odom")
@@ -129,7 +129,7 @@ class Messages:
     def poses(self) -> PointCloud2:
         """Return bulk poses."""
         keys = [self._key() for _ in range(self._random.choice((0, 1, 5, 200)))]
-        numbers = np.array([crc32(key[0].encode()) for key in keys], np.uint32).astype(np.int32)
+        numbers = np.array([namespace_number(key[0]) for key in keys], np.int64)
         poses = np.array([self._pose() for _ in keys]).reshape(-1, 7)
         namespaces = numbers if self._random.random() < 0.8 else None
         single = self._random.random() < 0.5

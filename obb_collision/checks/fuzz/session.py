@@ -14,11 +14,12 @@
 
 """One attack: hostile messages in batches, and after each batch a probe that must be answered.
 
-A probe is an own set of cubes, sent in one message behind a DELETEALL; its pairs are known from
-intervals of exact numbers. The longest time between two answers of the node is read from the times
-at which it published them, and compared with what is allowed: its period, the bound on blocking,
-what rclpy takes to decode the largest messages of the batch (measured here), and how late a process
-that only sleeps was meanwhile, twice: for what the machine's other work costs.
+A probe is an own set of cubes, sent in one message behind a DELETEALL of its namespace, now and
+then of everything; its pairs are known from intervals of exact numbers. The longest time between
+two answers of the node is read from the times at which it published them, and compared with what
+is allowed: its period, the bound on blocking, what rclpy takes to decode the largest messages of
+the batch (measured here), and how late a process that only sleeps was meanwhile, twice: for what
+the machine's other work costs.
 """
 
 from __future__ import annotations
@@ -50,8 +51,9 @@ from obb_collision.checks.fuzz.child import Child
 from obb_collision.checks.fuzz.messages import Messages
 from obb_collision.checks.fuzz.metronome import Metronome
 from obb_collision.checks.fuzz.mutations import damaged, hostile_value, mutate
-from obb_collision.node.conversions import NANOSECONDS, pose_to_ros, stamp_from_ros, stamp_to_ros
+from obb_collision.node.conversions import NANOSECONDS, pose_to_ros, stamp_to_ros
 from obb_collision.node.layouts import collisions_from_ros
+from obb_collision.node.names import namespace_number
 from obb_collision.node.parameter_table import SPECS
 
 STARTING = 300.0
@@ -67,6 +69,9 @@ DAMAGED = 0.15
 LARGE = 20_000
 """Bytes of a serialised message above which its decoding is timed."""
 PROBE, FIRST_PROBE_ID, CUBES = "probe", 1_000_000, 6
+CLEAN = 0.2
+"""Share of the probes that remove all hostile objects, too."""
+PROBE_NUMBER = namespace_number(PROBE)
 OUTPUTS = {
     "collisions_text": DiagnosticArray,
     "contacts": PointCloud2,
@@ -252,23 +257,26 @@ class Session:
     def _probe(self, child: Child) -> None:
         """Send cubes and wait for their pairs, all of them and no other."""
         random, stamp = self._random, time.time_ns()
-        message = MarkerArray(markers=[Marker(action=Marker.DELETEALL)])
-        cubes = []
+        everything = random.random() < CLEAN
+        delete = Marker(action=Marker.DELETEALL, ns="" if everything else PROBE)
+        message = MarkerArray(markers=[delete])
+        first, cubes = FIRST_PROBE_ID + CUBES * self.result.probes, []
         for number in range(CUBES):
             edges = [random.randint(1, 8) / 8 for _ in range(3)]
-            place = [random.randint(0, 16) / 8 for _ in range(3)]
+            # the first two always meet: by their pair the answer is known
+            place = [random.randint(0, 16) / 8 if number > 1 else 1.0 for _ in range(3)]
             cubes.append((place, edges))
-            marker = Marker(ns=PROBE, id=FIRST_PROBE_ID + number, type=Marker.CUBE)
+            marker = Marker(ns=PROBE, id=first + number, type=Marker.CUBE)
             marker.header.frame_id, marker.header.stamp = "map", stamp_to_ros(stamp)
             marker.pose = pose_to_ros((*place, 0.0, 0.0, 0.0, 1.0))
             marker.scale.x, marker.scale.y, marker.scale.z = edges
             message.markers.append(marker)
         self._publishers["objects"].publish(message)
-        answer = self._until(child, lambda: self._answer(stamp), f"answer to probe {stamp}")
-        rows = collisions_from_ros(answer)
-        found = {(int(a), int(b)) for a, b in zip(rows["id_a"], rows["id_b"], strict=True)}
+        seen = len(self._answers)
+        what = f"answer to probe {self.result.probes}"
+        found = self._until(child, lambda: self._answer(seen, (first, first + 1)), what)
         wanted = {
-            (FIRST_PROBE_ID + i, FIRST_PROBE_ID + j)
+            (first + i, first + j)
             for i, j in combinations(range(CUBES), 2)
             if _meet(cubes[i], cubes[j])
         }
@@ -276,9 +284,15 @@ class Session:
             raise FoundError(f"pairs of the probe: {sorted(found)}, right is {sorted(wanted)}")
         self.result.probes += 1
 
-    def _answer(self, stamp: int) -> PointCloud2 | None:
-        given = (message for _, message in self._answers)
-        return next((m for m in given if stamp_from_ros(m.header.stamp) == stamp), None)
+    def _answer(self, seen: int, pair: tuple[int, int]) -> set[tuple[int, int]] | None:
+        """Return the pairs among probes of the first answer that has a pair, None for not yet."""
+        for _, message in self._answers[seen:]:
+            rows = collisions_from_ros(message)
+            rows = rows[(rows["ns_a"] == PROBE_NUMBER) & (rows["ns_b"] == PROBE_NUMBER)]
+            ids = zip(rows["id_a"].tolist(), rows["id_b"].tolist(), strict=True)
+            if pair in (pairs := set(ids)):
+                return pairs
+        return None
 
     def end(self, child: Child) -> None:
         """Read the last diagnostics; FoundError where the node counted internal errors."""
