@@ -66,7 +66,8 @@ def test_other_shapes_come_with_their_boxes() -> None:
     sizes[0] = 1.0
     poses[:, :3] *= 2.0
     shapes: list[Any] = [None, kinds_of_shapes.Ellipsoid, kinds_of_shapes.Cylinder] * 14
-    bodies = []
+    bodies: list[Any] = []
+    body: Any
     for name, size, pose, kind in zip(names, sizes, poses, shapes, strict=False):
         x, y, z = size.tolist()
         if kind is None:
