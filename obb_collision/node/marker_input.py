@@ -75,50 +75,61 @@ class MarkerInput:
         guard: Guard,
     ) -> None:
         self._objects, self._monitor, self._clock, self._guard = objects, monitor, clock, guard
-        self._waiting: list[tuple[Scanned, int]] = []
+        self._waiting: list[tuple[bytes, int]] = []
         self._kept: Gathered | None = None  # of messages before those
         self._size = 0
         self._messages = 0
 
     def take(self, data: bytes) -> None:
-        """Let a serialised MarkerArray wait for the next cycle, or refuse it."""
+        """Let a serialised MarkerArray wait for the next cycle."""
         now = self._clock()
         self._monitor.received(now)
-        try:
-            scanned = scan_markers(data)
-        except RefusedError as error:
-            self._monitor.refuse(now, error.reason, "whole message", error.detail)
-            return
-        if len(scanned) == 0:
-            return
-        if ((scanned.integers[:, ACTION] == Marker.DELETEALL) & _nameless(scanned)).any():
-            self.forget()  # it deletes what all of them would add
-        self._waiting.append((scanned, now))
-        self._size += scanned.nbytes
+        self._waiting.append((data, now))
+        self._size += len(data)
         if self._size > MAX_WAITING_BYTES or len(self._waiting) > MAX_WAITING_MESSAGES:
             self._coalesce()
 
-    def forget(self) -> None:
-        """Drop what waits."""
-        self._waiting, self._kept, self._size = [], None, 0
-
     def clock_jumped(self, shift: int) -> None:
         """Take over a jump of the clock (ns)."""
-        self._waiting = [(scanned, at + shift) for scanned, at in self._waiting]
+        self._waiting = [(data, at + shift) for data, at in self._waiting]
         if self._kept is not None:
             self._kept.received += shift
             self._kept.expiry[self._kept.expiry != NEVER] += shift
 
     def _gather(self) -> Gathered | None:
-        """Return all that waits, and wait for more."""
+        """Return all that waits, and wait for more.
+
+        The newest message is read first: what comes before a DELETEALL is dropped unread.
+        """
         kept, waiting = self._kept, self._waiting
-        self.forget()
-        if not waiting:
+        self._waiting, self._kept, self._size = [], None, 0
+        parts: list[Scanned] = []
+        received: list[int] = []
+        for data, at in reversed(waiting):
+            part = self._scan(data)
+            if part is not None and len(part):
+                parts.append(part)
+                received.append(at)
+                if _deletes_all(part):
+                    kept = None
+                    break
+        if not parts:
             return kept
-        parts, received = zip(*waiting, strict=True)
-        new = gather(parts, received, self._messages)
-        self._messages += len(waiting)
+        new = gather(parts[::-1], received[::-1], self._messages)
+        self._messages += len(parts)
         return new if kept is None else join(kept, new)
+
+    def _scan(self, data: bytes) -> Scanned | None:
+        """Return what is in a message, None where it is refused."""
+        now = self._clock()
+        try:
+            return scan_markers(data)
+        except RefusedError as error:
+            self._monitor.refuse(now, error.reason, "whole message", error.detail)
+        except Exception as error:
+            self._guard.caught("input objects", error, "whole message")
+            self._monitor.refuse(now, INTERNAL_ERROR, "whole message", str(error))
+        return None
 
     def _coalesce(self) -> None:
         """Keep of what waits only what it comes to, or apply that if it is still too much."""
@@ -153,8 +164,9 @@ class MarkerInput:
         return _Application(self._objects, self._monitor, self._guard, self._clock())
 
 
-def _nameless(scanned: Scanned) -> Mask:
-    return scanned.integers[:, NS + 1] == 0
+def _deletes_all(scanned: Scanned) -> bool:
+    deletes = scanned.integers[:, ACTION] == Marker.DELETEALL
+    return bool((deletes & (scanned.integers[:, NS + 1] == 0)).any())
 
 
 class _Application:
