@@ -24,6 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 from obb_collision.geometry.aabb import AABB
 from obb_collision.geometry.boxes import Boxes, add_outwards
 from obb_collision.geometry.fitting import fit_points
+from obb_collision.geometry.kinds import as_flag, check_kind
 from obb_collision.geometry.poses import matrices_from_quaternions, quaternions_from_matrices
 from obb_collision.geometry.representations import corners
 from obb_collision.geometry.transforms import transform_box
@@ -33,7 +34,9 @@ from obb_collision.geometry.validation import (
     as_half_extents,
     as_quaternions,
     as_rotations,
+    is_single,
 )
+from obb_collision.geometry.words import shown
 from obb_collision.queries.containment import contains
 from obb_collision.queries.separation import SEPARATE, Verdict, verdicts
 from obb_collision.queries.witness import AXES, witness
@@ -91,6 +94,7 @@ class OBB:
     @classmethod
     def from_aabb(cls, aabb: AABB) -> OBB:
         """Return the box with axes x, y, z that certainly contains the AABB."""
+        check_kind(aabb, AABB, "aabb")
         center = 0.5 * aabb.minimum + 0.5 * aabb.maximum
         reach = np.maximum(add_outwards(aabb.maximum, -center), add_outwards(center, -aabb.minimum))
         return cls(center, np.eye(3), reach)
@@ -125,14 +129,14 @@ class OBB:
 
     def edge_direction(self, i: int) -> Floats:
         """Return the unit direction (3,) of the four edges along axis i, 0 to 2."""
-        if i not in (0, 1, 2):
-            raise ValueError(f"edge direction must be 0, 1 or 2, got {i}")
+        if not (isinstance(i, (int, np.integer)) and 0 <= i <= 2):
+            raise ValueError(f"edge direction i must be 0, 1 or 2, got {shown(i)}")
         return self.rotation[:, i].copy()
 
     def face_normal(self, i: int) -> Floats:
         """Return the outward unit normal (3,) of face i: 0 +x, 1 -x, 2 +y, 3 -y, 4 +z, 5 -z."""
-        if i not in range(6):
-            raise ValueError(f"face must be 0 to 5, got {i}")
+        if not (isinstance(i, (int, np.integer)) and 0 <= i <= 5):
+            raise ValueError(f"face i must be 0 to 5, got {shown(i)}")
         sign = 1.0 if i % 2 == 0 else -1.0
         result: Floats = sign * self.rotation[:, i // 2]
         return result
@@ -160,17 +164,20 @@ class OBB:
         The surface counts, and so do points that doubles can't tell from it; ``exact=True``
         decides those by integer arithmetic.
         """
-        single = np.ndim(points) == 1
+        single = is_single(points)
         cloud = as_array(points, "points", (3,) if single else (None, 3)).reshape(-1, 3)
-        inside = contains(self.center, self.rotation, self.half_extents, cloud, exact)
+        exactly = as_flag(exact, "exact")
+        inside = contains(self.center, self.rotation, self.half_extents, cloud, exactly)
         return bool(inside[0]) if single else inside
 
     def intersects(self, other: OBB, exact: bool = False) -> bool:
         """Return whether the boxes have a common point; touching counts."""
+        check_kind(other, OBB, "other")
         return int(verdicts(self._boxes(), other._boxes(), exact)[0]) != SEPARATE
 
     def separation(self, other: OBB) -> Separation:
         """Return the signed gap in metres, its unit axis towards ``other``, and the verdict."""
+        check_kind(other, OBB, "other")
         gap, x, y, z, _ = witness(
             *(self.center, self.rotation, self.half_extents),
             *(other.center, other.rotation, other.half_extents),

@@ -21,7 +21,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from obb_collision.geometry.validation import Floats, as_array
+from obb_collision.geometry.kinds import check_kind
+from obb_collision.geometry.validation import Floats, as_array, is_single
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,12 +53,13 @@ class AABB:
 
     def intersects(self, other: AABB) -> bool:
         """Return whether the two closed boxes have a common point; touching counts."""
+        check_kind(other, AABB, "other")
         apart = (self.minimum > other.maximum) | (other.minimum > self.maximum)
         return not bool(apart.any())
 
     def contains(self, points: ArrayLike) -> bool | NDArray[np.bool_]:
         """Return whether the point (3,) -> bool, or each point (n, 3) -> (n,), lies inside."""
-        single = np.ndim(points) == 1
+        single = is_single(points)
         cloud = as_array(points, "points", (3,) if single else (None, 3))
         inside = ((cloud >= self.minimum) & (cloud <= self.maximum)).all(axis=-1)
         return bool(inside) if single else np.asarray(inside)

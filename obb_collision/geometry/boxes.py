@@ -23,6 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from obb_collision._jit import njit
 from obb_collision.geometry.error_free import two_sum_error
+from obb_collision.geometry.kinds import taken
 from obb_collision.geometry.poses import as_poses
 from obb_collision.geometry.validation import Floats, as_array, as_half_extents, as_rotations
 
@@ -83,11 +84,13 @@ class Boxes:
 
     def row(self, index: int | np.integer) -> tuple[Floats, Floats, Floats]:
         """Return centre (3,), rotation (3, 3) and half extents (3,) of one box, as views."""
-        return self.centers[index], self.rotations[index], self.half_extents[index]
+        center = taken(self.centers, index, "index", 1)
+        return center, self.rotations[index], self.half_extents[index]
 
     def take(self, rows: NDArray[np.int64] | NDArray[np.bool_]) -> Boxes:
         """Return the boxes of an index array or mask, in that order."""
-        return Boxes.trusted(self.centers[rows], self.rotations[rows], self.half_extents[rows])
+        centers = taken(self.centers, rows, "rows", 2)
+        return Boxes.trusted(centers, self.rotations[rows], self.half_extents[rows])
 
     def padded(self, margin: float) -> Boxes:
         """Return boxes grown by ``margin`` metres on every side, rounded outwards."""

@@ -21,6 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from obb_collision.geometry.kinds import taken
 from obb_collision.geometry.validation import Floats, as_array, as_half_extents
 
 
@@ -75,4 +76,5 @@ class Capsules:
 
     def take(self, rows: NDArray[np.int64] | NDArray[np.bool_]) -> Capsules:
         """Return the capsules of an index array or mask, in that order."""
-        return Capsules.trusted(self.starts[rows], self.ends[rows], self.radii[rows])
+        starts = taken(self.starts, rows, "rows", 2)
+        return Capsules.trusted(starts, self.ends[rows], self.radii[rows])

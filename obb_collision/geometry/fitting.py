@@ -40,6 +40,7 @@ from obb_collision.geometry.frames import (
 )
 from obb_collision.geometry.hulls import convex_hull, hull_volume
 from obb_collision.geometry.validation import MAX_MAGNITUDE, Floats, as_array
+from obb_collision.geometry.words import shown
 
 #: A set whose extent along a principal axis is below this fraction of the largest is flat: what
 #: rounding the points leaves of a plane is below 1e-15, real thin things are above 1e-9.
@@ -89,9 +90,9 @@ def fit_points(points: ArrayLike, fit: str = "best") -> tuple[Floats, Floats, Fl
 
 def check_fit(fit: str) -> str:
     """Return the name of a fit; ValueError naming the choices for any other."""
-    if fit not in FITS:
+    if not isinstance(fit, str) or fit not in FITS:
         choices = ", ".join(repr(name) for name in FITS)
-        raise ValueError(f"fit must be one of {choices}, got {fit!r}")
+        raise ValueError(f"fit must be one of {choices}, got {shown(fit)}")
     return fit
 
 

@@ -44,11 +44,13 @@ from obb_collision.geometry.tree_build import build_tree
 from obb_collision.geometry.tree_checks import checked_arrays
 from obb_collision.geometry.validation import (
     Floats,
+    as_any_array,
     as_array,
     as_half_extents,
     as_rotations,
     as_whole,
 )
+from obb_collision.geometry.words import shown
 
 #: Triangles in a leaf. Two take half as many nodes and are up to a fifth quicker on meshes as even
 #: as a ball, but take half as long again on the long thin triangles of real ones.
@@ -185,13 +187,15 @@ class MeshTrees:
     @classmethod
     def from_half_extents(cls, half_extents: ArrayLike) -> MeshTrees:
         """Return the trees of k solid boxes about the origin, half extents (k, 3) metres."""
-        given = np.asarray(half_extents)
+        given = as_any_array(half_extents, "half_extents", "numbers of shape (k, 3)")
         rows = as_half_extents(given[None] if given.ndim == 1 else given, "half_extents", (None, 3))
         return cls.join([cls.of(BOX_CORNERS * row, BOX_FACES) for row in rows])
 
     @classmethod
     def join(cls, trees: Sequence[MeshTrees]) -> MeshTrees:
         """Return all trees of several in one, in order."""
+        if not isinstance(trees, Sequence) or not all(isinstance(t, MeshTrees) for t in trees):
+            raise TypeError(f"trees must be several MeshTrees, got {shown(trees)}")
         if not trees:
             raise ValueError("trees must not be empty")
         nodes = np.cumsum([0, *(len(t.nodes) for t in trees)])

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from os import PathLike
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +26,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from obb_collision.geometry.enclosing import ROUNDOFF
 from obb_collision.geometry.fitting import check_fit, fit_points
+from obb_collision.geometry.kinds import check_kind
 from obb_collision.geometry.mesh_files import (
     Triangles,
     read_file,
@@ -40,7 +42,8 @@ from obb_collision.geometry.primitives import (
     positive_triple,
     read_only,
 )
-from obb_collision.geometry.validation import Floats, as_array, check_magnitude
+from obb_collision.geometry.validation import Floats, as_any_array, as_array, check_magnitude
+from obb_collision.geometry.words import printable
 
 #: Splits a double into two halves of 26 bits (Dekker 1971, Veltkamp): 2**27 + 1.
 SPLITTER = 134217729.0
@@ -171,12 +174,14 @@ class Mesh(_Cloud):
         buffers in other files. Raises ValueError naming the file where it is missing, no regular
         file, larger than a gigabyte, can't be read or holds no vertices.
         """
+        check_kind(path, str, "path", PathLike)
         file = resolve_path(path)
         try:
             return cls(*read_mesh(read_file(file)[0], file.name), scale, fit)
         except (ValueError, MemoryError) as error:
             reason = "there is not enough memory" if isinstance(error, MemoryError) else error
-            raise ValueError(f"mesh file {shortened(str(file))}: {reason}") from error
+            where = printable(shortened(str(file)))
+            raise ValueError(f"mesh file {where}: {printable(str(reason))}") from error
 
     def _points(self) -> Floats:
         return self.vertices[np.unique(self.faces)] if len(self.faces) else self.vertices
@@ -191,7 +196,7 @@ def _owned_points(value: ArrayLike, name: str) -> Floats:
 
 
 def _checked_faces(value: ArrayLike, vertices: int) -> Triangles:
-    faces = np.asarray(value)
+    faces = as_any_array(value, "faces", "integers of shape (n, 3)")
     if faces.size == 0:
         faces = np.empty((0, 3), np.int64)
     if faces.ndim != 2 or faces.shape[1] != 3 or faces.dtype.kind not in "iu":

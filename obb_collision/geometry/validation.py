@@ -23,11 +23,13 @@ import math
 import sys
 import warnings
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from obb_collision._jit import njit
+from obb_collision.geometry.words import shown
 
 Floats = NDArray[np.float64]
 
@@ -47,6 +49,12 @@ UNIT_TOLERANCE = 0.1
 #: Largest entry of R^T R - I kept bit for bit: 16 unit roundoffs, what products of a few
 #: rotations or the conversion of a quaternion leave behind. The certified test allows for it.
 ORTHONORMAL_ROUNDING = 2.0**-49
+
+
+#: Kinds of numpy's types that hold numbers, objects among them: those are looked at one by one.
+NUMBERS = "buifO"
+#: Most characters of numpy's reason why something is no numbers.
+MAX_REASON = 200
 
 
 def _shape_text(shape: tuple[int | None, ...]) -> str:
@@ -80,11 +88,13 @@ def as_array(value: ArrayLike, name: str, shape: tuple[int | None, ...]) -> Floa
     A new array unless ``value`` already is one of that kind. Raises ValueError naming the
     argument and, for arrays with a free first length, the row.
     """
+    given = as_any_array(value, name, f"numbers of shape {_shape_text(shape)}")
     try:
-        array = np.ascontiguousarray(value, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"{name} must be numbers of shape {_shape_text(shape)}: {error}") from None
-    if array.ndim == 1 and np.ndim(value) == 0:
+        array = np.ascontiguousarray(given, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError) as error:
+        wanted, why = _shape_text(shape), str(error)[:MAX_REASON]
+        raise ValueError(f"{name} must be numbers of shape {wanted}: {why}") from None
+    if given.ndim == 0:
         array = array.reshape(())
     fits = array.ndim == len(shape) and all(
         want is None or want == got for want, got in zip(shape, array.shape, strict=True)
@@ -95,18 +105,41 @@ def as_array(value: ArrayLike, name: str, shape: tuple[int | None, ...]) -> Floa
     return array
 
 
+def as_any_array(value: ArrayLike, name: str, what: str) -> NDArray[Any]:
+    """Return an array of whatever numbers; ValueError naming the argument for what is none.
+
+    what: it must be, in words. Texts and complex numbers are none, though numpy would convert them.
+    """
+    try:
+        array = np.asarray(value)
+    except (ValueError, TypeError, OverflowError) as error:  # ragged
+        raise ValueError(f"{name} must be {what}: {str(error)[:MAX_REASON]}") from None
+    if array.dtype.kind not in NUMBERS:
+        raise ValueError(f"{name} must be {what}, got {array.dtype}")
+    return array
+
+
+def is_single(points: ArrayLike) -> bool:
+    """Return whether points are one (3,) and not several (n, 3)."""
+    try:
+        return np.ndim(points) == 1
+    except ValueError:  # ragged: refused when it is read
+        return False
+
+
 def as_points(value: ArrayLike, name: str) -> NDArray[np.floating]:
     """Return points (n, 3) as they are if native float32 or float64, else as float64.
 
     They need not be finite. Raises ValueError naming the argument for another shape or kind.
     """
     try:
-        array = np.asarray(value)
+        array = as_any_array(value, name, "numbers of shape (n, 3)")
         usable = array.dtype in (np.float32, np.float64) and array.flags.aligned
         if not (usable and array.dtype.isnative):
             array = array.astype(np.float64)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"{name} must be numbers of shape (n, 3): {error}") from None
+    except (TypeError, ValueError, OverflowError) as error:
+        why = str(error)[:MAX_REASON]
+        raise ValueError(f"{name} must be numbers of shape (n, 3): {why}") from None
     if array.ndim != 2 or array.shape[1] != 3:
         raise ValueError(f"{name} must have shape (n, 3), got {array.shape}")
     return array
@@ -120,7 +153,7 @@ def as_whole(value: object, name: str, least: int = 0, most: int = MOST_WHOLE) -
     whole = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
     if not whole or not least <= int(value) <= most:  # type: ignore[call-overload]
         bounds = f"from {least} to {most}" if most < MOST_WHOLE else f"at least {least}"
-        raise ValueError(f"{name} must be a whole number, {bounds}, got {value!r}")
+        raise ValueError(f"{name} must be a whole number, {bounds}, got {shown(value)}")
     return int(value)  # type: ignore[call-overload]
 
 
@@ -129,7 +162,7 @@ def as_rows(value: ArrayLike, name: str, count: int) -> NDArray[np.int64]:
 
     Raises ValueError naming the argument and the row for anything else.
     """
-    array = np.asarray(value)
+    array = as_any_array(value, name, "whole numbers of shape (m,)")
     if array.shape == (0,):
         return np.empty(0, np.int64)
     if array.ndim != 1 or not np.issubdtype(array.dtype, np.integer):

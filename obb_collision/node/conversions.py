@@ -31,7 +31,7 @@ from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from geometry_msgs.msg import Pose, Transform, Twist, Vector3
 from sensor_msgs.msg import MultiDOFJointState
 
-from obb_collision.geometry.validation import as_quaternions
+from obb_collision.geometry.validation import UNIT_TOLERANCE, as_quaternions
 from obb_collision.node.errors import RefusedError
 from obb_collision.node.names import namespace_number
 
@@ -200,10 +200,24 @@ def pose_faults(poses: FloatArray) -> tuple[npt.NDArray[np.bool_], npt.NDArray[n
     return ~usable, zero & usable
 
 
+def far_from_unit(poses: FloatArray) -> npt.NDArray[np.bool_]:
+    """Which quaternions of (n, 7) poses are far from unit length: normalised, but doubtful."""
+    with np.errstate(over="ignore"):
+        lengths = np.sqrt(np.square(poses[:, 3:]).sum(axis=1))
+    return np.abs(lengths - 1.0) > UNIT_TOLERANCE
+
+
+def normalised(poses: FloatArray) -> FloatArray:
+    """(n, 7) poses with quaternions of unit length."""
+    quaternions = as_quaternions(poses[:, 3:], "poses", (None, 4), warn=False)
+    return np.column_stack((poses[:, :3], quaternions))
+
+
 def compose_poses(outer: FloatArray, inner: FloatArray) -> FloatArray:
     """``outer`` (7,) after ``inner`` (n, 7): poses given in a frame, placed where that frame is."""
-    x, y, z, w = as_quaternions(outer[3:], "outer", (4,))
-    vector, bx, by, bz, bw = inner[:, :3], *as_quaternions(inner[:, 3:], "inner", (None, 4)).T
+    x, y, z, w = as_quaternions(outer[3:], "outer", (4,), warn=False)
+    turns = as_quaternions(inner[:, 3:], "inner", (None, 4), warn=False)
+    vector, bx, by, bz, bw = inner[:, :3], *turns.T
     axis = np.array((x, y, z))
     with np.errstate(over="ignore", invalid="ignore"):  # the caller looks at what came out
         turned = 2.0 * np.cross(axis, vector)

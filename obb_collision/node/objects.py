@@ -29,7 +29,14 @@ import numpy.typing as npt
 
 from obb_collision.geometry.shapes import Box, Shape
 from obb_collision.node.accuracy import Overrides
-from obb_collision.node.conversions import NANOSECONDS, FloatArray, Key, name_from_key
+from obb_collision.node.conversions import (
+    NANOSECONDS,
+    FloatArray,
+    Key,
+    far_from_unit,
+    name_from_key,
+    normalised,
+)
 from obb_collision.node.errors import RefusedError
 from obb_collision.node.frames import FrameSource
 from obb_collision.node.guard import Guard
@@ -47,6 +54,8 @@ MAX_UNPLACEABLE = 1000
 """Refused newcomers remembered, the latest ones: senders can't make the node grow."""
 OLDER = "older stamp"
 """Reason: a state came after one with a newer stamp."""
+FAR = "quaternion far from unit length"
+"""Doubt: its length is more than 0.1 off 1; it is normalised."""
 AHEAD = "stamp from the future"
 """Doubt: a state's stamp is ahead of the node's clock by more than the tolerance."""
 ANEW = "stamps began anew"
@@ -321,6 +330,10 @@ class Objects:
             stamps, received = stamps[~old], received[~old]
         if len(slots) == 0:
             return old
+        far = far_from_unit(poses)
+        if far.any():
+            self._doubt(FAR, slots[far], state, "taken as normalised")
+            poses = np.where(far[:, None], normalised(poses), poses)
         self.placement.supersede(slots, frame)
         table.given[slots] = poses
         table.twist[slots] = twists

@@ -156,7 +156,7 @@ class Obstacles:
 
 def placed_points(points: npt.NDArray[Any], frame: FloatArray) -> FloatArray:
     """Points (n, 3) of a frame, seen from where that frame is (7,): in doubles."""
-    position, rotation = as_poses(frame[None])
+    position, rotation = as_poses(frame[None], warn=False)
     with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is ignored later on
         placed: FloatArray = points.astype(np.float64) @ rotation[0].T + position[0]
     return placed

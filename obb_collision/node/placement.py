@@ -264,5 +264,5 @@ def turned_twists(twists: FloatArray, frame: FloatArray) -> FloatArray:
     """Twists (n, 6) given in a frame that stands still, seen from where that frame is (7,)."""
     if not twists.any():
         return twists
-    rotation = as_poses(frame[None])[1][0]
+    rotation = as_poses(frame[None], warn=False)[1][0]
     return np.hstack((twists[:, :3] @ rotation.T, twists[:, 3:] @ rotation.T))

@@ -79,7 +79,7 @@ class Spec:
             return self._read_list(value)
         if self.choices == MODES and isinstance(value, bool):
             value = ON if value else OFF
-        if type(value) is not type(self.default):
+        if type(value) is not type(self.default) and not self.choices:
             kind = KINDS[type(self.default)]
             raise ValueError(f"{self.name} must be {kind}, got {shown(value)}")
         if self.choices and value not in self.choices:

@@ -18,6 +18,8 @@ from __future__ import annotations
 
 from enum import IntEnum
 
+from obb_collision.geometry.words import shown
+
 
 class Accuracy(IntEnum):
     """What stands for an object when a pair is decided, cheap to exact.
@@ -48,9 +50,9 @@ def as_accuracy(value: Accuracy | str | int) -> Accuracy:
     if not isinstance(value, (str, bool)):
         try:
             return Accuracy(value)
-        except ValueError:
+        except (ValueError, TypeError):
             pass
-    raise ValueError(f"accuracy must be one of {', '.join(ALL_RUNGS)}, got {value!r}")
+    raise ValueError(f"accuracy must be one of {', '.join(ALL_RUNGS)}, got {shown(value)}")
 
 
 def as_box_accuracy(value: Accuracy | str | int) -> Accuracy:

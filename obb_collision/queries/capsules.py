@@ -34,6 +34,7 @@ import numpy as np
 
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.capsules import Capsules
+from obb_collision.geometry.kinds import check_kind
 from obb_collision.geometry.validation import Floats
 from obb_collision.queries.capsule_kernels import (
     box_distances_kernel,
@@ -109,6 +110,8 @@ def capsule_distances(a: Capsules, b: Capsules | Boxes) -> CapsuleDistances:
 
 
 def _rows(a: Capsules, b: Capsules | Boxes) -> np.ndarray:
+    check_kind(a, Capsules, "a")
+    check_kind(b, Capsules, "b", Boxes)
     if len(a) != len(b):
         raise ValueError(f"a and b must have the same length, got {len(a)} and {len(b)}")
     return np.arange(len(a))

@@ -38,7 +38,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from obb_collision._jit import njit
 from obb_collision.geometry.boxes import Boxes
-from obb_collision.geometry.validation import Floats
+from obb_collision.geometry.kinds import check_kind
+from obb_collision.geometry.validation import MAX_MAGNITUDE, Floats
+from obb_collision.geometry.words import shown
 from obb_collision.queries.box_frame import Pair, Vector, enter_frame, leave_frame, minus, scaled
 from obb_collision.queries.closest_features import Points
 from obb_collision.queries.closest_points import NEAR, points_apart, points_near
@@ -52,6 +54,9 @@ from obb_collision.queries.separation import (
     classify_fast,
 )
 from obb_collision.queries.witness import AXES, witness
+
+#: Kinds of real numbers.
+REAL = (int, float, np.integer, np.floating)
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,9 +93,11 @@ def clearances_within(
     The first of both are rows of ``pairs`` (m, 2), ascending. What the six face normals show to
     be farther apart costs no more than that. Raises ValueError naming the argument.
     """
+    check_kind(boxes, Boxes, "boxes")
     checked = as_pairs(pairs, len(boxes))
-    if not limit >= 0.0:  # NaN too
-        raise ValueError(f"limit must be at least 0, got {limit}")
+    if not (isinstance(limit, REAL) and limit >= 0.0):  # NaN too
+        raise ValueError(f"limit must be a number, at least 0, got {shown(limit)}")
+    limit = float(limit) if limit <= MAX_MAGNITUDE else np.inf
     count = len(checked)
     rows = np.empty(count, np.int64)
     distances, vectors = np.empty(count), np.empty((3, count, 3))

@@ -32,7 +32,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from obb_collision._jit import njit
 from obb_collision.geometry.boxes import Boxes
+from obb_collision.geometry.kinds import check_kind
 from obb_collision.geometry.validation import Floats
+from obb_collision.geometry.words import shown
 from obb_collision.queries.contact_inside import move_into_both
 from obb_collision.queries.contact_patch import CAPACITY, TIE, facing, overlay_faces
 from obb_collision.queries.contact_reduction import reduce_patch
@@ -73,8 +75,9 @@ def contacts(boxes: Boxes, pairs: ArrayLike, limit: int = 4) -> Contacts:
     Every pair that is not certainly separate has a point at least, touching ones included. Raises
     ValueError for another limit, and for pairs that are not rows of the boxes.
     """
-    if limit not in LIMITS:
-        raise ValueError(f"limit must be 4 or 8, got {limit!r}")
+    check_kind(boxes, Boxes, "boxes")
+    if not isinstance(limit, (int, np.integer)) or limit not in LIMITS:
+        raise ValueError(f"limit must be 4 or 8, got {shown(limit)}")
     rows = as_pairs(pairs, len(boxes))
     m, limit = len(rows), int(limit)
     result = Contacts(

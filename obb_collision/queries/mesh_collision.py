@@ -34,6 +34,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from obb_collision.geometry.kinds import as_flag
 from obb_collision.geometry.mesh_tree import MeshTrees
 from obb_collision.geometry.poses import as_poses
 from obb_collision.geometry.validation import Floats, as_array, as_rotations, as_rows, as_whole
@@ -127,6 +128,7 @@ def mesh_verdicts(
     never given to meshes that are apart: integers decide (0.1 ms a pair of triangles in contact).
     Raises ValueError if lengths differ.
     """
+    as_flag(exact, "exact")
     i, j = _rows(a, b, rows_a, rows_b)
     effort = as_whole(effort, "effort")
     result, _, _ = _find(a, b, i, j, OVERLAP, 0, effort)

@@ -25,7 +25,10 @@ def as_pairs(value: ArrayLike, count: int) -> NDArray[np.int64]:
 
     Raises ValueError naming ``pairs`` and the row for anything but whole numbers of a box.
     """
-    array = np.asarray(value)
+    try:
+        array = np.asarray(value)
+    except ValueError as error:  # ragged
+        raise ValueError(f"pairs must have shape (m, 2): {error}") from None
     if array.size == 0 and array.shape in ((0,), (0, 2)):
         return np.empty((0, 2), np.int64)
     if array.ndim != 2 or array.shape[1] != 2:

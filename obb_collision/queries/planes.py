@@ -24,6 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 from obb_collision._jit import njit
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.error_free import length
+from obb_collision.geometry.kinds import check_kind
 from obb_collision.geometry.validation import Floats, as_array, first_bad_row
 from obb_collision.queries.separation import (
     CAREFUL_BOUND,
@@ -61,6 +62,7 @@ def plane_distances(points: ArrayLike, normals: ArrayLike, boxes: Boxes) -> Plan
     points (n, 3), one on each plane, metres; normals (n, 3) of any length but zero. A point
     near the box gives the sharpest result. Raises ValueError naming the argument and the row.
     """
+    check_kind(boxes, Boxes, "boxes")
     p = as_array(points, "points", (None, 3))
     n = as_array(normals, "normals", (None, 3))
     if not len(p) == len(n) == len(boxes):
@@ -89,6 +91,7 @@ def aabb_verdicts(boxes: Boxes, minimum: ArrayLike, maximum: ArrayLike) -> Verdi
 
     Raises ValueError naming the argument and the row, also for a minimum above the maximum.
     """
+    check_kind(boxes, Boxes, "boxes")
     low = as_array(minimum, "minimum", (None, 3))
     high = as_array(maximum, "maximum", (None, 3))
     if not len(low) == len(high) == len(boxes):

@@ -34,6 +34,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from obb_collision.geometry.boxes import Boxes
+from obb_collision.geometry.kinds import as_flag, check_kind
 from obb_collision.geometry.validation import Floats, as_array, as_points, as_whole
 from obb_collision.queries.point_grid import build_grid
 from obb_collision.queries.point_kernels import lengths_kernel, points_kernel
@@ -85,6 +86,8 @@ def points_inside(
     default as many as this process has cores. Raises ValueError for points of another shape, a
     negative margin or a number of threads below 1.
     """
+    check_kind(boxes, Boxes, "boxes")
+    as_flag(each_point, "each_point")
     cloud = as_points(points, "points")
     reach = float(as_array(margin, "margin", ()))
     if reach < 0.0:

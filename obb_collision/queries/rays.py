@@ -34,6 +34,7 @@ from numpy.typing import ArrayLike, NDArray
 from obb_collision._jit import njit
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.error_free import length
+from obb_collision.geometry.kinds import check_kind
 from obb_collision.geometry.validation import Floats, as_array, first_bad_row
 from obb_collision.queries.bounds_tree import build_tree
 from obb_collision.queries.ray_kernels import rays_kernel
@@ -65,6 +66,7 @@ def cast_rays(
     origins (m, 3) metres; directions (m, 3) of any length but zero. Raises ValueError naming the
     argument and the row.
     """
+    check_kind(boxes, Boxes, "boxes")
     o = as_array(origins, "origins", (None, 3))
     d = as_array(directions, "directions", (None, 3))
     if len(o) != len(d):
@@ -88,6 +90,7 @@ def segments_intersect(boxes: Boxes, starts: ArrayLike, ends: ArrayLike) -> NDAr
 
 def cast_segments(boxes: Boxes, starts: ArrayLike, ends: ArrayLike) -> RayHits:
     """Return what each segment hits first from its start; see ``segments_intersect``."""
+    check_kind(boxes, Boxes, "boxes")
     p = as_array(starts, "starts", (None, 3))
     q = as_array(ends, "ends", (None, 3))
     if len(p) != len(q):
@@ -101,7 +104,7 @@ def _reaches(max_distance: ArrayLike, count: int) -> Floats:
     """Return the largest distance of each ray (m,); infinity is allowed here."""
     try:
         reaches = np.broadcast_to(np.asarray(max_distance, np.float64), (count,))
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise ValueError("max_distance must be one number or one for each ray") from None
     wrong = np.asarray(~(reaches >= 0.0))
     if wrong.any():

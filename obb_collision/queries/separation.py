@@ -47,6 +47,7 @@ from numpy.typing import NDArray
 from obb_collision._jit import njit
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.error_free import length, sum_sorted
+from obb_collision.geometry.kinds import as_flag, check_kind
 from obb_collision.geometry.validation import Floats
 from obb_collision.queries.box_frame import Vector
 from obb_collision.queries.careful_gap import careful_gap, columns
@@ -84,10 +85,12 @@ def verdicts(a: Boxes, b: Boxes, exact: bool = False) -> Verdicts:
     With ``exact=True`` pairs that doubles can't decide are decided by integer arithmetic; then
     TOUCHING means touching exactly. Raises ValueError if the lengths differ.
     """
+    check_kind(a, Boxes, "a")
+    check_kind(b, Boxes, "b")
     if len(a) != len(b):
         raise ValueError(f"a and b must have the same length, got {len(a)} and {len(b)}")
     rows = np.arange(len(a))
-    return pair_verdicts(a, rows, b, rows, exact)
+    return pair_verdicts(a, rows, b, rows, as_flag(exact, "exact"))
 
 
 def pair_verdicts(

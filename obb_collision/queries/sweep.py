@@ -28,6 +28,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from obb_collision._jit import njit
 from obb_collision.geometry.boxes import Boxes
+from obb_collision.geometry.kinds import as_flag, check_kind
 from obb_collision.geometry.validation import Floats, as_array
 from obb_collision.queries.box_frame import Vector, minus, plus, scaled, vector
 from obb_collision.queries.pair_rows import as_pairs
@@ -130,6 +131,7 @@ def sweep_twists(
     origins (n, 3): points fixed to the boxes and anywhere, the centres by default. Otherwise as
     ``sweep``. Raises ValueError as it does, and for a horizon that is not positive.
     """
+    check_kind(boxes, Boxes, "boxes")
     seconds = float(as_array(horizon, "horizon", ()))
     if seconds <= 0.0:
         raise ValueError(f"horizon must be positive, got {seconds:g}")
@@ -140,6 +142,7 @@ def sweep_twists(
 
 def _sweep(motion: Motion, pairs: ArrayLike, tolerance: float, contacts: bool) -> Sweeps:
     rows = as_pairs(pairs, len(motion.starts))
+    as_flag(contacts, "contacts")
     near = float(as_array(tolerance, "tolerance", ()))
     if not LEAST_TOLERANCE <= near <= 1.0:
         raise ValueError(f"tolerance must be from {LEAST_TOLERANCE:g} to 1, got {near:g}")

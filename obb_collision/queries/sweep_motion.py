@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 from obb_collision._jit import njit
 from obb_collision.geometry.boxes import BOUND_SLACK, BOUND_UNDERFLOW, Boxes
 from obb_collision.geometry.error_free import length
+from obb_collision.geometry.kinds import check_kind
 from obb_collision.geometry.poses import fill_quaternions
 from obb_collision.geometry.validation import Floats, first_bad_row
 
@@ -39,6 +40,8 @@ LEAST_SQUARE = 2.0**-900
 
 def check_same_boxes(start: Boxes, end: Boxes) -> None:
     """Raise ValueError unless both have the same number of boxes with the same half extents."""
+    check_kind(start, Boxes, "start")
+    check_kind(end, Boxes, "end")
     if len(start) != len(end):
         raise ValueError(
             f"start and end must have the same length, got {len(start)} and {len(end)}"

@@ -27,6 +27,7 @@ from fnmatch import fnmatchcase
 import numpy as np
 from numpy.typing import NDArray
 
+from obb_collision.geometry.kinds import check_kind
 from obb_collision.scene.patterns import as_patterns, matching
 
 Rows = NDArray[np.int64]
@@ -47,6 +48,8 @@ class AllowedPairs:
 
         Raises ValueError for what is no pattern.
         """
+        for value, name in ((first, "first"), (second, "second")):
+            check_kind(value, str, name)
         a, b = (*as_patterns(first, "first"), *as_patterns(second, "second"))
         key = tuple(sorted((a, b)))
         before = self._rules.pop(key, None)  # the last rule comes last

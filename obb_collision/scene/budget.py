@@ -28,6 +28,10 @@ from collections.abc import Callable, Mapping
 from statistics import median_low
 from time import perf_counter
 
+import numpy as np
+
+from obb_collision.geometry.validation import MAX_MAGNITUDE
+from obb_collision.geometry.words import shown
 from obb_collision.queries.accuracy import Accuracy
 
 #: The rungs that a budget chooses from, and how many pairs ask for each.
@@ -86,8 +90,9 @@ class Budget:
 
     @seconds.setter
     def seconds(self, value: float) -> None:
-        if isinstance(value, bool) or not 0.0 < value < float("inf"):
-            raise ValueError(f"time_budget must be positive seconds or None, got {value!r}")
+        number = isinstance(value, (int, float, np.integer, np.floating))
+        if not number or isinstance(value, bool) or not 0.0 < value <= MAX_MAGNITUDE:
+            raise ValueError(f"time_budget must be positive seconds or None, got {shown(value)}")
         self._seconds = float(value)
         self._settled = 0  # cycles with this time
 

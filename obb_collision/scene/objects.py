@@ -23,10 +23,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from obb_collision.geometry.boxes import Boxes
+from obb_collision.geometry.kinds import as_flag, check_kind
 from obb_collision.geometry.poses import IDENTITY_POSE
 from obb_collision.geometry.shapes import Shape
-from obb_collision.geometry.validation import as_array, as_half_extents
-from obb_collision.geometry.words import MAX_OBJECT_NAME, check_name, check_names
+from obb_collision.geometry.validation import as_any_array, as_array, as_half_extents
+from obb_collision.geometry.words import MAX_OBJECT_NAME, check_name, check_names, shown
 from obb_collision.obb import OBB
 from obb_collision.queries.accuracy import Accuracy, as_accuracy
 from obb_collision.scene.store import LocalBox, ObjectStore
@@ -65,6 +66,7 @@ class SceneObjects:
         place of the scene's. Raises ValueError for bad values of any of them.
         """
         check_name(name, "name", MAX_OBJECT_NAME)
+        check_kind(shape, Shape, "shape", OBB)
         where = IDENTITY_POSE if pose is None else as_array(pose, "pose", (7,))
         pad = self._padding if padding is None else padding
         _check_padding(pad)
@@ -97,12 +99,14 @@ class SceneObjects:
         where = as_array(poses, "poses", (None, 7))
         rungs = None
         if accuracies is not None:
+            check_kind(accuracies, Sequence, "accuracies")
             rungs = [None if rung is None else as_accuracy(rung) for rung in accuracies]
+        check_kind(names, Sequence, "names")
+        check_names(names, "names", MAX_OBJECT_NAME)
         given = (names, edges, where, names if rungs is None else rungs, shapes or names)
         lengths = {len(values) for values in given}
         if len(lengths) > 1 or len(set(names)) < len(names):
             raise ValueError("names, sizes, poses and accuracies must be one per object")
-        check_names(names, "names", MAX_OBJECT_NAME)
         half = 0.5 * edges
         half = np.where(half + half < edges, np.nextafter(half, np.inf), half)  # if subnormal
         slots = self._store.put_boxes(names, half, where, self._padding)
@@ -194,13 +198,15 @@ class SceneObjects:
     def set_enabled(self, name: str, enabled: bool) -> None:
         """Let an object take part in collisions or not; it keeps its box either way."""
         slot = self._store.slot(name)
-        if self._store.active[slot] != enabled:
+        if self._store.active[slot] != as_flag(enabled, "enabled"):
             self._store.active[slot] = enabled
             self._store.changed[slot] = True
 
     def set_enabled_indices(self, indices: ArrayLike, enabled: ArrayLike) -> None:
         """Let objects take part in collisions or not (n,), by index array (n,)."""
         slots = self._store.check_slots(indices)
+        if as_any_array(enabled, "enabled", "True or False for each").dtype != np.bool_:
+            raise TypeError(f"enabled must be True or False for each, got {shown(enabled)}")
         changed = self._store.active[slots] != enabled
         self._store.active[slots] = enabled
         self._store.changed[slots[changed]] = True

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from obb_collision.geometry.boxes import Boxes
+from obb_collision.geometry.kinds import as_flag, check_kind
 from obb_collision.queries.accuracy import Accuracy, as_box_accuracy
 from obb_collision.queries.coarse import faces_meet, meeting_bounds, sphere_bounds, spheres_meet
 from obb_collision.queries.separation import SEPARATE, TOUCHING, Verdicts, pair_verdicts
@@ -33,7 +34,8 @@ def find_pairs(boxes: Boxes, exact: bool = False, accuracy: Accuracy | str = "ob
     ``exact=True`` the latter is decided by integer arithmetic. accuracy: "sphere", "aabb" or
     "obb_faces" look less closely and never miss what "obb" reports; ValueError for others.
     """
-    pairs, _ = find_pairs_and_verdicts(boxes, exact, accuracy)
+    check_kind(boxes, Boxes, "boxes")
+    pairs, _ = find_pairs_and_verdicts(boxes, as_flag(exact, "exact"), accuracy)
     return pairs
 
 

@@ -17,24 +17,37 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from fnmatch import translate
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from obb_collision.geometry.words import MAX_OBJECT_NAME, shown, text_fault
+
 
 def as_patterns(value: Iterable[str] | str, name: str) -> tuple[str, ...]:
-    """Return patterns from one or several; ValueError naming the argument for anything else."""
-    patterns = (value,) if isinstance(value, str) else tuple(value)
+    """Return patterns from one or several; ValueError naming the argument for anything else.
+
+    They are as the names of objects are: text that can be printed, of at most 300 characters.
+    """
+    several = isinstance(value, Iterable) and getattr(value, "ndim", 1) > 0
+    one = isinstance(value, str) or not several
+    patterns: tuple[Any, ...] = (value,) if one else tuple(value)
     for pattern in patterns:
-        if not isinstance(pattern, str) or not pattern:
-            raise ValueError(f"{name} must be names or patterns like 'gripper/*', got {pattern!r}")
+        if not isinstance(pattern, str) or text_fault(pattern, MAX_OBJECT_NAME):
+            got = shown(pattern)
+            raise ValueError(f"{name} must be names or patterns like 'gripper/*', got {got}")
     return patterns
 
 
-def matching(patterns: Iterable[str], names: Sequence[str | None]) -> NDArray[np.bool_]:
+def matching(patterns: Collection[str], names: Sequence[str | None]) -> NDArray[np.bool_]:
     """Return (n,) whether each name, None for nothing, matches any of the patterns."""
-    matches = [re.compile(translate(pattern)).match for pattern in patterns]
-    found = (name is not None and any(match(name) for match in matches) for name in names)
+    whole = {pattern for pattern in patterns if not set(pattern) & set("*?[")}
+    matches = [re.compile(translate(p)).match for p in patterns if p not in whole]
+    found = (
+        name is not None and (name in whole or any(match(name) for match in matches))
+        for name in names
+    )
     return np.fromiter(found, np.bool_, len(names))

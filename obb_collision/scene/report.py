@@ -24,7 +24,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from obb_collision.geometry.kinds import check_kind
 from obb_collision.geometry.validation import Floats
+from obb_collision.geometry.words import shown
 from obb_collision.scene.checker import Findings
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.effects.base import Cycle, Setting
@@ -93,9 +95,10 @@ class Report:
 
     def result(self, effect: str) -> Any:
         """Return what an effect gave; see its module for what that is."""
+        check_kind(effect, str, "effect")
         if effect not in self.costs:
             if effect not in self._settings:
-                raise ValueError(f"effect must be one of {', '.join(EFFECTS)}, got {effect!r}")
+                raise ValueError(f"effect must be one of {', '.join(EFFECTS)}, got {shown(effect)}")
             if self._settings[effect].mode == OFF:
                 raise ValueError(f"the effect {effect!r} is off in this scene")
             if not EFFECTS[effect].lazy:

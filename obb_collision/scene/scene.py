@@ -18,12 +18,15 @@ from __future__ import annotations
 
 import weakref
 from collections.abc import Iterable
+from difflib import get_close_matches
 from time import perf_counter
 from typing import Any
 
 from numpy.typing import ArrayLike, NDArray
 
-from obb_collision.geometry.validation import as_points, as_whole
+from obb_collision.geometry.kinds import as_flag
+from obb_collision.geometry.validation import as_points, as_whole, warn_caller
+from obb_collision.geometry.words import shown
 from obb_collision.queries.accuracy import Accuracy
 from obb_collision.scene.allowed import AllowedPairs
 from obb_collision.scene.budget import Budget
@@ -41,6 +44,8 @@ DEFAULT_DEPTH = 3
 #: Pairs near each other that effects look at, for each that may collide: objects that are apart
 #: have more neighbours than contacts.
 NEAR_PER_PAIR = 10
+#: Seconds for a check above which milliseconds were probably meant.
+LONGEST_BUDGET = 1.0
 
 
 class Scene(SceneObjects):
@@ -70,13 +75,22 @@ class Scene(SceneObjects):
     ) -> None:
         self._allowed = AllowedPairs()
         self._effects = EffectSettings(EFFECTS.values())
-        self._exact = exact
+        self._exact = as_flag(exact, "exact")
         self._tree_depth = as_whole(tree_depth, "tree_depth")
         self._points: NDArray[Any] | None = None
         self._budget: Budget | None = None
         self.time_budget = time_budget
         self._max_pairs = _checked_limit(max_pairs)
         super().__init__(padding, accuracy)
+
+    def __setattr__(self, name: str, value: object) -> None:
+        """Set a property; AttributeError, with a guess, for what a scene has not."""
+        if not (name.startswith("_") or hasattr(type(self), name)):
+            settable = [key for key in dir(type(self)) if is_settable(type(self), key)]
+            close = get_close_matches(name, settable, 1)
+            hint = f"; did you mean {close[0]}?" if close else f"; it has {', '.join(settable)}"
+            raise AttributeError(f"Scene has no {shown(name)} to set{hint}")
+        super().__setattr__(name, value)
 
     def clear(self) -> None:
         """Take all objects out; what is set stays."""
@@ -122,7 +136,7 @@ class Scene(SceneObjects):
         ``Report.rungs`` says which one decided each pair. A pair that was left on a lower rung
         and doesn't change is refined at later checks. Below "obb" there is nothing to gain.
         Building the tree of a new shape may take longer; see ``prepare``. A ``Budget`` may be set,
-        too, which has a clock of its own.
+        too, which has a clock of its own. More than a second is warned about.
         """
         return None if self._budget is None else self._budget.seconds
 
@@ -134,6 +148,10 @@ class Scene(SceneObjects):
             self._budget = Budget(value)
         else:
             self._budget.seconds = value
+        if isinstance(value, (int, float)) and value > LONGEST_BUDGET:
+            warn_caller(
+                f"time_budget is in seconds, got {value:g}: {value:g} ms are {value / 1e3:g}"
+            )
 
     def prepare(self) -> None:
         """Build the trees and hulls of all shapes now; else the first checks that need them do."""
@@ -145,7 +163,7 @@ class Scene(SceneObjects):
         first, second: names or patterns such as ``gripper/*``. Of several rules for a pair the last
         one counts. Raises ValueError for what is no pattern.
         """
-        self._allowed.add(first, second, allowed)
+        self._allowed.add(first, second, as_flag(allowed, "allowed"))
         self._store.changed |= self._store.used
 
     @property
@@ -196,8 +214,8 @@ class Scene(SceneObjects):
         self._points = None if value is None else as_points(value, "points")
         self._report = None
 
-    def check(self, effects: Iterable[str] = ()) -> Report:
-        """Return all colliding pairs, with the effects asked for by name.
+    def check(self, effects: Iterable[str] | str = ()) -> Report:
+        """Return all colliding pairs, with the effects asked for by name, or the one.
 
         Only what changed since the last check is computed anew. ValueError for an unknown effect.
         """
@@ -240,3 +258,8 @@ class Scene(SceneObjects):
 
 def _checked_limit(limit: int | None) -> int | None:
     return None if limit is None else as_whole(limit, "max_pairs", 1)
+
+
+def is_settable(kind: type, name: str) -> bool:
+    """Return whether a name is a property of a class that can be set."""
+    return getattr(getattr(kind, name), "fset", None) is not None

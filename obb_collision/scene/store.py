@@ -31,6 +31,7 @@ from numpy.typing import ArrayLike, NDArray
 from obb_collision.geometry.boxes import Boxes, add_outwards
 from obb_collision.geometry.poses import as_poses, place_boxes
 from obb_collision.geometry.validation import Floats, as_array
+from obb_collision.geometry.words import shown
 from obb_collision.queries.accuracy import Accuracy
 
 LocalBox = tuple[Floats, Floats, Floats]
@@ -85,10 +86,10 @@ class ObjectStore:
 
     def slot(self, name: str) -> int:
         """Return the slot of a name; KeyError naming it if there is none."""
-        try:
-            return self.slots[name]
-        except KeyError:
-            raise KeyError(f"no object named {name!r}") from None
+        slot = self.slots.get(name) if isinstance(name, str) else None
+        if slot is None:
+            raise KeyError(f"no object named {shown(name)}")
+        return slot
 
     def name_tuple(self) -> tuple[str | None, ...]:
         """Return the names by slot, None where there is no object."""
@@ -216,11 +217,13 @@ class ObjectStore:
 
     def check_slots(self, slots: ArrayLike) -> Rows:
         """Return slots as an index array; KeyError naming the first that is not in use."""
-        rows = np.atleast_1d(np.asarray(slots))
+        try:
+            rows = np.atleast_1d(np.asarray(slots))
+        except ValueError as error:  # ragged
+            raise ValueError(f"index or indices must be integers (n,): {error}") from None
         if rows.ndim != 1 or (rows.dtype.kind not in "iu" and rows.size):
-            raise ValueError(
-                f"indices must be integers of shape (n,), got {rows.dtype} of shape {rows.shape}"
-            )
+            got = f"{rows.dtype} of shape {rows.shape}"
+            raise ValueError(f"index or indices must be integers of shape (n,), got {got}")
         rows = rows.astype(np.int64)
         known = (rows >= 0) & (rows < len(self.names))
         known[known] = self.used[rows[known]]
@@ -256,4 +259,7 @@ class ObjectStore:
 
     def slots_of(self, names: Iterable[str]) -> Rows:
         """Return the slots of names; KeyError naming the first unknown one."""
+        several = isinstance(names, Iterable) and getattr(names, "ndim", 1) > 0
+        if isinstance(names, str) or not several:
+            raise TypeError(f"names must be several names, got {shown(names)}")
         return np.array([self.slot(name) for name in names], np.int64)

@@ -236,6 +236,7 @@ def test_faults_of_poses_are_told_apart() -> None:
     assert all(len(fault) == 0 for fault in cv.pose_faults(np.empty((0, 7))))
 
 
+@pytest.mark.filterwarnings("ignore:.*far from unit length")
 def test_composed_poses_agree_with_matrices() -> None:
     rotation = pytest.importorskip("scipy.spatial.transform").Rotation
     rng = np.random.default_rng(5)

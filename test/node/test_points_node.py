@@ -186,6 +186,7 @@ def test_off_gives_the_subscription_up_and_auto_takes_it_again() -> None:
         rig.until(publisher.get_subscription_count, "subscription")
 
 
+@pytest.mark.filterwarnings("ignore:.*far from unit length")
 def test_placed_points_agree_with_matrices() -> None:
     rotation = pytest.importorskip("scipy.spatial.transform").Rotation
     rng = np.random.default_rng(4)

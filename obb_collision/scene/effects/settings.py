@@ -20,6 +20,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
+from obb_collision.geometry.words import shown
 from obb_collision.scene.effects.base import Effect, Setting
 from obb_collision.scene.patterns import as_patterns, matching
 
@@ -44,8 +47,9 @@ class EffectSettings:
 
     def check_name(self, name: str) -> str:
         """Return the name of an effect; ValueError with the choices otherwise."""
-        if name not in self._settings:
-            raise ValueError(f"effect must be one of {', '.join(self._settings)}, got {name!r}")
+        if not isinstance(name, str) or name not in self._settings:
+            choices = ", ".join(self._settings)
+            raise ValueError(f"effect must be one of {choices}, got {shown(name)}")
         return name
 
     def set(
@@ -58,8 +62,8 @@ class EffectSettings:
         """Change what is given of one effect; all or, on a ValueError, nothing."""
         setting = self[name]
         known = self._effects[name].options
-        if mode is not None and mode not in MODES:
-            raise ValueError(f"mode of {name} must be off, auto or on, got {mode!r}")
+        if mode is not None and not (isinstance(mode, str) and mode in MODES):
+            raise ValueError(f"mode of {name} must be off, auto or on, got {shown(mode)}")
         values = dict(setting.values)
         for key, value in (options or {}).items():
             if key not in known:
@@ -73,14 +77,17 @@ class EffectSettings:
         self._always = tuple(key for key, value in self._settings.items() if value.mode == ON)
         self._resolved = None
 
-    def wanted(self, asked: Iterable[str]) -> Sequence[str]:
+    def wanted(self, asked: Iterable[str] | str) -> Sequence[str]:
         """Return the effects to compute: those that are on, and those asked for that are not off.
 
         Raises ValueError for an unknown name.
         """
-        if asked == ():
+        if isinstance(asked, tuple) and not asked:
             return self._always
-        names = {self.check_name(name) for name in asked}
+        if isinstance(asked, np.ndarray) or not isinstance(asked, Iterable):
+            raise TypeError(f"effects must be names of effects, got {shown(asked)}")
+        several = (asked,) if isinstance(asked, str) else asked
+        names = {self.check_name(name) for name in several}
         modes = ((name, setting.mode) for name, setting in self._settings.items())
         return [name for name, mode in modes if mode == ON or (mode == AUTO and name in names)]
 

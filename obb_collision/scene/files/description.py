@@ -25,6 +25,7 @@ import numpy as np
 
 from obb_collision.geometry.shapes import Shape
 from obb_collision.geometry.validation import Floats
+from obb_collision.geometry.words import shown
 from obb_collision.queries.accuracy import Accuracy
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.files.lidar import Lidar
@@ -44,6 +45,8 @@ from obb_collision.scene.scene import Scene
 
 #: Effects that only the node has: what it publishes for people and monitors.
 NODE_EFFECTS = ("collisions", "text", "in_collision", "collision_status", "markers", "diagnostics")
+#: Largest time (s): a century.
+MAX_TIME = 3.2e9
 Triple = tuple[float, float, float]
 Color = tuple[float, float, float, float]
 
@@ -151,6 +154,11 @@ class SceneDescription:
 
     def states(self, time: float) -> tuple[Floats, Floats]:
         """Return poses (n, 7) and twists (n, 6) of the objects' origins at a time (s)."""
+        if (
+            not isinstance(time, (int, float, np.integer, np.floating))
+            or not -MAX_TIME <= time <= MAX_TIME
+        ):
+            raise ValueError(f"time must be seconds up to {MAX_TIME:g}, got {shown(time)}")
         things = {thing.name: thing for thing in self.objects}
         known: dict[str, State] = {}
         begun: dict[str, State] = known if time == 0.0 else {}

@@ -20,8 +20,10 @@ import os
 from collections.abc import Iterator
 from contextlib import suppress
 from importlib.metadata import PackageNotFoundError, files
+from os import PathLike
 from pathlib import Path
 
+from obb_collision.geometry.kinds import check_kind
 from obb_collision.geometry.shapes import resolve_path
 from obb_collision.geometry.validation import warn_caller
 from obb_collision.scene.files.description import SceneDescription
@@ -43,6 +45,7 @@ def load_scene(path: str | Path) -> SceneDescription:
     and key of everything that is wrong with it. What is left out or odd is in the notes of the
     result; a quaternion far from unit length is warned about, too.
     """
+    check_kind(path, str, "path", PathLike)
     description, doubts = _load(Path(path))
     for doubt in doubts:
         warn_caller(doubt)
@@ -51,6 +54,7 @@ def load_scene(path: str | Path) -> SceneDescription:
 
 def describe_scene(path: str | Path) -> SceneDescription:
     """Return what ``load_scene`` does, for who tells all its notes: without a warning."""
+    check_kind(path, str, "path", PathLike)
     return _load(Path(path))[0]
 
 

@@ -1,0 +1,51 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Arguments that are no arrays: of which kind they must be. Errors name the argument."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from obb_collision.geometry.words import shown
+
+
+def check_kind(value: Any, kind: Any, name: str, *others: type) -> None:
+    """Raise TypeError naming the argument unless a value is of a kind, or of others."""
+    if not isinstance(value, (kind, *others)):
+        kinds = " or ".join(one.__name__ for one in (kind, *others))
+        raise TypeError(f"{name} must be {kinds}, got {shown(value)}")
+
+
+def as_flag(value: object, name: str) -> bool:
+    """Return True or False; TypeError naming the argument for anything else."""
+    check_kind(value, bool, name, np.bool_)
+    return bool(value)
+
+
+def taken(array: NDArray[Any], rows: Any, name: str, kept: int) -> NDArray[Any]:
+    """Return rows of an array: those of an index array or mask (kept: its own dimensions), or one.
+
+    Raises ValueError naming the argument for what is neither.
+    """
+    try:
+        found: NDArray[Any] = array[rows]
+    except (IndexError, TypeError, ValueError, OverflowError) as error:
+        raise ValueError(f"{name} must be rows of {len(array)}: {error}") from None
+    if not isinstance(found, np.ndarray) or found.ndim != kept:
+        raise ValueError(f"{name} must be rows of {len(array)}, got {shown(rows)}")
+    return found
