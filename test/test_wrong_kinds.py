@@ -182,7 +182,8 @@ FUNCTIONS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     ),
     "Scene.add_boxes": (
         scene().add_boxes,
-        {"names": ["p", "q"], "sizes": UNITS, "poses": [POSE] * 2, "accuracies": ["obb"] * 2},
+        {"names": ["p", "q"], "sizes": UNITS, "poses": [POSE] * 2, "accuracies": ["obb"] * 2,
+         "shapes": [None, oc.Sphere(0.5)]},
     ),
     "Scene.move": (scene().move, {"name": "a", "pose": POSE}),
     "Scene.move_many": (scene().move_many, {"names": ["a"], "poses": [POSE]}),

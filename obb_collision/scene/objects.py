@@ -101,6 +101,10 @@ class SceneObjects:
         if accuracies is not None:
             check_kind(accuracies, Sequence, "accuracies")
             rungs = [None if rung is None else as_accuracy(rung) for rung in accuracies]
+        if shapes is not None:
+            check_kind(shapes, Sequence, "shapes")
+            for shape in shapes:
+                check_kind(shape, Shape, "shapes", type(None))
         check_kind(names, Sequence, "names")
         check_names(names, "names", MAX_OBJECT_NAME)
         given = (names, edges, where, names if rungs is None else rungs, shapes or names)
