@@ -332,7 +332,7 @@ class Objects:
             return old
         far = far_from_unit(poses)
         if far.any():
-            self._doubt(FAR, slots[far], state, "taken as normalised")
+            self._doubt(FAR, slots[far], state.topic, "taken as normalised")
             poses = np.where(far[:, None], normalised(poses), poses)
         self.placement.supersede(slots, frame)
         table.given[slots] = poses

@@ -110,7 +110,7 @@ class SceneObjects:
         given = (names, edges, where, names if rungs is None else rungs, shapes or names)
         lengths = {len(values) for values in given}
         if len(lengths) > 1 or len(set(names)) < len(names):
-            raise ValueError("names, sizes, poses and accuracies must be one per object")
+            raise ValueError("names, sizes, poses, accuracies and shapes must be one per object")
         half = 0.5 * edges
         half = np.where(half + half < edges, np.nextafter(half, np.inf), half)  # if subnormal
         slots = self._store.put_boxes(names, half, where, self._padding)
