@@ -34,6 +34,7 @@ from sensor_msgs.msg import PointCloud2, PointField
 from obb_collision.node import poses_from_ros, poses_to_ros
 from obb_collision.node.clouds import DATATYPES, POSE_FIELDS, points_from_ros
 from obb_collision.node.errors import RefusedError
+from obb_collision.node.names import namespace_number
 
 NAMES = (*POSE_FIELDS, "id", "ns", "intensity", "")
 EDGES = (0, 1, 4, 8, 31, 60, 2**16, 2**31 - 60, 2**31 - 4, 2**31, 2**32 - 4, 2**32 - 1)
@@ -214,6 +215,6 @@ def test_the_node_refuses_hostile_clouds_and_goes_on(rig: Rig, what: str) -> Non
         rig.pubs[topic].publish(message)
         rig.until(partial(rig.refused, topic), f"refusal on {topic}")
         assert set(rig.refused(topic)) == {"field layout"}
-    rig.send_poses([0, 1], [pose(5.0), pose(5.0)], [0, 0])
+    rig.send_poses([0, 1], [pose(5.0), pose(5.0)], [namespace_number("a")] * 2)
     assert rig.pairs() == {("a/0", "a/1")}
     assert sync(rig) == {("a/0", "a/1")}
