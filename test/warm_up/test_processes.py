@@ -1,0 +1,157 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Processes that compile, and the command: progress, failures, ends, and that no kernel is left."""
+
+from __future__ import annotations
+
+import io
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from obb_collision.queries.accuracy import Accuracy
+from obb_collision.warm_up import processes
+from obb_collision.warm_up.command import Bar, main
+from obb_collision.warm_up.processes import Progress, compile_steps
+from obb_collision.warm_up.steps import BOXES, NEEDS_ROS, STEPS, accuracy_step, possible_steps
+
+LEFT = """
+import sys
+for name in {hidden!r}:
+    sys.modules[name] = None
+from obb_collision import _jit
+from obb_collision.warm_up.steps import possible_steps, task_of
+for step in possible_steps():
+    task_of(step)
+print(*_jit.unkept_kernels())
+"""
+
+
+def test_the_command_leaves_no_kernel_of_the_library_and_the_node_uncompiled(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert main([]) == 0
+    captured = capsys.readouterr()
+    assert "kernels compiled in" in captured.out
+    assert f"{len(possible_steps())} of {len(possible_steps())} steps" in captured.err
+    left = subprocess.run(
+        [sys.executable, "-c", LEFT.format(hidden=())],
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=300,
+    )
+    assert left.stdout.strip() == ""
+
+
+def test_without_ros_there_is_nothing_of_ros_to_compile() -> None:
+    code = LEFT.format(hidden=("rclpy", "visualization_msgs", "sensor_msgs", "geometry_msgs"))
+    code = code.replace("for name in", "import importlib.util\nfor name in", 1)
+    code = code.replace("sys.modules[name] = None", "hide(name)")
+    hide = """
+import importlib.util, sys
+find = importlib.util.find_spec
+importlib.util.find_spec = lambda name, *rest: None if name in hidden else find(name, *rest)
+hidden = set()
+def hide(name):
+    hidden.add(name)
+    sys.modules[name] = None
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", hide + code + "\nprint(len(possible_steps()))"],
+        capture_output=True,
+        text=True,
+        timeout=300,
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.split()[-1] == str(len(STEPS) - len(NEEDS_ROS))
+
+
+def test_a_process_that_fails_and_one_that_ends_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert "KeyError" in compile_steps(["no such step"]).failed["no such step"]
+    monkeypatch.setattr(processes, "CODE", "import os; os.kill(os.getpid(), 9)")
+    progress = compile_steps(["a", "b", "c"], count=2)
+    assert progress.failed["a"] == progress.failed["b"] == "its process ended with SIGKILL"
+    assert "no process was left" in progress.failed["c"]
+    monkeypatch.setattr(sys, "executable", "")
+    assert set(compile_steps(["a", "b"]).failed) == {"a", "b"}
+
+
+def test_it_stops_when_told_to_and_leaves_no_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    started: list[subprocess.Popen[bytes]] = []
+    real = subprocess.Popen
+
+    def noted(*args: object, **options: object) -> subprocess.Popen[bytes]:
+        started.append(real(*args, **options))  # type: ignore[call-overload]
+        return started[-1]
+
+    monkeypatch.setattr(subprocess, "Popen", noted)
+    monkeypatch.setattr(processes, "CODE", "import sys; sys.stdin.read()")
+    progress = compile_steps([BOXES], stopped=lambda: True)
+    assert progress.stopped
+    assert progress.failed == {}
+    assert [process.poll() is not None for process in started] == [True]
+
+
+def test_a_process_ends_with_the_one_that_started_it(tmp_path: Path) -> None:
+    code = """
+import os
+from obb_collision.warm_up.processes import _Worker, Progress
+worker = _Worker(None, 0)
+worker.give([{step!r}], Progress(({step!r},)))
+print(worker._process.pid, flush=True)
+os.read(worker.out.fileno(), 1)  # it has begun
+os._exit(1)
+"""
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
+    command = [sys.executable, "-c", code.format(step=accuracy_step(Accuracy.MESH))]
+    done = subprocess.run(
+        command, env=environment, capture_output=True, text=True, timeout=300, check=False
+    )
+    pid = int(done.stdout)
+    # its input has ended, which it notices while it compiles
+    for _ in iter(lambda: is_alive(pid), False):
+        pass
+
+
+def is_alive(pid: int) -> bool:
+    """Return whether a process runs; one that has ended and nobody asked about does not."""
+    status = Path(f"/proc/{pid}/stat")
+    return status.exists() and status.read_text().rpartition(")")[2].split()[0] != "Z"
+
+
+def test_the_bar_fills_with_the_kernels_on_a_terminal_only() -> None:
+    class Terminal(io.StringIO):
+        def isatty(self) -> bool:
+            return True
+
+    progress = Progress(("a", "b"), running=["a"])
+    for stream, quiet in ((Terminal(), False), (io.StringIO(), False), (Terminal(), True)):
+        bar = Bar(stream, not quiet)
+        bar._missing = 4
+        progress.kernels, progress.done = ["x", "x", "y"], ["a"]
+        bar.show(progress)
+        bar.end()
+        said = stream.getvalue()
+        if quiet:
+            assert said == ""
+        elif stream.isatty():
+            assert "###############    " in said
+            assert "2 of 4 kernels: a" in said
+        else:
+            assert said == "1 of 2 steps, 3 kernels compiled: a\n"
