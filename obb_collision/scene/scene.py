@@ -41,6 +41,8 @@ from obb_collision.scene.report import Report
 NO_RESULTS: dict[str, Any] = {}
 #: Depth of the trees on the rung "obb_tree": eight boxes a mesh.
 DEFAULT_DEPTH = 3
+#: The largest limit on pairs: more than there can be, and its multiples are numbers for kernels.
+MOST_PAIRS = 2**53
 #: Pairs near each other that effects look at, for each that may collide: objects that are apart
 #: have more neighbours than contacts.
 NEAR_PER_PAIR = 10
@@ -257,7 +259,7 @@ class Scene(SceneObjects):
 
 
 def _checked_limit(limit: int | None) -> int | None:
-    return None if limit is None else as_whole(limit, "max_pairs", 1)
+    return None if limit is None else as_whole(limit, "max_pairs", 1, MOST_PAIRS)
 
 
 def is_settable(kind: type, name: str) -> bool:

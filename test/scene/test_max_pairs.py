@@ -191,7 +191,7 @@ def test_a_budget_and_a_limit_together_lose_no_object_that_collides() -> None:
         assert not report.pairs.flags.writeable
 
 
-@pytest.mark.parametrize("wrong", [0, -1, 1.0, True, "1", float("nan")])
+@pytest.mark.parametrize("wrong", [0, -1, 1.0, True, "1", float("nan"), 2**53 + 1, 2**62, 2**64])
 def test_a_limit_is_a_positive_whole_number(wrong: Any) -> None:
     with pytest.raises(ValueError, match="max_pairs must be a whole number"):
         oc.Scene(max_pairs=wrong)
@@ -199,3 +199,7 @@ def test_a_limit_is_a_positive_whole_number(wrong: Any) -> None:
     with pytest.raises(ValueError, match="max_pairs"):
         scene.max_pairs = wrong
     assert scene.max_pairs == 5
+    for name in ("a", "b"):
+        scene.add(name, oc.Box([1.0, 1.0, 1.0]))
+    scene.max_pairs = 2**53
+    assert scene.check(effects=["clearance"]).names() == [("a", "b")]
