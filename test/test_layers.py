@@ -33,12 +33,32 @@ LAYERS = {
     "queries": {"_jit", "geometry"},
     "obb": {"_jit", "geometry", "queries"},
     "scene": {"_jit", "geometry", "queries", "obb"},
-    "benchmarks": {"_jit", "geometry", "queries", "obb", "scene"},
-    "warm_up": {"_jit", "_kernel_cache", "_compiling", "geometry", "queries", "obb", "scene"},
-    "node": {
-        *("_jit", "_kernel_cache", "_compiling", "geometry", "queries", "obb", "scene", "warm_up"),
+    "cli": {"geometry"},
+    "benchmarks": {"cli", "_jit", "geometry", "queries", "obb", "scene"},
+    "warm_up": {
+        "cli",
+        "_jit",
+        "_kernel_cache",
+        "_compiling",
+        "geometry",
+        "queries",
+        "obb",
+        "scene",
     },
-    "checks": {"_jit", "geometry", "queries", "obb", "scene", "node"},
+    "node": {
+        *(
+            "cli",
+            "_jit",
+            "_kernel_cache",
+            "_compiling",
+            "geometry",
+            "queries",
+            "obb",
+            "scene",
+            "warm_up",
+        ),
+    },
+    "checks": {"cli", "_jit", "geometry", "queries", "obb", "scene", "node"},
 }
 ROS = {
     "ament_index_python", "builtin_interfaces", "diagnostic_msgs", "geometry_msgs", "launch",

@@ -29,7 +29,6 @@ import sys
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from importlib.metadata import PackageNotFoundError, version
-from pathlib import Path
 from typing import Any
 
 from obb_collision.benchmarks.price.corpus import Plan, measure
@@ -46,6 +45,7 @@ from obb_collision.benchmarks.price.scenes import (
     real_corpus,
 )
 from obb_collision.benchmarks.price.tables import claims, format_result
+from obb_collision.cli import MAX_SEED, Parser, new_file, real, whole
 
 #: Seconds a run takes by default, of which compiling takes about a third the first time.
 SECONDS = 100.0
@@ -146,22 +146,28 @@ def as_json(result: Result, options: argparse.Namespace) -> dict[str, Any]:
 
 def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     """Read the command line."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0] if __doc__ else None)
-    parser.add_argument("--seconds", type=float, default=SECONDS, help="about how long in all")
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--bodies", type=int, default=BODIES, help="bodies in the room")
-    parser.add_argument("--pairs", type=int, default=PAIRS, help="pairs asked about, each corpus")
-    parser.add_argument("--timed", type=int, default=TIMED, help="pairs timed beside the peers")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write all numbers as JSON")
-    parser.add_argument("--plot", type=Path, metavar="FILE", help="draw time against wrong alarms")
-    options = parser.parse_args(arguments)
-    if not options.seconds > 0.0:
-        parser.error("--seconds must be positive")
-    if min(options.bodies, options.pairs, options.timed) < 1 or options.seed < 0:
-        parser.error("--bodies, --pairs and --timed must be at least 1, --seed at least 0")
-    if options.plot and options.plot.suffix.lower() not in (".png", ".svg"):
-        parser.error("--plot must name a .png or .svg file")
-    return options
+    parser = Parser(
+        prog="obb_collision_accuracy", description=__doc__.split("\n\n")[0] if __doc__ else None
+    )
+    parser.add_argument(
+        "--seconds", type=real(0.001, 1e6), default=SECONDS, help="about how long in all"
+    )
+    parser.add_argument("--seed", type=whole(0, MAX_SEED), default=0)
+    parser.add_argument("--bodies", type=whole(1, 10**6), default=BODIES, help="bodies in the room")
+    parser.add_argument(
+        "--pairs", type=whole(1, 10**8), default=PAIRS, help="pairs asked about, each corpus"
+    )
+    parser.add_argument(
+        "--timed", type=whole(1, 10**8), default=TIMED, help="pairs timed beside the peers"
+    )
+    parser.add_argument("--json", type=new_file(), metavar="FILE", help="write all numbers as JSON")
+    parser.add_argument(
+        "--plot",
+        type=new_file(".png", ".svg"),
+        metavar="FILE",
+        help="draw time against wrong alarms",
+    )
+    return parser.parse_args(arguments)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -25,12 +25,10 @@ By the processor's clock where others use the machine: what they take is no faul
 
 from __future__ import annotations
 
-import argparse
 import json
 import time
 from collections.abc import Callable
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -38,6 +36,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from trimesh import creation
 
+from obb_collision.cli import Parser, new_file, real, whole
 from obb_collision.geometry.meshes import Mesh
 from obb_collision.queries.accuracy import Accuracy
 from obb_collision.scene.budget import Budget
@@ -159,12 +158,14 @@ def run(meshes: int, cycles: int, times: float, clock: Clock, seed: int = 0) -> 
 
 def main(arguments: list[str] | None = None) -> None:
     """Print what happened; ``--json FILE`` writes it too."""
-    parser = argparse.ArgumentParser(description="does the time budget of a scene hold?")
-    parser.add_argument("--meshes", type=int, default=400, help="moving meshes")
-    parser.add_argument("--cycles", type=int, default=500, help="cycles that count")
-    parser.add_argument("--times", type=float, default=10.0, help="by how much mesh exceeds it")
+    parser = Parser(description="does the time budget of a scene hold?")
+    parser.add_argument("--meshes", type=whole(1, 10**6), default=400, help="moving meshes")
+    parser.add_argument("--cycles", type=whole(1, 10**9), default=500, help="cycles that count")
+    parser.add_argument(
+        "--times", type=real(1e-3, 1e6), default=10.0, help="by how much mesh exceeds it"
+    )
     parser.add_argument("--processor", action="store_true", help="time by the processor's clock")
-    parser.add_argument("--json", type=Path, help="write the figures to a file")
+    parser.add_argument("--json", type=new_file(), help="write the figures to a file")
     options = parser.parse_args(arguments)
     clock = time.process_time if options.processor else time.perf_counter
     row = run(options.meshes, options.cycles, options.times, clock)

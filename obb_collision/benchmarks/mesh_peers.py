@@ -24,13 +24,11 @@ best of several turns.
 
 from __future__ import annotations
 
-import argparse
 import importlib
 import importlib.util
 import json
 import time
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -38,6 +36,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from trimesh import creation
 
+from obb_collision.cli import Parser, new_file, whole
 from obb_collision.geometry.mesh_tree import MeshTrees
 from obb_collision.queries.mesh_collision import PlacedMeshes, mesh_collisions
 
@@ -159,9 +158,9 @@ def _seconds(run: Callable[[], object]) -> float:
 
 def main(arguments: list[str] | None = None) -> None:
     """Print the table; ``--json FILE`` writes it too."""
-    parser = argparse.ArgumentParser(description="mesh against mesh beside python-fcl and coal")
-    parser.add_argument("--pairs", type=int, default=1000, help="pairs of poses a row")
-    parser.add_argument("--json", type=Path, help="write the figures to a file")
+    parser = Parser(description="mesh against mesh beside python-fcl and coal")
+    parser.add_argument("--pairs", type=whole(1, 10**8), default=1000, help="pairs of poses a row")
+    parser.add_argument("--json", type=new_file(), help="write the figures to a file")
     options = parser.parse_args(arguments)
     rows, peers = {}, list(installed())
     heads = "".join(f"{name + ' us':>10}{'ratio':>7}{'differ':>8}" for name in peers)

@@ -24,17 +24,16 @@ several turns; on a machine that others use, the processor time, best of all tur
 
 from __future__ import annotations
 
-import argparse
 import json
 import time
 from collections.abc import Callable, Iterable
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
+from obb_collision.cli import Parser, new_file, whole
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.validation import Floats
 from obb_collision.queries.points import points_inside
@@ -140,10 +139,14 @@ def _seconds(run: Callable[[], object]) -> tuple[float, float]:
 
 def main(arguments: list[str] | None = None) -> None:
     """Print the table; ``--json FILE`` writes it too."""
-    parser = argparse.ArgumentParser(description="a cloud in many boxes, beside numpy and a tree")
-    parser.add_argument("--points", type=int, default=1_000_000, help="points of the cloud")
-    parser.add_argument("--boxes", type=int, default=200, help="boxes it is tested against")
-    parser.add_argument("--json", type=Path, help="write the figures to a file")
+    parser = Parser(description="a cloud in many boxes, beside numpy and a tree")
+    parser.add_argument(
+        "--points", type=whole(1, 10**9), default=1_000_000, help="points of the cloud"
+    )
+    parser.add_argument(
+        "--boxes", type=whole(1, 10**6), default=200, help="boxes it is tested against"
+    )
+    parser.add_argument("--json", type=new_file(), help="write the figures to a file")
     options = parser.parse_args(arguments)
     rows = {}
     print(f"{options.points:,} points, {options.boxes} boxes; milliseconds, (processor)")

@@ -36,6 +36,7 @@ from scipy.spatial.transform import Rotation
 from obb_collision.benchmarks.certificate import measure_certificate
 from obb_collision.benchmarks.effects import format_effects, run_effects, save_effects_plot
 from obb_collision.benchmarks.step_peers import PEERS, Peer
+from obb_collision.cli import MAX_SEED, Parser, new_file, real, whole
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.validation import Floats
 
@@ -181,14 +182,18 @@ def _run_effects(options: argparse.Namespace) -> int:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the benchmark and print its table."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = Parser(prog="obb_collision_speed", description=__doc__)
     parser.add_argument(
-        "--sizes", type=int, nargs="+", default=list(SIZES), help="numbers of boxes"
+        "--sizes", type=whole(1, 10**7), nargs="+", default=list(SIZES), help="numbers of boxes"
     )
-    parser.add_argument("--seconds", type=float, default=20.0, help="about how long, all sizes")
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the rows as JSON")
-    parser.add_argument("--plot", type=Path, metavar="FILE", help="draw the rows, PNG or SVG")
+    parser.add_argument(
+        "--seconds", type=real(0.001, 1e6), default=20.0, help="about how long, all sizes"
+    )
+    parser.add_argument("--seed", type=whole(0, MAX_SEED), default=0)
+    parser.add_argument("--json", type=new_file(), metavar="FILE", help="write the rows as JSON")
+    parser.add_argument(
+        "--plot", type=new_file(".png", ".svg"), metavar="FILE", help="draw the rows, PNG or SVG"
+    )
     parser.add_argument(
         "--effects",
         action="store_true",
@@ -197,8 +202,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     if options.effects:
         return _run_effects(options)
-    if min(options.sizes) < 1 or not options.seconds > 0.0:
-        parser.error("sizes must be at least 1 and seconds positive")
     rows: list[Row] = []
     for size in options.sizes:
         print(f"{size} boxes ...", file=sys.stderr, flush=True)

@@ -29,18 +29,17 @@ false ones, hardly any, or a hit for every pair. Look at its misses and false hi
 
 from __future__ import annotations
 
-import argparse
 import importlib
 import json
 import time
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from obb_collision.cli import Parser, new_file, whole
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.validation import Floats
 from obb_collision.queries.separation import Verdict, verdicts
@@ -178,9 +177,9 @@ def _seconds(run: Callable[[], object]) -> float:
 
 def main(arguments: list[str] | None = None) -> None:
     """Print the table; ``--json FILE`` writes it too."""
-    parser = argparse.ArgumentParser(description="moving boxes beside python-fcl")
-    parser.add_argument("--pairs", type=int, default=20_000, help="pairs of each row")
-    parser.add_argument("--json", type=Path, help="write the figures to a file")
+    parser = Parser(description="moving boxes beside python-fcl")
+    parser.add_argument("--pairs", type=whole(1, 10**8), default=20_000, help="pairs of each row")
+    parser.add_argument("--json", type=new_file(), help="write the figures to a file")
     options = parser.parse_args(arguments)
     rows = {}
     head = f"{'motion':34}{'hits':>6}{'ours us':>9}{'fcl us':>8}{'ratio':>7}"

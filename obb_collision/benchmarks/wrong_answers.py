@@ -28,13 +28,13 @@ import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from importlib import import_module
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from obb_collision.benchmarks.families import FAMILIES, generate
 from obb_collision.benchmarks.judges import COLLIDING, FAILED, FREE, PEERS, Answers, Judge, textbook
+from obb_collision.cli import MAX_SEED, Parser, new_file, whole
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.queries.exact import exact_verdict
 from obb_collision.queries.separation import Verdict, Verdicts, verdicts
@@ -167,19 +167,21 @@ def _with_progress(names: Sequence[str], total: int) -> Iterator[tuple[str, Step
 def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     """Read the command line; ``names`` are the families asked for."""
     summary = (__doc__ or "").splitlines()[0]
-    parser = argparse.ArgumentParser(prog="obb_collision_wrong_answers", description=summary)
-    parser.add_argument("--pairs", type=int, default=10_000, help="pairs of each family")
-    parser.add_argument("--seed", type=int, default=0, help="other pairs of the same families")
+    parser = Parser(prog="obb_collision_wrong_answers", description=summary)
+    parser.add_argument(
+        "--pairs", type=whole(1, 10**9), default=10_000, help="pairs of each family"
+    )
+    parser.add_argument(
+        "--seed", type=whole(0, MAX_SEED), default=0, help="other pairs of the same families"
+    )
     parser.add_argument("--family", action="append", help="part of a name; may be repeated")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write all counts here")
+    parser.add_argument("--json", type=new_file(), metavar="FILE", help="write all counts here")
     parser.add_argument("--markdown", action="store_true", help="print the table as Markdown")
     options = parser.parse_args(arguments)
     wanted = options.family or [""]
     options.names = [name for name in FAMILIES if any(part in name for part in wanted)]
-    if options.pairs < 1:
-        parser.error("--pairs must be at least 1")
     if not options.names:
-        parser.error(f"no family matches; there are: {'; '.join(FAMILIES)}")
+        parser.error(f"--family matches none; there are: {'; '.join(FAMILIES)}")
     return options
 
 

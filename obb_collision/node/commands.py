@@ -20,14 +20,12 @@ that ROS is there. A signal during these imports ends them at once and without a
 
 from __future__ import annotations
 
-import argparse
 import signal
 import sys
 from collections.abc import Sequence
-from typing import NoReturn
 
+from obb_collision.cli import Parser
 from obb_collision.node.environment import (
-    BAD_USAGE,
     end_at_once_on_signals,
     is_ros_here,
     set_defaults,
@@ -35,17 +33,10 @@ from obb_collision.node.environment import (
 )
 
 
-class _Parser(argparse.ArgumentParser):
-    """Says what is wrong in one line."""
-
-    def error(self, message: str) -> NoReturn:
-        self.exit(BAD_USAGE, f"{self.prog}: {message}; --help says what there is\n")
-
-
 def node(args: Sequence[str] | None = None) -> int:
     """Run the collision node until SIGINT or SIGTERM; returns the exit code."""
     end_at_once_on_signals()
-    _Parser(
+    Parser(
         prog="obb_collision_node",
         usage="%(prog)s [--help] [--ros-args ...]",
         description="Publishes which objects of a scene collide, until SIGINT or SIGTERM. Takes "

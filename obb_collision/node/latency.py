@@ -21,7 +21,6 @@ just before ``publish`` to the callback that has the pairs of exactly that state
 
 from __future__ import annotations
 
-import argparse
 import os
 from collections.abc import Sequence
 from time import perf_counter
@@ -35,6 +34,7 @@ from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
 from visualization_msgs.msg import Marker, MarkerArray
 
+from obb_collision.cli import MAX_SEED, Parser, real, whole
 from obb_collision.node.clouds import poses_to_ros
 from obb_collision.node.conversions import (
     NANOSECONDS,
@@ -153,10 +153,14 @@ class Latency:
 
 def main(args: Sequence[str] | None = None) -> int:
     """Run the console script ``obb_collision_latency``."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("--objects", type=int, default=1000, help="moving boxes")
-    parser.add_argument("--seconds", type=float, default=10.0, help="how long to measure")
-    parser.add_argument("--seed", type=int, default=1, help="of the random scene")
+    parser = Parser(
+        prog="obb_collision_latency", description=__doc__.splitlines()[0] if __doc__ else None
+    )
+    parser.add_argument("--objects", type=whole(1, 20000), default=1000, help="moving boxes")
+    parser.add_argument(
+        "--seconds", type=real(0.1, 86400.0), default=10.0, help="how long to measure"
+    )
+    parser.add_argument("--seed", type=whole(0, MAX_SEED), default=1, help="of the random scene")
     options = parser.parse_args(args)
     latency = Latency(options.objects, options.seed)
     try:

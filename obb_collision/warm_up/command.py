@@ -16,7 +16,6 @@
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -24,6 +23,7 @@ from time import perf_counter
 from typing import TextIO
 
 from obb_collision import _jit, _kernel_cache
+from obb_collision.cli import Parser
 from obb_collision.warm_up.processes import Progress, compile_steps
 from obb_collision.warm_up.steps import possible_steps, task_of
 
@@ -33,7 +33,7 @@ WIDTH = 30
 
 def main(args: Sequence[str] | None = None) -> int:
     """Compile all kernels that the cache lacks; returns the exit code."""
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="obb_collision_warm_up",
         description="Compiles all kernels of obb_collision and keeps them in the cache, so that "
         "no later start on this machine has to. About a minute on two cores; a second run takes "

@@ -27,6 +27,7 @@ from pathlib import Path
 
 from obb_collision.checks.fuzz.child import Child
 from obb_collision.checks.fuzz.session import BATCH, FoundError, Result, Session
+from obb_collision.cli import MAX_SEED, Parser, new_file, real, whole
 
 LARGEST_DOMAIN = 100
 PROGRESS = 5.0
@@ -34,21 +35,23 @@ PROGRESS = 5.0
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="obb_collision_fuzz",
         description="Send mutated messages to a node in another process, over real topics, and "
         "check after every batch that it is there, answers right and was not blocked.",
         epilog="What follows -- goes to the node: obb_collision_fuzz -- -p accuracy:=mesh",
     )
-    parser.add_argument("--messages", type=int, default=20_000, help="hostile messages to send")
-    parser.add_argument("--seed", type=int, default=1, help="of all that is random")
+    parser.add_argument(
+        "--messages", type=whole(1, 10**9), default=20_000, help="hostile messages to send"
+    )
+    parser.add_argument("--seed", type=whole(0, MAX_SEED), default=1, help="of all that is random")
     parser.add_argument(
         "--bound",
-        type=float,
+        type=real(0.0, 3600.0),
         default=0.1,
         help="seconds that the node may be blocked beyond what rclpy takes to decode",
     )
-    parser.add_argument("--log", type=Path, help="file for the node's output")
+    parser.add_argument("--log", type=new_file(), help="file for the node's output")
     parser.add_argument("node", nargs="*", metavar="NODE_ARGUMENT", help="for the node")
     return parser
 

@@ -17,7 +17,6 @@
 from __future__ import annotations
 
 import argparse
-import math
 import os
 import signal
 import sys
@@ -25,6 +24,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, TextIO
 
+from obb_collision.cli import MAX_SEED, Parser, new_file, real, whole
 from obb_collision.geometry.words import printable
 from obb_collision.node.demo.layout import DEFAULT_OBJECTS, DEFAULT_SEED, MIN_OBJECTS
 from obb_collision.node.demo.scene import DemoScene
@@ -61,14 +61,14 @@ def main(args: Sequence[str] | None = None) -> int:
 
 def make_parser() -> argparse.ArgumentParser:
     """Return the parser of the command line; it refuses what can't be used, with the reason."""
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="obb_collision_demo",
         description="The collision node and a moving warehouse in one process: prints the pairs "
         "as they begin and end, then a summary, and saves a picture.",
         formatter_class=argparse.ArgumentDefaultsHelpFormatter,
     )
     parser.add_argument(
-        "--seconds", type=_number(float, 0.1, MAX_SECONDS), default=10.0, help="how long to run"
+        "--seconds", type=real(0.1, MAX_SECONDS), default=10.0, help="how long to run"
     )
     parser.add_argument(
         "--scene",
@@ -79,47 +79,31 @@ def make_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument(
         "--objects",
-        type=_number(int, MIN_OBJECTS, MAX_OBJECTS),
+        type=whole(MIN_OBJECTS, MAX_OBJECTS),
         default=DEFAULT_OBJECTS,
         help="how many objects there are in the built-in scene",
     )
     parser.add_argument(
         "--seed",
-        type=_number(int, 0, 2**32 - 1),
+        type=whole(0, MAX_SEED),
         default=DEFAULT_SEED,
         help="of the built-in scene",
     )
     parser.add_argument(
         "--rate",
-        type=_number(float, 1.0, MAX_RATE),
+        type=real(1.0, MAX_RATE),
         default=30.0,
         help="how many times a second what moves is published (Hz)",
     )
     parser.add_argument(
         "--picture",
-        type=_file,
+        type=new_file(),
         default="obb_collision_demo.png",
         metavar="FILE",
         help="PNG of how the scene ends",
     )
     parser.add_argument("--no-picture", action="store_true", help="draw no picture")
     return parser
-
-
-def _number(kind: type, low: float, high: float) -> Callable[[str], float]:
-    """Return a converter for argparse that accepts numbers of a kind within limits."""
-    name = "a whole number" if kind is int else "a number"
-
-    def convert(text: str) -> float:
-        try:
-            value: float = kind(text)
-        except ValueError:
-            raise argparse.ArgumentTypeError(f"{text!r} is not {name}") from None
-        if not (math.isfinite(value) and low <= value <= high):
-            raise argparse.ArgumentTypeError(f"must be between {low:g} and {high:g}, not {text}")
-        return value
-
-    return convert
 
 
 def _description(text: str) -> tuple[SceneDescription, Path]:
@@ -132,14 +116,6 @@ def _description(text: str) -> tuple[SceneDescription, Path]:
     if not description.objects:
         raise argparse.ArgumentTypeError(f"{text}: there are no objects in it")
     return description, file
-
-
-def _file(text: str) -> Path:
-    """Convert for argparse: a file that can be written, as far as its folder tells."""
-    path = Path(text)
-    if path.is_dir() or not path.parent.is_dir():
-        raise argparse.ArgumentTypeError(f"{text!r} is no file in a folder that exists")
-    return path
 
 
 class _Interrupts:

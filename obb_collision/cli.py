@@ -1,0 +1,95 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Command lines: what can't be used is refused in one line, before anything is done.
+
+The exit code is 2 then, as argparse has it.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from pathlib import Path
+from typing import NoReturn
+
+from obb_collision.geometry.words import printable, shown
+
+#: Exit code for arguments that can't be used.
+BAD_USAGE = 2
+#: Largest seed that numpy takes in one piece.
+MAX_SEED = 2**32 - 1
+
+
+class Parser(argparse.ArgumentParser):
+    """Says what is wrong in one line."""
+
+    def error(self, message: str) -> NoReturn:
+        """End with the reason."""
+        reason = "\n".join(printable(line) for line in message.splitlines())
+        self.exit(BAD_USAGE, f"{self.prog}: {reason}; --help says what there is\n")
+
+
+def whole(low: int, high: int) -> Callable[[str], int]:
+    """Return a converter for argparse: a whole number within limits, both allowed."""
+
+    def convert(text: str) -> int:
+        try:
+            number = int(text)
+        except ValueError:
+            raise argparse.ArgumentTypeError(f"{shown(text)} is not a whole number") from None
+        if not low <= number <= high:
+            raise argparse.ArgumentTypeError(
+                f"must be between {low} and {high}, not {shown(number)}"
+            )
+        return number
+
+    return convert
+
+
+def real(low: float, high: float) -> Callable[[str], float]:
+    """Return a converter for argparse: a number within limits, both allowed."""
+
+    def convert(text: str) -> float:
+        try:
+            value = float(text)
+        except ValueError:
+            raise argparse.ArgumentTypeError(f"{shown(text)} is not a number") from None
+        if not low <= value <= high:
+            limits = f"must be between {low:g} and {high:g}"
+            raise argparse.ArgumentTypeError(f"{limits}, not {shown(value)}")
+        return value
+
+    return convert
+
+
+def new_file(*suffixes: str) -> Callable[[str], Path]:
+    """Return a converter for argparse: a file that can be written, as far as its folder tells.
+
+    suffixes: those it may have, any if none is given.
+    """
+
+    def convert(text: str) -> Path:
+        path = Path(text)
+        try:
+            usable = "\0" not in text and path.parent.is_dir() and not path.is_dir()
+        except (OSError, ValueError):  # no name that a file can have
+            usable = False
+        if not usable:
+            raise argparse.ArgumentTypeError(f"{shown(text)} is no file in a folder that exists")
+        if suffixes and path.suffix.lower() not in suffixes:
+            raise argparse.ArgumentTypeError(f"{shown(text)} must end in {' or '.join(suffixes)}")
+        return path
+
+    return convert
