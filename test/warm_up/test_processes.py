@@ -24,6 +24,7 @@ from pathlib import Path
 
 import pytest
 
+from obb_collision import _kernel_cache
 from obb_collision.queries.accuracy import Accuracy
 from obb_collision.warm_up import processes
 from obb_collision.warm_up.command import Bar, main
@@ -57,6 +58,16 @@ def test_the_command_leaves_no_kernel_of_the_library_and_the_node_uncompiled(
         timeout=300,
     )
     assert left.stdout.strip() == ""
+
+
+def test_where_nothing_can_be_kept_the_command_says_so_at_once(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    (tmp_path / "file").write_text("")
+    for places in ([], [tmp_path / "file" / "obb_collision"]):
+        monkeypatch.setattr(_kernel_cache, "places", places)
+        assert main([]) == 1
+        assert "kernels can't be kept: " in capsys.readouterr().err
 
 
 def test_without_ros_there_is_nothing_of_ros_to_compile() -> None:
