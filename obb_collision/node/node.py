@@ -67,11 +67,18 @@ DIAGNOSTICS_PERIOD = 1.0
 class CollisionNode(Node):
     """Keeps the world boxes of a scene up to date and publishes which collide.
 
-    frames: where frames are, by default tf2 where installed. All else goes to ``rclpy.node.Node``
-    (context, namespace, parameter_overrides, cli_args...).
+    frames: where frames are, by default tf2 where installed. ending: whether a start that compiles
+    is to be given up, which raises ExternalShutdownException. All else goes to
+    ``rclpy.node.Node`` (context, namespace, parameter_overrides, cli_args...).
     """
 
-    def __init__(self, *, frames: FrameSource | None = None, **node_options: Any) -> None:
+    def __init__(
+        self,
+        *,
+        frames: FrameSource | None = None,
+        ending: Callable[[], bool] = lambda: False,
+        **node_options: Any,
+    ) -> None:
         super().__init__(NODE_NAME, **node_options)
         start = perf_counter()
         self.guard = Guard(self._complain, self.context.ok)
@@ -91,7 +98,7 @@ class CollisionNode(Node):
             lambda: self.parameters.mode("sweep") != OFF,
             self.guard,
         )
-        self._warm = WarmUp(self._say, self._warn, lambda: not self.context.ok())
+        self._warm = WarmUp(self._say, self._warn, lambda: ending() or not self.context.ok())
         self._settings = SceneSettings(self.parameters, self.objects, self._warm)
         self._settings.allowed = [] if scene_file is None else scene_file.allowed()
         self._effects = Effects(self.parameters, self._outputs.publishers, self._warm)
@@ -123,7 +130,8 @@ class CollisionNode(Node):
         self._schedule = Schedule(self, self.parameters, self._run_cycle)
         switched_on = [name for name in EFFECTS if self.parameters.mode(name) == ON]
         self._warm.start([*self._settings.rungs(), *switched_on])
-        if not self.context.ok():
+        if ending() or not self.context.ok():
+            self.destroy_node()
             raise ExternalShutdownException
         self._outputs.publish_namespaces(self.objects.table.namespaces)
         self._apply_parameters()
@@ -361,7 +369,7 @@ def main(args: Sequence[str] | None = None) -> int:
     """Run the console script ``obb_collision_node``."""
     return run(
         NODE_NAME,
-        lambda context: CollisionNode(context=context),
+        lambda context, ending: CollisionNode(context=context, ending=ending),
         args,
         farewell=lambda node: node.status.close(),
     )

@@ -51,8 +51,8 @@ UNUSABLE = (
 class Signals:
     """Counts SIGINT and SIGTERM, so that they raise nothing in whatever line runs just then.
 
-    While the node is made, which may take as long as kernels compile, the first one is kept for
-    later and the second one ends the process at once.
+    While the node is made, which may take as long as kernels compile, the first one ends that as
+    soon as it can, and the second one ends the process at once.
     """
 
     def __init__(self) -> None:
@@ -66,7 +66,7 @@ class Signals:
         if self.making and self.count > 1:
             os._exit(0)
         if self.making:  # not by sys.stderr, which may be in use just then
-            os.write(2, b"ends as soon as it is up; a second signal ends it at once\n")
+            os.write(2, b"ends as soon as it can; a second signal ends it at once\n")
 
     def ignore(self) -> None:
         """Take no more signals: what is left to do is to end."""
@@ -105,14 +105,15 @@ def on_signals(action: Callable[[], None]) -> Iterator[None]:
 
 def run(
     name: str,
-    make_node: Callable[[Context], N],
+    make_node: Callable[[Context, Callable[[], bool]], N],
     args: Sequence[str] | None,
     farewell: Callable[[N], None] = lambda _: None,
 ) -> int:
     """Spin a node until SIGINT, SIGTERM or a shutdown of its context; returns the exit code.
 
-    name: of the logger, for what is said before there is a node. farewell: called with the node
-    when a signal ends it, from another thread, while it can still publish.
+    name: of the logger, for what is said before there is a node. make_node: takes the context, and
+    what says whether a signal has come; it may raise ExternalShutdownException then. farewell:
+    called with the node when a signal ends it, from another thread, while it can still publish.
     """
     signals = Signals()
     context = Context()
@@ -135,7 +136,7 @@ def run(
 
     try:
         try:
-            node = make_node(context)
+            node = make_node(context, lambda: signals.count > 0)
         except UNUSABLE as error:
             get_logger(name).fatal(in_one_line(error))
             return 1

@@ -165,7 +165,7 @@ def test_a_second_signal_ends_a_node_that_takes_long_to_be_made() -> None:
     code = """
 import sys, time
 from obb_collision.node.running import run
-def make(context):
+def make(context, ending):
     sys.stdout.write("making\\n")
     sys.stdout.flush()
     time.sleep(3600)
