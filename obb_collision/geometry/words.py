@@ -28,6 +28,8 @@ from collections.abc import Sequence
 MAX_NAME = 255
 #: Most characters of an object's name in a scene: a namespace, a slash and an id, with room.
 MAX_OBJECT_NAME = 300
+#: Most characters of a pattern: of a name in which each character stands in brackets, and room.
+MAX_PATTERN = 1000
 #: Most characters of a path or URI: what Linux takes for a path.
 MAX_PATH = 4096
 #: Most characters of a value shown in a message.

@@ -173,7 +173,7 @@ ACCURACY = (
         0.0,
         "Time for a check (s): pairs get the highest accuracy, up to the one asked for, that fits. "
         "Nothing is missed by it. 0: none.",
-        (0.0, 60.0),
+        (0.0, 1.0),
     ),
     Spec(
         "allowed_pairs",

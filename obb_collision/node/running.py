@@ -118,11 +118,7 @@ def run(
     signals = Signals()
     context = Context()
     arguments = None if args is None else list(args)
-    try:
-        # no handlers of rclpy yet: they would take the context away from the node being made
-        rclpy.init(args=arguments, context=context, signal_handler_options=SignalHandlerOptions.NO)
-    except (RuntimeError, ValueError) as error:
-        sys.stderr.write(f"{name}: ROS arguments that can't be used: {in_one_line(error)}\n")
+    if not init(name, context, arguments):
         return BAD_USAGE
     node: N | None = None
 
@@ -157,6 +153,19 @@ def run(
         try_shutdown(context=context)
         signals.ignore()
     return 0
+
+
+def init(name: str, context: Context, arguments: list[str] | None) -> bool:
+    """Initialise a context with ROS arguments; say which can't be used, and return False then.
+
+    Without the signal handlers of rclpy: they would take the context away from a node being made.
+    """
+    try:
+        rclpy.init(args=arguments, context=context, signal_handler_options=SignalHandlerOptions.NO)
+    except (RuntimeError, ValueError) as error:
+        sys.stderr.write(f"{name}: ROS arguments that can't be used: {in_one_line(error)}\n")
+        return False
+    return True
 
 
 def in_one_line(error: BaseException) -> str:

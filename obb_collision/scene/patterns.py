@@ -24,19 +24,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from obb_collision.geometry.words import MAX_OBJECT_NAME, shown, text_fault
+from obb_collision.geometry.words import MAX_PATTERN, shown, text_fault
 
 
 def as_patterns(value: Iterable[str] | str, name: str) -> tuple[str, ...]:
     """Return patterns from one or several; ValueError naming the argument for anything else.
 
-    They are as the names of objects are: text that can be printed, of at most 300 characters.
+    They are as the names of objects are: text that can be printed, of at most 1000 characters.
     """
     several = isinstance(value, Iterable) and getattr(value, "ndim", 1) > 0
     one = isinstance(value, str) or not several
     patterns: tuple[Any, ...] = (value,) if one else tuple(value)
     for pattern in patterns:
-        if not isinstance(pattern, str) or text_fault(pattern, MAX_OBJECT_NAME):
+        if not isinstance(pattern, str) or text_fault(pattern, MAX_PATTERN):
             got = shown(pattern)
             raise ValueError(f"{name} must be names or patterns like 'gripper/*', got {got}")
     return patterns

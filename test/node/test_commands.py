@@ -92,6 +92,16 @@ def test_parameters_that_cannot_be_used_end_the_node_with_the_reason(
     assert "Traceback" not in error
 
 
+def test_parameters_that_cannot_be_used_end_the_demo_with_the_reason(
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    arguments = ["--no-picture", "--ros-args", "-p", "rate:=fast"]
+    assert commands.demo(arguments) == 1
+    error = capfd.readouterr().err
+    assert "obb_collision_demo: Trying to set parameter 'rate'" in error
+    assert "Traceback" not in error
+
+
 @pytest.mark.parametrize(
     ("arguments", "reason"),
     [
@@ -104,12 +114,14 @@ def test_parameters_that_cannot_be_used_end_the_node_with_the_reason(
         (["-p", "\udcff:=1"], "surrogates not allowed"),
     ],
 )
+@pytest.mark.parametrize("name", ["obb_collision", "obb_collision_demo"])
 def test_ros_arguments_that_cannot_be_used_end_the_node_with_one_line(
-    arguments: list[str], reason: str, capfd: pytest.CaptureFixture[str]
+    name: str, arguments: list[str], reason: str, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    assert commands.node(["--ros-args", *arguments]) == BAD_USAGE
+    command = commands.demo if name.endswith("demo") else commands.node
+    assert command(["--ros-args", *arguments]) == BAD_USAGE
     error = capfd.readouterr().err
-    (line,) = [line for line in error.splitlines() if line.startswith("obb_collision: ")]
+    (line,) = [line for line in error.splitlines() if line.startswith(f"{name}: ")]
     assert reason in line
     assert "Traceback" not in error
 

@@ -39,7 +39,14 @@ from obb_collision.node.demo.scene import DemoScene
 
 rclpy_context = pytest.importorskip("rclpy.context")
 
-from obb_collision.node.demo.run import Demo  # noqa: E402 - needs ROS
+from std_msgs.msg import Header  # noqa: E402 - needs ROS
+
+from obb_collision.node import namespace_number  # noqa: E402
+from obb_collision.node.clouds import cloud_to_ros  # noqa: E402
+from obb_collision.node.conversions import namespaces_to_ros, stamp_to_ros  # noqa: E402
+from obb_collision.node.demo.listener import CollisionListener  # noqa: E402
+from obb_collision.node.demo.run import Demo  # noqa: E402
+from obb_collision.node.layouts import COLLISION_DTYPE  # noqa: E402
 from obb_collision.node.marker_shapes import shape_from_ros, shape_to_ros  # noqa: E402
 
 #: Domains of these tests, apart from those a robot or the other tests use.
@@ -237,3 +244,25 @@ def test_ctrl_c_ends_it_with_its_summary() -> None:
     assert demo.returncode == 0
     assert heard[0].startswith("topics to watch: ")
     assert " pairs seen, " in rest
+
+
+def test_the_listener_waits_for_namespaces_that_it_does_not_know_yet() -> None:
+    context = rclpy_context.Context()
+    context.init(domain_id=DOMAIN)
+    lines: list[str] = []
+    listener = CollisionListener(lines.append, context=context)
+    try:
+        rows = np.zeros(1, COLLISION_DTYPE)
+        rows["ns_a"] = rows["ns_b"] = namespace_number("late")
+        rows["id_b"], rows["depth"] = 1, 0.5
+        message = cloud_to_ros(rows, Header(stamp=stamp_to_ros(5)))
+        listener._take_names(namespaces_to_ros(["early"]))
+        listener._take(message)
+        assert (listener.cycles, listener.pairs, lines) == (0, {}, [])
+        listener._take_names(namespaces_to_ros(["early", "late"]))
+        listener._take(message)
+        assert (listener.cycles, listener.pairs) == (1, {("late/0", "late/1"): 0.5})
+        assert len(lines) == 1
+    finally:
+        listener.destroy_node()
+        context.try_shutdown()

@@ -230,6 +230,20 @@ def test_meshes_may_be_files_as_in_motion_bench_maker(tmp_path: Path) -> None:
     assert ":14: world.collision_objects[1].meshes[0].resource: " in second
 
 
+def test_names_full_of_letters_of_patterns_are_matched_as_they_are(tmp_path: Path) -> None:
+    name = "[*?" * 85
+    entry = f"{{id: '{name}', primitives: [{{type: sphere, dimensions: [1]}}]}}"
+    matrix = f"{{entry_names: ['{name}', b], entry_values: [[true, true], [true, true]]}}"
+    path = tmp_path / "scene.yaml"
+    path.write_text(
+        f"world: {{collision_objects: [{entry}, {entry.replace(name, 'b')}]}}\n"
+        f"allowed_collision_matrix: {matrix}"
+    )
+    scene = load_scene(path).build()
+    assert scene.names == [name, "b"]
+    assert scene.check().names() == []
+
+
 MESH_FILES = {
     "{resource: a.stl}": "meshes[0].resource: mesh file",
     "{resource: 'package://nobody/a.stl'}": "meshes[0].resource: mesh file package://nobody/a.stl",

@@ -24,7 +24,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, TextIO
 
-from obb_collision.cli import MAX_SEED, Parser, new_file, real, whole
+from obb_collision.cli import BAD_USAGE, MAX_SEED, Parser, new_file, real, whole
 from obb_collision.geometry.words import printable
 from obb_collision.node.demo.layout import DEFAULT_OBJECTS, DEFAULT_SEED, MIN_OBJECTS
 from obb_collision.node.demo.scene import DemoScene
@@ -147,9 +147,11 @@ def _run(options: argparse.Namespace, ros_arguments: list[str]) -> int:
     from rclpy.context import Context
 
     from obb_collision.node.demo.run import Demo
+    from obb_collision.node.running import UNUSABLE, in_one_line, init
 
     context = Context()
-    context.init(args=ros_arguments)
+    if not init("obb_collision_demo", context, ros_arguments):
+        return BAD_USAGE
     demo = None
     try:
         scene = _scene(options)
@@ -159,8 +161,8 @@ def _run(options: argparse.Namespace, ros_arguments: list[str]) -> int:
             _say(line)
         if not options.no_picture:
             _picture(demo.save_picture, options.picture)
-    except TimeoutError as error:
-        _say(f"obb_collision_demo: {error}", sys.stderr)
+    except (TimeoutError, *UNUSABLE) as error:
+        _say(f"obb_collision_demo: {in_one_line(error)}", sys.stderr)
         return 1
     except KeyboardInterrupt:
         _say("obb_collision_demo: interrupted twice", sys.stderr)
