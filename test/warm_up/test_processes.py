@@ -29,7 +29,7 @@ from obb_collision.queries.accuracy import Accuracy
 from obb_collision.warm_up import processes
 from obb_collision.warm_up.command import Bar, main
 from obb_collision.warm_up.processes import Progress, compile_steps
-from obb_collision.warm_up.steps import BOXES, NEEDS_ROS, STEPS, accuracy_step, possible_steps
+from obb_collision.warm_up.steps import BOXES, NEEDS_ROS, STEPS, accuracy_step, possible_steps, run
 
 LEFT = """
 import sys
@@ -58,6 +58,11 @@ def test_the_command_leaves_no_kernel_of_the_library_and_the_node_uncompiled(
         timeout=300,
     )
     assert left.stdout.strip() == ""
+
+
+def test_no_step_warns() -> None:
+    for step in possible_steps():
+        run(step)  # where warnings are errors, as in all of these tests
 
 
 def test_where_nothing_can_be_kept_the_command_says_so_at_once(
