@@ -39,6 +39,8 @@ NICENESS = 5
 """Of what compiles beside the cycles: these come first, but it must not starve."""
 RETRY = 60.0
 """Seconds after which what could not be made ready is tried again."""
+ENDING = 2.0
+"""Seconds that the thread has to end what compiles: it looks every tenth of a second."""
 
 Thing = Accuracy | str
 """A rung of ``Accuracy``, or the name of an effect."""
@@ -98,9 +100,11 @@ class WarmUp:
         return self._refused.get(_step(thing), "being made ready")
 
     def close(self) -> None:
-        """End what compiles; the thread ends by itself."""
+        """End what compiles: other processes, which must not outlive this one."""
         self._closed.set()
         self._queue.put(None)
+        if self._thread is not None:
+            self._thread.join(ENDING)
         _kernel_cache.logger.removeHandler(self._handler)
 
     def _work(self) -> None:

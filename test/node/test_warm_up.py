@@ -171,6 +171,28 @@ def test_a_start_that_is_given_up_compiles_nothing_more(
     warm.close()
 
 
+def test_closing_waits_until_nothing_is_compiled_any_more(
+    cache: Cache, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    begun, ended = Event(), Event()
+
+    def compile_until_stopped(wanted: list[str], **options: Any) -> Progress:
+        begun.set()
+        wait_for(options["stopped"])
+        ended.set()  # here the processes are ended
+        return Progress(tuple(wanted), stopped=True)
+
+    monkeypatch.setattr(warm_up, "compile_steps", compile_until_stopped)
+    cache.kept = {BOXES, MESSAGES, SEPARATIONS}
+    monkeypatch.setattr(warm_up, "ENDING", 3600.0)
+    warm = WarmUp(lambda text: None, lambda text: None)
+    warm.start([])
+    assert not warm.is_ready("sweep")
+    begun.wait()
+    warm.close()
+    assert ended.is_set()
+
+
 @pytest.fixture
 def late_cache(cache: Cache) -> Cache:
     """Return a cache that has what every cycle needs, and lets nothing be compiled yet."""
