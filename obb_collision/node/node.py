@@ -372,6 +372,7 @@ def main(args: Sequence[str] | None = None) -> int:
         lambda context, ending: CollisionNode(context=context, ending=ending),
         args,
         farewell=lambda node: node.status.close(),
+        caught=lambda node, error: node.guard.caught("executor", error),
     )
 
 

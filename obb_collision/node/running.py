@@ -23,6 +23,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from typing import TypeVar
 
 import rclpy
@@ -108,12 +109,15 @@ def run(
     make_node: Callable[[Context, Callable[[], bool]], N],
     args: Sequence[str] | None,
     farewell: Callable[[N], None] = lambda _: None,
+    caught: Callable[[N, Exception], None] | None = None,
 ) -> int:
     """Spin a node until SIGINT, SIGTERM or a shutdown of its context; returns the exit code.
 
     name: of the logger, for what is said before there is a node. make_node: takes the context, and
     what says whether a signal has come; it may raise ExternalShutdownException then. farewell:
     called with the node when a signal ends it, from another thread, while it can still publish.
+    caught: takes what the executor raises, such as a MemoryError for a message that rclpy decodes,
+    and the node goes on; without it such an exception ends it.
     """
     signals = Signals()
     context = Context()
@@ -141,7 +145,7 @@ def run(
         with on_signals(end):
             signals.making = False
             if not signals.count:
-                executor.spin()
+                spin(executor, None if caught is None else partial(caught, node))
     except ExternalShutdownException:
         pass
     except Exception:
@@ -153,6 +157,22 @@ def run(
         try_shutdown(context=context)
         signals.ignore()
     return 0
+
+
+def spin(
+    executor: SingleThreadedExecutor, caught: Callable[[Exception], None] | None = None
+) -> None:
+    """Spin until the context ends; what is raised otherwise goes to ``caught``, if there is one."""
+    while True:
+        try:
+            executor.spin()
+            return
+        except ExternalShutdownException:
+            raise
+        except Exception as error:
+            if caught is None:
+                raise
+            caught(error)
 
 
 def init(name: str, context: Context, arguments: list[str] | None) -> bool:

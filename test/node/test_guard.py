@@ -17,12 +17,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any
 
 import pytest
 
 pytest.importorskip("rclpy")
-from rig import Rig, cube, pose, sync
+from rig import DOMAIN, NAMESPACE, Rig, cube, pose, sync
 from std_srvs.srv import Trigger
 
 from obb_collision.node import many_objects, marker_input
@@ -109,6 +110,30 @@ def test_services_and_timers_go_on(rig: Rig, monkeypatch: pytest.MonkeyPatch) ->
     assert found["level"] == "02"
     assert found["service clear"] == "1"
     assert rig.call(Trigger, "obb_collision/clear", Trigger.Request()).success
+
+
+def test_what_the_executor_raises_does_not_end_the_spinning() -> None:
+    context, caught = Context(), list[Exception]()
+    context.init(domain_id=DOMAIN)
+    node = Node("raises", context=context, namespace=NAMESPACE)
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(node)
+
+    def tick() -> None:
+        if len(caught) == 3:
+            context.try_shutdown()
+        raise UnforeseenError("by the test")
+
+    def take(error: Exception) -> None:
+        if not context.ok():
+            raise error
+        caught.append(error)
+
+    node.create_timer(0.001, tick)
+    with suppress(ExternalShutdownException, UnforeseenError):
+        spin(executor, take)
+    assert len(caught) == 3
+    node.destroy_node()
 
 
 def test_each_failure_is_logged_once_with_its_traceback() -> None:
