@@ -23,11 +23,15 @@ from typing import Any
 import pytest
 
 pytest.importorskip("rclpy")
+from rclpy.context import Context
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
 from rig import DOMAIN, NAMESPACE, Rig, cube, pose, sync
 from std_srvs.srv import Trigger
 
 from obb_collision.node import many_objects, marker_input
 from obb_collision.node.guard import INTERNAL_ERROR, Guard
+from obb_collision.node.running import spin
 
 A, B, BAD = ("a", 1), ("a", 2), ("bad", 1)
 
