@@ -175,8 +175,8 @@ def run_effects(seconds: float, tell: Callable[[str], None]) -> list[EffectRow]:
 
 
 def format_effects(rows: list[EffectRow]) -> str:
-    """Return the table, one block a scene."""
-    lines = [f"{'scene':<12}{'step with':<14}{'us':>9}{'more, us':>10}{'ratio':>8}{'ran on':>10}"]
+    """Return the table, one block per scene."""
+    lines = [f"{'scene':<12}{'step with':<14}{'µs':>9}{'more, µs':>10}{'ratio':>8}{'ran on':>10}"]
     for row in rows:
         lines.append(
             f"{row.scene:<12}{row.variant:<14}{row.step_us:>9.1f}{row.extra_us:>10.1f}"
@@ -189,17 +189,19 @@ def format_effects(rows: list[EffectRow]) -> str:
 
 
 def save_effects_plot(rows: list[EffectRow], path: Path) -> None:
-    """Draw the rows as bars, one panel a scene."""
+    """Draw the rows as bars, one panel per scene."""
     import matplotlib
 
     matplotlib.use("Agg")
     from matplotlib import pyplot
 
     scenes = list(dict.fromkeys(row.scene for row in rows))
+    counts = [len([row for row in rows if row.scene == scene]) for scene in scenes]
     figure, panels = pyplot.subplots(
-        1, len(scenes), figsize=(4.2 * len(scenes), 3.4), layout="constrained", squeeze=False
-    )
-    for axes, scene in zip(panels[0], scenes, strict=True):
+        len(scenes), figsize=(7.5, 0.42 * sum(counts) + 1.2), layout="constrained", squeeze=False,
+        sharex=True, gridspec_kw={"height_ratios": counts},
+    )  # fmt: skip
+    for axes, scene in zip(panels[:, 0], scenes, strict=True):
         own = [row for row in rows if row.scene == scene and row.variant != PAIRS]
         (base,) = [row.step_us for row in own if row.variant == OFF]
         labels = [row.variant for row in own]
@@ -207,13 +209,12 @@ def save_effects_plot(rows: list[EffectRow], path: Path) -> None:
         more = [max(row.extra_us, 0.0) for row in own]
         axes.barh(labels, more, left=base, color="#d1495b")
         for row, extra in zip(own, more, strict=True):
-            text = f" +{extra:.0f} us" if row.variant != OFF else f" {base:.0f} us"
-            axes.text(base + extra, row.variant, text, va="center", fontsize=9)
-        axes.set_title(f"{scene}, {own[0].objects} objects")
-        axes.set_xlabel("microseconds a step (median)")
+            text = f" +{extra:.0f} µs" if row.variant != OFF else f" {base:.0f} µs"
+            axes.text(base + extra, row.variant, text, va="center")
+        axes.set_title(f"{scene}, {own[0].objects} objects", loc="left", weight="bold")
         axes.invert_yaxis()
-        axes.margins(x=0.25)
-        for side in ("top", "right"):
-            axes.spines[side].set_visible(False)
-    figure.suptitle("A step costs what is asked of it: grey the pairs, red what the effects add")
+        axes.margins(x=0.12)
+        axes.spines[["top", "right"]].set_visible(False)
+    panels[-1, 0].set_xlabel("µs per step (median)")
+    figure.suptitle("What a step costs: grey the pairs, red what the effects add")
     figure.savefig(path, dpi=130)

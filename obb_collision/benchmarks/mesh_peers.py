@@ -163,8 +163,8 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--json", type=new_file(), help="write the figures to a file")
     options = parser.parse_args(arguments)
     rows, peers = {}, list(installed())
-    heads = "".join(f"{name + ' us':>10}{'ratio':>7}{'differ':>8}" for name in peers)
-    print(f"{'triangles':28}{'poses':>7}{'hits':>7}{'ours us':>9}{heads}")
+    heads = "".join(f"{name + ' µs':>10}{'ratio':>7}{'differ':>8}" for name in peers)
+    print(f"{'triangles':28}{'poses':>7}{'hits':>7}{'ours µs':>9}{heads}")
     for name, (first, second) in meshes().items():
         for label, spread in SPREADS.items():
             row = rows[f"{name}, {label}"] = compare(first, second, options.pairs, spread)

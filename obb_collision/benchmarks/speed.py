@@ -54,6 +54,9 @@ STEP, TURN = 0.02, 0.05
 
 #: Least ratio between the heights of two labels in the plot.
 LABEL_SPACING = 1.6
+#: Colours of our lines in the plot, which are thick; colours and line styles of the peers'.
+OURS = {"find_pairs": "#0b6e4f", "Scene": "#2ca25f"}
+PEER_STYLES = (("0.25", "--"), ("0.45", "-."), ("0.6", ":"), ("0.35", (0, (5, 1))))
 
 
 @dataclass(frozen=True)
@@ -133,40 +136,47 @@ def format_table(rows: Sequence[Row]) -> str:
 def save_plot(rows: Sequence[Row], path: Path) -> None:
     """Draw the quickest step over the number of boxes, both logarithmic.
 
-    The quickest, for on a machine that others use medians tell more about the others.
+    The quickest, as on a machine that others use medians depend more on the others.
     """
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(7.0, 4.5), layout="constrained")
+    figure = Figure(figsize=(7.5, 4.8), layout="constrained")
     axes = figure.subplots()
-    ends = {}
-    for name in dict.fromkeys(row.peer for row in rows):
+    names = list(dict.fromkeys(row.peer for row in rows))
+    peers = iter(PEER_STYLES)
+    ends: list[tuple[float, int, str, str]] = []
+    for name in names:
         own = [row for row in rows if row.peer == name]
-        ours = name in ("find_pairs", "Scene")
-        (line,) = axes.loglog(
+        color, style = (OURS[name], "-") if name in OURS else next(peers)
+        axes.loglog(
             [row.boxes for row in own],
             [row.best_ms for row in own],
             marker="o",
-            linewidth=2.5 if ours else 1.2,
-            linestyle="-" if ours else "--",
+            color=color,
+            linestyle=style,
+            linewidth=3.0 if name in OURS else 1.3,
         )
-        ends[name] = (own[-1].boxes, own[-1].best_ms, line.get_color())
+        label = f"obb_collision: {name}" if name in OURS else name
+        ends.append((own[-1].best_ms, own[-1].boxes, label, color))
     lowest = 0.0
-    for name, (boxes, time, color) in sorted(ends.items(), key=lambda item: item[1][1]):
+    for time, boxes, label, color in sorted(ends):
         lowest = max(time, lowest * LABEL_SPACING)  # labels must not cover each other
         axes.annotate(
-            name,
+            label,
             (boxes, lowest),
             xytext=(8, 0),
             textcoords="offset points",
             va="center",
             color=color,
+            weight="bold" if label.startswith("obb_collision") else "normal",
+            annotation_clip=False,
         )
     axes.set_xlabel("boxes, all moving")
-    axes.set_ylabel("milliseconds a step (quickest)")
+    axes.set_ylabel("milliseconds per step (quickest)")
     axes.set_title("Set every pose, find every colliding pair")
-    axes.margins(x=0.18, y=0.1)
+    axes.margins(x=0.05, y=0.08)
     axes.grid(which="both", alpha=0.2)
+    axes.spines[["top", "right"]].set_visible(False)
     figure.savefig(path, dpi=130)
 
 

@@ -182,7 +182,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--json", type=new_file(), help="write the figures to a file")
     options = parser.parse_args(arguments)
     rows = {}
-    head = f"{'motion':34}{'hits':>6}{'ours us':>9}{'fcl us':>8}{'ratio':>7}"
+    head = f"{'motion':34}{'hits':>6}{'ours µs':>9}{'fcl µs':>8}{'ratio':>7}"
     print(f"{head}{'fcl misses':>18}{'fcl false':>10}")
     for turning in (False, True):
         for scene in SCENES:
