@@ -45,6 +45,8 @@ setup(
     extras_require={
         # on a robot these come from apt; matplotlib draws the picture of the demo
         "ros": ["ros-jazzy-rclpy[fastrtps]", "ros-jazzy-common-interfaces", "matplotlib>=3.6.0"],
+        # the demo, or a running node, live in the browser
+        "view": ["viser>=1.1.1"],
         "test": ["pytest>=7.4.0", "hypothesis>=6.98.0"],
         "lint": ["ruff==0.17.5", "mypy==2.4.1"],
         # peers to compare with, and plots
@@ -64,11 +66,12 @@ setup(
         "console_scripts": [
             "obb_collision_node = obb_collision.node.commands:node",
             "obb_collision_accuracy = obb_collision.benchmarks.accuracy:main",
-            "obb_collision_demo = obb_collision.node.commands:demo",
+            "obb_collision_demo = obb_collision.demo:main",
             "obb_collision_fuzz = obb_collision.checks.commands:fuzz",
             "obb_collision_latency = obb_collision.node.commands:latency",
             "obb_collision_speed = obb_collision.benchmarks.speed:main",
             "obb_collision_warm_up = obb_collision.warm_up.command:main",
+            "obb_collision_view = obb_collision.demo:view_main",
             "obb_collision_wrong_answers = obb_collision.benchmarks.wrong_answers:main",
         ],
     },

@@ -38,8 +38,8 @@ KEYS = {
     "trimesh": "python3-trimesh-pip",
     "yaml": "python3-yaml",
 }
-#: Peers and data of the benchmarks, from PyPI only: the extras "bench" and "meshes".
-EXTRAS = {"coal", "example_robot_data", "fcl", "mujoco", "pybullet_data", "tqdm"}
+#: From PyPI only: the extras "bench" and "meshes", and "view", without which the demo works, too.
+EXTRAS = {"coal", "example_robot_data", "fcl", "mujoco", "pybullet_data", "tqdm", "viser"}
 
 
 def imported() -> set[str]:

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The console scripts ``obb_collision_node``, ``obb_collision_demo`` and ``obb_collision_latency``.
+"""The console scripts ``obb_collision_node`` and ``obb_collision_latency``.
 
 They import what takes long, or needs ROS, only after they have looked at the arguments and know
 that ROS is there. A signal during these imports ends them at once and without a word.
@@ -50,14 +50,6 @@ def node(args: Sequence[str] | None = None) -> int:
         return 1
     set_defaults()
     from obb_collision.node.node import main
-
-    return main(args)
-
-
-def demo(args: Sequence[str] | None = None) -> int:
-    """Run the node and a moving scene in one process; returns the exit code."""
-    end_at_once_on_signals()
-    from obb_collision.node.demo.command import main
 
     return main(args)
 

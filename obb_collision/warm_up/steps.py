@@ -265,9 +265,8 @@ STEPS: dict[str, Callable[[], None] | str] = {
     "queries of rays, planes, points, capsules, triangles": _other_queries,
     "queries of meshes": _mesh_queries,
     "fits": _fits,
-    # looked up by name, for they are in a layer above
+    # looked up by name, as it is in a layer above
     MESSAGES: "obb_collision.node.kernels:compile_kernels",
-    "the demo's picture": "obb_collision.node.demo.picture:compile_kernels",
 }
 """What to run, by its name; the steps of a running node come first."""
 NODE_STEPS = (BOXES, MESSAGES, *map(accuracy_step, ABOVE), *map(effect_step, EFFECTS))

@@ -28,6 +28,7 @@ import pytest
 pytest.importorskip("rclpy")
 import rig  # noqa: F401 - of this machine only
 
+from obb_collision import demo
 from obb_collision.node import commands, environment
 from obb_collision.node.environment import BAD_USAGE, SIGNALS, without_ros_arguments
 
@@ -92,11 +93,18 @@ def test_parameters_that_cannot_be_used_end_the_node_with_the_reason(
     assert "Traceback" not in error
 
 
+COMMANDS = {
+    "obb_collision": commands.node,
+    "obb_collision_demo": demo.main,
+    "obb_collision_view": demo.view_main,
+}
+
+
 def test_parameters_that_cannot_be_used_end_the_demo_with_the_reason(
     capfd: pytest.CaptureFixture[str],
 ) -> None:
     arguments = ["--no-picture", "--ros-args", "-p", "rate:=fast"]
-    assert commands.demo(arguments) == 1
+    assert demo.main(arguments) == 1
     error = capfd.readouterr().err
     assert "obb_collision_demo: Trying to set parameter 'rate'" in error
     assert "Traceback" not in error
@@ -114,11 +122,11 @@ def test_parameters_that_cannot_be_used_end_the_demo_with_the_reason(
         (["-p", "\udcff:=1"], "surrogates not allowed"),
     ],
 )
-@pytest.mark.parametrize("name", ["obb_collision", "obb_collision_demo"])
+@pytest.mark.parametrize("name", COMMANDS)
 def test_ros_arguments_that_cannot_be_used_end_the_node_with_one_line(
     name: str, arguments: list[str], reason: str, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    command = commands.demo if name.endswith("demo") else commands.node
+    command = COMMANDS[name]
     assert command(["--ros-args", *arguments]) == BAD_USAGE
     error = capfd.readouterr().err
     (line,) = [line for line in error.splitlines() if line.startswith(f"{name}: ")]

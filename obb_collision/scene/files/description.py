@@ -56,7 +56,8 @@ class SceneObject:
     """One object: its name, its shape, its pose at the start (x y z qx qy qz qw).
 
     padding (m) and accuracy: None for the scene's; color: red, green, blue and opacity from 0 to 1,
-    for pictures; motion: for demos and measurements, None for what stays.
+    for pictures, where an opacity below 1 makes it a zone; motion: for demos and measurements, None
+    for what stays.
     """
 
     name: str

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Runs the demo: checker, publisher and listener in one process, topics in between."""
+"""Runs the demo: the node, a publisher and a listener in one process, topics in between."""
 
 from __future__ import annotations
 
@@ -26,67 +26,80 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 
-from obb_collision.geometry.boxes import Boxes
-from obb_collision.node.demo.file_scene import FileScene
-from obb_collision.node.demo.followers import EFFECTS
-from obb_collision.node.demo.listener import TOUCH_DEPTH, CollisionListener
-from obb_collision.node.demo.publisher import CHANNELS, FRAME, ScenePublisher
-from obb_collision.node.demo.scene import DemoScene
+from obb_collision.demo.listener import Listener
+from obb_collision.demo.narrator import NARRATORS
+from obb_collision.demo.publisher import FRAME, ScenePublisher
+from obb_collision.demo.scene import DemoScene
+from obb_collision.demo.snapshot import Snapshot, take_snapshot
 from obb_collision.node.effects import TOPICS
 from obb_collision.node.node import NODE_NAME, CollisionNode
 
 #: Everything of the demo is in this namespace: it must not disturb a robot.
 NAMESPACE = "/obb_collision_demo"
-#: Seconds to wait for discovery or an answer: well below one, but for what compiles the first time.
+#: Seconds to wait for discovery or an answer: well below one, but for the first compilation.
 PATIENCE = 300.0
 #: Seconds after which the executor looks whether it is time to stop.
 GLANCE = 0.05
-
-#: Stamp (ns) before which all is told to be at 0 s: the clock starts when the motion does.
+#: Stamp (ns) that makes all times 0 s: the demo's clock starts with the motion.
 NOT_YET = 2**63 - 1
 
 
 class Demo:
     """The three nodes and their executor, for a scene.
 
-    rate: publications of what moves, Hz. ``tell`` gets each line to print. Raises TimeoutError
-    where the nodes don't find each other.
+    rate: publications of what moves, Hz. report gets each line to print. live: whether the boxes
+    are published at that rate, too, for a view. Raises TimeoutError where the nodes don't find each
+    other.
     """
 
     def __init__(
         self,
         context: Context,
-        scene: DemoScene | FileScene,
+        scene: DemoScene,
         rate: float,
         seconds: float,
-        tell: Callable[[str], None],
+        report: Callable[[str], None],
+        live: bool = False,
     ) -> None:
-        effects = _effects_of(scene)
-        heard = ("collisions", *(TOPICS[name] for name in effects))
-        topics = (*CHANNELS, *heard, f"{NODE_NAME}/markers")
-        tell("topics to watch: " + " ".join(f"{NAMESPACE}/{topic}" for topic in topics))
-        tell("starting; the first start on a machine compiles, and says how far it is")
+        self.scene, self.time = scene, 0.0
         self._rate, self._seconds = rate, seconds
-        self.scene = scene
-        self.time = 0.0
+        choices = scene.description.effects
+        effects = [name for name in NARRATORS if name in choices and choices[name].mode != "off"]
         where: Any = {"context": context, "namespace": NAMESPACE}
-        values = {"fixed_frame": FRAME, "trigger": "arrival", "marker_form": "cubes"}
-        if isinstance(scene, FileScene):
+        values: dict[str, Any] = {
+            "fixed_frame": FRAME,
+            "trigger": "arrival",
+            "marker_form": "cubes",
+            "marker_rate": rate if live else 10.0,
+        }
+        if scene.file is not None:
             values["scene_file"] = str(scene.file.resolve())
+        inputs = ["object_states"] if scene.file is not None else ["objects", "object_poses"]
+        topics = [
+            *inputs,
+            "collisions",
+            *(TOPICS[name] for name in effects),
+            f"{NODE_NAME}/markers",
+        ]
+        report("topics to watch: " + " ".join(f"{NAMESPACE}/{topic}" for topic in topics))
+        report("starting; the first start compiles kernels and reports its progress")
         self._checker = CollisionNode(
             parameter_overrides=[Parameter(name, value=value) for name, value in values.items()],
             cli_args=["--ros-args", "-r", "/diagnostics:=diagnostics"],
             **where,
         )
         where["start_parameter_services"] = False  # six services less to wait for, each time
-        self.publisher = ScenePublisher(self.scene, **where)
-        self.listener = CollisionListener(tell, effects, **where)
+        self.publisher = ScenePublisher(scene, **where)
+        self.listener = Listener(report, effects, **where)
+        if live:
+            self.listener.watch_boxes(f"{NODE_NAME}/markers")
+            self.listener.watch_inputs()
         self._executor = SingleThreadedExecutor(context=context)
         for node in (self._checker, self.publisher, self.listener):
             self._executor.add_node(node)
 
     def run(self, stopped: Callable[[], bool] = lambda: False) -> None:
-        """Show the scene for the time given or until ``stopped``, then bring it to rest."""
+        """Move the scene for the time given or until ``stopped``, then bring it to rest."""
         self.begin()
         start = perf_counter()
         self.listener.epoch = self.listener.get_clock().now().nanoseconds
@@ -105,21 +118,17 @@ class Demo:
         self.listener.epoch = NOT_YET
         self.spin_until(lambda: self.listener.cycles > 0)
         self.publisher.publish_points(0.0)
-        stamps = self.listener.effects.stamps
+        stamps = self.listener.effect_stamps
         self.spin_until(lambda: min(stamps.values(), default=0) >= 0)
 
     def settle(self, time: float) -> None:
-        """Publish the state of a time, topic by topic, each after the last one's collisions.
-
-        Afterwards what the listener knows is about exactly that state.
-        """
+        """Publish the state of a time and wait: what the listener has is then of that state."""
         self.time = time
-        for channel in CHANNELS:
-            stamp = self.publisher.publish_channel(channel, time)
-            if stamp is not None:
-                self.spin_until(lambda stamp=stamp: self.listener.stamp >= stamp)  # type: ignore[misc]
+        stamp = self.publisher.publish_motion(time)
+        if stamp is not None:
+            self.spin_until(lambda: self.listener.stamp >= stamp)
         self.publisher.publish_points(time)
-        last, stamps = self.listener.stamp, self.listener.effects.stamps
+        last, stamps = self.listener.stamp, self.listener.effect_stamps
         self.spin_until(lambda: min(stamps.values(), default=last) >= last)
 
     def spin_until(self, reached: Callable[[], bool], patience: float = PATIENCE) -> None:
@@ -127,7 +136,7 @@ class Demo:
         limit = perf_counter() + patience
         while not reached():
             if perf_counter() > limit:
-                raise TimeoutError("the nodes of the demo did not hear each other in time")
+                raise TimeoutError("no answer on the demo's topics in time")
             self._executor.spin_once(timeout_sec=GLANCE)
 
     def _step(self, time: float) -> None:
@@ -135,45 +144,42 @@ class Demo:
         self.publisher.publish_step(self.time)
 
     def summary(self) -> list[str]:
-        """Return the lines that end the demo."""
-        heard = self.listener
-        channels = [item.channel for item in self.scene.items]
+        """Return the lines at the end."""
+        listener = self.listener
         lines = [
-            f"{self.time:.1f} s, {len(channels)} objects, {len(channels) - channels.count('')} "
-            f"moving, {heard.cycles} cycles",
+            f"{self.time:.1f} s, {len(self.scene.names)} objects, {len(self.scene.moving)} "
+            f"moving, {listener.cycles} cycles",
         ]
-        if heard.latencies:
-            median, p95 = 1e3 * np.percentile(heard.latencies, (50, 95))
+        if listener.latencies:
+            median, p95 = 1e3 * np.percentile(listener.latencies, (50, 95))
             lines.append(f"publish to collisions: median {median:.1f} ms, p95 {p95:.1f} ms")
-        deep = sum(depth >= TOUCH_DEPTH for depth in heard.pairs.values())
-        lines.append(
-            f"{len(heard.seen)} pairs seen, at most {heard.most} at once; at the end "
-            f"{len(heard.pairs)}, {deep} overlapping and {len(heard.pairs) - deep} touching"
-        )
-        return lines + heard.effects.summary()
+        narrators = (listener.pairs, *listener.effects.values())
+        return lines + [line for narrator in narrators for line in narrator.summary()]
 
-    def fetch_boxes(self) -> Boxes:
-        """Return the boxes of all objects as the checker's markers show them now."""
-        heard, names = self.listener, self.scene.names
-        heard.watch_boxes(f"{NODE_NAME}/markers")
-        self.spin_until(lambda: heard.boxes_stamp >= heard.stamp and len(heard.boxes) == len(names))
-        poses, sizes = zip(*(heard.boxes[name] for name in names), strict=True)
-        return Boxes.from_poses(np.array(poses), 0.5 * np.array(sizes))
+    def snapshot(self) -> Snapshot:
+        """Return what the node published about the latest state."""
+        listener, names = self.listener, self.scene.names
+        if listener.boxes_stamp < 0:
+            listener.watch_boxes(f"{NODE_NAME}/markers")
+        self.spin_until(
+            lambda: listener.boxes_stamp >= listener.stamp and len(listener.boxes) == len(names)
+        )
+        points = self.scene.points(self.time)
+        if points is not None:
+            listener.points = points.astype(np.float64)
+        return take_snapshot(listener, self.scene.shapes, self.scene.zones)
 
     def save_picture(self, file: Path) -> None:
-        """Draw what the listener knows. ImportError without matplotlib, OSError for the file."""
-        from obb_collision.node.demo.portrait import Portrait
+        """Draw the latest state. ImportError without matplotlib, OSError for the file."""
+        from obb_collision.demo.picture import save_picture
 
-        Portrait(self.scene, self.time, self.fetch_boxes(), self.listener).save(file)
+        snapshot, description = self.snapshot(), self.scene.description
+        pairs = len(self.listener.pairs.rows)
+        subtitle = f"{len(snapshot.names)} objects, {pairs} colliding pair{'s' * (pairs != 1)}"
+        save_picture(file, snapshot, description.name, subtitle, description.view)
 
     def close(self) -> None:
         """Take the nodes down."""
         self._executor.shutdown()
         for node in (self.listener, self.publisher, self._checker):
             node.destroy_node()
-
-
-def _effects_of(scene: DemoScene | FileScene) -> list[str]:
-    """Return the effects to listen to: those a scene file names and does not turn off."""
-    said = scene.description.effects if isinstance(scene, FileScene) else {}
-    return [name for name in EFFECTS if name in said and said[name].mode != "off"]

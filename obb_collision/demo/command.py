@@ -21,13 +21,13 @@ import os
 import signal
 import sys
 from collections.abc import Callable, Sequence
+from contextlib import closing, nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, TextIO
+from typing import TYPE_CHECKING, Any, TextIO
 
 from obb_collision.cli import BAD_USAGE, MAX_SEED, Parser, new_file, real, whole
+from obb_collision.demo.random_scene import DEFAULT_SEED, MIN_OBJECTS, random_scene
 from obb_collision.geometry.words import printable
-from obb_collision.node.demo.layout import DEFAULT_OBJECTS, DEFAULT_SEED, MIN_OBJECTS
-from obb_collision.node.demo.scene import DemoScene
 from obb_collision.node.environment import SIGNALS, is_ros_here, set_defaults
 from obb_collision.scene.files import (
     READY,
@@ -38,9 +38,15 @@ from obb_collision.scene.files import (
 )
 
 if TYPE_CHECKING:
-    from obb_collision.node.demo.file_scene import FileScene
+    from rclpy.context import Context
 
-#: More would be a load test; ``obb_collision_latency`` is one.
+    from obb_collision.demo.run import Demo
+    from obb_collision.demo.view import View
+    from obb_collision.scene.files.description import View as Viewpoint
+
+DEFAULT_SCENE = "warehouse"
+DEFAULT_SECONDS = 10.0
+DEFAULT_PORT = 8080
 MAX_OBJECTS = 5000
 MAX_SECONDS = 86400.0
 MAX_RATE = 200.0
@@ -63,62 +69,73 @@ def make_parser() -> argparse.ArgumentParser:
     """Return the parser of the command line; it refuses what can't be used, with the reason."""
     parser = Parser(
         prog="obb_collision_demo",
-        description="The collision node and a moving warehouse in one process: prints the pairs "
-        "as they begin and end, then a summary, and saves a picture.",
-        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
+        description="The collision node and a moving scene in one process: prints the pairs as "
+        "they begin and end, then a summary, and saves a picture.",
     )
     parser.add_argument(
-        "--seconds", type=real(0.1, MAX_SECONDS), default=10.0, help="how long to run"
+        "--seconds",
+        type=real(0.1, MAX_SECONDS),
+        help=f"how long to run (default: {DEFAULT_SECONDS:g}; with --view until Ctrl-C)",
     )
-    parser.add_argument(
+    what = parser.add_mutually_exclusive_group()
+    what.add_argument(
         "--scene",
-        type=_description,
+        type=scene_file,
         metavar="FILE",
-        help=f"scene file instead of the warehouse that is built in: one of {', '.join(READY)}, a "
-        "path of one of your own, or of a MoveIt planning scene",
+        help=f"scene file to run: one of {', '.join(READY)}, a path to one of your own, or to a "
+        f"MoveIt planning scene (default: {DEFAULT_SCENE})",
     )
-    parser.add_argument(
+    what.add_argument(
         "--objects",
         type=whole(MIN_OBJECTS, MAX_OBJECTS),
-        default=DEFAULT_OBJECTS,
-        help="how many objects there are in the built-in scene",
+        metavar="N",
+        help="run a random scene of this many objects instead",
     )
     parser.add_argument(
         "--seed",
         type=whole(0, MAX_SEED),
         default=DEFAULT_SEED,
-        help="of the built-in scene",
+        help="seed of the random scene (default: %(default)s)",
     )
     parser.add_argument(
         "--rate",
         type=real(1.0, MAX_RATE),
         default=30.0,
-        help="how many times a second what moves is published (Hz)",
+        help="publications per second of what moves (Hz, default: %(default)g)",
+    )
+    parser.add_argument(
+        "--view",
+        type=whole(0, 65535),
+        nargs="?",
+        const=DEFAULT_PORT,
+        metavar="PORT",
+        help=f"show the scene live in the browser, at http://localhost:PORT (default: "
+        f"{DEFAULT_PORT}); needs viser",
     )
     parser.add_argument(
         "--picture",
         type=new_file(),
         default="obb_collision_demo.png",
         metavar="FILE",
-        help="PNG of how the scene ends",
+        help="PNG of the scene at the end (default: %(default)s)",
     )
     parser.add_argument("--no-picture", action="store_true", help="draw no picture")
     return parser
 
 
-def _description(text: str) -> tuple[SceneDescription, Path]:
-    """Convert for argparse: what a scene file says, and where it is."""
+def scene_file(text: str) -> tuple[SceneDescription, Path]:
+    """Convert for argparse: the description in a scene file, and its path."""
     try:
         file = find_scene(text)
         description = describe_scene(file)
     except SceneFileError as error:
         raise argparse.ArgumentTypeError(str(error)) from None
     if not description.objects:
-        raise argparse.ArgumentTypeError(f"{text}: there are no objects in it")
+        raise argparse.ArgumentTypeError(f"{text}: it has no objects")
     return description, file
 
 
-class _Interrupts:
+class Interrupts:
     """Turns SIGINT and SIGTERM into ``asked``; the second one raises KeyboardInterrupt, once.
 
     An exception would come in the middle of any callback, where rclpy may swallow it.
@@ -137,35 +154,34 @@ class _Interrupts:
         self.asked = True
 
     def ignore(self) -> None:
-        """Take no more signals: what is left to do is to end."""
+        """Take no more signals: the program is ending."""
         for number in SIGNALS:
             signal.signal(number, signal.SIG_IGN)
 
 
 def _run(options: argparse.Namespace, ros_arguments: list[str]) -> int:
-    interrupts = _Interrupts()
+    interrupts = Interrupts()
     from rclpy.context import Context
 
-    from obb_collision.node.demo.run import Demo
     from obb_collision.node.running import UNUSABLE, in_one_line, init
 
     context = Context()
     if not init("obb_collision_demo", context, ros_arguments):
         return BAD_USAGE
-    demo = None
+    demo: Demo | None = None
     try:
-        scene = _scene(options)
-        demo = Demo(context, scene, options.rate, options.seconds, _say)
-        demo.run(lambda: interrupts.asked)
+        demo, shown = _make_demo(options, context)
+        with shown:
+            demo.run(lambda: interrupts.asked)
         for line in demo.summary():
-            _say(line)
+            say(line)
         if not options.no_picture:
             _picture(demo.save_picture, options.picture)
     except (TimeoutError, *UNUSABLE) as error:
-        _say(f"obb_collision_demo: {in_one_line(error)}", sys.stderr)
+        say(f"obb_collision_demo: {in_one_line(error)}", sys.stderr)
         return 1
     except KeyboardInterrupt:
-        _say("obb_collision_demo: interrupted twice", sys.stderr)
+        say("obb_collision_demo: interrupted twice", sys.stderr)
     finally:
         interrupts.ignore()
         if demo is not None:
@@ -174,31 +190,58 @@ def _run(options: argparse.Namespace, ros_arguments: list[str]) -> int:
     return 0
 
 
-def _scene(options: argparse.Namespace) -> DemoScene | FileScene:
-    """Return the scene asked for, and say what of a file is left out."""
-    if options.scene is None:
-        return DemoScene(options.objects, options.seed)
-    from obb_collision.node.demo.file_scene import FileScene
+def _make_demo(options: argparse.Namespace, context: Context) -> tuple[Demo, Any]:
+    """Return the demo asked for, and its live view; prints what is shown, and what is left out."""
+    from obb_collision.demo.run import Demo
+    from obb_collision.demo.scene import DemoScene
 
-    description, file = options.scene
-    _say(f"scene {description.name}: {description.description or printable(str(file))}")
+    if options.objects is not None:
+        scene = DemoScene(random_scene(options.objects, options.seed))
+    else:
+        scene = DemoScene(*(options.scene or scene_file(DEFAULT_SCENE)))
+    description = scene.description
+    say(f"scene {description.name}: {description.description or printable(str(scene.file))}")
     for note in description.notes:
-        _say(f"note: {note}")
-    return FileScene(description, file)
+        say(f"note: {note}")
+    view = open_view(options.view, view=description.view) if options.view is not None else None
+    seconds = options.seconds or (DEFAULT_SECONDS if view is None else MAX_SECONDS)
+    demo = Demo(context, scene, options.rate, seconds, say, live=view is not None)
+    if view is None:
+        return demo, nullcontext()
+    from obb_collision.demo.view import LiveView
+
+    return demo, closing(LiveView(view, demo.listener, scene.shapes, scene.zones))
+
+
+def open_view(port: int, host: str = "localhost", view: Viewpoint | None = None) -> View | None:
+    """Open the view in the browser, or print why there is none."""
+    try:
+        from obb_collision.demo.view import View
+
+        opened = View(port, host, view)
+    except ImportError:
+        say("the live view needs viser: pip install 'obb_collision[view]'", sys.stderr)
+        return None
+    except (OSError, ValueError) as error:  # the port is taken, or no such host
+        say(f"no live view: {error}", sys.stderr)
+        return None
+    say(f"view: {opened.url}")
+    return opened
 
 
 def _picture(save: Callable[[Path], None], file: Path) -> None:
-    """Save the picture, or say why there is none: the demo has done its work without."""
+    """Save the picture, or print why there is none: the demo is complete without."""
     try:
         save(file)
-        _say(f"picture: {file}")
+        say(f"picture: {file}")
     except ImportError as error:
-        _say(f"no picture, for it needs matplotlib: {error}", sys.stderr)
+        say(f"no picture, which needs matplotlib: {error}", sys.stderr)
     except OSError as error:
-        _say(f"no picture: {error}", sys.stderr)
+        say(f"no picture: {error}", sys.stderr)
 
 
-def _say(line: str, stream: TextIO | None = None) -> None:
+def say(line: str, stream: TextIO | None = None) -> None:
+    """Print a line at once."""
     out = stream or sys.stdout
     out.write(line + "\n")
     out.flush()

@@ -1,0 +1,45 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The demo and the live view: above the node, whose topics they use like any other program.
+
+``main`` is the console script ``obb_collision_demo``: the node and a moving scene in one process,
+real topics in between. ``view_main`` is ``obb_collision_view``: a running node's topics in the
+browser. What moves is in ``scene`` and ``random_scene``; what publishes and listens in
+``publisher``, ``listener`` and ``narrator``; what is drawn in ``snapshot``, ``picture`` (a file)
+and ``view`` (the browser); ``run`` puts the demo together, ``command`` and ``attach`` read the
+command lines.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from obb_collision.node.environment import end_at_once_on_signals
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the node and a moving scene in one process; returns the exit code."""
+    end_at_once_on_signals()
+    from obb_collision.demo.command import main
+
+    return main(args)
+
+
+def view_main(args: Sequence[str] | None = None) -> int:
+    """Show a running node's topics in the browser; returns the exit code."""
+    end_at_once_on_signals()
+    from obb_collision.demo.attach import main
+
+    return main(args)

@@ -1,0 +1,151 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The console script ``obb_collision_view``: a running node's topics, live in the browser."""
+
+from __future__ import annotations
+
+import argparse
+import re
+import sys
+from collections.abc import Sequence
+from contextlib import closing
+from math import inf
+from time import monotonic
+from typing import TYPE_CHECKING
+
+from obb_collision.cli import BAD_USAGE, Parser, whole
+from obb_collision.demo.command import (
+    DEFAULT_PORT,
+    Interrupts,
+    open_view,
+    say,
+    scene_file,
+)
+from obb_collision.geometry.words import shown
+from obb_collision.node.environment import is_ros_here, set_defaults, without_ros_arguments
+
+if TYPE_CHECKING:
+    from rclpy.context import Context
+
+    from obb_collision.demo.view import View
+
+#: Effects whose topics are subscribed: in mode ``auto`` the node then computes them.
+EFFECTS = ("contacts", "clearance", "sweep", "points")
+#: Seconds after which a line says that nothing was received, and of a look at the signals.
+PATIENCE, GLANCE = 10.0, 0.1
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Show a node's topics until SIGINT or SIGTERM; returns the exit code."""
+    arguments = list(sys.argv[1:] if args is None else args)
+    options = make_parser().parse_args(without_ros_arguments(arguments))
+    if not is_ros_here("obb_collision_view"):
+        return 1
+    set_defaults()
+    from rclpy.context import Context
+
+    from obb_collision.node.running import UNUSABLE, in_one_line, init
+
+    interrupts, context = Interrupts(), Context()
+    if not init("obb_collision_view", context, arguments):
+        return BAD_USAGE
+    description = options.scene[0] if options.scene else None
+    try:
+        view = open_view(options.port, options.host, description.view if description else None)
+        if view is None:
+            return 1
+        _run(options, context, view, interrupts)
+    except UNUSABLE as error:
+        say(f"obb_collision_view: {in_one_line(error)}", sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        say("obb_collision_view: interrupted twice", sys.stderr)
+    finally:
+        interrupts.ignore()
+        context.try_shutdown()
+    return 0
+
+
+def make_parser() -> argparse.ArgumentParser:
+    """Return the parser of the command line."""
+    parser = Parser(
+        prog="obb_collision_view",
+        usage="%(prog)s [options] [NODE] [--ros-args ...]",
+        description="Shows what a running obb_collision_node publishes, live in the browser, until "
+        "Ctrl-C. Needs viser.",
+    )
+    parser.add_argument(
+        "node",
+        type=_node_name,
+        nargs="?",
+        default="/obb_collision",
+        metavar="NODE",
+        help="full name of the node (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--scene",
+        type=scene_file,
+        metavar="FILE",
+        help="the node's scene file: shapes and zones in it are on no topic",
+    )
+    parser.add_argument(
+        "--port",
+        type=whole(0, 65535),
+        default=DEFAULT_PORT,
+        help="port of the browser's page; the next free one if it is taken (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--host",
+        default="localhost",
+        help="address to serve on; 0.0.0.0: to every machine that reaches this one "
+        "(default: %(default)s)",
+    )
+    return parser
+
+
+def _node_name(text: str) -> str:
+    """Convert for argparse: a full node name."""
+    if not re.fullmatch(r"/?[A-Za-z_]\w*(/[A-Za-z_]\w*)*", text, re.ASCII):
+        raise argparse.ArgumentTypeError(f"{shown(text)} is not the name of a node")
+    return text
+
+
+def _run(options: argparse.Namespace, context: Context, view: View, interrupts: Interrupts) -> None:
+    from rclpy.executors import SingleThreadedExecutor
+
+    from obb_collision.demo.listener import Listener
+    from obb_collision.demo.scene import DemoScene
+    from obb_collision.demo.view import LiveView
+
+    namespace, _, name = ("/" + options.node.strip("/")).rpartition("/")
+    listener = Listener(lambda line: None, EFFECTS, context=context, namespace=namespace or "/")
+    listener.watch_boxes(f"{name}/markers")
+    listener.watch_inputs()
+    scene = DemoScene(*options.scene) if options.scene else None
+    shapes, zones = (scene.shapes, scene.zones) if scene else ({}, {})
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(listener)
+    limit = monotonic() + PATIENCE
+    try:
+        with closing(LiveView(view, listener, shapes, zones)):
+            while not interrupts.asked:
+                executor.spin_once(timeout_sec=GLANCE)
+                if listener.boxes_stamp < 0 and monotonic() > limit:
+                    limit = inf
+                    topic = listener.resolve_topic_name(f"{name}/markers")
+                    say(f"nothing received on {topic} yet: is {options.node} running?")
+    finally:
+        executor.shutdown()
+        listener.destroy_node()

@@ -1,0 +1,183 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The user's side: subscribes to a node's topics and keeps the latest message of each, by name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from sensor_msgs.msg import PointCloud2
+from visualization_msgs.msg import Marker, MarkerArray
+
+from obb_collision.demo.narrator import NARRATORS, Pairs
+from obb_collision.demo.publisher import LATCHED
+from obb_collision.geometry.shapes import Shape
+from obb_collision.node import collisions_from_ros, named_pairs
+from obb_collision.node.clouds import points_from_ros
+from obb_collision.node.conversions import (
+    NANOSECONDS,
+    FloatArray,
+    name_from_key,
+    pose_from_ros,
+    stamp_from_ros,
+)
+from obb_collision.node.effects import TOPICS
+from obb_collision.node.errors import RefusedError
+from obb_collision.node.marker_shapes import shape_from_ros
+from obb_collision.node.markers import COLORS, DOUBTFUL
+
+
+class MarkerBox(NamedTuple):
+    """A box of ``~/markers``: pose (7,), edge lengths (3,), whether it is stale or refused."""
+
+    pose: FloatArray
+    size: FloatArray
+    doubtful: bool
+
+
+class Listener(Node):
+    """Follows a node's collisions and effects.
+
+    report gets each line to print; effects: those to subscribe to; node_options go to
+    ``rclpy.node.Node`` (context, namespace...).
+    start: stamp (ns) before which messages do not count; epoch: that of the demo's time 0.
+    stamp: of the latest collisions; effect_stamps: of the latest message by effect; -1 for none.
+    pairs, places: the latest collisions and where they are (m). latencies: seconds from the stamp
+    of a state to its collisions. cycles: messages received. effects: narrators by effect.
+    boxes, boxes_stamp: of the latest markers, once ``watch_boxes`` was called; lines: ends (2 k, 3)
+    and colour where the node draws edges and not boxes. shapes, points: what others publish, once
+    ``watch_inputs`` was called.
+    """
+
+    def __init__(
+        self, report: Callable[[str], None], effects: Iterable[str] = (), **node_options: Any
+    ) -> None:
+        super().__init__("listener", **node_options)
+        self._report = report
+        self._names: DiagnosticStatus | None = None
+        self.stamp, self.start, self.epoch, self.cycles = -1, 0, 0, 0
+        self.pairs = Pairs()
+        self.places: FloatArray = np.empty((0, 3))
+        self.latencies: list[float] = []
+        self.boxes: dict[str, MarkerBox] = {}
+        self.lines: list[tuple[FloatArray, tuple[float, float, float]]] = []
+        self.boxes_stamp, self.frame = -1, ""
+        self.shapes: dict[str, Shape] = {}
+        self.points: FloatArray = np.empty((0, 3))
+        self._markers: dict[str, Marker] = {}
+        self.create_subscription(DiagnosticStatus, "namespaces", self._take_names, LATCHED)
+        self.create_subscription(PointCloud2, "collisions", self._take_pairs, QoSProfile(depth=10))
+        self.effects: dict[str, Any] = {name: NARRATORS[name][1]() for name in effects}
+        self.effect_stamps = dict.fromkeys(self.effects, -1)
+        for name in self.effects:
+            take = partial(self._take_effect, name)
+            self.create_subscription(PointCloud2, TOPICS[name], take, QoSProfile(depth=10))
+
+    @property
+    def matched(self) -> bool:
+        """Whether a node publishes what this subscribes to."""
+        return self.count_publishers("collisions") > 0 and self._names is not None
+
+    def watch_boxes(self, topic: str) -> None:
+        """Take the markers of a topic from now on."""
+        self.create_subscription(MarkerArray, topic, self._take_boxes, QoSProfile(depth=1))
+
+    def watch_inputs(self) -> None:
+        """Take the shapes on ``objects``, latched or not, and the points on ``points``."""
+        for quality in (LATCHED, QoSProfile(depth=10)):
+            self.create_subscription(MarkerArray, "objects", self._take_shapes, quality)
+        self.create_subscription(PointCloud2, "points", self._take_points, QoSProfile(depth=1))
+
+    def _take_names(self, message: DiagnosticStatus) -> None:
+        self._names = message
+
+    def _take_pairs(self, message: PointCloud2) -> None:
+        now = self.get_clock().now().nanoseconds
+        stamp = stamp_from_ros(message.header.stamp)
+        if stamp < self.start or self._names is None:
+            return
+        try:
+            pairs = named_pairs(message, self._names)
+        except RefusedError:
+            return  # a new namespace, whose message is on its way; the next cycle has it
+        if stamp > self.stamp:
+            self.latencies.append((now - stamp) / NANOSECONDS)
+        rows = collisions_from_ros(message)
+        self.places = np.column_stack([rows[axis].astype(np.float64) for axis in "xyz"])
+        self.cycles += 1
+        self._print(self.pairs, pairs, stamp)
+        self.stamp = stamp
+
+    def _take_effect(self, name: str, message: PointCloud2) -> None:
+        stamp = stamp_from_ros(message.header.stamp)
+        try:
+            rows = NARRATORS[name][0](message, self._names or [])
+        except RefusedError:
+            return  # as above
+        self._print(self.effects[name], rows, stamp)
+        self.effect_stamps[name] = max(stamp, self.effect_stamps[name])
+
+    def _print(self, narrator: Any, rows: list[Any], stamp: int) -> None:
+        seconds = max(0, stamp - self.epoch) / NANOSECONDS
+        for line in narrator.update(rows, seconds):
+            self._report(f"{seconds:8.3f} s  {line}")
+
+    def _take_boxes(self, message: MarkerArray) -> None:
+        added = [m for m in message.markers if m.type == Marker.CUBE and m.action == Marker.ADD]
+        doubtful = np.float32(COLORS[DOUBTFUL][0])
+        self.boxes = {
+            name_from_key((m.ns, m.id)): MarkerBox(
+                pose_from_ros(m.pose),
+                np.array((m.scale.x, m.scale.y, m.scale.z)),
+                bool(np.float32(m.color.r) == doubtful),
+            )
+            for m in added
+        }
+        lines = [m for m in message.markers if m.type == Marker.LINE_LIST and m.points]
+        self.lines = [
+            (np.array([(p.x, p.y, p.z) for p in m.points]), (m.color.r, m.color.g, m.color.b))
+            for m in lines
+        ]
+        if message.markers:
+            self.frame = message.markers[0].header.frame_id
+            self.boxes_stamp = max(stamp_from_ros(m.header.stamp) for m in message.markers)
+
+    def _take_shapes(self, message: MarkerArray) -> None:
+        for marker in message.markers:
+            name = name_from_key((marker.ns, marker.id))
+            known = self._markers.get(name)
+            if marker.action != Marker.ADD or (known and _is_same_shape(known, marker)):
+                continue
+            self._markers[name] = marker
+            try:
+                self.shapes = {**self.shapes, name: shape_from_ros(marker)}
+            except RefusedError:
+                continue  # only its box is drawn, if the node has one
+
+    def _take_points(self, message: PointCloud2) -> None:
+        if message.header.frame_id == self.frame:
+            points = points_from_ros(message).astype(np.float64)
+            self.points = points[np.isfinite(points).all(axis=1)]
+
+
+def _is_same_shape(a: Marker, b: Marker) -> bool:
+    fields = ("type", "scale", "points", "mesh_resource", "mesh_file")
+    return all(getattr(a, field) == getattr(b, field) for field in fields)

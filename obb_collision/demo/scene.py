@@ -1,0 +1,71 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""A scene description in motion: the poses, twists and lidar points of the demo at a time."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from obb_collision.geometry.shapes import Capsule, Cylinder
+from obb_collision.node.conversions import name_from_key
+from obb_collision.node.scene_files import keys_from_names
+from obb_collision.scene.files import SceneDescription
+from obb_collision.scene.files.lidar import Cloud
+from obb_collision.scene.patterns import matching
+
+FloatArray = npt.NDArray[np.float64]
+
+
+class DemoScene:
+    """A scene whose objects move.
+
+    file: where the description was read from, for the node to read it too; None where its objects
+    are to be published. keys and names are those on the topics, shapes by name. moving: rows of the
+    objects that move. zones: colour of each region, that is of each object with an opacity below 1.
+    """
+
+    def __init__(self, description: SceneDescription, file: Path | None = None) -> None:
+        self.description, self.file = description, file
+        self.keys = keys_from_names(description.names)
+        self.names = [name_from_key(key) for key in self.keys]
+        objects = dict(zip(self.names, description.objects, strict=True))
+        self.shapes = {name: thing.shape for name, thing in objects.items()}
+        self.moving = description.moving()
+        self.zones = {
+            name: thing.color[:3]
+            for name, thing in objects.items()
+            if thing.color is not None and thing.color[3] < 1.0
+        }
+        if description.lidar is None:
+            return
+        self._scene, sees = description.build(), description.lidar.sees
+        self._visible = np.flatnonzero(matching(sees, description.names))
+        shapes = [description.objects[row].shape for row in self._visible]
+        self._round = [isinstance(shape, (Cylinder, Capsule)) for shape in shapes]
+
+    def states(self, time: float) -> tuple[FloatArray, FloatArray]:
+        """Return poses (n, 7) and twists (n, 6) at a time (s)."""
+        return self.description.states(time)
+
+    def points(self, time: float) -> Cloud | None:
+        """Return the points (k, 3) that the lidar measures at a time, None without a lidar."""
+        if self.description.lidar is None:
+            return None
+        self._scene.move_many(self.description.names, self.states(time)[0])
+        boxes = self._scene.boxes.take(self._visible)
+        return self.description.lidar.scan(boxes, time, self._round)

@@ -1,0 +1,137 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+
+"""The still picture: states by colour, zones in their own, texts apart from objects."""
+
+from __future__ import annotations
+
+from itertools import combinations
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import obb_collision as oc
+
+pytest.importorskip("rclpy")
+pytest.importorskip("matplotlib")
+
+from obb_collision.demo.picture import MAX_NOTED, draw_picture, save_picture
+from obb_collision.demo.snapshot import (
+    FREE,
+    OVERLAPPING,
+    STATE_COLORS,
+    TOUCHING,
+    Note,
+    Snapshot,
+)
+
+NONE: Any = np.empty((0, 3))
+ZONE = (0.1, 0.2, 0.9)
+
+
+def make_snapshot(count: int, notes: int = 0, **changes: Any) -> Snapshot:
+    """Return a snapshot of boxes in rows."""
+    random = np.random.default_rng(3)
+    poses = np.tile([0.0, 0, 0, 0, 0, 0, 1], (count, 1))
+    poses[:, 0], poses[:, 1] = np.arange(count) % 20, np.arange(count) // 20
+    boxes = oc.Boxes.from_poses(poses, random.uniform(0.1, 0.4, (count, 3)))
+    fields: dict[str, Any] = {
+        "names": [f"box/{k}" for k in range(count)],
+        "boxes": boxes,
+        "states": np.full(count, FREE),
+        "shapes": {},
+        "zones": {},
+        "contacts": NONE,
+        "predicted": NONE,
+        "near": np.empty((0, 2, 3)),
+        "cloud": NONE,
+        "inside": np.empty(0, np.bool_),
+        "notes": [
+            Note(boxes.centers[k % count], f"12 mm deep: box/{k} - a long name/{k}", ZONE)
+            for k in range(notes)
+        ],
+    }
+    return Snapshot(**(fields | changes))
+
+
+def count_pixels(snapshot: Snapshot, color: tuple[float, float, float]) -> int:
+    figure: Any = draw_picture(snapshot, "", "")
+    figure.legends.clear()
+    figure.canvas.draw()
+    pixels = np.asarray(figure.canvas.buffer_rgba())[..., :3].astype(int)
+    return int((np.abs(pixels - 255.0 * np.array(color)) < 3.0).all(axis=2).sum())
+
+
+@pytest.mark.parametrize("state", [FREE, TOUCHING, OVERLAPPING])
+def test_boxes_wear_the_colour_of_their_state(state: int) -> None:
+    snapshot = make_snapshot(6, states=np.full(6, state))
+    found = [count_pixels(snapshot, color) for color in STATE_COLORS]
+    assert found[state] > 1000
+    assert sum(found) == found[state]
+
+
+def test_zones_wear_colours_of_their_own() -> None:
+    snapshot = make_snapshot(6, zones={"box/2": ZONE}, states=np.full(6, OVERLAPPING))
+    assert count_pixels(snapshot, ZONE) > 100
+    texts = [text for text, _, _ in snapshot.legend()]
+    assert texts == ["5 overlapping", "box/2"]
+
+
+def test_the_legend_names_what_is_there() -> None:
+    cloud = np.array([[0.0, 0, 0], [9, 9, 9]])
+    snapshot = make_snapshot(
+        4, states=np.array([0, 0, 1, 2]), contacts=cloud, cloud=cloud, inside=cloud[:, 0] < 1.0
+    )
+    assert [text for text, _, _ in snapshot.legend()] == [
+        "2 free", "1 touching", "1 overlapping", "contact", "point in a zone", "other point",
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("notes", [1, 7, 40, 90])
+def test_texts_cover_neither_each_other_nor_the_scene(notes: int) -> None:
+    figure: Any = draw_picture(make_snapshot(80, notes), "title", "subtitle")
+    figure.canvas.draw()
+    (axes,) = figure.axes
+    texts = [*axes.texts, *figure.texts]
+    # of a note without its line
+    boxes = [super(type(text), text).get_window_extent() if text in axes.texts else
+             text.get_window_extent() for text in texts]  # fmt: skip
+    boxes += [legend.get_window_extent() for legend in figure.legends]
+    assert len(axes.texts) == min(notes, 32)
+    for one, other in combinations(boxes, 2):
+        assert not one.overlaps(other)
+    scene = axes.get_window_extent()
+    for box in boxes:
+        assert not box.overlaps(scene)
+        assert box.x0 >= 0.0
+        assert box.x1 <= figure.bbox.x1
+
+
+def test_many_objects_have_no_notes(tmp_path: Path) -> None:
+    figure: Any = draw_picture(make_snapshot(MAX_NOTED + 1, 9), "title", "subtitle")
+    assert len(figure.axes[0].texts) == 0
+    save_picture(tmp_path / "many.png", make_snapshot(300, 9), "title", "subtitle")
+    assert (tmp_path / "many.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_all_of_a_scene_is_in_the_picture() -> None:
+    for scale in (0.01, 1.0, 300.0):
+        boxes = oc.Boxes(
+            [[0, 0, -5 * scale], [scale, 0, 0]], [np.eye(3)] * 2, np.full((2, 3), scale)
+        )
+        snapshot = make_snapshot(2, boxes=boxes)
+        assert count_pixels(snapshot, STATE_COLORS[FREE]) > 1000

@@ -1,0 +1,191 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+
+"""The demo with scene files: their objects, rules and effects over real topics."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator
+from itertools import combinations
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from obb_collision.demo.command import main, make_parser
+from obb_collision.scene.files import READY, find_scene, load_scene
+
+rclpy_context = pytest.importorskip("rclpy.context")
+
+from obb_collision.demo.narrator import Clearances, PointsInside, Predictions  # noqa: E402
+from obb_collision.demo.run import Demo  # noqa: E402
+from obb_collision.demo.scene import DemoScene  # noqa: E402
+from obb_collision.node import NamedClearance, NamedPoints, NamedPrediction  # noqa: E402
+
+DOMAIN = 100 + os.getpid() % 40
+MOVEIT = Path(__file__).parents[1] / "data" / "moveit"
+
+
+@pytest.mark.parametrize("name", READY)
+def test_ready_scenes_keep_names_poses_and_twists(name: str) -> None:
+    file = find_scene(name)
+    scene = DemoScene(load_scene(file), file)
+    assert scene.names == scene.description.names
+    poses, twists = scene.description.states(4.2)
+    np.testing.assert_array_equal(scene.states(4.2)[0], poses)
+    np.testing.assert_array_equal(scene.states(4.2)[1], twists)
+    assert scene.moving == scene.description.moving()
+    assert (scene.points(4.2) is None) == (name != "lidar_zone")
+    assert len(scene.zones) == (3 if name == "lidar_zone" else 0)
+
+
+def test_what_begins_and_ends_is_printed_once() -> None:
+    origin = (0.0, 0.0, 0.0)
+
+    def row(time: float) -> NamedPrediction:
+        return NamedPrediction("a/0", "b/0", time, origin, origin)
+
+    narrator = Predictions()
+    lines = [list(narrator.update([row(1.5 - t)], t)) for t in (0.0, 0.1, 0.2)]
+    assert [len(found) for found in lines] == [1, 0, 0]
+    assert lines[0][0].startswith("predicted a/0")
+    assert len(list(narrator.update([row(1.0)], 2.0))) == 1  # anew, after it was gone
+    assert "passed" in next(narrator.update([row(-0.02)], 2.1))
+    unknown = NamedPrediction("a/0", "b/0", 0.5, (np.nan,) * 3, (np.nan,) * 3)
+    assert "may collide from 0.50 s on" in next(narrator.update([unknown], 2.2))
+    assert narrator.rows == []
+    assert "2 collisions predicted, 1 between two states" in next(narrator.summary())
+
+    inside = PointsInside()
+    entered = list(inside.update([NamedPoints("zone/0", 7, 0, 0, 0.1)], 0.0))
+    left = list(inside.update([], 1.0))
+    assert (entered, left) == (["entered zone/0  7 points inside"], ["left    zone/0"])
+
+    near = Clearances()
+    rows = [NamedClearance("a/0", "b/0", gap, origin, origin) for gap in (0.25, -0.5)]
+    assert list(near.update(rows, 3.0)) == []
+    assert "minimum 250.0 mm, a/0 – b/0, at 3.0 s" in next(near.summary())  # noqa: RUF001
+
+
+ALL = """\
+name: all
+groups: {zones: ["zone/*"]}
+allowed: [[zones, "*"], [box/0, box/1]]
+effects:
+  contacts: {objects: "box/*", max_points: 8}
+  clearance: {objects: "box/*", limit: 1.5}
+  sweep: {objects: "fast/*", horizon: 1.0}
+  points: {objects: zones}
+lidar: {count: 2000, range: 10, position: [0, -4, 1.5], sees: "box/*"}
+objects:
+  - {name: box/0, shape: box, size: [1, 1, 1], position: [0, 0, 0.5]}
+  - {name: box/1, shape: box, size: [1, 1, 1], position: [0.5, 0, 0.5]}
+  - {name: box/2, shape: box, size: [1, 1, 1], position: [-0.75, 0, 0.5]}
+  - {name: box/3, shape: box, size: [1, 1, 1], position: [0, 2, 0.5]}
+  - {name: zone/0, shape: box, size: [3, 3, 3], position: [0, 0, 1.75], color: [1, 0, 0, 0.2]}
+  - {name: wall/0, shape: box, size: [0.01, 2, 2], position: [5, -3, 1]}
+  - name: fast/0
+    shape: capsule
+    radius: 0.125
+    length: 0.25
+    motion: {period: 2.0, waypoints: [[3, -3, 1], [8, -3, 1]]}
+"""
+
+Start = Callable[[Path], Demo]
+
+
+@pytest.fixture
+def lines() -> list[str]:
+    return []
+
+
+@pytest.fixture
+def start(lines: list[str]) -> Iterator[Start]:
+    """Yield a function that starts the demo with a scene file."""
+    context = rclpy_context.Context()
+    context.init(domain_id=DOMAIN)
+    started: list[Demo] = []
+
+    def start(path: Path) -> Demo:
+        started.append(Demo(context, DemoScene(load_scene(path), path), 20.0, 1.5, lines.append))
+        return started[0]
+
+    yield start
+    for demo in started:
+        demo.close()
+    context.try_shutdown()
+
+
+def test_a_file_gets_the_effects_it_calls_for(
+    start: Start, lines: list[str], tmp_path: Path
+) -> None:
+    path = tmp_path / "all.yaml"
+    path.write_text(ALL)
+    demo = start(path)
+    demo.run()
+    assert {row[:2] for row in demo.listener.pairs.rows} == {
+        ("box/0", "box/2")
+    }  # box/0 and box/1 may touch
+    text = "\n".join(lines)
+    assert "predicted fast/0" in text or "predicted wall/0" in text
+    assert "entered zone/0" in text
+    ends = "\n".join(demo.summary())
+    for part in ("4 points at the end", "clearance: minimum", "sweep: ", "points in zone/0: "):
+        assert part in ends
+    pytest.importorskip("matplotlib")
+    file = tmp_path / "all.png"
+    demo.save_picture(file)
+    assert file.read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize("name", ["shelf", "message"])
+def test_moveit_scenes_run(start: Start, name: str) -> None:
+    demo = start(MOVEIT / f"{name}.yaml")
+    demo.begin()
+    demo.settle(0.0)
+    scene = demo.scene
+    said = scene.description
+    expected = {frozenset(pair) for pair in said.build().check().names()}
+    of = dict(zip(scene.names, said.names, strict=True))
+    assert {
+        frozenset(of[n] for n in pair) for pair in [row[:2] for row in demo.listener.pairs.rows]
+    } == expected
+    assert all(a != b for a, b in combinations(scene.names, 2))
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("objects: [{name: a, shape: box, size: [1, -1, 1]}]", "scene.yaml:1: objects[0].size: "),
+        ("objects: []", "it has no objects"),
+    ],
+)
+def test_bad_scene_files_are_refused_with_line_and_key(
+    text: str, reason: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "scene.yaml"
+    path.write_text(text)
+    with pytest.raises(SystemExit) as stop:
+        main(["--scene", str(path)])
+    assert stop.value.code == 2
+    assert reason in capsys.readouterr().err
+
+
+def test_scenes_of_the_package_are_found_by_name(capsys: pytest.CaptureFixture[str]) -> None:
+    assert make_parser().parse_args(["--scene", "tabletop"]).scene[0].name == "tabletop"
+    with pytest.raises(SystemExit):
+        make_parser().parse_args(["--scene", "kitchen"])
+    assert "tabletop, warehouse, lidar_zone" in capsys.readouterr().err

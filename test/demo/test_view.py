@@ -1,0 +1,132 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+
+"""The live view: of the running demo, and of a node in another process, by its topics."""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+from contextlib import closing
+from typing import Any
+from urllib.request import urlopen
+
+import numpy as np
+import pytest
+
+from obb_collision.demo.command import open_view
+from obb_collision.demo.random_scene import random_scene
+
+rclpy_context = pytest.importorskip("rclpy.context")
+
+from obb_collision.demo.run import NAMESPACE, Demo  # noqa: E402
+from obb_collision.demo.scene import DemoScene  # noqa: E402
+from obb_collision.demo.snapshot import FREE  # noqa: E402
+from obb_collision.demo.view import LiveView, View  # noqa: E402
+from obb_collision.node.node import NODE_NAME  # noqa: E402
+
+DOMAIN = 141 + os.getpid() % 40
+PATIENCE = 120.0
+
+
+def test_without_viser_it_says_how_to_get_it(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(sys.modules, "viser", None)
+    assert open_view(0) is None
+    assert capsys.readouterr().err.splitlines() == [
+        "the live view needs viser: pip install 'obb_collision[view]'"
+    ]
+
+
+@pytest.fixture
+def demo() -> Any:
+    context = rclpy_context.Context()
+    context.init(domain_id=DOMAIN)
+    scene = DemoScene(random_scene(20, 2))
+    running = Demo(context, scene, 20.0, 1.0, lambda line: None, live=True)
+    yield running
+    running.close()
+    context.try_shutdown()
+
+
+def test_the_view_shows_what_the_node_published(demo: Demo) -> None:
+    pytest.importorskip("viser")
+    demo.begin()
+    states = []
+    with closing(View(port=0)) as view:
+        for time in (0.0, 4.0):
+            demo.settle(time)
+            snapshot = demo.snapshot()
+            view.show(snapshot)
+            drawn = {name: handle for name, (_, handle) in view.handles.items() if handle}
+            bodies = [h.batched_positions for name, h in drawn.items() if "/" in name]
+            assert sum(map(len, bodies)) == 20
+            assert len(drawn["edges of boxes"].points) == 12 * 20
+            np.testing.assert_allclose(drawn["contacts"].points, snapshot.contacts, atol=1e-5)
+            states.append(snapshot.states.tolist())
+        assert states[0] != states[1]
+        assert f"{states[0].count(FREE)} free" in view.panel.content
+        with urlopen(view.url, timeout=10.0) as page:
+            assert page.status == 200
+
+
+def test_the_view_follows_the_topics(demo: Demo) -> None:
+    pytest.importorskip("viser")
+    view = View(port=0)
+    with closing(LiveView(view, demo.listener, demo.scene.shapes)):
+        demo.begin()
+        demo.spin_until(lambda: "edges of boxes" in view.handles, PATIENCE)
+        (count, _) = view.handles["edges of boxes"]
+        assert count == 12 * 20
+
+
+def test_a_running_node_is_shown_by_its_topics(demo: Demo) -> None:
+    pytest.importorskip("viser")
+    with socket.socket() as probe:
+        probe.bind(("localhost", 0))
+        port = probe.getsockname()[1]
+    code = "from obb_collision.demo import view_main; raise SystemExit(view_main())"
+    node = f"{NAMESPACE}/{NODE_NAME}"
+    process = subprocess.Popen(
+        [sys.executable, "-c", code, node, "--port", str(port)],
+        stdout=subprocess.PIPE,
+        text=True,
+        env=os.environ | {"ROS_DOMAIN_ID": str(DOMAIN)},
+    )
+    try:
+        assert process.stdout is not None
+        assert process.stdout.readline() == f"view: http://localhost:{port}\n"
+        topic = f"{node}/markers"
+        demo.begin()
+        demo.spin_until(lambda: demo.listener.count_subscribers(topic) >= 2, PATIENCE)
+        with urlopen(f"http://localhost:{port}", timeout=10.0) as page:
+            assert page.status == 200
+        process.send_signal(signal.SIGINT)
+        assert process.wait(timeout=PATIENCE) == 0
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def test_edges_of_many_boxes_are_shown(demo: Demo) -> None:
+    pytest.importorskip("viser")
+    with closing(View(port=0)) as view:
+        ends = np.random.default_rng(1).normal(size=(48, 3))
+        view.show_lines([(ends, (0.1, 0.8, 0.2)), (ends[:24], (0.9, 0.1, 0.1))])
+        assert view.handles["edges of boxes"][0] == 36
