@@ -142,7 +142,7 @@ def _run(options: argparse.Namespace, context: Context, view: View, interrupts: 
         with closing(LiveView(view, listener, shapes, zones)):
             while not interrupts.asked:
                 executor.spin_once(timeout_sec=GLANCE)
-                if listener.boxes_stamp < 0 and monotonic() > limit:
+                if listener.boxes.stamp < 0 and monotonic() > limit:
                     limit = inf
                     topic = listener.resolve_topic_name(f"{name}/markers")
                     say(f"nothing received on {topic} yet: is {options.node} running?")

@@ -17,8 +17,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -27,6 +28,7 @@ from rclpy.qos import QoSProfile
 from sensor_msgs.msg import PointCloud2
 from visualization_msgs.msg import Marker, MarkerArray
 
+from obb_collision.demo.marker_boxes import NO_BOXES, boxes_from_bytes
 from obb_collision.demo.narrator import NARRATORS, Pairs
 from obb_collision.demo.publisher import LATCHED
 from obb_collision.geometry.shapes import Shape
@@ -36,21 +38,11 @@ from obb_collision.node.conversions import (
     NANOSECONDS,
     FloatArray,
     name_from_key,
-    pose_from_ros,
     stamp_from_ros,
 )
 from obb_collision.node.effects import TOPICS
 from obb_collision.node.errors import RefusedError
 from obb_collision.node.marker_shapes import shape_from_ros
-from obb_collision.node.markers import COLORS, DOUBTFUL
-
-
-class MarkerBox(NamedTuple):
-    """A box of ``~/markers``: pose (7,), edge lengths (3,), whether it is stale or refused."""
-
-    pose: FloatArray
-    size: FloatArray
-    doubtful: bool
 
 
 class Listener(Node):
@@ -62,9 +54,8 @@ class Listener(Node):
     stamp: of the latest collisions; effect_stamps: of the latest message by effect; -1 for none.
     pairs, places: the latest collisions and where they are (m). latencies: seconds from the stamp
     of a state to its collisions. cycles: messages received. effects: narrators by effect.
-    boxes, boxes_stamp: of the latest markers, once ``watch_boxes`` was called; lines: ends (2 k, 3)
-    and colour where the node draws edges and not boxes. shapes, points: what others publish, once
-    ``watch_inputs`` was called.
+    boxes: the latest markers, once ``watch_boxes`` was called. shapes, points: what others publish,
+    once ``watch_inputs`` was called.
     """
 
     def __init__(
@@ -77,9 +68,7 @@ class Listener(Node):
         self.pairs = Pairs()
         self.places: FloatArray = np.empty((0, 3))
         self.latencies: list[float] = []
-        self.boxes: dict[str, MarkerBox] = {}
-        self.lines: list[tuple[FloatArray, tuple[float, float, float]]] = []
-        self.boxes_stamp, self.frame = -1, ""
+        self.boxes = NO_BOXES
         self.shapes: dict[str, Shape] = {}
         self.points: FloatArray = np.empty((0, 3))
         self._markers: dict[str, Marker] = {}
@@ -98,7 +87,9 @@ class Listener(Node):
 
     def watch_boxes(self, topic: str) -> None:
         """Take the markers of a topic from now on."""
-        self.create_subscription(MarkerArray, topic, self._take_boxes, QoSProfile(depth=1))
+        self.create_subscription(
+            MarkerArray, topic, self._take_boxes, QoSProfile(depth=1), raw=True
+        )
 
     def watch_inputs(self) -> None:
         """Take the shapes on ``objects``, latched or not, and the points on ``points``."""
@@ -140,25 +131,9 @@ class Listener(Node):
         for line in narrator.update(rows, seconds):
             self._report(f"{seconds:8.3f} s  {line}")
 
-    def _take_boxes(self, message: MarkerArray) -> None:
-        added = [m for m in message.markers if m.type == Marker.CUBE and m.action == Marker.ADD]
-        doubtful = np.float32(COLORS[DOUBTFUL][0])
-        self.boxes = {
-            name_from_key((m.ns, m.id)): MarkerBox(
-                pose_from_ros(m.pose),
-                np.array((m.scale.x, m.scale.y, m.scale.z)),
-                bool(np.float32(m.color.r) == doubtful),
-            )
-            for m in added
-        }
-        lines = [m for m in message.markers if m.type == Marker.LINE_LIST and m.points]
-        self.lines = [
-            (np.array([(p.x, p.y, p.z) for p in m.points]), (m.color.r, m.color.g, m.color.b))
-            for m in lines
-        ]
-        if message.markers:
-            self.frame = message.markers[0].header.frame_id
-            self.boxes_stamp = max(stamp_from_ros(m.header.stamp) for m in message.markers)
+    def _take_boxes(self, data: bytes) -> None:
+        with suppress(RefusedError):
+            self.boxes = boxes_from_bytes(data)
 
     def _take_shapes(self, message: MarkerArray) -> None:
         for marker in message.markers:
@@ -173,7 +148,7 @@ class Listener(Node):
                 continue  # only its box is drawn, if the node has one
 
     def _take_points(self, message: PointCloud2) -> None:
-        if message.header.frame_id == self.frame:
+        if message.header.frame_id == self.boxes.frame:
             points = points_from_ros(message).astype(np.float64)
             self.points = points[np.isfinite(points).all(axis=1)]
 

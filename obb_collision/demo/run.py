@@ -159,10 +159,12 @@ class Demo:
     def snapshot(self) -> Snapshot:
         """Return what the node published about the latest state."""
         listener, names = self.listener, self.scene.names
-        if listener.boxes_stamp < 0:
+        if listener.boxes.stamp < 0:
             listener.watch_boxes(f"{NODE_NAME}/markers")
         self.spin_until(
-            lambda: listener.boxes_stamp >= listener.stamp and len(listener.boxes) == len(names)
+            lambda: (
+                listener.boxes.stamp >= listener.stamp and len(listener.boxes.names) == len(names)
+            )
         )
         points = self.scene.points(self.time)
         if points is not None:

@@ -124,12 +124,11 @@ def take_snapshot(
     listener: Listener, shapes: Mapping[str, Shape], zones: Mapping[str, Color]
 ) -> Snapshot:
     """Return what a listener has received. ValueError if there are no boxes among it."""
-    boxes = listener.boxes
-    if not boxes:
+    boxes, names = listener.boxes, listener.boxes.names
+    if not names:
         raise ValueError("no boxes received")
-    poses, sizes = (np.array(part) for part in list(zip(*boxes.values(), strict=True))[:2])
-    placed = Boxes.from_poses(poses, 0.5 * sizes)
-    states = {name: DOUBTFUL for name, box in boxes.items() if box.doubtful}
+    placed = Boxes.from_poses(boxes.poses, 0.5 * boxes.sizes)
+    states = {names[row]: DOUBTFUL for row in np.flatnonzero(boxes.doubtful)}
     pairs = listener.pairs.rows
     for pair in sorted(pairs, key=lambda pair: not is_touching(pair)):  # overlapping ones last
         states |= dict.fromkeys(pair[:2], TOUCHING if is_touching(pair) else OVERLAPPING)
@@ -137,13 +136,13 @@ def take_snapshot(
     predicted = [row.point for row in _rows(listener, "sweep")]
     cloud = listener.points
     inside = np.zeros(len(cloud), np.bool_)
-    for row in [row for row, name in enumerate(boxes) if name in zones]:
+    for row in [row for row, name in enumerate(names) if name in zones]:
         local = (cloud - placed.centers[row]) @ placed.rotations[row]
         inside |= (np.abs(local) <= placed.half_extents[row]).all(axis=1)
     return Snapshot(
-        names=list(boxes),
+        names=names,
         boxes=placed,
-        states=np.array([states.get(name, FREE) for name in boxes]),
+        states=np.array([states.get(name, FREE) for name in names]),
         shapes=shapes,
         zones=zones,
         contacts=_contacts(listener),
@@ -151,7 +150,7 @@ def take_snapshot(
         near=np.array(near, np.float64).reshape(-1, 2, 3),
         cloud=cloud,
         inside=inside,
-        notes=_notes(listener, list(boxes), placed, zones),
+        notes=_notes(listener, names, placed, zones),
     )
 
 

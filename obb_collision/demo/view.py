@@ -56,7 +56,7 @@ RATE, PANEL_RATE = 15.0, 3.0
 #: Notes in the panel.
 NOTES = 20
 #: Diameter of a contact's dot and of a point, in terms of the scene's diagonal.
-DOT, SPECK = 0.007, 0.003
+DOT, SPECK = 0.007, 0.0015
 #: Colours of lines and of bodies drawn many times are linear in viser, all others are sRGB.
 GAMMA = 2.2
 #: Height of the field of view at first, radians.
@@ -277,11 +277,11 @@ class LiveView:
     def update(self) -> None:
         """Draw what the listener has, as soon as it has anything."""
         listener = self._listener
-        if listener.boxes:
+        if listener.boxes.names:
             shapes = {**listener.shapes, **(self._shapes or {})}
             self._view.show(take_snapshot(listener, shapes, self._zones))
-        elif listener.lines:
-            self._view.show_lines(listener.lines)
+        elif listener.boxes.lines:
+            self._view.show_lines(listener.boxes.lines)
 
     def close(self) -> None:
         """End the thread and take the server down."""

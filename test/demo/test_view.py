@@ -34,10 +34,14 @@ from obb_collision.demo.random_scene import random_scene
 
 rclpy_context = pytest.importorskip("rclpy.context")
 
+from obb_collision.demo.marker_boxes import boxes_from_bytes  # noqa: E402
 from obb_collision.demo.run import NAMESPACE, Demo  # noqa: E402
 from obb_collision.demo.scene import DemoScene  # noqa: E402
 from obb_collision.demo.snapshot import FREE  # noqa: E402
 from obb_collision.demo.view import LiveView, View  # noqa: E402
+from obb_collision.geometry.boxes import Boxes  # noqa: E402
+from obb_collision.node.errors import RefusedError  # noqa: E402
+from obb_collision.node.markers import COLORS, Markers  # noqa: E402
 from obb_collision.node.node import NODE_NAME  # noqa: E402
 
 DOMAIN = 141 + os.getpid() % 40
@@ -122,6 +126,28 @@ def test_a_running_node_is_shown_by_its_topics(demo: Demo) -> None:
     finally:
         process.kill()
         process.communicate()
+
+
+def test_boxes_come_out_of_the_bytes_of_markers() -> None:
+    random = np.random.default_rng(5)
+    poses = np.zeros((3, 7))
+    poses[:, :3], poses[:, 6] = random.normal(size=(3, 3)), 1.0
+    boxes = Boxes.from_poses(poses, np.full((3, 3), 0.5))
+    keys = [("a", 1), ("a longer name", 2), ("b", -3)]
+    states = np.array([0, 1, 2])
+    cubes = boxes_from_bytes(Markers("map").write(keys, boxes, states, 7, 1.0, None))
+    assert cubes.names == ["a/1", "a longer name/2", "b/-3"]
+    np.testing.assert_array_equal(cubes.poses, poses)
+    np.testing.assert_array_equal(cubes.sizes, np.ones((3, 3)))
+    assert cubes.doubtful.tolist() == [False, False, True]
+    assert (cubes.frame, cubes.stamp, cubes.lines) == ("map", 7, [])
+    lines = boxes_from_bytes(Markers("map").write(keys, boxes, states, 7, 1.0, 0.01))
+    assert lines.names == []
+    for (ends, color), expected in zip(lines.lines, COLORS, strict=True):
+        assert len(ends) == 24
+        np.testing.assert_allclose(color, expected[:3], atol=1e-6)
+    with pytest.raises(RefusedError):
+        boxes_from_bytes(b"no markers")
 
 
 def test_edges_of_many_boxes_are_shown(demo: Demo) -> None:
