@@ -36,6 +36,7 @@ from rclpy.qos_overriding_options import InvalidQosOverridesError
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import try_shutdown
 
+from obb_collision.node import garbage
 from obb_collision.node.environment import BAD_USAGE, SIGNALS
 
 N = TypeVar("N", bound=Node)
@@ -142,6 +143,7 @@ def run(
             return 1
         executor = SingleThreadedExecutor(context=context)
         executor.add_node(node)
+        garbage.settle()
         with on_signals(end):
             signals.making = False
             if not signals.count:

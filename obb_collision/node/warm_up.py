@@ -28,6 +28,7 @@ from threading import Event, Thread
 from time import perf_counter
 
 from obb_collision import _compiling, _kernel_cache
+from obb_collision.node import garbage
 from obb_collision.queries.accuracy import Accuracy
 from obb_collision.warm_up import steps
 from obb_collision.warm_up.processes import Progress, compile_steps
@@ -139,6 +140,7 @@ class WarmUp:
                 with _kernel_cache.only_loading():
                     steps.run(step)
                 self._ready.add(step)
+                garbage.settle_more()
             except _kernel_cache.KernelMissingError:
                 pass
             except Exception as error:  # it would fail in a cycle, too, where it is counted

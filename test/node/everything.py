@@ -34,6 +34,7 @@ from rig import Rig, cube, pose
 from visualization_msgs.msg import Marker
 
 from obb_collision import _compiling, _jit
+from obb_collision.node import garbage
 from obb_collision.node.clouds import cloud_to_ros
 from obb_collision.node.names import namespace_number
 from obb_collision.queries.accuracy import ALL_RUNGS
@@ -197,6 +198,7 @@ def switch_everything(rig: Everything) -> Iterator[str]:
 def main() -> None:
     """Run it."""
     rig = Everything()
+    garbage.settle()  # as the executable does
     with rig:
         before, compiled = rig.kernels(), len(_compiling.compiled.names)
         stages = [(stage, rig.stage()) for stage in switch_everything(rig)]

@@ -266,3 +266,20 @@ def test_a_scene_of_another_process_gets_the_right_pairs_after_every_pose() -> N
         other.send_transform("part/0", pose(100.0))
         assert not any("part/0" in pair for pair in other.pairs())
         end(process, signal.SIGTERM)
+
+
+def test_what_is_there_at_ready_is_out_of_the_collectors_sight() -> None:
+    code = """
+import gc
+from obb_collision.node import garbage
+given = gc.get_freeze_count()
+garbage.settle_more()
+assert gc.get_freeze_count() == given  # not where the process is somebody else's
+garbage.settle()
+before = gc.get_freeze_count()
+more = [[] for _ in range(10000)]
+garbage.settle_more()
+assert gc.get_freeze_count() >= before + 10000
+assert len(gc.get_objects()) < 10000
+"""
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=PATIENCE)
