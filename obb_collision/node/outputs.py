@@ -58,6 +58,8 @@ from obb_collision.scene.report import Report
 RELIABLE = QoSProfile(depth=10)
 NAMESPACES_RATE = 5e6
 """Bytes per second at most of the table of namespaces, which is sent whole: 100 kB at 50 Hz."""
+NAMESPACES_PERIOD = 2.0
+"""Seconds after which the table is sent again though it is the same."""
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """The last message reaches late subscribers too, if they ask for transient local."""
 KINDS = {
@@ -139,9 +141,14 @@ class Outputs:
         return {**named, "namespaces": self.namespaces}
 
     def publish_namespaces(self, namespaces: NamespaceTable) -> None:
-        """Publish the table of namespace numbers if it changed: a large one not at every cycle."""
+        """Publish the table of namespace numbers if it changed: a large one not at every cycle.
+
+        Now and then also unchanged: who subscribes late without asking for latched messages, or
+        lost one, could otherwise name nothing.
+        """
         now = perf_counter()
-        if namespaces.version == self._namespaces_sent or now < self._next_namespaces:
+        changed = namespaces.version != self._namespaces_sent
+        if now < self._next_namespaces + (0.0 if changed else NAMESPACES_PERIOD):
             return
         data = namespace_bytes(namespaces.names)
         self._namespaces_sent = namespaces.version
