@@ -148,9 +148,10 @@ class CollisionNode(Node):
             lambda: self.guard.run("diagnostics", self._publish_diagnostics),
             clock=self._schedule.clock,
         )
-        self.parameters.on_change = self._schedule.calm(
+        self._parameters_changed = self._schedule.calm(
             lambda: self.guard.run("parameters", self._apply_parameters)
         )
+        self.parameters.on_change = self._parameters_changed
         self.create_service(Trigger, "~/clear", self._clear)
         self.create_service(SetBool, "~/enable", self._enable)
         self._jump = self.get_clock().create_jump_callback(
@@ -192,7 +193,11 @@ class CollisionNode(Node):
             self._schedule.arrived()
 
     def _collect(self) -> float:
-        """Take and apply what waits; returns how long (s) it waited to be taken, at most."""
+        """Take and apply what waits; returns how long (s) it waited to be taken, at most.
+
+        Parameters first: a message that was sent after a change is taken as the change has it.
+        """
+        self._parameters_changed.settle()
         self.guard.run("inputs", self._subscribed.drain)
         self.guard.run("input objects", self.inputs.markers.apply)
         return self._subscribed.take_wait()

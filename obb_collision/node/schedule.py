@@ -60,6 +60,11 @@ class Calm:
             self._waits = True
             self._start(rest)
 
+    def settle(self) -> None:
+        """Make the call now, if it waits."""
+        if self._waits:
+            self.end()
+
     def end(self) -> None:
         """Make the call now."""
         self._waits = False
@@ -91,7 +96,7 @@ class Schedule:
 
         def end() -> None:
             timer.cancel()
-            calm.end()
+            calm.settle()
 
         timer = self._node.create_timer(STORM_PERIOD, end, clock=self.clock)
         timer.cancel()

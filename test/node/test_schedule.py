@@ -77,6 +77,29 @@ def test_a_change_alone_is_taken_over_at_once() -> None:
     assert clock.due is None
 
 
+def test_a_call_that_waits_is_made_when_it_is_needed() -> None:
+    clock, taken = Clock(), list[float]()
+    calm = Calm(lambda: taken.append(clock.now), clock.start, lambda: clock.now)
+    calm.settle()
+    assert taken == [], "nothing waits"
+    calm()
+    clock.now = 0.001
+    calm()
+    clock.now = 0.002
+    calm.settle()
+    calm.settle()
+    assert taken == [0.0, 0.002]
+
+
+def test_a_message_after_a_change_of_parameters_is_taken_as_the_change_has_it() -> None:
+    with Rig() as rig:
+        for n in range(10):
+            rig.set(max_objects=1)
+            rig.set(max_objects=100)  # within the time in which changes are a storm
+            rig.send(*(cube((f"b{n}", k), (0.9 * k, 0.0, 10.0 * n)) for k in range(3)))
+            assert len(rig.pairs()) == 2 * (n + 1)
+
+
 def test_a_storm_of_parameters_leaves_the_node_with_the_last_ones() -> None:
     with Rig() as rig:
         rig.send(*(cube(("a", n), (0.9 * n, 0.0, 0.0)) for n in range(5)))
