@@ -34,7 +34,7 @@ from obb_collision.demo.command import DEFAULT_SCENE, scene_file
 from obb_collision.demo.run import Demo
 from obb_collision.demo.scene import DemoScene
 from obb_collision.demo.view import LiveView, View
-from obb_collision.node.environment import set_defaults
+from obb_collision.node.runtime.environment import set_defaults
 
 FOLDER = Path(__file__).parent
 #: When vehicles collide in the scene, seconds.

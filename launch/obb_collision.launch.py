@@ -28,7 +28,7 @@ from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import Node
 from launch_ros.substitutions import FindPackageShare
 
-from obb_collision.node.launching import initial_parameters
+from obb_collision.node.runtime.launching import initial_parameters
 
 NAME = "obb_collision"
 CONFIG = PathJoinSubstitution([FindPackageShare("obb_collision"), "config"])

@@ -14,11 +14,11 @@
 
 """All public names of the library; ``obb_collision`` loads them from here when first used."""
 
+from obb_collision.accuracy import Accuracy
 from obb_collision.geometry.aabb import AABB
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.capsules import Capsules
-from obb_collision.geometry.mesh_tree import MeshTrees
-from obb_collision.geometry.shapes import (
+from obb_collision.geometry.shapes.shapes import (
     Box,
     Capsule,
     Cone,
@@ -29,27 +29,31 @@ from obb_collision.geometry.shapes import (
     Shape,
     Sphere,
 )
+from obb_collision.geometry.trees.obb_tree import MeshTrees
 from obb_collision.obb import OBB, Separation
-from obb_collision.queries.accuracy import Accuracy
-from obb_collision.queries.capsules import CapsuleDistances, capsule_distances, capsule_verdicts
-from obb_collision.queries.clearance import Clearances, clearances, clearances_within
-from obb_collision.queries.contacts import Contacts, contacts
-from obb_collision.queries.mesh_collision import (
+from obb_collision.queries.clearance.clearance import Clearances, clearances, clearances_within
+from obb_collision.queries.contacts.contacts import Contacts, contacts
+from obb_collision.queries.meshes.meshes import (
     PlacedMeshes,
     mesh_collisions,
     mesh_contacts,
     mesh_verdicts,
     tree_collisions,
 )
-from obb_collision.queries.planes import PlaneDistances, aabb_verdicts, plane_distances
-from obb_collision.queries.points import PointsInside, points_inside
-from obb_collision.queries.rays import RayHits, cast_rays, cast_segments, segments_intersect
-from obb_collision.queries.separation import Verdict, verdicts
-from obb_collision.queries.sweep import Sweeps, sweep, sweep_twists
-from obb_collision.scene.files import SceneDescription, load_scene
-from obb_collision.scene.pairs import find_pairs
+from obb_collision.queries.points.points import PointsInside, points_inside
+from obb_collision.queries.primitives.capsules import (
+    CapsuleDistances,
+    capsule_distances,
+    capsule_verdicts,
+)
+from obb_collision.queries.primitives.planes import PlaneDistances, aabb_verdicts, plane_distances
+from obb_collision.queries.rays.rays import RayHits, cast_rays, cast_segments, segments_intersect
+from obb_collision.queries.sweep.sweep import Sweeps, sweep, sweep_twists
+from obb_collision.queries.verdict.verdict import Verdict, verdicts
+from obb_collision.scene.broad_phase.find_pairs import find_pairs
 from obb_collision.scene.report import Report
 from obb_collision.scene.scene import Scene
+from obb_collision.scene_files import SceneDescription, load_scene
 
 __all__ = [
     "AABB",

@@ -24,7 +24,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NoReturn
 
-from obb_collision.geometry.words import printable, shown
+from obb_collision.words import printable, shown
 
 #: Exit code for arguments that can't be used.
 BAD_USAGE = 2

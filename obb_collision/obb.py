@@ -23,23 +23,23 @@ from numpy.typing import ArrayLike, NDArray
 
 from obb_collision.geometry.aabb import AABB
 from obb_collision.geometry.boxes import Boxes, add_outwards
-from obb_collision.geometry.fitting import fit_points
+from obb_collision.geometry.fitting.fit import fit_points
+from obb_collision.geometry.fitting.transform import transform_box
 from obb_collision.geometry.kinds import as_flag, check_kind
 from obb_collision.geometry.poses import matrices_from_quaternions, quaternions_from_matrices
 from obb_collision.geometry.representations import corners
-from obb_collision.geometry.transforms import transform_box
 from obb_collision.geometry.validation import (
-    Floats,
     as_array,
     as_half_extents,
     as_quaternions,
     as_rotations,
     is_single,
 )
-from obb_collision.geometry.words import shown
-from obb_collision.queries.containment import contains
-from obb_collision.queries.separation import SEPARATE, Verdict, verdicts
-from obb_collision.queries.witness import AXES, witness
+from obb_collision.queries.points.containment import contains
+from obb_collision.queries.verdict.penetration import AXES, witness
+from obb_collision.queries.verdict.verdict import SEPARATE, Verdict, verdicts
+from obb_collision.typing import Floats
+from obb_collision.words import shown
 
 
 class Separation(NamedTuple):

@@ -24,43 +24,35 @@ import pytest
 import obb_collision
 
 ROOT = Path(obb_collision.__file__).parent
-LAYERS = {
+KERNELS = {"_jit", "_kernel_cache", "_compiling"}
+BASE = KERNELS | {"typing", "words"}
+GEOMETRY = BASE | {"numerics", "geometry"}
+LIBRARY = GEOMETRY | {"accuracy", "queries", "obb", "scene"}
+#: What each folder, or module beside them, may import besides itself.
+LAYERS: dict[str, set[str]] = {
     "_kernel_cache": set(),
-    "api": {"geometry", "queries", "obb", "scene"},
-    "_jit": {"_kernel_cache", "_compiling"},
     "_compiling": {"_kernel_cache"},
-    "geometry": {"_jit"},
-    "queries": {"_jit", "geometry"},
-    "obb": {"_jit", "geometry", "queries"},
-    "scene": {"_jit", "geometry", "queries", "obb"},
-    "cli": {"geometry"},
-    "benchmarks": {"cli", "_jit", "geometry", "queries", "obb", "scene"},
-    "warm_up": {
-        "cli",
-        "_jit",
-        "_kernel_cache",
-        "_compiling",
-        "geometry",
-        "queries",
-        "obb",
-        "scene",
-    },
-    "node": {
-        *(
-            "cli",
-            "_jit",
-            "_kernel_cache",
-            "_compiling",
-            "geometry",
-            "queries",
-            "obb",
-            "scene",
-            "warm_up",
-        ),
-    },
-    "checks": {"cli", "_jit", "geometry", "queries", "obb", "scene", "node"},
-    "demo": {"cli", "geometry", "scene", "node"},
+    "_jit": {"_kernel_cache", "_compiling"},
+    "typing": set(),
+    "words": set(),
+    "cli": {"words"},
+    "accuracy": {"words"},
+    "numerics": BASE,
+    "geometry": BASE | {"numerics"},
+    "queries": GEOMETRY,
+    "obb": GEOMETRY | {"queries"},
+    "scene": GEOMETRY | {"accuracy", "queries", "obb"},
+    "api": LIBRARY | {"scene_files"},
+    "warm_up": LIBRARY | {"cli"},
+    "scene_files": LIBRARY,
+    "node": LIBRARY | {"cli", "scene_files", "warm_up"},
+    "checks": LIBRARY | {"cli", "node"},
+    "demo": LIBRARY | {"cli", "scene_files", "node"},
+    "benchmarks": LIBRARY | {"cli", "scene_files", "node"},
+    "commands": {"cli", "node", "checks", "demo", "benchmarks"},
 }
+#: The layers that may import ROS.
+ABOVE = {"node", "checks", "demo", "benchmarks"}
 ROS = {
     "ament_index_python", "builtin_interfaces", "diagnostic_msgs", "geometry_msgs", "launch",
     "rcl_interfaces", "rclpy", "sensor_msgs", "std_msgs", "std_srvs", "tf2_ros",
@@ -91,8 +83,53 @@ def test_no_layer_looks_up(path: Path) -> None:
         top, _, rest = name.partition(".")
         if top == "obb_collision" and rest:
             assert rest.split(".")[0] in LAYERS[layer] | {layer}, f"{layer} imports {name}"
-        if layer not in ("node", "checks", "demo"):
+        if layer not in ABOVE:
             assert top not in ROS or (layer, top) in OPTIONAL, f"{layer} imports {name}"
+
+
+def folder(path: Path) -> str:
+    """Return the folder of a module, dotted; of one beside the folders, its own name."""
+    parts = path.relative_to(ROOT).with_suffix("").parts
+    return ".".join(parts[:-1]) or parts[0]
+
+
+def folders_imported() -> dict[str, set[str]]:
+    """Return for each folder those that its modules import from."""
+    edges: dict[str, set[str]] = {}
+    for path in MODULES:
+        below = edges.setdefault(folder(path), set())
+        if path.name == "__init__.py":  # names that load when first used
+            continue
+        for name in imported(path):
+            parts = name.split(".")[1:]
+            for count in range(1, len(parts) + 1):
+                module = ROOT.joinpath(*parts[:count]).with_suffix(".py")
+                if name.startswith("obb_collision.") and module in MODULES:
+                    below.add(folder(module))
+        below.discard(folder(path))
+    return edges
+
+
+def test_folders_import_in_one_direction() -> None:
+    edges = folders_imported()
+    order: list[str] = []
+    while edges:
+        free = sorted(name for name, below in edges.items() if not below - set(order))
+        assert free, f"a circle among {sorted(edges)}"
+        order += free
+        for name in free:
+            del edges[name]
+    assert order.index("queries.verdict") < order.index("scene") < order.index("node")
+
+
+def test_benchmarks_need_ros_only_to_measure_the_node() -> None:
+    names = {path.stem for path in MODULES if path.is_relative_to(ROOT / "benchmarks")}
+    for path in MODULES:
+        if path.is_relative_to(ROOT / "benchmarks") and path.stem != "latency":
+            tops = {name.partition(".")[0] for name in imported(path)}
+            assert not tops & ROS, path
+            assert not any(name.startswith("obb_collision.node") for name in imported(path)), path
+    assert "latency" in names
 
 
 def test_every_layer_is_known() -> None:

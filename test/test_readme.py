@@ -69,7 +69,7 @@ def test_the_memory_table_is_that_of_the_arrays() -> None:
 
 def test_the_parameter_table_is_that_of_the_node() -> None:
     pytest.importorskip("rclpy")
-    from obb_collision.node.parameters import SPECS
+    from obb_collision.node.parameters.parameters import SPECS
 
     rows = {row[0].strip("`"): row for row in table_rows("### Parameters")}
     assert set(rows) == {spec.name for spec in SPECS}
@@ -107,7 +107,7 @@ def test_the_rosdep_line_allows_what_comes_from_pypi() -> None:
 
 def test_the_recording_leaves_out_what_is_computed_for_who_subscribes() -> None:
     pytest.importorskip("rclpy")
-    from obb_collision.node.effects import TOPICS
+    from obb_collision.node.outputs.effects import TOPICS
 
     (pattern,) = re.findall(r"--exclude-regex '(.*)'", README)
     names = {

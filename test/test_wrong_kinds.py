@@ -30,7 +30,7 @@ import numpy as np
 import pytest
 
 import obb_collision as oc
-from obb_collision.queries.accuracy import ALL_RUNGS
+from obb_collision.accuracy import ALL_RUNGS
 from obb_collision.scene.effects import EFFECTS
 
 POSE = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]

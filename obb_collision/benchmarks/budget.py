@@ -36,10 +36,10 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from trimesh import creation
 
+from obb_collision.accuracy import Accuracy
 from obb_collision.cli import Parser, new_file, real, whole
-from obb_collision.geometry.meshes import Mesh
-from obb_collision.queries.accuracy import Accuracy
-from obb_collision.scene.budget import Budget
+from obb_collision.geometry.shapes.meshes import Mesh
+from obb_collision.scene.refinement.budget import Budget
 from obb_collision.scene.scene import Scene
 
 Clock = Callable[[], float]

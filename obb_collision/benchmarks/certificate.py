@@ -21,10 +21,10 @@ from time import perf_counter
 
 import numpy as np
 
-from obb_collision.benchmarks.plain import plain_kernel
+from obb_collision.benchmarks.cases.plain import plain_kernel
 from obb_collision.geometry.boxes import Boxes
-from obb_collision.queries.separation import TOUCHING, verdict_kernel
-from obb_collision.scene.broad_phase import find_candidates
+from obb_collision.queries.verdict.verdict import TOUCHING, verdict_kernel
+from obb_collision.scene.broad_phase.broad_phase import find_candidates
 
 #: Turns each kernel takes; the median of their ratios is robust against a noisy machine.
 TURNS = 25

@@ -30,12 +30,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from obb_collision.geometry.validation import Floats
 from obb_collision.scene.effects import EFFECTS
-from obb_collision.scene.files import READY, SceneDescription, find_scene, load_scene
-from obb_collision.scene.patterns import matching
 from obb_collision.scene.report import Report
 from obb_collision.scene.scene import Scene
+from obb_collision.scene.store.patterns import matching
+from obb_collision.scene_files import READY, SceneDescription, find_scene, load_scene
+from obb_collision.typing import Floats
 
 #: Poses are published at this rate (Hz) and a step is one of them.
 RATE = 30.0

@@ -35,8 +35,8 @@ from scipy.spatial.transform import Rotation
 
 from obb_collision.cli import Parser, new_file, whole
 from obb_collision.geometry.boxes import Boxes
-from obb_collision.geometry.validation import Floats
-from obb_collision.queries.points import points_inside
+from obb_collision.queries.points.points import points_inside
+from obb_collision.typing import Floats
 
 #: Turns of this library, and of the peers, which take seconds.
 TURNS = 9

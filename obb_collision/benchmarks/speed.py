@@ -35,10 +35,10 @@ from scipy.spatial.transform import Rotation
 
 from obb_collision.benchmarks.certificate import measure_certificate
 from obb_collision.benchmarks.effects import format_effects, run_effects, save_effects_plot
-from obb_collision.benchmarks.step_peers import PEERS, Peer
+from obb_collision.benchmarks.peers.steps import PEERS, Peer
 from obb_collision.cli import MAX_SEED, Parser, new_file, real, whole
 from obb_collision.geometry.boxes import Boxes
-from obb_collision.geometry.validation import Floats
+from obb_collision.typing import Floats
 
 SIZES = (10, 100, 1_000, 10_000)
 #: Half extents of the boxes, metres.

@@ -32,12 +32,20 @@ from typing import Any
 
 import numpy as np
 
-from obb_collision.benchmarks.families import FAMILIES, generate
-from obb_collision.benchmarks.judges import COLLIDING, FAILED, FREE, PEERS, Answers, Judge, textbook
+from obb_collision.benchmarks.cases.families import FAMILIES, generate
+from obb_collision.benchmarks.cases.judges import (
+    COLLIDING,
+    FAILED,
+    FREE,
+    PEERS,
+    Answers,
+    Judge,
+    textbook,
+)
 from obb_collision.cli import MAX_SEED, Parser, new_file, whole
 from obb_collision.geometry.boxes import Boxes
-from obb_collision.queries.exact import exact_verdict
-from obb_collision.queries.separation import Verdict, Verdicts, verdicts
+from obb_collision.queries.verdict.exact import exact_verdict
+from obb_collision.queries.verdict.verdict import Verdict, Verdicts, verdicts
 
 #: Pairs judged between two steps of the progress bar.
 CHUNK = 2000

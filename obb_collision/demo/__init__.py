@@ -14,32 +14,9 @@
 
 """The demo and the live view: above the node, whose topics they use like any other program.
 
-``main`` is the console script ``obb_collision_demo``: the node and a moving scene in one process,
-real topics in between. ``view_main`` is ``obb_collision_view``: a running node's topics in the
-browser. What moves is in ``scene`` and ``random_scene``; what publishes and listens in
+``command`` is the console script ``obb_collision_demo``: the node and a moving scene in one
+process, real topics in between. ``attach`` is ``obb_collision_view``: a running node's topics in
+the browser. What moves is in ``scene`` and ``random_scene``; what publishes and listens in
 ``publisher``, ``listener`` and ``narrator``; what is drawn in ``snapshot``, ``picture`` (a file)
-and ``view`` (the browser); ``run`` puts the demo together, ``command`` and ``attach`` read the
-command lines.
+and ``view`` (the browser); ``run`` puts the demo together.
 """
-
-from __future__ import annotations
-
-from collections.abc import Sequence
-
-from obb_collision.node.environment import end_at_once_on_signals
-
-
-def main(args: Sequence[str] | None = None) -> int:
-    """Run the node and a moving scene in one process; returns the exit code."""
-    end_at_once_on_signals()
-    from obb_collision.demo.command import main
-
-    return main(args)
-
-
-def view_main(args: Sequence[str] | None = None) -> int:
-    """Show a running node's topics in the browser; returns the exit code."""
-    end_at_once_on_signals()
-    from obb_collision.demo.attach import main
-
-    return main(args)

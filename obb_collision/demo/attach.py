@@ -33,8 +33,8 @@ from obb_collision.demo.command import (
     say,
     scene_file,
 )
-from obb_collision.geometry.words import shown
-from obb_collision.node.environment import is_ros_here, set_defaults, without_ros_arguments
+from obb_collision.node.runtime.environment import is_ros_here, set_defaults, without_ros_arguments
+from obb_collision.words import shown
 
 if TYPE_CHECKING:
     from rclpy.context import Context
@@ -56,7 +56,7 @@ def main(args: Sequence[str] | None = None) -> int:
     set_defaults()
     from rclpy.context import Context
 
-    from obb_collision.node.running import UNUSABLE, in_one_line, init
+    from obb_collision.node.runtime.running import UNUSABLE, in_one_line, init
 
     interrupts, context = Interrupts(), Context()
     if not init("obb_collision_view", context, arguments):

@@ -27,22 +27,22 @@ from typing import TYPE_CHECKING, Any, TextIO
 
 from obb_collision.cli import BAD_USAGE, MAX_SEED, Parser, new_file, real, whole
 from obb_collision.demo.random_scene import DEFAULT_SEED, MIN_OBJECTS, random_scene
-from obb_collision.geometry.words import printable
-from obb_collision.node.environment import SIGNALS, is_ros_here, set_defaults
-from obb_collision.scene.files import (
+from obb_collision.node.runtime.environment import SIGNALS, is_ros_here, set_defaults
+from obb_collision.scene_files import (
     READY,
     SceneDescription,
     SceneFileError,
     describe_scene,
     find_scene,
 )
+from obb_collision.words import printable
 
 if TYPE_CHECKING:
     from rclpy.context import Context
 
     from obb_collision.demo.run import Demo
     from obb_collision.demo.view import View
-    from obb_collision.scene.files.description import View as Viewpoint
+    from obb_collision.scene_files.description import View as Viewpoint
 
 DEFAULT_SCENE = "warehouse"
 DEFAULT_SECONDS = 10.0
@@ -163,7 +163,7 @@ def _run(options: argparse.Namespace, ros_arguments: list[str]) -> int:
     interrupts = Interrupts()
     from rclpy.context import Context
 
-    from obb_collision.node.running import UNUSABLE, in_one_line, init
+    from obb_collision.node.runtime.running import UNUSABLE, in_one_line, init
 
     context = Context()
     if not init("obb_collision_demo", context, ros_arguments):

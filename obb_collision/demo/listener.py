@@ -31,18 +31,14 @@ from visualization_msgs.msg import Marker, MarkerArray
 from obb_collision.demo.marker_boxes import NO_BOXES, boxes_from_bytes
 from obb_collision.demo.narrator import NARRATORS, Pairs
 from obb_collision.demo.publisher import LATCHED
-from obb_collision.geometry.shapes import Shape
+from obb_collision.geometry.shapes.shapes import Shape
 from obb_collision.node import collisions_from_ros, named_pairs
-from obb_collision.node.clouds import points_from_ros
-from obb_collision.node.conversions import (
-    NANOSECONDS,
-    FloatArray,
-    name_from_key,
-    stamp_from_ros,
-)
-from obb_collision.node.effects import TOPICS
-from obb_collision.node.errors import RefusedError
-from obb_collision.node.marker_shapes import shape_from_ros
+from obb_collision.node.messages.clouds import points_from_ros
+from obb_collision.node.messages.conversions import NANOSECONDS, name_from_key, stamp_from_ros
+from obb_collision.node.messages.errors import RefusedError
+from obb_collision.node.messages.marker_shapes import shape_from_ros
+from obb_collision.node.outputs.effects import TOPICS
+from obb_collision.typing import Floats
 
 
 class Listener(Node):
@@ -66,11 +62,11 @@ class Listener(Node):
         self._names: DiagnosticStatus | None = None
         self.stamp, self.start, self.epoch, self.cycles = -1, 0, 0, 0
         self.pairs = Pairs()
-        self.places: FloatArray = np.empty((0, 3))
+        self.places: Floats = np.empty((0, 3))
         self.latencies: list[float] = []
         self.boxes = NO_BOXES
         self.shapes: dict[str, Shape] = {}
-        self.points: FloatArray = np.empty((0, 3))
+        self.points: Floats = np.empty((0, 3))
         self._markers: dict[str, Marker] = {}
         self.create_subscription(DiagnosticStatus, "namespaces", self._take_names, LATCHED)
         self.create_subscription(PointCloud2, "collisions", self._take_pairs, QoSProfile(depth=10))

@@ -22,8 +22,9 @@ import numpy as np
 import numpy.typing as npt
 from visualization_msgs.msg import Marker
 
-from obb_collision.node.conversions import NANOSECONDS, FloatArray, name_from_key
-from obb_collision.node.marker_scan import (
+from obb_collision.node.messages.box_markers import COLORS, DOUBTFUL
+from obb_collision.node.messages.conversions import NANOSECONDS, name_from_key
+from obb_collision.node.messages.marker_scan import (
     ACTION,
     FRAME,
     ID,
@@ -35,7 +36,7 @@ from obb_collision.node.marker_scan import (
     Scanned,
     scan_markers,
 )
-from obb_collision.node.markers import COLORS, DOUBTFUL
+from obb_collision.typing import Floats
 
 Color = tuple[float, float, float]
 
@@ -52,10 +53,10 @@ class MarkerBoxes(NamedTuple):
     """
 
     names: list[str]
-    poses: FloatArray
-    sizes: FloatArray
+    poses: Floats
+    sizes: Floats
     doubtful: npt.NDArray[np.bool_]
-    lines: list[tuple[FloatArray, Color]]
+    lines: list[tuple[Floats, Color]]
     frame: str
     stamp: int
 

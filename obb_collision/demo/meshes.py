@@ -20,11 +20,10 @@ from functools import cache, lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial import QhullError
 from trimesh import Trimesh, convex, creation
 
-from obb_collision.geometry.shapes import (
+from obb_collision.geometry.shapes.shapes import (
     Box,
     Capsule,
     Cone,
@@ -35,9 +34,7 @@ from obb_collision.geometry.shapes import (
     Shape,
     Sphere,
 )
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
+from obb_collision.typing import Floats, Integers
 
 #: Corners of a round body's polygon: round to the eye, few enough to draw hundreds.
 SECTIONS = 24
@@ -50,9 +47,9 @@ class Triangles(NamedTuple):
     all around, so that those seen from behind are hidden.
     """
 
-    vertices: FloatArray
-    faces: IntArray
-    scale: FloatArray
+    vertices: Floats
+    faces: Integers
+    scale: Floats
     closed: bool = True
 
 
@@ -79,7 +76,7 @@ def triangles_of(shape: Shape) -> Triangles:
 
 
 @cache
-def _unit_body(kind: str) -> tuple[FloatArray, IntArray]:
+def _unit_body(kind: str) -> tuple[Floats, Integers]:
     """Return a body of length or radius 1 about the origin."""
     body: Any
     if kind == "box":
@@ -95,13 +92,13 @@ def _unit_body(kind: str) -> tuple[FloatArray, IntArray]:
 
 
 @cache
-def _capsule(radius: float, length: float) -> tuple[FloatArray, IntArray]:
+def _capsule(radius: float, length: float) -> tuple[Floats, Integers]:
     body: Any = creation.capsule(length, radius, count=(SECTIONS, SECTIONS // 2))
     body.apply_translation(-body.bounds.mean(axis=0))
     return np.array(body.vertices), np.array(body.faces)
 
 
-def _hull_triangles(shape: Hull, scale: FloatArray) -> Triangles:
+def _hull_triangles(shape: Hull, scale: Floats) -> Triangles:
     try:
         body: Any = convex.convex_hull(shape.points)
     except QhullError:  # a point, a line, a triangle

@@ -32,7 +32,6 @@ from matplotlib.patches import Patch
 from scipy.spatial import ConvexHull
 from trimesh.remesh import subdivide_to_size
 
-from obb_collision.demo.meshes import FloatArray
 from obb_collision.demo.snapshot import (
     CONTACT_COLOR,
     INSIDE_COLOR,
@@ -46,8 +45,9 @@ from obb_collision.demo.snapshot import (
     look_at,
 )
 from obb_collision.geometry.boxes import Boxes
-from obb_collision.node.markers import edge_points
-from obb_collision.scene.files.description import View
+from obb_collision.node.messages.box_markers import edge_points
+from obb_collision.scene_files.description import View
+from obb_collision.typing import Floats
 
 #: Inches, and pixels per inch.
 SIZE, DPI = (16.0, 9.0), 100
@@ -103,7 +103,7 @@ def draw_picture(snapshot: Snapshot, title: str, subtitle: str, view: View | Non
 class _Camera:
     """Looks from a place to another; z is up."""
 
-    def __init__(self, eye: FloatArray, target: FloatArray) -> None:
+    def __init__(self, eye: Floats, target: Floats) -> None:
         self.eye = eye
         ahead = (target - eye) / np.linalg.norm(target - eye)
         right = np.cross(ahead, (0.0, 0.0, 1.0) if abs(ahead[2]) < 0.999 else (0.0, 1.0, 0.0))
@@ -111,9 +111,9 @@ class _Camera:
         self._axes = np.stack([right, np.cross(right, ahead), ahead], axis=1)
         self._nearest = 0.02 * float(np.linalg.norm(target - eye))
 
-    def project(self, points: FloatArray) -> FloatArray:
+    def project(self, points: Floats) -> Floats:
         """Return image x and y and the depth (..., 3) of points (..., 3)."""
-        result: FloatArray = (points - self.eye) @ self._axes
+        result: Floats = (points - self.eye) @ self._axes
         result[..., :2] /= np.maximum(result[..., 2:], self._nearest)
         return result
 
@@ -166,7 +166,7 @@ def _draw_solids(axes: Any, camera: _Camera, snapshot: Snapshot) -> None:
     )
 
 
-def _visible_edges(boxes: Boxes, eye: FloatArray, piece: float) -> tuple[FloatArray, Any]:
+def _visible_edges(boxes: Boxes, eye: Floats, piece: float) -> tuple[Floats, Any]:
     """Return the edges of faces that are seen, in pieces (k, 2, 3), and their boxes (k,)."""
     ends = edge_points(boxes).reshape(-1, 12, 2, 3)
     middles = ends.mean(axis=2) - boxes.centers[:, None]
@@ -202,7 +202,7 @@ def _draw_zones(axes: Any, camera: _Camera, snapshot: Snapshot) -> None:
 def _draw_marks(axes: Any, camera: _Camera, snapshot: Snapshot) -> None:
     """Draw contacts, closest points and points over everything: contacts are inside of things."""
 
-    def dots(points: FloatArray, color: Color, size: float, rim: float, order: float) -> None:
+    def dots(points: Floats, color: Color, size: float, rim: float, order: float) -> None:
         x, y, _ = camera.project(points).T
         axes.scatter(x, y, size, [color], edgecolors="white", linewidths=rim, zorder=order)
 

@@ -19,13 +19,11 @@ from __future__ import annotations
 from math import sqrt
 
 import numpy as np
-import numpy.typing as npt
 
-from obb_collision.geometry.shapes import Box, Cylinder, Shape, Sphere
-from obb_collision.scene.files.description import SceneDescription, SceneObject
-from obb_collision.scene.files.motion import Loop, Pose, from_rpy
-
-FloatArray = npt.NDArray[np.float64]
+from obb_collision.geometry.shapes.shapes import Box, Cylinder, Shape, Sphere
+from obb_collision.scene_files.description import SceneDescription, SceneObject
+from obb_collision.scene_files.simulate.motion import Loop, Pose, from_rpy
+from obb_collision.typing import Floats
 
 DEFAULT_SEED = 4
 #: With fewer there are no pairs.
@@ -88,5 +86,5 @@ def _height(shape: Shape) -> float:
     return 2.0 * float(shape.local_box[2][2])
 
 
-def _on_grid(values: FloatArray) -> tuple[float, ...]:
+def _on_grid(values: Floats) -> tuple[float, ...]:
     return tuple((2.0 * GRID * np.round(values / (2.0 * GRID))).tolist())

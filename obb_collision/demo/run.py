@@ -31,8 +31,8 @@ from obb_collision.demo.narrator import NARRATORS
 from obb_collision.demo.publisher import FRAME, ScenePublisher
 from obb_collision.demo.scene import DemoScene
 from obb_collision.demo.snapshot import Snapshot, take_snapshot
-from obb_collision.node.effects import TOPICS
 from obb_collision.node.node import NODE_NAME, CollisionNode
+from obb_collision.node.outputs.effects import TOPICS
 
 #: Everything of the demo is in this namespace: it must not disturb a robot.
 NAMESPACE = "/obb_collision_demo"

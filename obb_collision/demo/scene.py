@@ -19,16 +19,14 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
-from obb_collision.geometry.shapes import Capsule, Cylinder
-from obb_collision.node.conversions import name_from_key
-from obb_collision.node.scene_files import keys_from_names
-from obb_collision.scene.files import SceneDescription
-from obb_collision.scene.files.lidar import Cloud
-from obb_collision.scene.patterns import matching
-
-FloatArray = npt.NDArray[np.float64]
+from obb_collision.geometry.shapes.shapes import Capsule, Cylinder
+from obb_collision.node.messages.conversions import name_from_key
+from obb_collision.node.scene_file import keys_from_names
+from obb_collision.scene.store.patterns import matching
+from obb_collision.scene_files import SceneDescription
+from obb_collision.scene_files.simulate.lidar import Cloud
+from obb_collision.typing import Floats
 
 
 class DemoScene:
@@ -58,7 +56,7 @@ class DemoScene:
         shapes = [description.objects[row].shape for row in self._visible]
         self._round = [isinstance(shape, (Cylinder, Capsule)) for shape in shapes]
 
-    def states(self, time: float) -> tuple[FloatArray, FloatArray]:
+    def states(self, time: float) -> tuple[Floats, Floats]:
         """Return poses (n, 7) and twists (n, 6) at a time (s)."""
         return self.description.states(time)
 

@@ -24,12 +24,13 @@ import numpy as np
 import numpy.typing as npt
 
 from obb_collision.demo.listener import Listener
-from obb_collision.demo.meshes import FloatArray, IntArray, Triangles, triangles_of
+from obb_collision.demo.meshes import Triangles, triangles_of
 from obb_collision.demo.narrator import is_touching, pair_of
 from obb_collision.geometry.boxes import Boxes
-from obb_collision.geometry.shapes import Box, Shape
+from obb_collision.geometry.shapes.shapes import Box, Shape
 from obb_collision.node import NamedPair
-from obb_collision.scene.files.description import View
+from obb_collision.scene_files.description import View
+from obb_collision.typing import Floats, Integers
 
 Color = tuple[float, float, float]
 
@@ -50,7 +51,7 @@ DIRECTION, DISTANCE = np.array((0.38, -0.78, 0.50)), 1.5
 class Note(NamedTuple):
     """A text about a place (3,), m."""
 
-    place: FloatArray
+    place: Floats
     text: str
     color: Color
 
@@ -61,8 +62,8 @@ class Body(NamedTuple):
     name: str
     state: int
     triangles: Triangles
-    position: FloatArray
-    rotation: FloatArray
+    position: Floats
+    rotation: Floats
 
 
 @dataclass(frozen=True)
@@ -76,13 +77,13 @@ class Snapshot:
 
     names: list[str]
     boxes: Boxes
-    states: IntArray
+    states: Integers
     shapes: Mapping[str, Shape]
     zones: Mapping[str, Color]
-    contacts: FloatArray
-    predicted: FloatArray
-    near: FloatArray
-    cloud: FloatArray
+    contacts: Floats
+    predicted: Floats
+    near: Floats
+    cloud: Floats
     inside: npt.NDArray[np.bool_]
     notes: list[Note]
 
@@ -154,7 +155,7 @@ def take_snapshot(
     )
 
 
-def look_at(view: View | None, boxes: Boxes) -> tuple[FloatArray, FloatArray]:
+def look_at(view: View | None, boxes: Boxes) -> tuple[Floats, Floats]:
     """Return from where to look (3,) and where to (3,): a scene's own view, or at all boxes."""
     if view is not None:
         return np.array(view.eye), np.array(view.target)
@@ -186,7 +187,7 @@ def _notes(
     return notes
 
 
-def _contacts(listener: Listener) -> FloatArray:
+def _contacts(listener: Listener) -> Floats:
     """Return the contact points, and the place of each pair that overlaps without one."""
     rows = _rows(listener, "contacts")
     have = {(row.a, row.b) for row in rows}
@@ -194,7 +195,7 @@ def _contacts(listener: Listener) -> FloatArray:
     return np.array([*places, *(row.point for row in rows)], np.float64).reshape(-1, 3)
 
 
-def _overlapping(listener: Listener) -> list[tuple[NamedPair, FloatArray]]:
+def _overlapping(listener: Listener) -> list[tuple[NamedPair, Floats]]:
     """Return the pairs that overlap and where; not those for which it is not computed."""
     rows = zip(listener.pairs.rows, listener.places, strict=False)
     return [(pair, at) for pair, at in rows if not is_touching(pair) and np.isfinite(at).all()]

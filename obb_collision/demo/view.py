@@ -30,7 +30,7 @@ from typing import Any
 import numpy as np
 
 from obb_collision.demo.listener import Listener
-from obb_collision.demo.meshes import FloatArray, Triangles, triangles_of
+from obb_collision.demo.meshes import Triangles, triangles_of
 from obb_collision.demo.snapshot import (
     CONTACT_COLOR,
     INSIDE_COLOR,
@@ -47,9 +47,10 @@ from obb_collision.demo.snapshot import (
 )
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.poses import quaternions_from_matrices
-from obb_collision.geometry.shapes import Box, Shape
-from obb_collision.node.markers import edge_points
-from obb_collision.scene.files.description import View as Viewpoint
+from obb_collision.geometry.shapes.shapes import Box, Shape
+from obb_collision.node.messages.box_markers import edge_points
+from obb_collision.scene_files.description import View as Viewpoint
+from obb_collision.typing import Floats
 
 #: Updates of the browser per second, Hz: smooth to the eye; and of the panel: legible.
 RATE, PANEL_RATE = 15.0, 3.0
@@ -108,7 +109,7 @@ class View:
             self._next_panel = monotonic() + 1.0 / PANEL_RATE
             self._write(snapshot)
 
-    def show_lines(self, lines: list[tuple[FloatArray, Color]]) -> None:
+    def show_lines(self, lines: list[tuple[Floats, Color]]) -> None:
         """Draw edges (2 k, 3) of boxes, as a node publishes them for many objects."""
         ends = np.concatenate([ends for ends, _ in lines]).reshape(-1, 2, 3)
         low, high = ends.min(axis=(0, 1)), ends.max(axis=(0, 1))
@@ -165,8 +166,8 @@ class View:
         name: str,
         triangles: Triangles,
         placed: Boxes,
-        scales: FloatArray,
-        colors: FloatArray,
+        scales: Floats,
+        colors: Floats,
         opacity: float | None = None,
     ) -> None:
         """Draw triangles many times: placed and turned as boxes are, by scales and colours."""
@@ -190,7 +191,7 @@ class View:
             batched_colors=_bytes(colors**GAMMA),
         )
 
-    def _lines(self, name: str, ends: FloatArray, color: Any, width: float = 2.0) -> None:
+    def _lines(self, name: str, ends: Floats, color: Any, width: float = 2.0) -> None:
         """Draw lines (..., 2, 3), metres; the width in pixels."""
         colors = np.broadcast_to(_bytes(np.array(color) ** GAMMA), ends.shape).reshape(-1, 2, 3)
         points = ends.reshape(-1, 2, 3).astype(np.float32)
@@ -198,7 +199,7 @@ class View:
         add = self._server.scene.add_line_segments
         self._put(add, name, len(points), constant, points=points, colors=colors)
 
-    def _dots(self, name: str, points: FloatArray, color: Color, size: float) -> None:
+    def _dots(self, name: str, points: Floats, color: Color, size: float) -> None:
         constant = {
             "colors": _bytes(np.array(color)),
             "point_size": size * self._size,
@@ -246,7 +247,7 @@ def _line(text: str, color: Color) -> str:
     return f"<div><span style='color: rgb({rgb})'>&#9632;</span> {escape(text)}</div>"
 
 
-def _bytes(colors: FloatArray) -> Any:
+def _bytes(colors: Floats) -> Any:
     return np.round(255.0 * np.asarray(colors, np.float64)).astype(np.uint8)
 
 

@@ -22,7 +22,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from obb_collision.geometry.kinds import check_kind
-from obb_collision.geometry.validation import Floats, as_array, is_single
+from obb_collision.geometry.validation import as_array, is_single
+from obb_collision.typing import Floats
 
 
 @dataclass(frozen=True, eq=False)

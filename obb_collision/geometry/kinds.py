@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from obb_collision.geometry.words import shown
+from obb_collision.words import shown
 
 
 def check_kind(value: Any, kind: Any, name: str, *others: type) -> None:

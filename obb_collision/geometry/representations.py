@@ -25,7 +25,8 @@ from numpy.typing import ArrayLike
 
 from obb_collision.geometry.aabb import CORNER_SIGNS
 from obb_collision.geometry.boxes import Boxes
-from obb_collision.geometry.validation import Floats, as_array
+from obb_collision.geometry.validation import as_array
+from obb_collision.typing import Floats
 
 
 def corners(boxes: Boxes) -> Floats:

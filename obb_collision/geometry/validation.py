@@ -29,9 +29,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from obb_collision._jit import njit
-from obb_collision.geometry.words import shown
-
-Floats = NDArray[np.float64]
+from obb_collision.typing import Floats
+from obb_collision.words import shown
 
 #: Largest magnitude accepted (metres). Sums of a few such numbers still can't overflow.
 MAX_MAGNITUDE = 1e300

@@ -24,14 +24,14 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from obb_collision.node.clouds import (
+    from obb_collision.node.messages.clouds import (
         poses_from_ros,
         poses_to_ros,
     )
-    from obb_collision.node.conversions import (
+    from obb_collision.node.messages.conversions import (
         namespace_table,
     )
-    from obb_collision.node.layouts import (
+    from obb_collision.node.messages.layouts import (
         clearances_from_ros,
         collisions_from_ros,
         collisions_to_ros,
@@ -39,10 +39,10 @@ if TYPE_CHECKING:
         points_inside_from_ros,
         predictions_from_ros,
     )
-    from obb_collision.node.names import (
+    from obb_collision.node.messages.names import (
         namespace_number,
     )
-    from obb_collision.node.readers import (
+    from obb_collision.node.messages.readers import (
         NamedClearance,
         NamedContact,
         NamedPair,
@@ -86,6 +86,6 @@ PLACES = ("clouds", "conversions", "layouts", "names", "readers")
 
 def __getattr__(name: str) -> Any:
     if name in __all__:
-        modules = (import_module(f"obb_collision.node.{place}") for place in PLACES)
+        modules = (import_module(f"obb_collision.node.messages.{place}") for place in PLACES)
         return next(getattr(module, name) for module in modules if name in vars(module))
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

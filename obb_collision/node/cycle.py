@@ -21,15 +21,15 @@ from time import perf_counter
 
 import numpy as np
 
-from obb_collision.node.conversions import NANOSECONDS
-from obb_collision.node.effects import Effects
-from obb_collision.node.guard import Guard
-from obb_collision.node.monitors import CycleMonitor
-from obb_collision.node.objects import Objects
-from obb_collision.node.obstacles import Obstacles
-from obb_collision.node.outputs import Outputs, Published
-from obb_collision.node.parameters import Parameters
-from obb_collision.node.scene_settings import SceneSettings
+from obb_collision.node.diagnostics.monitors import CycleMonitor
+from obb_collision.node.inputs.points import Obstacles
+from obb_collision.node.messages.conversions import NANOSECONDS
+from obb_collision.node.objects.objects import Objects
+from obb_collision.node.outputs.effects import Effects
+from obb_collision.node.outputs.outputs import Outputs, Published
+from obb_collision.node.parameters.parameters import Parameters
+from obb_collision.node.runtime.guard import Guard
+from obb_collision.node.settings import SceneSettings
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.report import Report
 

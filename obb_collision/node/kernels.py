@@ -19,9 +19,9 @@ from __future__ import annotations
 import numpy as np
 
 from obb_collision.geometry.boxes import Boxes
-from obb_collision.node.marker_batch import Faults, gather, settle
-from obb_collision.node.marker_scan import scan_markers
-from obb_collision.node.markers import FREE, Markers
+from obb_collision.node.inputs.marker_batch import Faults, gather, settle
+from obb_collision.node.messages.box_markers import FREE, Markers
+from obb_collision.node.messages.marker_scan import scan_markers
 
 
 def compile_kernels() -> None:

@@ -31,32 +31,32 @@ from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
-from obb_collision.node import diagnostics
-from obb_collision.node.answer import answer
-from obb_collision.node.clock import NodeClock
-from obb_collision.node.collision_status import CollisionStatus
-from obb_collision.node.conversions import NANOSECONDS, stamp_to_ros
 from obb_collision.node.cycle import Cycle
-from obb_collision.node.effects import Effects
-from obb_collision.node.frames import FrameSource, make_frames
-from obb_collision.node.guard import INTERNAL_ERROR, Guard
-from obb_collision.node.inputs import Inputs
-from obb_collision.node.monitors import InputMonitor
-from obb_collision.node.objects import Objects
-from obb_collision.node.obstacles import Obstacles
-from obb_collision.node.outputs import Outputs
-from obb_collision.node.parameters import Parameters
-from obb_collision.node.qos import QosWatch
-from obb_collision.node.running import run
-from obb_collision.node.scene_files import SceneFile
-from obb_collision.node.scene_settings import SceneSettings
+from obb_collision.node.diagnostics import diagnostics
+from obb_collision.node.diagnostics.answer import answer
+from obb_collision.node.diagnostics.monitors import InputMonitor
+from obb_collision.node.diagnostics.qos import QosWatch
+from obb_collision.node.inputs.inputs import Inputs
+from obb_collision.node.inputs.points import Obstacles
+from obb_collision.node.inputs.subscriptions import INPUTS, Subscriptions
+from obb_collision.node.messages.conversions import NANOSECONDS, stamp_to_ros
+from obb_collision.node.objects.frames import FrameSource, make_frames
+from obb_collision.node.objects.objects import Objects
+from obb_collision.node.outputs.collision_status import CollisionStatus
+from obb_collision.node.outputs.effects import Effects
+from obb_collision.node.outputs.outputs import Outputs
+from obb_collision.node.parameters.parameters import Parameters
+from obb_collision.node.runtime.clock import NodeClock
+from obb_collision.node.runtime.guard import INTERNAL_ERROR, Guard
+from obb_collision.node.runtime.running import run
+from obb_collision.node.runtime.warm_up import WarmUp
+from obb_collision.node.scene_file import SceneFile
 from obb_collision.node.schedule import Schedule
-from obb_collision.node.subscriptions import INPUTS, Subscriptions
-from obb_collision.node.warm_up import WarmUp
+from obb_collision.node.settings import SceneSettings
 from obb_collision.scene.building.process import Limits
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.effects.settings import OFF, ON
-from obb_collision.scene.files import describe_scene, find_scene
+from obb_collision.scene_files import describe_scene, find_scene
 
 MEGABYTE = 1_000_000
 NODE_NAME = "obb_collision"

@@ -23,7 +23,7 @@ from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
 
-from obb_collision.node.parameters import Parameters
+from obb_collision.node.parameters.parameters import Parameters
 
 SHORTEST_TIMER = 1e-4
 """Period (s) of the timer that ends a burst where min_period is zero."""

@@ -22,14 +22,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from obb_collision.accuracy import Accuracy
 from obb_collision.geometry.boxes import Boxes
-from obb_collision.geometry.validation import Floats
-from obb_collision.queries.accuracy import Accuracy
-from obb_collision.queries.coarse import meeting_bounds, sphere_bounds
-from obb_collision.queries.separation import Verdicts
-from obb_collision.scene.allowed import AllowedPairs, Counts
-from obb_collision.scene.bounds_tree import BoundsTree
-from obb_collision.scene.broad_phase import (
+from obb_collision.queries.verdict.coarse import meeting_bounds, sphere_bounds
+from obb_collision.queries.verdict.verdict import Verdicts
+from obb_collision.scene.broad_phase.bounds_tree import BoundsTree
+from obb_collision.scene.broad_phase.broad_phase import (
     NO_PAIRS,
     UNLIMITED,
     Pairs,
@@ -37,8 +35,11 @@ from obb_collision.scene.broad_phase import (
     find_some_candidates,
     find_some_candidates_of,
 )
-from obb_collision.scene.budget import Budget
-from obb_collision.scene.ladder import (
+from obb_collision.scene.broad_phase.find_pairs import colliding_pairs, columns
+from obb_collision.scene.building.tree_bank import TreeBank
+from obb_collision.scene.limit import find_limited, most_candidates
+from obb_collision.scene.refinement.budget import Budget
+from obb_collision.scene.refinement.ladder import (
     NONE,
     Found,
     decide_pairs,
@@ -46,11 +47,10 @@ from obb_collision.scene.ladder import (
     needs_spheres,
     pair_rungs,
 )
-from obb_collision.scene.limit import find_limited, most_candidates
-from obb_collision.scene.pairs import colliding_pairs, columns
-from obb_collision.scene.refinement import Rungs
-from obb_collision.scene.store import ObjectStore, Rows
-from obb_collision.scene.tree_bank import TreeBank
+from obb_collision.scene.refinement.refine import Rungs
+from obb_collision.scene.store.allowed import AllowedPairs, Counts
+from obb_collision.scene.store.store import ObjectStore
+from obb_collision.typing import Floats, Rows
 
 #: With fewer than one object in this many changed, only pairs of the changed ones are looked at.
 INCREMENTAL_SHARE = 32

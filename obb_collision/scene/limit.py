@@ -27,15 +27,18 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from obb_collision.scene.bounds_tree import BoundsTree
-from obb_collision.scene.broad_phase import Pairs, find_some_candidates
-from obb_collision.scene.crowds import FIRST_PARTNERS, GROWTH, ordered_candidates, partners
-from obb_collision.scene.ladder import NONE, Found
-from obb_collision.scene.store import Rows
+from obb_collision.scene.broad_phase.bounds_tree import BoundsTree
+from obb_collision.scene.broad_phase.broad_phase import Pairs, find_some_candidates
+from obb_collision.scene.broad_phase.crowds import (
+    FIRST_PARTNERS,
+    GROWTH,
+    ordered_candidates,
+    partners,
+)
+from obb_collision.scene.refinement.ladder import NONE, Found
+from obb_collision.typing import Mask, Rows
 
-Mask = NDArray[np.bool_]
 #: Decides pairs (m, 2) of slots; the first time by what it likes best.
 Decide = Callable[[Pairs], Found]
 

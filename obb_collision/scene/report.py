@@ -25,8 +25,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from obb_collision.geometry.kinds import check_kind
-from obb_collision.geometry.validation import Floats
-from obb_collision.geometry.words import shown
 from obb_collision.scene.checker import Findings
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.effects.base import Cycle, Setting
@@ -35,6 +33,8 @@ from obb_collision.scene.effects.contacts import PairContacts
 from obb_collision.scene.effects.points import ObjectPoints
 from obb_collision.scene.effects.settings import OFF
 from obb_collision.scene.effects.sweep import SweptPairs
+from obb_collision.typing import Floats
+from obb_collision.words import shown
 
 
 @dataclass(frozen=True)

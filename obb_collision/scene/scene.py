@@ -24,19 +24,19 @@ from typing import Any
 
 from numpy.typing import ArrayLike, NDArray
 
+from obb_collision.accuracy import Accuracy
 from obb_collision.geometry.kinds import as_flag
 from obb_collision.geometry.validation import as_points, as_whole, warn_caller
-from obb_collision.geometry.words import shown
-from obb_collision.queries.accuracy import Accuracy
-from obb_collision.scene.allowed import AllowedPairs
-from obb_collision.scene.budget import Budget
 from obb_collision.scene.checker import Checker, Findings
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.effects.base import Before, Cycle, Setting
 from obb_collision.scene.effects.settings import EffectSettings
-from obb_collision.scene.mesh_pairs import prepare_shapes
 from obb_collision.scene.objects import SceneObjects
+from obb_collision.scene.refinement.budget import Budget
+from obb_collision.scene.refinement.mesh_pairs import prepare_shapes
 from obb_collision.scene.report import Report
+from obb_collision.scene.store.allowed import AllowedPairs
+from obb_collision.words import shown
 
 NO_RESULTS: dict[str, Any] = {}
 #: Depth of the trees on the rung "obb_tree": eight boxes a mesh.

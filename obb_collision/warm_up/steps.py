@@ -27,12 +27,12 @@ from pkgutil import resolve_name
 import numpy as np
 from numpy.typing import NDArray
 
+from obb_collision.accuracy import Accuracy
 from obb_collision.geometry.aabb import AABB
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.capsules import Capsules
-from obb_collision.geometry.mesh_tree import MeshTrees
 from obb_collision.geometry.poses import quaternions_from_matrices
-from obb_collision.geometry.shapes import (
+from obb_collision.geometry.shapes.shapes import (
     Box,
     Capsule,
     Cone,
@@ -43,21 +43,21 @@ from obb_collision.geometry.shapes import (
     Shape,
     Sphere,
 )
+from obb_collision.geometry.trees.obb_tree import MeshTrees
 from obb_collision.obb import OBB
-from obb_collision.queries.accuracy import Accuracy
-from obb_collision.queries.capsules import capsule_distances, capsule_verdicts
-from obb_collision.queries.clearance import clearances
-from obb_collision.queries.contacts import contacts
-from obb_collision.queries.mesh_collision import PlacedMeshes, mesh_contacts, mesh_verdicts
-from obb_collision.queries.planes import aabb_verdicts, plane_distances
-from obb_collision.queries.points import points_inside
-from obb_collision.queries.rays import cast_rays, segments_intersect
-from obb_collision.queries.separation import verdicts
-from obb_collision.queries.sweep import sweep, sweep_twists
-from obb_collision.queries.triangles import triangle_verdicts
-from obb_collision.scene.budget import ABOVE
+from obb_collision.queries.clearance.clearance import clearances
+from obb_collision.queries.contacts.contacts import contacts
+from obb_collision.queries.meshes.meshes import PlacedMeshes, mesh_contacts, mesh_verdicts
+from obb_collision.queries.meshes.triangles import triangle_verdicts
+from obb_collision.queries.points.points import points_inside
+from obb_collision.queries.primitives.capsules import capsule_distances, capsule_verdicts
+from obb_collision.queries.primitives.planes import aabb_verdicts, plane_distances
+from obb_collision.queries.rays.rays import cast_rays, segments_intersect
+from obb_collision.queries.sweep.sweep import sweep, sweep_twists
+from obb_collision.queries.verdict.verdict import verdicts
+from obb_collision.scene.broad_phase.find_pairs import find_pairs
 from obb_collision.scene.effects import EFFECTS
-from obb_collision.scene.pairs import find_pairs
+from obb_collision.scene.refinement.budget import ABOVE
 from obb_collision.scene.scene import Scene
 
 OBJECTS = 64

@@ -19,7 +19,7 @@ from pathlib import Path
 import pytest
 
 from obb_collision.benchmarks import effects
-from obb_collision.scene.files import READY
+from obb_collision.scene_files import READY
 
 
 @pytest.fixture(scope="module")

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import pytest
 
-from obb_collision.benchmarks.mesh_peers import compare, installed, meshes
+from obb_collision.benchmarks.peers.meshes import compare, installed, meshes
 
 
 def test_all_sides_agree_and_are_timed() -> None:

@@ -31,10 +31,10 @@ from obb_collision.benchmarks.price.floats import measure_floats, pair_sets
 from obb_collision.benchmarks.price.rows import Price, Row
 from obb_collision.benchmarks.price.scenes import Corpus, box_corpus, generated_corpus, real_corpus
 from obb_collision.benchmarks.price.turns import Times
-from obb_collision.geometry.fitting import FITS
-from obb_collision.geometry.mesh_tree import MeshTrees
-from obb_collision.geometry.meshes import Mesh
+from obb_collision.geometry.fitting.fit import FITS
 from obb_collision.geometry.representations import memory_table
+from obb_collision.geometry.shapes.meshes import Mesh
+from obb_collision.geometry.trees.obb_tree import MeshTrees
 
 GENERATED = generated_corpus(0)
 FEW = Corpus("few", {name: GENERATED.shapes[name] for name in ("table", "washer", "bumpy ball")})

@@ -42,10 +42,10 @@ from obb_collision.demo.listener import Listener  # noqa: E402
 from obb_collision.demo.run import Demo  # noqa: E402
 from obb_collision.demo.scene import DemoScene  # noqa: E402
 from obb_collision.node import namespace_number  # noqa: E402
-from obb_collision.node.clouds import cloud_to_ros  # noqa: E402
-from obb_collision.node.conversions import namespaces_to_ros, stamp_to_ros  # noqa: E402
-from obb_collision.node.layouts import COLLISION_DTYPE  # noqa: E402
-from obb_collision.node.marker_shapes import shape_from_ros, shape_to_ros  # noqa: E402
+from obb_collision.node.messages.clouds import cloud_to_ros  # noqa: E402
+from obb_collision.node.messages.conversions import namespaces_to_ros, stamp_to_ros  # noqa: E402
+from obb_collision.node.messages.layouts import COLLISION_DTYPE  # noqa: E402
+from obb_collision.node.messages.marker_shapes import shape_from_ros, shape_to_ros  # noqa: E402
 
 #: Domains of these tests, apart from those a robot or the other tests use.
 DOMAIN = 60 + os.getpid() % 40
@@ -170,7 +170,7 @@ def test_bad_options_are_refused_with_a_reason(
 def test_without_rclpy_it_says_how_to_get_it(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("obb_collision.node.environment.find_spec", lambda name: None)
+    monkeypatch.setattr("obb_collision.node.runtime.environment.find_spec", lambda name: None)
     assert main([]) == 1
     assert capsys.readouterr().err.splitlines() == [
         "obb_collision_demo needs rclpy and common_interfaces: source a ROS 2 installation, "
@@ -179,7 +179,7 @@ def test_without_rclpy_it_says_how_to_get_it(
 
 
 def test_ctrl_c_ends_it_with_its_summary() -> None:
-    code = "from obb_collision.demo import main; raise SystemExit(main())"
+    code = "from obb_collision.commands import demo; raise SystemExit(demo())"
     demo = subprocess.Popen(
         [sys.executable, "-c", code, "--seconds", "3600", "--no-picture", "--objects", "20"],
         stdout=subprocess.PIPE,

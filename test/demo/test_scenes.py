@@ -26,7 +26,7 @@ import numpy as np
 import pytest
 
 from obb_collision.demo.command import main, make_parser
-from obb_collision.scene.files import READY, find_scene, load_scene
+from obb_collision.scene_files import READY, find_scene, load_scene
 
 rclpy_context = pytest.importorskip("rclpy.context")
 

@@ -40,8 +40,8 @@ from obb_collision.demo.scene import DemoScene  # noqa: E402
 from obb_collision.demo.snapshot import FREE  # noqa: E402
 from obb_collision.demo.view import LiveView, View  # noqa: E402
 from obb_collision.geometry.boxes import Boxes  # noqa: E402
-from obb_collision.node.errors import RefusedError  # noqa: E402
-from obb_collision.node.markers import COLORS, Markers  # noqa: E402
+from obb_collision.node.messages.box_markers import COLORS, Markers  # noqa: E402
+from obb_collision.node.messages.errors import RefusedError  # noqa: E402
 from obb_collision.node.node import NODE_NAME  # noqa: E402
 
 DOMAIN = 141 + os.getpid() % 40
@@ -105,7 +105,7 @@ def test_a_running_node_is_shown_by_its_topics(demo: Demo) -> None:
     with socket.socket() as probe:
         probe.bind(("localhost", 0))
         port = probe.getsockname()[1]
-    code = "from obb_collision.demo import view_main; raise SystemExit(view_main())"
+    code = "from obb_collision.commands import view; raise SystemExit(view())"
     node = f"{NAMESPACE}/{NODE_NAME}"
     process = subprocess.Popen(
         [sys.executable, "-c", code, node, "--port", str(port)],

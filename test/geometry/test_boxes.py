@@ -31,7 +31,8 @@ from obb_collision.geometry.representations import (
     memory_table,
     to_compact,
 )
-from obb_collision.geometry.validation import Floats, orthonormal_defect
+from obb_collision.geometry.validation import orthonormal_defect
+from obb_collision.typing import Floats
 
 
 def random_boxes(count: int, seed: int = 0) -> oc.Boxes:

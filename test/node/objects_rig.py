@@ -21,12 +21,13 @@ from collections.abc import Callable
 
 import numpy as np
 
-from obb_collision.geometry.shapes import Box
-from obb_collision.node.conversions import FloatArray, Key
-from obb_collision.node.errors import RefusedError
-from obb_collision.node.frames import EXTRAPOLATION, UNKNOWN_FRAME
-from obb_collision.node.guard import Guard
-from obb_collision.node.objects import Objects, State
+from obb_collision.geometry.shapes.shapes import Box
+from obb_collision.node.messages.conversions import Key
+from obb_collision.node.messages.errors import RefusedError
+from obb_collision.node.objects.frames import EXTRAPOLATION, UNKNOWN_FRAME
+from obb_collision.node.objects.objects import Objects, State
+from obb_collision.node.runtime.guard import Guard
+from obb_collision.typing import Floats
 
 MILLISECOND = 1_000_000
 SECOND = 1000 * MILLISECOND
@@ -44,7 +45,7 @@ class KnownUntil:
         self.spans: dict[str, tuple[int, int]] = {}
         self.asked: list[tuple[str, int]] = []
 
-    def lookup(self, frame: str, stamp: int) -> FloatArray:
+    def lookup(self, frame: str, stamp: int) -> Floats:
         self.asked.append((frame, stamp))
         if frame not in self.spans:
             raise RefusedError(UNKNOWN_FRAME, frame)

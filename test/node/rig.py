@@ -45,8 +45,8 @@ from obb_collision.node import (
     namespace_number,
     poses_to_ros,
 )
-from obb_collision.node.clouds import cloud_to_ros
-from obb_collision.node.conversions import (
+from obb_collision.node.messages.clouds import cloud_to_ros
+from obb_collision.node.messages.conversions import (
     namespaces_from_ros,
     pose_to_ros,
     stamp_from_ros,
@@ -54,8 +54,8 @@ from obb_collision.node.conversions import (
     states_to_ros,
     transform_to_ros,
 )
-from obb_collision.node.frames import FixedFrameOnly
 from obb_collision.node.node import CollisionNode
+from obb_collision.node.objects.frames import FixedFrameOnly
 
 os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
 DOMAIN = 1 + os.getpid() % 100

@@ -25,12 +25,12 @@ pytest.importorskip("rclpy")
 from rclpy.context import Context
 from rig import DOMAIN, NAMESPACE, Rig, cube
 
+from obb_collision.accuracy import Accuracy
+from obb_collision.commands import node as run_node
 from obb_collision.node import collisions_from_ros
-from obb_collision.node.commands import node as run_node
 from obb_collision.node.node import CollisionNode
-from obb_collision.node.scene_files import SceneFile, keys_from_names
-from obb_collision.queries.accuracy import Accuracy
-from obb_collision.scene.files import find_scene, load_scene
+from obb_collision.node.scene_file import SceneFile, keys_from_names
+from obb_collision.scene_files import find_scene, load_scene
 
 ROOT = Path(__file__).parents[2]
 SCENE = """

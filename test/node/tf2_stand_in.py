@@ -26,7 +26,11 @@ from geometry_msgs.msg import TransformStamped
 from rclpy.node import Node
 from rclpy.time import Time
 
-from obb_collision.node.conversions import stamp_from_ros, transform_from_ros, transform_to_ros
+from obb_collision.node.messages.conversions import (
+    stamp_from_ros,
+    transform_from_ros,
+    transform_to_ros,
+)
 
 
 class TransformException(Exception):  # noqa: N818 - tf2's name

@@ -27,10 +27,10 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import obb_collision as oc
-from obb_collision.benchmarks.families import FAMILIES, generate
-from obb_collision.queries.coarse import bounds_meet, faces_meet, spheres_meet
-from obb_collision.queries.separation import SEPARATE
-from obb_collision.scene import tree_bank
+from obb_collision.benchmarks.cases.families import FAMILIES, generate
+from obb_collision.queries.verdict.coarse import bounds_meet, faces_meet, spheres_meet
+from obb_collision.queries.verdict.verdict import SEPARATE
+from obb_collision.scene.building import tree_bank
 
 #: Pairs of each of the 16 families: 104,000 in all.
 PAIRS = 6500

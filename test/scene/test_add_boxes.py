@@ -22,7 +22,7 @@ import numpy as np
 import pytest
 
 import obb_collision as oc
-from obb_collision.geometry import shapes as kinds_of_shapes
+from obb_collision.geometry.shapes import shapes as kinds_of_shapes
 
 TINY = float(np.nextafter(np.finfo(np.float64).tiny, 1.0))
 

@@ -24,7 +24,7 @@ from mesh_zoo import zoo
 from scipy.spatial.transform import Rotation
 
 import obb_collision as oc
-from obb_collision.queries.accuracy import ALL_RUNGS
+from obb_collision.accuracy import ALL_RUNGS
 
 ZOO = zoo()
 SHAPES = (

@@ -24,7 +24,7 @@ from scipy.spatial.transform import Rotation
 
 import obb_collision as oc
 from obb_collision.geometry.capsules import Capsules
-from obb_collision.queries.capsules import capsule_distances
+from obb_collision.queries.primitives.capsules import capsule_distances
 
 ZOO = zoo()
 FINE = ("obb_tree", "hull", "mesh")

@@ -19,25 +19,13 @@ import pytest
 from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
+from scenes import filled_scene, random_poses
 from scipy.spatial.transform import Rotation
 
 import obb_collision as oc
-from obb_collision.geometry.validation import Floats
+from obb_collision.typing import Floats
 
 IDENTITY = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]
-
-
-def random_poses(count: int, rng: np.random.Generator, spread: float) -> Floats:
-    quaternions = Rotation.random(count, rng).as_quat()
-    return np.concatenate([rng.uniform(-spread, spread, (count, 3)), quaternions], axis=1)
-
-
-def filled_scene(count: int, seed: int = 0) -> oc.Scene:
-    rng = np.random.default_rng(seed)
-    scene = oc.Scene()
-    for k, pose in enumerate(random_poses(count, rng, 0.7 * count ** (1 / 3))):
-        scene.add(f"box/{k}", oc.Box(rng.uniform(0.1, 1.5, 3)), pose)
-    return scene
 
 
 def names_from_scratch(

@@ -25,7 +25,7 @@ from pathlib import Path
 import pytest
 
 from obb_collision import _kernel_cache
-from obb_collision.queries.accuracy import Accuracy
+from obb_collision.accuracy import Accuracy
 from obb_collision.warm_up import processes
 from obb_collision.warm_up.command import Bar, main
 from obb_collision.warm_up.processes import Progress, compile_steps

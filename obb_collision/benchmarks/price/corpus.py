@@ -27,20 +27,14 @@ import numpy as np
 
 from obb_collision.benchmarks.price.peers import BOX_PEERS, MESH_PEERS, Ask, Query
 from obb_collision.benchmarks.price.rows import Price, Row
-from obb_collision.benchmarks.price.rungs import (
-    Bodies,
-    Mask,
-    Rows,
-    Rung,
-    Throw,
-    rungs_of,
-)
+from obb_collision.benchmarks.price.rungs import Bodies, Rung, Throw, rungs_of
 from obb_collision.benchmarks.price.scenes import Corpus
 from obb_collision.benchmarks.price.turns import Times, take_turns
 from obb_collision.benchmarks.price.upkeep import Prepared, memory, prepare, prepare_ms
-from obb_collision.geometry.mesh_tree import MeshTrees
-from obb_collision.geometry.meshes import Mesh
-from obb_collision.queries.mesh_collision import PlacedMeshes, mesh_collisions
+from obb_collision.geometry.shapes.meshes import Mesh
+from obb_collision.geometry.trees.obb_tree import MeshTrees
+from obb_collision.queries.meshes.meshes import PlacedMeshes, mesh_collisions
+from obb_collision.typing import Mask, Rows
 
 #: Poses that the steps go through in turn.
 FRAMES = 4

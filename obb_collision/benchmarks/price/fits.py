@@ -24,8 +24,8 @@ from time import perf_counter, thread_time
 import numpy as np
 
 from obb_collision.benchmarks.price.scenes import Corpus
-from obb_collision.geometry.fitting import FITS, fit_points
-from obb_collision.geometry.meshes import Mesh
+from obb_collision.geometry.fitting.fit import FITS, fit_points
+from obb_collision.geometry.shapes.meshes import Mesh
 
 
 @dataclass(frozen=True)

@@ -27,21 +27,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from obb_collision.benchmarks.families import FAMILIES, generate
-from obb_collision.benchmarks.plain import plain_kernel
+from obb_collision.benchmarks.cases.families import FAMILIES, generate
+from obb_collision.benchmarks.cases.plain import plain_kernel
 from obb_collision.benchmarks.price.rungs import Bodies
 from obb_collision.benchmarks.price.scenes import Corpus
 from obb_collision.benchmarks.price.turns import take_turns
 from obb_collision.geometry.boxes import Boxes
-from obb_collision.queries.separation import (
+from obb_collision.queries.verdict.verdict import (
     OVERLAP,
     SEPARATE,
     TOUCHING,
     pair_verdicts,
     verdict_kernel,
 )
-
-Rows = NDArray[np.int64]
+from obb_collision.typing import Rows
 
 #: How far the scene is moved off, along each axis, to see what the coordinates of a map do, metres.
 FAR = 100_000.0

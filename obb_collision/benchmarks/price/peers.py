@@ -28,15 +28,12 @@ from typing import Any
 
 import numpy as np
 import trimesh
-from numpy.typing import NDArray
 from trimesh.convex import convex_hull
 
-from obb_collision.geometry.meshes import Mesh
-from obb_collision.geometry.shapes import Box, Shape
-from obb_collision.geometry.validation import Floats
+from obb_collision.geometry.shapes.meshes import Mesh
+from obb_collision.geometry.shapes.shapes import Box, Shape
+from obb_collision.typing import Floats, Mask, Rows
 
-Rows = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 Ask = Callable[[], Mask]
 
 

@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 
 from obb_collision.benchmarks.price.rows import Price, Row
-from obb_collision.geometry.validation import Floats
+from obb_collision.typing import Floats
 
 #: Colour of our rungs, and marker and colour of each peer; told apart without colours, too.
 OURS = "#0b5fa5"

@@ -19,7 +19,7 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from obb_collision.benchmarks.price.rungs import Mask
+from obb_collision.typing import Mask
 
 
 @dataclass

@@ -24,24 +24,20 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from obb_collision._jit import njit
 from obb_collision.benchmarks.price.scenes import Corpus, random_poses
 from obb_collision.geometry.boxes import Boxes
-from obb_collision.geometry.mesh_tree import MeshTrees
 from obb_collision.geometry.poses import as_poses
-from obb_collision.geometry.tree_pool import HullPool, Hulls
-from obb_collision.geometry.validation import Floats
-from obb_collision.queries.coarse import faces_meet, sphere_bounds, spheres_meet
-from obb_collision.queries.convex import PlacedHulls, hulls_meet
-from obb_collision.queries.mesh_collision import PlacedMeshes, mesh_collisions, tree_collisions
-from obb_collision.queries.separation import SEPARATE, pair_verdicts
-from obb_collision.scene.broad_phase import find_candidates
+from obb_collision.geometry.trees.obb_tree import MeshTrees
+from obb_collision.geometry.trees.pool import HullPool, Hulls
+from obb_collision.queries.meshes.convex import PlacedHulls, hulls_meet
+from obb_collision.queries.meshes.meshes import PlacedMeshes, mesh_collisions, tree_collisions
+from obb_collision.queries.verdict.coarse import faces_meet, sphere_bounds, spheres_meet
+from obb_collision.queries.verdict.verdict import SEPARATE, pair_verdicts
+from obb_collision.scene.broad_phase.broad_phase import find_candidates
 from obb_collision.scene.scene import Scene
-
-Rows = NDArray[np.int64]
-Mask = NDArray[np.bool_]
+from obb_collision.typing import Floats, Mask, Rows
 
 #: Depths of the trees of boxes that are measured.
 DEPTHS = (1, 2, 3, 4, 5, 6)

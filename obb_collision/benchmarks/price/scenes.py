@@ -31,10 +31,10 @@ from typing import Any
 import numpy as np
 
 from obb_collision.benchmarks.price.generated import make_meshes
-from obb_collision.geometry.hulls import hull_volume
-from obb_collision.geometry.meshes import Mesh
-from obb_collision.geometry.shapes import Box
-from obb_collision.geometry.validation import Floats
+from obb_collision.geometry.fitting.convex_hull import hull_volume
+from obb_collision.geometry.shapes.meshes import Mesh
+from obb_collision.geometry.shapes.shapes import Box
+from obb_collision.typing import Floats
 
 #: Full edges of the boxes of corpus (a) before scaling, metres.
 EDGES = (0.1, 1.0)

@@ -27,7 +27,7 @@ from time import perf_counter, thread_time
 
 import numpy as np
 
-from obb_collision.geometry.validation import Floats
+from obb_collision.typing import Floats
 
 #: Turns each contestant has at least, whatever the time allowed, and at most.
 LEAST_TURNS = 3

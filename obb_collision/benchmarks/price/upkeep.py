@@ -23,13 +23,13 @@ import numpy as np
 
 from obb_collision.benchmarks.price.rungs import Rung
 from obb_collision.geometry.boxes import Boxes
-from obb_collision.geometry.fitting import fit_points
-from obb_collision.geometry.hull_mesh import hull_mesh
-from obb_collision.geometry.mesh_tree import MeshTrees, TreeArrays
-from obb_collision.geometry.meshes import Mesh
+from obb_collision.geometry.fitting.fit import fit_points
 from obb_collision.geometry.representations import to_compact
-from obb_collision.geometry.shape_trees import mesh_tree
-from obb_collision.geometry.tree_pool import Hulls
+from obb_collision.geometry.shapes.meshes import Mesh
+from obb_collision.geometry.trees.convex_proxy import hull_mesh
+from obb_collision.geometry.trees.obb_tree import MeshTrees, TreeArrays
+from obb_collision.geometry.trees.pool import Hulls
+from obb_collision.geometry.trees.shape_trees import mesh_tree
 
 #: Arrays with a row a node of a tree: its numbers, children, triangles and level.
 NODE_ARRAYS = ("nodes", "children", "starts", "levels")

@@ -29,15 +29,15 @@ from sensor_msgs.msg import MultiDOFJointState, PointCloud2
 from std_msgs.msg import Header
 from visualization_msgs.msg import Marker, MarkerArray
 
-from obb_collision.node.clouds import cloud_to_ros, poses_to_ros
-from obb_collision.node.conversions import (
+from obb_collision.node.messages.clouds import cloud_to_ros, poses_to_ros
+from obb_collision.node.messages.conversions import (
     NANOSECONDS,
     duration_to_ros,
     pose_to_ros,
     stamp_to_ros,
     transform_to_ros,
 )
-from obb_collision.node.names import namespace_number
+from obb_collision.node.messages.names import namespace_number
 
 NAMESPACES = ("a", "b", "crate", "arm", "", "a/b")
 FRAMES = ("map", "map", "map", "", "odom")

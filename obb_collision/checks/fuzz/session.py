@@ -51,10 +51,10 @@ from obb_collision.checks.fuzz.child import Child
 from obb_collision.checks.fuzz.messages import Messages
 from obb_collision.checks.fuzz.metronome import Metronome
 from obb_collision.checks.fuzz.mutations import damaged, hostile_value, mutate
-from obb_collision.node.conversions import NANOSECONDS, pose_to_ros, stamp_to_ros
-from obb_collision.node.layouts import collisions_from_ros
-from obb_collision.node.names import namespace_number
-from obb_collision.node.parameter_table import SPECS
+from obb_collision.node.messages.conversions import NANOSECONDS, pose_to_ros, stamp_to_ros
+from obb_collision.node.messages.layouts import collisions_from_ros
+from obb_collision.node.messages.names import namespace_number
+from obb_collision.node.parameters.table import SPECS
 
 STARTING = 300.0
 """Seconds until the node answers first: on a new machine it compiles its kernels."""

@@ -26,7 +26,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from obb_collision.geometry.mesh_files import (
+from obb_collision.geometry.shapes.files import (
     Version,
     file_version,
     read_file,
@@ -34,11 +34,12 @@ from obb_collision.geometry.mesh_files import (
     resolve_path,
     shortened,
 )
-from obb_collision.geometry.shapes import Hull, LocalBox, Mesh, Shape
-from obb_collision.geometry.validation import MAX_MAGNITUDE, Floats
+from obb_collision.geometry.shapes.shapes import Hull, LocalBox, Mesh, Shape
+from obb_collision.geometry.validation import MAX_MAGNITUDE
 from obb_collision.scene.building.errors import BAD_SHAPE, BuildError
 from obb_collision.scene.building.tree_jobs import perform_hull, perform_tree
 from obb_collision.scene.building.wire import Message
+from obb_collision.typing import Floats
 
 BAD_POINTS = "bad points"
 UNREADABLE = "unreadable mesh"

@@ -22,18 +22,17 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from time import perf_counter
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
-from obb_collision.geometry.shapes import Hull, Mesh, Shape
-from obb_collision.geometry.tree_pool import HullPool
-from obb_collision.scene.budget import Budget
+from obb_collision.geometry.shapes.shapes import Hull, Mesh, Shape
+from obb_collision.geometry.trees.pool import HullPool
 from obb_collision.scene.building.builder import Builder
 from obb_collision.scene.building.errors import BuildError
+from obb_collision.scene.building.shelf import Added, Shelf
 from obb_collision.scene.building.tree_jobs import CompactJob, HullJob, TreeJob
-from obb_collision.scene.shelf import Added, Shelf
-from obb_collision.scene.store import Rows
+from obb_collision.typing import Rows
 
 #: Triangles of a mesh, or points of a hull, that are built at once: 2 ms for a tree.
 FEW = 100
@@ -46,10 +45,17 @@ SMALL_POOL = 10_000
 Wanted = tuple[Shelf[Any, Any], Shape]
 
 
+class TimeLeft(Protocol):
+    """What knows how much time is left, such as a budget."""
+
+    def left(self) -> float:
+        """Return the seconds that are left."""
+
+
 class Allowance:
     """The time of a check for what is built at once."""
 
-    def __init__(self, budget: Budget | None) -> None:
+    def __init__(self, budget: TimeLeft | None) -> None:
         self._budget, self._end = budget, perf_counter() + AT_ONCE
 
     def left(self) -> float:
@@ -86,7 +92,7 @@ class OutsideTrees:
         """How many can't be built, by reason; their pairs stay on "obb"."""
         return Counter(error.reason for error in self._failed.values())
 
-    def timer(self, budget: Budget | None) -> Allowance:
+    def timer(self, budget: TimeLeft | None) -> Allowance:
         """Return the time for what is built at once."""
         return Allowance(budget)
 

@@ -22,12 +22,12 @@ from typing import Any
 
 import numpy as np
 
-from obb_collision.geometry.hull_mesh import hull_mesh
-from obb_collision.geometry.mesh_tree import MeshTrees
-from obb_collision.geometry.shape_trees import hull_tree, mesh_tree
-from obb_collision.geometry.shapes import Hull, Mesh
-from obb_collision.geometry.tree_pool import TREE_ARRAYS, Hulls
-from obb_collision.scene.shelf import Added, Shelf
+from obb_collision.geometry.shapes.shapes import Hull, Mesh
+from obb_collision.geometry.trees.convex_proxy import hull_mesh
+from obb_collision.geometry.trees.obb_tree import MeshTrees
+from obb_collision.geometry.trees.pool import TREE_ARRAYS, Hulls
+from obb_collision.geometry.trees.shape_trees import hull_tree, mesh_tree
+from obb_collision.scene.building.shelf import Added, Shelf
 
 
 @dataclass(frozen=True, eq=False)

@@ -30,12 +30,12 @@ from numpy.typing import NDArray
 
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.validation import as_array
-from obb_collision.queries.separation import Verdicts
-from obb_collision.scene.allowed import Counts
-from obb_collision.scene.broad_phase import Pairs
-from obb_collision.scene.store import ObjectStore, Rows
+from obb_collision.queries.verdict.verdict import Verdicts
+from obb_collision.scene.broad_phase.broad_phase import Pairs
+from obb_collision.scene.store.allowed import Counts
+from obb_collision.scene.store.store import ObjectStore
+from obb_collision.typing import Mask, Rows
 
-Mask = NDArray[np.bool_]
 Table = tuple[NDArray[Any], ...]
 
 #: Pairs that fail at one check which are looked for one by one: enough to see what they share.

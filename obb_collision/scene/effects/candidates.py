@@ -18,18 +18,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from obb_collision.geometry.validation import Floats
-from obb_collision.scene.bounds_tree import BoundsTree
-from obb_collision.scene.broad_phase import (
+from obb_collision.scene.broad_phase.bounds_tree import BoundsTree
+from obb_collision.scene.broad_phase.broad_phase import (
     NO_PAIRS,
     UNLIMITED,
     Pairs,
     find_some_candidates,
     find_some_candidates_of,
 )
-from obb_collision.scene.crowds import ordered_candidates
-from obb_collision.scene.effects.base import Cycle, Mask
-from obb_collision.scene.store import Rows
+from obb_collision.scene.broad_phase.crowds import ordered_candidates
+from obb_collision.scene.effects.base import Cycle
+from obb_collision.typing import Floats, Mask, Rows
 
 #: With fewer callers than one in this many objects, only their pairs are looked for.
 FEW = 32

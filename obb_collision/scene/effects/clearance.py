@@ -21,11 +21,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from obb_collision.geometry.validation import Floats
-from obb_collision.queries.clearance import clearances_within
-from obb_collision.scene.broad_phase import Pairs
+from obb_collision.queries.clearance.clearance import clearances_within
+from obb_collision.scene.broad_phase.broad_phase import Pairs
 from obb_collision.scene.effects.base import Cycle, Option, Outcome, Setting, Table, isolated
 from obb_collision.scene.effects.candidates import meeting_pairs
+from obb_collision.typing import Floats
 
 FIELDS = ("distances", "points_a", "points_b", "normals")
 BLANK: Table = (np.empty((0, 2), np.int64), np.empty(0), *np.empty((3, 0, 3)))

@@ -23,9 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from obb_collision.geometry.boxes import Boxes
-from obb_collision.geometry.validation import Floats
-from obb_collision.queries.contacts import LIMITS, contacts
-from obb_collision.scene.broad_phase import Pairs
+from obb_collision.queries.contacts.contacts import LIMITS, contacts
+from obb_collision.scene.broad_phase.broad_phase import Pairs
 from obb_collision.scene.effects.base import (
     Cycle,
     Option,
@@ -35,6 +34,7 @@ from obb_collision.scene.effects.base import (
     Table,
     pair_rows,
 )
+from obb_collision.typing import Floats
 
 FIELDS = ("normals", "depths", "counts", "points", "point_depths", "axes")
 

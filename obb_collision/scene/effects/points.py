@@ -21,10 +21,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from obb_collision.geometry.validation import Floats
-from obb_collision.queries.points import points_inside
+from obb_collision.queries.points.points import points_inside
 from obb_collision.scene.effects.base import Cycle, Option, Outcome, Setting
-from obb_collision.scene.store import Rows
+from obb_collision.typing import Floats, Rows
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,8 +21,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from obb_collision.geometry.boxes import Boxes
-from obb_collision.queries.witness import witness_kernel
-from obb_collision.scene.broad_phase import Pairs
+from obb_collision.queries.verdict.penetration import witness_kernel
+from obb_collision.scene.broad_phase.broad_phase import Pairs
 from obb_collision.scene.effects.base import Cycle, Option, Outcome, Setting, Table, pair_rows
 
 BLANK: Table = (np.empty(0), *np.empty((2, 0, 3)))

@@ -22,9 +22,9 @@ from typing import Any
 
 import numpy as np
 
-from obb_collision.geometry.words import shown
 from obb_collision.scene.effects.base import Effect, Setting
-from obb_collision.scene.patterns import as_patterns, matching
+from obb_collision.scene.store.patterns import as_patterns, matching
+from obb_collision.words import shown
 
 OFF, AUTO, ON = MODES = ("off", "auto", "on")
 """Never; when asked for; at every check."""

@@ -31,11 +31,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from obb_collision.geometry.validation import Floats
-from obb_collision.queries.sweep import LEAST_TOLERANCE, TOLERANCE, Sweeps, sweep, sweep_twists
-from obb_collision.queries.sweep_motion import sweep_needed, swept_bounds
-from obb_collision.queries.sweep_twists import twist_bounds
-from obb_collision.scene.broad_phase import Pairs
+from obb_collision.queries.sweep.motion import sweep_needed, swept_bounds
+from obb_collision.queries.sweep.sweep import (
+    LEAST_TOLERANCE,
+    TOLERANCE,
+    Sweeps,
+    sweep,
+    sweep_twists,
+)
+from obb_collision.queries.sweep.twists import twist_bounds
+from obb_collision.scene.broad_phase.broad_phase import Pairs
 from obb_collision.scene.effects.base import (
     Cycle,
     Option,
@@ -45,6 +50,7 @@ from obb_collision.scene.effects.base import (
     isolated,
 )
 from obb_collision.scene.effects.candidates import meeting_pairs
+from obb_collision.typing import Floats
 
 FIELDS = ("hits", "undecided", "free_until", "points", "normals")
 BLANK: Table = (*np.empty((2, 0), np.bool_), np.empty(0), *np.empty((2, 0, 3)))

@@ -1,0 +1,66 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""How closely to look at a pair: the rungs of a ladder from cheap to exact."""
+
+from __future__ import annotations
+
+from enum import IntEnum
+
+from obb_collision.words import shown
+
+
+class Accuracy(IntEnum):
+    """What stands for an object when a pair is decided, cheap to exact.
+
+    Sphere, AABB and OBB_FACES never miss what OBB reports, OBB never what OBB_TREE or HULL
+    report, and these two never what MESH reports. Neither of a pair of neighbours need be the
+    stricter one otherwise: spheres suit cubes, AABBs suit what stands upright.
+    """
+
+    SPHERE = 0  #: the sphere around the box
+    AABB = 1  #: the world-axis-aligned box around the box
+    OBB_FACES = 2  #: the box, by 6 of the 15 axes: those of its faces
+    OBB = 3  #: the box, all 15 axes, certified; the default
+    OBB_TREE = 4  #: 2^depth boxes a mesh
+    HULL = 5  #: the convex hull of a mesh
+    MESH = 6  #: the triangles; watertight meshes are solids, open ones surfaces
+
+
+#: Names of the rungs that need nothing but boxes, and of all.
+BOX_RUNGS = tuple(rung.name.lower() for rung in Accuracy if rung <= Accuracy.OBB)
+ALL_RUNGS = tuple(rung.name.lower() for rung in Accuracy)
+
+
+def as_accuracy(value: Accuracy | str | int) -> Accuracy:
+    """Return a rung from itself, its name in lower case or its number; ValueError otherwise."""
+    if isinstance(value, str) and value in ALL_RUNGS:
+        return Accuracy[value.upper()]
+    if not isinstance(value, (str, bool)):
+        try:
+            return Accuracy(value)
+        except (ValueError, TypeError):
+            pass
+    raise ValueError(f"accuracy must be one of {', '.join(ALL_RUNGS)}, got {shown(value)}")
+
+
+def as_box_accuracy(value: Accuracy | str | int) -> Accuracy:
+    """Return a rung that needs nothing but boxes; ValueError naming the choices otherwise."""
+    rung = as_accuracy(value)
+    if rung > Accuracy.OBB:
+        raise ValueError(
+            f"accuracy must be one of {', '.join(BOX_RUNGS)}, got {rung.name.lower()}: "
+            "the mesh rungs need a Scene with mesh objects"
+        )
+    return rung

@@ -1,0 +1,97 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The plain 15-axis test as textbooks have it: what the certificate is compared with.
+
+Ericson 2005, 4.4.1: the matrix of dot products and its absolute values with a small epsilon
+added, against parallel edges; one axis after the other with an early exit. Fast, and wrong near
+touching: see the table of wrong answers.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from obb_collision._jit import njit
+from obb_collision.typing import Floats
+
+#: What the book adds to every absolute value.
+EPSILON = 1e-6
+
+
+@njit
+def plain_kernel(
+    ca: Floats, a: Floats, h: Floats, rows_a: np.ndarray,
+    cb: Floats, b: Floats, f: Floats, rows_b: np.ndarray, out: np.ndarray,
+) -> None:  # fmt: skip
+    """Write 0 (apart) or 2 (colliding) for each pair of rows; arrays as in ``separation``.
+
+    Of float32 arrays everything is computed in float32.
+    """
+    for n in range(len(rows_a)):
+        out[n] = 2 if _collide(ca, a, h, rows_a[n], cb, b, f, rows_b[n]) else 0
+
+
+@njit
+def _collide(
+    ca: Floats, a: Floats, h: Floats, i: int, cb: Floats, b: Floats, f: Floats, j: int
+) -> bool:
+    dx, dy, dz = cb[j, 0] - ca[i, 0], cb[j, 1] - ca[i, 1], cb[j, 2] - ca[i, 2]
+    epsilon = h.dtype.type(EPSILON)  # else float32 would turn into float64
+    h0, h1, h2 = h[i, 0], h[i, 1], h[i, 2]
+    f0, f1, f2 = f[j, 0], f[j, 1], f[j, 2]
+    t0 = dx * a[i, 0, 0] + dy * a[i, 1, 0] + dz * a[i, 2, 0]
+    r00 = a[i, 0, 0] * b[j, 0, 0] + a[i, 1, 0] * b[j, 1, 0] + a[i, 2, 0] * b[j, 2, 0]
+    r01 = a[i, 0, 0] * b[j, 0, 1] + a[i, 1, 0] * b[j, 1, 1] + a[i, 2, 0] * b[j, 2, 1]
+    r02 = a[i, 0, 0] * b[j, 0, 2] + a[i, 1, 0] * b[j, 1, 2] + a[i, 2, 0] * b[j, 2, 2]
+    q00, q01, q02 = abs(r00) + epsilon, abs(r01) + epsilon, abs(r02) + epsilon
+    if abs(t0) > h0 + f0 * q00 + f1 * q01 + f2 * q02:
+        return False
+    t1 = dx * a[i, 0, 1] + dy * a[i, 1, 1] + dz * a[i, 2, 1]
+    r10 = a[i, 0, 1] * b[j, 0, 0] + a[i, 1, 1] * b[j, 1, 0] + a[i, 2, 1] * b[j, 2, 0]
+    r11 = a[i, 0, 1] * b[j, 0, 1] + a[i, 1, 1] * b[j, 1, 1] + a[i, 2, 1] * b[j, 2, 1]
+    r12 = a[i, 0, 1] * b[j, 0, 2] + a[i, 1, 1] * b[j, 1, 2] + a[i, 2, 1] * b[j, 2, 2]
+    q10, q11, q12 = abs(r10) + epsilon, abs(r11) + epsilon, abs(r12) + epsilon
+    if abs(t1) > h1 + f0 * q10 + f1 * q11 + f2 * q12:
+        return False
+    t2 = dx * a[i, 0, 2] + dy * a[i, 1, 2] + dz * a[i, 2, 2]
+    r20 = a[i, 0, 2] * b[j, 0, 0] + a[i, 1, 2] * b[j, 1, 0] + a[i, 2, 2] * b[j, 2, 0]
+    r21 = a[i, 0, 2] * b[j, 0, 1] + a[i, 1, 2] * b[j, 1, 1] + a[i, 2, 2] * b[j, 2, 1]
+    r22 = a[i, 0, 2] * b[j, 0, 2] + a[i, 1, 2] * b[j, 1, 2] + a[i, 2, 2] * b[j, 2, 2]
+    q20, q21, q22 = abs(r20) + epsilon, abs(r21) + epsilon, abs(r22) + epsilon
+    if abs(t2) > h2 + f0 * q20 + f1 * q21 + f2 * q22:
+        return False
+    if abs(t0 * r00 + t1 * r10 + t2 * r20) > f0 + h0 * q00 + h1 * q10 + h2 * q20:
+        return False
+    if abs(t0 * r01 + t1 * r11 + t2 * r21) > f1 + h0 * q01 + h1 * q11 + h2 * q21:
+        return False
+    if abs(t0 * r02 + t1 * r12 + t2 * r22) > f2 + h0 * q02 + h1 * q12 + h2 * q22:
+        return False
+    if abs(t2 * r10 - t1 * r20) > h1 * q20 + h2 * q10 + f1 * q02 + f2 * q01:
+        return False
+    if abs(t2 * r11 - t1 * r21) > h1 * q21 + h2 * q11 + f0 * q02 + f2 * q00:
+        return False
+    if abs(t2 * r12 - t1 * r22) > h1 * q22 + h2 * q12 + f0 * q01 + f1 * q00:
+        return False
+    if abs(t0 * r20 - t2 * r00) > h0 * q20 + h2 * q00 + f1 * q12 + f2 * q11:
+        return False
+    if abs(t0 * r21 - t2 * r01) > h0 * q21 + h2 * q01 + f0 * q12 + f2 * q10:
+        return False
+    if abs(t0 * r22 - t2 * r02) > h0 * q22 + h2 * q02 + f0 * q11 + f1 * q10:
+        return False
+    if abs(t1 * r00 - t0 * r10) > h0 * q10 + h1 * q00 + f1 * q22 + f2 * q21:
+        return False
+    if abs(t1 * r01 - t0 * r11) > h0 * q11 + h1 * q01 + f0 * q22 + f2 * q20:
+        return False
+    return not abs(t1 * r02 - t0 * r12) > h0 * q12 + h1 * q02 + f0 * q21 + f1 * q20

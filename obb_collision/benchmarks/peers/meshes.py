@@ -1,0 +1,184 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Triangle meshes: this library's trees beside python-fcl's and coal's, in one run.
+
+All get the same surfaces at the same random poses and say whether they collide; the peers, those
+of them that are installed, are called from Python pair by pair with transforms made beforehand,
+which is how they are used. All are timed by the processor time of this process, turn by turn, the
+best of several turns.
+
+    python -m obb_collision.benchmarks.peers.meshes [--pairs N] [--json FILE]
+"""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import json
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+from trimesh import creation
+
+from obb_collision.cli import Parser, new_file, whole
+from obb_collision.geometry.trees.obb_tree import MeshTrees
+from obb_collision.queries.meshes.meshes import PlacedMeshes, mesh_collisions
+
+Hits = NDArray[np.bool_]
+Maker = Callable[[Any, Any, list[PlacedMeshes]], Callable[[], Hits]]
+
+#: Turns of each side; the best counts, since others use the machine too.
+TURNS = 5
+#: Centres of either body are drawn from cubes of these half edges, metres; meshes are about 1 m.
+SPREADS = {"deep": 0.4, "near": 0.8, "apart": 1.6}
+
+
+def meshes() -> dict[str, Any]:
+    """Return the pairs compared by name."""
+    ball, fine = creation.icosphere(subdivisions=3), creation.icosphere(subdivisions=5)
+    torus = creation.torus(0.7, 0.25, 64, 32)
+    ring = creation.annulus(0.5, 0.8, 0.6, sections=64)
+    box = creation.box((1.0, 1.0, 1.0))
+    return {
+        "ball 1,280 / ball 1,280": (ball, ball),
+        "ball 20,480 / ball 20,480": (fine, fine),
+        "torus 4,096 / torus 4,096": (torus, torus),
+        "ring 512 / torus 4,096": (ring, torus),
+        "box 12 / torus 4,096": (box, torus),
+        "box 12 / box 12": (box, box),
+    }
+
+
+def compare(first: Any, second: Any, pairs: int, spread: float) -> dict[str, float]:
+    """Return microseconds a pair and the share that collides.
+
+    Of each peer installed its microseconds, that over ours, and on how many pairs it differs.
+    """
+    rng = np.random.default_rng(0)
+    centers = rng.uniform(-spread, spread, (2, pairs, 3))
+    rotations = [Rotation.random(pairs, random_state=rng).as_matrix() for _ in range(2)]
+    bodies = []
+    for mesh, center, rotation in zip((first, second), centers, rotations, strict=True):
+        trees = MeshTrees.build(mesh.vertices, mesh.faces, solid=False)
+        bodies.append(PlacedMeshes(trees, np.zeros(pairs, np.int64), center, rotation))
+
+    def collide() -> Hits:
+        return mesh_collisions(bodies[0], bodies[1])
+
+    asked = {name: make(first, second, bodies) for name, make in installed().items()}
+    ours = collide()
+    theirs = {name: ask() for name, ask in asked.items()}
+    runs = [collide, *asked.values()]
+    times = np.array([[_seconds(run) for run in runs] for _ in range(TURNS)]).min(axis=0)
+    row = {"ours_us": 1e6 * times[0] / pairs, "colliding": float(ours.mean())}
+    for name, seconds in zip(asked, times[1:], strict=True):
+        row[f"{name}_us"] = 1e6 * seconds / pairs
+        row[f"{name}_ratio"] = seconds / times[0]
+        row[f"{name}_differ"] = int((ours != theirs[name]).sum())
+    return row
+
+
+def installed() -> dict[str, Maker]:
+    """Return how to ask each peer that is installed, by name."""
+    makers = {"fcl": _fcl, "coal": _coal}
+    return {name: make for name, make in makers.items() if importlib.util.find_spec(name)}
+
+
+def _fcl(first: Any, second: Any, bodies: list[PlacedMeshes]) -> Callable[[], Hits]:
+    fcl = importlib.import_module("fcl")
+    objects, transforms = [], []
+    for mesh, placed in zip((first, second), bodies, strict=True):
+        model = fcl.BVHModel()
+        model.beginModel(len(mesh.vertices), len(mesh.faces))
+        model.addSubModel(np.asarray(mesh.vertices), np.asarray(mesh.faces))
+        model.endModel()
+        objects.append(fcl.CollisionObject(model))
+        places = zip(placed.rotations, placed.centers, strict=True)
+        transforms.append([fcl.Transform(r, c) for r, c in places])
+    a, b = objects
+    request = fcl.CollisionRequest()
+
+    def run() -> Hits:
+        hits = np.empty(len(transforms[0]), np.bool_)
+        for n, (place_a, place_b) in enumerate(zip(*transforms, strict=True)):
+            a.setTransform(place_a)
+            b.setTransform(place_b)
+            hits[n] = fcl.collide(a, b, request, fcl.CollisionResult()) > 0
+        return hits
+
+    return run
+
+
+def _coal(first: Any, second: Any, bodies: list[PlacedMeshes]) -> Callable[[], Hits]:
+    coal = importlib.import_module("coal")
+    models, places = [], []
+    for mesh, placed in zip((first, second), bodies, strict=True):
+        model = coal.BVHModelOBBRSS()
+        model.beginModel(len(mesh.faces), len(mesh.vertices))
+        model.addVertices(np.asarray(mesh.vertices))
+        model.addTriangles(np.asarray(mesh.faces))
+        model.endModel()
+        models.append(model)
+        places.append(list(map(coal.Transform3s, placed.rotations, placed.centers)))
+    a, b = models
+    request, result = coal.CollisionRequest(), coal.CollisionResult()
+    request.enable_contact = False
+
+    def run() -> Hits:
+        hits = np.empty(len(places[0]), np.bool_)
+        for n, (place_a, place_b) in enumerate(zip(*places, strict=True)):
+            hits[n] = coal.collide(a, place_a, b, place_b, request, result) > 0
+            result.clear()  # a full result would end the next search
+        return hits
+
+    return run
+
+
+def _seconds(run: Callable[[], object]) -> float:
+    start = time.process_time()
+    run()
+    return time.process_time() - start
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Print the table; ``--json FILE`` writes it too."""
+    parser = Parser(description="mesh against mesh beside python-fcl and coal")
+    parser.add_argument("--pairs", type=whole(1, 10**8), default=1000, help="pairs of poses a row")
+    parser.add_argument("--json", type=new_file(), help="write the figures to a file")
+    options = parser.parse_args(arguments)
+    rows, peers = {}, list(installed())
+    heads = "".join(f"{name + ' µs':>10}{'ratio':>7}{'differ':>8}" for name in peers)
+    print(f"{'triangles':28}{'poses':>7}{'hits':>7}{'ours µs':>9}{heads}")
+    for name, (first, second) in meshes().items():
+        for label, spread in SPREADS.items():
+            row = rows[f"{name}, {label}"] = compare(first, second, options.pairs, spread)
+            cells = "".join(
+                f"{row[f'{peer}_us']:10.2f}{row[f'{peer}_ratio']:7.1f}{row[f'{peer}_differ']:8.0f}"
+                for peer in peers
+            )
+            print(f"{name:28}{label:>7}{row['colliding']:7.0%}{row['ours_us']:9.2f}{cells}")
+    for peer in peers:
+        ratios = np.array([row[f"{peer}_ratio"] for row in rows.values()])
+        print(f"{peer} / ours: least {ratios.min():.1f}, median {np.median(ratios):.1f}")
+    if options.json:
+        options.json.write_text(json.dumps(rows, indent=1))
+
+
+if __name__ == "__main__":
+    main()

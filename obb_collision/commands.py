@@ -1,0 +1,100 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The console scripts that need ROS: the node, the demo and the view, latency, fuzz.
+
+They import what takes long, or needs ROS, only after they have looked at the arguments and know
+that ROS is there. A signal during these imports ends them at once and without a word.
+"""
+
+from __future__ import annotations
+
+import signal
+import sys
+from collections.abc import Sequence
+
+from obb_collision.cli import Parser
+from obb_collision.node.runtime.environment import (
+    end_at_once_on_signals,
+    is_ros_here,
+    set_defaults,
+    without_ros_arguments,
+)
+
+
+def node(args: Sequence[str] | None = None) -> int:
+    """Run the collision node until SIGINT or SIGTERM; returns the exit code."""
+    end_at_once_on_signals()
+    Parser(
+        prog="obb_collision_node",
+        usage="%(prog)s [--help] [--ros-args ...]",
+        description="Publishes which objects of a scene collide, until SIGINT or SIGTERM. Takes "
+        "ROS arguments only.",
+        epilog="For example: obb_collision_node --ros-args -p rate:=100.0 --params-file FILE "
+        "-r __ns:=/cell -r objects:=scene --log-level debug. The topics and parameters are in "
+        "README.md; the parameters with comments in config/obb_collision.yaml.",
+        allow_abbrev=False,
+    ).parse_args(without_ros_arguments(sys.argv[1:] if args is None else args))
+    if not is_ros_here("obb_collision_node"):
+        return 1
+    set_defaults()
+    from obb_collision.node.node import main
+
+    return main(args)
+
+
+def latency(args: Sequence[str] | None = None) -> int:
+    """Measure from the publication of poses to the collisions; returns the exit code."""
+    end_at_once_on_signals()
+    if not is_ros_here("obb_collision_latency"):
+        return 1
+    set_defaults()
+    from obb_collision.benchmarks.latency import main
+
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        return main(args)
+    except KeyboardInterrupt:
+        sys.stderr.write("obb_collision_latency: interrupted\n")
+        return 128 + signal.SIGINT
+
+
+def fuzz(args: Sequence[str] | None = None) -> int:
+    """Attack a node with hostile messages; returns the exit code."""
+    if not is_ros_here("obb_collision_fuzz"):
+        return 1
+    set_defaults()
+    from obb_collision.checks.fuzz.command import main
+
+    return main(args)
+
+
+def demo(args: Sequence[str] | None = None) -> int:
+    """Run the node and a moving scene in one process; returns the exit code."""
+    end_at_once_on_signals()
+    from obb_collision.demo.command import main
+
+    return main(args)
+
+
+def view(args: Sequence[str] | None = None) -> int:
+    """Show a running node's topics in the browser; returns the exit code."""
+    end_at_once_on_signals()
+    from obb_collision.demo.attach import main
+
+    return main(args)
+
+
+if __name__ == "__main__":
+    raise SystemExit(node())

@@ -1,0 +1,206 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Mesh files -> vertices and faces. Only the file itself is read, nothing that it refers to.
+
+Materials, textures and buffers in other files may be anything, a pipe that never ends included.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import stat
+from io import BytesIO
+from pathlib import Path
+from typing import Any, NoReturn
+from urllib.parse import unquote, urlparse
+
+import numpy as np
+from numpy.typing import NDArray
+
+from obb_collision.typing import Floats
+
+Triangles = NDArray[np.int64]
+#: What tells one state of a file from the next: time of modification (ns) and size (bytes).
+Version = tuple[int, int]
+
+#: Bytes of a file at most; the largest of real robots' have some 100 MB.
+LARGEST_FILE = 1 << 30
+#: Bytes that are read at once.
+PORTION = 1 << 24
+#: Letters of a path or a message that are repeated in an error.
+SHOWN = 200
+#: The types that are XML, in which a document type may refer to other files.
+XML_TYPES = ("dae", "xaml")
+DOCUMENT_TYPE = "<!DOCTYPE"
+
+
+class NoFiles:
+    """In place of trimesh's resolvers: every file that a mesh refers to is missing."""
+
+    def get(self, name: str) -> NoReturn:
+        """Raise FileNotFoundError."""
+        raise FileNotFoundError(f"it refers to {shortened(name)!r}: other files are not read")
+
+    __getitem__ = get
+
+    def keys(self) -> list[str]:
+        """Return no names."""
+        return []
+
+    def namespaced(self, namespace: str) -> NoFiles:
+        """Return what has no files either."""
+        return self
+
+
+def shortened(text: str) -> str:
+    """Return a text with its middle left out where it is too long to be shown."""
+    half = SHOWN // 2
+    return text if len(text) <= SHOWN else f"{text[:half]}...{text[-half:]}"
+
+
+def resolve_path(path: str | Path) -> Path:
+    """Return the path of a path, file:// or package:// URI; ValueError where there is none."""
+    text = str(path)
+    scheme, _, rest = text.partition("://")
+    if not rest or isinstance(path, Path):
+        return Path(path)
+    try:
+        if scheme == "file":
+            return _local_path(text)
+        if scheme == "package":
+            package, _, inside = rest.partition("/")
+            return _package_share(package) / unquote(inside)
+    except ValueError as error:
+        raise ValueError(f"mesh file {shortened(text)}: {shortened(str(error))}") from error
+    raise ValueError(
+        f"mesh file {shortened(text)}: only paths, file:// and package:// URIs can be read"
+    )
+
+
+def _local_path(uri: str) -> Path:
+    parts = urlparse(uri)
+    if parts.netloc not in ("", "localhost"):
+        raise ValueError("a file:// URI has three slashes: file:///folder/name")
+    return Path(unquote(parts.path))
+
+
+def _package_share(package: str) -> Path:
+    try:
+        from ament_index_python.packages import get_package_share_directory
+    except ImportError:
+        raise ValueError("package:// needs ament_index_python (ROS)") from None
+    try:
+        return Path(get_package_share_directory(package))
+    except (LookupError, OSError) as error:
+        raise ValueError(str(error)) from error
+
+
+def file_version(path: Path) -> Version:
+    """Return the version of a regular file; ValueError where there is none."""
+    try:
+        status = os.stat(path)
+    except (OSError, ValueError) as error:
+        raise ValueError(_reason(error)) from error
+    return _regular(status)
+
+
+def read_file(path: Path, largest: int = LARGEST_FILE) -> tuple[bytes, Version]:
+    """Return what a regular file holds, and its version. It never waits for a pipe or a device.
+
+    ValueError where there is no such file, it can't be read or has more than ``largest`` bytes.
+    """
+    file_version(path)  # opening a device may do something
+    try:
+        descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0))
+        try:
+            version = _regular(os.fstat(descriptor))  # the path may mean another file by now
+            _check_size(version[1], largest)
+            portions: list[bytes] = []
+            while portion := os.read(descriptor, PORTION):
+                portions.append(portion)
+                _check_size(sum(map(len, portions)), largest)
+        finally:
+            os.close(descriptor)
+    except OSError as error:
+        raise ValueError(_reason(error)) from error
+    return b"".join(portions), version
+
+
+def _regular(status: os.stat_result) -> Version:
+    if not stat.S_ISREG(status.st_mode):
+        raise ValueError("it is no regular file")
+    return status.st_mtime_ns, status.st_size
+
+
+def _check_size(size: int, largest: int) -> None:
+    if size > largest:
+        raise ValueError(f"it has {size} bytes, {largest} is the limit")
+
+
+def _reason(error: OSError | ValueError) -> str:
+    if isinstance(error, FileNotFoundError):
+        return "there is no such file"
+    return (error.strerror if isinstance(error, OSError) else None) or str(error)
+
+
+def read_mesh(data: bytes, name: str) -> tuple[Floats, Triangles]:
+    """Return vertices (n, 3) in metres and faces (m, 3) of all parts of a mesh file.
+
+    data: what the file holds; its type is the suffix of ``name``. ValueError where it can't be
+    read, MemoryError where that takes too much.
+    """
+    kind = Path(name).suffix.lower()[1:]
+    if not kind:
+        raise ValueError("its name has no suffix that says what type it is")
+    if kind == "dae" and importlib.util.find_spec("collada") is None:
+        raise ValueError("reading DAE needs the package pycollada")
+    if kind in XML_TYPES and _has_document_type(data):
+        raise ValueError(f"it has a {DOCUMENT_TYPE}, which may refer to other files")
+    import trimesh  # half a second: only who reads files pays it
+
+    try:
+        scene: Any = trimesh.load(
+            BytesIO(data),
+            file_type=kind,
+            resolver=NoFiles(),  # type: ignore[arg-type]
+            force="scene",
+            process=False,
+        )
+        parts = [part for part in scene.dump() if hasattr(part, "vertices")]
+        unit = 1.0 if scene.units is None else trimesh.units.unit_conversion(scene.units, "meters")
+        return _joined(parts, unit)
+    except MemoryError:
+        raise
+    except Exception as error:  # each of trimesh's readers raises what its parser raises
+        text = f"it can't be read: {type(error).__name__}: {error}"
+        raise ValueError(shortened(text)) from error
+
+
+def _has_document_type(data: bytes) -> bool:
+    return any(
+        DOCUMENT_TYPE.encode(encoding) in data for encoding in ("ascii", "utf-16-le", "utf-16-be")
+    )
+
+
+def _joined(parts: list[Any], unit: float) -> tuple[Floats, Triangles]:
+    vertices, faces, count = [np.empty((0, 3))], [np.empty((0, 3), np.int64)], 0
+    for part in parts:
+        vertices.append(np.asarray(part.vertices, dtype=np.float64))
+        if len(getattr(part, "faces", ())):
+            faces.append(np.asarray(part.faces, dtype=np.int64) + count)
+        count += len(vertices[-1])
+    joined = np.concatenate(vertices)
+    return (joined if unit == 1.0 else joined * unit), np.concatenate(faces)

@@ -1,0 +1,215 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Shapes made of points: convex hulls and triangle meshes, from arrays or files."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from os import PathLike
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from obb_collision.geometry.fitting.enclosing import ROUNDOFF
+from obb_collision.geometry.fitting.fit import check_fit, fit_points
+from obb_collision.geometry.kinds import check_kind
+from obb_collision.geometry.shapes.files import (
+    Triangles,
+    read_file,
+    read_mesh,
+    resolve_path,
+    shortened,
+)
+from obb_collision.geometry.shapes.primitives import (
+    NO_SCALE,
+    LocalBox,
+    Shape,
+    Triple,
+    positive_triple,
+    read_only,
+)
+from obb_collision.geometry.validation import as_any_array, as_array, check_magnitude
+from obb_collision.typing import Floats
+from obb_collision.words import printable
+
+#: Splits a double into two halves of 26 bits (Dekker 1971, Veltkamp): 2**27 + 1.
+SPLITTER = 134217729.0
+#: Products and their errors are exact above this magnitude (no underflow) ...
+SMALLEST_EXACT = 2.0**-900
+#: ... and factors up to this one can be split without overflow.
+LARGEST_EXACT = 2.0**990
+
+
+class _Cloud(Shape):
+    """A shape that the box of its scaled points contains."""
+
+    fit: str
+
+    def _points(self) -> Floats:
+        raise NotImplementedError
+
+    @cached_property
+    def local_box(self) -> LocalBox:
+        """Centre (3,), rotation (3, 3), half extents (3,): read-only arrays, fitted once."""
+        points = self._points()
+        scale = np.array(self.scale)
+        with np.errstate(over="ignore"):
+            scaled = points * scale
+        check_magnitude(scaled, "points times scale", by_row=True)
+        center, rotation, half_extents = fit_points(scaled, self.fit)
+        error = _rounding(points, scale, scaled)
+        if error.any():
+            # |R^-1 e| is below |R|^T |e| but for roundoffs of it, which the factor covers.
+            wider = half_extents + (np.abs(rotation).T @ error) * (1.0 + 64.0 * ROUNDOFF)
+            half_extents = np.nextafter(wider, np.inf)
+        return read_only(center, rotation, half_extents)
+
+
+def _rounding(points: Floats, scale: Floats, scaled: Floats) -> Floats:
+    """Return (3,) bounds on abs(scaled - points * scale) by coordinate; zero where all exact."""
+    inexact = ~_exact_products(points, scale, scaled)
+    error: Floats = np.where(inexact, np.abs(scaled), 0.0).max(axis=0) * ROUNDOFF
+    return np.where(inexact.any(axis=0), np.maximum(error, np.finfo(float).smallest_subnormal), 0.0)
+
+
+def _exact_products(a: Floats, b: Floats, product: Floats) -> NDArray[np.bool_]:
+    """Return whether a * b == product exactly (Dekker's product); False where not known."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        a_high, b_high = (x * SPLITTER - (x * SPLITTER - x) for x in (a, b))
+        a_low, b_low = a - a_high, b - b_high
+        error = a_high * b_high - product + a_high * b_low + a_low * b_high + a_low * b_low
+        size = np.abs(product)
+        small = np.maximum(np.abs(a), b) <= LARGEST_EXACT
+    exact: NDArray[np.bool_] = (error == 0.0) & (size >= SMALLEST_EXACT) & small
+    return exact | (a == 0.0)
+
+
+@dataclass(frozen=True, init=False, eq=False)
+class Hull(_Cloud):
+    """The convex hull of points (n, 3), n >= 1; ``fit`` as in ``OBB.from_points``."""
+
+    points: Floats
+    scale: Triple
+    fit: str
+
+    def __init__(self, points: ArrayLike, scale: ArrayLike = NO_SCALE, fit: str = "best") -> None:
+        self._store(
+            points=_owned_points(points, "points"),
+            scale=positive_triple(scale, "scale"),
+            fit=check_fit(fit),
+        )
+
+    @classmethod
+    def fitted(cls, points: Floats, local_box: LocalBox, scale: Floats | None = None) -> Hull:
+        """Return the hull of points whose box is known; nothing is checked or copied."""
+        x, y, z = NO_SCALE if scale is None else scale.tolist()
+        hull = object.__new__(cls)
+        hull._store(points=points, scale=(x, y, z), fit="best", local_box=read_only(*local_box))
+        points.setflags(write=False)
+        return hull
+
+    def _points(self) -> Floats:
+        return self.points
+
+
+@dataclass(frozen=True, init=False, eq=False)
+class Mesh(_Cloud):
+    """Triangles: vertices (n, 3) metres, faces (m, 3) rows of vertices; no faces: all vertices.
+
+    The local box is that of the triangles; vertices that no face uses don't count. Raises
+    ValueError for no vertices, numbers that are not finite, faces out of range.
+    """
+
+    vertices: Floats
+    faces: Triangles = field(repr=False)
+    scale: Triple
+    fit: str
+
+    def __init__(
+        self,
+        vertices: ArrayLike,
+        faces: ArrayLike,
+        scale: ArrayLike = NO_SCALE,
+        fit: str = "best",
+    ) -> None:
+        points = _owned_points(vertices, "vertices")
+        self._store(
+            vertices=points,
+            faces=_checked_faces(faces, len(points)),
+            scale=positive_triple(scale, "scale"),
+            fit=check_fit(fit),
+        )
+
+    @classmethod
+    def fitted(cls, vertices: Floats, faces: Triangles, scale: Floats, local_box: LocalBox) -> Mesh:
+        """Return the mesh whose box is known; nothing is checked or copied."""
+        x, y, z = scale.tolist()
+        mesh = object.__new__(cls)
+        mesh._store(vertices=vertices, faces=faces, scale=(x, y, z), fit="best")
+        mesh._store(local_box=read_only(*local_box))
+        for array in (vertices, faces):
+            array.setflags(write=False)
+        return mesh
+
+    @classmethod
+    def from_file(cls, path: str | Path, scale: ArrayLike = NO_SCALE, fit: str = "best") -> Mesh:
+        """Return the mesh of a file that trimesh reads: STL, OBJ, PLY, DAE, GLB and others.
+
+        ``path`` may be a path, a file:// or a package:// URI (the latter needs ROS). The parts of
+        a scene are joined, each where the scene puts it. Lengths are metres; a file that names
+        another unit (DAE) is converted. Only the file itself is read: no materials, textures or
+        buffers in other files. Raises ValueError naming the file where it is missing, no regular
+        file, larger than a gigabyte, can't be read or holds no vertices.
+        """
+        check_kind(path, str, "path", PathLike)
+        file = resolve_path(path)
+        try:
+            return cls(*read_mesh(read_file(file)[0], file.name), scale, fit)
+        except (ValueError, MemoryError) as error:
+            reason = "there is not enough memory" if isinstance(error, MemoryError) else error
+            where = printable(shortened(str(file)))
+            raise ValueError(f"mesh file {where}: {printable(str(reason))}") from error
+
+    def _points(self) -> Floats:
+        return self.vertices[np.unique(self.faces)] if len(self.faces) else self.vertices
+
+
+def _owned_points(value: ArrayLike, name: str) -> Floats:
+    points = as_array(value, name, (None, 3)).copy()
+    if len(points) == 0:
+        raise ValueError(f"{name} must hold at least one point, got none")
+    points.setflags(write=False)
+    return points
+
+
+def _checked_faces(value: ArrayLike, vertices: int) -> Triangles:
+    faces = as_any_array(value, "faces", "integers of shape (n, 3)")
+    if faces.size == 0:
+        faces = np.empty((0, 3), np.int64)
+    if faces.ndim != 2 or faces.shape[1] != 3 or faces.dtype.kind not in "iu":
+        raise ValueError(
+            f"faces must be integers of shape (n, 3), got {faces.dtype} of shape {faces.shape}"
+        )
+    wrong = ((faces < 0) | (faces >= vertices)).any(axis=1)
+    if wrong.any():
+        row = int(wrong.argmax())
+        raise ValueError(
+            f"faces must name vertices 0 to {vertices - 1} in row {row}, got {faces[row].tolist()}"
+        )
+    checked = faces.astype(np.int64)
+    checked.setflags(write=False)
+    return checked

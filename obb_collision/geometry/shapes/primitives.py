@@ -1,0 +1,197 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Shapes with a formula: box, sphere, cylinder, capsule, cone, ellipsoid.
+
+Every shape lives in its own frame, about its own origin, and is stretched by ``scale`` along the
+axes of that frame. Its local box is axis-aligned there, tight, and contains it certainly: the half
+extents are exact or the next double above.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from obb_collision.geometry.fitting.enclosing import round_up
+from obb_collision.geometry.validation import MAX_MAGNITUDE, as_array, as_half_extents
+from obb_collision.typing import Floats
+
+Triple = tuple[float, float, float]
+#: Centre (3,), rotation (3, 3) and half extents (3,) of a box in the frame of its shape.
+LocalBox = tuple[Floats, Floats, Floats]
+#: Half extents before scaling, exactly.
+Reach = tuple[Fraction, Fraction, Fraction]
+
+#: The scale of a shape that is as large as it says.
+NO_SCALE: Triple = (1.0, 1.0, 1.0)
+
+
+def positive_triple(value: ArrayLike, name: str) -> Triple:
+    """Return three positive finite numbers; ValueError naming the argument otherwise."""
+    array = as_array(value, name, (3,))
+    if not (array > 0.0).all():
+        raise ValueError(f"{name} must be positive, got {array.tolist()}")
+    x, y, z = array.tolist()
+    return x, y, z
+
+
+def positive_number(value: ArrayLike, name: str) -> float:
+    """Return a positive finite number; ValueError naming the argument otherwise."""
+    number = float(as_array(value, name, ()))
+    if not number > 0.0:
+        raise ValueError(f"{name} must be positive, got {number!r}")
+    return number
+
+
+class Shape(ABC):
+    """A body in its own frame, metres, stretched by ``scale`` (3,) along the axes of that frame."""
+
+    scale: Triple
+
+    @property
+    @abstractmethod
+    def local_box(self) -> LocalBox:
+        """Centre (3,), rotation (3, 3), half extents (3,): read-only arrays, fitted once."""
+
+    def _store(self, **values: object) -> None:
+        for name, value in values.items():
+            object.__setattr__(self, name, value)  # the dataclasses are frozen
+
+
+class Primitive(Shape):
+    """A shape that its half extents before scaling describe well enough to box it."""
+
+    @abstractmethod
+    def _reach(self) -> Reach: ...
+
+    @cached_property
+    def local_box(self) -> LocalBox:
+        """Centre (3,), rotation (3, 3), half extents (3,): read-only arrays, fitted once."""
+        scaled = (Fraction(s) * reach for s, reach in zip(self.scale, self._reach(), strict=True))
+        try:
+            half_extents = np.array([round_up(x.numerator, x.denominator) for x in scaled])
+        except OverflowError:
+            half_extents = np.full(3, np.inf)
+        if half_extents.max() > MAX_MAGNITUDE:
+            raise ValueError(f"size times scale must not exceed {MAX_MAGNITUDE:g}")
+        return read_only(np.zeros(3), np.eye(3), half_extents)
+
+
+def read_only(center: Floats, rotation: Floats, half_extents: Floats) -> LocalBox:
+    """Return the three arrays, protected: the box is shared by all who ask for it."""
+    for array in (center, rotation, half_extents):
+        array.setflags(write=False)
+    return center, rotation, half_extents
+
+
+@dataclass(frozen=True, init=False)
+class Box(Primitive):
+    """A box; ``size`` (3,) are its full edge lengths, zero allowed: a flat box."""
+
+    size: Triple
+    scale: Triple
+
+    def __init__(self, size: ArrayLike, scale: ArrayLike = NO_SCALE) -> None:
+        x, y, z = as_half_extents(size, "size", (3,)).tolist()
+        self._store(size=(x, y, z), scale=positive_triple(scale, "scale"))
+
+    def _reach(self) -> Reach:
+        x, y, z = (Fraction(edge) / 2 for edge in self.size)
+        return x, y, z
+
+
+@dataclass(frozen=True, init=False)
+class Sphere(Primitive):
+    """A sphere; an ellipsoid when scaled differently along its axes."""
+
+    radius: float
+    scale: Triple
+
+    def __init__(self, radius: float, scale: ArrayLike = NO_SCALE) -> None:
+        self._store(radius=positive_number(radius, "radius"), scale=positive_triple(scale, "scale"))
+
+    def _reach(self) -> Reach:
+        radius = Fraction(self.radius)
+        return radius, radius, radius
+
+
+@dataclass(frozen=True, init=False)
+class Ellipsoid(Primitive):
+    """An ellipsoid with half axes ``radii`` (3,) along x, y, z."""
+
+    radii: Triple
+    scale: Triple
+
+    def __init__(self, radii: ArrayLike, scale: ArrayLike = NO_SCALE) -> None:
+        self._store(radii=positive_triple(radii, "radii"), scale=positive_triple(scale, "scale"))
+
+    @classmethod
+    def trusted(cls, radii: Triple) -> Ellipsoid:
+        """Return an ellipsoid of radii that are known to be positive and not too large."""
+        shape = object.__new__(cls)
+        shape._store(radii=radii, scale=NO_SCALE)
+        return shape
+
+    def _reach(self) -> Reach:
+        x, y, z = (Fraction(radius) for radius in self.radii)
+        return x, y, z
+
+
+@dataclass(frozen=True, init=False)
+class _Turned(Primitive):
+    """A solid of revolution along z, centred at half its length."""
+
+    radius: float
+    length: float
+    scale: Triple
+
+    def __init__(self, radius: float, length: float, scale: ArrayLike = NO_SCALE) -> None:
+        self._store(
+            radius=positive_number(radius, "radius"),
+            length=positive_number(length, "length"),
+            scale=positive_triple(scale, "scale"),
+        )
+
+    def _reach(self) -> Reach:
+        radius = Fraction(self.radius)
+        return radius, radius, Fraction(self.length) / 2
+
+
+class Cylinder(_Turned):
+    """A cylinder along z, centred; ``length`` is its height."""
+
+    @classmethod
+    def trusted(cls, radius: float, length: float, scale: Triple) -> Cylinder:
+        """Return a cylinder of numbers that are known to be positive and not too large."""
+        shape = object.__new__(cls)
+        shape._store(radius=radius, length=length, scale=scale)
+        return shape
+
+
+class Cone(_Turned):
+    """A cone along z with its apex at +length / 2 and its base of ``radius`` at -length / 2."""
+
+
+class Capsule(_Turned):
+    """A capsule along z, centred; ``length`` is that of the cylinder between the two caps."""
+
+    def _reach(self) -> Reach:
+        x, y, half = super()._reach()
+        return x, y, half + Fraction(self.radius)

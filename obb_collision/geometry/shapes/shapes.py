@@ -1,0 +1,44 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The shapes of objects, all in one place: each knows its ``local_box`` in its own frame."""
+
+from __future__ import annotations
+
+from obb_collision.geometry.shapes.files import resolve_path
+from obb_collision.geometry.shapes.meshes import Hull, Mesh
+from obb_collision.geometry.shapes.primitives import (
+    Box,
+    Capsule,
+    Cone,
+    Cylinder,
+    Ellipsoid,
+    LocalBox,
+    Shape,
+    Sphere,
+)
+
+__all__ = [
+    "Box",
+    "Capsule",
+    "Cone",
+    "Cylinder",
+    "Ellipsoid",
+    "Hull",
+    "LocalBox",
+    "Mesh",
+    "Shape",
+    "Sphere",
+    "resolve_path",
+]

@@ -1,0 +1,110 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Points whose hull holds a shape with round faces: prisms, pyramids, geodesic spheres about it.
+
+Made for the shape before scaling, which is linear and so keeps what is inside inside, and larger
+by SLACK than they need be: more than all rounding.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+
+import numpy as np
+
+from obb_collision.geometry.fitting.convex_hull import convex_hull
+from obb_collision.geometry.shapes.primitives import (
+    Capsule,
+    Cone,
+    Cylinder,
+    Ellipsoid,
+    Shape,
+    Sphere,
+)
+from obb_collision.typing import Floats, Integers
+
+#: Sides of the polygon about a circle: its corners are 1.9 % farther out.
+SIDES = 16
+#: Relative excess of all coordinates: far above roundoffs, far below what anybody sees.
+SLACK = 2.0**-40
+
+
+def outer_points(shape: Shape) -> Floats:
+    """Return points (n, 3) whose hull holds a sphere, ellipsoid, cylinder, capsule or cone.
+
+    ValueError for other shapes.
+    """
+    if isinstance(shape, Sphere):
+        points = shape.radius * _outer_sphere()
+    elif isinstance(shape, Ellipsoid):
+        points = np.array(shape.radii) * _outer_sphere()
+    elif isinstance(shape, Capsule):
+        ends = np.array([[0.0, 0.0, 0.5 * shape.length], [0.0, 0.0, -0.5 * shape.length]])
+        points = (shape.radius * _outer_sphere() + ends[:, None]).reshape(-1, 3)
+    elif isinstance(shape, (Cylinder, Cone)):
+        base = _outer_ring(shape.radius, -0.5 * shape.length)
+        top = _outer_ring(0.0 if isinstance(shape, Cone) else shape.radius, 0.5 * shape.length)
+        points = np.concatenate([base, top])
+    else:
+        raise ValueError(f"no points are known about a {type(shape).__name__}")
+    result: Floats = points * np.array(shape.scale) * (1.0 + SLACK)
+    return result
+
+
+def geodesic_sphere(rounds: int) -> Floats:
+    """Return points (n, 3) on the unit sphere: an icosahedron, its edges halved some rounds.
+
+    12, 42, 162, ... points.
+    """
+    a, b = 1.0, 0.5 * (1.0 + math.sqrt(5.0))
+    signs = [(p, q) for p in (-1.0, 1.0) for q in (-1.0, 1.0)]
+    points = np.array([turned for p, q in signs for turned in _turns(0.0, p * a, q * b)])
+    points /= np.linalg.norm(points, axis=1)[:, None]
+    for _ in range(rounds):
+        faces = _faces(points)
+        edges = np.sort(np.concatenate([faces[:, :2], faces[:, 1:], faces[:, ::2]]), axis=1)
+        middles = points[np.unique(edges, axis=0)].sum(axis=1)
+        points = np.concatenate([points, middles / np.linalg.norm(middles, axis=1)[:, None]])
+    return points
+
+
+def _turns(x: float, y: float, z: float) -> list[tuple[float, float, float]]:
+    return [(x, y, z), (z, x, y), (y, z, x)]
+
+
+@cache
+def _outer_sphere() -> Floats:
+    """Return points whose hull holds the unit sphere; they are 3.6 % farther out."""
+    points = geodesic_sphere(2)
+    a, b, c = points[_faces(points)].transpose(1, 0, 2)
+    normals = np.cross(b - a, c - a)
+    depths = np.abs(np.einsum("ij,ij->i", normals, a)) / np.linalg.norm(normals, axis=1)
+    result: Floats = points / depths.min()
+    return result
+
+
+def _outer_ring(radius: float, height: float) -> Floats:
+    angles = 2.0 * np.pi * np.arange(SIDES) / SIDES
+    reach = radius / math.cos(math.pi / SIDES)
+    heights = np.full(SIDES, height)
+    return np.stack([reach * np.cos(angles), reach * np.sin(angles), heights], axis=1)
+
+
+def _faces(points: Floats) -> Integers:
+    hull = convex_hull(points)
+    assert hull is not None
+    faces: Integers = hull.simplices.astype(np.int64)
+    return faces

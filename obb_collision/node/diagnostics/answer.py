@@ -1,0 +1,189 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What is known about collisions as a whole, and for which reason it may not be known.
+
+The one place that decides it: the topics ``collision_status`` and ``in_collision`` and
+``/diagnostics`` say the same.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import islice
+
+import numpy as np
+import numpy.typing as npt
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+
+from obb_collision.node.messages.conversions import NANOSECONDS, name_from_key
+from obb_collision.node.objects.objects import Objects
+from obb_collision.scene.report import Report
+
+FREE, COLLIDING, UNKNOWN = DiagnosticStatus.OK, DiagnosticStatus.ERROR, DiagnosticStatus.STALE
+MAX_NAMED = 10
+"""Objects named; the counts are complete."""
+
+STARTING, STOPPING = "starting", "shutting down"
+DISABLED = "disabled: nothing is checked"
+FAILED = "the last cycle failed: internal error"
+UNCHECKED = "not checked yet"
+BLIND = "no state placed"
+BLOCKED = "cycle blocked"
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What is known of collisions.
+
+    pairs: colliding ones, of the last check. unknown: why nothing is known at all, "" if something
+    is; seconds: for how long, 0 where that says nothing. missing: objects without a box, so that
+    nothing is known of them. stamp: of the newest state evaluated (ns), 0 for none.
+    """
+
+    pairs: int = 0
+    unknown: str = STARTING
+    seconds: float = 0.0
+    missing: int = 0
+    names_missing: tuple[str, ...] = ()
+    stale: int = 0
+    names_stale: tuple[str, ...] = ()
+    doubtful: int = 0
+    objects: int = 0
+    stamp: int = 0
+    more: bool = False
+    """Whether ``pairs`` is less than there are."""
+
+    @property
+    def level(self) -> bytes:
+        """FREE, COLLIDING or UNKNOWN. What is found to collide does, whatever else is unknown."""
+        if self.unknown:
+            return bytes(UNKNOWN)
+        if self.pairs:
+            return bytes(COLLIDING)
+        return bytes(UNKNOWN if self.missing else FREE)
+
+    def flag(self, unknown_is_collision: bool) -> bool:
+        """Return what ``in_collision`` says."""
+        return self.pairs > 0 or (self.level == UNKNOWN and unknown_is_collision)
+
+    @property
+    def kind(self) -> tuple[object, ...]:
+        """What is told at once when it changes: the rest may wait a moment."""
+        return self.level, self.unknown, bool(self.missing), bool(self.stale)
+
+    @property
+    def message(self) -> str:
+        """Return it in a line."""
+        time = f" for {self.seconds:.1f} s" if self.seconds else ""
+        parts = [self.unknown + time] if self.unknown else []
+        if self.pairs:
+            last = " at the last check" if self.unknown else ""
+            number = f"at least {self.pairs}" if self.more else str(self.pairs)
+            parts.append(f"{number} pair{'s collide' if self.pairs > 1 else ' collides'}{last}")
+        elif not (self.unknown or self.missing):
+            parts.append("free")
+        for count, names, what in (
+            (self.missing, self.names_missing, "without a box (not checked)"),
+            (self.stale, self.names_stale, "stale"),
+        ):
+            if count:
+                parts.append(f"{count} {what}: {some(names, count)}")
+        return "; ".join(parts)
+
+    def without(self, reason: str, seconds: float = 0.0) -> Answer:
+        """Return the same where nothing is known any more, for a reason and for how long."""
+        return replace(self, unknown=reason, seconds=seconds)
+
+    def to_ros(self, name: str, now: int, unknown_is_collision: bool) -> DiagnosticStatus:
+        """Return the status; ``now`` is the time (ns)."""
+        age = f"{(now - self.stamp) / NANOSECONDS:.3f}" if self.stamp else "never"
+        values: list[tuple[str, object]] = [
+            ("colliding pairs at least" if self.more else "colliding pairs", self.pairs),
+            ("age of the newest state (s)", age),
+            ("objects", self.objects),
+            ("stale", self.stale),
+            ("doubtful", self.doubtful),
+            ("unplaceable", self.missing),
+            ("in_collision", self.flag(unknown_is_collision)),
+            ("unknown_is_collision", unknown_is_collision),
+        ]
+        return DiagnosticStatus(
+            level=self.level,
+            name=name,
+            message=self.message,
+            hardware_id="obb_collision",
+            values=[KeyValue(key=key, value=str(value)) for key, value in values],
+        )
+
+
+def some(names: tuple[str, ...] | list[str], count: int) -> str:
+    """Return the first names, and how many more there are of ``count``."""
+    shown = names[:MAX_NAMED]
+    more = count - len(shown)
+    return ", ".join(shown) + (f" and {more} more" if more > 0 else "")
+
+
+def answer(
+    objects: Objects, report: Report | None, enabled: bool, failed: bool, now: int, timeout: float
+) -> Answer:
+    """Return what is known after a cycle.
+
+    report: of its check, None where there was none; failed: it ended in an internal error; timeout:
+    the age (s) at which states are stale, 0 for never.
+    """
+    table = objects.table
+    placed, waiting = objects.visible, table.live & ~objects.visible
+    stale = table.live & table.stale
+    missing = int(np.count_nonzero(waiting)) + len(objects.unplaceable)
+    known = Answer(
+        pairs=0 if report is None else report.total,
+        more=report is not None and report.truncated,
+        missing=missing,
+        names_missing=(*_names(objects, waiting), *_unplaceable(objects)),
+        stale=int(np.count_nonzero(stale)),
+        names_stale=_names(objects, stale),
+        doubtful=int(np.count_nonzero(objects.doubtful)),
+        objects=len(table),
+        stamp=objects.newest_stamp(now) if placed.any() else 0,
+    )
+    return known.without(*_unknown(objects, report, enabled, failed, now, timeout))
+
+
+def _unknown(
+    objects: Objects, report: Report | None, enabled: bool, failed: bool, now: int, timeout: float
+) -> tuple[str, float]:
+    """Return why nothing at all is known, "" if something is, and for how long (s)."""
+    if not enabled:
+        return DISABLED, 0.0
+    if failed:
+        return FAILED, 0.0
+    if report is None and len(objects.table):
+        return UNCHECKED, 0.0
+    received = objects.table.world_received[objects.visible]
+    if timeout > 0 and len(received):
+        age = (now - int(received.max())) / NANOSECONDS
+        if age > timeout:
+            return BLIND, age
+    return "", 0.0
+
+
+def _names(objects: Objects, rows: npt.NDArray[np.bool_]) -> tuple[str, ...]:
+    slots = np.flatnonzero(rows)[:MAX_NAMED].tolist()
+    return tuple(name_from_key(objects.table.key(slot)) for slot in slots)
+
+
+def _unplaceable(objects: Objects) -> tuple[str, ...]:
+    first = islice(objects.unplaceable.items(), MAX_NAMED)
+    return tuple(f"{name_from_key(key)} ({reason})" for key, reason in first)

@@ -1,0 +1,229 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The statuses of ``/diagnostics``: inputs, objects, cycle and QoS."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from itertools import islice
+
+import numpy as np
+import numpy.typing as npt
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+
+from obb_collision.accuracy import ALL_RUNGS
+from obb_collision.node.diagnostics.answer import MAX_NAMED, some
+from obb_collision.node.diagnostics.monitors import NANOSECONDS_F, CycleMonitor, InputMonitor
+from obb_collision.node.messages.conversions import name_from_key
+from obb_collision.node.objects.objects import Objects
+from obb_collision.node.runtime.guard import INTERNAL_ERROR, Guard
+from obb_collision.scene.report import Report
+
+OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
+LONGEST_DELAY = 0.2
+"""Seconds from a message's receipt to its answer, beyond which the node says that it is too slow;
+where two periods are longer, those."""
+
+
+def _status(
+    name: str, level: bytes, message: str, values: Iterable[tuple[str, object]]
+) -> DiagnosticStatus:
+    pairs = [KeyValue(key=key, value=str(value)) for key, value in values]
+    return DiagnosticStatus(
+        level=level, name=name, message=message, hardware_id="obb_collision", values=pairs
+    )
+
+
+def input_status(
+    node: str, key: str, monitor: InputMonitor, now: int, seconds: float
+) -> DiagnosticStatus:
+    """Rate, age and refused items by reason of one input, over the last ``seconds``."""
+    messages, refused, doubted = monitor.since_last_report()
+    values: list[tuple[str, object]] = [
+        ("topic", monitor.topic),
+        ("messages", monitor.messages),
+        ("rate (Hz)", f"{messages / seconds:.2f}"),
+        (
+            "age (s)",
+            "never" if monitor.last is None else f"{(now - monitor.last) / NANOSECONDS_F:.3f}",
+        ),
+        ("rejected", monitor.refused.total()),
+        ("qos mismatches", monitor.mismatches),
+        *(() if monitor.ignored is None else [("not finite in the last cloud", monitor.ignored)]),
+        *((f"rejected: {reason}", count) for reason, count in sorted(monitor.refused.items())),
+        *((f"doubtful: {reason}", count) for reason, count in sorted(monitor.doubted.items())),
+    ]
+    faults = []
+    if refused:
+        faults.append(f"{refused} items rejected")
+    if doubted:
+        faults.append(f"{doubted} items used, but doubtful")
+    if monitor.mismatches:
+        faults.append("a publisher has incompatible QoS")
+    message = "; ".join(faults) or f"{messages} messages"
+    return _status(f"{node}: input {key}", WARN if faults else OK, message, values)
+
+
+def _kinds(objects: Objects) -> dict[str, npt.NDArray[np.bool_]]:
+    """Return which objects are not as they should be, each under the first label that fits."""
+    table, visible = objects.table, objects.visible
+    refused = table.shape_refused | table.pose_refused | table.frame_refused
+    left = visible.copy()
+    kinds = {"unplaceable": table.live & ~visible}
+    for label, rows in (
+        ("stale", table.stale),
+        ("refused", refused),
+        ("new shape being built", table.shape_pending),
+        ("doubtful stamp", table.ahead | table.held_back),
+    ):
+        kinds[label] = left & rows
+        left &= ~rows
+    return kinds
+
+
+def _prepared(objects: Objects) -> list[tuple[str, object]]:
+    """Return the shapes whose trees and hulls are built, or can't be: their pairs are on obb."""
+    trees = objects.trees
+    values: list[tuple[str, object]] = []
+    if trees.waiting:
+        values.append(("shapes being prepared, pairs on obb meanwhile", trees.waiting))
+    for reason, count in sorted(trees.failed.items()):
+        values.append((f"shapes not prepared, pairs on obb: {reason}", count))
+    return values
+
+
+def object_status(
+    node: str, objects: Objects, policy: str, report: Report | None
+) -> DiagnosticStatus:
+    """Count objects: stale, refused (last box kept), unplaceable (no box: not checked)."""
+    table, kinds = objects.table, _kinds(objects)
+    colliding: object = "not known"
+    if report is not None:  # what left since then does not count
+        rows = min(len(report.colliding), len(table.live))
+        colliding = int(np.count_nonzero(report.colliding[:rows] & table.live[:rows]))
+    rungs = Counter() if report is None else Counter(report.rungs.tolist())
+    cap = None if report is None else report.cap
+    counts = {label: int(np.count_nonzero(found)) for label, found in kinds.items()}
+    counts["unplaceable"] += len(objects.unplaceable)
+    reasons = Counter(objects.unplaceable.values())
+    reasons["shape being built"] = int(np.count_nonzero(table.live & ~table.shaped))
+    reasons["no transform yet"] = int(np.count_nonzero(table.live & table.shaped & ~table.placed))
+    values: list[tuple[str, object]] = [
+        ("count", len(table)),
+        ("colliding", colliding),
+        *([("pairs at least", report.total)] if report is not None and report.truncated else ()),
+        *((f"pairs on {ALL_RUNGS[rung]}", count) for rung, count in sorted(rungs.items())),
+        *(() if cap is None else [("highest accuracy in the time budget", ALL_RUNGS[cap])]),
+        ("stale policy", policy),
+        *_prepared(objects),
+        *counts.items(),
+        *((f"unplaceable: {reason}", count) for reason, count in sorted(reasons.items()) if count),
+        *(
+            (f"names {label}", text)
+            for label, text in _named(objects, kinds, counts).items()
+            if text
+        ),
+    ]
+    kept = "last box kept"
+    words = {
+        "stale": f"stale ({'ignored' if policy == 'ignore' else kept})",
+        "refused": f"refused ({kept})",
+        "new shape being built": f"new shapes being built ({kept})",
+        "doubtful stamp": "with a doubtful stamp",
+        "unplaceable": "unplaceable (not checked)",
+    }
+    faults = [f"{counts[label]} {text}" for label, text in words.items() if counts[label]]
+    if report is not None and report.truncated:
+        faults.append(f"at least {report.total} pairs collide (the first {len(report)} published)")
+    message = "; ".join(faults) or f"{len(table)} objects"
+    return _status(f"{node}: objects", WARN if faults else OK, message, values)
+
+
+def _named(
+    objects: Objects, kinds: Mapping[str, npt.NDArray[np.bool_]], counts: Mapping[str, int]
+) -> dict[str, str]:
+    """Return the names of objects by kind, the first ones."""
+    table, texts = objects.table, {}
+    for label, rows in kinds.items():
+        keys = [table.key(slot) for slot in np.flatnonzero(rows)[:MAX_NAMED].tolist()]
+        if label == "unplaceable":
+            keys = [*islice(objects.unplaceable, MAX_NAMED), *keys]
+        texts[label] = some([name_from_key(key) for key in keys], counts[label])
+    return texts
+
+
+def cycle_status(
+    node: str,
+    cycles: CycleMonitor,
+    effects: Mapping[str, str],
+    enabled: bool,
+    seconds: float,
+    period: float,
+) -> DiagnosticStatus:
+    """Mean and longest duration of the last cycles, whole, by stage and by effect; overruns.
+
+    effects: by name, what becomes of each in words; period: between two cycles (s).
+    """
+    overruns_before, failures_before = cycles.reported_overruns, cycles.reported_failures
+    delay, age = cycles.delay, cycles.age
+    durations, stages = cycles.take()
+    values: list[tuple[str, object]] = [
+        ("enabled", enabled),
+        ("rate (Hz)", f"{len(durations) / seconds:.2f}"),
+        ("overruns", cycles.overruns),
+        ("cycles", cycles.total),
+    ]
+    if age is not None:
+        values.append(("longest delay (s)", f"{delay:.3f}"))
+        values.append(("age of the newest state evaluated (s)", f"{age:.3f}"))
+    for name, times in (("cycle", durations), *stages.items()):
+        if times:
+            values.append((f"{name} mean (ms)", f"{1e3 * sum(times) / len(times):.3f}"))
+            values.append((f"{name} max (ms)", f"{1e3 * max(times):.3f}"))
+    for name, state in effects.items():
+        values.append((f"effect {name}", state))
+        if name in cycles.counts:
+            values.append((f"effect {name} ran on", cycles.counts[name]))
+        if name in cycles.failures:
+            values.append((f"effect {name} failures", cycles.failures[name]))
+            values.append((f"effect {name} last failure", cycles.last_failures[name]))
+    faults = []
+    if age is not None and delay > max(LONGEST_DELAY, 2.0 * period):
+        faults.append(f"overload: states wait {delay:.2f} s, the newest one is {age:.2f} s old")
+    if cycles.failures.total() > failures_before:
+        faults.append("effects failed on some pairs")
+    if not enabled:
+        faults.append("disabled: nothing is checked")
+    if cycles.overruns > overruns_before:
+        faults.append(f"{cycles.overruns - overruns_before} cycles took longer than a period")
+    message = "; ".join(faults) or f"{len(durations)} cycles"
+    return _status(f"{node}: cycle", WARN if faults else OK, message, values)
+
+
+def guard_status(node: str, guard: Guard) -> DiagnosticStatus:
+    """Count failures inside the node by where they happened; an error once there was one."""
+    values: list[tuple[str, object]] = [("total", guard.total), *sorted(guard.counts.items())]
+    if guard.last:
+        values.append(("last", guard.last))
+    message = f"{guard.total} {INTERNAL_ERROR}s" if guard.total else "none"
+    return _status(f"{node}: internal errors", ERROR if guard.total else OK, message, values)
+
+
+def qos_status(node: str, mismatches: dict[str, int]) -> DiagnosticStatus:
+    """Name publishers and subscribers that can't be matched, by topic."""
+    found = {topic: count for topic, count in mismatches.items() if count}
+    message = "incompatible QoS on " + ", ".join(found) if found else "no mismatch"
+    return _status(f"{node}: qos", WARN if found else OK, message, found.items())

@@ -1,0 +1,194 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Messages -> objects: every item is used or refused on its own, and counted if refused.
+
+Markers are in ``marker_input``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from geometry_msgs.msg import TransformStamped
+from sensor_msgs.msg import MultiDOFJointState, PointCloud2
+
+from obb_collision.node.diagnostics.monitors import InputMonitor
+from obb_collision.node.inputs.markers import MarkerInput
+from obb_collision.node.messages.clouds import poses_from_ros
+from obb_collision.node.messages.conversions import (
+    LARGEST_COORDINATE,
+    pose_faults,
+    stamp_from_ros,
+    states_from_ros,
+    transform_from_ros,
+    twists_from_ros,
+)
+from obb_collision.node.messages.errors import RefusedError
+from obb_collision.node.messages.names import shortened
+from obb_collision.node.objects.objects import OLDER, Objects, State
+from obb_collision.node.objects.table import Slots
+from obb_collision.node.runtime.guard import Guard
+from obb_collision.typing import Floats
+
+
+class Inputs:
+    """Stores the messages of the four topics about objects; the latest state of one wins."""
+
+    def __init__(
+        self,
+        objects: Objects,
+        monitors: dict[str, InputMonitor],
+        clock: Callable[[], int],
+        wants_twists: Callable[[], bool],
+        guard: Guard,
+    ) -> None:
+        self._objects = objects
+        self._monitors = monitors
+        self._clock = clock
+        self._wants_twists = wants_twists
+        self.markers = MarkerInput(objects, monitors["objects"], clock, guard)
+
+    def takers(self) -> dict[str, Callable[[Any], None]]:
+        """Return what takes the messages of each topic; those of ``objects`` serialised."""
+        return {
+            "objects": self.markers.take,
+            "object_transform": self._in_order(self.take_transform),
+            "object_states": self._in_order(self.take_states),
+            "object_poses": self._in_order(self.take_poses),
+        }
+
+    def _in_order(self, take: Callable[[Any], None]) -> Callable[[Any], None]:
+        """Return what takes messages once the markers are applied that came before."""
+
+        def apply_and_take(message: Any) -> None:
+            self.markers.apply()
+            take(message)
+
+        return apply_and_take
+
+    def take_transform(self, message: TransformStamped) -> None:
+        """Store one pose."""
+        pose = transform_from_ros(message.transform)[None]
+        self._take_named("object_transform", [message.child_frame_id], pose, message.header)
+
+    def take_states(self, message: MultiDOFJointState) -> None:
+        """Store poses by name, and twists if there is one for each; else they are counted."""
+        monitor, now = self._monitors["object_states"], self._clock()
+        try:
+            names, poses = states_from_ros(message)
+        except RefusedError as error:
+            monitor.received(now)
+            monitor.refuse(now, error.reason, detail=error.detail)
+            known = [self._slot(name) for name in message.joint_names]
+            self._objects.refuse_poses(np.array([s for s in known if s >= 0], np.int64))
+            return
+        twists = self._twists(message, names)
+        self._take_named("object_states", names, poses, message.header, twists)
+
+    def _twists(self, message: MultiDOFJointState, names: list[str]) -> Floats | None:
+        """Return twists (n, 6), zero where they can't be used; None where nobody wants any."""
+        if not (message.twist and self._wants_twists()):
+            return None
+        monitor, now = self._monitors["object_states"], self._clock()
+        if len(message.twist) != len(names):
+            detail = f"{len(message.twist)} twists, {len(names)} names; poses used"
+            monitor.refuse(now, "array lengths differ", "twist", detail)
+            return None
+        twists = twists_from_ros(message)
+        bad = ~(np.abs(twists) <= LARGEST_COORDINATE).all(axis=1)
+        if bad.any():
+            item, count = _shown(names[int(np.argmax(bad))]), int(np.count_nonzero(bad))
+            monitor.refuse(now, "bad twist", item, "pose used", count)
+            twists[bad] = 0.0
+        return twists
+
+    def take_poses(self, message: PointCloud2) -> None:
+        """Store bulk poses by namespace number and id."""
+        monitor, now, table = self._monitors["object_poses"], self._clock(), self._objects.table
+        monitor.received(now)
+        try:
+            namespaces, ids, poses = poses_from_ros(message)
+            if namespaces is not None:
+                known = table.knows(namespaces)
+                if not known.all():
+                    first, count = namespaces[int(np.argmin(known))], int(np.sum(~known))
+                    monitor.refuse(now, "unknown namespace", f"ns {first}", count=count)
+                    namespaces, ids, poses = namespaces[known], ids[known], poses[known]
+            slots = table.find(namespaces, ids)
+        except RefusedError as error:
+            monitor.refuse(now, error.reason, detail=error.detail)
+            return
+        self._store("object_poses", slots, poses, message.header, lambda row: f"id {ids[row]}")
+
+    def _take_named(
+        self,
+        topic: str,
+        names: list[str],
+        poses: Floats,
+        header: object,
+        twists: Floats | None = None,
+    ) -> None:
+        self._monitors[topic].received(self._clock())
+        slots = np.array([self._slot(name) for name in names], np.int64)
+        self._store(topic, slots, poses, header, lambda row: _shown(names[row]), twists)
+
+    def _slot(self, name: str) -> int:
+        """Slot of a name, -1 for an unknown one; ``5`` means ``/5``, an empty namespace."""
+        by_name = self._objects.table.by_name
+        return by_name.get(name, by_name.get("/" + name, -1))
+
+    def _store(
+        self,
+        topic: str,
+        slots: Slots,
+        poses: Floats,
+        header: object,
+        describe: Callable[[int], str],
+        twists: Floats | None = None,
+    ) -> None:
+        """Store the good rows; count the others by reason and mark their objects."""
+        monitor, now = self._monitors[topic], self._clock()
+        unknown = slots < 0
+        numbers, quaternions = pose_faults(poses)
+        for reason, bad in (
+            ("unknown object", unknown),
+            ("bad pose", numbers & ~unknown),
+            ("zero quaternion", quaternions & ~unknown),
+        ):
+            if bad.any():
+                item = describe(int(np.argmax(bad)))
+                monitor.refuse(now, reason, item, count=int(np.count_nonzero(bad)))
+        bad = numbers | quaternions
+        good = ~(bad | unknown)
+        refused = slots[bad & ~unknown]
+        if not good.all():
+            slots, poses = slots[good], poses[good]
+            twists = None if twists is None else twists[good]
+        try:
+            stamp = stamp_from_ros(header.stamp)  # type: ignore[attr-defined]
+            state = State(header.frame_id, stamp, now, topic)  # type: ignore[attr-defined]
+            old = self._objects.store_poses(slots, poses, state, 0.0 if twists is None else twists)
+            if old.any():
+                monitor.refuse(now, OLDER, count=int(np.count_nonzero(old)))
+        except RefusedError as error:
+            monitor.refuse(now, error.reason, detail=error.detail, count=max(1, len(slots)))
+            self._objects.refuse_poses(slots)
+        self._objects.refuse_poses(refused)
+
+
+def _shown(name: str) -> str:
+    return repr(shortened(name))

@@ -1,0 +1,132 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The subscriptions of the node: types, depths, QoS that a parameter can change."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from time import time_ns
+from typing import Any, NamedTuple
+
+from geometry_msgs.msg import TransformStamped
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.node import Node
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.subscription import Subscription
+from sensor_msgs.msg import MultiDOFJointState, PointCloud2
+from visualization_msgs.msg import MarkerArray
+
+from obb_collision.node.diagnostics.monitors import InputMonitor
+from obb_collision.node.diagnostics.qos import overridable
+
+
+class Input(NamedTuple):
+    """An input topic: its messages, how many of them may wait, and whether each must arrive.
+
+    raw: whether they are taken as they are serialised.
+    """
+
+    kind: type
+    depth: int
+    reliability: ReliabilityPolicy = ReliabilityPolicy.RELIABLE
+    raw: bool = False
+
+
+INPUTS = {
+    # Markers and single poses are for different objects, so more of them wait; the bulk messages
+    # overtake themselves.
+    "objects": Input(MarkerArray, 100, raw=True),  # see ``marker_scan``
+    "object_transform": Input(TransformStamped, 1000),
+    "object_states": Input(MultiDOFJointState, 10),
+    "object_poses": Input(PointCloud2, 10),
+    # As drivers of sensors send: a reliable subscription would receive nothing from them.
+    "points": Input(PointCloud2, 1, ReliabilityPolicy.BEST_EFFORT),
+}
+
+
+class Subscriptions:
+    """Subscribes to inputs, and gives up those that nobody wants.
+
+    takers: store the messages of each topic; arrived: called with the topic once one is stored.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        takers: Mapping[str, Callable[[Any], None]],
+        monitors: Mapping[str, InputMonitor],
+        arrived: Callable[[str], None],
+    ) -> None:
+        self._node, self._takers, self._monitors = node, takers, monitors
+        self._arrived = arrived
+        self._oldest = 0
+        self.open: dict[str, Subscription] = {}
+        """By topic, as the node names it."""
+
+    def keep(self, topic: str, wanted: bool) -> None:
+        """Subscribe to a topic, or no longer."""
+        if wanted and topic not in self.open:
+            self.open[topic] = self._subscribe(topic)
+        elif not wanted and topic in self.open:
+            self._node.destroy_subscription(self.open.pop(topic))
+
+    def drain(self) -> None:
+        """Take all messages that wait, up to the depth of each topic.
+
+        The executor takes one of each topic in a round, with a cycle in between where cycles take
+        long: a backlog would grow until messages are lost.
+        """
+        for topic, subscription in self.open.items():
+            with subscription.handle:
+                for _ in range(INPUTS[topic].depth):
+                    taken = subscription.handle.take_message(
+                        subscription.msg_type, subscription.raw
+                    )
+                    if taken is None:
+                        break
+                    self._take(topic, *taken)
+
+    def take_wait(self) -> float:
+        """Return for how long (s) the oldest message has waited that was taken since the last time.
+
+        From its receipt by the middleware on; 0 if there was none.
+        """
+        oldest, self._oldest = self._oldest, 0
+        return max(1, time_ns() - oldest) * 1e-9 if oldest else 0.0
+
+    def _take(self, topic: str, message: Any, info: Mapping[str, Any]) -> None:
+        received = info.get("received_timestamp") or 0  # some middlewares don't say
+        if received and (received < self._oldest or not self._oldest):
+            self._oldest = received
+        self._takers[topic](message)
+
+    def _subscribe(self, topic: str) -> Subscription:
+        kind, depth, reliability, raw = INPUTS[topic]
+
+        def take(message: Any, info: Any) -> None:
+            self._take(topic, message, info)
+            self._arrived(topic)
+
+        subscription = self._node.create_subscription(
+            kind,
+            topic,
+            take,  # type: ignore[arg-type]  # rclpy gives the information to those that take two
+            QoSProfile(depth=depth, reliability=reliability),
+            event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),  # see qos.py
+            qos_overriding_options=overridable(),
+            raw=raw,
+        )
+        self._monitors[topic].topic = subscription.topic_name
+        return subscription

@@ -1,0 +1,181 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""PointCloud2 <-> arrays, always by field name; bulk poses and obstacle points."""
+
+from __future__ import annotations
+
+from array import array
+from collections.abc import Collection, Mapping
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from sensor_msgs.msg import PointCloud2, PointField
+from std_msgs.msg import Header
+
+from obb_collision.node.messages.errors import RefusedError
+from obb_collision.typing import Floats, Integers
+
+POSE_FIELDS = ("x", "y", "z", "qx", "qy", "qz", "qw")
+DATATYPES = {
+    PointField.INT8: "i1",
+    PointField.UINT8: "u1",
+    PointField.INT16: "i2",
+    PointField.UINT16: "u2",
+    PointField.INT32: "i4",
+    PointField.UINT32: "u4",
+    PointField.FLOAT32: "f4",
+    PointField.FLOAT64: "f8",
+}
+LARGEST_POINT = 2**31 - 1
+"""Bytes of a point at most: numpy before 2.0 stores the size of an item in 32 bits."""
+DATATYPE_OF = {np.dtype(code): number for number, code in DATATYPES.items()}
+
+
+def cloud_from_ros(message: PointCloud2, names: Collection[str]) -> npt.NDArray[Any]:
+    """(n,) structured view of the named fields that a cloud has, whatever its layout.
+
+    Order of fields, padding and endianness are the message's. No more is copied than the message
+    holds. Raises RefusedError ("field layout") where it contradicts itself.
+    """
+    step, width, height = int(message.point_step), int(message.width), int(message.height)
+    dtype = _dtype_from_ros(message, names, step)
+    if width * height == 0:
+        return np.zeros(0, dtype)
+    rows, size = int(message.row_step) or width * step, len(message.data)
+    # Rows that overlap would make far more points than there are bytes.
+    if step == 0 or rows < width * step or size < (height - 1) * rows + width * step:
+        raise RefusedError(
+            "field layout",
+            f"{size} bytes of data for {height} rows of {rows} bytes, "
+            f"{width} points of {step} bytes each",
+        )
+    grid = np.ndarray((height, width), dtype, memoryview(message.data), 0, (rows, step))
+    return grid.reshape(-1)
+
+
+def _dtype_from_ros(message: PointCloud2, names: Collection[str], step: int) -> np.dtype[Any]:
+    """Layout of the named fields. All is checked in Python's integers: numpy's wrap around."""
+    if step > LARGEST_POINT:
+        raise RefusedError("field layout", f"points of {step} bytes each")
+    order = ">" if message.is_bigendian else "<"
+    fields: dict[str, tuple[str, int]] = {}
+    for field in message.fields:
+        # count 0 is what some old writers put for a single number
+        if field.datatype not in DATATYPES or field.count > 1 or field.name not in names:
+            continue
+        code, offset = DATATYPES[field.datatype], int(field.offset)
+        if offset < 0 or offset + int(code[1:]) > step:
+            raise RefusedError(
+                "field layout",
+                f"field {field.name!r} at byte {offset} reaches beyond the {step} of a point",
+            )
+        if field.name in fields:
+            raise RefusedError("field layout", f"field {field.name!r} is there twice")
+        fields[field.name] = order + code, offset
+    formats, offsets = [code for code, _ in fields.values()], [at for _, at in fields.values()]
+    layout: Any = {"names": list(fields), "formats": formats, "offsets": offsets, "itemsize": step}
+    return np.dtype(layout)
+
+
+def cloud_to_ros(rows: npt.NDArray[Any], header: Header | None = None) -> PointCloud2:
+    """Unordered cloud of a (n,) structured array; fields follow the array's dtype."""
+    message = PointCloud2(header=header) if header is not None else PointCloud2()
+    dtype = rows.dtype
+    assert dtype.names is not None
+    assert dtype.fields is not None
+    for name in dtype.names:
+        kind, offset = dtype.fields[name][:2]
+        datatype = DATATYPE_OF[kind.newbyteorder("=")]
+        message.fields.append(PointField(name=name, offset=offset, datatype=datatype, count=1))
+    message.is_bigendian = any(dtype[name].byteorder == ">" for name in dtype.names)
+    message.height, message.width = 1, len(rows)
+    message.point_step, message.row_step = dtype.itemsize, dtype.itemsize * len(rows)
+    message.is_dense = "x" not in dtype.names or bool(np.isfinite(rows["x"]).all())
+    # rclpy checks every element of anything but array('B'): hundreds of times slower
+    data = array("B")
+    data.frombytes(np.ascontiguousarray(rows).tobytes())
+    message.data = data
+    return message
+
+
+def poses_from_ros(message: PointCloud2) -> tuple[Integers | None, Integers, Floats]:
+    """Bulk poses: namespace numbers (n,) or None without a field ``ns``, ids (n,), poses (n, 7).
+
+    Raises RefusedError ("field layout") where a field is missing or of the wrong kind: ``id`` and
+    ``ns`` are integers of any size, the pose fields float32 or float64.
+    """
+    rows = cloud_from_ros(message, ("ns", "id", *POSE_FIELDS))
+    fields: Mapping[str, Any] = rows.dtype.fields or {}
+    for name in ("id", *POSE_FIELDS):
+        if name not in fields:
+            raise RefusedError("field layout", f"no field {name!r}")
+    for name in ("id", "ns"):
+        if name in fields and fields[name][0].kind not in "iu":
+            raise RefusedError("field layout", f"field {name!r} is not an integer")
+    poses = np.empty((len(rows), 7))
+    for column, name in enumerate(POSE_FIELDS):
+        if fields[name][0].kind != "f":
+            raise RefusedError("field layout", f"field {name!r} is not a float")
+        poses[:, column] = rows[name]
+    namespaces = rows["ns"].astype(np.int64) if "ns" in fields else None
+    return namespaces, rows["id"].astype(np.int64), poses
+
+
+def poses_to_ros(
+    ids: npt.ArrayLike,
+    poses: npt.ArrayLike,
+    namespaces: npt.ArrayLike | None = None,
+    header: Header | None = None,
+    single: bool = False,
+) -> PointCloud2:
+    """Bulk poses for ``object_poses``: (n,) ids, (n, 7) poses, (n,) namespace indices.
+
+    ``single`` writes float32, half the bytes and 7 decimal digits.
+    """
+    ids, poses = np.asarray(ids), np.asarray(poses, dtype=np.float64)
+    integers = [("id", "<i4")] if namespaces is None else [("ns", "<i4"), ("id", "<i4")]
+    dtype = np.dtype([(name, "<f4" if single else "<f8") for name in POSE_FIELDS] + integers)
+    rows = np.zeros(len(ids), dtype)
+    for column, name in enumerate(POSE_FIELDS):
+        rows[name] = poses[:, column]
+    rows["id"] = ids
+    if namespaces is not None:
+        rows["ns"] = namespaces
+    return cloud_to_ros(rows, header)
+
+
+def points_from_ros(message: PointCloud2) -> npt.NDArray[Any]:
+    """Points (n, 3) of a cloud, in its order: float32 if x y z are, float64 otherwise.
+
+    Where they stand side by side in the message they are not copied. Raises RefusedError ("field
+    layout") where one of them is missing or no float.
+    """
+    rows = cloud_from_ros(message, ("x", "y", "z"))
+    fields: Mapping[str, Any] = rows.dtype.fields or {}
+    for name in "xyz":
+        if name not in fields:
+            raise RefusedError("field layout", f"no field {name!r}")
+        if fields[name][0].kind != "f":
+            raise RefusedError("field layout", f"field {name!r} is not a float")
+    (x, y, z), places = zip(*(fields[name][:2] for name in "xyz"), strict=True)
+    if x == y == z and x.isnative and np.diff(places).tolist() == [x.itemsize] * 2:
+        layout: Any = {"names": ["xyz"], "formats": [(x, 3)], "offsets": [places[0]]}
+        layout["itemsize"] = rows.dtype.itemsize
+        points = rows.view(np.dtype(layout))["xyz"]
+        if points.flags.aligned:
+            return points
+    single = max(kind.itemsize for kind in (x, y, z)) == 4
+    return np.stack([rows[name] for name in "xyz"], axis=1, dtype="f4" if single else "f8")

@@ -1,0 +1,231 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Messages <-> arrays: poses, stamps and names.
+
+Pairs of pure functions ``x_from_ros`` / ``x_to_ros``. Poses are float64 rows
+``x y z qx qy qz qw`` (metres, quaternion x y z w), exactly the doubles of the message.
+Stamps are whole nanoseconds. Clouds are in ``clouds``, shapes in ``marker_shapes``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from builtin_interfaces.msg import Duration, Time
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+from geometry_msgs.msg import Pose, Transform, Twist, Vector3
+from sensor_msgs.msg import MultiDOFJointState
+
+from obb_collision.geometry.validation import UNIT_TOLERANCE, as_quaternions
+from obb_collision.node.messages.errors import RefusedError
+from obb_collision.node.messages.names import namespace_number
+from obb_collision.typing import Floats
+
+Key = tuple[str, int]
+"""What names an object: marker namespace and marker id."""
+
+NANOSECONDS = 1_000_000_000
+LARGEST_COORDINATE = 1e300
+"""Magnitudes above this are refused by the library, for sums must not overflow."""
+SMALLEST_MEANT = float(np.finfo(np.float64).tiny)
+"""Sizes and quaternions below this count as zero. rclpy does not check what Python code assigns to
+a float field: an int there arrives as the bits of its object header, a subnormal number."""
+
+
+def stamp_from_ros(stamp: Time) -> int:
+    """Nanoseconds of a Time.
+
+    Raises RefusedError ("bad stamp") for one before 1970 or with a second of nanoseconds or more,
+    which no clock gives.
+    """
+    seconds, rest = int(stamp.sec), int(stamp.nanosec)
+    if seconds < 0 or not 0 <= rest < NANOSECONDS:
+        raise RefusedError("bad stamp", f"sec {seconds}, nanosec {rest}")
+    return seconds * NANOSECONDS + rest
+
+
+def duration_from_ros(duration: Duration) -> int:
+    """Nanoseconds of a Duration; it may be negative."""
+    return int(duration.sec) * NANOSECONDS + int(duration.nanosec)
+
+
+def stamp_to_ros(nanoseconds: int) -> Time:
+    """Time message of whole nanoseconds."""
+    seconds, rest = divmod(int(nanoseconds), NANOSECONDS)
+    return Time(sec=seconds, nanosec=rest)
+
+
+def duration_to_ros(seconds: float) -> Duration:
+    """Duration message of seconds."""
+    whole, rest = divmod(round(seconds * NANOSECONDS), NANOSECONDS)
+    return Duration(sec=whole, nanosec=rest)
+
+
+def name_from_key(key: Key) -> str:
+    """Return the object's name, ``ns/id``; an empty namespace gives ``/id``."""
+    return f"{key[0]}/{key[1]}"
+
+
+def pose_from_ros(pose: Pose) -> Floats:
+    """(7,) array of a Pose."""
+    p, q = pose.position, pose.orientation
+    return np.array((p.x, p.y, p.z, q.x, q.y, q.z, q.w))
+
+
+def pose_to_ros(pose: Sequence[float] | Floats) -> Pose:
+    """Pose of a (7,) array."""
+    x, y, z, qx, qy, qz, qw = (float(value) for value in pose)
+    message = Pose()
+    message.position.x, message.position.y, message.position.z = x, y, z
+    q = message.orientation
+    q.x, q.y, q.z, q.w = qx, qy, qz, qw
+    return message
+
+
+def transform_from_ros(transform: Transform) -> Floats:
+    """(7,) array of a Transform."""
+    p, q = transform.translation, transform.rotation
+    return np.array((p.x, p.y, p.z, q.x, q.y, q.z, q.w))
+
+
+def transform_to_ros(pose: Sequence[float] | Floats) -> Transform:
+    """Transform of a (7,) array."""
+    x, y, z, qx, qy, qz, qw = (float(value) for value in pose)
+    message = Transform(translation=Vector3(x=x, y=y, z=z))
+    q = message.rotation
+    q.x, q.y, q.z, q.w = qx, qy, qz, qw
+    return message
+
+
+def states_from_ros(message: MultiDOFJointState) -> tuple[list[str], Floats]:
+    """Names and (n, 7) poses of a MultiDOFJointState.
+
+    Raises RefusedError ("array lengths differ") where the number of names is not the number of
+    transforms: which pose belongs to which name is then a guess.
+    """
+    names, transforms = message.joint_names, message.transforms
+    if len(names) != len(transforms):
+        raise RefusedError(
+            "array lengths differ", f"{len(names)} joint_names, {len(transforms)} transforms"
+        )
+    rows = []
+    for transform in transforms:
+        p, q = transform.translation, transform.rotation
+        rows.append((p.x, p.y, p.z, q.x, q.y, q.z, q.w))
+    return list(names), np.array(rows, dtype=np.float64).reshape(-1, 7)
+
+
+def twists_from_ros(message: MultiDOFJointState) -> Floats:
+    """Twists (n, 6) of a MultiDOFJointState: linear x y z (m/s), angular x y z (rad/s)."""
+    rows = []
+    for twist in message.twist:
+        v, w = twist.linear, twist.angular
+        rows.append((v.x, v.y, v.z, w.x, w.y, w.z))
+    return np.array(rows, dtype=np.float64).reshape(-1, 6)
+
+
+def twist_to_ros(twist: Sequence[float] | Floats) -> Twist:
+    """Twist of a (6,) array."""
+    x, y, z, wx, wy, wz = (float(value) for value in twist)
+    return Twist(linear=Vector3(x=x, y=y, z=z), angular=Vector3(x=wx, y=wy, z=wz))
+
+
+def states_to_ros(
+    names: Sequence[str], poses: Floats, header: Any = None, twists: Floats | None = None
+) -> MultiDOFJointState:
+    """MultiDOFJointState of names, (n, 7) poses and (n, 6) twists."""
+    message = MultiDOFJointState(joint_names=list(names))
+    message.transforms = [transform_to_ros(pose) for pose in poses]
+    if twists is not None:
+        message.twist = [twist_to_ros(twist) for twist in twists]
+    if header is not None:
+        message.header = header
+    return message
+
+
+def namespaces_from_ros(message: DiagnosticStatus) -> dict[int, str]:
+    """Namespaces by number out of the latched ``namespaces`` message."""
+    return {int(pair.key): pair.value for pair in message.values}
+
+
+def namespaces_to_ros(namespaces: Mapping[int, str] | Iterable[str]) -> DiagnosticStatus:
+    """Return the table of the ``ns`` numbers: key is the number, value the namespace.
+
+    namespaces: by number, or just their names.
+    """
+    table = namespace_table(namespaces)
+    values = [KeyValue(key=str(number), value=name) for number, name in table.items()]
+    return DiagnosticStatus(
+        level=DiagnosticStatus.OK,
+        name="namespaces",
+        message=f"{len(values)} namespaces",
+        values=values,
+    )
+
+
+def namespace_table(
+    namespaces: DiagnosticStatus | Mapping[int, str] | Iterable[str],
+) -> Mapping[int, str]:
+    """Names by number, of a message of ``namespaces``, of the same, or of names.
+
+    Tables of several nodes can be merged: ``{**namespace_table(a), **namespace_table(b)}``.
+    """
+    if isinstance(namespaces, DiagnosticStatus):
+        return namespaces_from_ros(namespaces)
+    if isinstance(namespaces, Mapping):
+        return namespaces
+    return {namespace_number(name): name for name in namespaces}
+
+
+def pose_faults(poses: Floats) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
+    """Which rows of (n, 7) poses can't be used: (not finite or too large, quaternion zero)."""
+    with np.errstate(invalid="ignore"):
+        usable = np.all(np.abs(poses) <= LARGEST_COORDINATE, axis=1)
+    zero = np.all(np.abs(poses[:, 3:]) < SMALLEST_MEANT, axis=1)
+    return ~usable, zero & usable
+
+
+def far_from_unit(poses: Floats) -> npt.NDArray[np.bool_]:
+    """Which quaternions of (n, 7) poses are far from unit length: normalised, but doubtful."""
+    with np.errstate(over="ignore"):
+        lengths = np.sqrt(np.square(poses[:, 3:]).sum(axis=1))
+    return np.abs(lengths - 1.0) > UNIT_TOLERANCE
+
+
+def normalised(poses: Floats) -> Floats:
+    """(n, 7) poses with quaternions of unit length."""
+    quaternions = as_quaternions(poses[:, 3:], "poses", (None, 4), warn=False)
+    return np.column_stack((poses[:, :3], quaternions))
+
+
+def compose_poses(outer: Floats, inner: Floats) -> Floats:
+    """``outer`` (7,) after ``inner`` (n, 7): poses given in a frame, placed where that frame is."""
+    x, y, z, w = as_quaternions(outer[3:], "outer", (4,), warn=False)
+    turns = as_quaternions(inner[:, 3:], "inner", (None, 4), warn=False)
+    vector, bx, by, bz, bw = inner[:, :3], *turns.T
+    axis = np.array((x, y, z))
+    with np.errstate(over="ignore", invalid="ignore"):  # the caller looks at what came out
+        turned = 2.0 * np.cross(axis, vector)
+        placed = outer[:3] + vector + w * turned + np.cross(axis, turned)
+    quaternion = (
+        w * bx + x * bw + y * bz - z * by,
+        w * by - x * bz + y * bw + z * bx,
+        w * bz + x * by - y * bx + z * bw,
+        w * bw - x * bx - y * by - z * bz,
+    )
+    return np.column_stack((placed, *quaternion))

@@ -1,0 +1,181 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Names from outside: how long they may be, and the tables of those that are in use.
+
+Everything kept of a name is bounded in number and in bytes: a sender can't make the node grow. A
+name that nothing uses any more gives its place to the next one, so a full table recovers.
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Callable, Iterable
+
+from obb_collision.node.messages.errors import RefusedError
+from obb_collision.words import printable, text_fault
+
+MAX_NAME_BYTES = 255
+"""Longest namespace or frame in bytes of UTF-8: as much as the name of a ROS topic may have."""
+MAX_NAMESPACES = 20_000
+"""Namespaces in use at a time: as many as objects may be by default."""
+MAX_NAMESPACE_BYTES = 1 << 20
+"""Of the names of all namespaces, in UTF-8: the latched table is sent whole when it changes."""
+MAX_FRAMES = 1000
+"""Frames in use at a time."""
+SHOWN_CHARACTERS = 20
+"""What is shown of a name that is too long to be kept, before its checksum."""
+_SIGN = 1 << 31
+
+
+def namespace_number(name: str) -> int:
+    """Return the number of a namespace in the clouds: the CRC-32 of its UTF-8 name as int32.
+
+    The same in every node and every run. ValueError for a name that has no UTF-8.
+    """
+    number = zlib.crc32(name.encode())
+    return number - 2 * _SIGN if number >= _SIGN else number
+
+
+def check_name(name: str, what: str) -> None:
+    """Raise RefusedError ("bad name") for a name that can't be used; ``what`` says whose it is."""
+    fault = text_fault(name, MAX_NAME_BYTES) if name else None
+    if fault is None and len(name.encode()) > MAX_NAME_BYTES:
+        fault = f"must have at most {MAX_NAME_BYTES} bytes of UTF-8"
+    if fault is not None:
+        raise RefusedError("bad name", f"{what} {fault}")
+
+
+def shortened(name: str) -> str:
+    """Return a name that can be kept and shown: itself, or its beginning and its checksum."""
+    data = name.encode(errors="backslashreplace")
+    if len(data) <= MAX_NAME_BYTES:
+        name = printable(name)
+        return name if len(name.encode()) <= MAX_NAME_BYTES else f"{zlib.crc32(data):08x}"
+    return f"{printable(name[:SHOWN_CHARACTERS])}...{zlib.crc32(data):08x}"
+
+
+class NamespaceTable:
+    """The namespaces by number, and how many objects are in each."""
+
+    def __init__(self) -> None:
+        self.names: dict[int, str] = {}
+        self.version = 0
+        """Changes with ``names``."""
+        self._used: dict[int, int] = {}
+        self._unused: dict[int, None] = {}  # the one longest unused first
+        self._bytes = 0
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    def admit(self, name: str) -> int:
+        """Return the number of a namespace; a new one takes its place in the table.
+
+        Raises RefusedError ("bad name", "namespace number taken", "too many namespaces").
+        """
+        check_name(name, "namespace")
+        number = namespace_number(name)
+        known = self.names.get(number)
+        if known == name:
+            return number
+        if known is not None:
+            if number in self._used:
+                detail = f"{name!r} and {known!r} have the same CRC-32: rename one"
+                raise RefusedError("namespace number taken", detail)
+            self._forget(number)
+        size = len(name.encode())
+        while self._unused and self._is_full(size):
+            self._forget(next(iter(self._unused)))
+        if self._is_full(size):
+            limits = f"{MAX_NAMESPACES} with {MAX_NAMESPACE_BYTES} bytes in all"
+            raise RefusedError("too many namespaces", f"{limits} is the limit")
+        self.names[number] = name
+        self._unused[number] = None
+        self._bytes += size
+        self.version += 1
+        return number
+
+    def _is_full(self, size: int) -> bool:
+        most = len(self.names) >= MAX_NAMESPACES
+        return most or self._bytes + size > MAX_NAMESPACE_BYTES
+
+    def use(self, number: int, count: int = 1) -> None:
+        """Count objects that came into a namespace that was admitted."""
+        self._used[number] = self._used.get(number, 0) + count
+        self._unused.pop(number, None)
+
+    def leave(self, number: int, count: int = 1) -> None:
+        """Count objects that left; one without objects stays until its place is needed."""
+        self._used[number] -= count
+        if self._used[number] == 0:
+            del self._used[number]
+            self._unused[number] = None
+
+    def forget_unused(self) -> None:
+        """Forget all namespaces without objects."""
+        for number in list(self._unused):
+            self._forget(number)
+
+    def _forget(self, number: int) -> None:
+        del self._unused[number]
+        self._bytes -= len(self.names.pop(number).encode())
+        self.version += 1
+
+
+class FrameTable:
+    """Frames by index, 0 is the fixed frame; the rest come and go.
+
+    list_used: returns the indices that are in use, asked for when the table is full.
+    """
+
+    def __init__(self, fixed_frame: str, list_used: Callable[[], Iterable[int]]) -> None:
+        self._list_used = list_used
+        self._names: dict[int, str] = {0: fixed_frame}
+        self._indices: dict[str, int] = {"": 0, fixed_frame: 0}
+
+    def __len__(self) -> int:
+        return len(self._names)
+
+    def is_fixed(self, frame: str) -> bool:
+        """Whether a frame is the fixed one."""
+        return self._indices.get(frame) == 0
+
+    def name(self, index: int) -> str:
+        """Name of a frame."""
+        return self._names[index]
+
+    def index(self, frame: str) -> int:
+        """Index of a frame; an empty name means the fixed frame.
+
+        Raises RefusedError ("bad name", "too many frames").
+        """
+        found = self._indices.get(frame)
+        if found is not None:
+            return found
+        check_name(frame, "frame")
+        if len(self._names) >= MAX_FRAMES:
+            self.forget_unused()
+        if len(self._names) >= MAX_FRAMES:
+            raise RefusedError("too many frames", f"{MAX_FRAMES} in use is the limit")
+        new = next(number for number in range(len(self._names) + 1) if number not in self._names)
+        self._names[new] = frame
+        self._indices[frame] = new
+        return new
+
+    def forget_unused(self) -> None:
+        """Forget the frames that are not in use."""
+        used = {0, *self._list_used()}
+        for index in [index for index in self._names if index not in used]:
+            del self._indices[self._names.pop(index)]

@@ -1,0 +1,271 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Stored poses -> the scene: from their frame to the fixed one, in time or refused.
+
+Of each object the newest state that can be placed is. One that waits longer than the timeout is
+counted as refused on the topic by which it came; the latest of an object is tried again now and
+then, for its frame may become known at last.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from obb_collision.geometry.poses import as_poses
+from obb_collision.node.messages.conversions import (
+    NANOSECONDS,
+    compose_poses,
+    name_from_key,
+    pose_faults,
+)
+from obb_collision.node.messages.errors import RefusedError
+from obb_collision.node.messages.names import FrameTable, check_name
+from obb_collision.node.objects.frames import FrameSource
+from obb_collision.node.objects.table import ObjectTable, Slots
+from obb_collision.node.objects.transforms import Transforms
+from obb_collision.node.objects.waiting import (
+    States,
+    WaitingStates,
+    latest_states,
+    newest_per_object,
+)
+from obb_collision.node.runtime.guard import INTERNAL_ERROR, Guard
+from obb_collision.scene.scene import Scene
+from obb_collision.typing import Floats
+
+RETRY_PERIOD = NANOSECONDS // 2
+"""How often the latest state of an object is tried again once it has waited too long."""
+
+OnItems = Callable[[str, str, str, str, int], None]
+"""Told of items that are refused or doubtful: topic, reason, one of them, detail, how many."""
+
+
+class Placement:
+    """Moves objects to the poses stored in the table.
+
+    on_refused hears of poses that could not be placed, on_placed(slots) of objects that have a
+    place for the first time.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        table: ObjectTable,
+        frames: FrameSource,
+        fixed_frame: str,
+        on_refused: OnItems,
+        on_placed: Callable[[Slots], None],
+        guard: Guard,
+    ) -> None:
+        self._scene, self._table, self._frames, self._guard = scene, table, frames, guard
+        self.frame_table = FrameTable(fixed_frame, self._frames_used)
+        self._on_refused, self._on_placed = on_refused, on_placed
+        self._topics: list[str] = []
+        self._next_retry = 0
+        self._count = 0
+        self.waiting = WaitingStates()
+        self.timeout = 0.0
+        """How long a pose may wait for its frame (s)."""
+
+    def frame_index(self, frame: str) -> int:
+        """Index of a frame; an empty one means the fixed frame.
+
+        Raises RefusedError ("bad name", "too many frames", "unknown frame").
+        """
+        if not (self._frames.waits or self.frame_table.is_fixed(frame)):
+            check_name(frame, "frame")
+            self._frames.lookup(frame, 0)
+        return self.frame_table.index(frame)
+
+    def _frames_used(self) -> list[int]:
+        table = self._table
+        frames = table.frame[table.live], self.waiting.rows["frame"]
+        used: list[int] = np.unique(np.concatenate(frames)).tolist()
+        return used
+
+    def topic_index(self, topic: str) -> int:
+        """Index of an input topic, as the node names it."""
+        if topic not in self._topics:
+            self._topics.append(topic)
+        return self._topics.index(topic)
+
+    def supersede(self, slots: Slots, frame: int) -> None:
+        """Make way for newer states of objects, given in a frame: what is not placed is queued.
+
+        Not where both are in the fixed frame, for the newer one does not wait.
+        """
+        table = self._table
+        wait = table.pending[slots] & ((table.frame[slots] != 0) | (frame != 0))
+        wait &= ~(table.waited_out[slots] | table.locked[slots])
+        if wait.any():
+            self.waiting.add(latest_states(table, np.unique(slots[wait])))
+        self._count += 1
+        table.number[slots] = self._count
+        table.waited_out[slots] = False
+
+    def begin(self, slots: Slots | int) -> None:
+        """Begin new objects: what waits for their slots is other ones'."""
+        self._table.number[slots] = self._table.world_number[slots] = self._count
+
+    def place(self, now: int) -> None:
+        """Bring all objects with a new pose, or one that is to be placed anew, to their place."""
+        table = self._table
+        table.pending |= table.live & table.locked
+        rows = np.flatnonzero(table.pending & table.live)
+        here = table.frame[rows] == 0
+        if here.any():
+            self._move_here(rows[here])
+        if len(rows[~here]) or len(self.waiting):
+            self._place(rows[~here], now)
+
+    def clock_jumped(self, shift: int) -> None:
+        """Take over a jump of the clock (ns)."""
+        self._next_retry = 0
+        self.waiting.rows["received"] += shift
+
+    def stop(self, slots: Slots) -> None:
+        """Take the twists of objects away."""
+        table = self._table
+        seen = slots[~table.pending[slots] | table.locked[slots]]
+        table.twist[seen] = 0.0
+        self._set_twists(slots, np.zeros((len(slots), 6)))
+
+    def _place(self, rows: Slots, now: int) -> None:
+        """Place what is given in other frames: the newest state of each object that can be."""
+        table = self._table
+        if now < self._next_retry:
+            rows = rows[~table.waited_out[rows] | table.locked[rows]]
+        elif table.waited_out[rows].any():
+            self._next_retry = now + RETRY_PERIOD
+        self._drop_superseded()
+        states = np.concatenate((self.waiting.rows, latest_states(table, rows)))
+        transforms = Transforms(self._frames, self.frame_table.name, self._guard)
+        ready = states[transforms.reach(states)]
+        ready = ready[newest_per_object(ready)]
+        pairs = np.column_stack((ready["frame"], ready["stamp"]))
+        groups, which = np.unique(pairs, axis=0, return_inverse=True)
+        which = which.reshape(-1)  # numpy 2.0 gave it another shape
+        for number, (frame, stamp) in enumerate(groups.tolist()):
+            outer = None if frame == 0 else transforms.get(frame, stamp)
+            if frame == 0 or outer is not None:
+                self._move(ready[which == number], outer)
+        self._drop_superseded()
+        self._time_out(latest_states(table, rows[table.pending[rows]]), transforms, now)
+
+    def _drop_superseded(self) -> None:
+        """Drop what waits behind a newer state that is placed, and what nobody waits for."""
+        table, states = self._table, self.waiting.rows
+        slots = states["slot"]
+        kept = table.live[slots] & (states["number"] > table.world_number[slots])
+        if not kept.all():
+            self.waiting.rows = states[kept]
+
+    def _time_out(self, latest: States, transforms: Transforms, now: int) -> None:
+        """Refuse what has waited too long; of the latest states remember that they have."""
+        table, limit = self._table, int(self.timeout * NANOSECONDS)
+        waiting = self.waiting.rows
+        late = now - waiting["received"] > limit
+        if late.any():
+            self.waiting.rows = waiting[~late]
+        slots = latest["slot"]
+        tired = (now - latest["received"] > limit) | table.locked[slots]
+        tired &= ~table.waited_out[slots]
+        table.waited_out[slots[tired]] = True
+        self._refuse(np.concatenate((waiting[late], latest[tired])), transforms.errors)
+
+    def _refuse(self, states: States, errors: dict[int, RefusedError]) -> None:
+        """Count states that could not be placed, and mark their objects."""
+        table = self._table
+        table.frame_refused[states["slot"]] = True
+        for frame, topic in np.unique(np.array([states["frame"], states["topic"]]), axis=1).T:
+            some = states[(states["frame"] == frame) & (states["topic"] == topic)]
+            error = errors.get(int(frame)) or RefusedError("bad pose", "out of range once placed")
+            name = name_from_key(table.key(int(some["slot"][0])))
+            self._on_refused(self._topics[topic], error.reason, name, error.detail, len(some))
+
+    def _move_here(self, slots: Slots) -> None:
+        """Move objects to their latest states, given in the fixed frame."""
+        table = self._table
+        try:  # by plain columns: twice as fast as by rows of states
+            self._set(
+                slots,
+                table.given[slots],
+                table.twist[slots],
+                (table.stamp[slots], table.received[slots], table.number[slots]),
+            )
+        except Exception:
+            self._move(latest_states(table, slots))
+
+    def _move(self, states: States, outer: Floats | None = None) -> None:
+        """Move objects to states, given in a frame that is at ``outer`` (7,).
+
+        What fails is refused: alone, if need be.
+        """
+        try:
+            poses, twists = (np.ascontiguousarray(states[name]) for name in ("pose", "twist"))
+            if outer is not None:
+                poses = compose_poses(outer, poses)
+                usable = ~np.any(pose_faults(poses), axis=0)
+                states, poses, twists = states[usable], poses[usable], twists[usable]
+                twists = turned_twists(twists, outer)
+            columns = states["stamp"], states["received"], states["number"]
+            self._set(states["slot"], poses, twists, columns)
+        except Exception as error:
+            if len(states) > 1:
+                for row in range(len(states)):
+                    self._move(states[row : row + 1], outer)
+                return
+            slot = int(states["slot"][0])
+            name = name_from_key(self._table.key(slot))
+            self._guard.caught("placing objects", error, name)
+            self._table.pending[slot] &= self._table.number[slot] > states["number"][0]
+            self._table.world_number[slot] = states["number"][0]  # it is not tried again
+            self._refuse(
+                states, {int(states["frame"][0]): RefusedError(INTERNAL_ERROR, str(error))}
+            )
+
+    def _set(self, slots: Slots, poses: Floats, twists: Floats, columns: Sequence[Slots]) -> None:
+        """Move objects; columns: stamp, time of receipt and number of the states."""
+        table, (stamps, received, numbers) = self._table, columns
+        self._scene.move_indices(slots, poses)
+        self._set_twists(slots, twists)
+        table.world[slots] = poses
+        table.world_stamp[slots] = stamps
+        table.world_received[slots] = received
+        table.world_number[slots] = numbers
+        table.pending[slots] = table.number[slots] > numbers
+        table.frame_refused[slots] = False
+        table.waited_out[slots] &= table.pending[slots]
+        new = slots[~table.placed[slots]]
+        if len(new):
+            table.placed[new] = True
+            self._on_placed(new)
+
+    def _set_twists(self, slots: Slots, twists: Floats) -> None:
+        moving = twists.any(axis=1)
+        changed = moving | self._table.moving[slots]
+        if changed.any():
+            self._scene.set_twists(slots[changed], twists[changed])
+            self._table.moving[slots] = moving
+
+
+def turned_twists(twists: Floats, frame: Floats) -> Floats:
+    """Twists (n, 6) given in a frame that stands still, seen from where that frame is (7,)."""
+    if not twists.any():
+        return twists
+    rotation = as_poses(frame[None], warn=False)[1][0]
+    return np.hstack((twists[:, :3] @ rotation.T, twists[:, 3:] @ rotation.T))

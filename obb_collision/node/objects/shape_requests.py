@@ -1,0 +1,190 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Shapes that are built in another process: who waits for which, and which are there already.
+
+Objects with the same file, or the same points, share one shape. It is kept for some time after the
+last of them has gone, since many senders delete everything before they send it again. A file is
+looked at again when a marker names it again, but not more often than once in CHECK_PERIOD.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from time import monotonic
+from typing import Any
+from weakref import WeakValueDictionary
+
+from obb_collision.geometry.shapes.files import LARGEST_FILE, Version
+from obb_collision.geometry.shapes.shapes import Shape
+from obb_collision.node.messages.conversions import Key
+from obb_collision.node.messages.errors import RefusedError
+from obb_collision.node.messages.shape_plans import Plan, Signature
+from obb_collision.scene.building.builder import Builder, Outcome
+from obb_collision.scene.building.errors import BuildError
+from obb_collision.scene.building.jobs import MeshFile
+
+CHECK_PERIOD = 1.0
+"""Seconds between two looks at a file that is known."""
+KEPT_BYTES = 100_000_000
+KEPT_SHAPES = 1000
+"""What the shapes used last may take that are kept though nobody has them."""
+CHECK = "check"
+"""Marks the requests of files, which no object waits for."""
+
+
+@dataclass(frozen=True)
+class Given:
+    """What an object gets: a shape, or why it gets none. newest: it waits for no newer one."""
+
+    key: Key
+    signature: Signature
+    shape: Shape | None
+    error: RefusedError | None
+    newest: bool
+
+
+@dataclass
+class _File:
+    job: MeshFile
+    version: Version | None
+    next_check: float
+    asked: bool = False
+
+
+class ShapeRequests:
+    """Asks a builder for shapes, and knows those that are in use.
+
+    clock: seconds, rising.
+    """
+
+    def __init__(self, builder: Builder, clock: Callable[[], float] = monotonic) -> None:
+        self._builder, self._clock = builder, clock
+        self._built: WeakValueDictionary[Signature, Shape] = WeakValueDictionary()
+        self._files: dict[Signature, _File] = {}
+        self._recent: dict[Signature, Shape] = {}
+        self._recent_bytes = 0
+        self.largest_file = LARGEST_FILE
+        """Bytes of a mesh file at most."""
+
+    def built(self, plan: Plan) -> Shape | None:
+        """Return the shape of a plan if it is there already."""
+        shape = self._built.get(plan.signature)
+        if shape is not None:
+            self._use(plan.signature, shape)
+            self.check_file(plan)
+        return shape
+
+    def _use(self, signature: Signature, shape: Shape) -> None:
+        """Keep a shape, and let those go that were used longest ago."""
+        recent = self._recent
+        last = recent.pop(signature, None)
+        self._recent_bytes += _size(shape) - (0 if last is None else _size(last))
+        recent[signature] = shape
+        while self._recent_bytes > KEPT_BYTES or len(recent) > KEPT_SHAPES:
+            self._recent_bytes -= _size(recent.pop(next(iter(recent))))
+
+    def check_file(self, plan: Plan) -> None:
+        """See to it that the file of a plan is looked at again, if there is one."""
+        file = self._files.get(plan.signature)
+        if file is not None:
+            file.asked = True
+
+    def request(self, key: Key, plan: Plan) -> None:
+        """Have the shape of a plan built for an object. RefusedError where too many wait."""
+        job = plan.job
+        assert job is not None
+        if isinstance(job, MeshFile):
+            job = replace(job, largest=self.largest_file)
+        try:
+            self._builder.request(key, plan.signature, job)
+        except BuildError as error:
+            raise RefusedError(error.reason, error.detail) from error
+
+    def cancel(self, key: Key) -> None:
+        """Forget what an object waits for."""
+        self._builder.cancel(key)
+
+    def poll(self, users: Callable[[Signature], list[Key]]) -> Iterator[Given]:
+        """Yield what objects get since the last time. users: the objects with a shape."""
+        for outcome in self._builder.poll():
+            signature: Any = outcome.signature
+            if signature[0] == CHECK:
+                yield from self._checked(signature[1], outcome, users)
+            else:
+                yield from self._finished(signature, outcome)
+        self._look_at_files()
+
+    def _finished(self, signature: Signature, outcome: Outcome) -> Iterator[Given]:
+        shape, error = None, None
+        if outcome.error is not None:
+            error = RefusedError(outcome.error.reason, outcome.error.detail)
+        else:
+            shape = self._keep(signature, outcome)
+        for key in outcome.keys:
+            newest = not self._builder.wants(key)
+            yield Given(key, signature, shape, error, newest)  # type: ignore[arg-type]
+
+    def _keep(self, signature: Signature, outcome: Outcome) -> Shape:
+        """Take note of a shape that was built; returns it."""
+        built = outcome.result
+        if isinstance(built, tuple):
+            shape, version = built
+            if version is not None:
+                job: Any = outcome.job
+                self._files[signature] = _File(job, version, self._clock() + CHECK_PERIOD)
+        else:
+            shape = built
+        self._built[signature] = shape
+        self._use(signature, shape)
+        result: Shape = shape
+        return result
+
+    def _look_at_files(self) -> None:
+        """Have files looked at that a marker named again."""
+        now = self._clock()
+        for signature in [known for known in self._files if known not in self._built]:
+            del self._files[signature]
+        for signature, file in self._files.items():
+            if not file.asked or now < file.next_check:
+                continue
+            file.asked, file.next_check = False, now + CHECK_PERIOD
+            check = (CHECK, signature)
+            try:
+                self._builder.request(check, check, replace(file.job, known=file.version))
+            except BuildError:
+                file.asked = True
+
+    def _checked(
+        self, signature: Signature, outcome: Outcome, users: Callable[[Signature], list[Key]]
+    ) -> Iterator[Given]:
+        """Yield what the objects of a file get: nothing, if it is as it was."""
+        if outcome.error is None and outcome.result is None:
+            return
+        if signature not in self._files:
+            return
+        shape, error = None, None
+        if outcome.error is not None:
+            error = RefusedError(outcome.error.reason, outcome.error.detail)
+        else:
+            shape = self._keep(signature, outcome)
+        for key in users(signature):
+            if not self._builder.wants(key):
+                yield Given(key, signature, shape, error, newest=True)
+
+
+def _size(shape: Shape) -> int:
+    """Return the bytes of a shape."""
+    return sum(getattr(value, "nbytes", 0) for value in vars(shape).values())

@@ -1,0 +1,222 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What the node knows of each object beside its box: key, stamps, lifetime, faults.
+
+One row an object, at the object's scene index, so that a message of thousands of poses is stored
+and a cycle evaluated without a Python loop. All times are whole nanoseconds of the node's clock.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from obb_collision.node.messages.conversions import Key, name_from_key
+from obb_collision.node.messages.errors import RefusedError
+from obb_collision.node.messages.names import NamespaceTable
+
+Slots = npt.NDArray[np.int64]
+
+NEVER = np.iinfo(np.int64).max
+"""Time of expiry of an object without a lifetime."""
+FIRST_ROWS = 64
+"""Rows of a new table; it doubles when full."""
+ID_BITS = 32
+"""Marker ids are int32: a key in one int64 is the namespace number above, the id below."""
+ID_OFFSET = 1 << (ID_BITS - 1)
+"""Makes ids positive, so that the order of the keys is the order of (ns, id)."""
+
+COLUMNS: dict[str, tuple[Any, tuple[int, ...]]] = {
+    "live": (np.bool_, ()),
+    "ns": (np.int64, ()),  # number of the namespace
+    "id": (np.int64, ()),
+    "pending": (np.bool_, ()),  # a pose is stored that is not in the scene yet
+    "given": (np.float64, (7,)),  # the latest pose as given, in ``frame``
+    "twist": (np.float64, (6,)),  # of ``given``: linear, angular; zero if there was none
+    "moving": (np.bool_, ()),  # the scene has a twist
+    "frame": (np.int64, ()),  # index into the table of frames, 0 is the fixed frame
+    "stamp": (np.int64, ()),  # of ``given``; 0: none
+    "order": (np.int64, ()),  # states with an older stamp are dropped
+    "received": (np.int64, ()),
+    "number": (np.int64, ()),  # of the latest state: the later it came, the higher
+    "topic": (np.int64, ()),  # by which it came
+    "waited_out": (np.bool_, ()),  # it waited too long for its transform, and is counted for it
+    "placed": (np.bool_, ()),  # has a world box
+    "world": (np.float64, (7,)),  # the pose in the scene
+    "world_stamp": (np.int64, ()),  # stamp of ``world``; 0: none
+    "world_received": (np.int64, ()),  # when it came
+    "world_number": (np.int64, ()),  # its number
+    "expiry": (np.int64, ()),
+    "seen": (np.bool_, ()),  # a cycle has looked at it since its last marker
+    "locked": (np.bool_, ()),  # frame_locked: placed anew every cycle
+    "stale": (np.bool_, ()),
+    "shaped": (np.bool_, ()),  # has a shape; False while its first one is being built
+    "shape_pending": (np.bool_, ()),  # a newer shape is being built
+    "shape_refused": (np.bool_, ()),  # the latest shape could not be used: the last one stays
+    "pose_refused": (np.bool_, ()),  # the latest pose could not be used: the last one stays
+    "frame_refused": (np.bool_, ()),  # poses waited too long for their place since the last placed
+    "ahead": (np.bool_, ()),  # the stamp of ``world`` is from the future
+    "outdated": (np.bool_, ()),  # states with an older stamp came since the latest
+    "held_back": (np.bool_, ()),  # nothing else has come for some time
+}
+
+
+class ObjectTable:
+    """The columns above, and who is where."""
+
+    live: npt.NDArray[np.bool_]
+    ns: Slots
+    id: Slots
+    pending: npt.NDArray[np.bool_]
+    given: npt.NDArray[np.float64]
+    twist: npt.NDArray[np.float64]
+    moving: npt.NDArray[np.bool_]
+    frame: Slots
+    stamp: Slots
+    order: Slots
+    received: Slots
+    number: Slots
+    topic: Slots
+    waited_out: npt.NDArray[np.bool_]
+    placed: npt.NDArray[np.bool_]
+    world: npt.NDArray[np.float64]
+    world_stamp: Slots
+    world_received: Slots
+    world_number: Slots
+    expiry: Slots
+    seen: npt.NDArray[np.bool_]
+    locked: npt.NDArray[np.bool_]
+    stale: npt.NDArray[np.bool_]
+    shaped: npt.NDArray[np.bool_]
+    shape_pending: npt.NDArray[np.bool_]
+    shape_refused: npt.NDArray[np.bool_]
+    pose_refused: npt.NDArray[np.bool_]
+    frame_refused: npt.NDArray[np.bool_]
+    ahead: npt.NDArray[np.bool_]
+    outdated: npt.NDArray[np.bool_]
+    held_back: npt.NDArray[np.bool_]
+
+    def __init__(self) -> None:
+        self.namespaces = NamespaceTable()
+        self.slots: dict[Key, int] = {}
+        self.by_name: dict[str, int] = {}
+        self._sorted: tuple[Slots, Slots] | None = None
+        for name, (dtype, shape) in COLUMNS.items():
+            setattr(self, name, np.zeros((FIRST_ROWS, *shape), dtype))
+
+    def __len__(self) -> int:
+        return len(self.slots)
+
+    def claim(self, slot: int, key: Key, name: str) -> None:
+        """Begin a new object at ``slot``, all columns at zero.
+
+        Raises RefusedError for a namespace that can't be admitted.
+        """
+        self.claim_many(np.array([slot]), [key], [name])
+
+    def claim_many(self, slots: Slots, keys: Sequence[Key], names: Sequence[str]) -> None:
+        """Begin new objects at slots (n,); their namespaces are admitted."""
+        if len(slots) == 0:
+            return
+        self._reach(int(slots.max()))
+        for column in COLUMNS:
+            getattr(self, column)[slots] = 0
+        numbers = {name: self.namespaces.admit(name) for name in {key[0] for key in keys}}
+        for name, count in Counter(key[0] for key in keys).items():
+            self.namespaces.use(numbers[name], count)
+        self.ns[slots] = [numbers[key[0]] for key in keys]
+        self.id[slots] = [key[1] for key in keys]
+        self.live[slots], self.expiry[slots] = True, NEVER
+        self.slots.update(zip(keys, slots.tolist(), strict=True))
+        self.by_name.update(zip(names, slots.tolist(), strict=True))
+        self._sorted = None
+
+    def _reach(self, slot: int) -> None:
+        """Grow until there is a row for a slot."""
+        while slot >= len(self.live):
+            for column in COLUMNS:
+                old = getattr(self, column)
+                setattr(self, column, np.concatenate((old, np.zeros_like(old))))
+
+    def release(self, slot: int) -> None:
+        """End the object at a slot."""
+        self.release_many(np.array([slot]))
+
+    def release_many(self, slots: Slots) -> None:
+        """End the objects at slots (n,), all in use and distinct."""
+        for key in self.keys(slots):
+            del self.slots[key]
+            del self.by_name[name_from_key(key)]
+        numbers, counts = np.unique(self.ns[slots], return_counts=True)
+        for number, count in zip(numbers.tolist(), counts.tolist(), strict=True):
+            self.namespaces.leave(number, count)
+        self.live[slots] = self.pending[slots] = self.placed[slots] = self.shaped[slots] = False
+        self._sorted = None
+
+    def keys(self, slots: Slots) -> list[Key]:
+        """Keys of the objects at slots (n,)."""
+        names = self.namespaces.names
+        pairs = zip(self.ns[slots].tolist(), self.id[slots].tolist(), strict=True)
+        return [(names[number], ident) for number, ident in pairs]
+
+    def key(self, slot: int) -> Key:
+        """Key of the object at a slot."""
+        return self.namespaces.names[int(self.ns[slot])], int(self.id[slot])
+
+    def order_keys(self, slots: Slots) -> Slots:
+        """One int64 per slot that sorts as (ns, id)."""
+        return (self.ns[slots] << ID_BITS) + self.id[slots] + ID_OFFSET
+
+    def find(self, namespaces: Slots | None, ids: Slots) -> Slots:
+        """Slots (n,) of objects by namespace number and id, -1 where there is no such object.
+
+        Numbers are int32; the same bits as uint32 will do. Without them all objects must share
+        one namespace: RefusedError otherwise.
+        """
+        if self._sorted is None:
+            slots = np.fromiter(self.slots.values(), np.int64, len(self.slots))
+            keys = self.order_keys(slots)
+            order = np.argsort(keys)
+            self._sorted = (keys[order], slots[order])
+        known, slots = self._sorted
+        if len(known) == 0 or len(ids) == 0:
+            return np.full(len(ids), -1, np.int64)
+        if namespaces is None:
+            first, last = known[0] >> ID_BITS, known[-1] >> ID_BITS
+            if first != last:
+                raise RefusedError("field layout", "several namespaces: field 'ns' is needed")
+            namespaces = np.broadcast_to(first, ids.shape)
+        legal = (ids >= -ID_OFFSET) & (ids < ID_OFFSET) & _are_numbers(namespaces)
+        wanted = (_signed(namespaces) << ID_BITS) + np.where(legal, ids, 0) + ID_OFFSET
+        at = np.minimum(np.searchsorted(known, wanted), len(known) - 1)
+        return np.where(legal & (known[at] == wanted), slots[at], -1)
+
+    def knows(self, namespaces: Slots) -> npt.NDArray[np.bool_]:
+        """Whether numbers (n,) are those of namespaces in the table."""
+        known = np.fromiter(self.namespaces.names, np.int64, len(self.namespaces))
+        return _are_numbers(namespaces) & np.isin(_signed(namespaces), known)
+
+
+def _are_numbers(namespaces: Slots) -> npt.NDArray[np.bool_]:
+    return (namespaces >= -ID_OFFSET) & (namespaces < 2 * ID_OFFSET)
+
+
+def _signed(namespaces: Slots) -> Slots:
+    """Numbers as int32 of such as are, or the same bits as uint32; anything for others."""
+    return namespaces.astype(np.uint32).astype(np.int32).astype(np.int64)

@@ -1,0 +1,170 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The topics ``collision_status`` and ``in_collision``, and the watchdog behind them.
+
+Both are latched, so a node that stops would leave its last word standing. Hence: what is not known
+any more is said at once, whoever finds it out; a thread of its own says it for a cycle that does
+not come to its end, and repeats the last word where cycles are far apart; and the status is offered
+with a deadline, by which the middleware tells subscribers of a node that is gone.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Mapping
+
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.duration import Duration
+from rclpy.publisher import Publisher
+from std_msgs.msg import Bool
+
+from obb_collision.node.diagnostics.answer import BLOCKED, STARTING, STOPPING, Answer
+from obb_collision.node.messages.conversions import stamp_to_ros
+from obb_collision.node.outputs.effects import Effects
+from obb_collision.node.parameters.parameters import Parameters
+from obb_collision.node.runtime.guard import Guard
+from obb_collision.scene.effects.settings import OFF
+
+PERIOD = 0.1
+"""Least time (s) between two messages of ``collision_status`` that say the same."""
+FAREWELL = 0.3
+"""How long (s) a node that ends waits until its last word has arrived."""
+FLAG, STATUS = "in_collision", "collision_status"
+
+
+class CollisionStatus:
+    """Publishes what is known of collisions; may be called from any thread.
+
+    now: time of the node's clock (ns); steady: seconds. ``start`` begins to watch the cycles.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        publishers: Mapping[str, Publisher],
+        effects: Effects,
+        parameters: Parameters,
+        now: Callable[[], int],
+        guard: Guard,
+        steady: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._name, self._publishers, self._effects = name, publishers, effects
+        self._parameters, self._guard = parameters, guard
+        self._now, self._steady = now, steady
+        self._lock = threading.RLock()
+        self._answer = Answer()
+        self._said: tuple[object, ...] | None = None
+        self._flag: bool | None = None
+        self._sent = self._alive = steady()
+        self._closed = threading.Event()
+        self._thread: threading.Thread | None = None
+
+    @property
+    def answer(self) -> Answer:
+        """What is known now."""
+        return self._answer
+
+    def begin(self) -> None:
+        """Say that nothing is known yet."""
+        self._say(Answer())
+
+    def start(self) -> None:
+        """Watch over the cycles from now on."""
+        self._alive = self._steady()
+        self._thread = threading.Thread(target=self._watch, name="collision_status", daemon=True)
+        self._thread.start()
+
+    def update(self, answer: Answer, cycle: bool = False) -> None:
+        """Take what is known now; cycle: as a cycle has found that came to its end."""
+        with self._lock:
+            if cycle:
+                self._alive = self._steady()
+            self._say(answer, beat=cycle)
+
+    def close(self) -> None:
+        """Say that the node ends, and nothing after that."""
+        try:
+            with self._lock:
+                if not self._closed.is_set():
+                    self._say(self._answer.without(STOPPING))
+                    self._closed.set()
+            for name in (STATUS, FLAG):
+                self._publishers[name].wait_for_all_acked(Duration(seconds=FAREWELL))
+        except Exception:  # the context is gone: nothing more can be said
+            self._closed.set()
+        if self._thread is not None and self._thread is not threading.current_thread():
+            self._thread.join(FAREWELL)
+
+    @property
+    def is_off(self) -> bool:
+        """Whether nothing is to be said at all."""
+        return self._parameters.mode(STATUS) == OFF == self._parameters.mode(FLAG)
+
+    def look(self) -> None:
+        """Say it if the cycle is blocked; else repeat the last word if nobody else does."""
+        with self._lock:
+            if self._closed.is_set() or self.is_off:
+                return
+            silent = self._steady() - self._alive
+            blocked = silent > 1.0 / self._parameters.rate + self._parameters.cycle_timeout
+            known = self._answer
+            if blocked and known.unknown != STARTING:
+                known = known.without(BLOCKED, silent)
+            if blocked or self._steady() - self._sent >= 1.5 * PERIOD:
+                self._say(known, keep=not blocked)
+
+    def _watch(self) -> None:
+        while not self._closed.wait(PERIOD):
+            try:
+                self.look()
+            except Exception as error:
+                try:
+                    self._guard.caught("watchdog", error)
+                except Exception:  # the context is gone: nothing more can be said
+                    return
+
+    def _say(self, answer: Answer, beat: bool = False, keep: bool = True) -> None:
+        """Publish what is called for; keep: as what is known, not in place of it for now.
+
+        beat: with every call, for the flag, as it is published every cycle while subscribed.
+        """
+        with self._lock:
+            if self._closed.is_set():
+                return
+            if keep:
+                self._answer = answer
+            unknown_counts = self._parameters.unknown_is_collision
+            kind = (*answer.kind, unknown_counts)
+            changed, self._said = kind != self._said, kind
+            self._publish_status(answer, changed, unknown_counts)
+            self._publish_flag(answer.flag(unknown_counts), beat)
+
+    def _publish_status(self, answer: Answer, changed: bool, unknown_counts: bool) -> None:
+        due = self._steady() - self._sent >= PERIOD and self._effects.is_called(STATUS)
+        if self._parameters.mode(STATUS) == OFF or not (changed or due):
+            return
+        self._sent = self._steady()
+        now = self._now()
+        message = DiagnosticArray(status=[answer.to_ros(self._name, now, unknown_counts)])
+        message.header.stamp = stamp_to_ros(now)
+        self._publishers[STATUS].publish(message)
+
+    def _publish_flag(self, flag: bool, beat: bool) -> None:
+        if self._parameters.mode(FLAG) == OFF:
+            return
+        if flag != self._flag or (beat and self._effects.is_called(FLAG)):
+            self._flag = flag
+            self._publishers[FLAG].publish(Bool(data=flag))

@@ -1,0 +1,230 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The publishers of the node and what one cycle publishes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from copy import copy
+from dataclasses import dataclass
+from functools import partial
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rclpy.duration import Duration
+from rclpy.event_handler import PublisherEventCallbacks
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from sensor_msgs.msg import PointCloud2
+from std_msgs.msg import Bool, Header
+from visualization_msgs.msg import MarkerArray
+
+from obb_collision.node.diagnostics.qos import overridable
+from obb_collision.node.messages.box_markers import COLLIDING, DOUBTFUL, FREE, Markers
+from obb_collision.node.messages.clouds import cloud_to_ros
+from obb_collision.node.messages.conversions import stamp_to_ros
+from obb_collision.node.messages.layouts import Rows
+from obb_collision.node.messages.marker_writer import namespace_bytes
+from obb_collision.node.messages.names import NamespaceTable
+from obb_collision.node.messages.text import text_from_rows
+from obb_collision.node.objects.objects import Objects
+from obb_collision.node.outputs.effects import TOPICS
+from obb_collision.node.outputs.rows import (
+    clearance_rows,
+    collision_rows,
+    contact_rows,
+    inside_rows,
+    prediction_rows,
+)
+from obb_collision.node.parameters.parameters import Parameters
+from obb_collision.node.runtime.guard import Guard
+from obb_collision.scene.report import Report
+
+RELIABLE = QoSProfile(depth=10)
+NAMESPACES_RATE = 5e6
+"""Bytes per second at most of the table of namespaces, which is sent whole: 100 kB at 50 Hz."""
+NAMESPACES_PERIOD = 2.0
+"""Seconds after which the table is sent again though it is the same."""
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+"""The last message reaches late subscribers too, if they ask for transient local."""
+KINDS = {
+    "text": DiagnosticArray,
+    "in_collision": Bool,
+    "collision_status": DiagnosticArray,
+    "markers": MarkerArray,
+    "diagnostics": DiagnosticArray,
+}
+"""Messages of the topics that are no clouds."""
+DEADLINE = 0.5
+"""Seconds within which the next ``collision_status`` is promised: five of its periods, for a loaded
+machine."""
+QOS = {
+    "in_collision": LATCHED,
+    "collision_status": QoSProfile(
+        depth=1,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL,
+        deadline=Duration(seconds=DEADLINE),
+    ),
+}
+"""Quality of service of the topics that are not just reliable."""
+
+
+@dataclass(frozen=True)
+class Published:
+    """One check to publish: its report, the effects called for, its stamp (ns).
+
+    step: seconds between this state and that of the check before. cloud_stamp: of the obstacle
+    points.
+    """
+
+    report: Report
+    objects: Objects
+    effects: frozenset[str]
+    stamp: int
+    step: float
+    cloud_stamp: int
+
+
+class Outputs:
+    """Publishes reports: clouds, text, the latched table, markers; has all publishers."""
+
+    def __init__(
+        self,
+        node: Node,
+        parameters: Parameters,
+        guard: Guard,
+    ) -> None:
+        self._parameters, self._guard = parameters, guard
+        self._markers = Markers(parameters.fixed_frame)
+        self._next_markers = 0.0
+        self._namespaces_sent = -1  # version of the table
+        self._next_namespaces = 0.0
+
+        def publisher(kind: type, topic: str, qos: QoSProfile) -> Publisher:
+            return node.create_publisher(
+                kind,
+                topic,
+                copy(qos),  # overrides are written into it
+                event_callbacks=PublisherEventCallbacks(use_default_callbacks=False),  # see qos.py
+                qos_overriding_options=overridable(),
+            )
+
+        self.publishers = {
+            effect: publisher(
+                KINDS.get(effect, PointCloud2),
+                topic,
+                QOS.get(effect, RELIABLE),
+            )
+            for effect, topic in TOPICS.items()
+        }
+        self.namespaces = publisher(DiagnosticStatus, "namespaces", LATCHED)
+
+    @property
+    def ends(self) -> dict[str, Publisher]:
+        """All publishers, by topic as the node names it."""
+        named = {TOPICS[effect]: publisher for effect, publisher in self.publishers.items()}
+        return {**named, "namespaces": self.namespaces}
+
+    def publish_namespaces(self, namespaces: NamespaceTable) -> None:
+        """Publish the table of namespace numbers if it changed: a large one not at every cycle.
+
+        Now and then also unchanged: who subscribes late without asking for latched messages, or
+        lost one, could otherwise name nothing.
+        """
+        now = perf_counter()
+        changed = namespaces.version != self._namespaces_sent
+        if now < self._next_namespaces + (0.0 if changed else NAMESPACES_PERIOD):
+            return
+        data = namespace_bytes(namespaces.names)
+        self._namespaces_sent = namespaces.version
+        self._next_namespaces = now + len(data) / NAMESPACES_RATE
+        self.namespaces.publish(data)
+
+    def publish_report(self, given: Published) -> None:
+        """Publish what is called for, also when it is empty; one output that fails stops no other.
+
+        The table of namespaces goes first: who sees the rest can read it.
+        """
+        guard = self._guard
+        guard.run(
+            "output namespaces", lambda: self.publish_namespaces(given.objects.table.namespaces)
+        )
+        if not given.effects.isdisjoint(("collisions", "text")):
+            guard.run("output collisions", lambda: self._publish_pairs(given))
+        for effect, make in self._clouds(given).items():
+            if effect in given.effects and effect in given.report.results:
+                guard.run(f"output {effect}", partial(self._publish_cloud, effect, make, given))
+
+    def _header(self, stamp: int) -> Header:
+        return Header(stamp=stamp_to_ros(stamp), frame_id=self._parameters.fixed_frame)
+
+    def _publish_cloud(self, effect: str, make: Callable[[Any], Rows], given: Published) -> None:
+        stamp = given.cloud_stamp if effect == "points" else given.stamp
+        rows = make(given.report.results[effect])
+        self.publishers[effect].publish(cloud_to_ros(rows, self._header(stamp)))
+
+    def _clouds(self, given: Published) -> dict[str, Callable[[Any], Rows]]:
+        """Return what makes the rows of each effect from its result."""
+        table = given.objects.table
+        return {
+            "contacts": lambda result: contact_rows(result, table),
+            "clearance": lambda result: clearance_rows(result, table),
+            "sweep": lambda result: prediction_rows(result, given.step, table),
+            "points": lambda result: inside_rows(result, given.report.cycle.points, table),
+        }
+
+    def _publish_pairs(self, given: Published) -> None:
+        table, header = given.objects.table, self._header(given.stamp)
+        rows = collision_rows(given.report, table)
+        if "collisions" in given.effects:
+            self.publishers["collisions"].publish(cloud_to_ros(rows, header))
+        if "text" in given.effects:
+            limit = self._parameters.max_text_pairs
+            total = (given.report.total, given.report.truncated)
+            text = text_from_rows(rows, table.namespaces.names, header, limit, *total)
+            self.publishers["text"].publish(text)
+
+    def publish_markers(self, given: Published) -> None:
+        """Publish the boxes, if it is time to and somebody looks."""
+        self._guard.run("output markers", lambda: self._publish_markers(given))
+
+    def _publish_markers(self, given: Published) -> None:
+        parameters, now = self._parameters, perf_counter()
+        if parameters.marker_rate <= 0.0 or now < self._next_markers:
+            return
+        if "markers" not in given.effects:
+            return
+        self._next_markers = now + 1.0 / parameters.marker_rate
+        objects, table = given.objects, given.objects.table
+        slots = objects.scene.indices
+        drawn = objects.visible[slots]
+        slots, boxes = slots[drawn], objects.scene.boxes.take(np.flatnonzero(drawn))
+        colors = np.where(objects.doubtful[slots], DOUBTFUL, FREE)
+        colors[given.report.colliding[slots]] = COLLIDING
+        form, most = parameters.marker_form, parameters.marker_max_cubes
+        lines = form == "lines" or (form == "auto" and len(slots) > most)
+        self.publishers["markers"].publish(
+            self._markers.write(
+                [] if lines else [table.key(slot) for slot in slots],
+                boxes,
+                colors,
+                given.stamp,
+                parameters.marker_lifetime,
+                parameters.marker_line_width if lines else None,
+            )
+        )

@@ -1,0 +1,135 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The parameters of the node, declared, checked and kept up to date."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from rcl_interfaces.msg import SetParametersResult
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from obb_collision.node.parameters.accuracy import Override
+from obb_collision.node.parameters.allowed import AllowedPair
+from obb_collision.node.parameters.services import guard_parameter_services
+from obb_collision.node.parameters.table import SPECS, option_name
+from obb_collision.scene.effects import EFFECTS
+
+__all__ = ["SPECS", "Parameters", "check_parameters"]
+
+
+class Parameters:
+    """Declared parameters of a node, as attributes: ``parameters.rate``; those of effects apart."""
+
+    fixed_frame: str
+    rate: float
+    trigger: str
+    min_period: float
+    padding: float
+    object_timeout: float
+    stale_policy: str
+    transform_timeout: float
+    stamp_tolerance: float
+    order_timeout: float
+    cycle_timeout: float
+    unknown_is_collision: bool
+    shape_timeout: float
+    shape_memory: int
+    shape_queue: int
+    mesh_file_size: int
+    max_objects: int
+    max_pairs: int
+    max_text_pairs: int
+    marker_rate: float
+    marker_lifetime: float
+    marker_form: str
+    marker_max_cubes: int
+    marker_line_width: float
+    warn_period: float
+    accuracy: str
+    accuracy_overrides: list[Override]
+    tree_depth: int
+    time_budget: float
+    allowed_pairs: list[AllowedPair]
+    scene_file: str
+
+    def __init__(self, node: Node) -> None:
+        """Declare all; an override that can't be used stops the node with the reason."""
+        self.on_change: Callable[[], object] = lambda: None
+        self._node = node
+        self._values: dict[str, Any] = {}
+        for spec in SPECS:
+            given = node.declare_parameter(spec.name, spec.default, spec.descriptor()).value
+            self._values[spec.name] = spec.read(given)
+        node.add_on_set_parameters_callback(check_parameters)
+        node.add_post_set_parameters_callback(self._take)
+        guard_parameter_services(node)
+
+    def __getattr__(self, name: str) -> Any:
+        try:
+            return self.__dict__["_values"][name]
+        except KeyError:
+            raise AttributeError(f"no parameter {name!r}") from None
+
+    def mode(self, effect: str) -> str:
+        """Return off, auto or on."""
+        return str(self._values[f"effects.{effect}"])
+
+    def setting(self, effect: str) -> dict[str, Any]:
+        """Return objects and options of one of ``EFFECTS``, as ``Scene.set_effect`` takes them."""
+        keys = ("objects", *EFFECTS[effect].options)
+        return {key: self._values[option_name(effect, key)] for key in keys}
+
+    def suppose(self, values: Mapping[str, Any]) -> None:
+        """Give values to the parameters that are at their defaults.
+
+        Raises ValueError for what can't be used.
+        """
+        defaults = {spec.name: spec.read(spec.default) for spec in SPECS}
+        new = [
+            Parameter(name, value=value)
+            for name, value in values.items()
+            if self._values[name] == defaults[name]
+        ]
+        for result in self._node.set_parameters(new):
+            if not result.successful:
+                raise ValueError(result.reason)
+
+    def _take(self, parameters: Sequence[Parameter]) -> None:
+        specs = {spec.name: spec for spec in SPECS}
+        ours = [parameter for parameter in parameters if parameter.name in specs]
+        for parameter in ours:
+            self._values[parameter.name] = specs[parameter.name].read(parameter.value)
+        if ours:  # others are declared while a subscription is made
+            self.on_change()
+
+
+def check_parameters(parameters: Sequence[Parameter]) -> SetParametersResult:
+    """Refuse what can't be used, with the reason; all of a set or none."""
+    specs = {spec.name: spec for spec in SPECS}
+    for parameter in parameters:
+        if not parameter.name:  # rclpy takes it for declared
+            return SetParametersResult(successful=False, reason="a parameter needs a name")
+        if parameter.name not in specs:
+            continue
+        try:
+            if parameter.value is None:
+                raise ValueError(f"{parameter.name} can't be taken away")
+            specs[parameter.name].read(parameter.value)
+        except Exception as error:  # whatever a value makes its reader raise: it is refused
+            return SetParametersResult(successful=False, reason=str(error))
+    return SetParametersResult(successful=True)

@@ -1,0 +1,243 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The table of the node's parameters: what they mean, their units and ranges."""
+
+from __future__ import annotations
+
+from obb_collision.accuracy import ALL_RUNGS
+from obb_collision.node.parameters.accuracy import MAX_OVERRIDES, override_from_text
+from obb_collision.node.parameters.allowed import allowed_from_text
+from obb_collision.node.parameters.specs import Spec
+from obb_collision.scene.effects import EFFECTS
+from obb_collision.scene.effects.base import Option
+from obb_collision.scene.effects.settings import AUTO, MODES
+from obb_collision.scene.scene import DEFAULT_DEPTH
+from obb_collision.scene.store.patterns import as_patterns
+
+GENERAL = (
+    Spec(
+        "fixed_frame",
+        "map",
+        "Frame of the world boxes and of everything published. Read at the start only.",
+        fixed=True,
+    ),
+    Spec("rate", 50.0, "Cycles per second (Hz).", (0.1, 1000.0)),
+    Spec(
+        "trigger",
+        "timer",
+        "What starts a cycle. timer: every 1/rate. arrival: every input message at once, but not "
+        "sooner than min_period after the last cycle, and 1/rate after the last cycle without any.",
+        choices=("timer", "arrival"),
+    ),
+    Spec(
+        "min_period",
+        0.002,
+        "With trigger arrival: least time between two cycles (s), so that a burst is taken whole.",
+        (0.0, 1.0),
+    ),
+    Spec("padding", 0.0, "Every box is grown by this on every side (m).", (0.0, 1000.0)),
+    Spec(
+        "object_timeout",
+        0.0,
+        "An object without a new state for longer than this is stale (s). 0: never.",
+        (0.0, 1.0e6),
+    ),
+    Spec(
+        "stale_policy",
+        "keep",
+        "What becomes of stale objects. keep: they go on colliding where they were last. ignore: "
+        "they take part in no pair. Either way they are grey and counted in /diagnostics.",
+        choices=("keep", "ignore"),
+    ),
+    Spec(
+        "transform_timeout",
+        0.2,
+        "How long a state may wait for its frame's transform before it counts as refused (s). Of "
+        "each object the newest state that can be placed is; the latest one is tried again and "
+        "again.",
+        (0.0, 60.0),
+    ),
+    Spec(
+        "stamp_tolerance",
+        0.5,
+        "A stamp further than this ahead of the node's clock is not believed (s): the state is "
+        "used, but its object is grey and counted, and no output carries the stamp.",
+        (0.0, 1.0e6),
+    ),
+    Spec(
+        "order_timeout",
+        1.0,
+        "A state with an older stamp than its object's latest is refused, unless that one came "
+        "longer ago than this (s): then its sender has begun anew.",
+        (0.0, 1.0e6),
+    ),
+    Spec(
+        "cycle_timeout",
+        0.5,
+        "A cycle that ends this much (s) later than 1/rate after the one before is blocked: what "
+        "collides is then not known.",
+        (0.05, 3600.0),
+    ),
+    Spec(
+        "unknown_is_collision",
+        True,
+        "Whether in_collision is true while it is not known what collides.",
+    ),
+    Spec(
+        "shape_timeout",
+        60.0,
+        "Time that a shape of points or a mesh file may take to build (s), beside the cycles. One "
+        "that takes longer is refused.",
+        (0.1, 3600.0),
+    ),
+    Spec(
+        "shape_memory",
+        2000,
+        "Memory that the process that builds shapes may take for one (MB). One that needs more is "
+        "refused. A million triangles take 1000.",
+        (50, 1000000),
+    ),
+    Spec(
+        "shape_queue",
+        512,
+        "Points and embedded mesh files that wait to be built (MB). What is beyond is refused.",
+        (1, 1000000),
+    ),
+    Spec("mesh_file_size", 1000, "Mesh files larger than this are refused (MB).", (1, 1000000)),
+    Spec("max_objects", 20000, "Objects beyond this many are refused.", (1, 1000000)),
+    Spec(
+        "max_pairs",
+        10000,
+        "Colliding pairs reported at most, those of the objects that came first; how many there "
+        "are at least is stated, and all objects that collide are marked as such.",
+        (1, 10000000),
+    ),
+    Spec("max_text_pairs", 100, "Pairs named in collisions_text; the total is stated.", (0, 10000)),
+    Spec("marker_rate", 10.0, "Publications of ~/markers per second (Hz). 0: none.", (0.0, 100.0)),
+    Spec(
+        "marker_lifetime",
+        1.0,
+        "Lifetime of the markers (s), after which RViz drops those of a node that is gone. 0: for "
+        "ever.",
+        (0.0, 3600.0),
+    ),
+    Spec(
+        "marker_form",
+        "auto",
+        "cubes: one CUBE an object. lines: all edges in one LINE_LIST a colour. auto: lines above "
+        "marker_max_cubes objects.",
+        choices=("auto", "cubes", "lines"),
+    ),
+    Spec(
+        "marker_max_cubes", 200, "With marker_form auto: most objects drawn as CUBE.", (0, 100000)
+    ),
+    Spec("marker_line_width", 0.01, "Width of the lines in LINE_LIST markers (m).", (0.0001, 10.0)),
+    Spec(
+        "warn_period",
+        5.0,
+        "Least time between two warnings about one topic for the same reason (s).",
+        (0.0, 3600.0),
+    ),
+)
+
+ACCURACY = (
+    Spec(
+        "accuracy",
+        "obb",
+        "How closely a pair is looked at, cheap to exact; above obb meshes only, see above.",
+        choices=ALL_RUNGS,
+    ),
+    Spec(
+        "accuracy_overrides",
+        [""],
+        "Objects with an accuracy of their own: 'gripper/*: mesh' by pattern of names, or "
+        "'gripper=mesh' by namespace. The last one that fits counts.",
+        entry=override_from_text,
+        most=MAX_OVERRIDES,
+    ),
+    Spec("tree_depth", DEFAULT_DEPTH, "Accuracy obb_tree: at most 2^depth boxes a mesh.", (0, 20)),
+    Spec(
+        "time_budget",
+        0.0,
+        "Time for a check (s): pairs get the highest accuracy, up to the one asked for, that fits. "
+        "Nothing is missed by it. 0: none.",
+        (0.0, 1.0),
+    ),
+    Spec(
+        "allowed_pairs",
+        [""],
+        "Objects that may touch: 'robot/* table/1', two names or patterns each.",
+        entry=allowed_from_text,
+    ),
+    Spec(
+        "scene_file",
+        "",
+        "Scene file to begin with: a path, or the name of one in config. What it says holds where "
+        "a parameter is at its default. Read at the start only.",
+        fixed=True,
+        optional=True,
+    ),
+)
+
+MEANINGS = {
+    "collisions": "Which pairs collide: the topic collisions.",
+    "separations": "Depth, normal and place of the pairs, in collisions and collisions_text. NaN "
+    "there without.",
+    "text": "The same for people: the topic collisions_text.",
+    "in_collision": "Whether any pair collides: the latched topic in_collision. auto: also where "
+    "it changes.",
+    "collision_status": "What is known of collisions, or why nothing is: the latched topic "
+    "collision_status. auto: also where it changes.",
+    "contacts": "Contact points of colliding pairs: the topic contacts.",
+    "clearance": "Distances and closest points of near pairs: the topic clearances.",
+    "sweep": "Collisions passed through and to come: the topic predicted_collisions.",
+    "points": "Obstacle points in boxes: the topic points_inside. off: points is not subscribed.",
+    "markers": "The world boxes: the topic ~/markers.",
+    "diagnostics": "How the node is: the topic /diagnostics.",
+}
+"""What an effect gives, by name: those of ``EFFECTS``, and what only the node has."""
+
+
+def option_name(effect: str, option: str) -> str:
+    """Return the parameter of an option; ``effects.sweep`` can't be a value and hold more."""
+    return f"effects.{effect}_{option}"
+
+
+def _option_spec(name: str, option: Option) -> Spec:
+    whole = bool(option.choices) and all(float(choice).is_integer() for choice in option.choices)
+    kind = int if whole else float
+    choices = tuple(kind(choice) for choice in option.choices)
+    limits = None if choices else (kind(option.low), kind(option.high))
+    return Spec(name, kind(option.default), option.description, limits, choices)
+
+
+def _effect_specs() -> tuple[Spec, ...]:
+    specs = []
+    for name, meaning in MEANINGS.items():
+        specs.append(Spec(f"effects.{name}", AUTO, meaning, choices=MODES))
+        if name not in EFFECTS:
+            continue
+        described = f"Objects that call for {name}, by name or pattern; a pair does if one does."
+        specs.append(Spec(option_name(name, "objects"), ["*"], described, entry=_pattern))
+        for key, option in EFFECTS[name].options.items():
+            specs.append(_option_spec(option_name(name, key), option))
+    return tuple(specs)
+
+
+def _pattern(text: str) -> str:
+    return as_patterns(text, "entry")[0]
+
+
+SPECS = (*GENERAL, *ACCURACY, *_effect_specs())

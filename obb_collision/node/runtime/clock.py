@@ -1,0 +1,78 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Time of the node's clock, and what to do where it jumps.
+
+Ages and lifetimes are differences of this clock, so that they stand still with a paused simulation.
+Where it jumps (a simulation begins anew, a bag loops, a robot without a battery for its clock gets
+the time from the network) they would be off by the jump, so whoever keeps times is told to shift
+them.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+from obb_collision.node.messages.conversions import NANOSECONDS
+
+LARGEST_SLEW = NANOSECONDS // 10
+"""The system's clock against steady time: more than this (ns) between two looks is a jump. Looks
+are at most seconds apart, and clocks are slewed by 0.5 ms a second at most."""
+
+
+def boot_time() -> int:
+    """Nanoseconds of a clock that never jumps, and goes on while the machine sleeps."""
+    try:
+        return time.clock_gettime_ns(time.CLOCK_BOOTTIME)
+    except (AttributeError, OSError):  # Linux only
+        return time.monotonic_ns()
+
+
+class NodeClock:
+    """Reads a clock and finds its jumps.
+
+    read: the time (ns); is_simulated: whether it is that of /clock. on_jump(shift, now) is called
+    with what a jump added (ns), before the new time is used.
+    """
+
+    def __init__(
+        self,
+        read: Callable[[], int],
+        is_simulated: Callable[[], bool],
+        on_jump: Callable[[int, int], None],
+        steady: Callable[[], int] = boot_time,
+    ) -> None:
+        self._read, self._is_simulated, self._steady = read, is_simulated, steady
+        self._on_jump = on_jump
+        self._last, self._last_steady = read(), steady()
+        self._was_simulated = is_simulated()
+
+    def now(self) -> int:
+        """Time of the clock (ns)."""
+        before, now, steady = self._steady(), self._read(), self._steady()
+        if steady - before > LARGEST_SLEW // 2:  # held up in between: they say nothing together
+            return now
+        simulated = self._is_simulated()
+        moved, elapsed = now - self._last, steady - self._last_steady
+        shift = 0
+        if simulated and self._was_simulated:
+            # zero: no message of /clock so far; forward it may go as fast as it likes
+            shift = moved if moved < 0 or (self._last == 0 and now > 0) else 0
+        elif simulated or self._was_simulated or abs(moved - elapsed) > LARGEST_SLEW:
+            shift = moved - elapsed
+        self._last, self._last_steady, self._was_simulated = now, steady, simulated
+        if shift:
+            self._on_jump(shift, now)
+        return now

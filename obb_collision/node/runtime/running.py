@@ -1,0 +1,197 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""A node in a process of its own, until a signal."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import sys
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from functools import partial
+from typing import TypeVar
+
+import rclpy
+from rclpy.context import Context
+from rclpy.exceptions import NameValidationException, ParameterException
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.logging import get_logger
+from rclpy.node import Node
+from rclpy.qos_overriding_options import InvalidQosOverridesError
+from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import try_shutdown
+
+from obb_collision.node.runtime import garbage
+from obb_collision.node.runtime.environment import BAD_USAGE, SIGNALS
+
+N = TypeVar("N", bound=Node)
+UNUSABLE = (
+    ValueError,
+    RuntimeError,  # rclpy's: names and QoS that rcl does not take
+    NameValidationException,
+    ParameterException,
+    InvalidQosOverridesError,
+)
+"""What a parameter, a remapping or an override that can't be used raises as a node is made."""
+
+
+class Signals:
+    """Counts SIGINT and SIGTERM, so that they raise nothing in whatever line runs just then.
+
+    While the node is made, which may take as long as kernels compile, the first one ends that as
+    soon as it can, and the second one ends the process at once.
+    """
+
+    def __init__(self) -> None:
+        self.count = 0
+        self.making = True
+        for number in SIGNALS:
+            signal.signal(number, self._take)
+
+    def _take(self, *_: object) -> None:
+        self.count += 1
+        if self.making and self.count > 1:
+            os._exit(0)
+        if self.making:  # not by sys.stderr, which may be in use just then
+            os.write(2, b"ends as soon as it can; a second signal ends it at once\n")
+
+    def ignore(self) -> None:
+        """Take no more signals: what is left to do is to end."""
+        for number in SIGNALS:
+            signal.signal(number, signal.SIG_IGN)
+
+
+@contextmanager
+def on_signals(action: Callable[[], None]) -> Iterator[None]:
+    """Call ``action`` once, in a thread of its own, as soon as a signal has come.
+
+    Python runs its handlers between two of its instructions only, which a main thread that waits
+    in rclpy, or computes, may be far from; the byte that a signal writes wakes the thread at once.
+    """
+    reader, writer = os.pipe()
+    os.set_blocking(writer, False)
+
+    def wait() -> None:
+        while number := os.read(reader, 1)[0]:  # other signals come by here, too
+            if number in SIGNALS:
+                action()
+                return
+
+    thread = threading.Thread(target=wait, name="signals", daemon=True)
+    before = signal.set_wakeup_fd(writer, warn_on_full_buffer=False)
+    thread.start()
+    try:
+        yield
+    finally:
+        signal.set_wakeup_fd(before)
+        os.write(writer, bytes(1))  # lets a thread that still waits end
+        thread.join()
+        os.close(reader)
+        os.close(writer)
+
+
+def run(
+    name: str,
+    make_node: Callable[[Context, Callable[[], bool]], N],
+    args: Sequence[str] | None,
+    farewell: Callable[[N], None] = lambda _: None,
+    caught: Callable[[N, Exception], None] | None = None,
+) -> int:
+    """Spin a node until SIGINT, SIGTERM or a shutdown of its context; returns the exit code.
+
+    name: of the logger, for what is said before there is a node. make_node: takes the context, and
+    what says whether a signal has come; it may raise ExternalShutdownException then. farewell:
+    called with the node when a signal ends it, from another thread, while it can still publish.
+    caught: takes what the executor raises, such as a MemoryError for a message that rclpy decodes,
+    and the node goes on; without it such an exception ends it.
+    """
+    signals = Signals()
+    context = Context()
+    arguments = None if args is None else list(args)
+    if not init(name, context, arguments):
+        return BAD_USAGE
+    node: N | None = None
+
+    def end() -> None:
+        # not by rclpy's handlers: they shut the context down at once, and nothing can be published
+        try:
+            if node is not None:
+                farewell(node)
+        finally:
+            context.try_shutdown()
+
+    try:
+        try:
+            node = make_node(context, lambda: signals.count > 0)
+        except UNUSABLE as error:
+            get_logger(name).fatal(in_one_line(error))
+            return 1
+        executor = SingleThreadedExecutor(context=context)
+        executor.add_node(node)
+        garbage.settle()
+        with on_signals(end):
+            signals.making = False
+            if not signals.count:
+                spin(executor, None if caught is None else partial(caught, node))
+    except ExternalShutdownException:
+        pass
+    except Exception:
+        if context.ok():  # what fails because the context is gone is no error
+            raise
+    finally:
+        if node is not None:
+            node.destroy_node()
+        try_shutdown(context=context)
+        signals.ignore()
+    return 0
+
+
+def spin(
+    executor: SingleThreadedExecutor, caught: Callable[[Exception], None] | None = None
+) -> None:
+    """Spin until the context ends; what is raised otherwise goes to ``caught``, if there is one."""
+    while True:
+        try:
+            executor.spin()
+            return
+        except ExternalShutdownException:
+            raise
+        except Exception as error:
+            if caught is None:
+                raise
+            caught(error)
+
+
+def init(name: str, context: Context, arguments: list[str] | None) -> bool:
+    """Initialise a context with ROS arguments; say which can't be used, and return False then.
+
+    Without the signal handlers of rclpy: they would take the context away from a node being made.
+    """
+    try:
+        rclpy.init(args=arguments, context=context, signal_handler_options=SignalHandlerOptions.NO)
+    except (RuntimeError, ValueError) as error:
+        sys.stderr.write(f"{name}: ROS arguments that can't be used: {in_one_line(error)}\n")
+        return False
+    return True
+
+
+def in_one_line(error: BaseException) -> str:
+    """Return what an exception says, without line breaks and the places in rcl's sources."""
+    text = re.sub(r",? at \S+\.c(pp)?:\d+", "", str(error))
+    text = text.removeprefix("failed to initialize rcl: ")
+    return " ".join(text.split()) or type(error).__name__

@@ -1,0 +1,216 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Kernels made ready before a cycle needs them: at the start, or beside the cycles.
+
+Nothing is compiled in the node's process while it runs: numba compiles under one lock, and the
+cycle would wait for it. Other processes compile into the cache (see ``warm_up``), and a thread
+loads what they made. What the cache has is loaded at the start, whether asked for or not.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Iterable
+from queue import SimpleQueue
+from threading import Event, Thread
+from time import perf_counter
+
+from obb_collision import _compiling, _kernel_cache
+from obb_collision.accuracy import Accuracy
+from obb_collision.node.runtime import garbage
+from obb_collision.warm_up import steps
+from obb_collision.warm_up.processes import Progress, compile_steps
+from obb_collision.warm_up.steps import BOXES, MESSAGES, NODE_STEPS, accuracy_step, effect_step
+
+FIRST_WORD, NEXT_WORD = 2.0, 5.0
+"""Seconds until it is said how far it is, and between two lines about it."""
+NICENESS = 5
+"""Of what compiles beside the cycles: these come first, but it must not starve."""
+RETRY = 60.0
+"""Seconds after which what could not be made ready is tried again."""
+ENDING = 2.0
+"""Seconds that the thread has to end what compiles: it looks every tenth of a second."""
+
+Thing = Accuracy | str
+"""A rung of ``Accuracy``, or the name of an effect."""
+
+
+class WarmUp:
+    """What is ready, and a thread for what isn't yet.
+
+    say and complain: take lines for the log; stopped: whether a start is to be given up.
+    """
+
+    def __init__(
+        self,
+        say: Callable[[str], None],
+        complain: Callable[[str], None],
+        stopped: Callable[[], bool] = lambda: False,
+    ) -> None:
+        self._say, self._complain, self._stopped = say, complain, stopped
+        self._ready: set[str] = set()
+        self._asked: dict[str, float] = {}  # when it may be asked for again
+        self._refused: dict[str, str] = {}
+        self._queue: SimpleQueue[str | None] = SimpleQueue()
+        self._thread: Thread | None = None
+        self._closed = Event()
+        self._handler = _Forward(complain)
+        _kernel_cache.logger.addHandler(self._handler)
+
+    def start(self, things: Iterable[Thing]) -> None:
+        """Make ready what every cycle needs, these things, and all that is compiled already."""
+        self._load(NODE_STEPS)
+        wanted = {BOXES, MESSAGES, effect_step("separations"), *map(_step, things)}
+        missing = [step for step in NODE_STEPS if step in wanted - self._ready]
+        if not missing:
+            return
+        progress = self._compile(missing, self._stopped, 0)
+        self._load(NODE_STEPS)
+        failed = [step for step in missing if step not in self._ready]
+        if failed and not progress.stopped:
+            self._compile_here(progress.failed.get(failed[0], "it is not in the cache"))
+
+    def is_ready(self, thing: Thing) -> bool:
+        """Return whether a thing is ready; if not, see to it that it will be."""
+        step = _step(thing)
+        if step in self._ready:
+            return True
+        if perf_counter() >= self._asked.get(step, 0.0):
+            self._asked[step] = float("inf")
+            self._queue.put(step)
+            if self._thread is None:
+                # A daemon: who ends the node does not want to wait for it.
+                self._thread = Thread(target=self._work, daemon=True, name="warm-up")
+                self._thread.start()
+        return False
+
+    def why_not(self, thing: Thing) -> str:
+        """Return in words why a thing is not ready."""
+        return self._refused.get(_step(thing), "being made ready")
+
+    def close(self) -> None:
+        """End what compiles: other processes, which must not outlive this one."""
+        self._closed.set()
+        self._queue.put(None)
+        if self._thread is not None:
+            self._thread.join(ENDING)
+        _kernel_cache.logger.removeHandler(self._handler)
+
+    def _work(self) -> None:
+        while (step := self._queue.get()) is not None and not self._closed.is_set():
+            self._load([step])
+            reason = ""
+            if step not in self._ready:
+                progress = self._compile([step], self._closed.is_set, NICENESS)
+                if progress.stopped:
+                    return
+                reason = progress.failed.get(step, "it is not in the cache")
+                self._load([step])
+            if step in self._ready:
+                self._refused.pop(step, None)
+            else:
+                self._refuse(step, reason)
+
+    def _refuse(self, step: str, reason: str) -> None:
+        self._refused[step] = f"can't be compiled: {reason}"
+        self._asked[step] = perf_counter() + RETRY
+        self._complain(
+            f"kernels for {step} can't be compiled beside the cycles: {reason}; it stays off, "
+            f"to be tried again in {RETRY:.0f} s"
+        )
+
+    def _load(self, names: Iterable[str]) -> None:
+        """Load the steps that the cache has all of."""
+        for step in names:
+            if step in self._ready:
+                continue
+            try:
+                with _kernel_cache.only_loading():
+                    steps.run(step)
+                self._ready.add(step)
+                garbage.settle_more()
+            except _kernel_cache.KernelMissingError:
+                pass
+            except Exception as error:  # it would fail in a cycle, too, where it is counted
+                self._complain(f"kernels for {step}: {type(error).__name__}: {error}")
+                self._ready.add(step)
+
+    def _compile(self, missing: list[str], stopped: Callable[[], bool], niceness: int) -> Progress:
+        """Compile in other processes, and say how far it is."""
+        kept = _kernel_cache.places[0] if _kernel_cache.places else "no folder"
+        self._say(
+            f"compiling kernels for {', '.join(missing)}: up to a minute the first time, then kept "
+            f"in {kept} (obb_collision_warm_up compiles all beforehand)"
+        )
+        start = perf_counter()
+        due, noted = start + FIRST_WORD, 0
+
+        def look(progress: Progress) -> None:
+            nonlocal due, noted
+            for note in progress.notes[noted:]:
+                self._complain(note)
+            noted = len(progress.notes)
+            if perf_counter() >= due:
+                due = perf_counter() + NEXT_WORD
+                self._say(
+                    f"compiling kernels: {len(progress.kernels)} so far, "
+                    f"{len(progress.done)} of {len(missing)} steps done, "
+                    f"now {', '.join(progress.running)}, {perf_counter() - start:.0f} s"
+                )
+
+        progress = compile_steps(
+            missing,
+            private=_kernel_cache.private_place(),
+            niceness=niceness,
+            look=look,
+            stopped=stopped,
+        )
+        if not progress.stopped:
+            self._say(
+                f"{len(progress.kernels)} kernels compiled in {perf_counter() - start:.1f} s for "
+                f"{', '.join(progress.done) or 'nothing'}"
+            )
+        return progress
+
+    def _compile_here(self, reason: str) -> None:
+        """Compile all that may ever be switched on, as nothing can be compiled elsewhere later."""
+        self._complain(
+            f"kernels can't be compiled in another process: {reason}; so all that may be switched "
+            "on later is compiled before the start"
+        )
+        for step in NODE_STEPS:
+            if step not in self._ready and not self._stopped():
+                start, before = perf_counter(), len(_compiling.compiled.names)
+                steps.run(step)
+                self._ready.add(step)
+                self._say(
+                    f"{step}: {len(_compiling.compiled.names) - before} kernels compiled in "
+                    f"{perf_counter() - start:.1f} s"
+                )
+
+
+class _Forward(logging.Handler):
+    """Passes on what the library logs."""
+
+    def __init__(self, take: Callable[[str], None]) -> None:
+        super().__init__()
+        self._take = take
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self._take(record.getMessage())
+
+
+def _step(thing: Thing) -> str:
+    return accuracy_step(thing) if isinstance(thing, Accuracy) else effect_step(thing)

@@ -1,0 +1,87 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Parameters -> settings of the scene, each set only when it changes."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from obb_collision.accuracy import Accuracy, as_accuracy
+from obb_collision.node.objects.objects import Objects
+from obb_collision.node.parameters.accuracy import Overrides
+from obb_collision.node.parameters.allowed import AllowedRule, set_allowed
+from obb_collision.node.parameters.parameters import Parameters
+from obb_collision.node.runtime.warm_up import WarmUp
+from obb_collision.scene.effects import EFFECTS
+from obb_collision.scene.effects.settings import AUTO, OFF
+from obb_collision.scene.refinement.budget import ABOVE
+
+
+class SceneSettings:
+    """What of the parameters is set in the scene, and what waits until its kernels are ready."""
+
+    def __init__(self, parameters: Parameters, objects: Objects, warm: WarmUp) -> None:
+        self._parameters, self._objects, self._warm = parameters, objects, warm
+        self.allowed: list[AllowedRule] = []
+        """Rules beside those of the parameters, which come after them."""
+        self._allowed: list[AllowedRule] = []
+        self._effects: dict[str, Any] = {}
+        self.waiting = False
+        """Whether an accuracy waits for its kernels; until then ``obb`` takes its place."""
+
+    def rungs(self) -> list[Accuracy]:
+        """Return the rungs that the parameters ask for."""
+        rungs = {rung for _, rung in self._parameters.accuracy_overrides}
+        rungs.add(as_accuracy(self._parameters.accuracy))
+        if self._parameters.time_budget:  # it chooses from all
+            rungs |= {rung for rung in ABOVE if rung <= max(rungs)}
+        return sorted(rungs)
+
+    def apply(self) -> None:
+        """Bring the scene up to date with the parameters."""
+        parameters, scene = self._parameters, self._objects.scene
+        if scene.padding != parameters.padding:
+            scene.padding = parameters.padding
+        if scene.tree_depth != parameters.tree_depth:
+            scene.tree_depth = parameters.tree_depth
+        if scene.max_pairs != parameters.max_pairs:
+            scene.max_pairs = parameters.max_pairs
+        if (scene.time_budget or 0.0) != parameters.time_budget:
+            scene.time_budget = parameters.time_budget or None
+        self.apply_accuracy()
+        allowed = [*self.allowed, *((*pair, True) for pair in parameters.allowed_pairs)]
+        if self._allowed != allowed:
+            set_allowed(scene, allowed)
+            self._allowed = allowed
+        for name in EFFECTS:
+            # Never "on": the node asks at each check, so that nothing starts before it is ready.
+            mode = OFF if parameters.mode(name) == OFF else AUTO
+            setting = {"mode": mode, **parameters.setting(name)}
+            if self._effects.get(name) != setting:
+                self._effects[name] = setting
+                scene.set_effect(name, **setting)
+
+    def apply_accuracy(self) -> None:
+        """Give every object its rung, as far as their kernels are ready."""
+        parameters, objects = self._parameters, self._objects
+        ready = [self._warm.is_ready(rung) for rung in self.rungs()]
+        self.waiting = not all(ready)
+        highest = Accuracy.OBB if self.waiting else Accuracy.MESH
+        rung = min(as_accuracy(parameters.accuracy), highest)
+        if objects.scene.accuracy != rung:
+            objects.scene.accuracy = rung
+        overrides = Overrides(parameters.accuracy_overrides).capped(highest)
+        if overrides.overrides != objects.overrides.overrides:
+            objects.set_overrides(overrides)

@@ -1,0 +1,204 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""How far apart are two boxes, and where? The Euclidean distance and the closest points.
+
+Verdict and distance go together: the distance is positive exactly for pairs that
+``separation.verdicts`` calls SEPARATE, 0 for TOUCHING, and negative for OVERLAP: minus the depth,
+the least translation along any of the 15 axes that parts them (``witness``).
+
+Accuracy: distances of separate pairs are within 1e-12 of the size of the pair, the sum of its six
+half extents or the distance itself, whichever is larger; so is the distance between the points
+given, but for the rounding of world coordinates. How that is known: ``closest_points``. Where many
+points are equally close (parallel faces) the ones given are some of them; where they are so up to
+that accuracy (nearly parallel), the ones given may lie anywhere among those.
+
+The answer for b and a is that for a and b, bit for bit, points exchanged and normal reversed
+(boxes identical in every bit have no order: theirs is the same both ways). Only the offset of the
+centres counts, not where they are.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from obb_collision._jit import njit
+from obb_collision.geometry.boxes import Boxes
+from obb_collision.geometry.kinds import check_kind
+from obb_collision.geometry.validation import MAX_MAGNITUDE
+from obb_collision.queries.clearance.closest_points import NEAR, points_apart, points_near
+from obb_collision.queries.clearance.features import Points
+from obb_collision.queries.verdict.gap_axes import best_face
+from obb_collision.queries.verdict.pair_rows import as_pairs
+from obb_collision.queries.verdict.penetration import AXES, witness
+from obb_collision.queries.verdict.sat import Pair, Vector, enter_frame, leave_frame, minus, scaled
+from obb_collision.queries.verdict.verdict import (
+    SEPARATE,
+    TOUCHING,
+    UNDECIDED,
+    classify_careful,
+    classify_fast,
+)
+from obb_collision.typing import Floats
+from obb_collision.words import shown
+
+#: Kinds of real numbers.
+REAL = (int, float, np.integer, np.floating)
+
+
+@dataclass(frozen=True, eq=False)
+class Clearances:
+    """Distance and closest points of m pairs of boxes a, b; metres, world frame."""
+
+    distances: Floats
+    """(m,) positive apart, minus the depth where they overlap, 0 where they touch."""
+    points_a: Floats
+    """(m, 3) the point of a closest to b; overlapping, the deepest in b along the normal."""
+    points_b: Floats
+    """(m, 3) the same of b."""
+    normals: Floats
+    """(m, 3) unit vector from a to b along which the distance is; within 1e-12 of touching, and
+    where boxes overlap, the axis of the largest gap."""
+
+    def __len__(self) -> int:
+        return len(self.distances)
+
+
+def clearances(boxes: Boxes, pairs: ArrayLike) -> Clearances:
+    """Return the clearance of each pair (m, 2) of rows of ``boxes``.
+
+    Raises ValueError naming the argument and the row for pairs that are none.
+    """
+    return clearances_within(boxes, pairs, np.inf)[1]
+
+
+def clearances_within(
+    boxes: Boxes, pairs: ArrayLike, limit: float
+) -> tuple[NDArray[np.int64], Clearances]:
+    """Return which pairs are no farther apart than ``limit`` metres, and their clearances.
+
+    The first of both are rows of ``pairs`` (m, 2), ascending. What the six face normals show to
+    be farther apart costs no more than that. Raises ValueError naming the argument.
+    """
+    check_kind(boxes, Boxes, "boxes")
+    checked = as_pairs(pairs, len(boxes))
+    if not (isinstance(limit, REAL) and limit >= 0.0):  # NaN too
+        raise ValueError(f"limit must be a number, at least 0, got {shown(limit)}")
+    limit = float(limit) if limit <= MAX_MAGNITUDE else np.inf
+    count = len(checked)
+    rows = np.empty(count, np.int64)
+    distances, vectors = np.empty(count), np.empty((3, count, 3))
+    kept = clearance_kernel(
+        *(boxes.centers, boxes.rotations, boxes.half_extents, checked, float(limit)),
+        *(rows, distances, vectors[0], vectors[1], vectors[2]),
+    )
+    points_a, points_b, normals = vectors[:, :kept]
+    return rows[:kept], Clearances(distances[:kept], points_a, points_b, normals)
+
+
+@njit
+def clearance_kernel(
+    centers: Floats,
+    rotations: Floats,
+    half_extents: Floats,
+    pairs: np.ndarray,
+    limit: float,
+    rows: np.ndarray,
+    distances: Floats,
+    points_a: Floats,
+    points_b: Floats,
+    normals: Floats,
+) -> int:
+    """Write row, distance, points and normal of each pair (m, 2) within the limit; return how many.
+
+    All outputs have room for m.
+    """
+    most = np.empty(AXES)
+    count = 0
+    for row in range(len(pairs)):
+        i, j = pairs[row, 0], pairs[row, 1]
+        swapped = _comes_before(centers, rotations, half_extents, j, i)
+        if swapped:
+            i, j = j, i
+        pair, size, scale = enter_frame(centers, rotations, half_extents, i, j)
+        face = best_face(pair)
+        if (face[0] - NEAR * size) / scale > limit:
+            continue
+        apart, points, n = points_apart(pair, size, face)
+        verdict, gap = SEPARATE, 0.0
+        if not apart:
+            verdict, gap, points, n = _near_points(
+                centers, rotations, half_extents, i, j, pair, size, scale, most
+            )
+        distance, p, q, n = leave_frame(
+            centers, rotations, half_extents, i, j, points.s, points.t, n, scale
+        )
+        if swapped:
+            p, q, n = q, p, (-n[0], -n[1], -n[2])
+        if verdict == TOUCHING:
+            gap = 0.0
+        distance = max(distance, gap) if verdict == SEPARATE else gap
+        if distance <= limit:
+            rows[count] = row
+            distances[count] = distance
+            for k in range(3):
+                points_a[count, k] = p[k]
+                points_b[count, k] = q[k]
+                normals[count, k] = n[k]
+            count += 1
+    return count
+
+
+@njit
+def _comes_before(centers: Floats, rotations: Floats, extents: Floats, i: int, j: int) -> bool:
+    """Order boxes by their numbers: one box is always the first, however a pair is given."""
+    for k in range(3):
+        if centers[i, k] != centers[j, k]:
+            return bool(centers[i, k] < centers[j, k])
+    for k in range(3):
+        if extents[i, k] != extents[j, k]:
+            return bool(extents[i, k] < extents[j, k])
+    for k in range(3):
+        for m in range(3):
+            if rotations[i, k, m] != rotations[j, k, m]:
+                return bool(rotations[i, k, m] < rotations[j, k, m])
+    return False
+
+
+@njit
+def _near_points(
+    centers: Floats, rotations: Floats, extents: Floats, i: int, j: int, pair: Pair,
+    size: float, scale: float, most: Floats,
+) -> tuple[int, float, Points, Vector]:  # fmt: skip
+    """Return verdict, gap (metres), points and axis of boxes that overlap, or do so nearly.
+
+    Points of boxes that overlap are those that touch when the depth has been taken back.
+    """
+    ca, a, h = centers[i], rotations[i], extents[i]
+    cb, b, f = centers[j], rotations[j], extents[j]
+    verdict = classify_fast(centers, rotations, extents, i, centers, rotations, extents, j)
+    if verdict == UNDECIDED:
+        verdict = classify_careful(ca, a, h, cb, b, f)
+    gap, x, y, z, number = witness(ca, a, h, cb, b, f, most)
+    n = (
+        a[0, 0] * x + a[1, 0] * y + a[2, 0] * z,
+        a[0, 1] * x + a[1, 1] * y + a[2, 1] * z,
+        a[0, 2] * x + a[1, 2] * y + a[2, 2] * z,
+    )
+    back = 0.0 if verdict == SEPARATE else gap * scale
+    touching = Pair(minus(pair.d, scaled(n, back)), pair.r, pair.h, pair.f)
+    return verdict, gap, points_near(touching, size, gap * scale - back, number, n), n

@@ -1,0 +1,167 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The closest points of two boxes apart: few candidates, and a certificate that they are.
+
+All in the frame of box a, scaled so that squares neither over- nor underflow (``Pair``).
+
+For any unit vector n the gap of the boxes along n is at most their distance, and the distance of
+any two points is at least that. Where both agree, the points are the closest ones: duality of
+convex sets (Boyd, Vandenberghe 2004, 8.2), a proof that asks nothing of how they were found.
+Candidates come in stages, each only for what the ones before could not prove:
+
+1. the face axis of the largest gap: its face against the foremost vertex of the other box;
+2. from there the closest point of b, and of a to that. Reaches nearly all closest points with a
+   vertex, for a vertex once found keeps being the closest;
+3. the edge axis of the largest gap: its foremost edges. Wherever the closest features fix their
+   normal (face against anything, edge crossing edge), that axis has the largest gap of all 15;
+4. as 2, from there;
+5. each vertex against the other box;
+6. all 144 pairs of edges. The closest points of disjoint boxes lie on a vertex and a box or on
+   two edges, so nothing else can be closer: where rounding hides the certificate (parallel faces
+   that overlap crosswise, boxes nearly touching), the answer rests on having tried everything.
+
+Of random pairs 13 % end in stage 1, 46 % in 2, the rest in 3 and 4; 5 and 6 are for boxes with
+nearly parallel edges or faces.
+"""
+
+from __future__ import annotations
+
+import math
+
+from obb_collision._jit import njit
+from obb_collision.queries.clearance.features import (
+    Points,
+    all_edge_points,
+    edge_points,
+    face_points,
+    points_at,
+    vertex_points,
+)
+from obb_collision.queries.verdict.gap_axes import Axis, best_edge, unit_axis
+from obb_collision.queries.verdict.sat import (
+    Pair,
+    Vector,
+    closest_on_a,
+    closest_on_b,
+    gap_along,
+    minus,
+    point_of_b,
+)
+
+#: Two points are proven closest when their distance exceeds a gap by no more than this, relative
+#: to the size: 128 unit roundoffs, above what both are off by with axes orthonormal to rounding.
+#: Axes farther off only fail to prove some pairs: they go on to stage 6.
+PROVEN = 2.0**-46
+#: With a gap above this, relative to the size, boxes are certainly apart: 2^13 unit roundoffs,
+#: far beyond every error bound of ``separation``.
+NEAR = 2.0**-40
+
+
+@njit
+def points_apart(pair: Pair, size: float, face: Axis) -> tuple[bool, Points, Vector]:
+    """Return whether boxes are certainly apart, and then their closest points and the normal.
+
+    face: of ``gap_axes.best_face``.
+    """
+    gap, number = face
+    n = unit_axis(pair, number)
+    points = points_on_axis(pair, number, n)
+    if gap > NEAR * size:
+        if _proven(points, gap, size):
+            return True, points, n
+        closer, m = _slide(pair, points, n)
+        if _proven(closer, gap_along(pair, m), size):
+            return True, closer, m
+    gap, number = best_edge(pair, face)
+    if number >= 6:
+        n = unit_axis(pair, number)
+        gap = max(gap_along(pair, n), face[0])
+        points = points_on_axis(pair, number, n)
+    if gap <= NEAR * size:
+        return False, points, n
+    if not _proven(points, gap, size):
+        points, n = points_anywhere(pair, size, points, n)
+    return True, points, n
+
+
+@njit
+def points_near(pair: Pair, size: float, gap: float, number: int, n: Vector) -> Points:
+    """Return the closest points of boxes that (nearly) touch; gap, number: of the axis n."""
+    points = points_on_axis(pair, number, n)
+    if _proven(points, gap, size):
+        return points
+    return points_anywhere(pair, size, points, n)[0]
+
+
+@njit
+def points_on_axis(pair: Pair, number: int, n: Vector) -> Points:
+    """Return the closest points if n, the axis of that number, is their normal."""
+    if number < 6:
+        return face_points(pair, n, number < 3)
+    return edge_points(pair, (number - 6) // 3, (number - 6) % 3, n)
+
+
+@njit
+def points_anywhere(pair: Pair, size: float, points: Points, n: Vector) -> tuple[Points, Vector]:
+    """Stages 4 to 6: return the closest points and the normal, n or better."""
+    points, m = _slide(pair, points, n)
+    if _proven(points, gap_along(pair, m), size):
+        return points, m
+    points = vertex_points(pair, points)
+    m = _direction(pair, points, n)
+    if _proven(points, gap_along(pair, m), size):
+        return points, m
+    points = all_edge_points(pair, points)
+    return points, _widest(pair, n, _direction(pair, points, n))
+
+
+@njit
+def _widest(pair: Pair, n: Vector, m: Vector) -> Vector:
+    """Return n, m or the edge axis, also of nearly parallel edges, that shows the largest gap.
+
+    The direction of points close together is that of their rounding errors.
+    """
+    if gap_along(pair, m) > gap_along(pair, n):
+        n = m
+    for number in range(6, 15):
+        m = unit_axis(pair, number)
+        if gap_along(pair, m) > gap_along(pair, n):  # not so for NaN, of parallel edges
+            n = m
+    return n
+
+
+@njit
+def _slide(pair: Pair, points: Points, n: Vector) -> tuple[Points, Vector]:
+    """Return the point of b closest to s, the point of a closest to that, and their direction."""
+    t = closest_on_b(pair, points.s)
+    closer = points_at(pair, closest_on_a(pair, t), t)
+    return closer, _direction(pair, closer, n)
+
+
+@njit
+def _proven(points: Points, gap: float, size: float) -> bool:
+    """Tell whether points are closest: no farther apart than a gap, or not at all."""
+    limit = max(gap, 0.0) + PROVEN * size
+    return points.square <= limit * limit
+
+
+@njit
+def _direction(pair: Pair, points: Points, n: Vector) -> Vector:
+    """Return the unit vector from s to t; n where they agree."""
+    if points.square == 0.0:
+        return n
+    v = minus(point_of_b(pair, points.t), points.s)
+    norm = math.sqrt(points.square)
+    return v[0] / norm, v[1] / norm, v[2] / norm

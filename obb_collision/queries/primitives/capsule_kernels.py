@@ -1,0 +1,241 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Kernels of ``capsules``: they scale a pair to about 1, ask ``segments``, and write."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from obb_collision._jit import njit
+from obb_collision.queries.primitives.segments import (
+    Vector,
+    along,
+    box_gap,
+    cross,
+    dot,
+    excesses,
+    nearest_of_segments,
+    nearest_to_box,
+    segment_gap,
+    unit_scale,
+    widest_gap,
+)
+from obb_collision.queries.verdict.verdict import OVERLAP, SEPARATE, TOUCHING
+from obb_collision.typing import Floats
+
+#: Bound of a distance that proves nearness, relative to T: 256 unit roundoffs (see ``capsules``).
+NEAR_BOUND = 2.0**-45
+#: Bound of a gap that proves a distance, relative to T: 32 unit roundoffs (see ``capsules``).
+FAR_BOUND = 2.0**-48
+
+
+@njit
+def offset(a: Floats, i: int, b: Floats, j: int) -> Vector:
+    """Return the vector from row j of b to row i of a."""
+    return a[i, 0] - b[j, 0], a[i, 1] - b[j, 1], a[i, 2] - b[j, 2]
+
+
+@njit
+def times(s: float, a: Vector) -> Vector:
+    """Return s a."""
+    return s * a[0], s * a[1], s * a[2]
+
+
+@njit
+def largest(a: Vector) -> float:
+    """Return the largest magnitude of the three numbers."""
+    return max(abs(a[0]), abs(a[1]), abs(a[2]))
+
+
+@njit
+def total(a: Vector) -> float:
+    """Return the sum of the magnitudes of the three numbers."""
+    return abs(a[0]) + abs(a[1]) + abs(a[2])
+
+
+@njit
+def to_local(axes: Floats, j: int, a: Vector) -> Vector:
+    """Return the coordinates of a along the axes of box j."""
+    return (
+        axes[j, 0, 0] * a[0] + axes[j, 1, 0] * a[1] + axes[j, 2, 0] * a[2],
+        axes[j, 0, 1] * a[0] + axes[j, 1, 1] * a[1] + axes[j, 2, 1] * a[2],
+        axes[j, 0, 2] * a[0] + axes[j, 1, 2] * a[1] + axes[j, 2, 2] * a[2],
+    )
+
+
+@njit
+def to_world(axes: Floats, j: int, a: Vector) -> Vector:
+    """Return the sum of the axes of box j times the coordinates a."""
+    return (
+        axes[j, 0, 0] * a[0] + axes[j, 0, 1] * a[1] + axes[j, 0, 2] * a[2],
+        axes[j, 1, 0] * a[0] + axes[j, 1, 1] * a[1] + axes[j, 1, 2] * a[2],
+        axes[j, 2, 0] * a[0] + axes[j, 2, 1] * a[1] + axes[j, 2, 2] * a[2],
+    )
+
+
+@njit
+def _scaled_box_pair(
+    starts: Floats, ends: Floats, radii: Floats, i: int, centers: Floats, half: Floats, j: int
+) -> tuple[Vector, Vector, Vector, Vector, float, float]:
+    """Return both ends about the box centre, the segment, half extents, radius, all scaled.
+
+    And the number that scales them back.
+    """
+    d0, d1 = offset(starts, i, centers, j), offset(ends, i, centers, j)
+    v = offset(ends, i, starts, i)
+    h = (half[j, 0], half[j, 1], half[j, 2])
+    r = radii[i]
+    scale, back = unit_scale(max(largest(d0), largest(d1), largest(h), r))
+    return times(scale, d0), times(scale, d1), times(scale, v), times(scale, h), scale * r, back
+
+
+@njit
+def box_verdicts_kernel(
+    starts: Floats, ends: Floats, radii: Floats, rows_a: np.ndarray,
+    centers: Floats, axes: Floats, half: Floats, rows_b: np.ndarray, out: np.ndarray,
+) -> None:  # fmt: skip
+    """Write the verdict (m,) of each capsule rows_a[n] against box rows_b[n]."""
+    for n in range(len(rows_a)):
+        out[n] = _box_verdict(starts, ends, radii, rows_a[n], centers, axes, half, rows_b[n])
+
+
+@njit
+def _box_verdict(
+    starts: Floats, ends: Floats, radii: Floats, i: int,
+    centers: Floats, axes: Floats, half: Floats, j: int,
+) -> int:  # fmt: skip
+    d0, d1, v, h, r, _ = _scaled_box_pair(starts, ends, radii, i, centers, half, j)
+    size = total(d0) + total(d1) + total(h) + r
+    y, w = to_local(axes, j, d0), to_local(axes, j, v)
+    y = along(y, nearest_to_box(y, w, h), w)
+    e = excesses(y, h)
+    near = math.sqrt(dot(e, e))
+    if near == 0.0:
+        near = -min(h[0] - abs(y[0]), h[1] - abs(y[1]), h[2] - abs(y[2]))
+    if near - r < -NEAR_BOUND * size:
+        return OVERLAP
+    gap, _ = box_gap(to_world(axes, j, e), d0, d1, axes, j, h)
+    if gap - r > FAR_BOUND * size:
+        return SEPARATE
+    gap, _ = widest_gap(d0, d1, v, axes, j, h)
+    return SEPARATE if gap - r > FAR_BOUND * size else TOUCHING
+
+
+@njit
+def box_distances_kernel(
+    starts: Floats, ends: Floats, radii: Floats, centers: Floats, axes: Floats, half: Floats,
+    separations: Floats, normals: Floats, points_a: Floats, points_b: Floats,
+) -> None:  # fmt: skip
+    """Write separation (n,), normal, points of capsule and box (n, 3) of each row."""
+    for n in range(len(starts)):
+        d0, d1, v, h, r, back = _scaled_box_pair(starts, ends, radii, n, centers, half, n)
+        y, w = to_local(axes, n, d0), to_local(axes, n, v)
+        at = along(y, nearest_to_box(y, w, h), w)
+        e = excesses(at, h)
+        near = math.sqrt(dot(e, e))
+        if near > 0.0:
+            towards = to_world(axes, n, times(-1.0 / near, e))
+        else:  # the segment meets the box: move it out, and look where they touch then
+            near, towards = widest_gap(d0, d1, v, axes, n, h)
+            out = along(y, near, to_local(axes, n, towards))
+            at = along(out, nearest_to_box(out, w, h), w)
+            e = excesses(at, h)
+        gap = near - r
+        separations[n] = back * gap
+        on_box = to_world(axes, n, along(at, -1.0, e))
+        for k in range(3):
+            normals[n, k] = towards[k]
+            points_b[n, k] = centers[n, k] + back * on_box[k]
+            points_a[n, k] = centers[n, k] + back * (on_box[k] - gap * towards[k])
+
+
+@njit
+def _scaled_pair(
+    p: Floats, q: Floats, radii_a: Floats, i: int, s: Floats, t: Floats, radii_b: Floats, j: int
+) -> tuple[Vector, Vector, Vector, float, float, float]:
+    """Return first segment, offset of the starts, second segment, both radii, all scaled.
+
+    And the number that scales them back.
+    """
+    u, d, v = offset(q, i, p, i), offset(s, j, p, i), offset(t, j, s, j)
+    r, f = radii_a[i], radii_b[j]
+    scale, back = unit_scale(max(largest(u), largest(d), largest(v), r, f))
+    return times(scale, u), times(scale, d), times(scale, v), scale * r, scale * f, back
+
+
+@njit
+def capsule_verdicts_kernel(
+    p: Floats, q: Floats, radii_a: Floats, rows_a: np.ndarray,
+    s: Floats, t: Floats, radii_b: Floats, rows_b: np.ndarray, out: np.ndarray,
+) -> None:  # fmt: skip
+    """Write the verdict (m,) of capsule p q rows_a[n] against capsule s t rows_b[n]."""
+    for n in range(len(rows_a)):
+        out[n] = _capsule_verdict(p, q, radii_a, rows_a[n], s, t, radii_b, rows_b[n])
+
+
+@njit
+def _capsule_verdict(
+    p: Floats, q: Floats, radii_a: Floats, i: int, s: Floats, t: Floats, radii_b: Floats, j: int
+) -> int:
+    u, d, v, r, f, _ = _scaled_pair(p, q, radii_a, i, s, t, radii_b, j)
+    bound = FAR_BOUND * (total(u) + total(d) + total(v) + r + f)
+    at_u, at_v = nearest_of_segments(u, d, v)
+    between = along(along(d, at_v, v), -at_u, u)
+    if math.sqrt(dot(between, between)) - (r + f) < -bound:
+        return OVERLAP
+    if segment_gap(between, u, d, v) - (r + f) > bound:
+        return SEPARATE
+    return SEPARATE if segment_gap(cross(u, v), u, d, v) - (r + f) > bound else TOUCHING
+
+
+@njit
+def capsule_distances_kernel(
+    p: Floats, q: Floats, radii_a: Floats, s: Floats, t: Floats, radii_b: Floats,
+    separations: Floats, normals: Floats, points_a: Floats, points_b: Floats,
+) -> None:  # fmt: skip
+    """Write separation (n,), normal and points (n, 3) of capsules p q and s t, row by row."""
+    for n in range(len(p)):
+        u, d, v, r, f, back = _scaled_pair(p, q, radii_a, n, s, t, radii_b, n)
+        at_u, at_v = nearest_of_segments(u, d, v)
+        foot = times(at_u, u)
+        towards = along(along(d, at_v, v), -1.0, foot)
+        near = math.sqrt(dot(towards, towards))
+        if near == 0.0:
+            towards = _any_normal(u, v)
+        towards = times(1.0 / math.sqrt(dot(towards, towards)), towards)
+        separations[n] = back * (near - (r + f))
+        for k in range(3):
+            normals[n, k] = towards[k]
+            points_a[n, k] = p[n, k] + back * (foot[k] + r * towards[k])
+            points_b[n, k] = p[n, k] + back * (foot[k] + (near - f) * towards[k])
+
+
+@njit
+def _any_normal(u: Vector, v: Vector) -> Vector:
+    """Return a vector normal to two segments that cross; to one of them, or any, if they don't."""
+    n = cross(u, v)
+    for w in (u, v):
+        if n[0] == 0.0 and n[1] == 0.0 and n[2] == 0.0:
+            if abs(w[0]) <= min(abs(w[1]), abs(w[2])):
+                n = (0.0, -w[2], w[1])
+            elif abs(w[1]) <= abs(w[2]):
+                n = (w[2], 0.0, -w[0])
+            else:
+                n = (-w[1], w[0], 0.0)
+    if n[0] == 0.0 and n[1] == 0.0 and n[2] == 0.0:
+        return 1.0, 0.0, 0.0
+    return n

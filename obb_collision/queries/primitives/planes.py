@@ -1,0 +1,147 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Planes and half-spaces against boxes, and boxes against axis-aligned ones: certain verdicts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from obb_collision._jit import njit
+from obb_collision.geometry.boxes import Boxes
+from obb_collision.geometry.kinds import check_kind
+from obb_collision.geometry.validation import as_array, first_bad_row
+from obb_collision.numerics.error_free import length
+from obb_collision.queries.verdict.verdict import (
+    CAREFUL_BOUND,
+    OVERLAP,
+    SEPARATE,
+    TOUCHING,
+    UNDERFLOW,
+    Verdicts,
+    verdicts,
+)
+from obb_collision.typing import Floats
+
+
+@dataclass(frozen=True, eq=False)
+class PlaneDistances:
+    """Where boxes are along the normals of planes.
+
+    lowest and highest (n,) metres: signed distance from the plane of the lowest and the highest
+    point of the box. sides (n,) int8: 1 certainly above, -1 certainly below, 0 on the plane,
+    across it, or too near to tell.
+    """
+
+    lowest: Floats
+    highest: Floats
+    sides: NDArray[np.int8]
+    #: Verdicts (n,) of the box against the plane.
+    plane_verdicts: Verdicts
+    #: Verdicts (n,) of the box against the solid half-space below the plane; ``lowest`` is the
+    #: signed separation.
+    half_space_verdicts: Verdicts
+
+
+def plane_distances(points: ArrayLike, normals: ArrayLike, boxes: Boxes) -> PlaneDistances:
+    """Return where each box is along the normal of the plane of the same row.
+
+    points (n, 3), one on each plane, metres; normals (n, 3) of any length but zero. A point
+    near the box gives the sharpest result. Raises ValueError naming the argument and the row.
+    """
+    check_kind(boxes, Boxes, "boxes")
+    p = as_array(points, "points", (None, 3))
+    n = as_array(normals, "normals", (None, 3))
+    if not len(p) == len(n) == len(boxes):
+        raise ValueError(
+            "points, normals and boxes must have the same length, "
+            f"got {len(p)}, {len(n)} and {len(boxes)}"
+        )
+    zero = np.asarray((n == 0.0).all(axis=1))
+    if zero.any():
+        raise ValueError(f"normals must not be zero{first_bad_row(zero)}")
+    lowest, highest, bounds = np.empty((3, len(p)))
+    _plane_kernel(
+        *(p, n, boxes.centers, boxes.rotations, boxes.half_extents, lowest, highest, bounds)
+    )
+    above, below = lowest > bounds, highest < -bounds
+    under, over = lowest < -bounds, highest > bounds
+    return PlaneDistances(
+        *(lowest, highest, above.astype(np.int8) - below.astype(np.int8)),
+        _verdicts(above | below, under & over),
+        _verdicts(above, under),
+    )
+
+
+def aabb_verdicts(boxes: Boxes, minimum: ArrayLike, maximum: ArrayLike) -> Verdicts:
+    """Return the ``Verdict`` of each box and the axis-aligned box between two corners (n, 3).
+
+    Raises ValueError naming the argument and the row, also for a minimum above the maximum.
+    """
+    check_kind(boxes, Boxes, "boxes")
+    low = as_array(minimum, "minimum", (None, 3))
+    high = as_array(maximum, "maximum", (None, 3))
+    if not len(low) == len(high) == len(boxes):
+        raise ValueError(
+            "boxes, minimum and maximum must have the same length, "
+            f"got {len(boxes)}, {len(low)} and {len(high)}"
+        )
+    wrong = low > high
+    if wrong.any():
+        raise ValueError(f"minimum must not exceed maximum{first_bad_row(wrong)}")
+    # Few pairs of corners have a middle and half extents in doubles. So two boxes: one that
+    # certainly holds the space between the corners, and one that certainly lies in it.
+    middle = np.clip(0.5 * low + 0.5 * high, low, high)
+    upper, lower = high - middle, middle - low
+    outer = np.nextafter(np.maximum(upper, lower), np.inf)
+    inner = np.nextafter(np.minimum(upper, lower), 0.0)
+    axes = np.broadcast_to(np.eye(3), (len(low), 3, 3)).copy()
+    result = verdicts(boxes, Boxes.trusted(middle, axes, outer))
+    certain = verdicts(boxes, Boxes.trusted(middle, axes, inner)) == OVERLAP
+    return np.where(certain, result, np.minimum(result, np.int8(TOUCHING)))
+
+
+@njit
+def _plane_kernel(
+    points: Floats, normals: Floats, centers: Floats, axes: Floats, half_extents: Floats,
+    lowest: Floats, highest: Floats, bounds: Floats,
+) -> None:  # fmt: skip
+    """Write the range of each box along the unit normal, and the error bound of its ends (n,).
+
+    The error analysis is that of ``separation.careful_axis``; the plane's normal is exact here.
+    """
+    for n in range(len(points)):
+        norm = length(normals[n, 0], normals[n, 1], normals[n, 2])
+        x, y, z = normals[n, 0] / norm, normals[n, 1] / norm, normals[n, 2] / norm
+        dx = centers[n, 0] - points[n, 0]
+        dy = centers[n, 1] - points[n, 1]
+        dz = centers[n, 2] - points[n, 2]
+        middle = x * dx + y * dy + z * dz
+        reach = 0.0
+        size = length(dx, dy, dz)
+        for i in range(3):
+            h = half_extents[n, i]
+            reach += h * abs(x * axes[n, 0, i] + y * axes[n, 1, i] + z * axes[n, 2, i])
+            size += h
+        lowest[n] = middle - reach
+        highest[n] = middle + reach
+        bounds[n] = CAREFUL_BOUND * size + UNDERFLOW
+
+
+def _verdicts(apart: NDArray[np.bool_], overlap: NDArray[np.bool_]) -> Verdicts:
+    result: Verdicts = np.select([apart, overlap], [SEPARATE, OVERLAP], TOUCHING).astype(np.int8)
+    return result

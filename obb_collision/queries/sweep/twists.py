@@ -1,0 +1,143 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Boxes that keep their twists: their motion, and bounds that hold it for any number of turns."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from obb_collision._jit import njit
+from obb_collision.geometry.boxes import BOUND_SLACK, BOUND_UNDERFLOW, Boxes
+from obb_collision.geometry.validation import as_array, check_magnitude
+from obb_collision.numerics.error_free import length
+from obb_collision.queries.sweep.motion import OUTWARD, bounding_radii
+from obb_collision.queries.sweep.poses import Motion, rotate, swing
+from obb_collision.queries.sweep.slices import CORNER_ROWS, fill_corners
+from obb_collision.typing import Floats
+
+#: Rounding of a corner turned about the origin, relative to its distance from there: 24 unit
+#: roundoffs and 5 of the angle, bounded by 64 and 8.
+CORNER_SLACK = 2.0**-47
+ANGLE_SLACK = 2.0**-50
+
+
+def twist_motion(boxes: Boxes, twists: Floats, origins: ArrayLike | None, seconds: float) -> Motion:
+    """Return the motion of boxes with twists (n, 6) of their origins (n, 3), None for the centres.
+
+    Raises ValueError for a wrong number of rows and for ways too long.
+    """
+    if len(twists) != len(boxes):
+        raise ValueError(
+            f"twists must have one row per box, got {len(twists)} rows for {len(boxes)} boxes"
+        )
+    with np.errstate(over="ignore"):
+        moved = twists * seconds
+        check_magnitude(boxes.centers + moved[:, :3], "twists times horizon", by_row=True)
+    check_magnitude(moved, "twists times horizon", by_row=True)
+    reaches = radii = bounding_radii(boxes.half_extents)
+    arms = np.zeros_like(boxes.centers)
+    if origins is not None:
+        places = as_array(origins, "origins", (None, 3))
+        if len(places) != len(boxes):
+            raise ValueError(
+                f"origins must have one row per box, got {len(places)} rows for {len(boxes)} boxes"
+            )
+        turning = twists[:, 3:].any(axis=1)
+        arms[turning] = boxes.centers[turning] - places[turning]
+        check_magnitude(arms, "distance of origins from the boxes", by_row=True)
+        reaches = np.empty_like(radii)
+        _fill_reaches(arms, radii, reaches)
+    return Motion(
+        boxes.centers, np.ascontiguousarray(twists[:, :3]), seconds, boxes.rotations,
+        boxes.half_extents, radii, np.ascontiguousarray(moved[:, 3:]), arms, reaches,
+    )  # fmt: skip
+
+
+@njit
+def _fill_reaches(arms: Floats, radii: Floats, out: Floats) -> None:
+    for n in range(len(radii)):
+        out[n] = (radii[n] + length(arms[n, 0], arms[n, 1], arms[n, 2])) * OUTWARD
+
+
+def twist_bounds(
+    boxes: Boxes, twists: Floats, origins: ArrayLike | None, seconds: float
+) -> tuple[Floats, Floats]:
+    """Return minimum and maximum (n, 3) that certainly contain boxes that keep their twists.
+
+    Of what turns, the lesser of two: the circles of all corners about the axis, which hold it
+    however far it turns; and the corners at the beginning and at the end, grown by the sag of the
+    arcs between them, r w^2 / 8 for the angle w.
+    """
+    motion = twist_motion(boxes, twists, origins, seconds)
+    minimum, maximum = boxes.world_bounds()
+    _spread(motion, minimum, maximum, np.empty((2 * CORNER_ROWS + 3, 3)))
+    return minimum, maximum
+
+
+@njit
+def _spread(motion: Motion, minimum: Floats, maximum: Floats, work: Floats) -> None:
+    """Grow bounds (n, 3) of the boxes at the beginning to those of their motion."""
+    low, high = np.empty(3), np.empty(3)
+    for n in range(len(minimum)):
+        turn = motion.turns[n]
+        angle = length(turn[0], turn[1], turn[2])
+        for k in range(3):
+            low[k], high[k] = minimum[n, k], maximum[n, k]
+        if angle > 0.0:
+            _turning_bounds(motion, n, angle, low, high, work)
+        for k in range(3):
+            way = motion.ends[n, k] * motion.seconds
+            slack = BOUND_SLACK * (abs(way) + max(abs(low[k]), abs(high[k]))) + BOUND_UNDERFLOW
+            minimum[n, k] = low[k] + min(way, 0.0) - (slack if way < 0.0 else 0.0)
+            maximum[n, k] = high[k] + max(way, 0.0) + (slack if way > 0.0 else 0.0)
+
+
+@njit
+def _turning_bounds(
+    motion: Motion, n: int, angle: float, low: Floats, high: Floats, work: Floats
+) -> None:
+    """Write bounds (3,) of a box that turns about its origin as if that stayed where it is."""
+    first, last = work[:CORNER_ROWS], work[CORNER_ROWS : 2 * CORNER_ROWS]
+    rotation = work[2 * CORNER_ROWS :]
+    turn = motion.turns[n, 0], motion.turns[n, 1], motion.turns[n, 2]
+    arm = motion.arms[n, 0], motion.arms[n, 1], motion.arms[n, 2]
+    swung = swing(motion, n, 1.0)
+    moved = arm[0] + swung[0], arm[1] + swung[1], arm[2] + swung[2]
+    rotate(motion.rotations[n], motion.turns[n], 1.0, rotation)
+    fill_corners(motion.rotations[n], motion.half_extents[n], arm, turn, first)
+    fill_corners(rotation, motion.half_extents[n], moved, turn, last)
+    sag = 0.125 * angle * angle * OUTWARD * first[9, 0] + ANGLE_SLACK * angle * motion.reaches[n]
+    for k in range(3):
+        axis = first[0, k]
+        tilt = math.sqrt(max(1.0 - axis * axis, 0.0)) + CORNER_SLACK
+        least, most, ring_least, ring_most = np.inf, -np.inf, np.inf, -np.inf
+        for m in range(1, 9):
+            x, y, z = first[m]
+            height = first[0, 0] * x + first[0, 1] * y + first[0, 2] * z
+            around = length(
+                x - height * first[0, 0], y - height * first[0, 1], z - height * first[0, 2]
+            )
+            ring_least = min(ring_least, height * axis - around * tilt)
+            ring_most = max(ring_most, height * axis + around * tilt)
+            least = min(least, first[m, k], last[m, k])
+            most = max(most, first[m, k], last[m, k])
+        center = motion.starts[n, k]
+        slack = CORNER_SLACK * motion.reaches[n] + BOUND_SLACK * (abs(center) + abs(arm[k]))
+        origin = center - arm[k]
+        low[k] = origin + max(ring_least, least - sag) - slack - BOUND_UNDERFLOW
+        high[k] = origin + min(ring_most, most + sag) + slack + BOUND_UNDERFLOW

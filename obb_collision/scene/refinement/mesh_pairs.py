@@ -1,0 +1,185 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Pairs of one check above OBB: what stands for them on a rung, where it is, and the verdicts.
+
+Spheres and capsules against each other and boxes are decided on their exact shapes, other pairs of
+convex shapes on their hulls, whatever the rung; with a mesh on either side it depends on the rung.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+
+from obb_collision.accuracy import Accuracy
+from obb_collision.geometry.capsules import Capsules
+from obb_collision.geometry.poses import as_poses
+from obb_collision.queries.meshes.convex import PlacedHulls, hulls_meet
+from obb_collision.queries.meshes.meshes import (
+    UNLIMITED,
+    PlacedMeshes,
+    mesh_verdicts,
+    tree_collisions,
+)
+from obb_collision.queries.primitives.capsules import capsule_pair_verdicts
+from obb_collision.queries.verdict.verdict import OVERLAP, SEPARATE, TOUCHING, Verdicts
+from obb_collision.scene.building.tree_bank import BOX, BOXED, CONVEX, ROUND, TRIANGLES, TreeBank
+from obb_collision.scene.refinement.budget import ABOVE, Budget
+from obb_collision.scene.store.store import ObjectStore
+from obb_collision.typing import Floats, Mask, Rows
+
+#: What is lost when a capsule is placed and padded, relative to its coordinates: 128 roundoffs,
+#: of which rotations that are orthonormal to 64 take the half.
+PLACING = 2.0**-46
+
+#: Pairs of nodes to look at, once triangles touch, for some that overlap: 0.3 ms face to face.
+EFFORT = 256
+
+
+def prepare_shapes(store: ObjectStore, bank: TreeBank) -> None:
+    """Build what the rungs of all objects may need, and compile what looks at it."""
+    wanted = np.flatnonzero(store.active & (store.accuracies > Accuracy.OBB))
+    wanted = wanted[store.kinds[wanted] != BOXED]
+    if len(wanted) == 0:
+        return
+    for hull in (False, True):
+        bank.build(store, wanted, hull, None)
+    pair = MeshPairs(store, bank, wanted[-1:], wanted[-1:], 0, False)
+    row = np.zeros(1, np.int64)
+    for rung in ABOVE:
+        if pair.prepare(rung, row, None).all():
+            pair.decide(rung, row)
+
+
+class MeshPairs:
+    """Pairs (m,), (m,) of slots, neither both boxes nor BOXED; a ``refinement.Job``.
+
+    depth: of the boxes on OBB_TREE.
+    """
+
+    def __init__(
+        self, store: ObjectStore, bank: TreeBank, first: Rows, second: Rows, depth: int, exact: bool
+    ) -> None:
+        self._store, self._bank = store, bank
+        self._depth, self._exact = depth, exact
+        self._slots, ends = np.unique(np.concatenate([first, second]), return_inverse=True)
+        self._ends = ends[: len(first)], ends[len(first) :]
+        kinds = store.kinds[self._slots]
+        a, b = kinds[self._ends[0]], kinds[self._ends[1]]
+        self._simple = np.maximum(a, b) == ROUND
+        self._solid = (np.maximum(a, b) < TRIANGLES) & ~self._simple
+
+    def prepare(self, rung: Accuracy, rows: Rows, budget: Budget | None) -> Mask:
+        """Build what pairs need while there is time; return (k,) which have it."""
+        ready = self._simple[rows]
+        hulls = self._by_hull(rung, rows)
+        for hull, these in ((True, hulls), (False, ~hulls & ~ready)):
+            i, j = self._ends[0][rows[these]], self._ends[1][rows[these]]
+            needed = np.unique(np.concatenate([i, j]))
+            have = np.zeros(len(self._slots), np.bool_)
+            have[needed] = self._bank.build(self._store, self._slots[needed], hull, budget)
+            ready[these] = have[i] & have[j]
+        return ready
+
+    def decide(self, rung: Accuracy, rows: Rows) -> Verdicts:
+        """Return verdicts (k,) of prepared pairs; OVERLAP only on MESH, where it is certain."""
+        simple, hulls = self._simple[rows], self._by_hull(rung, rows)
+        result = np.empty(len(rows), np.int8)
+        result[simple] = self._round_verdicts(rows[simple])
+        result[hulls] = self._hull_verdicts(rows[hulls])
+        rest = ~(simple | hulls)
+        result[rest] = self._tree_verdicts(rung, rows[rest])
+        return result if rung == Accuracy.MESH else np.minimum(result, np.int8(TOUCHING))
+
+    def _by_hull(self, rung: Accuracy, rows: Rows) -> Mask:
+        """Return (k,) which pairs a rung decides on their hulls."""
+        return ~self._simple[rows] if rung == Accuracy.HULL else self._solid[rows]
+
+    def _hull_verdicts(self, rows: Rows) -> Verdicts:
+        if len(rows) == 0:
+            return np.empty(0, np.int8)
+        bodies = PlacedHulls(*self._bank.hulls(self._slots), *self._places)
+        met = hulls_meet(bodies, bodies, self._ends[0][rows], self._ends[1][rows])
+        return np.where(met, np.int8(TOUCHING), np.int8(SEPARATE))
+
+    def _tree_verdicts(self, rung: Accuracy, rows: Rows) -> Verdicts:
+        if len(rows) == 0:
+            return np.empty(0, np.int8)
+        i, j = self._ends[0][rows], self._ends[1][rows]
+        bodies = PlacedMeshes.trusted(*self._bank.trees(self._slots), *self._places)
+        if rung == Accuracy.OBB_TREE:
+            met = tree_collisions(bodies, bodies, self._depth, i, j)
+            return np.where(met, np.int8(TOUCHING), np.int8(SEPARATE))
+        effort = UNLIMITED if self._exact else EFFORT
+        verdicts = mesh_verdicts(bodies, bodies, i, j, self._exact, effort)
+        kinds = self._store.kinds[self._slots]
+        outer = (kinds == CONVEX) | (kinds == ROUND)  # what stands for them is larger
+        return np.where(outer[i] | outer[j], np.minimum(verdicts, np.int8(TOUCHING)), verdicts)
+
+    def _round_verdicts(self, rows: Rows) -> Verdicts:
+        """Return verdicts of spheres and capsules among themselves and against boxes."""
+        if len(rows) == 0:
+            return np.empty(0, np.int8)
+        i, j = self._ends[0][rows], self._ends[1][rows]
+        kinds = self._store.kinds[self._slots]
+        swapped = kinds[i] == BOX
+        i, j = np.where(swapped, j, i), np.where(swapped, i, j)
+        boxed = kinds[j] == BOX
+        first, second = self._capsule_rows[i], self._capsule_rows[j]
+
+        def verdicts(capsules: Capsules) -> Verdicts:
+            boxes = self._store.all_boxes()
+            out = np.empty(len(rows), np.int8)
+            out[boxed] = capsule_pair_verdicts(capsules, first[boxed], boxes, self._slots[j[boxed]])
+            out[~boxed] = capsule_pair_verdicts(capsules, first[~boxed], capsules, second[~boxed])
+            return out
+
+        outer, inner = verdicts(self._capsules(1.0)), verdicts(self._capsules(-1.0))
+        return np.where(inner == OVERLAP, inner, np.minimum(outer, np.int8(TOUCHING)))
+
+    @cached_property
+    def _round_slots(self) -> Rows:
+        return np.flatnonzero(self._store.kinds[self._slots] == ROUND)
+
+    @cached_property
+    def _capsule_rows(self) -> Rows:
+        """The row of each slot in ``_capsules``."""
+        rows = np.full(len(self._slots), -1)
+        rows[self._round_slots] = np.arange(len(self._round_slots))
+        return rows
+
+    def _capsules(self, sign: float) -> Capsules:
+        """Return the spheres and capsules with padding, larger or smaller by all errors."""
+        rows = self._round_slots
+        radii, halves = self._bank.rounds(self._slots[rows]).T
+        radii = radii + self._store.paddings[self._slots[rows]]
+        centers, rotations = self._places[0][rows], self._places[1][rows]
+        axes = rotations[:, :, 2] * halves[:, None]
+        errors = PLACING * (np.abs(centers).sum(axis=1) + halves + radii)
+        radii = np.maximum(radii + sign * errors, 0.0)
+        return Capsules.trusted(centers - axes, centers + axes, radii)
+
+    @cached_property
+    def _places(self) -> tuple[Floats, Floats]:
+        """Where the shapes are: boxes where their boxes are, others at their poses."""
+        store, slots = self._store, self._slots
+        centers, rotations = as_poses(store.poses[slots], warn=False)
+        boxes = store.kinds[slots] == BOX
+        centers[boxes], rotations[boxes] = (
+            store.centers[slots[boxes]],
+            store.rotations[slots[boxes]],
+        )
+        return centers, rotations

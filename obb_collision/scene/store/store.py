@@ -1,0 +1,265 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The store of objects: names and slots, local boxes, poses, and the world boxes they make.
+
+A structure of arrays with one row (slot) an object. A slot keeps its number while the object
+lives; freed slots are used again, the lowest first. Arrays grow by doubling.
+"""
+
+from __future__ import annotations
+
+import heapq
+import weakref
+from collections.abc import Iterable, Sequence
+from itertools import count
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from obb_collision.accuracy import Accuracy
+from obb_collision.geometry.boxes import Boxes, add_outwards
+from obb_collision.geometry.poses import as_poses, place_boxes
+from obb_collision.geometry.validation import as_array
+from obb_collision.typing import Floats, Rows
+from obb_collision.words import shown
+
+LocalBox = tuple[Floats, Floats, Floats]
+
+FIRST_CAPACITY = 16
+_versions = count(1)
+
+
+class ObjectStore:
+    """Named objects, each with a local box and a pose; ``changed`` marks what moved."""
+
+    def __init__(self) -> None:
+        self.slots: dict[str, int] = {}
+        self.version = next(_versions)  # changes with the names; no two stores share one
+        self._name_tuple: tuple[int, tuple[str | None, ...]] = (0, ())
+        self._free: list[int] = []
+        self._allocate(FIRST_CAPACITY)
+
+    def _allocate(self, capacity: int) -> None:
+        self.names: list[str | None] = [None] * capacity
+        self.used = np.zeros(capacity, np.bool_)
+        self.active = np.zeros(capacity, np.bool_)  # used and enabled
+        self.changed = np.zeros(capacity, np.bool_)  # since the last check
+        self.accuracies = np.full(capacity, Accuracy.OBB, np.int8)
+        self.kinds = np.zeros(capacity, np.int8)  # see ``tree_bank``
+        self.paddings = np.zeros(capacity)
+        self.poses = np.zeros((capacity, 7))
+        self.twists = np.zeros((capacity, 6))
+        self.born = np.zeros(capacity, np.int64)  # version in which the object came
+        self.local_centers = np.zeros((capacity, 3))
+        self.local_rotations = np.zeros((capacity, 3, 3))
+        self.local_half_extents = np.zeros((capacity, 3))
+        self.centers = np.zeros((capacity, 3))
+        self.rotations = np.zeros((capacity, 3, 3))
+        self.half_extents = np.zeros((capacity, 3))
+        self._lent: weakref.ref[Boxes] | None = None
+        self._free = list(range(capacity))
+
+    def _grow(self) -> None:
+        size = len(self.names)
+        before = vars(self).copy()
+        self._allocate(2 * size)
+        for key, value in before.items():
+            if isinstance(value, np.ndarray):
+                getattr(self, key)[:size] = value
+        self.names[:size] = before["names"]
+        self._free = [*before["_free"], *range(size, 2 * size)]
+
+    def __len__(self) -> int:
+        return len(self.slots)
+
+    def slot(self, name: str) -> int:
+        """Return the slot of a name; KeyError naming it if there is none."""
+        slot = self.slots.get(name) if isinstance(name, str) else None
+        if slot is None:
+            raise KeyError(f"no object named {shown(name)}")
+        return slot
+
+    def name_tuple(self) -> tuple[str | None, ...]:
+        """Return the names by slot, None where there is no object."""
+        if self._name_tuple[0] != self.version:
+            self._name_tuple = self.version, tuple(self.names)
+        return self._name_tuple[1]
+
+    def live(self) -> Rows:
+        """Return the slots in use, ascending."""
+        return np.flatnonzero(self.used)
+
+    def put(self, name: str, local_box: LocalBox, pose: Floats, padding: float) -> int:
+        """Add an object, or replace the one of that name in its slot; return the slot."""
+        positions, rotations = as_poses(pose[None], "pose")
+        slot = self.slots.get(name)
+        if slot is None:
+            self.version = next(_versions)
+            if not self._free:
+                self._grow()
+            slot = heapq.heappop(self._free)
+            self.slots[name] = slot
+            self.names[slot] = name
+            self.used[slot] = True
+            self.born[slot] = self.version
+            self.twists[slot] = 0.0
+        self.local_centers[slot], self.local_rotations[slot], extents = local_box
+        self.local_half_extents[slot] = extents
+        self.poses[slot] = pose
+        self.active[slot] = True
+        self._place(np.array([slot]), positions, rotations)
+        self.pad(np.array([slot]), padding)
+        return slot
+
+    def put_boxes(
+        self, names: Sequence[str], half_extents: Floats, poses: Floats, padding: float
+    ) -> Rows:
+        """Add boxes (n,) about their origins, or replace the objects of those names; all distinct.
+
+        Returns their slots; all or, on a ValueError, none.
+        """
+        positions, rotations = as_poses(poses)
+        new = [name for name in names if name not in self.slots]
+        if new:
+            self.version = next(_versions)
+        while len(self._free) < len(new):
+            self._grow()
+        self._free.sort()  # a sorted list is a heap
+        for name, slot in zip(new, self._free, strict=False):
+            self.slots[name] = slot
+            self.names[slot] = name
+        del self._free[: len(new)]
+        slots = np.array([self.slots[name] for name in names], np.int64)
+        fresh = slots[~self.used[slots]]
+        self.used[fresh], self.born[fresh], self.twists[fresh] = True, self.version, 0.0
+        self.local_centers[slots], self.local_rotations[slots] = 0.0, np.eye(3)
+        self.local_half_extents[slots] = half_extents
+        self.poses[slots], self.active[slots] = poses, True
+        self._place(slots, positions, rotations)
+        self.pad(slots, padding)
+        return slots
+
+    def renew(self, rows: Rows) -> None:
+        """Make objects new ones, as if they had gone and come again where they are."""
+        self.version = next(_versions)
+        self.born[rows], self.twists[rows], self.changed[rows] = self.version, 0.0, True
+
+    def move(self, rows: Rows, poses: ArrayLike) -> None:
+        """Give slots (m,) new poses (m, 7); what has its pose already is not marked changed."""
+        new = as_array(poses, "poses", (None, 7))
+        if len(new) != len(rows):
+            raise ValueError(
+                f"poses must have one row an object, got {len(new)} for {len(rows)} objects"
+            )
+        moved = (self.poses[rows] != new).any(axis=1)
+        numbers = None
+        if not moved.all() and len(np.unique(rows)) == len(rows):
+            rows, new, numbers = rows[moved], new[moved], np.flatnonzero(moved)
+        positions, rotations = as_poses(new, "poses", numbers)
+        self.poses[rows] = new
+        self._place(rows, positions, rotations)
+
+    def _place(self, rows: Rows, positions: Floats, rotations: Floats) -> None:
+        self._keep_lent()
+        place_boxes(
+            *(positions, rotations, self.local_centers, self.local_rotations, rows),
+            *(self.centers, self.rotations),
+        )
+        self.changed[rows] = True
+
+    def pad(self, rows: Rows, padding: float) -> None:
+        """Grow slots by ``padding`` metres on every side beyond their local box."""
+        pad = as_array(padding, "padding", ())
+        if pad < 0.0:
+            raise ValueError("padding must not be negative")
+        self._keep_lent()
+        self.paddings[rows] = pad
+        self.half_extents[rows] = add_outwards(self.local_half_extents[rows], pad)
+        self.changed[rows] = True
+
+    def remove(self, name: str) -> int:
+        """Take an object out; return the slot it had."""
+        slot = self.slot(name)
+        self.version = next(_versions)
+        del self.slots[name]
+        self.names[slot] = None
+        self.used[slot] = False
+        self.active[slot] = False
+        self.changed[slot] = True
+        heapq.heappush(self._free, slot)
+        return slot
+
+    def remove_rows(self, rows: Rows) -> None:
+        """Take objects out by their slots, all in use and distinct."""
+        if len(rows) == 0:
+            return
+        self.version = next(_versions)
+        for slot in rows.tolist():
+            name = self.names[slot]
+            assert name is not None
+            del self.slots[name]
+            self.names[slot] = None
+        self.used[rows] = self.active[rows] = False
+        self.changed[rows] = True
+        self._free = sorted([*self._free, *rows.tolist()])  # a sorted list is a heap
+
+    def check_slots(self, slots: ArrayLike) -> Rows:
+        """Return slots as an index array; KeyError naming the first that is not in use."""
+        try:
+            rows = np.atleast_1d(np.asarray(slots))
+        except ValueError as error:  # ragged
+            raise ValueError(f"index or indices must be integers (n,): {error}") from None
+        if rows.ndim != 1 or (rows.dtype.kind not in "iu" and rows.size):
+            got = f"{rows.dtype} of shape {rows.shape}"
+            raise ValueError(f"index or indices must be integers of shape (n,), got {got}")
+        rows = rows.astype(np.int64)
+        known = (rows >= 0) & (rows < len(self.names))
+        known[known] = self.used[rows[known]]
+        if not known.all():
+            raise KeyError(f"no object with index {int(rows[~known][0])}")
+        return rows
+
+    def boxes(self, rows: Rows) -> Boxes:
+        """Return the world boxes of slots."""
+        return Boxes.trusted(self.centers[rows], self.rotations[rows], self.half_extents[rows])
+
+    def all_boxes(self) -> Boxes:
+        """Return the world boxes of all slots, used or not, as views."""
+        return Boxes.trusted(self.centers, self.rotations, self.half_extents)
+
+    def snapshot(self) -> Boxes:
+        """Return the world boxes of all slots; they stay as they are when the store changes.
+
+        Nothing is copied now: the next change copies them if the snapshot is still in use then.
+        """
+        lent = self._lent() if self._lent is not None else None
+        if lent is None:
+            lent = self.all_boxes()
+            self._lent = weakref.ref(lent)
+        return lent
+
+    def _keep_lent(self) -> None:
+        """Leave the arrays to a snapshot in use and go on with copies."""
+        if self._lent is not None and self._lent() is not None:
+            self.centers, self.rotations = self.centers.copy(), self.rotations.copy()
+            self.half_extents = self.half_extents.copy()
+        self._lent = None
+
+    def slots_of(self, names: Iterable[str]) -> Rows:
+        """Return the slots of names; KeyError naming the first unknown one."""
+        several = isinstance(names, Iterable) and getattr(names, "ndim", 1) > 0
+        if isinstance(names, str) or not several:
+            raise TypeError(f"names must be several names, got {shown(names)}")
+        return np.array([self.slot(name) for name in names], np.int64)

@@ -1,0 +1,39 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Scene files: a scene with its rules and effects in one YAML file, and MoveIt planning scenes.
+
+``load_scene`` reads either. ``docs/scene_files.md`` describes the format.
+"""
+
+from obb_collision.scene_files.description import (
+    AllowedRule,
+    EffectChoice,
+    SceneDescription,
+    SceneObject,
+)
+from obb_collision.scene_files.errors import SceneFileError
+from obb_collision.scene_files.load import READY, describe_scene, find_scene, load_scene
+
+__all__ = [
+    "READY",
+    "AllowedRule",
+    "EffectChoice",
+    "SceneDescription",
+    "SceneFileError",
+    "SceneObject",
+    "describe_scene",
+    "find_scene",
+    "load_scene",
+]

@@ -1,0 +1,204 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What a scene file says, as values: objects, groups, allowed pairs, accuracy, effects."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from obb_collision.accuracy import Accuracy
+from obb_collision.geometry.shapes.shapes import Shape
+from obb_collision.scene.effects import EFFECTS
+from obb_collision.scene.scene import Scene
+from obb_collision.scene.store.patterns import matching
+from obb_collision.scene_files.simulate.lidar import Lidar
+from obb_collision.scene_files.simulate.motion import (
+    AT_REST,
+    Follow,
+    Motion,
+    Pose,
+    State,
+    carried,
+    compose,
+    inverse,
+    unit,
+)
+from obb_collision.typing import Floats
+from obb_collision.words import shown
+
+#: Effects that only the node has: what it publishes for people and monitors.
+NODE_EFFECTS = ("collisions", "text", "in_collision", "collision_status", "markers", "diagnostics")
+#: Largest time (s): a century.
+MAX_TIME = 3.2e9
+Triple = tuple[float, float, float]
+Color = tuple[float, float, float, float]
+
+
+@dataclass(frozen=True)
+class SceneObject:
+    """One object: its name, its shape, its pose at the start (x y z qx qy qz qw).
+
+    padding (m) and accuracy: None for the scene's; color: red, green, blue and opacity from 0 to 1,
+    for pictures, where an opacity below 1 makes it a zone; motion: for demos and measurements, None
+    for what stays.
+    """
+
+    name: str
+    shape: Shape
+    pose: Pose
+    padding: float | None = None
+    accuracy: Accuracy | None = None
+    color: Color | None = None
+    motion: Motion | None = None
+
+
+@dataclass(frozen=True)
+class AllowedRule:
+    """Whether objects that match two patterns may touch; of several rules the last one counts."""
+
+    first: str
+    second: str
+    allowed: bool = True
+
+
+@dataclass(frozen=True)
+class EffectChoice:
+    """What a file says about an effect: mode, patterns of objects, options; None: nothing."""
+
+    mode: str | None = None
+    objects: tuple[str, ...] | None = None
+    options: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
+
+
+@dataclass(frozen=True)
+class View:
+    """From where to draw a picture of the scene, and the place in its middle, metres."""
+
+    eye: Triple
+    target: Triple
+
+
+@dataclass(frozen=True)
+class SceneDescription:
+    """A scene file: everything that is needed to make the scene, drive it and draw it.
+
+    groups: patterns by name; accuracies: patterns and their accuracy, of several the last one
+    counts; time_budget: seconds a check may take, None for no budget; notes: what the file holds
+    that is left out or odd, in words.
+    """
+
+    name: str
+    objects: tuple[SceneObject, ...]
+    description: str = ""
+    groups: Mapping[str, tuple[str, ...]] = field(default_factory=lambda: MappingProxyType({}))
+    allowed: tuple[AllowedRule, ...] = ()
+    accuracy: Accuracy = Accuracy.OBB
+    accuracies: tuple[tuple[str, Accuracy], ...] = ()
+    padding: float = 0.0
+    time_budget: float | None = None
+    effects: Mapping[str, EffectChoice] = field(default_factory=lambda: MappingProxyType({}))
+    lidar: Lidar | None = None
+    view: View | None = None
+    notes: tuple[str, ...] = ()
+
+    @property
+    def names(self) -> list[str]:
+        """The names of the objects, in their order."""
+        return [thing.name for thing in self.objects]
+
+    def build(self) -> Scene:
+        """Return the scene as it is at the start, with its rules and effects."""
+        budget: dict[str, Any] = {}
+        if self.time_budget is not None:
+            budget["time_budget"] = self.time_budget
+        scene = Scene(padding=self.padding, accuracy=self.accuracy, **budget)
+        for thing, accuracy in zip(self.objects, self.object_accuracies(), strict=True):
+            scene.add(thing.name, thing.shape, thing.pose, padding=thing.padding, accuracy=accuracy)
+        for rule in self.allowed:
+            scene.allow(rule.first, rule.second, rule.allowed)
+        for name, choice in self.effects.items():
+            if name in EFFECTS:
+                scene.set_effect(name, choice.mode, choice.objects, **choice.options)
+        return scene
+
+    def object_accuracies(self) -> list[Accuracy | None]:
+        """Return each object's own accuracy, or that of its last pattern; None for the scene's."""
+        result: list[Accuracy | None] = [None] * len(self.objects)
+        for pattern, accuracy in self.accuracies:
+            for row in np.flatnonzero(matching([pattern], self.names)):
+                result[row] = accuracy
+        return [
+            thing.accuracy if thing.accuracy is not None else accuracy
+            for thing, accuracy in zip(self.objects, result, strict=True)
+        ]
+
+    def moving(self) -> list[int]:
+        """Return the rows of the objects that move."""
+        return [row for row, thing in enumerate(self.objects) if thing.motion is not None]
+
+    def states(self, time: float) -> tuple[Floats, Floats]:
+        """Return poses (n, 7) and twists (n, 6) of the objects' origins at a time (s)."""
+        if (
+            not isinstance(time, (int, float, np.integer, np.floating))
+            or not -MAX_TIME <= time <= MAX_TIME
+        ):
+            raise ValueError(f"time must be seconds up to {MAX_TIME:g}, got {shown(time)}")
+        things = {thing.name: thing for thing in self.objects}
+        known: dict[str, State] = {}
+        begun: dict[str, State] = known if time == 0.0 else {}
+        rows = [_state(things, name, time, known, begun) for name in things]
+        poses = np.array([pose for pose, _ in rows], np.float64).reshape(-1, 7)
+        twists = np.array([twist for _, twist in rows], np.float64).reshape(-1, 6)
+        return poses, twists
+
+
+def _state(
+    things: Mapping[str, SceneObject],
+    name: str,
+    time: float,
+    known: dict[str, State],
+    begun: dict[str, State],
+) -> State:
+    """Return the state of one object, that of whom it follows first.
+
+    known, begun: those found so far, at this time and at the start, each computed once.
+    """
+    if name in known:
+        return known[name]
+    thing = things[name]
+    start = thing.pose
+    if thing.motion is None:
+        state: State = start, AT_REST
+    elif isinstance(thing.motion, Follow):
+        pose, twist = _state(things, thing.motion.name, time, known, begun)
+        if thing.motion.loop is None:
+            begin = _state(things, thing.motion.name, 0.0, begun, begun)[0]
+            inner = compose(inverse(_united(begin)), _united(start)), AT_REST
+        else:
+            inner = thing.motion.loop.state(start, time)
+        state = carried((_united(pose), twist), inner)
+    else:
+        state = thing.motion.state(_united(start), time)
+    known[name] = state
+    return state
+
+
+def _united(pose: Pose) -> Pose:
+    return (*pose[:3], *unit(pose[3:]))

@@ -1,0 +1,102 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""From a path to a scene description, whichever of the two formats the file is in."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import suppress
+from importlib.metadata import PackageNotFoundError, files
+from os import PathLike
+from pathlib import Path
+
+from obb_collision.geometry.kinds import check_kind
+from obb_collision.geometry.shapes.shapes import resolve_path
+from obb_collision.geometry.validation import warn_caller
+from obb_collision.scene_files.description import SceneDescription
+from obb_collision.scene_files.errors import Problem, SceneFileError
+from obb_collision.scene_files.moveit import MARKS, read_planning_scene
+from obb_collision.scene_files.native import read_scene
+from obb_collision.scene_files.reading import parse, read_text
+from obb_collision.scene_files.yaml_values import Value
+
+PACKAGE = "obb_collision"
+#: Names of the scenes in the folder ``config`` of the package.
+READY = ("tabletop", "warehouse", "lidar_zone")
+
+
+def load_scene(path: str | Path) -> SceneDescription:
+    """Return what a scene file says: one of this package, or a MoveIt planning scene, as YAML.
+
+    Which of them it is tell its keys. Raises SceneFileError, a ValueError, that names file, line
+    and key of everything that is wrong with it. What is left out or odd is in the notes of the
+    result; a quaternion far from unit length is warned about, too.
+    """
+    check_kind(path, str, "path", PathLike)
+    description, doubts = _load(Path(path))
+    for doubt in doubts:
+        warn_caller(doubt)
+    return description
+
+
+def describe_scene(path: str | Path) -> SceneDescription:
+    """Return what ``load_scene`` does, for who tells all its notes: without a warning."""
+    check_kind(path, str, "path", PathLike)
+    return _load(Path(path))[0]
+
+
+def _load(file: Path) -> tuple[SceneDescription, tuple[str, ...]]:
+    top = parse(str(file), read_text(file))
+    return _read(top, file), top.problems.doubts()
+
+
+def _read(top: Value, file: Path) -> SceneDescription:
+    if top.peek("objects") is not None:
+        return read_scene(top, file)
+    if any(top.peek(mark) is not None for mark in MARKS):
+        return read_planning_scene(top, file)
+    if top.is_mapping:
+        top.refuse("needs objects: (a scene) or world: (a MoveIt planning scene)")
+    top.expected("a mapping (key: value)")
+
+
+def find_scene(name: str) -> Path:
+    """Return the file of a path, or of the name of a scene that comes with the package.
+
+    Raises SceneFileError, with the names there are, where there is neither.
+    """
+    path = Path(name)
+    if os.path.exists(path) or path.suffix or len(path.parts) != 1:
+        return path
+    for folder in _config_folders() if name in READY else ():
+        if (folder / f"{name}.yaml").is_file():
+            return folder / f"{name}.yaml"
+    reason = f"there is no such file; the scenes of the package are {', '.join(READY)}"
+    raise SceneFileError(name, [Problem(0, "", reason)])
+
+
+def _config_folders() -> Iterator[Path]:
+    """Yield where ``config`` may be: beside the sources, where pip put it, where colcon did."""
+    yield Path(__file__).resolve().parents[2] / "config"
+    try:
+        installed = files(PACKAGE) or []
+    except PackageNotFoundError:
+        installed = []
+    for entry in installed:
+        if entry.name == f"{READY[0]}.yaml":
+            yield Path(str(entry.locate())).resolve().parent
+    with suppress(ValueError, OSError):  # without ROS there are no packages
+        yield resolve_path(f"package://{PACKAGE}/config")

@@ -1,0 +1,182 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Scene files of this package: the top level, groups, and what is said about them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection
+from itertools import product
+from pathlib import Path
+from types import MappingProxyType
+
+from obb_collision.accuracy import Accuracy
+from obb_collision.scene_files.description import AllowedRule, SceneDescription, Triple, View
+from obb_collision.scene_files.effects import read_effects
+from obb_collision.scene_files.objects import PATTERN_LETTERS, read_accuracy, read_objects
+from obb_collision.scene_files.simulate.lidar import Lidar
+from obb_collision.scene_files.yaml_values import Value
+from obb_collision.words import printable
+
+KEYS = (
+    *("name", "description", "objects", "groups", "allowed", "accuracy", "padding"),
+    *("time_budget", "effects", "lidar", "view"),
+)
+#: Key of the accuracy of all that no other entry is about.
+DEFAULT = "default"
+#: Most rays of a lidar: what large ones give in a turn, and more.
+MAX_RAYS = 10_000_000
+#: Most patterns that a word or a list stands for, and most pairs of them that may touch: all are
+#: compared with the names of all objects.
+MAX_PATTERNS, MAX_RULES = 1000, 100_000
+#: Largest time budget (s): with more, milliseconds were meant.
+MAX_BUDGET = 1.0
+
+
+def read_scene(top: Value, path: Path) -> SceneDescription:
+    """Return what a file says. Raises SceneFileError with everything that is wrong with it."""
+    problems = top.problems
+    fields = top.fields(KEYS, ("objects",))
+    objects, named = read_objects(fields["objects"].items(), path.parent, problems)
+    words = Words(named)
+    said: dict[str, object] = {}
+    readers: dict[str, Callable[[Value], object]] = {
+        "groups": words.read_groups,  # first: the others use them
+        "name": Value.text,
+        "description": Value.prose,
+        "allowed": lambda value: _read_allowed(value, words),
+        "padding": Value.not_negative,
+        "time_budget": _read_budget,
+        "effects": lambda value: MappingProxyType(read_effects(value, words.patterns)),
+        "lidar": lambda value: _read_lidar(value, words),
+        "view": _read_view,
+    }
+    for key, read in readers.items():
+        if key in fields:
+            with problems.kept():
+                said[key] = read(fields[key])
+    if "accuracy" in fields:
+        with problems.kept():
+            said["accuracy"], said["accuracies"] = _read_accuracies(fields["accuracy"], words)
+    problems.finish()
+    given = {"name": printable(path.stem), "notes": problems.doubts(), **said}
+    return SceneDescription(**{**given, "objects": tuple(objects)})  # type: ignore[arg-type]
+
+
+class Words:
+    """What a word in a file stands for: a group, an object, or a pattern of names."""
+
+    def __init__(self, names: Collection[str]) -> None:
+        self._names = names
+        self._groups: dict[str, tuple[str, ...]] = {}
+
+    def read_groups(self, value: Value) -> MappingProxyType[str, tuple[str, ...]]:
+        """Take the groups of a file."""
+        for name, entry in value.entries().items():
+            with value.problems.kept():
+                self._groups[name] = ()  # known, whatever is wrong with it
+                if name in self._names:
+                    entry.refuse("an object has this name already")
+                if name == DEFAULT or any(letter in PATTERN_LETTERS + "/" for letter in name):
+                    entry.refuse(f"a group can't be called {name}")
+                self._groups[name] = self.patterns(entry)
+        return MappingProxyType(self._groups)
+
+    def patterns(self, value: Value) -> tuple[str, ...]:
+        """Return the patterns of a word or a list of words."""
+        values = value.items() if value.is_list else [value]
+        if not values:
+            value.expected("a pattern, a group, or a list of them")
+        found: dict[str, None] = {}  # each once: groups of groups would double and double
+        for item in values:
+            found.update(dict.fromkeys(self.meant(item, item.text())))
+            if len(found) > MAX_PATTERNS:
+                value.refuse(f"these are more than {MAX_PATTERNS} patterns")
+        return tuple(found)
+
+    def meant(self, value: Value, word: str) -> tuple[str, ...]:
+        """Return the patterns of a word.
+
+        Patterns may be about objects that come later. A plain word must be known: else it is a
+        group misspelt, and a rule that silently says nothing.
+        """
+        if word in self._groups:
+            return self._groups[word]
+        pattern = any(letter in PATTERN_LETTERS + "/" for letter in word)
+        if not pattern and word not in self._names:
+            hint = value.guess(word, [*self._groups, *self._names])
+            value.refuse(f"{word} is no group, object or pattern{hint}")
+        return (word,)
+
+
+def _read_allowed(value: Value, words: Words) -> tuple[AllowedRule, ...]:
+    rules: list[AllowedRule] = []
+    for entry in value.items():
+        with value.problems.kept():
+            if not entry.is_list or len(entry.items()) != 2:
+                entry.expected("a pair of groups, names or patterns")
+            first, second = (words.patterns(item) for item in entry.items())
+            if len(rules) + len(first) * len(second) > MAX_RULES:
+                value.refuse(f"these are more than {MAX_RULES} pairs of patterns")
+            rules += [AllowedRule(a, b) for a, b in product(first, second)]
+    return tuple(rules)
+
+
+def _read_accuracies(
+    value: Value, words: Words
+) -> tuple[Accuracy, tuple[tuple[str, Accuracy], ...]]:
+    """Return the accuracy of the scene, and those of patterns."""
+    if not value.is_mapping:
+        return read_accuracy(value), ()
+    default = Accuracy.OBB
+    found: list[tuple[str, Accuracy]] = []
+    for word, entry in value.entries().items():
+        with value.problems.kept():
+            if word == DEFAULT:
+                default = read_accuracy(entry)
+                continue
+            rung = read_accuracy(entry)
+            found += [(pattern, rung) for pattern in words.meant(entry, word)]
+    return default, tuple(found)
+
+
+def _read_lidar(value: Value, words: Words) -> Lidar:
+    fields = value.fields(("count", "range", "position", "sees", "seed"), ("count", "range"))
+    place = fields["position"].numbers(3) if "position" in fields else Lidar.position
+    return Lidar(
+        fields["count"].whole(1, MAX_RAYS),
+        fields["range"].positive(),
+        (place[0], place[1], place[2]),
+        words.patterns(fields["sees"]) if "sees" in fields else Lidar.sees,
+        fields["seed"].whole(0, 2**32 - 1) if "seed" in fields else Lidar.seed,
+    )
+
+
+def _read_budget(value: Value) -> float:
+    return value.number(
+        f"seconds, above 0 and at most {MAX_BUDGET:g}", lambda seconds: 0.0 < seconds <= MAX_BUDGET
+    )
+
+
+def _read_view(value: Value) -> View:
+    fields = value.fields(("eye", "target"), ("eye", "target"))
+    eye, target = (_triple(fields[key]) for key in ("eye", "target"))
+    if eye[:2] == target[:2]:
+        value.refuse("eye and target must not stand above each other: no way is up")
+    return View(eye, target)
+
+
+def _triple(value: Value) -> Triple:
+    x, y, z = value.numbers(3)
+    return x, y, z

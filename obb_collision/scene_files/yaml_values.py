@@ -1,0 +1,271 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Values of a YAML file that know where they stand and refuse what can't be used.
+
+Numbers are read here, by one rule: decimal and finite. (PyYAML takes ``1e-3`` for a word and
+``010`` for eight.)
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Collection, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from difflib import get_close_matches
+from itertools import islice
+from typing import NoReturn
+
+import yaml
+
+from obb_collision.geometry.validation import MAX_MAGNITUDE
+from obb_collision.scene_files.errors import MAX_PROBLEMS, Problem, Problems, SceneFileError
+from obb_collision.words import MAX_NAME, printable, text_fault
+
+#: No two parts of it take the same digits, so what is none is seen in one pass.
+NUMBER = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?", re.ASCII)
+#: Most characters of a number: the longest that a float needs, written out.
+MAX_NUMBER = 1100
+NULL = "tag:yaml.org,2002:null"
+#: Tags of plain YAML; others ask for objects to be made, which is never done.
+PLAIN_TAGS = frozenset(
+    f"tag:yaml.org,2002:{name}"
+    for name in ("bool", "float", "int", "map", "merge", "null", "seq", "str", "timestamp", "value")
+)
+TRUE, FALSE = ("true", "yes", "on"), ("false", "no", "off")
+#: How much of a refused value is shown: levels of lists, items of a list, letters in all.
+SHOWN_LEVELS, SHOWN_ITEMS, SHOWN_LETTERS = 3, 8, 60
+#: Most words compared with one that is unknown, and most of them listed.
+MAX_GUESSES, MAX_LISTED = 500, 20
+#: Most characters of a text for people.
+MAX_PROSE = 10_000
+
+
+@dataclass(frozen=True)
+class Value:
+    """A value in a file: its YAML node, the key that leads to it, and where problems go."""
+
+    node: yaml.Node
+    key: str
+    problems: Problems = field(repr=False)
+
+    def __post_init__(self) -> None:
+        if self.node.tag not in PLAIN_TAGS:
+            self.refuse(f"tags are not read, got {self.node.tag[:SHOWN_LETTERS]}")
+
+    @property
+    def line(self) -> int:
+        """Its line, counted from 1."""
+        return int(self.node.start_mark.line) + 1
+
+    def problem(self, reason: str) -> Problem:
+        """Return that this value is wrong."""
+        return Problem(self.line, self.key, reason)
+
+    def refuse(self, reason: str) -> NoReturn:
+        """Raise SceneFileError that names this value."""
+        raise SceneFileError(self.problems.file, [self.problem(reason)])
+
+    def doubt(self, reason: str) -> None:
+        """Say that this value is odd, though it can be used."""
+        self.problems.odd.append(self.problem(reason))
+
+    def expected(self, what: str) -> NoReturn:
+        """Raise SceneFileError: must be ``what``, got something else."""
+        self.refuse(f"must be {what}, got {self.shown()}")
+
+    def shown(self) -> str:
+        """Return the value for people, shortened."""
+        text = printable(_shown(self.node, SHOWN_LEVELS))
+        return text if len(text) <= SHOWN_LETTERS else text[: SHOWN_LETTERS - 3] + "..."
+
+    @property
+    def is_mapping(self) -> bool:
+        """Whether it is a mapping."""
+        return isinstance(self.node, yaml.MappingNode)
+
+    @property
+    def is_list(self) -> bool:
+        """Whether it is a list."""
+        return isinstance(self.node, yaml.SequenceNode)
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether nothing stands there, or null."""
+        return bool(self.node.tag == NULL)
+
+    def items(self) -> list[Value]:
+        """Return the values of a list."""
+        if not self.is_list:
+            self.expected("a list")
+        return [
+            Value(node, f"{self.key}[{k}]", self.problems) for k, node in enumerate(self.node.value)
+        ]
+
+    def entries(self) -> dict[str, Value]:
+        """Return the values of a mapping by key; keys that stand twice are problems."""
+        if not self.is_mapping:
+            self.expected("a mapping (key: value)")
+        found: dict[str, Value] = {}
+        for key_node, node in self.node.value:
+            with self.problems.kept():
+                name = Value(key_node, self.key, self.problems).text("a key")
+                if name == "<<":
+                    self.refuse("merged mappings (<<) are not read")
+                value = Value(node, f"{self.key}.{name}" if self.key else name, self.problems)
+                if name in found:
+                    at = Value(key_node, value.key, self.problems)
+                    at.refuse(f"stands twice, first in line {found[name].line}")
+                found[name] = value
+        return found
+
+    def peek(self, name: str) -> Value | None:
+        """Return the value of one key of a mapping, without a look at the others."""
+        for key_node, node in self.node.value if self.is_mapping else ():
+            if key_node.value == name:
+                return Value(node, f"{self.key}.{name}" if self.key else name, self.problems)
+        return None
+
+    @contextmanager
+    def reasons(self) -> Iterator[None]:
+        """Name this value in the ValueErrors of others, such as shapes, raised within."""
+        try:
+            yield
+        except SceneFileError:
+            raise
+        except (ValueError, OSError, MemoryError) as error:
+            self.refuse(str(error) or type(error).__name__)
+
+    def fields(self, known: Collection[str], required: Collection[str] = ()) -> dict[str, Value]:
+        """Return the values of a mapping with known keys; others are problems, with a guess."""
+        found = self.entries()
+        for name in [name for name in found if name not in known]:
+            value = found.pop(name)
+            self.problems.found.append(value.problem(f"unknown key{self.guess(name, known)}"))
+        given = {name: value for name, value in found.items() if not value.is_empty}
+        missing = [name for name in required if name not in given]
+        if missing:
+            self.refuse(f"needs {', '.join(missing)}")
+        return given
+
+    def guess(self, word: str, known: Collection[str]) -> str:
+        """Return what an unknown word was perhaps meant to be, as the end of a sentence."""
+        if len(self.problems.found) >= MAX_PROBLEMS:  # nobody is told so many
+            return ""
+        near = list(islice(known, MAX_GUESSES))
+        close = get_close_matches(word, near, 1)
+        if close:
+            return f"; did you mean {close[0]}?"
+        more = ", ..." if len(known) > MAX_LISTED else ""
+        return f"; there are {', '.join(near[:MAX_LISTED])}{more}" if near else ""
+
+    def text(self, what: str = "a word", most: int = MAX_NAME) -> str:
+        """Return a word, quoted or not, that can be printed and sent."""
+        if not isinstance(self.node, yaml.ScalarNode) or self.is_empty or not self.node.value:
+            self.expected(what)
+        fault = text_fault(self.node.value, most)
+        if fault is not None:
+            self.refuse(fault)
+        return str(self.node.value)
+
+    def prose(self) -> str:
+        """Return text for people, which may have lines."""
+        if not isinstance(self.node, yaml.ScalarNode) or self.is_empty:
+            self.expected("text")
+        text = str(self.node.value)
+        fault = text_fault(text.replace("\n", " ").replace("\t", " ") or " ", MAX_PROSE)
+        if fault is not None:
+            self.refuse(fault)
+        return text
+
+    def label(self) -> str:
+        """Return a word that may be empty, or missing."""
+        return "" if self.is_empty or not getattr(self.node, "value", "") else self.text()
+
+    def choice(self, choices: Collection[str]) -> str:
+        """Return one of some words."""
+        word = self.text(f"one of {', '.join(choices)}")
+        if word not in choices:
+            self.expected(f"one of {', '.join(choices)}")
+        return word
+
+    def flag(self) -> bool:
+        """Return true or false."""
+        plain = isinstance(self.node, yaml.ScalarNode) and self.node.style is None
+        word = str(self.node.value).lower() if plain else ""
+        if word not in TRUE + FALSE:
+            self.expected("true or false")
+        return word in TRUE
+
+    def number(self, what: str = "a number", fits: Callable[[float], bool] | None = None) -> float:
+        """Return a finite number for which ``fits`` holds, what being its words."""
+        number = _as_number(self.node)
+        if number is None or (fits is not None and not fits(number)):
+            self.expected(what)
+        return number
+
+    def positive(self) -> float:
+        """Return a number above zero."""
+        return self.number("a positive number", lambda number: number > 0.0)
+
+    def not_negative(self) -> float:
+        """Return a number not below zero."""
+        return self.number("a number, not negative", lambda number: number >= 0.0)
+
+    def whole(self, low: int, high: int) -> int:
+        """Return a whole number within limits, both allowed."""
+        number = self.number(
+            f"a whole number from {low} to {high}", lambda x: x == int(x) and low <= x <= high
+        )
+        return int(number)
+
+    def numbers(self, count: int, positive: bool = False) -> tuple[float, ...]:
+        """Return a list of so many finite numbers."""
+        numbers = [_as_number(node) for node in self.node.value] if self.is_list else []
+        good = [x for x in numbers if x is not None and (x > 0.0 or not positive)]
+        if len(numbers) != count or len(good) != count:
+            self.expected(f"{count} {'positive ' if positive else ''}numbers")
+        return tuple(good)
+
+
+def items_of(fields: dict[str, Value], key: str) -> list[Value]:
+    """Return the items of a list that may not be there."""
+    return fields[key].items() if key in fields else []
+
+
+def _as_number(node: yaml.Node) -> float | None:
+    plain = isinstance(node, yaml.ScalarNode) and node.style is None and node.tag in PLAIN_TAGS
+    if not plain or len(node.value) > MAX_NUMBER or NUMBER.fullmatch(node.value) is None:
+        return None
+    number = float(node.value)
+    return number if abs(number) <= MAX_MAGNITUDE else None
+
+
+def _shown(node: yaml.Node, levels: int) -> str:
+    if isinstance(node, yaml.ScalarNode):
+        if node.tag == NULL:
+            return "nothing"
+        text = str(node.value[:SHOWN_LETTERS])
+        return text if node.style is None else repr(text)
+    brackets = "[{}]" if isinstance(node, yaml.SequenceNode) else "{{{}}}"
+    if levels == 0:
+        return brackets.format("...")
+    parts = [
+        _shown(item, levels - 1)
+        if not isinstance(item, tuple)
+        else f"{_shown(item[0], 0)}: {_shown(item[1], levels - 1)}"
+        for item in node.value[:SHOWN_ITEMS]
+    ]
+    return brackets.format(", ".join(parts + ["..."] * (len(node.value) > SHOWN_ITEMS)))

@@ -1,0 +1,300 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Boxes fitted to points: they contain every point exactly, and they are small."""
+
+import json
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from membership import assert_proper, holds
+from scipy.spatial.transform import Rotation
+
+from obb_collision.geometry.fitting import enclosing
+from obb_collision.geometry.fitting.enclosing import EXACT_POINTS, enclose_points
+from obb_collision.geometry.fitting.fit import FITS, fit_points
+from obb_collision.typing import Floats
+
+CUBE = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
+CASES = json.loads((Path(__file__).parents[2] / "data" / "fit_point_sets.json").read_text())
+ANY_ROTATION = st.lists(st.floats(-1, 1), min_size=4, max_size=4).filter(np.any)
+EVERY_FIT = pytest.mark.parametrize("fit", FITS)
+
+
+def fitted(points: Floats, fit: str = "best") -> tuple[Floats, Floats, Floats]:
+    """Return the box, after checking that it is one and contains the points."""
+    box = fit_points(points, fit)
+    assert_proper(box)
+    assert holds(box, points)
+    return box
+
+
+def volume(half_extents: Floats) -> float:
+    return 8.0 * float(np.prod(half_extents))
+
+
+def rotation_of(quaternion: list[float]) -> Floats:
+    matrix: Floats = Rotation.from_quat(np.array(quaternion) / np.abs(quaternion).max()).as_matrix()
+    return matrix
+
+
+@EVERY_FIT
+@pytest.mark.parametrize("case", CASES, ids=lambda case: case["name"])
+def test_point_sets_of_bug_reports_are_contained(case: dict[str, list[float]], fit: str) -> None:
+    fitted(np.array(case["points"]), fit)
+
+
+@pytest.mark.parametrize("case", CASES, ids=lambda case: case["name"])
+def test_best_reaches_the_known_volumes(case: dict[str, float]) -> None:
+    # 1.005: the known volume of mathgeolib_case is 1.0033 times better than ours.
+    _, _, half = fitted(np.array(case["points"]))
+    assert volume(half) <= 1.005 * case["best_volume"]
+
+
+def test_diagonal_square_gets_its_sides() -> None:
+    points = np.array([[1, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0.0]])
+    for fit in ("min_volume", "best"):
+        _, rotation, half = fitted(points, fit)
+        assert np.sort(half)[0] == 0.0
+        assert 4.0 * np.prod(np.sort(half)[1:]) == pytest.approx(2.0, rel=1e-15)
+        assert np.abs(rotation).max(axis=0)[half == 0.0] == 1.0
+
+
+def test_tilted_flat_sets_compare_by_area_among_flat_boxes() -> None:
+    points = np.array([[0, 0, 0], [0, 1, 1], [1, 0, 0], [0, 0.5, 0.5]])
+    _, _, half = fitted(points)
+    assert np.sort(2.0 * half) == pytest.approx([0.0, 1.0, np.sqrt(2.0)], abs=1e-15)
+
+
+@given(ANY_ROTATION)
+def test_turned_cubes_get_their_volume(quaternion: list[float]) -> None:
+    points = CUBE @ rotation_of(quaternion).T
+    for fit in ("min_volume", "best"):
+        _, _, half = fitted(points, fit)
+        assert volume(half) <= 8.0 * 1.001
+
+
+@pytest.mark.parametrize("exponent", range(-17, 1))
+def test_slightly_turned_cubes_get_their_volume(exponent: int) -> None:
+    turned = Rotation.from_rotvec(10.0**exponent * np.array([0.3, -0.7, 0.5])).as_matrix()
+    _, _, half = fitted(CUBE @ turned.T + [3.0, 4.0, 5.0])
+    assert volume(half) <= 8.0 * 1.001
+
+
+SMALL_SETS = st.lists(
+    st.tuples(*[st.one_of(st.integers(-3, 3), st.floats(-5, 5)) for _ in range(3)]),
+    min_size=1,
+    max_size=12,
+)
+
+
+@given(
+    SMALL_SETS,
+    st.sampled_from(sorted(FITS)),
+    st.integers(-520, 490),
+    st.sampled_from([0.0, 1.0, 1e6, 1e9]),
+)
+def test_any_set_is_contained(
+    points: list[tuple[float, ...]], fit: str, exponent: int, offset: float
+) -> None:
+    array = np.ldexp(np.array(points, dtype=np.float64), exponent)
+    fitted(array, fit)
+    fitted(array + offset * np.array([1.0, -0.3, 0.7]), fit)
+
+
+@given(SMALL_SETS, ANY_ROTATION, st.sampled_from(sorted(FITS)), st.integers(1, 2))
+def test_flat_sets_are_contained_and_thin(
+    points: list[tuple[float, ...]], quaternion: list[float], fit: str, dimensions: int
+) -> None:
+    array = np.array(points, dtype=np.float64)
+    array[:, dimensions:] = 0.0
+    turned = array @ rotation_of(quaternion).T
+    _, _, half = fitted(turned, fit)
+    size = float(np.ptp(turned, axis=0).max(initial=0.0))
+    thin = np.sort(half)[: 3 - dimensions]
+    assert fit == "aabb" or (thin <= 1e-11 * size + 1e-300).all()
+
+
+def hard_set(rng: np.random.Generator) -> Floats:
+    """Return up to 15 points: flat, gridded, thin, in a skew plane or a cube's, turned, moved."""
+    points = rng.normal(size=(int(rng.integers(1, 16)), 3))
+    kind = rng.integers(8)
+    if kind < 2:
+        points[:, 2 - kind :] = 0.0
+    elif kind == 2:
+        points = np.round(points)
+    elif kind == 3:
+        points *= 10.0 ** rng.integers(-12, 0, 3)
+    elif kind == 4:
+        points[:, 2] = points[:, 0] + points[:, 1]
+    elif kind == 5:
+        points = np.sign(points)
+    points = points @ Rotation.random(random_state=rng).as_matrix()
+    if rng.random() < 0.5:
+        points = points + rng.normal(size=3) * 10.0 ** rng.integers(-3, 10)
+    hard: Floats = points * 10.0 ** rng.integers(-320, 290) if rng.random() < 0.2 else points
+    return hard
+
+
+@EVERY_FIT
+@pytest.mark.parametrize("exact_points", [0, EXACT_POINTS])
+def test_hard_sets_are_contained_by_integers_and_by_the_bound_alone(
+    fit: str, exact_points: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(enclosing, "EXACT_POINTS", exact_points)
+    rng = np.random.default_rng(exact_points)
+    for _ in range(100):
+        fitted(hard_set(rng), fit)
+
+
+@EVERY_FIT
+@pytest.mark.parametrize("normal", range(3))
+def test_flat_in_a_coordinate_plane_stays_exactly_flat(fit: str, normal: int) -> None:
+    rng = np.random.default_rng(normal)
+    points = rng.normal(size=(50, 3))
+    points[:, normal] = 0.1
+    center, rotation, half = fitted(points, fit)
+    flat = int(np.argmin(half))
+    assert half[flat] == 0.0
+    assert center[normal] == 0.1
+    assert np.abs(rotation[:, flat]).tolist() == np.eye(3)[normal].tolist()
+
+
+@EVERY_FIT
+def test_points_and_aligned_lines_are_exact(fit: str) -> None:
+    point = np.array([[1e6, 2.0, 3.3]])
+    for points in (point, np.repeat(point, 7, axis=0)):
+        center, rotation, half = fitted(points, fit)
+        assert center.tolist() == point[0].tolist()
+        assert half.tolist() == [0.0, 0.0, 0.0]
+        assert (rotation == np.eye(3)).all()
+    center, _, half = fitted(point + np.array([[0, 0, 0], [0, 0, 1], [0, 0, 4]]), fit)
+    assert half.tolist() == [0.0, 0.0, pytest.approx(2.0)]
+
+
+@EVERY_FIT
+@pytest.mark.parametrize("size", [1e-300, 1e-160, 1e-30, 1.0, 1e9, 1e150, 3e299])
+def test_sizes_and_offsets_of_all_magnitudes(fit: str, size: float) -> None:
+    turned = CUBE @ Rotation.random(random_state=4).as_matrix().T
+    _, _, half = fitted(size * turned, fit)
+    assert (half <= size * 1.8).all()
+    assert fit not in ("best", "min_volume") or half == pytest.approx(np.full(3, size))
+    fitted(size * turned + 1e9, fit)
+
+
+@pytest.mark.parametrize("thickness", 10.0 ** np.arange(-20.0, 0.0, 2.0))
+def test_nearly_flat_sets(thickness: float) -> None:
+    turned = Rotation.random(random_state=5).as_matrix().T
+    points = CUBE * [1.0, 2.0, thickness] @ turned
+    for fit in FITS:
+        fitted(points, fit)
+    _, _, half = fitted(points)
+    assert np.sort(half) == pytest.approx([thickness, 1.0, 2.0], rel=1e-3, abs=1e-15)
+
+
+def test_best_is_no_larger_than_any_other_fit_and_close_to_trimesh() -> None:
+    rng = np.random.default_rng(6)
+    ratios = []
+    for n in [4, 5, 6, 8, 12, 30, 100] * 4:
+        points = rng.normal(size=(n, 3)) * rng.uniform(0.1, 2.0, 3) + 3.0
+        sizes = {fit: volume(fitted(points, fit)[2]) for fit in FITS}
+        assert sizes["best"] <= min(sizes.values()) * (1.0 + 1e-8)
+        _, extents = trimesh.bounds.oriented_bounds(points)
+        ratios.append(sizes["best"] / np.prod(extents))
+    assert max(ratios) <= 1.01  # of all versions of trimesh
+    assert np.mean(ratios) < 0.95
+
+
+def test_hull_covariance_ignores_how_densely_sides_are_sampled() -> None:
+    rng = np.random.default_rng(7)
+    box = CUBE * [3.0, 2.0, 1.0]
+    dense = np.vstack([box, rng.uniform(-1, 1, size=(3000, 3)) * 0.4 + [2.0, 1.0, 0.5]])
+    _, sparse_axes, _ = fitted(box, "hull_covariance")
+    _, dense_axes, half = fitted(dense, "hull_covariance")
+    assert np.abs(dense_axes) == pytest.approx(np.abs(sparse_axes), abs=1e-12)
+    assert half == pytest.approx([3.0, 2.0, 1.0])
+    _, _, plain = fitted(dense, "covariance")
+    assert volume(plain) > 1.2 * volume(half)
+
+
+@settings(max_examples=20)
+@given(st.permutations(range(12)), st.integers(-300, 300))
+def test_scale_by_powers_of_two_scales_the_box(order: list[int], exponent: int) -> None:
+    points = np.random.default_rng(8).normal(size=(12, 3))
+    center, rotation, half = fit_points(points)
+    scaled = fit_points(np.ldexp(points, exponent))
+    assert (scaled[0] == np.ldexp(center, exponent)).all()
+    assert (scaled[1] == rotation).all()
+    assert (scaled[2] == np.ldexp(half, exponent)).all()
+    shuffled = fit_points(points[order])
+    assert volume(shuffled[2]) == pytest.approx(volume(half), rel=1e-2)
+
+
+@pytest.mark.parametrize("fit", ["covariance", "best"])
+def test_half_extents_are_the_least_that_hold(fit: str) -> None:
+    points = np.random.default_rng(9).normal(size=(20, 3))
+    center, rotation, half = fitted(points, fit)
+    for axis in range(3):
+        smaller = half.copy()
+        smaller[axis] = np.nextafter(half[axis], 0.0)
+        assert not holds((center, rotation, smaller), points)
+
+
+def test_many_points_on_a_face_move_it_by_roundoffs_only() -> None:
+    turned = Rotation.random(random_state=10).as_matrix()
+    grid = np.stack(np.meshgrid(*[np.linspace(-1, 1, 21)] * 3), axis=-1).reshape(-1, 3)
+    points = grid[np.abs(grid).max(axis=1) == 1.0] @ turned.T + [1e3, 2e3, 3e3]
+    assert len(points) > 6 * EXACT_POINTS
+    center, half = enclose_points(points, turned)
+    assert holds((center, turned, half), points)
+    assert (half <= 1.0 + 1e-12).all()  # a roundoff of the coordinates is 4.5e-13
+
+
+@pytest.mark.parametrize("shape", ["plane", "sphere", "line"])
+def test_a_million_points_take_seconds(shape: str) -> None:
+    rng = np.random.default_rng(11)
+    points = rng.normal(size=(1_000_000, 3))
+    if shape == "plane":
+        points[:, 2] = 0.0
+        points = points @ Rotation.random(random_state=12).as_matrix().T + 5.0
+    elif shape == "sphere":
+        points /= np.linalg.norm(points, axis=1)[:, None]
+    else:
+        points = points[:, :1] * [1.0, 2.0, 3.0] + 5.0
+    start = time.perf_counter()
+    center, rotation, half = fit_points(points)
+    assert time.perf_counter() - start < 30.0  # 1 to 2 s; this only catches quadratic time
+    reach = np.abs((points - center) @ rotation)
+    doubtful = np.unique(np.argpartition(-reach, 30, axis=0)[:30].ravel())
+    assert holds((center, rotation, half), points[doubtful])
+
+
+def test_bad_input_is_refused_by_name() -> None:
+    with pytest.raises(ValueError, match="fit must be one of 'aabb', 'covariance'"):
+        fit_points(CUBE, "tight")
+    with pytest.raises(ValueError, match="points must be finite in row 1"):
+        fit_points(np.array([[0, 0, 0], [0, np.nan, 0]]))
+    with pytest.raises(ValueError, match="points must be finite in row 0"):
+        fit_points(np.array([[0, 0, np.inf]]), "aabb")
+    with pytest.raises(ValueError, match="points must hold at least one point"):
+        fit_points(np.empty((0, 3)))
+    with pytest.raises(ValueError, match="points must have shape"):
+        fit_points([[0.0, 1.0]])
+    with pytest.raises(ValueError, match="points must have shape"):
+        fit_points([0.0, 1.0, 2.0])

@@ -1,0 +1,240 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Mesh files: the geometry is what it was, and nothing but the regular file itself is read."""
+
+from __future__ import annotations
+
+import base64
+import json
+import os
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+import numpy as np
+import pytest
+import trimesh
+from trimesh.visual.material import SimpleMaterial
+
+from obb_collision.geometry.shapes import files as mesh_files
+from obb_collision.geometry.shapes.meshes import Mesh
+from obb_collision.scene_files import SceneFileError, find_scene, load_scene
+
+OBJ = "mtllib {mtl}\no part\nv 0 0 0\nv 1 0 0\nv 0 2 0\nvt 0 0\nusemtl skin\nf 1/1 2/1 3/1\n"
+
+
+@pytest.fixture
+def pipe(tmp_path: Path) -> Iterator[Path]:
+    """Yield a named pipe; whoever opened it is let go at the end, so that a failure ends, too."""
+    path = tmp_path / "pipe.stl"
+    os.mkfifo(path)
+    yield path
+    descriptor = os.open(path, os.O_RDWR | os.O_NONBLOCK)
+    os.close(descriptor)
+
+
+def soup(vertices: Any, faces: Any) -> np.ndarray:
+    """Triangles as rows, sorted: the same for the same surface."""
+    triangles = np.asarray(vertices)[np.asarray(faces)].reshape(-1, 9)
+    return triangles[np.lexsort(triangles.T)]
+
+
+def loads_in_time(path: Path | str) -> Mesh | Exception:
+    """Load in a thread of its own, so that a load that blocks is a failure and not a hang."""
+    results: list[Mesh | Exception] = []
+
+    def load() -> None:
+        try:
+            results.append(Mesh.from_file(path))
+        except Exception as error:
+            results.append(error)
+
+    thread = threading.Thread(target=load, daemon=True)
+    thread.start()
+    thread.join(20.0)
+    assert results, "the load blocks"
+    return results[0]
+
+
+def textured_scene() -> trimesh.Scene:
+    image = SimpleMaterial(diffuse=(200, 10, 10, 255))
+    scene = trimesh.Scene()
+    for number in range(3):
+        part = trimesh.creation.icosphere(1, radius=1.0 + number)
+        uv = part.vertices[:, :2] * 0.5 + 0.5
+        part.visual = trimesh.visual.TextureVisuals(uv=uv, material=image)
+        move = trimesh.transformations.rotation_matrix(0.3 * number, (0, 1, 1), (1, 2, 3))
+        move[:3, 3] += 5.0 * number
+        scene.add_geometry(part, transform=move)
+    return scene
+
+
+@pytest.mark.parametrize("suffix", ["obj", "stl", "ply", "dae", "glb", "off"])
+def test_the_geometry_is_that_of_a_load_with_materials(tmp_path: Path, suffix: str) -> None:
+    file = tmp_path / f"part.{suffix}"
+    scene = textured_scene()
+    whole = suffix in ("stl", "ply", "off", "dae")
+    (trimesh.util.concatenate(scene.dump()) if whole else scene).export(file)
+    expected: Any = trimesh.load(file, force="scene", process=False)
+    mesh = Mesh.from_file(file)
+    parts = [soup(part.vertices, part.faces) for part in expected.dump()]
+    wanted = np.concatenate(parts)
+    np.testing.assert_array_equal(soup(mesh.vertices, mesh.faces), wanted[np.lexsort(wanted.T)])
+    assert len(mesh.faces) == 3 * 80
+
+
+@pytest.mark.parametrize("what", ["mtl", "texture"])
+def test_materials_and_textures_of_an_obj_are_not_opened(
+    tmp_path: Path, pipe: Path, what: str
+) -> None:
+    (tmp_path / "skin.mtl").write_text(f"newmtl skin\nmap_Kd {pipe.name}\n")
+    file = tmp_path / "part.obj"
+    file.write_text(OBJ.format(mtl=pipe.name if what == "mtl" else "skin.mtl"))
+    mesh = loads_in_time(file)
+    assert isinstance(mesh, Mesh)
+    assert mesh.vertices[mesh.faces].tolist() == [[[0, 0, 0], [1, 0, 0], [0, 2, 0]]]
+
+
+def gltf(buffer_uri: str) -> str:
+    """Return one triangle, its buffer anywhere."""
+    return json.dumps(
+        {
+            "asset": {"version": "2.0"},
+            "scene": 0,
+            "scenes": [{"nodes": [0]}],
+            "nodes": [{"mesh": 0}],
+            "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
+            "accessors": [
+                {"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3"},
+            ],
+            "bufferViews": [{"buffer": 0, "byteLength": 36}],
+            "buffers": [{"uri": buffer_uri, "byteLength": 36}],
+        }
+    )
+
+
+def test_buffers_of_a_gltf_are_read_only_where_they_are_inside(tmp_path: Path, pipe: Path) -> None:
+    points = np.array([[0, 0, 0], [1, 0, 0], [0, 2, 0]], "<f4").tobytes()
+    file = tmp_path / "part.gltf"
+    inside = base64.b64encode(points).decode()
+    file.write_text(gltf(f"data:application/octet-stream;base64,{inside}"))
+    assert len(Mesh.from_file(file).vertices) == 3
+    file.write_text(gltf(pipe.name))
+    error = loads_in_time(file)
+    assert isinstance(error, ValueError)
+    assert "other files are not read" in str(error)
+
+
+def test_a_document_type_that_names_a_file_is_refused(tmp_path: Path, pipe: Path) -> None:
+    text = f'<?xml version="1.0"?><!DOCTYPE a [<!ENTITY x SYSTEM "{pipe.name}">]><COLLADA>&x;'
+    for encoding in ("utf-8", "utf-16"):
+        file = tmp_path / "part.dae"
+        file.write_bytes(text.encode(encoding))
+        error = loads_in_time(file)
+        assert isinstance(error, ValueError)
+        assert "DOCTYPE" in str(error)
+
+
+def test_pipes_devices_and_folders_are_no_mesh_files(tmp_path: Path, pipe: Path) -> None:
+    (tmp_path / "folder.stl").mkdir()
+    (tmp_path / "zero.stl").symlink_to("/dev/zero")
+    for name in (pipe.name, "folder.stl", "zero.stl"):
+        error = loads_in_time(tmp_path / name)
+        assert isinstance(error, ValueError)
+        assert "it is no regular file" in str(error)
+
+
+def test_a_file_that_becomes_a_pipe_as_it_is_opened_does_not_block(
+    tmp_path: Path, pipe: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(mesh_files, "file_version", lambda path: (0, 0))  # it was one by then
+    error = loads_in_time(pipe)
+    assert isinstance(error, ValueError)
+    assert "it is no regular file" in str(error)
+
+
+PATHS = {
+    "a zero byte": "part\0.stl",
+    "a name of 300 characters": "a" * 300 + ".stl",
+    "a suffix of 300 characters": "part." + "a" * 300,
+    "5,000 characters": "a/" * 2500 + "part.stl",
+    "half a character": "\ud800.stl",
+    "nothing": "",
+}
+
+
+@pytest.mark.parametrize("what", PATHS)
+@pytest.mark.parametrize("uri", [False, True], ids=["path", "uri"])
+def test_paths_that_no_file_can_have_are_refused(tmp_path: Path, what: str, uri: bool) -> None:
+    name = PATHS[what]
+    path = "file://" + quote(f"/{name}", errors="surrogatepass") if uri else tmp_path / name
+    with pytest.raises(ValueError, match=r"^mesh file ") as caught:
+        Mesh.from_file(path)
+    assert len(str(caught.value)) < 1000
+
+
+@pytest.mark.parametrize(
+    "uri", ["file://[/part.stl", "file://part.stl", "package://\0/part.stl", "package:///part.stl"]
+)
+def test_uris_that_name_no_file_are_refused(uri: str) -> None:
+    with pytest.raises(ValueError, match=r"^mesh file "):
+        Mesh.from_file(uri)
+
+
+def test_files_beyond_the_limit_are_not_read(tmp_path: Path) -> None:
+    file = tmp_path / "part.stl"
+    with file.open("wb") as sparse:
+        sparse.truncate(mesh_files.LARGEST_FILE + 1)
+    with pytest.raises(ValueError, match=f"{mesh_files.LARGEST_FILE} is the limit"):
+        Mesh.from_file(file)
+    file.write_bytes(b"0123456789")
+    assert mesh_files.read_file(file, 10)[0] == b"0123456789"
+    with pytest.raises(ValueError, match="10 bytes, 9 is the limit"):
+        mesh_files.read_file(file, 9)
+
+
+def test_too_little_memory_is_an_error_that_names_the_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = tmp_path / "part.stl"
+    trimesh.creation.box((1.0, 1.0, 1.0)).export(file)
+
+    def fails(*_: object) -> None:
+        raise MemoryError
+
+    for owner, name in ((mesh_files, "_joined"), (Mesh, "__init__")):
+        with monkeypatch.context() as patch:
+            patch.setattr(owner, name, fails)
+            with pytest.raises(ValueError, match=r"part\.stl: there is not enough memory"):
+                Mesh.from_file(file)
+
+
+@pytest.mark.parametrize("what", ["a name of 300 characters", "5,000 characters", "a zero byte"])
+def test_a_scene_file_says_where_it_names_such_a_mesh(tmp_path: Path, what: str) -> None:
+    file = tmp_path / "scene.yaml"
+    name = json.dumps(PATHS[what])
+    file.write_text(f"objects:\n  - name: part/1\n    shape: mesh\n    file: {name}\n")
+    with pytest.raises(SceneFileError) as caught:
+        load_scene(file)
+    assert "scene.yaml:4: objects[0].file" in str(caught.value)
+    assert len(str(caught.value)) < 1000
+
+
+@pytest.mark.parametrize("name", ["a" * 5000, "a" * 5000 + ".yaml", "a\0b"])
+def test_a_scene_file_that_cannot_be_there_is_refused(name: str) -> None:
+    with pytest.raises(SceneFileError):
+        load_scene(find_scene(name))

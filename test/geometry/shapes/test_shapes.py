@@ -1,0 +1,331 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Shapes and their local boxes: tight, containing, fitted once; bad ones refused by name."""
+
+import builtins
+import importlib.util
+import json
+import sys
+from collections.abc import Callable
+from fractions import Fraction
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given
+from hypothesis import strategies as st
+from membership import assert_proper, fractions, outside
+from scipy.spatial.transform import Rotation
+
+from obb_collision.geometry.shapes import meshes, shapes
+from obb_collision.typing import Floats
+
+SIZE = st.floats(1e-3, 1e3)
+SCALE = st.tuples(SIZE, SIZE, SIZE)
+CUBE = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
+
+
+def scaled_exactly(points: Floats, scale: tuple[float, ...]) -> list[list[Fraction]]:
+    s = fractions(scale)
+    return [[x * f for x, f in zip(fractions(p), s, strict=True)] for p in points.tolist()]
+
+
+def assert_contains(shape: shapes.Hull | shapes.Mesh, points: Floats) -> None:
+    assert_proper(shape.local_box)
+    assert all(gap <= 0 for gap in outside(shape.local_box, scaled_exactly(points, shape.scale)))
+
+
+@pytest.mark.parametrize(
+    ("shape", "expected"),
+    [
+        (shapes.Box((1.0, 2.0, 3.0)), (0.5, 1.0, 1.5)),
+        (shapes.Box((1.0, 0.0, 3.0)), (0.5, 0.0, 1.5)),
+        (shapes.Box((1.0, 2.0, 3.0), scale=(2.0, 3.0, 4.0)), (1.0, 3.0, 6.0)),
+        (shapes.Sphere(0.5), (0.5, 0.5, 0.5)),
+        (shapes.Sphere(0.5, scale=(1.0, 2.0, 4.0)), (0.5, 1.0, 2.0)),
+        (shapes.Cylinder(0.5, 3.0), (0.5, 0.5, 1.5)),
+        (shapes.Cylinder(0.5, 3.0, scale=(2.0, 1.0, 2.0)), (1.0, 0.5, 3.0)),
+        (shapes.Capsule(0.5, 3.0), (0.5, 0.5, 2.0)),
+        (shapes.Capsule(0.5, 3.0, scale=(1.0, 1.0, 2.0)), (0.5, 0.5, 4.0)),
+        (shapes.Cone(0.5, 3.0), (0.5, 0.5, 1.5)),
+        (shapes.Ellipsoid((1.0, 2.0, 3.0), scale=(1.0, 1.0, 0.5)), (1.0, 2.0, 1.5)),
+    ],
+    ids=repr,
+)
+def test_primitives_have_the_box_of_their_formula(
+    shape: shapes.Shape, expected: tuple[float, ...]
+) -> None:
+    center, rotation, half = shape.local_box
+    assert center.tolist() == [0.0, 0.0, 0.0]
+    assert (rotation == np.eye(3)).all()
+    assert half.tolist() == list(expected)
+
+
+@given(SIZE, SIZE, SCALE)
+def test_half_extents_round_up_by_less_than_one_double(
+    radius: float, length: float, scale: tuple[float, float, float]
+) -> None:
+    r, h = Fraction(radius), Fraction(length) / 2
+    sx, sy, sz = fractions(scale)
+    for shape, exact in (
+        (shapes.Capsule(radius, length, scale), (r * sx, r * sy, (h + r) * sz)),
+        (shapes.Cone(radius, length, scale), (r * sx, r * sy, h * sz)),
+        (shapes.Box((radius, radius, length), scale), (r / 2 * sx, r / 2 * sy, h * sz)),
+        (shapes.Ellipsoid((radius, radius, length), scale), (r * sx, r * sy, 2 * h * sz)),
+    ):
+        for half, needed in zip(shape.local_box[2].tolist(), exact, strict=True):
+            assert Fraction(np.nextafter(half, 0.0)) < needed <= Fraction(half)
+
+
+def test_meshes_of_the_primitives_lie_inside_and_touch() -> None:
+    cylinder = trimesh.creation.cylinder(radius=0.5, height=3.0, sections=64)
+    capsule = trimesh.creation.capsule(radius=0.5, height=3.0, count=[32, 64])
+    cone = trimesh.creation.cone(radius=0.5, height=3.0, sections=64)
+    for mesh, shape in (
+        (cylinder, shapes.Cylinder(0.5, 3.0)),
+        (capsule, shapes.Capsule(0.5, 3.0)),
+        (cone, shapes.Cone(0.5, 3.0)),
+    ):
+        points = mesh.vertices - mesh.bounds.mean(axis=0)
+        assert np.abs(points).max(axis=0) == pytest.approx(shape.local_box[2], rel=2e-3)
+    assert cone.vertices[cone.vertices[:, 2].argmax()][:2] == pytest.approx([0.0, 0.0])
+
+
+SHAPES: list[Callable[..., shapes.Shape]] = [
+    lambda scale: shapes.Box((1, 1, 1), scale),
+    lambda scale: shapes.Sphere(1, scale),
+    lambda scale: shapes.Cylinder(1, 1, scale),
+    lambda scale: shapes.Capsule(1, 1, scale),
+    lambda scale: shapes.Cone(1, 1, scale),
+    lambda scale: shapes.Ellipsoid((1, 1, 1), scale),
+    lambda scale: shapes.Hull(CUBE, scale),
+    lambda scale: shapes.Mesh(CUBE, [], scale),
+]
+
+
+@pytest.mark.parametrize("make", SHAPES)
+def test_bad_scales_are_refused(make: Callable[..., shapes.Shape]) -> None:
+    for bad in ((0.0, 1.0, 1.0), (1.0, -1.0, 1.0)):
+        with pytest.raises(ValueError, match="scale must be positive"):
+            make(bad)
+    with pytest.raises(ValueError, match="scale must be finite"):
+        make((np.nan, 1.0, 1.0))
+    with pytest.raises(ValueError, match=r"scale must have shape \(3,\)"):
+        make((1.0, 1.0))
+
+
+def test_bad_sizes_are_refused_by_name() -> None:
+    for bad, why in ((0.0, "positive"), (-1.0, "positive"), (np.nan, "finite"), (np.inf, "finite")):
+        for make, name in (
+            (lambda x: shapes.Sphere(x), "radius"),
+            (lambda x: shapes.Cylinder(x, 1.0), "radius"),
+            (lambda x: shapes.Cylinder(1.0, x), "length"),
+            (lambda x: shapes.Capsule(1.0, x), "length"),
+            (lambda x: shapes.Cone(x, 1.0), "radius"),
+            (lambda x: shapes.Ellipsoid((x, 1.0, 1.0)), "radii"),
+        ):
+            with pytest.raises(ValueError, match=f"{name} must be {why}"):
+                make(bad)
+    for bad, why in ((-1.0, "not be negative"), (np.nan, "be finite"), (np.inf, "be finite")):
+        with pytest.raises(ValueError, match=f"size must {why}"):
+            shapes.Box((1.0, bad, 1.0))
+    with pytest.raises(ValueError, match="must not exceed"):
+        _ = shapes.Sphere(1e200, (1e200, 1.0, 1.0)).local_box
+
+
+def test_shapes_are_values() -> None:
+    assert shapes.Cylinder(1.0, 2.0) == shapes.Cylinder(1, 2, np.ones(3))
+    cone: shapes.Shape = shapes.Cone(1.0, 2.0)
+    assert cone != shapes.Cylinder(1.0, 2.0)
+    assert len({shapes.Sphere(1.0), shapes.Sphere(1.0), shapes.Sphere(2.0)}) == 2
+    with pytest.raises(AttributeError):
+        shapes.Sphere(1.0).radius = 2.0  # type: ignore[misc]
+
+
+def test_the_local_box_is_fitted_once_and_read_only(monkeypatch: pytest.MonkeyPatch) -> None:
+    calls = []
+
+    def counted(points: Floats, fit: str) -> tuple[Floats, Floats, Floats]:
+        calls.append(fit)
+        return np.zeros(3), np.eye(3), np.ones(3)
+
+    monkeypatch.setattr(meshes, "fit_points", counted)
+    hull = shapes.Hull(CUBE, fit="covariance")
+    assert not calls
+    assert hull.local_box is hull.local_box
+    assert calls == ["covariance"]
+    with pytest.raises(ValueError, match="read-only"):
+        hull.local_box[0][0] = 1.0
+
+
+@given(st.integers(0, 2**32 - 1), SCALE, st.sampled_from(["aabb", "covariance", "best"]))
+def test_scaled_hulls_contain_the_exactly_scaled_points(
+    seed: int, scale: tuple[float, float, float], fit: str
+) -> None:
+    points = np.random.default_rng(seed).normal(size=(6, 3))
+    assert_contains(shapes.Hull(points, scale, fit), points)
+
+
+def test_tiny_scaled_hulls_contain_what_underflow_loses() -> None:
+    points = np.array([[1e-160, 3e-170, 0.0], [0.0, 1e-165, 5e-163]])
+    assert_contains(shapes.Hull(points, (1e-155, 1e-155, 3e-162)), points)
+
+
+def test_flat_hulls_stay_flat_where_scaling_is_exact() -> None:
+    square = np.array([[0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1.0]])
+    center, _, half = shapes.Hull(square, (3.0, 0.75, 7.0)).local_box
+    assert half.tolist() == [1.5, 0.375, 0.0]
+    assert center.tolist() == [1.5, 0.375, 7.0]
+
+
+def test_a_mesh_is_boxed_by_its_triangles() -> None:
+    vertices = np.vstack([CUBE, [[100.0, 0.0, 0.0]]])
+    faces = trimesh.convex.convex_hull(CUBE).faces
+    assert shapes.Mesh(CUBE, faces).local_box[2] == pytest.approx([1.0, 1.0, 1.0])
+    assert shapes.Mesh(vertices, [[0, 1, 2], [5, 6, 7]]).local_box[0] == pytest.approx(np.zeros(3))
+    assert shapes.Mesh(vertices, []).local_box[2][0] > 50.0
+
+
+def test_bad_meshes_and_hulls_are_refused_by_name() -> None:
+    with pytest.raises(ValueError, match="vertices must hold at least one point"):
+        shapes.Mesh(np.empty((0, 3)), [])
+    with pytest.raises(ValueError, match="points must hold at least one point"):
+        shapes.Hull(np.empty((0, 3)))
+    with pytest.raises(ValueError, match="vertices must be finite in row 1"):
+        shapes.Mesh(np.array([[0, 0, 0], [np.nan, 0, 0], [0, 1, 0]]), [[0, 1, 2]])
+    with pytest.raises(ValueError, match="faces must name vertices 0 to 7 in row 1"):
+        shapes.Mesh(CUBE, [[0, 1, 2], [0, 1, 8]])
+    with pytest.raises(ValueError, match="faces must name vertices"):
+        shapes.Mesh(CUBE, [[0, 1, -1]])
+    for bad in (np.array([[0.0, 1.0, 2.0]]), np.array([[0, 1]]), np.array([0, 1, 2])):
+        with pytest.raises(ValueError, match="faces must be integers of shape"):
+            shapes.Mesh(CUBE, bad)
+    with pytest.raises(ValueError, match="fit must be one of"):
+        shapes.Hull(CUBE, fit="tightest")
+    with pytest.raises(ValueError, match="points times scale must not exceed"):
+        _ = shapes.Hull(CUBE * 1e200, (1e105, 1.0, 1.0)).local_box
+
+
+def two_part_scene() -> trimesh.Scene:
+    """Two boxes, 4 m apart, the second one turned: its scene has transforms that matter."""
+    scene = trimesh.Scene()
+    scene.add_geometry(trimesh.creation.box((1.0, 1.0, 1.0)))
+    turn = np.eye(4)
+    turn[:3, :3] = Rotation.from_euler("z", 90, degrees=True).as_matrix()
+    turn[:3, 3] = [4.0, 0.0, 0.0]
+    scene.add_geometry(trimesh.creation.box((1.0, 3.0, 1.0)), transform=turn)
+    return scene
+
+
+@pytest.mark.parametrize("suffix", ["stl", "obj", "ply", "dae", "glb"])
+def test_files_of_every_kind_are_read(tmp_path: Path, suffix: str) -> None:
+    file = tmp_path / f"two words.{suffix}"
+    scene = two_part_scene()
+    (trimesh.util.concatenate(scene.dump()) if suffix in ("stl", "ply", "dae") else scene).export(
+        file
+    )
+    mesh = shapes.Mesh.from_file(file, scale=(2.0, 1.0, 1.0))
+    assert len(mesh.faces) == 24
+    assert np.ptp(mesh.vertices, axis=0) == pytest.approx([6.0, 1.0, 1.0])
+    assert mesh.local_box[0] == pytest.approx([5.0, 0.0, 0.0], abs=1e-6)
+    assert np.sort(mesh.local_box[2]) == pytest.approx([0.5, 0.5, 6.0], rel=1e-6)
+    assert_contains(mesh, mesh.vertices)
+    again = shapes.Mesh.from_file(file.as_uri())
+    assert (again.vertices == mesh.vertices).all()
+
+
+def test_a_file_of_points_only_is_a_mesh_without_faces(tmp_path: Path) -> None:
+    file = tmp_path / "points.ply"
+    trimesh.PointCloud(CUBE).export(file)
+    mesh = shapes.Mesh.from_file(str(file))
+    assert mesh.faces.shape == (0, 3)
+    assert mesh.local_box[2] == pytest.approx([1.0, 1.0, 1.0])
+
+
+def test_the_unit_of_a_dae_file_counts(tmp_path: Path) -> None:
+    file = tmp_path / "box.dae"
+    trimesh.creation.box((1.0, 2.0, 3.0)).export(file)
+    text = file.read_text()
+    assert "<unit" not in text
+    file.write_text(text.replace("</created>", '</created><unit name="cm" meter="0.01"/>'))
+    mesh = shapes.Mesh.from_file(file)
+    assert np.sort(mesh.local_box[2]) == pytest.approx([0.005, 0.01, 0.015])
+
+
+def test_files_that_cannot_be_read_are_refused_by_name(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=r"nowhere\.stl: there is no such file"):
+        shapes.Mesh.from_file(tmp_path / "nowhere.stl")
+    for name, content in (("bad.obj", b""), ("bad.stl", b"not a mesh"), ("bad.glb", b"glTF")):
+        (tmp_path / name).write_bytes(content)
+        with pytest.raises(ValueError, match=rf"mesh file .*{name}: "):
+            shapes.Mesh.from_file(tmp_path / name)
+    (tmp_path / "mesh.xyzzy").write_bytes(b"0 0 0")
+    with pytest.raises(ValueError, match="it can't be read"):
+        shapes.Mesh.from_file(tmp_path / "mesh.xyzzy")
+    (tmp_path / "nan.obj").write_text("v 0 0 nan\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    with pytest.raises(ValueError, match=r"nan\.obj: vertices must be finite"):
+        shapes.Mesh.from_file(tmp_path / "nan.obj")
+    with pytest.raises(ValueError, match="only paths, file:// and package://"):
+        shapes.Mesh.from_file("http://localhost/mesh.stl")
+
+
+def test_dae_without_pycollada_says_what_is_missing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = tmp_path / "box.dae"
+    file.write_text("<COLLADA/>")
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    with pytest.raises(ValueError, match="pycollada"):
+        shapes.Mesh.from_file(file)
+
+
+def test_package_uris_are_looked_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def share(package: str) -> str:
+        if package != "my_robot":
+            raise LookupError(f"package '{package}' not found")
+        return str(tmp_path)
+
+    index = ModuleType("ament_index_python.packages")
+    index.get_package_share_directory = share  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, "ament_index_python", ModuleType("ament_index_python"))
+    monkeypatch.setitem(sys.modules, "ament_index_python.packages", index)
+    (tmp_path / "meshes").mkdir()
+    trimesh.creation.box((1.0, 1.0, 1.0)).export(tmp_path / "meshes" / "a box.stl")
+    mesh = shapes.Mesh.from_file("package://my_robot/meshes/a%20box.stl")
+    assert mesh.local_box[2] == pytest.approx([0.5, 0.5, 0.5])
+    with pytest.raises(ValueError, match="package 'other' not found"):
+        shapes.Mesh.from_file("package://other/meshes/box.stl")
+
+
+def test_package_uris_without_ros_say_what_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
+    real = builtins.__import__
+
+    def without_ros(name: str, *args: object, **kwargs: object) -> object:
+        if name.startswith("ament_index_python"):
+            raise ImportError(name)
+        return real(name, *args, **kwargs)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(builtins, "__import__", without_ros)
+    with pytest.raises(ValueError, match="needs ament_index_python"):
+        shapes.Mesh.from_file("package://my_robot/meshes/box.stl")
+
+
+def test_known_point_sets_as_hulls() -> None:
+    file = Path(__file__).parents[2] / "data" / "fit_point_sets.json"
+    for case in json.loads(file.read_text()):
+        points = np.array(case["points"])
+        assert_contains(shapes.Hull(points, (0.1, 3.0, 1.0)), points)

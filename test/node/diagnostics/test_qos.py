@@ -1,0 +1,124 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""QoS of the node's endpoints: what fits whom, and what parameters change."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+from rclpy.context import Context
+from rclpy.parameter import Parameter, parameter_dict_from_yaml_file
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos_overriding_options import InvalidQosOverridesError
+from rig import DOMAIN, NAMESPACE, Rig, cube
+from sensor_msgs.msg import PointCloud2
+
+from obb_collision.node.node import CollisionNode
+from obb_collision.node.outputs.outputs import LATCHED, RELIABLE
+
+A1 = ("a", 1)
+BEST_EFFORT, RELIABLY = ReliabilityPolicy.BEST_EFFORT, ReliabilityPolicy.RELIABLE
+LATCHING = DurabilityPolicy.TRANSIENT_LOCAL
+
+
+def overrides(topic: str, **policies: Any) -> dict[str, Any]:
+    """Return parameters that override the QoS of an endpoint, "TOPIC.KIND"."""
+    name, _, kind = topic.rpartition(".")
+    return {f"qos_overrides.{name}.{kind}.{policy}": value for policy, value in policies.items()}
+
+
+def test_points_arrive_from_a_driver_that_sends_best_effort() -> None:
+    with Rig(sure_points=False) as rig:
+        rig.client.destroy_publisher(rig.pubs["points"])
+        qos = QoSProfile(depth=5, reliability=BEST_EFFORT)
+        driver = rig.pubs["points"] = rig.client.create_publisher(PointCloud2, "points", qos)
+        rig.until(driver.get_subscription_count, "match")
+        rig.listen("points_inside")
+        rig.send(cube(A1))
+        rig.answer()
+
+        def inside() -> Any:  # best effort: sent again until it arrives
+            rig.send_points(np.zeros((3, 3)))
+            rig.executor.spin_once(timeout_sec=0.05)
+            message = rig.last.get("points_inside")
+            return message is not None and message.width == 1
+
+        rig.until(inside, "points in the box")
+
+
+def test_overrides_are_named_by_the_full_topic_of_a_node_in_a_namespace() -> None:
+    given = overrides(f"{NAMESPACE}/objects.subscription", depth=7, reliability="best_effort")
+    given |= overrides(f"{NAMESPACE}/collisions.publisher", depth=3, reliability="best_effort")
+    given |= overrides(f"{NAMESPACE}/contacts.publisher", durability="transient_local")
+    given |= overrides("/diagnostics.publisher", depth=2)
+    with Rig(given=given, deaf=True) as rig:
+        objects = rig.node._subscribed.open["objects"].qos_profile
+        ends = {topic: end.qos_profile for topic, end in rig.node._outputs.ends.items()}
+        assert (objects.depth, objects.reliability) == (7, BEST_EFFORT)
+        assert (ends["collisions"].depth, ends["collisions"].reliability) == (3, BEST_EFFORT)
+        assert ends["contacts"].durability == LATCHING
+        assert ends["/diagnostics"].depth == 2
+        # the others are as they were: profiles are not shared
+        assert (ends["clearances"].depth, ends["clearances"].reliability) == (10, RELIABLY)
+        assert ends["clearances"].durability == DurabilityPolicy.VOLATILE
+    assert (RELIABLE.depth, RELIABLE.reliability) == (10, RELIABLY)
+    assert (LATCHED.depth, LATCHED.durability) == (1, LATCHING)
+
+
+def test_overrides_in_a_parameter_file_are_those_that_the_node_declares(tmp_path: Path) -> None:
+    file = tmp_path / "parameters.yaml"
+    file.write_text(
+        f"""
+/**:
+  ros__parameters:
+    qos_overrides:
+      {NAMESPACE}/points:
+        subscription:
+          reliability: reliable
+"""
+    )
+    read = parameter_dict_from_yaml_file(str(file), use_wildcard=True)
+    assert list(read) == list(overrides(f"{NAMESPACE}/points.subscription", reliability="reliable"))
+    with Rig(given={name: message.value.string_value for name, message in read.items()}) as rig:
+        assert rig.node._subscribed.open["points"].qos_profile.reliability == RELIABLY
+
+
+@pytest.mark.parametrize(
+    ("policies", "reason"),
+    [
+        ({"depth": -3}, "depth must be 1 to 100000, not -3"),
+        ({"depth": 100_001}, "depth must be 1 to 100000, not 100001"),
+        ({"depth": 10**12}, "depth must be 1 to 100000, not 1000000000000"),
+        ({"durability": "unknown"}, "unknown is no"),
+    ],
+)
+def test_overrides_out_of_range_are_refused_with_the_reason(
+    policies: dict[str, Any], reason: str
+) -> None:
+    for end in ("objects.subscription", "collisions.publisher"):
+        context = Context()
+        context.init(domain_id=DOMAIN)
+        given = [
+            Parameter(name, value=value)
+            for name, value in overrides(f"{NAMESPACE}/{end}", **policies).items()
+        ]
+        with pytest.raises(InvalidQosOverridesError, match=reason):
+            CollisionNode(context=context, namespace=NAMESPACE, parameter_overrides=given)
+        context.shutdown()

@@ -1,0 +1,216 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Staleness, diagnostics, services, parameters and how the node is run."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+from rclpy.context import Context
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rig import DOMAIN, NAMESPACE, Rig, color, cube, pose
+from sensor_msgs.msg import PointCloud2
+from std_msgs.msg import Bool
+from std_srvs.srv import SetBool, Trigger
+
+from obb_collision.node import collisions_from_ros
+from obb_collision.node.messages.box_markers import COLORS
+
+A1, A2, B1 = ("a", 1), ("a", 2), ("b", 1)
+NAN = float("nan")
+
+
+@pytest.mark.parametrize("policy", ["keep", "ignore"])
+def test_stale_objects_are_kept_or_ignored_but_always_reported(policy: str) -> None:
+    with Rig(object_timeout=0.3, stale_policy=policy, marker_rate=100.0) as rig:
+        rig.listen("/diagnostics", "obb_collision/markers")
+        rig.send(cube(A1), cube(A2, (0.5, 0, 0)), cube(B1, (9, 0, 0)))
+        assert rig.pairs() == {("a/1", "a/2")}
+        table = rig.node.objects.table
+        rig.until(lambda: np.count_nonzero(table.stale) == 3, "stale")
+        wanted = 1 if policy == "keep" else 0  # one on its way was made before they were stale
+        rig.until(lambda: len(collisions_from_ros(rig.next("collisions"))) == wanted, "answer")
+        assert len(collisions_from_ros(rig.next("collisions"))) == wanted
+        status = rig.status(": objects")
+        assert (status["stale"], status["count"], status["level"]) == ("3", "3", "01")
+        markers = {(m.ns, m.id): m for m in rig.next("obb_collision/markers").markers}
+        assert color(markers[B1]) == COLORS[2]
+        rig.send_states(["a/1", "a/2"], [pose(0.0), pose(0.6)])
+        assert rig.pairs() == {("a/1", "a/2")}, "a new state ends it"
+
+
+def test_diagnostics_say_what_came_in_what_was_refused_and_how_long_it_took(rig: Rig) -> None:
+    rig.listen("/diagnostics")
+    rig.send(cube(A1), cube(A2), cube(B1, (9, 0, 0), (0, 0, 0)))
+    rig.answer()
+    rig.next("/diagnostics")
+    status = rig.status("input objects")
+    assert status["topic"] == NAMESPACE + "/objects"
+    assert status["messages"] == "1"
+    assert status["rejected: bad scale"] == "1"
+    assert float(status["age (s)"]) >= 0.0
+    assert rig.status("input object_poses")["age (s)"] == "never"
+    objects = rig.status(": objects")
+    assert (objects["count"], objects["colliding"], objects["unplaceable"]) == ("2", "2", "1")
+    cycle = rig.status(": cycle")
+    assert {"rate (Hz)", "overruns", "cycle mean (ms)", "cycle max (ms)"} <= set(cycle)
+    assert {"update mean (ms)", "check mean (ms)", "publish max (ms)"} <= set(cycle)
+    assert rig.last["/diagnostics"].status[0].hardware_id == "obb_collision"
+
+
+def test_a_sender_with_incompatible_qos_is_reported(rig: Rig) -> None:
+    rig.listen("/diagnostics")
+    qos = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+    rig.client.create_publisher(PointCloud2, "object_poses", qos)
+    rig.until(lambda: rig.status(": qos").get("object_poses"), "mismatch")
+    assert rig.status("input object_poses")["qos mismatches"] == "1"
+    assert "incompatible QoS on object_poses" in rig.status(": qos")["message"]
+
+
+@contextmanager
+def other_participant() -> Iterator[Node]:
+    """Yield a node that may use a topic with another type, as that of another process may."""
+    context = Context()
+    context.init(domain_id=DOMAIN)
+    node = Node("other", context=context, namespace=NAMESPACE)
+    try:
+        yield node
+    finally:
+        node.destroy_node()
+        context.try_shutdown()
+
+
+def test_a_listener_with_incompatible_qos_or_type_is_reported(
+    rig: Rig, capfd: pytest.CaptureFixture[str]
+) -> None:
+    rig.listen("/diagnostics")
+    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    rig.client.create_subscription(PointCloud2, "contacts", lambda message: None, latched)
+    with other_participant() as other:
+        other.create_subscription(Bool, "clearances", lambda message: None, 1)
+        wrong = {"contacts", "clearances"}
+        rig.until(lambda: wrong <= set(rig.status(": qos")), "mismatches")
+    assert rig.node._effects.of_cycle().isdisjoint({"contacts", "clearance"})
+    errors = capfd.readouterr().err
+    assert "DURABILITY" in errors
+    assert "type std_msgs/msg/Bool of other" in errors
+
+
+def test_clear_removes_everything(rig: Rig) -> None:
+    rig.send(cube(A1), cube(A2))
+    rig.answer()
+    response = rig.call(Trigger, "obb_collision/clear", Trigger.Request())
+    assert (response.success, response.message) == (True, "2 objects removed")
+    assert len(collisions_from_ros(rig.next("collisions"))) == 0
+    rig.send(cube(A1, (0.2, 0, 0)))
+    assert rig.pairs() == set()
+
+
+def test_enable_stops_and_resumes_the_checks_while_states_are_taken(rig: Rig) -> None:
+    rig.listen("/diagnostics")
+    rig.send(cube(A1), cube(A2, (3, 0, 0)))
+    rig.answer()
+    assert rig.call(SetBool, "obb_collision/enable", SetBool.Request(data=False)).success
+    status = rig.status(": cycle")
+    assert (status["enabled"], status["level"]) == ("False", "01")
+    rig.last.pop("collisions", None)
+    rig.send_transform("a/2", pose(0.5))
+    slot = rig.node.objects.table.slots[A2]
+    rig.until(lambda: rig.node.objects.table.world[slot][0] == 0.5, "state taken")
+    assert "collisions" not in rig.last
+    assert rig.call(SetBool, "obb_collision/enable", SetBool.Request(data=True)).success
+    assert rig.pairs() == {("a/1", "a/2")}
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "reason"),
+    [
+        ("rate", 0.0, "range"),
+        ("rate", NAN, "range"),
+        ("rate", 10, "type"),
+        ("padding", -0.1, "range"),
+        ("object_timeout", float("inf"), "range"),
+        ("stale_policy", "forget", "one of keep, ignore"),
+        ("trigger", "", "one of timer, arrival"),
+        ("max_objects", 0, "range"),
+        ("fixed_frame", "odom", "read-only"),
+    ],
+)
+def test_wrong_parameters_are_refused_with_a_reason(
+    rig: Rig, name: str, value: Any, reason: str
+) -> None:
+    before = rig.node.get_parameter(name).value
+    (result,) = rig.set(**{name: value})
+    assert not result.successful
+    assert reason in result.reason
+    assert rig.node.get_parameter(name).value == before
+
+
+def test_every_parameter_has_a_description_and_numbers_a_range(rig: Rig) -> None:
+    for name in rig.node._parameters:
+        if name in ("use_sim_time", "start_type_description_service") or "qos_" in name:
+            continue
+        descriptor = rig.node.describe_parameter(name)
+        assert len(descriptor.description) > 20, name
+        value = rig.node.get_parameter(name).value
+        if isinstance(value, float):
+            assert descriptor.floating_point_range, name
+        elif isinstance(value, int) and not isinstance(value, bool):
+            assert descriptor.integer_range, name
+
+
+def test_the_rate_changes_at_run_time(rig: Rig) -> None:
+    rig.listen("/diagnostics")
+    assert all(result.successful for result in rig.set(rate=5.0))
+    rig.next("/diagnostics")
+    rig.until(lambda: 2.0 < float(rig.status(": cycle")["rate (Hz)"]) < 9.0, "slower")
+
+
+def test_arrival_answers_without_waiting_for_the_timer() -> None:
+    with Rig(trigger="arrival", rate=0.1, min_period=0.0) as rig:
+        rig.send(cube(A1), cube(A2, (3, 0, 0)))
+        assert rig.pairs() == set()
+        for x in (0.5, 3.0, 0.25):
+            rig.send_poses([2], [pose(x)])
+            assert rig.pairs() == ({("a/1", "a/2")} if x < 1 else set())
+
+
+def test_a_burst_of_arrivals_ends_with_the_newest_state_evaluated() -> None:
+    with Rig(trigger="arrival", rate=0.1, min_period=0.05) as rig:
+        rig.send(cube(A1), cube(A2, (3, 0, 0)))
+        for x in np.linspace(3.0, 0.5, 40):
+            rig.send_transform("a/2", pose(x))
+        assert rig.pairs() == {("a/1", "a/2")}
+
+
+def test_two_nodes_in_namespaces_do_not_meet() -> None:
+    with Rig() as rig:
+        from obb_collision.node.node import CollisionNode
+
+        other = CollisionNode(context=rig.context, namespace="cell")
+        try:
+            assert other._outputs.publishers["collisions"].topic_name == "/cell/collisions"
+            assert other._outputs.publishers["markers"].topic_name == "/cell/obb_collision/markers"
+            assert other._outputs.publishers["diagnostics"].topic_name == "/diagnostics"
+            assert other._monitors["objects"].topic == "/cell/objects"
+        finally:
+            other.destroy_node()

@@ -1,0 +1,224 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Messages taken together come to what they come to one after another."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+pytest.importorskip("rclpy")
+from builtin_interfaces.msg import Duration
+from rclpy.serialization import serialize_message
+from rig import cube
+from visualization_msgs.msg import Marker, MarkerArray
+
+from obb_collision.node.inputs.marker_batch import (
+    Gathered,
+    find_faults,
+    gather,
+    join,
+    remaining,
+    settle,
+)
+from obb_collision.node.messages.conversions import Key, stamp_to_ros
+from obb_collision.node.messages.errors import RefusedError
+from obb_collision.node.messages.marker_scan import scan_markers
+
+SECOND = 1_000_000_000
+ANY = 1 << 62
+"""A tolerance for stamps that believes each."""
+NAMESPACES = ["", "a", "b"]
+
+
+class Action(NamedTuple):
+    """A marker of a test: kind is add, bad, delete or all."""
+
+    kind: str
+    ns: str
+    id: int
+    stamp: int
+    lifetime: int
+
+
+actions = st.builds(
+    Action,
+    kind=st.sampled_from(["add", "add", "add", "bad", "delete", "all"]),
+    ns=st.sampled_from(NAMESPACES),
+    id=st.integers(-1, 1),
+    stamp=st.integers(0, 3),
+    lifetime=st.sampled_from([0, 0, 1, 5]),
+)
+messages = st.lists(st.lists(actions, max_size=6), min_size=1, max_size=5)
+
+
+def marker_of(action: Action) -> Marker:
+    """Return the marker; what is bad has no size."""
+    marker = cube((action.ns, action.id), size=(0, 1, 1) if action.kind == "bad" else (1, 1, 1))
+    marker.action = {"delete": Marker.DELETE, "all": Marker.DELETEALL}.get(action.kind, Marker.ADD)
+    marker.header.stamp = stamp_to_ros(action.stamp)
+    marker.lifetime = Duration(sec=action.lifetime)
+    return marker
+
+
+def coalesced(sent: list[list[Action]], now: int) -> Gathered:
+    """Return what is left of messages if all that wait are coalesced after each; x is the row."""
+    kept, count = None, 0
+    for number, one in enumerate(sent):
+        markers = [marker_of(action) for action in one]
+        for marker in markers:
+            marker.pose.position.x = float(count)
+            count += 1
+        scan = scan_markers(serialize_message(MarkerArray(markers=markers)))
+        new = gather([scan], [number * SECOND], number)
+        joined = new if kept is None else join(kept, new)
+        outcome = settle(joined, find_faults(joined, lambda frame: 0), now * SECOND, ANY)
+        kept = remaining(joined, outcome)
+    assert kept is not None
+    return kept
+
+
+def gathered(sent: list[list[Action]]) -> Gathered:
+    """Return messages, received a second apart."""
+    arrays = [MarkerArray(markers=[marker_of(action) for action in one]) for one in sent]
+    scans = [scan_markers(serialize_message(message)) for message in arrays]
+    return gather(scans, [number * SECOND for number in range(len(scans))])
+
+
+class Model:
+    """What one marker after another does to objects that are all there at the beginning."""
+
+    def __init__(self, ended: set[int]) -> None:
+        keys = [(ns, number) for ns in NAMESPACES for number in (-1, 0, 1)]
+        self.rows: dict[Key, int] = dict.fromkeys(keys, -1)  # -1: as it was
+        self.order: dict[Key, int] = {}
+        self.doubtful: dict[Key, int] = {}
+        self._ended = ended
+
+    def apply(self, row: int, action: Action) -> None:
+        key = action.ns, action.id
+        if action.kind == "all":
+            for other in [other for other in self.rows if action.ns in ("", other[0])]:
+                self._remove(other)
+            for other in [other for other in self.doubtful if action.ns in ("", other[0])]:
+                self._remove(other)
+        elif action.kind == "delete" or (action.kind == "add" and row in self._ended):
+            self._remove(key)
+        elif action.kind == "bad":
+            self.doubtful[key] = row
+        elif not 0 < action.stamp < self.order.get(key, 0):
+            self.rows[key] = row
+            self.order[key] = action.stamp or self.order.get(key, 0)
+            self.doubtful.pop(key, None)
+
+    def _remove(self, key: Key) -> None:
+        for table in (self.rows, self.order, self.doubtful):
+            table.pop(key, None)
+
+
+def outlived(sent: list[list[Action]], now: int) -> set[int]:
+    """Rows whose lifetime was over before ``now`` (s), with a later message about the namespace."""
+    rows, numbered = set(), []
+    for part, one in enumerate(sent):
+        numbered += [(part, action) for action in one]
+    for row, (part, action) in enumerate(numbered):
+        later = any(p > part and a.ns == action.ns and a.kind == "add" for p, a in numbered)
+        if action.kind == "add" and action.lifetime and part + action.lifetime <= now and later:
+            rows.add(row)
+    return rows
+
+
+@settings(max_examples=400)
+@given(messages, st.integers(0, 8))
+def test_a_backlog_comes_to_what_its_messages_come_to_in_order(
+    sent: list[list[Action]], now: int
+) -> None:
+    markers = gathered(sent)
+    model = Model(outlived(sent, now))
+    for row, action in enumerate(action for one in sent for action in one):
+        model.apply(row, action)
+    assert results(markers, sent, now, np.arange(len(markers))) == (model.rows, model.doubtful)
+    left = coalesced(sent, now)
+    assert results(left, sent, now, left.poses[:, 0]) == (model.rows, model.doubtful)
+
+
+def results(
+    markers: Gathered, sent: list[list[Action]], now: int, numbers: npt.NDArray[Any]
+) -> tuple[dict[Key, int], dict[Key, int]]:
+    """Return the number of the marker that each object has in the end, and of that it refused."""
+    found = settle(markers, find_faults(markers, lambda frame: 0), now * SECOND, ANY)
+    rows = {(ns, number): -1 for ns in NAMESPACES for number in (-1, 0, 1)}
+    for action in (action for one in sent for action in one if action.kind == "all"):
+        rows = {key: row for key, row in rows.items() if action.ns not in ("", key[0])}
+    doubtful = {}
+    for index, first in enumerate(found.first.tolist()):
+        key, winner, bad = markers.key(first), found.winner[index], found.bad[index]
+        if found.removed[index]:
+            rows.pop(key, None)
+        if winner >= 0:
+            rows[key] = int(numbers[winner])
+        if bad >= 0:
+            doubtful[key] = int(numbers[bad])
+    return rows, doubtful
+
+
+def test_states_before_the_last_one_are_at_hand_where_that_cannot_be_built() -> None:
+    sent = [Action("add", "a", 1, stamp, 0) for stamp in (0, 2, 1, 3)]
+    markers = gathered([sent[:2], sent[2:]])
+    found = settle(markers, find_faults(markers, lambda frame: 0), 0, ANY)
+    assert found.winner.tolist() == [3]
+    assert found.previous.tolist() == [-1, 0, -1, 1]
+    assert found.late.tolist() == [False, False, True, False]
+
+
+def test_what_is_wrong_is_said_by_reason() -> None:
+    def refuse(frame: str) -> int:
+        if frame == "nowhere":
+            raise RefusedError("unknown frame")
+        return 0
+
+    good = Action("add", "a", 1, 1, 0)
+    markers = [marker_of(good) for _ in range(9)]
+    markers[1].pose.position.x = float("nan")
+    markers[2].pose.orientation.w = 0.0
+    markers[3].header.frame_id = "nowhere"
+    markers[4].ns = "x" * 256
+    markers[5].action = 7
+    markers[6].header.stamp.sec = -1
+    markers[7].scale.z = -1.0
+    markers[8].type, markers[8].scale.z = Marker.TRIANGLE_LIST, -1.0  # seen when it is built
+    scan = scan_markers(serialize_message(MarkerArray(markers=markers)))
+    faults = find_faults(gather([scan], [0]), refuse)
+    reasons = [None if n < 0 else faults.errors[n].reason for n in faults.number.tolist()]
+    assert reasons == [
+        *(None, "bad pose", "zero quaternion", "unknown frame", "bad name", "unknown action"),
+        *("bad stamp", "bad scale", None),
+    ]
+    assert [faults.of_shape[n] for n in faults.number.tolist() if n >= 0] == [
+        *(False, False, False, True, True, False, True)
+    ]
+
+
+def test_names_are_told_apart_by_their_bytes() -> None:
+    data = serialize_message(MarkerArray(markers=[Marker(ns="abc"), Marker(ns="abd")]))
+    scan = scan_markers(data.replace(b"abc", b"a\xffc").replace(b"abd", b"a\xfec"))
+    markers = gather([scan, scan], [0, 1])
+    assert markers.ns.tolist() == [0, 1, 0, 1]
+    assert {error.reason for error in markers.bad_namespaces.values()} == {"bad name"}

@@ -1,0 +1,220 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What the node refuses: alone, counted by reason, and never taken as free."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+from geometry_msgs.msg import Twist
+from rig import Rig, cube, pose, sync
+from sensor_msgs.msg import PointCloud2, PointField
+from visualization_msgs.msg import Marker
+
+from obb_collision.node import namespace_number, poses_to_ros
+from obb_collision.node.messages.conversions import states_to_ros
+
+A1, A2, B1 = ("a", 1), ("a", 2), ("b", 1)
+NAN = float("nan")
+
+
+BAD_POSES = {
+    "bad pose": [0.0, NAN, 0.0, 0.0, 0.0, 0.0, 1.0],
+    "zero quaternion": [0.0] * 7,
+}
+SENDERS = {
+    "object_transform": lambda rig, name, number, row: rig.send_transform(name, row),
+    "object_states": lambda rig, name, number, row: rig.send_states(
+        [name, "a/2"], [row, pose(3.5)]
+    ),
+    "object_poses": lambda rig, name, number, row: rig.send_poses(
+        [number, 2], [row, pose(3.5)], [namespace_number("a")] * 2
+    ),
+}
+
+
+@pytest.mark.parametrize("reason", BAD_POSES)
+@pytest.mark.parametrize("topic", SENDERS)
+def test_a_bad_pose_is_refused_alone_and_its_object_keeps_colliding(
+    rig: Rig, topic: str, reason: str
+) -> None:
+    rig.send(cube(A1), cube(A2, (3, 0, 0)), cube(B1, (0.5, 0, 0)))
+    assert rig.pairs() == {("a/1", "b/1")}
+    SENDERS[topic](rig, "a/1", 1, BAD_POSES[reason])
+    rig.until(lambda: rig.refused(topic), "refusal")
+    assert rig.refused(topic) == {reason: 1}
+    assert sync(rig) == {("a/1", "b/1")}
+    slot, other = (rig.node.objects.table.slots[key] for key in (A1, A2))
+    assert rig.node.objects.doubtful[slot]
+    assert not rig.node.objects.doubtful[other]
+    moved = topic != "object_transform"
+    assert rig.node.objects.table.world[other][0] == (3.5 if moved else 3.0)
+    rig.send_transform("a/1", pose(0.0))
+    assert rig.pairs() == {("a/1", "b/1")}
+    assert not rig.node.objects.doubtful[slot], "a good pose clears the doubt"
+
+
+@pytest.mark.parametrize("topic", SENDERS)
+def test_unknown_objects_are_refused_alone(rig: Rig, topic: str) -> None:
+    rig.send(cube(A1, (3, 0, 0)), cube(A2))
+    rig.answer()
+    SENDERS[topic](rig, "a/99", 99, pose(0.0))
+    rig.until(lambda: rig.refused(topic), "refusal")
+    assert rig.refused(topic) == {"unknown object": 1}
+    assert sync(rig) == (set() if topic == "object_transform" else {("a/1", "a/2")})
+
+
+@pytest.mark.parametrize("topic", SENDERS)
+def test_poses_in_an_unknown_frame_are_refused_and_their_objects_marked(
+    rig: Rig, topic: str
+) -> None:
+    rig.send(cube(A1), cube(A2, (0.5, 0, 0)))
+    rig.answer()
+    if topic == "object_transform":
+        rig.send_transform("a/1", pose(9.0), "nowhere")
+    elif topic == "object_states":
+        rig.send_states(["a/1"], [pose(9.0)], "nowhere")
+    else:
+        rig.send_poses([1], [pose(9.0)], frame="nowhere")
+    rig.until(lambda: rig.refused(topic), "refusal")
+    assert rig.refused(topic) == {"unknown frame": 1}
+    assert sync(rig) == {("a/1", "a/2")}
+    assert rig.node.objects.doubtful[rig.node.objects.table.slots[A1]]
+
+
+def text_marker() -> Marker:
+    return cube(A1, type=Marker.TEXT_VIEW_FACING, text="hello")
+
+
+def in_nowhere() -> Marker:
+    marker = cube(A1)
+    marker.header.frame_id = "nowhere"
+    return marker
+
+
+def with_pose(*values: float) -> Marker:
+    marker = cube(A1, values[:3])
+    q = marker.pose.orientation
+    q.x, q.y, q.z, q.w = values[3:]
+    return marker
+
+
+BAD_MARKERS = {
+    "bad scale": [
+        lambda: cube(A1, size=(0, 1, 1)),
+        lambda: cube(A1, size=(1, -1, 1)),
+        lambda: cube(A1, size=(1, NAN, 1)),
+    ],
+    "bad pose": [lambda: with_pose(NAN, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)],
+    "zero quaternion": [lambda: with_pose(*[0.0] * 7)],
+    "unknown frame": [in_nowhere],
+    "unknown marker type": [lambda: cube(A1, type=77)],
+    "unknown action": [lambda: cube(A1, action=1)],
+    "unreadable mesh": [
+        lambda: cube(A1, type=Marker.MESH_RESOURCE, mesh_resource="file:///none.stl")
+    ],
+    "no points": [lambda: cube(A1, type=Marker.TRIANGLE_LIST)],
+}
+
+
+@pytest.mark.parametrize("reason", BAD_MARKERS)
+def test_a_bad_marker_is_refused_alone_and_never_taken_as_free(rig: Rig, reason: str) -> None:
+    makers = BAD_MARKERS[reason]
+    rig.listen("/diagnostics")
+    for make in makers:
+        rig.send(make(), cube(A2, (0.5, 0, 0)))
+        assert rig.pairs() == set(), "the rest of the message is used"
+    rig.until(lambda: rig.refused("objects"), "refusal")  # what is built is refused later
+    assert rig.refused("objects") == {reason: len(makers)}
+    assert rig.node.objects.unplaceable == {A1: reason}
+    status = rig.status(": objects")
+    assert status["unplaceable"] == "1"
+    assert status["names unplaceable"] == "a/1"
+    assert status[f"unplaceable: {reason}"] == "1"
+    rig.send(cube(A1))
+    assert rig.pairs() == {("a/1", "a/2")}
+    assert rig.node.objects.unplaceable == {}
+    for make in makers:
+        rig.send(make())
+    assert sync(rig) == {("a/1", "a/2")}, "the last good box stays"
+    rig.until(lambda: rig.refused("objects")[reason] == 2 * len(makers), "refusals")
+    assert rig.node.objects.doubtful[rig.node.objects.table.slots[A1]]
+
+
+def test_annotations_are_counted_as_refused_and_no_objects_that_are_not_checked(rig: Rig) -> None:
+    rig.send(text_marker(), cube(A2), cube(B1, type=Marker.ARROW_STRIP))
+    assert rig.pairs() == set()
+    assert rig.refused("objects") == {"no body": 2}
+    assert rig.node.objects.unplaceable == {}
+
+
+def test_objects_beyond_the_limit_are_refused_and_reported() -> None:
+    with Rig(max_objects=2) as rig:
+        rig.send(cube(A1), cube(A2, (0.5, 0, 0)), cube(B1, (0.6, 0, 0)))
+        assert rig.pairs() == {("a/1", "a/2")}
+        assert rig.refused("objects") == {"too many objects": 1}
+        assert rig.node.objects.unplaceable == {B1: "too many objects"}
+        rig.set(max_objects=3)
+        rig.send(cube(B1, (0.6, 0, 0)))
+        assert len(rig.pairs()) == 3
+
+
+def test_mismatched_lengths_in_states_refuse_the_message_and_mark_its_objects(rig: Rig) -> None:
+    rig.send(cube(A1), cube(A2, (0.5, 0, 0)))
+    rig.answer()
+    message = states_to_ros(["a/1"], np.array([pose(9.0)]), rig.header())
+    message.joint_names = ["a/1", "a/2"]
+    rig.pubs["object_states"].publish(message)
+    rig.until(lambda: rig.refused("object_states"), "refusal")
+    assert rig.refused("object_states") == {"array lengths differ": 1}
+    assert sync(rig) == {("a/1", "a/2")}
+    assert np.count_nonzero(rig.node.objects.doubtful) == 2
+
+
+def test_a_twist_list_of_another_length_is_counted_and_the_poses_are_used(rig: Rig) -> None:
+    rig.send(cube(A1), cube(A2, (3, 0, 0)))
+    message = states_to_ros(["a/1"], np.array([pose(3.0)]), rig.header())
+    message.twist = [Twist(), Twist()]
+    rig.pubs["object_states"].publish(message)
+    assert rig.pairs() == {("a/1", "a/2")}
+    assert rig.refused("object_states") == {"array lengths differ": 1}
+
+
+def test_clouds_of_a_wrong_layout_are_refused(rig: Rig) -> None:
+    rig.send(cube(A1), cube(A2, (0.5, 0, 0)))
+    rig.answer()
+    message = poses_to_ros([1], [pose(9.0)])
+    for field in message.fields:
+        if field.name == "qw":
+            field.datatype = PointField.INT32
+    rig.pubs["object_poses"].publish(message)
+    rig.pubs["object_poses"].publish(PointCloud2())
+    rig.until(lambda: rig.refused("object_poses").get("field layout") == 2, "refusals")
+    assert sync(rig) == {("a/1", "a/2")}
+
+
+def test_an_unknown_frame_spoils_nothing_else_of_its_message(rig: Rig) -> None:
+    scene = cube(A1), cube(B1, (0.5, 0, 0))
+    rig.send(*scene)
+    assert rig.pairs() == {("a/1", "b/1")}
+    elsewhere = cube(A2)
+    elsewhere.header.frame_id = "nowhere"
+    for _ in range(2):
+        rig.send(Marker(action=Marker.DELETEALL), *scene, elsewhere)
+        assert rig.pairs() == {("a/1", "b/1")}
+    assert rig.refused("objects") == {"unknown frame": 2}
+    assert rig.node.guard.total == 0

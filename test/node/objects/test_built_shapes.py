@@ -1,0 +1,413 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Shapes that take time: built beside the cycles, waited for, renewed, superseded and refused."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import tempfile
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+import trimesh
+from geometry_msgs.msg import Point
+from rig import PATIENCE, Rig, cube, pose, sync
+from std_srvs.srv import Trigger
+from visualization_msgs.msg import Marker
+
+from obb_collision.geometry.shapes import meshes
+from obb_collision.node.objects import shape_requests
+from obb_collision.scene.building import tree_bank
+from obb_collision.scene.building.process import Limits
+from obb_collision.scene.building.wire import Message
+
+BOX, BODY, OTHER = ("box", 1), ("body", 1), ("body", 2)
+PAIR = {("box/1", "body/1")}
+
+
+def named(pairs: set[tuple[str, str]]) -> set[frozenset[str]]:
+    """Pairs whatever their order."""
+    return {frozenset(pair) for pair in pairs}
+
+
+def triangle(
+    key: tuple[str, int] = BODY, size: float = 1.0, x: float = 0.0, **fields: Any
+) -> Marker:
+    """Return a TRIANGLE_LIST marker: one triangle, from the origin along x and y."""
+    corners = ((0.0, 0.0), (size, 0.0), (0.0, size))
+    points = [Point(x=u, y=v, z=0.0) for u, v in corners]
+    return cube(key, (x, 0.0, 0.0), type=Marker.TRIANGLE_LIST, points=points, **fields)
+
+
+def mesh_marker(path: Path | str, key: tuple[str, int] = BODY, **fields: Any) -> Marker:
+    uri = path if isinstance(path, str) else path.as_uri()
+    return cube(key, type=Marker.MESH_RESOURCE, mesh_resource=uri, **fields)
+
+
+class Gate:
+    """Holds up what is built by a node until it is opened; counts the jobs."""
+
+    def __init__(self, rig: Rig) -> None:
+        self.opened = threading.Event()
+        self.jobs: list[str] = []
+        self.process = rig.node.objects.builder._process
+        self._run = self.process.run
+        self.process.run = self.run  # type: ignore[method-assign]
+
+    def run(self, message: Message, limits: Limits) -> Message:
+        assert self.opened.wait(PATIENCE)
+        self.jobs.append(message["job"])
+        return self._run(message, limits)
+
+    def open(self) -> None:
+        self.opened.set()
+
+
+@pytest.fixture
+def gate(rig: Rig) -> Iterator[Gate]:
+    made = Gate(rig)
+    yield made
+    made.open()
+
+
+def doubtful(rig: Rig, key: tuple[str, int]) -> bool:
+    return bool(rig.node.objects.doubtful[rig.node.objects.table.slots[key]])
+
+
+def gone(rig: Rig, key: tuple[str, int]) -> None:
+    rig.until(lambda: key not in rig.node.objects.table.slots, f"{key} to be gone")
+
+
+def test_a_new_object_is_unplaceable_until_its_shape_is_there(rig: Rig, gate: Gate) -> None:
+    rig.listen("/diagnostics", "obb_collision/markers")
+    rig.send(cube(BOX), triangle())
+    assert rig.pairs() == set()
+    status = rig.status(": objects")
+    assert status["unplaceable: shape being built"] == status["unplaceable"] == "1"
+    assert status["names unplaceable"] == "body/1"
+    assert "1 unplaceable (not checked)" in status["message"]
+    drawn = rig.next("obb_collision/markers").markers
+    assert [(marker.ns, marker.id) for marker in drawn] == [BOX], "no box is shown for it"
+    gate.open()
+    rig.built(BODY)
+    assert named(sync(rig)) == named(PAIR)
+    assert rig.status(": objects")["unplaceable"] == "0"
+    assert not doubtful(rig, BODY)
+
+
+def test_poses_that_come_while_a_shape_is_built_are_not_lost(rig: Rig, gate: Gate) -> None:
+    rig.send(cube(BOX), triangle(x=50.0))
+    rig.answer()
+    rig.send_transform("body/1", pose(0.2))
+    sync(rig)
+    gate.open()
+    rig.built(BODY)
+    assert named(sync(rig)) == named(PAIR)
+    assert not rig.refused("object_transform")
+
+
+def test_a_new_shape_takes_the_place_of_the_last_one_when_it_is_there(rig: Rig, gate: Gate) -> None:
+    rig.listen("/diagnostics")
+    rig.send(cube(BOX, (3.0, 0.0, 0.0)), cube(BODY))
+    assert rig.pairs() == set()
+    rig.send(triangle(size=4.0))
+    assert sync(rig) == set(), "the last box stays"
+    assert doubtful(rig, BODY)
+    status = rig.status(": objects")
+    assert status["new shape being built"] == "1"
+    assert "new shapes being built (last box kept)" in status["message"]
+    gate.open()
+    rig.built(BODY)
+    assert named(sync(rig)) == named(PAIR)
+    assert not doubtful(rig, BODY)
+
+
+def test_a_newer_marker_supersedes_a_shape_that_waits(rig: Rig, gate: Gate) -> None:
+    rig.send(cube(BOX, (30.0, 0.0, 0.0)), triangle(OTHER))  # what is built first
+    sync(rig)
+    rig.until(lambda: rig.node.objects.builder._running, "the first job")
+    for size in (2.0, 3.0, 31.0):
+        rig.send(triangle(size=size))
+    sync(rig)
+    gate.open()
+    rig.built(BODY)
+    assert named(sync(rig)) == named(PAIR | {("body/1", "body/2")})
+    assert len(gate.jobs) == 2
+    rig.send(triangle(size=32.0), cube(BODY))
+    rig.built(BODY)
+    assert len(gate.jobs) <= 3
+    signature = rig.node.objects.signature(BODY)
+    assert signature is not None
+    assert signature[0] == Marker.CUBE, "a simple shape cancels, too"
+    assert named(sync(rig)) == named({("body/1", "body/2")})
+
+
+def test_a_shape_that_comes_back_to_what_it_was_waits_for_nothing(rig: Rig, gate: Gate) -> None:
+    rig.send(cube(BODY))
+    sync(rig)
+    rig.send(triangle(), cube(BODY))
+    sync(rig)
+    assert not doubtful(rig, BODY)
+    assert len(rig.node.objects.builder) == 0
+
+
+ENDS: dict[str, Callable[[Rig], Any]] = {
+    "delete": lambda rig: rig.send(cube(BODY, action=Marker.DELETE)),
+    "delete all": lambda rig: rig.send(Marker(action=Marker.DELETEALL)),
+    "service": lambda rig: rig.call(Trigger, "obb_collision/clear", Trigger.Request()),
+}
+
+
+@pytest.mark.parametrize("end", ENDS)
+@pytest.mark.parametrize("had_shape", [False, True])
+def test_what_is_deleted_does_not_come_back(
+    rig: Rig, gate: Gate, end: str, had_shape: bool
+) -> None:
+    if had_shape:
+        rig.send(cube(BODY))
+    rig.send(triangle())
+    rig.until(lambda: rig.node.objects.builder._running, "the job")
+    ENDS[end](rig)
+    gone(rig, BODY)
+    gate.open()
+    rig.send(cube(BOX), triangle(OTHER, x=0.1))
+    rig.built(OTHER)
+    assert named(sync(rig)) == named({("box/1", "body/2")})
+    assert BODY not in rig.node.objects.table.slots
+    assert rig.node.objects.unplaceable == {}
+    assert not rig.refused("objects")
+
+
+def test_a_lifetime_ends_while_a_shape_is_built(rig: Rig, gate: Gate) -> None:
+    marker = triangle()
+    marker.lifetime.nanosec = 50_000_000
+    rig.send(marker)
+    gone(rig, BODY)
+    gate.open()
+    rig.send(triangle(OTHER))
+    rig.built(OTHER)
+    assert BODY not in rig.node.objects.table.slots
+
+
+def test_the_same_points_and_files_are_built_once(rig: Rig, tmp_path: Path) -> None:
+    gate = Gate(rig)
+    file = tmp_path / "part.stl"
+    trimesh.creation.box((1.0, 1.0, 1.0)).export(file)
+    keys = [("body", number) for number in range(6)]
+    rig.send(*(triangle(key) for key in keys[:3]), *(mesh_marker(file, key) for key in keys[3:]))
+    gate.open()
+    rig.built(*keys)
+    assert gate.jobs == ["triangles", "file"]
+    rig.send(triangle(("late", 1)), mesh_marker(file, ("late", 2)))
+    rig.built(("late", 1), ("late", 2))
+    assert gate.jobs[:2] == ["triangles", "file"]
+    assert gate.jobs.count("triangles") == 1
+    scene = rig.node.objects.scene
+    assert len({id(shape) for shape in scene._bank._shapes.values()}) == 2
+
+
+def test_a_file_is_looked_at_again_when_a_marker_names_it_again(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(shape_requests, "CHECK_PERIOD", 0.05)
+    file = tmp_path / "part.stl"
+    trimesh.creation.box((1.0, 1.0, 1.0)).export(file)
+    with Rig() as rig:
+        rig.send(cube(BOX, (2.0, 0.0, 0.0)), mesh_marker(file), mesh_marker(file, OTHER))
+        rig.built(BODY, OTHER)
+        assert named(sync(rig)) == named({("body/1", "body/2")})
+        rig.send(mesh_marker(file))
+        assert not doubtful(rig, BODY), "a look at the file is no reason for doubt"
+        trimesh.creation.box((5.0, 5.0, 5.0)).export(file)
+        os.utime(file, ns=(0, 1))
+        rig.send(mesh_marker(file))
+        everything = named({("box/1", "body/1"), ("box/1", "body/2"), ("body/1", "body/2")})
+        rig.until(lambda: named(sync(rig)) == everything, "the new file, in all that have it")
+        file.unlink()
+        rig.send(mesh_marker(file))
+        rig.until(lambda: rig.refused("objects"), "refusal")
+        assert named(sync(rig)) == everything, "the last box stays"
+        assert doubtful(rig, BODY)
+        assert set(rig.refused("objects")) == {"unreadable mesh"}
+
+
+def embedded(name: str, data: bytes) -> Marker:
+    marker = mesh_marker("embedded://part")
+    marker.mesh_file.filename, marker.mesh_file.data = name, data
+    return marker
+
+
+STL = trimesh.creation.box((1.0, 1.0, 1.0)).export(file_type="stl")
+UNREADABLE: dict[str, Callable[[Path], Marker]] = {
+    "a pipe": lambda folder: mesh_marker(folder / "pipe.stl"),
+    "a device": lambda folder: mesh_marker("file:///dev/zero"),
+    "a zero byte": lambda folder: mesh_marker("file:///part%00.stl"),
+    "a name of 300 characters": lambda folder: mesh_marker("file:///" + "a" * 300 + ".stl"),
+    "5,000 characters": lambda folder: mesh_marker("file:///" + "a/" * 2500 + "b.stl"),
+    "a package that is none": lambda folder: mesh_marker("package://%00/../" + "a" * 300),
+    "another host": lambda folder: mesh_marker("file://[/part.stl"),
+    "no URI": lambda folder: mesh_marker("part.stl"),
+    "half a character": lambda folder: mesh_marker("file:///%ED%A0%80.stl"),
+    "embedded, a suffix of 300 characters": lambda folder: embedded("part." + "a" * 300, STL),
+    "embedded, no suffix": lambda folder: embedded("part", STL),
+    "embedded, no mesh": lambda folder: embedded("part.stl", b"nothing"),
+    "a gltf with a pipe": lambda folder: embedded(
+        "part.gltf", b'{"asset":{"version":"2.0"},"buffers":[{"uri":"pipe.stl","byteLength":1}]}'
+    ),
+}
+
+
+@pytest.mark.parametrize("what", UNREADABLE)
+def test_meshes_that_cannot_be_read_are_refused_alone(rig: Rig, tmp_path: Path, what: str) -> None:
+    os.mkfifo(tmp_path / "pipe.stl")
+    rig.send(UNREADABLE[what](tmp_path), cube(BOX), cube(OTHER))
+    assert named(rig.pairs()) == named({("box/1", "body/2")})
+    rig.until(lambda: rig.refused("objects"), "refusal")
+    assert rig.refused("objects") == {"unreadable mesh": 1}
+    assert rig.node.objects.unplaceable == {BODY: "unreadable mesh"}
+    assert rig.node.guard.total == 0
+    assert named(sync(rig)) == named({("box/1", "body/2")})
+
+
+@pytest.mark.parametrize("folder", ["/no/such/folder", "/dev/full"])
+def test_embedded_meshes_need_no_temporary_folder(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch, folder: str
+) -> None:
+    for name in ("TMPDIR", "TEMP", "TMP"):
+        monkeypatch.setenv(name, folder)
+    monkeypatch.setattr(tempfile, "tempdir", folder)
+    rig.send(cube(BOX), embedded("part.stl", STL))
+    rig.built(BODY)
+    assert named(sync(rig)) == named(PAIR)
+
+
+def test_materials_behind_pipes_do_not_hold_up_a_mesh(rig: Rig, tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.mtl")
+    file = tmp_path / "part.obj"
+    file.write_text("mtllib pipe.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl a\nf 1 2 3\n")
+    rig.send(cube(BOX), mesh_marker(file))
+    rig.built(BODY)
+    assert named(sync(rig)) == named(PAIR)
+
+
+def test_without_a_process_that_builds_the_rest_goes_on(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "executable", "/no/python")
+    rig.listen("/diagnostics")
+    rig.send(cube(BOX), cube(OTHER), triangle())
+    assert named(rig.pairs()) == named({("box/1", "body/2")})
+    rig.until(lambda: rig.refused("objects"), "refusal")
+    assert rig.refused("objects") == {"shape builder failed": 1}
+    status = rig.status(": objects")
+    assert status["unplaceable: shape builder failed"] == "1"
+    rig.send(triangle(OTHER))
+    rig.until(lambda: rig.refused("objects")["shape builder failed"] == 2, "refusal")
+    assert named(sync(rig)) == named({("box/1", "body/2")}), "the last box stays"
+    assert doubtful(rig, OTHER)
+    monkeypatch.undo()
+    rig.send(triangle())
+    rig.built(BODY)
+
+
+def test_an_item_that_needs_too_much_memory_is_refused_alone() -> None:
+    with Rig(shape_memory=100) as rig:
+        points = np.random.default_rng(0).normal(size=(300_000, 3))
+        body = cube(BODY, type=Marker.TRIANGLE_LIST)
+        body.points = [Point(x=x, y=y, z=z) for x, y, z in points.tolist()]
+        rig.send(body)
+        rig.send(cube(BOX), triangle(OTHER))
+        rig.built(OTHER)
+        rig.until(lambda: rig.refused("objects"), "refusal")
+        assert rig.refused("objects") == {"not enough memory": 1}
+        assert named(sync(rig)) == named({("box/1", "body/2")})
+
+
+def test_an_item_that_takes_too_long_is_refused_alone(rig: Rig) -> None:
+    rig.send(cube(BOX), triangle(OTHER))
+    rig.built(OTHER)
+    process = rig.node.objects.builder._process._process
+    assert process is not None
+    os.kill(process.pid, signal.SIGSTOP)
+    rig.set(shape_timeout=0.2)
+    rig.send(triangle(size=2.0))
+    rig.until(lambda: rig.refused("objects"), "refusal")
+    assert rig.refused("objects") == {"building took too long": 1}
+    rig.set(shape_timeout=60.0)
+    rig.send(triangle(size=2.0))
+    rig.built(BODY)
+    assert named(sync(rig)) == named({("box/1", "body/2"), *PAIR, ("body/1", "body/2")})
+
+
+def test_nothing_that_takes_long_is_done_by_the_thread_of_the_cycles(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    def fit(*_: object) -> None:
+        raise AssertionError("a box is fitted in the node's process")
+
+    monkeypatch.setattr(meshes, "fit_points", fit)
+    for name in ("open", "stat"):
+        real = getattr(os, name)
+
+        def guarded(path: Any, *args: Any, real: Any = real, **options: Any) -> Any:
+            assert "part" not in str(path), "the node opens a mesh file itself"
+            return real(path, *args, **options)
+
+        monkeypatch.setattr(os, name, guarded)
+    file = tmp_path / "part.stl"
+    with file.open("wb") as stream:
+        stream.write(STL)
+    points = triangle().points
+    kinds = (Marker.CUBE_LIST, Marker.SPHERE_LIST, Marker.POINTS, Marker.LINE_LIST)
+    lists = [cube(("list", kind), type=kind, points=points) for kind in kinds]
+    arrow = cube(("list", 0), type=Marker.ARROW, points=points)
+    rig.send(triangle(), mesh_marker(file, OTHER), arrow, *lists)
+    rig.built(BODY, OTHER, ("list", 0), *(("list", kind) for kind in kinds))
+    assert rig.node.guard.total == 0
+    assert not rig.refused("objects")
+
+
+@pytest.mark.parametrize("at_start", [True, False])
+def test_trees_of_large_meshes_are_not_built_by_the_thread_of_the_cycles(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, at_start: bool
+) -> None:
+    def build(*_: object) -> None:
+        raise AssertionError("a tree is built in the node's process")
+
+    file = tmp_path / "part.stl"
+    trimesh.creation.icosphere(3).export(file)
+    with Rig(accuracy="mesh" if at_start else "obb") as rig:
+        rig.patience = 300.0  # kernels may have to be compiled
+        for name in ("mesh_tree", "hull_mesh"):
+            monkeypatch.setattr(tree_bank, name, build)
+        rig.listen("/diagnostics")
+        other = mesh_marker(file, OTHER)
+        other.pose.position.x = other.pose.position.y = 1.5  # the boxes collide, the balls do not
+        rig.send(mesh_marker(file), other)
+        rig.built(BODY, OTHER)
+        if not at_start:
+            assert named(sync(rig)) == named({("body/1", "body/2")})
+            rig.set(accuracy="mesh")
+        rig.until(lambda: sync(rig) == set(), "the trees")
+        assert rig.node.guard.total == 0
+        assert not rig.node.objects.trees.failed

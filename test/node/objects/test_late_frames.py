@@ -1,0 +1,319 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Transforms that come later than the states: the newest state that can be placed is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+from objects_rig import MILLISECOND, SECOND, START, KnownUntil, ObjectsRig, place
+from rig import Rig, cube, pose
+from std_msgs.msg import Header
+
+from obb_collision.geometry.shapes.shapes import Box
+from obb_collision.node.messages.clouds import cloud_to_ros
+from obb_collision.node.messages.conversions import stamp_to_ros
+from obb_collision.node.objects.frames import EXTRAPOLATION
+from obb_collision.node.objects.objects import State
+from obb_collision.node.objects.waiting import STATE, WaitingStates
+
+PERIOD = 20 * MILLISECOND
+"""Of the states, and of the cycles."""
+A1, A2 = ("a", 1), ("a", 2)
+LATE = "object_states", EXTRAPOLATION
+
+
+def run(rig: ObjectsRig, steps: int, known: Callable[[int], int], frame: str = "robot") -> None:
+    """Send a state and run a cycle ``steps`` times; ``known``: until when, at a time."""
+    for _ in range(steps):
+        rig.now += PERIOD
+        rig.send(rig.now, frame)
+        rig.frames.spans[frame] = START, known(rig.now)
+        rig.cycle()
+
+
+@pytest.mark.parametrize("late", [5, 60, 150])
+def test_a_transform_that_is_always_late_delays_an_object_and_does_not_freeze_it(late: int) -> None:
+    rig = ObjectsRig(A1)
+    delay = late * MILLISECOND
+    run(rig, 50, lambda now: now - delay)
+    assert place(rig.now - delay) - 0.02 < rig.x() <= place(rig.now - delay)
+    assert not rig.is_doubtful()
+    assert not rig.refused
+    assert len(rig.objects.placement.waiting) <= late // 20 + 1
+
+
+def test_a_transform_later_than_the_timeout_is_said_and_the_object_marked() -> None:
+    rig = ObjectsRig(A1, object_timeout=0.5)
+    run(rig, 10, lambda now: now)
+    assert rig.x() == place(rig.now)
+    run(rig, 50, lambda now: now - SECOND)
+    assert rig.is_doubtful()
+    assert rig.refused[LATE] == 50 - 10 - 1, "each once it has waited for more than 0.2 s"
+    assert rig.objects.table.stale[rig.slots[0]], "counted from the last state placed"
+    run(rig, 1, lambda now: now)
+    assert not rig.is_doubtful()
+    assert rig.x() == place(rig.now)
+
+
+def test_the_age_counts_from_the_state_that_was_placed() -> None:
+    rig = ObjectsRig(A1, object_timeout=0.1)
+    run(rig, 50, lambda now: now - 150 * MILLISECOND)
+    assert rig.objects.table.stale[rig.slots[0]], "0.15 s old, though states come every 0.02 s"
+    rig.object_timeout = 0.2
+    rig.cycle()
+    assert not rig.objects.table.stale[rig.slots[0]]
+
+
+def test_transforms_that_jitter_never_move_an_object_back() -> None:
+    rig, rng = ObjectsRig(A1), np.random.default_rng(5)
+    newest = START
+    for _ in range(200):
+        rig.now += PERIOD
+        rig.send(rig.now, "robot")
+        newest = max(newest, rig.now - int(rng.integers(0, 180)) * MILLISECOND)
+        rig.frames.spans["robot"] = START, newest
+        before = rig.x()
+        rig.cycle()
+        assert rig.x() == max(before, place(newest - newest % PERIOD))
+    assert not rig.refused
+
+
+def test_transforms_at_ten_hertz_place_states_at_fifty() -> None:
+    rig, tenth = ObjectsRig(A1), SECOND // 10
+    run(rig, 100, lambda now: now - now % tenth)
+    assert rig.x() == place(rig.now - rig.now % tenth)
+    assert not rig.refused
+    assert not rig.is_doubtful()
+
+
+def test_transforms_that_stop_are_said_and_the_object_marked() -> None:
+    rig = ObjectsRig(A1)
+    run(rig, 20, lambda now: now)
+    end = rig.now
+    run(rig, 30, lambda now: end)
+    assert rig.x() == place(end)
+    assert rig.is_doubtful()
+    assert rig.refused[LATE] == 30 - 10 - 1
+
+
+def test_frames_of_one_message_wait_for_themselves_only() -> None:
+    rig = ObjectsRig(A1, A2, ("a", 3))
+    for _ in range(50):
+        rig.now += PERIOD
+        for row, frame in enumerate(("fast", "slow", "")):
+            rig.send(rig.now, frame, row)
+        rig.frames.spans = {
+            "fast": (START, rig.now - 20 * MILLISECOND),
+            "slow": (START, rig.now - 100 * MILLISECOND),
+        }
+        rig.cycle()
+    assert [rig.x(row) for row in range(3)] == [
+        place(rig.now - delay * MILLISECOND) for delay in (20, 100, 0)
+    ]
+    assert not rig.refused
+
+
+def test_a_newer_state_in_another_frame_overtakes_what_waits() -> None:
+    rig = ObjectsRig(A1)
+    rig.send(START + 1, "robot")
+    rig.send(START + 2)
+    rig.cycle()
+    assert rig.x() == place(START + 2)
+    rig.frames.spans["robot"] = START, START + 10
+    rig.cycle()
+    assert rig.x() == place(START + 2), "the older one is not taken any more"
+    assert len(rig.objects.placement.waiting) == 0
+
+
+def test_a_state_that_needs_no_transform_is_not_lost_to_one_that_waits() -> None:
+    rig = ObjectsRig(A1)
+    rig.send(START + 1)
+    rig.send(START + 2, "robot")
+    rig.send(START + 3, "robot")
+    rig.cycle()
+    assert rig.x() == place(START + 1)
+    assert rig.objects.table.placed[rig.slots[0]]
+    rig.frames.spans["robot"] = START, START + 2
+    rig.cycle()
+    assert rig.x() == place(START + 2)
+
+
+def test_what_waits_for_an_object_that_is_gone_moves_no_other_one() -> None:
+    rig = ObjectsRig(A1)
+    for stamp in (START + 1, START + 2):
+        rig.send(stamp, "robot")
+    rig.objects.remove(A1)
+    rig.slots[0] = rig.objects.put(A2, Box([1.0, 1.0, 1.0]), (), None)
+    rig.frames.spans["robot"] = START, START + 10
+    rig.cycle()
+    assert not rig.objects.table.placed[rig.slots[0]]
+    assert len(rig.objects.placement.waiting) == 0
+
+
+def test_a_timed_out_state_is_placed_when_its_frame_becomes_known_at_last() -> None:
+    rig = ObjectsRig(A1)
+    rig.send(START + 1, "late")
+    rig.now += SECOND
+    rig.cycle()
+    assert rig.refused == {("object_states", "unknown frame"): 1}
+    assert not rig.objects.table.placed[rig.slots[0]]
+    rig.frames.spans["late"] = START, START + 10
+    rig.now += SECOND
+    rig.cycle()
+    assert rig.x() == place(START + 1)
+    assert not rig.is_doubtful()
+    assert rig.refused.total() == 1, "counted once"
+
+
+@pytest.mark.parametrize("topic", ["objects", "object_transform", "object_states", "object_poses"])
+def test_late_refusals_are_counted_on_the_topic_by_which_the_state_came(topic: str) -> None:
+    rig = ObjectsRig(A1, A2)
+    rig.send(START + 1, "robot", 0, topic)
+    rig.send(START + 1, "nowhere", 1, topic)
+    rig.frames.spans["robot"] = START + 5, START + 10
+    rig.now += SECOND
+    rig.cycle()
+    assert rig.refused == {(topic, "extrapolation"): 1, (topic, "unknown frame"): 1}
+
+
+def test_many_stamps_of_a_late_frame_take_few_look_ups() -> None:
+    rig = ObjectsRig(*(("a", number) for number in range(100)))
+    rig.frames.spans["robot"] = START, START + 40
+    for row in range(100):
+        rig.send(START + 1 + row, "robot", row)
+    rig.cycle()
+    late = [stamp for _, stamp in rig.frames.asked if stamp > START + 40]
+    assert len(late) < 20
+    placed = rig.objects.table.placed[rig.slots]
+    assert placed.tolist() == [row < 40 for row in range(100)]
+
+
+def test_a_transform_or_a_place_that_is_no_number_is_refused() -> None:
+    rig = ObjectsRig(A1)
+    rig.frames.lookup = lambda frame, stamp: np.zeros(7)  # type: ignore[method-assign]
+    rig.send(START + 1, "robot")
+    rig.now += SECOND
+    rig.cycle()
+    assert rig.refused == {("object_states", "bad transform"): 1}
+    huge = np.array([-1e300, 0, 0, 0, 0, 0, 1.0])
+    rig.frames.lookup = lambda frame, stamp: huge  # type: ignore[method-assign]
+    far = np.array([[-1e300, 0, 0, 0, 0, 0, 1.0]])
+    rig.objects.store_poses(rig.slots, far, State("robot", START + 2, rig.now, "object_states"))
+    rig.now += SECOND
+    rig.cycle()
+    assert rig.refused["object_states", "bad pose"] == 1
+    assert not rig.errors
+
+
+def test_frames_that_fail_otherwise_are_internal_errors_and_the_rest_goes_on() -> None:
+    rig = ObjectsRig(A1, A2)
+
+    def broken(frame: str, stamp: int) -> np.ndarray:
+        raise ZeroDivisionError
+
+    rig.frames.lookup = broken  # type: ignore[method-assign]
+    rig.send(START + 1, "robot", 0)
+    rig.send(START + 1, "", 1)
+    rig.now += SECOND
+    rig.cycle()
+    assert rig.x(1) == place(START + 1)
+    assert rig.refused == {("object_states", "internal error"): 1}
+    assert len(rig.errors) == 1
+
+
+def test_states_that_wait_are_bounded_and_reach_back_as_far_as_before() -> None:
+    waiting = WaitingStates(most=1000)
+    for number in range(5000):
+        states = np.zeros(3, STATE)
+        states["slot"], states["number"] = range(3), number
+        waiting.add(states)
+        assert len(waiting) <= 1000
+    rows = waiting.rows
+    for slot in range(3):
+        numbers = np.sort(rows["number"][rows["slot"] == slot])
+        assert numbers[-1] == 4999
+        assert numbers[0] < 1000
+        assert len(numbers) > 100
+
+
+def test_by_topics_the_newest_state_with_a_transform_counts() -> None:
+    frames = KnownUntil()
+    with Rig(frames, transform_timeout=30.0) as rig:
+        rig.send(cube(A1), cube(A2, (3, 0, 0)))
+        assert rig.pairs() == set()
+        stamps = []
+        frames.spans["robot"] = 0, rig.stamp
+        for x in (2.5, 0.5, 3.0, 4.0):
+            rig.send_poses([2], [pose(x)], frame="robot")
+            stamps.append(rig.stamp)
+        table = rig.node.objects.table
+        slot = table.slots[A2]
+        rig.until(lambda: table.stamp[slot] == stamps[-1], "taken in")
+        frames.spans["robot"] = 0, stamps[1]
+        rig.stamp = stamps[1]
+        assert rig.pairs() == {("a/1", "a/2")}, "the second of four"
+        frames.spans["robot"] = 0, stamps[3]
+        rig.stamp = stamps[3]
+        assert rig.pairs() == set()
+        assert rig.refused("object_poses") == {}
+
+
+def test_by_topics_a_late_refusal_is_that_of_its_topic() -> None:
+    frames = KnownUntil()
+    with Rig(frames, transform_timeout=0.0) as rig:
+        rig.send(cube(A1))
+        rig.answer()
+        frames.spans["robot"] = 1, 2
+        rig.send_transform("a/1", pose(1.0), "robot")
+        rig.until(lambda: rig.refused("object_transform"), "refusal")
+        assert rig.refused("object_transform") == {EXTRAPOLATION: 1}
+        assert rig.refused("objects") == {}
+
+
+def test_clouds_wait_for_their_transforms_one_behind_the_other() -> None:
+    frames = KnownUntil()
+    with Rig(frames, transform_timeout=30.0) as rig:
+        rig.send(cube(A1))
+        rig.listen("points_inside")
+        rig.until(lambda: "points_inside" in rig.last, "points_inside")
+        frames.spans["lidar"] = 0, rig.stamp
+        stamps: list[int] = []
+        obstacles = rig.node._obstacles
+        for x in (0.0, 0.4, 9.0):
+            rig.send_points([[x, 0, 0]], "lidar")
+            stamps.append(rig.stamp)
+            rig.until(lambda: [cloud.stamp for cloud in obstacles._waiting] == stamps, "taken in")
+        frames.spans["lidar"] = 0, stamps[1]
+        rig.until(lambda: obstacles.stamp == stamps[1], "the second of three")
+        assert [cloud.stamp for cloud in obstacles._waiting] == stamps[2:]
+
+
+def test_clouds_that_wait_are_bounded() -> None:
+    with Rig(KnownUntil(), transform_timeout=30.0) as rig:
+        obstacles = rig.node._obstacles
+        rows = np.zeros(4, [(name, "<f4") for name in "xyz"])
+        for number in range(100):
+            header = Header(stamp=stamp_to_ros(number + 1), frame_id="lidar")
+            obstacles.take(cloud_to_ros(rows, header))
+        stamps = [cloud.stamp for cloud in obstacles._waiting]
+        assert len(stamps) <= 16
+        assert stamps == sorted(stamps)
+        assert stamps[-1] == 100
+        assert stamps[0] < 20, "they reach back"

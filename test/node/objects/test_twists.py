@@ -1,0 +1,124 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Twists of objects: from which states, in which frame, how long they hold."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+from fake_frames import FakeFrames
+from rig import Rig, cube, pose
+
+from obb_collision.node.messages import conversions as cv
+from obb_collision.node.messages.conversions import states_to_ros
+
+A1, A2 = ("a", 1), ("a", 2)
+NAN = float("nan")
+FORWARD = [1.0, 2.0, 3.0, 0.1, 0.2, 0.3]
+
+
+def twist(rig: Rig, name: str) -> list[float]:
+    """Twist of an object in the scene."""
+    scene = rig.node.objects.scene
+    twists: list[float] = scene._store.twists[scene.index(name)].tolist()
+    return twists
+
+
+def test_a_state_with_a_twist_sets_it_and_one_without_ends_it(rig: Rig) -> None:
+    rig.send(cube(A1), cube(A2, (3, 0, 0)))
+    rig.answer()
+    rig.send_states(["a/1", "a/2"], [pose(0.0), pose(3.0)], twists=[FORWARD, [0.0] * 6])
+    rig.answer()
+    assert twist(rig, "a/1") == FORWARD
+    assert twist(rig, "a/2") == [0.0] * 6
+    rig.send_transform("a/1", pose(0.1))
+    rig.answer()
+    assert twist(rig, "a/1") == [0.0] * 6
+
+
+@pytest.mark.parametrize("way", ["states", "poses", "marker"])
+def test_any_other_state_ends_a_twist(rig: Rig, way: str) -> None:
+    rig.send(cube(A1))
+    rig.answer()
+    rig.send_states(["a/1"], [pose(0.0)], twists=[FORWARD])
+    rig.answer()
+    if way == "states":
+        rig.send_states(["a/1"], [pose(1.0)])
+    elif way == "poses":
+        rig.send_poses([1], [pose(1.0)])
+    else:
+        rig.send(cube(A1, (1.0, 0.0, 0.0)))
+    rig.answer()
+    assert twist(rig, "a/1") == [0.0] * 6
+
+
+def test_twists_of_a_turned_frame_are_turned_with_it() -> None:
+    frames = FakeFrames()
+    turn = np.sqrt(0.5)
+    frames.known["robot"] = [5.0, 0.0, 0.0, 0.0, 0.0, turn, turn]  # x of it is y of the map
+    with Rig(frames) as rig:
+        rig.send(cube(A1))
+        rig.answer()
+        rig.send_states(["a/1"], [pose(0.0)], "robot", twists=[FORWARD])
+        rig.answer()
+        assert twist(rig, "a/1") == pytest.approx([-2.0, 1.0, 3.0, -0.2, 0.1, 0.3])
+
+
+@pytest.mark.parametrize("bad", [[NAN, 0, 0, 0, 0, 0], [0, 0, 0, 0, np.inf, 0], [2e300] + [0] * 5])
+def test_a_twist_that_is_no_number_is_refused_alone_and_its_pose_is_used(
+    rig: Rig, bad: list[float]
+) -> None:
+    rig.send(cube(A1), cube(A2, (3, 0, 0)))
+    rig.answer()
+    rig.send_states(["a/1", "a/2"], [pose(2.5), pose(3.0)], twists=[bad, FORWARD])
+    assert rig.pairs() == {("a/1", "a/2")}
+    assert rig.refused("object_states") == {"bad twist": 1}
+    assert twist(rig, "a/1") == [0.0] * 6
+    assert twist(rig, "a/2") == FORWARD
+    assert not rig.node.objects.doubtful.any()
+
+
+def test_a_stale_object_is_not_taken_to_go_on() -> None:
+    with Rig(object_timeout=0.3) as rig:
+        rig.send(cube(A1))
+        rig.answer()
+        rig.send_states(["a/1"], [pose(0.0)], twists=[FORWARD])
+        rig.answer()
+        rig.until(lambda: rig.node.objects.table.stale.any(), "stale")
+        rig.cycles(2)
+        assert twist(rig, "a/1") == [0.0] * 6
+
+
+def test_twists_are_not_read_where_sweeps_are_off(monkeypatch: pytest.MonkeyPatch) -> None:
+    from obb_collision.node.inputs import inputs
+
+    def never(message: object) -> None:
+        raise AssertionError("read")
+
+    monkeypatch.setattr(inputs, "twists_from_ros", never)
+    with Rig(given={"effects.sweep": "off"}) as rig:
+        rig.send(cube(A1))
+        rig.answer()
+        rig.send_states(["a/1"], [pose(1.0)], twists=[FORWARD])
+        rig.answer()
+        assert twist(rig, "a/1") == [0.0] * 6
+
+
+def test_twists_come_back_over_the_wire() -> None:
+    twists = np.arange(12.0).reshape(2, 6)
+    message = states_to_ros(["a/1", "a/2"], np.zeros((2, 7)), twists=twists)
+    assert cv.twists_from_ros(message).tolist() == twists.tolist()

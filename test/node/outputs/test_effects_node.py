@@ -1,0 +1,302 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Pay for what you use: what nobody calls for costs no call of a kernel, no row and no message."""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import Any
+
+import pytest
+
+pytest.importorskip("rclpy")
+from rig import Rig, cube, pose
+
+from obb_collision.node import collisions_from_ros, contacts_from_ros
+from obb_collision.node.diagnostics import diagnostics
+from obb_collision.node.inputs import points as obstacles
+from obb_collision.node.messages.box_markers import Markers
+from obb_collision.node.outputs import outputs
+from obb_collision.node.outputs.effects import TOPICS
+from obb_collision.node.parameters.table import MEANINGS
+from obb_collision.scene.effects import EFFECTS, clearance, contacts, points, separations, sweep
+
+KERNELS = {
+    "separations": [(separations, "witness_kernel")],
+    "contacts": [(contacts, "contacts")],
+    "clearance": [(clearance, "clearances_within")],
+    "sweep": [(sweep, "sweep"), (sweep, "sweep_twists")],
+    "points": [(points, "points_inside")],
+}
+"""What an effect of the scene calls to compute."""
+BUILDERS = {
+    "collisions": (outputs, "collision_rows"),
+    "text": (outputs, "text_from_rows"),
+    "contacts": (outputs, "contact_rows"),
+    "clearance": (outputs, "clearance_rows"),
+    "sweep": (outputs, "prediction_rows"),
+    "points": (outputs, "inside_rows"),
+    "markers": (Markers, "write"),
+    "cloud": (obstacles, "points_from_ros"),
+}
+"""What makes the rows of a topic, or takes in those of a cloud."""
+UNHEARD = ("in_collision", "collision_status", "diagnostics")
+"""Topics that say something also where nobody subscribes, or have no rows."""
+RUNNING = tuple(name for name in TOPICS if name not in UNHEARD)
+COMPILING = 300.0
+"""Seconds that kernels of an effect may take on a loaded machine."""
+
+
+@pytest.fixture
+def calls(monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
+    """Count what is called: ``run`` of effects, their kernels, builders of rows."""
+    counted: Counter[str] = Counter()
+
+    def count(owner: Any, name: str, key: str) -> None:
+        original = getattr(owner, name)
+
+        def counting(*args: Any, **options: Any) -> Any:
+            counted[key] += 1
+            return original(*args, **options)
+
+        monkeypatch.setattr(owner, name, counting)
+
+    for effect in EFFECTS.values():
+        count(type(effect), "run", f"run {effect.name}")
+    for effect_name, kernels in KERNELS.items():
+        for module, name in kernels:
+            count(module, name, f"kernel {effect_name}")
+    for topic, (owner, name) in BUILDERS.items():
+        count(owner, name, f"build {topic}")
+    return counted
+
+
+class Scene:
+    """A scene in which every effect has something to do, at every step."""
+
+    def __init__(self, rig: Rig) -> None:
+        self.rig = rig
+        rig.patience = COMPILING
+        rig.send(cube(("a", 1)), cube(("a", 2), (0.5, 0, 0)), cube(("b", 1), (2.1, 0, 0)))
+        self.number = 0
+
+    def step(self, count: int = 1) -> None:
+        """Move something, and wait until the node has checked."""
+        for _ in range(count):
+            self.number += 1
+            shift = 0.01 * (self.number % 2)
+            poses, twists = [pose(0.5 + shift), pose(2.1 + 100.0 * shift)], [[0.5] * 6] * 2
+            self.rig.send_states(["a/2", "b/1"], poses, twists=twists)
+            self.rig.send_points([[0.25, 0.0, 0.0], [9.0, 9.0, 9.0]])
+            self.rig.until(self.is_taken, "state")
+            self.rig.cycles(2)
+
+    def is_taken(self) -> bool:
+        """Whether the scene has the last state, sent before the last cloud."""
+        return (
+            self.rig.node.objects.newest_stamp(self.rig.node._now()) == self.rig.stamp - 1_000_000
+        )
+
+
+def of(calls: Counter[str], effect: str) -> int:
+    """Return how often anything of an effect was called."""
+    return sum(calls[f"{kind} {effect}"] for kind in ("run", "kernel", "build"))
+
+
+def settled(scene: Scene, calls: Counter[str]) -> Counter[str]:
+    """Return what some more steps call, once what was asked for is ready."""
+    warm = scene.rig.node._warm
+    scene.rig.until(lambda: warm._asked.keys() <= warm._ready, "kernels")
+    scene.step()
+    calls.clear()
+    scene.step(3)
+    return calls
+
+
+def test_what_nobody_subscribes_to_costs_no_call(calls: Counter[str]) -> None:
+    with Rig(deaf=True) as rig:
+        counted = settled(Scene(rig), calls)
+        assert counted == Counter()
+        assert rig.node._warm._asked == {}, "nothing was even made ready"
+        assert len(rig.node.cycle.report or ()) == 1, "but what collides is known"
+        assert rig.node.cycle.report is not None
+        assert rig.node.cycle.report.costs == {}
+
+
+@pytest.mark.parametrize("effect", RUNNING)
+def test_a_subscription_starts_an_effect_and_its_end_stops_it(
+    calls: Counter[str], effect: str
+) -> None:
+    topic = TOPICS[effect].replace("~", "obb_collision")
+    with Rig(deaf=True, marker_rate=100.0) as rig:
+        scene = Scene(rig)
+        rig.listen(topic)
+        rig.until(lambda: topic in rig.last, topic)
+        settled(scene, calls)
+        assert of(calls, effect) > 0
+        described = effect in ("collisions", "text")
+        others = {name for name in (*TOPICS, "separations") if of(calls, name)} - {effect}
+        assert others == ({"separations", "collisions"} - {effect} if described else set())
+        assert bool(calls["build cloud"]) == (effect == "points")
+        rig.ignore(topic)
+        called = rig.node._effects.is_called
+        rig.until(lambda: not called(effect), "unsubscribed")
+        assert settled(scene, calls) == Counter()
+
+
+@pytest.mark.parametrize("effect", [*EFFECTS, "collisions", "text", "markers"])
+def test_modes_change_at_run_time(calls: Counter[str], effect: str) -> None:
+    topics = [topic.replace("~", "obb_collision") for topic in TOPICS.values()]
+    if effect == "collisions":
+        topics.remove("collisions_text")  # which needs the same rows
+    with Rig(deaf=True, marker_rate=100.0, given={f"effects.{effect}": "off"}) as rig:
+        scene = Scene(rig)
+        rig.listen(*topics)
+        settled(scene, calls)
+        assert of(calls, effect) == 0, "off, though somebody subscribes"
+        rig.ignore(*topics)
+        rig.until(lambda: not rig.node._effects.of_cycle(), "unsubscribed")
+        assert settled(scene, calls) == Counter()
+        assert all(result.successful for result in rig.set(**{f"effects.{effect}": "on"}))
+        settled(scene, calls)
+        assert of(calls, effect) > 0, "on, though nobody subscribes"
+        assert all(result.successful for result in rig.set(**{f"effects.{effect}": "auto"}))
+        assert settled(scene, calls) == Counter()
+
+
+def test_the_latched_flag_is_published_when_it_changes_or_somebody_subscribes(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    with Rig(deaf=True) as rig:
+        rig.cycles(1)
+        publisher = rig.node._outputs.publishers["in_collision"]
+        sent: list[bool] = []
+        publish = publisher.publish
+
+        def noted(message: Any) -> None:
+            sent.append(message.data)
+            publish(message)
+
+        monkeypatch.setattr(publisher, "publish", noted)
+        rig.send(cube(("a", 1)), cube(("a", 2), (0.5, 0, 0)))
+        rig.until(lambda: sent[-1:] == [True], "flag")
+        rig.cycles(3)
+        assert sent == [True], "sent where it changes"
+        rig.listen("in_collision")
+        assert rig.until(lambda: rig.last.get("in_collision"), "flag").data is True
+        rig.until(lambda: len(sent) > 3, "every cycle")
+        rig.set(**{"effects.in_collision": "off"})
+        sent.clear()
+        rig.send_transform("a/2", pose(9.0))
+        rig.cycles(3)
+        assert sent == []
+
+
+def test_diagnostics_say_what_is_computed_and_what_it_took() -> None:
+    with Rig(given={"effects.contacts": "on", "effects.points": "off"}) as rig:
+        rig.listen("/diagnostics")
+        scene = Scene(rig)
+        scene.step(3)
+        status = rig.status(": cycle")
+        assert status["effect contacts"] == "on, computed"
+        assert status["effect contacts ran on"] == "1"
+        assert {"effect contacts mean (ms)", "effect contacts max (ms)"} <= set(status)
+        assert status["effect points"] == "off"
+        assert status["effect clearance"] == "auto, not called for"
+        assert status["effect separations"] == "auto, computed"
+        assert {f"effect {name}" for name in MEANINGS} <= set(status)
+
+
+def test_diagnostics_off_or_unheard_are_not_built(monkeypatch: pytest.MonkeyPatch) -> None:
+    built: list[Any] = []
+    original = diagnostics.cycle_status
+
+    def noted(*args: Any) -> Any:
+        built.append(original(*args))
+        return built[-1]
+
+    monkeypatch.setattr(diagnostics, "cycle_status", noted)
+    with Rig(deaf=True) as rig:
+        publish = rig.node._publish_diagnostics
+        publish()
+        assert built == []
+        rig.listen("/diagnostics")
+        rig.next("/diagnostics")
+        assert built
+        rig.set(**{"effects.diagnostics": False})  # what YAML makes of an unquoted off
+        built.clear()
+        publish()
+        assert built == []
+
+
+def test_an_effect_that_fails_is_reported_and_the_cycle_goes_on(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    with Rig() as rig:
+        rig.listen("/diagnostics", "contacts")
+        scene = Scene(rig)
+        rig.until(lambda: "contacts" in rig.last, "contacts")
+
+        def broken(*args: Any) -> Any:
+            raise FloatingPointError("no patch today")
+
+        monkeypatch.setattr(contacts, "contacts", broken)
+        scene.step()
+        status = rig.until(lambda: (s := rig.status(": cycle"))["level"] == "01" and s, "warning")
+        assert "no patch today" in status["effect contacts last failure"]
+        assert int(status["effect contacts failures"]) >= 1
+        assert "effects failed" in status["message"]
+        rig.send_transform("a/2", pose(0.75))
+        assert collisions_from_ros(rig.answer())["depth"].tolist() == [pytest.approx(0.25)]
+
+
+def test_only_objects_that_call_for_an_effect_get_it() -> None:
+    with Rig(given={"effects.contacts_objects": ["a/2"]}) as rig:
+        rig.patience = COMPILING
+        rig.listen("contacts", "/diagnostics")
+        rig.send(*(cube(("a", k), (0.5 * k, 0, 0)) for k in range(4)))
+        rig.answer()
+        rig.until(lambda: rig.last.get("contacts") and rig.next("contacts").width > 0, "contacts")
+        ids = pairs_of(rig.next("contacts"))
+        assert ids == {(0, 2), (1, 2), (2, 3)}
+        rig.set(**{"effects.contacts_objects": ["b/*"]})
+        rig.until(lambda: rig.next("contacts").width == 0, "nobody calls")
+
+
+def pairs_of(message: Any) -> set[tuple[int, int]]:
+    rows = contacts_from_ros(message)
+    return set(zip(rows["id_a"].tolist(), rows["id_b"].tolist(), strict=True))
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "reason"),
+    [
+        ("effects.contacts", "maybe", "one of off, auto, on"),
+        ("effects.contacts", 3, "one of off, auto, on"),
+        ("effects.contacts_max_points", 5, "one of 4, 8"),
+        ("effects.contacts_objects", [1.0], "a list of texts"),
+        ("effects.clearance_limit", -1.0, "range"),
+        ("effects.sweep_tolerance", 0.0, "range"),
+        ("effects.points_margin", float("nan"), "range"),
+    ],
+)
+def test_wrong_settings_are_refused_with_a_reason(
+    rig: Rig, name: str, value: Any, reason: str
+) -> None:
+    before = rig.node.get_parameter(name).value
+    (result,) = rig.set(**{name: value})
+    assert not result.successful
+    assert reason in result.reason
+    assert rig.node.get_parameter(name).value == before

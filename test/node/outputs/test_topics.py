@@ -1,0 +1,242 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The node by its topics only: what goes in and what comes out."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+from builtin_interfaces.msg import Duration
+from diagnostic_msgs.msg import DiagnosticStatus
+from rig import FRAME, Rig, cube, overlaps, pose, sync
+from visualization_msgs.msg import Marker
+
+from obb_collision import Verdict
+from obb_collision.node import collisions_from_ros, namespace_number
+from obb_collision.node.messages.conversions import namespaces_from_ros, stamp_from_ros
+
+A1, A2, B1 = ("a", 1), ("a", 2), ("b", 1)
+NAN = float("nan")
+
+
+def test_collisions_come_every_cycle_also_when_there_is_nothing(rig: Rig) -> None:
+    first = rig.next("collisions")
+    second = rig.next("collisions")
+    assert first.header.frame_id == second.header.frame_id == FRAME
+    assert stamp_from_ros(second.header.stamp) > stamp_from_ros(first.header.stamp)
+    assert len(collisions_from_ros(second)) == 0
+    assert rig.until(lambda: rig.last.get("in_collision"), "in_collision").data is False
+
+
+def test_markers_make_objects_and_transforms_move_them(rig: Rig) -> None:
+    rig.send(cube(A1), cube(A2, (3.0, 0.0, 0.0)), cube(B1, (6.0, 0.0, 0.0)))
+    assert rig.pairs() == set()
+    rig.send_transform("a/2", pose(0.75))
+    assert rig.pairs() == {("a/1", "a/2")}
+    (row,) = collisions_from_ros(rig.last["collisions"])
+    assert row["depth"] == pytest.approx(0.25)
+    assert (row["normal_x"], row["normal_y"], row["normal_z"]) == pytest.approx((1.0, 0.0, 0.0))
+    assert 0.25 <= row["x"] <= 0.5
+    rig.until(lambda: (last := rig.last.get("in_collision")) and last.data, "in_collision")
+    rig.send_transform("a/2", pose(6.5))
+    assert rig.pairs() == {("a/2", "b/1")}
+    rig.send_transform("a/2", pose(3.0))
+    assert rig.pairs() == set()
+    rig.until(lambda: not rig.last["in_collision"].data, "in_collision false")
+
+
+def test_touching_boxes_collide(rig: Rig) -> None:
+    rig.send(cube(A1), cube(A2, (1.0, 0.0, 0.0)))
+    assert rig.pairs() == {("a/1", "a/2")}
+
+
+def test_rows_are_sorted_with_the_smaller_key_first(rig: Rig) -> None:
+    # sent in an order in which scene indices and keys disagree
+    rig.send(
+        cube(("z", 7), (0.2, 0, 0)), cube(("z", -7), (0.1, 0, 0)), cube(("b", 3)), cube(("b", 2))
+    )
+    message = rig.answer()
+    rows = collisions_from_ros(message)
+    keys = [tuple(int(row[n]) for n in ("ns_a", "id_a", "ns_b", "id_b")) for row in rows]
+    assert keys == sorted(keys)
+    assert len(keys) == 6
+    assert all(key[:2] < key[2:] for key in keys)
+    table = rig.namespaces("z", "b")
+    assert table == {namespace_number(name): name for name in ("z", "b")}
+    (row,) = rows[(rows["id_a"] == -7) & (rows["id_b"] == 7)]
+    assert row["normal_x"] > 0.99
+
+
+def test_states_move_many_objects_by_name(rig: Rig) -> None:
+    rig.send(cube(A1), cube(A2, (3, 0, 0)), cube(("", 5), (6, 0, 0)))
+    rig.send_states(["a/1", "/5"], [pose(3.5), pose(4.2)])
+    assert rig.pairs() == {("a/1", "a/2"), ("a/1", "/5")}
+    rig.send_states(["5"], [pose(9.0)])
+    assert rig.pairs() == {("a/1", "a/2")}
+
+
+@pytest.mark.parametrize("single", [False, True])
+def test_clouds_move_many_objects_by_number(rig: Rig, single: bool) -> None:
+    rig.send(cube(A1), cube(A2, (3, 0, 0)), cube(B1, (6, 0, 0)))
+    rig.answer()
+    namespaces = [namespace_number("b"), namespace_number("a")]
+    rig.send_poses([1, 2], [pose(0.5), pose(1.25)], namespaces, single=single)
+    assert rig.pairs() == {("a/1", "b/1"), ("a/2", "b/1")}
+
+
+def test_clouds_without_ns_serve_a_single_namespace_and_are_refused_otherwise(rig: Rig) -> None:
+    rig.send(cube(A1), cube(A2, (3, 0, 0)))
+    rig.answer()
+    rig.send_poses([2], [pose(0.5)])
+    assert rig.pairs() == {("a/1", "a/2")}
+    rig.send(cube(B1, (9, 0, 0)))
+    rig.answer()
+    rig.send_poses([2], [pose(5.0)])
+    rig.until(lambda: rig.refused("object_poses"), "refusal")
+    assert rig.refused("object_poses") == {"field layout": 1}
+    assert sync(rig) == {("a/1", "a/2")}
+
+
+def test_an_unchanged_shape_is_a_pose_update_and_a_changed_one_is_fitted(rig: Rig) -> None:
+    rig.send(cube(A1), cube(A2, (3, 0, 0)))
+    rig.answer()
+    shape = rig.node.objects.signature(A2)
+    rig.send(cube(A2, (0.5, 0, 0)))
+    assert rig.pairs() == {("a/1", "a/2")}
+    assert rig.node.objects.signature(A2) is shape
+    rig.send(cube(A2, (3, 0, 0), (5.0, 1.0, 1.0)))
+    assert rig.pairs() == {("a/1", "a/2")}
+    assert rig.node.objects.signature(A2) != shape
+
+
+def test_delete_takes_one_and_deleteall_a_namespace_or_everything(rig: Rig) -> None:
+    everyone = [cube(A1), cube(A2, (0.1, 0, 0)), cube(B1, (0.2, 0, 0)), cube(("", 9), (0.3, 0, 0))]
+    rig.send(*everyone)
+    assert len(rig.pairs()) == 6
+    rig.send(
+        Marker(ns="a", id=1, action=Marker.DELETE), Marker(ns="a", id=77, action=Marker.DELETE)
+    )
+    assert sync(rig) == {("a/2", "b/1"), ("a/2", "/9"), ("/9", "b/1")}
+    rig.send(Marker(ns="a", action=Marker.DELETEALL))
+    assert len(sync(rig)) == 1
+    rig.send(Marker(action=Marker.DELETEALL), cube(A1))
+    assert rig.pairs() == set()
+    assert list(rig.node.objects.table.slots) == [A1]
+
+
+def test_lifetimes_end_objects_and_a_new_marker_renews_them() -> None:
+    with Rig(rate=200.0) as rig:
+        rig.send(cube(A1), cube(A2, lifetime=Duration(nanosec=1_000)))
+        assert rig.pairs() == {("a/1", "a/2")}, "RViz takes lifetimes up to 0.1 ms as none"
+        rig.send(cube(A2, lifetime=Duration(nanosec=200_000_000)))
+        rig.answer()
+        rig.until(lambda: len(collisions_from_ros(rig.next("collisions"))) == 0, "expiry")
+        assert list(rig.node.objects.table.slots) == [A1]
+
+
+def test_padding_grows_every_box_on_every_side() -> None:
+    with Rig(padding=0.1) as rig:
+        rig.send(cube(A1), cube(A2, (1.19, 0, 0)), cube(B1, (-1.21, 0, 0)))
+        assert rig.pairs() == {("a/1", "a/2")}
+        assert all(result.successful for result in rig.set(padding=0.15))
+        rig.until(lambda: len(collisions_from_ros(rig.next("collisions"))) == 2, "new padding")
+
+
+def test_the_older_of_two_states_is_dropped_whatever_its_way(rig: Rig) -> None:
+    rig.send(cube(A1), cube(A2, (3, 0, 0)))
+    rig.answer()
+    newest = rig.stamp
+    rig.stamp -= 900_000_000
+    rig.send_transform("a/2", pose(0.0))
+    rig.send_poses([2], [pose(0.0)])
+    rig.send_states(["a/2"], [pose(0.0)])
+    rig.send(cube(A2))
+    for topic in ("object_transform", "object_poses", "object_states", "objects"):
+        rig.until(lambda t=topic: rig.refused(t), topic)  # type: ignore[misc]
+        assert rig.refused(topic) == {"older stamp": 1}
+    rig.stamp = newest
+    assert sync(rig) == set()
+
+
+def test_text_for_people_is_capped_and_states_the_total() -> None:
+    with Rig(max_text_pairs=2) as rig:
+        rig.send(*(cube(("a", number)) for number in range(4)))
+        rig.answer()
+        rig.listen("collisions_text")
+        message = rig.next("collisions_text")
+        assert message.status[0].message == "6 pairs in collision, the first 2 named"
+        assert [status.name for status in message.status[1:]] == ["a/0 - a/1", "a/0 - a/2"]
+        values = {pair.key: pair.value for pair in message.status[1].values}
+        assert float(values["depth"]) == pytest.approx(1.0)
+        assert len(values["normal"].split()) == 3
+
+
+def test_touching_pairs_collide_and_are_marked_as_touching(rig: Rig) -> None:
+    rig.send(cube(A1), cube(A2, (1.0, 0.0, 0.0)))  # exactly face to face
+    rows = collisions_from_ros(rig.answer())
+    assert rows["verdict"].tolist() == [Verdict.TOUCHING]
+    assert rows["depth"].tolist() == [0.0]
+    rig.listen("collisions_text")
+    assert rig.next("collisions_text").status[1].message == "touching"
+    rig.send_transform("a/2", pose(0.5))
+    assert collisions_from_ros(rig.answer())["verdict"].tolist() == [Verdict.OVERLAP]
+
+
+def test_latched_topics_reach_late_subscribers(rig: Rig) -> None:
+    rig.send(cube(A1), cube(A2))
+    rig.answer()
+    rig.last.pop("namespaces")
+    rig.listen("namespaces")
+    message = rig.until(lambda: rig.last.get("namespaces"), "latched table")
+    assert namespaces_from_ros(message) == {namespace_number("a"): "a"}
+
+
+def test_a_moving_cube_meets_what_the_oracle_says(rig: Rig) -> None:
+    rng = np.random.default_rng(3)
+    boxes = np.hstack((rng.uniform(0, 4, (25, 3)), rng.uniform(0.2, 1.5, (25, 3))))
+    rig.send(*(cube(("c", i), box[:3], box[3:]) for i, box in enumerate(boxes)))
+    for _ in range(15):
+        mover = int(rng.integers(25))
+        boxes[mover, :3] = rng.uniform(0, 4, 3)
+        rig.send_transform(f"c/{mover}", pose(*boxes[mover, :3]))
+        expected = {
+            (f"c/{i}", f"c/{j}")
+            for i in range(25)
+            for j in range(i + 1, 25)
+            if overlaps(boxes[i], boxes[j])
+        }
+        assert rig.pairs() == expected
+
+
+def test_more_pairs_than_a_message_holds_are_said_and_all_objects_marked() -> None:
+    with Rig(max_pairs=5) as rig:
+        rig.listen("collisions_text", "collision_status", "/diagnostics")
+        rig.send(*(cube(("a", number)) for number in range(8)), cube(("a", 8), (50.0, 0.0, 0.0)))
+        assert len(collisions_from_ros(rig.answer())) == 5
+        text = rig.next("collisions_text").status[0]
+        assert text.message == "at least 28 pairs in collision"
+        status = rig.next("collision_status").status[0]
+        assert status.level == DiagnosticStatus.ERROR
+        assert status.message == "at least 28 pairs collide"
+        said = "at least 28 pairs collide (the first 5 published)"
+        status = rig.until(lambda: (s := rig.status(": objects"))["level"] == "01" and s, "warning")
+        assert said in status["message"]
+        assert (status["colliding"], status["pairs at least"]) == ("8", "28")
+        rig.set(max_pairs=28)
+        rig.send(cube(("a", 8), (51.0, 0.0, 0.0)))
+        assert len(collisions_from_ros(rig.answer())) == 28
+        assert rig.next("collisions_text").status[0].message == "28 pairs in collision"

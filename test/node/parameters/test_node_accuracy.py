@@ -1,0 +1,143 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Accuracy in the node: rungs by parameters, by names, at run time, and where they are told."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+pytest.importorskip("rclpy")
+from rig import Rig, cube, pose, sync
+from rings import RING, crate, ring, rungs
+
+from obb_collision.accuracy import Accuracy
+from obb_collision.node import collisions_from_ros
+from obb_collision.node.parameters.accuracy import Overrides, override_from_text
+
+COMPILING = 300.0
+"""Seconds that kernels of triangles may take on a loaded machine."""
+
+
+def test_triangles_of_markers_are_looked_at_where_the_accuracy_says_so() -> None:
+    with Rig(accuracy="mesh") as rig:
+        rig.send(ring(), crate())
+        rig.built(RING)
+        assert sync(rig) == set(), "the crate is in the middle of the ring"
+        rig.send_transform("box/1", pose(0.75))
+        assert rig.pairs() == {("mesh/1", "box/1")}
+        assert rungs(rig) == ["mesh"]
+
+
+def test_the_accuracy_changes_at_run_time_and_is_told() -> None:
+    with Rig() as rig:
+        rig.patience = COMPILING
+        rig.listen("collisions_text", "/diagnostics")
+        rig.send(ring(), crate())
+        rig.built(RING)
+        assert sync(rig) == {("mesh/1", "box/1")}
+        assert rungs(rig) == ["obb"]
+        values = {pair.key: pair.value for pair in rig.next("collisions_text").status[1].values}
+        assert values["rung"] == "obb"
+        assert rig.status(": objects")["pairs on obb"] == "1"
+        assert all(result.successful for result in rig.set(accuracy="mesh"))
+        rig.until(lambda: rungs(rig) == [], "kernels ready, pair gone")
+        assert "pairs on obb" not in rig.status(": objects")
+        rig.set(accuracy="sphere")
+        rig.until(lambda: rungs(rig) == ["sphere"], "a coarser rung")
+        assert rig.status(": objects")["pairs on sphere"] == "1"
+
+
+def test_overrides_are_for_names_and_namespaces_also_of_objects_to_come() -> None:
+    with Rig(accuracy_overrides=["*: sphere", "box=obb", "mesh/1: obb"]) as rig:
+        rig.send(cube(("box", 1)), cube(("box", 2), (0.5, 0, 0)), cube(("a", 1), (9.0, 0.0, 0.0)))
+        assert rig.pairs() == {("box/1", "box/2")}
+        assert rungs(rig) == ["obb"]
+        rig.send(cube(("mesh", 1)), cube(("a", 2), (10.2, 0.0, 0.0)))
+        assert rig.pairs() == {
+            ("box/1", "box/2"),
+            ("mesh/1", "box/1"),
+            ("mesh/1", "box/2"),
+            ("a/1", "a/2"),  # spheres meet where cubes are apart
+        }
+        assert sorted(rungs(rig)) == ["obb", "obb", "obb", "sphere"]
+        rig.set(accuracy_overrides=[""])
+        rig.until(lambda: rungs(rig) == ["obb"] * 3, "no overrides")
+
+
+def test_an_override_outlives_a_change_of_shape() -> None:
+    with Rig(accuracy_overrides=["a/*: aabb"]) as rig:
+        rig.send(cube(("a", 1)), cube(("a", 2), (0.5, 0, 0)))
+        rig.answer()
+        rig.send(cube(("a", 1), size=(2.0, 2.0, 2.0)))
+        assert rig.pairs() == {("a/1", "a/2")}
+        assert rungs(rig) == ["aabb"]
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("gripper/*: mesh", ("gripper/*", Accuracy.MESH)),
+        ("gripper=mesh", ("gripper/*", Accuracy.MESH)),
+        ("a/b=hull", ("a/b/*", Accuracy.HULL)),
+        ("=aabb", ("/*", Accuracy.AABB)),
+        ("a:b/1 :obb_tree", ("a:b/1", Accuracy.OBB_TREE)),
+        ("*:sphere", ("*", Accuracy.SPHERE)),
+    ],
+)
+def test_overrides_are_read(text: str, expected: Any) -> None:
+    assert override_from_text(text) == expected
+
+
+def test_the_last_override_that_fits_counts() -> None:
+    overrides = Overrides([("*", Accuracy.OBB), ("a/*", Accuracy.MESH), ("a/1", Accuracy.HULL)])
+    assert [overrides.rung(name) for name in ("b/1", "a/2", "a/1")] == [3, 6, 5]
+    assert Overrides().rung("a/1") is None
+    assert overrides.capped(Accuracy.OBB).rung("a/1") == Accuracy.OBB
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "reason"),
+    [
+        ("accuracy", "triangles", "one of sphere, aabb, obb_faces, obb, obb_tree, hull, mesh"),
+        ("accuracy_overrides", ["a/*: exact"], "accuracy must be one of"),
+        ("accuracy_overrides", ["a/*"], "is not like 'gripper/*: mesh'"),
+        ("accuracy_overrides", ["arm: mesh"], "all of a namespace are 'arm/*' or 'arm='"),
+        ("accuracy_overrides", [3], "a list of texts"),
+        ("tree_depth", -1, "range"),
+        ("time_budget", -0.1, "range"),
+        ("allowed_pairs", ["a/*"], "two names or patterns"),
+    ],
+)
+def test_wrong_values_are_refused_with_a_reason_and_change_nothing(
+    rig: Rig, name: str, value: Any, reason: str
+) -> None:
+    before = rig.node.get_parameter(name).value
+    (result,) = rig.set(**{name: value})
+    assert not result.successful
+    assert reason in result.reason
+    assert rig.node.get_parameter(name).value == before
+
+
+def test_allowed_pairs_may_touch_and_may_change() -> None:
+    with Rig(allowed_pairs=["a/* b/1"]) as rig:
+        rig.send(cube(("a", 1)), cube(("a", 2), (0.5, 0, 0)), cube(("b", 1), (0.2, 0, 0)))
+        assert rig.pairs() == {("a/1", "a/2")}
+        rig.set(allowed_pairs=["a/1 a/2", "a/2 b/*"])
+        rig.until(lambda: len(collisions_from_ros(rig.next("collisions"))) == 1, "other pairs")
+        assert sync(rig) == {("a/1", "b/1")}
+        rig.set(allowed_pairs=[""])
+        rig.until(lambda: len(collisions_from_ros(rig.next("collisions"))) == 3, "all pairs")

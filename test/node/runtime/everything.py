@@ -1,0 +1,212 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Everything that can be asked of a node, one thing after the other, in a process of its own.
+
+``python everything.py`` runs it and prints, as JSON, which kernels the process compiled or loaded
+after "ready", and for each thing asked the cycles it took and the longest gap between two.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+from geometry_msgs.msg import Point
+from rig import Rig, cube, pose
+from visualization_msgs.msg import Marker
+
+from obb_collision import _compiling, _jit
+from obb_collision.accuracy import ALL_RUNGS
+from obb_collision.node.messages.clouds import cloud_to_ros
+from obb_collision.node.messages.names import namespace_number
+from obb_collision.node.runtime import garbage
+
+RATE = 50.0
+MANY = 70
+"""Objects: enough for the incremental ways, and for the scene to grow."""
+BUILT = (Marker.TRIANGLE_LIST, Marker.CUBE_LIST, Marker.LINE_LIST)
+CORNERS = ((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+FACES = (0, 2, 1, 0, 1, 3, 0, 3, 2, 1, 2, 3)
+EFFECTS = {
+    "contacts": "contacts",
+    "clearance": "clearances",
+    "sweep": "predicted_collisions",
+    "points": "points_inside",
+    "text": "collisions_text",
+    "markers": "obb_collision/markers",
+    "diagnostics": "/diagnostics",
+}
+CHANGES: tuple[tuple[str, Any], ...] = (
+    ("time_budget", 0.005),
+    ("accuracy", "mesh"),
+    ("time_budget", 0.0),
+    ("padding", 0.01),
+    ("padding", 0.0),
+    ("tree_depth", 1),
+    ("accuracy_overrides", ["many/*: sphere", "9/*: hull"]),
+    ("accuracy_overrides", []),
+    ("allowed_pairs", ["many/1* many/2*"]),
+    ("effects.contacts_max_points", 8),
+    ("effects.contacts_objects", ["many/*"]),
+    ("effects.clearance_limit", 0.5),
+    ("effects.sweep_horizon", 3.0),
+    ("effects.points_margin", 0.1),
+    ("marker_form", "lines"),
+    ("stale_policy", "ignore"),
+    ("max_pairs", 3),
+)
+
+
+def time_waited() -> float:
+    """Return for how long the threads of this process wanted a processor and had none (s).
+
+    What a loaded machine adds to a gap; a thread that waits for another's lock is not counted.
+    """
+    total = 0
+    for file in Path("/proc/self/task").glob("*/schedstat"):
+        with suppress(OSError):  # a thread that has ended
+            total += int(file.read_text().split()[1])
+    return total / 1e9
+
+
+class Everything(Rig):
+    """A rig that takes note of cycles and of kernels."""
+
+    def __init__(self) -> None:
+        self.patience = 600.0  # nothing waits that long: what compiles does so elsewhere
+        super().__init__(rate=RATE, trigger="timer")
+        self.patience = 600.0
+        self._ends = [(perf_counter(), time_waited())]
+        monitor: Any = self.node.cycle.monitor
+        add = monitor.add
+
+        def noted(*args: Any) -> None:
+            self._ends.append((perf_counter(), time_waited()))
+            add(*args)
+
+        monitor.add = noted
+
+    def kernels(self) -> set[str]:
+        """Return the kernels that this process has, with their signatures."""
+        return {f"{k._cache.name} {sig}" for k in _jit.kernels for sig in k.overloads}
+
+    def stage(self) -> dict[str, float]:
+        """Return cycles and longest gap since this was last called, without the time waited."""
+        ends, self._ends = self._ends, self._ends[-1:]
+        times = np.diff(np.array([*ends, (perf_counter(), time_waited())]), axis=0)
+        own = times[:, 0] - times[:, 1]
+        return {
+            "cycles": len(ends) - 1,
+            "seconds": float(times[:, 0].sum()),
+            "waited": float(times[:, 1].sum()),
+            "longest": float(times[:, 0].max()),
+            "longest without waiting": float(own.max()),
+        }
+
+    def move(self) -> None:
+        """Move things by each topic, all of them and few; send points of each layout."""
+        self.send(*(cube(("many", n), (0.85 * n, 5.0, 0.0)) for n in range(3, MANY)))
+        self.answer()
+        for step in (0.1, 0.2):
+            self.send_transform("many/5", pose(0.85 * 5 + step, 5.0))
+            self.answer()
+        twists = np.array([(1.0, 0, 0, 0, 0, 0), (0, 1.0, 0, 0, 0, 2.0)])
+        self.send_states(["many/6", "many/7"], [pose(5.0, 5.0), pose(6.0, 5.0)], twists=twists)
+        self.answer()
+        for single in (True, False):
+            poses = [pose(5.0, 5.0, 0.1), pose(6.0 + single, 5.0)]
+            self.send_poses([8, 9], poses, [namespace_number("many")] * 2, single=single)
+            self.answer()
+        for kind in ("<f4", "<f8"):
+            for more in ([], [("intensity", kind)]):
+                rows = np.zeros(40, [(name, kind) for name in "xyz"] + more)
+                self.pubs["points"].publish(cloud_to_ros(rows, self.header()))
+                self.cycles(3)
+
+
+def marker(kind: int, number: int) -> Marker:
+    """Return a marker of a kind beside the others, so that neighbours overlap."""
+    made = cube((str(kind), number), (0.4 * number, 0.1 * kind, 0.0), (0.5, 0.4, 0.3))
+    made.type = kind
+    if kind in BUILT:
+        made.points = [Point(x=x, y=y, z=z) for x, y, z in (CORNERS[row] for row in FACES)]
+    return made
+
+
+def objects() -> list[Marker]:
+    """Return objects of every kind that the rungs tell apart, and enough of them."""
+    kinds = (Marker.CUBE, Marker.SPHERE, Marker.CYLINDER, Marker.ARROW, *BUILT)
+    few = [marker(kind, number) for kind in kinds for number in range(3)]
+    return few + [cube(("many", n), (0.9 * n, 5.0, 0.0)) for n in range(MANY)]
+
+
+def switch_everything(rig: Everything) -> Iterator[str]:
+    """Ask for one thing after the other; yields what it was once it is answered."""
+    rig.send(cube(("alone", 1)))
+    rig.answer()
+    yield "one object"
+    rig.send(*objects())
+    for kind in BUILT:
+        rig.built(*((str(kind), number) for number in range(3)))
+    rig.answer()
+    rig.move()
+    yield "objects"
+    for effect, topic in EFFECTS.items():
+        rig.listen(topic)
+        rig.until(lambda topic=topic: topic in rig.last, topic)  # type: ignore[misc]
+        rig.move()
+        yield f"effect {effect}"
+    for rung in (*ALL_RUNGS, *reversed(ALL_RUNGS)):
+        rig.set(accuracy=rung)
+        rig.cycles(5)
+        rig.until(lambda: not rig.node._settings.waiting, rung)
+        rig.move()
+        yield f"accuracy {rung}"
+    for name, value in CHANGES:
+        assert all(result.successful for result in rig.set(**{name: value})), name
+        rig.cycles(5)
+        rig.move()
+        yield f"{name} {value}"
+    rig.send(*(cube(("crowd", n), (0.0, -5.0, 0.0)) for n in range(200)))
+    rig.answer()
+    rig.move()
+    yield "a crowd"
+    rig.send(Marker(ns="many", action=Marker.DELETEALL))
+    rig.send(*(Marker(ns="crowd", id=n, action=Marker.DELETE) for n in range(200)))
+    rig.move()
+    yield "objects that go"
+
+
+def main() -> None:
+    """Run it."""
+    rig = Everything()
+    garbage.settle()  # as the executable does
+    with rig:
+        before, compiled = rig.kernels(), len(_compiling.compiled.names)
+        stages = [(stage, rig.stage()) for stage in switch_everything(rig)]
+        new = sorted(rig.kernels() - before)
+    names = _compiling.compiled.names[compiled:]
+    found = {"new": new, "compiled": names, "stages": stages}
+    sys.stdout.write(json.dumps(found) + "\n")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,201 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Jumps of the node's clock: ages and lifetimes go on from the new time, and it is said."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+from builtin_interfaces.msg import Duration
+from objects_rig import SECOND, START, ObjectsRig, place
+from rclpy.qos import QoSProfile
+from rig import Rig, cube
+from rosgraph_msgs.msg import Clock
+
+from obb_collision.geometry.shapes.shapes import Box
+from obb_collision.node.messages.conversions import stamp_to_ros
+from obb_collision.node.runtime.clock import LARGEST_SLEW, NodeClock, boot_time
+
+A1, A2 = ("a", 1), ("a", 2)
+
+
+class Times:
+    """A node's clock that a test sets."""
+
+    def __init__(self, simulated: bool = False) -> None:
+        self.time, self.steady, self.simulated = START, 0, simulated
+        self.jumps: list[int] = []
+        self.slow = 0
+        self.clock = NodeClock(
+            lambda: self.time,
+            lambda: self.simulated,
+            lambda shift, now: self.jumps.append(shift),
+            self._steady,
+        )
+
+    def _steady(self) -> int:
+        self.steady += self.slow
+        return self.steady
+
+    def step(self, moved: int, elapsed: int) -> list[int]:
+        """Let time pass, and return the jumps that are found."""
+        self.time, self.steady, self.jumps[:] = self.time + moved, self.steady + elapsed, []
+        assert self.clock.now() == self.time
+        return self.jumps
+
+
+@pytest.mark.parametrize("jump", [-3600 * SECOND, -SECOND, SECOND, 56 * 365 * 86400 * SECOND])
+def test_steps_of_the_systems_clock_are_found(jump: int) -> None:
+    times = Times()
+    assert times.step(SECOND, SECOND) == []
+    assert times.step(jump + SECOND, SECOND) == [jump]
+    assert times.step(SECOND, SECOND) == []
+
+
+def test_a_clock_that_is_slewed_does_not_jump() -> None:
+    times = Times()
+    for _ in range(1000):
+        assert times.step(SECOND + SECOND // 2000, SECOND) == []
+
+
+def test_a_look_that_is_held_up_decides_nothing() -> None:
+    times = Times()
+    times.slow = LARGEST_SLEW
+    assert times.step(SECOND, 2 * SECOND) == []
+    times.slow = 0
+    steady = times.steady
+    times.time = START + steady
+    assert times.step(0, 0) == []
+
+
+def test_a_simulation_may_go_forward_as_it_likes_and_jumps_when_it_goes_back() -> None:
+    times = Times(simulated=True)
+    assert times.step(50 * SECOND, SECOND) == []
+    assert times.step(0, 9 * SECOND) == [], "paused"
+    assert times.step(-20 * SECOND, SECOND) == [-20 * SECOND]
+
+
+def test_time_that_comes_from_elsewhere_is_a_jump_until_there_is_a_first_clock() -> None:
+    times = Times()
+    times.simulated = True
+    assert times.step(-START, SECOND) == [-START - SECOND]
+    assert times.step(0, SECOND) == []
+    assert times.step(7 * SECOND, SECOND) == [7 * SECOND], "the first message of /clock"
+    times.simulated = False
+    assert times.step(SECOND + SECOND, SECOND) == [SECOND]
+
+
+def test_the_steady_clock_does_not_go_back() -> None:
+    first = boot_time()
+    assert boot_time() >= first > 0
+    assert first >= time.monotonic_ns() - SECOND, "the time asleep counts"
+
+
+@pytest.mark.parametrize("shift", [-500 * SECOND, 500 * SECOND])
+def test_what_is_left_of_lifetimes_and_ages_stays(shift: int) -> None:
+    rig = ObjectsRig(A1, object_timeout=3.0)
+    slot = rig.objects.put(A2, Box([1.0, 1.0, 1.0]), (), rig.now + 2 * SECOND)
+    rig.slots = np.append(rig.slots, slot)
+    rig.objects.refuse(("b", 1), "bad scale", shape=True, expiry=rig.now + 2 * SECOND)
+    rig.send(rig.now)
+    rig.cycle()
+    rig.now += shift
+    rig.objects.clock_jumped(shift)
+    rig.now += SECOND
+    rig.cycle()
+    assert set(rig.objects.table.slots) == {A1, A2}
+    assert not rig.objects.table.stale.any()
+    assert not rig.objects.doubtful.any()
+    assert len(rig.objects.unplaceable) == 1
+    rig.now += SECOND + 1
+    rig.cycle()
+    assert set(rig.objects.table.slots) == {A1}
+    assert rig.objects.unplaceable == {}
+    rig.now += SECOND
+    rig.cycle()
+    assert rig.objects.table.stale[rig.slots[0]]
+
+
+def test_after_a_jump_back_older_stamps_are_taken_and_waiting_states_time_out_as_before() -> None:
+    rig = ObjectsRig(A1)
+    rig.send(rig.now)
+    rig.send(rig.now, "robot")
+    rig.send(rig.now + 1, "robot")
+    rig.cycle()
+    shift = -500 * SECOND
+    rig.now += shift
+    rig.objects.clock_jumped(shift)
+    rig.cycle()
+    assert not rig.refused
+    rig.now += SECOND
+    rig.cycle()
+    assert rig.refused == {("object_states", "unknown frame"): 2}
+    assert rig.send(rig.now) == 0
+    rig.cycle()
+    assert rig.x() == place(rig.now)
+    assert not rig.doubted, "the clock has said it already"
+
+
+def test_by_topics_a_simulation_that_goes_back_keeps_lifetimes(
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    with Rig(use_sim_time=True) as rig:
+        clock = rig.client.create_publisher(Clock, "/clock", QoSProfile(depth=10))
+        rig.until(lambda: clock.get_subscription_count() > 0, "match")
+
+        def tick(seconds: int) -> None:
+            clock.publish(Clock(clock=stamp_to_ros(seconds * SECOND)))
+            rig.until(lambda: rig.node._now() == seconds * SECOND, f"time {seconds}")
+            rig.cycles(2)
+
+        tick(100)
+        rig.send(cube(A1), cube(A2, lifetime=Duration(sec=5)), stamped=False)
+        table = rig.node.objects.table
+        rig.until(lambda: set(table.slots) == {A1, A2}, "objects")
+        tick(104)
+        tick(10)
+        assert "the clock jumped by -94.000 s" in capfd.readouterr().err
+        assert set(table.slots) == {A1, A2}, "a second is left"
+        tick(12)
+        rig.until(lambda: set(table.slots) == {A1}, "end of the lifetime")
+
+
+def test_by_topics_the_time_may_change_to_a_simulations_and_back(
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    with Rig() as rig:
+        rig.send(cube(A1), cube(A2, (0.5, 0, 0), lifetime=Duration(sec=3600)))
+        assert rig.pairs() == {("a/1", "a/2")}
+        rig.set(use_sim_time=True)
+        assert rig.node._now() == 0, "no message of /clock so far"
+        assert "the clock jumped by -" in capfd.readouterr().err
+        rig.cycles(2)
+        clock = rig.client.create_publisher(Clock, "/clock", QoSProfile(depth=10))
+        rig.until(lambda: clock.get_subscription_count() > 0, "match")
+        clock.publish(Clock(clock=stamp_to_ros(7 * SECOND)))
+        rig.until(lambda: rig.node._now() == 7 * SECOND, "time")
+        rig.cycles(2)
+        assert "the clock jumped by +7.000 s" in capfd.readouterr().err
+        rig.set(use_sim_time=False)
+        rig.cycles(2)
+        assert "the clock jumped by +" in capfd.readouterr().err
+        assert set(rig.node.objects.table.slots) == {A1, A2}
+        assert not rig.node.objects.doubtful.any()
+        rig.send(cube(A2, (3, 0, 0)))
+        assert rig.pairs() == set()

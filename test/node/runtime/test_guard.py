@@ -1,0 +1,166 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""A failure inside the node never ends it: at the item, the message, the output and the cycle."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Any
+
+import pytest
+
+pytest.importorskip("rclpy")
+from rclpy.context import Context
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
+from rig import DOMAIN, NAMESPACE, Rig, cube, pose, sync
+from std_srvs.srv import Trigger
+
+from obb_collision.node.inputs import markers as marker_input
+from obb_collision.node.objects import many as many_objects
+from obb_collision.node.runtime.guard import INTERNAL_ERROR, Guard
+from obb_collision.node.runtime.running import spin
+
+A, B, BAD = ("a", 1), ("a", 2), ("bad", 1)
+
+
+class UnforeseenError(Exception):
+    """What nobody thought of."""
+
+
+def failing(given: Callable[..., Any], fails: Callable[..., bool]) -> Callable[..., Any]:
+    """Return a function that raises where ``fails`` says so of its arguments."""
+
+    def call(*args: Any, **kwargs: Any) -> Any:
+        if fails(*args):
+            raise UnforeseenError("by the test")
+        return given(*args, **kwargs)
+
+    return call
+
+
+def test_an_item_that_fails_is_refused_alone(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+    objects = rig.node.objects
+    fails = failing(many_objects.put_primitives, lambda _, keys, *__: BAD in keys)
+    monkeypatch.setattr(marker_input, "put_primitives", fails)
+    rig.send(cube(A), cube(BAD), cube(B, (0.5, 0, 0)))
+    assert rig.pairs() == {("a/1", "a/2")}
+    assert rig.refused("objects") == {INTERNAL_ERROR: 1}
+    assert "bad/1" in rig.node.guard.last
+    assert BAD in objects.unplaceable
+
+
+def test_a_message_that_fails_is_refused_whole(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+    rig.send(cube(A), cube(B, (3, 0, 0)))
+    assert rig.pairs() == set()
+    store = rig.node.objects.store_poses
+    with monkeypatch.context() as patch:
+        patch.setattr(rig.node.objects, "store_poses", failing(store, lambda *_: True))
+        rig.send_transform("a/2", pose(0.5))
+        rig.until(lambda: rig.refused("object_transform"), "refusal")
+    assert rig.refused("object_transform") == {INTERNAL_ERROR: 1}
+    rig.send_transform("a/2", pose(0.5))
+    assert rig.pairs() == {("a/1", "a/2")}
+
+
+def test_a_cycle_that_fails_is_followed_by_the_next(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scene = rig.node.objects.scene
+    with monkeypatch.context() as patch:
+        patch.setattr(type(scene), "check", failing(scene.check, lambda *_: True))
+        rig.until(lambda: rig.node.guard.counts["cycle"] >= 3, "failed cycles")
+        assert rig.node.cycle.failed
+    rig.send(cube(A), cube(B, (0.5, 0, 0)))
+    assert rig.pairs() == {("a/1", "a/2")}
+    assert not rig.node.cycle.failed
+
+
+def test_an_output_that_fails_stops_no_other(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+    rig.listen("contacts")
+    rig.send(cube(A), cube(B, (0.5, 0, 0)))
+    rig.next("contacts")
+    outputs = rig.node._outputs
+    monkeypatch.setattr(
+        outputs, "_publish_cloud", failing(outputs._publish_cloud, lambda name, *_: True)
+    )
+    assert sync(rig) == {("a/1", "a/2")}
+    assert rig.node.guard.counts["output contacts"] > 0
+    assert rig.last["in_collision"].data
+
+
+def test_services_and_timers_go_on(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+    rig.send(cube(A))
+    rig.answer()
+    with monkeypatch.context() as patch:
+        patch.setattr(rig.node.objects, "clear", failing(lambda: 0, lambda *_: True))
+        response = rig.call(Trigger, "obb_collision/clear", Trigger.Request())
+        assert not response.success
+        assert INTERNAL_ERROR in response.message
+    rig.listen("/diagnostics")
+    found = rig.status("internal errors")
+    assert found["level"] == "02"
+    assert found["service clear"] == "1"
+    assert rig.call(Trigger, "obb_collision/clear", Trigger.Request()).success
+
+
+def test_what_the_executor_raises_does_not_end_the_spinning() -> None:
+    context, caught = Context(), list[Exception]()
+    context.init(domain_id=DOMAIN)
+    node = Node("raises", context=context, namespace=NAMESPACE)
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(node)
+
+    def tick() -> None:
+        if len(caught) == 3:
+            context.try_shutdown()
+        raise UnforeseenError("by the test")
+
+    def take(error: Exception) -> None:
+        if not context.ok():
+            raise error
+        caught.append(error)
+
+    node.create_timer(0.001, tick)
+    with suppress(ExternalShutdownException, UnforeseenError):
+        spin(executor, take)
+    assert len(caught) == 3
+    node.destroy_node()
+
+
+def test_each_failure_is_logged_once_with_its_traceback() -> None:
+    lines: list[str] = []
+    guard = Guard(lines.append, lambda: True)
+
+    def fail() -> None:
+        raise UnforeseenError("x" * 10_000)
+
+    for _ in range(3):
+        assert not guard.run("cycle", fail, "a/1")
+    assert guard.counts == {"cycle": 3}
+    assert len(lines) == 1
+    assert "Traceback" in lines[0]
+    assert "a/1" in lines[0]
+    assert len(guard.last) < 1000
+    guard.run("input objects", fail)
+    assert len(lines) == 2
+
+
+def test_what_fails_because_the_context_is_gone_is_raised() -> None:
+    guard = Guard(print, lambda: False)
+    with pytest.raises(UnforeseenError):
+        guard.run("cycle", failing(print, lambda: True))
+    assert guard.total == 0

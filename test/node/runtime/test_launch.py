@@ -1,0 +1,258 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Launch file, parameter file and RViz configuration agree with the node."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("rclpy")
+import yaml
+from ament_index_python.packages import PackageNotFoundError, get_package_prefix
+
+from obb_collision.node.outputs.effects import TOPICS
+from obb_collision.node.parameters.parameters import SPECS
+from obb_collision.node.runtime.launching import initial_parameters
+
+ROOT = Path(__file__).parents[3]
+
+
+def test_the_parameter_file_holds_every_parameter_at_its_default() -> None:
+    content = yaml.safe_load((ROOT / "config" / "obb_collision.yaml").read_text())
+    values = content["/**"]["ros__parameters"]
+    effects = values.pop("effects")
+    values |= {f"effects.{name}": value for name, value in effects.items()}
+    assert values == {spec.name: spec.default for spec in SPECS}
+    for spec in SPECS:
+        assert type(values[spec.name]) is type(spec.default), "ROS refuses an int for a double"
+
+
+def displays() -> dict[str, Any]:
+    content = yaml.safe_load((ROOT / "config" / "obb_collision.rviz").read_text())
+    return {display["Name"]: display for display in content["Visualization Manager"]["Displays"]}
+
+
+def test_the_rviz_configuration_shows_the_boxes_and_the_contacts() -> None:
+    shown = displays()
+    assert shown["World boxes"]["Class"] == "rviz_default_plugins/MarkerArray"
+    assert shown["World boxes"]["Topic"]["Value"] == "obb_collision/markers"
+    assert shown["Contacts"]["Class"] == "rviz_default_plugins/PointCloud2"
+    assert shown["Contacts"]["Topic"]["Value"] == "collisions"
+
+
+def test_the_rviz_configuration_has_the_topics_of_the_effects_switched_off() -> None:
+    clouds = {
+        shown["Topic"]["Value"]: shown["Enabled"]
+        for shown in displays().values()
+        if shown["Class"] == "rviz_default_plugins/PointCloud2"
+    }
+    assert clouds.pop("collisions") is True
+    effects = ("contacts", "clearance", "sweep", "points")
+    assert clouds == {TOPICS[name]: False for name in effects}
+
+
+def test_parameters_before_the_start_are_those_that_ros_finds_for_the_node(tmp_path: Path) -> None:
+    file = tmp_path / "parameters.yaml"
+    file.write_text(PARAMETERS)
+    in_cell = initial_parameters("obb_collision", "cell", str(file))
+    assert (in_cell["fixed_frame"], in_cell["rate"]) == ("odom", 30.0)
+    assert (in_cell["use_sim_time"], in_cell["scene_file"]) == (True, "tabletop")
+    elsewhere = initial_parameters("obb_collision", "", str(file))
+    assert (elsewhere["fixed_frame"], elsewhere["rate"]) == ("odom", 20.0)
+    assert elsewhere["use_sim_time"] is False
+    assert "scene_file" not in elsewhere
+    assert os.environ.get("ROS_AUTOMATIC_DISCOVERY_RANGE") != "OFF"
+
+
+PARAMETERS = """
+/**:
+  ros__parameters:
+    fixed_frame: odom
+    rate: 20.0
+/cell/*:
+  ros__parameters:
+    rate: 30.0
+cell:
+  obb_collision:
+    ros__parameters:
+      use_sim_time: true
+      scene_file: tabletop
+other:
+  ros__parameters:
+    fixed_frame: wrong
+"""
+LAUNCH = """
+import sys
+from launch import LaunchDescription, LaunchService
+from launch.actions import IncludeLaunchDescription
+from launch.launch_description_sources import PythonLaunchDescriptionSource
+
+source = PythonLaunchDescriptionSource(sys.argv[1])
+given = [argument.split(":=") for argument in sys.argv[2:]]
+service = LaunchService(noninteractive=True)
+service.include_launch_description(
+    LaunchDescription([IncludeLaunchDescription(source, launch_arguments=given)])
+)
+sys.exit(service.run())
+"""
+STAND_IN = """#!{python}
+import json, pathlib, sys
+words = sys.argv[1:]
+files = [after for word, after in zip(words, words[1:]) if word == "--params-file"]
+contents = [pathlib.Path(file).read_text() for file in files]
+pathlib.Path({record!r}).write_text(json.dumps([words, contents]))
+"""
+
+
+class Launched:
+    """The launch file run by the real launch, with stand-ins for what it starts."""
+
+    def __init__(self, folder: Path) -> None:
+        # by submodule: the folder launch/ of this project also answers to "launch"
+        for name in ("launch.actions", "launch_ros.actions"):
+            pytest.importorskip(name, reason="launch is not installed (not on PyPI)")
+        self._folder = folder
+
+    def install(self, package: str, executable: str) -> None:
+        """Install a stand-in that writes its arguments and parameter files down."""
+        prefix = self._folder / "prefix"
+        for place in ("share/ament_index/resource_index/packages", f"share/{package}"):
+            (prefix / place).mkdir(parents=True, exist_ok=True)
+        (prefix / "share/ament_index/resource_index/packages" / package).touch()
+        file = prefix / "lib" / package / executable
+        file.parent.mkdir(parents=True)
+        record = str(self._folder / executable)
+        file.write_text(STAND_IN.format(python=sys.executable, record=record))
+        file.chmod(0o755)
+        if package == "obb_collision":
+            (prefix / "share" / package / "config").symlink_to(ROOT / "config")
+
+    def run(self, *arguments: str) -> tuple[int, str]:
+        """Launch, to the end; returns exit code and output."""
+        before = os.environ.get("AMENT_PREFIX_PATH", "")
+        done = subprocess.run(
+            [sys.executable, "-c", LAUNCH, ROOT / "launch/obb_collision.launch.py", *arguments],
+            env=os.environ | {"AMENT_PREFIX_PATH": f"{self._folder / 'prefix'}:{before}"},
+            cwd=ROOT,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            timeout=60,
+            check=False,
+        )
+        return done.returncode, done.stdout
+
+    def started(self, executable: str) -> tuple[list[str], list[str]] | None:
+        """Return arguments and contents of the parameter files of a stand-in, if it was run."""
+        record = self._folder / executable
+        return tuple(json.loads(record.read_text())) if record.exists() else None
+
+    def parameters(self, tmp_path: Path, namespace: str = "") -> dict[str, Any]:
+        """Return the parameters that the node gets from all its files together."""
+        started = self.started("obb_collision_node")
+        assert started is not None
+        files = [tmp_path / f"given_{number}.yaml" for number in range(len(started[1]))]
+        for file, content in zip(files, started[1], strict=True):
+            file.write_text(content)
+        return initial_parameters("obb_collision", namespace, *map(str, files))
+
+
+@pytest.fixture
+def launched(tmp_path: Path) -> Launched:
+    """Return the launch file with a stand-in for the node."""
+    made = Launched(tmp_path)
+    made.install("obb_collision", "obb_collision_node")
+    return made
+
+
+def test_launch_starts_the_node_with_the_parameters_of_its_file(
+    launched: Launched, tmp_path: Path
+) -> None:
+    code, output = launched.run()
+    assert code == 0, output
+    started = launched.started("obb_collision_node")
+    assert started is not None
+    assert started[1] == [(ROOT / "config/obb_collision.yaml").read_text()]
+    assert launched.started("rviz2") is None
+
+
+def test_defaults_of_launch_leave_the_parameters_of_the_users_file_alone(
+    launched: Launched, tmp_path: Path
+) -> None:
+    file = tmp_path / "mine.yaml"
+    file.write_text(PARAMETERS)
+    code, output = launched.run(f"params_file:={file}", "namespace:=cell")
+    assert code == 0, output
+    found = launched.parameters(tmp_path, "cell")
+    assert (found["scene_file"], found["use_sim_time"]) == ("tabletop", True)
+    assert found["fixed_frame"] == "odom"
+
+
+def test_what_is_given_to_launch_wins_over_the_users_file(
+    launched: Launched, tmp_path: Path
+) -> None:
+    file = tmp_path / "mine.yaml"
+    file.write_text(PARAMETERS)
+    code, output = launched.run(
+        f"params_file:={file}",
+        "namespace:=cell",
+        "scene_file:=warehouse",
+        "use_sim_time:=false",
+        "fixed_frame:=world",
+    )
+    assert code == 0, output
+    found = launched.parameters(tmp_path, "cell")
+    assert (found["scene_file"], found["use_sim_time"]) == ("warehouse", False)
+    assert (found["fixed_frame"], found["rate"]) == ("world", 30.0)
+
+
+def test_without_rviz2_nothing_is_started_and_the_reason_is_said(launched: Launched) -> None:
+    try:
+        get_package_prefix("rviz2")
+    except PackageNotFoundError:
+        pass
+    else:
+        pytest.skip("rviz2 is installed")
+    code, output = launched.run("rviz:=true")
+    assert code == 1
+    assert "rviz2 is not installed: nothing was started" in output
+    assert "Traceback" not in output
+    assert launched.started("obb_collision_node") is None
+
+
+@pytest.mark.parametrize("given", [True, False])
+def test_rviz_gets_the_frame_and_the_clock_of_the_node(
+    launched: Launched, tmp_path: Path, given: bool
+) -> None:
+    launched.install("rviz2", "rviz2")
+    file = tmp_path / "mine.yaml"
+    file.write_text(PARAMETERS)
+    arguments = ["use_sim_time:=false", "fixed_frame:=world"] if given else []
+    code, output = launched.run(f"params_file:={file}", "namespace:=cell", "rviz:=true", *arguments)
+    assert code == 0, output
+    started = launched.started("rviz2")
+    assert started is not None
+    options, (parameters,) = started
+    assert options[options.index("-f") + 1] == ("world" if given else "odom")
+    assert Path(options[options.index("-d") + 1]).name == "obb_collision.rviz"
+    assert f"use_sim_time: {str(not given).lower()}" in parameters
+    assert "__ns:=/cell" in options

@@ -1,0 +1,285 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The executable as a process: other processes talk to it, signals end it with exit code 0."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from itertools import combinations
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.context import Context
+from rclpy.duration import Duration
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.qos import QoSProfile
+from rig import DOMAIN, NAMESPACE, Client, cube, pose
+from scipy.spatial.transform import Rotation
+
+from obb_collision.node.messages.conversions import pose_to_ros
+from obb_collision.node.outputs.outputs import DEADLINE
+
+PATIENCE = 60.0
+"""Seconds a process may take to start or end on a loaded machine; compiling kernels included."""
+IN_NAMESPACE = ("--ros-args", "-r", f"__ns:={NAMESPACE}")
+
+
+def command() -> list[str]:
+    """Return the installed executable, or the module where the package is not installed."""
+    beside = Path(sys.executable).parent / "obb_collision_node"
+    found = str(beside) if beside.exists() else shutil.which("obb_collision_node")
+    return [found] if found else [sys.executable, "-m", "obb_collision.commands"]
+
+
+@contextmanager
+def running(*arguments: str) -> Iterator[subprocess.Popen[str]]:
+    """Start the node in a process; killed at the end if it still runs."""
+    process = subprocess.Popen(
+        [*command(), *arguments],
+        env={**os.environ, "ROS_DOMAIN_ID": str(DOMAIN), "PYTHONWARNINGS": "default"},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.communicate()
+
+
+@contextmanager
+def client() -> Iterator[Client]:
+    """Yield a client that has met the node of another process."""
+    context = Context()
+    context.init(domain_id=DOMAIN)
+    executor = SingleThreadedExecutor(context=context)
+    made = Client(context, executor)
+    made.listen("collisions", "namespaces", "in_collision")
+    made.patience = PATIENCE
+    try:
+        made.wait_matched()
+        yield made
+    finally:
+        executor.shutdown()
+        made.client.destroy_node()
+        context.try_shutdown()
+
+
+def end(process: subprocess.Popen[str], number: signal.Signals) -> str:
+    """Send a signal; returns the output once the process has ended with exit code 0."""
+    process.send_signal(number)
+    output, _ = process.communicate(timeout=PATIENCE)
+    assert process.returncode == 0, output
+    assert "Traceback" not in output, output
+    return output
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_the_executable_serves_another_process_and_ends_cleanly(number: signal.Signals) -> None:
+    with running(*IN_NAMESPACE) as process, client() as other:
+        other.send(cube(("a", 1)), cube(("a", 2), (0.5, 0, 0)))
+        assert other.pairs() == {("a/1", "a/2")}
+        other.listen("collision_status")
+        other.until(lambda: "collision_status" in other.last, "status")
+        output = end(process, number)
+        other.until(
+            lambda: other.last["collision_status"].status[0].message.startswith("shutting down"),
+            "the last word",
+        )
+        other.until(lambda: other.last["in_collision"].data, "the last flag")
+    (ready,) = [line for line in output.splitlines() if "ready:" in line]
+    for word in ("/objects", "/collisions", "'map'", "numba", "/obb_collision/markers"):
+        assert word in ready
+
+
+def test_signals_that_go_on_until_the_end_change_nothing() -> None:
+    with running(*IN_NAMESPACE) as process, client() as other:
+        other.send(cube(("a", 1)), cube(("a", 2), (0.5, 0, 0)))
+        assert other.pairs() == {("a/1", "a/2")}
+        limit = time.monotonic() + PATIENCE
+        while process.poll() is None:
+            assert time.monotonic() < limit
+            process.send_signal(signal.SIGINT)
+            with suppress(subprocess.TimeoutExpired):
+                process.wait(0.002)  # as fast as no one can type, slow enough to let it end
+        assert process.stdout is not None
+        output = process.stdout.read()
+    assert process.returncode == 0, output
+    assert "Traceback" not in output
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("module", ["numpy", "numba", "rclpy.context"])
+def test_a_signal_during_the_imports_ends_it_without_a_word(
+    module: str, number: signal.Signals
+) -> None:
+    code = "from obb_collision.commands import node; raise SystemExit(node())"
+    process = subprocess.Popen(
+        [sys.executable, "-X", "importtime", "-c", code, *IN_NAMESPACE],
+        env={**os.environ, "ROS_DOMAIN_ID": str(DOMAIN)},
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stderr is not None
+    try:
+        for line in process.stderr:
+            if line.split("|")[-1].strip() == module:
+                break
+        process.send_signal(number)
+        _, rest = process.communicate(timeout=PATIENCE)
+        assert process.returncode == 0, rest
+        assert "Traceback" not in rest
+        assert "ready:" not in rest
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def test_a_second_signal_ends_a_node_that_takes_long_to_be_made() -> None:
+    code = """
+import sys, time
+from obb_collision.node.runtime.running import run
+def make(context, ending):
+    sys.stdout.write("making\\n")
+    sys.stdout.flush()
+    time.sleep(3600)
+run("slow", make, [])
+"""
+    process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    assert process.stdout.readline() == "making\n"
+    process.send_signal(signal.SIGINT)
+    process.send_signal(signal.SIGTERM)  # another one, for two of a kind may arrive as one
+    process.communicate(timeout=PATIENCE)
+    assert process.returncode == 0
+
+
+def test_a_node_that_is_killed_or_hangs_is_told_by_the_deadline() -> None:
+    missed: list[Any] = []
+    told: list[DiagnosticArray] = []
+    with running(*IN_NAMESPACE) as process, client() as other:
+        other.client.create_subscription(
+            DiagnosticArray,
+            "collision_status",
+            told.append,
+            QoSProfile(depth=1, deadline=Duration(seconds=DEADLINE)),
+            event_callbacks=SubscriptionEventCallbacks(deadline=missed.append),
+        )
+        for number in (signal.SIGSTOP, signal.SIGKILL):
+            count = len(told)
+            other.until(lambda n=count: len(told) > n + 3, "status")  # type: ignore[misc]
+            process.send_signal(number)
+            count = len(missed)
+            other.until(lambda n=count: len(missed) > n + 1, "deadline")  # type: ignore[misc]
+            process.send_signal(signal.SIGCONT)
+
+
+def test_parameters_namespace_and_remapping_come_by_the_command_line() -> None:
+    arguments = ["--ros-args", "-r", "__ns:=/cell", "-r", "objects:=scene"]
+    lines: list[str] = []
+    with running(*arguments, "-p", "rate:=20.0", "-p", "fixed_frame:=odom") as process:
+        assert process.stdout is not None
+        while "ready:" not in (lines or [""])[-1]:
+            line = process.stdout.readline()
+            assert line, f"ended before it was ready: {lines}"
+            lines.append(line)
+        end(process, signal.SIGINT)
+    for word in ("/cell/scene", "/cell/collisions", "'odom'", "at 20 Hz", " /diagnostics"):
+        assert word in lines[-1]
+
+
+def test_a_wrong_parameter_stops_the_start_with_the_reason() -> None:
+    with running("--ros-args", "-p", "stale_policy:=forget") as process:
+        output, _ = process.communicate(timeout=PATIENCE)
+        assert process.returncode != 0
+        assert "stale_policy must be one of keep, ignore" in output
+
+
+def interval_overlap(a: tuple[np.ndarray, ...], b: tuple[np.ndarray, ...]) -> bool:
+    """Oracle: corners of both boxes projected on the 15 axes; touching counts.
+
+    The boxes here are random, so that no pair is near touching and float64 decides.
+    """
+    signs = np.array(list(np.ndindex(2, 2, 2))) * 2.0 - 1.0
+    axes = [*a[1].T, *b[1].T, *(np.cross(u, v) for u in a[1].T for v in b[1].T)]
+    corners = [center + (signs * half) @ turn.T for center, turn, half in (a, b)]
+    for axis in axes:
+        left, right = corners[0] @ axis, corners[1] @ axis
+        if left.max() < right.min() or right.max() < left.min():
+            return False
+    return True
+
+
+def test_a_scene_of_another_process_gets_the_right_pairs_after_every_pose() -> None:
+    rng = np.random.default_rng(8)
+    count, moves = 30, 25
+    centers, halves = rng.uniform(0, 3, (count, 3)), rng.uniform(0.1, 0.7, (count, 3))
+    turns = Rotation.random(count, random_state=8)
+    poses = np.hstack((centers, turns.as_quat()))
+    markers = [cube(("part", i), size=2 * halves[i]) for i in range(count)]
+    for marker, row in zip(markers, poses, strict=True):
+        marker.pose = pose_to_ros(row)
+    boxes = list(zip(centers, turns.as_matrix(), halves, strict=True))
+
+    def expected() -> set[tuple[str, str]]:
+        return {
+            (f"part/{i}", f"part/{j}")
+            for i, j in combinations(range(count), 2)
+            if interval_overlap(boxes[i], boxes[j])
+        }
+
+    with running(*IN_NAMESPACE) as process, client() as other:
+        other.send(*markers)
+        assert other.pairs() == expected()
+        for _ in range(moves):
+            turn = Rotation.from_quat(rng.normal(size=4))
+            row = np.hstack((rng.uniform(0, 3, 3), turn.as_quat()))
+            boxes[0] = (row[:3], turn.as_matrix(), halves[0])
+            other.send_transform("part/0", row)
+            assert other.pairs() == expected()
+        other.send_transform("part/0", pose(100.0))
+        assert not any("part/0" in pair for pair in other.pairs())
+        end(process, signal.SIGTERM)
+
+
+def test_what_is_there_at_ready_is_out_of_the_collectors_sight() -> None:
+    code = """
+import gc
+from obb_collision.node.runtime import garbage
+given = gc.get_freeze_count()
+garbage.settle_more()
+assert gc.get_freeze_count() == given  # not where the process is somebody else's
+garbage.settle()
+before = gc.get_freeze_count()
+more = [[] for _ in range(10000)]
+garbage.settle_more()
+assert gc.get_freeze_count() >= before + 10000
+assert len(gc.get_objects()) < 10000
+"""
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=PATIENCE)

@@ -1,0 +1,236 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Kernels made ready at the start and beside the cycles: where, in which order, and what waits."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from threading import Event
+from typing import Any
+
+import pytest
+
+pytest.importorskip("rclpy")
+from rig import Rig, cube, sync
+from rings import RING, ring, rungs
+
+from obb_collision import _kernel_cache
+from obb_collision.accuracy import Accuracy
+from obb_collision.node.runtime import warm_up
+from obb_collision.node.runtime.warm_up import WarmUp
+from obb_collision.warm_up import steps
+from obb_collision.warm_up.processes import Progress
+from obb_collision.warm_up.steps import BOXES, MESSAGES, NODE_STEPS, STEPS
+
+SEPARATIONS = "effect separations"
+
+
+class Cache:
+    """A cache that has some steps; the others can be compiled, unless they fail."""
+
+    def __init__(self, *kept: str) -> None:
+        self.kept = set(kept)
+        self.compiled: list[str] = []
+        self.here: list[str] = []
+        self.failures: dict[str, str] = {}
+        self.may_go_on = Event()
+        self.may_go_on.set()
+        self.asked = Event()
+
+    def run(self, step: str) -> None:
+        """Stand in for ``steps.run``."""
+        if step in self.kept:
+            return
+        if getattr(_kernel_cache._this_thread, "only_loads", False):
+            raise _kernel_cache.KernelMissingError(step)
+        self.here.append(step)
+
+    def compile_steps(self, wanted: list[str], **options: Any) -> Progress:
+        """Stand in for ``compile_steps``."""
+        self.asked.set()
+        self.may_go_on.wait()
+        progress = Progress(tuple(wanted), done=list(wanted))
+        self.compiled += wanted
+        progress.failed = {step: why for step, why in self.failures.items() if step in wanted}
+        self.kept |= set(wanted) - progress.failed.keys()
+        options["look"](progress)
+        return progress
+
+
+class Log:
+    """Lines said and complained about, of a WarmUp that is closed at the end."""
+
+    def __init__(self) -> None:
+        self.said: list[str] = []
+        self.complained: list[str] = []
+        self.warm = WarmUp(self.said.append, self.complained.append)
+
+
+def wait_for(reached: Callable[[], bool]) -> None:
+    """Wait until something is reached; the test hangs if it never is."""
+    done = Event()
+    while not reached():
+        done.wait(0.01)
+
+
+@pytest.fixture
+def log() -> Iterator[Log]:
+    made = Log()
+    yield made
+    made.warm.close()
+
+
+@pytest.fixture
+def cache(monkeypatch: pytest.MonkeyPatch) -> Cache:
+    made = Cache()
+    monkeypatch.setattr(steps, "run", made.run)
+    monkeypatch.setattr(warm_up, "compile_steps", made.compile_steps)
+    return made
+
+
+def test_what_is_compiled_already_is_loaded_at_the_start_without_a_word(
+    cache: Cache, log: Log
+) -> None:
+    cache.kept = set(NODE_STEPS)
+    log.warm.start([])
+    assert all(log.warm.is_ready(rung) for rung in Accuracy)
+    assert log.warm.is_ready("sweep")
+    assert (cache.compiled, log.said, log.complained) == ([], [], [])
+
+
+def test_the_start_compiles_what_is_asked_for_and_nothing_more(cache: Cache, log: Log) -> None:
+    log.warm.start([Accuracy.MESH, Accuracy.AABB])
+    assert set(cache.compiled) == {BOXES, MESSAGES, "accuracy mesh", SEPARATIONS}
+    assert log.warm.is_ready(Accuracy.MESH)
+    assert log.said[0].startswith("compiling kernels for boxes, ")
+    assert "accuracy mesh" in log.said[0]
+
+
+def test_what_is_asked_for_later_is_compiled_once_beside_the_cycles(cache: Cache, log: Log) -> None:
+    cache.kept = {BOXES, MESSAGES, SEPARATIONS}
+    log.warm.start([])
+    for thing in ("sweep", Accuracy.HULL, "sweep"):
+        wait_for(lambda thing=thing: log.warm.is_ready(thing))  # type: ignore[misc]
+    assert cache.compiled == ["effect sweep", "accuracy hull"]
+    assert cache.here == []
+    assert log.complained == []
+
+
+def test_what_cannot_be_compiled_later_is_refused_with_the_reason_and_tried_again(
+    cache: Cache, log: Log, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cache.kept = {BOXES, MESSAGES, SEPARATIONS}
+    cache.failures["effect sweep"] = "no folder takes kernels"
+    log.warm.start([])
+    assert not log.warm.is_ready("sweep")
+    wait_for(lambda: bool(log.complained))
+    assert "no folder takes kernels" in log.complained[0]
+    assert "no folder takes kernels" in log.warm.why_not("sweep")
+    assert not log.warm.is_ready("sweep")
+    assert cache.compiled == ["effect sweep"]
+    assert cache.here == []
+    cache.failures.clear()
+    monkeypatch.setattr(warm_up, "perf_counter", lambda: float("inf"))  # much later
+    wait_for(lambda: log.warm.is_ready("sweep"))
+    assert cache.compiled == ["effect sweep", "effect sweep"]
+
+
+def test_where_nothing_can_be_kept_all_that_may_be_switched_on_is_compiled_before_the_start(
+    cache: Cache, log: Log
+) -> None:
+    cache.failures = dict.fromkeys(STEPS, "no folder takes kernels")
+    log.warm.start([])
+    assert cache.here == list(NODE_STEPS)
+    assert "no folder takes kernels" in log.complained[0]
+    assert all(log.warm.is_ready(thing) for thing in (*Accuracy, "sweep", "points"))
+
+
+def test_a_start_that_is_given_up_compiles_nothing_more(
+    cache: Cache, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def stopped(wanted: list[str], **options: Any) -> Progress:
+        assert options["stopped"]()
+        return Progress(tuple(wanted), stopped=True)
+
+    monkeypatch.setattr(warm_up, "compile_steps", stopped)
+    warm = WarmUp(lambda text: None, lambda text: None, lambda: True)
+    warm.start([])
+    assert cache.here == []
+    warm.close()
+
+
+def test_closing_waits_until_nothing_is_compiled_any_more(
+    cache: Cache, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    begun, ended = Event(), Event()
+
+    def compile_until_stopped(wanted: list[str], **options: Any) -> Progress:
+        begun.set()
+        wait_for(options["stopped"])
+        ended.set()  # here the processes are ended
+        return Progress(tuple(wanted), stopped=True)
+
+    monkeypatch.setattr(warm_up, "compile_steps", compile_until_stopped)
+    cache.kept = {BOXES, MESSAGES, SEPARATIONS}
+    monkeypatch.setattr(warm_up, "ENDING", 3600.0)
+    warm = WarmUp(lambda text: None, lambda text: None)
+    warm.start([])
+    assert not warm.is_ready("sweep")
+    begun.wait()
+    warm.close()
+    assert ended.is_set()
+
+
+@pytest.fixture
+def late_cache(cache: Cache) -> Cache:
+    """Return a cache that has what every cycle needs, and lets nothing be compiled yet."""
+    cache.kept = {BOXES, MESSAGES, SEPARATIONS}
+    cache.may_go_on.clear()
+    return cache
+
+
+def test_pairs_stay_on_obb_and_cycles_go_on_until_an_accuracy_is_ready(late_cache: Cache) -> None:
+    with Rig() as rig:
+        rig.patience = 300.0  # then the cycle itself compiles, here
+        rig.send(ring(), cube(("box", 1), size=(0.5, 0.5, 0.5)))
+        rig.built(RING)
+        assert sync(rig) == {("mesh/1", "box/1")}
+        rig.set(accuracy="mesh")
+        rig.until(late_cache.asked.is_set, "thread")
+        rig.cycles(5)
+        assert rungs(rig) == ["obb"]
+        late_cache.may_go_on.set()
+        rig.until(lambda: rungs(rig) == [], "mesh")
+
+
+def test_an_effect_is_silent_until_it_is_ready(late_cache: Cache) -> None:
+    with Rig() as rig:
+        rig.patience = 300.0
+        rig.listen("/diagnostics", "contacts")
+        rig.until(late_cache.asked.is_set, "thread")
+        rig.cycles(5)
+        assert "contacts" not in rig.last
+        assert rig.status(": cycle")["effect contacts"] == "auto, being made ready"
+        late_cache.may_go_on.set()
+        rig.until(lambda: "contacts" in rig.last, "contacts")
+
+
+def test_an_effect_that_cannot_be_compiled_says_why_in_the_diagnostics(late_cache: Cache) -> None:
+    late_cache.failures["effect contacts"] = "the disk is full"
+    late_cache.may_go_on.set()
+    with Rig() as rig:
+        rig.listen("/diagnostics", "contacts")
+        rig.until(lambda: "full" in rig.status(": cycle")["effect contacts"], "the reason")
+        assert "contacts" not in rig.last

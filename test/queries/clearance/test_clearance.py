@@ -1,0 +1,286 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Clearance against all features tried in extended precision, exact certificates, and coal."""
+
+from __future__ import annotations
+
+import zlib
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+import oracle
+import pytest
+from distances import box, root, squared_distance
+from feature_distances import EXTENDED, distances
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from membership import outside
+from support import family, joined, sizes, stored, witnesses
+
+from obb_collision.benchmarks.cases.families import FAMILIES
+from obb_collision.benchmarks.cases.placement import log_uniform, place, random_rotations, turns
+from obb_collision.geometry.boxes import Boxes
+from obb_collision.queries.clearance.clearance import Clearances, clearances, clearances_within
+from obb_collision.queries.verdict.verdict import Verdict, verdicts
+
+#: Promised, relative to the sum of all half extents or the distance, whichever is larger.
+ACCURACY = 1e-12
+Sides = tuple[Boxes, Boxes]
+
+KINDS = (
+    "random",
+    "parallel faces",
+    "parallel edges",
+    "vertex against face",
+    "edge against edge",
+    "nearly touching",
+    "nearly parallel",
+    "flat",
+    "needles",
+    "huge, tiny and far",
+    "coaxial",
+)
+
+
+def apart(kind: str, n: int) -> Sides:
+    """``n`` pairs that are SEPARATE, most of them; gaps from 1e-9 to thrice the size."""
+    rng = np.random.default_rng(zlib.crc32(kind.encode()))
+    rot_a, rot_b = random_rotations(rng, n), random_rotations(rng, n)
+    half_a, half_b = rng.uniform(0.05, 1.0, (2, n, 3))
+    index = rng.integers(0, 15, n)
+    total = half_a.sum(axis=1) + half_b.sum(axis=1)
+    gaps, spread = log_uniform(rng, -6.0, 0.5, n) * total, 3.0
+    if kind == "parallel faces":
+        rot_b = rot_a @ turns(np.tile([0.0, 0.0, 1.0], (n, 1)), rng.uniform(0.0, 3.0, n))
+        index = np.full(n, 2)
+    elif kind == "parallel edges":
+        rot_b = rot_a @ turns(np.tile([0.0, 0.0, 1.0], (n, 1)), rng.uniform(0.0, 3.0, n))
+        index = rng.choice([0, 1, 3, 4], n)
+    elif kind == "vertex against face":
+        index, spread = rng.integers(0, 6, n), 0.9
+    elif kind == "edge against edge":
+        index, spread = rng.integers(6, 15, n), 0.9
+    elif kind == "nearly touching":
+        gaps, spread = 1e-9 * total, 0.999
+    elif kind == "nearly parallel":
+        rot_b = turns(rng.normal(size=(n, 3)), log_uniform(rng, -17.0, -3.0, n)) @ rot_a
+    elif kind == "flat":
+        half_a[:, 0] = 0.0
+        half_b[np.arange(3) < rng.integers(0, 4, (n, 1))] = 0.0
+    elif kind == "needles":
+        half_a[:, :2] *= log_uniform(rng, -6.0, -2.0, (n, 2))
+        half_b[:, :2] *= log_uniform(rng, -6.0, -2.0, (n, 2))
+    elif kind == "huge, tiny and far":
+        half_a, half_b = half_a * log_uniform(rng, -9.0, 9.0, (n, 1)), half_b * 1e3
+        gaps = gaps + log_uniform(rng, -3.0, 9.0, n)
+    elif kind == "coaxial":
+        rot_b, index, spread = rot_a, rng.integers(0, 3, n), 0.0
+    a, b = place(rng, rot_a, half_a, rot_b, half_b, index=index, gaps=gaps, spread=spread)
+    sides = Boxes(*a), Boxes(*b)
+    rows = np.flatnonzero(verdicts(*sides) == Verdict.SEPARATE)
+    assert len(rows) > 0.8 * n
+    return sides[0].take(rows), sides[1].take(rows)
+
+
+def between(a: Boxes, b: Boxes) -> Clearances:
+    """Row against row."""
+    return clearances(*joined(a, b))
+
+
+def scale(a: Boxes, b: Boxes, found: Clearances) -> np.ndarray:
+    return np.maximum(sizes(a, b), np.abs(found.distances))
+
+
+@pytest.mark.skipif(not EXTENDED, reason="longdouble is a double here")
+@pytest.mark.parametrize("kind", KINDS)
+def test_distance_is_that_of_all_features_tried(kind: str, pairs: int) -> None:
+    """11 kinds of 1,000 pairs as a rule."""
+    a, b = apart(kind, max(pairs * 2 // 3, 100))
+    found = between(a, b)
+    error = np.abs(found.distances - distances(stored(a), stored(b))) / scale(a, b, found)
+    assert error.max() <= ACCURACY
+    print(f"{kind}: {len(a)} pairs, largest error {error.max():.1e} of the size")  # noqa: T201
+
+
+@pytest.mark.skipif(not EXTENDED, reason="longdouble is a double here")
+@pytest.mark.parametrize("name", FAMILIES)
+def test_hard_families_too(name: str, pairs: int) -> None:
+    a, b = family(name, max(pairs // 5, 50), seed=3)
+    apart = np.flatnonzero(verdicts(a, b) == Verdict.SEPARATE)
+    a, b = a.take(apart), b.take(apart)
+    found = between(a, b)
+    error = np.abs(found.distances - distances(stored(a), stored(b))) / scale(a, b, found)
+    assert error.max() <= ACCURACY
+
+
+@pytest.mark.parametrize("kind", sorted(set(KINDS) - {"nearly touching", "nearly parallel"}))
+def test_normal_and_points_prove_the_distance(kind: str) -> None:
+    """Exact fractions: no points are closer than the gap along the normal, ours hardly farther."""
+    a, b = apart(kind, 60)
+    found = between(a, b)
+    for row in range(len(a)):
+        n = found.normals[row]
+        gap = oracle.gap_along(a.row(row), b.row(row), n)
+        length = np.sqrt(float(sum(Fraction(x) ** 2 for x in n.tolist())))
+        offset = [
+            Fraction(y) - Fraction(x)
+            for x, y in zip(found.points_a[row].tolist(), found.points_b[row].tolist(), strict=True)
+        ]
+        upper = np.sqrt(float(sum(x * x for x in offset)))
+        coordinates = np.abs([a.centers[row], b.centers[row]]).max()
+        allowed = ACCURACY * max(sizes(a, b)[row], coordinates)
+        assert upper - float(gap) / length <= allowed
+        assert abs(upper - found.distances[row]) <= allowed
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_distance_is_the_exact_least_square(kind: str) -> None:
+    """The convex quadratic programme over both boxes, solved by fractions: too slow for more."""
+    a, b = (side.take(np.arange(1)) for side in apart(kind, 20))
+    found = between(a, b)
+    truth = root(squared_distance(box(a.row(0)), box(b.row(0))))
+    assert abs(found.distances[0] - truth) <= ACCURACY * scale(a, b, found)[0]
+
+
+@pytest.mark.parametrize("name", FAMILIES)
+def test_sign_of_the_distance_is_the_verdict(name: str) -> None:
+    a, b = family(name, 1000)
+    found, verdict = between(a, b), verdicts(a, b)
+    np.testing.assert_array_equal(found.distances > 0.0, verdict == Verdict.SEPARATE)
+    np.testing.assert_array_equal(found.distances == 0.0, verdict == Verdict.TOUCHING)
+    overlap = verdict == Verdict.OVERLAP
+    np.testing.assert_array_equal(found.distances[overlap], witnesses(a, b)[0][overlap])
+
+
+@pytest.mark.parametrize("name", FAMILIES)
+def test_points_lie_in_their_boxes_and_differ_by_the_distance(name: str) -> None:
+    """Overlapping too: points deepest in the other box, as far apart as the boxes are deep."""
+    a, b = family(name, 1000, seed=1)
+    found = between(a, b)
+    room = scale(a, b, found) + np.abs(a.centers).max(axis=1) + np.abs(b.centers).max(axis=1)
+    for side, points in ((a, found.points_a), (b, found.points_b)):
+        for row in range(0, len(a), 50):
+            exact = [[Fraction(x) for x in points[row].tolist()]]
+            assert outside(side.row(row), exact)[0] <= 1e-15 * room[row]
+    np.testing.assert_allclose(np.linalg.norm(found.normals, axis=1), 1.0, rtol=0.0, atol=1e-15)
+    offset = found.points_b - found.points_a
+    along = (offset * found.normals).sum(axis=1)
+    assert (np.abs(along - found.distances) <= ACCURACY * room).all()
+    length = np.hypot(np.hypot(offset[:, 0], offset[:, 1]), offset[:, 2])
+    assert (np.abs(length - np.abs(found.distances)) <= ACCURACY * room).all()
+
+
+@pytest.mark.parametrize("name", FAMILIES)
+def test_swapped_boxes_give_the_same_bits(name: str) -> None:
+    a, b = family(name, 500)
+    boxes, rows = joined(a, b)
+    there, back = clearances(boxes, rows), clearances(boxes, rows[:, ::-1])
+    np.testing.assert_array_equal(there.distances, back.distances)
+    same = [
+        (x == y).reshape(len(a), -1).all(axis=1) for x, y in zip(stored(a), stored(b), strict=True)
+    ]
+    other = ~np.logical_and.reduce(same)
+    np.testing.assert_array_equal(there.points_a[other], back.points_b[other])
+    np.testing.assert_array_equal(there.points_b[other], back.points_a[other])
+    np.testing.assert_array_equal(there.normals[other], -back.normals[other])
+
+
+def test_only_the_offset_counts() -> None:
+    a, b = apart("random", 300)
+    grid = 2.0**-30
+    centers = [np.round(x.centers / grid) * grid for x in (a, b)]
+    moved = np.array([2.0**20, -3.0 * 2.0**19, 2.0**18])
+    sides = [
+        [Boxes(c + by, x.rotations, x.half_extents) for c, x in zip(centers, (a, b), strict=True)]
+        for by in (0.0, moved)
+    ]
+    here, there = between(*sides[0]), between(*sides[1])
+    np.testing.assert_array_equal(here.distances, there.distances)
+    np.testing.assert_array_equal(here.normals, there.normals)
+
+
+@pytest.mark.parametrize("name", ["ordinary scene", "sizes 1e-160 to 1e155"])
+def test_within_a_limit_are_those_no_farther(name: str) -> None:
+    boxes, rows = joined(*family(name, 1000))
+    every = clearances(boxes, rows)
+    for limit in (0.0, float(np.median(np.abs(every.distances))), np.inf):
+        kept, found = clearances_within(boxes, rows, limit)
+        np.testing.assert_array_equal(kept, np.flatnonzero(every.distances <= limit))
+        np.testing.assert_array_equal(found.distances, every.distances[kept])
+        np.testing.assert_array_equal(found.points_a, every.points_a[kept])
+        np.testing.assert_array_equal(found.points_b, every.points_b[kept])
+        np.testing.assert_array_equal(found.normals, every.normals[kept])
+
+
+numbers = st.floats(-1e300, 1e300)
+vectors = st.tuples(numbers, numbers, numbers)
+extents = st.tuples(*3 * [st.floats(0.0, 1e300)])
+quaternions = st.tuples(*4 * [st.floats(-1.0, 1.0)]).filter(any)
+
+
+@pytest.mark.filterwarnings("ignore:.*far from unit length")
+@settings(max_examples=300)
+@given(vectors, quaternions, extents, st.one_of(vectors, st.none()), quaternions, extents)
+def test_any_doubles_at_all(
+    center: Any, one: Any, half: Any, offset: Any, other: Any, other_half: Any
+) -> None:
+    a = Boxes.from_poses([(*center, *one)], [half])
+    b = Boxes.from_poses([(*(offset or center), *other)], [other_half])
+    found = between(a, b)
+    for array in (found.distances, found.points_a, found.points_b, found.normals):
+        assert np.isfinite(array).all()
+    np.testing.assert_allclose(np.linalg.norm(found.normals), 1.0, rtol=0.0, atol=1e-15)
+    assert np.sign(found.distances[0]) == {0: 1.0, 1: 0.0, 2: -1.0}[int(verdicts(a, b)[0])]
+
+
+@pytest.mark.parametrize("turn", np.linspace(0.0, np.pi / 2.0, 7))
+def test_parallel_faces_one_metre_apart(turn: float) -> None:
+    """Crosswise, star-shaped or beside: faces that overlap have the distance of their planes."""
+    tall = [np.cos(turn / 2.0), np.sin(turn / 2.0)]
+    boxes = Boxes.from_poses(
+        [(0, 0, 0, 0, 0, 0, 1), (0.1, 0, 2, 0, 0, tall[1], tall[0])], [(3, 0.5, 0.5), (3, 0.4, 0.5)]
+    )
+    found = clearances(boxes, [(0, 1)])
+    assert found.distances[0] == pytest.approx(1.0, abs=1e-15)
+    np.testing.assert_allclose(found.normals, [[0.0, 0.0, 1.0]], atol=1e-15)
+    np.testing.assert_allclose(found.points_b - found.points_a, [[0.0, 0.0, 1.0]], atol=1e-15)
+
+
+def test_coal_agrees() -> None:
+    """GJK in coal ends within its tolerance, 1e-6 of the distance."""
+    coal = pytest.importorskip("coal")
+    for kind in ("random", "parallel faces", "vertex against face", "edge against edge"):
+        a, b = apart(kind, 300)
+        theirs = np.empty(len(a))
+        for row in range(len(a)):
+            shapes = []
+            for side in (a, b):
+                center, rotation, half = side.row(row)
+                shapes += [coal.Box(*(2.0 * half)), coal.Transform3s(rotation, center)]
+            theirs[row] = coal.distance(*shapes, coal.DistanceRequest(), coal.DistanceResult())
+        found = between(a, b)
+        assert (np.abs(found.distances - theirs) <= 2e-6 * scale(a, b, found)).all()
+
+
+def test_bad_input_is_refused_by_name() -> None:
+    boxes, _ = joined(*family("ordinary scene", 2))
+    for wrong in ([(0, 4)], [(-1, 0)], [(0.0, 1.0)], [0, 1], [(0, 1, 2)]):
+        with pytest.raises(ValueError, match="pairs"):
+            clearances(boxes, wrong)
+    for limit in (-1.0, np.nan):
+        with pytest.raises(ValueError, match="limit"):
+            clearances_within(boxes, [(0, 1)], limit)
+    assert len(clearances(boxes, [])) == 0

@@ -1,0 +1,236 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Clouds in boxes: the same as each point in each box by itself, whatever grid stands between."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from distances import box, segment, squared_distance
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+from support import family
+
+from obb_collision.benchmarks.cases.families import FAMILIES
+from obb_collision.geometry.boxes import Boxes
+from obb_collision.queries.points.containment import contains
+from obb_collision.queries.points.points import CHUNK, PointsInside, points_inside
+
+#: By how much more than the margin a point may be away and still count, relative to its size.
+DOUBT = 2.0**-44
+
+
+def near(boxes: Boxes, rng: np.random.Generator, each: int) -> np.ndarray:
+    """Points in, on and just off the surface of each box, shuffled."""
+    n = len(boxes)
+    places = rng.uniform(-1.2, 1.2, (n, each, 3))
+    faces = rng.random((n, each, 3)) < 0.4
+    places[faces] = rng.choice([-1.0, 1.0, 1.0 + 1e-15, 1.0 - 1e-15, 1.0 + 1e-9], faces.sum())
+    offsets = np.einsum("nij,nkj->nki", boxes.rotations, places * boxes.half_extents[:, None])
+    points = (boxes.centers[:, None] + offsets).reshape(-1, 3)
+    shuffled: np.ndarray = rng.permutation(points)
+    return shuffled
+
+
+def assert_as_each_box_by_itself(boxes: Boxes, points: np.ndarray, found: PointsInside) -> None:
+    finite = np.isfinite(points).all(axis=1)
+    assert found.ignored == (~finite).sum()
+    assert found.boxes is not None
+    lowest = np.full(len(points), -1)
+    for b in range(len(boxes)):
+        inside = np.zeros(len(points), np.bool_)
+        inside[finite] = contains(*boxes.row(b), points[finite].astype(np.float64))
+        lowest[inside & (lowest < 0)] = b
+        rows = np.flatnonzero(inside)
+        assert found.counts[b] == len(rows)
+        if len(rows) == 0:
+            assert found.first[b] == found.nearest[b] == -1
+            assert found.distances[b] == np.inf
+            continue
+        assert found.first[b] == rows[0]
+        away = points[rows].astype(np.float64) - boxes.centers[b]
+        scale = max(float(np.abs(away).max()), 1e-300)
+        lengths = np.linalg.norm(away / scale, axis=1) * scale
+        nearest = np.flatnonzero(rows == found.nearest[b])
+        assert lengths[nearest] <= lengths.min() * (1.0 + 1e-14)
+        assert found.distances[b] == pytest.approx(lengths.min(), rel=1e-14)
+    np.testing.assert_array_equal(found.boxes, lowest)
+
+
+@pytest.mark.parametrize("name", FAMILIES)
+def test_families(name: str) -> None:
+    boxes, _ = family(name, 60)
+    points = near(boxes, np.random.default_rng(1), 15)
+    found = points_inside(boxes, points, each_point=True)
+    assert_as_each_box_by_itself(boxes, points, found)
+
+
+def crowded(kind: str, n: int, rng: np.random.Generator) -> Boxes:
+    """Boxes spread as grids like it least."""
+    centers = rng.uniform(-2.0, 2.0, (n, 3))
+    half = rng.uniform(0.05, 0.5, (n, 3))
+    if kind == "all overlap":
+        centers, half = 0.05 * centers, half + 1.0
+    elif kind == "one huge":
+        half[0] = 50.0
+    elif kind == "crowd in a hall":
+        centers, half = 1e-3 * centers, 1e-3 * half
+        half[0] = 5.0
+    elif kind == "rods":
+        half = np.tile([0.01, 0.01, 5.0], (n, 1))
+    elif kind == "far":
+        centers = centers + 1e8
+    elif kind == "points and plates":
+        half *= rng.choice([0.0, 1.0], (n, 3))
+    elif kind == "one place":
+        centers[:], half[:] = centers[0], half[0]
+    elif kind == "in a plane":
+        centers[:, 2] = 0.0
+        half[:, 2] = 0.0
+    rotations = Rotation.random(n, random_state=rng).as_matrix()
+    rotations[: n // 2] = np.eye(3)
+    return Boxes(centers, rotations, half)
+
+
+KINDS = [
+    "plain", "all overlap", "one huge", "crowd in a hall", "rods", "far", "points and plates",
+    "one place", "in a plane",
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_crowds(kind: str, dtype: type) -> None:
+    rng = np.random.default_rng(2)
+    boxes = crowded(kind, 80, rng)
+    low, high = boxes.world_bounds()
+    cloud = [near(boxes, rng, 60), rng.uniform(low.min(), high.max(), (3000, 3)), low, high]
+    points: np.ndarray = np.concatenate(cloud).astype(dtype)
+    points[::97, rng.integers(0, 3)] = rng.choice([np.nan, np.inf, -np.inf])
+    found = points_inside(boxes, points, each_point=True)
+    assert found.counts.sum() > 0 or kind == "far"
+    assert_as_each_box_by_itself(boxes, points, found)
+
+
+@given(st.sampled_from(KINDS), st.integers(0, 9), st.integers(0, 400), st.integers(0, 2**32 - 1))
+def test_few(kind: str, n: int, count: int, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    boxes = crowded(kind, n, rng) if n else family("ordinary scene", 0)[0]
+    points: np.ndarray = rng.uniform(-1.0, 1.0, (count, 3)) * 10.0 ** rng.uniform(-3, 9)
+    if n:
+        points[: count // 2] = near(boxes, rng, count)[: count // 2]
+    assert_as_each_box_by_itself(boxes, points, points_inside(boxes, points, each_point=True))
+
+
+@pytest.mark.parametrize("scale", [1.0, 1e-200, 1e250])
+def test_margins(scale: float) -> None:
+    rng = np.random.default_rng(3)
+    boxes = crowded("points and plates", 12, rng)
+    boxes = Boxes(scale * boxes.centers, boxes.rotations, scale * boxes.half_extents)
+    margin = 0.25 * scale
+    local = rng.uniform(-1.0, 1.0, (12, 10, 3)) * (boxes.half_extents + 1.2 * margin)[:, None]
+    on_face = local[:, ::2]  # at the margin from a face, as well as doubles can say
+    on_face[..., 0] = boxes.half_extents[:, None, 0] + margin
+    points = boxes.centers[:, None] + np.einsum("nij,nkj->nki", boxes.rotations, local)
+    points = points.reshape(-1, 3)
+    found = points_inside(boxes, points, margin)
+    margins = set()
+    for b in range(len(boxes)):
+        held = 0
+        for point in points:
+            square = squared_distance(segment(point, point), box(boxes.row(b)))
+            alone = points_inside(boxes.take(np.array([b])), point[None], margin).counts[0]
+            held += alone
+            size = np.abs(point - boxes.centers[b]).sum() + boxes.half_extents[b].sum() + margin
+            truth = square <= Fraction(margin) ** 2
+            assert alone or not truth, "a point within the margin may never be left out"
+            assert not alone or square <= Fraction(margin + DOUBT * size) ** 2
+            margins.add((bool(alone), truth))
+        assert found.counts[b] == held
+    assert {(True, True), (False, False)} <= margins
+
+
+def same(a: PointsInside, b: PointsInside) -> bool:
+    return a.ignored == b.ignored and all(
+        np.array_equal(getattr(a, name), getattr(b, name))
+        for name in ("counts", "first", "nearest", "distances", "boxes")
+    )
+
+
+def test_any_number_of_threads_gives_the_same_bits() -> None:
+    rng = np.random.default_rng(4)
+    boxes = crowded("plain", 200, rng)
+    points = rng.uniform(-2.5, 2.5, (5 * CHUNK + 123, 3))
+    points[3 * CHUNK + 7 :] = points[: 2 * CHUNK + 116]  # equally near ones in several parts
+    alone = points_inside(boxes, points, each_point=True, threads=1)
+    for threads in (2, 3, 7, None):
+        assert same(points_inside(boxes, points, each_point=True, threads=threads), alone)
+    for b in np.flatnonzero(alone.counts):
+        twice = np.flatnonzero((points == points[alone.nearest[b]]).all(axis=1))
+        assert alone.nearest[b] == twice[0]
+
+
+def test_clouds_are_taken_as_they_come() -> None:
+    rng = np.random.default_rng(5)
+    boxes = crowded("plain", 30, rng)
+    points = rng.uniform(-2.5, 2.5, (2000, 3)).astype(np.float32)
+    want = points_inside(boxes, points.astype(np.float64), each_point=True)
+    padded = np.zeros(2000, np.dtype({"names": ["xyz"], "formats": ["3f4"], "itemsize": 32}))
+    padded["xyz"] = points
+    packed = np.zeros(2000, np.dtype([("flag", "u1"), ("xyz", "f4", 3)]))
+    packed["xyz"] = points
+    read_only = points.copy()
+    read_only.setflags(write=False)
+    clouds = [
+        points, padded["xyz"], packed["xyz"], read_only, np.asfortranarray(points),
+        points.astype(">f4"), points.tolist(),
+    ]  # fmt: skip
+    for cloud in clouds:
+        assert same(points_inside(boxes, cloud, each_point=True), want)
+    assert_as_each_box_by_itself(boxes, points, want)
+    whole = points_inside(boxes, np.array([[0, 0, 0], [1, 1, 1]]))
+    assert same(whole, points_inside(boxes, np.array([[0.0, 0, 0], [1, 1, 1]])))
+
+
+def test_nothing_to_look_at() -> None:
+    none, one = family("ordinary scene", 0)[0], family("ordinary scene", 1)[0]
+    found = points_inside(none, np.array([[0.0, 0, 0], [np.nan, 0, 0]]), each_point=True)
+    assert found.counts.shape == found.distances.shape == (0,)
+    assert found.ignored == 1
+    assert found.boxes is not None
+    assert found.boxes.tolist() == [-1, -1]
+    for boxes in (none, one):
+        empty = points_inside(boxes, np.empty((0, 3)), each_point=True)
+        assert (empty.counts == 0).all()
+        assert (empty.first == -1).all()
+        assert empty.ignored == 0
+
+
+def test_bad_input() -> None:
+    boxes = family("ordinary scene", 1)[0]
+    for points in (np.zeros(3), np.zeros((2, 4)), np.zeros((1, 2, 3))):
+        with pytest.raises(ValueError, match="points must have shape"):
+            points_inside(boxes, points)
+    with pytest.raises(ValueError, match="points must be numbers"):
+        points_inside(boxes, [["a", "b", "c"]])
+    with pytest.raises(ValueError, match="margin must not be negative"):
+        points_inside(boxes, np.zeros((1, 3)), -1.0)
+    with pytest.raises(ValueError, match="margin must be finite"):
+        points_inside(boxes, np.zeros((1, 3)), np.nan)
+    with pytest.raises(ValueError, match="threads"):
+        points_inside(boxes, np.zeros((1, 3)), threads=0)

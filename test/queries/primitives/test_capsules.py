@@ -1,0 +1,237 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Spheres and capsules against boxes and each other: held to exact fractions."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+import distances
+import membership
+import numpy as np
+import oracle
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial import ConvexHull
+from scipy.spatial.transform import Rotation
+
+from obb_collision.geometry.boxes import Boxes
+from obb_collision.geometry.capsules import Capsules
+from obb_collision.queries.primitives.capsules import (
+    capsule_distances,
+    capsule_pair_verdicts,
+    capsule_verdicts,
+)
+from obb_collision.queries.verdict.verdict import OVERLAP, SEPARATE, TOUCHING
+
+#: What isn't told from touching is this near to it, relative to the size of the pair.
+DOUBT = 2.0**-44
+#: Lengths of a scene, and those whose squares leave the range of doubles.
+SCALES = (1.0, 1e-170, 1e-30, 1e6, 1e200)
+
+
+def scene(n: int, seed: int) -> tuple[Boxes, np.ndarray, np.ndarray]:
+    """Boxes, plain and flat, and segments of which many lie along edges, on faces, in corners."""
+    rng = np.random.default_rng(seed)
+    rotations = Rotation.random(n, random_state=rng).as_matrix()
+    rotations[: n // 4] = np.eye(3)
+    half = rng.uniform(0.1, 1.0, (n, 3)) * rng.choice([0.0, 1e-9, 1.0], (n, 3), p=[0.1, 0.1, 0.8])
+    boxes = Boxes(rng.choice([0.0, 1.0, 1e4], (n, 1)) * rng.uniform(-1, 1, (n, 3)), rotations, half)
+    local = rng.uniform(-2.5, 2.5, (2, n, 3))
+    corner = rng.choice([-1.0, 1.0], (n, 3)) * half
+    kind = rng.integers(0, 6, n)
+    local[1, kind == 1] = local[0, kind == 1]  # a sphere
+    turned = kind == 2  # parallel to a face or an edge, up to rounding
+    local[1, turned] = np.where(
+        rng.random((n, 3)) < 0.5, local[0], local[1] + rng.choice([0.0, 1e-9], (n, 1))
+    )[turned]
+    local[0, kind == 3] = 1.7 * corner[kind == 3]  # towards a corner
+    local[0, kind == 4] = (corner * rng.choice([1.0, 1.5], (n, 3)))[kind == 4]
+    ends = boxes.centers + np.einsum("nij,snj->sni", rotations, local)
+    return boxes, ends[0], ends[1]
+
+
+def near_radii(separations: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Radii that make pairs touch, nearly touch or overlap, given distances without a radius."""
+    noise = rng.choice([0.0, 1e-16, 1e-14, 1e-9, 0.3], len(separations))
+    factors = 1.0 + noise * rng.choice([-1.0, 1.0], len(separations))
+    return np.maximum(separations, 0.0) * factors * (rng.random(len(separations)) < 0.9)
+
+
+def check(verdict: int, separation: float, square: Fraction, radius: Fraction, size: float) -> None:
+    """Hold verdict and separation to the exact squared distance of the cores, and the radii."""
+    excess = square - radius * radius
+    if verdict == SEPARATE:
+        assert excess > 0
+    elif verdict == OVERLAP:
+        assert excess < 0 or square == 0
+    else:
+        assert abs(distances.root(square) - float(radius)) <= DOUBT * size
+    if square > 0:
+        assert abs(separation - (distances.root(square) - float(radius))) <= DOUBT * size
+    else:
+        assert separation <= DOUBT * size - float(radius)
+
+
+@pytest.mark.parametrize("scale", SCALES)
+def test_capsules_against_boxes(scale: float) -> None:
+    boxes, p, q = scene(200, 1)
+    boxes = Boxes(boxes.centers * scale, boxes.rotations, boxes.half_extents * scale)
+    p, q = p * scale, q * scale
+    bare = capsule_distances(Capsules(p, q, np.zeros(len(p))), boxes).separations
+    radii = near_radii(bare, np.random.default_rng(2))
+    found = capsule_distances(Capsules(p, q, radii), boxes)
+    assert set(found.verdicts) == {SEPARATE, TOUCHING, OVERLAP}
+    size = np.abs(p - boxes.centers).sum(axis=1) + np.abs(q - boxes.centers).sum(axis=1)
+    size += boxes.half_extents.sum(axis=1) + radii
+    for n in range(len(boxes)):
+        square = distances.squared_distance(
+            distances.segment(p[n], q[n]), distances.box(boxes.row(n))
+        )
+        check(found.verdicts[n], found.separations[n], square, Fraction(radii[n]), size[n])
+
+
+@pytest.mark.parametrize("scale", SCALES)
+def test_capsules_against_capsules(scale: float) -> None:
+    rng = np.random.default_rng(3)
+    n = 300
+    ends = rng.uniform(-1.0, 1.0, (4, n, 3)) * scale
+    ends[1, :40] = ends[0, :40]  # spheres
+    ends[3, 20:60] = ends[2, 20:60]
+    way = (ends[1] - ends[0]) * rng.uniform(0.1, 2.0, (n, 1))
+    lean = rng.choice([0.0, 1e-16, 1e-12, 1e-8, 1e-4], (n, 1)) * scale
+    ends[3, 60:200] = (ends[2] + way + lean * rng.uniform(-1, 1, (n, 3)))[60:200]
+    ends[2, 200:220] = 0.5 * ends[0, 200:220] + 0.5 * ends[1, 200:220]  # they cross, or nearly
+    bare = capsule_distances(
+        Capsules(ends[0], ends[1], np.zeros(n)), Capsules(ends[2], ends[3], np.zeros(n))
+    )
+    share = rng.uniform(0.0, 1.0, n)
+    radii = near_radii(bare.separations, rng)
+    a = Capsules(ends[0], ends[1], share * radii)
+    b = Capsules(ends[2], ends[3], (1.0 - share) * radii)
+    found = capsule_distances(a, b)
+    assert set(found.verdicts) == {SEPARATE, TOUCHING, OVERLAP}
+    np.testing.assert_array_equal(found.verdicts, capsule_verdicts(b, a))
+    for k in range(n):
+        square = distances.squared_distance(
+            distances.segment(ends[0, k], ends[1, k]), distances.segment(ends[2, k], ends[3, k])
+        )
+        radius = Fraction(a.radii[k]) + Fraction(b.radii[k])
+        check(found.verdicts[k], found.separations[k], square, radius, 6.0 * scale)
+
+
+def test_depth_of_a_segment_in_a_box_is_the_least_way_out() -> None:
+    rng = np.random.default_rng(4)
+    boxes, p, q = scene(400, 5)
+    solid = boxes.half_extents.min(axis=1) > 1e-3
+    boxes, p, q = boxes.take(solid), p[solid], q[solid]
+    p = boxes.centers + 0.3 * (p - boxes.centers)
+    radii = rng.uniform(0.0, 0.3, len(p))
+    found = capsule_distances(Capsules(p, q, radii), boxes)
+    inside = np.flatnonzero((found.separations + radii < -1e-6) & (p != q).any(axis=1))
+    assert len(inside) > 50
+    for n in inside:
+        corners = np.array([[float(x) for x in c] for c in membership.corners(boxes.row(n))])
+        hull = ConvexHull(np.concatenate([corners - p[n], corners - q[n]]), qhull_options="QJ")
+        depth = -hull.equations[:, 3].max()
+        assert found.separations[n] + radii[n] == pytest.approx(-depth, abs=1e-7)
+
+
+def test_points_and_normals() -> None:
+    boxes, p, q = scene(400, 6)
+    radii = np.random.default_rng(7).uniform(0.0, 0.5, len(p))
+    capsules = Capsules(p, q, radii)
+    for other in (boxes, capsules.take(np.arange(len(p))[::-1])):
+        found = capsule_distances(capsules, other)
+        reach = 1e-12 * (1.0 + np.abs(boxes.centers).max())
+        np.testing.assert_allclose(np.linalg.norm(found.normals, axis=1), 1.0, atol=1e-14)
+        step = found.separations[:, None] * found.normals
+        np.testing.assert_allclose(found.points_a + step, found.points_b, atol=reach)
+        core = found.points_a - radii[:, None] * found.normals
+        np.testing.assert_allclose(_from_segments(core, p, q), 0.0, atol=reach)
+        if isinstance(other, Boxes):
+            y = np.einsum("nij,ni->nj", boxes.rotations, found.points_b - boxes.centers)
+            depth = (np.abs(y) - boxes.half_extents).max(axis=1)
+            np.testing.assert_allclose(depth, 0.0, atol=reach)  # on the surface
+
+
+def _from_segments(points: np.ndarray, p: np.ndarray, q: np.ndarray) -> np.ndarray:
+    way = q - p
+    square = np.maximum((way * way).sum(axis=1), 1e-300)
+    t = np.clip(((points - p) * way).sum(axis=1) / square, 0.0, 1.0)
+    return np.linalg.norm(points - p - t[:, None] * way, axis=1)
+
+
+def test_a_sphere_is_decided_by_its_centre_and_radius() -> None:
+    box = Boxes([[0, 0, 0]] * 6, [np.eye(3)] * 6, [[1, 1, 1]] * 6)
+    centers = np.array([[2, 0, 0], [2, 0, 0], [2, 0, 0], [0.5, 0, 0], [4, 5, 1], [0, 0, 0]])
+    found = capsule_distances(Capsules.spheres(centers, [1, 0.5, 1.5, 0.25, 5, 0]), box)
+    assert found.verdicts.tolist() == [TOUCHING, SEPARATE, OVERLAP, OVERLAP, TOUCHING, OVERLAP]
+    assert found.separations.tolist() == [0.0, 0.5, -0.5, -0.75, 0.0, -1.0]
+    assert found.normals[:4].tolist() == [[-1, 0, 0]] * 4
+    np.testing.assert_allclose(found.normals[4], [-0.6, -0.8, 0], atol=1e-15)
+    assert found.points_a[3].tolist() == [0.25, 0, 0]
+    assert found.points_b[3].tolist() == [1, 0, 0]
+    balls = Capsules.spheres([[0, 0, 0], [0, 0, 0]], [1, 2])
+    other = Capsules.spheres([[0, 3, 0], [0, 0, 0]], [2, 1])
+    found = capsule_distances(balls, other)
+    assert found.verdicts.tolist() == [TOUCHING, OVERLAP]
+    assert found.separations.tolist() == [0.0, -3.0]
+
+
+def test_rows_choose_the_pairs() -> None:
+    boxes, p, q = scene(50, 8)
+    capsules = Capsules(p, q, np.full(50, 0.2))
+    rng = np.random.default_rng(9)
+    i, j = rng.integers(0, 50, (2, 200))
+    for other in (boxes, capsules):
+        chosen = capsule_pair_verdicts(capsules, i, other, j)
+        np.testing.assert_array_equal(chosen, capsule_verdicts(capsules.take(i), other.take(j)))
+    assert len(capsule_verdicts(capsules.take(i[:0]), boxes.take(j[:0]))) == 0
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_boxes_never_miss_what_capsules_report(seed: int) -> None:
+    """The box around a capsule is apart only from what the capsule is apart from."""
+    rng = np.random.default_rng(seed)
+    n = 20
+    boxes, p, _ = scene(n, seed)
+    rotations = Rotation.random(n, random_state=rng).as_matrix()
+    half = rng.uniform(0.0, 1.0, n)
+    radii = rng.uniform(0.01, 0.5, n)
+    step = rotations[:, :, 2] * half[:, None]
+    around = Boxes(p, rotations, np.stack([radii, radii, half + radii], axis=1))
+    capsules = Capsules(p - step, p + step, radii)
+    found = capsule_verdicts(capsules, boxes)
+    apart = oracle.verdicts(
+        (around.centers, around.rotations, around.half_extents * (1 + 1e-15)),
+        (boxes.centers, boxes.rotations, boxes.half_extents),
+    )
+    assert (found[apart == SEPARATE] != OVERLAP).all()
+
+
+def test_bad_input() -> None:
+    box = Boxes([[0, 0, 0]], [np.eye(3)], [[1, 1, 1]])
+    with pytest.raises(ValueError, match=r"starts must be finite in row 1"):
+        Capsules([[0.0, 0, 0], [0, np.nan, 0]], np.zeros((2, 3)), [1, 1])
+    with pytest.raises(ValueError, match=r"radii must not be negative in row 0"):
+        Capsules.spheres([[0, 0, 0]], [-1])
+    with pytest.raises(ValueError, match="same length"):
+        Capsules([[0, 0, 0]], [[0, 0, 0]] * 2, [1])
+    with pytest.raises(ValueError, match="same length"):
+        Capsules.spheres([[0, 0, 0]], [1, 2])
+    with pytest.raises(ValueError, match="same length"):
+        capsule_verdicts(Capsules.spheres([[0, 0, 0]] * 2, [1, 1]), box)

@@ -1,0 +1,118 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Planes, half-spaces and axis-aligned boxes against boxes: held to exact fractions."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from itertools import product
+
+import membership
+import numpy as np
+import pytest
+from distances import root
+from support import family
+
+from obb_collision.geometry.boxes import Boxes
+from obb_collision.queries.primitives.planes import aabb_verdicts, plane_distances
+from obb_collision.queries.verdict.verdict import OVERLAP, SEPARATE, TOUCHING, verdicts
+
+#: What isn't told from touching is this near to it, relative to the size of the pair.
+DOUBT = 1e-14
+
+
+@pytest.mark.parametrize("name", ["ordinary scene", "far away, 1e6 to 1e9 m", "zero extents"])
+def test_planes(name: str) -> None:
+    boxes, _ = family(name, 100)
+    rng = np.random.default_rng(10)
+    n = len(boxes)
+    normals = rng.normal(size=(n, 3)) * 10.0 ** rng.uniform(-9, 9, (n, 1))
+    normals[: n // 2] = boxes.rotations[: n // 2, :, 0]  # a face lies on the plane
+    reach = np.abs(np.einsum("nk,nki->ni", normals, boxes.rotations)) * boxes.half_extents
+    squares = (normals * normals).sum(axis=1, keepdims=True)
+    shift = rng.choice([-1.0, -0.5, 0.0, 1.0, 1.0 + 1e-15, 1.5], (n, 1))
+    points = boxes.centers + shift * normals * reach.sum(axis=1, keepdims=True) / squares
+    found = plane_distances(points, normals, boxes)
+    for k in range(n):
+        m = membership.fractions(normals[k])
+        at = membership.fractions(points[k])
+        ends = [
+            sum((a * (x - y) for a, x, y in zip(m, corner, at, strict=True)), Fraction(0))
+            for corner in membership.corners(boxes.row(k))
+        ]
+        low, high = min(ends), max(ends)
+        norm = root(sum((a * a for a in m), Fraction(0)))
+        size = np.abs(points[k] - boxes.centers[k]).sum() + boxes.half_extents[k].sum()
+        assert abs(float(low) / norm - found.lowest[k]) <= DOUBT * size
+        assert abs(float(high) / norm - found.highest[k]) <= DOUBT * size
+        near = min(abs(low), abs(high)) <= Fraction(DOUBT * size * norm)
+        side = 1 if low > 0 else -1 if high < 0 else 0
+        assert found.sides[k] == side or (near and found.sides[k] == 0)
+        across = OVERLAP if low < 0 < high else SEPARATE if side else TOUCHING
+        assert found.plane_verdicts[k] == across or (near and found.plane_verdicts[k] == TOUCHING)
+        half = SEPARATE if low > 0 else OVERLAP if low < 0 else TOUCHING
+        assert found.half_space_verdicts[k] in (half, TOUCHING if near else half)
+
+
+def test_boxes_against_axis_aligned_boxes() -> None:
+    rng = np.random.default_rng(11)
+    a, b = family("ordinary scene", 300)
+    minimum, maximum = b.world_bounds()
+    minimum[:100] = a.centers[:100] + a.half_extents[:100].max(axis=1, keepdims=True)
+    maximum[:100] = minimum[:100] + rng.choice([0.0, 1e-17, 0.1, 1.0], (100, 3))
+    found = aabb_verdicts(a, minimum, maximum)
+    for n in range(len(a)):
+        truth = _interval_verdict(a.row(n), minimum[n], maximum[n])
+        assert found[n] in (truth, TOUCHING)
+    assert (found != TOUCHING).mean() > 0.9
+    a, b = family("exact resting contact", 100)
+    meet = verdicts(a, b, exact=True) != SEPARATE
+    assert meet.sum() > 50
+    assert (aabb_verdicts(a, *b.world_bounds())[meet] != SEPARATE).all()
+
+
+def _interval_verdict(box: membership.Box, low: np.ndarray, high: np.ndarray) -> int:
+    """Compare corners along the 15 axes, exactly."""
+    axes = [membership.fractions(column) for column in box[1].T]
+    units = [[Fraction(int(i == k)) for k in range(3)] for i in range(3)]
+    ours = membership.corners(box)
+    theirs = list(product(*zip(membership.fractions(low), membership.fractions(high), strict=True)))
+    pairs = [(axes[i], axes[(i + 1) % 3]) for i in range(3)]
+    pairs += [(units[i], units[(i + 1) % 3]) for i in range(3)]
+    pairs += list(product(axes, units))
+    verdict = OVERLAP
+    for x, y in pairs:
+        n = [x[(k + 1) % 3] * y[(k + 2) % 3] - x[(k + 2) % 3] * y[(k + 1) % 3] for k in range(3)]
+        if not any(n):
+            continue
+        a = [sum(s * t for s, t in zip(n, c, strict=True)) for c in ours]
+        b = [sum(s * t for s, t in zip(n, c, strict=True)) for c in theirs]
+        gap = max(min(b) - max(a), min(a) - max(b))
+        if gap > 0:
+            return SEPARATE
+        verdict = TOUCHING if gap == 0 else verdict
+    return verdict
+
+
+def test_bad_input() -> None:
+    box = Boxes([[0, 0, 0]], [np.eye(3)], [[1, 1, 1]])
+    with pytest.raises(ValueError, match="normals must not be zero in row 0"):
+        plane_distances([[0, 0, 0]], [[0, 0, 0]], box)
+    with pytest.raises(ValueError, match="same length"):
+        plane_distances([[0, 0, 0]] * 2, [[1, 0, 0]] * 2, box)
+    with pytest.raises(ValueError, match="minimum must not exceed maximum in row 0"):
+        aabb_verdicts(box, [[1, 0, 0]], [[0, 0, 0]])
+    with pytest.raises(ValueError, match="same length"):
+        aabb_verdicts(box, [[0, 0, 0]] * 2, [[1, 1, 1]] * 2)

@@ -1,0 +1,242 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Sweeps of boxes that don't turn are exact: against fractions, over every family of hard pairs.
+
+``--pairs 100000`` spreads that many motions over the families: the long run.
+"""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+from support import family, joined, sizes
+from sweep_oracle import ExactMotion
+
+from obb_collision.benchmarks.cases.families import FAMILIES
+from obb_collision.benchmarks.cases.placement import log_uniform
+from obb_collision.geometry.boxes import Boxes
+from obb_collision.obb import OBB
+from obb_collision.queries.sweep.sweep import Sweeps, sweep, sweep_twists
+from obb_collision.queries.verdict.verdict import Verdict, verdicts
+
+#: Promised: how far apart boxes may be at the time given, of T (see ``sweep_linear``).
+GAP = 4e-15
+#: Promised relative error of times where the way to the contact is a hundredth of T or more.
+RELATIVE = 1e-12
+
+Motion = tuple[Boxes, Boxes, np.ndarray]
+
+
+def moving(name: str, n: int, seed: int = 0) -> Motion:
+    """Pairs of a family that fly through their poses: start, end, rows.
+
+    Lengths of a thousandth to a thousand times the size, some along an edge (sliding, grazing);
+    the pose of the family is at the start, the end, or anywhere between. Either box or both move.
+    """
+    rng = np.random.default_rng([seed, 17])
+    a, b = family(name, n, seed)
+    way = rng.normal(size=(n, 3))
+    along = rng.random(n) < 0.4
+    way[along] = a.rotations[along, :, 0]
+    size = np.maximum(sizes(a, b), 1e-200)[:, None]
+    way *= size * log_uniform(rng, -3.0, 3.0, (n, 1)) / np.linalg.norm(way, axis=1, keepdims=True)
+    when = np.where(rng.random((n, 1)) < 0.5, rng.integers(0, 2, (n, 1)), rng.random((n, 1)))
+    share = rng.integers(0, 3, (n, 1)) / 2.0
+    moves = ((a, way * share), (b, way * (share - 1.0)))
+    starts = [Boxes(s.centers + when * w, s.rotations, s.half_extents) for s, w in moves]
+    ends = [Boxes(s.centers - (1.0 - when) * w, s.rotations, s.half_extents) for s, w in moves]
+    start, rows = joined(*starts)
+    return start, joined(*ends)[0], rows
+
+
+def check_against_truth(start: Boxes, end: Boxes, rows: np.ndarray, found: Sweeps) -> int:
+    """Assert the promise for every row; return how many near misses count as hits."""
+    near_misses = 0
+    for n, (i, j) in enumerate(rows):
+        exact = ExactMotion.of((start.row(i), start.row(j)), (end.row(i), end.row(j)))
+        truth = exact.first_contact()
+        if truth is not None:
+            assert found.hits[n]
+            assert Fraction(found.times[n]) <= truth
+            if exact.way(truth) > 0.01:
+                assert truth - Fraction(found.times[n]) <= RELATIVE * truth
+        near_misses += truth is None and found.hits[n]
+        if found.hits[n]:
+            assert exact.gap(found.times[n]) <= GAP
+        else:
+            assert found.times[n] == np.inf
+    return near_misses
+
+
+@pytest.mark.parametrize("name", FAMILIES)
+def test_exact_without_turning(name: str, pairs: int) -> None:
+    n = max(60, pairs // len(FAMILIES))
+    start, end, rows = moving(name, n)
+    found = sweep(start, end, rows)
+    near_misses = check_against_truth(start, end, rows, found)
+    assert 0.1 < found.hits.mean() < 1.0 or name == "exact resting contact"
+    print(f"{name}: {n} motions, {found.hits.sum()} hits, {near_misses} misses by rounding only")  # noqa: T201
+
+
+@pytest.mark.parametrize(
+    "name", ["ordinary scene", "edge against edge", "axes relabelled and mirrored"]
+)
+def test_contact_is_in_both_boxes_and_the_normal_between_them(name: str) -> None:
+    start, end, rows = moving(name, 400)
+    found = sweep(start, end, rows)
+    hits = np.flatnonzero(found.hits & (found.times > 0.0))
+    assert len(hits) > 50
+    way = end.centers - start.centers
+    size = start.half_extents[rows[hits]].sum(axis=(1, 2))
+    centers = [
+        start.centers[rows[hits, s]] + found.times[hits, None] * way[rows[hits, s]] for s in (0, 1)
+    ]
+    for side in (0, 1):
+        box = start.take(rows[hits, side])
+        local = np.einsum("nji,nj->ni", box.rotations, found.points[hits] - centers[side])
+        slack = 1e-9 * size + 1e-12 * np.abs(way[rows[hits]]).sum(axis=(1, 2))
+        assert ((np.abs(local) - box.half_extents).max(axis=1) <= slack).all()
+    normals = found.normals[hits]
+    np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0, rtol=0.0, atol=1e-14)
+    assert (np.einsum("ni,ni->n", normals, centers[1] - centers[0]) > 0.0).all()
+    closing = np.einsum("ni,ni->n", normals, way[rows[hits, 1]] - way[rows[hits, 0]])
+    assert (closing < 0.0).all()
+
+
+def test_colliding_at_the_start_is_time_zero() -> None:
+    for name in ("ordinary scene", "exact resting contact", "zero extents"):
+        a, b = family(name, 300)
+        start, rows = joined(a, b)
+        rng = np.random.default_rng(1)
+        end = Boxes(rng.normal(size=(600, 3)), start.rotations, start.half_extents)
+        colliding = verdicts(a, b) != Verdict.SEPARATE
+        found = sweep(start, end, rows)
+        assert (found.times[colliding] == 0.0).all()
+        still = sweep(start, start, rows)
+        assert still.hits[colliding].all()
+        for i in np.flatnonzero(still.hits & ~colliding):  # nearer than the rounding of a sweep
+            one, other = (OBB(x.centers[i], x.rotations[i], x.half_extents[i]) for x in (a, b))
+            size = one.half_extents.sum() + other.half_extents.sum()
+            size += 2.0 * np.abs(one.center - other.center).sum()  # T, start and end alike
+            assert 0.0 <= one.separation(other).gap <= GAP * size
+        assert np.isfinite(still.points[colliding]).all()
+        shared = Boxes(
+            start.centers + np.array([1.0, 2.0, -4.0]), start.rotations, start.half_extents
+        )
+        together = sweep(start, shared, rows)
+        assert (together.times[colliding] == 0.0).all()
+
+
+def test_a_bullet_never_passes_a_paper_wall() -> None:
+    rng = np.random.default_rng(2)
+    n = 2000
+    size = rng.uniform(1e-6, 1e-3, (n, 3))
+    target = np.column_stack([np.zeros(n), *rng.uniform(-0.99, 0.99, (2, n))])
+    way = rng.normal(size=(n, 3)) * 1e4
+    share = rng.random((n, 1))
+    walls = Boxes(np.zeros((n, 3)), [np.eye(3)] * n, [[0.0, 1.0, 1.0]] * n)
+    bullets = [
+        Boxes(target - share * way, [np.eye(3)] * n, size),
+        Boxes(target + (1.0 - share) * way, [np.eye(3)] * n, size),
+    ]
+    start, rows = joined(walls, bullets[0])
+    found = sweep(start, joined(walls, bullets[1])[0], rows)
+    assert found.hits.all()
+    np.testing.assert_allclose(found.times, share[:, 0], rtol=0.0, atol=1e-2)
+
+
+numbers = st.floats(-1e300, 1e300)
+vectors = st.tuples(numbers, numbers, numbers)
+extents = st.tuples(*3 * [st.floats(0.0, 1e300)])
+quaternions = st.tuples(*4 * [st.floats(-1.0, 1.0)]).filter(any)
+
+
+@pytest.mark.filterwarnings("ignore:.*far from unit length")
+@settings(max_examples=300)
+@given(vectors, vectors, vectors, quaternions, quaternions, quaternions, extents, extents)
+def test_any_doubles_at_all(
+    one: Any, two: Any, three: Any, q: Any, r: Any, s: Any, half: Any, other: Any
+) -> None:
+    """Whatever is accepted gives a whole answer: no NaN where there is a hit, none elsewhere."""
+    start = Boxes.from_poses([(*one, *q), (*two, *r)], [half, other])
+    for turned in (q, s):
+        end = Boxes.from_poses([(*three, *turned), (*two, *r)], [half, other])
+        found = sweep(start, end, [[0, 1]])
+        assert found.hits[0] == np.isfinite(found.times[0])
+        if found.hits[0]:
+            assert 0.0 <= found.times[0] <= 1.0
+            assert np.isfinite(found.points).all()
+            np.testing.assert_allclose(np.linalg.norm(found.normals), 1.0, rtol=0.0, atol=1e-14)
+        if turned is q:
+            check_against_truth(start, end, np.array([[0, 1]]), found)
+
+
+def test_twists_are_motions_in_seconds() -> None:
+    start, end, rows = moving("ordinary scene", 300)
+    twists = np.hstack([(end.centers - start.centers) / 2.5, np.zeros((len(start), 3))])
+    one, other = sweep(start, end, rows), sweep_twists(start, twists, rows, 2.5)
+    np.testing.assert_array_equal(one.hits, other.hits)
+    np.testing.assert_allclose(2.5 * one.times, other.times, rtol=1e-12, atol=1e-14)
+
+
+def test_bad_input_is_refused_with_the_reason() -> None:
+    start, end, rows = moving("ordinary scene", 3)
+    grown = Boxes(end.centers, end.rotations, end.half_extents + np.eye(6)[4][:, None])
+    with pytest.raises(ValueError, match=r"half extents of start.*row 4"):
+        sweep(start, grown, rows)
+    with pytest.raises(ValueError, match="same length"):
+        sweep(start, end.take(np.arange(3)), rows)
+    with pytest.raises(ValueError, match=r"pairs.*row 1"):
+        sweep(start, end, [[0, 1], [0, 6]])
+    for tolerance in (0.0, -1.0, 2.0, np.nan):
+        with pytest.raises(ValueError, match="tolerance"):
+            sweep(start, end, rows, tolerance)
+    for twists, match in (
+        (np.zeros((5, 6)), "twists"),
+        (np.zeros((6, 3)), "twists"),
+        (np.full((6, 6), np.nan), "twists must be finite in row 0"),
+        (np.full((6, 6), 1e300), "twists times horizon"),
+    ):
+        with pytest.raises(ValueError, match=match):
+            sweep_twists(start, twists, rows, 10.0)
+    for horizon in (0.0, -1.0, np.inf, np.nan):
+        with pytest.raises(ValueError, match="horizon"):
+            sweep_twists(start, np.zeros((6, 6)), rows, horizon)
+
+
+def test_no_pairs_no_answers() -> None:
+    start, end, _ = moving("ordinary scene", 3)
+    assert len(sweep(start, end, [])) == 0
+    nothing = start.take(np.arange(0))
+    assert len(sweep(nothing, nothing, np.empty((0, 2), np.int64))) == 0
+
+
+def test_times_alone_are_those_with_contacts() -> None:
+    rng = np.random.default_rng(12)
+    turns = Rotation.random(80, random_state=rng)
+    start = Boxes(rng.uniform(-2, 2, (80, 3)), turns.as_matrix(), rng.uniform(0, 1, (80, 3)))
+    pairs = rng.permutation(80).reshape(-1, 2)
+    for rotations in (start.rotations, Rotation.random(80, random_state=rng).as_matrix()):
+        end = Boxes(rng.uniform(-2, 2, (80, 3)), rotations, start.half_extents)
+        full, alone = sweep(start, end, pairs), sweep(start, end, pairs, contacts=False)
+        assert alone.times.tolist() == full.times.tolist()
+        assert alone.hits.tolist() == full.hits.tolist()
+        assert alone.points.shape == alone.normals.shape == (0, 3)

@@ -1,0 +1,399 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Sweeps of boxes that keep their twists, about any origin, for any number of turns.
+
+None missed, none late, early by no more than promised, and what is not known is said: against dense
+samples in extended precision (`sweep_oracle.TwistCourse`) and against circles solved for by hand.
+``--pairs 100000`` spreads that many motions over the families: the long run.
+"""
+
+from __future__ import annotations
+
+import zlib
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from sweep_motions import TWISTING, Twisting, pair_rows
+from sweep_oracle import TwistCourse, first_sampled_contact, gaps_at
+
+from obb_collision.geometry.boxes import Boxes
+from obb_collision.queries.sweep import rigid as sweep_rigid
+from obb_collision.queries.sweep.motion import bounding_radii
+from obb_collision.queries.sweep.rigid import FLOOR
+from obb_collision.queries.sweep.sweep import TOLERANCE, Sweeps, sweep, sweep_twists
+from obb_collision.queries.sweep.twists import twist_bounds
+from obb_collision.queries.verdict.verdict import Verdict, verdicts
+
+CHUNK = 500
+EYE = np.eye(3)
+STILL = [0.0] * 6
+
+#: Samples of a motion per turn of the box that turns fastest.
+PER_TURN = 60
+
+
+def swept(motion: Twisting, rows: np.ndarray) -> Sweeps:
+    return sweep_twists(motion.boxes, motion.twists, rows, motion.horizon, origins=motion.origins)
+
+
+def check(motion: Twisting, found: Sweeps, rows: np.ndarray) -> int:
+    """Assert all that is promised of each pair; return how many certainly overlap at some time."""
+    course = TwistCourse(*motion)
+    turns = np.linalg.norm(motion.twists[:, 3:], axis=1).max() * motion.horizon / (2.0 * np.pi)
+    truth = first_sampled_contact(course, rows, max(160, int(PER_TURN * turns)))
+    seen = np.isfinite(truth)
+    assert (found.free_until[seen] <= truth[seen]).all(), "never late"
+    assert (found.hits | found.undecided)[seen].all(), "none missed"
+    hits = np.flatnonzero(found.hits & (found.times > 0.0))
+    radii = bounding_radii(motion.boxes.half_extents)[rows[hits]]
+    near = np.maximum(TOLERANCE * radii.min(axis=1), FLOOR * radii.max(axis=1))
+    assert (gaps_at(course, rows[hits], found.times[hits]) <= near).all(), "never too early"
+    assert (found.hits == np.isfinite(found.times)).all()
+    assert not (found.hits & found.undecided).any()
+    assert np.isnan(found.times[found.undecided]).all()
+    assert np.isfinite(found.free_until[found.undecided]).all()
+    assert np.isnan(found.points[~found.hits]).all()
+    assert np.isfinite(found.points[found.hits]).all()
+    return int(seen.sum())
+
+
+@pytest.mark.parametrize("name", TWISTING)
+def test_none_missed_none_late_and_none_too_early(name: str, pairs: int) -> None:
+    rng = np.random.default_rng(zlib.crc32(name.encode()))
+    left = total = max(60, pairs // 10 // len(TWISTING))
+    certain = hits = open_ = 0
+    while left > 0:
+        motion = TWISTING[name](rng, min(left, CHUNK))
+        rows = pair_rows(len(motion.boxes) // 2)
+        found = swept(motion, rows)
+        certain += check(motion, found, rows)
+        hits, open_ = hits + int(found.hits.sum()), open_ + int(found.undecided.sum())
+        left -= len(rows)
+    assert 0.05 * total < certain
+    assert open_ <= 0.03 * total
+    print(f"{name}: {total} motions, {certain} certain hits, {hits} found, {open_} undecided")  # noqa: T201
+
+
+@pytest.mark.parametrize("name", TWISTING)
+def test_bounds_hold_the_whole_motion(name: str) -> None:
+    motion = TWISTING[name](np.random.default_rng(3), 60)
+    low, high = twist_bounds(motion.boxes, motion.twists, motion.origins, motion.horizon)
+    # places relative to where each began, from a box that stays there
+    count = len(motion.boxes)
+    start = motion.boxes.centers
+    boxes = Boxes(*(np.concatenate([x, x]) for x in
+                    (start, motion.boxes.rotations, motion.boxes.half_extents)))  # fmt: skip
+    twists = np.concatenate([motion.twists, 0.0 * motion.twists])
+    course = TwistCourse(boxes, twists, np.tile(motion.origins, (2, 1)), motion.horizon)
+    rows = np.column_stack([np.arange(count, 2 * count), np.arange(count)])
+    slack = 1e-15 * (1.0 + np.abs(low) + np.abs(high))
+    for time in np.linspace(0.0, motion.horizon, 400):
+        least, most = course.pair_at(rows, np.full(count, time))[1].world_bounds()
+        assert (start + least >= low - slack).all()
+        assert (start + most <= high + slack).all()
+
+
+def test_bounds_are_tight_for_small_turns_and_grow_no_more_after_a_whole_one() -> None:
+    boxes = Boxes([[5.0, 0.0, 0.0]], [EYE], [[1.0, 0.1, 0.1]])
+    turn = np.array([[0.0, 0.0, 0.0, 0.0, 0.0, 1.0]])
+    low, high = twist_bounds(boxes, turn, np.zeros((1, 3)), 1e-3)
+    np.testing.assert_allclose(
+        [low[0], high[0]], [[3.9999, -0.1, -0.1], [6.0, 0.106, 0.1]], atol=1e-4
+    )
+    corner = np.hypot(6.0, 0.1)
+    for seconds in (7.0, 1e3, 1e9):
+        low, high = twist_bounds(boxes, turn, np.zeros((1, 3)), seconds)
+        np.testing.assert_allclose(high[0], [corner, corner, 0.1], rtol=1e-12)
+        np.testing.assert_allclose(low[0], [-corner, -corner, -0.1], rtol=1e-12)
+
+
+# --- circles, solved for by hand in extended precision ----------------------------------------
+
+
+@settings(max_examples=200)
+@given(
+    radius=st.floats(0.01, 100.0),
+    share=st.floats(-0.98, 0.98),
+    speed=st.floats(1e-3, 1e3),
+    turns=st.sampled_from([1, 2, 64, 500]),
+    size=st.floats(1e-4, 1.0),
+    far=st.sampled_from([0.0, 1.0, 1e7]),
+    flight=st.sampled_from([0.0, 1e3]),
+)
+def test_a_point_on_a_circle_meets_a_plate_on_time(
+    radius: float, share: float, speed: float, turns: int, size: float, far: float, flight: float
+) -> None:
+    """From the right side counterclockwise to a plate below it, wide enough to stop the point."""
+    origin, center = np.array([far, -far, far]), np.array([far + radius, -far, far])
+    arm = np.longdouble(center[0]) - np.longdouble(far)
+    depth = 0.5 * size * radius
+    low = share * radius  # the plate's upper side is there, its right edge at 0
+    plate = np.array([far - 2.0 * radius, -far - low, far])
+    boxes = Boxes([center, plate], [EYE, EYE], [[0.0, 0.0, 0.0], [2.0 * radius, depth, 1.0]])
+    # the first side met is the one that faces up at the point: y = upper end of the plate
+    top = np.longdouble(plate[1]) + np.longdouble(far) + np.longdouble(depth)
+    if not abs(top) < 0.99 * arm:
+        return
+    right = np.longdouble(plate[0]) - np.longdouble(far) + 2 * np.longdouble(radius)
+    angle = np.longdouble(np.pi) + (np.longdouble(1.2246467991473532e-16)) - np.arcsin(top / arm)
+    if arm * np.cos(angle) > right - 1e-6 * arm:
+        return  # it comes in by the edge
+    truth = angle / np.longdouble(speed)
+    drift = [flight, 2.0 * flight, 0.0]
+    twists = [[*drift, 0.0, 0.0, speed], [*drift, 0.0, 0.0, 0.0]]
+    found = sweep_twists(
+        boxes, twists, [[0, 1]], 2.0 * np.pi * turns / speed, origins=[origin, plate]
+    )
+    assert found.hits[0]
+    assert np.longdouble(found.times[0]) <= truth
+    near = FLOOR * bounding_radii(boxes.half_extents)[1]
+    # how fast it falls on the plate, to first order and to second
+    fall = abs(np.cos(angle)) * arm * speed
+    early = min(near / fall * 1.2, np.sqrt(4.0 * near / (arm * speed**2)) + near / fall)
+    assert float(truth - np.longdouble(found.times[0])) <= early
+
+
+@pytest.mark.parametrize(
+    ("speed", "horizon"),
+    [
+        (1.0, 4.0),
+        (1.0, 60.0),
+        (1.0, 3600.0),
+        (128.0 * np.pi, 1.0),
+        (1000.0 * np.pi, 1.0),
+        (1e6, 1.0),
+    ],
+)
+def test_an_arm_of_two_metres_finds_the_post_inside_its_circle(
+    speed: float, horizon: float
+) -> None:
+    boxes = Boxes([[2.0, 0, 0], [-1.996, 0, 0]], [EYE] * 2, [[0.0005] * 3, [0.004] * 3])
+    twists, origins = [[0, 0, 0, 0, 0, speed], STILL], [[0.0] * 3, [7.0] * 3]
+    found = sweep_twists(boxes, twists, [[0, 1]], horizon, origins=origins)
+    course = TwistCourse(boxes, np.array(twists, np.float64), np.array(origins), np.pi / speed)
+    truth = first_sampled_contact(course, np.array([[0, 1]]), 20000)
+    assert found.hits[0]
+    assert 0.999999 * truth[0] <= found.times[0] <= truth[0]
+
+
+# --- many turns ---------------------------------------------------------------------------------
+
+
+def fan_beside_wall(gap: float) -> Boxes:
+    reach = np.hypot(0.5, 0.02)
+    return Boxes(
+        [[0.0] * 3, [reach + gap + 0.1, 0, 0]], [EYE] * 2, [[0.5, 0.02, 0.01], [0.1, 2, 2]]
+    )
+
+
+@pytest.mark.parametrize("turns", [1, 10, 200, 1e4, 1e9])
+@pytest.mark.parametrize("gap", [1e-3, 0.02, 0.1])
+def test_a_fan_beside_a_wall_is_free_for_any_number_of_turns(gap: float, turns: float) -> None:
+    spin = [0, 0, 0, 0, 0, 2.0 * np.pi * turns]
+    along, lean = [0, 1.0, 0.3, 0, 0, 2.0 * np.pi * turns], [0, 0, 0, 0.1, 0, 0.1 * gap]
+    for fan, wall in ((spin, STILL), (along, STILL), (along, lean)):
+        for rows in ([[0, 1]], [[1, 0]]):
+            found = sweep_twists(fan_beside_wall(gap), [fan, wall], rows, 1.0)
+            assert not found.hits[0]
+            assert not found.undecided[0]
+            assert found.free_until[0] == np.inf
+
+
+@pytest.mark.parametrize("turns", [1, 10, 200, 1e4])
+def test_a_fan_that_drifts_into_a_wall_hits_it_within_a_turn(turns: float) -> None:
+    found = sweep_twists(
+        fan_beside_wall(0.5), [[1.0, 0, 0, 0, 0, 2.0 * np.pi * turns], STILL], [[0, 1]], 1.0
+    )
+    assert found.hits[0]
+    assert 0.5 <= found.times[0] <= 0.5 + 1.0 / turns
+
+
+@pytest.mark.parametrize("turns", [1, 100, 1e6, 1e12])
+def test_a_post_in_the_middle_of_a_ring_is_free(turns: float) -> None:
+    """No plane separates it from what the arm sweeps: but one turn is like any other."""
+    boxes = Boxes([[2.0, 0, 0], [0.3, 0, 0]], [EYE] * 2, [[0.05] * 3, [0.1] * 3])
+    spin = [0, 0, 0, 0, 0, 2.0 * np.pi * turns]
+    origins = np.zeros((2, 3))
+    found = sweep_twists(boxes, [spin, STILL], [[0, 1]], 1.0, origins=origins)
+    assert not found.hits[0]
+    assert not found.undecided[0]
+    both = sweep_twists(boxes, [[5.0, 1.0, 0, *spin[3:]], [5.0, 1.0, 0, 0, 0, 0]], [[0, 1]], 1.0,
+                        origins=origins)  # fmt: skip
+    assert not both.hits[0]
+    assert not both.undecided[0]
+
+
+def test_a_blade_turning_very_often_hits_what_is_in_its_way_at_once() -> None:
+    for post, hit in ((0.4, True), (0.6, False)):
+        boxes = Boxes([[0.0] * 3, [0, post, 0]], [EYE] * 2, [[0.5, 0.01, 0.01], [0.09] * 3])
+        found = sweep_twists(boxes, [[0, 0, 0, 0, 0, 1e9], STILL], [[0, 1]], 1.0)
+        assert found.hits[0] == hit
+        assert not found.undecided[0]
+        assert found.times[0] < 2e-9 or not hit
+
+
+@pytest.mark.parametrize("turns", [1e3, 1e5])
+def test_small_things_are_hit_after_many_turns(turns: float) -> None:
+    """A post of 2 mm drifts into the circle of a fan of a metre: its end comes by at once."""
+    boxes = Boxes([[0.0] * 3, [1.1, 0, 0]], [EYE] * 2, [[1.0, 0.02, 0.02], [0.001] * 3])
+    twists = [[0, 0, 0, 0, 0, 2.0 * np.pi * turns], [-0.2, 0, 0, 0, 0, 0]]
+    found = sweep_twists(boxes, twists, [[0, 1]], 1.0)
+    assert found.hits[0]
+    meets = (1.099 - np.hypot(1.0, 0.02)) / 0.2
+    assert meets - 1e-4 < found.times[0] < meets + 1e-3 / 0.2 / np.sqrt(turns) + 1.0 / turns
+
+
+def test_what_takes_too_many_steps_is_undecided_and_never_a_time() -> None:
+    """An arm going round a post that drifts: nothing but the walk could tell, for 1e6 turns."""
+    boxes = Boxes([[2.0, 0, 0], [0.3, 0, 0]], [EYE] * 2, [[0.05] * 3, [0.1] * 3])
+    twists = [[0, 0, 0, 0, 0, 2e6 * np.pi], [0.01, 0, 0, 0, 0, 0]]
+    found = sweep_twists(boxes, twists, [[0, 1]], 10.0, origins=np.zeros((2, 3)))
+    assert found.undecided[0]
+    assert not found.hits[0]
+    assert np.isnan(found.times[0])
+    assert 0.0 < found.free_until[0] < 10.0
+    assert np.isnan(found.points).all()
+    assert np.isnan(found.normals).all()
+    alone = sweep_twists(boxes, twists, [[0, 1]], 10.0, origins=np.zeros((2, 3)), contacts=False)
+    assert alone.undecided[0]
+    assert alone.free_until[0] == found.free_until[0]
+
+
+def test_any_number_of_steps_is_enough_for_free_until(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Rods that spin near each other: what is undecided is apart until the time given."""
+    motion = TWISTING["rods that both spin"](np.random.default_rng(9), 40)
+    motion = motion._replace(twists=motion.twists * [1, 1, 1, 100, 100, 100])
+    rows = pair_rows(40)
+    found = swept(motion, rows)
+    open_ = np.flatnonzero(found.undecided)
+    assert len(open_) > 0
+    course = TwistCourse(*motion)
+    for share in np.linspace(0.0, 1.0, 300):
+        a, b = course.pair_at(rows[open_], share * found.free_until[open_])
+        assert (verdicts(a, b) != Verdict.OVERLAP).all()
+
+
+# --- far away -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("far", [0.0, 1e5, 1e7])
+def test_being_far_from_the_origin_makes_no_time_late(far: float) -> None:
+    """A millimetre to go, both on a train of 100 m/s: which no rounding may take."""
+    rng = np.random.default_rng(0)
+    place, gap = np.array([far, 2.0 * far, -far]), np.array([0.25, 0.0, 0.0])
+    boxes = Boxes([place, place + gap], [EYE] * 2, [[0.125 - 2**-11] * 3] * 2)
+    for _ in range(40):
+        u, v, turn = 100.0 + rng.random(), 99.0 + 0.5 * rng.random(), rng.random()
+        twists = np.array([[u, 50.3, 0, 0, 0, 0], [v, 50.3, 0, 0, 0, 0]])
+        truth = Fraction(2) ** -10 / (Fraction(u) - Fraction(v))
+        time = sweep_twists(boxes, twists, [[0, 1]], 1.0).times[0]
+        assert 0 <= truth - Fraction(time) < 1e-14
+        twists[0, 5] = turn  # the corner of the one that turns comes nearer
+        course = TwistCourse(boxes, twists, boxes.centers, 1.0 / 64.0)
+        near = first_sampled_contact(course, np.array([[0, 1]]), 400)[0]
+        time = sweep_twists(boxes, twists, [[0, 1]], 1.0).times[0]
+        assert time <= near
+        assert near - time < TOLERANCE * 0.22 / (u - v)
+
+
+def test_collisions_at_the_start_are_found_however_far_and_fast() -> None:
+    for far in (0.0, 1e7, 1e12):
+        boxes = Boxes([[far, 0, 0], [far + 2.0, 0, 0]], [EYE] * 2, [[1.0] * 3, [1.25] * 3])
+        for spin in (1.0, 1e6, 1e200):
+            twists = [[1e9, 0, 0, 0, spin, 0], [-1e9, 0, 0, 0, 0, 0]]
+            assert sweep_twists(boxes, twists, [[0, 1]], 1.0).times[0] == 0.0
+
+
+def test_where_rounding_leaves_too_little_nothing_is_claimed() -> None:
+    """A box of a millimetre from 1e8 m: doubles can't tell a tenth of a micrometre there."""
+    boxes = Boxes([[0.0] * 3, [1e8, 0, 0]], [EYE] * 2, [[0.0005] * 3] * 2)
+    twists = [[0, 0, 0, 0.1, 0.2, 0.3], [-1.5e8, 0, 0, 0.3, 0.1, 0.1]]
+    found = sweep_twists(boxes, twists, [[0, 1]], 1.0)
+    assert found.undecided[0]
+    assert np.isnan(found.times[0])
+    course = TwistCourse(boxes, np.array(twists), boxes.centers, 1.0)
+    first, last = course.window(np.array([[0, 1]]))
+    assert first[0] - 1e-10 < found.free_until[0] < last[0]
+    assert gaps_at(course, np.array([[0, 1]]), found.free_until)[0] > 0.0
+
+
+numbers = st.floats(-1e300, 1e300)
+
+
+@settings(max_examples=300)
+@given(
+    st.tuples(*12 * [numbers]), st.tuples(*12 * [numbers]), st.tuples(*6 * [st.floats(0, 1e300)]),
+    st.floats(1e-300, 1.0),
+)  # fmt: skip
+def test_any_doubles_at_all(one: tuple, two: tuple, half: tuple, horizon: float) -> None:  # type: ignore[type-arg]
+    """Whatever is accepted gets one of three answers, whole."""
+    boxes = Boxes([one[:3], two[:3]], [EYE] * 2, [half[:3], half[3:]])
+    for scale in (1.0, 1e-150, 1e-300):
+        twists, origins = (
+            scale * np.array([one[6:], two[6:]]),
+            scale * np.array([one[3:6], two[3:6]]),
+        )
+        try:
+            found = sweep_twists(boxes, twists, [[0, 1]], horizon, origins=origins)
+        except ValueError as error:
+            assert "must not exceed" in str(error)  # noqa: PT017 - the others must pass
+            continue
+        assert found.hits[0] == np.isfinite(found.times[0])
+        assert found.undecided[0] == np.isnan(found.times[0])
+        assert found.free_until[0] >= 0.0
+        assert np.isfinite(found.points).all() == found.hits[0]
+        start = verdicts(boxes.take(np.array([0])), boxes.take(np.array([1])))[0]
+        if start == Verdict.OVERLAP:
+            assert found.free_until[0] == 0.0
+
+
+def test_origins_are_checked() -> None:
+    boxes = fan_beside_wall(0.1)
+    cases: tuple[tuple[Any, str], ...] = (
+        (np.zeros((3, 3)), "origins must have one row per box"),
+        (np.zeros((2, 2)), "origins"),
+        ([[0, 0, np.nan], [0, 0, 0]], "origins must be finite in row 0"),
+    )
+    for origins, match in cases:
+        with pytest.raises(ValueError, match=match):
+            sweep_twists(boxes, [STILL, STILL], [[0, 1]], 1.0, origins=origins)
+
+
+def test_an_origin_at_the_centre_is_the_default() -> None:
+    motion = TWISTING["boxes beside their origins"](np.random.default_rng(4), 50)
+    rows = pair_rows(50)
+    given_ = sweep_twists(motion.boxes, motion.twists, rows, 1.0, origins=motion.boxes.centers)
+    default = sweep_twists(motion.boxes, motion.twists, rows, 1.0)
+    assert given_.times.tolist() == default.times.tolist()
+
+
+def test_poses_and_twists_agree_where_both_can_say_it() -> None:
+    motion = TWISTING["rods that both spin"](np.random.default_rng(5), 60)
+    twists = motion.twists * [1, 1, 1, 0.02, 0.02, 0.02]
+    course = TwistCourse(motion.boxes, twists, motion.boxes.centers, 1.0)
+    rows = pair_rows(60)
+    a, b = course.pair_at(rows, np.ones(60))
+    moved = np.stack([a.rotations, b.rotations], axis=1).reshape(-1, 3, 3)
+    end = Boxes(motion.boxes.centers + twists[:, :3], moved, motion.boxes.half_extents)
+    one, other = sweep(motion.boxes, end, rows), sweep_twists(motion.boxes, twists, rows, 1.0)
+    assert one.hits.tolist() == other.hits.tolist()
+    both = one.hits
+    np.testing.assert_allclose(one.times[both], other.times[both], rtol=0.0, atol=1e-3)
+    assert not one.undecided.any()
+    assert sweep_rigid.MAX_STEPS >= 1000

@@ -1,0 +1,281 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Trees built in another process: pairs stay on "obb" until they are there, and lose nothing."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+
+import obb_collision as oc
+from obb_collision.geometry.shapes.shapes import Box, Hull, Mesh, Shape
+from obb_collision.geometry.trees.obb_tree import MeshTrees
+from obb_collision.geometry.trees.pool import TreePool
+from obb_collision.scene.building import outside, tree_bank
+from obb_collision.scene.building.builder import Builder
+from obb_collision.scene.building.errors import BuildError
+from obb_collision.scene.building.process import Limits
+from obb_collision.scene.building.shelf import Shelf
+from obb_collision.scene.building.wire import Message
+from obb_collision.scene.report import Report
+
+PATIENCE = 120.0
+AWAY = (9.0, 0, 0, 0, 0, 0, 1)
+
+
+@pytest.fixture
+def builder() -> Iterator[Builder]:
+    made = Builder()
+    yield made
+    made.close()
+
+
+def ball(seed: int = 0, faces: int = 320) -> Mesh:
+    part = trimesh.creation.icosphere(2 if faces == 320 else 3)
+    stretch = 0.5 + np.random.default_rng(seed).uniform(size=3)
+    return Mesh(part.vertices * stretch, part.faces)
+
+
+def hull(seed: int = 0) -> Hull:
+    return Hull(np.random.default_rng(seed).normal(size=(300, 3)))
+
+
+def settled(scene: oc.Scene) -> Report:
+    """Check until nothing is being built; return the last report."""
+    limit = time.monotonic() + PATIENCE
+    while True:
+        report = scene.check()
+        if scene._outside is None or not (scene._outside.waiting or scene._checker.behind):
+            return report
+        assert time.monotonic() < limit, "trees are built in vain"
+        time.sleep(0.005)
+
+
+def results(report: Report) -> list[tuple[str, str, int, int]]:
+    names = report.names()
+    rows = zip(names, report.verdicts.tolist(), report.rungs.tolist(), strict=True)
+    return sorted((str(a), str(b), verdict, rung) for (a, b), verdict, rung in rows)
+
+
+@pytest.mark.parametrize("accuracy", ["obb_tree", "hull", "mesh"])
+def test_pairs_are_on_obb_until_their_trees_are_there(
+    builder: Builder, accuracy: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scenes = [oc.Scene(accuracy=accuracy), oc.Scene(accuracy=accuracy)]
+    scenes[0].build_outside(builder)
+    for scene in scenes:
+        shapes: list[Shape] = [ball(1), ball(2), hull(3), hull(4), Box((1.0, 2.0, 0.5))]
+        for number, shape in enumerate(shapes):
+            scene.add(str(number), shape, (0.9 * number, 0.2 * number, 0, 0, 0, 0.6, 0.8))
+    expected = results(scenes[1].check())
+    for name in ("mesh_tree", "hull_tree", "hull_mesh"):
+        monkeypatch.setattr(tree_bank, name, None)  # not in this process
+    first = scenes[0].check()
+    assert len(first) >= len(expected), "a check that does not wait loses nothing"
+    assert set(first.rungs.tolist()) == {oc.Accuracy.OBB}
+    assert scenes[0]._outside is not None
+    assert scenes[0]._outside.waiting
+    assert results(settled(scenes[0])) == expected
+    assert scenes[0]._outside.waiting == len(builder) == 0
+
+
+def test_the_accuracy_may_rise_while_meshes_are_there(builder: Builder) -> None:
+    scene = oc.Scene()
+    trees = scene.build_outside(builder)
+    scene.add("a", ball())
+    scene.add("b", ball(1), (0.5, 0, 0, 0, 0, 0, 1))
+    assert scene.check().rungs.tolist() == [oc.Accuracy.OBB]
+    assert trees.waiting == 0, "nothing is built before it is asked for"
+    scene.accuracy = "mesh"
+    assert scene.check().rungs.tolist() == [oc.Accuracy.OBB]
+    assert trees.waiting == 2
+    assert settled(scene).rungs.tolist() == [oc.Accuracy.MESH]
+
+
+def test_small_shapes_are_built_at_once(builder: Builder, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(outside, "AT_ONCE", PATIENCE)
+    scene = oc.Scene(accuracy="mesh")
+    trees = scene.build_outside(builder)
+    scene.add("a", Mesh(np.eye(3), [[0, 1, 2]]))
+    scene.add("b", Box((1.0, 1.0, 1.0)))
+    assert scene.check().rungs.tolist() == [oc.Accuracy.MESH]
+    assert trees.waiting == 0
+
+
+def test_many_small_shapes_are_built_in_the_time_of_several_checks(
+    builder: Builder, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(outside, "AT_ONCE", 0.0)
+    scene = oc.Scene(accuracy="mesh")
+    scene.build_outside(builder)
+    scene.add("a", Mesh(np.eye(3), [[0, 1, 2]]))
+    scene.add("b", Box((1.0, 1.0, 1.0)))
+    assert scene.check().rungs.tolist() == [oc.Accuracy.OBB]
+    monkeypatch.setattr(outside, "AT_ONCE", PATIENCE)
+    assert scene.check().rungs.tolist() == [oc.Accuracy.MESH]
+
+
+def test_what_cannot_be_built_stays_on_obb_and_is_told(
+    builder: Builder, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run = builder._process.run
+
+    def fails(message: Message, limits: Limits) -> Message:
+        raise BuildError("not enough memory")
+
+    monkeypatch.setattr(builder._process, "run", fails)
+    scene = oc.Scene(accuracy="mesh")
+    trees = scene.build_outside(builder)
+    shape = ball()
+    scene.add("a", shape)
+    scene.add("b", shape, (0.5, 0, 0, 0, 0, 0, 1))
+    limit = time.monotonic() + PATIENCE
+    while not trees.failed:
+        assert time.monotonic() < limit
+        assert scene.check().rungs.tolist() == [oc.Accuracy.OBB]
+    assert trees.failed == {"not enough memory": 1}
+    assert scene.check().rungs.tolist() == [oc.Accuracy.OBB]
+    assert trees.waiting == 0, "it is not tried again at each check"
+    monkeypatch.setattr(builder._process, "run", run)
+    scene.add("a", ball(1))
+    scene.add("b", ball(1), (0.5, 0, 0, 0, 0, 0, 1))
+    assert not trees.failed
+    assert settled(scene).rungs.tolist() == [oc.Accuracy.MESH]
+
+
+def test_what_is_taken_out_is_not_built(builder: Builder) -> None:
+    scene = oc.Scene(accuracy="mesh")
+    trees = scene.build_outside(builder)
+    scene.add("a", ball())
+    scene.add("b", ball(1), (0.5, 0, 0, 0, 0, 0, 1))
+    scene.check()
+    scene.remove("a")
+    assert trees.waiting == 1
+    scene.clear()
+    scene.add("c", ball())
+    scene.add("d", ball(1), (0.5, 0, 0, 0, 0, 0, 1))
+    assert settled(scene).rungs.tolist() == [oc.Accuracy.MESH]
+
+
+@pytest.mark.parametrize("small_pool", [0, 500, 10**9])
+def test_objects_come_and_go_and_the_verdicts_are_those_of_a_scene_that_waits(
+    builder: Builder, monkeypatch: pytest.MonkeyPatch, small_pool: int
+) -> None:
+    monkeypatch.setattr(outside, "SMALL_POOL", small_pool)
+    rng = np.random.default_rng(small_pool % 1000)
+    kinds = [ball(k) for k in range(4)] + [ball(9, 1280), hull(1), Box((1.0, 1.0, 2.0))]
+    kinds.append(Mesh(np.eye(3), [[0, 1, 2]]))
+    scenes = oc.Scene(accuracy="mesh"), oc.Scene(accuracy="mesh")
+    scenes[0].build_outside(builder)
+    for step in range(60):
+        name, shape = str(rng.integers(8)), kinds[rng.integers(len(kinds))]
+        pose = (*rng.uniform(-1.5, 1.5, 3), *rng.normal(size=4) + 1e-9)
+        remove = rng.uniform() < 0.4
+        for scene in scenes:
+            if remove and name in scene:
+                scene.remove(name)
+            elif not remove:
+                scene.add(name, shape, np.array(pose) / [1, 1, 1, *[np.linalg.norm(pose[3:])] * 4])
+        found = results(scenes[0].check())
+        expected = results(scenes[1].check())
+        assert {row[:2] for row in expected} <= {row[:2] for row in found}, "nothing is missed"
+        if step % 6 == 5:
+            assert results(settled(scenes[0])) == expected
+
+
+def tree(number: int) -> MeshTrees:
+    return MeshTrees.build(np.eye(3) * (1.0 + number), [[0, 1, 2]])
+
+
+def first_corners(shelf: Shelf[MeshTrees, MeshTrees], slots: list[int]) -> list[float]:
+    """Return what the trees of slots say, read as a kernel does: by row."""
+    rows, trees = shelf.rows(np.array(slots)), shelf.all
+    assert (rows < len(trees.roots)).all(), "a row beyond the arrays"
+    return [float(trees.triangles[trees.starts[trees.roots[row], 0]].max()) for row in rows]
+
+
+def test_what_two_threads_put_on_a_shelf_is_all_there() -> None:
+    shelf: Shelf[MeshTrees, MeshTrees] = Shelf(TreePool)
+    added = shelf.add("outside 0", tree(0))
+
+    def make(slot: int) -> MeshTrees:
+        return tree(slot)
+
+    shelf.build(np.array([1]), lambda slot: slot, make, None)
+    later = shelf.add("outside 2", tree(2))
+    assert first_corners(shelf, [1]) == [2.0]
+    assert shelf.note(added, np.array([0])), "what is older than the arrays does not replace them"
+    assert first_corners(shelf, [0, 1]) == [1.0, 2.0]
+    assert shelf.note(later, np.array([2]))
+    assert first_corners(shelf, [0, 1, 2]) == [1.0, 2.0, 3.0]
+    packed = shelf.compacted(shelf.items())
+    shelf.build(np.array([3]), lambda slot: slot, make, None)
+    shelf.drop(0)
+    shelf.compact(packed)
+    assert first_corners(shelf, [1, 2, 3]) == [2.0, 3.0, 4.0]
+    assert not shelf.note(later, np.array([5])), "it is in a pool that is gone"
+
+
+def test_a_shelf_in_use_by_another_thread_is_not_waited_for() -> None:
+    class Timer:
+        def left(self) -> float:
+            return 1.0
+
+    shelf: Shelf[MeshTrees, MeshTrees] = Shelf(TreePool)
+    begun, go = threading.Event(), threading.Event()
+
+    class Slow(TreePool):
+        def append(self, item: Any) -> int:
+            begun.set()
+            assert go.wait(PATIENCE)
+            return super().append(item)
+
+    shelf._pool = Slow()
+    thread = threading.Thread(target=shelf.add, args=("key", tree(0)))
+    thread.start()
+    assert begun.wait(PATIENCE)
+    assert shelf.build(np.array([1]), lambda slot: slot, tree, Timer()).tolist() == [False]
+    go.set()
+    thread.join()
+    assert shelf.build(np.array([1]), lambda slot: slot, tree, Timer()).tolist() == [True]
+    assert first_corners(shelf, [1]) == [2.0]
+
+
+def test_a_pool_without_memory_stays_as_it_was(monkeypatch: pytest.MonkeyPatch) -> None:
+    pool = TreePool()
+    pool.append(tree(0))
+    buffers: Any = pool._buffers
+    reserve, calls = buffers._reserve, []
+
+    def fails(name: str, values: Any) -> None:
+        calls.append(name)
+        if len(calls) == 5:
+            raise MemoryError
+        reserve(name, values)
+
+    monkeypatch.setattr(buffers, "_reserve", fails)
+    with pytest.raises(MemoryError):
+        pool.append(tree(1))
+    monkeypatch.undo()
+    assert pool.size == 1
+    assert pool.append(tree(2)) == 1
+    assert [len(getattr(pool.all, name)) for name in ("roots", "solid", "radii")] == [2, 2, 2]
+    assert pool.all.triangles[pool.all.starts[pool.all.roots[1], 0]].max() == 3.0

@@ -1,0 +1,440 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The time budget, on a clock of its own: it holds, it settles, and no collision is lost by it."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+from mesh_zoo import zoo
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+import obb_collision as oc
+from obb_collision.accuracy import Accuracy
+from obb_collision.queries.verdict.verdict import SEPARATE, TOUCHING, Verdicts
+from obb_collision.scene.refinement.budget import ABOVE, SETTLING, WAIT, Budget
+from obb_collision.scene.refinement.mesh_pairs import MeshPairs
+from obb_collision.scene.refinement.refine import refine
+from obb_collision.typing import Rows
+
+OBB, OBB_TREE, HULL, MESH = Accuracy.OBB, *ABOVE
+ZOO = zoo()
+BUDGET = 0.01
+#: Seconds a pair takes.
+COSTS = {OBB_TREE: 1e-6, HULL: 4e-6, MESH: 1e-4}
+
+
+class World:
+    """Pairs that collide up to a rung each, and a clock that deciding them moves on.
+
+    levels (m,): the last rung that reports a pair; noise: of the times; spikes: share of the
+    calls in which somebody else has the processor for 3 ms; slow: how many times as long all takes;
+    shared: seconds that the first call of a cycle takes, call: seconds that each call for pairs
+    does.
+    """
+
+    shared, call, slow = 0.0, 0.0, 1.0
+
+    def __init__(self, count: int, noise: float = 0.0, spikes: float = 0.0) -> None:
+        self.rng = np.random.default_rng(count)
+        self.levels = self.rng.choice([OBB, *ABOVE], count)
+        self.noise, self.spikes = noise, spikes
+        self.now = 0.0
+        self.costs = dict(COSTS)
+        self.before, self.after = 1e-3, 5e-4
+        self.began = False
+        self.decided: list[tuple[Accuracy, int]] = []
+
+    def clock(self) -> float:
+        return self.now
+
+    def spend(self, seconds: float) -> None:
+        self.now += self.slow * seconds * self.rng.lognormal(0.0, self.noise)
+        self.now += 3e-3 * (self.rng.random() < self.spikes)
+
+    def prepare(self, rung: Accuracy, rows: Rows, budget: Budget | None) -> NDArray[np.bool_]:
+        return np.ones(len(rows), np.bool_)
+
+    def decide(self, rung: Accuracy, rows: Rows) -> Verdicts:
+        self.spend(2e-5 + self.costs[rung] * len(rows))
+        if len(rows):
+            self.spend(self.call + (0.0 if self.began else self.shared))
+            self.began = True
+        self.decided.append((rung, len(rows)))
+        return np.where(self.levels[rows] >= rung, TOUCHING, SEPARATE).astype(np.int8)
+
+    def cycle(self, budget: Budget | None, asked: Accuracy = MESH) -> NDArray[np.int8]:
+        """Run one cycle and return the rungs, having checked that no collision is lost."""
+        count = len(self.levels)
+        rungs, verdicts = np.full(count, OBB, np.int8), np.full(count, TOUCHING, np.int8)
+        if budget is not None:
+            budget.start()
+        self.began = False
+        self.spend(self.before)
+        refine(
+            self, np.full(count, asked, np.int8), np.zeros(count, np.bool_), rungs, verdicts, budget
+        )
+        self.spend(self.after)
+        if budget is not None:
+            budget.finish()
+        assert ((verdicts != SEPARATE) == (self.levels >= rungs)).all()
+        assert (rungs <= asked).all()
+        return rungs
+
+
+def changes(caps: list[Accuracy]) -> int:
+    return sum(a != b for a, b in pairwise(caps))
+
+
+def test_without_a_budget_every_pair_is_decided_on_the_rung_it_asks_for() -> None:
+    world = World(1000)
+    for asked in ABOVE:
+        assert (world.cycle(None, asked) == asked).all()
+
+
+def test_what_fits_is_decided_on_the_rung_asked_for_from_the_start() -> None:
+    world = World(50)
+    budget = Budget(BUDGET, world.clock)
+    for _ in range(50):
+        assert (world.cycle(budget) == MESH).all()
+    assert world.cycle(budget, HULL).tolist() == [HULL] * 50
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.1, 0.3])
+def test_a_scene_that_takes_ten_times_the_budget_keeps_it(noise: float) -> None:
+    world = World(1000, noise, spikes=0.01)
+    assert COSTS[MESH] * len(world.levels) == 10.0 * BUDGET
+    budget = Budget(BUDGET, world.clock)
+    used, caps, rungs = [], [], []
+    for _ in range(500):
+        rungs.append(world.cycle(budget))
+        used.append(budget.used)
+        caps.append(budget.cap)
+    assert np.mean(np.array(used) <= BUDGET) >= 0.95
+    assert changes(caps[SETTLING:]) == 0
+    assert caps[-1] == HULL
+    assert np.mean([(rung == HULL).all() for rung in rungs]) >= 0.95
+
+
+@pytest.mark.parametrize("share", [0.7, 0.85, 1.0])
+@pytest.mark.parametrize("noise", [0.05, 0.3])
+def test_a_rung_that_just_fits_or_just_not_makes_nothing_flicker(
+    share: float, noise: float
+) -> None:
+    world = World(100, noise)
+    world.costs[MESH] = share * BUDGET / 100
+    budget = Budget(BUDGET, world.clock)
+    caps, used = [], []
+    for _ in range(4000):
+        world.costs[MESH] *= world.rng.lognormal(0.0, 0.02)  # wanders: things move
+        world.costs[MESH] += 0.1 * (share * BUDGET / 100 - world.costs[MESH])
+        world.cycle(budget)
+        caps.append(budget.cap)
+        used.append(budget.used)
+    assert changes(caps[SETTLING:]) <= 8
+    assert changes(caps[2000:]) <= 2
+    assert np.mean(np.array(used) <= BUDGET) >= 0.95
+
+
+def test_the_cap_falls_at_once_and_rises_after_a_while() -> None:
+    world = World(1000, noise=0.1)
+    budget = Budget(BUDGET, world.clock)
+    for _ in range(50):
+        world.cycle(budget)
+    assert budget.cap == HULL
+    everything = world.levels
+    world.levels = everything[:30]  # most have gone
+    caps = []
+    for _ in range(WAIT + 1):
+        world.cycle(budget)
+        caps.append(budget.cap)
+    assert caps == sorted(caps)
+    assert caps[-1] == MESH
+    world.levels = everything
+    world.cycle(budget)
+    assert budget.cap == HULL
+    assert budget.used <= BUDGET
+
+
+def test_pairs_that_get_cheaper_are_noticed_though_the_rung_is_not_in_use() -> None:
+    world = World(1000, noise=0.1)
+    budget = Budget(BUDGET, world.clock)
+    for _ in range(20):
+        world.cycle(budget)
+    assert budget.cap == HULL
+    world.costs[MESH] = 2e-6
+    for _ in range(200):
+        world.cycle(budget)
+    assert budget.cap == MESH
+
+
+def test_pairs_that_get_dearer_are_left_behind_always_the_same_ones() -> None:
+    world = World(45)
+    budget = Budget(BUDGET, world.clock)
+    for _ in range(20):
+        assert (world.cycle(budget) == MESH).all()
+    world.costs[MESH] *= 3.0
+    first = world.cycle(budget)
+    assert budget.used <= BUDGET
+    left = np.flatnonzero(first == OBB)
+    assert left[0] > 0
+    assert left.tolist() == list(range(left[0], 45))
+    assert budget.cap == MESH  # one cycle may be an accident
+    for _ in range(10):
+        world.cycle(budget)
+    assert budget.cap == HULL
+    assert (world.cycle(budget) == HULL).all()
+
+
+def busy(world: World, count: int) -> World:
+    """Return a world of so many pairs in which calls take as long as those of real scenes."""
+    world.shared, world.call = 3e-4, 1e-4
+    world.levels = world.levels[:count]
+    return world
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.3])
+@pytest.mark.parametrize("slow", [2.0, 20.0, 1000.0])
+@pytest.mark.parametrize("cycles", [1, 5, 20, 200])
+def test_a_slow_start_is_forgotten(cycles: int, slow: float, noise: float) -> None:
+    world = busy(World(1000, noise), 400)
+    budget = Budget(0.6 * BUDGET, world.clock)
+    world.slow = slow
+    for _ in range(cycles):
+        world.cycle(budget)
+    world.slow = 1.0
+    for _ in range(250):
+        world.cycle(budget)
+    used, rungs = [], []
+    for _ in range(200):
+        rungs.append(world.cycle(budget))
+        used.append(budget.used)
+    assert np.mean([(rung == HULL).all() for rung in rungs]) >= 0.95
+    assert np.mean(np.array(used) <= 0.6 * BUDGET) >= 0.95
+
+
+@pytest.mark.parametrize("slow", [5.0, 100.0])
+@pytest.mark.parametrize("cycles", [1, 10, 100])
+def test_the_level_is_found_again_after_a_slow_time(cycles: int, slow: float) -> None:
+    world = busy(World(1000, 0.2, spikes=0.002), 400)
+    budget = Budget(0.6 * BUDGET, world.clock)
+    for _ in range(100):
+        world.cycle(budget)
+    assert budget.cap == HULL
+    for _ in range(3):
+        world.slow = slow
+        for _ in range(cycles):
+            world.cycle(budget)
+        world.slow = 1.0
+        for _ in range(400):
+            world.cycle(budget)
+        assert budget.cap == HULL
+
+
+@pytest.mark.parametrize("spikes", [0.005, 0.01, 0.02])  # of some 20 times a cycle
+def test_others_that_take_the_processor_again_and_again_do_not_keep_from_the_level(
+    spikes: float,
+) -> None:
+    world = busy(World(1000, 0.2, spikes), 400)
+    budget = Budget(0.8 * BUDGET, world.clock)
+    caps = []
+    for _ in range(600):
+        world.cycle(budget)
+        caps.append(budget.cap)
+    assert caps[150:].count(HULL) >= 0.9 * len(caps[150:])
+
+
+def test_few_pairs_in_a_call_do_not_seem_to_cost_more_than_many() -> None:
+    world = busy(World(1000, noise=0.1), 400)
+    budget = Budget(0.6 * BUDGET, world.clock)
+    world.slow = 1000.0
+    world.cycle(budget)  # what is learnt from is trials alone, until a rung is taken
+    world.slow = 1.0
+    for _ in range(200):
+        world.cycle(budget)
+    for rung, factor in ((OBB_TREE, 5.0), (HULL, 2.0), (MESH, 3.0)):
+        cost = budget.cost(rung)
+        assert cost is not None
+        assert 0.3 * COSTS[rung] <= cost <= factor * COSTS[rung]
+    for rung in (OBB_TREE, HULL):
+        assert 0.5 * (world.call + 2e-5) <= budget.overhead(rung) <= 2.0 * (world.call + 2e-5)
+
+
+def test_a_dearer_rung_below_does_not_keep_from_a_cheaper_one_above() -> None:
+    world = World(1000)
+    world.costs.update({HULL: 1e-4, MESH: 2e-6})
+    budget = Budget(BUDGET, world.clock)
+    for _ in range(SETTLING):
+        world.cycle(budget)
+    assert budget.cap == MESH
+
+
+def test_too_little_time_leaves_all_on_obb() -> None:
+    world = World(1000)
+    budget = Budget(1e-3, world.clock)
+    for _ in range(100):
+        assert (world.cycle(budget) == OBB).all()
+    assert world.decided == []
+    budget.seconds = BUDGET
+    for _ in range(SETTLING):
+        rungs = world.cycle(budget)
+    assert (rungs == HULL).all()
+
+
+def test_what_waits_is_refined_with_the_time_that_remains() -> None:
+    world = World(1000)
+    count = len(world.levels)
+    asked, waiting = np.full(count, MESH, np.int8), np.ones(count, np.bool_)
+    rungs, verdicts = np.full(count, OBB, np.int8), np.full(count, TOUCHING, np.int8)
+    budget = Budget(BUDGET, world.clock)
+    done = []
+    while waiting.any():
+        rows = np.flatnonzero(waiting)
+        part = rungs[rows], verdicts[rows]
+        world.levels, all_levels = world.levels[rows], world.levels
+        budget.start()
+        refine(world, asked[rows], waiting[rows], *part, budget)
+        budget.finish()
+        world.levels = all_levels
+        rungs[rows], verdicts[rows] = part
+        waiting = rungs < asked
+        done.append(count - int(waiting.sum()))
+        assert budget.used <= BUDGET
+    assert done == sorted(set(done))
+    assert 10 <= len(done) <= 20
+    assert ((verdicts != SEPARATE) == (world.levels == MESH)).all()
+
+
+@pytest.mark.parametrize("wrong", [0.0, -1.0, float("nan"), float("inf"), True])
+def test_a_budget_is_positive_seconds(wrong: float) -> None:
+    with pytest.raises(ValueError, match="time_budget"):
+        Budget(wrong)
+
+
+class Ticking:
+    """A clock that only deciding pairs of a real scene moves on."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.now = 0.0
+        decide = MeshPairs.decide
+
+        def timed(pairs: MeshPairs, rung: Accuracy, rows: Rows) -> Verdicts:
+            self.now += COSTS[rung] * len(rows)
+            return decide(pairs, rung, rows)
+
+        monkeypatch.setattr(MeshPairs, "decide", timed)
+
+    def clock(self) -> float:
+        return self.now
+
+
+def crowd(count: int, **options: Any) -> tuple[oc.Scene, Any]:
+    """Return a scene of rings and boxes, and a function that gives new poses to some."""
+    rng = np.random.default_rng(count)
+    scene = oc.Scene(accuracy="mesh", **options)
+    ring = oc.Mesh(*ZOO["torus0"])
+    for k in range(count):
+        scene.add(f"{k}", ring if k % 3 else oc.Box([0.3, 0.4, 0.5]))
+
+    def move(rows: NDArray[np.int64]) -> None:
+        places = rng.uniform(-1.0, 1.0, (len(rows), 3))
+        quaternions = Rotation.random(len(rows), rng).as_quat()
+        scene.move_indices(rows, np.concatenate([places, quaternions], axis=1))
+
+    move(np.arange(count))
+    return scene, move
+
+
+def test_a_scene_within_its_budget_loses_no_collision(monkeypatch: pytest.MonkeyPatch) -> None:
+    ticking = Ticking(monkeypatch)
+    scene, move = crowd(60)
+    twin, twin_move = crowd(60)
+    everything = len(twin.check())
+    scene.accuracy = "obb"
+    asked = (len(scene.check()) - everything) * COSTS[MESH]
+    scene.accuracy = "mesh"
+    scene.time_budget = Budget(0.3 * asked, ticking.clock)
+    for _ in range(40):
+        move(np.arange(60))
+        twin_move(np.arange(60))
+        start = ticking.now
+        report = scene.check()
+        assert ticking.now - start <= 0.3 * asked
+        assert report.cap is not None
+        assert report.rungs.max() <= report.cap
+        assert set(report.names()) >= set(twin.check().names())
+    assert report.cap == HULL
+
+
+def test_a_scene_at_rest_is_refined_until_nothing_is_left_behind(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    ticking = Ticking(monkeypatch)
+    scene, move = crowd(60)
+    expected = scene.check()
+    scene.time_budget = Budget(20 * COSTS[MESH], ticking.clock)
+    scene._store.changed[:] = True
+    counts, rungs = [], []
+    for _ in range(100):
+        report = scene.check()
+        counts.append(len(report))
+        rungs.append(dict(zip(report.names(), report.rungs.tolist(), strict=True)))
+    assert counts == sorted(counts, reverse=True)
+    assert counts[0] > len(expected)
+    for before, after in pairwise(rungs):
+        assert all(after[pair] >= before[pair] for pair in after)
+    assert report.names() == expected.names()
+    assert report.rungs.tolist() == expected.rungs.tolist()
+    assert report is scene.check()
+
+    move(np.arange(2))  # the others stay as they are
+    moved = scene.check()
+    touched = (moved.pairs < 2).any(axis=1)
+    assert (moved.rungs[~touched] == expected.rungs[(expected.pairs >= 2).all(axis=1)]).all()
+
+
+def test_a_budget_may_come_and_go(monkeypatch: pytest.MonkeyPatch) -> None:
+    ticking = Ticking(monkeypatch)
+    scene, _ = crowd(60)
+    expected = scene.check()
+    assert expected.cap is None
+    scene.time_budget = Budget(1e-6, ticking.clock)
+    assert scene.time_budget == 1e-6
+    scene._store.changed[:] = True
+    assert (scene.check().rungs == OBB).all()
+    scene.time_budget = None
+    report = scene.check()
+    assert report.names() == expected.names()
+    assert report.rungs.tolist() == expected.rungs.tolist()
+    with pytest.raises(ValueError, match="time_budget"):
+        scene.time_budget = -1.0
+    with pytest.raises(ValueError, match="time_budget"):
+        oc.Scene(time_budget=0.0)
+
+
+def test_trees_are_built_in_the_time_there_is_or_before(monkeypatch: pytest.MonkeyPatch) -> None:
+    ticking = Ticking(monkeypatch)
+    scene, _ = crowd(30, time_budget=Budget(1e-9, ticking.clock))
+    ticking.now += 1.0  # all the time of this cycle has gone when trees are asked for
+    monkeypatch.setattr(Budget, "left", lambda budget: -1.0)
+    scene.check()
+    assert len(scene._bank) == 0
+    scene.prepare()
+    assert len(scene._bank) == 4  # the ring and the box, and their hulls
+    oc.Scene().prepare()

@@ -1,0 +1,194 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The scenes that come with the package: they load, say what they promise, and move as told."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import obb_collision as oc
+from obb_collision.scene.store.patterns import matching
+from obb_collision.scene_files import (
+    READY,
+    SceneDescription,
+    SceneFileError,
+    find_scene,
+    load_scene,
+)
+from obb_collision.scene_files.description import NODE_EFFECTS
+from obb_collision.scene_files.simulate.lidar import NOISE, Lidar
+
+#: Seconds between two poses of which the difference is compared with the twist.
+STEP = 1e-6
+TIMES = np.arange(0.013, 20.0, 0.37)
+
+
+@pytest.fixture(params=READY)
+def ready(request: pytest.FixtureRequest) -> SceneDescription:
+    """Return one of the scenes of the package."""
+    return load_scene(find_scene(request.param))
+
+
+def test_ready_scenes_are_those_of_the_folder() -> None:
+    files = Path(__file__).parents[2].joinpath("config").glob("*.yaml")
+    assert {path.stem for path in files} == {*READY, "obb_collision"}
+
+
+def test_ready_scenes_build_and_collide_only_later(ready: SceneDescription) -> None:
+    scene = ready.build()
+    assert scene.names == ready.names
+    assert scene.check().names() == []
+    seen: set[tuple[str, str]] = set()
+    for time in TIMES:
+        scene.move_many(ready.names, ready.states(float(time))[0])
+        seen.update(scene.check().names())
+    assert seen or ready.lidar is not None
+
+
+def test_the_stop_zone_is_free_at_first_and_then_is_not() -> None:
+    description = load_scene(find_scene("lidar_zone"))
+    assert description.lidar is not None
+    scene = description.build()
+    rows = np.flatnonzero(matching(description.lidar.sees, description.names))
+    counts = []
+    for time in (0.0, 10.0):
+        scene.move_many(description.names, description.states(time)[0])
+        points = description.lidar.scan(scene.boxes.take(rows), time)
+        counts.append(np.count_nonzero(scene.obb("zone/0").contains(points.astype(float))))
+    assert counts[0] == 0
+    assert counts[1] > 20
+
+
+def test_their_patterns_are_about_something(ready: SceneDescription) -> None:
+    rules = [pattern for rule in ready.allowed for pattern in (rule.first, rule.second)]
+    effects = [pattern for choice in ready.effects.values() for pattern in choice.objects or ()]
+    groups = [pattern for patterns in ready.groups.values() for pattern in patterns]
+    for pattern in (*rules, *effects, *groups, *(pattern for pattern, _ in ready.accuracies)):
+        assert matching([pattern], ready.names).any(), pattern
+
+
+def test_each_calls_for_the_effects_it_is_there_for() -> None:
+    called = {
+        name: {
+            effect
+            for effect, choice in load_scene(find_scene(name)).effects.items()
+            if choice.mode != "off" and effect not in NODE_EFFECTS
+        }
+        for name in READY
+    }
+    assert called["tabletop"] == {"contacts", "clearance"}
+    assert called["warehouse"] == {"sweep", "clearance", "contacts"}
+    assert called["lidar_zone"] == {"points", "clearance"}
+
+
+def test_a_name_that_is_none_is_refused_with_those_there_are() -> None:
+    with pytest.raises(SceneFileError, match="scenes of the package are tabletop, warehouse, lid"):
+        find_scene("kitchen")
+    assert find_scene("kitchen.yaml") == Path("kitchen.yaml")
+
+
+def test_twists_are_how_poses_change(ready: SceneDescription) -> None:
+    for time in TIMES.tolist():
+        (before, twists), (after, _) = ready.states(time), ready.states(time + STEP)
+        moved = (after[:, :3] - before[:, :3]) / STEP
+        turns = Rotation.from_quat(after[:, 3:]) * Rotation.from_quat(before[:, 3:]).inv()
+        np.testing.assert_allclose(moved, twists[:, :3], atol=1e-5)
+        np.testing.assert_allclose(turns.as_rotvec() / STEP, twists[:, 3:], atol=1e-5)
+
+
+def test_what_rests_has_its_pose_bit_for_bit_and_no_twist(ready: SceneDescription) -> None:
+    poses, twists = ready.states(7.0)
+    for row, thing in enumerate(ready.objects):
+        if thing.motion is None:
+            assert (*poses[row].tolist(),) == thing.pose
+            assert not twists[row].any()
+    np.testing.assert_allclose(
+        ready.states(0.0)[0], [thing.pose for thing in ready.objects], atol=1e-12
+    )
+
+
+def write(folder: Path, motion: str) -> SceneDescription:
+    path = folder / "scene.yaml"
+    path.write_text(f"objects: [{{name: a, shape: sphere, radius: 1, motion: {motion}}}]")
+    return load_scene(path)
+
+
+def test_a_loop_is_at_its_waypoints_at_their_times(tmp_path: Path) -> None:
+    points = "[{position: [0, 0, 0], time: 0}, {position: [4, 0, 0], rpy: [0, 0, 1], time: 1}]"
+    scene = write(tmp_path, f"{{period: 3, waypoints: {points}}}")
+    for time, x, yaw in ((0.5, 2, 0.5), (1, 4, 1), (2, 2, 0.5), (3, 0, 0), (6.25, 1, 0.25)):
+        (pose,), _ = scene.states(time)
+        half = yaw / 2
+        np.testing.assert_allclose(pose, [x, 0, 0, 0, 0, np.sin(half), np.cos(half)], atol=1e-12)
+
+
+def test_waypoints_without_times_are_even(tmp_path: Path) -> None:
+    scene = write(tmp_path, "{period: 3, waypoints: [[0, 0, 0], [3, 0, 0, 0], [3, 3, 0]]}")
+    places = [scene.states(time)[0][0, :2].tolist() for time in (0.5, 1.5, 2.5)]
+    np.testing.assert_allclose(places, [[1.5, 0], [3, 1.5], [1.5, 1.5]], atol=1e-12)
+
+
+def test_a_steady_motion_starts_again_after_its_period(tmp_path: Path) -> None:
+    scene = write(tmp_path, "{twist: [2, 0, 0, 0, 0, 3], period: 1.5}")
+    (pose,), (twist,) = scene.states(2.0)
+    np.testing.assert_allclose(pose, [1, 0, 0, 0, 0, np.sin(0.75), np.cos(0.75)], atol=1e-12)
+    assert twist.tolist() == [2, 0, 0, 0, 0, 3]
+
+
+def test_a_lidar_sees_the_near_sides_of_boxes_and_the_floor() -> None:
+    lidar = Lidar(5000, 8.0, (0.0, 0.0, 1.5), seed=3)
+    poses = np.array([[3, 0, 1, 0, 0, np.sin(0.46), np.cos(0.46)], [6, 0, 1, 0, 0, 0, 1.0]])
+    boxes = oc.Boxes.from_poses(poses, np.tile([0.5, 1.0, 1.0], (2, 1)))
+    points = lidar.scan(boxes, 0.5)
+    assert points.dtype == np.float32
+    assert np.array_equal(points, lidar.scan(boxes, 0.5))
+    assert not np.array_equal(points, lidar.scan(boxes, 0.6))
+    local = [(points - c) @ r for c, r in zip(boxes.centers, boxes.rotations, strict=True)]
+    inside = [(np.abs(p) <= h).all(axis=1) for p, h in zip(local, boxes.half_extents, strict=True)]
+    deep = [
+        (np.abs(p) < h - 6 * NOISE).all(axis=1)
+        for p, h in zip(local, boxes.half_extents, strict=True)
+    ]
+    assert not (deep[0] | deep[1]).any()
+    assert inside[0].sum() > 100
+    at_first = [
+        (np.abs(p) <= h + 6 * NOISE).all(axis=1)
+        for p, h in zip(local, boxes.half_extents, strict=True)
+    ]
+    floor = np.abs(points[:, 2]) < 6 * NOISE
+    assert (at_first[0] | at_first[1] | floor).all()
+    assert np.linalg.norm(points - [0, 0, 1.5], axis=1).max() < 8.0 + 6 * NOISE
+
+
+def test_a_lidar_sees_cylinders_as_they_are() -> None:
+    lidar = Lidar(20000, 8.0, (0.0, 0.0, 1.5))
+    box = oc.Boxes.from_poses(np.array([[3, 0, 1, 0, 0.1, 0, 1.0]]), np.array([[0.5, 0.5, 0.75]]))
+    points = lidar.scan(box, 0.0, [True]).astype(float)
+    local = (points[points[:, 2] > 0.1] - box.centers[0]) @ box.rotations[0]
+    radii, heights = np.hypot(local[:, 0], local[:, 1]), np.abs(local[:, 2])
+    assert len(local) > 100
+    assert ((radii < 0.5 + 6 * NOISE) & (heights < 0.75 + 6 * NOISE)).all()
+    assert ((radii > 0.5 - 6 * NOISE) | (heights > 0.75 - 6 * NOISE)).all()
+
+
+def test_a_lidar_in_a_box_or_straight_above_a_face_gives_no_nonsense() -> None:
+    lidar = Lidar(1000, 8.0, (0.0, 0.0, 1.0))
+    around = oc.Boxes.from_poses([[0, 0, 1, 0, 0, 0, 1]], [[1, 1, 1]])
+    assert np.isfinite(lidar.scan(around, 0.0)).all()
+    assert len(Lidar(1, 8.0).scan(around, 0.0)) <= 1

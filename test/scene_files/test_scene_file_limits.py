@@ -1,0 +1,363 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Whatever a scene file holds, it is read or refused, in bounded time and printable words."""
+
+from __future__ import annotations
+
+import os
+from itertools import count
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+import obb_collision as oc
+from obb_collision.scene_files import SceneFileError, find_scene, load_scene, reading
+from obb_collision.scene_files import yaml_values as values
+from obb_collision.scene_files.errors import MAX_PROBLEMS
+from obb_collision.words import text_fault
+
+DATA = Path(__file__).parents[1] / "data" / "moveit"
+BOX = "shape: box, size: [1, 1, 1]"
+BAD_WORDS = ["\ud800/1", "\ude00", "a\x00b", "a\x1b[2Jb", "a\nb", "a\x85b", "a\u2028b", "x" * 5000]
+
+
+@pytest.fixture
+def write(tmp_path: Path) -> Any:
+    """Return a function that writes a scene file and returns its path."""
+    numbers = count()
+
+    def write(text: str) -> Path:
+        path = tmp_path / f"scene{next(numbers)}.yaml"
+        path.write_text(text)
+        return path
+
+    return write
+
+
+def refusal(path: Path | str) -> str:
+    """Return why a file is refused: text that can be printed, sent and read."""
+    with pytest.raises(SceneFileError) as error:
+        load_scene(path)
+    text = str(error.value)
+    text.encode()
+    assert all(line.isprintable() for line in text.splitlines())
+    assert len(text) < 20_000
+    return text
+
+
+FULL = {
+    "name": "cell",
+    "description": "A cell.",
+    "groups": {"hand": ["hand/*"], "things": ["cup"]},
+    "allowed": [["hand", "cup"], ["a/*", "b/*"]],
+    "accuracy": {"default": "obb", "hand": "hull"},
+    "effects": {"contacts": {"mode": "on", "objects": ["hand"]}, "text": "off"},
+    "lidar": {"count": 10, "range": 1, "sees": ["cup"]},
+    "objects": [
+        {"name": "cup", "shape": "box", "size": [1, 1, 1], "accuracy": "obb"},
+        {"name": "hand/1", "shape": "box", "size": [1, 1, 1], "motion": {"follow": "cup"}},
+        {"name": "hand/2", "shape": "mesh", "file": "none.stl"},
+    ],
+}
+
+
+KEY = object()
+
+
+def words_in(place: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
+    """Return the ways to all words of a file, its keys among them."""
+    if isinstance(place, dict):
+        keys = [(*path, KEY, key) for key in place]
+        return keys + [way for key in place for way in words_in(place[key], (*path, key))]
+    if isinstance(place, list):
+        return [way for k, item in enumerate(place) for way in words_in(item, (*path, k))]
+    return [path] if isinstance(place, str) else []
+
+
+def replaced(place: Any, path: tuple[Any, ...], word: str) -> Any:
+    """Return a file with another word at the end of a way."""
+    if not path:
+        return word
+    if path[0] is KEY and isinstance(place, dict):
+        return {word if key == path[1] else key: value for key, value in place.items()}
+    if isinstance(place, dict):
+        return {k: replaced(v, path[1:], word) if k == path[0] else v for k, v in place.items()}
+    return [replaced(v, path[1:], word) if k == path[0] else v for k, v in enumerate(place)]
+
+
+@pytest.mark.parametrize("word", BAD_WORDS, ids=range(len(BAD_WORDS)))
+@pytest.mark.parametrize("source", ["own", "message.yaml", "shelf.yaml"])
+def test_words_that_cannot_be_used_are_refused_wherever_they_stand(
+    source: str, word: str, write: Any
+) -> None:
+    content = FULL if source == "own" else yaml.safe_load((DATA / source).read_text())
+    ways = words_in(content)
+    assert len(ways) > 20
+    for way in ways:
+        if way == ("description",) and word in ("a\nb", "x" * 5000):
+            continue  # text for people may have lines
+        path = write(yaml.safe_dump(replaced(content, way, word)))
+        if source == "own":
+            assert f"{path}:" in refusal(path)
+            continue
+        try:  # not all of a planning scene is read
+            assert unusable(load_scene(path)) == []
+        except SceneFileError:
+            assert f"{path}:" in refusal(path)
+
+
+def unusable(description: Any) -> list[str]:
+    """Return what words of a scene can't be used."""
+    rules = [word for rule in description.allowed for word in (rule.first, rule.second)]
+    words = [description.name, *description.names, *description.notes, *rules]
+    return [word for word in words if text_fault(word, 600)]
+
+
+def test_a_name_is_refused_with_file_line_and_reason(write: Any) -> None:
+    path = write(f'objects:\n- {{name: a, {BOX}}}\n- {{name: "\\ud800/1", {BOX}}}')
+    assert refusal(path) == (
+        f"{path}:3: objects[1].name: must not hold the character U+D800, got '\\ud800/1'"
+    )
+    path = write(f"objects:\n- {{name: {'x' * 256}, {BOX}}}")
+    assert "objects[0].name: must have at most 255 characters, got 256" in refusal(path)
+
+
+NO_YAML = {
+    'a: "\\UFFFFFFFF"': 1,
+    'a: 1\nb: "\\U00110000"': 2,
+    f"%YAML {'9' * 6000}.1\n---\na": 1,
+    f"%YAML 1.{'1' * 6000}\n---\na": 1,
+    "a: !<%FF> b": 1,
+    "\n\na: |9999999999\n b": 3,
+}
+
+
+@pytest.mark.parametrize("text", NO_YAML, ids=range(len(NO_YAML)))
+def test_what_the_parser_itself_cannot_take_is_refused(text: str, write: Any) -> None:
+    assert f".yaml:{NO_YAML[text]}: no YAML: " in refusal(write(text))
+
+
+@pytest.mark.parametrize(
+    "number",
+    ["1" * 50_000, "1" * 2_000_000 + "x", "1e999999999999", "-1e" + "9" * 5000, "." * 99_999,
+     "0" * 5000 + ".5", "1e400", ":".join("1" * 50_000), "1_" * 50_000 + "1"],
+    ids=range(9),
+)  # fmt: skip
+def test_numbers_of_any_length_are_refused_in_one_pass(number: str, write: Any) -> None:
+    path = write(f"objects:\n- name: a\n  shape: sphere\n  radius: {number}")
+    assert f"{path}:4: objects[0].radius: must be a positive number, got " in refusal(path)
+
+
+@pytest.mark.parametrize("number", ["1.5", "1.", ".5", "+1e-3", f"{5e-324:.1074f}", "1" + "0" * 99])
+def test_long_numbers_that_floats_need_are_read(number: str, write: Any) -> None:
+    file = write(f"objects: [{{name: a, {BOX}, position: [{number}, 0, 0]}}]")
+    assert load_scene(file).objects[0].pose[0] == float(number)
+
+
+def test_nesting_is_limited_and_told_by_its_line(write: Any) -> None:
+    for text, line in (
+        ("a: 1\nb: " + "[" * 5000, 2),
+        ("\n".join("  " * k + f"k{k}:" for k in range(3000)), reading.MAX_LEVELS),
+        ("- " * 5000, 1),
+        ("\n\n" + "{a: " * 5000, 3),
+        ("? " * 5000, 1),
+    ):
+        assert f":{line}: nested too deeply, more than 30 levels" in refusal(write(text))
+
+
+def bomb(levels: int, width: int) -> str:
+    """Return lists of aliases of lists: width ** levels values in a few lines."""
+    lines = ["x0: &x0 [1, 1]"]
+    for k in range(1, levels):
+        lines.append(f"x{k}: &x{k} [{', '.join([f'*x{k - 1}'] * width)}]")
+    return "\n".join(lines)
+
+
+def test_aliases_count_as_all_that_they_stand_for(write: Any) -> None:
+    assert ":6: there are more than 4000000 values, with what aliases add" in refusal(
+        write(bomb(9, 20))
+    )
+    vertices = "[" + ", ".join(["[0, 0, 0]"] * 3000) + "]"
+    meshes = ", ".join(["{vertices: *v, triangles: []}"] * 400)
+    text = f"name: &v {vertices}\nworld: {{collision_objects: [{{id: a, meshes: [{meshes}]}}]}}"
+    assert ":2: there are more than 4000000 values" in refusal(write(text))
+    assert ":1: &a contains itself" in refusal(write("a: &a {b: *a}"))
+    fine = write(f"objects:\n- &a {{name: a, {BOX}, position: &p [1, 2, 3]}}\n"
+                 f"- {{name: b, {BOX}, position: *p}}")  # fmt: skip
+    assert load_scene(fine).objects[1].pose[:3] == (1.0, 2.0, 3.0)
+
+
+def test_files_have_a_limit_and_are_files(tmp_path: Path) -> None:
+    large = tmp_path / "large.yaml"
+    with large.open("wb") as file:
+        file.truncate(10**12)  # a hole: nothing is written
+    assert refusal(large) == f"{large}: the file has more than {reading.MAX_BYTES} bytes"
+    pipe = tmp_path / "pipe.yaml"
+    os.mkfifo(pipe)
+    for path in (pipe, Path("/dev/zero"), tmp_path):
+        assert refusal(path) == f"{path}: this is no file but a folder, a device or a pipe"
+
+
+def test_a_file_that_is_not_there_is_told_as_such(tmp_path: Path) -> None:
+    assert refusal(tmp_path / "none.yaml") == f"{tmp_path}/none.yaml: there is no such file"
+    for name in ("x" * 5000, "nul\0", "\ud800", "a\nb", f"{'x' * 300}.yaml", "x/" * 3000):
+        text = refusal(name)
+        assert len(text.splitlines()) == 1
+        assert ":1:" not in text
+        with pytest.raises(SceneFileError):
+            load_scene(find_scene(name))
+    bad = tmp_path / "bad.yaml"
+    bad.write_bytes(b"a: 1\nb: \xff\n")
+    assert refusal(bad).startswith(f"{bad}:2: no UTF-8 text: ")
+
+
+def test_a_mesh_path_of_any_length_is_refused(write: Any) -> None:
+    for name in ("x" * 4000, "y" * 5000, "x/" * 2040, "file:///" + "x" * 4000, "package://a/%00"):
+        path = write(f"objects:\n- {{name: a, shape: mesh, file: {name}}}")
+        assert f"{path}:2: objects[0].file: " in refusal(path)
+
+
+def objects_text(*motions: str) -> str:
+    """Return objects a0, a1 and so on with motions."""
+    lines = [f"- {{name: a{k}, {BOX}, motion: {motion}}}" for k, motion in enumerate(motions)]
+    return "objects:\n" + "\n".join(lines)
+
+
+def test_chains_of_followers_are_quick_and_limited(write: Any) -> None:
+    twist = "{twist: [1, 0, 0, 0, 0, 0]}"
+    chain = [twist, *(f"{{follow: a{k}}}" for k in range(45))]
+    poses, twists = load_scene(write(objects_text(*chain))).states(2.0)
+    np.testing.assert_allclose(poses[:, 0], 2.0)
+    np.testing.assert_allclose(twists[:, 0], 1.0)
+    chain += [f"{{follow: a{k}}}" for k in range(45, 3000)]
+    assert "follows more than 50 others in a row" in refusal(write(objects_text(*chain)))
+
+
+def test_who_follows_in_a_circle_is_told_once(write: Any) -> None:
+    text = objects_text("{follow: a1}", "{follow: a2}", "{follow: a1}", "{follow: a0}")
+    assert refusal(write(text)).splitlines()[0].endswith("motion: follows itself: a1 > a2 > a1")
+    assert len(refusal(write(text)).splitlines()) == 1
+    text = objects_text("{follow: a1}", "{follow: nobody}", "{follow: a0}")
+    assert refusal(write(text)).splitlines()[0].endswith("follows nobody, which is no object here")
+    assert len(refusal(write(text)).splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    "motion",
+    [
+        "{twist: [0, 0, 0, 1e200, 0, 0]}",
+        "{twist: [1e300, 0, 0, 0, 0, 0]}",
+        "{twist: [1, 0, 0, 0, 0, 0], period: 1e-300}",
+        "{waypoints: [[0, 0, 0], [1e300, 0, 0]], period: 1}",
+        "{waypoints: [[0, 0, 0], [1e9, 0, 0]], period: 1}",
+        "{waypoints: [{position: [0, 0, 0], time: 0}, {position: [1, 0, 0], time: 1e-300}], "
+        "period: 1}",
+    ],
+)
+def test_motions_out_of_bounds_are_refused(motion: str, write: Any) -> None:
+    assert ":2: objects[0].motion" in refusal(write(objects_text(motion)))
+
+
+def test_what_moves_stays_finite(write: Any) -> None:
+    motions = ["{twist: [1e9, 0, 0, 1e9, 0, 0]}", "{follow: a0}", "{twist: [0, 0, 0, 0, 0, 1e-9]}"]
+    for time in (0.0, 1e-9, 86400.0):
+        assert all(np.isfinite(part).all() for part in load_scene(
+            write(objects_text(*motions))).states(time))  # fmt: skip
+    path = write(f"objects:\n- {{name: a, {BOX}, position: [1e300, 0, 0], motion: {motions[0]}}}")
+    assert "objects[0].position: what moves must be within 1e+09 m" in refusal(path)
+
+
+def test_groups_of_groups_do_not_multiply(write: Any) -> None:
+    groups = ["g0: [a/*, b/*]", *(f"g{k}: [{', '.join([f'g{k - 1}'] * 20)}]" for k in range(1, 20))]
+    text = f"objects: [{{name: a, {BOX}}}]\ngroups:\n  " + "\n  ".join(groups)
+    assert load_scene(write(text)).groups["g19"] == ("a/*", "b/*")
+    many = ", ".join(f"p{k}/*" for k in range(1001))
+    text = f"objects: [{{name: a, {BOX}}}]\ngroups:\n  many: [{many}]\n"
+    assert ":3: groups.many: these are more than 1000 patterns" in refusal(write(text))
+    many = ", ".join(f"p{k}/*" for k in range(900))
+    text = f"objects: [{{name: a, {BOX}}}]\ngroups: {{many: [{many}]}}\nallowed: [[many, many]]"
+    assert ":3: allowed: these are more than 100000 pairs of patterns" in refusal(write(text))
+
+
+def test_no_more_is_guessed_than_told(write: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    calls: list[int] = []
+
+    def matches(word: str, known: list[str], number: int) -> list[str]:
+        calls.append(len(known))
+        return []
+
+    monkeypatch.setattr(values, "get_close_matches", matches)
+    lines = [f"- {{name: a{k}, {BOX}, postion{k}: 3}}" for k in range(2000)]
+    rules = [f"- [b{k}, c{k}]" for k in range(500)]
+    refusal(write("objects:\n" + "\n".join(lines) + "\nallowed:\n" + "\n".join(rules)))
+    assert 0 < len(calls) <= MAX_PROBLEMS
+    refusal(write("objects:\n" + f"- {{name: a, {BOX}}}\nallowed:\n" + "\n".join(rules)))
+    assert max(calls) <= values.MAX_GUESSES
+
+
+def test_a_bad_object_is_one_error_whoever_names_it(write: Any) -> None:
+    text = f"""\
+objects:
+  - {{name: cup, shape: box, size: [1, -1, 1]}}
+  - {{name: tray, {BOX}, motion: {{follow: cup}}}}
+  - {{name: plate, {BOX}}}
+groups: {{all: [cup, plate], wrong: [nothing]}}
+allowed: [[cup, plate], [all, tray], [wrong, cup]]
+accuracy: {{cup: hull, wrong: mesh}}
+effects: {{contacts: {{objects: [cup, wrong]}}}}
+lidar: {{count: 1, range: 1, sees: [cup]}}
+"""
+    lines = refusal(write(text)).splitlines()
+    assert len(lines) == 2
+    assert "objects[0].size: must be 3 positive numbers" in lines[0]
+    assert "groups.wrong[0]: nothing is no group" in lines[1]
+
+
+def test_a_bad_frame_is_one_error_whoever_stands_in_it(write: Any) -> None:
+    one = "{id: ID, header: {frame_id: stand}, primitives: [{type: sphere, dimensions: [1]}]}"
+    text = f"""\
+fixed_frame_transforms: [{{child_frame_id: stand, transform: {{translation: [1, 2]}}}}]
+world: {{collision_objects: [{one.replace("ID", "a")}, {one.replace("ID", "b")}]}}
+"""
+    (line,) = refusal(write(text)).splitlines()
+    assert "fixed_frame_transforms[0].transform.translation: must be 3 numbers" in line
+
+
+def test_angles_that_are_degrees_are_refused(write: Any) -> None:
+    path = write(f"objects:\n- {{name: a, {BOX}, rpy: [0, 0, 90]}}")
+    assert refusal(path) == (
+        f"{path}:2: objects[0].rpy: angles are in radians, at most a turn; 90 degrees are 1.5708, "
+        "got [0, 0, 90]"
+    )
+    motion = "{waypoints: [[0, 0, 0, 0], [1, 0, 0, 90]], period: 4}"
+    assert "motion.waypoints[1]: angles are in radians" in refusal(write(objects_text(motion)))
+    load_scene(write(f"objects:\n- {{name: a, {BOX}, rpy: [0, 0, -6.2832]}}"))
+
+
+def test_a_quaternion_far_from_unit_length_is_told_by_its_line(write: Any) -> None:
+    path = write(f"objects:\n- {{name: a, {BOX}, quaternion: [0, 0, 3, 4]}}")
+    told = f"{path}:2: objects[0].quaternion: a quaternion far from unit length, taken as "
+    with pytest.warns(UserWarning, match="far from unit length") as warnings:
+        description = load_scene(path)
+    assert str(warnings[0].message).startswith(told)
+    assert warnings[0].filename == __file__
+    assert description.notes == (str(warnings[0].message),)
+    assert description.objects[0].pose[3:] == (0.0, 0.0, 0.6, 0.8)
+    assert isinstance(description.build(), oc.Scene)
+    near = load_scene(write(f"objects:\n- {{name: a, {BOX}, quaternion: [0, 0, 0.7, 0.7]}}"))
+    assert (near.notes, near.objects[0].pose[5:]) == ((), (0.7, 0.7))

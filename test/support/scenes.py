@@ -1,0 +1,36 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Scenes of random boxes."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+import obb_collision as oc
+from obb_collision.typing import Floats
+
+
+def random_poses(count: int, rng: np.random.Generator, spread: float) -> Floats:
+    quaternions = Rotation.random(count, rng).as_quat()
+    return np.concatenate([rng.uniform(-spread, spread, (count, 3)), quaternions], axis=1)
+
+
+def filled_scene(count: int, seed: int = 0) -> oc.Scene:
+    rng = np.random.default_rng(seed)
+    scene = oc.Scene()
+    for k, pose in enumerate(random_poses(count, rng, 0.7 * count ** (1 / 3))):
+        scene.add(f"box/{k}", oc.Box(rng.uniform(0.1, 1.5, 3)), pose)
+    return scene

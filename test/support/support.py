@@ -1,0 +1,72 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Small tools that several tests share: from families to stored boxes, and to witnesses."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from obb_collision.benchmarks.cases.families import generate
+from obb_collision.geometry.boxes import Boxes
+from obb_collision.queries.verdict.penetration import witness_kernel
+from obb_collision.typing import Floats
+
+Arrays = tuple[Floats, Floats, Floats]
+
+#: Pairs made, judged and thrown away at a time: a million pairs need no more memory than this.
+CHUNK = 20_000
+
+
+def stored(boxes: Boxes) -> Arrays:
+    """Return the arrays of boxes as they are stored: what verdicts speak about."""
+    return boxes.centers, boxes.rotations, boxes.half_extents
+
+
+def family(name: str, n: int, seed: int = 0) -> tuple[Boxes, Boxes]:
+    """``n`` pairs of a family as boxes."""
+    a, b = generate(name, n, seed)
+    return Boxes(*a), Boxes(*b)
+
+
+def chunks(name: str, n: int) -> Iterator[tuple[Boxes, Boxes]]:
+    """``n`` pairs of a family, in pieces of at most `CHUNK`."""
+    for seed, start in enumerate(range(0, n, CHUNK)):
+        yield family(name, min(CHUNK, n - start), seed)
+
+
+def sizes(a: Boxes, b: Boxes) -> Floats:
+    """(n,) size of each pair: the sum of its six half extents, metres."""
+    total: Floats = (a.half_extents + b.half_extents).sum(axis=1)
+    return total
+
+
+def joined(a: Boxes, b: Boxes) -> tuple[Boxes, NDArray[np.int64]]:
+    """All boxes of both sides, and the (n, 2) rows of the pairs in it."""
+    both = Boxes.trusted(
+        *(np.concatenate([x, y]) for x, y in zip(stored(a), stored(b), strict=True))
+    )
+    rows = np.arange(len(a))
+    return both, np.stack([rows, rows + len(a)], axis=1)
+
+
+def witnesses(a: Boxes, b: Boxes) -> tuple[Floats, Floats]:
+    """Signed gaps (n,) metres and unit axes (n, 3) from a to b."""
+    boxes, pairs = joined(a, b)
+    gaps, axes, points = np.empty(len(a)), np.empty((len(a), 3)), np.empty((len(a), 3))
+    witness_kernel(*stored(boxes), pairs, gaps, axes, points)
+    return gaps, axes
