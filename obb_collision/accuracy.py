@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""How closely to look at a pair: the rungs of a ladder from cheap to exact."""
+"""How closely to look at a pair: the levels of a ladder from cheap to exact."""
 
 from __future__ import annotations
 
@@ -38,29 +38,29 @@ class Accuracy(IntEnum):
     MESH = 6  #: the triangles; watertight meshes are solids, open ones surfaces
 
 
-#: Names of the rungs that need nothing but boxes, and of all.
-BOX_RUNGS = tuple(rung.name.lower() for rung in Accuracy if rung <= Accuracy.OBB)
-ALL_RUNGS = tuple(rung.name.lower() for rung in Accuracy)
+#: Names of the levels that need nothing but boxes, and of all.
+BOX_LEVELS = tuple(level.name.lower() for level in Accuracy if level <= Accuracy.OBB)
+ALL_LEVELS = tuple(level.name.lower() for level in Accuracy)
 
 
 def as_accuracy(value: Accuracy | str | int) -> Accuracy:
-    """Return a rung from itself, its name in lower case or its number; ValueError otherwise."""
-    if isinstance(value, str) and value in ALL_RUNGS:
+    """Return a level from itself, its name in lower case or its number; ValueError otherwise."""
+    if isinstance(value, str) and value in ALL_LEVELS:
         return Accuracy[value.upper()]
     if not isinstance(value, (str, bool)):
         try:
             return Accuracy(value)
         except (ValueError, TypeError):
             pass
-    raise ValueError(f"accuracy must be one of {', '.join(ALL_RUNGS)}, got {shown(value)}")
+    raise ValueError(f"accuracy must be one of {', '.join(ALL_LEVELS)}, got {shown(value)}")
 
 
 def as_box_accuracy(value: Accuracy | str | int) -> Accuracy:
-    """Return a rung that needs nothing but boxes; ValueError naming the choices otherwise."""
-    rung = as_accuracy(value)
-    if rung > Accuracy.OBB:
+    """Return a level that needs nothing but boxes; ValueError naming the choices otherwise."""
+    level = as_accuracy(value)
+    if level > Accuracy.OBB:
         raise ValueError(
-            f"accuracy must be one of {', '.join(BOX_RUNGS)}, got {rung.name.lower()}: "
-            "the mesh rungs need a Scene with mesh objects"
+            f"accuracy must be one of {', '.join(BOX_LEVELS)}, got {level.name.lower()}: "
+            "the mesh levels need a Scene with mesh objects"
         )
-    return rung
+    return level

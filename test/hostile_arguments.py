@@ -120,7 +120,7 @@ def scene_calls() -> Iterator[tuple[str, Callable[..., Any], dict[str, Any]]]:
 def written(value: Any) -> Any:
     """Write into what a report gives, then have its effects computed."""
     report = scene().check()
-    for name in ("pairs", "verdicts", "rungs"):
+    for name in ("pairs", "verdicts", "accuracies"):
         array = getattr(report, name)
         try:
             array[...] = value

@@ -30,7 +30,7 @@ import numpy as np
 import pytest
 
 import obb_collision as oc
-from obb_collision.accuracy import ALL_RUNGS
+from obb_collision.accuracy import ALL_LEVELS
 from obb_collision.scene.effects import EFFECTS
 
 POSE = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]
@@ -312,8 +312,8 @@ def test_a_quaternion_near_unit_length_is_taken_as_it_is(length: float) -> None:
     oc.Boxes.from_poses([[*POSE[:6], length]], [[1, 1, 1]])
 
 
-def test_a_rung_is_a_name_a_number_or_itself() -> None:
-    for rung, name in enumerate(ALL_RUNGS):
-        for value in (name, rung, oc.Accuracy(rung)):
-            assert oc.Scene(accuracy=value).accuracy == rung  # type: ignore[arg-type]
+def test_a_level_is_a_name_a_number_or_itself() -> None:
+    for level, name in enumerate(ALL_LEVELS):
+        for value in (name, level, oc.Accuracy(level)):
+            assert oc.Scene(accuracy=value).accuracy == level  # type: ignore[arg-type]
     assert set(EFFECTS) == {"separations", "contacts", "clearance", "sweep", "points"}

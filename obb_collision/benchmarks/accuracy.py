@@ -14,7 +14,7 @@
 
 """What does accuracy cost? Console script obb_collision_accuracy.
 
-For every rung of the ladder, from spheres to triangles: the time of a pair and of a step, memory,
+For every level of the ladder, from spheres to triangles: the time of a pair and of a step, memory,
 preparation, and how many of its reports are false, relative to the triangles; beside the peers
 installed, on the same pairs in the same run. Then the fits of a box, and what certainty costs.
 All take turns, so the ratios hold even on a noisy machine; absolute times are this machine's.
@@ -69,7 +69,7 @@ class Result:
 
     @property
     def missed(self) -> int:
-        """How many reports our rungs owe: none, or there is a defect."""
+        """How many reports our levels owe: none, or there is a defect."""
         wrong = sum(r.false + r.missed for r in self.floats if r.kernel.startswith("certified"))
         return sum(price.missed for price in self.prices) + wrong
 
@@ -171,7 +171,7 @@ def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the comparison; exit code 1 if a rung missed a collision or a verdict was wrong."""
+    """Run the comparison; exit code 1 if a level missed a collision or a verdict was wrong."""
     options = parse(arguments)
     size = Size(options.bodies, options.pairs, options.timed, min(HARD_PAIRS, options.pairs))
     with progress(options.seconds) as bar:

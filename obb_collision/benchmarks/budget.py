@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Does a time budget hold? Moving meshes that take ten times as long on the rung "mesh".
+"""Does a time budget hold? Moving meshes that take ten times as long on the level "mesh".
 
 Every mesh moves in every cycle. Shown are the share of cycles within the budget, how often the cap
 changed, and what decided the pairs; some cycles are repeated without a budget, to see that all
@@ -136,7 +136,7 @@ def run(meshes: int, cycles: int, times: float, clock: Clock, seed: int = 0) -> 
             continue
         seconds.append(end - start)
         caps.append(report.cap)
-        shares += np.bincount(report.rungs, minlength=len(Accuracy))
+        shares += np.bincount(report.accuracies, minlength=len(Accuracy))
         if k % COMPARED == 0:
             twin.move_indices(slots, poses)
             missed += len(set(twin.check().names()) - set(report.names()))
@@ -150,8 +150,10 @@ def run(meshes: int, cycles: int, times: float, clock: Clock, seed: int = 0) -> 
         "within": float((taken <= budget).mean()),
         "percentiles_ms": (1e3 * np.percentile(taken, [50, 95, 99, 100])).tolist(),
         "changes": sum(a != b for a, b in pairwise(caps)),
-        "caps": {rung.name.lower(): caps.count(rung) for rung in Accuracy if rung in caps},
-        "rungs": {r.name.lower(): float(shares[r] / shares.sum()) for r in Accuracy if shares[r]},
+        "caps": {level.name.lower(): caps.count(level) for level in Accuracy if level in caps},
+        "accuracies": {
+            r.name.lower(): float(shares[r] / shares.sum()) for r in Accuracy if shares[r]
+        },
         "missed": missed,
     }
 
@@ -176,7 +178,7 @@ def main(arguments: list[str] | None = None) -> None:
         f"within budget {row['within']:.1%} of {row['cycles']} cycles; median {median:.2f} ms, "
         f"95 % {most:.2f}, 99 % {worst:.2f}, longest {longest:.2f}\n"
         f"cap changed {row['changes']} times; cycles by cap: {row['caps']}\n"
-        f"reported pairs by rung: { {k: f'{v:.1%}' for k, v in row['rungs'].items()} }\n"
+        f"reported pairs by level: { {k: f'{v:.1%}' for k, v in row['accuracies'].items()} }\n"
         f"collisions of triangles missed: {row['missed']}"
     )
     if options.json:

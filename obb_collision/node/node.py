@@ -129,7 +129,7 @@ class CollisionNode(Node):
         )
         self._schedule = Schedule(self, self.parameters, self._run_cycle)
         switched_on = [name for name in EFFECTS if self.parameters.mode(name) == ON]
-        self._warm.start([*self._settings.rungs(), *switched_on])
+        self._warm.start([*self._settings.levels(), *switched_on])
         if ending() or not self.context.ok():
             self.destroy_node()
             raise ExternalShutdownException

@@ -111,14 +111,14 @@ class SceneFile:
         """Return entries of ``accuracy_overrides``, the objects' own behind those of patterns."""
         scene = self._scene
         rules = [
-            (pattern, rung)
-            for given, rung in scene.accuracies
+            (pattern, level)
+            for given, level in scene.accuracies
             for pattern in self._patterns([given])
         ]
         for key, thing in zip(self.keys, scene.objects, strict=True):
             if thing.accuracy is not None:
                 rules.append((name_from_key(key), thing.accuracy))
-        return [f"{pattern}: {rung.name.lower()}" for pattern, rung in rules]
+        return [f"{pattern}: {level.name.lower()}" for pattern, level in rules]
 
     def _patterns(self, patterns: Sequence[str]) -> list[str]:
         """Return patterns of names in the node: with the new names of those that have others."""

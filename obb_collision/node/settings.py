@@ -41,13 +41,13 @@ class SceneSettings:
         self.waiting = False
         """Whether an accuracy waits for its kernels; until then ``obb`` takes its place."""
 
-    def rungs(self) -> list[Accuracy]:
-        """Return the rungs that the parameters ask for."""
-        rungs = {rung for _, rung in self._parameters.accuracy_overrides}
-        rungs.add(as_accuracy(self._parameters.accuracy))
+    def levels(self) -> list[Accuracy]:
+        """Return the levels that the parameters ask for."""
+        levels = {level for _, level in self._parameters.accuracy_overrides}
+        levels.add(as_accuracy(self._parameters.accuracy))
         if self._parameters.time_budget:  # it chooses from all
-            rungs |= {rung for rung in ABOVE if rung <= max(rungs)}
-        return sorted(rungs)
+            levels |= {level for level in ABOVE if level <= max(levels)}
+        return sorted(levels)
 
     def apply(self) -> None:
         """Bring the scene up to date with the parameters."""
@@ -74,14 +74,14 @@ class SceneSettings:
                 scene.set_effect(name, **setting)
 
     def apply_accuracy(self) -> None:
-        """Give every object its rung, as far as their kernels are ready."""
+        """Give every object its level, as far as their kernels are ready."""
         parameters, objects = self._parameters, self._objects
-        ready = [self._warm.is_ready(rung) for rung in self.rungs()]
+        ready = [self._warm.is_ready(level) for level in self.levels()]
         self.waiting = not all(ready)
         highest = Accuracy.OBB if self.waiting else Accuracy.MESH
-        rung = min(as_accuracy(parameters.accuracy), highest)
-        if objects.scene.accuracy != rung:
-            objects.scene.accuracy = rung
+        level = min(as_accuracy(parameters.accuracy), highest)
+        if objects.scene.accuracy != level:
+            objects.scene.accuracy = level
         overrides = Overrides(parameters.accuracy_overrides).capped(highest)
         if overrides.overrides != objects.overrides.overrides:
             objects.set_overrides(overrides)

@@ -45,9 +45,9 @@ from obb_collision.scene.refinement.ladder import (
     decide_pairs,
     is_plain,
     needs_spheres,
-    pair_rungs,
+    pair_levels,
 )
-from obb_collision.scene.refinement.refine import Rungs
+from obb_collision.scene.refinement.refine import Levels
 from obb_collision.scene.store.allowed import AllowedPairs, Counts
 from obb_collision.scene.store.store import ObjectStore
 from obb_collision.typing import Floats, Rows
@@ -60,8 +60,8 @@ INCREMENTAL_SHARE = 32
 class Findings:
     """What a check found, and what its effects gave so far.
 
-    behind: whether a budget left pairs on a lower rung than they ask for; cap: the highest rung it
-    allowed, None without a budget.
+    behind: whether a budget left pairs on a lower level than they ask for; cap: the highest level
+    it allowed, None without a budget.
     old (m,): the row of each pair in the findings before, -1 if it was decided anew; None if all
     were.
     total: how many pairs collide, at least, where a limit has left some out, else None; colliding
@@ -70,7 +70,7 @@ class Findings:
 
     pairs: Pairs
     verdicts: Verdicts
-    rungs: Rungs
+    accuracies: Levels
     behind: bool = False
     cap: Accuracy | None = None
     old: Rows | None = None
@@ -101,7 +101,7 @@ class Checker:
         return self.last is not None and self.last.behind
 
     def find(self, depth: int, exact: bool, budget: Budget | None = None) -> Findings:
-        """Return what collides. depth: of the boxes on the rung "obb_tree"."""
+        """Return what collides. depth: of the boxes on the level "obb_tree"."""
         store, last = self._store, self.last
         self.counts = self._allowed.counts(store.names, store.version)
         found = None
@@ -148,9 +148,9 @@ class Checker:
         if candidates is None:
             return None
         same = ~store.changed[last.pairs].any(axis=1)
-        waits = same & (last.rungs < pair_rungs(store, *columns(last.pairs))) & last.behind
-        waiting = last.pairs[waits], last.verdicts[waits], last.rungs[waits]
-        (new, verdicts, rungs), behind = self._decide(candidates, depth, exact, budget, waiting)
+        waits = same & (last.accuracies < pair_levels(store, *columns(last.pairs))) & last.behind
+        waiting = last.pairs[waits], last.verdicts[waits], last.accuracies[waits]
+        (new, verdicts, levels), behind = self._decide(candidates, depth, exact, budget, waiting)
         kept = np.flatnonzero(same & ~waits)
         pairs = np.concatenate([last.pairs[kept], new])
         if self.limit is not None and len(pairs) > self.limit:
@@ -158,8 +158,8 @@ class Checker:
         order = np.lexsort((pairs[:, 1], pairs[:, 0]))
         old = np.concatenate([kept, np.full(len(new), -1)])[order]
         verdicts = np.concatenate([last.verdicts[kept], verdicts])[order]
-        rungs = np.concatenate([last.rungs[kept], rungs])[order]
-        return Findings(pairs[order], verdicts, rungs, behind, old=old)
+        levels = np.concatenate([last.accuracies[kept], levels])[order]
+        return Findings(pairs[order], verdicts, levels, behind, old=old)
 
     def _decide(
         self, candidates: Pairs, depth: int, exact: bool, budget: Budget | None,

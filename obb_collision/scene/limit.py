@@ -116,8 +116,8 @@ def _mask(pairs: Pairs, names: int) -> Mask:
 
 
 def _joined(parts: list[Found]) -> Found:
-    pairs, verdicts, rungs = (np.concatenate(part) for part in zip(*parts, strict=True))
-    return pairs, verdicts, rungs
+    pairs, verdicts, levels = (np.concatenate(part) for part in zip(*parts, strict=True))
+    return pairs, verdicts, levels
 
 
 def _first(found: Found, limit: int) -> Found:

@@ -70,10 +70,10 @@ class SceneObjects:
         where = IDENTITY_POSE if pose is None else as_array(pose, "pose", (7,))
         pad = self._padding if padding is None else padding
         _check_padding(pad)
-        rung = None if accuracy is None else as_accuracy(accuracy)
+        level = None if accuracy is None else as_accuracy(accuracy)
         slot = self._store.put(name, _local_box(shape), where, pad)
         self._store.kinds[slot] = self._bank.put(slot, shape)
-        self._set_accuracy(slot, rung)
+        self._set_accuracy(slot, level)
         if padding is None:
             self._own_padding.discard(slot)
         else:
@@ -97,17 +97,17 @@ class SceneObjects:
         """
         edges = as_half_extents(sizes, "sizes", (None, 3))
         where = as_array(poses, "poses", (None, 7))
-        rungs = None
+        levels = None
         if accuracies is not None:
             check_kind(accuracies, Sequence, "accuracies")
-            rungs = [None if rung is None else as_accuracy(rung) for rung in accuracies]
+            levels = [None if level is None else as_accuracy(level) for level in accuracies]
         if shapes is not None:
             check_kind(shapes, Sequence, "shapes")
             for shape in shapes:
                 check_kind(shape, Shape, "shapes", type(None))
         check_kind(names, Sequence, "names")
         check_names(names, "names", MAX_OBJECT_NAME)
-        given = (names, edges, where, names if rungs is None else rungs, shapes or names)
+        given = (names, edges, where, names if levels is None else levels, shapes or names)
         lengths = {len(values) for values in given}
         if len(lengths) > 1 or len(set(names)) < len(names):
             raise ValueError("names, sizes, poses, accuracies and shapes must be one per object")
@@ -116,13 +116,15 @@ class SceneObjects:
         slots = self._store.put_boxes(names, half, where, self._padding)
         self._store.kinds[slots] = BOX
         self._forget(slots)
-        if rungs is None:
+        if levels is None:
             ranks = np.full(len(slots), self._accuracy, np.int8)
         else:
             self._own_accuracy.update(
-                slot for slot, rung in zip(slots.tolist(), rungs, strict=True) if rung is not None
+                slot
+                for slot, level in zip(slots.tolist(), levels, strict=True)
+                if level is not None
             )
-            ranks = np.array([self._accuracy if r is None else r for r in rungs], np.int8)
+            ranks = np.array([self._accuracy if r is None else r for r in levels], np.int8)
         self._store.accuracies[slots] = ranks
         for slot, shape in zip(slots.tolist(), shapes or (), strict=False):
             if shape is not None:
@@ -229,7 +231,7 @@ class SceneObjects:
 
     @property
     def accuracy(self) -> Accuracy:
-        """The rung of the objects without one of their own; may be set, also by name."""
+        """The level of the objects without one of their own; may be set, also by name."""
         return self._accuracy
 
     @accuracy.setter
@@ -239,9 +241,9 @@ class SceneObjects:
             self._set_accuracy(int(slot), None)
 
     def set_accuracy(self, name: str, accuracy: Accuracy | str | None) -> None:
-        """Give an object a rung of its own, or with None the scene's. KeyError, ValueError."""
-        rung = None if accuracy is None else as_accuracy(accuracy)
-        self._set_accuracy(self._store.slot(name), rung)
+        """Give an object a level of its own, or with None the scene's. KeyError, ValueError."""
+        level = None if accuracy is None else as_accuracy(accuracy)
+        self._set_accuracy(self._store.slot(name), level)
 
     def _set_accuracy(self, slot: int, own: Accuracy | None) -> None:
         if own is None:

@@ -51,8 +51,8 @@ class Report:
 
     The arrays are read-only. pairs (m, 2) int64: object indices i < j, in lexicographic order.
     verdicts (m,) int8: ``Verdict.TOUCHING`` or ``OVERLAP``; both count as colliding. OVERLAP is
-    certain; on all rungs but OBB and MESH, which can't be, everything is TOUCHING.
-    rungs (m,) int8: the ``Accuracy`` that each pair was decided on.
+    certain; on all levels but OBB and MESH, which can't be, everything is TOUCHING.
+    levels (m,) int8: the ``Accuracy`` that each pair was decided on.
     cap: the highest ``Accuracy`` that the scene's time budget allowed, None without a budget.
     truncated: whether pairs are left out, of which there are more than ``Scene.max_pairs``; then
     the first ones are here. total: how many pairs collide; at least, where truncated.
@@ -72,8 +72,8 @@ class Report:
         settings: Mapping[str, Setting],
     ) -> None:
         # read-only: effects computed later, and the next check, go by them
-        self.pairs, self.verdicts, self.rungs = (
-            _read_only(array) for array in (found.pairs, found.verdicts, found.rungs)
+        self.pairs, self.verdicts, self.accuracies = (
+            _read_only(array) for array in (found.pairs, found.verdicts, found.accuracies)
         )
         self.cap = found.cap
         self.truncated = found.total is not None
@@ -126,7 +126,7 @@ class Report:
     def separations(self) -> Floats:
         """(m,) metres, signed: negative where the boxes overlap.
 
-        These, normals, points and depths are those of the boxes on every rung; on the rungs below
+        These, normals, points and depths are those of the boxes on every level; on the levels below
         OBB separations may be positive.
         """
         return self._column(0)

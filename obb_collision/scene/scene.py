@@ -39,7 +39,7 @@ from obb_collision.scene.store.allowed import AllowedPairs
 from obb_collision.words import shown
 
 NO_RESULTS: dict[str, Any] = {}
-#: Depth of the trees on the rung "obb_tree": eight boxes a mesh.
+#: Depth of the trees on the level "obb_tree": eight boxes a mesh.
 DEFAULT_DEPTH = 3
 #: The largest limit on pairs: more than there can be, and its multiples are numbers for kernels.
 MOST_PAIRS = 2**53
@@ -55,8 +55,8 @@ class Scene(SceneObjects):
 
     padding: metres by which every box is grown on each side.
     exact: decide by integer arithmetic what doubles can't tell from touching.
-    accuracy: the rung of ``Accuracy`` for objects without one of their own, or its name. A pair is
-    decided on the lower rung of its two objects, above "obb" only where that can say more than
+    accuracy: the level of ``Accuracy`` for objects without one of their own, or its name. A pair is
+    decided on the lower level of its two objects, above "obb" only where that can say more than
     boxes do (see ``scene.ladder``).
     tree_depth: of the boxes of "obb_tree", 2^depth a mesh.
     time_budget: seconds for a check, None for no limit; see the property.
@@ -104,7 +104,7 @@ class Scene(SceneObjects):
 
     @property
     def tree_depth(self) -> int:
-        """Depth of the boxes on the rung "obb_tree": at most 2^depth of them a mesh."""
+        """Depth of the boxes on the level "obb_tree": at most 2^depth of them a mesh."""
         return self._tree_depth
 
     @tree_depth.setter
@@ -134,9 +134,9 @@ class Scene(SceneObjects):
     def time_budget(self) -> float | None:
         """Seconds for a check with the effects asked for, None for no limit; may be set.
 
-        Above "obb" a check then uses the highest rung that fits, and loses no collision by it;
-        ``Report.rungs`` says which one decided each pair. A pair that was left on a lower rung
-        and doesn't change is refined at later checks. Below "obb" there is nothing to gain.
+        Above "obb" a check then uses the highest level that fits, and loses no collision by it;
+        ``Report.accuracies`` says which one decided each pair. A pair left on a lower level that
+        doesn't change is refined at later checks. Below "obb" there is nothing to gain.
         Building the tree of a new shape may take longer; see ``prepare``. A ``Budget`` may be set,
         too, which has a clock of its own. More than a second is warned about.
         """

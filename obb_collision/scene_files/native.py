@@ -146,8 +146,8 @@ def _read_accuracies(
             if word == DEFAULT:
                 default = read_accuracy(entry)
                 continue
-            rung = read_accuracy(entry)
-            found += [(pattern, rung) for pattern in words.meant(entry, word)]
+            level = read_accuracy(entry)
+            found += [(pattern, level) for pattern in words.meant(entry, word)]
     return default, tuple(found)
 
 

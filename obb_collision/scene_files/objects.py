@@ -20,7 +20,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-from obb_collision.accuracy import ALL_RUNGS, Accuracy, as_accuracy
+from obb_collision.accuracy import ALL_LEVELS, Accuracy, as_accuracy
 from obb_collision.geometry.shapes.shapes import (
     Box,
     Capsule,
@@ -93,8 +93,8 @@ def read_objects(
 
 
 def read_accuracy(value: Value) -> Accuracy:
-    """Return a rung by its name."""
-    return as_accuracy(value.choice(ALL_RUNGS))
+    """Return a level by its name."""
+    return as_accuracy(value.choice(ALL_LEVELS))
 
 
 def _read_object(value: Value, files: MeshFiles) -> SceneObject:

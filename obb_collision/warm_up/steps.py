@@ -76,9 +76,9 @@ def effect_step(name: str) -> str:
     return f"effect {name}"
 
 
-def accuracy_step(rung: Accuracy) -> str:
-    """Return the name of the step that objects on a rung need."""
-    return f"accuracy {rung.name.lower()}" if rung in ABOVE else BOXES
+def accuracy_step(level: Accuracy) -> str:
+    """Return the name of the step that objects on a level need."""
+    return f"accuracy {level.name.lower()}" if level in ABOVE else BOXES
 
 
 def task_of(step: str) -> Callable[[], None]:
@@ -107,7 +107,7 @@ def _row_of_boxes() -> Scene:
 
 
 def _boxes() -> None:
-    """Run what every check needs, whatever the objects are, and the rungs up to "obb"."""
+    """Run what every check needs, whatever the objects are, and the levels up to "obb"."""
     scene = _row_of_boxes()
     for x in (0.0, 0.1):
         scene.move_indices(np.array([0]), np.array([(x, 0.1, 0, 0, 0.6, 0, 0.8)]))
@@ -120,13 +120,13 @@ def _boxes() -> None:
             scene.add(f"{kind} {number}", shape)
     scene.padding = 0.01
     scene.allow("1*", "2*")
-    for rung in Accuracy:
-        if rung <= Accuracy.OBB:
-            scene.accuracy = rung
+    for level in Accuracy:
+        if level <= Accuracy.OBB:
+            scene.accuracy = level
             scene.check()
-            scene.move_indices(np.array([1]), np.array([(0.7, 0.0, 0.1 * rung, 0, 0, 0, 1)]))
+            scene.move_indices(np.array([1]), np.array([(0.7, 0.0, 0.1 * level, 0, 0, 0, 1)]))
             scene.check()
-            find_pairs(scene.boxes, accuracy=rung)
+            find_pairs(scene.boxes, accuracy=level)
     scene.remove("at the origin")
     scene.check()
     _crowds()
@@ -142,7 +142,7 @@ def _crowds() -> None:
 
 
 def _zoo() -> dict[str, tuple[Shape, ...]]:
-    """Return shapes of every kind that the rungs tell apart."""
+    """Return shapes of every kind that the levels tell apart."""
     return {
         "box": (Box((0.5, 0.5, 0.5)), Box((0.5, 0.4, 0.3))),
         "round": (Sphere(0.3), Capsule(0.2, 0.4)),
@@ -154,10 +154,10 @@ def _zoo() -> dict[str, tuple[Shape, ...]]:
     }
 
 
-def _rung(rung: Accuracy) -> None:
-    """Run a rung above "obb" on all kinds of shapes, exactly and within a budget too."""
+def _level(level: Accuracy) -> None:
+    """Run a level above "obb" on all kinds of shapes, exactly and within a budget too."""
     for exact, budget, padding in ((False, None, 0.0), (True, None, 0.0), (False, 1.0, 0.01)):
-        scene = Scene(accuracy=rung, exact=exact, time_budget=budget)
+        scene = Scene(accuracy=level, exact=exact, time_budget=budget)
         shapes = [shape for some in _zoo().values() for shape in some]
         for number, shape in enumerate(shapes):
             pose = (0.02 * number, 0.01 * number, 0.0, 0.0, 0.0, 0.6, 0.8)
@@ -257,10 +257,10 @@ def _mesh_queries() -> None:
 STEPS: dict[str, Callable[[], None] | str] = {
     # In this order two processes have the least in common at any time.
     BOXES: _boxes,
-    accuracy_step(Accuracy.MESH): lambda: _rung(Accuracy.MESH),
+    accuracy_step(Accuracy.MESH): lambda: _level(Accuracy.MESH),
     **{effect_step(name): (lambda name=name: _effect(name)) for name in EFFECTS},  # type: ignore[misc]
-    accuracy_step(Accuracy.HULL): lambda: _rung(Accuracy.HULL),
-    accuracy_step(Accuracy.OBB_TREE): lambda: _rung(Accuracy.OBB_TREE),
+    accuracy_step(Accuracy.HULL): lambda: _level(Accuracy.HULL),
+    accuracy_step(Accuracy.OBB_TREE): lambda: _level(Accuracy.OBB_TREE),
     "queries of pairs": _pair_queries,
     "queries of rays, planes, points, capsules, triangles": _other_queries,
     "queries of meshes": _mesh_queries,

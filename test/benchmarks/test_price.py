@@ -24,7 +24,7 @@ import pytest
 
 from obb_collision.benchmarks import accuracy
 from obb_collision.benchmarks.price import corpus as corpus_module
-from obb_collision.benchmarks.price import rungs, upkeep
+from obb_collision.benchmarks.price import levels, upkeep
 from obb_collision.benchmarks.price.corpus import Plan, measure
 from obb_collision.benchmarks.price.fits import measure_fits
 from obb_collision.benchmarks.price.floats import measure_floats, pair_sets
@@ -67,10 +67,10 @@ def test_real_meshes_are_the_same_each_time_and_missing_packages_are_named() -> 
     assert "pybullet" in first.note
 
 
-def test_no_rung_misses_and_the_shares_fall_from_rung_to_rung(price: Price) -> None:
+def test_no_level_misses_and_the_shares_fall_from_level_to_level(price: Price) -> None:
     assert price.missed == 0
     assert price.colliding > 10
-    names = [rung.name for rung in (*rungs.BOX_RUNGS, *rungs.MESH_RUNGS)]
+    names = [level.name for level in (*levels.BOX_LEVELS, *levels.MESH_LEVELS)]
     assert [row.name for row in price.rows if not row.peer] == names
     false = {row.name: row.false for row in price.rows}
     for coarse, exact in (("aabb", "obb"), ("obb", "obb_tree 1"), ("obb_tree 1", "obb_tree 6")):
@@ -114,10 +114,10 @@ def test_peers_that_are_installed_agree_on_the_triangles(price: Price) -> None:
     assert theirs.false == pytest.approx(hull.false, abs=0.02 * price.pairs)
 
 
-def test_boxes_have_the_rungs_of_boxes_and_their_own_peers() -> None:
+def test_boxes_have_the_levels_of_boxes_and_their_own_peers() -> None:
     corpus = box_corpus(50, 0)
     price = measure(corpus, Plan(bodies=50, pairs=50, timed=20, seconds=0.0), 2, quiet)
-    assert [row.name for row in price.rows if not row.peer] == [r.name for r in rungs.BOX_RUNGS]
+    assert [row.name for row in price.rows if not row.peer] == [r.name for r in levels.BOX_LEVELS]
     assert price.missed == 0
     assert price.row("obb").false == 0
     assert set(price.missing) | {row.name for row in price.rows if row.peer} == {
@@ -129,9 +129,9 @@ def test_boxes_have_the_rungs_of_boxes_and_their_own_peers() -> None:
 def test_missed_collisions_are_counted_and_end_in_an_exit_code(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    blind = rungs.Rung("obb_faces", lambda t, i, j: np.zeros(len(i), np.bool_), "obb_faces")
-    ladder = tuple(blind if rung.name == "obb_faces" else rung for rung in rungs.BOX_RUNGS)
-    monkeypatch.setattr(corpus_module, "rungs_of", lambda corpus: ladder)
+    blind = levels.Level("obb_faces", lambda t, i, j: np.zeros(len(i), np.bool_), "obb_faces")
+    ladder = tuple(blind if level.name == "obb_faces" else level for level in levels.BOX_LEVELS)
+    monkeypatch.setattr(corpus_module, "levels_of", lambda corpus: ladder)
     price = measure(box_corpus(50, 0), Plan(50, 50, 20, 0.0), 2, quiet)
     assert price.row("obb_faces").missed == price.colliding > 0
     result = accuracy.Result(prices=[price])

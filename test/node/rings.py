@@ -48,7 +48,7 @@ def crate(key: tuple[str, int] = CRATE, x: float = 0.0) -> Marker:
     return cube(key, (x, 0.0, 0.0), (0.5, 0.5, 0.5))
 
 
-def rungs(rig: Rig) -> list[str]:
-    """Names of the rungs of the pairs in the next message."""
+def levels(rig: Rig) -> list[str]:
+    """Names of the levels of the pairs in the next message."""
     rows = collisions_from_ros(rig.next("collisions"))
-    return [Accuracy(rung).name.lower() for rung in rows["rung"].tolist()]
+    return [Accuracy(level).name.lower() for level in rows["accuracy"].tolist()]

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The rungs of accuracy: none misses what a more exact one reports, and what is off is not paid."""
+"""The levels of accuracy: none misses what a more exact one reports; off is free."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def keys(pairs: NDArray[np.int64]) -> Keys:
 
 
 @pytest.mark.parametrize("name", FAMILIES)
-def test_a_coarse_rung_never_misses_what_obb_reports(name: str) -> None:
+def test_a_coarse_level_never_misses_what_obb_reports(name: str) -> None:
     a, b = generate(name, PAIRS, seed=11)
     boxes = oc.Boxes(*(np.concatenate(both) for both in zip(a, b, strict=True)))
     first, second = np.arange(PAIRS), np.arange(PAIRS, 2 * PAIRS)
@@ -60,7 +60,7 @@ def test_a_coarse_rung_never_misses_what_obb_reports(name: str) -> None:
     assert not (exact & ~bounds_meet(boxes, first, second)).any()
 
 
-def test_coarse_rungs_tell_some_pairs_apart() -> None:
+def test_coarse_levels_tell_some_pairs_apart() -> None:
     a, b = generate("ordinary scene", PAIRS, seed=11)
     boxes = oc.Boxes(*(np.concatenate(both) for both in zip(a, b, strict=True)))
     found = {name: len(oc.find_pairs(boxes, accuracy=name)) for name in (*COARSE, "obb")}
@@ -74,7 +74,7 @@ def test_coarse_rungs_tell_some_pairs_apart() -> None:
     size=st.sampled_from([1e-6, 1.0, 1e5]),
     grid=st.booleans(),
 )
-def test_find_pairs_keeps_the_order_of_the_rungs(
+def test_find_pairs_keeps_the_order_of_the_levels(
     seed: int, count: int, size: float, grid: bool
 ) -> None:
     rng = np.random.default_rng(seed)
@@ -131,7 +131,7 @@ def mixed_scene(count: int, seed: int, **options: object) -> oc.Scene:
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_every_rung_of_a_scene_reports_what_the_exacter_ones_do(seed: int) -> None:
+def test_every_level_of_a_scene_reports_what_the_exacter_ones_do(seed: int) -> None:
     scene = mixed_scene(500, seed)
     reported: dict[str, Keys] = {}
     for name in (*COARSE, "obb", *FINE):
@@ -139,7 +139,7 @@ def test_every_rung_of_a_scene_reports_what_the_exacter_ones_do(seed: int) -> No
         report = scene.check()
         reported[name] = keys(report.pairs)
         assert report.pairs.tolist() == sorted(report.pairs.tolist())
-        assert report.rungs.max() == oc.Accuracy[name.upper()]
+        assert report.accuracies.max() == oc.Accuracy[name.upper()]
         assert (report.verdicts != SEPARATE).all()
     for name in ("obb_tree", "hull"):
         assert reported["mesh"] < reported[name] < reported["obb"]
@@ -192,7 +192,7 @@ def test_incremental_checks_find_what_a_check_from_scratch_finds(name: str) -> N
         scene._checker.last = None
         again = scene.check()
         assert report.pairs.tolist() == again.pairs.tolist()
-        assert report.rungs.tolist() == again.rungs.tolist()
+        assert report.accuracies.tolist() == again.accuracies.tolist()
         assert report.verdicts.tolist() == again.verdicts.tolist()
 
 
@@ -204,17 +204,17 @@ def ring_and_rod(**options: object) -> oc.Scene:
     return scene
 
 
-def test_a_pair_is_decided_on_the_lower_rung_of_its_objects() -> None:
+def test_a_pair_is_decided_on_the_lower_level_of_its_objects() -> None:
     scene = ring_and_rod(accuracy="mesh")
     assert len(scene.check()) == 0
     scene.set_accuracy("rod", "hull")
     report = scene.check()
-    assert (len(report), report.rungs.tolist()) == (1, [oc.Accuracy.HULL])
-    for rung in (*COARSE, "obb"):
-        scene.add("rod", oc.Box([0.1, 0.1, 2.0]), accuracy=rung)
-        assert scene.check().rungs.tolist() == [oc.Accuracy[rung.upper()]]
+    assert (len(report), report.accuracies.tolist()) == (1, [oc.Accuracy.HULL])
+    for level in (*COARSE, "obb"):
+        scene.add("rod", oc.Box([0.1, 0.1, 2.0]), accuracy=level)
+        assert scene.check().accuracies.tolist() == [oc.Accuracy[level.upper()]]
     scene.accuracy = "obb_tree"
-    assert scene.check().rungs.tolist() == [oc.Accuracy.OBB]  # the rod keeps its own
+    assert scene.check().accuracies.tolist() == [oc.Accuracy.OBB]  # the rod keeps its own
     scene.set_accuracy("rod", None)
     scene.tree_depth = 6
     assert len(scene.check()) == 0
@@ -224,12 +224,12 @@ def test_a_pair_is_decided_on_the_lower_rung_of_its_objects() -> None:
 def test_points_without_triangles_stay_on_obb() -> None:
     scene = ring_and_rod(accuracy="mesh")
     scene.add("rod", oc.Mesh([[0, 0, 0]], []))
-    assert scene.check().rungs.tolist() == [oc.Accuracy.OBB]
+    assert scene.check().accuracies.tolist() == [oc.Accuracy.OBB]
 
 
 def test_padding_keeps_a_pair_on_obb() -> None:
     scene = ring_and_rod(accuracy="mesh", padding=0.01)
-    assert scene.check().rungs.tolist() == [oc.Accuracy.OBB]
+    assert scene.check().accuracies.tolist() == [oc.Accuracy.OBB]
     scene.padding = 0.0
     assert len(scene.check()) == 0
 
@@ -269,8 +269,8 @@ def test_trees_are_built_only_when_asked_for_and_once_a_shape(
     for k in range(40):
         scene.add(f"ring {k}", ring, [0.1 * k, 0, 0, 0, 0, 0, 1])
         scene.add(f"rod {k}", oc.Box([0.1, 0.1, 2.0]), [0.1 * k, 0, 0, 0, 0, 0, 1])
-    for rung in (*COARSE, "obb"):
-        scene.accuracy = rung
+    for level in (*COARSE, "obb"):
+        scene.accuracy = level
         assert len(scene.check()) > 0
     assert built == []
     scene.accuracy = "mesh"
@@ -294,20 +294,20 @@ def test_trees_of_shapes_that_are_gone_go_too() -> None:
 def test_the_default_is_obb() -> None:
     scene = mixed_scene(200, 3)
     report = scene.check()
-    assert (report.rungs == oc.Accuracy.OBB).all()
+    assert (report.accuracies == oc.Accuracy.OBB).all()
     assert report.pairs.tolist() == [
         [scene.indices[i], scene.indices[j]] for i, j in oc.find_pairs(scene.boxes)
     ]
 
 
 @pytest.mark.parametrize("wrong", ["box", "OBB", 7, -1, None, True, 2.5, "hull", "mesh", 6])
-def test_find_pairs_refuses_other_rungs_and_names_the_choices(wrong: object) -> None:
+def test_find_pairs_refuses_other_levels_and_names_the_choices(wrong: object) -> None:
     boxes = oc.Boxes(np.zeros((1, 3)), np.eye(3)[None], np.ones((1, 3)))
     with pytest.raises(ValueError, match="sphere, aabb, obb_faces, obb"):
         oc.find_pairs(boxes, accuracy=wrong)  # type: ignore[arg-type]
 
 
-def test_a_scene_refuses_what_is_no_rung_or_depth() -> None:
+def test_a_scene_refuses_what_is_no_level_or_depth() -> None:
     with pytest.raises(ValueError, match="obb_tree, hull, mesh"):
         oc.Scene(accuracy="triangles")
     for depth in (-1, 1.5, True, "3"):
@@ -325,8 +325,8 @@ def test_a_scene_refuses_what_is_no_rung_or_depth() -> None:
 
 
 def test_exact_scenes_decide_boxes_and_triangles_by_integers() -> None:
-    for rung in ("obb", "mesh"):
-        scene = mixed_scene(60, 9, accuracy=rung, exact=True)
-        loose = mixed_scene(60, 9, accuracy=rung)
+    for level in ("obb", "mesh"):
+        scene = mixed_scene(60, 9, accuracy=level, exact=True)
+        loose = mixed_scene(60, 9, accuracy=level)
         assert keys(scene.check().pairs) <= keys(loose.check().pairs)
         assert len(scene.check()) > 0

@@ -49,10 +49,10 @@ def test_boxes_added_at_once_are_those_added_one_by_one() -> None:
     one, many = oc.Scene(padding=0.01), oc.Scene(padding=0.01)
     for seed in range(4):  # later ones replace some of the earlier ones
         names, sizes, poses = some(30, seed)
-        rungs = ["aabb" if number % 7 == 0 else None for number in range(len(names))]
-        for name, size, pose, rung in zip(names, sizes, poses, rungs, strict=True):
-            one.add(name, oc.Box(size), pose, accuracy=rung)
-        many.add_boxes(names, sizes, poses, rungs)
+        levels = ["aabb" if number % 7 == 0 else None for number in range(len(names))]
+        for name, size, pose, level in zip(names, sizes, poses, levels, strict=True):
+            one.add(name, oc.Box(size), pose, accuracy=level)
+        many.add_boxes(names, sizes, poses, levels)
         assert state(one) == state(many)
         for scene in (one, many):
             scene.remove(names[3])
@@ -94,7 +94,7 @@ def test_bad_boxes_are_refused_all_together() -> None:
         (names, sizes * np.nan, poses),
         (names, sizes, np.zeros((4, 7))),
         ([*names[:3], "\ud800"], sizes, poses),
-        (names, sizes, poses, ["no rung"] * 4),
+        (names, sizes, poses, ["no level"] * 4),
     ):
         with pytest.raises(ValueError, match="must"):
             scene.add_boxes(*bad)

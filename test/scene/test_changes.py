@@ -24,7 +24,7 @@ from mesh_zoo import zoo
 from scipy.spatial.transform import Rotation
 
 import obb_collision as oc
-from obb_collision.accuracy import ALL_RUNGS
+from obb_collision.accuracy import ALL_LEVELS
 
 ZOO = zoo()
 SHAPES = (
@@ -67,7 +67,7 @@ class Twin:
             name, enabled = f"{self.serial % 3}/{self.serial}", True
             self.serial += 1
         padding = None if self.rng.random() < 0.7 else float(self.rng.choice([0.0, 0.01, 0.1]))
-        accuracy = None if self.rng.random() < 0.6 else str(self.rng.choice(ALL_RUNGS[1:]))
+        accuracy = None if self.rng.random() < 0.6 else str(self.rng.choice(ALL_LEVELS[1:]))
         made: dict[str, Any] = {
             "shape": SHAPES[self.rng.integers(len(SHAPES))], "pose": self.pose(),
             "padding": padding, "accuracy": accuracy, "enabled": enabled,
@@ -114,16 +114,16 @@ class Twin:
             self.scene.set_enabled(name, enabled)
             self.objects[name]["enabled"] = enabled
         elif what == "accuracy":
-            rung = None if self.rng.random() < 0.4 else str(self.rng.choice(ALL_RUNGS[1:]))
-            self.scene.set_accuracy(name, rung)
-            self.objects[name]["accuracy"] = rung
+            level = None if self.rng.random() < 0.4 else str(self.rng.choice(ALL_LEVELS[1:]))
+            self.scene.set_accuracy(name, level)
+            self.objects[name]["accuracy"] = level
         elif what == "sphere":
             spheres = [some for some in names if self.objects[some]["accuracy"] == "sphere"]
-            name, rung = (spheres[0], None) if spheres else (name, "sphere")
-            self.scene.set_accuracy(name, rung)
-            self.objects[name]["accuracy"] = rung
+            name, level = (spheres[0], None) if spheres else (name, "sphere")
+            self.scene.set_accuracy(name, level)
+            self.objects[name]["accuracy"] = level
         elif what == "all":
-            self.settings["accuracy"] = str(self.rng.choice(ALL_RUNGS))
+            self.settings["accuracy"] = str(self.rng.choice(ALL_LEVELS))
             self.scene.accuracy = self.settings["accuracy"]
         elif what == "padding":
             self.settings["padding"] = float(self.rng.choice([0.0, 0.02]))
@@ -160,7 +160,7 @@ def assert_same(report: oc.Report, anew: oc.Report) -> None:
     """Compare all that two reports say, bit for bit."""
     assert report.names() == anew.names()
     assert (report.total, report.truncated) == (anew.total, anew.truncated)
-    for name in ("pairs", "verdicts", "rungs"):
+    for name in ("pairs", "verdicts", "accuracies"):
         assert getattr(report, name).tobytes() == getattr(anew, name).tobytes(), name
     assert report.colliding.nonzero()[0].tolist() == anew.colliding.nonzero()[0].tolist()
     for effect in EFFECTS:

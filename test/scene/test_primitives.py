@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Primitives on the rungs above OBB: spheres and capsules exactly, others by a convex mesh."""
+"""Primitives on the levels above OBB: spheres and capsules exactly, others by a convex mesh."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def scene_of(count: int, seed: int, **options: object) -> oc.Scene:
 
 
 @pytest.mark.parametrize("seed", [1, 2])
-def test_the_order_of_the_rungs_holds_with_all_shapes(seed: int) -> None:
+def test_the_order_of_the_levels_holds_with_all_shapes(seed: int) -> None:
     scene = scene_of(480, seed)
     reported = {}
     for name in ("obb", *FINE):
@@ -71,7 +71,7 @@ def test_the_order_of_the_rungs_holds_with_all_shapes(seed: int) -> None:
         report = scene.check()
         reported[name] = set(report.names())
         if name in ("obb_tree", "hull"):
-            assert report.verdicts[report.rungs > oc.Accuracy.OBB].max() == oc.Verdict.TOUCHING
+            assert report.verdicts[report.accuracies > oc.Accuracy.OBB].max() == oc.Verdict.TOUCHING
     assert reported["mesh"] < reported["hull"] < reported["obb"]
     assert reported["mesh"] < reported["obb_tree"] < reported["obb"]
     assert len(reported["mesh"]) < 0.8 * len(reported["obb"])
@@ -95,7 +95,7 @@ def test_spheres_and_capsules_are_decided_by_their_distances() -> None:
     report = scene.check()
     assert report.pairs.tolist() == expected.tolist()
     assert (report.verdicts == oc.Verdict.OVERLAP).all()
-    assert (report.rungs == oc.Accuracy.MESH).all()
+    assert (report.accuracies == oc.Accuracy.MESH).all()
 
 
 def test_spheres_in_the_corners_of_boxes_are_free_and_padding_counts() -> None:
@@ -112,7 +112,7 @@ def test_spheres_in_the_corners_of_boxes_are_free_and_padding_counts() -> None:
     scene.move("ball", [near + 1e-3] * 3 + UPRIGHT)
     scene.padding = 0.002
     report = scene.check()
-    assert report.rungs.tolist() == [oc.Accuracy.MESH]
+    assert report.accuracies.tolist() == [oc.Accuracy.MESH]
     assert report.names() == [("box", "ball")]
     scene.padding = 0.0
     scene.add("ball", oc.Sphere(0.25), [0.75, 0.0, 0.0, *UPRIGHT])
@@ -124,7 +124,7 @@ def test_what_is_padded_and_no_sphere_capsule_or_box_stays_on_obb() -> None:
         scene = oc.Scene(accuracy="mesh", padding=0.01)
         scene.add("a", shape)
         scene.add("b", oc.Sphere(0.5))
-        assert scene.check().rungs.tolist() == [oc.Accuracy.OBB]
+        assert scene.check().accuracies.tolist() == [oc.Accuracy.OBB]
 
 
 @pytest.mark.parametrize("name", FINE)
@@ -139,4 +139,4 @@ def test_round_shapes_leave_the_corners_of_their_boxes_free(name: str) -> None:
         scene.move("other", [0.55, 0.55, 0.0, *UPRIGHT])
         report = scene.check()
         assert report.names() == [("ball", "other")]
-        assert report.rungs.tolist() == [oc.Accuracy[name.upper()]]
+        assert report.accuracies.tolist() == [oc.Accuracy[name.upper()]]

@@ -100,7 +100,7 @@ def test_what_a_file_says_is_what_the_scene_has(write: Any) -> None:
     expected.allow("box", "table/0")
     assert scene.allowed == expected.allowed
     assert scene.check().names() == expected.check().names()
-    assert scene.check().rungs.tolist() == expected.check().rungs.tolist()
+    assert scene.check().accuracies.tolist() == expected.check().accuracies.tolist()
     setting = scene.effect_setting("separations")
     assert (setting.mode, setting.objects) == ("on", ("hand/*",))
 

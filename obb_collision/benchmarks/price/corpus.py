@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The price on one corpus: what every rung and peer reports, and the time it takes."""
+"""The price on one corpus: what every level and peer reports, and the time it takes."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ from typing import Any
 
 import numpy as np
 
+from obb_collision.benchmarks.price.levels import Bodies, Level, Throw, levels_of
 from obb_collision.benchmarks.price.peers import BOX_PEERS, MESH_PEERS, Ask, Query
 from obb_collision.benchmarks.price.rows import Price, Row
-from obb_collision.benchmarks.price.rungs import Bodies, Rung, Throw, rungs_of
 from obb_collision.benchmarks.price.scenes import Corpus
 from obb_collision.benchmarks.price.turns import Times, take_turns
 from obb_collision.benchmarks.price.upkeep import Prepared, memory, prepare, prepare_ms
@@ -40,7 +40,7 @@ from obb_collision.typing import Mask, Rows
 FRAMES = 4
 #: What preparing shapes, asking and timing pairs get of the time of a corpus; the steps the rest.
 PREPARING, ASKING, TIMING = 0.4, 0.25, 0.2
-#: Rungs that must report all that others do.
+#: Levels that must report all that others do.
 WIDER = {
     "sphere": ("obb",),
     "aabb": ("obb",),
@@ -49,7 +49,7 @@ WIDER = {
     "obb_tree": ("mesh",),
     "hull": ("mesh",),
 }
-#: Our rung that a peer's shape is compared with.
+#: Our level that a peer's shape is compared with.
 OURS = {"box": "obb", "hull": "hull", "mesh": "mesh"}
 #: The peer whose triangles are compared with ours.
 SURFACES = "python-fcl mesh"
@@ -68,13 +68,13 @@ class Plan:
 
 
 class Contest:
-    """Our rungs and the installed peers, asked about the same pairs of the same bodies."""
+    """Our levels and the installed peers, asked about the same pairs of the same bodies."""
 
     def __init__(self, corpus: Corpus, prepared: list[Prepared], plan: Plan, seed: int) -> None:
         self.prepared = prepared
-        self.rungs = rungs_of(corpus)
+        self.accuracies = levels_of(corpus)
         self.price = Price(corpus.name, corpus.note, len(corpus.shapes), plan.bodies)
-        self.price.rows = [Row(rung.name, peer=False) for rung in self.rungs]
+        self.price.rows = [Row(level.name, peer=False) for level in self.accuracies]
         self._rng = np.random.default_rng(seed)
         self.bodies = Bodies(corpus, plan.bodies, seed)
         if prepared:
@@ -90,8 +90,8 @@ class Contest:
     def ask_all(self, throw: Throw, first: Rows, second: Rows) -> dict[str, Ask]:
         """Return by name what asks each about pairs of a throw."""
         asks: dict[str, Ask] = {}
-        for rung in self.rungs:
-            asks[rung.name] = partial(rung.ask, throw, first, second)
+        for level in self.accuracies:
+            asks[level.name] = partial(level.ask, throw, first, second)
         query = Query(throw.rows, throw.centers, throw.rotations, first, second)
         return asks | {label: load(query) for label, load in self.peers.items()}
 
@@ -101,7 +101,7 @@ class Contest:
             throw = self.bodies.throw()
             asks = self.ask_all(throw, throw.first, throw.second)
             answers = {name: ask() for name, ask in asks.items()}
-            truth = answers[self.rungs[-1].name]
+            truth = answers[self.accuracies[-1].name]
             self.price.pairs += len(truth)
             self.price.colliding += int(truth.sum())
             for row in self.price.rows:
@@ -109,7 +109,7 @@ class Contest:
             _count_far_spheres(self.price.row("sphere"), throw, answers["sphere"])
             self.price.out_of_order += sum(
                 int((answers[exact.name] & ~answers[coarse.name]).sum())
-                for coarse, exact in _ordered(self.rungs)
+                for coarse, exact in _ordered(self.accuracies)
             )
             if SURFACES in answers:
                 _compare_surfaces(self.price, throw, answers[SURFACES])
@@ -119,64 +119,64 @@ class Contest:
     def time_pairs(self, throw: Throw, count: int, seconds: float) -> None:
         """Time all on the same random pairs, in the order in which they come.
 
-        Before its turn each rung is asked about as many others of the same bodies: in a scene the
+        Before its turn each level is asked about as many others of the same bodies: in a scene the
         bodies are in the caches too, and the same pairs again would be foreseen by the processor.
         """
         order = self._rng.permutation(len(throw.first))
         chosen, others = np.sort(order[:count]), np.sort(order[count : 2 * count])
         contestants = self.ask_all(throw, throw.first[chosen], throw.second[chosen])
         before: dict[str, Callable[[], Any]] = dict.fromkeys(contestants, lambda: None)
-        for rung in self.rungs:
+        for level in self.accuracies:
             rows = throw.first[others], throw.second[others]
-            before[rung.name] = partial(rung.ask, throw, *rows)
+            before[level.name] = partial(level.ask, throw, *rows)
         times = take_turns(contestants, seconds, before)
         for row in self.price.rows:
             row.pair_ns = 1e9 * times.best(row.name) / max(1, len(chosen))
         self.price.ratios = self._ratios(times)
 
     def _ratios(self, times: Times) -> dict[str, float]:
-        """Return how many times longer each peer takes than our rung of the same shape."""
+        """Return how many times longer each peer takes than our level of the same shape."""
         return {label: times.ratio(label, OURS[label.split()[-1]]) for label in self.peers}
 
     def time_steps(self, seconds: float) -> None:
-        """Time setting every pose and finding every pair in a ``Scene``, on each rung in turn."""
+        """Time setting every pose and finding every pair in a ``Scene``, on each level in turn."""
         scene, indices = self.bodies.scene, self.bodies.scene.indices
         frames = [self.bodies.poses() for _ in range(FRAMES)]
         steps = 0
 
-        def choose(rung: Rung) -> None:
-            scene.accuracy = rung.accuracy
-            if rung.depth is not None:
-                scene.tree_depth = rung.depth
+        def choose(level: Level) -> None:
+            scene.accuracy = level.accuracy
+            if level.depth is not None:
+                scene.tree_depth = level.depth
 
         def step() -> None:
             nonlocal steps
-            scene.move_indices(indices, frames[steps // len(self.rungs) % FRAMES])
+            scene.move_indices(indices, frames[steps // len(self.accuracies) % FRAMES])
             scene.check()
             steps += 1
 
-        for rung in self.rungs:  # builds trees, compiles what is new
-            choose(rung)
+        for level in self.accuracies:  # builds trees, compiles what is new
+            choose(level)
             step()
-        before = {rung.name: partial(choose, rung) for rung in self.rungs}
-        times = take_turns({rung.name: step for rung in self.rungs}, seconds, before)
-        for rung in self.rungs:
-            self.price.row(rung.name).step_ms = 1e3 * times.best(rung.name)
+        before = {level.name: partial(choose, level) for level in self.accuracies}
+        times = take_turns({level.name: step for level in self.accuracies}, seconds, before)
+        for level in self.accuracies:
+            self.price.row(level.name).step_ms = 1e3 * times.best(level.name)
 
     def weigh(self, throw: Throw) -> None:
-        """Tell what each rung takes in memory, and in time once."""
-        for rung in self.rungs:
-            row = self.price.row(rung.name)
-            row.bytes = memory(rung, throw.boxes, self.prepared)
-            row.prepare_ms = prepare_ms(rung, self.prepared)
+        """Tell what each level takes in memory, and in time once."""
+        for level in self.accuracies:
+            row = self.price.row(level.name)
+            row.bytes = memory(level, throw.boxes, self.prepared)
+            row.prepare_ms = prepare_ms(level, self.prepared)
 
 
 def measure(corpus: Corpus, plan: Plan, seed: int, tell: Tell) -> Price:
-    """Measure all rungs and the installed peers on a corpus, in about ``plan.seconds``."""
+    """Measure all levels and the installed peers on a corpus, in about ``plan.seconds``."""
     start = perf_counter()
     end = start + plan.seconds
     corpus, prepared = _prepared(corpus, start + PREPARING * plan.seconds, tell)
-    tell(f"{corpus.name}: what each rung and peer reports")
+    tell(f"{corpus.name}: what each level and peer reports")
     contest = Contest(corpus, prepared, plan, seed)
     throw = contest.count(plan.pairs, perf_counter() + ASKING * plan.seconds)
     tell(f"{corpus.name}: time of a pair, in turn")
@@ -199,9 +199,9 @@ def _prepared(corpus: Corpus, end: float, tell: Tell) -> tuple[Corpus, list[Prep
     return corpus, prepared
 
 
-def _ordered(rungs: tuple[Rung, ...]) -> Iterator[tuple[Rung, Rung]]:
-    """Yield pairs of rungs of which the first must report all that the second does."""
-    for coarse, exact in product(rungs, rungs):
+def _ordered(levels: tuple[Level, ...]) -> Iterator[tuple[Level, Level]]:
+    """Yield pairs of levels of which the first must report all that the second does."""
+    for coarse, exact in product(levels, levels):
         deeper = coarse.depth is not None and exact.depth is not None and coarse.depth < exact.depth
         if exact.accuracy in WIDER.get(coarse.accuracy, ()) or deeper:
             yield coarse, exact

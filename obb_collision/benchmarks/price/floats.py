@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 
 from obb_collision.benchmarks.cases.families import FAMILIES, generate
 from obb_collision.benchmarks.cases.plain import plain_kernel
-from obb_collision.benchmarks.price.rungs import Bodies
+from obb_collision.benchmarks.price.levels import Bodies
 from obb_collision.benchmarks.price.scenes import Corpus
 from obb_collision.benchmarks.price.turns import take_turns
 from obb_collision.geometry.boxes import Boxes

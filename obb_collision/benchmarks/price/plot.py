@@ -26,7 +26,7 @@ import numpy as np
 from obb_collision.benchmarks.price.rows import Price, Row
 from obb_collision.typing import Floats
 
-#: Colour of our rungs, and marker and colour of each peer; told apart without colours, too.
+#: Colour of our levels, and marker and colour of each peer; told apart without colours, too.
 OURS = "#0b5fa5"
 PEERS = {
     "python-fcl": ("s", "#c8500a"),
@@ -54,7 +54,7 @@ MOST_ORDERS = 120
 
 
 def save_plot(prices: Sequence[Price], path: Path) -> None:
-    """Draw rungs and peers on the most lifelike corpus measured, PNG or SVG by the name."""
+    """Draw levels and peers on the most lifelike corpus measured, PNG or SVG by the name."""
     from matplotlib.figure import Figure
 
     measured = [price for price in prices if price.rows]
@@ -78,10 +78,10 @@ def save_plot(prices: Sequence[Price], path: Path) -> None:
 
 
 def _lines(price: Price) -> list[Floats]:
-    """Return the line (k, 2) of the rungs from quick to slow, and the branch of the trees."""
-    rungs = sorted((row for row in price.rows if not row.peer), key=lambda row: row.pair_ns)
-    trees = [row for row in rungs if row.name.startswith("obb_tree")]
-    ladder = [_at(row) for row in rungs if row not in trees]
+    """Return the line (k, 2) of the levels from quick to slow, and the branch of the trees."""
+    levels = sorted((row for row in price.rows if not row.peer), key=lambda row: row.pair_ns)
+    trees = [row for row in levels if row.name.startswith("obb_tree")]
+    ladder = [_at(row) for row in levels if row not in trees]
     branch = [_at(price.row("obb")), *(_at(row) for row in trees)]
     return [np.array(ladder), np.array(branch)][: 2 if trees else 1]
 
@@ -106,7 +106,7 @@ def _frame(figure: Any, axes: Any, price: Price) -> None:
         fontsize=13.5, fontweight="bold", va="center",
     )  # fmt: skip
     what = f"{price.shapes} {price.corpus}, {price.pairs:,} pairs. "
-    how = "Filled: rungs of obb_collision, none missed. Hollow: peers, from Python."
+    how = "Filled: levels of obb_collision, none missed. Hollow: peers, from Python."
     figure.text(
         0.015, 0.9, what + how, fontsize=10, color="#555555", va="center",
     )  # fmt: skip

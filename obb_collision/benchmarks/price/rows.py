@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What is known of a rung or peer on a corpus, and of the corpus as a whole."""
+"""What is known of a level or peer on a corpus, and of the corpus as a whole."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from obb_collision.typing import Mask
 
 @dataclass
 class Row:
-    """A rung or peer: what it costs and how often it is wrong; None where that was not asked."""
+    """A level or peer: what it costs and how often it is wrong; None where that was not asked."""
 
     name: str
     peer: bool
@@ -71,15 +71,15 @@ class Price:
     pairs: int = 0
     colliding: int = 0
     rows: list[Row] = field(default_factory=list)
-    out_of_order: int = 0  #: pairs that a more exact rung reports and a coarser one doesn't
-    ratios: dict[str, float] = field(default_factory=dict)  #: peer's time over that of our rung
+    out_of_order: int = 0  #: pairs that a more exact level reports and a coarser one doesn't
+    ratios: dict[str, float] = field(default_factory=dict)  #: peer's time over that of our level
     surface_pairs: int = 0  #: pairs asked of python-fcl's triangles and of ours as surfaces
     surface_differ: int = 0
     missing: list[str] = field(default_factory=list)  #: peers that are not installed
 
     @property
     def missed(self) -> int:
-        """Pairs that a rung of ours must report and doesn't: none, or there is a defect."""
+        """Pairs that a level of ours must report and doesn't: none, or there is a defect."""
         return self.out_of_order + sum(row.missed for row in self.rows if not row.peer)
 
     def row(self, name: str) -> Row:

@@ -61,7 +61,7 @@ class Corpus:
 
     @property
     def boxes_only(self) -> bool:
-        """Whether there is nothing above the rung ``obb`` to ask."""
+        """Whether there is nothing above the level ``obb`` to ask."""
         return all(isinstance(shape, Box) for shape in self.shapes.values())
 
 

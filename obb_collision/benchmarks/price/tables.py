@@ -114,7 +114,7 @@ def format_claims(prices: Sequence[Price]) -> list[str]:
     """Return the same as sentences."""
     found = claims(prices)
     lines = [
-        f"No rung may miss what a more exact one reports: {found['missed']} missed on "
+        f"No level may miss what a more exact one reports: {found['missed']} missed on "
         f"{found['meshes']} meshes and {found['pairs']:,} pairs of them."
     ]
     if found["surface_pairs"]:
@@ -126,10 +126,10 @@ def format_claims(prices: Sequence[Price]) -> list[str]:
     names = {"box": "obb", "hull": "hull", "mesh": "mesh"}
     for corpus, ratios in found["ratios"].items():
         for label, ratio in ratios.items():
-            rung = names[label.split()[-1]]
-            lines.append(f"{corpus}: {label} takes {ratio:.1f} times as long a pair as {rung}.")
+            level = names[label.split()[-1]]
+            lines.append(f"{corpus}: {label} takes {ratio:.1f} times as long a pair as {level}.")
     lines.append(
-        "Asked from Python, one pair a call for the peers, all pairs in one call for the rungs. "
+        "Asked from Python, one pair a call for the peers, all pairs in one call for the levels. "
         f"Ratios are medians of turns; times are this machine's. Memory: a sphere has 4 numbers "
         f"of 8 bytes, an AABB 6, a box 15 ({compact_numbers()} if an axis is left to compute); "
         "trees and meshes are stored once a shape."

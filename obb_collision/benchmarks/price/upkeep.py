@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What a rung needs besides the time of its pairs: preparation, once a shape, and memory."""
+"""What a level needs besides the time of its pairs: preparation, once a shape, and memory."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from time import thread_time
 
 import numpy as np
 
-from obb_collision.benchmarks.price.rungs import Rung
+from obb_collision.benchmarks.price.levels import Level
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.fitting.fit import fit_points
 from obb_collision.geometry.representations import to_compact
@@ -60,30 +60,30 @@ def prepare(mesh: Mesh) -> Prepared:
     return Prepared(triangles, hull, box_ms, float(mesh_ms), float(hull_ms))
 
 
-def prepare_ms(rung: Rung, prepared: list[Prepared]) -> float:
-    """Return the mean milliseconds that a rung needs once for a shape; boxes need none."""
+def prepare_ms(level: Level, prepared: list[Prepared]) -> float:
+    """Return the mean milliseconds that a level needs once for a shape; boxes need none."""
     if not prepared:
         return 0.0
-    extra = {"obb_tree": "mesh_ms", "mesh": "mesh_ms", "hull": "hull_ms"}.get(rung.accuracy)
+    extra = {"obb_tree": "mesh_ms", "mesh": "mesh_ms", "hull": "hull_ms"}.get(level.accuracy)
     return float(np.mean([p.box_ms + (getattr(p, extra) if extra else 0.0) for p in prepared]))
 
 
-def memory(rung: Rung, boxes: Boxes, prepared: list[Prepared]) -> float:
-    """Return the bytes that a rung reads of one object, float64, the mean over the shapes.
+def memory(level: Level, boxes: Boxes, prepared: list[Prepared]) -> float:
+    """Return the bytes that a level reads of one object, float64, the mean over the shapes.
 
     A tree, hull or mesh is stored once for all objects of one shape.
     """
     count = len(boxes)
-    if rung.accuracy == "sphere":
+    if level.accuracy == "sphere":
         return (boxes.centers.nbytes + boxes.half_extents[:, 0].nbytes) / count
-    if rung.accuracy == "aabb":
+    if level.accuracy == "aabb":
         return sum(bound.nbytes for bound in boxes.world_bounds()) / count
-    if rung.accuracy in ("obb_faces", "obb"):
+    if level.accuracy in ("obb_faces", "obb"):
         return (boxes.centers.nbytes + boxes.rotations.nbytes + boxes.half_extents.nbytes) / count
-    if rung.accuracy == "obb_tree":
-        assert rung.depth is not None
-        return float(np.mean([tree_bytes(p.mesh.arrays, rung.depth) for p in prepared]))
-    stored = [p.hull if rung.accuracy == "hull" else p.mesh.arrays for p in prepared]
+    if level.accuracy == "obb_tree":
+        assert level.depth is not None
+        return float(np.mean([tree_bytes(p.mesh.arrays, level.depth) for p in prepared]))
+    stored = [p.hull if level.accuracy == "hull" else p.mesh.arrays for p in prepared]
     return float(np.mean([sum(array.nbytes for array in arrays) for arrays in stored]))
 
 

@@ -24,7 +24,7 @@ import numpy as np
 import numpy.typing as npt
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
-from obb_collision.accuracy import ALL_RUNGS
+from obb_collision.accuracy import ALL_LEVELS
 from obb_collision.node.diagnostics.answer import MAX_NAMED, some
 from obb_collision.node.diagnostics.monitors import NANOSECONDS_F, CycleMonitor, InputMonitor
 from obb_collision.node.messages.conversions import name_from_key
@@ -114,7 +114,7 @@ def object_status(
     if report is not None:  # what left since then does not count
         rows = min(len(report.colliding), len(table.live))
         colliding = int(np.count_nonzero(report.colliding[:rows] & table.live[:rows]))
-    rungs = Counter() if report is None else Counter(report.rungs.tolist())
+    levels = Counter() if report is None else Counter(report.accuracies.tolist())
     cap = None if report is None else report.cap
     counts = {label: int(np.count_nonzero(found)) for label, found in kinds.items()}
     counts["unplaceable"] += len(objects.unplaceable)
@@ -125,8 +125,8 @@ def object_status(
         ("count", len(table)),
         ("colliding", colliding),
         *([("pairs at least", report.total)] if report is not None and report.truncated else ()),
-        *((f"pairs on {ALL_RUNGS[rung]}", count) for rung, count in sorted(rungs.items())),
-        *(() if cap is None else [("highest accuracy in the time budget", ALL_RUNGS[cap])]),
+        *((f"pairs on {ALL_LEVELS[level]}", count) for level, count in sorted(levels.items())),
+        *(() if cap is None else [("highest accuracy in the time budget", ALL_LEVELS[cap])]),
         ("stale policy", policy),
         *_prepared(objects),
         *counts.items(),

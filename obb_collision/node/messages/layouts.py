@@ -47,7 +47,7 @@ COLLISION_DTYPE = _layout(
     ("<f4", POSITION_FIELDS),
     ("<f8", (*NORMAL_FIELDS, "depth")),
     ("<i4", PAIR_FIELDS),
-    ("u1", ("verdict", "rung")),
+    ("u1", ("verdict", "accuracy")),
 )
 """One row of ``collisions``: contact point, unit normal from a to b and depth (m), the two objects
 as number of the namespace and id; the verdict: 1 touching or not told from it, 2 overlap; the
@@ -88,7 +88,7 @@ INSIDE_DTYPE = _layout(
 """One row of ``points_inside``: an object with points in its box: how many, the indices in the
 cloud of the first and of the one nearest to the box centre, its distance (m) and position."""
 
-OPTIONAL_FIELDS = ("rung", "undecided")
+OPTIONAL_FIELDS = ("accuracy", "undecided")
 """Fields that messages recorded with an earlier version don't have."""
 
 

@@ -22,7 +22,7 @@ import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from std_msgs.msg import Header
 
-from obb_collision.accuracy import ALL_RUNGS
+from obb_collision.accuracy import ALL_LEVELS
 from obb_collision.node.messages.conversions import name_from_key
 from obb_collision.node.messages.layouts import Rows
 from obb_collision.queries.verdict.verdict import Verdict
@@ -58,7 +58,7 @@ def text_from_rows(
             ("depth", repr(float(row["depth"]))),
             ("normal", " ".join(f"{row['normal_' + axis]:.4f}" for axis in "xyz")),
             ("verdict", Verdict(row["verdict"]).name.lower()),
-            ("rung", ALL_RUNGS[row["rung"]]),
+            ("accuracy", ALL_LEVELS[row["accuracy"]]),
         ]
         message.status.append(
             DiagnosticStatus(

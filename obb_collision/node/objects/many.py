@@ -69,10 +69,10 @@ def put_primitives(
     there[there] = table.placed[known[there]]
     poses[there] = table.world[known[there]]
     overrides = objects.overrides
-    rungs = [overrides.rung(name) for name in names] if overrides.overrides else None
+    levels = [overrides.level(name) for name in names] if overrides.overrides else None
     try:
         bodies = [_body(kind, size) for kind, size in zip(kind_list, size_list, strict=True)]
-        slots = scene.add_boxes(names, sizes, poses, rungs, bodies)
+        slots = scene.add_boxes(names, sizes, poses, levels, bodies)
     except ValueError as error:
         raise RefusedError("bad shape", str(error)) from error
     new = known < 0

@@ -212,8 +212,8 @@ class Objects:
         slot = table.slots.get(key)
         try:
             pose = table.world[slot] if slot is not None and table.placed[slot] else None
-            rung = self.overrides.rung(name)
-            index = self.scene.add(name, shape, pose, padding=padding, accuracy=rung)
+            level = self.overrides.level(name)
+            index = self.scene.add(name, shape, pose, padding=padding, accuracy=level)
         except ValueError as error:
             raise RefusedError("bad shape", str(error)) from error
         if slot is None:
@@ -464,7 +464,7 @@ class Objects:
         """Give objects, those to come too, an accuracy of their own by their names."""
         self.overrides = overrides
         for name in self.table.by_name:
-            self.scene.set_accuracy(name, overrides.rung(name))
+            self.scene.set_accuracy(name, overrides.level(name))
 
     def newest_stamp(self, now: int) -> int:
         """Stamp (ns) of the newest state evaluated; time of receipt where none has one to believe.

@@ -90,7 +90,7 @@ def collision_rows(report: Report, table: ObjectTable) -> Rows:
     """(m,) rows of COLLISION_DTYPE; NaN for what the effect ``separations`` did not give."""
     found = order_pairs(report.pairs, table)
     rows = _named_rows(COLLISION_DTYPE, found.a, found.b, table)
-    rows["verdict"], rows["rung"] = report.verdicts[found.order], report.rungs[found.order]
+    rows["verdict"], rows["accuracy"] = report.verdicts[found.order], report.accuracies[found.order]
     if "separations" not in report.results:
         for name in (*POSITION_FIELDS, *NORMAL_FIELDS, "depth"):
             rows[name] = np.nan

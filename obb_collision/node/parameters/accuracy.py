@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Which rung of ``Accuracy`` each object gets: the node's, or that of the last override it fits."""
+"""The ``Accuracy`` of each object: the node's, or that of the last override it matches."""
 
 from __future__ import annotations
 
@@ -26,24 +26,24 @@ from obb_collision.accuracy import Accuracy, as_accuracy
 MAX_OVERRIDES = 20000
 
 Override = tuple[str, Accuracy]
-"""A pattern of names ``ns/id``, and the rung of the objects that match it."""
+"""A pattern of names ``ns/id``, and the level of the objects that match it."""
 
 
 def override_from_text(text: str) -> Override:
-    """Read ``PATTERN: RUNG``, or ``NAMESPACE=RUNG`` for all of a namespace.
+    """Read ``PATTERN: LEVEL``, or ``NAMESPACE=LEVEL`` for all of a namespace.
 
     ValueError with the reason.
     """
     found = re.fullmatch(r"(.*?)\s*([:=])\s*(\w*)", text)
     if found is None:
         raise ValueError(f"{text!r} is not like 'gripper/*: mesh' or 'gripper=mesh'")
-    where, sign, rung = found.groups()
+    where, sign, level = found.groups()
     if sign == "=":
         where += "/*"
     elif "/" not in where and "*" not in where:
         hint = f"; all of a namespace are '{where}/*' or '{where}='" if where else ""
         raise ValueError(f"{where!r} in {text!r} is no name like 'gripper/1' or pattern{hint}")
-    return where, as_accuracy(rung)
+    return where, as_accuracy(level)
 
 
 class Overrides:
@@ -59,16 +59,16 @@ class Overrides:
             if _is_pattern(where)
         ]
 
-    def rung(self, name: str) -> Accuracy | None:
-        """Return the rung of an object by its name, None for the node's own."""
+    def level(self, name: str) -> Accuracy | None:
+        """Return the level of an object by its name, None for the node's own."""
         by_name = self._names.get(name, -1)
         by_pattern = (number for number, match in self._tests if number > by_name and match(name))
         last = next(by_pattern, by_name)
         return None if last < 0 else self.overrides[last][1]
 
     def capped(self, highest: Accuracy) -> Overrides:
-        """Return the same with no rung above ``highest``."""
-        return Overrides([(pattern, min(rung, highest)) for pattern, rung in self.overrides])
+        """Return the same with no level above ``highest``."""
+        return Overrides([(pattern, min(level, highest)) for pattern, level in self.overrides])
 
 
 def _is_pattern(where: str) -> bool:

@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from obb_collision.accuracy import ALL_RUNGS
+from obb_collision.accuracy import ALL_LEVELS
 from obb_collision.node.parameters.accuracy import MAX_OVERRIDES, override_from_text
 from obb_collision.node.parameters.allowed import allowed_from_text
 from obb_collision.node.parameters.specs import Spec
@@ -157,7 +157,7 @@ ACCURACY = (
         "accuracy",
         "obb",
         "How closely a pair is looked at, cheap to exact; above obb meshes only, see above.",
-        choices=ALL_RUNGS,
+        choices=ALL_LEVELS,
     ),
     Spec(
         "accuracy_overrides",

@@ -44,7 +44,7 @@ ENDING = 2.0
 """Seconds that the thread has to end what compiles: it looks every tenth of a second."""
 
 Thing = Accuracy | str
-"""A rung of ``Accuracy``, or the name of an effect."""
+"""A level of ``Accuracy``, or the name of an effect."""
 
 
 class WarmUp:

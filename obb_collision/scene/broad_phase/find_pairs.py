@@ -51,23 +51,23 @@ def find_pairs_and_verdicts(
 
     Below "obb" that is TOUCHING: not told apart.
     """
-    rung = as_box_accuracy(accuracy)
-    if rung == Accuracy.OBB:
+    level = as_box_accuracy(accuracy)
+    if level == Accuracy.OBB:
         return colliding_pairs(boxes, find_candidates(*meeting_bounds(boxes)), exact)
-    bounds = sphere_bounds(boxes) if rung == Accuracy.SPHERE else meeting_bounds(boxes)
+    bounds = sphere_bounds(boxes) if level == Accuracy.SPHERE else meeting_bounds(boxes)
     candidates = find_candidates(*bounds)
-    pairs = candidates[coarse_meet(boxes, *columns(candidates), rung)]
+    pairs = candidates[coarse_meet(boxes, *columns(candidates), level)]
     order = np.argsort(pairs[:, 0] * len(boxes) + pairs[:, 1])
     return pairs[order], np.full(len(pairs), TOUCHING, np.int8)
 
 
 def coarse_meet(
-    boxes: Boxes, first: NDArray[np.int64], second: NDArray[np.int64], rung: Accuracy
+    boxes: Boxes, first: NDArray[np.int64], second: NDArray[np.int64], level: Accuracy
 ) -> NDArray[np.bool_]:
-    """Return (m,) whether a rung below OBB tells a pair not apart; its AABBs are known to meet."""
-    if rung == Accuracy.SPHERE:
+    """Return (m,) whether a level below OBB tells a pair not apart; its AABBs are known to meet."""
+    if level == Accuracy.SPHERE:
         return spheres_meet(boxes, first, second)
-    if rung == Accuracy.OBB_FACES:
+    if level == Accuracy.OBB_FACES:
         return faces_meet(boxes, first, second)
     return np.ones(len(first), np.bool_)
 

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The trees and hulls of a scene's shapes: built when a rung above OBB first asks, once a shape."""
+"""The trees and hulls of a scene's shapes: built once per shape, when first asked for."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ BOXED, BOX, ROUND, CONVEX, TRIANGLES = range(5)
 
 
 def kind_of(shape: Shape | OBB) -> int:
-    """Return what a shape is to the rungs above OBB; a Mesh without faces has no triangles."""
+    """Return what a shape is to the levels above OBB; a Mesh without faces has no triangles."""
     if isinstance(shape, (Box, OBB)):
         return BOX
     if isinstance(shape, Mesh):

@@ -12,12 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A time budget: which rung above OBB fits a cycle, and how much of the cycle is left.
+"""A time budget: which level above OBB fits a cycle, and how much of the cycle is left.
 
-What a pair costs on a rung is learnt from the cycles before. The cap, the highest rung that pairs
-are decided on, falls at once when what it costs no longer fits, and rises only when a higher rung
+What a pair costs on a level is learnt from the cycles before. The cap, the highest level that pairs
+are decided on, falls at once when what it costs no longer fits, and rises only when a higher level
 has fitted with room to spare for some cycles, for more of them after every rise that didn't last.
-OBB is the floor: rungs below it aren't quicker (find_pairs on 10,000 crowded boxes: 8.9 ms on
+OBB is the floor: levels below it aren't quicker (find_pairs on 10,000 crowded boxes: 8.9 ms on
 "aabb", 12.2 on "sphere", 8.4 on "obb_faces", 8.9 on "obb"), they only report more pairs.
 """
 
@@ -34,7 +34,7 @@ from obb_collision.accuracy import Accuracy
 from obb_collision.geometry.validation import MAX_MAGNITUDE
 from obb_collision.words import shown
 
-#: The rungs that a budget chooses from, and how many pairs ask for each.
+#: The levels that a budget chooses from, and how many pairs ask for each.
 ABOVE = (Accuracy.OBB_TREE, Accuracy.HULL, Accuracy.MESH)
 Counts = Mapping[Accuracy, int]
 
@@ -42,7 +42,7 @@ Counts = Mapping[Accuracy, int]
 SETTLING = 5
 #: Share of the time that is planned with; the rest is for what no estimate foresees.
 PLANNED = 0.9
-#: A rung is taken when it needs less than this share of the time there is for pairs ...
+#: A level is taken when it needs less than this share of the time there is for pairs ...
 ROOMY = 0.7
 #: ... for this many cycles (half a second at 50 Hz), left at once when it needs all of it.
 WAIT = 25
@@ -52,7 +52,7 @@ LASTING = 1000
 LONGEST_WAIT = 3200
 #: Estimates are medians of this many cycles: one in which others had the processor counts little.
 WINDOW = 9
-#: A rung of which one pair takes longer than there is left is tried again twice as late each time,
+#: A level of which one pair takes longer than there is left is tried again twice as late each time,
 #: up to once in so many chances: it may have been an accident, but hardly often.
 RAREST_TRIAL = 10
 #: At least this share of what a call takes is due to its pairs, not to the call.
@@ -74,8 +74,8 @@ class Budget:
         self.cycle = 0
         self._risen = -LASTING
         self._waits = dict.fromkeys(ABOVE, WAIT)
-        self._roomy = dict.fromkeys(ABOVE, 0)  # cycles in a row with room for a rung
-        self._pauses = dict.fromkeys(ABOVE, 0)  # chances to try a rung that are let go ...
+        self._roomy = dict.fromkeys(ABOVE, 0)  # cycles in a row with room for a level
+        self._pauses = dict.fromkeys(ABOVE, 0)  # chances to try a level that are let go ...
         self._gaps = dict.fromkeys(ABOVE, 1)  # ... and how many it will be next
         self._costs: dict[Accuracy, deque[float]] = {r: deque(maxlen=WINDOW) for r in ABOVE}
         self._calls: dict[Accuracy, deque[float]] = {r: deque(maxlen=WINDOW) for r in ABOVE}
@@ -109,7 +109,7 @@ class Budget:
             self._after.append(end - self._refined)
 
     def refining(self) -> None:
-        """Say that all that comes before the rungs above OBB is done."""
+        """Say that all that comes before the levels above OBB is done."""
         self._before.append(self.clock() - self._start)
 
     def refined(self) -> None:
@@ -121,44 +121,44 @@ class Budget:
         planned = PLANNED * self.seconds - _median(self._after)
         return self._start + planned - self.clock()
 
-    def cost(self, rung: Accuracy) -> float | None:
-        """Return the seconds that a pair takes on a rung, None if not known."""
-        costs = self._costs[rung]
+    def cost(self, level: Accuracy) -> float | None:
+        """Return the seconds that a pair takes on a level, None if not known."""
+        costs = self._costs[level]
         return median_low(costs) if costs else None
 
-    def overhead(self, rung: Accuracy) -> float:
+    def overhead(self, level: Accuracy) -> float:
         """Return the seconds that a call for no pairs at all takes."""
-        return _median(self._calls[rung])
+        return _median(self._calls[level])
 
-    def is_due(self, rung: Accuracy) -> bool:
-        """Return whether to use this chance to try a rung; where it takes too long only some."""
-        if self.left() >= (self.cost(rung) or 0.0):
-            self._pauses[rung], self._gaps[rung] = 0, 1
+    def is_due(self, level: Accuracy) -> bool:
+        """Return whether to use this chance to try a level; where it takes too long only some."""
+        if self.left() >= (self.cost(level) or 0.0):
+            self._pauses[level], self._gaps[level] = 0, 1
             return True
-        if self._pauses[rung] > 0:
-            self._pauses[rung] -= 1
+        if self._pauses[level] > 0:
+            self._pauses[level] -= 1
             return False
-        self._pauses[rung] = self._gaps[rung] - 1
-        self._gaps[rung] = min(2 * self._gaps[rung], RAREST_TRIAL)
+        self._pauses[level] = self._gaps[level] - 1
+        self._gaps[level] = min(2 * self._gaps[level], RAREST_TRIAL)
         return True
 
-    def learn(self, rung: Accuracy, pairs: int, seconds: float, calls: int = 1) -> None:
-        """Take note of what pairs took on a rung, in how many calls; no pairs: the calls alone."""
+    def learn(self, level: Accuracy, pairs: int, seconds: float, calls: int = 1) -> None:
+        """Take note of what pairs took on a level, in how many calls; no pairs: the calls alone."""
         if pairs:
-            own = max(seconds - calls * self.overhead(rung), LEAST_SHARE * seconds)
-            self._costs[rung].append(own / pairs)
+            own = max(seconds - calls * self.overhead(level), LEAST_SHARE * seconds)
+            self._costs[level].append(own / pairs)
         elif calls:
-            self._calls[rung].append(seconds / calls)
+            self._calls[level].append(seconds / calls)
 
     def choose(self, counts: Counts) -> Accuracy:
-        """Return the cap of this cycle; counts: pairs to be decided, by the rung they ask for."""
+        """Return the cap of this cycle; counts: pairs to be decided, by the level they ask for."""
         self.cycle += 1
         self._settled += 1
-        loads = {rung: self._load(rung, counts) for rung in ABOVE}
-        for rung, load in loads.items():
-            self._roomy[rung] = self._roomy[rung] + 1 if load <= ROOMY else 0
-        fitting = max((rung for rung in ABOVE if self._roomy[rung]), default=Accuracy.OBB)
-        ready = [rung for rung in ABOVE if self._roomy[rung] >= self._waits[rung]]
+        loads = {level: self._load(level, counts) for level in ABOVE}
+        for level, load in loads.items():
+            self._roomy[level] = self._roomy[level] + 1 if load <= ROOMY else 0
+        fitting = max((level for level in ABOVE if self._roomy[level]), default=Accuracy.OBB)
+        ready = [level for level in ABOVE if self._roomy[level] >= self._waits[level]]
         if self._settled <= SETTLING:
             self.cap = fitting
         elif loads.get(self.cap, 0.0) > 1.0:
@@ -170,11 +170,11 @@ class Budget:
 
     def _fall(self, cap: Accuracy) -> None:
         lasted = self.cycle - self._risen
-        for rung in ABOVE:
-            if rung > cap:
-                wait = 2 * self._waits[rung] if lasted < LASTING else WAIT
-                self._waits[rung] = min(wait, LONGEST_WAIT)
-                self._roomy[rung] = 0
+        for level in ABOVE:
+            if level > cap:
+                wait = 2 * self._waits[level] if lasted < LASTING else WAIT
+                self._waits[level] = min(wait, LONGEST_WAIT)
+                self._roomy[level] = 0
         self.cap = cap
 
     def _load(self, cap: Accuracy, counts: Counts) -> float:

@@ -12,10 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Pairs of one check above OBB: what stands for them on a rung, where it is, and the verdicts.
+"""Pairs of one check above OBB: what stands for them on a level, where it is, and the verdicts.
 
 Spheres and capsules against each other and boxes are decided on their exact shapes, other pairs of
-convex shapes on their hulls, whatever the rung; with a mesh on either side it depends on the rung.
+convex shapes on their hulls, whatever the level; with a mesh on either side the level decides.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ EFFORT = 256
 
 
 def prepare_shapes(store: ObjectStore, bank: TreeBank) -> None:
-    """Build what the rungs of all objects may need, and compile what looks at it."""
+    """Build what the levels of all objects may need, and compile what looks at it."""
     wanted = np.flatnonzero(store.active & (store.accuracies > Accuracy.OBB))
     wanted = wanted[store.kinds[wanted] != BOXED]
     if len(wanted) == 0:
@@ -59,9 +59,9 @@ def prepare_shapes(store: ObjectStore, bank: TreeBank) -> None:
         bank.build(store, wanted, hull, None)
     pair = MeshPairs(store, bank, wanted[-1:], wanted[-1:], 0, False)
     row = np.zeros(1, np.int64)
-    for rung in ABOVE:
-        if pair.prepare(rung, row, None).all():
-            pair.decide(rung, row)
+    for level in ABOVE:
+        if pair.prepare(level, row, None).all():
+            pair.decide(level, row)
 
 
 class MeshPairs:
@@ -82,10 +82,10 @@ class MeshPairs:
         self._simple = np.maximum(a, b) == ROUND
         self._solid = (np.maximum(a, b) < TRIANGLES) & ~self._simple
 
-    def prepare(self, rung: Accuracy, rows: Rows, budget: Budget | None) -> Mask:
+    def prepare(self, level: Accuracy, rows: Rows, budget: Budget | None) -> Mask:
         """Build what pairs need while there is time; return (k,) which have it."""
         ready = self._simple[rows]
-        hulls = self._by_hull(rung, rows)
+        hulls = self._by_hull(level, rows)
         for hull, these in ((True, hulls), (False, ~hulls & ~ready)):
             i, j = self._ends[0][rows[these]], self._ends[1][rows[these]]
             needed = np.unique(np.concatenate([i, j]))
@@ -94,19 +94,19 @@ class MeshPairs:
             ready[these] = have[i] & have[j]
         return ready
 
-    def decide(self, rung: Accuracy, rows: Rows) -> Verdicts:
+    def decide(self, level: Accuracy, rows: Rows) -> Verdicts:
         """Return verdicts (k,) of prepared pairs; OVERLAP only on MESH, where it is certain."""
-        simple, hulls = self._simple[rows], self._by_hull(rung, rows)
+        simple, hulls = self._simple[rows], self._by_hull(level, rows)
         result = np.empty(len(rows), np.int8)
         result[simple] = self._round_verdicts(rows[simple])
         result[hulls] = self._hull_verdicts(rows[hulls])
         rest = ~(simple | hulls)
-        result[rest] = self._tree_verdicts(rung, rows[rest])
-        return result if rung == Accuracy.MESH else np.minimum(result, np.int8(TOUCHING))
+        result[rest] = self._tree_verdicts(level, rows[rest])
+        return result if level == Accuracy.MESH else np.minimum(result, np.int8(TOUCHING))
 
-    def _by_hull(self, rung: Accuracy, rows: Rows) -> Mask:
-        """Return (k,) which pairs a rung decides on their hulls."""
-        return ~self._simple[rows] if rung == Accuracy.HULL else self._solid[rows]
+    def _by_hull(self, level: Accuracy, rows: Rows) -> Mask:
+        """Return (k,) which pairs a level decides on their hulls."""
+        return ~self._simple[rows] if level == Accuracy.HULL else self._solid[rows]
 
     def _hull_verdicts(self, rows: Rows) -> Verdicts:
         if len(rows) == 0:
@@ -115,12 +115,12 @@ class MeshPairs:
         met = hulls_meet(bodies, bodies, self._ends[0][rows], self._ends[1][rows])
         return np.where(met, np.int8(TOUCHING), np.int8(SEPARATE))
 
-    def _tree_verdicts(self, rung: Accuracy, rows: Rows) -> Verdicts:
+    def _tree_verdicts(self, level: Accuracy, rows: Rows) -> Verdicts:
         if len(rows) == 0:
             return np.empty(0, np.int8)
         i, j = self._ends[0][rows], self._ends[1][rows]
         bodies = PlacedMeshes.trusted(*self._bank.trees(self._slots), *self._places)
-        if rung == Accuracy.OBB_TREE:
+        if level == Accuracy.OBB_TREE:
             met = tree_collisions(bodies, bodies, self._depth, i, j)
             return np.where(met, np.int8(TOUCHING), np.int8(SEPARATE))
         effort = UNLIMITED if self._exact else EFFORT

@@ -186,7 +186,7 @@ def collision_rows(count: int) -> np.ndarray:
     rows = np.zeros(count, COLLISION_DTYPE)
     rng = np.random.default_rng(count)
     for name in COLLISION_DTYPE.names or ():
-        whole = name[:2] in ("ns", "id") or name in ("verdict", "rung")
+        whole = name[:2] in ("ns", "id") or name in ("verdict", "accuracy")
         rows[name] = rng.integers(0, 2, count) if whole else rng.normal(size=count)
     return rows
 
@@ -205,7 +205,7 @@ def test_collisions_have_the_layout_that_rviz_draws_and_the_interface_names() ->
     kinds = {found.name: found.datatype for found in message.fields}
     assert list(kinds) == [
         *("x", "y", "z", "normal_x", "normal_y", "normal_z", "depth"),
-        *("ns_a", "id_a", "ns_b", "id_b", "verdict", "rung"),
+        *("ns_a", "id_a", "ns_b", "id_b", "verdict", "accuracy"),
     ]
     assert {kinds[name] for name in "xyz"} == {PointField.FLOAT32}
     assert kinds["depth"] == PointField.FLOAT64

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Accuracy in the node: rungs by parameters, by names, at run time, and where they are told."""
+"""Accuracy in the node: levels by parameters, by names, at run time, and where they are told."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 from rig import Rig, cube, pose, sync
-from rings import RING, crate, ring, rungs
+from rings import RING, crate, levels, ring
 
 from obb_collision.accuracy import Accuracy
 from obb_collision.node import collisions_from_ros
@@ -39,7 +39,7 @@ def test_triangles_of_markers_are_looked_at_where_the_accuracy_says_so() -> None
         assert sync(rig) == set(), "the crate is in the middle of the ring"
         rig.send_transform("box/1", pose(0.75))
         assert rig.pairs() == {("mesh/1", "box/1")}
-        assert rungs(rig) == ["mesh"]
+        assert levels(rig) == ["mesh"]
 
 
 def test_the_accuracy_changes_at_run_time_and_is_told() -> None:
@@ -49,15 +49,15 @@ def test_the_accuracy_changes_at_run_time_and_is_told() -> None:
         rig.send(ring(), crate())
         rig.built(RING)
         assert sync(rig) == {("mesh/1", "box/1")}
-        assert rungs(rig) == ["obb"]
+        assert levels(rig) == ["obb"]
         values = {pair.key: pair.value for pair in rig.next("collisions_text").status[1].values}
-        assert values["rung"] == "obb"
+        assert values["accuracy"] == "obb"
         assert rig.status(": objects")["pairs on obb"] == "1"
         assert all(result.successful for result in rig.set(accuracy="mesh"))
-        rig.until(lambda: rungs(rig) == [], "kernels ready, pair gone")
+        rig.until(lambda: levels(rig) == [], "kernels ready, pair gone")
         assert "pairs on obb" not in rig.status(": objects")
         rig.set(accuracy="sphere")
-        rig.until(lambda: rungs(rig) == ["sphere"], "a coarser rung")
+        rig.until(lambda: levels(rig) == ["sphere"], "a coarser level")
         assert rig.status(": objects")["pairs on sphere"] == "1"
 
 
@@ -65,7 +65,7 @@ def test_overrides_are_for_names_and_namespaces_also_of_objects_to_come() -> Non
     with Rig(accuracy_overrides=["*: sphere", "box=obb", "mesh/1: obb"]) as rig:
         rig.send(cube(("box", 1)), cube(("box", 2), (0.5, 0, 0)), cube(("a", 1), (9.0, 0.0, 0.0)))
         assert rig.pairs() == {("box/1", "box/2")}
-        assert rungs(rig) == ["obb"]
+        assert levels(rig) == ["obb"]
         rig.send(cube(("mesh", 1)), cube(("a", 2), (10.2, 0.0, 0.0)))
         assert rig.pairs() == {
             ("box/1", "box/2"),
@@ -73,9 +73,9 @@ def test_overrides_are_for_names_and_namespaces_also_of_objects_to_come() -> Non
             ("mesh/1", "box/2"),
             ("a/1", "a/2"),  # spheres meet where cubes are apart
         }
-        assert sorted(rungs(rig)) == ["obb", "obb", "obb", "sphere"]
+        assert sorted(levels(rig)) == ["obb", "obb", "obb", "sphere"]
         rig.set(accuracy_overrides=[""])
-        rig.until(lambda: rungs(rig) == ["obb"] * 3, "no overrides")
+        rig.until(lambda: levels(rig) == ["obb"] * 3, "no overrides")
 
 
 def test_an_override_outlives_a_change_of_shape() -> None:
@@ -84,7 +84,7 @@ def test_an_override_outlives_a_change_of_shape() -> None:
         rig.answer()
         rig.send(cube(("a", 1), size=(2.0, 2.0, 2.0)))
         assert rig.pairs() == {("a/1", "a/2")}
-        assert rungs(rig) == ["aabb"]
+        assert levels(rig) == ["aabb"]
 
 
 @pytest.mark.parametrize(
@@ -104,9 +104,9 @@ def test_overrides_are_read(text: str, expected: Any) -> None:
 
 def test_the_last_override_that_fits_counts() -> None:
     overrides = Overrides([("*", Accuracy.OBB), ("a/*", Accuracy.MESH), ("a/1", Accuracy.HULL)])
-    assert [overrides.rung(name) for name in ("b/1", "a/2", "a/1")] == [3, 6, 5]
-    assert Overrides().rung("a/1") is None
-    assert overrides.capped(Accuracy.OBB).rung("a/1") == Accuracy.OBB
+    assert [overrides.level(name) for name in ("b/1", "a/2", "a/1")] == [3, 6, 5]
+    assert Overrides().level("a/1") is None
+    assert overrides.capped(Accuracy.OBB).level("a/1") == Accuracy.OBB
 
 
 @pytest.mark.parametrize(

@@ -189,8 +189,8 @@ def test_overrides_by_name_and_by_pattern_count_in_their_order() -> None:
     for count in range(len(texts) + 1):
         entries = [override_from_text(text) for text in texts[:count]]
         for name in names:
-            fitting = [rung for where, rung in entries if fnmatchcase(name, where)]
-            assert Overrides(entries).rung(name) == (fitting[-1] if fitting else None)
+            fitting = [level for where, level in entries if fnmatchcase(name, where)]
+            assert Overrides(entries).level(name) == (fitting[-1] if fitting else None)
 
 
 def test_the_file_of_the_package_has_every_parameter_at_its_default() -> None:

@@ -34,7 +34,7 @@ from rig import Rig, cube, pose
 from visualization_msgs.msg import Marker
 
 from obb_collision import _compiling, _jit
-from obb_collision.accuracy import ALL_RUNGS
+from obb_collision.accuracy import ALL_LEVELS
 from obb_collision.node.messages.clouds import cloud_to_ros
 from obb_collision.node.messages.names import namespace_number
 from obb_collision.node.runtime import garbage
@@ -152,7 +152,7 @@ def marker(kind: int, number: int) -> Marker:
 
 
 def objects() -> list[Marker]:
-    """Return objects of every kind that the rungs tell apart, and enough of them."""
+    """Return objects of every kind that the levels tell apart, and enough of them."""
     kinds = (Marker.CUBE, Marker.SPHERE, Marker.CYLINDER, Marker.ARROW, *BUILT)
     few = [marker(kind, number) for kind in kinds for number in range(3)]
     return few + [cube(("many", n), (0.9 * n, 5.0, 0.0)) for n in range(MANY)]
@@ -174,12 +174,12 @@ def switch_everything(rig: Everything) -> Iterator[str]:
         rig.until(lambda topic=topic: topic in rig.last, topic)  # type: ignore[misc]
         rig.move()
         yield f"effect {effect}"
-    for rung in (*ALL_RUNGS, *reversed(ALL_RUNGS)):
-        rig.set(accuracy=rung)
+    for level in (*ALL_LEVELS, *reversed(ALL_LEVELS)):
+        rig.set(accuracy=level)
         rig.cycles(5)
-        rig.until(lambda: not rig.node._settings.waiting, rung)
+        rig.until(lambda: not rig.node._settings.waiting, level)
         rig.move()
-        yield f"accuracy {rung}"
+        yield f"accuracy {level}"
     for name, value in CHANGES:
         assert all(result.successful for result in rig.set(**{name: value})), name
         rig.cycles(5)

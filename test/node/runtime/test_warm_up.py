@@ -24,7 +24,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 from rig import Rig, cube, sync
-from rings import RING, ring, rungs
+from rings import RING, levels, ring
 
 from obb_collision import _kernel_cache
 from obb_collision.accuracy import Accuracy
@@ -105,7 +105,7 @@ def test_what_is_compiled_already_is_loaded_at_the_start_without_a_word(
 ) -> None:
     cache.kept = set(NODE_STEPS)
     log.warm.start([])
-    assert all(log.warm.is_ready(rung) for rung in Accuracy)
+    assert all(log.warm.is_ready(level) for level in Accuracy)
     assert log.warm.is_ready("sweep")
     assert (cache.compiled, log.said, log.complained) == ([], [], [])
 
@@ -210,9 +210,9 @@ def test_pairs_stay_on_obb_and_cycles_go_on_until_an_accuracy_is_ready(late_cach
         rig.set(accuracy="mesh")
         rig.until(late_cache.asked.is_set, "thread")
         rig.cycles(5)
-        assert rungs(rig) == ["obb"]
+        assert levels(rig) == ["obb"]
         late_cache.may_go_on.set()
-        rig.until(lambda: rungs(rig) == [], "mesh")
+        rig.until(lambda: levels(rig) == [], "mesh")
 
 
 def test_an_effect_is_silent_until_it_is_ready(late_cache: Cache) -> None:

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Meshes: the order of the rungs, agreement with python-fcl and coal, solids, and bad input."""
+"""Meshes: the order of the levels, agreement with python-fcl and coal, solids, and bad input."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def _verdict(a: PlacedMeshes, b: PlacedMeshes, exact: bool = False) -> Verdict:
 
 
 @pytest.mark.parametrize(("spread", "seed"), [(0.25, 1), (0.5, 2), (0.9, 3)])
-def test_a_cheaper_rung_never_misses_what_an_exacter_one_reports(
+def test_a_cheaper_level_never_misses_what_an_exacter_one_reports(
     trees: MeshTrees, spread: float, seed: int
 ) -> None:
     """Containment included: small meshes come to lie within solids. 120,000 pairs in all."""

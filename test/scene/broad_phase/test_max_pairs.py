@@ -26,7 +26,7 @@ from mesh_zoo import zoo
 from scipy.spatial.transform import Rotation
 
 import obb_collision as oc
-from obb_collision.accuracy import ALL_RUNGS
+from obb_collision.accuracy import ALL_LEVELS
 from obb_collision.queries.verdict.verdict import pair_verdicts
 from obb_collision.scene import limit
 from obb_collision.scene.broad_phase import find_pairs as pairs
@@ -70,7 +70,7 @@ def crowd(seed: int, accuracy: str, **settings: Any) -> oc.Scene:
     return scene
 
 
-@pytest.mark.parametrize("accuracy", ALL_RUNGS)
+@pytest.mark.parametrize("accuracy", ALL_LEVELS)
 @pytest.mark.parametrize(
     "rules", [[], [("0/*", "1/*", True), ("*/3", "*", True)]], ids=["", "rules"]
 )
@@ -85,7 +85,7 @@ def test_the_first_pairs_are_kept_and_all_that_collide_are_marked(
     for most in (1, 2, 7, 60, count - 1, count, count + 1):
         scene.max_pairs = most
         report = scene.check()
-        for name in ("pairs", "verdicts", "rungs"):
+        for name in ("pairs", "verdicts", "accuracies"):
             expected = getattr(everything, name)[:most]
             assert getattr(report, name).tobytes() == expected.tobytes(), (most, name)
         assert report.truncated == (count > most)

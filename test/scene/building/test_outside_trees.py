@@ -71,8 +71,8 @@ def settled(scene: oc.Scene) -> Report:
 
 def results(report: Report) -> list[tuple[str, str, int, int]]:
     names = report.names()
-    rows = zip(names, report.verdicts.tolist(), report.rungs.tolist(), strict=True)
-    return sorted((str(a), str(b), verdict, rung) for (a, b), verdict, rung in rows)
+    rows = zip(names, report.verdicts.tolist(), report.accuracies.tolist(), strict=True)
+    return sorted((str(a), str(b), verdict, level) for (a, b), verdict, level in rows)
 
 
 @pytest.mark.parametrize("accuracy", ["obb_tree", "hull", "mesh"])
@@ -90,7 +90,7 @@ def test_pairs_are_on_obb_until_their_trees_are_there(
         monkeypatch.setattr(tree_bank, name, None)  # not in this process
     first = scenes[0].check()
     assert len(first) >= len(expected), "a check that does not wait loses nothing"
-    assert set(first.rungs.tolist()) == {oc.Accuracy.OBB}
+    assert set(first.accuracies.tolist()) == {oc.Accuracy.OBB}
     assert scenes[0]._outside is not None
     assert scenes[0]._outside.waiting
     assert results(settled(scenes[0])) == expected
@@ -102,12 +102,12 @@ def test_the_accuracy_may_rise_while_meshes_are_there(builder: Builder) -> None:
     trees = scene.build_outside(builder)
     scene.add("a", ball())
     scene.add("b", ball(1), (0.5, 0, 0, 0, 0, 0, 1))
-    assert scene.check().rungs.tolist() == [oc.Accuracy.OBB]
+    assert scene.check().accuracies.tolist() == [oc.Accuracy.OBB]
     assert trees.waiting == 0, "nothing is built before it is asked for"
     scene.accuracy = "mesh"
-    assert scene.check().rungs.tolist() == [oc.Accuracy.OBB]
+    assert scene.check().accuracies.tolist() == [oc.Accuracy.OBB]
     assert trees.waiting == 2
-    assert settled(scene).rungs.tolist() == [oc.Accuracy.MESH]
+    assert settled(scene).accuracies.tolist() == [oc.Accuracy.MESH]
 
 
 def test_small_shapes_are_built_at_once(builder: Builder, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -116,7 +116,7 @@ def test_small_shapes_are_built_at_once(builder: Builder, monkeypatch: pytest.Mo
     trees = scene.build_outside(builder)
     scene.add("a", Mesh(np.eye(3), [[0, 1, 2]]))
     scene.add("b", Box((1.0, 1.0, 1.0)))
-    assert scene.check().rungs.tolist() == [oc.Accuracy.MESH]
+    assert scene.check().accuracies.tolist() == [oc.Accuracy.MESH]
     assert trees.waiting == 0
 
 
@@ -128,9 +128,9 @@ def test_many_small_shapes_are_built_in_the_time_of_several_checks(
     scene.build_outside(builder)
     scene.add("a", Mesh(np.eye(3), [[0, 1, 2]]))
     scene.add("b", Box((1.0, 1.0, 1.0)))
-    assert scene.check().rungs.tolist() == [oc.Accuracy.OBB]
+    assert scene.check().accuracies.tolist() == [oc.Accuracy.OBB]
     monkeypatch.setattr(outside, "AT_ONCE", PATIENCE)
-    assert scene.check().rungs.tolist() == [oc.Accuracy.MESH]
+    assert scene.check().accuracies.tolist() == [oc.Accuracy.MESH]
 
 
 def test_what_cannot_be_built_stays_on_obb_and_is_told(
@@ -150,15 +150,15 @@ def test_what_cannot_be_built_stays_on_obb_and_is_told(
     limit = time.monotonic() + PATIENCE
     while not trees.failed:
         assert time.monotonic() < limit
-        assert scene.check().rungs.tolist() == [oc.Accuracy.OBB]
+        assert scene.check().accuracies.tolist() == [oc.Accuracy.OBB]
     assert trees.failed == {"not enough memory": 1}
-    assert scene.check().rungs.tolist() == [oc.Accuracy.OBB]
+    assert scene.check().accuracies.tolist() == [oc.Accuracy.OBB]
     assert trees.waiting == 0, "it is not tried again at each check"
     monkeypatch.setattr(builder._process, "run", run)
     scene.add("a", ball(1))
     scene.add("b", ball(1), (0.5, 0, 0, 0, 0, 0, 1))
     assert not trees.failed
-    assert settled(scene).rungs.tolist() == [oc.Accuracy.MESH]
+    assert settled(scene).accuracies.tolist() == [oc.Accuracy.MESH]
 
 
 def test_what_is_taken_out_is_not_built(builder: Builder) -> None:
@@ -172,7 +172,7 @@ def test_what_is_taken_out_is_not_built(builder: Builder) -> None:
     scene.clear()
     scene.add("c", ball())
     scene.add("d", ball(1), (0.5, 0, 0, 0, 0, 0, 1))
-    assert settled(scene).rungs.tolist() == [oc.Accuracy.MESH]
+    assert settled(scene).accuracies.tolist() == [oc.Accuracy.MESH]
 
 
 @pytest.mark.parametrize("small_pool", [0, 500, 10**9])

@@ -41,9 +41,9 @@ COSTS = {OBB_TREE: 1e-6, HULL: 4e-6, MESH: 1e-4}
 
 
 class World:
-    """Pairs that collide up to a rung each, and a clock that deciding them moves on.
+    """Pairs that collide up to a level each, and a clock that deciding them moves on.
 
-    levels (m,): the last rung that reports a pair; noise: of the times; spikes: share of the
+    levels (m,): the last level that reports a pair; noise: of the times; spikes: share of the
     calls in which somebody else has the processor for 3 ms; slow: how many times as long all takes;
     shared: seconds that the first call of a cycle takes, call: seconds that each call for pairs
     does.
@@ -68,47 +68,52 @@ class World:
         self.now += self.slow * seconds * self.rng.lognormal(0.0, self.noise)
         self.now += 3e-3 * (self.rng.random() < self.spikes)
 
-    def prepare(self, rung: Accuracy, rows: Rows, budget: Budget | None) -> NDArray[np.bool_]:
+    def prepare(self, level: Accuracy, rows: Rows, budget: Budget | None) -> NDArray[np.bool_]:
         return np.ones(len(rows), np.bool_)
 
-    def decide(self, rung: Accuracy, rows: Rows) -> Verdicts:
-        self.spend(2e-5 + self.costs[rung] * len(rows))
+    def decide(self, level: Accuracy, rows: Rows) -> Verdicts:
+        self.spend(2e-5 + self.costs[level] * len(rows))
         if len(rows):
             self.spend(self.call + (0.0 if self.began else self.shared))
             self.began = True
-        self.decided.append((rung, len(rows)))
-        return np.where(self.levels[rows] >= rung, TOUCHING, SEPARATE).astype(np.int8)
+        self.decided.append((level, len(rows)))
+        return np.where(self.levels[rows] >= level, TOUCHING, SEPARATE).astype(np.int8)
 
     def cycle(self, budget: Budget | None, asked: Accuracy = MESH) -> NDArray[np.int8]:
-        """Run one cycle and return the rungs, having checked that no collision is lost."""
+        """Run one cycle and return the levels, having checked that no collision is lost."""
         count = len(self.levels)
-        rungs, verdicts = np.full(count, OBB, np.int8), np.full(count, TOUCHING, np.int8)
+        levels, verdicts = np.full(count, OBB, np.int8), np.full(count, TOUCHING, np.int8)
         if budget is not None:
             budget.start()
         self.began = False
         self.spend(self.before)
         refine(
-            self, np.full(count, asked, np.int8), np.zeros(count, np.bool_), rungs, verdicts, budget
+            self,
+            np.full(count, asked, np.int8),
+            np.zeros(count, np.bool_),
+            levels,
+            verdicts,
+            budget,
         )
         self.spend(self.after)
         if budget is not None:
             budget.finish()
-        assert ((verdicts != SEPARATE) == (self.levels >= rungs)).all()
-        assert (rungs <= asked).all()
-        return rungs
+        assert ((verdicts != SEPARATE) == (self.levels >= levels)).all()
+        assert (levels <= asked).all()
+        return levels
 
 
 def changes(caps: list[Accuracy]) -> int:
     return sum(a != b for a, b in pairwise(caps))
 
 
-def test_without_a_budget_every_pair_is_decided_on_the_rung_it_asks_for() -> None:
+def test_without_a_budget_every_pair_is_decided_on_the_level_it_asks_for() -> None:
     world = World(1000)
     for asked in ABOVE:
         assert (world.cycle(None, asked) == asked).all()
 
 
-def test_what_fits_is_decided_on_the_rung_asked_for_from_the_start() -> None:
+def test_what_fits_is_decided_on_the_level_asked_for_from_the_start() -> None:
     world = World(50)
     budget = Budget(BUDGET, world.clock)
     for _ in range(50):
@@ -121,20 +126,20 @@ def test_a_scene_that_takes_ten_times_the_budget_keeps_it(noise: float) -> None:
     world = World(1000, noise, spikes=0.01)
     assert COSTS[MESH] * len(world.levels) == 10.0 * BUDGET
     budget = Budget(BUDGET, world.clock)
-    used, caps, rungs = [], [], []
+    used, caps, levels = [], [], []
     for _ in range(500):
-        rungs.append(world.cycle(budget))
+        levels.append(world.cycle(budget))
         used.append(budget.used)
         caps.append(budget.cap)
     assert np.mean(np.array(used) <= BUDGET) >= 0.95
     assert changes(caps[SETTLING:]) == 0
     assert caps[-1] == HULL
-    assert np.mean([(rung == HULL).all() for rung in rungs]) >= 0.95
+    assert np.mean([(level == HULL).all() for level in levels]) >= 0.95
 
 
 @pytest.mark.parametrize("share", [0.7, 0.85, 1.0])
 @pytest.mark.parametrize("noise", [0.05, 0.3])
-def test_a_rung_that_just_fits_or_just_not_makes_nothing_flicker(
+def test_a_level_that_just_fits_or_just_not_makes_nothing_flicker(
     share: float, noise: float
 ) -> None:
     world = World(100, noise)
@@ -172,7 +177,7 @@ def test_the_cap_falls_at_once_and_rises_after_a_while() -> None:
     assert budget.used <= BUDGET
 
 
-def test_pairs_that_get_cheaper_are_noticed_though_the_rung_is_not_in_use() -> None:
+def test_pairs_that_get_cheaper_are_noticed_though_the_level_is_not_in_use() -> None:
     world = World(1000, noise=0.1)
     budget = Budget(BUDGET, world.clock)
     for _ in range(20):
@@ -221,11 +226,11 @@ def test_a_slow_start_is_forgotten(cycles: int, slow: float, noise: float) -> No
     world.slow = 1.0
     for _ in range(250):
         world.cycle(budget)
-    used, rungs = [], []
+    used, levels = [], []
     for _ in range(200):
-        rungs.append(world.cycle(budget))
+        levels.append(world.cycle(budget))
         used.append(budget.used)
-    assert np.mean([(rung == HULL).all() for rung in rungs]) >= 0.95
+    assert np.mean([(level == HULL).all() for level in levels]) >= 0.95
     assert np.mean(np.array(used) <= 0.6 * BUDGET) >= 0.95
 
 
@@ -264,19 +269,19 @@ def test_few_pairs_in_a_call_do_not_seem_to_cost_more_than_many() -> None:
     world = busy(World(1000, noise=0.1), 400)
     budget = Budget(0.6 * BUDGET, world.clock)
     world.slow = 1000.0
-    world.cycle(budget)  # what is learnt from is trials alone, until a rung is taken
+    world.cycle(budget)  # what is learnt from is trials alone, until a level is taken
     world.slow = 1.0
     for _ in range(200):
         world.cycle(budget)
-    for rung, factor in ((OBB_TREE, 5.0), (HULL, 2.0), (MESH, 3.0)):
-        cost = budget.cost(rung)
+    for level, factor in ((OBB_TREE, 5.0), (HULL, 2.0), (MESH, 3.0)):
+        cost = budget.cost(level)
         assert cost is not None
-        assert 0.3 * COSTS[rung] <= cost <= factor * COSTS[rung]
-    for rung in (OBB_TREE, HULL):
-        assert 0.5 * (world.call + 2e-5) <= budget.overhead(rung) <= 2.0 * (world.call + 2e-5)
+        assert 0.3 * COSTS[level] <= cost <= factor * COSTS[level]
+    for level in (OBB_TREE, HULL):
+        assert 0.5 * (world.call + 2e-5) <= budget.overhead(level) <= 2.0 * (world.call + 2e-5)
 
 
-def test_a_dearer_rung_below_does_not_keep_from_a_cheaper_one_above() -> None:
+def test_a_dearer_level_below_does_not_keep_from_a_cheaper_one_above() -> None:
     world = World(1000)
     world.costs.update({HULL: 1e-4, MESH: 2e-6})
     budget = Budget(BUDGET, world.clock)
@@ -293,27 +298,27 @@ def test_too_little_time_leaves_all_on_obb() -> None:
     assert world.decided == []
     budget.seconds = BUDGET
     for _ in range(SETTLING):
-        rungs = world.cycle(budget)
-    assert (rungs == HULL).all()
+        levels = world.cycle(budget)
+    assert (levels == HULL).all()
 
 
 def test_what_waits_is_refined_with_the_time_that_remains() -> None:
     world = World(1000)
     count = len(world.levels)
     asked, waiting = np.full(count, MESH, np.int8), np.ones(count, np.bool_)
-    rungs, verdicts = np.full(count, OBB, np.int8), np.full(count, TOUCHING, np.int8)
+    levels, verdicts = np.full(count, OBB, np.int8), np.full(count, TOUCHING, np.int8)
     budget = Budget(BUDGET, world.clock)
     done = []
     while waiting.any():
         rows = np.flatnonzero(waiting)
-        part = rungs[rows], verdicts[rows]
+        part = levels[rows], verdicts[rows]
         world.levels, all_levels = world.levels[rows], world.levels
         budget.start()
         refine(world, asked[rows], waiting[rows], *part, budget)
         budget.finish()
         world.levels = all_levels
-        rungs[rows], verdicts[rows] = part
-        waiting = rungs < asked
+        levels[rows], verdicts[rows] = part
+        waiting = levels < asked
         done.append(count - int(waiting.sum()))
         assert budget.used <= BUDGET
     assert done == sorted(set(done))
@@ -334,9 +339,9 @@ class Ticking:
         self.now = 0.0
         decide = MeshPairs.decide
 
-        def timed(pairs: MeshPairs, rung: Accuracy, rows: Rows) -> Verdicts:
-            self.now += COSTS[rung] * len(rows)
-            return decide(pairs, rung, rows)
+        def timed(pairs: MeshPairs, level: Accuracy, rows: Rows) -> Verdicts:
+            self.now += COSTS[level] * len(rows)
+            return decide(pairs, level, rows)
 
         monkeypatch.setattr(MeshPairs, "decide", timed)
 
@@ -377,7 +382,7 @@ def test_a_scene_within_its_budget_loses_no_collision(monkeypatch: pytest.Monkey
         report = scene.check()
         assert ticking.now - start <= 0.3 * asked
         assert report.cap is not None
-        assert report.rungs.max() <= report.cap
+        assert report.accuracies.max() <= report.cap
         assert set(report.names()) >= set(twin.check().names())
     assert report.cap == HULL
 
@@ -390,23 +395,25 @@ def test_a_scene_at_rest_is_refined_until_nothing_is_left_behind(
     expected = scene.check()
     scene.time_budget = Budget(20 * COSTS[MESH], ticking.clock)
     scene._store.changed[:] = True
-    counts, rungs = [], []
+    counts, levels = [], []
     for _ in range(100):
         report = scene.check()
         counts.append(len(report))
-        rungs.append(dict(zip(report.names(), report.rungs.tolist(), strict=True)))
+        levels.append(dict(zip(report.names(), report.accuracies.tolist(), strict=True)))
     assert counts == sorted(counts, reverse=True)
     assert counts[0] > len(expected)
-    for before, after in pairwise(rungs):
+    for before, after in pairwise(levels):
         assert all(after[pair] >= before[pair] for pair in after)
     assert report.names() == expected.names()
-    assert report.rungs.tolist() == expected.rungs.tolist()
+    assert report.accuracies.tolist() == expected.accuracies.tolist()
     assert report is scene.check()
 
     move(np.arange(2))  # the others stay as they are
     moved = scene.check()
     touched = (moved.pairs < 2).any(axis=1)
-    assert (moved.rungs[~touched] == expected.rungs[(expected.pairs >= 2).all(axis=1)]).all()
+    assert (
+        moved.accuracies[~touched] == expected.accuracies[(expected.pairs >= 2).all(axis=1)]
+    ).all()
 
 
 def test_a_budget_may_come_and_go(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -417,11 +424,11 @@ def test_a_budget_may_come_and_go(monkeypatch: pytest.MonkeyPatch) -> None:
     scene.time_budget = Budget(1e-6, ticking.clock)
     assert scene.time_budget == 1e-6
     scene._store.changed[:] = True
-    assert (scene.check().rungs == OBB).all()
+    assert (scene.check().accuracies == OBB).all()
     scene.time_budget = None
     report = scene.check()
     assert report.names() == expected.names()
-    assert report.rungs.tolist() == expected.rungs.tolist()
+    assert report.accuracies.tolist() == expected.accuracies.tolist()
     with pytest.raises(ValueError, match="time_budget"):
         scene.time_budget = -1.0
     with pytest.raises(ValueError, match="time_budget"):

@@ -12,9 +12,9 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The rungs of the ladder on bodies thrown into a room: what each reports, costs and takes.
+"""The levels of the ladder on bodies thrown into a room: what each reports, costs and takes.
 
-A rung is asked as a ``Scene`` asks it: those above ``obb`` look only at what ``obb`` reports.
+A level is asked as a ``Scene`` asks it: those above ``obb`` look only at what ``obb`` reports.
 """
 
 from __future__ import annotations
@@ -105,7 +105,7 @@ class Bodies:
         self._trees: tuple[MeshTrees, Hulls] | None = None
 
     def use_trees(self, meshes: list[MeshTrees], hulls: list[Hulls]) -> None:
-        """Use these trees and hulls, one a shape, for the rungs above ``obb``."""
+        """Use these trees and hulls, one a shape, for the levels above ``obb``."""
         pool = HullPool()
         for hull in hulls:
             pool.append(hull)
@@ -164,7 +164,7 @@ def _ask_tree(depth: int) -> Callable[[Throw, Rows, Rows], Mask]:
 
 
 @dataclass(frozen=True)
-class Rung:
+class Level:
     """A name, how it is asked about pairs, and what a ``Scene`` is told to use it."""
 
     name: str
@@ -173,19 +173,19 @@ class Rung:
     depth: int | None = None
 
 
-BOX_RUNGS = (
-    Rung("sphere", lambda t, i, j: spheres_meet(t.boxes, i, j), "sphere"),
-    Rung("aabb", _ask_aabb, "aabb"),
-    Rung("obb_faces", lambda t, i, j: faces_meet(t.boxes, i, j), "obb_faces"),
-    Rung("obb", _ask_obb, "obb"),
+BOX_LEVELS = (
+    Level("sphere", lambda t, i, j: spheres_meet(t.boxes, i, j), "sphere"),
+    Level("aabb", _ask_aabb, "aabb"),
+    Level("obb_faces", lambda t, i, j: faces_meet(t.boxes, i, j), "obb_faces"),
+    Level("obb", _ask_obb, "obb"),
 )
-MESH_RUNGS = (
-    *(Rung(f"obb_tree {depth}", _ask_tree(depth), "obb_tree", depth) for depth in DEPTHS),
-    Rung("hull", _refine(lambda t, i, j: hulls_meet(t.hulls, t.hulls, i, j)), "hull"),
-    Rung("mesh", _refine(lambda t, i, j: mesh_collisions(t.meshes, t.meshes, i, j)), "mesh"),
+MESH_LEVELS = (
+    *(Level(f"obb_tree {depth}", _ask_tree(depth), "obb_tree", depth) for depth in DEPTHS),
+    Level("hull", _refine(lambda t, i, j: hulls_meet(t.hulls, t.hulls, i, j)), "hull"),
+    Level("mesh", _refine(lambda t, i, j: mesh_collisions(t.meshes, t.meshes, i, j)), "mesh"),
 )
 
 
-def rungs_of(corpus: Corpus) -> tuple[Rung, ...]:
-    """Return the rungs that a corpus has: boxes have none above ``obb``."""
-    return BOX_RUNGS if corpus.boxes_only else (*BOX_RUNGS, *MESH_RUNGS)
+def levels_of(corpus: Corpus) -> tuple[Level, ...]:
+    """Return the levels that a corpus has: boxes have none above ``obb``."""
+    return BOX_LEVELS if corpus.boxes_only else (*BOX_LEVELS, *MESH_LEVELS)

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Every rung on every mesh: none misses what a more exact one reports; odd meshes and huge ones."""
+"""Every level on every mesh: none misses what a more exact one reports; odd and huge ones."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ from obb_collision.queries.verdict.coarse import bounds_meet, faces_meet, sphere
 from obb_collision.queries.verdict.verdict import SEPARATE
 
 ZOO = zoo()
-RUNGS = ("sphere", "aabb", "obb_faces", "obb", "obb_tree", "hull", "mesh")
+LEVELS = ("sphere", "aabb", "obb_faces", "obb", "obb_tree", "hull", "mesh")
 #: Pairs of meshes for each pair of boxes of ``--pairs``: 30,000 by default.
 TIMES = 20
 DEPTHS = (0, 1, 2, 3, 5, 8, 12)
@@ -67,10 +67,10 @@ def world_boxes(meshes: list[oc.Mesh], placed: oc.PlacedMeshes) -> Boxes:
 
 
 @pytest.mark.parametrize(("spread", "seed"), [(0.3, 1), (0.6, 2), (1.0, 3)])
-def test_no_rung_misses_what_a_more_exact_one_reports(
+def test_no_level_misses_what_a_more_exact_one_reports(
     meshes: list[oc.Mesh], stored: tuple[oc.MeshTrees, Hulls], spread: float, seed: int, pairs: int
 ) -> None:
-    """On 66 meshes, solids within solids included; each rung by itself, nothing decided before."""
+    """On 66 meshes, solids within solids included; each level by itself, nothing decided before."""
     assert len(ZOO) >= 60
     count = TIMES * pairs
     rng = np.random.default_rng(seed)
@@ -123,9 +123,11 @@ def odd_meshes() -> dict[str, tuple[NDArray[np.float64], NDArray[np.int64]]]:
 
 
 @pytest.mark.parametrize("name", odd_meshes())
-@pytest.mark.parametrize("rung", RUNGS)
-def test_odd_meshes_collide_where_they_are_and_not_where_they_are_not(name: str, rung: str) -> None:
-    scene = oc.Scene(accuracy=rung)
+@pytest.mark.parametrize("level", LEVELS)
+def test_odd_meshes_collide_where_they_are_and_not_where_they_are_not(
+    name: str, level: str
+) -> None:
+    scene = oc.Scene(accuracy=level)
     scene.add("odd", oc.Mesh(*odd_meshes()[name]))
     scene.add("far", oc.Mesh(*ZOO["torus1"]), [0, 0, 4.0, 0, 0, 0, 1])
     scene.add("ball", oc.Mesh(*ZOO["sphere2"]), [5.0, 0, 0, 0, 0, 0, 1])
@@ -157,11 +159,11 @@ def huge(subdivisions: int) -> oc.Mesh:
     return oc.Mesh(ball.vertices, ball.faces, fit="aabb")
 
 
-@pytest.mark.parametrize("rung", RUNGS)
-def test_huge_meshes_are_decided_on_every_rung(rung: str, pairs: int) -> None:
+@pytest.mark.parametrize("level", LEVELS)
+def test_huge_meshes_are_decided_on_every_level(level: str, pairs: int) -> None:
     """20,480 triangles; with ``--pairs`` of 10,000 or more 1.3 million."""
     ball = huge(8 if pairs >= 10_000 else 5)
-    scene = oc.Scene(accuracy=rung, tree_depth=8)
+    scene = oc.Scene(accuracy=level, tree_depth=8)
     scene.add("a", ball)
     scene.add("b", ball, [0.8, 0.1, 0, 0, 0, 0, 1])
     scene.add("cup", oc.Mesh(*ZOO["open_sphere1"]), [0, 0, 3.0, 0, 0, 0, 1])
@@ -169,5 +171,5 @@ def test_huge_meshes_are_decided_on_every_rung(rung: str, pairs: int) -> None:
     scene.move("b", [1.2, 0.9, 0.9, 0, 0, 0, 1])
     assert scene.check().names() == []
     scene.move("b", [0.75, 0.75, 0, 0, 0, 0, 1])  # their boxes meet
-    apart = rung in ("obb_tree", "hull", "mesh")
+    apart = level in ("obb_tree", "hull", "mesh")
     assert len(scene.check()) == (not apart)
