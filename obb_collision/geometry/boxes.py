@@ -25,13 +25,9 @@ from obb_collision._jit import njit
 from obb_collision.geometry.kinds import taken
 from obb_collision.geometry.poses import as_poses
 from obb_collision.geometry.validation import as_array, as_half_extents, as_rotations
+from obb_collision.numerics.constants import BOUND_SLACK, BOUND_UNDERFLOW
 from obb_collision.numerics.error_free import two_sum_error
 from obb_collision.typing import Floats
-
-#: Relative slack of a world bound: its sums and products are off by less than 6 unit roundoffs.
-BOUND_SLACK = 2.0**-50
-#: Absolute slack of a world bound: more than what gradual underflow can take from it.
-BOUND_UNDERFLOW = 2.0**-1065
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,12 +24,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from obb_collision._jit import njit
 from obb_collision.geometry.validation import (
-    ORTHONORMAL_ROUNDING,
     as_array,
     as_quaternions,
     orthonormal_defect,
     orthonormalize,
 )
+from obb_collision.numerics.constants import ORTHONORMAL_ROUNDING
 from obb_collision.typing import Floats
 
 IDENTITY_POSE: Floats = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])

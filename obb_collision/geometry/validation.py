@@ -29,11 +29,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from obb_collision._jit import njit
+from obb_collision.numerics.constants import MAX_MAGNITUDE, ORTHONORMAL_ROUNDING
 from obb_collision.typing import Floats
 from obb_collision.words import shown
-
-#: Largest magnitude accepted (metres). Sums of a few such numbers still can't overflow.
-MAX_MAGNITUDE = 1e300
 
 #: Largest whole number accepted where there is no other limit: what an index can be.
 MOST_WHOLE = 2**63 - 1
@@ -44,10 +42,6 @@ ORTHONORMAL_TOLERANCE = 1e-6
 #: How far from 1 the length of a quaternion may be without a warning: 0.7, 0.7 for a quarter turn
 #: is 1 % off. Farther off the numbers may be something else, such as angles.
 UNIT_TOLERANCE = 0.1
-
-#: Largest entry of R^T R - I kept bit for bit: 16 unit roundoffs, what products of a few
-#: rotations or the conversion of a quaternion leave behind. The certified test allows for it.
-ORTHONORMAL_ROUNDING = 2.0**-49
 
 
 #: Kinds of numpy's types that hold numbers, objects among them: those are looked at one by one.

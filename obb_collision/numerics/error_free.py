@@ -23,9 +23,7 @@ from __future__ import annotations
 import math
 
 from obb_collision._jit import njit
-
-#: 2^27 + 1 splits a double into two halves of 26 bits whose products are exact (Dekker 1971).
-SPLITTER = 134217729.0
+from obb_collision.numerics.constants import SPLITTER
 
 
 @njit

@@ -30,7 +30,7 @@ from typing import NoReturn
 
 import yaml
 
-from obb_collision.geometry.validation import MAX_MAGNITUDE
+from obb_collision.numerics.constants import MAX_MAGNITUDE
 from obb_collision.scene_files.errors import MAX_PROBLEMS, Problem, Problems, SceneFileError
 from obb_collision.words import MAX_NAME, printable, text_fault
 

@@ -31,10 +31,8 @@ from obb_collision.geometry.fitting.convex_hull import (
     hull_polygon,
     least_rectangle_direction,
 )
+from obb_collision.numerics.constants import DEPENDENT
 from obb_collision.typing import Floats
-
-#: A vector whose length fell below this fraction when made square to another was parallel to it.
-PARALLEL = 1e-8
 
 #: A refined frame must save more than this fraction of the volume, or refining ends.
 WORTHWHILE = 1e-9
@@ -80,7 +78,7 @@ def _square_to(a: Floats, vector: Floats) -> Floats | None:
         return None
     b = _unit(vector)
     b = b - (a @ b) * a
-    if b @ b < PARALLEL**2:
+    if b @ b < DEPENDENT**2:
         return None
     b = _unit(b)
     return _unit(b - (a @ b) * a)

@@ -39,21 +39,15 @@ from obb_collision.geometry.fitting.candidates import (
 )
 from obb_collision.geometry.fitting.convex_hull import convex_hull, hull_volume
 from obb_collision.geometry.fitting.enclosing import enclose_points
-from obb_collision.geometry.validation import MAX_MAGNITUDE, as_array
+from obb_collision.geometry.validation import as_array
+from obb_collision.numerics.constants import FLAT, MAX_MAGNITUDE, VOLUME_TIE
 from obb_collision.typing import Floats
 from obb_collision.words import shown
-
-#: A set whose extent along a principal axis is below this fraction of the largest is flat: what
-#: rounding the points leaves of a plane is below 1e-15, real thin things are above 1e-9.
-FLAT = 1e-12
 
 #: Points rounded to doubles far from the origin scatter by a roundoff of their magnitude; up to
 #: this many of those also count as flat.
 FLAT_ROUNDOFFS = 4.0
 
-#: An earlier candidate wins unless a later one is smaller by more than this fraction, so that
-#: ties go to the axis-aligned box and don't depend on rounding.
-TIE = 1e-9
 
 #: Axes are chosen on the hull's corners. Above this many, on those extreme in DIRECTIONS
 #: directions: 10,000 take trimesh 0.3 s, a round rim of 20,000 gigabytes.
@@ -111,13 +105,13 @@ def _choose_frame(points: Floats, fit: str) -> Floats:
     else:
         corners, complete = _corners(scaled, frame)
         judges = corners if complete else scaled
-    tight = (1.0 + TIE) * hull_volume(corners) if rank == 3 else 0.0
+    tight = (1.0 + VOLUME_TIE) * hull_volume(corners) if rank == 3 else 0.0
     best: Floats | None = None
     least = np.inf
     for candidate in FITS[fit](corners, frame, rank, floor):
         exact = keep_flat(candidate, flat)
         size = box_size(judges, exact, floor)
-        if best is None or size < least * (1.0 - TIE):
+        if best is None or size < least * (1.0 - VOLUME_TIE):
             best, least = exact, size
         if least <= tight:
             break  # the hull is a box

@@ -28,12 +28,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from obb_collision.geometry.fitting.candidates import complete_frame
-from obb_collision.geometry.fitting.enclosing import ROUNDOFF, ExactFrame
+from obb_collision.geometry.fitting.enclosing import ExactFrame
 from obb_collision.geometry.validation import (
-    MAX_MAGNITUDE,
-    ORTHONORMAL_ROUNDING,
     as_array,
     orthonormal_defect,
+)
+from obb_collision.numerics.constants import (
+    FLAT,
+    MAX_MAGNITUDE,
+    ORTHONORMAL_ROUNDING,
+    ROUNDOFF,
+    VOLUME_TIE,
 )
 from obb_collision.numerics.exact import Vector, cross, dot, exact_axes, exact_integers
 from obb_collision.typing import Floats
@@ -45,14 +50,6 @@ UNTURNED_ROUNDOFFS = 8.0
 #: Edges that are orthonormal to this are those of a box: the matrix is a similarity, or scales
 #: along the box axes. What the best of the other frames could save is below it squared.
 SQUARE = 2.0**-40
-
-#: Extents below this fraction of the largest don't count in comparing volumes, so that boxes of
-#: flat boxes compare by their area.
-FLAT = 1e-12
-
-#: A later candidate must be smaller by more than this fraction: ties go to the box that turned
-#: with the matrix.
-TIE = 1e-9
 
 
 def transform_box(
@@ -86,7 +83,7 @@ def _choose_frame(linear: Floats, rotation: Floats, half_extents: Floats) -> Flo
     for candidate in _candidates(axes, sides, rotation):
         extents = np.abs(candidate.T @ sides).sum(axis=1)
         size = float(np.prod(np.maximum(extents, FLAT * extents.max())))
-        if size < least * (1.0 - TIE):
+        if size < least * (1.0 - VOLUME_TIE):
             best, least = candidate, size
     return best
 

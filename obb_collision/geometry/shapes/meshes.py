@@ -24,7 +24,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from obb_collision.geometry.fitting.enclosing import ROUNDOFF
 from obb_collision.geometry.fitting.fit import check_fit, fit_points
 from obb_collision.geometry.kinds import check_kind
 from obb_collision.geometry.shapes.files import (
@@ -43,11 +42,10 @@ from obb_collision.geometry.shapes.primitives import (
     read_only,
 )
 from obb_collision.geometry.validation import as_any_array, as_array, check_magnitude
+from obb_collision.numerics.constants import ROUNDOFF, SPLITTER
 from obb_collision.typing import Floats
 from obb_collision.words import printable
 
-#: Splits a double into two halves of 26 bits (Dekker 1971, Veltkamp): 2**27 + 1.
-SPLITTER = 134217729.0
 #: Products and their errors are exact above this magnitude (no underflow) ...
 SMALLEST_EXACT = 2.0**-900
 #: ... and factors up to this one can be split without overflow.

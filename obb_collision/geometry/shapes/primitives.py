@@ -30,7 +30,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from obb_collision.geometry.fitting.enclosing import round_up
-from obb_collision.geometry.validation import MAX_MAGNITUDE, as_array, as_half_extents
+from obb_collision.geometry.validation import as_array, as_half_extents
+from obb_collision.numerics.constants import MAX_MAGNITUDE
 from obb_collision.typing import Floats
 
 Triple = tuple[float, float, float]

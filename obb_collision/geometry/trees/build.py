@@ -32,7 +32,7 @@ LEAST_SHARE = 0.25
 #: Rows of the stack of a build: one for each level.
 LEVELS = 128
 #: Rounds of a selection; 2 log2 n are the rule.
-ROUNDS = 100
+SELECTION_ROUNDS = 100
 
 
 def build_tree(
@@ -133,10 +133,11 @@ def _select(
 ) -> None:
     """Move the triangles with the smaller keys before ``middle`` (Hoare 1961, "Find").
 
-    Gives up after ROUNDS, when the keys are laid out to spite it: any halves make a valid tree.
+    Gives up after SELECTION_ROUNDS, when the keys are laid out to spite it: any halves make a
+    valid tree.
     """
     low, high = first, last - 1
-    for _ in range(ROUNDS):
+    for _ in range(SELECTION_ROUNDS):
         if low >= high:
             return
         pivot = keys[(low + high) // 2]

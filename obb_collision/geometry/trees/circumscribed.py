@@ -15,7 +15,7 @@
 """Points whose hull holds a shape with round faces: prisms, pyramids, geodesic spheres about it.
 
 Made for the shape before scaling, which is linear and so keeps what is inside inside, and larger
-by SLACK than they need be: more than all rounding.
+by CIRCUMSCRIBED_SLACK than they need be: more than all rounding.
 """
 
 from __future__ import annotations
@@ -34,12 +34,13 @@ from obb_collision.geometry.shapes.primitives import (
     Shape,
     Sphere,
 )
+from obb_collision.numerics.constants import ROUNDOFF
 from obb_collision.typing import Floats, Integers
 
 #: Sides of the polygon about a circle: its corners are 1.9 % farther out.
 SIDES = 16
 #: Relative excess of all coordinates: far above roundoffs, far below what anybody sees.
-SLACK = 2.0**-40
+CIRCUMSCRIBED_SLACK = 8192 * ROUNDOFF
 
 
 def outer_points(shape: Shape) -> Floats:
@@ -60,7 +61,7 @@ def outer_points(shape: Shape) -> Floats:
         points = np.concatenate([base, top])
     else:
         raise ValueError(f"no points are known about a {type(shape).__name__}")
-    result: Floats = points * np.array(shape.scale) * (1.0 + SLACK)
+    result: Floats = points * np.array(shape.scale) * (1.0 + CIRCUMSCRIBED_SLACK)
     return result
 
 

@@ -14,10 +14,10 @@
 
 """Closed convex meshes that certainly hold a shape: its hull, or a simpler one about it.
 
-The hull of the shape's points, larger by HULL_MARGIN. Hulls of more than MANY_CORNERS corners are
-replaced by the polytope of PLANES planes that touch the points and are parallel to faces of the
-hull, as different ones as can be: on a sphere it is 2 % larger. Of more than MANY_POINTS points,
-whose hull would take seconds, it is that of the extreme ones.
+The hull of the shape's points, larger by HULL_MARGIN. Hulls of more than MOST_HULL_CORNERS
+corners are replaced by the polytope of PLANES planes that touch the points and are parallel to
+faces of the hull, as different ones as can be: on a sphere it is 2 % larger. Of more than
+MOST_HULL_POINTS points, whose hull would take seconds, it is that of the extreme ones.
 """
 
 from __future__ import annotations
@@ -29,21 +29,22 @@ from obb_collision.geometry.shapes.meshes import Hull, Mesh
 from obb_collision.geometry.shapes.shapes import Shape
 from obb_collision.geometry.trees.circumscribed import geodesic_sphere, outer_points
 from obb_collision.geometry.trees.obb_tree import BOX_CORNERS, BOX_FACES
+from obb_collision.numerics.constants import ROUNDOFF
 from obb_collision.typing import Floats, Integers
 
 #: Hulls are larger than their points by this, relative to the largest coordinate: more than Qhull
 #: rounds by, and more than two meshes may be apart that are not told from touching.
-HULL_MARGIN = 2.0**-36
+HULL_MARGIN = 2**17 * ROUNDOFF
 #: What would have to grow by more to get that margin is too thin: its box takes its place.
 LARGEST_GROWTH = 2.0**-10
 #: A facet less high than this times its longest side may have a corner too many, on that side.
 SLIVER = 2.0**-20
 #: Rounds of leaving out such corners; real meshes needed three at most.
-ROUNDS = 8
+CORNER_ROUNDS = 8
 #: Corners that a hull may have: a search for the farthest one takes 0.4 us.
-MANY_CORNERS = 400
+MOST_HULL_CORNERS = 400
 #: Points whose hull is made: some 0.3 s.
-MANY_POINTS = 4000
+MOST_HULL_POINTS = 4000
 #: Products held at once while the farthest points are sought: 1 MB, which caches hold.
 BLOCK = 1 << 17
 #: Planes of a simpler polytope, which has twice as many corners.
@@ -82,7 +83,7 @@ def box_corners(half_extents: Floats) -> Floats:
 
 def _bounded_hull(points: Floats, margin: float) -> tuple[Floats, Integers] | None:
     inner = points
-    if len(points) > MANY_POINTS:
+    if len(points) > MOST_HULL_POINTS:
         low, high = points.min(axis=0), points.max(axis=0)
         stretched = geodesic_sphere(3) / np.maximum(high - low, THINNEST * (high - low).max())
         inner = points[np.unique(_extreme(points, stretched))]
@@ -90,7 +91,7 @@ def _bounded_hull(points: Floats, margin: float) -> tuple[Floats, Integers] | No
         # Each corner once: files of single triangles repeat them, Qhull makes facets of copies.
         points = inner = np.unique(points, axis=0)
     grown = _grown_hull(inner, points, margin)
-    if grown is not None and len(grown[0]) <= MANY_CORNERS:
+    if grown is not None and len(grown[0]) <= MOST_HULL_CORNERS:
         return grown
     corners = _outer_corners(inner, points)
     simple = None if corners is None else _grown_hull(corners, points, margin)
@@ -156,7 +157,7 @@ def _grown_hull(corners: Floats, points: Floats, margin: float) -> tuple[Floats,
     Facets of no height, which flat faces with many corners get, have any normal at all; where
     they forbid it, their needless corners are left out. Growing covers those like all others.
     """
-    for _ in range(ROUNDS):
+    for _ in range(CORNER_ROUNDS):
         hull = convex_hull(corners)
         if hull is None:
             return None

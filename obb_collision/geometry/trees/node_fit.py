@@ -27,6 +27,7 @@ import math
 import numpy as np
 
 from obb_collision._jit import njit
+from obb_collision.numerics.constants import DEPENDENT, ROUNDOFF, UNDERFLOW
 from obb_collision.typing import Floats
 
 #: Numbers in the row of a node: centre, rotation row by row (columns are axes), half extents, size.
@@ -37,17 +38,13 @@ HALF = 12
 SIZE = 15
 #: A box is widened by this fraction of its triangles' distance from its first vertex and of its
 #: centre: 64 unit roundoffs. Projections are off by 5, the frame by 8, the centre by 4 of them.
-WIDENING = 2.0**-47
-#: Added to half extents: more than what gradual underflow can take from a projection.
-SMALLEST = 2.0**-1060
+WIDENING = 64 * ROUNDOFF
 #: Sweeps of Jacobi's method: cubic convergence leaves roundoffs after 4 to 6 on every matrix tried.
 SWEEPS = 8
 #: Off-diagonal entries below this fraction of the diagonal ones change no double there.
 NEGLIGIBLE = 1e-18
 #: Area that edges squared add, so that triangles without area count where there are no others.
 EDGE_WEIGHT = 1e-6
-#: A vector whose length fell below this fraction when made square to another was parallel to it.
-PARALLEL = 1e-8
 
 
 @njit
@@ -88,7 +85,9 @@ def _moments(triangles: Floats, first: int, last: int, covariance: Floats) -> in
         if area > largest_area:
             largest, largest_area = n, area
         # slivers and points count a little, for nodes that have nothing else
-        area += EDGE_WEIGHT * (ux * ux + uy * uy + uz * uz + vx * vx + vy * vy + vz * vz) + SMALLEST
+        area += (
+            EDGE_WEIGHT * (ux * ux + uy * uy + uz * uz + vx * vx + vy * vy + vz * vz) + UNDERFLOW
+        )
         mx, my, mz = ax + bx + cx, ay + by + cy, az + bz + cz
         total += area
         sx += area * mx
@@ -199,7 +198,7 @@ def _remove_along(frame: Floats) -> bool:
     along = frame[0, 0] * frame[0, 1] + frame[1, 0] * frame[1, 1] + frame[2, 0] * frame[2, 1]
     for i in range(3):
         frame[i, 1] -= along * frame[i, 0]
-    parallel = frame[0, 1] ** 2 + frame[1, 1] ** 2 + frame[2, 1] ** 2 < PARALLEL**2
+    parallel = frame[0, 1] ** 2 + frame[1, 1] ** 2 + frame[2, 1] ** 2 < DEPENDENT**2
     return _make_unit(frame, 1) and not parallel
 
 
@@ -226,7 +225,7 @@ def _measure(triangles: Floats, first: int, last: int, frame: Floats, row: Float
     row[0] = ox + (f00 * m0 + f01 * m1 + f02 * m2)
     row[1] = oy + (f10 * m0 + f11 * m1 + f12 * m2)
     row[2] = oz + (f20 * m0 + f21 * m1 + f22 * m2)
-    slack = WIDENING * (reach + max(abs(row[0]), abs(row[1]), abs(row[2]))) + SMALLEST
+    slack = WIDENING * (reach + max(abs(row[0]), abs(row[1]), abs(row[2]))) + UNDERFLOW
     for i in range(3):
         for k in range(3):
             row[3 + 3 * i + k] = frame[i, k]

@@ -39,7 +39,7 @@ from numpy.typing import ArrayLike, NDArray
 from obb_collision._jit import njit
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.kinds import check_kind
-from obb_collision.geometry.validation import MAX_MAGNITUDE
+from obb_collision.numerics.constants import MAX_MAGNITUDE
 from obb_collision.queries.clearance.closest_points import NEAR, points_apart, points_near
 from obb_collision.queries.clearance.features import Points
 from obb_collision.queries.verdict.gap_axes import best_face

@@ -41,6 +41,7 @@ from __future__ import annotations
 import math
 
 from obb_collision._jit import njit
+from obb_collision.numerics.constants import ROUNDOFF
 from obb_collision.queries.clearance.features import (
     Points,
     all_edge_points,
@@ -63,10 +64,10 @@ from obb_collision.queries.verdict.sat import (
 #: Two points are proven closest when their distance exceeds a gap by no more than this, relative
 #: to the size: 128 unit roundoffs, above what both are off by with axes orthonormal to rounding.
 #: Axes farther off only fail to prove some pairs: they go on to stage 6.
-PROVEN = 2.0**-46
+PROVEN = 128 * ROUNDOFF
 #: With a gap above this, relative to the size, boxes are certainly apart: 2^13 unit roundoffs,
 #: far beyond every error bound of ``separation``.
-NEAR = 2.0**-40
+NEAR = 8192 * ROUNDOFF
 
 
 @njit

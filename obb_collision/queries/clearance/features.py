@@ -24,6 +24,7 @@ import math
 from typing import NamedTuple
 
 from obb_collision._jit import njit
+from obb_collision.numerics.constants import ROUNDOFF
 from obb_collision.queries.verdict.sat import (
     Pair,
     Vector,
@@ -41,7 +42,7 @@ from obb_collision.queries.verdict.sat import (
 
 #: An extent counts as level with a face if it rises by no more than this on its way: 32 unit
 #: roundoffs. Either of its ends is then as close, up to a quarter of ``closest_points.PROVEN``.
-LEVEL = 2.0**-48
+LEVEL = 32 * ROUNDOFF
 
 
 class Points(NamedTuple):

@@ -34,7 +34,7 @@ from obb_collision._jit import njit
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.kinds import check_kind
 from obb_collision.queries.contacts.inside import move_into_both
-from obb_collision.queries.contacts.patch import CAPACITY, TIE, facing, overlay_faces
+from obb_collision.queries.contacts.patch import CAPACITY, FEATURE_TIE, facing, overlay_faces
 from obb_collision.queries.contacts.reduction import reduce_patch
 from obb_collision.queries.verdict.pair_rows import as_pairs
 from obb_collision.queries.verdict.penetration import AXES, witness
@@ -46,7 +46,7 @@ from obb_collision.words import shown
 LIMITS = (4, 8)
 
 #: Least size of a pair, metres: its reciprocal must be finite. Less is a point for all we can tell.
-SMALLEST = 1e-300
+SMALLEST_PAIR = 1e-300
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,7 +140,7 @@ def _contact_points(
     """Write points (limit, 3) and their depths (limit,), and return how many."""
     dx, dy, dz = cb[0] - ca[0], cb[1] - ca[1], cb[2] - ca[2]
     size = (h[0] + h[1] + h[2]) + (f[0] + f[1] + f[2])
-    unit = max(size, SMALLEST)
+    unit = max(size, SMALLEST_PAIR)
     i = facing(nx, ny, nz, a)
     j = facing(nx, ny, nz, b)
     count = overlay_faces(
@@ -160,7 +160,7 @@ def _contact_points(
         # points that were pulled together count once
         for m in range(found):
             apart = max(abs(x - spare[m, 0]), abs(y - spare[m, 1]), abs(z - spare[m, 2]))
-            if apart <= TIE * unit:
+            if apart <= FEATURE_TIE * unit:
                 break
         else:
             spare[found, 0], spare[found, 1], spare[found, 2] = x, y, z

@@ -23,7 +23,7 @@ from __future__ import annotations
 import numpy as np
 
 from obb_collision._jit import njit
-from obb_collision.queries.contacts.patch import CAPACITY, KEEP, SLACK, clip
+from obb_collision.queries.contacts.patch import CAPACITY, CLIP_SLACK, KEEP, clip
 from obb_collision.typing import Floats
 
 #: A point is pulled into both boxes in turns, at most this often. Most lie there already; where
@@ -133,8 +133,8 @@ def _sum_faces(
                 polygon[corner, i] = (x * a[0, i] + y * a[1, i] + z * a[2, i]) / size
         count = 4
         for i in range(3):
-            count = clip(polygon, count, i, 1.0, h[i] / size + SLACK, spare)
-            count = clip(spare, count, i, -1.0, h[i] / size + SLACK, polygon)
+            count = clip(polygon, count, i, 1.0, h[i] / size + CLIP_SLACK, spare)
+            count = clip(spare, count, i, -1.0, h[i] / size + CLIP_SLACK, polygon)
         for k in range(count):
             x, y, z = polygon[k, 0], polygon[k, 1], polygon[k, 2]
             sx += x * a[0, 0] + y * a[0, 1] + z * a[0, 2]

@@ -33,6 +33,7 @@ from __future__ import annotations
 import math
 
 from obb_collision._jit import njit
+from obb_collision.numerics.constants import ROUNDOFF
 from obb_collision.typing import Floats
 
 #: Rows of a polygon. A quad clipped by four lines has at most eight vertices; where rounding bends
@@ -40,11 +41,11 @@ from obb_collision.typing import Floats
 CAPACITY = 24
 
 #: Two features count as equal within this, and the first is taken: noise far below can't flip it.
-TIE = 2.0**-24
+FEATURE_TIE = 2.0**-24
 
 #: Lines of clipping are moved out by this, more than rounding moves a vertex: boxes that touch at
 #: a vertex or an edge keep it. Points are put back on the line.
-SLACK = 2.0**-44
+CLIP_SLACK = 512 * ROUNDOFF
 
 #: Faces that have not quite met at a vertex count as in contact there up to this distance, and
 #: points may be that far outside of a box: resting boxes keep their vertices.
@@ -60,7 +61,7 @@ def facing(nx: float, ny: float, nz: float, axes: Floats) -> int:
     x = abs(nx * axes[0, 0] + ny * axes[1, 0] + nz * axes[2, 0])
     y = abs(nx * axes[0, 1] + ny * axes[1, 1] + nz * axes[2, 1])
     z = abs(nx * axes[0, 2] + ny * axes[1, 2] + nz * axes[2, 2])
-    enough = max(x, y, z) - TIE
+    enough = max(x, y, z) - FEATURE_TIE
     if x >= enough:
         return 0
     return 1 if y >= enough else 2
@@ -119,12 +120,12 @@ def _clip_to_rectangle(
         for k in range(count):
             low = min(low, polygon[k, column])
             high = max(high, polygon[k, column])
-        if high > limit + SLACK:
-            count = clip(polygon, count, column, 1.0, limit + SLACK, spare)
+        if high > limit + CLIP_SLACK:
+            count = clip(polygon, count, column, 1.0, limit + CLIP_SLACK, spare)
             for k in range(count):
                 copy_vertex(spare, k, polygon, k)
-        if low < -limit - SLACK:
-            count = clip(polygon, count, column, -1.0, limit + SLACK, spare)
+        if low < -limit - CLIP_SLACK:
+            count = clip(polygon, count, column, -1.0, limit + CLIP_SLACK, spare)
             for k in range(count):
                 copy_vertex(spare, k, polygon, k)
         if high > limit or low < -limit:

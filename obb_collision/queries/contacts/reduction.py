@@ -23,7 +23,7 @@ from __future__ import annotations
 import math
 
 from obb_collision._jit import njit
-from obb_collision.queries.contacts.patch import CAPACITY, KEEP, TIE, copy_vertex
+from obb_collision.queries.contacts.patch import CAPACITY, FEATURE_TIE, KEEP, copy_vertex
 from obb_collision.typing import Floats
 
 #: A vertex is left out where it changes the patch by less than this part of the shorter edge: where
@@ -68,7 +68,7 @@ def _is_level(polygon: Floats, count: int) -> bool:
     for k in range(count):
         lowest = min(lowest, polygon[k, 2])
         highest = max(highest, polygon[k, 2])
-    return highest <= lowest + TIE
+    return highest <= lowest + FEATURE_TIE
 
 
 @njit
@@ -80,7 +80,7 @@ def _start_at_deepest(polygon: Floats, count: int, highest: float, spare: Floats
     lowest = math.inf
     for k in range(count):
         lowest = min(lowest, polygon[k, 2])
-    equal = max(lowest, min(lowest + TIE, highest))
+    equal = max(lowest, min(lowest + FEATURE_TIE, highest))
     start, most = 0, -math.inf
     for k in range(count):
         place = ORDER_S * polygon[k, 0] + ORDER_T * polygon[k, 1]
@@ -104,10 +104,10 @@ def _leave_out(polygon: Floats, count: int, limit: int) -> int:
         least = math.inf
         for k in range(1, count):
             least = min(least, _change(polygon, count, k, count > limit))
-        if least > TIE and count <= limit:
+        if least > FEATURE_TIE and count <= limit:
             break
         k = 1
-        while _change(polygon, count, k, count > limit) > least + TIE:
+        while _change(polygon, count, k, count > limit) > least + FEATURE_TIE:
             k += 1
         for m in range(k, count - 1):
             copy_vertex(polygon, m + 1, polygon, m)

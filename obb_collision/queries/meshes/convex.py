@@ -33,18 +33,19 @@ from numpy.typing import NDArray
 
 from obb_collision._jit import njit
 from obb_collision.geometry.trees.pool import Hulls
+from obb_collision.numerics.constants import MESH_UNDERFLOW, ROUNDOFF
 from obb_collision.numerics.simplex import nearest_to_origin
-from obb_collision.queries.meshes.tree_boxes import SMALLEST, relative_pose
+from obb_collision.queries.meshes.tree_boxes import relative_pose
 from obb_collision.queries.meshes.tree_descent import Placement
 from obb_collision.queries.primitives.segments import unit_scale
 from obb_collision.typing import Floats, Integers
 
 #: Least gap that counts, relative to S (derivation above).
-GAP_BOUND = 2.0**-40
+GAP_BOUND = 8192 * ROUNDOFF
 #: Directions tried: separate pairs take 3 to 6 of them, and 20 where they nearly touch.
-ROUNDS = 40
+HULL_DIRECTIONS = 40
 #: The search ends when the next corner brings it nearer by less than this fraction.
-CONVERGED = 1e-12
+HULL_CONVERGED = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +85,7 @@ def _meet_kernel(
         out[n] = not _apart(
             a.corners, a.starts[hull_a], a.starts[hull_a + 1],
             b.corners, b.starts[hull_b], b.starts[hull_b + 1],
-            pose, GAP_BOUND * size + SMALLEST, unit_scale(size)[0], work,
+            pose, GAP_BOUND * size + MESH_UNDERFLOW, unit_scale(size)[0], work,
         )  # fmt: skip
 
 
@@ -103,7 +104,7 @@ def _apart(
     # from the one centre to the other: it separates most pairs that are apart
     x, y, z = -m[9], -m[10], -m[11]
     count = 0
-    for _ in range(ROUNDS):
+    for _ in range(HULL_DIRECTIONS):
         largest = max(abs(x), abs(y), abs(z))
         if not largest > 0.0:
             x, largest = 1.0, 1.0
@@ -121,7 +122,7 @@ def _apart(
             return True
         if count > 0:
             reached = x * nearest[0] + y * nearest[1] + z * nearest[2]
-            if not reached - unit * gap > CONVERGED * reached:
+            if not reached - unit * gap > HULL_CONVERGED * reached:
                 return False
         for i in range(3):
             moved = m[3 * i] * b[n, 0] + m[3 * i + 1] * b[n, 1] + m[3 * i + 2] * b[n, 2]

@@ -30,6 +30,7 @@ import numpy as np
 
 from obb_collision._jit import njit
 from obb_collision.geometry.trees.obb_tree import TreeArrays
+from obb_collision.numerics.constants import ROUNDOFF
 from obb_collision.numerics.exact import Vector, cross, dot
 from obb_collision.queries.meshes.triangle_signs import (
     Point,
@@ -54,7 +55,7 @@ DIRECTIONS = np.array(
     ]
 )  # fmt: skip
 #: Relative slack of the slab test: its three products and sums are off by less than 16 roundoffs.
-SLAB_SLACK = 2.0**-48
+SLAB_SLACK = 32 * ROUNDOFF
 #: Below this speed across a slab the times of entering and leaving are not asked for ...
 SLOW = 1e-9
 #: ... above it they are off by less than 1e-6 of their size (20 roundoffs of the speed).

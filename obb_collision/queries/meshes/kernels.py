@@ -20,11 +20,11 @@ import numpy as np
 
 from obb_collision._jit import njit
 from obb_collision.geometry.trees.obb_tree import TreeArrays
+from obb_collision.numerics.constants import MESH_UNDERFLOW
 from obb_collision.queries.meshes.inside import INSIDE, UNKNOWN, point_side
 from obb_collision.queries.meshes.tree_boxes import (
     BOX_BOUND,
     POINT_BOUND,
-    SMALLEST,
     box_gap,
     relative_pose,
 )
@@ -56,11 +56,11 @@ def find_kernel(
             placed_a.centers, placed_a.rotations, i, placed_b.centers, placed_b.rotations, j,
             a.radii[mesh_a] + b.radii[mesh_b], pose,
         )  # fmt: skip
-        bound = BOX_BOUND * size + SMALLEST
+        bound = BOX_BOUND * size + MESH_UNDERFLOW
         out[n] = SEPARATE
         if box_gap(a.nodes, root_a, b.nodes, root_b, pose, bound) == np.inf:
             continue
-        error = POINT_BOUND * size + SMALLEST
+        error = POINT_BOUND * size + MESH_UNDERFLOW
         verdict, found = descend(
             a, root_a, placed_a, i, b, root_b, placed_b, j,
             pose, bound, error, stop, effort, stack, n, contacts, found,
@@ -88,14 +88,14 @@ def tree_kernel(
             placed_a.centers, placed_a.rotations, i, placed_b.centers, placed_b.rotations, j,
             a.radii[mesh_a] + b.radii[mesh_b], pose,
         )  # fmt: skip
-        bound = BOX_BOUND * size + SMALLEST
+        bound = BOX_BOUND * size + MESH_UNDERFLOW
         out[n] = False
         if box_gap(a.nodes, root_a, b.nodes, root_b, pose, bound) == np.inf:
             continue
         if boxes_meet(a, root_a, b, root_b, pose, bound, depth, stack):
             out[n] = True
             continue
-        error = POINT_BOUND * size + SMALLEST
+        error = POINT_BOUND * size + MESH_UNDERFLOW
         out[n] = _nesting(a, mesh_a, b, mesh_b, pose, error, stack) != SEPARATE
 
 

@@ -29,14 +29,13 @@ from __future__ import annotations
 import numpy as np
 
 from obb_collision._jit import njit
+from obb_collision.numerics.constants import ROUNDOFF
 from obb_collision.typing import Floats
 
 #: Bound on the error of a gap relative to S (derivation above).
-BOX_BOUND = 2.0**-41
+BOX_BOUND = 4096 * ROUNDOFF
 #: Bound on the error of a moved corner relative to S: 256 unit roundoffs (derivation above).
-POINT_BOUND = 2.0**-45
-#: Added to both: more than what gradual underflow can take.
-SMALLEST = 2.0**-1050
+POINT_BOUND = 256 * ROUNDOFF
 
 
 @njit

@@ -30,6 +30,7 @@ from __future__ import annotations
 import math
 
 from obb_collision._jit import njit
+from obb_collision.numerics.constants import PRODUCT_UNDERFLOW, ROUNDOFF
 from obb_collision.numerics.double_double import (
     Pair,
     Vector,
@@ -41,15 +42,15 @@ from obb_collision.numerics.double_double import (
     subtract_vectors,
 )
 from obb_collision.numerics.error_free import two_sum_error
-from obb_collision.queries.meshes.triangle_signs import OVERLAP, SEPARATE, TOUCHING, UNDERFLOW
+from obb_collision.queries.meshes.triangle_signs import OVERLAP, SEPARATE, TOUCHING
 from obb_collision.typing import Floats
 
 Six = tuple[Vector, Vector, Vector, Vector, Vector, Vector]
 
 #: By how much a component of a difference may be off, coordinates being below 8.
-WIDTH = 2.0**-94
+WIDTH = 4096 * ROUNDOFF**2
 #: Below this sine (squared) two edges don't span a plane worth asking.
-FLAT = 1e-20
+THIN_SQUARE = 1e-20
 
 
 @njit
@@ -125,7 +126,7 @@ def _sign(o: Vector, a: Vector, b: Vector, c: Vector) -> int:
     value = dot(u, cross(v, w))[0]
     x, y, z = largest(u), largest(v), largest(w)
     spread = x * y + y * z + z * x + WIDTH * (x + y + z + WIDTH)
-    bound = 16.0 * WIDTH * spread + UNDERFLOW
+    bound = 16.0 * WIDTH * spread + PRODUCT_UNDERFLOW
     return 1 if value > bound else (-1 if value < -bound else 0)
 
 
@@ -179,7 +180,7 @@ def _gap(axis: Vector, p: Six) -> bool:
     forward = _least(b0, b1, b2)
     forward = subtract(forward, _most(a0, a1, a2))
     backward = subtract(_least(a0, a1, a2), _most(b0, b1, b2))
-    bound = 16.0 * WIDTH * largest(axis) + UNDERFLOW
+    bound = 16.0 * WIDTH * largest(axis) + PRODUCT_UNDERFLOW
     return max(forward[0], backward[0]) > bound
 
 
@@ -227,4 +228,4 @@ def _separated(p: Six) -> bool:
 
 @njit
 def _is_thin(n: Vector, u: Vector, v: Vector) -> bool:
-    return dot(n, n)[0] <= FLAT * dot(u, u)[0] * dot(v, v)[0]
+    return dot(n, n)[0] <= THIN_SQUARE * dot(u, u)[0] * dot(v, v)[0]

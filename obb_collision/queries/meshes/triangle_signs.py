@@ -30,6 +30,7 @@ the differences themselves, u A and so on, is 18 u ABC: within the same bound.
 from __future__ import annotations
 
 from obb_collision._jit import njit
+from obb_collision.numerics.constants import PRODUCT_UNDERFLOW, ROUNDOFF
 from obb_collision.typing import Floats
 
 SEPARATE, TOUCHING, OVERLAP, UNDECIDED = 0, 1, 2, -1
@@ -37,9 +38,7 @@ SEPARATE, TOUCHING, OVERLAP, UNDECIDED = 0, 1, 2, -1
 Point = tuple[float, float, float]
 
 #: Rounding of a determinant relative to ABC: 64 unit roundoffs (derivation above).
-ROUNDING = 2.0**-47
-#: Added to every bound: more than what gradual underflow can take from a determinant.
-UNDERFLOW = 2.0**-1000
+DETERMINANT_ROUNDING = 64 * ROUNDOFF
 
 
 @njit
@@ -115,7 +114,11 @@ def determinant_bound(a: float, b: float, c: float, w: float) -> float:
     """Return the error of a determinant of vectors up to a, b, c, each component off by w."""
     products = a * b + b * c + c * a
     spread = w * products + w * w * (a + b + c) + w * w * w
-    return 6.0 * spread * (1.0 + ROUNDING) + ROUNDING * (a * b * c) + UNDERFLOW
+    return (
+        6.0 * spread * (1.0 + DETERMINANT_ROUNDING)
+        + DETERMINANT_ROUNDING * (a * b * c)
+        + PRODUCT_UNDERFLOW
+    )
 
 
 @njit

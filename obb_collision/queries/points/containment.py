@@ -20,10 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from obb_collision._jit import njit
+from obb_collision.numerics.constants import CAREFUL_BOUND, ROUNDOFF, UNDERFLOW
 from obb_collision.numerics.error_free import length
 from obb_collision.numerics.exact import contains_exactly
 from obb_collision.queries.primitives.segments import Vector, cross, dot
-from obb_collision.queries.verdict.verdict import CAREFUL_BOUND, UNDERFLOW
 from obb_collision.typing import Floats
 
 OUTSIDE = 0
@@ -32,7 +32,7 @@ INSIDE = 2
 
 #: Bound of the fast stage, relative to abs(p - c) + sum h: rounding gives 6 units of 2^-53, and
 #: taking a_i for the face normal, with axes orthonormal to 64 units, 2 x 96 more.
-FAST_BOUND = 2.0**-45
+INSIDE_BOUND = 256 * ROUNDOFF
 
 
 def contains(
@@ -68,7 +68,7 @@ def containment_kernel(
             abs(axes[0, 1] * dx + axes[1, 1] * dy + axes[2, 1] * dz) - extents[1],
             abs(axes[0, 2] * dx + axes[1, 2] * dy + axes[2, 2] * dz) - extents[2],
         )
-        bound = FAST_BOUND * (abs(dx) + abs(dy) + abs(dz) + size) + UNDERFLOW
+        bound = INSIDE_BOUND * (abs(dx) + abs(dy) + abs(dz) + size) + UNDERFLOW
         if excess > bound:
             out[n] = OUTSIDE
         elif excess < -bound:

@@ -21,7 +21,7 @@ the effort is spent where it pays most.
 
 No box can be missed. Along each axis a cell number is a monotone function of the coordinate, and
 boxes are entered by the numbers of their bounds, by the same function. A cell that a box's faces
-certainly keep out of is left out, by SLACK more than rounding can move a cell.
+certainly keep out of is left out, by CELL_SLACK more than rounding can move a cell.
 """
 
 from __future__ import annotations
@@ -31,6 +31,7 @@ import math
 import numpy as np
 
 from obb_collision._jit import njit
+from obb_collision.numerics.constants import ROUNDOFF
 from obb_collision.typing import Floats
 
 #: A cell with so few boxes is not worth a grid: testing a box takes less than finding the cell.
@@ -41,7 +42,7 @@ MOST_CELLS = 32768
 #: A grid must leave at most this share of a cell's boxes to its cells on average.
 WORTH = 0.6
 #: Relative slack of a cell's place: far more than the few roundoffs in it.
-SLACK = 2.0**-40
+CELL_SLACK = 8192 * ROUNDOFF
 
 #: Columns of a cell: first box in the items, number of boxes, its grid or -1, the grid it is of.
 START, COUNT, GRID, PARENT = 0, 1, 2, 3
@@ -199,7 +200,7 @@ def _row(frames: Floats, g: int, k: int) -> tuple[float, float, float]:
     if inverse == 0.0:
         return low, np.inf, 0.0
     width = 1.0 / inverse
-    return low, width, SLACK * ((last + 1.0) * width + abs(low))
+    return low, width, CELL_SLACK * ((last + 1.0) * width + abs(low))
 
 
 @njit
@@ -243,7 +244,7 @@ def _apart(
 
     The cell at dx, dy, dz from the centre of the box, with half extents hx, hy, hz.
     """
-    slack = SLACK * (abs(dx) + abs(dy) + abs(dz) + hx + hy + hz)
+    slack = CELL_SLACK * (abs(dx) + abs(dy) + abs(dz) + hx + hy + hz)
     for i in range(3):
         ax, ay, az = axes[row, 0, i], axes[row, 1, i], axes[row, 2, i]
         reach = hx * abs(ax) + hy * abs(ay) + hz * abs(az) + extents[row, i]

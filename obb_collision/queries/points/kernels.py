@@ -19,10 +19,10 @@ from __future__ import annotations
 import numpy as np
 
 from obb_collision._jit import njit
+from obb_collision.numerics.constants import UNDERFLOW
 from obb_collision.numerics.error_free import length
-from obb_collision.queries.points.containment import FAST_BOUND, OUTSIDE, place_carefully
+from obb_collision.queries.points.containment import INSIDE_BOUND, OUTSIDE, place_carefully
 from obb_collision.queries.points.grid import COUNT, GRID, START, find_cell
-from obb_collision.queries.verdict.verdict import UNDERFLOW
 from obb_collision.typing import Floats
 
 #: Columns of a box's record: centre (3), rotation (9), half extents (3), then these.
@@ -88,7 +88,7 @@ def _inside(records: Floats, b: int, dx: float, dy: float, dz: float, margin: fl
     x = abs(records[b, 3] * dx + records[b, 6] * dy + records[b, 9] * dz) - records[b, 12]
     y = abs(records[b, 4] * dx + records[b, 7] * dy + records[b, 10] * dz) - records[b, 13]
     z = abs(records[b, 5] * dx + records[b, 8] * dy + records[b, 11] * dz) - records[b, 14]
-    bound = FAST_BOUND * (abs(dx) + abs(dy) + abs(dz) + records[b, SIZE]) + UNDERFLOW
+    bound = INSIDE_BOUND * (abs(dx) + abs(dy) + abs(dz) + records[b, SIZE]) + UNDERFLOW
     excess = max(x, y, z)
     if excess > margin + bound:
         return False

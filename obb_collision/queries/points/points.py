@@ -36,10 +36,10 @@ from numpy.typing import ArrayLike, NDArray
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.kinds import as_flag, check_kind
 from obb_collision.geometry.validation import as_array, as_points, as_whole
+from obb_collision.numerics.constants import ROUNDOFF, UNDERFLOW
 from obb_collision.queries.points.grid import build_grid
 from obb_collision.queries.points.kernels import lengths_kernel, points_kernel
 from obb_collision.queries.primitives.segments import LARGEST_EXPONENT
-from obb_collision.queries.verdict.verdict import UNDERFLOW
 from obb_collision.typing import Floats, Integers
 
 #: Points a thread takes at a time: 1 ms or so, so that all end together.
@@ -49,7 +49,7 @@ EFFORT = 0.1
 #: Parts of a cloud at most: each has results of its own for every box.
 MOST_CHUNKS = 64
 #: What is found as inside is within this of the box, relative to the half extents and margin.
-REACH = 2.0**-40
+REACH = 8192 * ROUNDOFF
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,6 +21,7 @@ import math
 import numpy as np
 
 from obb_collision._jit import njit
+from obb_collision.numerics.constants import ROUNDOFF
 from obb_collision.queries.primitives.segments import (
     Vector,
     along,
@@ -38,9 +39,9 @@ from obb_collision.queries.verdict.verdict import OVERLAP, SEPARATE, TOUCHING
 from obb_collision.typing import Floats
 
 #: Bound of a distance that proves nearness, relative to T: 256 unit roundoffs (see ``capsules``).
-NEAR_BOUND = 2.0**-45
+NEAR_BOUND = 256 * ROUNDOFF
 #: Bound of a gap that proves a distance, relative to T: 32 unit roundoffs (see ``capsules``).
-FAR_BOUND = 2.0**-48
+FAR_BOUND = 32 * ROUNDOFF
 
 
 @njit

@@ -25,13 +25,12 @@ from obb_collision._jit import njit
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.kinds import check_kind
 from obb_collision.geometry.validation import as_array, first_bad_row
+from obb_collision.numerics.constants import CAREFUL_BOUND, UNDERFLOW
 from obb_collision.numerics.error_free import length
 from obb_collision.queries.verdict.verdict import (
-    CAREFUL_BOUND,
     OVERLAP,
     SEPARATE,
     TOUCHING,
-    UNDERFLOW,
     Verdicts,
     verdicts,
 )

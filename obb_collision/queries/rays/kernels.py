@@ -19,22 +19,20 @@ from __future__ import annotations
 import numpy as np
 
 from obb_collision._jit import njit
+from obb_collision.numerics.constants import PARALLEL, ROUNDOFF, UNDERFLOW
 from obb_collision.queries.primitives.capsule_kernels import to_local, total
 from obb_collision.queries.primitives.segments import Vector
 from obb_collision.queries.rays.bounds_tree import CHILD, COUNT, STACK, START
-from obb_collision.queries.verdict.verdict import UNDERFLOW
 from obb_collision.typing import Floats
 
 #: By how much a box is enlarged for the decision, relative to its distance and half extents:
 #: four times the bound of ``containment``, for origin and direction, with room for the slabs.
-BOUND = 2.0**-43
+HIT_BOUND = 1024 * ROUNDOFF
 #: Where the entries of the box and of the enlarged one differ by less than so many bounds, the ray
 #: comes steeply enough for the first; else, as along a face, rounding may say where it enters.
 STEEP = 8.0
 #: Relative slack of distances along a ray: 32 unit roundoffs, and they are off by some 6.
-SLACK = 2.0**-48
-#: Components of unit directions below this count as zero: they move nothing that doubles can tell.
-PARALLEL = 2.0**-900
+DISTANCE_SLACK = 32 * ROUNDOFF
 
 
 @njit
@@ -70,7 +68,7 @@ def hit_box(
     d = (origin[0] - centers[b, 0], origin[1] - centers[b, 1], origin[2] - centers[b, 2])
     h = (half[b, 0], half[b, 1], half[b, 2])
     o, v = to_local(axes, b, d), to_local(axes, b, unit)
-    bound = BOUND * (total(d) + total(h)) + UNDERFLOW
+    bound = HIT_BOUND * (total(d) + total(h)) + UNDERFLOW
     grown = (h[0] + bound, h[1] + bound, h[2] + bound)
     enter, leave, axis = slabs(o, v, grown)
     if enter > leave or leave < 0.0 or enter > reach:
@@ -94,8 +92,8 @@ def enters_bounds(limits: Floats, node: int, origin: Vector, unit: Vector, reach
         far = (limits[node, 3 + i] - origin[i]) / unit[i]
         if near > far:
             near, far = far, near
-        enter = max(enter, near - SLACK * abs(near))
-        leave = min(leave, far + SLACK * abs(far))
+        enter = max(enter, near - DISTANCE_SLACK * abs(near))
+        leave = min(leave, far + DISTANCE_SLACK * abs(far))
     return enter if enter <= leave else np.inf
 
 

@@ -44,9 +44,9 @@ from obb_collision.typing import Floats
 
 AXES = 15
 #: An axis this short is lost in rounding.
-SHORTEST = 2.0**-40
+SHORTEST_AXIS = 2.0**-40
 #: Rounds of closing in on a root: the bracket shrinks quadratically.
-ROUNDS = 4
+ROOT_ROUNDS = 4
 #: A bracket this narrow, relative to the root, is good enough.
 NARROW = 0.05
 
@@ -89,7 +89,7 @@ def best_step(
     for axis in range(AXES):
         _moving_axis(a, da, b, db, axis, n, dn)
         square = _dot(n, n)
-        if square < SHORTEST * SHORTEST:
+        if square < SHORTEST_AXIS * SHORTEST_AXIS:
             continue
         along = _dot(n, d)
         gap = abs(along) - rounding
@@ -133,7 +133,7 @@ def _first_root(
     """
     left, at_left = 0.0, gap
     right = horizon
-    for _ in range(ROUNDS):
+    for _ in range(ROOT_ROUNDS):
         slope = rate - bend * left
         for m in range(2):
             for k in range(3):

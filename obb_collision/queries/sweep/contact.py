@@ -36,13 +36,13 @@ from obb_collision.typing import Floats
 
 #: A side that rises less than this over its length, relative to the sum of all half extents,
 #: lies in the plane of contact.
-FLAT = 1e-10
+TOUCH_FLAT = 1e-10
 #: Edges whose directions have a sine squared below this have no one crossing.
 PARALLEL_SQUARED = 1e-12
 #: Projections onto one box, then the other: two flat features that meet settle in a few.
-ROUNDS = 16
+TOUCH_ROUNDS = 16
 #: They end when the point moves less than this, relative to the sum of all half extents.
-SETTLED = 1e-12
+TOUCH_SETTLED = 1e-12
 
 
 #: The middle of a vertex, edge or face, how many sides of the box it spans, and the last of them.
@@ -69,7 +69,7 @@ def contact_point(
     size = 0.0
     for k in range(3):
         size += half_extents[i, k] + half_extents[j, k]
-    flat = FLAT * size
+    flat = TOUCH_FLAT * size
     back = scaled(normal, -1.0)
     if axis < 3:  # a face of i: it is the other that may touch with a corner
         b, free_b, n = _support(cb, rotations, half_extents, j, back, flat)
@@ -93,7 +93,7 @@ def contact_point(
             along = dot(minus(b, a), minus(u, scaled(v, cosine))) / square
             return plus(a, scaled(u, clamp(along, half_extents[i, m])))
     corner = a if free_a < free_b else b
-    return _common(corner, ca, cb, rotations, half_extents, i, j, SETTLED * size)
+    return _common(corner, ca, cb, rotations, half_extents, i, j, TOUCH_SETTLED * size)
 
 
 @njit
@@ -105,7 +105,7 @@ def _common(
     work = np.empty((3, 3))
     for k in range(3):
         work[0, k], work[1, k], work[2, k] = point[k], ca[k], cb[k]
-    for _ in range(ROUNDS):
+    for _ in range(TOUCH_ROUNDS):
         moved = clamp_to_box(work[0], work[1], rotations[i], half_extents[i])
         if max(moved, clamp_to_box(work[0], work[2], rotations[j], half_extents[j])) <= settled:
             break

@@ -24,6 +24,7 @@ from __future__ import annotations
 import math
 
 from obb_collision._jit import njit
+from obb_collision.numerics.constants import FAST_BOUND, SMALL_SQUARE, TIME_ROUNDING, UNDERFLOW
 from obb_collision.queries.verdict.sat import (
     Vector,
     column,
@@ -34,16 +35,10 @@ from obb_collision.queries.verdict.sat import (
     scaled,
     vector,
 )
-from obb_collision.queries.verdict.verdict import FAST_BOUND, UNDERFLOW
 from obb_collision.typing import Floats
 
-#: A time is a quotient of two differences, by way of a reciprocal: off by 4 unit roundoffs,
-#: bounded by 8.
-TIME_ROUNDING = 2.0**-50
 #: Motions shorter than this have no reciprocal; widened by it, no interval depends on them.
-SHORTEST = 2.0**-1000
-#: Squares below may have lost digits to underflow.
-SMALL_SQUARE = 2.0**-900
+SHORTEST_WAY = 2.0**-1000
 
 AXES = 15
 
@@ -98,7 +93,7 @@ def meeting_intervals(
     h, f = vector(half_extents, i), vector(half_extents, j)
     bound = (abs(p[0]) + abs(p[1]) + abs(p[2])) + (abs(q[0]) + abs(q[1]) + abs(q[2]))
     bound = FAST_BOUND * (bound + (h[0] + h[1] + h[2]) + (f[0] + f[1] + f[2])) + UNDERFLOW
-    bound += SHORTEST
+    bound += SHORTEST_WAY
     a = column(rotations, i, 0), column(rotations, i, 1), column(rotations, i, 2)
     b = column(rotations, j, 0), column(rotations, j, 1), column(rotations, j, 2)
     x = dot(a[0], b[0]), dot(a[0], b[1]), dot(a[0], b[2])

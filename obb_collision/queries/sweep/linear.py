@@ -38,16 +38,19 @@ from __future__ import annotations
 import math
 
 from obb_collision._jit import njit
+from obb_collision.numerics.constants import (
+    CAREFUL_BOUND,
+    PARALLEL,
+    SMALL_SQUARE,
+    TIME_ROUNDING,
+    UNDERFLOW,
+)
 from obb_collision.numerics.error_free import determinant, length, sum_sorted
 from obb_collision.queries.sweep.intervals import (
     AXES,
-    SMALL_SQUARE,
-    TIME_ROUNDING,
     meeting_intervals,
 )
-from obb_collision.queries.verdict.careful import PARALLEL
 from obb_collision.queries.verdict.sat import Vector, column, dot, vector
-from obb_collision.queries.verdict.verdict import CAREFUL_BOUND, UNDERFLOW
 from obb_collision.typing import Floats
 
 NO_NORMAL: Vector = (math.nan, math.nan, math.nan)

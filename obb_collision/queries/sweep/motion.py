@@ -26,17 +26,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from obb_collision._jit import njit
-from obb_collision.geometry.boxes import BOUND_SLACK, BOUND_UNDERFLOW, Boxes
+from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.kinds import check_kind
 from obb_collision.geometry.poses import fill_quaternions
 from obb_collision.geometry.validation import first_bad_row
+from obb_collision.numerics.constants import BOUND_SLACK, BOUND_UNDERFLOW, ROUNDOFF, SMALL_SQUARE
 from obb_collision.numerics.error_free import length
 from obb_collision.typing import Floats
 
 #: Rounding of a radius, or of a bound on motion: a few units of 2^-53.
-OUTWARD = 1.0 + 2.0**-48
-#: Squares below may have lost digits to underflow.
-LEAST_SQUARE = 2.0**-900
+OUTWARD = 1.0 + 32 * ROUNDOFF
 
 
 def check_same_boxes(start: Boxes, end: Boxes) -> None:
@@ -114,7 +113,7 @@ def _fill_radii(half_extents: Floats, out: Floats) -> None:
 def _radius(half_extents: Floats, n: int) -> float:
     x, y, z = half_extents[n, 0], half_extents[n, 1], half_extents[n, 2]
     square = x * x + y * y + z * z
-    plain = math.sqrt(square) if LEAST_SQUARE < square < math.inf else length(x, y, z)
+    plain = math.sqrt(square) if SMALL_SQUARE < square < math.inf else length(x, y, z)
     return plain * OUTWARD + BOUND_UNDERFLOW
 
 

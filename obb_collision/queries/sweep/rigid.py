@@ -42,6 +42,7 @@ import math
 import numpy as np
 
 from obb_collision._jit import njit
+from obb_collision.numerics.constants import ROUNDOFF
 from obb_collision.numerics.error_free import length
 from obb_collision.queries.sweep.bounds import best_step
 from obb_collision.queries.sweep.poses import Motion, rotate, turned_by
@@ -56,12 +57,12 @@ OWN_ROWS = 11
 STEP_ROWS = 12
 WORK_ROWS = OWN_ROWS + STEP_ROWS + 2 * CORNER_ROWS + SLICE_ROWS
 #: Rounding of gaps, relative to the boxes and their offset, and to their arms.
-ROUNDING = 2.0**-42
-ARM_ROUNDING = 2.0**-46
+GAP_ROUNDING = 2048 * ROUNDOFF
+ARM_ROUNDING = 128 * ROUNDOFF
 #: Rounding of places and rotations (see above).
-POSITION = 2.0**-50
-TURNING = 2.0**-48
-SPIN = 2.0**-50
+POSITION = 8 * ROUNDOFF
+TURNING = 32 * ROUNDOFF
+SPIN = 8 * ROUNDOFF
 #: Steps at most: beyond, it is not known. Ordinary pairs take up to ten, boxes that turn past each
 #: other many times just out of reach some hundred.
 MAX_STEPS = 2000
@@ -70,14 +71,14 @@ MAX_STEPS = 2000
 #: degrees, so one of these is within acos(1 / sqrt(3)) of the direction of the distance.
 SHOWN = 3.0**-0.5
 #: Least tolerance, relative to the radius of the larger box: nearly parallel edges are too short
-#: an axis to show a gap below sqrt(2 ROUNDING) of it, 7e-7 (see ``separation._implied_margin``).
+#: an axis to show a gap below sqrt(2 GAP_ROUNDING) of it, 7e-7 (see ``verdict._implied_margin``).
 FLOOR = 2e-6
 #: Places that are off by more than this share of the tolerance can't tell whether it is kept.
 SHARP = 1.0 / 32.0
 #: A whole turn and what rounding takes from it.
-TURN = 2.0 * math.pi * (1.0 + 2.0**-40)
+TURN = 2.0 * math.pi * (1.0 + 8192 * ROUNDOFF)
 #: Ways whose square is below this are none: they are lost in rounding.
-LEAST_SQUARE = 2.0**-960
+LEAST_WAY_SQUARE = 2.0**-960
 
 #: Ways and turns longer than this, in units of the boxes and radians, are not walked.
 FARTHEST = 2.0**200
@@ -143,7 +144,7 @@ def sweep_rigid(
         for k in range(3):
             d[k], velocity[k] = offset[k], rate[k]
         skew = TURNING + SPIN * (wa + wb) * time
-        rounding = ROUNDING * (radius_a + radius_b + _norm(offset))
+        rounding = GAP_ROUNDING * (radius_a + radius_b + _norm(offset))
         rounding += ARM_ROUNDING * (reach_a + reach_b)
         blur = stray[0] + stray[1] * time + skew * (reach_a + reach_b)
         gap, step = best_step(
@@ -242,14 +243,14 @@ def _meeting_window(p: Vector, way: Vector, reach: float) -> tuple[float, float]
     scale = math.ldexp(1.0, min(-math.frexp(largest)[1], 1020))
     p, way, reach = scaled(p, scale), scaled(way, scale), reach * scale
     square = dot(way, way)
-    if square < LEAST_SQUARE:
-        return (0.0, 1.0) if _norm(p) <= reach + ROUNDING else (1.0, 0.0)
+    if square < LEAST_WAY_SQUARE:
+        return (0.0, 1.0) if _norm(p) <= reach + GAP_ROUNDING else (1.0, 0.0)
     middle = -dot(p, way) / square
     # the nearest offset itself: no cancellation of large squares
     nearest = _norm(plus(p, scaled(way, middle)))
-    grown = reach + ROUNDING * (1.0 + abs(middle) * math.sqrt(square))
+    grown = reach + GAP_ROUNDING * (1.0 + abs(middle) * math.sqrt(square))
     if nearest > grown:
         return 1.0, 0.0
     half = math.sqrt((grown - nearest) * (grown + nearest) / square)
-    slack = ROUNDING * (1.0 + abs(middle) + half)
+    slack = GAP_ROUNDING * (1.0 + abs(middle) + half)
     return max(0.0, middle - half - slack), min(1.0, middle + half + slack)

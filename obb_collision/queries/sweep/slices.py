@@ -29,6 +29,7 @@ import math
 import numpy as np
 
 from obb_collision._jit import njit
+from obb_collision.numerics.constants import ROUNDOFF
 from obb_collision.numerics.error_free import length
 from obb_collision.numerics.simplex import nearest_to_origin
 from obb_collision.queries.verdict.sat import Vector, dot, minus, plus, scaled, vector
@@ -37,11 +38,11 @@ from obb_collision.typing import Floats
 #: Radians in a slice from which on a box counts as turning all round.
 WHOLE = 1.0
 #: Directions tried: bodies a few hundredths of their size apart take 3 to 10.
-ROUNDS = 30
+SLICE_DIRECTIONS = 30
 #: The search ends when the next point brings it nearer by less than this fraction.
-CONVERGED = 1e-6
+SLICE_CONVERGED = 1e-6
 #: Rounding of reaches and offsets, relative to these: 2048 unit roundoffs, where 64 are needed.
-SLACK = 2.0**-42
+SLICE_SLACK = 2048 * ROUNDOFF
 #: Rows of work space of ``free_slice``.
 WORK_ROWS = 5
 #: Rows of the corners of a box (``fill_corners``): the axis of the turn, 8 corners, and in a row
@@ -85,11 +86,11 @@ def free_slice(
     """
     simplex, nearest = work[:4], work[4]
     size = length(first[0], first[1], first[2]) + length(last[0], last[1], last[2])
-    bound = blur + SLACK * (size + _radius(a) + _radius(b)) + _growth(a, angle_a)
+    bound = blur + SLICE_SLACK * (size + _radius(a) + _radius(b)) + _growth(a, angle_a)
     bound += _growth(b, angle_b)
     n = scaled(plus(first, last), 0.5)
     count = 0
-    for _ in range(ROUNDS):
+    for _ in range(SLICE_DIRECTIONS):
         norm = length(n[0], n[1], n[2])
         if not 0.0 < norm < np.inf:
             return False
@@ -100,7 +101,7 @@ def free_slice(
         gap = dot(n, point)
         if gap > bound:
             return True
-        if count > 0 and not norm - gap > CONVERGED * norm:
+        if count > 0 and not norm - gap > SLICE_CONVERGED * norm:
             return False
         for k in range(3):
             simplex[count, k] = point[k]

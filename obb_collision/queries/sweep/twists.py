@@ -22,8 +22,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from obb_collision._jit import njit
-from obb_collision.geometry.boxes import BOUND_SLACK, BOUND_UNDERFLOW, Boxes
+from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.validation import as_array, check_magnitude
+from obb_collision.numerics.constants import BOUND_SLACK, BOUND_UNDERFLOW, ROUNDOFF
 from obb_collision.numerics.error_free import length
 from obb_collision.queries.sweep.motion import OUTWARD, bounding_radii
 from obb_collision.queries.sweep.poses import Motion, rotate, swing
@@ -32,8 +33,8 @@ from obb_collision.typing import Floats
 
 #: Rounding of a corner turned about the origin, relative to its distance from there: 24 unit
 #: roundoffs and 5 of the angle, bounded by 64 and 8.
-CORNER_SLACK = 2.0**-47
-ANGLE_SLACK = 2.0**-50
+CORNER_SLACK = 64 * ROUNDOFF
+ANGLE_SLACK = 8 * ROUNDOFF
 
 
 def twist_motion(boxes: Boxes, twists: Floats, origins: ArrayLike | None, seconds: float) -> Motion:

@@ -23,15 +23,13 @@ from __future__ import annotations
 import numpy as np
 
 from obb_collision._jit import njit
+from obb_collision.numerics.constants import PARALLEL
 from obb_collision.numerics.error_free import determinant, length, sum_sorted
 from obb_collision.queries.verdict.sat import Vector
 from obb_collision.typing import Floats
 
 #: The three axes of a box.
 Axes = tuple[Vector, Vector, Vector]
-
-#: Edges whose cross product is shorter are implied by other axes (see ``careful_gap``).
-PARALLEL = 2.0**-900
 
 
 @njit

@@ -31,16 +31,16 @@ import numpy as np
 
 from obb_collision._jit import njit
 from obb_collision.geometry.boxes import Boxes
+from obb_collision.numerics.constants import FAST_BOUND, ROUNDOFF, UNDERFLOW
 from obb_collision.numerics.error_free import length
-from obb_collision.queries.verdict.verdict import FAST_BOUND, UNDERFLOW
 from obb_collision.typing import Floats, Integers, Mask
 
 #: Slack of the sphere test relative to the distance and the radii (see above).
-SPHERE_SLACK = 2.0**-40
+SPHERE_SLACK = 8192 * ROUNDOFF
 #: Growth of bounds relative to abs(c_x) + abs(c_y) + abs(c_z) + the half extents (see above).
-MEETING_SLACK = 2.0**-47
+MEETING_SLACK = 64 * ROUNDOFF
 #: Added to it: more than what ``separation`` adds for underflow.
-MEETING_UNDERFLOW = 2.0**-1058
+MEETING_UNDERFLOW = 4 * UNDERFLOW
 
 
 def meeting_bounds(boxes: Boxes) -> tuple[Floats, Floats]:

@@ -23,10 +23,8 @@ from __future__ import annotations
 import math
 
 from obb_collision._jit import njit
+from obb_collision.numerics.constants import SHORT_SQUARE
 from obb_collision.queries.verdict.sat import Pair, Vector, axis_of_b, dot, dot_abs, replaced
-
-#: Squared length below which a cross product of edges is too uncertain to be a first choice.
-SHORT_SQUARE = 2.0**-40
 
 Axis = tuple[float, int]
 

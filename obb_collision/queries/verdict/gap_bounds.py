@@ -32,12 +32,9 @@ from __future__ import annotations
 import math
 
 from obb_collision._jit import njit
+from obb_collision.numerics.constants import FAST_BOUND, SHORT_SQUARE, UNDERFLOW
 from obb_collision.queries.verdict.sat import Pair, dot, dot_abs
-from obb_collision.queries.verdict.verdict import FAST_BOUND, UNDERFLOW
 from obb_collision.typing import Floats
-
-#: An edge axis shorter than this is not worth a rough look.
-SHORT = 2.0**-20
 
 
 @njit
@@ -88,7 +85,7 @@ def _bound_edge(
     k, m: components after i; p, q: component i of the axes of b after u.
     """
     square = uk * uk + um * um
-    if square < SHORT * SHORT:
+    if square < SHORT_SQUARE:
         return -math.inf, math.inf
     scale = 1.0 / math.sqrt(square)
     gap = abs(dm * uk - dk * um) - (hk * abs(um) + hm * abs(uk)) - (fp * abs(q) + fq * abs(p))

@@ -136,7 +136,7 @@ def _axes(rotations: Floats, i: int) -> Axes:
 PROJECTION_ROUNDS = 32
 #: They end when the point moves less than this, relative to the sum of the half extents: what
 #: is drawn needs no more.
-SETTLED = 1e-4
+DRAWN_SETTLED = 1e-4
 
 
 @njit
@@ -163,7 +163,7 @@ def common_point(
 def _common(pair: Pair) -> Vector:
     """Return the point of ``common_point`` in the frame of a."""
     d, (x, y, z), h, f = pair.d, pair.r, pair.h, pair.f
-    settled = SETTLED * (h[0] + h[1] + h[2] + f[0] + f[1] + f[2])
+    settled = DRAWN_SETTLED * (h[0] + h[1] + h[2] + f[0] + f[1] + f[2])
     s = scaled(d, 0.5)
     for _ in range(PROJECTION_ROUNDS):
         s = clamped(s, h)

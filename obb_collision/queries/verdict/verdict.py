@@ -47,6 +47,7 @@ from numpy.typing import NDArray
 from obb_collision._jit import njit
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.kinds import as_flag, check_kind
+from obb_collision.numerics.constants import CAREFUL_BOUND, FAST_BOUND, UNDERFLOW
 from obb_collision.numerics.error_free import length, sum_sorted
 from obb_collision.queries.verdict.careful import careful_gap, columns
 from obb_collision.queries.verdict.exact import exact_verdict
@@ -69,12 +70,6 @@ TOUCHING = int(Verdict.TOUCHING)
 OVERLAP = int(Verdict.OVERLAP)
 UNDECIDED = -1
 
-#: Bound of the fast stage relative to T: 1024 unit roundoffs (derivation above).
-FAST_BOUND = 2.0**-43
-#: Bound of the careful stage relative to abs(n) T: 16 unit roundoffs (derivation above).
-CAREFUL_BOUND = 2.0**-49
-#: Added to every bound: more than what gradual underflow can take from a gap.
-UNDERFLOW = 2.0**-1060
 #: Edges count as nearly parallel in the fast stage when all off-axis dot products are below.
 NEARLY_PARALLEL = 2.0**-20
 

@@ -35,7 +35,7 @@ from obb_collision.geometry.shapes.files import (
     shortened,
 )
 from obb_collision.geometry.shapes.shapes import Hull, LocalBox, Mesh, Shape
-from obb_collision.geometry.validation import MAX_MAGNITUDE
+from obb_collision.numerics.constants import MAX_MAGNITUDE
 from obb_collision.scene.building.errors import BAD_SHAPE, BuildError
 from obb_collision.scene.building.tree_jobs import perform_hull, perform_tree
 from obb_collision.scene.building.wire import Message

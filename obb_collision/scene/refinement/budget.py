@@ -31,7 +31,7 @@ from time import perf_counter
 import numpy as np
 
 from obb_collision.accuracy import Accuracy
-from obb_collision.geometry.validation import MAX_MAGNITUDE
+from obb_collision.numerics.constants import MAX_MAGNITUDE
 from obb_collision.words import shown
 
 #: The levels that a budget chooses from, and how many pairs ask for each.

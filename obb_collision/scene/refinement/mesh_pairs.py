@@ -27,6 +27,7 @@ import numpy as np
 from obb_collision.accuracy import Accuracy
 from obb_collision.geometry.capsules import Capsules
 from obb_collision.geometry.poses import as_poses
+from obb_collision.numerics.constants import ROUNDOFF
 from obb_collision.queries.meshes.convex import PlacedHulls, hulls_meet
 from obb_collision.queries.meshes.meshes import (
     UNLIMITED,
@@ -43,7 +44,7 @@ from obb_collision.typing import Floats, Mask, Rows
 
 #: What is lost when a capsule is placed and padded, relative to its coordinates: 128 roundoffs,
 #: of which rotations that are orthonormal to 64 take the half.
-PLACING = 2.0**-46
+PLACING = 128 * ROUNDOFF
 
 #: Pairs of nodes to look at, once triangles touch, for some that overlap: 0.3 ms face to face.
 EFFORT = 256

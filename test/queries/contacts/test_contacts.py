@@ -31,7 +31,7 @@ from obb_collision.benchmarks.cases.families import FAMILIES
 from obb_collision.benchmarks.cases.placement import random_rotations, turns
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.queries.contacts.contacts import Contacts, contacts
-from obb_collision.queries.contacts.patch import KEEP, TIE
+from obb_collision.queries.contacts.patch import FEATURE_TIE, KEEP
 from obb_collision.queries.verdict.verdict import Verdict, verdicts
 from obb_collision.typing import Floats
 
@@ -142,15 +142,15 @@ def test_every_colliding_pair_has_points_and_no_other(name: str, limit: int) -> 
     assert (found.depths >= 0.0).all()
     # the first point has the depth of the pair, none has more
     depths, size = found.point_depths[hit], sizes(a, b)[hit]
-    assert (np.abs(depths[:, 0] - found.depths[hit]) <= 2.0 * TIE * size).all()
+    assert (np.abs(depths[:, 0] - found.depths[hit]) <= 2.0 * FEATURE_TIE * size).all()
     assert (np.nanmax(depths, axis=1) <= found.depths[hit] + DEPTH_ACCURACY * size).all()
     assert (depths[used[hit]] >= 0.0).all()
-    assert (depths[:, 0] >= np.nanmax(depths, axis=1) - 1.001 * TIE * size).all()
+    assert (depths[:, 0] >= np.nanmax(depths, axis=1) - 1.001 * FEATURE_TIE * size).all()
     # none is there twice
     apart = np.linalg.norm(found.points[:, :, None] - found.points[:, None], axis=3)
     apart[:, np.arange(limit), np.arange(limit)] = np.inf
     grain = 4.0 * np.spacing(np.nanmax(np.abs(found.points[hit]), axis=(1, 2)))
-    assert (np.nanmin(apart[hit], axis=(1, 2)) >= 0.5 * TIE * size - grain).all()
+    assert (np.nanmin(apart[hit], axis=(1, 2)) >= 0.5 * FEATURE_TIE * size - grain).all()
 
 
 @given(st.integers(0, 2**32 - 1), st.sampled_from([0.0, 1e-9, 1e-3, 1.0]))
