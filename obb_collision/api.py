@@ -14,21 +14,11 @@
 
 """All public names of the library; ``obb_collision`` loads them from here when first used."""
 
+from obb_collision import shapes
 from obb_collision.accuracy import Accuracy
 from obb_collision.geometry.aabb import AABB
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.capsules import Capsules
-from obb_collision.geometry.shapes.shapes import (
-    Box,
-    Capsule,
-    Cone,
-    Cylinder,
-    Ellipsoid,
-    Hull,
-    Mesh,
-    Shape,
-    Sphere,
-)
 from obb_collision.geometry.trees.obb_tree import MeshTrees
 from obb_collision.obb import OBB, Separation
 from obb_collision.queries.clearance.clearance import Clearances, clearances, clearances_within
@@ -59,18 +49,11 @@ __all__ = [
     "AABB",
     "OBB",
     "Accuracy",
-    "Box",
     "Boxes",
-    "Capsule",
     "CapsuleDistances",
     "Capsules",
     "Clearances",
-    "Cone",
     "Contacts",
-    "Cylinder",
-    "Ellipsoid",
-    "Hull",
-    "Mesh",
     "MeshTrees",
     "PlacedMeshes",
     "PlaneDistances",
@@ -80,8 +63,6 @@ __all__ = [
     "Scene",
     "SceneDescription",
     "Separation",
-    "Shape",
-    "Sphere",
     "Sweeps",
     "Verdict",
     "aabb_verdicts",
@@ -100,6 +81,7 @@ __all__ = [
     "plane_distances",
     "points_inside",
     "segments_intersect",
+    "shapes",
     "sweep",
     "sweep_twists",
     "tree_collisions",

@@ -31,6 +31,7 @@ from typing import Any
 import numpy as np
 
 import obb_collision as oc
+from obb_collision.shapes import Box, Hull, Mesh, Sphere
 
 ERRORS = (ValueError, TypeError, KeyError)
 #: What is no boxes (or the like) at all has no attributes of them.
@@ -71,9 +72,9 @@ def trees() -> oc.MeshTrees:
 def scene() -> oc.Scene:
     """Return a scene of two boxes and a mesh that overlap."""
     made = oc.Scene()
-    made.add("a", oc.Box([1.0, 1.0, 1.0]))
-    made.add("b", oc.Box([1.0, 1.0, 1.0]))
-    made.add("c", oc.Mesh(TETRAHEDRON, FACES), accuracy="mesh")
+    made.add("a", Box([1.0, 1.0, 1.0]))
+    made.add("b", Box([1.0, 1.0, 1.0]))
+    made.add("c", Mesh(TETRAHEDRON, FACES), accuracy="mesh")
     made.points = np.zeros((3, 3))
     return made
 
@@ -107,11 +108,14 @@ def scene_calls() -> Iterator[tuple[str, Callable[..., Any], dict[str, Any]]]:
         "limit": (lambda s, v: s.set_effect("clearance", limit=v), 1.0),
         "horizon": (lambda s, v: s.set_effect("sweep", horizon=v), 1.0),
         "margin": (lambda s, v: s.set_effect("points", margin=v), 0.1),
-        "box": (lambda s, v: s.add("d", oc.Box(v)), [1.0, 1.0, 1.0]),
-        "mesh": (lambda s, v: s.add("d", oc.Mesh(v, FACES), accuracy="mesh"), TETRAHEDRON),
-        "faces": (lambda s, v: s.add("d", oc.Mesh(TETRAHEDRON, v), accuracy="mesh"), FACES),
-        "scale": (lambda s, v: s.add("d", oc.Hull(TETRAHEDRON, v), accuracy="mesh"), [1.0, 1, 1]),
-        "pose": (lambda s, v: s.add("d", oc.Sphere(1.0), v), IDENTITY),
+        "box": (lambda s, v: s.add("d", Box(v)), [1.0, 1.0, 1.0]),
+        "mesh": (lambda s, v: s.add("d", Mesh(v, FACES), accuracy="mesh"), TETRAHEDRON),
+        "faces": (lambda s, v: s.add("d", Mesh(TETRAHEDRON, v), accuracy="mesh"), FACES),
+        "scale": (
+            lambda s, v: s.add("d", Hull(TETRAHEDRON, v), accuracy="mesh"),
+            [1.0, 1, 1],
+        ),
+        "pose": (lambda s, v: s.add("d", Sphere(1.0), v), IDENTITY),
     }
     for name, (change, good) in changes.items():
         yield f"Scene.{name}", checked(change), {"value": good}

@@ -27,7 +27,7 @@ ROOT = Path(obb_collision.__file__).parent
 KERNELS = {"_jit", "_kernel_cache", "_compiling"}
 BASE = KERNELS | {"typing", "words"}
 GEOMETRY = BASE | {"numerics", "geometry"}
-LIBRARY = GEOMETRY | {"accuracy", "queries", "obb", "scene"}
+LIBRARY = GEOMETRY | {"accuracy", "queries", "obb", "shapes", "scene"}
 #: What each folder, or module beside them, may import besides itself.
 LAYERS: dict[str, set[str]] = {
     "_kernel_cache": set(),
@@ -39,9 +39,10 @@ LAYERS: dict[str, set[str]] = {
     "accuracy": {"words"},
     "numerics": BASE,
     "geometry": BASE | {"numerics"},
+    "shapes": GEOMETRY,
     "queries": GEOMETRY,
     "obb": GEOMETRY | {"queries"},
-    "scene": GEOMETRY | {"accuracy", "queries", "obb"},
+    "scene": GEOMETRY | {"accuracy", "queries", "obb", "shapes"},
     "api": LIBRARY | {"scene_files"},
     "warm_up": LIBRARY | {"cli"},
     "scene_files": LIBRARY,

@@ -51,7 +51,7 @@ def test_other_names_stay_as_they_are(name: str) -> None:
 def test_no_scene_has_an_object_of_such_a_name(name: str) -> None:
     scene = oc.Scene()
     with pytest.raises(ValueError, match=r"^name must "):
-        scene.add(name, oc.Box([1, 1, 1]))
+        scene.add(name, oc.shapes.Box([1, 1, 1]))
     assert len(scene) == 0
 
 

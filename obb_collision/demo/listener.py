@@ -31,13 +31,13 @@ from visualization_msgs.msg import Marker, MarkerArray
 from obb_collision.demo.marker_boxes import NO_BOXES, boxes_from_bytes
 from obb_collision.demo.narrator import NARRATORS, Pairs
 from obb_collision.demo.publisher import LATCHED
-from obb_collision.geometry.shapes.shapes import Shape
 from obb_collision.node import collisions_from_ros, named_pairs
 from obb_collision.node.messages.clouds import points_from_ros
 from obb_collision.node.messages.conversions import NANOSECONDS, name_from_key, stamp_from_ros
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.messages.marker_shapes import shape_from_ros
 from obb_collision.node.outputs.effects import TOPICS
+from obb_collision.shapes import Shape
 from obb_collision.typing import Floats
 
 

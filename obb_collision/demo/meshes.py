@@ -23,7 +23,7 @@ import numpy as np
 from scipy.spatial import QhullError
 from trimesh import Trimesh, convex, creation
 
-from obb_collision.geometry.shapes.shapes import (
+from obb_collision.shapes import (
     Box,
     Capsule,
     Cone,

@@ -20,9 +20,9 @@ from math import sqrt
 
 import numpy as np
 
-from obb_collision.geometry.shapes.shapes import Box, Cylinder, Shape, Sphere
 from obb_collision.scene_files.description import SceneDescription, SceneObject
 from obb_collision.scene_files.simulate.motion import Loop, Pose, from_rpy
+from obb_collision.shapes import Box, Cylinder, Shape, Sphere
 from obb_collision.typing import Floats
 
 DEFAULT_SEED = 4

@@ -20,12 +20,12 @@ from pathlib import Path
 
 import numpy as np
 
-from obb_collision.geometry.shapes.shapes import Capsule, Cylinder
 from obb_collision.node.messages.conversions import name_from_key
 from obb_collision.node.scene_file import keys_from_names
 from obb_collision.scene.store.patterns import matching
 from obb_collision.scene_files import SceneDescription
 from obb_collision.scene_files.simulate.lidar import Cloud
+from obb_collision.shapes import Capsule, Cylinder
 from obb_collision.typing import Floats
 
 

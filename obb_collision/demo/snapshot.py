@@ -27,9 +27,9 @@ from obb_collision.demo.listener import Listener
 from obb_collision.demo.meshes import Triangles, triangles_of
 from obb_collision.demo.narrator import is_touching, pair_of
 from obb_collision.geometry.boxes import Boxes
-from obb_collision.geometry.shapes.shapes import Box, Shape
 from obb_collision.node import NamedPair
 from obb_collision.scene_files.description import View
+from obb_collision.shapes import Box, Shape
 from obb_collision.typing import Floats, Integers
 
 Color = tuple[float, float, float]

@@ -47,9 +47,9 @@ from obb_collision.demo.snapshot import (
 )
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.poses import quaternions_from_matrices
-from obb_collision.geometry.shapes.shapes import Box, Shape
 from obb_collision.node.messages.box_markers import edge_points
 from obb_collision.scene_files.description import View as Viewpoint
+from obb_collision.shapes import Box, Shape
 from obb_collision.typing import Floats
 
 #: Updates of the browser per second, Hz: smooth to the eye; and of the panel: legible.

@@ -26,11 +26,11 @@ from obb_collision.accuracy import Accuracy, as_accuracy
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.kinds import as_flag, check_kind
 from obb_collision.geometry.poses import IDENTITY_POSE
-from obb_collision.geometry.shapes.shapes import Shape
 from obb_collision.geometry.validation import as_any_array, as_array, as_half_extents
 from obb_collision.obb import OBB
 from obb_collision.scene.building.tree_bank import BOX, TreeBank
 from obb_collision.scene.store.store import LocalBox, ObjectStore
+from obb_collision.shapes import Shape
 from obb_collision.words import MAX_OBJECT_NAME, check_name, check_names, shown
 
 if TYPE_CHECKING:

@@ -24,7 +24,6 @@ from typing import Any
 import numpy as np
 
 from obb_collision.accuracy import Accuracy
-from obb_collision.geometry.shapes.shapes import Shape
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.scene import Scene
 from obb_collision.scene.store.patterns import matching
@@ -40,6 +39,7 @@ from obb_collision.scene_files.simulate.motion import (
     inverse,
     unit,
 )
+from obb_collision.shapes import Shape
 from obb_collision.typing import Floats
 from obb_collision.words import shown
 

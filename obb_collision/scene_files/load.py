@@ -24,7 +24,7 @@ from os import PathLike
 from pathlib import Path
 
 from obb_collision.geometry.kinds import check_kind
-from obb_collision.geometry.shapes.shapes import resolve_path
+from obb_collision.geometry.shapes.files import resolve_path
 from obb_collision.geometry.validation import warn_caller
 from obb_collision.scene_files.description import SceneDescription
 from obb_collision.scene_files.errors import Problem, SceneFileError

@@ -18,9 +18,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from obb_collision.geometry.shapes.shapes import Mesh, resolve_path
+from obb_collision.geometry.shapes.files import resolve_path
 from obb_collision.scene_files.description import Triple
 from obb_collision.scene_files.yaml_values import Value
+from obb_collision.shapes import Mesh
 from obb_collision.words import MAX_PATH
 
 PACKAGE = "package://"

@@ -18,13 +18,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from obb_collision.geometry.shapes.shapes import Box, Cone, Cylinder, Mesh, Shape, Sphere
 from obb_collision.scene_files.description import SceneObject
 from obb_collision.scene_files.mesh_files import MeshFiles
 from obb_collision.scene_files.objects import NO_SCALE, read_scale
 from obb_collision.scene_files.places import NO_TURN, settled
 from obb_collision.scene_files.simulate.motion import Pose, compose, unit
 from obb_collision.scene_files.yaml_values import Value
+from obb_collision.shapes import Box, Cone, Cylinder, Mesh, Shape, Sphere
 
 KEYS = (
     *("header", "pose", "id", "type", "primitives", "primitive_poses", "meshes", "mesh_poses"),

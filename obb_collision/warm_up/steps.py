@@ -32,17 +32,6 @@ from obb_collision.geometry.aabb import AABB
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.capsules import Capsules
 from obb_collision.geometry.poses import quaternions_from_matrices
-from obb_collision.geometry.shapes.shapes import (
-    Box,
-    Capsule,
-    Cone,
-    Cylinder,
-    Ellipsoid,
-    Hull,
-    Mesh,
-    Shape,
-    Sphere,
-)
 from obb_collision.geometry.trees.obb_tree import MeshTrees
 from obb_collision.obb import OBB
 from obb_collision.queries.clearance.clearance import clearances
@@ -59,6 +48,17 @@ from obb_collision.scene.broad_phase.find_pairs import find_pairs
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.refinement.budget import ABOVE
 from obb_collision.scene.scene import Scene
+from obb_collision.shapes import (
+    Box,
+    Capsule,
+    Cone,
+    Cylinder,
+    Ellipsoid,
+    Hull,
+    Mesh,
+    Shape,
+    Sphere,
+)
 
 OBJECTS = 64
 """Enough that one moved object of them takes the incremental way through the scene."""

@@ -27,19 +27,19 @@ POINTS = np.array([[0.0, 0, 0], [1, 0, 0], [0, 2, 0], [0, 0, 3], [0.5, 0.5, 0.5]
 @pytest.mark.parametrize(
     "shape",
     [
-        oc.Box((1.0, 2.0, 3.0), (2, 1, 1)),
-        oc.Sphere(0.5),
-        oc.Ellipsoid((0.5, 1.0, 0.25)),
-        oc.Cylinder(0.5, 2.0),
-        oc.Cone(0.5, 2.0, (1, 2, 1)),
-        oc.Capsule(0.25, 1.0),
-        oc.Hull(POINTS, (1, 1, 2)),
-        oc.Hull(POINTS[:3]),
-        oc.Hull(POINTS[:1]),
+        oc.shapes.Box((1.0, 2.0, 3.0), (2, 1, 1)),
+        oc.shapes.Sphere(0.5),
+        oc.shapes.Ellipsoid((0.5, 1.0, 0.25)),
+        oc.shapes.Cylinder(0.5, 2.0),
+        oc.shapes.Cone(0.5, 2.0, (1, 2, 1)),
+        oc.shapes.Capsule(0.25, 1.0),
+        oc.shapes.Hull(POINTS, (1, 1, 2)),
+        oc.shapes.Hull(POINTS[:3]),
+        oc.shapes.Hull(POINTS[:1]),
     ],
     ids=lambda shape: type(shape).__name__,
 )
-def test_triangles_fill_the_box(shape: oc.Shape) -> None:
+def test_triangles_fill_the_box(shape: oc.shapes.Shape) -> None:
     vertices, faces, scale, closed = triangles_of(shape)
     corners = (vertices * scale)[faces]
     center, rotation, half_extents = shape.local_box

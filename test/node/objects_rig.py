@@ -21,12 +21,12 @@ from collections.abc import Callable
 
 import numpy as np
 
-from obb_collision.geometry.shapes.shapes import Box
 from obb_collision.node.messages.conversions import Key
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.objects.frames import EXTRAPOLATION, UNKNOWN_FRAME
 from obb_collision.node.objects.objects import Objects, State
 from obb_collision.node.runtime.guard import Guard
+from obb_collision.shapes import Box
 from obb_collision.typing import Floats
 
 MILLISECOND = 1_000_000

@@ -97,21 +97,21 @@ def test_find_pairs_keeps_the_order_of_the_levels(
     )
 
 
-def shape(kind: int, rng: np.random.Generator) -> oc.Shape | oc.OBB:
+def shape(kind: int, rng: np.random.Generator) -> oc.shapes.Shape | oc.OBB:
     """Return one of 14 meshes, their hulls, boxes and primitives."""
     vertices, faces = ZOO[MESHES[kind % len(MESHES)]]
     if kind < 2 * len(MESHES):
         scale = rng.uniform(0.6, 1.4, 3)
         if kind < len(MESHES):
-            return oc.Mesh(vertices, faces, scale=scale)
-        return oc.Hull(vertices, scale=scale)
+            return oc.shapes.Mesh(vertices, faces, scale=scale)
+        return oc.shapes.Hull(vertices, scale=scale)
     rotation = Rotation.random(None, rng).as_matrix()
-    others: list[oc.Shape | oc.OBB] = [
-        oc.Box(rng.uniform(0.1, 1.0, 3)),
+    others: list[oc.shapes.Shape | oc.OBB] = [
+        oc.shapes.Box(rng.uniform(0.1, 1.0, 3)),
         oc.OBB(rng.uniform(-0.2, 0.2, 3), rotation, rng.uniform(0.05, 0.5, 3)),
-        oc.Box([0.5, 0.0, 0.8]),
-        oc.Sphere(0.4),
-        oc.Cylinder(0.3, 0.9),
+        oc.shapes.Box([0.5, 0.0, 0.8]),
+        oc.shapes.Sphere(0.4),
+        oc.shapes.Cylinder(0.3, 0.9),
     ]
     return others[kind % len(others)]
 
@@ -158,7 +158,7 @@ def test_mesh_verdicts_of_a_scene_are_those_of_the_mesh_queries() -> None:
     rng = np.random.default_rng(5)
     names = [name for name in MESHES if len(ZOO[name][1])]
     trees = oc.MeshTrees.join([oc.MeshTrees.build(*ZOO[name]) for name in names])
-    shapes = [oc.Mesh(*ZOO[name]) for name in names]
+    shapes = [oc.shapes.Mesh(*ZOO[name]) for name in names]
     where = poses(150, rng, 1.2)
     kinds = np.arange(150) % len(names)
     scene = oc.Scene(accuracy="mesh")
@@ -199,8 +199,8 @@ def test_incremental_checks_find_what_a_check_from_scratch_finds(name: str) -> N
 def ring_and_rod(**options: object) -> oc.Scene:
     """Put a rod through the hole of a torus: only their boxes and their hulls collide."""
     scene = oc.Scene(**options)  # type: ignore[arg-type]
-    scene.add("ring", oc.Mesh(*ZOO["torus0"]))
-    scene.add("rod", oc.Box([0.1, 0.1, 2.0]))
+    scene.add("ring", oc.shapes.Mesh(*ZOO["torus0"]))
+    scene.add("rod", oc.shapes.Box([0.1, 0.1, 2.0]))
     return scene
 
 
@@ -211,7 +211,7 @@ def test_a_pair_is_decided_on_the_lower_level_of_its_objects() -> None:
     report = scene.check()
     assert (len(report), report.accuracies.tolist()) == (1, [oc.Accuracy.HULL])
     for level in (*COARSE, "obb"):
-        scene.add("rod", oc.Box([0.1, 0.1, 2.0]), accuracy=level)
+        scene.add("rod", oc.shapes.Box([0.1, 0.1, 2.0]), accuracy=level)
         assert scene.check().accuracies.tolist() == [oc.Accuracy[level.upper()]]
     scene.accuracy = "obb_tree"
     assert scene.check().accuracies.tolist() == [oc.Accuracy.OBB]  # the rod keeps its own
@@ -223,7 +223,7 @@ def test_a_pair_is_decided_on_the_lower_level_of_its_objects() -> None:
 
 def test_points_without_triangles_stay_on_obb() -> None:
     scene = ring_and_rod(accuracy="mesh")
-    scene.add("rod", oc.Mesh([[0, 0, 0]], []))
+    scene.add("rod", oc.shapes.Mesh([[0, 0, 0]], []))
     assert scene.check().accuracies.tolist() == [oc.Accuracy.OBB]
 
 
@@ -236,11 +236,11 @@ def test_padding_keeps_a_pair_on_obb() -> None:
 
 def test_spheres_reach_further_than_boxes() -> None:
     scene = oc.Scene()
-    scene.add("a", oc.Box([2.0, 2.0, 0.1]))
-    scene.add("b", oc.Box([2.0, 2.0, 0.1]), [0, 0, 1.0, 0, 0, 0, 1])
-    scene.add("c", oc.Box([2.0, 2.0, 0.1]), [0, 0, 2.0, 0, 0, 0, 1])
+    scene.add("a", oc.shapes.Box([2.0, 2.0, 0.1]))
+    scene.add("b", oc.shapes.Box([2.0, 2.0, 0.1]), [0, 0, 1.0, 0, 0, 0, 1])
+    scene.add("c", oc.shapes.Box([2.0, 2.0, 0.1]), [0, 0, 2.0, 0, 0, 0, 1])
     for k in range(100):
-        scene.add(f"far {k}", oc.Box([1, 1, 1]), [10.0 + 3 * k, 0, 0, 0, 0, 0, 1])
+        scene.add(f"far {k}", oc.shapes.Box([1, 1, 1]), [10.0 + 3 * k, 0, 0, 0, 0, 0, 1])
     assert len(scene.check()) == 0
     scene.set_accuracy("a", "sphere")
     assert scene.check().names() == [("a", "b"), ("a", "c")]
@@ -265,10 +265,10 @@ def test_trees_are_built_only_when_asked_for_and_once_a_shape(
     for name in ("mesh_tree", "box_tree", "hull_mesh"):
         counted(name)
     scene = oc.Scene()
-    ring = oc.Mesh(*ZOO["torus0"])
+    ring = oc.shapes.Mesh(*ZOO["torus0"])
     for k in range(40):
         scene.add(f"ring {k}", ring, [0.1 * k, 0, 0, 0, 0, 0, 1])
-        scene.add(f"rod {k}", oc.Box([0.1, 0.1, 2.0]), [0.1 * k, 0, 0, 0, 0, 0, 1])
+        scene.add(f"rod {k}", oc.shapes.Box([0.1, 0.1, 2.0]), [0.1 * k, 0, 0, 0, 0, 0, 1])
     for level in (*COARSE, "obb"):
         scene.accuracy = level
         assert len(scene.check()) > 0
@@ -286,7 +286,7 @@ def test_trees_are_built_only_when_asked_for_and_once_a_shape(
 def test_trees_of_shapes_that_are_gone_go_too() -> None:
     scene = ring_and_rod(accuracy="mesh")
     for k in range(5):
-        scene.add("ring", oc.Mesh(*ZOO["torus0"], scale=[1.0 + k, 1, 1]))
+        scene.add("ring", oc.shapes.Mesh(*ZOO["torus0"], scale=[1.0 + k, 1, 1]))
         scene.check()
     assert len(scene._bank) == 2
 
@@ -315,7 +315,7 @@ def test_a_scene_refuses_what_is_no_level_or_depth() -> None:
             oc.Scene(tree_depth=depth)  # type: ignore[arg-type]
     scene = ring_and_rod()
     with pytest.raises(ValueError, match="accuracy must be one of"):
-        scene.add("new", oc.Box([1, 1, 1]), accuracy="fine")
+        scene.add("new", oc.shapes.Box([1, 1, 1]), accuracy="fine")
     assert "new" not in scene
     with pytest.raises(ValueError, match="accuracy must be one of"):
         scene.accuracy = "fine"

@@ -22,7 +22,7 @@ import numpy as np
 import pytest
 
 import obb_collision as oc
-from obb_collision.geometry.shapes import shapes as kinds_of_shapes
+from obb_collision import shapes as kinds_of_shapes
 
 TINY = float(np.nextafter(np.finfo(np.float64).tiny, 1.0))
 
@@ -51,12 +51,12 @@ def test_boxes_added_at_once_are_those_added_one_by_one() -> None:
         names, sizes, poses = some(30, seed)
         levels = ["aabb" if number % 7 == 0 else None for number in range(len(names))]
         for name, size, pose, level in zip(names, sizes, poses, levels, strict=True):
-            one.add(name, oc.Box(size), pose, accuracy=level)
+            one.add(name, oc.shapes.Box(size), pose, accuracy=level)
         many.add_boxes(names, sizes, poses, levels)
         assert state(one) == state(many)
         for scene in (one, many):
             scene.remove(names[3])
-            scene.add(names[5], oc.Sphere(0.5), padding=0.2)
+            scene.add(names[5], oc.shapes.Sphere(0.5), padding=0.2)
     assert many.obb(names[0]).half_extents[0] >= 0.5 * TINY + 0.01
 
 
@@ -71,7 +71,7 @@ def test_other_shapes_come_with_their_boxes() -> None:
     for name, size, pose, kind in zip(names, sizes, poses, shapes, strict=False):
         x, y, z = size.tolist()
         if kind is None:
-            body, trusted = oc.Box(size), None
+            body, trusted = oc.shapes.Box(size), None
         elif kind is kinds_of_shapes.Ellipsoid:
             body, trusted = kind(0.5 * size), kind.trusted((0.5 * x, 0.5 * y, 0.5 * z))
         else:
@@ -104,7 +104,7 @@ def test_bad_boxes_are_refused_all_together() -> None:
 
 def test_renewed_objects_did_not_pass_from_where_they_were() -> None:
     scene = oc.Scene()
-    scene.add("wall", oc.Box([0.1, 9, 9]))
+    scene.add("wall", oc.shapes.Box([0.1, 9, 9]))
     cubes = scene.add_boxes(["a", "b"], np.ones((2, 3)), [[-2, 0, 0, 0, 0, 0, 1]] * 2)
     scene.allow("a", "b")
     scene.set_effect("sweep", "on")

@@ -25,17 +25,18 @@ from scipy.spatial.transform import Rotation
 
 import obb_collision as oc
 from obb_collision.accuracy import ALL_LEVELS
+from obb_collision.shapes import Box, Capsule, Cylinder, Hull, Mesh, Sphere
 
 ZOO = zoo()
 SHAPES = (
-    oc.Box([0.3, 0.5, 0.8]),
-    oc.Box([0.6, 0.6, 0.6]),
-    oc.Sphere(0.3),
-    oc.Capsule(0.2, 0.5),
-    oc.Cylinder(0.3, 0.4),
-    oc.Mesh(*ZOO["torus0"]),
-    oc.Hull(np.random.default_rng(3).normal(size=(12, 3)) * 0.2),
-    oc.Mesh(np.random.default_rng(4).normal(size=(9, 3)) * 0.2, np.empty((0, 3), np.int64)),
+    Box([0.3, 0.5, 0.8]),
+    Box([0.6, 0.6, 0.6]),
+    Sphere(0.3),
+    Capsule(0.2, 0.5),
+    Cylinder(0.3, 0.4),
+    Mesh(*ZOO["torus0"]),
+    Hull(np.random.default_rng(3).normal(size=(12, 3)) * 0.2),
+    Mesh(np.random.default_rng(4).normal(size=(9, 3)) * 0.2, np.empty((0, 3), np.int64)),
 )
 PATTERNS = ("*", "0/*", "1/*", "2/*", "0/3", "1/1", "?/1*")
 EFFECTS = ("separations", "contacts", "clearance")
@@ -194,8 +195,8 @@ def test_a_changed_scene_is_one_built_anew(seed: int, settings: dict[str, Any]) 
 def test_spheres_leave_nothing_behind(once: str) -> None:
     scene = oc.Scene(accuracy="aabb")
     for k in range(80):
-        scene.add(f"rod/{k}", oc.Box([2.0, 0.1, 0.1]), [0.0, 0.3 * k, 0.0, 0.0, 0.0, 0.0, 1.0])
-    scene.add("ball", oc.Sphere(0.1), [50.0, 0, 0, 0, 0, 0, 1], accuracy="sphere")
+        scene.add(f"rod/{k}", Box([2.0, 0.1, 0.1]), [0.0, 0.3 * k, 0.0, 0.0, 0.0, 0.0, 1.0])
+    scene.add("ball", Sphere(0.1), [50.0, 0, 0, 0, 0, 0, 1], accuracy="sphere")
     scene.check()
     if once == "remove":
         scene.remove("ball")

@@ -25,6 +25,7 @@ from scipy.spatial.transform import Rotation
 import obb_collision as oc
 from obb_collision.geometry.capsules import Capsules
 from obb_collision.queries.primitives.capsules import capsule_distances
+from obb_collision.shapes import Box, Capsule, Cone, Cylinder, Ellipsoid, Hull, Mesh, Shape, Sphere
 
 ZOO = zoo()
 FINE = ("obb_tree", "hull", "mesh")
@@ -36,20 +37,20 @@ def random_poses(count: int, spread: float, rng: np.random.Generator) -> NDArray
     return np.concatenate([rng.uniform(-spread, spread, (count, 3)), quaternions], axis=1)
 
 
-def shapes(rng: np.random.Generator) -> list[oc.Shape]:
+def shapes(rng: np.random.Generator) -> list[Shape]:
     return [
-        oc.Sphere(rng.uniform(0.1, 0.4)),
-        oc.Sphere(0.2, scale=[1.5, 1.5, 1.5]),
-        oc.Sphere(0.2, scale=[1.0, 0.5, 2.0]),
-        oc.Capsule(rng.uniform(0.05, 0.2), rng.uniform(0.2, 0.8)),
-        oc.Capsule(0.2, 0.3, scale=[1.0, 1.0, 2.0]),
-        oc.Cylinder(rng.uniform(0.1, 0.3), rng.uniform(0.2, 0.8)),
-        oc.Cone(0.3, 0.6),
-        oc.Ellipsoid(rng.uniform(0.1, 0.4, 3)),
-        oc.Box(rng.uniform(0.1, 0.7, 3)),
-        oc.Mesh(*ZOO["torus1"]),
-        oc.Mesh(*ZOO["open_sphere1"]),
-        oc.Hull(ZOO["hull1"][0]),
+        Sphere(rng.uniform(0.1, 0.4)),
+        Sphere(0.2, scale=[1.5, 1.5, 1.5]),
+        Sphere(0.2, scale=[1.0, 0.5, 2.0]),
+        Capsule(rng.uniform(0.05, 0.2), rng.uniform(0.2, 0.8)),
+        Capsule(0.2, 0.3, scale=[1.0, 1.0, 2.0]),
+        Cylinder(rng.uniform(0.1, 0.3), rng.uniform(0.2, 0.8)),
+        Cone(0.3, 0.6),
+        Ellipsoid(rng.uniform(0.1, 0.4, 3)),
+        Box(rng.uniform(0.1, 0.7, 3)),
+        Mesh(*ZOO["torus1"]),
+        Mesh(*ZOO["open_sphere1"]),
+        Hull(ZOO["hull1"][0]),
     ]
 
 
@@ -84,7 +85,7 @@ def test_spheres_and_capsules_are_decided_by_their_distances() -> None:
     places = random_poses(200, 1.5, rng)
     radii, halves = rng.uniform(0.05, 0.4, 200), np.where(rng.random(200) < 0.5, 0.0, 0.3)
     for k, pose in enumerate(places):
-        shape = oc.Capsule(radii[k], 2.0 * halves[k]) if halves[k] else oc.Sphere(radii[k])
+        shape = Capsule(radii[k], 2.0 * halves[k]) if halves[k] else Sphere(radii[k])
         scene.add(f"{k}", shape, pose)
     axes = Rotation.from_quat(places[:, 3:]).as_matrix()[:, :, 2] * halves[:, None]
     capsules = Capsules(places[:, :3] - axes, places[:, :3] + axes, radii)
@@ -100,9 +101,9 @@ def test_spheres_and_capsules_are_decided_by_their_distances() -> None:
 
 def test_spheres_in_the_corners_of_boxes_are_free_and_padding_counts() -> None:
     scene = oc.Scene(accuracy="mesh")
-    scene.add("box", oc.Box([1.0, 1.0, 1.0]))
+    scene.add("box", Box([1.0, 1.0, 1.0]))
     near = 0.5 + 0.25 * np.sqrt(1.0 / 3.0)  # of the corner: as far as the radius
-    scene.add("ball", oc.Sphere(0.25), [near + 1e-3] * 3 + UPRIGHT)
+    scene.add("ball", Sphere(0.25), [near + 1e-3] * 3 + UPRIGHT)
     assert len(scene.check()) == 0
     scene.set_accuracy("ball", "obb")
     assert scene.check().names() == [("box", "ball")]
@@ -115,23 +116,31 @@ def test_spheres_in_the_corners_of_boxes_are_free_and_padding_counts() -> None:
     assert report.accuracies.tolist() == [oc.Accuracy.MESH]
     assert report.names() == [("box", "ball")]
     scene.padding = 0.0
-    scene.add("ball", oc.Sphere(0.25), [0.75, 0.0, 0.0, *UPRIGHT])
+    scene.add("ball", Sphere(0.25), [0.75, 0.0, 0.0, *UPRIGHT])
     assert scene.check().verdicts.tolist() == [oc.Verdict.TOUCHING]  # rests on it
 
 
 def test_what_is_padded_and_no_sphere_capsule_or_box_stays_on_obb() -> None:
-    for shape in (oc.Cylinder(0.2, 0.5), oc.Mesh(*ZOO["torus1"]), oc.Hull(ZOO["hull1"][0])):
+    for shape in (
+        Cylinder(0.2, 0.5),
+        Mesh(*ZOO["torus1"]),
+        Hull(ZOO["hull1"][0]),
+    ):
         scene = oc.Scene(accuracy="mesh", padding=0.01)
         scene.add("a", shape)
-        scene.add("b", oc.Sphere(0.5))
+        scene.add("b", Sphere(0.5))
         assert scene.check().accuracies.tolist() == [oc.Accuracy.OBB]
 
 
 @pytest.mark.parametrize("name", FINE)
 def test_round_shapes_leave_the_corners_of_their_boxes_free(name: str) -> None:
     """A sphere, cylinder, cone, ellipsoid beside a mesh, each in a corner of the other's box."""
-    ball = oc.Mesh(*ZOO["sphere2"])
-    for shape in (oc.Sphere(0.45), oc.Cylinder(0.45, 0.9), oc.Ellipsoid([0.4, 0.45, 0.5])):
+    ball = Mesh(*ZOO["sphere2"])
+    for shape in (
+        Sphere(0.45),
+        Cylinder(0.45, 0.9),
+        Ellipsoid([0.4, 0.45, 0.5]),
+    ):
         scene = oc.Scene(accuracy=name, tree_depth=8)
         scene.add("ball", ball)
         scene.add("other", shape, [0.75, 0.75, 0.0, *UPRIGHT])

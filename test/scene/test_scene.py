@@ -78,8 +78,8 @@ def test_the_point_of_a_pair_is_near_both_boxes() -> None:
 
 def test_resting_contact_counts_and_its_point_lies_between() -> None:
     scene = oc.Scene()
-    scene.add("table", oc.Box([2.0, 2.0, 0.5]), [0, 0, -0.25, 0, 0, 0, 1])
-    scene.add("cup", oc.Cylinder(0.125, 0.25), [0.5, 0.5, 0.125, 0, 0, 0, 1])
+    scene.add("table", oc.shapes.Box([2.0, 2.0, 0.5]), [0, 0, -0.25, 0, 0, 0, 1])
+    scene.add("cup", oc.shapes.Cylinder(0.125, 0.25), [0.5, 0.5, 0.125, 0, 0, 0, 1])
     report = scene.check()
     assert report.names() == [("table", "cup")]
     assert report.verdicts.tolist() == [oc.Verdict.TOUCHING]
@@ -144,8 +144,8 @@ def test_a_box_follows_the_pose_of_its_object() -> None:
 
 def test_padding_of_the_scene_and_of_an_object() -> None:
     scene = oc.Scene(padding=0.25)
-    scene.add("a", oc.Box([1, 1, 1]))
-    scene.add("b", oc.Box([1, 1, 1]), padding=0.0)
+    scene.add("a", oc.shapes.Box([1, 1, 1]))
+    scene.add("b", oc.shapes.Box([1, 1, 1]), padding=0.0)
     assert scene.obb("a").half_extents.tolist() == [0.75] * 3
     assert scene.obb("b").half_extents.tolist() == [0.5] * 3
     scene.padding = 0.5
@@ -158,15 +158,15 @@ def test_padding_of_the_scene_and_of_an_object() -> None:
 
 def test_indices_are_stable_and_used_again() -> None:
     scene = oc.Scene()
-    indices = [scene.add(f"o{k}", oc.Sphere(1.0)) for k in range(40)]
+    indices = [scene.add(f"o{k}", oc.shapes.Sphere(1.0)) for k in range(40)]
     assert indices == list(range(40))
     scene.remove("o7")
     assert "o7" not in scene
     assert len(scene) == 39
     assert scene.index("o8") == 8
-    assert scene.add("again", oc.Sphere(1.0)) == 7
+    assert scene.add("again", oc.shapes.Sphere(1.0)) == 7
     assert scene.name(7) == "again"
-    assert scene.add("o8", oc.Sphere(2.0)) == 8
+    assert scene.add("o8", oc.shapes.Sphere(2.0)) == 8
     scene.clear()
     assert len(scene) == 0
     assert len(scene.check()) == 0
@@ -185,9 +185,9 @@ def test_indices_are_stable_and_used_again() -> None:
         (lambda s: s.move("box/0", [0] * 7), ValueError, "zero quaternion"),
         (lambda s: s.move("box/0", [np.nan] * 7), ValueError, "finite"),
         (lambda s: s.move_many(["box/0", "box/1"], [IDENTITY, [0] * 7]), ValueError, "row 1"),
-        (lambda s: s.add("new", oc.Box([1, 1, 1]), [0] * 7), ValueError, "zero quaternion"),
-        (lambda s: s.add("new", oc.Box([1, 1, 1]), padding=-1.0), ValueError, "padding"),
-        (lambda s: s.add(3, oc.Box([1, 1, 1])), ValueError, "name must be a string"),
+        (lambda s: s.add("new", oc.shapes.Box([1, 1, 1]), [0] * 7), ValueError, "zero quaternion"),
+        (lambda s: s.add("new", oc.shapes.Box([1, 1, 1]), padding=-1.0), ValueError, "padding"),
+        (lambda s: s.add(3, oc.shapes.Box([1, 1, 1])), ValueError, "name must be a string"),
     ],
 )
 def test_what_is_refused_changes_nothing(action, error, message) -> None:  # type: ignore[no-untyped-def]
@@ -223,7 +223,7 @@ class SceneMachine(RuleBasedStateMachine):
     @rule(seed=st.integers(0, 9))
     def add_many(self, seed: int) -> None:
         for k, pose in enumerate(random_poses(50, np.random.default_rng(seed), 4.0)):
-            self.scene.add(f"n{k}", oc.Sphere(0.5), pose)
+            self.scene.add(f"n{k}", oc.shapes.Sphere(0.5), pose)
             self.disabled.discard(f"n{k}")
 
     @precondition(lambda self: len(self.scene) > 0)

@@ -55,9 +55,9 @@ def random_pose(rng: np.random.Generator, spread: float) -> np.ndarray:
     return np.concatenate([position, quaternion])
 
 
-def random_shape(rng: np.random.Generator) -> oc.Shape | oc.OBB:
+def random_shape(rng: np.random.Generator) -> oc.shapes.Shape | oc.OBB:
     if rng.random() < 0.5:
-        return oc.Box(rng.integers(1, 5, 3) / 4.0)
+        return oc.shapes.Box(rng.integers(1, 5, 3) / 4.0)
     center, quaternion = rng.normal(size=3), rng.normal(size=4)
     return oc.OBB.from_quaternion(center, quaternion, rng.integers(0, 4, 3) / 4.0)
 
@@ -94,7 +94,7 @@ def test_a_wall_of_bricks_turned_as_one(exact: bool) -> None:
     for k, cell in enumerate(np.ndindex(4, 3, 2)):
         position = turn.rotation @ (np.array(cell) * [1.0, 0.5, 0.25])
         pose = np.concatenate([position, turn.quaternion])
-        scene.add(f"brick {k}", oc.Box([1.0, 0.5, 0.25]), pose)
+        scene.add(f"brick {k}", oc.shapes.Box([1.0, 0.5, 0.25]), pose)
     check_report(scene, exact)
 
 

@@ -29,6 +29,7 @@ from hypothesis import strategies as st
 
 import obb_collision as oc
 from obb_collision.scene_files import SceneFileError, load_scene
+from obb_collision.shapes import Box, Cone, Cylinder, Mesh, Sphere
 
 FOLDER = Path(__file__).parents[1] / "data" / "moveit"
 
@@ -37,9 +38,12 @@ def test_objects_stand_where_the_file_says() -> None:
     description = load_scene(FOLDER / "shelf.yaml")
     assert description.names == ["tin", "board", "side"]
     tin, board, side = description.objects
-    assert tin.shape == oc.Cylinder(radius=0.03125, length=0.125)  # MoveIt names the height first
+    assert tin.shape == Cylinder(radius=0.03125, length=0.125)  # MoveIt names the height first
     assert tin.pose == (0.5, 0.25, 0.5625, 0, 0, 0.6, 0.8)
-    assert (board.shape, side.shape) == (oc.Box([0.5, 0.75, 0.03125]), oc.Box([0.5, 0.03125, 1]))
+    assert (board.shape, side.shape) == (
+        Box([0.5, 0.75, 0.03125]),
+        Box([0.5, 0.03125, 1]),
+    )
 
 
 def test_the_matrix_says_what_may_touch() -> None:
@@ -47,7 +51,7 @@ def test_the_matrix_says_what_may_touch() -> None:
     scene = description.build()
     assert scene.check().names() == [("board", "side")]  # the tin may stand on the board
     for name in ("arm_hand", "arm_link/0"):  # rules wait for the robot's links
-        scene.add(name, oc.Box([0.0625, 0.0625, 0.0625]), description.objects[0].pose)
+        scene.add(name, Box([0.0625, 0.0625, 0.0625]), description.objects[0].pose)
     assert set(scene.check().names()) == {("board", "side"), ("tin", "arm_link/0")}
     assert len(description.notes) == 1
     assert "the robot arm is left out" in description.notes[0]
@@ -64,7 +68,7 @@ def test_messages_as_ros_prints_them_are_read() -> None:
         scene.obb("crate/0").rotation, [[0, -1, 0], [1, 0, 0], [0, 0, 1]], atol=1e-15
     )
     assert np.all(scene.obb("wedge").contains([[3, 0, 0], [4, 0, 0], [3, 1, 0], [3, 0, 1]]))
-    assert description.objects[3].shape == oc.Cone(radius=0.125, length=0.25)
+    assert description.objects[3].shape == Cone(radius=0.125, length=0.25)
     np.testing.assert_array_equal(scene.obb("cable").center, [0, 0, 1])
     assert description.objects[0].color == (0.5, 0.25, 0.125, 1.0)
     assert description.objects[2].color is None
@@ -78,7 +82,7 @@ def test_messages_as_ros_prints_them_are_read() -> None:
 def at_one_place(scene: oc.Scene, names: list[str]) -> set[frozenset[str]]:
     """Add objects that all overlap; return the pairs among them that count."""
     for name in names:
-        scene.add(name, oc.Sphere(1.0), [50, 0, 0, 0, 0, 0, 1])
+        scene.add(name, Sphere(1.0), [50, 0, 0, 0, 0, 0, 1])
     return {frozenset(pair) for pair in scene.check().names()}
 
 
@@ -213,9 +217,9 @@ def test_meshes_may_be_files_as_in_motion_bench_maker(tmp_path: Path) -> None:
     description = load_scene(file)
     assert description.names == ["front", "side/0", "side/1", "can"]
     front, side, other, _ = (thing.shape for thing in description.objects)
-    assert isinstance(front, oc.Mesh)
+    assert isinstance(front, Mesh)
     assert front is side  # read once
-    assert isinstance(other, oc.Mesh)
+    assert isinstance(other, Mesh)
     assert other.scale == (0.5, 0.5, 0.25)
     boxes = description.build().boxes
     np.testing.assert_allclose(np.sort(boxes.half_extents[0]), [0.5, 1.0, 2.0], rtol=1e-12)

@@ -29,6 +29,7 @@ from hypothesis import strategies as st
 import obb_collision as oc
 from obb_collision.scene_files import SceneFileError, load_scene
 from obb_collision.scene_files.simulate.motion import unit
+from obb_collision.shapes import Box, Cylinder, Hull, Mesh, Sphere
 
 GOOD = """\
 name: small
@@ -78,19 +79,19 @@ def test_what_a_file_says_is_what_the_scene_has(write: Any) -> None:
     assert description.names == ["table/0", "cup/0", "box", "hand/0", "hand/1"]
     assert description.groups == {"hand": ("hand/*",), "things": ("cup/*", "box")}
     cup = description.objects[1]
-    assert (cup.shape, cup.color) == (oc.Cylinder(0.125, 0.25), (1.0, 0.5, 0.0, 1.0))
-    assert description.objects[3].shape == oc.Sphere(1.0, (1, 2, 3))
+    assert (cup.shape, cup.color) == (Cylinder(0.125, 0.25), (1.0, 0.5, 0.0, 1.0))
+    assert description.objects[3].shape == Sphere(1.0, (1, 2, 3))
     assert description.effects["markers"].mode == "off"
 
     scene = description.build()
     expected = oc.Scene(padding=1e-3, accuracy="obb_faces")
-    expected.add("table/0", oc.Box([2, 1, 0.5]), [0, 0, 0.25, 0, 0, 0, 1], padding=0.0)
-    expected.add("cup/0", oc.Cylinder(0.125, 0.25), [0.5, 0, 0.625, 0, 0, 0, 1])
+    expected.add("table/0", Box([2, 1, 0.5]), [0, 0, 0.25, 0, 0, 0, 1], padding=0.0)
+    expected.add("cup/0", Cylinder(0.125, 0.25), [0.5, 0, 0.625, 0, 0, 0, 1])
     turn = [0, 0, np.sin(0.25), np.cos(0.25)]
-    expected.add("box", oc.Box([0.5, 0.5, 0.5]), [0, 0, 0, *turn], accuracy="aabb")
-    expected.add("hand/0", oc.Sphere(1, (1, 2, 3)), [0, 0, 0, 0, 0, 0.6, 0.8], accuracy="mesh")
+    expected.add("box", Box([0.5, 0.5, 0.5]), [0, 0, 0, *turn], accuracy="aabb")
+    expected.add("hand/0", Sphere(1, (1, 2, 3)), [0, 0, 0, 0, 0, 0.6, 0.8], accuracy="mesh")
     points = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]
-    expected.add("hand/1", oc.Hull(points), accuracy="hull")
+    expected.add("hand/1", Hull(points), accuracy="hull")
     for part in ("centers", "rotations", "half_extents"):
         np.testing.assert_allclose(
             getattr(scene.boxes, part), getattr(expected.boxes, part), rtol=0, atol=1e-15
@@ -125,7 +126,7 @@ def test_meshes_are_found_beside_their_file_and_shared(tmp_path: Path) -> None:
     path.write_text("objects:\n" + "\n".join(entries))
     one, two = (thing.shape for thing in load_scene(path).objects)
     assert one is two
-    assert isinstance(one, oc.Mesh)
+    assert isinstance(one, Mesh)
     assert one.vertices.max() * one.scale[0] == 1.0
 
 
@@ -155,7 +156,7 @@ def test_numbers_arrive_as_yaml_writes_them(tmp_path_factory: Any, rows: list[An
     path.write_text(yaml.safe_dump(content))
     objects = load_scene(path).objects
     assert [thing.pose for thing in objects] == [(*p, *q) for p, q, _ in rows]
-    assert [thing.shape for thing in objects] == [oc.Box(size) for *_, size in rows]
+    assert [thing.shape for thing in objects] == [Box(size) for *_, size in rows]
 
 
 WORDS = """

@@ -32,5 +32,5 @@ def filled_scene(count: int, seed: int = 0) -> oc.Scene:
     rng = np.random.default_rng(seed)
     scene = oc.Scene()
     for k, pose in enumerate(random_poses(count, rng, 0.7 * count ** (1 / 3))):
-        scene.add(f"box/{k}", oc.Box(rng.uniform(0.1, 1.5, 3)), pose)
+        scene.add(f"box/{k}", oc.shapes.Box(rng.uniform(0.1, 1.5, 3)), pose)
     return scene

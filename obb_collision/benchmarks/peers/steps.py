@@ -28,9 +28,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from obb_collision.geometry.boxes import Boxes
-from obb_collision.geometry.shapes.shapes import Box
 from obb_collision.scene.broad_phase.find_pairs import find_pairs
 from obb_collision.scene.scene import Scene
+from obb_collision.shapes import Box
 from obb_collision.typing import Floats
 
 

@@ -31,7 +31,7 @@ import trimesh
 from trimesh.convex import convex_hull
 
 from obb_collision.geometry.shapes.meshes import Mesh
-from obb_collision.geometry.shapes.shapes import Box, Shape
+from obb_collision.shapes import Box, Shape
 from obb_collision.typing import Floats, Mask, Rows
 
 Ask = Callable[[], Mask]

@@ -33,7 +33,7 @@ import numpy as np
 from obb_collision.benchmarks.price.generated import make_meshes
 from obb_collision.geometry.fitting.convex_hull import hull_volume
 from obb_collision.geometry.shapes.meshes import Mesh
-from obb_collision.geometry.shapes.shapes import Box
+from obb_collision.shapes import Box
 from obb_collision.typing import Floats
 
 #: Full edges of the boxes of corpus (a) before scaling, metres.

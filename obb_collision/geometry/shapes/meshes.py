@@ -20,6 +20,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -124,10 +125,23 @@ class Hull(_Cloud):
         return self.points
 
 
+class Triangulation(Protocol):
+    """Anything with vertices (n, 3) and faces (m, 3), such as a ``trimesh.Trimesh``."""
+
+    @property
+    def vertices(self) -> ArrayLike:
+        """(n, 3) metres."""
+
+    @property
+    def faces(self) -> ArrayLike:
+        """(m, 3) rows of vertices."""
+
+
 @dataclass(frozen=True, init=False, eq=False)
 class Mesh(_Cloud):
     """Triangles: vertices (n, 3) metres, faces (m, 3) rows of vertices; no faces: all vertices.
 
+    Instead of both a ``trimesh.Trimesh`` can be given, or what else has ``vertices`` and ``faces``.
     The local box is that of the triangles; vertices that no face uses don't count. Raises
     ValueError for no vertices, numbers that are not finite, faces out of range.
     """
@@ -139,11 +153,13 @@ class Mesh(_Cloud):
 
     def __init__(
         self,
-        vertices: ArrayLike,
-        faces: ArrayLike,
+        vertices: ArrayLike | Triangulation,
+        faces: ArrayLike | None = None,
         scale: ArrayLike = NO_SCALE,
         fit: str = "best",
     ) -> None:
+        if faces is None:
+            vertices, faces = _vertices_and_faces(vertices)
         points = _owned_points(vertices, "vertices")
         self._store(
             vertices=points,
@@ -186,7 +202,16 @@ class Mesh(_Cloud):
         return self.vertices[np.unique(self.faces)] if len(self.faces) else self.vertices
 
 
-def _owned_points(value: ArrayLike, name: str) -> Floats:
+def _vertices_and_faces(mesh: ArrayLike | Triangulation) -> tuple[ArrayLike, ArrayLike]:
+    try:
+        return mesh.vertices, mesh.faces  # type: ignore[union-attr]
+    except AttributeError:
+        raise TypeError(
+            "faces must be given, unless vertices is a mesh such as trimesh's"
+        ) from None
+
+
+def _owned_points(value: Any, name: str) -> Floats:
     points = as_array(value, name, (None, 3)).copy()
     if len(points) == 0:
         raise ValueError(f"{name} must hold at least one point, got none")

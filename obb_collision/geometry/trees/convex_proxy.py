@@ -26,7 +26,7 @@ import numpy as np
 
 from obb_collision.geometry.fitting.convex_hull import convex_hull
 from obb_collision.geometry.shapes.meshes import Hull, Mesh
-from obb_collision.geometry.shapes.shapes import Shape
+from obb_collision.geometry.shapes.primitives import Shape
 from obb_collision.geometry.trees.circumscribed import geodesic_sphere, outer_points
 from obb_collision.geometry.trees.obb_tree import BOX_CORNERS, BOX_FACES
 from obb_collision.numerics.constants import ROUNDOFF

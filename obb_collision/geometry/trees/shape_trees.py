@@ -19,7 +19,7 @@ from __future__ import annotations
 import numpy as np
 
 from obb_collision.geometry.shapes.meshes import Mesh
-from obb_collision.geometry.shapes.shapes import Shape
+from obb_collision.geometry.shapes.primitives import Shape
 from obb_collision.geometry.trees.convex_proxy import hull_mesh
 from obb_collision.geometry.trees.obb_tree import MeshTrees
 from obb_collision.typing import Floats

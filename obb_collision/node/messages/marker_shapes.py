@@ -20,7 +20,7 @@ import numpy as np
 from geometry_msgs.msg import Point
 from visualization_msgs.msg import Marker
 
-from obb_collision.geometry.shapes import shapes
+from obb_collision import shapes
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.messages.shape_plans import MarkerShape, plan_shape
 from obb_collision.scene.building.errors import BuildError

@@ -39,9 +39,9 @@ from typing import Any
 import numpy as np
 from visualization_msgs.msg import Marker
 
+from obb_collision import shapes
 from obb_collision.geometry.fitting.candidates import complete_frame
 from obb_collision.geometry.fitting.enclosing import enclose_points
-from obb_collision.geometry.shapes import shapes
 from obb_collision.geometry.shapes.files import shortened
 from obb_collision.node.messages.conversions import LARGEST_COORDINATE, SMALLEST_MEANT
 from obb_collision.node.messages.errors import RefusedError

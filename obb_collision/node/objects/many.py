@@ -25,11 +25,11 @@ import numpy as np
 import numpy.typing as npt
 from visualization_msgs.msg import Marker
 
-from obb_collision.geometry.shapes.shapes import Cylinder, Ellipsoid, Shape
 from obb_collision.node.messages.conversions import Key, name_from_key
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.objects.objects import Objects
 from obb_collision.node.objects.table import COLUMNS, Slots
+from obb_collision.shapes import Cylinder, Ellipsoid, Shape
 from obb_collision.typing import Floats
 
 KEPT = ("live", "ns", "id", "placed", "world", "expiry", "shaped")

@@ -27,7 +27,6 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from obb_collision.geometry.shapes.shapes import Box, Shape
 from obb_collision.node.messages.conversions import (
     NANOSECONDS,
     Key,
@@ -47,6 +46,7 @@ from obb_collision.node.runtime.guard import Guard
 from obb_collision.scene.building.builder import Builder
 from obb_collision.scene.building.process import Limits
 from obb_collision.scene.scene import Scene
+from obb_collision.shapes import Box, Shape
 from obb_collision.typing import Floats
 
 DEFAULT_LIMIT = 1000

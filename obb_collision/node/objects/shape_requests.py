@@ -28,13 +28,13 @@ from typing import Any
 from weakref import WeakValueDictionary
 
 from obb_collision.geometry.shapes.files import LARGEST_FILE, Version
-from obb_collision.geometry.shapes.shapes import Shape
 from obb_collision.node.messages.conversions import Key
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.messages.shape_plans import Plan, Signature
 from obb_collision.scene.building.builder import Builder, Outcome
 from obb_collision.scene.building.errors import BuildError
 from obb_collision.scene.building.jobs import MeshFile
+from obb_collision.shapes import Shape
 
 CHECK_PERIOD = 1.0
 """Seconds between two looks at a file that is known."""

@@ -34,11 +34,12 @@ from obb_collision.geometry.shapes.files import (
     resolve_path,
     shortened,
 )
-from obb_collision.geometry.shapes.shapes import Hull, LocalBox, Mesh, Shape
+from obb_collision.geometry.shapes.primitives import LocalBox
 from obb_collision.numerics.constants import MAX_MAGNITUDE
 from obb_collision.scene.building.errors import BAD_SHAPE, BuildError
 from obb_collision.scene.building.tree_jobs import perform_hull, perform_tree
 from obb_collision.scene.building.wire import Message
+from obb_collision.shapes import Hull, Mesh, Shape
 from obb_collision.typing import Floats
 
 BAD_POINTS = "bad points"

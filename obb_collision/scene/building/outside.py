@@ -26,12 +26,12 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from obb_collision.geometry.shapes.shapes import Hull, Mesh, Shape
 from obb_collision.geometry.trees.pool import HullPool
 from obb_collision.scene.building.builder import Builder
 from obb_collision.scene.building.errors import BuildError
 from obb_collision.scene.building.shelf import Added, Shelf
 from obb_collision.scene.building.tree_jobs import CompactJob, HullJob, TreeJob
+from obb_collision.shapes import Hull, Mesh, Shape
 from obb_collision.typing import Rows
 
 #: Triangles of a mesh, or points of a hull, that are built at once: 2 ms for a tree.

@@ -25,7 +25,6 @@ from numpy.typing import NDArray
 
 from obb_collision.geometry.fitting.enclosing import round_up
 from obb_collision.geometry.shapes.meshes import Mesh
-from obb_collision.geometry.shapes.shapes import Box, Capsule, Shape, Sphere
 from obb_collision.geometry.trees.convex_proxy import box_corners, hull_mesh
 from obb_collision.geometry.trees.obb_tree import MeshTrees
 from obb_collision.geometry.trees.pool import HullPool, Hulls, TreePool
@@ -33,6 +32,7 @@ from obb_collision.geometry.trees.shape_trees import box_tree, hull_tree, mesh_t
 from obb_collision.obb import OBB
 from obb_collision.scene.building.shelf import Item, Shelf
 from obb_collision.scene.store.store import ObjectStore
+from obb_collision.shapes import Box, Capsule, Shape, Sphere
 from obb_collision.typing import Rows
 
 if TYPE_CHECKING:

@@ -22,12 +22,12 @@ from typing import Any
 
 import numpy as np
 
-from obb_collision.geometry.shapes.shapes import Hull, Mesh
 from obb_collision.geometry.trees.convex_proxy import hull_mesh
 from obb_collision.geometry.trees.obb_tree import MeshTrees
 from obb_collision.geometry.trees.pool import TREE_ARRAYS, Hulls
 from obb_collision.geometry.trees.shape_trees import hull_tree, mesh_tree
 from obb_collision.scene.building.shelf import Added, Shelf
+from obb_collision.shapes import Hull, Mesh
 
 
 @dataclass(frozen=True, eq=False)

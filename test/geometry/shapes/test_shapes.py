@@ -31,7 +31,8 @@ from hypothesis import strategies as st
 from membership import assert_proper, fractions, outside
 from scipy.spatial.transform import Rotation
 
-from obb_collision.geometry.shapes import meshes, shapes
+from obb_collision import shapes
+from obb_collision.geometry.shapes import meshes
 from obb_collision.typing import Floats
 
 SIZE = st.floats(1e-3, 1e3)
@@ -198,6 +199,18 @@ def test_a_mesh_is_boxed_by_its_triangles() -> None:
     assert shapes.Mesh(CUBE, faces).local_box[2] == pytest.approx([1.0, 1.0, 1.0])
     assert shapes.Mesh(vertices, [[0, 1, 2], [5, 6, 7]]).local_box[0] == pytest.approx(np.zeros(3))
     assert shapes.Mesh(vertices, []).local_box[2][0] > 50.0
+
+
+def test_a_mesh_of_trimesh_is_a_mesh() -> None:
+    given_mesh = trimesh.creation.box((1.0, 2.0, 3.0))
+    mesh = shapes.Mesh(given_mesh, scale=(2.0, 1.0, 1.0))
+    assert (mesh.vertices == given_mesh.vertices).all()
+    assert (mesh.faces == given_mesh.faces).all()
+    assert sorted(mesh.local_box[2].tolist()) == [1.0, 1.0, 1.5]
+    with pytest.raises(TypeError, match=r"^faces must be given"):
+        shapes.Mesh(given_mesh.vertices)
+    with pytest.raises(ValueError, match=r"^vertices must be"):
+        shapes.Mesh(given_mesh, given_mesh.faces)
 
 
 def test_bad_meshes_and_hulls_are_refused_by_name() -> None:

@@ -26,7 +26,12 @@ from trimesh import Trimesh, creation
 
 from obb_collision.geometry.fitting.convex_hull import hull_volume
 from obb_collision.geometry.shapes.meshes import Hull, Mesh
-from obb_collision.geometry.shapes.shapes import (
+from obb_collision.geometry.trees.circumscribed import geodesic_sphere, outer_points
+from obb_collision.geometry.trees.convex_proxy import MOST_HULL_CORNERS, hull_mesh
+from obb_collision.geometry.trees.obb_tree import MeshTrees
+from obb_collision.geometry.trees.pool import HullPool, Hulls, TreePool
+from obb_collision.geometry.trees.shape_trees import hull_tree, mesh_tree
+from obb_collision.shapes import (
     Box,
     Capsule,
     Cone,
@@ -35,11 +40,6 @@ from obb_collision.geometry.shapes.shapes import (
     Shape,
     Sphere,
 )
-from obb_collision.geometry.trees.circumscribed import geodesic_sphere, outer_points
-from obb_collision.geometry.trees.convex_proxy import MOST_HULL_CORNERS, hull_mesh
-from obb_collision.geometry.trees.obb_tree import MeshTrees
-from obb_collision.geometry.trees.pool import HullPool, Hulls, TreePool
-from obb_collision.geometry.trees.shape_trees import hull_tree, mesh_tree
 from obb_collision.typing import Floats
 
 ZOO = zoo()

@@ -26,8 +26,7 @@ from geometry_msgs.msg import Point
 from rclpy.serialization import deserialize_message
 from visualization_msgs.msg import Marker, MarkerArray
 
-from obb_collision import OBB, Boxes
-from obb_collision.geometry.shapes import shapes
+from obb_collision import OBB, Boxes, shapes
 from obb_collision.node.messages.box_markers import COLORS, Markers, edge_points
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.messages.marker_shapes import (

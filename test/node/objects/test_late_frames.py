@@ -26,12 +26,12 @@ from objects_rig import MILLISECOND, SECOND, START, KnownUntil, ObjectsRig, plac
 from rig import Rig, cube, pose
 from std_msgs.msg import Header
 
-from obb_collision.geometry.shapes.shapes import Box
 from obb_collision.node.messages.clouds import cloud_to_ros
 from obb_collision.node.messages.conversions import stamp_to_ros
 from obb_collision.node.objects.frames import EXTRAPOLATION
 from obb_collision.node.objects.objects import State
 from obb_collision.node.objects.waiting import STATE, WaitingStates
+from obb_collision.shapes import Box
 
 PERIOD = 20 * MILLISECOND
 """Of the states, and of the cycles."""

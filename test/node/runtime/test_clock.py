@@ -28,9 +28,9 @@ from rclpy.qos import QoSProfile
 from rig import Rig, cube
 from rosgraph_msgs.msg import Clock
 
-from obb_collision.geometry.shapes.shapes import Box
 from obb_collision.node.messages.conversions import stamp_to_ros
 from obb_collision.node.runtime.clock import LARGEST_SLEW, NodeClock, boot_time
+from obb_collision.shapes import Box
 
 A1, A2 = ("a", 1), ("a", 2)
 

@@ -25,12 +25,12 @@ from scipy.optimize import linprog
 from scipy.spatial.transform import Rotation
 
 from obb_collision.geometry.shapes.meshes import Hull
-from obb_collision.geometry.shapes.shapes import Cone, Cylinder
 from obb_collision.geometry.trees.convex_proxy import hull_mesh
 from obb_collision.geometry.trees.obb_tree import MeshTrees
 from obb_collision.geometry.trees.pool import HullPool, Hulls
 from obb_collision.queries.meshes.convex import PlacedHulls, hulls_meet
 from obb_collision.queries.meshes.meshes import PlacedMeshes, mesh_collisions
+from obb_collision.shapes import Cone, Cylinder
 from obb_collision.typing import Floats
 
 ZOO = zoo()

@@ -25,24 +25,25 @@ import pytest
 
 import obb_collision as oc
 from obb_collision.geometry.trees.shape_trees import hull_tree, mesh_tree
+from obb_collision.shapes import Box, Capsule, Cone, Cylinder, Ellipsoid, Hull, Mesh, Shape, Sphere
 
 TETRAHEDRON = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
 FACES = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
 #: Shapes that reach just as far as they are given.
-SHAPES: dict[str, Callable[[float], oc.Shape]] = {
-    "mesh": lambda s: oc.Mesh(TETRAHEDRON * s, FACES),
-    "mesh scaled": lambda s: oc.Mesh(TETRAHEDRON, FACES, scale=[s, s, s]),
-    "mesh in a corner": lambda s: oc.Mesh((1.0 - 1e-3 * TETRAHEDRON) * s, FACES),
-    "triangle": lambda s: oc.Mesh(TETRAHEDRON[:3] * s, FACES[:1]),
-    "hull": lambda s: oc.Hull((2.0 * TETRAHEDRON - 1.0) * s),
-    "flat hull": lambda s: oc.Hull(TETRAHEDRON[:3] * s),
-    "cylinder": lambda s: oc.Cylinder(0.5 * s, s),
-    "cone": lambda s: oc.Cone(0.5 * s, s),
-    "sphere": lambda s: oc.Sphere(s),
-    "sphere stretched": lambda s: oc.Sphere(1.0, scale=[s, 0.5 * s, s]),
-    "capsule": lambda s: oc.Capsule(0.5 * s, s),
-    "ellipsoid": lambda s: oc.Ellipsoid([0.3 * s, s, 0.5 * s]),
-    "box": lambda s: oc.Box([s, s, s]),
+SHAPES: dict[str, Callable[[float], Shape]] = {
+    "mesh": lambda s: Mesh(TETRAHEDRON * s, FACES),
+    "mesh scaled": lambda s: Mesh(TETRAHEDRON, FACES, scale=[s, s, s]),
+    "mesh in a corner": lambda s: Mesh((1.0 - 1e-3 * TETRAHEDRON) * s, FACES),
+    "triangle": lambda s: Mesh(TETRAHEDRON[:3] * s, FACES[:1]),
+    "hull": lambda s: Hull((2.0 * TETRAHEDRON - 1.0) * s),
+    "flat hull": lambda s: Hull(TETRAHEDRON[:3] * s),
+    "cylinder": lambda s: Cylinder(0.5 * s, s),
+    "cone": lambda s: Cone(0.5 * s, s),
+    "sphere": lambda s: Sphere(s),
+    "sphere stretched": lambda s: Sphere(1.0, scale=[s, 0.5 * s, s]),
+    "capsule": lambda s: Capsule(0.5 * s, s),
+    "ellipsoid": lambda s: Ellipsoid([0.3 * s, s, 0.5 * s]),
+    "box": lambda s: Box([s, s, s]),
 }
 PARTNERS = ("box", "mesh", "hull", "cylinder")
 
@@ -84,15 +85,15 @@ def test_the_largest_and_smallest_shapes_get_a_verdict(
 @pytest.mark.parametrize("accuracy", ["obb_tree", "mesh"])
 def test_vertices_that_no_face_uses_may_be_anywhere(accuracy: str) -> None:
     stray = np.concatenate([[[-1e300, 0.0, 1e300]], TETRAHEDRON])
-    mesh = oc.Mesh(stray, FACES + 1, scale=[2.0, 2.0, 2.0])  # the stray one ends at 2e300
+    mesh = Mesh(stray, FACES + 1, scale=[2.0, 2.0, 2.0])  # the stray one ends at 2e300
     scene = oc.Scene(accuracy=accuracy)
     scene.add("mesh", mesh)
-    scene.add("in it", oc.Box([0.1, 0.1, 0.1]), [0.3, 0.3, 0.3, 0, 0, 0, 1])
-    scene.add("beside", oc.Box([0.1, 0.1, 0.1]), [1.5, 1.5, 1.5, 0, 0, 0, 1])
+    scene.add("in it", Box([0.1, 0.1, 0.1]), [0.3, 0.3, 0.3, 0, 0, 0, 1])
+    scene.add("beside", Box([0.1, 0.1, 0.1]), [1.5, 1.5, 1.5, 0, 0, 0, 1])
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert scene.check().names() == [("mesh", "in it")]
-    assert (mesh_tree(mesh).triangles == mesh_tree(oc.Mesh(2 * TETRAHEDRON, FACES)).triangles).all()
+    assert (mesh_tree(mesh).triangles == mesh_tree(Mesh(2 * TETRAHEDRON, FACES)).triangles).all()
 
 
 def test_a_hull_may_stick_out_past_the_largest_coordinate_of_a_shape() -> None:

@@ -31,6 +31,7 @@ from obb_collision.queries.verdict.verdict import pair_verdicts
 from obb_collision.scene import limit
 from obb_collision.scene.broad_phase import find_pairs as pairs
 from obb_collision.scene.refinement.budget import Budget
+from obb_collision.shapes import Box, Cylinder, Mesh, Sphere
 
 ZOO = zoo()
 
@@ -49,8 +50,13 @@ def crowd(seed: int, accuracy: str, **settings: Any) -> oc.Scene:
     """Return piles, a loose heap, a bundle of rods that don't touch, and loners, mixed up."""
     rng = np.random.default_rng(seed)
     scene = oc.Scene(accuracy=accuracy, **settings)
-    ring = oc.Mesh(*ZOO["torus0"])
-    shapes = [oc.Box([0.5, 0.5, 0.5]), ring, oc.Sphere(0.3), oc.Cylinder(0.2, 0.6)]
+    ring = Mesh(*ZOO["torus0"])
+    shapes = [
+        Box([0.5, 0.5, 0.5]),
+        ring,
+        Sphere(0.3),
+        Cylinder(0.2, 0.6),
+    ]
     turned = [0.0, 0.0, np.sin(np.pi / 8), np.cos(np.pi / 8)]
     for k in rng.permutation(90):
         kind, name = k % 6, f"{k % 3}/{k}"
@@ -65,7 +71,7 @@ def crowd(seed: int, accuracy: str, **settings: Any) -> oc.Scene:
             pose = [30.0 + 0.15 * k, 10.0 - 0.15 * k, 0.0, *turned]
         elif kind == 5:
             pose[2] += 50.0 + 10.0 * k
-        shape = oc.Box([20.0, 0.1, 0.1]) if kind == 4 else shapes[k % 4]
+        shape = Box([20.0, 0.1, 0.1]) if kind == 4 else shapes[k % 4]
         scene.add(name, shape, pose)
     return scene
 
@@ -133,7 +139,7 @@ def test_work_and_memory_do_not_grow_with_the_square(monkeypatch: pytest.MonkeyP
     for count in (1500, 3000):
         scene = oc.Scene(max_pairs=1000)
         for k in range(count):
-            scene.add(f"{k}", oc.Box([1.0, 1.0, 1.0]), [1e-6 * k, 0, 0, 0, 0, 0, 1])
+            scene.add(f"{k}", Box([1.0, 1.0, 1.0]), [1e-6 * k, 0, 0, 0, 0, 0, 1])
         scene.check()  # whatever is made once
         scene.move_indices([0], [[0.0, 0, 0.1, 0, 0, 0, 1]])
         decided.clear()
@@ -153,7 +159,7 @@ def test_many_candidates_of_which_none_collide_are_looked_at_piece_by_piece() ->
     scene = oc.Scene(max_pairs=10)
     turned = [0.0, 0.0, np.sin(np.pi / 8), np.cos(np.pi / 8)]
     for k in range(1500):  # bounds of all overlap
-        scene.add(f"{k}", oc.Box([1e4, 0.1, 0.1]), [0.15 * k, -0.15 * k, 0.0, *turned])
+        scene.add(f"{k}", Box([1e4, 0.1, 0.1]), [0.15 * k, -0.15 * k, 0.0, *turned])
     scene.check()
     scene.move_indices(np.arange(1500), scene._store.poses[:1500] + np.eye(7)[2])  # 1 m up
     tracemalloc.start()
@@ -167,7 +173,7 @@ def test_many_candidates_of_which_none_collide_are_looked_at_piece_by_piece() ->
 def test_effects_with_pairs_of_their_own_have_a_limit_and_say_so() -> None:
     scene = oc.Scene(max_pairs=10)
     for k in range(200):
-        scene.add(f"{k}", oc.Box([0.1, 0.1, 0.1]), [0.101 * k, 0, 0, 0, 0, 0, 1])
+        scene.add(f"{k}", Box([0.1, 0.1, 0.1]), [0.101 * k, 0, 0, 0, 0, 0, 1])
     scene.set_effect("clearance", limit=0.05)
     report = scene.check(effects=["clearance"])
     assert len(report.clearances) == 100
@@ -201,6 +207,6 @@ def test_a_limit_is_a_positive_whole_number(wrong: Any) -> None:
         scene.max_pairs = wrong
     assert scene.max_pairs == 5
     for name in ("a", "b"):
-        scene.add(name, oc.Box([1.0, 1.0, 1.0]))
+        scene.add(name, Box([1.0, 1.0, 1.0]))
     scene.max_pairs = 2**53
     assert scene.check(effects=["clearance"]).names() == [("a", "b")]

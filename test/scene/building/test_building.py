@@ -30,7 +30,6 @@ import numpy as np
 import pytest
 import trimesh
 
-from obb_collision.geometry.shapes.shapes import Hull, Mesh
 from obb_collision.scene.building import builder as building
 from obb_collision.scene.building.builder import Builder, Outcome
 from obb_collision.scene.building.errors import (
@@ -51,6 +50,7 @@ from obb_collision.scene.building.jobs import (
 )
 from obb_collision.scene.building.process import Limits
 from obb_collision.scene.building.wire import Message, Pipe
+from obb_collision.shapes import Hull, Mesh
 
 PATIENCE = 120.0
 ONE = np.ones(3)

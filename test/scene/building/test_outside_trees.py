@@ -26,7 +26,6 @@ import pytest
 import trimesh
 
 import obb_collision as oc
-from obb_collision.geometry.shapes.shapes import Box, Hull, Mesh, Shape
 from obb_collision.geometry.trees.obb_tree import MeshTrees
 from obb_collision.geometry.trees.pool import TreePool
 from obb_collision.scene.building import outside, tree_bank
@@ -36,6 +35,7 @@ from obb_collision.scene.building.process import Limits
 from obb_collision.scene.building.shelf import Shelf
 from obb_collision.scene.building.wire import Message
 from obb_collision.scene.report import Report
+from obb_collision.shapes import Box, Hull, Mesh, Shape
 
 PATIENCE = 120.0
 AWAY = (9.0, 0, 0, 0, 0, 0, 1)

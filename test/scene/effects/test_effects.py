@@ -34,7 +34,7 @@ def row_of_cubes(count: int = 5, gap: float = 0.75) -> oc.Scene:
     """Return unit cubes along x, each overlapping the next."""
     scene = oc.Scene()
     for k in range(count):
-        scene.add(f"{'even' if k % 2 == 0 else 'odd'}/{k}", oc.Box([1, 1, 1]), at(gap * k))
+        scene.add(f"{'even' if k % 2 == 0 else 'odd'}/{k}", oc.shapes.Box([1, 1, 1]), at(gap * k))
     return scene
 
 
@@ -102,7 +102,7 @@ def test_a_report_is_of_its_check_however_late_it_is_read() -> None:
     scene.padding = 0.125
     second = scene.check()
     scene.remove("even/0")
-    scene.add("even/0", oc.Sphere(3.0))
+    scene.add("even/0", oc.shapes.Sphere(3.0))
     assert first.depths.tolist() == [0.25] * 4
     assert second.names()[0] == ("even/0", "odd/1")
     assert second.depths[0] == 0.75
@@ -128,7 +128,7 @@ def test_only_objects_that_call_for_an_effect_get_it(calls: list[int]) -> None:
     report = scene.check()
     assert np.isnan(report.depths).tolist() == [True, True, True, False]
     assert calls == [1]
-    scene.add("even/4", oc.Box([1, 1, 1]), at(0.5))
+    scene.add("even/4", oc.shapes.Box([1, 1, 1]), at(0.5))
     assert np.isfinite(scene.check().depths).sum() == 3
     scene.set_effect("separations", objects="nobody")
     assert np.isnan(scene.check().depths).all()
@@ -240,7 +240,7 @@ def test_rules_that_were_taken_back_are_forgotten() -> None:
 def test_objects_may_come_one_by_one_between_checks() -> None:
     scene = oc.Scene()
     for k in range(70):
-        scene.add(str(k), oc.Box([1, 1, 1]), at(0.75 * k))
+        scene.add(str(k), oc.shapes.Box([1, 1, 1]), at(0.75 * k))
         assert len(scene.check()) == k
 
 

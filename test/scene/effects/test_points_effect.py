@@ -42,7 +42,7 @@ def test_every_object_knows_its_points() -> None:
 def test_margin_callers_and_disabled_objects() -> None:
     scene = oc.Scene()
     for name, x in (("zone/1", 0.0), ("zone/2", 5.0), ("other/1", 0.0)):
-        scene.add(name, oc.Box([1, 1, 1]), [x, 0, 0, 0, 0, 0, 1])
+        scene.add(name, oc.shapes.Box([1, 1, 1]), [x, 0, 0, 0, 0, 0, 1])
     scene.points = [[0.75, 0.0, 0.0], [5.0, 0.0, 0.0]]
     scene.set_effect("points", objects="zone/*", margin=0.25)
     found = scene.check().points_inside
@@ -63,7 +63,7 @@ def test_a_new_cloud_is_looked_at_and_none_costs_nothing(monkeypatch: pytest.Mon
 
     monkeypatch.setattr(module, "points_inside", counted)
     scene = oc.Scene()
-    scene.add("zone", oc.Box([1, 1, 1]))
+    scene.add("zone", oc.shapes.Box([1, 1, 1]))
     scene.set_effect("points", "on")
     assert scene.check().points_inside.counts.tolist() == [0]
     scene.points = np.zeros((0, 3))

@@ -31,9 +31,9 @@ def at(x: float, y: float = 0.0, z: float = 0.0) -> list[float]:
 
 def bullet_and_wall(**options: Any) -> oc.Scene:
     scene = oc.Scene()
-    scene.add("wall", oc.Box([0.0625, 4, 4]))
-    scene.add("fast/1", oc.Box([0.125, 0.125, 0.125]), at(-1))
-    scene.add("slow/1", oc.Box([0.125, 0.125, 0.125]), at(-3))
+    scene.add("wall", oc.shapes.Box([0.0625, 4, 4]))
+    scene.add("fast/1", oc.shapes.Box([0.125, 0.125, 0.125]), at(-1))
+    scene.add("slow/1", oc.shapes.Box([0.125, 0.125, 0.125]), at(-3))
     scene.set_effect("sweep", "on", **options)
     scene.check()
     return scene
@@ -91,9 +91,9 @@ def test_what_has_no_way_from_the_check_before_is_not_swept(change: str) -> None
     scene = bullet_and_wall(objects="fast/*")
     if change == "new object":
         scene.remove("fast/1")
-        scene.add("fast/2", oc.Box([0.125, 0.125, 0.125]), at(1))
+        scene.add("fast/2", oc.shapes.Box([0.125, 0.125, 0.125]), at(1))
     elif change == "other shape":
-        scene.add("fast/1", oc.Box([0.125, 0.125, 0.25]), at(1))
+        scene.add("fast/1", oc.shapes.Box([0.125, 0.125, 0.25]), at(1))
     elif change == "disabled":
         scene.set_enabled("fast/1", False)
         scene.move("fast/1", at(1))
@@ -128,7 +128,7 @@ def test_prediction_follows_twists_over_the_horizon(calls: list[str]) -> None:
 def test_a_twist_is_that_of_the_pose_and_swings_a_box_beside_it() -> None:
     scene = oc.Scene()
     scene.add("arm", oc.OBB([1.0, 0, 0], np.eye(3), [0.125, 0.125, 0.125]))
-    scene.add("post", oc.Box([0.25, 0.25, 0.25]), at(0.0, 1.0))
+    scene.add("post", oc.shapes.Box([0.25, 0.25, 0.25]), at(0.0, 1.0))
     scene.set_twist("arm", [0, 0, 0, 0, 0, np.pi / 2])
     ahead = scene.check(effects=["sweep"]).swept.predicted
     assert ahead.pairs.tolist() == [[0, 1]]  # a quarter turn takes one second
@@ -169,7 +169,7 @@ def test_a_pair_whose_sweep_fails_is_named_and_the_others_are_swept(
 def arm_and_post(post: Any, speed: float, horizon: float) -> Any:
     scene = oc.Scene()
     scene.add("arm", oc.OBB([2.0, 0, 0], np.eye(3), [0.0005, 0.0005, 0.0005]), at(5.0, 5.0))
-    scene.add("post", oc.Box([0.008, 0.008, 0.008]), at(5.0 + post, 5.0))
+    scene.add("post", oc.shapes.Box([0.008, 0.008, 0.008]), at(5.0 + post, 5.0))
     scene.set_twist("arm", [0, 0, 0, 0, 0, speed])
     scene.set_effect("sweep", horizon=horizon)
     return scene.check(effects=["sweep"]).swept
@@ -189,7 +189,7 @@ def test_an_arm_goes_round_in_a_circle_and_not_along_chords(speed: float, horizo
 def test_what_is_not_known_is_undecided_and_no_prediction() -> None:
     scene = oc.Scene()
     scene.add("arm", oc.OBB([2.0, 0, 0], np.eye(3), [0.05, 0.05, 0.05]))
-    scene.add("post", oc.Box([0.2, 0.2, 0.2]), at(0.3))
+    scene.add("post", oc.shapes.Box([0.2, 0.2, 0.2]), at(0.3))
     scene.set_twists([0, 1], [[0, 0, 0, 0, 0, 1e6], [0.01, 0, 0, 0, 0, 0]])
     swept = scene.check(effects=["sweep"]).swept
     assert len(swept.predicted) == 0

@@ -353,9 +353,9 @@ def crowd(count: int, **options: Any) -> tuple[oc.Scene, Any]:
     """Return a scene of rings and boxes, and a function that gives new poses to some."""
     rng = np.random.default_rng(count)
     scene = oc.Scene(accuracy="mesh", **options)
-    ring = oc.Mesh(*ZOO["torus0"])
+    ring = oc.shapes.Mesh(*ZOO["torus0"])
     for k in range(count):
-        scene.add(f"{k}", ring if k % 3 else oc.Box([0.3, 0.4, 0.5]))
+        scene.add(f"{k}", ring if k % 3 else oc.shapes.Box([0.3, 0.4, 0.5]))
 
     def move(rows: NDArray[np.int64]) -> None:
         places = rng.uniform(-1.0, 1.0, (len(rows), 3))

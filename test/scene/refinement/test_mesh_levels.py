@@ -32,6 +32,7 @@ from obb_collision.geometry.trees.shape_trees import mesh_tree
 from obb_collision.queries.meshes.convex import PlacedHulls, hulls_meet
 from obb_collision.queries.verdict.coarse import bounds_meet, faces_meet, spheres_meet
 from obb_collision.queries.verdict.verdict import SEPARATE
+from obb_collision.shapes import Mesh
 
 ZOO = zoo()
 LEVELS = ("sphere", "aabb", "obb_faces", "obb", "obb_tree", "hull", "mesh")
@@ -41,21 +42,21 @@ DEPTHS = (0, 1, 2, 3, 5, 8, 12)
 
 
 @pytest.fixture(scope="module")
-def meshes() -> list[oc.Mesh]:
+def meshes() -> list[Mesh]:
     """All meshes, and small copies of them, which come to lie within others."""
-    whole = [oc.Mesh(*mesh) for mesh in ZOO.values()]
-    return whole + [oc.Mesh(*mesh, scale=[0.15] * 3) for mesh in ZOO.values()]
+    whole = [Mesh(*mesh) for mesh in ZOO.values()]
+    return whole + [Mesh(*mesh, scale=[0.15] * 3) for mesh in ZOO.values()]
 
 
 @pytest.fixture(scope="module")
-def stored(meshes: list[oc.Mesh]) -> tuple[oc.MeshTrees, Hulls]:
+def stored(meshes: list[Mesh]) -> tuple[oc.MeshTrees, Hulls]:
     hulls = HullPool()
     for mesh in meshes:
         hulls.append(Hulls.of(hull_mesh(mesh)[0]))
     return oc.MeshTrees.join([mesh_tree(mesh) for mesh in meshes]), hulls.all
 
 
-def world_boxes(meshes: list[oc.Mesh], placed: oc.PlacedMeshes) -> Boxes:
+def world_boxes(meshes: list[Mesh], placed: oc.PlacedMeshes) -> Boxes:
     count = len(placed)
     local = [np.array([mesh.local_box[k] for mesh in meshes])[placed.meshes] for k in range(3)]
     boxes = Boxes.trusted(np.empty((count, 3)), np.empty((count, 3, 3)), local[2])
@@ -68,7 +69,11 @@ def world_boxes(meshes: list[oc.Mesh], placed: oc.PlacedMeshes) -> Boxes:
 
 @pytest.mark.parametrize(("spread", "seed"), [(0.3, 1), (0.6, 2), (1.0, 3)])
 def test_no_level_misses_what_a_more_exact_one_reports(
-    meshes: list[oc.Mesh], stored: tuple[oc.MeshTrees, Hulls], spread: float, seed: int, pairs: int
+    meshes: list[Mesh],
+    stored: tuple[oc.MeshTrees, Hulls],
+    spread: float,
+    seed: int,
+    pairs: int,
 ) -> None:
     """On 66 meshes, solids within solids included; each level by itself, nothing decided before."""
     assert len(ZOO) >= 60
@@ -128,9 +133,9 @@ def test_odd_meshes_collide_where_they_are_and_not_where_they_are_not(
     name: str, level: str
 ) -> None:
     scene = oc.Scene(accuracy=level)
-    scene.add("odd", oc.Mesh(*odd_meshes()[name]))
-    scene.add("far", oc.Mesh(*ZOO["torus1"]), [0, 0, 4.0, 0, 0, 0, 1])
-    scene.add("ball", oc.Mesh(*ZOO["sphere2"]), [5.0, 0, 0, 0, 0, 0, 1])
+    scene.add("odd", Mesh(*odd_meshes()[name]))
+    scene.add("far", Mesh(*ZOO["torus1"]), [0, 0, 4.0, 0, 0, 0, 1])
+    scene.add("ball", Mesh(*ZOO["sphere2"]), [5.0, 0, 0, 0, 0, 0, 1])
     assert scene.check().names() == []
     vertices, faces = odd_meshes()[name]
     corner = vertices[faces[0]].mean(axis=0)
@@ -146,17 +151,17 @@ def test_meshes_that_are_none_are_refused_before_anything_changes() -> None:
     broken = vertices.copy()
     broken[5, 2] = np.nan
     with pytest.raises(ValueError, match="vertices must be finite in row 5"):
-        scene.add("broken", oc.Mesh(broken, faces))
+        scene.add("broken", Mesh(broken, faces))
     with pytest.raises(ValueError, match=r"faces must name vertices 0 to 7 in row 1"):
-        oc.Mesh(vertices, [[0, 1, 2], [0, 1, 8]])
+        Mesh(vertices, [[0, 1, 2], [0, 1, 8]])
     with pytest.raises(ValueError, match="at least one point"):
-        oc.Mesh(np.empty((0, 3)), [])
+        Mesh(np.empty((0, 3)), [])
     assert len(scene) == 0
 
 
-def huge(subdivisions: int) -> oc.Mesh:
+def huge(subdivisions: int) -> Mesh:
     ball = creation.icosphere(subdivisions=subdivisions, radius=0.5)
-    return oc.Mesh(ball.vertices, ball.faces, fit="aabb")
+    return Mesh(ball.vertices, ball.faces, fit="aabb")
 
 
 @pytest.mark.parametrize("level", LEVELS)
@@ -166,7 +171,7 @@ def test_huge_meshes_are_decided_on_every_level(level: str, pairs: int) -> None:
     scene = oc.Scene(accuracy=level, tree_depth=8)
     scene.add("a", ball)
     scene.add("b", ball, [0.8, 0.1, 0, 0, 0, 0, 1])
-    scene.add("cup", oc.Mesh(*ZOO["open_sphere1"]), [0, 0, 3.0, 0, 0, 0, 1])
+    scene.add("cup", Mesh(*ZOO["open_sphere1"]), [0, 0, 3.0, 0, 0, 0, 1])
     assert scene.check().names() == [("a", "b")]
     scene.move("b", [1.2, 0.9, 0.9, 0, 0, 0, 1])
     assert scene.check().names() == []

@@ -12,11 +12,14 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The shapes of objects, all in one place: each knows its ``local_box`` in its own frame."""
+"""The shapes of objects: sizes as URDF and RViz say them, full lengths of edges and axes.
+
+Each lives in its own frame, about its own origin, and has a ``local_box`` there, which contains it.
+``OBB`` and ``Boxes``, which are computed with, have half extents instead.
+"""
 
 from __future__ import annotations
 
-from obb_collision.geometry.shapes.files import resolve_path
 from obb_collision.geometry.shapes.meshes import Hull, Mesh
 from obb_collision.geometry.shapes.primitives import (
     Box,
@@ -24,7 +27,6 @@ from obb_collision.geometry.shapes.primitives import (
     Cone,
     Cylinder,
     Ellipsoid,
-    LocalBox,
     Shape,
     Sphere,
 )
@@ -36,9 +38,7 @@ __all__ = [
     "Cylinder",
     "Ellipsoid",
     "Hull",
-    "LocalBox",
     "Mesh",
     "Shape",
     "Sphere",
-    "resolve_path",
 ]
