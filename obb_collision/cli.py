@@ -20,16 +20,25 @@ The exit code is 2 then, as argparse has it.
 from __future__ import annotations
 
 import argparse
+import signal
+import sys
 from collections.abc import Callable
+from functools import wraps
 from pathlib import Path
-from typing import NoReturn
+from typing import NoReturn, ParamSpec, TypeVar
 
 from obb_collision.words import printable, shown
 
 #: Exit code for arguments that can't be used.
 BAD_USAGE = 2
+#: Exit code of a command that Ctrl-C ends, as shells have it.
+INTERRUPTED = 128 + signal.SIGINT
 #: Largest seed that numpy takes in one piece.
 MAX_SEED = 2**32 - 1
+
+
+Arguments = ParamSpec("Arguments")
+Result = TypeVar("Result")
 
 
 class Parser(argparse.ArgumentParser):
@@ -39,6 +48,25 @@ class Parser(argparse.ArgumentParser):
         """End with the reason."""
         reason = "\n".join(printable(line) for line in message.splitlines())
         self.exit(BAD_USAGE, f"{self.prog}: {reason}; --help says what there is\n")
+
+
+def interruptible(
+    name: str, detail: str = ""
+) -> Callable[[Callable[Arguments, Result]], Callable[Arguments, Result | int]]:
+    """Return a decorator for the main function of a command: Ctrl-C ends it with one line."""
+
+    def decorated(main: Callable[Arguments, Result]) -> Callable[Arguments, Result | int]:
+        @wraps(main)
+        def run(*args: Arguments.args, **options: Arguments.kwargs) -> Result | int:
+            try:
+                return main(*args, **options)
+            except KeyboardInterrupt:
+                sys.stderr.write(f"{name}: interrupted{detail}\n")
+                return INTERRUPTED
+
+        return run
+
+    return decorated
 
 
 def whole(low: int, high: int) -> Callable[[str], int]:

@@ -63,11 +63,7 @@ def latency(args: Sequence[str] | None = None) -> int:
     from obb_collision.benchmarks.latency import main
 
     signal.signal(signal.SIGINT, signal.default_int_handler)
-    try:
-        return main(args)
-    except KeyboardInterrupt:
-        sys.stderr.write("obb_collision_latency: interrupted\n")
-        return 128 + signal.SIGINT
+    return main(args)
 
 
 def fuzz(args: Sequence[str] | None = None) -> int:

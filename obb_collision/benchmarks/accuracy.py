@@ -45,7 +45,7 @@ from obb_collision.benchmarks.price.scenes import (
     real_corpus,
 )
 from obb_collision.benchmarks.price.tables import claims, format_result
-from obb_collision.cli import MAX_SEED, Parser, new_file, real, whole
+from obb_collision.cli import MAX_SEED, Parser, interruptible, new_file, real, whole
 
 #: Seconds a run takes by default, of which compiling takes about a third the first time.
 SECONDS = 100.0
@@ -170,6 +170,7 @@ def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     return parser.parse_args(arguments)
 
 
+@interruptible("obb_collision_accuracy")
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the comparison; exit code 1 if a level missed a collision or a verdict was wrong."""
     options = parse(arguments)

@@ -37,7 +37,7 @@ from scipy.spatial.transform import Rotation
 from trimesh import creation
 
 from obb_collision.accuracy import Accuracy
-from obb_collision.cli import Parser, new_file, real, whole
+from obb_collision.cli import Parser, interruptible, new_file, real, whole
 from obb_collision.geometry.shapes.meshes import Mesh
 from obb_collision.scene.refinement.budget import Budget
 from obb_collision.scene.scene import Scene
@@ -158,6 +158,7 @@ def run(meshes: int, cycles: int, times: float, clock: Clock, seed: int = 0) -> 
     }
 
 
+@interruptible("budget")
 def main(arguments: list[str] | None = None) -> None:
     """Print what happened; ``--json FILE`` writes it too."""
     parser = Parser(description="does the time budget of a scene hold?")
@@ -186,4 +187,4 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    raise SystemExit(main())

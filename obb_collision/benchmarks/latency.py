@@ -34,7 +34,7 @@ from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
 from visualization_msgs.msg import Marker, MarkerArray
 
-from obb_collision.cli import MAX_SEED, Parser, real, whole
+from obb_collision.cli import MAX_SEED, Parser, interruptible, real, whole
 from obb_collision.node.messages.clouds import poses_to_ros
 from obb_collision.node.messages.conversions import (
     NANOSECONDS,
@@ -151,6 +151,7 @@ class Latency:
         self._context.try_shutdown()
 
 
+@interruptible("obb_collision_latency")
 def main(args: Sequence[str] | None = None) -> int:
     """Run the console script ``obb_collision_latency``."""
     parser = Parser(

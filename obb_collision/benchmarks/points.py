@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from obb_collision.cli import Parser, new_file, whole
+from obb_collision.cli import Parser, interruptible, new_file, whole
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.queries.points.points import points_inside
 from obb_collision.typing import Floats
@@ -137,6 +137,7 @@ def _seconds(run: Callable[[], object]) -> tuple[float, float]:
     return time.perf_counter() - start, time.process_time() - used
 
 
+@interruptible("points")
 def main(arguments: list[str] | None = None) -> None:
     """Print the table; ``--json FILE`` writes it too."""
     parser = Parser(description="a cloud in many boxes, beside numpy and a tree")
@@ -165,4 +166,4 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    raise SystemExit(main())

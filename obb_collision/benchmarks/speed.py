@@ -36,7 +36,7 @@ from scipy.spatial.transform import Rotation
 from obb_collision.benchmarks.certificate import measure_certificate
 from obb_collision.benchmarks.effects import format_effects, run_effects, save_effects_plot
 from obb_collision.benchmarks.peers.steps import PEERS, Peer
-from obb_collision.cli import MAX_SEED, Parser, new_file, real, whole
+from obb_collision.cli import MAX_SEED, Parser, interruptible, new_file, real, whole
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.typing import Floats
 
@@ -190,6 +190,7 @@ def _run_effects(options: argparse.Namespace) -> int:
     return 0
 
 
+@interruptible("obb_collision_speed")
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the benchmark and print its table."""
     parser = Parser(prog="obb_collision_speed", description=__doc__)

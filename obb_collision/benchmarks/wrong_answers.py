@@ -42,7 +42,7 @@ from obb_collision.benchmarks.cases.judges import (
     Judge,
     textbook,
 )
-from obb_collision.cli import MAX_SEED, Parser, new_file, whole
+from obb_collision.cli import MAX_SEED, Parser, interruptible, new_file, whole
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.queries.verdict.exact import exact_verdict
 from obb_collision.queries.verdict.verdict import Verdict, Verdicts, verdicts
@@ -193,6 +193,7 @@ def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     return options
 
 
+@interruptible("obb_collision_wrong_answers")
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the comparison; exit code 1 if this library gave a wrong verdict."""
     options = parse(arguments)

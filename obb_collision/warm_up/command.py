@@ -24,7 +24,7 @@ from time import perf_counter
 from typing import TextIO
 
 from obb_collision import _jit, _kernel_cache
-from obb_collision.cli import Parser
+from obb_collision.cli import Parser, interruptible
 from obb_collision.warm_up.processes import Progress, compile_steps
 from obb_collision.warm_up.steps import possible_steps, task_of
 
@@ -32,6 +32,7 @@ WIDTH = 30
 """Characters of the bar."""
 
 
+@interruptible("obb_collision_warm_up", "; what is compiled is kept")
 def main(args: Sequence[str] | None = None) -> int:
     """Compile all kernels that the cache lacks; returns the exit code."""
     parser = Parser(
@@ -53,11 +54,8 @@ def main(args: Sequence[str] | None = None) -> int:
     bar = Bar(sys.stderr, not options.quiet)
     try:
         progress = compile_steps(wanted, look=bar.show)
-    except KeyboardInterrupt:
+    finally:
         bar.end()
-        sys.stderr.write("obb_collision_warm_up: interrupted; what is compiled is kept\n")
-        return 130
-    bar.end()
     for note in dict.fromkeys(progress.notes):
         sys.stderr.write(f"{note}\n")
     for step, reason in progress.failed.items():

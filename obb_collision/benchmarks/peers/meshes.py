@@ -36,7 +36,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from trimesh import creation
 
-from obb_collision.cli import Parser, new_file, whole
+from obb_collision.cli import Parser, interruptible, new_file, whole
 from obb_collision.geometry.trees.obb_tree import MeshTrees
 from obb_collision.queries.meshes.meshes import PlacedMeshes, mesh_collisions
 
@@ -156,6 +156,7 @@ def _seconds(run: Callable[[], object]) -> float:
     return time.process_time() - start
 
 
+@interruptible("meshes")
 def main(arguments: list[str] | None = None) -> None:
     """Print the table; ``--json FILE`` writes it too."""
     parser = Parser(description="mesh against mesh beside python-fcl and coal")
@@ -181,4 +182,4 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    raise SystemExit(main())

@@ -39,7 +39,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from obb_collision.cli import Parser, new_file, whole
+from obb_collision.cli import Parser, interruptible, new_file, whole
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.queries.sweep.sweep import Sweeps, sweep
 from obb_collision.queries.verdict.verdict import Verdict, verdicts
@@ -175,6 +175,7 @@ def _seconds(run: Callable[[], object]) -> float:
     return time.process_time() - start
 
 
+@interruptible("sweeps")
 def main(arguments: list[str] | None = None) -> None:
     """Print the table; ``--json FILE`` writes it too."""
     parser = Parser(description="moving boxes beside python-fcl")
@@ -198,4 +199,4 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    raise SystemExit(main())

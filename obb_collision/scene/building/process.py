@@ -24,6 +24,7 @@ import sys
 from contextlib import suppress
 from dataclasses import dataclass
 
+from obb_collision import _kernel_cache
 from obb_collision.scene.building.errors import NO_BUILDER, NO_MEMORY, TOO_SLOW, BuildError
 from obb_collision.scene.building.wire import Message, Pipe
 
@@ -49,6 +50,10 @@ class Limits:
     waiting: int = 512 << 20
 
 
+class _KilledError(BuildError):
+    """The process was ended by a signal."""
+
+
 class WorkerProcess:
     """Starts the process when it is needed, and anew when it has ended."""
 
@@ -59,10 +64,28 @@ class WorkerProcess:
         self._closed = False
 
     def run(self, message: Message, limits: Limits) -> Message:
-        """Return the reply to a message. BuildError with the reason where there is none."""
-        pipe = self._started(limits)
+        """Return the reply to a message. BuildError with the reason where there is none.
+
+        A process that a signal ends, as where the machine is short of memory, gets a second chance.
+        """
         try:
-            pipe.send(message | {"seconds": limits.seconds}, limits.seconds)
+            return self._ask(message, limits)
+        except _KilledError:
+            if self._closed:
+                raise
+        try:
+            return self._ask(message, limits)
+        except _KilledError as error:
+            raise BuildError(NO_BUILDER, f"twice, {error.detail}") from None
+
+    def _ask(self, message: Message, limits: Limits) -> Message:
+        pipe = self._started(limits)
+        more = {
+            "seconds": limits.seconds,
+            "kernels": [str(place) for place in _kernel_cache.places[1:]],
+        }
+        try:
+            pipe.send(message | more, limits.seconds)
             reply = pipe.receive(limits.seconds)
         except TimeoutError:
             self.stop()
@@ -71,9 +94,9 @@ class WorkerProcess:
             self.stop()  # with half a message in its pipe it is of no use
             raise BuildError(NO_MEMORY) from None
         except (OSError, ValueError) as error:
-            raise BuildError(NO_BUILDER, f"{self._end()}: {error}") from None
+            raise self._ended(f": {error}") from None
         if reply is None:
-            raise BuildError(NO_BUILDER, self._end())
+            raise self._ended()
         if "refused" in reply:
             raise BuildError(reply["refused"], reply["detail"])
         return reply
@@ -105,28 +128,27 @@ class WorkerProcess:
             begun = pipe.receive(STARTING) is not None
         except (OSError, ValueError) as error:
             # nobody to start (no interpreter), no memory to do it, or it does not begin
-            raise BuildError(NO_BUILDER, f"it does not start: {self._end()} {error}") from None
+            raise self._ended(f" {error}", "it does not start: ") from None
         if not begun:
-            raise BuildError(NO_BUILDER, f"it does not start: {self._end()}")
+            raise self._ended(before="it does not start: ")
         self._pipe = pipe
         return pipe
 
-    def _end(self) -> str:
+    def _ended(self, after: str = "", before: str = "") -> BuildError:
         """Return how the process ended, and end it if it hasn't."""
-        process = self._process
-        if process is None:
-            return ""
-        with suppress(subprocess.TimeoutExpired):
-            process.wait(0.2)
-        code = process.poll()
-        self.stop()
-        if code is None:
-            return "it does not answer"
-        if code >= 0:
-            return f"it ended with exit code {code}"
-        with suppress(ValueError):
-            return f"it was ended by {signal.Signals(-code).name}"
-        return f"it was ended by signal {-code}"
+        process, code = self._process, None
+        if process is not None:
+            with suppress(subprocess.TimeoutExpired):
+                process.wait(0.2)
+            code = process.poll()
+            self.stop()
+        if code is not None and code < 0:
+            name = str(-code)
+            with suppress(ValueError):
+                name = signal.Signals(-code).name
+            return _KilledError(NO_BUILDER, f"{before}it was ended by {name}{after}")
+        how = "it does not answer" if code is None else f"it ended with exit code {code}"
+        return BuildError(NO_BUILDER, f"{before}{how if process else ''}{after}")
 
     def stop(self) -> None:
         """End the process, if there is one."""

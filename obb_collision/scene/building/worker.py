@@ -23,6 +23,7 @@ from pathlib import Path
 
 import numpy as np
 
+from obb_collision import _kernel_cache
 from obb_collision.scene.building.errors import NO_BUILDER, NO_MEMORY, BuildError
 from obb_collision.scene.building.jobs import perform
 from obb_collision.scene.building.wire import Message, Pipe
@@ -49,9 +50,16 @@ def main(memory: int) -> None:
     while (message := pipe.receive()) is not None:
         # Ends the process, also one that is blocked and whose parent is gone.
         signal.setitimer(signal.ITIMER_REAL, message["seconds"] + GRACE)
+        _look_for_kernels_in(message.pop("kernels"))
         pipe.send(_reply(message))
         signal.setitimer(signal.ITIMER_REAL, 0.0)
         del message
+
+
+def _look_for_kernels_in(folders: list[str]) -> None:
+    """Use the folders that the process has, to which these kernels are sent, besides the cache."""
+    known = set(map(str, _kernel_cache.places))
+    _kernel_cache.places.extend(Path(folder) for folder in folders if folder not in known)
 
 
 def _take_what_all_jobs_need() -> None:

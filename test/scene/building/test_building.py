@@ -31,6 +31,7 @@ import pytest
 import trimesh
 
 from obb_collision.scene.building import builder as building
+from obb_collision.scene.building import process
 from obb_collision.scene.building.builder import Builder, Outcome
 from obb_collision.scene.building.errors import (
     NO_BUILDER,
@@ -171,9 +172,9 @@ def test_too_little_memory_refuses_the_item_alone(own: Builder) -> None:
 
 
 def signal_worker(builder: Builder, number: int) -> None:
-    process = builder._process._process
-    assert process is not None
-    os.kill(process.pid, number)
+    worker = builder._process._process
+    assert worker is not None
+    os.kill(worker.pid, number)
 
 
 def test_what_takes_too_long_is_refused_and_the_next_is_built(own: Builder) -> None:
@@ -191,21 +192,46 @@ def test_what_takes_too_long_is_refused_and_the_next_is_built(own: Builder) -> N
 def test_a_process_that_dies_is_started_again(own: Builder) -> None:
     job = Triangles(np.random.default_rng(0).normal(size=(300, 3)), ONE)
     build(own, job)
-    process = own._process._process
-    assert process is not None
-    process.kill()
-    process.wait()
+    idle = own._process._process
+    assert idle is not None
+    idle.kill()
+    idle.wait()
     assert isinstance(build(own, job), Mesh), "killed while it had nothing to do"
-    signal_worker(own, signal.SIGSTOP)
-    own.request("key", "doomed", job)
-    while own._running is None:
-        time.sleep(0.001)
-    signal_worker(own, signal.SIGKILL)
-    (outcome,) = wait(own)
-    assert outcome.error is not None
-    assert outcome.error.reason == NO_BUILDER
-    assert "SIGKILL" in outcome.error.detail
-    assert isinstance(build(own, job), Mesh)
+
+
+#: Ends a process with its first job, as often as ``deaths`` says.
+DOOM = """
+import os, pathlib
+from obb_collision.scene.building import worker
+count, perform = pathlib.Path({count!r}), worker.perform
+def doomed(message):
+    died = count.stat().st_size
+    if died < {deaths}:
+        count.write_text("x" * (died + 1))
+        os.kill(os.getpid(), 9)
+    return perform(message)
+worker.perform = doomed
+"""
+
+
+@pytest.mark.parametrize("deaths", [1, 2])
+def test_a_job_whose_process_is_killed_is_tried_once_more(
+    own: Builder, deaths: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    count = tmp_path / "count"
+    count.write_text("")
+    doom = DOOM.format(count=str(count), deaths=deaths)
+    code = process.CODE.replace("main(int", f"exec({doom!r}); main(int")
+    monkeypatch.setattr(process, "CODE", code)
+    job = Triangles(np.random.default_rng(0).normal(size=(300, 3)), ONE)
+    if deaths == 1:
+        assert isinstance(build(own, job), Mesh)
+    else:
+        with pytest.raises(BuildError, match="twice, it was ended by SIGKILL") as caught:
+            build(own, job)
+        assert caught.value.reason == NO_BUILDER
+        assert isinstance(build(own, job), Mesh), "the next one is built"
+    assert count.read_text() == "x" * deaths
 
 
 @pytest.mark.parametrize("executable", ["", "/no/python", "/bin/false", "/bin/cat"])

@@ -19,6 +19,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -26,8 +27,10 @@ import pytest
 import trimesh
 
 import obb_collision as oc
+from obb_collision import _kernel_cache
 from obb_collision.geometry.trees.obb_tree import MeshTrees
 from obb_collision.geometry.trees.pool import TreePool
+from obb_collision.geometry.trees.shape_trees import mesh_tree
 from obb_collision.scene.building import outside, tree_bank
 from obb_collision.scene.building.builder import Builder
 from obb_collision.scene.building.errors import BuildError
@@ -173,6 +176,25 @@ def test_what_is_taken_out_is_not_built(builder: Builder) -> None:
     scene.add("c", ball())
     scene.add("d", ball(1), (0.5, 0, 0, 0, 0, 0, 1))
     assert settled(scene).accuracies.tolist() == [oc.Accuracy.MESH]
+
+
+def test_kernels_are_looked_for_in_the_folders_that_this_process_has(
+    builder: Builder,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    mesh_tree(ball())  # its kernels are in the cache now
+    (tmp_path / "file").write_text("")  # where no kernel can be kept
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "file"))
+    places = [tmp_path / "file", *_kernel_cache.places]
+    monkeypatch.setattr(_kernel_cache, "places", places)
+    scene = oc.Scene(accuracy="mesh")
+    scene.build_outside(builder)
+    scene.add("a", ball())
+    scene.add("b", ball(1), (0.5, 0, 0, 0, 0, 0, 1))
+    assert settled(scene).accuracies.tolist() == [oc.Accuracy.MESH]
+    assert "compiling kernels" not in capfd.readouterr().err
 
 
 @pytest.mark.parametrize("small_pool", [0, 500, 10**9])
