@@ -34,6 +34,7 @@ import os
 import pickle
 import re
 import shutil
+import stat
 import sys
 import tempfile
 import threading
@@ -61,6 +62,12 @@ KEPT_FOLDERS = 8
 #: Seconds since its last use for which a folder stays anyway: a running process may still need it.
 IN_USE = 86400.0
 DIGEST_SIZE = 16
+#: How the names of private folders begin, and the name of the file in them that is locked ...
+PRIVATE, LOCK = "obb_collision-kernels-", "lock"
+#: ... within so many seconds of their making.
+LOCKING = 60.0
+#: Bytes that are written to see whether a folder takes kernels: most have less.
+PROBE = 1 << 16
 
 _IMPORT = re.compile(r"^[ \t]*from obb_collision([\w.]*) import ([^(#\n]*|\([^)]*\))", re.MULTILINE)
 
@@ -145,17 +152,56 @@ def only_loading() -> Iterator[None]:
         _this_thread.only_loads = False
 
 
+def why_not_kept() -> str:
+    """Return why the cache takes no kernels, nothing where it does."""
+    if not places:
+        return "there is no home folder; set NUMBA_CACHE_DIR"
+    try:
+        places[0].mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=places[0]) as file:
+            file.write(bytes(PROBE))
+    except (OSError, ValueError) as error:
+        return str(error)
+    return ""
+
+
 @cache
 def private_place() -> Path | None:
-    """Return a folder of this process's own, which ends with it; None where none can be made."""
+    """Return a folder of this process's own, which ends with it; None where none can be made.
+
+    A file in it is locked for as long as the process lives, however that ends.
+    """
+    import fcntl  # no such thing on Windows, where no node runs either
+
+    drop_left_places()
     try:
-        folder = Path(tempfile.mkdtemp(prefix="obb_collision-kernels-"))
+        folder = Path(tempfile.mkdtemp(prefix=PRIVATE))
     except OSError as error:
         _say_once(None, f"there is no temporary folder for kernels: {error}")
         return None
+    with suppress(OSError):  # where nothing can be locked, nothing is taken for left either
+        fcntl.flock(os.open(folder / LOCK, os.O_CREAT | os.O_RDWR, 0o600), fcntl.LOCK_EX)
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
     places.append(folder)
     return folder
+
+
+def drop_left_places() -> None:
+    """Remove the private folders of this user whose processes are gone, as after a SIGKILL."""
+    import fcntl
+
+    for folder in Path(tempfile.gettempdir()).glob(f"{PRIVATE}*"):
+        with suppress(OSError):  # of another user, locked, or gone meanwhile
+            found = folder.lstat()
+            is_own = stat.S_ISDIR(found.st_mode) and found.st_uid == os.geteuid()
+            if not is_own or time() - found.st_mtime < LOCKING:
+                continue
+            descriptor = os.open(folder / LOCK, os.O_CREAT | os.O_RDWR | os.O_NOFOLLOW, 0o600)
+            try:
+                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                shutil.rmtree(folder, ignore_errors=True)
+            finally:
+                os.close(descriptor)
 
 
 def _say_once(place: Path | None, text: str) -> None:

@@ -144,6 +144,52 @@ def test_a_private_folder_takes_what_the_other_does_not_and_goes_with_the_proces
     assert list(private.iterdir()) == []
 
 
+HOLDING = """
+import sys
+from obb_collision import _kernel_cache as cache
+print(cache.private_place(), flush=True)
+sys.stdin.read()
+"""
+
+
+def test_private_folders_are_removed_once_their_processes_are_gone(tmp_path: Path) -> None:
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    link, young = tmp_path / "obb_collision-kernels-link", tmp_path / "obb_collision-kernels-young"
+    link.symlink_to(elsewhere)
+    young.mkdir()
+    environment = {**os.environ, "TMPDIR": str(tmp_path)}
+    started = [
+        subprocess.Popen(
+            [sys.executable, "-c", HOLDING],
+            env=environment,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        for _ in range(2)
+    ]
+    try:
+        killed, alive = (Path(process.stdout.readline().strip()) for process in started)  # type: ignore[union-attr]
+        started[0].kill()
+        started[0].wait(60.0)
+        for folder in (killed, alive):
+            assert folder.is_dir()
+            os.utime(folder, (0.0, 0.0))
+        run(tmp_path, "from obb_collision._kernel_cache import drop_left_places as drop; drop()",
+            TMPDIR=str(tmp_path))  # fmt: skip
+        assert not killed.exists()
+        assert alive.is_dir()
+        assert young.is_dir()
+        assert elsewhere.is_dir()
+        started[1].communicate(timeout=60.0)
+        assert not alive.exists()
+    finally:
+        for process in started:
+            process.kill()
+            process.communicate()
+
+
 def test_a_thread_that_only_loads_compiles_nothing(tmp_path: Path) -> None:
     code = f"""
 from obb_collision import _kernel_cache as cache

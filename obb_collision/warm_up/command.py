@@ -19,7 +19,6 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from tempfile import TemporaryFile
 from time import perf_counter
 from typing import TextIO
 
@@ -43,7 +42,7 @@ def main(args: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("-q", "--quiet", action="store_true", help="no progress bar")
     options = parser.parse_args(args)
-    reason = why_not_kept()
+    reason = _kernel_cache.why_not_kept()
     if reason:
         sys.stderr.write(f"obb_collision_warm_up: kernels can't be kept: {reason}\n")
         return 1
@@ -68,19 +67,6 @@ def main(args: Sequence[str] | None = None) -> int:
         f"{_kernel_cache.places[0]}: {files} kernels, {size / 1e6:.0f} MB\n"
     )
     return 0
-
-
-def why_not_kept() -> str:
-    """Return why nothing can be written to the cache, nothing if it can."""
-    if not _kernel_cache.places:
-        return "there is no home folder; set NUMBA_CACHE_DIR"
-    try:
-        _kernel_cache.places[0].mkdir(parents=True, exist_ok=True)
-        with TemporaryFile(dir=_kernel_cache.places[0]) as file:
-            file.write(bytes(1 << 16))
-    except (OSError, ValueError) as error:
-        return str(error)
-    return ""
 
 
 def cache_size(folder: Path) -> tuple[int, int]:

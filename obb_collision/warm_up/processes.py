@@ -30,12 +30,18 @@ from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
+from time import monotonic
 from typing import Any
 
 #: More would compile much of what they have in common several times over.
 MOST_PROCESSES = 2
 #: Seconds after which it is asked whether to stop.
 GLANCE = 0.1
+#: Seconds without a kernel compiled or a step done after which a process counts as hanging: the
+#: slowest kernels take 15 s where others have the processors, and a small board is slower.
+PATIENCE = 600.0
+#: Seconds that a process may take to end.
+ENDING = 1.0
 
 CODE = (
     "import sys; sys.path[:] = {path!r}; from obb_collision.warm_up.worker import main; "
@@ -47,8 +53,9 @@ CODE = (
 class Progress:
     """How far it is: steps that are done, kernels compiled, and what failed.
 
-    failed: why, by step; stopped: whether it was stopped before all steps were done; notes: lines
-    that a user should read.
+    failed: why, by step; hung: those of them whose process took too long; unsaved: kernels that no
+    folder took; stopped: whether it was stopped before all steps were done; notes: lines that a
+    user should read.
     """
 
     steps: tuple[str, ...]
@@ -56,6 +63,8 @@ class Progress:
     running: list[str] = field(default_factory=list)
     kernels: list[str] = field(default_factory=list)
     failed: dict[str, str] = field(default_factory=dict)
+    hung: list[str] = field(default_factory=list)
+    unsaved: list[str] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     stopped: bool = False
 
@@ -73,13 +82,15 @@ def compile_steps(
     count: int | None = None,
     private: Path | None = None,
     niceness: int = 0,
+    patience: float = PATIENCE,
     look: Callable[[Progress], None] = lambda progress: None,
     stopped: Callable[[], bool] = lambda: False,
 ) -> Progress:
     """Compile what steps need and the cache lacks, in ``count`` processes; returns at the end.
 
-    private: a second folder for kernels; look: called from time to time, and whenever something
-    has happened; stopped: asked every tenth of a second.
+    private: a second folder for kernels. patience: seconds without a sign of life after which a
+    process is ended, its step has failed, and a new one takes the steps that are left. look: called
+    from time to time, and whenever something has happened. stopped: asked every tenth of a second.
     """
     progress = Progress(tuple(steps))
     waiting = list(progress.steps)
@@ -87,16 +98,26 @@ def compile_steps(
         count = min(MOST_PROCESSES, cores())
     workers: list[_Worker] = []
     with selectors.DefaultSelector() as selector:
+
+        def start() -> None:
+            worker = _Worker(private, niceness)
+            workers.append(worker)
+            selector.register(worker.out, selectors.EVENT_READ, worker)
+            worker.give(waiting, progress)
+
         try:
             for _ in range(min(count, len(waiting))):
-                worker = _Worker(private, niceness)
-                workers.append(worker)
-                selector.register(worker.out, selectors.EVENT_READ, worker)
-                worker.give(waiting, progress)
+                start()
             while selector.get_map() and not progress.stopped:
                 for key, _ in selector.select(GLANCE):
                     if not key.data.take(waiting, progress):
                         selector.unregister(key.fileobj)
+                for key in list(selector.get_map().values()):
+                    if key.data.hangs(patience):
+                        selector.unregister(key.fileobj)
+                        key.data.give_up(patience, progress)
+                        if waiting:
+                            start()
                 look(progress)
                 progress.stopped = stopped()
         except OSError as error:  # no process, no pipe
@@ -129,6 +150,7 @@ class _Worker:
         self._in, self.out = self._process.stdin, self._process.stdout
         self._rest = b""
         self._step: str | None = None
+        self._heard = monotonic()
 
     def give(self, waiting: list[str], progress: Progress) -> None:
         """Give the process the next step."""
@@ -143,17 +165,21 @@ class _Worker:
     def take(self, waiting: list[str], progress: Progress) -> bool:
         """Take what the process says; return whether there may be more."""
         data = os.read(self.out.fileno(), 1 << 16)
+        self._heard = monotonic()
         *lines, self._rest = (self._rest + data).split(b"\n")
         for line in lines:
-            self._hear(json.loads(line), waiting, progress)
+            self._note(json.loads(line), waiting, progress)
         if not data and self._step is not None:
-            code = self._process.wait()
+            with suppress(subprocess.TimeoutExpired):
+                self._process.wait(ENDING)
+            self.end()
+            code = self._process.returncode or 0
             name = signal.Signals(-code).name if code < 0 else f"code {code}"
             progress.failed[self._step] = f"its process ended with {name}"
             progress.running.remove(self._step)
         return bool(data) and self._step is not None
 
-    def _hear(self, said: dict[str, Any], waiting: list[str], progress: Progress) -> None:
+    def _note(self, said: dict[str, Any], waiting: list[str], progress: Progress) -> None:
         if said["event"] == "kernel":
             progress.kernels.append(said["name"])
         elif said["event"] == "note":
@@ -165,8 +191,21 @@ class _Worker:
             if said["error"]:
                 progress.failed[step] = said["error"]
             elif lost:
+                progress.unsaved += lost
                 progress.failed[step] = f"no folder takes kernels ({lost[0]} and others)"
             self.give(waiting, progress)
+
+    def hangs(self, patience: float) -> bool:
+        """Return whether nothing has come from the process for too long."""
+        return self._step is not None and monotonic() - self._heard > patience
+
+    def give_up(self, patience: float, progress: Progress) -> None:
+        """End a process that hangs; its step has failed."""
+        self.end()
+        if self._step is not None:
+            progress.running.remove(self._step)
+            progress.hung.append(self._step)
+            progress.failed[self._step] = f"no kernel was compiled for {patience:g} s"
 
     def end(self) -> None:
         """End the process."""
@@ -174,4 +213,7 @@ class _Worker:
         for pipe in (self._in, self.out):
             with suppress(OSError):
                 pipe.close()
-        self._process.wait()
+        with suppress(
+            subprocess.TimeoutExpired
+        ):  # it is blocked by a file system
+            self._process.wait(ENDING)

@@ -20,6 +20,7 @@ import io
 import os
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -31,6 +32,7 @@ from obb_collision.warm_up.command import Bar, main
 from obb_collision.warm_up.processes import Progress, compile_steps
 from obb_collision.warm_up.steps import BOXES, NEEDS_ROS, STEPS, accuracy_step, possible_steps, run
 
+PATIENCE = 60.0
 LEFT = """
 import sys
 for name in {hidden!r}:
@@ -108,6 +110,28 @@ def test_a_process_that_fails_and_one_that_ends_are_told(monkeypatch: pytest.Mon
     assert set(compile_steps(["a", "b"]).failed) == {"a", "b"}
 
 
+#: A process that says of every step that it is done, and of one nothing.
+STUCK = """
+import json, sys
+for line in sys.stdin:
+    if line.strip() != "stuck":
+        done = dict(event="done", step=line.strip(), unsaved=[], error="")
+        print(json.dumps(done), flush=True)
+"""
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_a_process_that_hangs_is_ended_and_the_other_steps_are_done(
+    monkeypatch: pytest.MonkeyPatch, count: int
+) -> None:
+    monkeypatch.setattr(processes, "CODE", STUCK)
+    progress = compile_steps(["a", "stuck", "b", "c"], count=count, patience=2.0)
+    assert progress.failed == {"stuck": "no kernel was compiled for 2 s"}
+    assert progress.hung == ["stuck"]
+    assert sorted(progress.done) == ["a", "b", "c"]
+    assert progress.running == []
+
+
 def test_it_stops_when_told_to_and_leaves_no_process(monkeypatch: pytest.MonkeyPatch) -> None:
     started: list[subprocess.Popen[bytes]] = []
     real = subprocess.Popen
@@ -140,9 +164,10 @@ os._exit(1)
         command, env=environment, capture_output=True, text=True, timeout=300, check=False
     )
     pid = int(done.stdout)
-    # its input has ended, which it notices while it compiles
-    for _ in iter(lambda: is_alive(pid), False):
-        pass
+    limit = time.monotonic() + PATIENCE
+    while is_alive(pid):  # its input has ended, which it notices while it compiles
+        assert time.monotonic() < limit
+        time.sleep(0.01)
 
 
 def is_alive(pid: int) -> bool:

@@ -23,7 +23,9 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Iterable
-from queue import SimpleQueue
+from contextlib import suppress
+from pathlib import Path
+from queue import Empty, SimpleQueue
 from threading import Event, Thread
 from time import perf_counter
 
@@ -66,21 +68,33 @@ class WarmUp:
         self._queue: SimpleQueue[str | None] = SimpleQueue()
         self._thread: Thread | None = None
         self._closed = Event()
+        self._is_cache_full = False
         self._handler = _Forward(complain)
         _kernel_cache.logger.addHandler(self._handler)
 
     def start(self, things: Iterable[Thing]) -> None:
-        """Make ready what every cycle needs, these things, and all that is compiled already."""
+        """Make ready what every cycle needs, these things, and all that is compiled already.
+
+        A step whose process hangs is refused, as if asked for later, unless every cycle needs it.
+        """
+        _kernel_cache.drop_left_places()
         self._load(NODE_STEPS)
-        wanted = {BOXES, MESSAGES, effect_step("separations"), *map(_step, things)}
+        always = {BOXES, MESSAGES, effect_step("separations")}
+        wanted = always | set(map(_step, things))
         missing = [step for step in NODE_STEPS if step in wanted - self._ready]
         if not missing:
             return
         progress = self._compile(missing, self._stopped, 0)
         self._load(NODE_STEPS)
         failed = [step for step in missing if step not in self._ready]
-        if failed and not progress.stopped:
-            self._compile_here(progress.failed.get(failed[0], "it is not in the cache"))
+        if progress.stopped:
+            return
+        for step in failed:
+            if step in progress.hung and step not in always:
+                self._refuse(step, progress.failed[step])
+        needed = [step for step in failed if step not in self._refused]
+        if needed:
+            self._compile_here(progress.failed.get(needed[0], "it is not in the cache"))
 
     def is_ready(self, thing: Thing) -> bool:
         """Return whether a thing is ready; if not, see to it that it will be."""
@@ -109,19 +123,29 @@ class WarmUp:
         _kernel_cache.logger.removeHandler(self._handler)
 
     def _work(self) -> None:
-        while (step := self._queue.get()) is not None and not self._closed.is_set():
-            self._load([step])
-            reason = ""
-            if step not in self._ready:
-                progress = self._compile([step], self._closed.is_set, NICENESS)
+        while (asked := self._next()) and not self._closed.is_set():
+            self._load(asked)
+            missing = [step for step in asked if step not in self._ready]
+            failed: dict[str, str] = {}
+            if missing:
+                progress = self._compile(missing, self._closed.is_set, NICENESS)
                 if progress.stopped:
                     return
-                reason = progress.failed.get(step, "it is not in the cache")
-                self._load([step])
-            if step in self._ready:
-                self._refused.pop(step, None)
-            else:
-                self._refuse(step, reason)
+                failed = progress.failed
+                self._load(missing)
+            for step in asked:
+                if step in self._ready:
+                    self._refused.pop(step, None)
+                else:
+                    self._refuse(step, failed.get(step, "it is not in the cache"))
+
+    def _next(self) -> list[str]:
+        """Return all steps asked for, at least one; nothing once it is closed."""
+        asked = [self._queue.get()]
+        with suppress(Empty):
+            while True:
+                asked.append(self._queue.get_nowait())
+        return [] if None in asked else [step for step in asked if step is not None]
 
     def _refuse(self, step: str, reason: str) -> None:
         self._refused[step] = f"can't be compiled: {reason}"
@@ -155,10 +179,12 @@ class WarmUp:
             f"in {kept} (obb_collision_warm_up compiles all beforehand)"
         )
         start = perf_counter()
-        due, noted = start + FIRST_WORD, 0
+        due, noted, done = start + FIRST_WORD, 0, 0
 
         def look(progress: Progress) -> None:
-            nonlocal due, noted
+            nonlocal due, noted, done
+            self._load(progress.done[done:])
+            done = len(progress.done)
             for note in progress.notes[noted:]:
                 self._complain(note)
             noted = len(progress.notes)
@@ -172,17 +198,23 @@ class WarmUp:
 
         progress = compile_steps(
             missing,
-            private=_kernel_cache.private_place(),
+            private=self._private_place(),
             niceness=niceness,
             look=look,
             stopped=stopped,
         )
+        self._is_cache_full |= bool(progress.unsaved)
         if not progress.stopped:
             self._say(
                 f"{len(progress.kernels)} kernels compiled in {perf_counter() - start:.1f} s for "
                 f"{', '.join(progress.done) or 'nothing'}"
             )
         return progress
+
+    def _private_place(self) -> Path | None:
+        """Return a folder for what the cache does not take, None where it takes all."""
+        needed = self._is_cache_full or _kernel_cache.why_not_kept()
+        return _kernel_cache.private_place() if needed else None
 
     def _compile_here(self, reason: str) -> None:
         """Compile all that may ever be switched on, as nothing can be compiled elsewhere later."""
@@ -191,7 +223,7 @@ class WarmUp:
             "on later is compiled before the start"
         )
         for step in NODE_STEPS:
-            if step not in self._ready and not self._stopped():
+            if step not in self._ready | self._refused.keys() and not self._stopped():
                 start, before = perf_counter(), len(_compiling.compiled.names)
                 steps.run(step)
                 self._ready.add(step)

@@ -17,7 +17,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from threading import Event
+from time import monotonic
 from typing import Any
 
 import pytest
@@ -35,6 +37,8 @@ from obb_collision.warm_up.processes import Progress
 from obb_collision.warm_up.steps import BOXES, MESSAGES, NODE_STEPS, STEPS
 
 SEPARATIONS = "effect separations"
+PATIENCE = 60.0
+"""Seconds that a thread may take on a loaded machine."""
 
 
 class Cache:
@@ -45,6 +49,9 @@ class Cache:
         self.compiled: list[str] = []
         self.here: list[str] = []
         self.failures: dict[str, str] = {}
+        self.hung: list[str] = []
+        self.unsaved: list[str] = []
+        self.private: list[Path | None] = []
         self.may_go_on = Event()
         self.may_go_on.set()
         self.asked = Event()
@@ -60,10 +67,12 @@ class Cache:
     def compile_steps(self, wanted: list[str], **options: Any) -> Progress:
         """Stand in for ``compile_steps``."""
         self.asked.set()
-        self.may_go_on.wait()
+        assert self.may_go_on.wait(PATIENCE)
         progress = Progress(tuple(wanted), done=list(wanted))
         self.compiled += wanted
         progress.failed = {step: why for step, why in self.failures.items() if step in wanted}
+        progress.hung, progress.unsaved = self.hung, self.unsaved
+        self.private.append(options["private"])
         self.kept |= set(wanted) - progress.failed.keys()
         options["look"](progress)
         return progress
@@ -79,9 +88,10 @@ class Log:
 
 
 def wait_for(reached: Callable[[], bool]) -> None:
-    """Wait until something is reached; the test hangs if it never is."""
-    done = Event()
+    """Wait until something is reached."""
+    done, limit = Event(), monotonic() + PATIENCE
     while not reached():
+        assert monotonic() < limit, "not reached"
         done.wait(0.01)
 
 
@@ -157,6 +167,60 @@ def test_where_nothing_can_be_kept_all_that_may_be_switched_on_is_compiled_befor
     assert all(log.warm.is_ready(thing) for thing in (*Accuracy, "sweep", "points"))
 
 
+def test_a_step_whose_process_hangs_is_refused_and_the_others_are_ready(
+    cache: Cache, log: Log, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cache.failures, cache.hung = {"effect sweep": "it hangs"}, ["effect sweep"]
+    log.warm.start(["sweep", Accuracy.MESH])
+    assert log.warm.is_ready(Accuracy.MESH)
+    assert not log.warm.is_ready("sweep")
+    assert log.warm.why_not("sweep") == "can't be compiled: it hangs"
+    assert cache.here == []
+    cache.failures.clear()
+    monkeypatch.setattr(warm_up, "perf_counter", lambda: float("inf"))  # much later
+    wait_for(lambda: log.warm.is_ready("sweep"))
+
+
+def test_a_step_is_ready_before_those_compiled_beside_it(
+    cache: Cache, log: Log, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cache.kept = {BOXES, MESSAGES, SEPARATIONS}
+    log.warm.start([])
+    seen = []
+    compile_steps = cache.compile_steps
+
+    def compile_two(wanted: list[str], **options: Any) -> Progress:
+        progress = compile_steps(wanted, **options)
+        seen.append(log.warm.is_ready("sweep"))
+        return progress
+
+    monkeypatch.setattr(warm_up, "compile_steps", compile_two)
+    wait_for(lambda: log.warm.is_ready("sweep"))
+    assert seen == [True]
+
+
+def test_a_private_folder_is_made_only_where_the_cache_does_not_take_kernels(
+    cache: Cache, log: Log, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(_kernel_cache, "private_place", lambda: tmp_path / "private")
+    monkeypatch.setattr(_kernel_cache, "places", [tmp_path / "cache"])
+    cache.unsaved = ["a kernel"]
+    log.warm.start([])
+    cache.unsaved = []
+    for thing in ("sweep", "points"):
+        wait_for(lambda thing=thing: log.warm.is_ready(thing))  # type: ignore[misc]
+    assert cache.private == [None, tmp_path / "private", tmp_path / "private"]
+    cache.private.clear()
+    (tmp_path / "file").write_text("")
+    for place, private in (("cache", None), ("file/cache", tmp_path / "private")):
+        monkeypatch.setattr(_kernel_cache, "places", [tmp_path / place])
+        cache.kept.clear()
+        other = Log()
+        other.warm.start([])
+        other.warm.close()
+        assert cache.private.pop() == private
+
+
 def test_a_start_that_is_given_up_compiles_nothing_more(
     cache: Cache, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -188,7 +252,7 @@ def test_closing_waits_until_nothing_is_compiled_any_more(
     warm = WarmUp(lambda text: None, lambda text: None)
     warm.start([])
     assert not warm.is_ready("sweep")
-    begun.wait()
+    assert begun.wait(PATIENCE)
     warm.close()
     assert ended.is_set()
 
