@@ -213,7 +213,5 @@ class _Worker:
         for pipe in (self._in, self.out):
             with suppress(OSError):
                 pipe.close()
-        with suppress(
-            subprocess.TimeoutExpired
-        ):  # it is blocked by a file system
+        with suppress(subprocess.TimeoutExpired):  # it is blocked by a file system
             self._process.wait(ENDING)
