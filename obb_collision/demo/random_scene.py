@@ -20,8 +20,10 @@ from math import sqrt
 
 import numpy as np
 
+from obb_collision.geometry.poses import Pose
 from obb_collision.scene_files.description import SceneDescription, SceneObject
-from obb_collision.scene_files.simulate.motion import Loop, Pose, from_rpy
+from obb_collision.scene_files.places import from_rpy
+from obb_collision.scene_files.simulate.motion import Loop
 from obb_collision.shapes import Box, Cylinder, Shape, Sphere
 from obb_collision.typing import Floats
 

@@ -12,9 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Poses: quaternions (x y z w) and rotation matrices, and how a pose moves a box.
+"""Poses: their algebra, quaternions (x y z w) and rotation matrices, and how a pose moves a box.
 
 A pose is seven numbers, ``x y z qx qy qz qw``: the position in metres and a unit quaternion.
+Poses come as arrays (..., 7) and quaternions as (..., 4); leading dimensions broadcast.
 """
 
 from __future__ import annotations
@@ -31,6 +32,10 @@ from obb_collision.geometry.validation import (
 )
 from obb_collision.numerics.constants import ORTHONORMAL_ROUNDING
 from obb_collision.typing import Floats
+
+#: One pose, or quaternion, as plain numbers.
+Pose = tuple[float, float, float, float, float, float, float]
+Quaternion = tuple[float, float, float, float]
 
 IDENTITY_POSE: Floats = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
 IDENTITY_POSE.setflags(write=False)
@@ -50,6 +55,64 @@ def as_poses(
     poses = as_array(value, name, (None, 7))
     quaternions = as_quaternions(poses[:, 3:], f"{name} (quaternion)", (None, 4), numbers, warn)
     return np.ascontiguousarray(poses[:, :3]), matrices_from_quaternions(quaternions)
+
+
+def unit_quaternions(quaternions: ArrayLike) -> Floats:
+    """Return quaternions of unit length; ValueError for one of length 0."""
+    given = np.asarray(quaternions, np.float64)
+    flat = as_quaternions(given.reshape(-1, 4), "quaternions", (None, 4), warn=False)
+    return flat.reshape(given.shape)
+
+
+def unit_poses(poses: ArrayLike) -> Floats:
+    """Return poses with quaternions of unit length; ValueError for one of length 0."""
+    given = np.asarray(poses, np.float64)
+    return np.concatenate([given[..., :3], unit_quaternions(given[..., 3:])], axis=-1)
+
+
+def compose_poses(outer: ArrayLike, inner: ArrayLike) -> Floats:
+    """Return ``inner``, given in the frame ``outer``, in the frame in which ``outer`` is given.
+
+    Quaternions are normalised first. Positions that overflow are infinite or NaN.
+    """
+    a, b = unit_poses(outer), unit_poses(inner)
+    places = _placed(a[..., :3], a[..., 3:], b[..., :3])
+    return np.concatenate([places, multiply_quaternions(a[..., 3:], b[..., 3:])], axis=-1)
+
+
+def inverse_poses(poses: ArrayLike) -> Floats:
+    """Return the poses that undo poses."""
+    back = unit_poses(poses) * (1.0, 1.0, 1.0, -1.0, -1.0, -1.0, 1.0)
+    return np.concatenate([rotate_vectors(back[..., 3:], -back[..., :3]), back[..., 3:]], axis=-1)
+
+
+def rotate_vectors(quaternions: Floats, vectors: Floats) -> Floats:
+    """Return vectors (..., 3) turned by unit quaternions."""
+    return _placed(np.zeros(3), quaternions, vectors)
+
+
+def _placed(positions: Floats, quaternions: Floats, vectors: Floats) -> Floats:
+    """Return positions + rotated vectors: v + 2 w (u x v) + 2 u x (u x v) for (u, w)."""
+    axes, w = quaternions[..., :3], quaternions[..., 3:]
+    with np.errstate(over="ignore", invalid="ignore"):  # see ``compose_poses``
+        turned = 2.0 * np.cross(axes, vectors)
+        result: Floats = positions + vectors + w * turned + np.cross(axes, turned)
+    return result
+
+
+def multiply_quaternions(a: Floats, b: Floats) -> Floats:
+    """Return the quaternions of rotating by b, then by a."""
+    ax, ay, az, aw = (a[..., k] for k in range(4))
+    bx, by, bz, bw = (b[..., k] for k in range(4))
+    return np.stack(
+        [
+            aw * bx + ax * bw + ay * bz - az * by,
+            aw * by - ax * bz + ay * bw + az * bx,
+            aw * bz + ax * by - ay * bx + az * bw,
+            aw * bw - ax * bx - ay * by - az * bz,
+        ],
+        axis=-1,
+    )
 
 
 def matrices_from_quaternions(quaternions: Floats) -> Floats:

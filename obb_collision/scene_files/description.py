@@ -24,21 +24,12 @@ from typing import Any
 import numpy as np
 
 from obb_collision.accuracy import Accuracy
+from obb_collision.geometry.poses import Pose
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.scene import Scene
 from obb_collision.scene.store.patterns import matching
 from obb_collision.scene_files.simulate.lidar import Lidar
-from obb_collision.scene_files.simulate.motion import (
-    AT_REST,
-    Follow,
-    Motion,
-    Pose,
-    State,
-    carried,
-    compose,
-    inverse,
-    unit,
-)
+from obb_collision.scene_files.simulate.motion import Motion, states_at
 from obb_collision.shapes import Shape
 from obb_collision.typing import Floats
 from obb_collision.words import shown
@@ -160,45 +151,6 @@ class SceneDescription:
             or not -MAX_TIME <= time <= MAX_TIME
         ):
             raise ValueError(f"time must be seconds up to {MAX_TIME:g}, got {shown(time)}")
-        things = {thing.name: thing for thing in self.objects}
-        known: dict[str, State] = {}
-        begun: dict[str, State] = known if time == 0.0 else {}
-        rows = [_state(things, name, time, known, begun) for name in things]
-        poses = np.array([pose for pose, _ in rows], np.float64).reshape(-1, 7)
-        twists = np.array([twist for _, twist in rows], np.float64).reshape(-1, 6)
-        return poses, twists
-
-
-def _state(
-    things: Mapping[str, SceneObject],
-    name: str,
-    time: float,
-    known: dict[str, State],
-    begun: dict[str, State],
-) -> State:
-    """Return the state of one object, that of whom it follows first.
-
-    known, begun: those found so far, at this time and at the start, each computed once.
-    """
-    if name in known:
-        return known[name]
-    thing = things[name]
-    start = thing.pose
-    if thing.motion is None:
-        state: State = start, AT_REST
-    elif isinstance(thing.motion, Follow):
-        pose, twist = _state(things, thing.motion.name, time, known, begun)
-        if thing.motion.loop is None:
-            begin = _state(things, thing.motion.name, 0.0, begun, begun)[0]
-            inner = compose(inverse(_united(begin)), _united(start)), AT_REST
-        else:
-            inner = thing.motion.loop.state(start, time)
-        state = carried((_united(pose), twist), inner)
-    else:
-        state = thing.motion.state(_united(start), time)
-    known[name] = state
-    return state
-
-
-def _united(pose: Pose) -> Pose:
-    return (*pose[:3], *unit(pose[3:]))
+        starts = np.array([thing.pose for thing in self.objects], np.float64).reshape(-1, 7)
+        rows = {name: row for row, name in enumerate(self.names)}
+        return states_at(starts, [thing.motion for thing in self.objects], rows, float(time))

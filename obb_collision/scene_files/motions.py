@@ -19,19 +19,13 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from itertools import pairwise
 
+import numpy as np
+
+from obb_collision.geometry.poses import Pose, Quaternion
 from obb_collision.scene_files.description import SceneObject
 from obb_collision.scene_files.errors import Problems
-from obb_collision.scene_files.places import check_angles, quaternion_of
-from obb_collision.scene_files.simulate.motion import (
-    Follow,
-    Loop,
-    Motion,
-    Pose,
-    Quaternion,
-    Steady,
-    from_rpy,
-    unit,
-)
+from obb_collision.scene_files.places import check_angles, from_rpy, quaternion_of, unit
+from obb_collision.scene_files.simulate.motion import Follow, Loop, Motion, Steady
 from obb_collision.scene_files.yaml_values import Value
 
 #: Metres, m/s and rad/s: what moves keeps within them, far from where sums overflow.
@@ -90,8 +84,8 @@ def _read_loop(value: Value, turn: Quaternion, period: float) -> Loop:
     if times[0] != 0.0 or not ascending:
         value.refuse(f"times must ascend from 0 and stay below the period {period:g}, got {times}")
     loop = Loop(tuple(pose for pose, _ in read), tuple(times), period)
-    for time in times:
-        if max(map(abs, loop.state(read[0][0], time)[1])) > MAX_MOVING:
+    for time, speed in zip(times, np.abs(loop.twists).max(axis=1), strict=True):
+        if not speed <= MAX_MOVING:
             value.refuse(f"from {time:g} s on it moves at more than {MAX_MOVING:g} m/s or rad/s")
     return loop
 

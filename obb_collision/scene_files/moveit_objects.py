@@ -18,11 +18,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from obb_collision.geometry.poses import Pose, compose_poses
 from obb_collision.scene_files.description import SceneObject
 from obb_collision.scene_files.mesh_files import MeshFiles
 from obb_collision.scene_files.objects import NO_SCALE, read_scale
 from obb_collision.scene_files.places import NO_TURN, settled
-from obb_collision.scene_files.simulate.motion import Pose, compose, unit
 from obb_collision.scene_files.yaml_values import Value
 from obb_collision.shapes import Box, Cone, Cylinder, Mesh, Shape, Sphere
 
@@ -94,9 +94,9 @@ def read_object(value: Value, base: Pose, files: MeshFiles) -> list[SceneObject]
     if not shapes:
         value.refuse("needs primitives or meshes")
     if "pose" in fields:
-        base = compose(united(base), united(read_pose(fields["pose"])))
+        base = composed(base, read_pose(fields["pose"]))
     # what is not moved stays as it is given, bit for bit
-    poses = [pose if base == IDENTITY else compose(base, united(pose)) for _, pose in shapes]
+    poses = [pose if base == IDENTITY else composed(base, pose) for _, pose in shapes]
     names = [name] if len(shapes) == 1 else [f"{name}/{k}" for k in range(len(shapes))]
     return [
         SceneObject(part, shape, pose)
@@ -183,9 +183,10 @@ def read_pose(value: Value) -> Pose:
     return (*place, *turn)
 
 
-def united(pose: Pose) -> Pose:
-    """Return a pose with its quaternion made one of length 1."""
-    return (*pose[:3], *unit(pose[3:]))
+def composed(outer: Pose, inner: Pose) -> Pose:
+    """Return a pose given in the frame ``outer`` in the frame of that."""
+    x, y, z, qx, qy, qz, qw = compose_poses(outer, inner).tolist()
+    return x, y, z, qx, qy, qz, qw
 
 
 def _read_vector(value: Value, parts: tuple[str, ...]) -> tuple[float, ...]:

@@ -21,12 +21,13 @@ from dataclasses import replace
 from pathlib import Path
 
 from obb_collision.accuracy import ALL_LEVELS, Accuracy, as_accuracy
+from obb_collision.geometry.poses import Pose
 from obb_collision.scene_files.description import Color, SceneDescription, SceneObject, Triple
 from obb_collision.scene_files.errors import Problems
 from obb_collision.scene_files.mesh_files import MeshFiles
 from obb_collision.scene_files.motions import MAX_MOVING, check_followers, read_motion
 from obb_collision.scene_files.places import quaternion_of
-from obb_collision.scene_files.simulate.motion import Follow, Loop, Motion, Pose
+from obb_collision.scene_files.simulate.motion import Follow, Loop, Motion
 from obb_collision.scene_files.yaml_values import Value
 from obb_collision.shapes import (
     Box,

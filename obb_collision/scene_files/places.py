@@ -18,8 +18,10 @@ from __future__ import annotations
 
 from math import pi
 
+from scipy.spatial.transform import Rotation
+
+from obb_collision.geometry.poses import Quaternion, unit_quaternions
 from obb_collision.geometry.validation import is_far_from_unit
-from obb_collision.scene_files.simulate.motion import Quaternion, from_rpy, unit
 from obb_collision.scene_files.yaml_values import Value
 
 NO_TURN: Quaternion = (0.0, 0.0, 0.0, 1.0)
@@ -60,3 +62,15 @@ def settled(value: Value, quaternion: Quaternion) -> Quaternion:
         return quaternion
     value.doubt(f"a quaternion far from unit length, taken as normalised, got {value.shown()}")
     return unit(quaternion)
+
+
+def unit(quaternion: Quaternion) -> Quaternion:
+    """Return a quaternion of length 1."""
+    x, y, z, w = unit_quaternions(quaternion).tolist()
+    return x, y, z, w
+
+
+def from_rpy(roll: float, pitch: float, yaw: float) -> Quaternion:
+    """Return the quaternion of turns about the fixed axes x, then y, then z (ROS REP 103)."""
+    x, y, z, w = Rotation.from_euler("xyz", (roll, pitch, yaw)).as_quat().tolist()
+    return x, y, z, w

@@ -31,6 +31,7 @@ from obb_collision.geometry.fitting.convex_hull import (
     hull_polygon,
     least_rectangle_direction,
 )
+from obb_collision.geometry.poses import matrices_from_quaternions
 from obb_collision.numerics.constants import DEPENDENT
 from obb_collision.typing import Floats
 
@@ -200,17 +201,10 @@ def _turned(points: Floats, frame: Floats, axis: int) -> Floats:
 def spread_frames() -> Floats:
     """Return (n, 3, 3) orientations spread over all there are, always the same.
 
-    Random quaternions from a fixed seed (Shoemake 1992), turned into matrices; not orthonormal
-    to more than a few roundoffs.
+    Random quaternions from a fixed seed (Shoemake 1992), turned into matrices.
     """
     quaternions = np.random.default_rng(0).normal(size=(SPREAD, 4))
-    x, y, z, w = (quaternions / np.linalg.norm(quaternions, axis=1)[:, None]).T
-    rows = [
-        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)],
-        [2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w)],
-        [2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)],
-    ]
-    return np.moveaxis(np.array(rows), 2, 0)
+    return matrices_from_quaternions(quaternions / np.linalg.norm(quaternions, axis=1)[:, None])
 
 
 def box_size(points: Floats, frame: Floats, floor: float) -> float:

@@ -31,7 +31,7 @@ from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from geometry_msgs.msg import Pose, Transform, Twist, Vector3
 from sensor_msgs.msg import MultiDOFJointState
 
-from obb_collision.geometry.validation import UNIT_TOLERANCE, as_quaternions
+from obb_collision.geometry.validation import UNIT_TOLERANCE
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.messages.names import namespace_number
 from obb_collision.typing import Floats
@@ -205,27 +205,3 @@ def far_from_unit(poses: Floats) -> npt.NDArray[np.bool_]:
     with np.errstate(over="ignore"):
         lengths = np.sqrt(np.square(poses[:, 3:]).sum(axis=1))
     return np.abs(lengths - 1.0) > UNIT_TOLERANCE
-
-
-def normalised(poses: Floats) -> Floats:
-    """(n, 7) poses with quaternions of unit length."""
-    quaternions = as_quaternions(poses[:, 3:], "poses", (None, 4), warn=False)
-    return np.column_stack((poses[:, :3], quaternions))
-
-
-def compose_poses(outer: Floats, inner: Floats) -> Floats:
-    """``outer`` (7,) after ``inner`` (n, 7): poses given in a frame, placed where that frame is."""
-    x, y, z, w = as_quaternions(outer[3:], "outer", (4,), warn=False)
-    turns = as_quaternions(inner[:, 3:], "inner", (None, 4), warn=False)
-    vector, bx, by, bz, bw = inner[:, :3], *turns.T
-    axis = np.array((x, y, z))
-    with np.errstate(over="ignore", invalid="ignore"):  # the caller looks at what came out
-        turned = 2.0 * np.cross(axis, vector)
-        placed = outer[:3] + vector + w * turned + np.cross(axis, turned)
-    quaternion = (
-        w * bx + x * bw + y * bz - z * by,
-        w * by - x * bz + y * bw + z * bx,
-        w * bz + x * by - y * bx + z * bw,
-        w * bw - x * bx - y * by - z * bz,
-    )
-    return np.column_stack((placed, *quaternion))

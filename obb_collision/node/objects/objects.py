@@ -27,12 +27,12 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from obb_collision.geometry.poses import unit_poses
 from obb_collision.node.messages.conversions import (
     NANOSECONDS,
     Key,
     far_from_unit,
     name_from_key,
-    normalised,
 )
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.messages.names import shortened
@@ -333,7 +333,7 @@ class Objects:
         far = far_from_unit(poses)
         if far.any():
             self._doubt(FAR, slots[far], state.topic, "taken as normalised")
-            poses = np.where(far[:, None], normalised(poses), poses)
+            poses = np.where(far[:, None], unit_poses(poses), poses)
         self.placement.supersede(slots, frame)
         table.given[slots] = poses
         table.twist[slots] = twists

@@ -25,10 +25,9 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from obb_collision.geometry.poses import as_poses
+from obb_collision.geometry.poses import as_poses, compose_poses
 from obb_collision.node.messages.conversions import (
     NANOSECONDS,
-    compose_poses,
     name_from_key,
     pose_faults,
 )

@@ -12,26 +12,39 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Motions of a scene file's objects: pose and twist at a time, for demos and measurements.
+"""Motions of a scene file's objects: poses and twists at a time, for demos and measurements.
 
 A pose is x y z qx qy qz qw, a twist linear x y z (m/s) and angular x y z (rad/s) of the object's
-origin, both in the scene's frame. Scalars, for a scene moves a few objects at a time.
+origin, both in the scene's frame.
 """
 
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from math import atan2, cos, fmod, sin, sqrt
+from functools import cached_property
+from math import fmod
 
-Pose = tuple[float, float, float, float, float, float, float]
+import numpy as np
+from numpy.typing import ArrayLike
+
+from obb_collision.geometry.poses import (
+    Pose,
+    compose_poses,
+    inverse_poses,
+    multiply_quaternions,
+    rotate_vectors,
+    unit_poses,
+    unit_quaternions,
+)
+from obb_collision.typing import Floats
+
 Twist = tuple[float, float, float, float, float, float]
-Place = tuple[float, float, float]
-Quaternion = tuple[float, float, float, float]
-State = tuple[Pose, Twist]
-
-AT_REST: Twist = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+#: Poses (n, 7) and twists (n, 6).
+States = tuple[Floats, Floats]
+#: A pose (7,), a steady twist (6,) from there, and the seconds that have passed.
+Leg = tuple[ArrayLike, ArrayLike, float]
 
 
 @dataclass(frozen=True)
@@ -41,10 +54,9 @@ class Steady:
     twist: Twist
     period: float | None = None
 
-    def state(self, start: Pose, time: float) -> State:
-        """Return pose and twist at a time (s)."""
-        passed = time if self.period is None else fmod(time, self.period)
-        return moved(start, self.twist, passed), self.twist
+    def leg(self, start: ArrayLike, time: float) -> Leg:
+        """Return the leg at a time (s)."""
+        return start, self.twist, time if self.period is None else fmod(time, self.period)
 
 
 @dataclass(frozen=True)
@@ -58,14 +70,17 @@ class Loop:
     times: tuple[float, ...]
     period: float
 
-    def state(self, start: Pose, time: float) -> State:
-        """Return pose and twist at a time (s); the poses say all, ``start`` is not needed."""
+    @cached_property
+    def twists(self) -> Floats:
+        """Twists (n, 6) from each pose to the next."""
+        poses, times = np.array(self.poses), np.array((*self.times, self.period))
+        return twists_between(poses, np.roll(poses, -1, axis=0), np.diff(times))
+
+    def leg(self, start: ArrayLike, time: float) -> Leg:
+        """Return the leg at a time (s); the poses say all, ``start`` is not needed."""
         passed = fmod(time, self.period)
-        leg = bisect_right(self.times, passed) - 1
-        begin, end = self.poses[leg], self.poses[(leg + 1) % len(self.poses)]
-        until = (*self.times, self.period)[leg + 1]
-        twist = twist_between(begin, end, until - self.times[leg])
-        return moved(begin, twist, passed - self.times[leg]), twist
+        row = bisect_right(self.times, passed) - 1
+        return self.poses[row], self.twists[row], passed - self.times[row]
 
 
 @dataclass(frozen=True)
@@ -82,95 +97,89 @@ class Follow:
 Motion = Steady | Loop | Follow
 
 
-def carried(leader: State, inner: State) -> State:
-    """Return the state of what has the state ``inner`` in the frame of a leader."""
-    place, twist = leader
-    pose = compose(place, inner[0])
-    arm = (pose[0] - place[0], pose[1] - place[1], pose[2] - place[2])
-    parts = zip(twist[:3], _cross(twist[3:], arm), rotate(place[3:], inner[1][:3]), strict=True)
-    x, y, z = (sum(part) for part in parts)
-    turn = rotate(place[3:], inner[1][3:])
-    return pose, (x, y, z, twist[3] + turn[0], twist[4] + turn[1], twist[5] + turn[2])
+def states_at(
+    starts: Floats, motions: Sequence[Motion | None], rows: Mapping[str, int], time: float
+) -> States:
+    """Return the states of n objects at a time (s), from their poses (n, 7) at the start.
+
+    rows: of the objects by name, for those that follow one. What does not move keeps its pose bit
+    for bit.
+    """
+    poses, twists = _own_states(starts, motions, time)
+    levels = list(_followers(motions, rows))
+    begun = _own_states(starts, motions, 0.0)[0] if levels else poses
+    for level in levels:
+        found, leaders = np.array(level).T
+        fixed = np.array([_stays(motions[row]) for row in found])
+        inner = compose_poses(inverse_poses(begun[leaders]), starts[found])[fixed]
+        poses[found[fixed]] = begun[found[fixed]] = inner
+        begun[found] = compose_poses(begun[leaders], begun[found])
+        leading = poses[leaders], twists[leaders]
+        poses[found], twists[found] = carried(leading, (poses[found], twists[found]))
+    return poses, twists
 
 
-def moved(pose: Pose, twist: Twist, seconds: float) -> Pose:
-    """Return where a steady twist takes a pose."""
-    x, y, z = (a + v * seconds for a, v in zip(pose[:3], twist[:3], strict=True))
-    if twist[3:] == (0.0, 0.0, 0.0):
-        return (x, y, z, *pose[3:])
-    rate = sqrt(sum(w * w for w in twist[3:]))
-    half = 0.5 * rate * seconds
-    share = sin(half) / rate
-    turn = (twist[3] * share, twist[4] * share, twist[5] * share, cos(half))
-    return (x, y, z, *multiply(turn, pose[3:]))
+def _stays(motion: Motion | None) -> bool:
+    """Return whether an object stays where it is in the frame of the one it follows."""
+    return isinstance(motion, Follow) and motion.loop is None
 
 
-def twist_between(begin: Pose, end: Pose, seconds: float) -> Twist:
-    """Return the steady twist from a pose to another, turning the shorter way."""
-    linear = [(b - a) / seconds for a, b in zip(begin[:3], end[:3], strict=True)]
-    x, y, z, w = multiply(end[3:], _conjugate(begin[3:]))
-    sign = -1.0 if w < 0.0 else 1.0
-    length = sqrt(x * x + y * y + z * z)
-    rate = 2.0 * atan2(length, abs(w)) / (length * seconds) * sign if length > 0.0 else 0.0
-    return (linear[0], linear[1], linear[2], rate * x, rate * y, rate * z)
+def _own_states(starts: Floats, motions: Sequence[Motion | None], time: float) -> States:
+    """Return the states of all objects, of those that follow one in its frame."""
+    poses, twists = starts.copy(), np.zeros((len(starts), 6))
+    own = [motion.loop if isinstance(motion, Follow) else motion for motion in motions]
+    legs = {k: motion.leg(starts[k], time) for k, motion in enumerate(own) if motion is not None}
+    if legs:
+        found = list(legs)
+        begins, steady, passed = (np.array(column) for column in zip(*legs.values(), strict=True))
+        poses[found], twists[found] = moved(unit_poses(begins), steady, passed), steady
+    return poses, twists
 
 
-def compose(outer: Pose, inner: Pose) -> Pose:
-    """Return ``inner``, given in the frame ``outer``, in the frame ``outer`` is given in."""
-    x, y, z = rotate(outer[3:], inner[:3])
-    return (outer[0] + x, outer[1] + y, outer[2] + z, *multiply(outer[3:], inner[3:]))
+def _followers(
+    motions: Sequence[Motion | None], rows: Mapping[str, int]
+) -> Iterable[list[tuple[int, int]]]:
+    """Yield followers and their leaders, by row: who follows nobody that follows, and so on."""
+    waiting = {k: rows[m.name] for k, m in enumerate(motions) if isinstance(m, Follow)}
+    while waiting:
+        level = [(row, leader) for row, leader in waiting.items() if leader not in waiting]
+        if not level:
+            raise ValueError("objects follow one another in a circle")
+        yield level
+        for row, _ in level:
+            del waiting[row]
 
 
-def inverse(pose: Pose) -> Pose:
-    """Return the pose that undoes a pose."""
-    back = _conjugate(pose[3:])
-    x, y, z = rotate(back, pose[:3])
-    return (-x, -y, -z, *back)
+def carried(leader: States, inner: States) -> States:
+    """Return the states of what has the states ``inner`` in the frames of leaders."""
+    (places, twists), (inner_poses, inner_twists) = leader, inner
+    poses = compose_poses(places, inner_poses)
+    turns = unit_quaternions(places[:, 3:])
+    linear = twists[:, :3] + np.cross(twists[:, 3:], poses[:, :3] - places[:, :3])
+    linear = linear + rotate_vectors(turns, inner_twists[:, :3])
+    angular = twists[:, 3:] + rotate_vectors(turns, inner_twists[:, 3:])
+    return poses, np.concatenate([linear, angular], axis=1)
 
 
-def rotate(quaternion: Quaternion, vector: Place) -> Place:
-    """Return a vector turned by a unit quaternion."""
-    axis, w = quaternion[:3], quaternion[3]
-    once = _cross(axis, vector)
-    twice = _cross(axis, once)
-    x, y, z = (v + 2.0 * (w * a + b) for v, a, b in zip(vector, once, twice, strict=True))
-    return (x, y, z)
+def moved(poses: Floats, twists: Floats, seconds: Floats) -> Floats:
+    """Return where steady twists take poses; without turning, quaternions stay bit for bit."""
+    rates = np.linalg.norm(twists[:, 3:], axis=1)
+    turning = rates > 0.0
+    halves = 0.5 * rates * seconds
+    shares = np.sin(halves) / np.where(turning, rates, 1.0)
+    turns = np.concatenate([twists[:, 3:] * shares[:, None], np.cos(halves)[:, None]], axis=1)
+    turned = unit_quaternions(multiply_quaternions(turns, poses[:, 3:]))
+    result = poses.copy()
+    result[:, :3] += twists[:, :3] * seconds[:, None]
+    result[turning, 3:] = turned[turning]
+    return result
 
 
-def multiply(a: Quaternion, b: Quaternion) -> Quaternion:
-    """Return the unit quaternion of turning by b, then by a."""
-    ax, ay, az, aw = a
-    bx, by, bz, bw = b
-    return unit(
-        (
-            aw * bx + ax * bw + ay * bz - az * by,
-            aw * by - ax * bz + ay * bw + az * bx,
-            aw * bz + ax * by - ay * bx + az * bw,
-            aw * bw - ax * bx - ay * by - az * bz,
-        )
-    )
-
-
-def unit(quaternion: Sequence[float]) -> Quaternion:
-    """Return a quaternion of length 1; ZeroDivisionError for one of length 0."""
-    largest = max(abs(part) for part in quaternion)
-    x, y, z, w = (part / largest for part in quaternion)
-    length = sqrt(x * x + y * y + z * z + w * w)
-    return (x / length, y / length, z / length, w / length)
-
-
-def from_rpy(roll: float, pitch: float, yaw: float) -> Quaternion:
-    """Return the quaternion of turns about the fixed axes x, then y, then z (ROS REP 103)."""
-    about_x = (sin(roll / 2), 0.0, 0.0, cos(roll / 2))
-    about_y = (0.0, sin(pitch / 2), 0.0, cos(pitch / 2))
-    about_z = (0.0, 0.0, sin(yaw / 2), cos(yaw / 2))
-    return multiply(about_z, multiply(about_y, about_x))
-
-
-def _conjugate(quaternion: Quaternion) -> Quaternion:
-    x, y, z, w = quaternion
-    return (-x, -y, -z, w)
-
-
-def _cross(a: Place, b: Place) -> Place:
-    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
+def twists_between(begins: Floats, ends: Floats, seconds: Floats) -> Floats:
+    """Return the steady twists (n, 6) from poses to others, turning the shorter way."""
+    linear = (ends[:, :3] - begins[:, :3]) / seconds[:, None]
+    turns = multiply_quaternions(ends[:, 3:], begins[:, 3:] * (-1.0, -1.0, -1.0, 1.0))
+    lengths, w = np.linalg.norm(turns[:, :3], axis=1), turns[:, 3]
+    angles = np.copysign(2.0 * np.arctan2(lengths, np.abs(w)), w)
+    rates = angles / np.where(lengths > 0.0, lengths * seconds, 1.0)
+    return np.concatenate([linear, turns[:, :3] * rates[:, None]], axis=1)

@@ -236,18 +236,6 @@ def test_faults_of_poses_are_told_apart() -> None:
     assert all(len(fault) == 0 for fault in cv.pose_faults(np.empty((0, 7))))
 
 
-@pytest.mark.filterwarnings("ignore:.*far from unit length")
-def test_composed_poses_agree_with_matrices() -> None:
-    rotation = pytest.importorskip("scipy.spatial.transform").Rotation
-    rng = np.random.default_rng(5)
-    outer, inner = rng.normal(size=7), rng.normal(size=(20, 7))
-    got = cv.compose_poses(outer, inner)
-    turn = rotation.from_quat(outer[3:])
-    np.testing.assert_allclose(got[:, :3], outer[:3] + turn.apply(inner[:, :3]), atol=1e-12)
-    expected = (turn * rotation.from_quat(inner[:, 3:])).as_matrix()
-    np.testing.assert_allclose(rotation.from_quat(got[:, 3:]).as_matrix(), expected, atol=1e-12)
-
-
 def test_names_are_namespace_slash_id() -> None:
     assert cv.name_from_key(("a/b", -4)) == "a/b/-4"
     assert cv.name_from_key(("", 4)) == "/4"
