@@ -48,6 +48,8 @@ setup(
         # the demo, or a running node, live in the browser
         "view": ["viser>=1.1.1"],
         "test": ["pytest>=7.4.0", "hypothesis>=6.98.0"],
+        # the pages of docs/ and the API reference
+        "docs": ["sphinx", "myst-parser", "furo"],
         "lint": ["ruff==0.17.5", "mypy==2.4.1"],
         # peers to compare with, and plots
         "bench": ["python-fcl", "coal", "mujoco", "matplotlib>=3.6.0", "tqdm"],

@@ -30,11 +30,7 @@ Corners come in one order: on the +z face left-top, left-bottom, right-bottom, r
 the -z face right-top, right-bottom, left-bottom, left-top (right is +x, top is +y).
 
 The public names, all in ``api``, load when first used: a console script must be able to say what is
-missing, or to end, before seconds of imports.
-
-Layers, each importing only those before it: ``geometry`` (what a box is), ``queries`` (one file a
-question about boxes), ``obb`` (one box as a value), ``scene`` (the store, the broad phase, the
-check), ``node`` (ROS), and ``benchmarks`` beside it.
+missing, or to end, before seconds of imports. CONTRIBUTING.md has the layout of the package.
 """
 
 from __future__ import annotations

@@ -43,7 +43,7 @@ def node(args: Sequence[str] | None = None) -> int:
         "ROS arguments only.",
         epilog="For example: obb_collision_node --ros-args -p rate:=100.0 --params-file FILE "
         "-r __ns:=/cell -r objects:=scene --log-level debug. The topics and parameters are in "
-        "README.md; the parameters with comments in config/obb_collision.yaml.",
+        "docs/node.md; the parameters with comments in config/obb_collision.yaml.",
         allow_abbrev=False,
     ).parse_args(without_ros_arguments(sys.argv[1:] if args is None else args))
     if not is_ros_here("obb_collision_node"):

@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What attacks the node: hostile messages from another process, while its answers are checked."""
+"""Attacks on a running node, whose results are verified meanwhile."""

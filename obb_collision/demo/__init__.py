@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The demo and the live view: above the node, whose topics they use like any other program.
+"""The demo and the live view, which use the topics like any other program.
 
 ``command`` is the console script ``obb_collision_demo``: the node and a moving scene in one
 process, real topics in between. ``attach`` is ``obb_collision_view``: a running node's topics in

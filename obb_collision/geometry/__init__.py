@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What a box is: values, arrays, fits, shapes. Everything is checked here, at the edge."""
+"""What things are: boxes, shapes, fits, trees. All input is validated here."""

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The ROS 2 side: the only package of the project that imports ROS.
+"""The ROS 2 node: topics, parameters and services around a scene.
 
 The public names load when first used, so that a console script can say in a line that ROS is
 missing instead of failing on its way in.

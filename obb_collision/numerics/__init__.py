@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Arithmetic under the geometry: error-free sums, double doubles, exact rationals."""
+"""Arithmetic under the geometry: vectors, error-free sums, exact integers."""

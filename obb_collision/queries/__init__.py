@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Questions about boxes, one file each."""
+"""Questions about boxes and meshes, a folder per question."""

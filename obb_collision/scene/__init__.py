@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The store of objects, the broad phase, and the check that composes them."""
+"""Named objects that move, the broad phase, and the check of all of them."""

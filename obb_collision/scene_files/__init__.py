@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Scene files: a scene with its rules and effects in one YAML file, and MoveIt planning scenes.
+"""Scenes in YAML files, ours and MoveIt's, with their rules and effects.
 
 ``load_scene`` reads either. ``docs/scene_files.md`` describes the format.
 """

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Kernels compiled beforehand: what uses them, processes that compile, and the command.
+"""Kernels compiled beforehand: what uses them, and processes that compile them.
 
 ``steps`` names what there is to compile, by what it is for; ``worker`` is a process that does it,
 ``processes`` starts such processes and follows them, ``command`` is ``obb_collision_warm_up``.

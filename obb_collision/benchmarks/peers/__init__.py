@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Side by side with other libraries."""
+"""Other libraries, called for the same answers."""

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Mutated messages on every input of a node in another process, over real topics.
+"""Mutated messages on every input of a node in another process.
 
 ``messages`` makes valid ones, ``mutations`` spoils them, ``child`` is the node's process,
 ``session`` sends, and checks after every batch that the node still answers right and in time;

@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The objects of the node: their table, their poses and shapes on the way to the scene."""
+"""The objects of the node: their table, their poses and shapes."""

@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The node's parameters: their table, their checks, and what they read as."""
+"""The node's parameters: their table and their validation."""

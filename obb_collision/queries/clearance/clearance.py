@@ -40,13 +40,12 @@ from obb_collision._jit import njit
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.kinds import check_kind
 from obb_collision.numerics.constants import MAX_MAGNITUDE
-from obb_collision.numerics.vec3 import minus, scaled
 from obb_collision.queries.clearance.closest_points import NEAR, points_apart, points_near
 from obb_collision.queries.clearance.features import Points
 from obb_collision.queries.verdict.gap_axes import best_face
 from obb_collision.queries.verdict.pair_rows import as_pairs
 from obb_collision.queries.verdict.penetration import AXES, witness
-from obb_collision.queries.verdict.sat import Pair, enter_frame, leave_frame
+from obb_collision.queries.verdict.sat import Pair, Vector, enter_frame, leave_frame, minus, scaled
 from obb_collision.queries.verdict.verdict import (
     SEPARATE,
     TOUCHING,
@@ -54,7 +53,7 @@ from obb_collision.queries.verdict.verdict import (
     classify_careful,
     classify_fast,
 )
-from obb_collision.typing import Floats, Vector
+from obb_collision.typing import Floats
 from obb_collision.words import shown
 
 #: Kinds of real numbers.

@@ -42,7 +42,6 @@ import math
 
 from obb_collision._jit import njit
 from obb_collision.numerics.constants import ROUNDOFF
-from obb_collision.numerics.vec3 import minus
 from obb_collision.queries.clearance.features import (
     Points,
     all_edge_points,
@@ -54,12 +53,13 @@ from obb_collision.queries.clearance.features import (
 from obb_collision.queries.verdict.gap_axes import Axis, best_edge, unit_axis
 from obb_collision.queries.verdict.sat import (
     Pair,
+    Vector,
     closest_on_a,
     closest_on_b,
     gap_along,
+    minus,
     point_of_b,
 )
-from obb_collision.typing import Vector
 
 #: Two points are proven closest when their distance exceeds a gap by no more than this, relative
 #: to the size: 128 unit roundoffs, above what both are off by with axes orthonormal to rounding.

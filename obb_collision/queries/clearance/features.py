@@ -25,9 +25,20 @@ from typing import NamedTuple
 
 from obb_collision._jit import njit
 from obb_collision.numerics.constants import ROUNDOFF
-from obb_collision.numerics.vec3 import clamp, dot, minus, pick, pick_axis, replaced
-from obb_collision.queries.verdict.sat import Pair, along_b, closest_on_a, closest_on_b, point_of_b
-from obb_collision.typing import Vector
+from obb_collision.queries.verdict.sat import (
+    Pair,
+    Vector,
+    along_b,
+    axis_of_b,
+    clamp,
+    closest_on_a,
+    closest_on_b,
+    dot,
+    minus,
+    pick,
+    point_of_b,
+    replaced,
+)
 
 #: An extent counts as level with a face if it rises by no more than this on its way: 32 unit
 #: roundoffs. Either of its ends is then as close, up to a quarter of ``closest_points.PROVEN``.
@@ -93,7 +104,7 @@ def _cross_edges(pair: Pair, i: int, j: int, s: Vector, t: Vector) -> Points:
     a vertex is closer (``vertex_points``).
     """
     s, t = replaced(s, i, 0.0), replaced(t, j, 0.0)
-    u = pick_axis(pair.r, j)
+    u = axis_of_b(pair, j)
     across = replaced(u, i, 0.0)
     v = minus(point_of_b(pair, t), s)
     square = dot(across, across)

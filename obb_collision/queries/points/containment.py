@@ -23,8 +23,8 @@ from obb_collision._jit import njit
 from obb_collision.numerics.constants import CAREFUL_BOUND, ROUNDOFF, UNDERFLOW
 from obb_collision.numerics.error_free import length
 from obb_collision.numerics.exact import contains_exactly
-from obb_collision.numerics.vec3 import careful_cross, dot
-from obb_collision.typing import Floats, Vector
+from obb_collision.queries.primitives.segments import Vector, cross, dot
+from obb_collision.typing import Floats
 
 OUTSIDE = 0
 DOUBTFUL = 1
@@ -91,7 +91,7 @@ def place_carefully(offset: Vector, x: Vector, y: Vector, z: Vector, extents: Ve
     point as a box. Tuples: slices of arrays, even in a branch hardly taken, slow loops down.
     """
     place = INSIDE
-    normals = (careful_cross(y, z), careful_cross(z, x), careful_cross(x, y))
+    normals = (cross(y, z), cross(z, x), cross(x, y))
     axes = (x, y, z)
     distance = length(offset[0], offset[1], offset[2])
     for i in range(3):

@@ -20,9 +20,10 @@ import numpy as np
 
 from obb_collision._jit import njit
 from obb_collision.numerics.constants import PARALLEL, ROUNDOFF, UNDERFLOW
-from obb_collision.numerics.vec3 import axes_of, components, minus, sum_abs, vector_at
+from obb_collision.queries.primitives.capsule_kernels import to_local, total
+from obb_collision.queries.primitives.segments import Vector
 from obb_collision.queries.rays.bounds_tree import CHILD, COUNT, STACK, START
-from obb_collision.typing import Floats, Vector
+from obb_collision.typing import Floats
 
 #: By how much a box is enlarged for the decision, relative to its distance and half extents:
 #: four times the bound of ``containment``, for origin and direction, with room for the slabs.
@@ -64,10 +65,10 @@ def hit_box(
 
     The axis of the face entered is -1 where the origin is in the box.
     """
-    d, h = minus(origin, vector_at(centers, b)), vector_at(half, b)
-    local = axes_of(axes, b)
-    o, v = components(local, d), components(local, unit)
-    bound = HIT_BOUND * (sum_abs(d) + sum_abs(h)) + UNDERFLOW
+    d = (origin[0] - centers[b, 0], origin[1] - centers[b, 1], origin[2] - centers[b, 2])
+    h = (half[b, 0], half[b, 1], half[b, 2])
+    o, v = to_local(axes, b, d), to_local(axes, b, unit)
+    bound = HIT_BOUND * (total(d) + total(h)) + UNDERFLOW
     grown = (h[0] + bound, h[1] + bound, h[2] + bound)
     enter, leave, axis = slabs(o, v, grown)
     if enter > leave or leave < 0.0 or enter > reach:
@@ -106,7 +107,8 @@ def rays_kernel(
     """Write the nearest box (m,), distance (m,), point (m, 3) and normal (m, 3) of each ray."""
     stack, entries = np.empty(STACK, np.int64), np.empty(STACK)
     for n in range(len(origins)):
-        origin, unit = vector_at(origins, n), vector_at(units, n)
+        origin = (origins[n, 0], origins[n, 1], origins[n, 2])
+        unit = (units[n, 0], units[n, 1], units[n, 2])
         box, distance, axis = _nearest(
             origin, unit, reaches[n], centers, axes, half, limits, nodes, order, stack, entries
         )

@@ -21,9 +21,18 @@ import math
 import numpy as np
 
 from obb_collision._jit import njit
-from obb_collision.numerics.vec3 import axis_of, clamp, dot, minus, plus, scaled, vector_at
 from obb_collision.queries.verdict.penetration import clamp_to_box
-from obb_collision.typing import Floats, Vector
+from obb_collision.queries.verdict.sat import (
+    Vector,
+    clamp,
+    column,
+    dot,
+    minus,
+    plus,
+    scaled,
+    vector,
+)
+from obb_collision.typing import Floats
 
 #: A side that rises less than this over its length, relative to the sum of all half extents,
 #: lies in the plane of contact.
@@ -77,7 +86,7 @@ def contact_point(
         if free_b == 0:
             return b
     if free_a == 1 and free_b == 1:
-        u, v = axis_of(rotations, i, m), axis_of(rotations, j, n)
+        u, v = column(rotations, i, m), column(rotations, j, n)
         cosine = dot(u, v)
         square = 1.0 - cosine * cosine
         if square > PARALLEL_SQUARED:
@@ -100,7 +109,7 @@ def _common(
         moved = clamp_to_box(work[0], work[1], rotations[i], half_extents[i])
         if max(moved, clamp_to_box(work[0], work[2], rotations[j], half_extents[j])) <= settled:
             break
-    return vector_at(work, 0)
+    return vector(work, 0)
 
 
 @njit
@@ -110,7 +119,7 @@ def _support(
     """Return the middle of what is farthest along the normal (see ``Feature``)."""
     point, free, edge = center, 0, 0
     for k in range(3):
-        side = axis_of(rotations, i, k)
+        side = column(rotations, i, k)
         rise = half_extents[i, k] * dot(normal, side)
         if abs(rise) <= flat:
             free += 1

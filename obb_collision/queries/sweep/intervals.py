@@ -25,8 +25,17 @@ import math
 
 from obb_collision._jit import njit
 from obb_collision.numerics.constants import FAST_BOUND, SMALL_SQUARE, TIME_ROUNDING, UNDERFLOW
-from obb_collision.numerics.vec3 import axis_of, dot, dot_abs, minus, plus, scaled, vector_at
-from obb_collision.typing import Floats, Vector
+from obb_collision.queries.verdict.sat import (
+    Vector,
+    column,
+    dot,
+    dot_abs,
+    minus,
+    plus,
+    scaled,
+    vector,
+)
+from obb_collision.typing import Floats
 
 #: Motions shorter than this have no reciprocal; widened by it, no interval depends on them.
 SHORTEST_WAY = 2.0**-1000
@@ -81,12 +90,12 @@ def meeting_intervals(
     Formulas and bound as in ``separation.classify_fast``, linear in the offset and so good at any
     time between.
     """
-    h, f = vector_at(half_extents, i), vector_at(half_extents, j)
+    h, f = vector(half_extents, i), vector(half_extents, j)
     bound = (abs(p[0]) + abs(p[1]) + abs(p[2])) + (abs(q[0]) + abs(q[1]) + abs(q[2]))
     bound = FAST_BOUND * (bound + (h[0] + h[1] + h[2]) + (f[0] + f[1] + f[2])) + UNDERFLOW
     bound += SHORTEST_WAY
-    a = axis_of(rotations, i, 0), axis_of(rotations, i, 1), axis_of(rotations, i, 2)
-    b = axis_of(rotations, j, 0), axis_of(rotations, j, 1), axis_of(rotations, j, 2)
+    a = column(rotations, i, 0), column(rotations, i, 1), column(rotations, i, 2)
+    b = column(rotations, j, 0), column(rotations, j, 1), column(rotations, j, 2)
     x = dot(a[0], b[0]), dot(a[0], b[1]), dot(a[0], b[2])
     y = dot(a[1], b[0]), dot(a[1], b[1]), dot(a[1], b[2])
     z = dot(a[2], b[0]), dot(a[2], b[1]), dot(a[2], b[2])

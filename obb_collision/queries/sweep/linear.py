@@ -46,12 +46,12 @@ from obb_collision.numerics.constants import (
     UNDERFLOW,
 )
 from obb_collision.numerics.error_free import determinant, length, sum_sorted
-from obb_collision.numerics.vec3 import axis_of, dot, vector_at
 from obb_collision.queries.sweep.intervals import (
     AXES,
     meeting_intervals,
 )
-from obb_collision.typing import Floats, Vector
+from obb_collision.queries.verdict.sat import Vector, column, dot, vector
+from obb_collision.typing import Floats
 
 NO_NORMAL: Vector = (math.nan, math.nan, math.nan)
 
@@ -140,8 +140,8 @@ def _careful_span(
     """
     # which two edges: one branch to foretell instead of four
     k, m = axis % 3, axis // 3
-    u = axis_of(rotations, j if m == 1 else i, (k + 1) % 3 if m < 2 else m - 2)
-    v = axis_of(rotations, i if m == 0 else j, (k + 2) % 3 if m < 2 else k)
+    u = column(rotations, j if m == 1 else i, (k + 1) % 3 if m < 2 else m - 2)
+    v = column(rotations, i if m == 0 else j, (k + 2) % 3 if m < 2 else k)
     if m < 2:  # at right angles: nothing cancels
         x, y, z = u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]
     else:
@@ -157,7 +157,7 @@ def _careful_span(
     n = x / norm, y / norm, z / norm
     reach = _radius(n, rotations, half_extents, i) + _radius(n, rotations, half_extents, j)
     size = (abs(p[0]) + abs(p[1]) + abs(p[2])) + (abs(q[0]) + abs(q[1]) + abs(q[2]))
-    h, f = vector_at(half_extents, i), vector_at(half_extents, j)
+    h, f = vector(half_extents, i), vector(half_extents, j)
     size += (h[0] + h[1] + h[2]) + (f[0] + f[1] + f[2])
     return first / norm, dot(n, q), reach + (CAREFUL_BOUND * size + UNDERFLOW), n
 
@@ -166,9 +166,9 @@ def _careful_span(
 def _radius(n: Vector, rotations: Floats, half_extents: Floats, i: int) -> float:
     """Return half the length of a box projected on n."""
     return sum_sorted(
-        half_extents[i, 0] * abs(dot(n, axis_of(rotations, i, 0))),
-        half_extents[i, 1] * abs(dot(n, axis_of(rotations, i, 1))),
-        half_extents[i, 2] * abs(dot(n, axis_of(rotations, i, 2))),
+        half_extents[i, 0] * abs(dot(n, column(rotations, i, 0))),
+        half_extents[i, 1] * abs(dot(n, column(rotations, i, 1))),
+        half_extents[i, 2] * abs(dot(n, column(rotations, i, 2))),
     )
 
 

@@ -27,8 +27,8 @@ from typing import NamedTuple
 
 from obb_collision._jit import njit
 from obb_collision.numerics.error_free import length
-from obb_collision.numerics.vec3 import minus, plus, scaled, vector_at
-from obb_collision.typing import Floats, Vector
+from obb_collision.queries.verdict.sat import Vector, minus, plus, scaled, vector
+from obb_collision.typing import Floats
 
 #: A turn: unit axis, sine, 1 - cosine.
 Spin = tuple[Vector, float, float]
@@ -57,8 +57,8 @@ def offset_and_way(
     But for the arms: as if both boxes kept their rotations. Off by at most 4 unit roundoffs of
     the offset at 0 and the way; a way that both share cancels before anything is rounded.
     """
-    first = minus(vector_at(starts, j), vector_at(starts, i))
-    change = minus(vector_at(ends, j), vector_at(ends, i))
+    first = minus(vector(starts, j), vector(starts, i))
+    change = minus(vector(ends, j), vector(ends, i))
     if seconds == 0.0:
         return first, change, minus(change, first)
     way = scaled(change, seconds)
@@ -68,7 +68,7 @@ def offset_and_way(
 @njit
 def place_at(starts: Floats, ends: Floats, seconds: float, i: int, time: float) -> Vector:
     """Return the centre of a box at a time, but for its arm."""
-    start, end = vector_at(starts, i), vector_at(ends, i)
+    start, end = vector(starts, i), vector(ends, i)
     moved = minus(end, start) if seconds == 0.0 else scaled(end, seconds)
     return plus(start, scaled(moved, time))
 
@@ -76,10 +76,10 @@ def place_at(starts: Floats, ends: Floats, seconds: float, i: int, time: float) 
 @njit
 def swing(motion: Motion, i: int, time: float) -> Vector:
     """Return how far turning about its origin has taken the centre of a box."""
-    arm = vector_at(motion.arms, i)
+    arm = vector(motion.arms, i)
     if arm[0] == 0.0 and arm[1] == 0.0 and arm[2] == 0.0:
         return arm
-    return minus(turned_by(arm, vector_at(motion.turns, i), time), arm)
+    return minus(turned_by(arm, vector(motion.turns, i), time), arm)
 
 
 @njit

@@ -43,13 +43,14 @@ import numpy as np
 
 from obb_collision._jit import njit
 from obb_collision.numerics.constants import ROUNDOFF
-from obb_collision.numerics.vec3 import cross, dot, minus, norm, plus, scaled, vector_at
+from obb_collision.numerics.error_free import length
 from obb_collision.queries.sweep.bounds import best_step
 from obb_collision.queries.sweep.poses import Motion, rotate, turned_by
 from obb_collision.queries.sweep.slices import CORNER_ROWS, WHOLE, fill_corners, free_slice
 from obb_collision.queries.sweep.slices import WORK_ROWS as SLICE_ROWS
+from obb_collision.queries.verdict.sat import Vector, dot, minus, plus, scaled, vector
 from obb_collision.queries.verdict.verdict import SEPARATE, classify_careful
-from obb_collision.typing import Floats, Vector
+from obb_collision.typing import Floats
 
 #: Rows of work space: the walk's, those of ``best_step``, of two bodies and of ``free_slice``.
 OWN_ROWS = 11
@@ -96,10 +97,10 @@ def sweep_rigid(
     p: offset of the centres at time 0; way: what their origins add to it until time 1; ``work``
     (WORK_ROWS, 3) is work space.
     """
-    turn_a, turn_b = vector_at(motion.turns, i), vector_at(motion.turns, j)
-    wa, wb = norm(turn_a), norm(turn_b)
+    turn_a, turn_b = vector(motion.turns, i), vector(motion.turns, j)
+    wa, wb = _norm(turn_a), _norm(turn_b)
     reach_a, reach_b = motion.reaches[i], motion.reaches[j]
-    pivot = plus(minus(p, vector_at(motion.arms, j)), vector_at(motion.arms, i))
+    pivot = plus(minus(p, vector(motion.arms, j)), vector(motion.arms, i))
     time, last = _meeting_window(pivot, way, reach_a + reach_b)
     if way[0] == 0.0 and way[1] == 0.0 and way[2] == 0.0 and (wa == 0.0 or wb == 0.0):
         last = min(last, time + TURN / max(wa, wb))
@@ -109,9 +110,9 @@ def sweep_rigid(
     radius_a, radius_b = motion.radii[i] * scale, motion.radii[j] * scale
     reach_a, reach_b = reach_a * scale, reach_b * scale
     begin, start = time, scaled(plus(pivot, scaled(way, time)), scale)
-    stray = POSITION * norm(p) * scale, POSITION * norm(way) * scale
+    stray = POSITION * _norm(p) * scale, POSITION * _norm(way) * scale
     way = scaled(way, scale)
-    speed = norm(way)
+    speed = _norm(way)
     if not speed + wa + wb < FARTHEST:
         return time, time == 0.0 and _touch(motion, i, j)
     limit = max(tolerance * min(radius_a, radius_b), FLOOR * max(radius_a, radius_b))
@@ -119,7 +120,7 @@ def sweep_rigid(
     a, b, d, velocity, h, f = work[0:3], work[3:6], work[6], work[7], work[8], work[9]
     for k in range(3):
         h[k], f[k] = motion.half_extents[i, k] * scale, motion.half_extents[j, k] * scale
-    end = norm(plus(start, scaled(way, last - begin)))
+    end = _norm(plus(start, scaled(way, last - begin)))
     turn_time = TURN / max(wa, wb)
     look, span, steps = time, last - time, 0
     while time <= last:
@@ -135,15 +136,15 @@ def sweep_rigid(
         rotate(motion.rotations[i], motion.turns[i], time, a)
         rotate(motion.rotations[j], motion.turns[j], time, b)
         offset = plus(start, scaled(way, time - begin))
-        far = max(norm(offset), end)
-        arm_a = scaled(turned_by(vector_at(motion.arms, i), turn_a, time), scale)
-        arm_b = scaled(turned_by(vector_at(motion.arms, j), turn_b, time), scale)
+        far = max(_norm(offset), end)
+        arm_a = scaled(turned_by(vector(motion.arms, i), turn_a, time), scale)
+        arm_b = scaled(turned_by(vector(motion.arms, j), turn_b, time), scale)
         offset = plus(offset, minus(arm_b, arm_a))
-        rate = plus(way, minus(cross(turn_b, arm_b), cross(turn_a, arm_a)))
+        rate = plus(way, minus(_cross(turn_b, arm_b), _cross(turn_a, arm_a)))
         for k in range(3):
             d[k], velocity[k] = offset[k], rate[k]
         skew = TURNING + SPIN * (wa + wb) * time
-        rounding = GAP_ROUNDING * (radius_a + radius_b + norm(offset))
+        rounding = GAP_ROUNDING * (radius_a + radius_b + _norm(offset))
         rounding += ARM_ROUNDING * (reach_a + reach_b)
         blur = stray[0] + stray[1] * time + skew * (reach_a + reach_b)
         gap, step = best_step(
@@ -180,7 +181,7 @@ def _skip(
         angles = np.empty(2)
         blur = stray[0] + stray[1] * end
         for side, row in ((0, i), (1, j)):
-            whole = norm(vector_at(motion.turns, row))
+            whole = _norm(vector(motion.turns, row))
             angles[side] = whole * (end - time)
             skew = TURNING if angles[side] >= WHOLE else TURNING + SPIN * whole * end
             blur += skew * motion.reaches[row] * scale
@@ -201,12 +202,12 @@ def _skip(
 @njit
 def _fill(motion: Motion, i: int, time: float, scale: float, corners: Floats, work: Floats) -> None:
     """Write what ``free_slice`` takes of a box in the middle of a slice."""
-    turn = vector_at(motion.turns, i)
+    turn = vector(motion.turns, i)
     rotation, extents = work[0:3], work[10]
     rotate(motion.rotations[i], motion.turns[i], time, rotation)
     for k in range(3):
         extents[k] = motion.half_extents[i, k] * scale
-    arm = scaled(turned_by(vector_at(motion.arms, i), turn, time), scale)
+    arm = scaled(turned_by(vector(motion.arms, i), turn, time), scale)
     fill_corners(rotation, extents, arm, turn, corners)
 
 
@@ -218,6 +219,16 @@ def _touch(motion: Motion, i: int, j: int) -> bool:
         motion.starts[j], motion.rotations[j], motion.half_extents[j],
     )  # fmt: skip
     return verdict != SEPARATE
+
+
+@njit
+def _norm(v: Vector) -> float:
+    return length(v[0], v[1], v[2])
+
+
+@njit
+def _cross(u: Vector, v: Vector) -> Vector:
+    return u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]
 
 
 @njit
@@ -233,10 +244,10 @@ def _meeting_window(p: Vector, way: Vector, reach: float) -> tuple[float, float]
     p, way, reach = scaled(p, scale), scaled(way, scale), reach * scale
     square = dot(way, way)
     if square < LEAST_WAY_SQUARE:
-        return (0.0, 1.0) if norm(p) <= reach + GAP_ROUNDING else (1.0, 0.0)
+        return (0.0, 1.0) if _norm(p) <= reach + GAP_ROUNDING else (1.0, 0.0)
     middle = -dot(p, way) / square
     # the nearest offset itself: no cancellation of large squares
-    nearest = norm(plus(p, scaled(way, middle)))
+    nearest = _norm(plus(p, scaled(way, middle)))
     grown = reach + GAP_ROUNDING * (1.0 + abs(middle) * math.sqrt(square))
     if nearest > grown:
         return 1.0, 0.0

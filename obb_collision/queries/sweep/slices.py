@@ -32,8 +32,8 @@ from obb_collision._jit import njit
 from obb_collision.numerics.constants import ROUNDOFF
 from obb_collision.numerics.error_free import length
 from obb_collision.numerics.simplex import nearest_to_origin
-from obb_collision.numerics.vec3 import dot, minus, plus, scaled, vector_at
-from obb_collision.typing import Floats, Vector
+from obb_collision.queries.verdict.sat import Vector, dot, minus, plus, scaled, vector
+from obb_collision.typing import Floats
 
 #: Radians in a slice from which on a box counts as turning all round.
 WHOLE = 1.0
@@ -106,7 +106,7 @@ def free_slice(
         for k in range(3):
             simplex[count, k] = point[k]
         count = nearest_to_origin(simplex, count + 1, nearest)
-        n = vector_at(work, 4)
+        n = vector(work, 4)
         # the nearest points of what is left of the difference: no direction shows more
         if count == 4 or not length(n[0], n[1], n[2]) > bound:
             return False
@@ -127,21 +127,21 @@ def _radius(corners: Floats) -> float:
     """Return the distance from the origin to a corner, to a few roundoffs at least the largest."""
     along = 0.0
     for k in range(1, 9):
-        along = max(along, abs(dot(vector_at(corners, k), vector_at(corners, 0))))
+        along = max(along, abs(dot(vector(corners, k), vector(corners, 0))))
     return along + corners[9, 0]
 
 
 @njit
 def _farthest(corners: Floats, angle: float, n: Vector) -> Vector:
     """Return the point of a body, before it is grown, that is farthest along a unit vector."""
-    best, most = vector_at(corners, 1), -np.inf
-    axis = vector_at(corners, 0)
+    best, most = vector(corners, 1), -np.inf
+    axis = vector(corners, 0)
     rise = dot(n, axis)
     out = minus(n, scaled(axis, rise))
     tilt = length(out[0], out[1], out[2])
     out = scaled(out, 1.0 / tilt) if tilt > 0.0 else (0.0, 0.0, 0.0)
     for k in range(1, 9):
-        corner = vector_at(corners, k)
+        corner = vector(corners, k)
         if angle >= WHOLE:
             height = dot(corner, axis)
             around = minus(corner, scaled(axis, height))

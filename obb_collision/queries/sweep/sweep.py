@@ -30,7 +30,6 @@ from obb_collision._jit import njit
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.kinds import as_flag, check_kind
 from obb_collision.geometry.validation import as_array
-from obb_collision.numerics.vec3 import minus, plus, scaled, vector_at
 from obb_collision.queries.sweep.contact import contact_point
 from obb_collision.queries.sweep.intervals import AXES, spheres_pass
 from obb_collision.queries.sweep.linear import MISS, NO_NORMAL, sweep_linear
@@ -44,7 +43,8 @@ from obb_collision.queries.sweep.rigid import FLOOR, WORK_ROWS, sweep_rigid
 from obb_collision.queries.sweep.twists import twist_motion
 from obb_collision.queries.verdict.pair_rows import as_pairs
 from obb_collision.queries.verdict.penetration import common_point, witness
-from obb_collision.typing import Floats, Vector
+from obb_collision.queries.verdict.sat import Vector, minus, plus, scaled, vector
+from obb_collision.typing import Floats
 
 #: Nearer than this counts as touching where a box turns, in radii of the smaller box.
 TOLERANCE = 1e-4
@@ -176,7 +176,7 @@ def sweep_kernel(
         known = True
         p, q, way = offset_and_way(starts, ends, seconds, i, j)
         if _turns(turns, i) or _turns(turns, j):
-            u, v = vector_at(motion.arms, i), vector_at(motion.arms, j)
+            u, v = vector(motion.arms, i), vector(motion.arms, j)
             reach = motion.reaches[i] + motion.reaches[j]
             if not spheres_pass(plus(minus(p, v), u), plus(minus(q, v), u), reach):
                 time, known = sweep_rigid(motion, i, j, p, way, tolerance, work)
@@ -232,5 +232,5 @@ def _find_contact(
         point = contact_point(HERE, offset, turned, extents, 0, 1, normal, number)
     else:
         common_point(centers[0], a, extents[0], centers[1], b, extents[1], work[4])
-        point = vector_at(work, 4)
+        point = vector(work, 4)
     return plus(swung, point), normal

@@ -24,9 +24,12 @@ import numpy as np
 
 from obb_collision._jit import njit
 from obb_collision.numerics.constants import PARALLEL
-from obb_collision.numerics.error_free import length, sum_sorted
-from obb_collision.numerics.vec3 import careful_cross, pick_axis
-from obb_collision.typing import Axes, Vector
+from obb_collision.numerics.error_free import determinant, length, sum_sorted
+from obb_collision.queries.verdict.sat import Vector
+from obb_collision.typing import Floats
+
+#: The three axes of a box.
+Axes = tuple[Vector, Vector, Vector]
 
 
 @njit
@@ -45,9 +48,9 @@ def careful_gap(
     """
     # which two columns: by selection, as branches would be hard to foretell
     k, m = axis % 3, axis // 3
-    u = pick_axis(b if m == 1 else a, (k + 1) % 3 if m < 2 else m - 2)
-    v = pick_axis(a if m == 0 else b, (k + 2) % 3 if m < 2 else k)
-    nx, ny, nz = careful_cross(u, v)
+    u = pick_column(b if m == 1 else a, (k + 1) % 3 if m < 2 else m - 2)
+    v = pick_column(a if m == 0 else b, (k + 2) % 3 if m < 2 else k)
+    nx, ny, nz = cross(u, v)
     norm = length(nx, ny, nz)
     if norm < PARALLEL:
         return -np.inf, (0.0, 0.0, 0.0)
@@ -59,6 +62,32 @@ def careful_gap(
     if along < 0.0:
         return gap, (-nx, -ny, -nz)
     return gap, (nx, ny, nz)
+
+
+@njit
+def columns(matrix: Floats) -> Axes:
+    """Return the columns of a matrix (3, 3) as tuples of numbers."""
+    return (
+        (matrix[0, 0], matrix[1, 0], matrix[2, 0]),
+        (matrix[0, 1], matrix[1, 1], matrix[2, 1]),
+        (matrix[0, 2], matrix[1, 2], matrix[2, 2]),
+    )
+
+
+@njit
+def pick_column(axes: Axes, i: int) -> Vector:
+    """Return column i, not known when compiling."""
+    return axes[0] if i == 0 else axes[1] if i == 1 else axes[2]
+
+
+@njit
+def cross(u: Vector, v: Vector) -> Vector:
+    """Return u crossed with v, each component nearly exact."""
+    return (
+        determinant(u[1], u[2], v[1], v[2]),
+        determinant(u[2], u[0], v[2], v[0]),
+        determinant(u[0], u[1], v[0], v[1]),
+    )
 
 
 @njit

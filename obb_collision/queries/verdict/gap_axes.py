@@ -24,9 +24,7 @@ import math
 
 from obb_collision._jit import njit
 from obb_collision.numerics.constants import SHORT_SQUARE
-from obb_collision.numerics.vec3 import dot, dot_abs, pick_axis, replaced
-from obb_collision.queries.verdict.sat import Pair
-from obb_collision.typing import Vector
+from obb_collision.queries.verdict.sat import Pair, Vector, axis_of_b, dot, dot_abs, replaced
 
 Axis = tuple[float, int]
 
@@ -94,10 +92,10 @@ def unit_axis(pair: Pair, number: int) -> Vector:
     if number < 3:
         n = replaced((0.0, 0.0, 0.0), number, 1.0)
     elif number < 6:
-        n = pick_axis(pair.r, number - 3)
+        n = axis_of_b(pair, number - 3)
     else:
         i = (number - 6) // 3
-        u = pick_axis(pair.r, (number - 6) % 3)
+        u = axis_of_b(pair, (number - 6) % 3)
         if i == 0:
             n = 0.0, -u[2], u[1]
         elif i == 1:

@@ -33,8 +33,7 @@ import math
 
 from obb_collision._jit import njit
 from obb_collision.numerics.constants import FAST_BOUND, SHORT_SQUARE, UNDERFLOW
-from obb_collision.numerics.vec3 import dot, dot_abs
-from obb_collision.queries.verdict.sat import Pair
+from obb_collision.queries.verdict.sat import Pair, dot, dot_abs
 from obb_collision.typing import Floats
 
 

@@ -19,20 +19,21 @@ from __future__ import annotations
 import numpy as np
 
 from obb_collision._jit import njit
-from obb_collision.numerics.vec3 import (
-    axes_of,
+from obb_collision.queries.verdict.careful import Axes, careful_gap, columns
+from obb_collision.queries.verdict.gap_bounds import bound_gaps
+from obb_collision.queries.verdict.sat import (
+    Pair,
+    Vector,
+    along_b,
     clamped,
-    columns,
-    components,
+    column,
+    dot,
     minus,
     plus,
     scaled,
-    vector_at,
+    vector,
 )
-from obb_collision.queries.verdict.careful import careful_gap
-from obb_collision.queries.verdict.gap_bounds import bound_gaps
-from obb_collision.queries.verdict.sat import Pair, along_b
-from obb_collision.typing import Axes, Floats, Vector
+from obb_collision.typing import Floats
 
 AXES = 15
 
@@ -68,9 +69,7 @@ def _witness(
     """Return the witness, and the boxes in the frame of a."""
     d = minus(cb, ca)
     size = (abs(d[0]) + abs(d[1]) + abs(d[2])) + (h[0] + h[1] + h[2]) + (f[0] + f[1] + f[2])
-    pair = Pair(
-        components(a, d), (components(a, b[0]), components(a, b[1]), components(a, b[2])), h, f
-    )
+    pair = Pair(along(a, d), (along(a, b[0]), along(a, b[1]), along(a, b[2])), h, f)
     least = bound_gaps(pair, size, most)
     best = -np.inf
     n = 0.0, 0.0, 0.0
@@ -82,6 +81,12 @@ def _witness(
         if gap > best or (gap == best and _before(m, n)):
             best, n, number = gap, m, axis
     return (best, n[0], n[1], n[2], number), pair
+
+
+@njit
+def along(axes: Axes, v: Vector) -> Vector:
+    """Return the components of a vector along the axes."""
+    return dot(axes[0], v), dot(axes[1], v), dot(axes[2], v)
 
 
 @njit
@@ -111,13 +116,19 @@ def witness_kernel(
     most = np.empty(AXES)
     for n in range(len(pairs)):
         i, j = pairs[n, 0], pairs[n, 1]
-        ca, a, h = vector_at(centers, i), axes_of(rotations, i), vector_at(half_extents, i)
-        cb, b, f = vector_at(centers, j), axes_of(rotations, j), vector_at(half_extents, j)
+        ca, a, h = vector(centers, i), _axes(rotations, i), vector(half_extents, i)
+        cb, b, f = vector(centers, j), _axes(rotations, j), vector(half_extents, j)
         (gaps[n], axes[n, 0], axes[n, 1], axes[n, 2], _), pair = _witness(ca, a, h, cb, b, f, most)
         s = _common(pair)
         x, y, z = a
         for k in range(3):
             points[n, k] = ca[k] + (s[0] * x[k] + s[1] * y[k] + s[2] * z[k])
+
+
+@njit
+def _axes(rotations: Floats, i: int) -> Axes:
+    """Return the axes of box i."""
+    return column(rotations, i, 0), column(rotations, i, 1), column(rotations, i, 2)
 
 
 #: Rounds of alternating projections: each moves the point into one box, then into the other.
@@ -140,9 +151,9 @@ def common_point(
     """
     x, y, z = columns(a)
     axes = x, y, z
-    d = components(axes, (cb[0] - ca[0], cb[1] - ca[1], cb[2] - ca[2]))
+    d = along(axes, (cb[0] - ca[0], cb[1] - ca[1], cb[2] - ca[2]))
     u, v, w = columns(b)
-    r = components(axes, u), components(axes, v), components(axes, w)
+    r = along(axes, u), along(axes, v), along(axes, w)
     s = _common(Pair(d, r, (h[0], h[1], h[2]), (f[0], f[1], f[2])))
     for k in range(3):
         out[k] = ca[k] + (s[0] * x[k] + s[1] * y[k] + s[2] * z[k])

@@ -49,10 +49,10 @@ from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.kinds import as_flag, check_kind
 from obb_collision.numerics.constants import CAREFUL_BOUND, FAST_BOUND, UNDERFLOW
 from obb_collision.numerics.error_free import length, sum_sorted
-from obb_collision.numerics.vec3 import columns
-from obb_collision.queries.verdict.careful import careful_gap
+from obb_collision.queries.verdict.careful import careful_gap, columns
 from obb_collision.queries.verdict.exact import exact_verdict
-from obb_collision.typing import Floats, Vector
+from obb_collision.queries.verdict.sat import Vector
+from obb_collision.typing import Floats
 
 Verdicts = NDArray[np.int8]
 

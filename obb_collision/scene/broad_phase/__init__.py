@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Which world boxes come near each other, without a look at all pairs."""
+"""Candidate pairs: world boxes whose bounds overlap, without testing all pairs."""

@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Shapes, trees and hulls built in a process of their own, so that no caller waits for them."""
+"""Shapes, trees and hulls built in a separate process, so that no caller waits."""

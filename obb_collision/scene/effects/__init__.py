@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The effects of a scene: one module each, and one line here."""
+"""What is computed beside the pairs, one module and one entry per effect."""
 
 from __future__ import annotations
 

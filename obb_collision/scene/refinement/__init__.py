@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Deciding pairs above ``obb``: by trees, hulls or triangles, within a time budget."""
+"""Deciding pairs above ``obb``: by trees, hulls or triangles, in a time budget."""

@@ -1,0 +1,61 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""How Sphinx builds the documentation: ``sphinx-build -W docs build/docs``."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import obb_collision
+
+ROOT = Path(__file__).parents[1]
+
+project = "obb_collision"
+author = "The obb_collision developers"
+version = release = obb_collision.__version__
+
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
+exclude_patterns = ["_build"]
+html_theme = "furo"
+html_title = "obb_collision"
+# Links to headings, as the repository's site makes them.
+myst_heading_anchors = 3
+napoleon_google_docstring = False
+napoleon_use_rtype = False
+autodoc_member_order = "bysource"
+autodoc_typehints = "signature"
+
+#: Pages that are files in the root of the repository.
+ROOT_FILES = {"index": "README.md", "contributing": "CONTRIBUTING.md", "changes": "CHANGELOG.rst"}
+
+
+def read_page(app: Any, name: str, source: list[str]) -> None:
+    """Put the files of the root in their pages, and lead links to these files to the pages."""
+    text = source[0]
+    if name in ROOT_FILES:
+        text = (ROOT / ROOT_FILES[name]).read_text(encoding="utf-8") + "\n" + text
+        text = text.replace("](docs/", "](").replace("](LICENSE)", "](../LICENSE)")
+    up = "../" * name.count("/")
+    for page, file in ROOT_FILES.items():
+        suffix = Path(file).suffix
+        text = re.sub(rf"\]\((?:\.\./)*{file}", f"]({up}{page}{suffix}", text)
+    source[0] = text
+
+
+def setup(app: Any) -> None:
+    """Connect what happens when a page is read."""
+    app.connect("source-read", read_page)

@@ -1,0 +1,180 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Every command in the documentation can be given: its program, options, files and names exist."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import re
+import shlex
+from collections.abc import Iterator
+from functools import cache
+from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
+
+import pytest
+import trimesh
+from pages import PAGES, ROOT, code_blocks, page_name
+
+from obb_collision.scene_files import SceneDescription, describe_scene
+
+SETUP = (ROOT / "setup.py").read_text(encoding="utf-8")
+SCRIPTS = dict(re.findall(r'"(obb_collision_\w+) = ([\w.]+:\w+)"', SETUP))
+EXTRAS = set(re.findall(r'^        "(\w+)": \[', SETUP, re.MULTILINE))
+LAUNCH = (ROOT / "launch" / "obb_collision.launch.py").read_text(encoding="utf-8")
+NEED_ROS = {"obb_collision_latency", "obb_collision_fuzz"}
+OTHERS = {
+    "PIP_BREAK_SYSTEM_PACKAGES=1", "ament_copyright", "ament_flake8", "ament_pep257", "colcon",
+    "mypy", "ruff", "source", "sphinx-build",
+}  # fmt: skip
+"""Programs whose options are not ours."""
+
+
+def commands() -> Iterator[tuple[str, str]]:
+    """Yield the page and the text of each command: in blocks, indented, and in code font."""
+    for page in PAGES:
+        for block in code_blocks(page, "sh"):
+            line = ""
+            for part in block.splitlines():
+                line += part
+                with contextlib.suppress(ValueError):  # a quotation or line goes on in the next
+                    if not line.endswith("\\"):
+                        shlex.split(line, comments=True)
+                        yield page_name(page), line
+                        line = ""
+                        continue
+                line = line.removesuffix("\\") + "\n"
+        text = page.read_text(encoding="utf-8")
+        for line in re.findall(r"^    ((?:obb_collision_|python ).*)$", text, re.MULTILINE):
+            yield page_name(page), line
+        for line in re.findall(r"`((?:obb_collision_|python -m |pip install |bash )[^`]*)`", text):
+            if not re.match(r"obb_collision_\w+\.", line):  # a file
+                yield page_name(page), line
+
+
+def split_chain(line: str) -> list[list[str]]:
+    """Return the words of each command of a line, without the folder of an environment."""
+    chain: list[list[str]] = [[]]
+    for word in shlex.split(line, comments=True):
+        if word == "&&":
+            chain.append([])
+        else:
+            chain[-1].append(word.removeprefix(".venv/bin/"))
+    return [words for words in chain if words]
+
+
+@cache
+def help_text(script: str) -> str:
+    """Return what ``--help`` of a console script prints."""
+    module, function = SCRIPTS[script].split(":")
+    printed = io.StringIO()
+    with contextlib.redirect_stdout(printed), pytest.raises(SystemExit) as end:
+        getattr(import_module(module), function)(["--help"])
+    assert end.value.code == 0
+    return printed.getvalue()
+
+
+def check_parameter(name: str) -> None:
+    if find_spec("rclpy") is not None:
+        from obb_collision.node.parameters.parameters import SPECS
+
+        assert name in {spec.name for spec in SPECS}
+
+
+def check_script(words: list[str]) -> None:
+    script, own = words[0], words[1:]
+    assert script in SCRIPTS
+    if "--ros-args" in own:
+        start = own.index("--ros-args")
+        own, ros = own[:start], own[start:]
+        for name in re.findall(r"-p (\w+):=", " ".join(ros)):
+            check_parameter(name)
+    options = {word for word in own if word.startswith("-")}
+    if options and (script not in NEED_ROS or find_spec("rclpy") is not None):
+        assert options <= set(re.findall(r"--[\w-]+", help_text(script)))
+
+
+def check_ros2(words: list[str]) -> None:
+    if words[1] == "launch":
+        assert (ROOT / "launch" / words[3]).exists()
+        for argument in words[4:]:
+            assert f'"{argument.partition(":=")[0]}"' in LAUNCH
+    elif words[1] == "run":
+        assert words[3] in SCRIPTS
+    elif words[1] == "param":
+        check_parameter(words[4])
+
+
+def check_paths(words: list[str]) -> None:
+    for word in words:
+        if re.match(r"(\.ci|config|docs|launch|obb_collision|test)/[\w.]", word):
+            assert (ROOT / word).exists(), word
+
+
+def check_extras(words: list[str]) -> None:
+    for names in re.findall(r"\.\[([\w,]+)\]", " ".join(words)):
+        assert set(names.split(",")) <= EXTRAS
+
+
+@pytest.mark.parametrize("page", [page_name(page) for page in PAGES])
+def test_commands_can_be_given(page: str) -> None:
+    for words in (w for name, line in commands() if name == page for w in split_chain(line)):
+        program = words[0]
+        check_paths([word for word in words if not word.startswith("--")])
+        if program.startswith("obb_collision_"):
+            check_script(words)
+        elif program in ("python", "python3") and words[1] == "-m":
+            assert find_spec(words[2]) is not None, words
+        elif program in ("python", "bash"):
+            assert (ROOT / words[1]).exists(), words
+        elif program == "pip":
+            check_extras(words)
+        elif program == "ros2":
+            check_ros2(words)
+        else:
+            assert program in OTHERS, words
+
+
+def test_the_commands_are_found() -> None:
+    programs = {words[0] for _, line in commands() for words in split_chain(line)}
+    assert {"obb_collision_demo", "obb_collision_accuracy", "python3", "pip", "ros2"} <= programs
+    assert set(SCRIPTS) <= programs
+
+
+def test_console_scripts_have_modules() -> None:
+    for place in SCRIPTS.values():
+        path = ROOT / Path(place.split(":")[0].replace(".", "/"))
+        assert path.with_suffix(".py").exists(), place
+
+
+def test_yaml_blocks_are_scenes_or_parameters(tmp_path: Path) -> None:
+    (tmp_path / "meshes").mkdir()
+    trimesh.creation.box().export(tmp_path / "meshes" / "hand.stl")
+    scenes: list[SceneDescription] = []
+    parameters: list[str] = []
+    for page in PAGES:
+        for block in code_blocks(page, "yaml"):
+            if block.startswith("/**:"):
+                parameters += re.findall(r"^    ([\w.]+):", block, re.MULTILINE)
+                continue
+            path = tmp_path / f"scene_{len(scenes)}.yaml"
+            path.write_text(block)
+            scenes.append(describe_scene(path))
+    assert all(scene.objects for scene in scenes)
+    assert len(scenes) >= 2
+    for name in set(parameters) - {"qos_overrides"}:
+        check_parameter(name)

@@ -1,0 +1,136 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The tables of the documentation are those of the code; its links lead somewhere."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pages import PAGES, ROOT, page_name, table_rows
+
+from obb_collision.accuracy import Accuracy
+from obb_collision.geometry.representations import memory_table
+from obb_collision.scene.effects import EFFECTS
+
+README = ROOT / "README.md"
+NODE, LIBRARY, NUMERICS = (ROOT / "docs" / f"{name}.md" for name in ("node", "library", "numerics"))
+
+
+def test_the_readme_is_short() -> None:
+    assert len(README.read_text(encoding="utf-8").splitlines()) < 200
+
+
+def anchors(page: Path) -> set[str]:
+    """Return the anchors of a page's headings, as GitHub and myst-parser make them."""
+    headings = re.findall(r"^#+ (.*)$", page.read_text(encoding="utf-8"), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=page_name)
+def test_links_lead_somewhere(page: Path) -> None:
+    for target in re.findall(r"\]\(([^)\s]+)\)", page.read_text(encoding="utf-8")):
+        if target.startswith("http"):
+            continue
+        name, _, anchor = target.partition("#")
+        file = (page.parent / name).resolve() if name else page
+        assert file.exists(), target
+        assert not anchor or anchor in anchors(file), target
+
+
+def test_every_page_is_linked_from_the_readme() -> None:
+    text = README.read_text(encoding="utf-8")
+    for page in PAGES[1:]:
+        assert f"]({page_name(page)})" in text, page
+
+
+def test_the_memory_table_is_that_of_the_arrays() -> None:
+    rows = table_rows(LIBRARY, "## What a box takes in memory")
+    assert {row[0]: tuple(map(int, row[1:])) for row in rows} == memory_table()
+
+
+def test_the_levels_of_accuracy_are_those_of_the_code() -> None:
+    rows = table_rows(ROOT / "docs" / "accuracy.md", "## The levels")
+    assert [row[0].strip("`") for row in rows] == [level.name.lower() for level in Accuracy]
+
+
+def test_the_effects_are_those_of_the_scene() -> None:
+    rows = table_rows(LIBRARY, "## Only what you ask for")
+    found = {row[0].strip("`"): set(re.findall(r"`(\w+)`", row[2])) for row in rows}
+    assert found == {name: set(effect.options) for name, effect in EFFECTS.items()}
+
+
+def test_the_readme_repeats_what_other_pages_measured() -> None:
+    speed = table_rows(ROOT / "docs" / "speed.md", "# Speed")
+    times = [[row[0], *(cell.split(" (")[0] for cell in row[1:])] for row in speed]
+    assert table_rows(README, "## It is fast for many objects") == times
+    right = {row[0]: row for row in table_rows(NUMERICS, "## Wrong answers, side by side")}
+    for name, ours, textbook, *peers in table_rows(README, "### It is right"):
+        row = right[name]
+        assert [ours, textbook, *peers] == [row[2], row[5], *row[7:]]
+
+
+def test_the_parameters_are_those_of_the_node() -> None:
+    pytest.importorskip("rclpy")
+    from obb_collision.node.parameters.parameters import SPECS
+
+    expected = []
+    for spec in SPECS:
+        allowed = ", ".join(f"`{choice}`" for choice in spec.choices)
+        if spec.limits is not None:
+            allowed = f"{spec.limits[0]:g} to {spec.limits[1]:g}"
+        expected.append([f"`{spec.name}`", f"`{spec.default}`", allowed, spec.description])
+    assert table_rows(NODE, "## Parameters") == expected
+
+
+def test_the_named_rows_are_those_of_the_readers() -> None:
+    pytest.importorskip("rclpy")
+    from obb_collision.node.messages import readers
+
+    rows: dict[str, Any] = {
+        "named_pairs": readers.NamedPair,
+        "named_contacts": readers.NamedContact,
+        "named_clearances": readers.NamedClearance,
+        "named_predictions": readers.NamedPrediction,
+        "named_points_inside": readers.NamedPoints,
+    }
+    found = {row[0].strip("`"): row[2] for row in table_rows(NODE, "### Rows with names")}
+    assert set(found) == {*rows, "named_passed_collisions"}
+    for name, row in rows.items():
+        assert tuple(re.findall(r"`(\w+)`", found[name])) == row._fields
+
+
+def test_the_recording_leaves_out_what_is_computed_for_subscribers() -> None:
+    pytest.importorskip("rclpy")
+    from obb_collision.node.outputs.effects import TOPICS
+
+    (pattern,) = re.findall(r"--exclude-regex '(.*)'", NODE.read_text(encoding="utf-8"))
+    names = {
+        effect: "/cell/" + topic.replace("~", "obb_collision") for effect, topic in TOPICS.items()
+    }
+    left_out = {effect for effect, name in names.items() if re.search(pattern, name)}
+    assert left_out == {"text", "contacts", "clearance", "sweep", "points", "markers"}
+    rows = {row[0].strip("`") for row in table_rows(NODE, "## Topics out")}
+    assert rows == {*TOPICS.values(), "namespaces"}
+
+
+def test_the_rosdep_line_allows_what_comes_from_pypi() -> None:
+    from_pypi = re.findall(r"<exec_depend>(.*-pip)<", (ROOT / "package.xml").read_text())
+    assert from_pypi == ["python3-trimesh-pip"]
+    for page in (README, ROOT / "docs" / "install.md"):
+        (line,) = re.findall(r"^.*rosdep install --from.*$", page.read_text(), re.MULTILINE)
+        assert line.startswith("PIP_BREAK_SYSTEM_PACKAGES=1 rosdep install ")
