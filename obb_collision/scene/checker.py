@@ -36,7 +36,7 @@ from obb_collision.scene.broad_phase.broad_phase import (
     find_some_candidates_of,
 )
 from obb_collision.scene.broad_phase.find_pairs import colliding_pairs, columns
-from obb_collision.scene.building.tree_bank import TreeBank
+from obb_collision.scene.building.shape_cache import ShapeCache
 from obb_collision.scene.limit import find_limited, most_candidates
 from obb_collision.scene.refinement.budget import Budget
 from obb_collision.scene.refinement.ladder import (
@@ -85,9 +85,9 @@ class Checker:
     limit: how many pairs are kept, None for all.
     """
 
-    def __init__(self, store: ObjectStore, bank: TreeBank, allowed: AllowedPairs) -> None:
+    def __init__(self, store: ObjectStore, cache: ShapeCache, allowed: AllowedPairs) -> None:
         self._store = store
-        self._bank = bank
+        self._cache = cache
         self._allowed = allowed
         self._bounds: tuple[Floats, Floats] | None = None
         self._spheres = False  # whether the bounds hold the spheres, too
@@ -171,7 +171,7 @@ class Checker:
         if is_plain(store):
             pairs, verdicts = colliding_pairs(store.all_boxes(), candidates, exact)
             return (pairs, verdicts, np.full(len(pairs), Accuracy.OBB, np.int8)), False
-        return decide_pairs(store, self._bank, candidates, depth, exact, budget, waiting, highest)
+        return decide_pairs(store, self._cache, candidates, depth, exact, budget, waiting, highest)
 
     def _candidates(self) -> Pairs | None:
         """Return pairs (m, 2) of slots with a change to them whose bounds meet; None: too many."""

@@ -28,7 +28,8 @@ from obb_collision.geometry.kinds import as_flag, check_kind
 from obb_collision.geometry.poses import IDENTITY_POSE
 from obb_collision.geometry.validation import as_any_array, as_array, as_half_extents
 from obb_collision.obb import OBB
-from obb_collision.scene.building.tree_bank import BOX, TreeBank
+from obb_collision.scene.building.shape_cache import ShapeCache
+from obb_collision.scene.store.kinds import BOX
 from obb_collision.scene.store.store import LocalBox, ObjectStore
 from obb_collision.shapes import Shape
 from obb_collision.words import MAX_OBJECT_NAME, check_name, check_names, shown
@@ -41,9 +42,8 @@ if TYPE_CHECKING:
 class SceneObjects:
     """A store of named objects: shapes, poses, twists, padding and accuracy."""
 
-    _outside: OutsideTrees | None = None
-
     def __init__(self, padding: float, accuracy: Accuracy | str) -> None:
+        self._cache = ShapeCache()
         self.clear()
         self._padding = 0.0
         self.padding = padding
@@ -72,7 +72,7 @@ class SceneObjects:
         _check_padding(pad)
         level = None if accuracy is None else as_accuracy(accuracy)
         slot = self._store.put(name, _local_box(shape), where, pad)
-        self._store.kinds[slot] = self._bank.put(slot, shape)
+        self._store.kinds[slot] = self._cache.put(slot, shape)
         self._set_accuracy(slot, level)
         if padding is None:
             self._own_padding.discard(slot)
@@ -128,13 +128,13 @@ class SceneObjects:
         self._store.accuracies[slots] = ranks
         for slot, shape in zip(slots.tolist(), shapes or (), strict=False):
             if shape is not None:
-                self._store.kinds[slot] = self._bank.put(slot, shape)
+                self._store.kinds[slot] = self._cache.put(slot, shape)
         return slots
 
     def _forget(self, slots: NDArray[np.int64]) -> None:
         """Drop what was kept of the objects that slots had."""
         gone = slots.tolist()
-        self._bank.drop_many(gone)
+        self._cache.drop_many(gone)
         self._own_padding.difference_update(gone)
         self._own_accuracy.difference_update(gone)
 
@@ -174,7 +174,7 @@ class SceneObjects:
         slot = self._store.remove(name)
         self._own_padding.discard(slot)
         self._own_accuracy.discard(slot)
-        self._bank.drop(slot)
+        self._cache.drop(slot)
 
     def remove_indices(self, indices: ArrayLike) -> None:
         """Take objects out, by index array (n,); all or, on a KeyError, none."""
@@ -190,14 +190,13 @@ class SceneObjects:
         """
         from obb_collision.scene.building.outside import OutsideTrees
 
-        self._outside = self._bank.outside = OutsideTrees(builder)
-        return self._outside
+        self._cache.outside = OutsideTrees(builder)
+        return self._cache.outside
 
     def clear(self) -> None:
         """Take all objects out; what is set stays."""
         self._store = ObjectStore()
-        self._bank = TreeBank()
-        self._bank.outside = self._outside
+        self._cache.clear()
         self._own_padding: set[int] = set()
         self._own_accuracy: set[int] = set()
 

@@ -97,7 +97,7 @@ class Scene(SceneObjects):
     def clear(self) -> None:
         """Take all objects out; what is set stays."""
         super().clear()
-        self._checker = Checker(self._store, self._bank, self._allowed)
+        self._checker = Checker(self._store, self._cache, self._allowed)
         self._checker.limit = self._max_pairs
         self._report: weakref.ref[Report] | None = None
         self._before: Before | None = None
@@ -157,7 +157,7 @@ class Scene(SceneObjects):
 
     def prepare(self) -> None:
         """Build the trees and hulls of all shapes now; else the first checks that need them do."""
-        prepare_shapes(self._store, self._bank)
+        prepare_shapes(self._store, self._cache)
 
     def allow(self, first: str, second: str, allowed: bool = True) -> None:
         """Let objects touch: their pairs no longer count; with ``allowed=False`` they do again.
@@ -224,7 +224,7 @@ class Scene(SceneObjects):
         start = perf_counter()
         if self._budget is not None:
             self._budget.start()
-        self._bank.take_built()
+        self._cache.take_built()
         wanted = self._effects.wanted(effects)
         lasting = not wanted or all(EFFECTS[name].lazy for name in wanted)
         report = self._report() if self._report is not None else None

@@ -28,9 +28,9 @@ from scipy.spatial.transform import Rotation
 
 import obb_collision as oc
 from obb_collision.benchmarks.cases.families import FAMILIES, generate
+from obb_collision.geometry.trees import pool
 from obb_collision.queries.verdict.coarse import bounds_meet, faces_meet, spheres_meet
 from obb_collision.queries.verdict.verdict import SEPARATE
-from obb_collision.scene.building import tree_bank
 
 #: Pairs of each of the 16 families: 104,000 in all.
 PAIRS = 6500
@@ -254,13 +254,13 @@ def test_trees_are_built_only_when_asked_for_and_once_a_shape(
     built: list[str] = []
 
     def counted(name: str) -> None:
-        build = getattr(tree_bank, name)
+        build = getattr(pool, name)
 
         def count(*args: object) -> object:
             built.append(name)
             return build(*args)
 
-        monkeypatch.setattr(tree_bank, name, count)
+        monkeypatch.setattr(pool, name, count)
 
     for name in ("mesh_tree", "box_tree", "hull_mesh"):
         counted(name)
@@ -288,7 +288,7 @@ def test_trees_of_shapes_that_are_gone_go_too() -> None:
     for k in range(5):
         scene.add("ring", oc.shapes.Mesh(*ZOO["torus0"], scale=[1.0 + k, 1, 1]))
         scene.check()
-    assert len(scene._bank) == 2
+    assert len(scene._cache) == 2
 
 
 def test_the_default_is_obb() -> None:

@@ -11,21 +11,28 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-
 """Trees and hulls one after another in arrays that grow by doubling: each costs its own size."""
 
 from __future__ import annotations
 
 from dataclasses import fields
-from typing import Any, NamedTuple
+from threading import Lock
+from typing import Any, ClassVar, Generic, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from obb_collision.geometry.shapes.meshes import Mesh
+from obb_collision.geometry.shapes.primitives import Shape
+from obb_collision.geometry.trees.convex_proxy import box_corners, hull_mesh
 from obb_collision.geometry.trees.obb_tree import MeshTrees
+from obb_collision.geometry.trees.shape_trees import box_tree, hull_tree, mesh_tree
 from obb_collision.typing import Floats, Integers
 
-TREE_ARRAYS = tuple(item.name for item in fields(MeshTrees))
+Item = TypeVar("Item")
+Arrays = dict[str, NDArray[Any]]
+#: A shape, or the half extents (3,) of a box about the origin.
+Body = Shape | Floats
 
 
 class Hulls(NamedTuple):
@@ -42,30 +49,61 @@ class Hulls(NamedTuple):
         return cls(corners, np.array([0, len(corners)]), np.array([radius]))
 
 
-class _Buffers:
-    """Named arrays to which rows are added; what was handed out stays as it was."""
+class Pool(Generic[Item]):
+    """Items, one after another.
+
+    Threads that append take turns by ``lock``. ``all`` may be read at any time: it has all rows
+    that ``append`` has returned by then, and what was read stays as it is.
+    """
+
+    names: ClassVar[tuple[str, ...]]
+    """The arrays of an item."""
+    measure: ClassVar[str]
+    """The one whose length says how much an item takes."""
 
     def __init__(self) -> None:
-        self._arrays: dict[str, NDArray[Any]] = {}
-        self._used: dict[str, int] = {}
+        self.lock = Lock()
+        self._arrays: Arrays = {}
+        self._used = dict.fromkeys(self.names, 0)
+        self._all: Item | None = None
 
-    def used(self, name: str) -> int:
-        return self._used.get(name, 0)
+    @property
+    def all(self) -> Item:
+        """All items, of which there must be one."""
+        assert self._all is not None
+        return self._all
 
-    def part(self, name: str) -> NDArray[Any]:
-        return self._arrays[name][: self._used[name]]
+    @property
+    def size(self) -> int:
+        """How much all items take."""
+        return self._used[self.measure]
 
-    def extend(self, rows: dict[str, NDArray[Any]]) -> None:
-        """Add rows to all arrays or, where there is no memory for that, to none."""
+    @classmethod
+    def size_of(cls, item: Item) -> int:
+        """Return how much an item takes."""
+        return len(getattr(item, cls.measure))
+
+    @classmethod
+    def arrays(cls, item: Item) -> Arrays:
+        """Return the arrays of an item."""
+        return {name: getattr(item, name) for name in cls.names}
+
+    def append(self, item: Item) -> int:
+        """Add an item; return its row. Where there is no memory for it, nothing changes."""
+        row = self._used["radii"]
+        rows = self.arrays(item)
+        rows |= self._moved(rows)
         for name, values in rows.items():
             self._reserve(name, values)
         for name, values in rows.items():
-            used = self.used(name)
+            used = self._used[name]
             self._arrays[name][used : used + len(values)] = values
             self._used[name] = used + len(values)
+        self._all = self.made({name: self._arrays[name][: self._used[name]] for name in self.names})
+        return row
 
     def _reserve(self, name: str, values: NDArray[Any]) -> None:
-        used, needed = self.used(name), self.used(name) + len(values)
+        used, needed = self._used[name], self._used[name] + len(values)
         array = self._arrays.get(name)
         if array is None or len(array) < needed:
             larger = np.empty((max(needed, 2 * used), *values.shape[1:]), values.dtype)
@@ -73,78 +111,65 @@ class _Buffers:
                 larger[:used] = array[:used]
             self._arrays[name] = larger
 
+    @staticmethod
+    def made(arrays: Arrays) -> Item:
+        """Return items of their arrays."""
+        raise NotImplementedError
 
-class TreePool:
+    @staticmethod
+    def built(body: Body) -> Item:
+        """Return the item of a body."""
+        raise NotImplementedError
+
+    def _moved(self, arrays: Arrays) -> Arrays:
+        """Return the arrays that count rows, as they are after the items there are."""
+        raise NotImplementedError
+
+
+class TreePool(Pool[MeshTrees]):
     """What ``MeshTrees.join`` makes, tree by tree."""
 
-    def __init__(self) -> None:
-        self._buffers = _Buffers()
-        self._all: MeshTrees | None = None
-
-    @property
-    def size(self) -> int:
-        """The number of triangles of all trees."""
-        return self._buffers.used("triangles")
-
-    @property
-    def all(self) -> MeshTrees:
-        """All trees, of which there must be one."""
-        if self._all is None:
-            self._all = MeshTrees.trusted(
-                **{name: self._buffers.part(name) for name in TREE_ARRAYS}
-            )
-        return self._all
+    names = tuple(item.name for item in fields(MeshTrees))
+    measure = "triangles"
 
     @staticmethod
-    def size_of(tree: MeshTrees) -> int:
-        """Return the number of triangles of a tree."""
-        return len(tree.triangles)
+    def made(arrays: Arrays) -> MeshTrees:
+        """Return trees of their arrays."""
+        return MeshTrees.trusted(**arrays)
 
-    def append(self, tree: MeshTrees) -> int:
-        """Add a tree; return its row."""
-        used = self._buffers.used
-        row, nodes = used("roots"), used("nodes")
-        shifted = {
-            "children": np.where(tree.children < 0, -1, tree.children + nodes),
-            "starts": tree.starts + used("triangles"),
-            "roots": tree.roots + nodes,
-            "piece_starts": tree.piece_starts[1 if row else 0 :] + used("pieces"),
+    @staticmethod
+    def built(body: Body) -> MeshTrees:
+        """Return the tree of a mesh's triangles, of a box, or of the hull of another shape."""
+        if isinstance(body, np.ndarray):
+            return box_tree(body)
+        return mesh_tree(body) if isinstance(body, Mesh) else hull_tree(body)
+
+    def _moved(self, arrays: Arrays) -> Arrays:
+        used, children = self._used, arrays["children"]
+        return {
+            "children": np.where(children < 0, -1, children + used["nodes"]),
+            "starts": arrays["starts"] + used["triangles"],
+            "roots": arrays["roots"] + used["nodes"],
+            "piece_starts": arrays["piece_starts"][1 if self.size else 0 :] + used["pieces"],
         }
-        rows = {name: shifted.get(name, getattr(tree, name)) for name in TREE_ARRAYS}
-        self._buffers.extend(rows)
-        self._all = None
-        return row
 
 
-class HullPool:
+class HullPool(Pool[Hulls]):
     """Hulls, one after another."""
 
-    def __init__(self) -> None:
-        self._buffers = _Buffers()
-
-    @property
-    def size(self) -> int:
-        """The number of corners of all hulls."""
-        return self._buffers.used("corners")
-
-    @property
-    def all(self) -> Hulls:
-        """All hulls, of which there must be one."""
-        return Hulls(*(self._buffers.part(name) for name in Hulls._fields))
+    names = Hulls._fields
+    measure = "corners"
 
     @staticmethod
-    def size_of(hull: Hulls) -> int:
-        """Return the number of corners of a hull."""
-        return len(hull.corners)
+    def made(arrays: Arrays) -> Hulls:
+        """Return hulls of their arrays."""
+        return Hulls(**arrays)
 
-    def append(self, hull: Hulls) -> int:
-        """Add a hull; return its row."""
-        row, corners = self._buffers.used("radii"), self.size
-        self._buffers.extend(
-            {
-                "corners": hull.corners,
-                "starts": hull.starts[1 if row else 0 :] + corners,
-                "radii": hull.radii,
-            }
-        )
-        return row
+    @staticmethod
+    def built(body: Body) -> Hulls:
+        """Return the hull of a body."""
+        corners = box_corners(body) if isinstance(body, np.ndarray) else hull_mesh(body)[0]
+        return Hulls.of(corners)
+
+    def _moved(self, arrays: Arrays) -> Arrays:
+        return {"starts": arrays["starts"][1 if self.size else 0 :] + self.size}

@@ -37,7 +37,7 @@ from obb_collision.geometry.shapes.files import (
 from obb_collision.geometry.shapes.primitives import LocalBox
 from obb_collision.numerics.constants import MAX_MAGNITUDE
 from obb_collision.scene.building.errors import BAD_SHAPE, BuildError
-from obb_collision.scene.building.tree_jobs import perform_hull, perform_tree
+from obb_collision.scene.building.tree_jobs import POOLS, perform_build
 from obb_collision.scene.building.wire import Message
 from obb_collision.shapes import Hull, Mesh, Shape
 from obb_collision.typing import Floats
@@ -206,8 +206,7 @@ PERFORM: dict[str, Callable[[Message], Message]] = {
     "bodies": _bodies,
     "data": _data,
     "file": _file,
-    "tree": perform_tree,
-    "hull": perform_hull,
+    **dict.fromkeys(POOLS, perform_build),
 }
 
 

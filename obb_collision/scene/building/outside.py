@@ -22,34 +22,24 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from time import perf_counter
-from typing import Any, Protocol
+from typing import Any, TypeGuard
 
 import numpy as np
 
-from obb_collision.geometry.trees.pool import HullPool
+from obb_collision.geometry.shapes.meshes import Hull, Mesh
+from obb_collision.geometry.shapes.primitives import Shape
 from obb_collision.scene.building.builder import Builder
 from obb_collision.scene.building.errors import BuildError
-from obb_collision.scene.building.shelf import Added, Shelf
-from obb_collision.scene.building.tree_jobs import CompactJob, HullJob, TreeJob
-from obb_collision.shapes import Hull, Mesh, Shape
+from obb_collision.scene.building.shape_cache import Entry, PerShape, TimeLeft
+from obb_collision.scene.building.tree_jobs import BuildJob, PackJob
 from obb_collision.typing import Rows
 
 #: Triangles of a mesh, or points of a hull, that are built at once: 2 ms for a tree.
 FEW = 100
-#: Seconds of a check for building small ones; the rest of them is built at the next ones.
+#: Seconds of a check for building small ones; the next checks build the rest of them.
 AT_ONCE = 0.01
-#: How much a pool may hold to be made anew at once: triangles or corners, 10 ms.
+#: How much is put into a new pool at once: triangles or corners, 10 ms.
 SMALL_POOL = 10_000
-
-#: A shelf, and the shape that needs something on it.
-Wanted = tuple[Shelf[Any, Any], Shape]
-
-
-class TimeLeft(Protocol):
-    """What knows how much time is left, such as a budget."""
-
-    def left(self) -> float:
-        """Return the seconds that are left."""
 
 
 class Allowance:
@@ -64,7 +54,7 @@ class Allowance:
         return left if self._budget is None else min(left, self._budget.left())
 
 
-def is_large(shape: Shape | None) -> bool:
+def is_large(shape: Shape | None) -> TypeGuard[Mesh | Hull]:
     """Return whether the tree of a shape takes long to build."""
     if isinstance(shape, Mesh):
         return len(shape.faces) > FEW
@@ -76,16 +66,15 @@ class OutsideTrees:
 
     def __init__(self, builder: Builder) -> None:
         self._builder = builder
-        self._wanted: dict[Wanted, set[int]] = {}
-        self._failed: dict[Wanted, BuildError] = {}
-        self._compacting: set[Shelf[Any, Any]] = set()
-        self._shelves: set[Shelf[Any, Any]] = set()
-        self._dropped = False
+        self._waiting: set[Entry[Any]] = set()
+        self._failed: dict[Entry[Any], BuildError] = {}
+        self._packing: set[PerShape[Any]] = set()
+        self._is_wasteful = False  # perhaps
 
     @property
     def waiting(self) -> int:
         """How many trees and hulls are being built."""
-        return len(self._wanted)
+        return len(self._waiting)
 
     @property
     def failed(self) -> Counter[str]:
@@ -96,83 +85,69 @@ class OutsideTrees:
         """Return the time for what is built at once."""
         return Allowance(budget)
 
-    def order(self, shelf: Shelf[Any, Any], slots: Rows, shapes: Mapping[int, Shape]) -> Rows:
+    def order(self, per_shape: PerShape[Any], slots: Rows, shapes: Mapping[int, Shape]) -> Rows:
         """See to it that what is large will be built; return the slots of the rest."""
         rest = []
-        for slot in slots[shelf.rows(slots) < 0].tolist():
+        for slot in slots[per_shape.rows(slots) < 0].tolist():
             shape = shapes.get(slot)
-            if shape is None or not is_large(shape):
+            if is_large(shape):
+                entry = per_shape.entry(slot, shape)
+                if entry.row < 0 and entry not in self._waiting and entry not in self._failed:
+                    self._request(entry, BuildJob(shape, per_shape))
+            else:
                 rest.append(slot)
-            elif not shelf.share(slot, shape):
-                self._request((shelf, shape), slot)
         return np.array(rest, np.int64)
 
-    def _request(self, wanted: Wanted, slot: int) -> None:
-        if wanted in self._failed:
-            return
-        if wanted not in self._wanted:
-            shelf, shape = wanted
-            self._shelves.add(shelf)
-            assert isinstance(shape, (Mesh, Hull))
-            make = HullJob if isinstance(shelf.pool, HullPool) else TreeJob
-            try:
-                self._builder.request(wanted, wanted, make(shape, shelf))
-            except BuildError as error:
-                self._failed[wanted] = error
-                return
-            self._wanted[wanted] = set()
-        self._wanted[wanted].add(slot)
-
-    def drop(self, slot: int, shape: Shape) -> None:
-        """Forget what a slot needs that has this shape no longer."""
-        self._dropped = True
-        for shelf in self._shelves:
-            wanted = shelf, shape
-            self._failed.pop(wanted, None)  # who has it still asks again
-            if wanted not in self._wanted:
-                continue
-            self._wanted[wanted].discard(slot)
-            if not self._wanted[wanted]:
-                del self._wanted[wanted]
-                self._builder.cancel(wanted)
-
-    def take(self, shelves: Iterable[Shelf[Any, Any]]) -> None:
-        """Take what was built since the last time."""
-        for outcome in self._builder.poll():
-            if isinstance(outcome.job, CompactJob):
-                self._compacting.discard(outcome.job.shelf)
-                if outcome.error is None:
-                    self._exchange(outcome.job.shelf, outcome.result)
-                continue
-            wanted: Any = outcome.signature
-            slots = self._wanted.pop(wanted, set())
-            if outcome.error is not None:
-                self._failed[wanted] = outcome.error
-            else:
-                # if it is on another pool by now it is built again when it is asked for
-                wanted[0].note(outcome.result, np.array(sorted(slots), np.int64))
-        if self._dropped:
-            self._dropped = False
-            for shelf in shelves:
-                self._compact(shelf)
-
-    def _exchange(self, shelf: Shelf[Any, Any], added: Added[Any, Any]) -> None:
-        if shelf.size_beyond(added) <= SMALL_POOL:
-            shelf.compact(added)
-        else:
-            self._dropped = True  # it is made anew
-
-    def _compact(self, shelf: Shelf[Any, Any]) -> None:
-        """Let go what is of no use any more: at once, if little is left."""
-        if shelf in self._compacting or not shelf.wasteful:
-            return
-        if shelf.size <= SMALL_POOL:
-            shelf.compact()
-            return
-        job = CompactJob(shelf.items(), shelf)
+    def _request(self, entry: Entry[Any], job: BuildJob) -> None:
         try:
-            self._builder.request(shelf, job, job)
-        except BuildError:
-            self._dropped = True
+            self._builder.request(entry, entry, job)
+        except BuildError as error:
+            self._failed[entry] = error
         else:
-            self._compacting.add(shelf)
+            self._waiting.add(entry)
+
+    def drop(self, entry: Entry[Any]) -> None:
+        """Take note that a slot has left an entry."""
+        self._is_wasteful = True
+        self._failed.pop(entry, None)  # who has it still asks again
+        if not entry.slots and entry in self._waiting:
+            self._waiting.discard(entry)
+            self._builder.cancel(entry)
+
+    def take(self, caches: Iterable[PerShape[Any]]) -> None:
+        """Take what was built since the last time; make the pools smaller that are half empty."""
+        for outcome in self._builder.poll():
+            job: Any = outcome.job
+            if isinstance(job, PackJob):
+                self._packing.discard(job.per_shape)
+                self._is_wasteful = True  # if something was dropped meanwhile
+                if outcome.error is None and job.per_shape.lacks(outcome.result) <= SMALL_POOL:
+                    job.per_shape.exchange(outcome.result)
+                continue
+            entry: Any = outcome.signature
+            self._waiting.discard(entry)
+            if outcome.error is not None:
+                self._failed[entry] = outcome.error
+                continue
+            pool, item, row = outcome.result
+            if pool is job.per_shape.pool:  # else it is built again when it is asked for
+                job.per_shape.put(entry, item, row)
+        if self._is_wasteful:
+            self._is_wasteful = False
+            for per_shape in caches:
+                self._pack(per_shape)
+
+    def _pack(self, per_shape: PerShape[Any]) -> None:
+        """Let go what is of no use any more: at once, if little is left."""
+        if per_shape in self._packing or not per_shape.is_wasteful:
+            return
+        if per_shape.size <= SMALL_POOL:
+            per_shape.exchange()
+            return
+        job = PackJob(per_shape.built, per_shape)
+        try:
+            self._builder.request(per_shape, job, job)
+        except BuildError:
+            self._is_wasteful = True
+        else:
+            self._packing.add(per_shape)

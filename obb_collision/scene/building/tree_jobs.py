@@ -12,30 +12,31 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Jobs that build trees and hulls of shapes, and put them on a shelf."""
+"""Jobs that build trees and hulls of shapes, and add them to a pool."""
 
 from __future__ import annotations
 
-from collections.abc import Hashable
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from obb_collision.geometry.trees.convex_proxy import hull_mesh
-from obb_collision.geometry.trees.obb_tree import MeshTrees
-from obb_collision.geometry.trees.pool import TREE_ARRAYS, Hulls
-from obb_collision.geometry.trees.shape_trees import hull_tree, mesh_tree
-from obb_collision.scene.building.shelf import Added, Shelf
-from obb_collision.shapes import Hull, Mesh
+from obb_collision.geometry.shapes.meshes import Hull, Mesh
+from obb_collision.geometry.trees.pool import HullPool, Pool, TreePool
+
+if TYPE_CHECKING:  # the process that builds needs none of these
+    from obb_collision.scene.building.shape_cache import Entry, Packed, PerShape
+
+#: Names of jobs, and where what they build goes to.
+POOLS: dict[str, type[Pool[Any]]] = {"tree": TreePool, "hull": HullPool}
 
 
 @dataclass(frozen=True, eq=False)
-class TreeJob:
-    """The tree of a mesh's triangles, or of a hull."""
+class BuildJob:
+    """The tree or hull of a shape."""
 
     shape: Mesh | Hull
-    shelf: Shelf[MeshTrees, MeshTrees]
+    per_shape: PerShape[Any]
 
     @property
     def size(self) -> int:
@@ -44,41 +45,23 @@ class TreeJob:
 
     def message(self) -> dict[str, Any]:
         """Return what is sent."""
-        return {"job": "tree"} | _sent(self.shape)
+        (name,) = (name for name, kind in POOLS.items() if isinstance(self.per_shape.pool, kind))
+        return {"job": name} | _sent(self.shape)
 
-    def finish(self, reply: dict[str, Any]) -> Added[MeshTrees, MeshTrees]:
-        """Return the tree on the shelf."""
-        trees = MeshTrees.trusted(**{name: reply[name] for name in TREE_ARRAYS})
-        return self.shelf.add(self.shape, trees)
-
-
-@dataclass(frozen=True, eq=False)
-class HullJob:
-    """The hull of a mesh or hull."""
-
-    shape: Mesh | Hull
-    shelf: Shelf[Hulls, Hulls]
-
-    @property
-    def size(self) -> int:
-        """Bytes that the job holds while it waits: the shape is there anyway."""
-        return 0
-
-    def message(self) -> dict[str, Any]:
-        """Return what is sent."""
-        return {"job": "hull"} | _sent(self.shape)
-
-    def finish(self, reply: dict[str, Any]) -> Added[Hulls, Hulls]:
-        """Return the hull on the shelf."""
-        return self.shelf.add(self.shape, Hulls.of(reply["corners"]))
+    def finish(self, reply: dict[str, Any]) -> tuple[Pool[Any], Any, int]:
+        """Return the pool that what was built is in, itself, and its row."""
+        pool = self.per_shape.pool
+        item = pool.made(reply)
+        with pool.lock:
+            return pool, item, pool.append(item)
 
 
 @dataclass(frozen=True, eq=False)
-class CompactJob:
+class PackJob:
     """A new pool of the items in use; nothing is sent."""
 
-    items: dict[Hashable, Any]
-    shelf: Shelf[Any, Any]
+    built: dict[Entry[Any], Any]
+    per_shape: PerShape[Any]
 
     @property
     def size(self) -> int:
@@ -88,9 +71,9 @@ class CompactJob:
     def message(self) -> None:
         """Return None: there is nothing to send."""
 
-    def finish(self, reply: dict[str, Any]) -> Added[Any, Any]:
+    def finish(self, reply: dict[str, Any]) -> Packed[Any]:
         """Return the new pool."""
-        return self.shelf.compacted(self.items)
+        return self.per_shape.packed(self.built)
 
 
 def _sent(shape: Mesh | Hull) -> dict[str, Any]:
@@ -109,13 +92,7 @@ def _received(message: dict[str, Any]) -> Mesh | Hull:
     return Hull.fitted(message["points"], box, message["scale"])
 
 
-def perform_tree(message: dict[str, Any]) -> dict[str, Any]:
-    """Build a tree."""
-    shape = _received(message)
-    trees = mesh_tree(shape) if isinstance(shape, Mesh) else hull_tree(shape)
-    return {name: getattr(trees, name) for name in TREE_ARRAYS}
-
-
-def perform_hull(message: dict[str, Any]) -> dict[str, Any]:
-    """Build a hull."""
-    return {"corners": hull_mesh(_received(message))[0]}
+def perform_build(message: dict[str, Any]) -> dict[str, Any]:
+    """Build a tree or hull."""
+    pool = POOLS[message["job"]]
+    return pool.arrays(pool.built(_received(message)))

@@ -29,10 +29,11 @@ from obb_collision.queries.verdict.coarse import bounds_meet
 from obb_collision.queries.verdict.verdict import SEPARATE, TOUCHING, Verdicts, pair_verdicts
 from obb_collision.scene.broad_phase.broad_phase import Pairs
 from obb_collision.scene.broad_phase.find_pairs import coarse_meet, columns
-from obb_collision.scene.building.tree_bank import BOX, BOXED, ROUND, TreeBank
+from obb_collision.scene.building.shape_cache import ShapeCache
 from obb_collision.scene.refinement.budget import Budget
 from obb_collision.scene.refinement.mesh_pairs import MeshPairs
 from obb_collision.scene.refinement.refine import Levels, refine
+from obb_collision.scene.store.kinds import BOX, BOXED, ROUND
 from obb_collision.scene.store.store import ObjectStore
 from obb_collision.typing import Rows
 
@@ -68,7 +69,7 @@ NONE: Found = np.empty((0, 2), np.int64), np.empty(0, np.int8), np.empty(0, np.i
 
 
 def decide_pairs(
-    store: ObjectStore, bank: TreeBank, candidates: Pairs, depth: int, exact: bool,
+    store: ObjectStore, cache: ShapeCache, candidates: Pairs, depth: int, exact: bool,
     budget: Budget | None = None, waiting: Found = NONE, highest: Accuracy = Accuracy.MESH,
 ) -> tuple[Found, bool]:  # fmt: skip
     """Return the candidates (m, 2), pairs of slots whose bounds meet, that are not SEPARATE.
@@ -93,7 +94,7 @@ def decide_pairs(
 
     high = np.flatnonzero(asked > Accuracy.OBB)
     if len(high):
-        job = MeshPairs(store, bank, *columns(pairs[high]), depth, exact)
+        job = MeshPairs(store, cache, *columns(pairs[high]), depth, exact)
         state = levels[high], verdicts[high]
         refine(job, asked[high], high >= len(met), *state, budget)
         levels[high], verdicts[high] = state

@@ -37,8 +37,9 @@ from obb_collision.queries.meshes.meshes import (
 )
 from obb_collision.queries.primitives.capsules import capsule_pair_verdicts
 from obb_collision.queries.verdict.verdict import OVERLAP, SEPARATE, TOUCHING, Verdicts
-from obb_collision.scene.building.tree_bank import BOX, BOXED, CONVEX, ROUND, TRIANGLES, TreeBank
+from obb_collision.scene.building.shape_cache import ShapeCache
 from obb_collision.scene.refinement.budget import ABOVE, Budget
+from obb_collision.scene.store.kinds import BOX, BOXED, CONVEX, ROUND, TRIANGLES
 from obb_collision.scene.store.store import ObjectStore
 from obb_collision.typing import Floats, Mask, Rows
 
@@ -50,15 +51,15 @@ PLACING = 128 * ROUNDOFF
 EFFORT = 256
 
 
-def prepare_shapes(store: ObjectStore, bank: TreeBank) -> None:
+def prepare_shapes(store: ObjectStore, cache: ShapeCache) -> None:
     """Build what the levels of all objects may need, and compile what looks at it."""
     wanted = np.flatnonzero(store.active & (store.accuracies > Accuracy.OBB))
     wanted = wanted[store.kinds[wanted] != BOXED]
     if len(wanted) == 0:
         return
     for hull in (False, True):
-        bank.build(store, wanted, hull, None)
-    pair = MeshPairs(store, bank, wanted[-1:], wanted[-1:], 0, False)
+        cache.build(store, wanted, hull, None)
+    pair = MeshPairs(store, cache, wanted[-1:], wanted[-1:], 0, False)
     row = np.zeros(1, np.int64)
     for level in ABOVE:
         if pair.prepare(level, row, None).all():
@@ -72,9 +73,15 @@ class MeshPairs:
     """
 
     def __init__(
-        self, store: ObjectStore, bank: TreeBank, first: Rows, second: Rows, depth: int, exact: bool
+        self,
+        store: ObjectStore,
+        cache: ShapeCache,
+        first: Rows,
+        second: Rows,
+        depth: int,
+        exact: bool,
     ) -> None:
-        self._store, self._bank = store, bank
+        self._store, self._cache = store, cache
         self._depth, self._exact = depth, exact
         self._slots, ends = np.unique(np.concatenate([first, second]), return_inverse=True)
         self._ends = ends[: len(first)], ends[len(first) :]
@@ -91,7 +98,7 @@ class MeshPairs:
             i, j = self._ends[0][rows[these]], self._ends[1][rows[these]]
             needed = np.unique(np.concatenate([i, j]))
             have = np.zeros(len(self._slots), np.bool_)
-            have[needed] = self._bank.build(self._store, self._slots[needed], hull, budget)
+            have[needed] = self._cache.build(self._store, self._slots[needed], hull, budget)
             ready[these] = have[i] & have[j]
         return ready
 
@@ -112,7 +119,7 @@ class MeshPairs:
     def _hull_verdicts(self, rows: Rows) -> Verdicts:
         if len(rows) == 0:
             return np.empty(0, np.int8)
-        bodies = PlacedHulls(*self._bank.hulls(self._slots), *self._places)
+        bodies = PlacedHulls(*self._cache.hulls(self._slots), *self._places)
         met = hulls_meet(bodies, bodies, self._ends[0][rows], self._ends[1][rows])
         return np.where(met, np.int8(TOUCHING), np.int8(SEPARATE))
 
@@ -120,7 +127,7 @@ class MeshPairs:
         if len(rows) == 0:
             return np.empty(0, np.int8)
         i, j = self._ends[0][rows], self._ends[1][rows]
-        bodies = PlacedMeshes.trusted(*self._bank.trees(self._slots), *self._places)
+        bodies = PlacedMeshes.trusted(*self._cache.trees(self._slots), *self._places)
         if level == Accuracy.OBB_TREE:
             met = tree_collisions(bodies, bodies, self._depth, i, j)
             return np.where(met, np.int8(TOUCHING), np.int8(SEPARATE))
@@ -165,7 +172,7 @@ class MeshPairs:
     def _capsules(self, sign: float) -> Capsules:
         """Return the spheres and capsules with padding, larger or smaller by all errors."""
         rows = self._round_slots
-        radii, halves = self._bank.rounds(self._slots[rows]).T
+        radii, halves = self._cache.rounds(self._slots[rows]).T
         radii = radii + self._store.paddings[self._slots[rows]]
         centers, rotations = self._places[0][rows], self._places[1][rows]
         axes = rotations[:, :, 2] * halves[:, None]

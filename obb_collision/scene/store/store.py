@@ -57,7 +57,7 @@ class ObjectStore:
         self.active = np.zeros(capacity, np.bool_)  # used and enabled
         self.changed = np.zeros(capacity, np.bool_)  # since the last check
         self.accuracies = np.full(capacity, Accuracy.OBB, np.int8)
-        self.kinds = np.zeros(capacity, np.int8)  # see ``tree_bank``
+        self.kinds = np.zeros(capacity, np.int8)  # see ``kinds``
         self.paddings = np.zeros(capacity)
         self.poses = np.zeros((capacity, 7))
         self.twists = np.zeros((capacity, 6))

@@ -36,8 +36,8 @@ from std_srvs.srv import Trigger
 from visualization_msgs.msg import Marker
 
 from obb_collision.geometry.shapes import meshes
+from obb_collision.geometry.trees import pool
 from obb_collision.node.objects import shape_requests
-from obb_collision.scene.building import tree_bank
 from obb_collision.scene.building.process import Limits
 from obb_collision.scene.building.wire import Message
 
@@ -223,7 +223,7 @@ def test_the_same_points_and_files_are_built_once(rig: Rig, tmp_path: Path) -> N
     assert gate.jobs[:2] == ["triangles", "file"]
     assert gate.jobs.count("triangles") == 1
     scene = rig.node.objects.scene
-    assert len({id(shape) for shape in scene._bank._shapes.values()}) == 2
+    assert len({id(shape) for shape in scene._cache._shapes.values()}) == 2
 
 
 def test_a_file_is_looked_at_again_when_a_marker_names_it_again(
@@ -399,7 +399,7 @@ def test_trees_of_large_meshes_are_not_built_by_the_thread_of_the_cycles(
     with Rig(accuracy="mesh" if at_start else "obb") as rig:
         rig.patience = 300.0  # kernels may have to be compiled
         for name in ("mesh_tree", "hull_mesh"):
-            monkeypatch.setattr(tree_bank, name, build)
+            monkeypatch.setattr(pool, name, build)
         rig.listen("/diagnostics")
         other = mesh_marker(file, OTHER)
         other.pose.position.x = other.pose.position.y = 1.5  # the boxes collide, the balls do not

@@ -28,14 +28,17 @@ import trimesh
 
 import obb_collision as oc
 from obb_collision import _kernel_cache
+from obb_collision.geometry.trees import pool as pools
 from obb_collision.geometry.trees.obb_tree import MeshTrees
 from obb_collision.geometry.trees.pool import TreePool
 from obb_collision.geometry.trees.shape_trees import mesh_tree
-from obb_collision.scene.building import outside, tree_bank
+from obb_collision.scene.building import outside
 from obb_collision.scene.building.builder import Builder
 from obb_collision.scene.building.errors import BuildError
+from obb_collision.scene.building.outside import OutsideTrees
 from obb_collision.scene.building.process import Limits
-from obb_collision.scene.building.shelf import Shelf
+from obb_collision.scene.building.shape_cache import PerShape
+from obb_collision.scene.building.tree_jobs import BuildJob, perform_build
 from obb_collision.scene.building.wire import Message
 from obb_collision.scene.report import Report
 from obb_collision.shapes import Box, Hull, Mesh, Shape
@@ -61,12 +64,12 @@ def hull(seed: int = 0) -> Hull:
     return Hull(np.random.default_rng(seed).normal(size=(300, 3)))
 
 
-def settled(scene: oc.Scene) -> Report:
-    """Check until nothing is being built; return the last report."""
+def settled(scene: oc.Scene, trees: OutsideTrees) -> Report:
+    """Check until nothing is being built, and a check finds nothing to do; return its report."""
     limit = time.monotonic() + PATIENCE
     while True:
         report = scene.check()
-        if scene._outside is None or not (scene._outside.waiting or scene._checker.behind):
+        if not trees.waiting and scene.check() is report:
             return report
         assert time.monotonic() < limit, "trees are built in vain"
         time.sleep(0.005)
@@ -83,21 +86,20 @@ def test_pairs_are_on_obb_until_their_trees_are_there(
     builder: Builder, accuracy: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     scenes = [oc.Scene(accuracy=accuracy), oc.Scene(accuracy=accuracy)]
-    scenes[0].build_outside(builder)
+    trees = scenes[0].build_outside(builder)
     for scene in scenes:
         shapes: list[Shape] = [ball(1), ball(2), hull(3), hull(4), Box((1.0, 2.0, 0.5))]
         for number, shape in enumerate(shapes):
             scene.add(str(number), shape, (0.9 * number, 0.2 * number, 0, 0, 0, 0.6, 0.8))
     expected = results(scenes[1].check())
     for name in ("mesh_tree", "hull_tree", "hull_mesh"):
-        monkeypatch.setattr(tree_bank, name, None)  # not in this process
+        monkeypatch.setattr(pools, name, None)  # not in this process
     first = scenes[0].check()
     assert len(first) >= len(expected), "a check that does not wait loses nothing"
     assert set(first.accuracies.tolist()) == {oc.Accuracy.OBB}
-    assert scenes[0]._outside is not None
-    assert scenes[0]._outside.waiting
-    assert results(settled(scenes[0])) == expected
-    assert scenes[0]._outside.waiting == len(builder) == 0
+    assert trees.waiting
+    assert results(settled(scenes[0], trees)) == expected
+    assert trees.waiting == len(builder) == 0
 
 
 def test_the_accuracy_may_rise_while_meshes_are_there(builder: Builder) -> None:
@@ -110,7 +112,7 @@ def test_the_accuracy_may_rise_while_meshes_are_there(builder: Builder) -> None:
     scene.accuracy = "mesh"
     assert scene.check().accuracies.tolist() == [oc.Accuracy.OBB]
     assert trees.waiting == 2
-    assert settled(scene).accuracies.tolist() == [oc.Accuracy.MESH]
+    assert settled(scene, trees).accuracies.tolist() == [oc.Accuracy.MESH]
 
 
 def test_small_shapes_are_built_at_once(builder: Builder, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -157,11 +159,18 @@ def test_what_cannot_be_built_stays_on_obb_and_is_told(
     assert trees.failed == {"not enough memory": 1}
     assert scene.check().accuracies.tolist() == [oc.Accuracy.OBB]
     assert trees.waiting == 0, "it is not tried again at each check"
+    scene.clear()
+    assert not trees.failed
+    scene.add("a", shape)
+    scene.add("b", shape, (0.5, 0, 0, 0, 0, 0, 1))
+    while not trees.failed:
+        assert time.monotonic() < limit
+        scene.check()
     monkeypatch.setattr(builder._process, "run", run)
     scene.add("a", ball(1))
     scene.add("b", ball(1), (0.5, 0, 0, 0, 0, 0, 1))
     assert not trees.failed
-    assert settled(scene).accuracies.tolist() == [oc.Accuracy.MESH]
+    assert settled(scene, trees).accuracies.tolist() == [oc.Accuracy.MESH]
 
 
 def test_what_is_taken_out_is_not_built(builder: Builder) -> None:
@@ -173,9 +182,10 @@ def test_what_is_taken_out_is_not_built(builder: Builder) -> None:
     scene.remove("a")
     assert trees.waiting == 1
     scene.clear()
+    assert trees.waiting == 0
     scene.add("c", ball())
     scene.add("d", ball(1), (0.5, 0, 0, 0, 0, 0, 1))
-    assert settled(scene).accuracies.tolist() == [oc.Accuracy.MESH]
+    assert settled(scene, trees).accuracies.tolist() == [oc.Accuracy.MESH]
 
 
 def test_kernels_are_looked_for_in_the_folders_that_this_process_has(
@@ -190,10 +200,10 @@ def test_kernels_are_looked_for_in_the_folders_that_this_process_has(
     places = [tmp_path / "file", *_kernel_cache.places]
     monkeypatch.setattr(_kernel_cache, "places", places)
     scene = oc.Scene(accuracy="mesh")
-    scene.build_outside(builder)
+    trees = scene.build_outside(builder)
     scene.add("a", ball())
     scene.add("b", ball(1), (0.5, 0, 0, 0, 0, 0, 1))
-    assert settled(scene).accuracies.tolist() == [oc.Accuracy.MESH]
+    assert settled(scene, trees).accuracies.tolist() == [oc.Accuracy.MESH]
     assert "compiling kernels" not in capfd.readouterr().err
 
 
@@ -206,7 +216,7 @@ def test_objects_come_and_go_and_the_verdicts_are_those_of_a_scene_that_waits(
     kinds = [ball(k) for k in range(4)] + [ball(9, 1280), hull(1), Box((1.0, 1.0, 2.0))]
     kinds.append(Mesh(np.eye(3), [[0, 1, 2]]))
     scenes = oc.Scene(accuracy="mesh"), oc.Scene(accuracy="mesh")
-    scenes[0].build_outside(builder)
+    trees = scenes[0].build_outside(builder)
     for step in range(60):
         name, shape = str(rng.integers(8)), kinds[rng.integers(len(kinds))]
         pose = (*rng.uniform(-1.5, 1.5, 3), *rng.normal(size=4) + 1e-9)
@@ -220,48 +230,59 @@ def test_objects_come_and_go_and_the_verdicts_are_those_of_a_scene_that_waits(
         expected = results(scenes[1].check())
         assert {row[:2] for row in expected} <= {row[:2] for row in found}, "nothing is missed"
         if step % 6 == 5:
-            assert results(settled(scenes[0])) == expected
+            assert results(settled(scenes[0], trees)) == expected
 
 
-def tree(number: int) -> MeshTrees:
-    return MeshTrees.build(np.eye(3) * (1.0 + number), [[0, 1, 2]])
+def per_shape_of(kind: type[TreePool] = TreePool) -> PerShape[MeshTrees]:
+    made: PerShape[MeshTrees] = PerShape(TreePool)
+    made.pool = kind()
+    return made
 
 
-def first_corners(shelf: Shelf[MeshTrees, MeshTrees], slots: list[int]) -> list[float]:
+def triangle(number: int) -> Mesh:
+    return Mesh(np.eye(3) * (1.0 + number), [[0, 1, 2]])
+
+
+def add_outside(trees: PerShape[MeshTrees], number: int) -> tuple[Any, MeshTrees, int]:
+    """Build a triangle, and add its tree as another thread does."""
+    job = BuildJob(triangle(number), trees)
+    pool, item, row = job.finish(perform_build(job.message()))
+    return pool, item, row
+
+
+def first_corners(trees: PerShape[MeshTrees], slots: list[int]) -> list[float]:
     """Return what the trees of slots say, read as a kernel does: by row."""
-    rows, trees = shelf.rows(np.array(slots)), shelf.all
-    assert (rows < len(trees.roots)).all(), "a row beyond the arrays"
-    return [float(trees.triangles[trees.starts[trees.roots[row], 0]].max()) for row in rows]
+    rows, arrays = trees.rows(np.array(slots)), trees.pool.all
+    assert (rows < len(arrays.roots)).all(), "a row beyond the arrays"
+    return [float(arrays.triangles[arrays.starts[arrays.roots[row], 0]].max()) for row in rows]
 
 
-def test_what_two_threads_put_on_a_shelf_is_all_there() -> None:
-    shelf: Shelf[MeshTrees, MeshTrees] = Shelf(TreePool)
-    added = shelf.add("outside 0", tree(0))
+def test_what_two_threads_add_is_all_there() -> None:
+    trees = per_shape_of()
+    entries = {number: trees.entry(number, f"shape {number}") for number in (0, 2)}
+    pool, item, row = add_outside(trees, 0)
+    trees.build(np.array([1]), triangle, None)
+    later = add_outside(trees, 2)
+    assert trees.rows(np.array([0, 1, 2])).tolist() == [-1, 1, -1]
+    assert first_corners(trees, [1]) == [2.0]
+    trees.put(entries[0], item, row)
+    assert first_corners(trees, [0, 1]) == [1.0, 2.0]
+    assert later[0] is pool is trees.pool
+    trees.put(entries[2], *later[1:])
+    assert first_corners(trees, [0, 1, 2]) == [1.0, 2.0, 3.0]
+    packed = trees.packed(trees.built)
+    trees.build(np.array([3]), triangle, None)
+    trees.drop(0)
+    trees.exchange(packed)
+    assert first_corners(trees, [1, 2, 3]) == [2.0, 3.0, 4.0]
+    assert trees.pool is not pool
 
-    def make(slot: int) -> MeshTrees:
-        return tree(slot)
 
-    shelf.build(np.array([1]), lambda slot: slot, make, None)
-    later = shelf.add("outside 2", tree(2))
-    assert first_corners(shelf, [1]) == [2.0]
-    assert shelf.note(added, np.array([0])), "what is older than the arrays does not replace them"
-    assert first_corners(shelf, [0, 1]) == [1.0, 2.0]
-    assert shelf.note(later, np.array([2]))
-    assert first_corners(shelf, [0, 1, 2]) == [1.0, 2.0, 3.0]
-    packed = shelf.compacted(shelf.items())
-    shelf.build(np.array([3]), lambda slot: slot, make, None)
-    shelf.drop(0)
-    shelf.compact(packed)
-    assert first_corners(shelf, [1, 2, 3]) == [2.0, 3.0, 4.0]
-    assert not shelf.note(later, np.array([5])), "it is in a pool that is gone"
-
-
-def test_a_shelf_in_use_by_another_thread_is_not_waited_for() -> None:
+def test_a_pool_in_use_by_another_thread_is_not_waited_for() -> None:
     class Timer:
         def left(self) -> float:
             return 1.0
 
-    shelf: Shelf[MeshTrees, MeshTrees] = Shelf(TreePool)
     begun, go = threading.Event(), threading.Event()
 
     class Slow(TreePool):
@@ -270,22 +291,22 @@ def test_a_shelf_in_use_by_another_thread_is_not_waited_for() -> None:
             assert go.wait(PATIENCE)
             return super().append(item)
 
-    shelf._pool = Slow()
-    thread = threading.Thread(target=shelf.add, args=("key", tree(0)))
+    trees = per_shape_of(Slow)
+    thread = threading.Thread(target=add_outside, args=(trees, 0))
     thread.start()
     assert begun.wait(PATIENCE)
-    assert shelf.build(np.array([1]), lambda slot: slot, tree, Timer()).tolist() == [False]
+    trees.build(np.array([1]), triangle, Timer())
+    assert trees.rows(np.array([1])).tolist() == [-1]
     go.set()
-    thread.join()
-    assert shelf.build(np.array([1]), lambda slot: slot, tree, Timer()).tolist() == [True]
-    assert first_corners(shelf, [1]) == [2.0]
+    thread.join(PATIENCE)
+    trees.build(np.array([1]), triangle, Timer())
+    assert first_corners(trees, [1]) == [2.0]
 
 
 def test_a_pool_without_memory_stays_as_it_was(monkeypatch: pytest.MonkeyPatch) -> None:
     pool = TreePool()
-    pool.append(tree(0))
-    buffers: Any = pool._buffers
-    reserve, calls = buffers._reserve, []
+    pool.append(mesh_tree(triangle(0)))
+    reserve, calls = pool._reserve, []
 
     def fails(name: str, values: Any) -> None:
         calls.append(name)
@@ -293,11 +314,11 @@ def test_a_pool_without_memory_stays_as_it_was(monkeypatch: pytest.MonkeyPatch) 
             raise MemoryError
         reserve(name, values)
 
-    monkeypatch.setattr(buffers, "_reserve", fails)
+    monkeypatch.setattr(pool, "_reserve", fails)
     with pytest.raises(MemoryError):
-        pool.append(tree(1))
+        pool.append(mesh_tree(triangle(1)))
     monkeypatch.undo()
     assert pool.size == 1
-    assert pool.append(tree(2)) == 1
+    assert pool.append(mesh_tree(triangle(2))) == 1
     assert [len(getattr(pool.all, name)) for name in ("roots", "solid", "radii")] == [2, 2, 2]
     assert pool.all.triangles[pool.all.starts[pool.all.roots[1], 0]].max() == 3.0

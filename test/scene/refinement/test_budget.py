@@ -441,7 +441,7 @@ def test_trees_are_built_in_the_time_there_is_or_before(monkeypatch: pytest.Monk
     ticking.now += 1.0  # all the time of this cycle has gone when trees are asked for
     monkeypatch.setattr(Budget, "left", lambda budget: -1.0)
     scene.check()
-    assert len(scene._bank) == 0
+    assert len(scene._cache) == 0
     scene.prepare()
-    assert len(scene._bank) == 4  # the ring and the box, and their hulls
+    assert len(scene._cache) == 4  # the ring and the box, and their hulls
     oc.Scene().prepare()

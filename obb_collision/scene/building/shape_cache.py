@@ -1,0 +1,243 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""Trees and hulls of a scene's shapes: built once per shape, when first asked for.
+
+One thread asks for them and drops them; another may add to the pools meanwhile (see ``outside``).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable, Iterable
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Generic, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from obb_collision.geometry.shapes.primitives import Box, Shape
+from obb_collision.geometry.trees.obb_tree import MeshTrees
+from obb_collision.geometry.trees.pool import Body, HullPool, Hulls, Item, Pool, TreePool
+from obb_collision.obb import OBB
+from obb_collision.scene.store.kinds import ROUND, kind_of, round_sizes
+from obb_collision.scene.store.store import ObjectStore
+from obb_collision.typing import Mask, Rows
+
+if TYPE_CHECKING:
+    from obb_collision.scene.building.outside import OutsideTrees
+
+
+class TimeLeft(Protocol):
+    """What says how much time is left, such as a budget."""
+
+    def left(self) -> float:
+        """Return the seconds that are left."""
+
+
+@dataclass(eq=False)
+class Entry(Generic[Item]):
+    """What is built of a shape, for slots; row: in the pool, -1 until it is there."""
+
+    key: Hashable
+    slots: set[int] = field(default_factory=set)
+    item: Item | None = None
+    row: int = -1
+
+
+class PerShape(Generic[Item]):
+    """Trees, or hulls, in one pool: slots whose shapes are equal have an entry in common."""
+
+    def __init__(self, kind: type[Pool[Item]]) -> None:
+        self.pool = kind()
+        self._entries: dict[Hashable, Entry[Item]] = {}
+        self.by_slot: dict[int, Entry[Item]] = {}
+        self._rows = np.full(0, -1)  # by slot
+
+    def __len__(self) -> int:
+        return len(self._entries)
+
+    def rows(self, slots: Rows) -> Rows:
+        """Return the row (k,) of each slot's item in the pool, -1 for none yet."""
+        result = np.full(len(slots), -1)
+        known = slots < len(self._rows)
+        result[known] = self._rows[slots[known]]
+        return result
+
+    def entry(self, slot: int, key: Hashable) -> Entry[Item]:
+        """Return the entry that a slot has with all slots of the same key."""
+        entry = self.by_slot.get(slot)
+        if entry is None:
+            entry = self.by_slot[slot] = self._entries.setdefault(key, Entry(key))
+            entry.slots.add(slot)
+            short = max(0, slot + 1 - len(self._rows))
+            if short:
+                self._rows = np.append(self._rows, np.full(max(short, len(self._rows)), -1))
+            self._rows[slot] = entry.row
+        return entry
+
+    def drop(self, slot: int) -> Entry[Item] | None:
+        """Let the item of a slot go; return the entry it had, without slots if no other has it."""
+        entry = self.by_slot.pop(slot, None)
+        if entry is not None:
+            self._rows[slot] = -1
+            entry.slots.discard(slot)
+            if not entry.slots:
+                del self._entries[entry.key]
+        return entry
+
+    def put(self, entry: Entry[Item], item: Item, row: int) -> None:
+        """Give the slots of an entry an item, which is in the pool."""
+        entry.item, entry.row = item, row
+        self._rows[list(entry.slots)] = row
+
+    def build(self, slots: Rows, body_of: Callable[[int], Body], timer: TimeLeft | None) -> bool:
+        """Build what slots lack, while there is time; return whether they lacked anything.
+
+        With a timer nothing is built while another thread adds an item.
+        """
+        missing = np.unique(slots[self.rows(slots) < 0])
+        if len(missing) == 0 or not self.pool.lock.acquire(blocking=timer is None):
+            return False
+        try:
+            for slot in missing.tolist():
+                if timer is not None and timer.left() <= 0.0:
+                    break
+                body = body_of(slot)
+                entry = self.entry(slot, body.tobytes() if isinstance(body, np.ndarray) else body)
+                if entry.row < 0:
+                    item = self.pool.built(body)
+                    self.put(entry, item, self.pool.append(item))
+        finally:
+            self.pool.lock.release()
+        return True
+
+    @property
+    def built(self) -> dict[Entry[Item], Item]:
+        """The items of now, by entry."""
+        entries = self._entries.values()
+        return {entry: entry.item for entry in entries if entry.item is not None}
+
+    @property
+    def size(self) -> int:
+        """How much the items of now take."""
+        return sum(map(self.pool.size_of, self.built.values()))
+
+    @property
+    def is_wasteful(self) -> bool:
+        """Whether half of the pool is of no use any more."""
+        return 2 * self.size < self.pool.size
+
+    def packed(self, built: dict[Entry[Item], Item]) -> Packed[Item]:
+        """Return a new pool of items, in whatever thread."""
+        pool = type(self.pool)()
+        return pool, {entry: pool.append(item) for entry, item in built.items()}
+
+    def lacks(self, packed: Packed[Item]) -> int:
+        """Return how much those items of now take that a new pool lacks."""
+        return sum(self.pool.size_of(item) for e, item in self.built.items() if e not in packed[1])
+
+    def exchange(self, packed: Packed[Item] | None = None) -> None:
+        """Take a new pool, as made before or made now; what it lacks is added to it."""
+        built = self.built
+        pool, rows = self.packed({}) if packed is None or not built else packed
+        rows = {e: rows[e] if e in rows else pool.append(item) for e, item in built.items()}
+        self.pool = pool
+        for entry, item in built.items():
+            self.put(entry, item, rows[entry])
+
+
+Packed = tuple[Pool[Item], dict[Entry[Item], int]]
+
+
+class ShapeCache:
+    """Shapes by slot, and the trees and hulls of those that were asked for.
+
+    Boxes are equal if their half extents are, meshes and hulls if they are the same object.
+    """
+
+    def __init__(self) -> None:
+        self._shapes: dict[int, Shape] = {}
+        self._round: dict[int, tuple[float, float]] = {}
+        self._trees, self._hulls = PerShape(TreePool), PerShape(HullPool)
+        self.outside: OutsideTrees | None = None
+        """What builds the trees and hulls of large shapes, so that a check does not wait."""
+
+    @property
+    def _all(self) -> tuple[PerShape[Any], PerShape[Any]]:
+        return self._trees, self._hulls
+
+    def __len__(self) -> int:
+        return len(self._trees) + len(self._hulls)
+
+    def put(self, slot: int, shape: Shape | OBB) -> int:
+        """Keep the shape of a slot if more than its box may be asked of it; return its kind."""
+        self.drop(slot)
+        if not isinstance(shape, (Box, OBB)):
+            self._shapes[slot] = shape
+        kind = kind_of(shape)
+        if kind == ROUND:
+            self._round[slot] = round_sizes(shape)
+        return kind
+
+    def drop(self, slot: int) -> None:
+        """Let the shape of a slot go."""
+        self._shapes.pop(slot, None)
+        self._round.pop(slot, None)
+        for per_shape in self._all:
+            entry = per_shape.drop(slot)
+            if entry is not None and self.outside is not None:
+                self.outside.drop(entry)
+
+    def drop_many(self, slots: Iterable[int]) -> None:
+        """Let the shapes of slots go."""
+        if self._shapes or len(self):  # boxes typically leave nothing here
+            for slot in slots:
+                self.drop(slot)
+
+    def clear(self) -> None:
+        """Let all shapes go."""
+        self.drop_many({*self._shapes, *self._trees.by_slot, *self._hulls.by_slot})
+        for per_shape in self._all:
+            per_shape.exchange()
+
+    def trees(self, slots: Rows) -> tuple[MeshTrees, Rows]:
+        """Return trees, and the row (k,) of each slot's among them, -1 for none yet."""
+        return self._trees.pool.all, self._trees.rows(slots)
+
+    def hulls(self, slots: Rows) -> tuple[Hulls, Rows]:
+        """Return hulls, and the row (k,) of each slot's among them, -1 for none yet."""
+        return self._hulls.pool.all, self._hulls.rows(slots)
+
+    def rounds(self, slots: Rows) -> NDArray[np.float64]:
+        """Return the radius and half the length (k, 2) of spheres and capsules, metres."""
+        return np.array([self._round[slot] for slot in slots.tolist()]).reshape(-1, 2)
+
+    def build(self, store: ObjectStore, slots: Rows, hull: bool, budget: TimeLeft | None) -> Mask:
+        """Build hulls or trees that slots lack, while there is time; return (k,) which have one."""
+        per_shape: PerShape[Any] = self._hulls if hull else self._trees
+
+        def body_of(slot: int) -> Body:
+            shape = self._shapes.get(slot)
+            return store.local_half_extents[slot] if shape is None else shape
+
+        if self.outside is not None:
+            rest = self.outside.order(per_shape, slots, self._shapes)
+            per_shape.build(rest, body_of, self.outside.timer(budget))
+        elif per_shape.build(slots, body_of, budget) and per_shape.is_wasteful:
+            per_shape.exchange()
+        return per_shape.rows(slots) >= 0
+
+    def take_built(self) -> None:
+        """Take the trees and hulls that were built outside since the last time."""
+        if self.outside is not None:
+            self.outside.take(self._all)
