@@ -11,6 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
+
 """Trees and hulls one after another in arrays that grow by doubling: each costs its own size."""
 
 from __future__ import annotations

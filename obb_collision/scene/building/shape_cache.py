@@ -11,6 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
+
 """Trees and hulls of a scene's shapes: built once per shape, when first asked for.
 
 One thread asks for them and drops them; another may add to the pools meanwhile (see ``outside``).
