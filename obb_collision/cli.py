@@ -61,7 +61,8 @@ def interruptible(
             try:
                 return main(*args, **options)
             except KeyboardInterrupt:
-                sys.stderr.write(f"{name}: interrupted{detail}\n")
+                # behind ^C, or a bar that has not ended its line
+                sys.stderr.write(f"\n{name}: interrupted{detail}\n")
                 return INTERRUPTED
 
         return run

@@ -55,7 +55,7 @@ def test_an_interrupt_is_one_line_and_exit_code_130(
 
 
 def test_a_signal_ends_a_benchmark_that_runs() -> None:
-    command = [sys.executable, "-m", "obb_collision.benchmarks.wrong_answers", "--pairs", "1000000"]
+    command = [sys.executable, "-m", "obb_collision.benchmarks.wrong_answers", "--pairs", "20000"]
     with subprocess.Popen(
         command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
     ) as process:

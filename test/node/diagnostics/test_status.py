@@ -186,7 +186,8 @@ def test_the_rate_changes_at_run_time(rig: Rig) -> None:
 
 
 def test_arrival_answers_without_waiting_for_the_timer() -> None:
-    with Rig(trigger="arrival", rate=0.1, min_period=0.0) as rig:
+    with Rig(trigger="arrival", min_period=0.0) as rig:
+        rig.set(rate=0.1)
         rig.send(cube(A1), cube(A2, (3, 0, 0)))
         assert rig.pairs() == set()
         for x in (0.5, 3.0, 0.25):
@@ -195,7 +196,8 @@ def test_arrival_answers_without_waiting_for_the_timer() -> None:
 
 
 def test_a_burst_of_arrivals_ends_with_the_newest_state_evaluated() -> None:
-    with Rig(trigger="arrival", rate=0.1, min_period=0.05) as rig:
+    with Rig(trigger="arrival", min_period=0.05) as rig:
+        rig.set(rate=0.1)
         rig.send(cube(A1), cube(A2, (3, 0, 0)))
         for x in np.linspace(3.0, 0.5, 40):
             rig.send_transform("a/2", pose(x))

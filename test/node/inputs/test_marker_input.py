@@ -257,7 +257,8 @@ def test_no_message_has_no_delay(rig: Rig) -> None:
 
 
 def test_all_that_waits_is_taken_before_one_cycle() -> None:
-    with Rig(rate=0.1) as rig:
+    with Rig() as rig:
+        rig.set(rate=0.1)  # no cycle for 10 s
         for x in range(30):
             rig.send(cube(A1, (x, 0, 0)))
             rig.send_transform("a/1", pose(x + 0.5))
