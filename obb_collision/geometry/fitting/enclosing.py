@@ -32,11 +32,10 @@ from obb_collision.numerics.constants import PRODUCT_UNDERFLOW, ROUNDOFF
 from obb_collision.numerics.exact import Vector, cross, dot, exact_axes, exact_integers
 from obb_collision.typing import Floats
 
-#: Rounding errors of one float coordinate R^T (p - center), in unit roundoffs times
-#: abs(R)^T abs(p - center): one for the subtraction, three for the dot product (Higham, Accuracy
-#: and Stability, 3.1), and one for the bound itself, doubled for comfort.
-COORDINATE_ROUNDOFFS = 10.0
-
+#: Rounding error of one coordinate R^T (p - center), relative to abs(R)^T abs(p - center): one
+#: roundoff for the subtraction, three for the dot product (Higham, Accuracy and Stability, 3.1),
+#: and one for the bound itself; twice that.
+COORDINATE_BOUND = 10 * ROUNDOFF
 
 #: Up to this many points near one face are settled by integers (about 5 us each); with more, as
 #: on the finely meshed faces of a scan, the face moves out by the rounding bound instead.
@@ -131,7 +130,7 @@ def _coordinate_bounds(rotation: Floats, largest: Floats, reach: Floats, exponen
     that flat sets in a plane z = const stay flat.
     """
     size = np.abs(rotation).T @ np.ldexp(largest, -exponent)
-    rounding = COORDINATE_ROUNDOFFS * ROUNDOFF * size
+    rounding = COORDINATE_BOUND * size
     rounding += PRODUCT_UNDERFLOW * ((rotation != 0.0).T @ (largest > 0.0))
     # R^-1 = (I + E)^-1 R^T with E = R^T R - I, and abs((I + E)^-1 - I) <= sum of abs(E)^k,
     # which is below abs(E) + 2 abs(E)^2 for E this small. E itself is rounded: see the factor.

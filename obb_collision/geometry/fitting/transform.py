@@ -45,7 +45,7 @@ from obb_collision.typing import Floats
 
 #: Axes that moved by no more than this many roundoffs, the error of the product and of making it
 #: a unit vector, have not turned.
-UNTURNED_ROUNDOFFS = 8.0
+UNTURNED = 8 * ROUNDOFF
 
 #: Edges that are orthonormal to this are those of a box: the matrix is a similarity, or scales
 #: along the box axes. What the best of the other frames could save is below it squared.
@@ -100,7 +100,7 @@ def _candidates(axes: Floats, sides: Floats, rotation: Floats) -> Iterator[Float
     units = units / np.sqrt((units * units).sum(axis=0))
     same, reversed_ = np.abs(units - rotation), np.abs(units + rotation)
     turned = np.minimum(same.max(axis=0), reversed_.max(axis=0))
-    if (turned <= UNTURNED_ROUNDOFFS * ROUNDOFF).all():
+    if (turned <= UNTURNED).all():
         yield rotation
     straight = _straight(axes)
     if straight is not None:

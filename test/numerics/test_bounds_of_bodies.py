@@ -1,0 +1,277 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""Error bounds of points, rays, capsules and planes: observed error over bound."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from itertools import combinations
+
+import numpy as np
+from distances import box, segment, squared_distance
+from error_bounds import (
+    Moved,
+    Record,
+    Vector,
+    check_ratios,
+    corners,
+    difference,
+    dot,
+    exact,
+    extents,
+    flips,
+    norm,
+    observed_at_flip,
+    root,
+    taxicab,
+)
+from oracle import Box
+
+from obb_collision.geometry.boxes import Boxes
+from obb_collision.geometry.capsules import Capsules
+from obb_collision.numerics.constants import CAREFUL_BOUND
+from obb_collision.queries.points.containment import INSIDE_BOUND, contains
+from obb_collision.queries.points.points import points_inside
+from obb_collision.queries.primitives.capsule_kernels import FAR_BOUND, NEAR_BOUND
+from obb_collision.queries.primitives.capsules import capsule_verdicts
+from obb_collision.queries.primitives.planes import plane_distances
+from obb_collision.queries.rays.kernels import DISTANCE_SLACK, HIT_BOUND, enters_bounds
+from obb_collision.queries.rays.rays import cast_rays
+from obb_collision.queries.verdict.verdict import Verdict
+from obb_collision.typing import Floats
+
+PAIRS = 6
+#: Bodies of ordinary sizes, for what takes Fractions milliseconds.
+FEW = ("ordinary scene", "thin plates and rods", "far away, 1e6 to 1e9 m")
+
+
+def normals(stored: Box) -> list[Vector]:
+    """Return the exact face normals of a box, orthonormal axes or not."""
+    axes = [exact(column) for column in stored[1].T]
+    return [
+        [u[(k + 1) % 3] * v[(k + 2) % 3] - u[(k + 2) % 3] * v[(k + 1) % 3] for k in range(3)]
+        for u, v in ((axes[1], axes[2]), (axes[2], axes[0]), (axes[0], axes[1]))
+    ]
+
+
+def test_containment(record_property: Record) -> None:
+    moved = Moved(PAIRS)
+    boxes = moved.a
+
+    def outside(distances: Floats) -> np.ndarray:
+        points = boxes.centers + distances[:, None] * moved.directions
+        return np.array(
+            [not contains(*boxes.row(n), points[n : n + 1])[0] for n in range(len(boxes))]
+        )
+
+    def quantity(n: int, distance: float) -> Fraction:
+        stored = boxes.row(n)
+        offset = difference(exact(stored[0] + distance * moved.directions[n]), exact(stored[0]))
+        ratios = []
+        for normal, column, half in zip(
+            normals(stored), stored[1].T, exact(stored[2]), strict=True
+        ):
+            excess = abs(dot(normal, offset)) - abs(dot(normal, exact(column))) * half
+            bound = Fraction(CAREFUL_BOUND) * (norm(offset) + half) * norm(normal)
+            ratios.append(excess / (bound + Fraction(2) ** -1060))
+        return max(ratios)
+
+    low, high = flips(outside, moved.farthest)
+    check_ratios(
+        record_property,
+        [observed_at_flip(quantity(n, low[n]), quantity(n, high[n])) for n in range(len(boxes))],
+    )
+
+
+def test_points_within_a_margin(record_property: Record) -> None:
+    moved, margin = Moved(PAIRS, FEW), 0.25
+    boxes = moved.a
+
+    def outside(distances: Floats) -> np.ndarray:
+        points = boxes.centers + distances[:, None] * moved.directions
+        each = (Boxes.trusted(*(part[None] for part in boxes.row(n))) for n in range(len(boxes)))
+        counts = [
+            points_inside(one, points[n : n + 1], margin, threads=1).counts[0]
+            for n, one in enumerate(each)
+        ]
+        return np.array(counts) == 0
+
+    def quantity(n: int, distance: float) -> Fraction:
+        stored = boxes.row(n)
+        point = stored[0] + distance * moved.directions[n]
+        gap = root(squared_distance(segment(point, point), box(stored))) - Fraction(margin)
+        size = taxicab(difference(exact(point), exact(stored[0]))) + extents(stored)
+        return gap / (Fraction(INSIDE_BOUND) * (size + Fraction(margin)))
+
+    low, high = flips(outside, moved.farthest + 2.0)
+    check_ratios(
+        record_property,
+        [observed_at_flip(quantity(n, low[n]), quantity(n, high[n])) for n in range(len(boxes))],
+    )
+
+
+class Capsule:
+    """Capsules that move away from the boxes, or capsules, of the other side."""
+
+    def __init__(self, count: int) -> None:
+        self.moved = Moved(count, FEW)
+        rng = np.random.default_rng(4)
+        n = len(self.moved.a)
+        self.ways = 0.3 * rng.normal(size=(n, 3))
+        self.radii = rng.uniform(0.05, 0.3, n)
+        self.other = Capsules(
+            self.moved.a.centers, self.moved.a.centers + 0.3 * rng.normal(size=(n, 3)), self.radii
+        )
+
+    def at(self, distances: Floats) -> Capsules:
+        starts = self.moved.a.centers + distances[:, None] * self.moved.directions
+        return Capsules(starts, starts + self.ways, self.radii)
+
+
+def check_capsules(record_property: Record, verdict: Verdict, limit: float, pair: bool) -> None:
+    """Check where SEPARATE or OVERLAP ends; what is left open is up to NEAR_BOUND wide."""
+    moving = Capsule(PAIRS)
+    fixed = moving.other if pair else moving.moved.a
+    sign = 1 if verdict == Verdict.SEPARATE else -1
+
+    def decide(distances: Floats) -> np.ndarray:
+        found = capsule_verdicts(moving.at(distances), fixed) == verdict
+        return found if sign > 0 else ~found
+
+    def quantity(n: int, distance: float) -> Fraction:
+        one = moving.at(np.full(len(moving.radii), distance))
+        start, end = exact(one.starts[n]), exact(one.ends[n])
+        core, radii = segment(one.starts[n], one.ends[n]), Fraction(one.radii[n])
+        if pair:
+            p, q = exact(moving.other.starts[n]), exact(moving.other.ends[n])
+            other = segment(moving.other.starts[n], moving.other.ends[n])
+            size = taxicab(difference(p, start)) + taxicab(difference(q, p))
+            size += taxicab(difference(end, start)) + 2 * radii
+            radii *= 2
+        else:
+            stored = moving.moved.a.row(n)
+            other, center = box(stored), exact(stored[0])
+            size = taxicab(difference(start, center)) + taxicab(difference(end, center))
+            size += extents(stored) + radii
+        gap = root(squared_distance(core, other)) - radii
+        return sign * gap / (Fraction(limit) * size)
+
+    low, high = flips(decide, moving.moved.farthest + 4.0)
+    if sign < 0:
+        low, high = high, low
+    ratios = []
+    for n in range(len(low)):
+        unsure, certain = quantity(n, float(low[n])), quantity(n, float(high[n]))
+        assert unsure <= 2 * Fraction(NEAR_BOUND / limit)
+        # a gap is along some direction, not the best: less than the distance, whatever the error
+        ratios.append(observed_at_flip(unsure if sign < 0 else Fraction(0), certain))
+    check_ratios(record_property, ratios)
+
+
+def test_capsules_apart_from_boxes(record_property: Record) -> None:
+    check_capsules(record_property, Verdict.SEPARATE, FAR_BOUND, pair=False)
+
+
+def test_capsules_overlapping_boxes(record_property: Record) -> None:
+    check_capsules(record_property, Verdict.OVERLAP, NEAR_BOUND, pair=False)
+
+
+def test_capsules_apart(record_property: Record) -> None:
+    check_capsules(record_property, Verdict.SEPARATE, FAR_BOUND, pair=True)
+
+
+def test_capsules_overlapping(record_property: Record) -> None:
+    check_capsules(record_property, Verdict.OVERLAP, FAR_BOUND, pair=True)
+
+
+def test_planes(record_property: Record) -> None:
+    moved = Moved(PAIRS)
+    points, boxes = moved.a.centers, moved.at(0.3 * moved.farthest)[1]
+    found = plane_distances(points, moved.directions, boxes)
+    ratios = []
+    for n in range(len(boxes)):
+        stored, normal = boxes.row(n), exact(moved.directions[n])
+        offset = difference(exact(stored[0]), exact(points[n]))
+        heights = [dot(normal, difference(c, exact(points[n]))) for c in corners(stored)]
+        bound = Fraction(CAREFUL_BOUND) * (norm(offset) + extents(stored)) + Fraction(2) ** -1060
+        for value, height in ((found.lowest[n], min(heights)), (found.highest[n], max(heights))):
+            ratios.append(abs(Fraction(value) - height / norm(normal)) / bound)
+    check_ratios(record_property, ratios)
+
+
+def least_growth(stored: Box, origin: Vector, direction: Vector) -> Fraction:
+    """Return by how much a box must grow, negative to shrink, for a ray to touch it, exactly."""
+    lines = []
+    for normal, column, half in zip(normals(stored), stored[1].T, exact(stored[2]), strict=True):
+        scale = dot(normal, exact(column))
+        place = dot(normal, difference(origin, exact(stored[0]))) / scale
+        speed = dot(normal, direction) / scale
+        lines += [(place - half, speed), (-place - half, -speed)]
+    times = [Fraction(0)]
+    for (p, v), (q, w) in combinations(lines, 2):
+        if v != w:
+            times.append(max((q - p) / (v - w), Fraction(0)))
+    return min(max(p + t * v for p, v in lines) for t in times)
+
+
+def test_rays_that_miss(record_property: Record) -> None:
+    moved = Moved(PAIRS, FEW)
+    boxes = moved.a
+    rng = np.random.default_rng(6)
+    along = np.cross(moved.directions, rng.normal(size=moved.directions.shape))
+    along += 0.1 * moved.directions
+
+    def origins(distances: Floats) -> Floats:
+        places: Floats = boxes.centers + distances[:, None] * moved.directions - 2.0 * along
+        return places
+
+    def misses(distances: Floats) -> np.ndarray:
+        starts = origins(distances)
+        each = (Boxes.trusted(*(part[None] for part in boxes.row(n))) for n in range(len(boxes)))
+        hits = [
+            cast_rays(one, starts[n : n + 1], along[n : n + 1]).boxes[0]
+            for n, one in enumerate(each)
+        ]
+        return np.array(hits) < 0
+
+    def quantity(n: int, distances: Floats) -> Fraction:
+        stored, origin = boxes.row(n), exact(origins(distances)[n])
+        size = taxicab(difference(origin, exact(stored[0]))) + extents(stored)
+        growth = least_growth(stored, origin, exact(along[n]))
+        return growth / (Fraction(HIT_BOUND) * size)
+
+    low, high = flips(misses, moved.farthest + 2.0)
+    check_ratios(
+        record_property,
+        [observed_at_flip(quantity(n, low), quantity(n, high)) for n in range(len(boxes))],
+    )
+
+
+def test_rays_down_the_tree(record_property: Record) -> None:
+    """Where a ray enters the bounds of a node: earlier by the slack, but for the error."""
+    rng = np.random.default_rng(7)
+    ratios = []
+    for origin, direction in rng.normal(size=(200, 2, 3)):
+        unit = direction / np.linalg.norm(direction)
+        start = origin - 5.0 * unit
+        limits = np.concatenate([origin - 0.3, origin + 0.3])
+        found = enters_bounds(limits[None], 0, tuple(start), tuple(unit), np.inf)
+        near = max(
+            min((Fraction(limits[k + side]) - Fraction(start[k])) / Fraction(unit[k])
+                for side in (0, 3))
+            for k in range(3)
+        )  # fmt: skip
+        slack = Fraction(DISTANCE_SLACK) * near
+        ratios.append(abs(near - Fraction(found) - slack) / slack)
+    check_ratios(record_property, ratios)

@@ -1,0 +1,218 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""Error bounds of the kernels of two boxes: observed error over bound, see ``error_bounds``."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+import numpy as np
+from distances import box, squared_distance
+from error_bounds import (
+    Moved,
+    Record,
+    check_ratios,
+    corners,
+    difference,
+    exact,
+    exact_gaps,
+    extents,
+    norm,
+    root,
+    taxicab,
+)
+from oracle import Box
+from support import joined, stored, witnesses
+
+from obb_collision.geometry.boxes import Boxes
+from obb_collision.numerics.constants import BOUND_SLACK, CAREFUL_BOUND, FAST_BOUND, UNDERFLOW
+from obb_collision.queries.clearance.clearance import clearances
+from obb_collision.queries.clearance.closest_points import NEAR, PROVEN
+from obb_collision.queries.verdict.coarse import (
+    MEETING_SLACK,
+    SPHERE_SLACK,
+    faces_meet,
+    meeting_bounds,
+    spheres_meet,
+)
+from obb_collision.queries.verdict.gap_axes import best_face
+from obb_collision.queries.verdict.gap_bounds import bound_gaps
+from obb_collision.queries.verdict.sat import enter_frame
+from obb_collision.queries.verdict.verdict import Verdict, classify_fast, verdicts
+from obb_collision.typing import Mask
+
+PAIRS = 8
+
+
+def offset(a: Box, b: Box) -> list[Fraction]:
+    return difference(exact(b[0]), exact(a[0]))
+
+
+def fast_bound(a: Box, b: Box) -> Fraction:
+    size = taxicab(offset(a, b)) + extents(a, b)
+    return Fraction(FAST_BOUND) * size + Fraction(UNDERFLOW)
+
+
+def careful_bound(a: Box, b: Box) -> Fraction:
+    size = norm(offset(a, b)) + extents(a, b)
+    return Fraction(CAREFUL_BOUND) * size + Fraction(UNDERFLOW)
+
+
+def edge_lengths(a: Box, b: Box) -> list[float]:
+    """Return the lengths of the nine cross products of edges, those of null ones left out."""
+    lengths = np.linalg.norm(np.cross(a[1].T[:, None], b[1].T[None]), axis=2).ravel()
+    return [float(length) for length in lengths]
+
+
+def test_fast_verdicts(record_property: Record) -> None:
+    """Edge axes are not normalised there: a gap counts times the length of its axis."""
+
+    def decide(a: Boxes, b: Boxes) -> Mask:
+        fast = [classify_fast(*stored(a), n, *stored(b), n) for n in range(len(a))]
+        return np.array(fast) == Verdict.SEPARATE
+
+    def quantity(a: Box, b: Box) -> Fraction:
+        gaps, lengths = exact_gaps(a, b), edge_lengths(a, b)
+        if len(gaps) < 15:  # parallel edges: these gaps are zero at most
+            lengths = [length for length in lengths if length > 1e-20]
+        edges = [g * Fraction(x) for g, x in zip(gaps[6:], lengths, strict=False)]
+        return max([*gaps[:6], *edges]) / fast_bound(a, b)
+
+    Moved(PAIRS).check(record_property, decide, quantity)
+
+
+def test_careful_verdicts_apart(record_property: Record) -> None:
+    Moved(PAIRS).check(
+        record_property,
+        lambda a, b: verdicts(a, b) == Verdict.SEPARATE,
+        lambda a, b: max(exact_gaps(a, b)) / careful_bound(a, b),
+    )
+
+
+def test_careful_verdicts_overlapping(record_property: Record) -> None:
+    moved = Moved(PAIRS, families=("ordinary scene", "edge against edge", "thin plates and rods"))
+
+    def quantity(a: Box, b: Box) -> Fraction:
+        return max(exact_gaps(a, b)) / careful_bound(a, b) + 2  # certain at -1, unsure beyond
+
+    moved.check(record_property, lambda a, b: verdicts(a, b) != Verdict.OVERLAP, quantity)
+
+
+def test_coarse_faces(record_property: Record) -> None:
+    Moved(PAIRS).check(
+        record_property,
+        lambda a, b: ~faces_meet(*_rows(a, b)),
+        lambda a, b: max(exact_gaps(a, b)[:6]) / fast_bound(a, b),
+    )
+
+
+def test_coarse_spheres(record_property: Record) -> None:
+    def quantity(a: Box, b: Box) -> Fraction:
+        distance, radii = norm(offset(a, b)), norm(exact(a[2])) + norm(exact(b[2]))
+        bound = Fraction(SPHERE_SLACK) * (distance + radii) + Fraction(UNDERFLOW)
+        return (distance - radii) / bound
+
+    Moved(PAIRS).check(record_property, lambda a, b: ~spheres_meet(*_rows(a, b)), quantity)
+
+
+def _rows(a: Boxes, b: Boxes) -> tuple[Boxes, np.ndarray, np.ndarray]:
+    boxes, pairs = joined(a, b)
+    return boxes, pairs[:, 0], pairs[:, 1]
+
+
+def turned_boxes() -> Boxes:
+    """Return boxes none of which is aligned with an axis: those have bounds without slack."""
+    names = ("ordinary scene", "aspect ratio to 1e9", "far away, 1e6 to 1e9 m")
+    return Moved(PAIRS, names).a
+
+
+def test_world_bounds(record_property: Record) -> None:
+    boxes = turned_boxes()
+    minimum, maximum = boxes.world_bounds()
+    ratios = []
+    for n in range(len(boxes)):
+        places = list(zip(*corners(boxes.row(n)), strict=True))
+        for k in range(3):
+            center = Fraction(float(boxes.centers[n, k]))
+            slack = Fraction(BOUND_SLACK) * (abs(center) + max(places[k]) - center)
+            low, high = Fraction(minimum[n, k]), Fraction(maximum[n, k])
+            ratios += [abs(min(places[k]) - low - slack) / slack]
+            ratios += [abs(high - max(places[k]) - slack) / slack]
+    check_ratios(record_property, ratios)
+
+
+def test_meeting_bounds(record_property: Record) -> None:
+    boxes = turned_boxes()
+    minimum, _ = meeting_bounds(boxes)
+    ratios = []
+    for n in range(len(boxes)):
+        row = boxes.row(n)
+        places = list(zip(*corners(row), strict=True))
+        grown = Fraction(MEETING_SLACK) * (taxicab(exact(row[0])) + extents(row))
+        for k in range(3):
+            center = Fraction(float(row[0][k]))
+            inner = Fraction(BOUND_SLACK) * (abs(center) + max(places[k]) - center)
+            ratios.append(abs(min(places[k]) - Fraction(minimum[n, k]) - inner - grown) / grown)
+    check_ratios(record_property, ratios)
+
+
+def test_witnesses(record_property: Record) -> None:
+    """The signed separation of a pair: the largest gap, or minus the least penetration."""
+    moved = Moved(PAIRS)
+    a, b = moved.at(np.linspace(0.05, 0.9, len(moved.a)) * moved.farthest)
+    gaps, _ = witnesses(a, b)
+    pairs = [(a.row(n), b.row(n)) for n in range(len(a))]
+    check_ratios(
+        record_property,
+        [
+            abs(Fraction(gap) - max(exact_gaps(*pair))) / careful_bound(*pair)
+            for gap, pair in zip(gaps.tolist(), pairs, strict=True)
+        ],
+    )
+
+
+def test_gap_bounds_and_best_faces(record_property: Record) -> None:
+    """Upper bounds of all 15 gaps: by as much above them as their bound, but for the error."""
+    moved = Moved(PAIRS)
+    a, b = moved.at(np.linspace(0.05, 0.9, len(moved.a)) * moved.farthest)
+    boxes, pairs = joined(a, b)
+    ratios, most = [], np.empty(15)
+    for n, (i, j) in enumerate(pairs.tolist()):
+        row = a.row(n), b.row(n)
+        gaps, lengths = exact_gaps(*row), edge_lengths(*row)
+        pair, size, scale = enter_frame(*stored(boxes), i, j)
+        if len(gaps) == 15:
+            bound_gaps(pair, size, most)
+            for gap, length, value in zip(gaps, [1.0] * 6 + lengths, most.tolist(), strict=True):
+                if np.isfinite(value):
+                    bound = (Fraction(FAST_BOUND * size) + Fraction(UNDERFLOW)) / Fraction(length)
+                    error = Fraction(value) - gap * Fraction(scale) - bound
+                    ratios.append(abs(error) / bound)
+        face = Fraction(best_face(pair)[0]) / Fraction(scale)
+        near = Fraction(NEAR) * Fraction(size) / Fraction(scale)
+        ratios.append(abs(face - max(gaps[:6])) / near)
+    check_ratios(record_property, ratios)
+
+
+def test_clearances(record_property: Record) -> None:
+    moved = Moved(2, families=("ordinary scene", "edge against edge", "thin plates and rods"))
+    a, b = moved.at(0.5 * moved.farthest)
+    found = clearances(*joined(a, b)).distances
+    ratios = []
+    for n, distance in enumerate(found.tolist()):
+        row = a.row(n), b.row(n)
+        expected = root(squared_distance(box(row[0]), box(row[1])))
+        size = taxicab(offset(*row)) + extents(*row)
+        ratios.append(abs(Fraction(distance) - expected) / (Fraction(PROVEN) * size))
+    check_ratios(record_property, ratios)

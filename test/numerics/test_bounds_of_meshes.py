@@ -1,0 +1,262 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""Error bounds of meshes, hulls and fits: observed error over bound."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+import numpy as np
+from error_bounds import (
+    Moved,
+    Record,
+    Vector,
+    check_ratios,
+    difference,
+    dot,
+    exact,
+    exact_gaps,
+    flips,
+    norm,
+    observed_at_flip,
+    taxicab,
+)
+from mesh_zoo import zoo
+from scipy.spatial.transform import Rotation
+
+from obb_collision.geometry.fitting.enclosing import COORDINATE_BOUND, enclose_points
+from obb_collision.geometry.trees.node_fit import WIDENING
+from obb_collision.geometry.trees.obb_tree import MeshTrees
+from obb_collision.geometry.trees.pool import HullPool, Hulls
+from obb_collision.numerics.constants import MESH_UNDERFLOW
+from obb_collision.queries.meshes.convex import GAP_BOUND, PlacedHulls, hulls_meet
+from obb_collision.queries.meshes.tree_boxes import BOX_BOUND, POINT_BOUND, box_gap, relative_pose
+from obb_collision.queries.meshes.triangle_axes import WIDTH, classify_by_axes
+from obb_collision.queries.meshes.triangle_signs import (
+    DETERMINANT_ROUNDING,
+    SEPARATE,
+    determinant_bound,
+    moved,
+    sign,
+)
+from obb_collision.typing import Floats
+
+RNG = np.random.default_rng(10)
+COUNT = 60
+
+
+def solved(columns: list[Vector], v: Vector) -> Vector:
+    """Return the coordinates of a vector along columns (3), exactly (Cramer)."""
+    cross = [
+        [b[(k + 1) % 3] * c[(k + 2) % 3] - b[(k + 2) % 3] * c[(k + 1) % 3] for k in range(3)]
+        for b, c in ((columns[1], columns[2]), (columns[2], columns[0]), (columns[0], columns[1]))
+    ]
+    return [dot(n, v) / dot(n, column) for n, column in zip(cross, columns, strict=True)]
+
+
+def test_corners_in_the_frame_of_the_other_mesh(record_property: Record) -> None:
+    """By the transposed rotation instead of the inverse: that is most of the error."""
+    boxes = Moved(4).a
+    rotations = boxes.rotations
+    pose, ratios = np.empty(12), []
+    for i in range(0, len(rotations) - 1, 2):
+        centers, corner = RNG.normal(size=(2, 3)), RNG.normal(size=3)
+        size = relative_pose(
+            centers, rotations[i : i + 2], 0, centers, rotations[i : i + 2], 1,
+            float(np.linalg.norm(corner)), pose,
+        )  # fmt: skip
+        found = moved(pose, tuple(corner.tolist()))
+        columns_a, columns_b = ([exact(c) for c in rotations[k].T] for k in (i, i + 1))
+        place = [
+            dot(row, exact(corner)) + q - p
+            for row, p, q in zip(
+                zip(*columns_b, strict=True), exact(centers[0]), exact(centers[1]), strict=True
+            )
+        ]
+        error = max(map(abs, difference(exact(found), solved(columns_a, place))))
+        ratios.append(error / (Fraction(POINT_BOUND) * Fraction(size)))
+    check_ratios(record_property, ratios)
+
+
+def test_determinants(record_property: Record) -> None:
+    """Three vectors: one leaves the plane of the others until the sign is certain."""
+    vectors = RNG.normal(size=(COUNT, 3, 3))
+    weights = RNG.normal(size=(COUNT, 2, 1))
+    vectors[:, 0] = (weights * vectors[:, 1:]).sum(axis=1)
+    normals = np.cross(vectors[:, 1], vectors[:, 2])
+
+    def first(n: int, distance: float) -> Floats:
+        result: Floats = vectors[n, 0] + distance * normals[n]
+        return result
+
+    def certain(distances: Floats) -> np.ndarray:
+        signs = []
+        for n, distance in enumerate(distances.tolist()):
+            a, b, c = first(n, distance), vectors[n, 1], vectors[n, 2]
+            signs.append(sign(tuple(a.tolist()), tuple(b.tolist()), tuple(c.tolist()), 0.0))
+        return np.array(signs) > 0
+
+    def quantity(n: int, distance: float) -> Fraction:
+        a, b, c = exact(first(n, distance)), exact(vectors[n, 1]), exact(vectors[n, 2])
+        cross = [b[(k + 1) % 3] * c[(k + 2) % 3] - b[(k + 2) % 3] * c[(k + 1) % 3]
+                 for k in range(3)]  # fmt: skip
+        sizes = [max(map(abs, v)) for v in (a, b, c)]
+        return dot(a, cross) / (Fraction(DETERMINANT_ROUNDING) * sizes[0] * sizes[1] * sizes[2])
+
+    low, high = flips(certain, np.ones(COUNT), np.full(COUNT, -1.0))
+    check_ratios(
+        record_property,
+        [observed_at_flip(quantity(n, low[n]), quantity(n, high[n])) for n in range(COUNT)],
+    )
+    assert determinant_bound(1.0, 1.0, 1.0, 0.0) >= DETERMINANT_ROUNDING
+
+
+def test_triangles_with_twice_the_digits(record_property: Record) -> None:
+    """Two triangles of parallel planes, as far apart as the second digits go."""
+    triangles = RNG.uniform(-1.0, 1.0, (COUNT, 9))
+    triangles[:, 2::3] = 0.0
+    rotations = np.concatenate([np.eye(3)[None], Rotation.random(COUNT - 1, RNG).as_matrix()])
+
+    def place(n: int, distance: float) -> Floats:
+        result: Floats = distance * rotations[n, :, 2]
+        return result
+
+    def apart(distances: Floats) -> np.ndarray:
+        centers = np.zeros((2, 3))
+        answers = []
+        for n, distance in enumerate(distances.tolist()):
+            centers[1] = place(n, distance)
+            turn = np.stack([rotations[n]] * 2)
+            answers.append(
+                classify_by_axes(triangles, n, centers, turn, 0, triangles, n, centers, turn, 1)
+            )
+        return np.array(answers) == SEPARATE
+
+    def quantity(n: int, distance: float) -> Fraction:
+        rows = [exact(row) for row in rotations[n]]
+        p = [[dot(row, exact(corner)) for row in rows] for corner in triangles[n].reshape(3, 3)]
+        u, v = difference(p[1], p[0]), difference(p[2], p[0])
+        axis = [u[(k + 1) % 3] * v[(k + 2) % 3] - u[(k + 2) % 3] * v[(k + 1) % 3] for k in range(3)]
+        gap = abs(dot(axis, exact(place(n, distance)))) / max(map(abs, axis))
+        largest = max(np.abs(triangles[n]).max(), 1e-300)
+        scale = Fraction(2) ** -int(np.frexp(largest)[1])
+        return gap * scale / (16 * Fraction(WIDTH))
+
+    low, high = flips(apart, np.full(COUNT, 1e-10))
+    check_ratios(
+        record_property,
+        [observed_at_flip(quantity(n, low[n]), quantity(n, high[n])) for n in range(COUNT)],
+    )
+
+
+def test_boxes_of_trees(record_property: Record) -> None:
+    boxes = Moved(6, ("ordinary scene", "edge against edge", "thin plates and rods"))
+    pose = np.array([1.0, 0, 0, 0, 1.0, 0, 0, 0, 1.0, 0, 0, 0])
+    reach = 4.0 * float(boxes.farthest.max())
+    bound = BOX_BOUND * reach + MESH_UNDERFLOW
+
+    def rows(distances: Floats) -> list[Floats]:
+        return [
+            np.concatenate(
+                [b.centers, b.rotations.reshape(-1, 9), b.half_extents, np.zeros((len(b), 1))],
+                axis=1,
+            )
+            for b in boxes.at(distances)
+        ]
+
+    def apart(distances: Floats) -> np.ndarray:
+        a, b = rows(distances)
+        return np.array([box_gap(a, n, b, n, pose, bound) == np.inf for n in range(len(a))])
+
+    def quantity(n: int, distances: Floats) -> Fraction:
+        a, b = (side.row(n) for side in boxes.at(distances))
+        lengths = np.linalg.norm(np.cross(a[1].T[:, None], b[1].T[None]), axis=2).ravel()
+        gaps = exact_gaps(a, b)
+        edges = [g * Fraction(x) for g, x in zip(gaps[6:], lengths.tolist(), strict=True)]
+        return max([*gaps[:6], *edges]) / Fraction(bound)
+
+    low, high = flips(apart, boxes.farthest)
+    check_ratios(
+        record_property,
+        [observed_at_flip(quantity(n, low), quantity(n, high)) for n in range(len(low))],
+    )
+
+
+def test_hulls(record_property: Record) -> None:
+    """Two cubes of one rotation, one beyond a face of the other: the distance is the gap."""
+    cube = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
+    pool = HullPool()
+    pool.append(Hulls.of(cube))
+    rotations = Rotation.random(COUNT, RNG).as_matrix()
+    first, rows = np.zeros((COUNT, 3)), np.arange(COUNT)
+    kind = np.zeros(COUNT, np.int64)
+    radius = float(pool.all.radii[0])
+
+    def centers(distances: Floats) -> Floats:
+        return np.stack([d * rotations[n, :, n % 3] for n, d in enumerate(distances.tolist())])
+
+    def apart(distances: Floats) -> np.ndarray:
+        a = PlacedHulls(pool.all, kind, first, rotations)
+        b = PlacedHulls(pool.all, kind, centers(distances), rotations)
+        return ~hulls_meet(a, b, rows, rows)
+
+    def quantity(n: int, distances: Floats) -> Fraction:
+        place, axes = exact(centers(distances)[n]), [exact(c) for c in rotations[n].T]
+        gap = solved(axes, place)[n % 3] - 2
+        return gap / (Fraction(GAP_BOUND) * (taxicab(place) + 2 * Fraction(radius)))
+
+    low, high = flips(apart, np.full(COUNT, 4.0))
+    check_ratios(
+        record_property,
+        [observed_at_flip(quantity(n, low), quantity(n, high)) for n in range(COUNT)],
+    )
+
+
+def test_boxes_of_leaves(record_property: Record) -> None:
+    ratios = []
+    for name in ("torus0", "box1", "crumbs1"):
+        vertices, faces = zoo()[name]
+        tree = MeshTrees.build(vertices + 100.0, faces)
+        for node in np.flatnonzero(tree.children < 0)[:20]:
+            row, corners = tree.nodes[node], tree.triangles[tree.starts[node, 0]].reshape(3, 3)
+            columns = [exact(column) for column in row[3:12].reshape(3, 3).T]
+            along = [solved(columns, difference(exact(c), exact(row[:3]))) for c in corners]
+            steps = [taxicab(difference(exact(c), exact(corners[0]))) for c in corners]
+            slack = Fraction(WIDENING) * (max(steps) + max(map(abs, exact(row[:3]))))
+            for k in range(3):
+                reach = max(abs(place[k]) for place in along)
+                ratios.append(abs(Fraction(row[12 + k]) - reach - slack) / slack)
+    check_ratios(record_property, ratios)
+
+
+def test_boxes_of_points(record_property: Record) -> None:
+    """Faces with too many points to settle each exactly: moved out by the rounding bound."""
+    ratios = []
+    for rotation in Rotation.random(8, RNG).as_matrix():
+        sides = np.where(RNG.random((2000, 3)) < 0.3, 1.0, RNG.uniform(-1.0, 1.0, (2000, 3)))
+        sides = np.concatenate([sides, -sides]) * [0.5, 0.8, 1.1]
+        points = sides @ rotation.T
+        center, half = enclose_points(points, rotation)
+        columns, middle = [exact(column) for column in rotation.T], exact(center)
+        near = np.abs((points - center) @ rotation)
+        size = np.abs(rotation).T @ np.abs(points - center).max(axis=0)
+        skew = [[abs(dot(u, v) - (u is v)) for v in columns] for u in columns]
+        for k in range(3):
+            doubtful = points[near[:, k] >= near[:, k].max() - 1e-14][:60]
+            reach = max(abs(solved(columns, difference(exact(p), middle))[k]) for p in doubtful)
+            bound = Fraction(COORDINATE_BOUND) * Fraction(size[k])
+            bound += dot(skew[k], exact(near.max(axis=0)))
+            ratios.append(abs(Fraction(half[k]) - reach - bound) / bound)
+    check_ratios(record_property, ratios)
+    assert norm(exact(half)) > 1

@@ -1,0 +1,200 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""Error bounds of motions: observed error over bound."""
+
+from __future__ import annotations
+
+from decimal import Decimal, localcontext
+from fractions import Fraction
+
+import numpy as np
+from error_bounds import (
+    Moved,
+    Record,
+    Vector,
+    check_ratios,
+    difference,
+    dot,
+    exact,
+    flips,
+    norm,
+    observed_at_flip,
+)
+from support import joined
+from sweep_oracle import ExactMotion
+
+from obb_collision.geometry.boxes import Boxes
+from obb_collision.numerics.constants import CAREFUL_BOUND, TIME_ROUNDING
+from obb_collision.queries.sweep.motion import OUTWARD, bounding_radii
+from obb_collision.queries.sweep.poses import offset_and_way, rotate
+from obb_collision.queries.sweep.rigid import POSITION, SPIN, TURNING
+from obb_collision.queries.sweep.slices import (
+    CORNER_ROWS,
+    SLICE_SLACK,
+    WORK_ROWS,
+    fill_corners,
+    free_slice,
+)
+from obb_collision.queries.sweep.sweep import sweep
+from obb_collision.queries.sweep.twists import ANGLE_SLACK, CORNER_SLACK
+
+RNG = np.random.default_rng(9)
+COUNT = 60
+SIGNS = [(i, j) for i in (-1, 1) for j in (-1, 1)]
+
+
+def test_times_of_contact(record_property: Record) -> None:
+    """At the time given, the gap is the bound by which the boxes are grown, but for the error."""
+    moved = Moved(8)
+    a, b = moved.at(moved.farthest)
+    end = Boxes.trusted(a.centers + 0.3 * RNG.normal(size=(len(a), 3)), b.rotations, b.half_extents)
+    boxes, pairs = joined(a, b)
+    ends = Boxes.trusted(
+        np.concatenate([a.centers, end.centers]), boxes.rotations, boxes.half_extents
+    )
+    times = sweep(boxes, ends, pairs).times
+    hit = np.flatnonzero((times > 0.0) & np.isfinite(times))
+    assert len(hit) > 20
+    ratios = []
+    for n in hit:
+        motion = ExactMotion.of((a.row(n), b.row(n)), (a.row(n), end.row(n)))
+        gap = Fraction(motion.gap(times[n]))  # over the size
+        assert gap >= 0
+        bound = Fraction(CAREFUL_BOUND)
+        ratios.append(abs(gap - bound) / (bound + Fraction(TIME_ROUNDING)))
+    check_ratios(record_property, ratios)
+
+
+def test_radii(record_property: Record) -> None:
+    moved = Moved(8)
+    ratios = []
+    slack = Fraction(OUTWARD) - 1
+    for radius, half in zip(
+        bounding_radii(moved.a.half_extents).tolist(), moved.a.half_extents, strict=True
+    ):
+        true = norm(exact(half))
+        if true > Fraction(2) ** -900:
+            ratios.append(abs(Fraction(radius) / true - 1 - slack) / slack)
+    check_ratios(record_property, ratios)
+
+
+def test_offsets(record_property: Record) -> None:
+    """From velocities: where the second box is from the first at the end."""
+    ratios = []
+    for starts, velocities in RNG.normal(size=(COUNT, 2, 2, 3)) * [[[[1e6]], [[3.0]]]]:
+        _, last, way = offset_and_way(starts, velocities, 0.7, 0, 1)
+        first = difference(exact(starts[1]), exact(starts[0]))
+        rate = difference(exact(velocities[1]), exact(velocities[0]))
+        expected = [p + Fraction(0.7) * v for p, v in zip(first, rate, strict=True)]
+        bound = Fraction(POSITION) * (norm(first) + norm(exact(way)))
+        ratios.append(norm(difference(exact(last), expected)) / bound)
+    check_ratios(record_property, ratios)
+
+
+def exactly_turned(rotation: np.ndarray, turn: np.ndarray, time: float) -> list[Vector]:
+    """Return the columns of a rotation turned by ``time`` times a rotation vector, to 50 digits."""
+    vector = exact(turn)
+    angle = norm(vector)
+    with localcontext() as context:
+        context.prec = 80
+        x = Decimal((angle * Fraction(time)).numerator) / (angle * Fraction(time)).denominator
+        sine, cosine, term = Decimal(0), Decimal(0), Decimal(1)
+        for k in range(200):  # their series: angles up to 30 lose 13 digits of 80
+            part = (sine, cosine)[k % 2 == 0] + (term if k % 4 < 2 else -term)
+            sine, cosine = (sine, part) if k % 2 == 0 else (part, cosine)
+            term = term * x / (k + 1)
+        s, c = Fraction(sine), Fraction(cosine)
+    u = [v / angle for v in vector]
+    columns = []
+    for column in rotation.T:
+        p = exact(column)
+        crossed = [u[(k + 1) % 3] * p[(k + 2) % 3] - u[(k + 2) % 3] * p[(k + 1) % 3]
+                   for k in range(3)]  # fmt: skip
+        along = dot(u, p)
+        columns.append([c * p[k] + s * crossed[k] + (1 - c) * along * u[k] for k in range(3)])
+    return columns
+
+
+def random_turns() -> list[tuple[np.ndarray, np.ndarray, float]]:
+    """Return rotations, rotation vectors of angles up to 30, and times."""
+    boxes = Moved(4).a
+    turns = RNG.normal(size=(len(boxes), 3)) * 10.0 ** RNG.uniform(-3.0, 1.0, (len(boxes), 1))
+    return list(
+        zip(boxes.rotations, turns, RNG.uniform(0.1, 1.0, len(boxes)).tolist(), strict=True)
+    )
+
+
+def test_rotations_at_a_time(record_property: Record) -> None:
+    ratios, found = [], np.empty((3, 3))
+    for rotation, turn, time in random_turns():
+        rotate(rotation, turn, time, found)
+        bound = Fraction(TURNING) + Fraction(SPIN) * norm(exact(turn)) * Fraction(time)
+        for column, expected in zip(found.T, exactly_turned(rotation, turn, time), strict=True):
+            ratios.append(norm(difference(exact(column), expected)) / bound)
+    check_ratios(record_property, ratios)
+
+
+def test_corners_of_turned_boxes(record_property: Record) -> None:
+    ratios, found, corners = [], np.empty((3, 3)), np.empty((CORNER_ROWS, 3))
+    half = np.array([0.4, 0.7, 1.1])
+    for rotation, turn, time in random_turns():
+        rotate(rotation, turn, time, found)
+        fill_corners(found, half, (0.0, 0.0, 0.0), tuple(turn), corners)
+        columns = exactly_turned(rotation, turn, time)
+        reach = norm(exact(half))
+        bound = Fraction(CORNER_SLACK) + Fraction(ANGLE_SLACK) * norm(exact(turn)) * Fraction(time)
+        for n in range(8):
+            sides = [h if n >> k & 1 else -h for k, h in enumerate(exact(half))]
+            expected = [dot(sides, row) for row in zip(*columns, strict=True)]
+            ratios.append(norm(difference(exact(corners[1 + n]), expected)) / (bound * reach))
+    check_ratios(record_property, ratios)
+
+
+def test_free_slices(record_property: Record) -> None:
+    """Two boxes of one rotation, one beyond a face of the other, that do not turn in a slice."""
+    moved = Moved(4, ("ordinary scene", "thin plates and rods"))
+    boxes, work = moved.a, np.empty((WORK_ROWS, 3))
+    still = (0.0, 0.0, 0.0)
+    corners = np.empty((len(boxes), CORNER_ROWS, 3))
+    for n in range(len(boxes)):
+        fill_corners(boxes.rotations[n], boxes.half_extents[n], still, still, corners[n])
+
+    def at(n: int, distance: float) -> np.ndarray:
+        place: np.ndarray = distance * boxes.rotations[n, :, n % 3]
+        return place
+
+    def free(distances: np.ndarray) -> np.ndarray:
+        answers = []
+        for n, distance in enumerate(distances.tolist()):
+            place = tuple(at(n, distance).tolist())
+            answers.append(free_slice(place, place, corners[n], 0.0, corners[n], 0.0, 0.0, work))
+        return np.array(answers)
+
+    def quantity(n: int, distance: float) -> Fraction:
+        place, normal = exact(at(n, distance)), exact(boxes.rotations[n, :, n % 3])
+        columns = [exact(column) for column in boxes.rotations[n].T]
+        half = exact(boxes.half_extents[n])
+        reach = dot(half, [abs(dot(normal, column)) for column in columns])
+        gap = (dot(normal, place) - 2 * reach) / norm(normal)
+        sides = [[h * x for x in column] for h, column in zip(half, columns, strict=True)]
+        ends = [[x + i * y + j * z for x, y, z in zip(*sides, strict=True)] for i, j in SIGNS]
+        # about the axis that is taken where nothing turns: z
+        radius = max(abs(end[2]) for end in ends) + max(norm(end[:2]) for end in ends)
+        return gap / (Fraction(SLICE_SLACK) * (2 * norm(place) + 2 * radius))
+
+    low, high = flips(free, 10.0 * boxes.half_extents.max(axis=1))
+    check_ratios(
+        record_property,
+        [observed_at_flip(quantity(n, low[n]), quantity(n, high[n])) for n in range(len(boxes))],
+    )

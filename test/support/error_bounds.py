@@ -1,0 +1,179 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""Observed errors over their bounds, in exact arithmetic.
+
+Two ways to see an error. Where a kernel returns a number, that number is compared with the exact
+one. Where it only decides, a body is moved to where the decision changes, to neighbouring doubles:
+there the number that the kernel has computed is its bound, and the exact quantity differs from the
+bound by the error. Both give a ratio of observed error to bound. Above 1 a decision could be wrong.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+from fractions import Fraction
+from itertools import product
+
+import numpy as np
+from oracle import Box, ExactPair
+from support import family, stored
+
+from obb_collision.benchmarks.cases.families import FAMILIES
+from obb_collision.geometry.boxes import Boxes
+from obb_collision.typing import Floats, Mask
+
+U = Fraction(1, 2**53)
+Vector = list[Fraction]
+
+
+#: The fixture ``record_property``.
+Record = Callable[[str, object], None]
+
+
+def check_ratios(record_property: Record, ratios: Iterable[Fraction]) -> None:
+    """Assert that no observed error exceeds its bound, and that there were errors to observe."""
+    largest = float(max(ratios))
+    record_property("largest observed error over bound", largest)
+    print(f"largest observed error over bound: {largest:.2g}")  # noqa: T201  # pytest -rP
+    assert 0.0 < largest <= 1.0
+
+
+def flips(
+    decide: Callable[[Floats], Mask], most: Floats, least: Floats | None = None
+) -> tuple[Floats, Floats]:
+    """Return neighbouring doubles (n,) between which each row's decision becomes True."""
+    low, high = (np.zeros_like(most) if least is None else least), most.copy()
+    assert decide(high).all()
+    assert not decide(low).any()
+    for _ in range(80):
+        middle = low + 0.5 * (high - low)
+        yes = decide(middle)
+        low, high = np.where(yes, low, middle), np.where(yes, middle, high)
+    return low, high
+
+
+def observed_at_flip(unsure: Fraction, certain: Fraction) -> Fraction:
+    """Return the error seen where a decision becomes certain, over its bound.
+
+    Both are the exact quantity in units of the bound: at the last place that left the decision
+    open, and at the first that did not. Without errors they would lie on either side of 1.
+    """
+    return max(1 - certain, unsure - 1, Fraction(0))
+
+
+def root(square: Fraction) -> Fraction:
+    """Return the square root to more than 100 bits."""
+    if square == 0:
+        return Fraction(0)
+    shift = 2 * max(0, 110 - (square.numerator.bit_length() - square.denominator.bit_length()) // 2)
+    return Fraction(math.isqrt((square.numerator << shift) // square.denominator)) / 2 ** (
+        shift // 2
+    )
+
+
+def exact(values: Iterable[float]) -> Vector:
+    """Return doubles as fractions."""
+    return [Fraction(float(value)) for value in values]
+
+
+def dot(a: Iterable[Fraction], b: Iterable[Fraction]) -> Fraction:
+    """Return the scalar product."""
+    return sum((x * y for x, y in zip(a, b, strict=True)), Fraction(0))
+
+
+def difference(a: Iterable[Fraction], b: Iterable[Fraction]) -> Vector:
+    """Return a - b."""
+    return [x - y for x, y in zip(a, b, strict=True)]
+
+
+def norm(a: Vector) -> Fraction:
+    """Return the Euclidean length."""
+    return root(dot(a, a))
+
+
+def taxicab(a: Iterable[Fraction]) -> Fraction:
+    """Return the sum of the magnitudes."""
+    return sum((abs(x) for x in a), Fraction(0))
+
+
+def extents(*boxes: Box) -> Fraction:
+    """Return the sum of all half extents."""
+    return sum((taxicab(exact(box[2])) for box in boxes), Fraction(0))
+
+
+def exact_gaps(a: Box, b: Box) -> list[Fraction]:
+    """Return the gaps along the unit axes in metres, parallel edges left out: 15 without any."""
+    pair = ExactPair(a, b)
+    unit = Fraction(2) ** pair.exponent
+    return [
+        pair.gap(axis) * unit / root(Fraction(sum(x * x for x in axis)))
+        for axis in pair.candidate_axes()
+    ]
+
+
+class Moved:
+    """Pairs of boxes of all families, the second at a distance from the first along a direction.
+
+    Every other pair is at the origin, where the offset of the centres is not rounded.
+    """
+
+    def __init__(self, count: int, families: Iterable[str] = tuple(FAMILIES)) -> None:
+        sides = [family(name, count) for name in families]
+        self.a, self.b = (join([pair[side] for pair in sides]) for side in (0, 1))
+        self.a.centers[::2] = 0.0
+        directions = np.random.default_rng(1).normal(size=(len(self.a), 3))
+        self.directions = directions / np.linalg.norm(directions, axis=1)[:, None]
+        #: As far as no two boxes reach.
+        self.farthest = 4.0 * (self.a.half_extents + self.b.half_extents).sum(axis=1)
+        self.farthest += 100.0 * np.spacing(np.abs(self.a.centers).max(axis=1)) + 1e-300
+
+    def at(self, distances: Floats) -> tuple[Boxes, Boxes]:
+        """Return the boxes of all pairs at distances (n,)."""
+        centers = self.a.centers + distances[:, None] * self.directions
+        return self.a, Boxes.trusted(centers, self.b.rotations, self.b.half_extents)
+
+    def check(
+        self,
+        record_property: Record,
+        decide: Callable[[Boxes, Boxes], Mask],
+        quantity: Callable[[Box, Box], Fraction],
+    ) -> None:
+        """Check where a decision becomes True; quantity: exactly, in units of the bound."""
+        low, high = flips(lambda distances: decide(*self.at(distances)), self.farthest)
+        near, far = self.at(low), self.at(high)
+        check_ratios(
+            record_property,
+            [
+                observed_at_flip(*(quantity(a.row(n), b.row(n)) for a, b in (near, far)))
+                for n in range(len(self.a))
+            ],
+        )
+
+
+def join(boxes: list[Boxes]) -> Boxes:
+    """Return boxes one after the other, as copies."""
+    return Boxes.trusted(*(np.concatenate(part) for part in zip(*map(stored, boxes), strict=True)))
+
+
+def corners(box: Box) -> list[Vector]:
+    """Return the eight corners exactly."""
+    center, columns, half = exact(box[0]), [exact(column) for column in box[1].T], exact(box[2])
+    return [
+        [
+            c + sum((s * h * x for s, h, x in zip(signs, half, row, strict=True)), Fraction(0))
+            for c, row in zip(center, zip(*columns, strict=True), strict=True)
+        ]
+        for signs in product((-1, 1), repeat=3)
+    ]
