@@ -40,6 +40,7 @@ from obb_collision.queries.primitives.planes import PlaneDistances, aabb_verdict
 from obb_collision.queries.rays.rays import RayHits, cast_rays, cast_segments, segments_intersect
 from obb_collision.queries.sweep.sweep import Sweeps, sweep, sweep_twists
 from obb_collision.queries.verdict.verdict import Verdict, verdicts
+from obb_collision.scene.broad_phase.any_collision import any_collision
 from obb_collision.scene.broad_phase.find_pairs import find_pairs
 from obb_collision.scene.report import Report
 from obb_collision.scene.scene import Scene
@@ -66,6 +67,7 @@ __all__ = [
     "Sweeps",
     "Verdict",
     "aabb_verdicts",
+    "any_collision",
     "capsule_distances",
     "capsule_verdicts",
     "cast_rays",

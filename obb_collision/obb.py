@@ -22,12 +22,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from obb_collision.geometry.aabb import AABB
-from obb_collision.geometry.boxes import Boxes, add_outwards
+from obb_collision.geometry.boxes import Boxes, add_outwards, box_volumes
 from obb_collision.geometry.fitting.fit import fit_points
 from obb_collision.geometry.fitting.transform import transform_box
 from obb_collision.geometry.kinds import as_flag, check_kind
 from obb_collision.geometry.poses import matrices_from_quaternions, quaternions_from_matrices
-from obb_collision.geometry.representations import corners
 from obb_collision.geometry.validation import (
     as_array,
     as_half_extents,
@@ -53,9 +52,27 @@ class Separation(NamedTuple):
 class OBB:
     """One oriented box: {center + sum_i t_i half_extents[i] rotation[:, i], abs(t_i) <= 1}.
 
-    center (3,) metres; rotation (3, 3), its columns are the box axes; half_extents (3,) metres,
-    zero allowed. Raises ValueError naming the argument for anything else. Without arguments: the
-    reset box, a point at the origin with axes x, y, z.
+    Equal where all numbers are. Without arguments: the reset box, a point at the origin.
+
+    Parameters
+    ----------
+    center : (3,) array_like
+        Metres.
+    rotation : (3, 3) array_like
+        The columns are the box axes. Within 1e-6 of orthonormal they are made orthonormal.
+    half_extents : (3,) array_like
+        Metres, not negative; zero makes a flat box.
+
+    Raises
+    ------
+    ValueError
+        Naming the argument, for anything else.
+
+    Examples
+    --------
+    >>> crate = oc.OBB([0, 0, 1], np.eye(3), [0.5, 0.5, 1])
+    >>> crate.volume, crate.contains([0, 0, 2])  # the surface counts
+    (2.0, True)
     """
 
     __slots__ = ("center", "half_extents", "rotation")
@@ -73,7 +90,25 @@ class OBB:
         self.set(center, rotation, half_extents)
 
     def set(self, center: ArrayLike, rotation: ArrayLike, half_extents: ArrayLike) -> None:
-        """Replace all three; on ValueError the box stays as it was."""
+        """Replace all three.
+
+        Parameters
+        ----------
+        center, rotation, half_extents : array_like
+            As in the constructor.
+
+        Raises
+        ------
+        ValueError
+            As the constructor; then the box stays as it was.
+
+        Examples
+        --------
+        >>> box = oc.OBB()
+        >>> box.set([1, 0, 0], np.eye(3), [1, 1, 1])
+        >>> box.volume
+        8.0
+        """
         c = as_array(center, "center", (3,)).copy()
         r = as_rotations(rotation, "rotation", (3, 3)).copy()
         h = as_half_extents(half_extents, "half_extents", (3,))
@@ -87,13 +122,49 @@ class OBB:
     def from_quaternion(
         cls, center: ArrayLike, quaternion_xyzw: ArrayLike, half_extents: ArrayLike
     ) -> OBB:
-        """Return a box from a quaternion x y z w, which is normalised; zero is refused."""
+        """Return a box turned by a quaternion.
+
+        Parameters
+        ----------
+        center : (3,) array_like
+            Metres.
+        quaternion_xyzw : (4,) array_like
+            x y z w; it is normalised.
+        half_extents : (3,) array_like
+            Metres.
+
+        Raises
+        ------
+        ValueError
+            As the constructor, and for a zero quaternion.
+
+        Examples
+        --------
+        >>> turned = oc.OBB.from_quaternion([0, 0, 0], [0, 0, 0.6, 0.8], [1, 1, 1])
+        >>> turned.rotation[:, 0].round(9).tolist()
+        [0.28, 0.96, 0.0]
+        """
         quaternion = as_quaternions(quaternion_xyzw, "quaternion_xyzw", (4,))
         return cls(center, matrices_from_quaternions(quaternion[None])[0], half_extents)
 
     @classmethod
     def from_aabb(cls, aabb: AABB) -> OBB:
-        """Return the box with axes x, y, z that certainly contains the AABB."""
+        """Return the box with axes x, y, z that certainly contains an axis-aligned one.
+
+        Parameters
+        ----------
+        aabb : AABB
+
+        Raises
+        ------
+        TypeError
+            For anything else.
+
+        Examples
+        --------
+        >>> oc.OBB.from_aabb(oc.AABB([0, 0, 0], [2, 4, 6])).half_extents.tolist()
+        [1.0, 2.0, 3.0]
+        """
         check_kind(aabb, AABB, "aabb")
         center = 0.5 * aabb.minimum + 0.5 * aabb.maximum
         reach = np.maximum(add_outwards(aabb.maximum, -center), add_outwards(center, -aabb.minimum))
@@ -101,40 +172,109 @@ class OBB:
 
     @classmethod
     def from_points(cls, points: ArrayLike, fit: str = "best") -> OBB:
-        """Return a box that certainly contains every point (n, 3), n >= 1.
+        """Return a box that certainly contains every point.
 
-        fit: "aabb", "covariance", "hull_covariance", "min_volume", or "best", the smallest of
-        several. Raises ValueError for no points, bad points or an unknown fit.
+        Parameters
+        ----------
+        points : (n, 3) array_like
+            Metres, at least one.
+        fit : str
+            "aabb", "covariance", "hull_covariance", "min_volume", or "best", the smallest of
+            several.
+
+        Raises
+        ------
+        ValueError
+            For no points, bad points or an unknown fit.
+
+        References
+        ----------
+        Ericson, Real-Time Collision Detection (2005), 4.4.3.
+
+        Examples
+        --------
+        >>> oc.OBB.from_points([[0, 0, 0], [2, 4, 6]], fit="aabb").half_extents.tolist()
+        [1.0, 2.0, 3.0]
         """
         return cls(*fit_points(points, fit))
 
     @property
     def quaternion(self) -> Floats:
-        """The orientation as a unit quaternion x y z w, w >= 0."""
+        """(4,) the orientation as a unit quaternion x y z w, w >= 0."""
         return quaternions_from_matrices(self.rotation[None])[0]
 
     @property
     def volume(self) -> float:
         """Cubic metres."""
-        return float(8.0 * np.prod(self.half_extents))
+        return float(box_volumes(self.half_extents))
 
     def corners(self) -> Floats:
-        """Return the corners (8, 3).
+        """Return the corners.
 
-        Four on the +z face (of the box's own axes): left-top, left-bottom, right-bottom,
-        right-top; then four on the -z face: right-top, right-bottom, left-bottom, left-top.
-        Right is +x, top is +y.
+        Returns
+        -------
+        (8, 3) array
+            Metres. Four on the +z face (of the box's own axes): left-top, left-bottom,
+            right-bottom, right-top; then four on the -z face: right-top, right-bottom,
+            left-bottom, left-top. Right is +x, top is +y.
+
+        Examples
+        --------
+        >>> oc.OBB(half_extents=[1, 2, 3]).corners()[:2].tolist()
+        [[-1.0, 2.0, 3.0], [-1.0, -2.0, 3.0]]
         """
-        return corners(self._boxes())[0]
+        return self._boxes().corners()[0]
 
     def edge_direction(self, i: int) -> Floats:
-        """Return the unit direction (3,) of the four edges along axis i, 0 to 2."""
+        """Return the direction of the four edges along an axis.
+
+        Parameters
+        ----------
+        i : int
+            The axis, 0 to 2.
+
+        Returns
+        -------
+        (3,) array
+            Of unit length.
+
+        Raises
+        ------
+        ValueError
+            For another axis.
+
+        Examples
+        --------
+        >>> oc.OBB().edge_direction(2).tolist()
+        [0.0, 0.0, 1.0]
+        """
         if not (isinstance(i, (int, np.integer)) and 0 <= i <= 2):
             raise ValueError(f"edge direction i must be 0, 1 or 2, got {shown(i)}")
         return self.rotation[:, i].copy()
 
     def face_normal(self, i: int) -> Floats:
-        """Return the outward unit normal (3,) of face i: 0 +x, 1 -x, 2 +y, 3 -y, 4 +z, 5 -z."""
+        """Return the outward normal of a face.
+
+        Parameters
+        ----------
+        i : int
+            The face: 0 +x, 1 -x, 2 +y, 3 -y, 4 +z, 5 -z of the box's own axes.
+
+        Returns
+        -------
+        (3,) array
+            Of unit length.
+
+        Raises
+        ------
+        ValueError
+            For another face.
+
+        Examples
+        --------
+        >>> oc.OBB().face_normal(0).tolist()
+        [1.0, 0.0, 0.0]
+        """
         if not (isinstance(i, (int, np.integer)) and 0 <= i <= 5):
             raise ValueError(f"face i must be 0 to 5, got {shown(i)}")
         sign = 1.0 if i % 2 == 0 else -1.0
@@ -142,27 +282,82 @@ class OBB:
         return result
 
     def aabb(self) -> AABB:
-        """Return the axis-aligned box around this one, rounded outwards where inexact."""
-        minimum, maximum = self._boxes().world_bounds()
-        return AABB(minimum[0], maximum[0])
+        """Return the axis-aligned box around this one, rounded outwards where inexact.
+
+        Examples
+        --------
+        >>> oc.OBB(half_extents=[1, 2, 3]).aabb()
+        AABB(minimum=[-1.0, -2.0, -3.0], maximum=[1.0, 2.0, 3.0])
+        """
+        return self._boxes().aabb()
 
     def padded(self, margin: float) -> OBB:
-        """Return the box grown by ``margin`` metres on every side, rounded outwards."""
-        return OBB(self.center, self.rotation, self._boxes().padded(margin).half_extents[0])
+        """Return the box grown on every side, rounded outwards.
+
+        Parameters
+        ----------
+        margin : float
+            Metres, not negative.
+
+        Raises
+        ------
+        ValueError
+            For anything else.
+
+        Examples
+        --------
+        >>> oc.OBB(half_extents=[1, 1, 1]).padded(0.5).half_extents.tolist()
+        [1.5, 1.5, 1.5]
+        """
+        pad = as_array(margin, "margin", ())
+        return OBB(self.center, self.rotation, self._boxes().padded(pad).half_extents[0])
 
     def transformed(self, matrix: ArrayLike) -> OBB:
-        """Return a box that certainly contains this one moved by an invertible 4x4 matrix.
+        """Return a box that certainly contains this one, moved by an invertible 4x4 matrix.
 
         Tight where the result is a box again; under shear or uneven scale the smallest of
-        several boxes around the result. Raises ValueError for a singular or projective matrix.
+        several boxes around the result.
+
+        Parameters
+        ----------
+        matrix : (4, 4) array_like
+            Acts on columns; its last row is 0 0 0 1.
+
+        Raises
+        ------
+        ValueError
+            For a singular or projective matrix.
+
+        Examples
+        --------
+        >>> oc.OBB(half_extents=[1, 1, 1]).transformed(np.diag([2, 3, 4, 1])).volume
+        192.0
         """
         return OBB(*transform_box(self.center, self.rotation, self.half_extents, matrix))
 
     def contains(self, points: ArrayLike, exact: bool = False) -> bool | NDArray[np.bool_]:
-        """Return whether the point (3,) -> bool, or each point (n, 3) -> (n,), lies inside.
+        """Return which points lie inside; the surface counts.
 
-        The surface counts, and so do points that doubles can't tell from it; ``exact=True``
-        decides those by integer arithmetic.
+        Parameters
+        ----------
+        points : (3,) or (n, 3) array_like
+            Metres.
+        exact : bool
+            Decide by integer arithmetic what doubles can't tell from the surface, else inside.
+
+        Returns
+        -------
+        bool or (n,) array of bool
+
+        Raises
+        ------
+        ValueError
+            For points of another shape.
+
+        Examples
+        --------
+        >>> oc.OBB(half_extents=[1, 1, 1]).contains([[0, 0, 1], [0, 0, 1.1]]).tolist()
+        [True, False]
         """
         single = is_single(points)
         cloud = as_array(points, "points", (3,) if single else (None, 3)).reshape(-1, 3)
@@ -171,12 +366,56 @@ class OBB:
         return bool(inside[0]) if single else inside
 
     def intersects(self, other: OBB, exact: bool = False) -> bool:
-        """Return whether the boxes have a common point; touching counts."""
+        """Return whether two boxes have a common point; touching counts.
+
+        Parameters
+        ----------
+        other : OBB
+        exact : bool
+            Decide by integer arithmetic what doubles can't tell from touching, else it counts.
+
+        Raises
+        ------
+        TypeError
+            For anything else.
+
+        Examples
+        --------
+        >>> box = oc.OBB(half_extents=[1, 1, 1])
+        >>> box.intersects(oc.OBB([2, 0, 0], np.eye(3), [1, 1, 1]))
+        True
+        """
         check_kind(other, OBB, "other")
-        return int(verdicts(self._boxes(), other._boxes(), exact)[0]) != SEPARATE
+        return int(verdicts(self._boxes(), other._boxes(), exact=exact)[0]) != SEPARATE
 
     def separation(self, other: OBB) -> Separation:
-        """Return the signed gap in metres, its unit axis towards ``other``, and the verdict."""
+        """Return the signed gap, its axis, and the verdict.
+
+        Parameters
+        ----------
+        other : OBB
+
+        Returns
+        -------
+        Separation
+            gap (metres; positive apart, negative overlapping), axis ((3,) unit, towards
+            ``other``), verdict.
+
+        Raises
+        ------
+        TypeError
+            For anything else.
+
+        References
+        ----------
+        Gottschalk, Lin, Manocha, OBBTree (SIGGRAPH 1996); Ericson 2005, 4.4.1.
+
+        Examples
+        --------
+        >>> gap, axis, verdict = oc.OBB().separation(oc.OBB([3, 0, 0], np.eye(3), [1, 1, 1]))
+        >>> gap, axis.tolist(), verdict.name
+        (2.0, [1.0, 0.0, 0.0], 'SEPARATE')
+        """
         check_kind(other, OBB, "other")
         gap, x, y, z, _ = witness(
             *(self.center, self.rotation, self.half_extents),
@@ -200,4 +439,7 @@ class OBB:
             return NotImplemented
         return all(np.array_equal(getattr(self, k), getattr(other, k)) for k in self.__slots__)
 
-    __hash__ = None  # type: ignore[assignment]
+    __hash__ = None  # type: ignore[assignment]  # it can be set, and the arrays written to
+
+
+Boxes.single = OBB

@@ -152,8 +152,9 @@ def calls() -> Iterator[tuple[str, Callable[..., Any], dict[str, Any]]]:
     yield "Capsules", oc.Capsules, {
         "starts": np.zeros((2, 3)), "ends": np.ones((2, 3)), "radii": np.ones(2)
     }  # fmt: skip
-    yield "verdicts", oc.verdicts, {"a": boxes, "b": turned}
-    yield "find_pairs", oc.find_pairs, {"boxes": boxes, "exact": False, "accuracy": "obb"}
+    yield "verdicts", oc.verdicts, {"a": boxes, "b": turned, "pairs": pairs}
+    yield "find_pairs", oc.find_pairs, {"a": boxes, "b": boxes, "exact": False, "accuracy": "obb"}
+    yield "any_collision", oc.any_collision, {"a": boxes, "b": boxes, "exact": False}
     yield "contacts", oc.contacts, {"boxes": boxes, "pairs": pairs, "limit": 4}
     yield "clearances", oc.clearances, {"boxes": boxes, "pairs": pairs}
     yield "clearances_within", oc.clearances_within, {"boxes": boxes, "pairs": pairs, "limit": 1.0}

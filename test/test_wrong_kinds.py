@@ -102,12 +102,14 @@ FUNCTIONS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
         oc.Boxes, {"centers": POINTS, "rotations": [np.eye(3)] * 2, "half_extents": UNITS}
     ),
     "Boxes.from_poses": (oc.Boxes.from_poses, {"poses": [POSE], "half_extents": [[1, 1, 1]]}),
+    "Boxes.from_obbs": (oc.Boxes.from_obbs, {"obbs": [BOX, BOX]}),
+    "Boxes.transformed": (boxes().transformed, {"matrix": np.eye(4)}),
+    "Boxes.contains": (boxes().contains, {"points": [0] * 3, "exact": False}),
     "Boxes.take": (boxes().take, {"rows": [0]}),
     "Boxes.row": (boxes().row, {"index": 0}),
     "Boxes.padded": (boxes().padded, {"margin": 0.1}),
     "Capsules": (oc.Capsules, {"starts": POINTS, "ends": UNITS, "radii": [1, 1]}),
     "Capsules.spheres": (oc.Capsules.spheres, {"centers": POINTS, "radii": [1, 1]}),
-    "Capsules.take": (capsules().take, {"rows": [0]}),
     "Box": (Box, {"size": [1] * 3, "scale": [1] * 3}),
     "Sphere": (Sphere, {"radius": 1, "scale": [1] * 3}),
     "Ellipsoid": (Ellipsoid, {"radii": [1] * 3, "scale": [1] * 3}),
@@ -132,8 +134,11 @@ FUNCTIONS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "PlacedMeshes.from_poses": (
         oc.PlacedMeshes.from_poses, {"trees": trees(), "meshes": [0], "poses": [POSE]}
     ),
-    "verdicts": (oc.verdicts, {"a": boxes(), "b": boxes(), "exact": False}),
-    "find_pairs": (oc.find_pairs, {"boxes": boxes(), "exact": False, "accuracy": "obb"}),
+    "verdicts": (oc.verdicts, {"a": boxes(), "b": boxes(), **PAIRS, "exact": False}),
+    "find_pairs": (
+        oc.find_pairs, {"a": boxes(), "b": boxes(), "exact": False, "accuracy": "obb"}
+    ),
+    "any_collision": (oc.any_collision, {"a": boxes(), "b": boxes(), "exact": False}),
     "contacts": (oc.contacts, {"boxes": boxes(), **PAIRS, "limit": 4}),
     "clearances": (oc.clearances, {"boxes": boxes(), **PAIRS}),
     "clearances_within": (oc.clearances_within, {"boxes": boxes(), **PAIRS, "limit": 1.0}),
@@ -224,7 +229,7 @@ RESULTS = {
 #: Left for where they come from: arrays that were checked, or no argument at all.
 UNTRIED = {
     "trusted", "prepare", "clear", "corners", "world_bounds", "reset", "set", "counted",
-    "renew_indices", "place", "rows", "local_box", "aabb", "of", "build_outside",
+    "renew_indices", "single", "place", "rows", "local_box", "aabb", "of", "build_outside",
 }  # fmt: skip
 
 

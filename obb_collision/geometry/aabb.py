@@ -26,11 +26,25 @@ from obb_collision.geometry.validation import as_array, is_single
 from obb_collision.typing import Floats
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class AABB:
-    """The closed axis-aligned box between ``minimum`` (3,) and ``maximum`` (3,), metres.
+    """The closed axis-aligned box between two corners. Equal where both corners are.
 
-    Raises ValueError for anything not finite, or a minimum above the maximum.
+    Parameters
+    ----------
+    minimum, maximum : (3,) array_like
+        Metres.
+
+    Raises
+    ------
+    ValueError
+        For anything not finite, or a minimum above the maximum.
+
+    Examples
+    --------
+    >>> box = oc.AABB([0, 0, 0], [1, 1, 1])
+    >>> box.intersects(oc.AABB([1, 0, 0], [2, 1, 1]))  # touching counts
+    True
     """
 
     minimum: Floats
@@ -46,30 +60,98 @@ class AABB:
 
     @classmethod
     def from_points(cls, points: ArrayLike) -> AABB:
-        """Return the smallest AABB of points (n, 3); ValueError if there are none."""
+        """Return the smallest box of points.
+
+        Parameters
+        ----------
+        points : (n, 3) array_like
+            Metres, at least one.
+
+        Raises
+        ------
+        ValueError
+            If there are none, or they are no points.
+
+        Examples
+        --------
+        >>> oc.AABB.from_points([[0, 5, 0], [1, 2, 3]])
+        AABB(minimum=[0.0, 2.0, 0.0], maximum=[1.0, 5.0, 3.0])
+        """
         cloud = as_array(points, "points", (None, 3))
         if len(cloud) == 0:
             raise ValueError("points must not be empty")
         return cls(cloud.min(axis=0), cloud.max(axis=0))
 
     def intersects(self, other: AABB) -> bool:
-        """Return whether the two closed boxes have a common point; touching counts."""
+        """Return whether two closed boxes have a common point; touching counts.
+
+        Parameters
+        ----------
+        other : AABB
+
+        Raises
+        ------
+        TypeError
+            For anything else.
+
+        Examples
+        --------
+        >>> oc.AABB([0, 0, 0], [1, 1, 1]).intersects(oc.AABB([2, 0, 0], [3, 1, 1]))
+        False
+        """
         check_kind(other, AABB, "other")
         apart = (self.minimum > other.maximum) | (other.minimum > self.maximum)
         return not bool(apart.any())
 
     def contains(self, points: ArrayLike) -> bool | NDArray[np.bool_]:
-        """Return whether the point (3,) -> bool, or each point (n, 3) -> (n,), lies inside."""
+        """Return which points lie inside; the surface counts.
+
+        Parameters
+        ----------
+        points : (3,) or (n, 3) array_like
+            Metres.
+
+        Returns
+        -------
+        bool or (n,) array of bool
+
+        Raises
+        ------
+        ValueError
+            For points of another shape.
+
+        Examples
+        --------
+        >>> oc.AABB([0, 0, 0], [1, 1, 1]).contains([1, 0.5, 0])
+        True
+        """
         single = is_single(points)
         cloud = as_array(points, "points", (3,) if single else (None, 3))
         inside = ((cloud >= self.minimum) & (cloud <= self.maximum)).all(axis=-1)
         return bool(inside) if single else np.asarray(inside)
 
     def corners(self) -> Floats:
-        """Return the 8 corners (8, 3), in the documented order of ``OBB.corners``."""
-        from_sign = (CORNER_SIGNS + 1.0) / 2.0
-        result: Floats = np.where(from_sign == 1.0, self.maximum, self.minimum)
+        """Return the corners.
+
+        Returns
+        -------
+        (8, 3) array
+            Metres, in the order of ``OBB.corners``.
+
+        Examples
+        --------
+        >>> oc.AABB([0, 0, 0], [1, 2, 3]).corners()[0].tolist()
+        [0.0, 2.0, 3.0]
+        """
+        result: Floats = np.where(CORNER_SIGNS > 0.0, self.maximum, self.minimum)
         return result
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, AABB):
+            return NotImplemented
+        return bool((self.minimum == other.minimum).all() and (self.maximum == other.maximum).all())
+
+    __hash__ = None  # type: ignore[assignment]  # the arrays can be written to
 
     def __repr__(self) -> str:
         return f"AABB(minimum={self.minimum.tolist()}, maximum={self.maximum.tolist()})"

@@ -16,7 +16,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -26,12 +28,31 @@ from obb_collision.geometry.validation import as_array, as_half_extents
 from obb_collision.typing import Floats
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Capsules:
     """n capsules: all points within radii[k] of the segment from starts[k] to ends[k].
 
-    starts and ends (n, 3), radii (n,), metres; equal ends make a sphere, radius zero a segment.
-    All float64. Raises ValueError naming the argument and the row for anything else.
+    ``capsules[rows]`` gives the capsules of a slice, an index array or a mask. Equal where all
+    numbers are.
+
+    Parameters
+    ----------
+    starts, ends : (n, 3) array_like
+        Metres; where both are the same it is a sphere.
+    radii : (n,) array_like
+        Metres, not negative; zero makes a segment.
+
+    Raises
+    ------
+    ValueError
+        Naming the argument and the row, for anything else.
+
+    Examples
+    --------
+    >>> arm = oc.Capsules([[0, 0, 0]], [[0, 0, 1]], [0.1])
+    >>> box = oc.Boxes([[0.5, 0, 0.5]], [np.eye(3)], [[0.25, 0.25, 0.25]])
+    >>> oc.capsule_distances(arm, box).separations.round(9).tolist()
+    [0.15]
     """
 
     starts: Floats
@@ -63,7 +84,25 @@ class Capsules:
 
     @classmethod
     def spheres(cls, centers: ArrayLike, radii: ArrayLike) -> Capsules:
-        """Return spheres: centers (n, 3), radii (n,), metres; checked as capsules are."""
+        """Return spheres, which are capsules without length.
+
+        Parameters
+        ----------
+        centers : (n, 3) array_like
+            Metres.
+        radii : (n,) array_like
+            Metres, not negative.
+
+        Raises
+        ------
+        ValueError
+            As the constructor.
+
+        Examples
+        --------
+        >>> oc.Capsules.spheres([[0, 0, 0]], [0.5])
+        Capsules(1 capsule)
+        """
         c = as_array(centers, "centers", (None, 3)).copy()
         r = as_half_extents(radii, "radii", (None,))
         if len(c) != len(r):
@@ -75,7 +114,17 @@ class Capsules:
     def __len__(self) -> int:
         return len(self.starts)
 
-    def take(self, rows: NDArray[np.int64] | NDArray[np.bool_]) -> Capsules:
-        """Return the capsules of an index array or mask, in that order."""
+    def __getitem__(self, rows: slice | Sequence[int] | NDArray[Any]) -> Capsules:
         starts = taken(self.starts, rows, "rows", 2)
         return Capsules.trusted(starts, self.ends[rows], self.radii[rows])
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Capsules):
+            return NotImplemented
+        pairs = zip(vars(self).values(), vars(other).values(), strict=True)
+        return all(np.array_equal(mine, theirs) for mine, theirs in pairs)
+
+    __hash__ = None  # type: ignore[assignment]  # the arrays can be written to
+
+    def __repr__(self) -> str:
+        return f"Capsules({len(self)} {'capsule' if len(self) == 1 else 'capsules'})"

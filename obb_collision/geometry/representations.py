@@ -23,17 +23,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from obb_collision.geometry.aabb import CORNER_SIGNS
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.validation import as_array
 from obb_collision.typing import Floats
-
-
-def corners(boxes: Boxes) -> Floats:
-    """Return the eight corners (n, 8, 3), in the order of ``OBB.corners``."""
-    steps = CORNER_SIGNS * boxes.half_extents[:, None, :]
-    result: Floats = boxes.centers[:, None, :] + steps @ boxes.rotations.transpose(0, 2, 1)
-    return result
 
 
 def face_planes(boxes: Boxes) -> Floats:
@@ -78,7 +70,7 @@ def memory_table() -> dict[str, tuple[int, int, int]]:
         "oriented box, two axes (compact)": to_compact(one).size,
         "corner and three edges": corner_and_edges(one).size,
         "oriented box, three axes": stored,
-        "eight corners": corners(one).size,
+        "eight corners": one.corners().size,
         "six planes": face_planes(one).size,
     }
     return {name: (size, 8 * size, 4 * size) for name, size in sizes.items()}

@@ -44,6 +44,7 @@ from obb_collision.queries.primitives.planes import aabb_verdicts, plane_distanc
 from obb_collision.queries.rays.rays import cast_rays, segments_intersect
 from obb_collision.queries.sweep.sweep import sweep, sweep_twists
 from obb_collision.queries.verdict.verdict import verdicts
+from obb_collision.scene.broad_phase.any_collision import any_collision
 from obb_collision.scene.broad_phase.find_pairs import find_pairs
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.refinement.budget import ABOVE
@@ -221,6 +222,9 @@ def _pair_queries() -> None:
     again = Boxes(boxes.centers + 0.1, boxes.rotations, boxes.half_extents)
     verdicts(boxes, again, exact=True)
     find_pairs(boxes, exact=True)
+    find_pairs(boxes, again)
+    any_collision(boxes)
+    any_collision(boxes, again, exact=True)
     contacts(boxes, pairs)
     clearances(boxes, pairs)
     for with_contacts in (True, False):

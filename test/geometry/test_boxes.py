@@ -25,7 +25,6 @@ from scipy.spatial.transform import Rotation
 import obb_collision as oc
 from obb_collision.geometry.representations import (
     corner_and_edges,
-    corners,
     face_planes,
     from_compact,
     memory_table,
@@ -192,7 +191,7 @@ def test_corners_come_in_the_documented_order() -> None:
 
 def test_representations_describe_the_same_boxes() -> None:
     boxes = random_boxes(50)
-    cloud = corners(boxes)
+    cloud = boxes.corners()
     planes = face_planes(boxes)
     heights = np.einsum("nfk,nck->nfc", planes[..., :3], cloud) - planes[..., 3:]
     assert np.abs(heights.max(axis=2)).max() < 1e-14

@@ -90,7 +90,7 @@ def test_spheres_and_capsules_are_decided_by_their_distances() -> None:
     axes = Rotation.from_quat(places[:, 3:]).as_matrix()[:, :, 2] * halves[:, None]
     capsules = Capsules(places[:, :3] - axes, places[:, :3] + axes, radii)
     i, j = np.triu_indices(200, 1)
-    gaps = capsule_distances(capsules.take(i), capsules.take(j)).separations
+    gaps = capsule_distances(capsules[i], capsules[j]).separations
     assert np.abs(gaps).min() > 1e-12
     expected = np.stack([i, j], axis=1)[gaps < 0.0]
     report = scene.check()

@@ -95,7 +95,7 @@ def clearances_within(
     be farther apart costs no more than that. Raises ValueError naming the argument.
     """
     check_kind(boxes, Boxes, "boxes")
-    checked = as_pairs(pairs, len(boxes))
+    checked = as_pairs(boxes, boxes, pairs)
     if not (isinstance(limit, REAL) and limit >= 0.0):  # NaN too
         raise ValueError(f"limit must be a number, at least 0, got {shown(limit)}")
     limit = float(limit) if limit <= MAX_MAGNITUDE else np.inf

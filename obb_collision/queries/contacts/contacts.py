@@ -78,7 +78,7 @@ def contacts(boxes: Boxes, pairs: ArrayLike, limit: int = 4) -> Contacts:
     check_kind(boxes, Boxes, "boxes")
     if not isinstance(limit, (int, np.integer)) or limit not in LIMITS:
         raise ValueError(f"limit must be 4 or 8, got {shown(limit)}")
-    rows = as_pairs(pairs, len(boxes))
+    rows = as_pairs(boxes, boxes, pairs)
     m, limit = len(rows), int(limit)
     result = Contacts(
         normals=np.empty((m, 3)),

@@ -142,7 +142,7 @@ def sweep_twists(
 
 
 def _sweep(motion: Motion, pairs: ArrayLike, tolerance: float, contacts: bool) -> Sweeps:
-    rows = as_pairs(pairs, len(motion.starts))
+    rows = as_pairs(motion.starts, motion.starts, pairs)
     as_flag(contacts, "contacts")
     near = float(as_array(tolerance, "tolerance", ()))
     if not LEAST_TOLERANCE <= near <= 1.0:

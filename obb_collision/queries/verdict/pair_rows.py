@@ -12,30 +12,72 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Pairs of rows as they come from outside."""
+"""Pairs as they come from outside: the one convention of all questions about pairs.
+
+``f(a, b, pairs=None)``: each row of a against the same row of b, or, with pairs (m, 2), rows of a
+against rows of b.
+"""
 
 from __future__ import annotations
 
+from typing import Protocol
+
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
+
+from obb_collision.geometry.boxes import Boxes
+from obb_collision.geometry.kinds import check_kind
+from obb_collision.geometry.validation import as_any_array
+from obb_collision.typing import Integers, Rows
 
 
-def as_pairs(value: ArrayLike, count: int) -> NDArray[np.int64]:
-    """Return pairs (m, 2) of rows of ``count`` boxes as contiguous int64; [] is no pair.
+class Sized(Protocol):
+    """Anything with rows."""
 
-    Raises ValueError naming ``pairs`` and the row for anything but whole numbers of a box.
+    def __len__(self) -> int: ...
+
+
+def as_pairs(a: Sized, b: Sized, pairs: ArrayLike | None) -> Integers:
+    """Return pairs (m, 2) of rows of a and of b as contiguous int64; [] is no pair.
+
+    Raises ValueError naming ``pairs`` and the row for anything but whole numbers of rows, and,
+    without pairs, for a and b of different lengths.
     """
-    try:
-        array = np.asarray(value)
-    except ValueError as error:  # ragged
-        raise ValueError(f"pairs must have shape (m, 2): {error}") from None
+    if pairs is None:
+        if len(a) != len(b):
+            raise ValueError(
+                f"a and b must have the same length, got {len(a)} and {len(b)}, or give pairs"
+            )
+        return np.repeat(np.arange(len(a)), 2).reshape(-1, 2)
+    array = as_any_array(pairs, "pairs", "whole numbers of shape (m, 2)")
     if array.size == 0 and array.shape in ((0,), (0, 2)):
         return np.empty((0, 2), np.int64)
     if array.ndim != 2 or array.shape[1] != 2:
         raise ValueError(f"pairs must have shape (m, 2), got {array.shape}")
-    if not np.issubdtype(array.dtype, np.integer):
+    if array.dtype.kind not in "iu":
         raise ValueError(f"pairs must be whole numbers, got {array.dtype}")
-    if array.min() < 0 or array.max() >= count:
-        row = int(np.argmax(((array < 0) | (array >= count)).any(axis=1)))
-        raise ValueError(f"pairs must be rows of the {count} boxes: not so in row {row}")
+    wrong = ((array < 0) | (array >= (len(a), len(b)))).any(axis=1)
+    if wrong.any():
+        row, lengths = int(np.argmax(wrong)), f"{len(a)} and {len(b)}"
+        raise ValueError(f"pairs must be rows of {lengths}, got {array[row].tolist()} in row {row}")
     return np.ascontiguousarray(array, np.int64)
+
+
+def as_sides(a: Sized, b: Sized, pairs: ArrayLike | None) -> tuple[Rows, Rows]:
+    """Return the rows (m,) of a and of b, each in one run of memory, as kernels like it."""
+    first, second = np.ascontiguousarray(as_pairs(a, b, pairs).T)
+    return first, second
+
+
+def one_set(a: Boxes, b: Boxes, pairs: Integers) -> tuple[Boxes, Integers]:
+    """Return boxes that hold both sets, and the pairs (m, 2) as rows of them; no copy if b is a."""
+    if a is b:
+        return a, pairs
+    both = (np.concatenate(sides) for sides in zip(vars(a).values(), vars(b).values(), strict=True))
+    return Boxes.trusted(*both), pairs + np.array([0, len(a)])
+
+
+def check_boxes(a: Boxes, b: Boxes) -> None:
+    """Raise TypeError naming the argument unless both are boxes."""
+    check_kind(a, Boxes, "a")
+    check_kind(b, Boxes, "b")

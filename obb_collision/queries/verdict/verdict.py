@@ -42,15 +42,16 @@ from __future__ import annotations
 from enum import IntEnum
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from obb_collision._jit import njit
 from obb_collision.geometry.boxes import Boxes
-from obb_collision.geometry.kinds import as_flag, check_kind
+from obb_collision.geometry.kinds import as_flag
 from obb_collision.numerics.constants import CAREFUL_BOUND, FAST_BOUND, UNDERFLOW
 from obb_collision.numerics.error_free import length, sum_sorted
 from obb_collision.queries.verdict.careful import careful_gap, columns
 from obb_collision.queries.verdict.exact import exact_verdict
+from obb_collision.queries.verdict.pair_rows import as_sides, check_boxes
 from obb_collision.queries.verdict.sat import Vector
 from obb_collision.typing import Floats
 
@@ -58,7 +59,14 @@ Verdicts = NDArray[np.int8]
 
 
 class Verdict(IntEnum):
-    """What is certain about two closed boxes."""
+    """What is certain about two closed bodies.
+
+    Examples
+    --------
+    >>> box = oc.OBB(half_extents=[1, 1, 1])
+    >>> oc.verdicts(oc.Boxes.from_obbs([box]), oc.Boxes.from_obbs([box])) == oc.Verdict.OVERLAP
+    array([ True])
+    """
 
     SEPARATE = 0  #: no common point
     TOUCHING = 1  #: not told from touching by doubles; with exact=True: common boundary only
@@ -74,18 +82,44 @@ UNDECIDED = -1
 NEARLY_PARALLEL = 2.0**-20
 
 
-def verdicts(a: Boxes, b: Boxes, exact: bool = False) -> Verdicts:
-    """Return the ``Verdict`` of each row of ``a`` against the same row of ``b``, (n,) int8.
+def verdicts(
+    a: Boxes, b: Boxes, pairs: ArrayLike | None = None, *, exact: bool = False
+) -> Verdicts:
+    """Return whether boxes collide, with certainty.
 
-    With ``exact=True`` pairs that doubles can't decide are decided by integer arithmetic; then
-    TOUCHING means touching exactly. Raises ValueError if the lengths differ.
+    Parameters
+    ----------
+    a, b : Boxes
+    pairs : (m, 2) array_like of int, optional
+        Rows of a and of b; without, each row of a against the same row of b.
+    exact : bool
+        Decide by integer arithmetic what doubles can't: then TOUCHING means touching exactly.
+
+    Returns
+    -------
+    (m,) array of int8
+        Of ``Verdict``; SEPARATE and OVERLAP are certain, for the doubles as stored.
+
+    Raises
+    ------
+    ValueError
+        For pairs that are no rows, and without pairs for different lengths.
+    TypeError
+        For anything but boxes.
+
+    References
+    ----------
+    Gottschalk, Lin, Manocha, OBBTree (SIGGRAPH 1996); Ericson 2005, 4.4.1.
+
+    Examples
+    --------
+    >>> boxes = oc.Boxes([[0, 0, 0], [2, 0, 0], [4.5, 0, 0]], [np.eye(3)] * 3, [[1, 1, 1]] * 3)
+    >>> oc.verdicts(boxes, boxes, [[0, 1], [1, 2]], exact=True).tolist()  # touching, separate
+    [1, 0]
     """
-    check_kind(a, Boxes, "a")
-    check_kind(b, Boxes, "b")
-    if len(a) != len(b):
-        raise ValueError(f"a and b must have the same length, got {len(a)} and {len(b)}")
-    rows = np.arange(len(a))
-    return pair_verdicts(a, rows, b, rows, as_flag(exact, "exact"))
+    check_boxes(a, b)
+    first, second = as_sides(a, b, pairs)
+    return pair_verdicts(a, first, b, second, as_flag(exact, "exact"))
 
 
 def pair_verdicts(
@@ -121,17 +155,21 @@ def verdict_kernel(
     centers (n, 3), rotations (n, 3, 3), half extents (n, 3) of both sides; rows and out (m,).
     """
     for n in range(len(rows_a)):
-        i = rows_a[n]
-        j = rows_b[n]
-        verdict = classify_fast(
-            centers_a, rotations_a, half_extents_a, i, centers_b, rotations_b, half_extents_b, j
+        out[n] = pair_verdict(
+            *(centers_a, rotations_a, half_extents_a, rows_a[n]),
+            *(centers_b, rotations_b, half_extents_b, rows_b[n]),
         )
-        if verdict == UNDECIDED:
-            verdict = classify_careful(
-                centers_a[i], rotations_a[i], half_extents_a[i],
-                centers_b[j], rotations_b[j], half_extents_b[j],
-            )  # fmt: skip
-        out[n] = verdict
+
+
+@njit
+def pair_verdict(
+    ca: Floats, a: Floats, h: Floats, i: int, cb: Floats, b: Floats, f: Floats, j: int
+) -> int:
+    """Return the certified verdict of box i of the first against box j of the second."""
+    verdict = classify_fast(ca, a, h, i, cb, b, f, j)
+    if verdict == UNDECIDED:
+        verdict = classify_careful(ca[i], a[i], h[i], cb[j], b[j], f[j])
+    return verdict
 
 
 @njit

@@ -85,6 +85,66 @@ def find_some_candidates_of(
         capacity = found
 
 
+def find_candidates_between(
+    minimum: Floats, maximum: Floats, other_minimum: Floats, other_maximum: Floats
+) -> Pairs:
+    """Return (m, 2) all rows i, j of two sets of bounds (n, 3) that overlap, in no special order.
+
+    The others go into a tree, which each of the first is asked of.
+    """
+    if len(minimum) == 0 or len(other_minimum) == 0:
+        return NO_PAIRS
+    tree = BoundsTree.build(other_minimum, other_maximum)
+    capacity = 8 * len(minimum)
+    while True:
+        pairs = np.empty((capacity, 2), np.int64)
+        found = _overlaps_between(minimum, maximum, tree.order, tree.nodes, tree.starts, pairs)
+        if found <= capacity:
+            return pairs[:found]
+        capacity = found
+
+
+@njit
+def _overlaps_between(
+    minimum: Floats, maximum: Floats, order: np.ndarray, nodes: Floats, starts: np.ndarray,
+    pairs: np.ndarray,
+) -> int:  # fmt: skip
+    """Write the pairs of ``find_candidates_between`` as far as there is room; return how many."""
+    levels = np.empty(STACK, np.int64)
+    waiting = np.empty(STACK, np.int64)
+    found = 0
+    for row in range(len(minimum)):
+        levels[0], waiting[0] = len(starts) - 2, 0
+        depth = 1
+        while depth > 0:
+            depth -= 1
+            level, node = levels[depth], waiting[depth]
+            group = LEAF if level == 1 else FANOUT
+            below = starts[level - 1]
+            first = node * group
+            for child in range(first, min(first + group, starts[level] - below)):
+                if not overlaps_node(minimum, maximum, row, nodes, below + child):
+                    continue
+                if level > 1:
+                    levels[depth], waiting[depth] = level - 1, child
+                    depth += 1
+                else:
+                    if found < len(pairs):
+                        pairs[found, 0], pairs[found, 1] = row, order[child]
+                    found += 1
+    return found
+
+
+@njit
+def overlaps_node(minimum: Floats, maximum: Floats, row: int, nodes: Floats, n: int) -> bool:
+    """Return whether bounds of a row and of node n of a tree have a common point."""
+    return (
+        (minimum[row, 0] <= nodes[n, 3]) & (nodes[n, 0] <= maximum[row, 0])
+        & (minimum[row, 1] <= nodes[n, 4]) & (nodes[n, 1] <= maximum[row, 1])
+        & (minimum[row, 2] <= nodes[n, 5]) & (nodes[n, 2] <= maximum[row, 2])
+    )  # fmt: skip
+
+
 @njit
 def _overlap(a: Floats, i: int, b: Floats, j: int) -> bool:
     """Return whether bounds i of a and j of b, six numbers each, have a common point."""

@@ -154,7 +154,7 @@ def test_points_and_normals() -> None:
     boxes, p, q = scene(400, 6)
     radii = np.random.default_rng(7).uniform(0.0, 0.5, len(p))
     capsules = Capsules(p, q, radii)
-    for other in (boxes, capsules.take(np.arange(len(p))[::-1])):
+    for other in (boxes, capsules[np.arange(len(p))[::-1]]):
         found = capsule_distances(capsules, other)
         reach = 1e-12 * (1.0 + np.abs(boxes.centers).max())
         np.testing.assert_allclose(np.linalg.norm(found.normals, axis=1), 1.0, atol=1e-14)
@@ -199,8 +199,8 @@ def test_rows_choose_the_pairs() -> None:
     i, j = rng.integers(0, 50, (2, 200))
     for other in (boxes, capsules):
         chosen = capsule_pair_verdicts(capsules, i, other, j)
-        np.testing.assert_array_equal(chosen, capsule_verdicts(capsules.take(i), other.take(j)))
-    assert len(capsule_verdicts(capsules.take(i[:0]), boxes.take(j[:0]))) == 0
+        np.testing.assert_array_equal(chosen, capsule_verdicts(capsules[i], other[j]))
+    assert len(capsule_verdicts(capsules[i[:0]], boxes.take(j[:0]))) == 0
 
 
 @given(st.integers(0, 2**32 - 1))

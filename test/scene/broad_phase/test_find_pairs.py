@@ -21,11 +21,14 @@ from collections.abc import Callable
 import numpy as np
 import oracle
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from support import stored
 
 from obb_collision.benchmarks.cases.placement import random_rotations
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.queries.verdict.verdict import Verdict, pair_verdicts, verdicts
+from obb_collision.scene.broad_phase.any_collision import any_collision, find_first
 from obb_collision.scene.broad_phase.broad_phase import find_candidates
 from obb_collision.scene.broad_phase.find_pairs import find_pairs
 
@@ -215,7 +218,7 @@ def test_what_is_not_separate_is_found_at_every_magnitude(
         if accuracy is None:
             for exact in (False, True):
                 expected = brute_force(boxes, exact)
-                np.testing.assert_array_equal(find_pairs(boxes, exact), expected)
+                np.testing.assert_array_equal(find_pairs(boxes, exact=exact), expected)
             rows = all_pairs(len(boxes))
             truth = oracle.verdicts(*(stored(boxes.take(rows[:, k])) for k in range(2)))
             np.testing.assert_array_equal(expected, rows[truth != oracle.SEPARATE])
@@ -239,3 +242,86 @@ def test_no_pairs_without_two_boxes(n: int) -> None:
     boxes = Boxes(np.zeros((n, 3)), np.zeros((n, 3, 3)) + np.eye(3), np.ones((n, 3)))
     assert find_pairs(boxes).shape == (0, 2)
     assert verdicts(boxes, boxes).shape == (n,)
+
+
+def brute_force_between(a: Boxes, b: Boxes, exact: bool = False) -> np.ndarray:
+    rows = np.stack(np.meshgrid(np.arange(len(a)), np.arange(len(b)), indexing="ij"), axis=-1)
+    pairs = rows.reshape(-1, 2)
+    return pairs[verdicts(a, b, pairs, exact=exact) != Verdict.SEPARATE]
+
+
+@pytest.mark.parametrize("exact", [False, True])
+@pytest.mark.parametrize(("n", "m"), [(0, 3), (3, 0), (1, 1), (1, 300), (300, 1), (150, 200)])
+def test_pairs_between_two_sets_are_those_of_brute_force(n: int, m: int, exact: bool) -> None:
+    rng = np.random.default_rng(n + m)
+    both = uniform(rng, n + m)
+    a, b = both[:n], both[n:]
+    expected = brute_force_between(a, b, exact)
+    np.testing.assert_array_equal(find_pairs(a, b, exact=exact), expected)
+    assert any_collision(a, b, exact=exact) == (len(expected) > 0)
+
+
+@settings(max_examples=60)
+@given(st.integers(0, 2**32 - 1), st.integers(1, 12), st.integers(1, 12))
+def test_pairs_between_two_sets_at_every_magnitude(seed: int, n: int, m: int) -> None:
+    rng = np.random.default_rng(seed)
+    both = nearly_touching(rng, n + m, (-3, 3) if seed % 2 else (-324, 300))
+    a, b = both[:n], both[n:]
+    for exact in (False, True):
+        expected = brute_force_between(a, b, exact)
+        np.testing.assert_array_equal(find_pairs(a, b, exact=exact), expected)
+        assert any_collision(a, b, exact=exact) == (len(expected) > 0)
+        assert any_collision(both, exact=exact) == (len(brute_force(both, exact)) > 0)
+    swapped = find_pairs(b, a)[:, ::-1]
+    np.testing.assert_array_equal(
+        swapped[np.lexsort((swapped[:, 1], swapped[:, 0]))], find_pairs(a, b)
+    )
+
+
+@pytest.mark.parametrize("accuracy", ["sphere", "aabb", "obb_faces"])
+def test_coarse_pairs_between_two_sets_are_those_of_one_set(accuracy: str) -> None:
+    boxes = uniform(np.random.default_rng(8), 300)
+    among = find_pairs(boxes, accuracy=accuracy)
+    between = among[(among[:, 0] < 100) & (among[:, 1] >= 100)] - [0, 100]
+    found = find_pairs(boxes[:100], boxes[100:], accuracy=accuracy)
+    np.testing.assert_array_equal(found, between)
+    assert len(found) > len(find_pairs(boxes[:100], boxes[100:])) > 0
+
+
+def test_a_set_against_itself_is_two_sets() -> None:
+    boxes = uniform(np.random.default_rng(9), 50)
+    pairs = find_pairs(boxes, boxes)
+    assert all([k, k] in pairs.tolist() for k in range(50))
+    among = pairs[pairs[:, 0] < pairs[:, 1]]
+    np.testing.assert_array_equal(among, find_pairs(boxes))
+
+
+def test_the_first_collision_ends_the_search() -> None:
+    rng = np.random.default_rng(10)
+    apart = Boxes(
+        3.0 * np.stack(np.meshgrid(*[np.arange(10.0)] * 3), axis=-1).reshape(-1, 3),
+        random_rotations(rng, 1000),
+        np.full((1000, 3), 0.6),
+    )
+    found, tests = find_first(apart, None, False)
+    assert not found
+    assert tests == len(find_candidates(*apart.world_bounds()))
+    crowd = identical(rng, 120)
+    assert find_first(crowd, None, False) == (True, 1)
+    assert find_first(crowd, crowd, True) == (True, 1)
+    both = Boxes(
+        *(np.concatenate(sides) for sides in zip(stored(apart), stored(crowd), strict=True))
+    )
+    assert find_first(both, None, False) == (True, tests + 1)
+
+
+def test_boxes_that_only_seem_to_touch_do_not_end_an_exact_search() -> None:
+    step = 2.0 + 2.0**-51
+    centers = np.concatenate([[np.zeros(3)], step * np.eye(3), -step * np.eye(3)])
+    boxes = Boxes(centers, [np.eye(3)] * 7, np.ones((7, 3)))
+    doubtful = len(brute_force(boxes))
+    assert doubtful > 7
+    assert any_collision(boxes)
+    assert not any_collision(boxes, exact=True)
+    assert find_first(boxes, None, True) == (False, doubtful)
+    assert find_first(boxes[:1], boxes[1:], True) == (False, 6)
