@@ -80,6 +80,14 @@ class CollisionNode(Node):
         **node_options: Any,
     ) -> None:
         super().__init__(NODE_NAME, **node_options)
+        try:
+            self._set_up(frames, ending)
+        except BaseException:
+            self.destroy_node()  # what it has subscribed to by then would go on receiving
+            raise
+
+    def _set_up(self, frames: FrameSource | None, ending: Callable[[], bool]) -> None:
+        """Make all parts, compile what is needed, and begin."""
         start = perf_counter()
         self.guard = Guard(self._complain, self.context.ok)
         self.parameters = Parameters(self)
@@ -131,7 +139,6 @@ class CollisionNode(Node):
         switched_on = [name for name in EFFECTS if self.parameters.mode(name) == ON]
         self._warm.start([*self._settings.levels(), *switched_on])
         if ending() or not self.context.ok():
-            self.destroy_node()
             raise ExternalShutdownException
         self._outputs.publish_namespaces(self.objects.table.namespaces)
         self._apply_parameters()
@@ -360,9 +367,9 @@ class CollisionNode(Node):
 
     def destroy_node(self) -> None:
         """Say that nothing is known any more, and end, with all other processes."""
-        self.status.close()
-        self._warm.close()
-        self.objects.close()
+        for name in ("status", "_warm", "objects"):
+            if hasattr(self, name):  # not where the start failed before
+                getattr(self, name).close()
         super().destroy_node()
 
 

@@ -24,6 +24,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 from rclpy.context import Context
+from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_dict_from_yaml_file
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import InvalidQosOverridesError
@@ -121,4 +122,8 @@ def test_overrides_out_of_range_are_refused_with_the_reason(
         ]
         with pytest.raises(InvalidQosOverridesError, match=reason):
             CollisionNode(context=context, namespace=NAMESPACE, parameter_overrides=given)
+        observer = Node("observer", context=context, namespace=NAMESPACE)
+        left = [observer.count_subscribers(topic) for topic in ("objects", "points")]
+        assert left == [0, 0], "a node that can't start receives nothing any more"
+        observer.destroy_node()
         context.shutdown()
