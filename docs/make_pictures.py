@@ -12,29 +12,26 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Makes the pictures of the demo in this folder anew: ``view.png`` and ``demo.png``.
+"""Makes the pictures in this folder anew: all, or those that are named.
 
-    python docs/make_pictures.py
+    python docs/make_pictures.py [accuracy] [speed] [effects] [separating_axis] [demo]
 
-Needs the extras ``ros`` and ``view``, and Chromium or Chrome.
+The plots are drawn from the tables on the pages, so that both say the same; the commands beside the
+tables measure anew. ``demo`` makes ``view.png`` and ``demo.png``: it needs the extras ``ros`` and
+``view``, and Chromium or Chrome.
 """
 
 from __future__ import annotations
 
+import re
 import shutil
 import subprocess
 import sys
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
-from PIL import Image
-from rclpy.context import Context
-
-from obb_collision.demo.command import DEFAULT_SCENE, scene_file
-from obb_collision.demo.run import Demo
-from obb_collision.demo.scene import DemoScene
-from obb_collision.demo.view import LiveView, View
-from obb_collision.node.runtime.environment import set_defaults
+import numpy as np
 
 FOLDER = Path(__file__).parent
 #: When vehicles collide in the scene, seconds.
@@ -42,6 +39,121 @@ TIME = 28.0
 #: Pixels of the browser's window, and where it warns of a software renderer: painted over.
 WINDOW, WARNING = (1640, 740), (0, 0, 345, 190)
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
+#: Nanoseconds.
+UNITS = {"ns": 1.0, "µs": 1e3}
+
+
+def table(page: str, head: str) -> list[list[str]]:
+    """Return the cells of the rows of a table whose first line begins in a certain way."""
+    lines = (FOLDER / page).read_text(encoding="utf-8").splitlines()
+    first = next(k for k, line in enumerate(lines) if line.startswith(head))
+    rows = []
+    for line in lines[first + 2 :]:
+        if not line.startswith("|"):
+            break
+        rows.append([cell.strip().replace("`", "") for cell in line.strip("|").split("|")])
+    return rows
+
+
+def draw_accuracy() -> None:
+    """Draw what accuracy costs: the time per pair against false alarms."""
+    from obb_collision.benchmarks.price.plot import save_plot
+    from obb_collision.benchmarks.price.rows import Price, Row
+
+    text = (FOLDER / "accuracy.md").read_text(encoding="utf-8")
+    shapes, pairs = re.findall(r"On (\d+) meshes .*? all ([\d,]+) pairs", text, re.DOTALL)[0]
+    price = Price("real meshes", "", int(shapes), 0, int(pairs.replace(",", "")))
+    ours = [row[0] for row in table("accuracy.md", "| accuracy |")]
+    for name, time, *_, false in table("accuracy.md", "| level |"):
+        numbers, unit = time.rsplit(" ", 1)
+        library, *kinds = re.split(r" / | ", name)
+        peer = name.split(",")[0] not in ours
+        names = [f"{library} {kind}" for kind in kinds] if peer else [name.replace(", depth", "")]
+        shares = false.split(" / ")
+        for one, number, share in zip(names, numbers.split(" / "), shares, strict=True):
+            percent = 0 if share == "none" else int(share.removesuffix(" %"))
+            price.rows.append(
+                Row(one, peer, float(number) * UNITS[unit], reports=100, false=percent)
+            )
+    save_plot([price], FOLDER / "accuracy.svg")
+
+
+def draw_speed() -> None:
+    """Draw the time per step over the number of boxes."""
+    from obb_collision.benchmarks.speed import SIZES, Row, save_plot
+
+    rows = [
+        Row(name.split(" ")[0], boxes, 0.0, float(cell.split(" ")[0]), 0, 0, 0)
+        for name, *cells in table("speed.md", "| | 10 boxes |")
+        for boxes, cell in zip(SIZES, cells, strict=True)
+    ]
+    save_plot(rows, FOLDER / "speed.svg")
+
+
+def draw_effects() -> None:
+    """Draw what each effect adds to a step, in the scenes that come with the package."""
+    from obb_collision.benchmarks.effects import ALL, EffectRow, save_effects_plot
+
+    lines = (FOLDER / "effects.md").read_text(encoding="utf-8").splitlines()
+    head = next(line for line in lines if line.startswith("| | tabletop"))
+    scenes = re.findall(r"(\w+), (\d+)", head)
+    rows = []
+    for column, (scene, objects) in enumerate(scenes, start=1):
+        base = 0.0
+        for cells in table("effects.md", head):
+            name, cell = cells[0].removeprefix("and ").split(",")[0], cells[column]
+            if not cell:
+                continue
+            base = base if cell.startswith("+") else float(cell)
+            extra = float(cell) if cell.startswith("+") else 0.0
+            name = ALL if name.startswith("all") else name
+            rows.append(EffectRow(scene, name, int(objects), base, extra, 0.0, 0.0))
+    save_effects_plot(rows, FOLDER / "effects.svg")
+
+
+def draw_separating_axis() -> None:
+    """Draw the projections of two boxes of the plane on an axis that separates them, and not."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9.2, 3.9), layout="constrained")
+    colors = ("#4c78a8", "#f58518")
+    boxes = [_rectangle((1.2, 1.6), 31.5, (0.65, 0.34)), _rectangle((2.2, 2.1), 49.0, (0.6, 0.35))]
+    titles = ("On this axis the projections overlap", "On this one they do not: the boxes are apart")
+    for axes, angle, title in zip(figure.subplots(1, 2), (0.0, 58.5), titles, strict=True):
+        _draw_projections(axes, boxes, colors, np.radians(angle))
+        axes.set_title(title)
+    figure.savefig(FOLDER / "separating_axis.svg")
+
+
+def _rectangle(center: tuple[float, float], degrees: float, half: tuple[float, float]) -> Any:
+    turn = np.radians(-degrees)
+    axes = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+    corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * half
+    return corners @ axes.T + center
+
+
+def _draw_projections(axes: Any, boxes: list[Any], colors: tuple[str, str], angle: float) -> None:
+    """Draw the boxes, and their projections on a line beside them."""
+    along = np.array([np.cos(angle), np.sin(angle)])
+    across = np.array([np.sin(angle), -np.cos(angle)])
+    foot = across * (max((box @ across).max() for box in boxes) + 0.25)
+    ends = []
+    for box, color in zip(boxes, colors, strict=True):
+        axes.fill(*box.T, facecolor=color, alpha=0.3, edgecolor=color, linewidth=2)
+        shadow = box @ along
+        ends.append((shadow.min(), shadow.max()))
+        for corner in (box[shadow.argmin()], box[shadow.argmax()]):
+            axes.plot(*np.transpose([corner, (corner @ along) * along + foot]), ":", color=color)
+        axes.plot(*(np.outer(ends[-1], along) + foot).T, color=color, linewidth=6, alpha=0.8)
+    low, high = sorted([ends[0][1], ends[1][0]])
+    word, color = ("gap", "#2ca02c") if ends[0][1] < ends[1][0] else ("overlap", "#d62728")
+    line = np.outer([low, high], along) + foot + 0.12 * across
+    axes.plot(*line.T, color=color, linewidth=4)
+    axes.text(
+        *(line.mean(axis=0) + 0.2 * across), word, color=color, weight="bold", ha="center", va="center"
+    )  # fmt: skip
+    axes.set_aspect("equal")
+    axes.axis("off")
 
 
 def photograph(url: str, file: Path) -> subprocess.Popen[bytes]:
@@ -59,8 +171,17 @@ def photograph(url: str, file: Path) -> subprocess.Popen[bytes]:
     )
 
 
-def main() -> None:
+def draw_demo() -> None:
     """Run the demo up to a time and draw that state, in the browser and as a file."""
+    from PIL import Image
+    from rclpy.context import Context
+
+    from obb_collision.demo.command import DEFAULT_SCENE, scene_file
+    from obb_collision.demo.run import Demo
+    from obb_collision.demo.scene import DemoScene
+    from obb_collision.demo.view import LiveView, View
+    from obb_collision.node.runtime.environment import set_defaults
+
     set_defaults()
     context = Context()
     context.init()
@@ -83,6 +204,24 @@ def main() -> None:
         live.close()
         demo.close()
         context.try_shutdown()
+
+
+PICTURES = {
+    "accuracy": draw_accuracy,
+    "speed": draw_speed,
+    "effects": draw_effects,
+    "separating_axis": draw_separating_axis,
+    "demo": draw_demo,
+}
+
+
+def main() -> None:
+    """Make the pictures whose names are the arguments, or all."""
+    names = sys.argv[1:] or list(PICTURES)
+    if not set(names) <= set(PICTURES):
+        sys.exit(f"the pictures are {', '.join(PICTURES)}")
+    for name in names:
+        PICTURES[name]()
 
 
 if __name__ == "__main__":

@@ -171,6 +171,8 @@ def save_plot(rows: Sequence[Row], path: Path) -> None:
             weight="bold" if label.startswith("obb_collision") else "normal",
             annotation_clip=False,
         )
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_formatter(lambda value, _: f"{value:,g}")
     axes.set_xlabel("boxes, all moving")
     axes.set_ylabel("milliseconds per step (quickest)")
     axes.set_title("Set every pose, find every colliding pair")

@@ -99,10 +99,10 @@ def _frame(figure: Any, axes: Any, price: Price) -> None:
     axes.yaxis.set_major_formatter(lambda value, _: f"{value:.0f} %")
     axes.grid(which="major", alpha=0.25)
     axes.spines[["top", "right"]].set_visible(False)
-    axes.set_xlabel("time of a pair, logarithmic: what counts are ratios within the run")
+    axes.set_xlabel("time per pair, logarithmic: what counts are ratios within the run")
     axes.set_ylabel("false alarms among the reports")
     figure.text(
-        0.015, 0.955, "The closer the look, the longer it takes and the fewer alarms are false",
+        0.015, 0.955, "A more accurate level takes longer and gives fewer false alarms",
         fontsize=13.5, fontweight="bold", va="center",
     )  # fmt: skip
     what = f"{price.shapes} {price.corpus}, {price.pairs:,} pairs. "
