@@ -118,7 +118,10 @@ def draw_separating_axis() -> None:
     figure = Figure(figsize=(9.2, 3.9), layout="constrained")
     colors = ("#4c78a8", "#f58518")
     boxes = [_rectangle((1.2, 1.6), 31.5, (0.65, 0.34)), _rectangle((2.2, 2.1), 49.0, (0.6, 0.35))]
-    titles = ("On this axis the projections overlap", "On this one they do not: the boxes are apart")
+    titles = (
+        "On this axis the projections overlap",
+        "On this one they do not: the boxes are apart",
+    )
     for axes, angle, title in zip(figure.subplots(1, 2), (0.0, 58.5), titles, strict=True):
         _draw_projections(axes, boxes, colors, np.radians(angle))
         axes.set_title(title)
@@ -150,7 +153,8 @@ def _draw_projections(axes: Any, boxes: list[Any], colors: tuple[str, str], angl
     line = np.outer([low, high], along) + foot + 0.12 * across
     axes.plot(*line.T, color=color, linewidth=4)
     axes.text(
-        *(line.mean(axis=0) + 0.2 * across), word, color=color, weight="bold", ha="center", va="center"
+        *(line.mean(axis=0) + 0.2 * across), word, color=color, weight="bold", ha="center",
+        va="center",
     )  # fmt: skip
     axes.set_aspect("equal")
     axes.axis("off")

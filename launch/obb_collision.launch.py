@@ -16,7 +16,7 @@
 
 ros2 launch obb_collision obb_collision.launch.py rviz:=true namespace:=cell scene_file:=tabletop
 
-What is not given here is as params_file has it.
+Arguments that are not given leave params_file as it is.
 """
 
 from __future__ import annotations

@@ -12,9 +12,9 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Command lines: what can't be used is refused in one line, before anything is done.
+"""Command lines: arguments that cannot be used are refused in one line, before anything is done.
 
-The exit code is 2 then, as argparse has it.
+The exit code is then 2, as with argparse.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from obb_collision.words import printable, shown
 BAD_USAGE = 2
 #: Exit code of a command that Ctrl-C ends, as shells have it.
 INTERRUPTED = 128 + signal.SIGINT
-#: Largest seed that numpy takes in one piece.
+#: Largest seed that numpy takes as one integer.
 MAX_SEED = 2**32 - 1
 
 
@@ -42,18 +42,18 @@ Result = TypeVar("Result")
 
 
 class Parser(argparse.ArgumentParser):
-    """Says what is wrong in one line."""
+    """Reports what is wrong in one line."""
 
     def error(self, message: str) -> NoReturn:
         """End with the reason."""
         reason = "\n".join(printable(line) for line in message.splitlines())
-        self.exit(BAD_USAGE, f"{self.prog}: {reason}; --help says what there is\n")
+        self.exit(BAD_USAGE, f"{self.prog}: {reason}; see --help\n")
 
 
 def interruptible(
     name: str, detail: str = ""
 ) -> Callable[[Callable[Arguments, Result]], Callable[Arguments, Result | int]]:
-    """Return a decorator for the main function of a command: Ctrl-C ends it with one line."""
+    """Return a decorator for the main function of a command that Ctrl-C ends with one line."""
 
     def decorated(main: Callable[Arguments, Result]) -> Callable[Arguments, Result | int]:
         @wraps(main)
@@ -71,7 +71,7 @@ def interruptible(
 
 
 def whole(low: int, high: int) -> Callable[[str], int]:
-    """Return a converter for argparse: a whole number within limits, both allowed."""
+    """Return a converter for argparse: an integer within limits, both included."""
 
     def convert(text: str) -> int:
         try:
@@ -88,7 +88,7 @@ def whole(low: int, high: int) -> Callable[[str], int]:
 
 
 def real(low: float, high: float) -> Callable[[str], float]:
-    """Return a converter for argparse: a number within limits, both allowed."""
+    """Return a converter for argparse: a number within limits, both included."""
 
     def convert(text: str) -> float:
         try:
@@ -104,16 +104,16 @@ def real(low: float, high: float) -> Callable[[str], float]:
 
 
 def new_file(*suffixes: str) -> Callable[[str], Path]:
-    """Return a converter for argparse: a file that can be written, as far as its folder tells.
+    """Return a converter for argparse: a file that can be written, as far as its folder shows.
 
-    suffixes: those it may have, any if none is given.
+    suffixes: the allowed ones; any if none is given.
     """
 
     def convert(text: str) -> Path:
         path = Path(text)
         try:
             usable = "\0" not in text and path.parent.is_dir() and not path.is_dir()
-        except (OSError, ValueError):  # no name that a file can have
+        except (OSError, ValueError):  # not a valid file name
             usable = False
         if not usable:
             raise argparse.ArgumentTypeError(f"{shown(text)} is no file in a folder that exists")

@@ -14,8 +14,8 @@
 
 """The console scripts that need ROS: the node, the demo and the view, latency, fuzz.
 
-They import what takes long, or needs ROS, only after they have looked at the arguments and know
-that ROS is there. A signal during these imports ends them at once and without a word.
+They import what takes long, or needs ROS, only after they have read the arguments and found ROS. A
+signal during these imports ends them at once and silently.
 """
 
 from __future__ import annotations

@@ -24,15 +24,15 @@ import re
 import reprlib
 from collections.abc import Sequence
 
-#: Most characters of a name or namespace as it is given.
+#: Maximum characters of a name or namespace as it is given.
 MAX_NAME = 255
-#: Most characters of an object's name in a scene: a namespace, a slash and an id, with room.
+#: Maximum characters of an object's name in a scene: a namespace, a slash and an id, with room.
 MAX_OBJECT_NAME = 300
-#: Most characters of a pattern: of a name in which each character stands in brackets, and room.
+#: Maximum characters of a pattern: a name with every character in brackets, and room.
 MAX_PATTERN = 1000
-#: Most characters of a path or URI: what Linux takes for a path.
+#: Maximum characters of a path or URI: the limit of Linux for a path.
 MAX_PATH = 4096
-#: Most characters of a value shown in a message.
+#: Maximum characters of a value shown in a message.
 MAX_SHOWN = 80
 
 #: Control characters, separators of lines, and halves of surrogate pairs (no UTF-8 holds them).
@@ -43,7 +43,7 @@ _repr.maxstring = _repr.maxother = MAX_SHOWN
 
 
 def text_fault(text: str, most: int = MAX_NAME) -> str | None:
-    """Return why a text is no usable name, as the end of a sentence; None if it is one."""
+    """Return why a text is not a usable name, as the end of a sentence; None if it is one."""
     if not text:
         return "must not be empty"
     if len(text) > most:
@@ -65,7 +65,7 @@ def check_name(value: object, what: str, most: int = MAX_NAME) -> str:
 
 
 def check_names(values: Sequence[str], what: str, most: int = MAX_NAME) -> None:
-    """Raise ValueError for the first of many names that is none; all are looked at together."""
+    """Raise ValueError for the first invalid one of many names; all are tested together."""
     try:
         good = all(values) and max(map(len, values), default=0) <= most
         good = good and UNPRINTABLE.search("".join(values)) is None
@@ -77,7 +77,7 @@ def check_names(values: Sequence[str], what: str, most: int = MAX_NAME) -> None:
 
 
 def printable(text: str) -> str:
-    """Return a text with what can't be printed or encoded as escapes."""
+    """Return a text with escapes for what cannot be printed or encoded."""
     return UNPRINTABLE.sub(lambda found: repr(found[0])[1:-1], text)
 
 

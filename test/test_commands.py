@@ -138,9 +138,7 @@ def test_other_arguments_end_the_node_with_one_line(capfd: pytest.CaptureFixture
     with pytest.raises(SystemExit, match=str(BAD_USAGE)):
         commands.node(["--rate", "5", "--ros-args", "-p", "rate:=5.0"])
     error = capfd.readouterr().err
-    assert error == (
-        "obb_collision_node: unrecognized arguments: --rate 5; --help says what there is\n"
-    )
+    assert error == ("obb_collision_node: unrecognized arguments: --rate 5; see --help\n")
 
 
 def test_ros_arguments_end_with_two_dashes() -> None:

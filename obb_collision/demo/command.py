@@ -60,13 +60,13 @@ def main(args: Sequence[str] | None = None) -> int:
     if not is_ros_here("obb_collision_demo"):
         return 1
     set_defaults()
-    # The demo is for this machine; who wants it on the network says so.
+    # The demo is for this machine only, unless the environment says otherwise.
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     return _run(options, arguments[len(own) :])
 
 
 def make_parser() -> argparse.ArgumentParser:
-    """Return the parser of the command line; it refuses what can't be used, with the reason."""
+    """Return the parser of the command line."""
     parser = Parser(
         prog="obb_collision_demo",
         description="The collision node and a moving scene in one process: prints the pairs as "

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The user's side: subscribes to a node's topics and keeps the latest message of each, by name."""
+"""The user's side: subscribes to a node's topics and stores the latest message of each, by name."""
 
 from __future__ import annotations
 

@@ -76,7 +76,7 @@ class View:
         import viser
 
         with create_server((host, 0)):
-            pass  # viser waits for ever for a host that is none
+            pass  # viser waits for ever for a host that does not exist
         with redirect_stdout(StringIO()):  # it prints a frame around the address
             self._server = viser.ViserServer(host, port, label="obb_collision", verbose=False)
         self._server.gui.configure_theme(show_logo=False, show_share_button=False)

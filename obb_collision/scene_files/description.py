@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What a scene file says, as values: objects, groups, allowed pairs, accuracy, effects."""
+"""The content of a scene file, as values: objects, groups, allowed pairs, accuracy, effects."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ from obb_collision.shapes import Shape
 from obb_collision.typing import Floats
 from obb_collision.words import shown
 
-#: Effects that only the node has: what it publishes for people and monitors.
+#: Effects of the node only: what it publishes for people and monitors.
 NODE_EFFECTS = ("collisions", "text", "in_collision", "collision_status", "markers", "diagnostics")
 #: Largest time (s): a century.
 MAX_TIME = 3.2e9
@@ -48,7 +48,7 @@ class SceneObject:
 
     padding (m) and accuracy: None for the scene's; color: red, green, blue and opacity from 0 to 1,
     for pictures, where an opacity below 1 makes it a zone; motion: for demos and measurements, None
-    for what stays.
+    for an object at rest.
     """
 
     name: str
@@ -71,7 +71,7 @@ class AllowedRule:
 
 @dataclass(frozen=True)
 class EffectChoice:
-    """What a file says about an effect: mode, patterns of objects, options; None: nothing."""
+    """Settings of an effect: mode, patterns of objects, options; None: not in the file."""
 
     mode: str | None = None
     objects: tuple[str, ...] | None = None
@@ -80,7 +80,7 @@ class EffectChoice:
 
 @dataclass(frozen=True)
 class View:
-    """From where to draw a picture of the scene, and the place in its middle, metres."""
+    """Viewpoint of a picture of the scene, and the point in its centre, metres."""
 
     eye: Triple
     target: Triple
@@ -91,8 +91,8 @@ class SceneDescription:
     """A scene file: everything that is needed to make the scene, drive it and draw it.
 
     groups: patterns by name; accuracies: patterns and their accuracy, of several the last one
-    counts; time_budget: seconds a check may take, None for no budget; notes: what the file holds
-    that is left out or odd, in words.
+    counts; time_budget: seconds per check, None for no budget; notes: what in the file is left
+    out or odd, as text.
     """
 
     name: str

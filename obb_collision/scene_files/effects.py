@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The key ``effects`` of a scene file: modes, whose they are, options."""
+"""The key ``effects`` of a scene file: modes, objects, options."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ Patterns = Callable[[Value], tuple[str, ...]]
 
 
 def read_effects(value: Value, patterns: Patterns) -> dict[str, EffectChoice]:
-    """Return what is said about each effect."""
+    """Return the settings of each effect."""
     choices: dict[str, EffectChoice] = {}
     for name, entry in value.fields((*EFFECTS, *NODE_EFFECTS)).items():
         with value.problems.kept():

@@ -22,9 +22,9 @@ from typing import NamedTuple
 
 from obb_collision.words import MAX_PATH, printable
 
-#: Problems told at once; a file with more has one cause.
+#: Problems reported at once; a file with more has one cause.
 MAX_PROBLEMS = 20
-#: Most characters of a problem's reason that are shown.
+#: Maximum characters shown of a problem's reason.
 MAX_REASON = 500
 
 
@@ -37,7 +37,7 @@ class Problem(NamedTuple):
 
 
 class SceneFileError(ValueError):
-    """A scene file that can't be used: ``problems``, each named ``file:line: key: reason``.
+    """A scene file that cannot be used: ``problems``, each named ``file:line: key: reason``.
 
     The message can be printed and sent whatever is in the file or its name.
     """
@@ -58,7 +58,7 @@ def _told(file: str, problem: Problem) -> str:
 
 
 class Problems:
-    """Collects what is wrong with a file, so that all of it is told at once, and what is odd."""
+    """Collects the problems of a file, so that all are reported together, and its oddities."""
 
     def __init__(self, file: str) -> None:
         self.file = file
@@ -67,7 +67,7 @@ class Problems:
 
     @contextmanager
     def kept(self) -> Iterator[None]:
-        """Keep the problem that ends what is done within, and go on behind it."""
+        """Collect the problem that ends the block, and continue behind it."""
         try:
             yield
         except SceneFileError as error:

@@ -39,11 +39,11 @@ READY = ("tabletop", "warehouse", "lidar_zone")
 
 
 def load_scene(path: str | Path) -> SceneDescription:
-    """Return what a scene file says: one of this package, or a MoveIt planning scene, as YAML.
+    """Return the description in a YAML file: a scene file, or a MoveIt planning scene.
 
-    Which of them it is tell its keys. Raises SceneFileError, a ValueError, that names file, line
-    and key of everything that is wrong with it. What is left out or odd is in the notes of the
-    result; a quaternion far from unit length is warned about, too.
+    Its keys decide which. Raises SceneFileError, a ValueError, that names file, line and key of
+    everything that is wrong with it. What is left out or odd is in the notes of the result; a
+    quaternion far from unit length also gives a warning.
     """
     check_kind(path, str, "path", PathLike)
     description, doubts = _load(Path(path))
@@ -53,7 +53,7 @@ def load_scene(path: str | Path) -> SceneDescription:
 
 
 def describe_scene(path: str | Path) -> SceneDescription:
-    """Return what ``load_scene`` does, for who tells all its notes: without a warning."""
+    """Return what ``load_scene`` does without a warning: for callers that print all notes."""
     check_kind(path, str, "path", PathLike)
     return _load(Path(path))[0]
 

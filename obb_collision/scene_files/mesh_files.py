@@ -43,7 +43,7 @@ class MeshFiles:
         return self._read[file, scale]
 
     def _path(self, file: str) -> Path:
-        """Return where a file is; a package that ROS has not may be that of the scene file."""
+        """Return the path of a file; a package that is not installed may be the scene file's."""
         if "://" not in file:
             return self._folder / file
         try:

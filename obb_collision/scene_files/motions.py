@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The key ``motion`` of an object: a twist, waypoints, or whom it follows."""
+"""The key ``motion`` of an object: a twist, waypoints, or the object it follows."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ from obb_collision.scene_files.places import check_angles, from_rpy, quaternion_
 from obb_collision.scene_files.simulate.motion import Follow, Loop, Motion, Steady
 from obb_collision.scene_files.yaml_values import Value
 
-#: Metres, m/s and rad/s: what moves keeps within them, far from where sums overflow.
+#: Metres, m/s and rad/s: limits of what moves, far from where sums overflow.
 MAX_MOVING = 1e9
-#: Seconds of a round, from and to.
+#: Seconds per round, minimum and maximum.
 MIN_PERIOD, MAX_PERIOD = 1e-3, 1e9
-#: Most objects that follow one another in a row.
+#: Maximum length of a chain of objects that follow one another.
 MAX_CHAIN = 50
-#: What a motion is told by, and all the keys it may then have.
+#: The key that identifies a kind of motion, and all its keys.
 KINDS = {
     "follow": ("follow", "waypoints", "period"),
     "waypoints": ("waypoints", "period"),
@@ -127,7 +127,7 @@ def check_followers(
     motions: Mapping[str, Value],
     problems: Problems,
 ) -> None:
-    """Refuse who follows nobody, or, along a chain, itself or too many.
+    """Refuse objects that follow none, or, along a chain, themselves or too many.
 
     named: all objects that there are, with those that are refused already.
     """
@@ -144,6 +144,6 @@ def check_followers(
                     circling.update(passed)
                     motions[name].refuse(f"follows itself: {' > '.join(passed)}")
                 if passed[-1] in passed[:-1]:
-                    break  # told of one that is in the circle
+                    break  # reported for another one in the circle
             if len(passed) > MAX_CHAIN:
                 motions[name].refuse(f"follows more than {MAX_CHAIN} others in a row")

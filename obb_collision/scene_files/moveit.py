@@ -14,9 +14,9 @@
 
 """MoveIt planning scenes as YAML: the fields of ``moveit_msgs/PlanningScene``.
 
-Vectors may be lists or mappings (x, y, z, w). Taken are the collision objects of the world, the
-attached ones that the file places, the allowed collision matrix and the colours. The robot is not
-in such a file, only the name of its model; what is left out for that is in the notes.
+Vectors may be lists or mappings (x, y, z, w). Read are the collision objects of the world, the
+attached ones whose pose the file has, the allowed collision matrix and the colours. Such a file has
+only the name of the robot's model; what is left out because of that is in the notes.
 """
 
 from __future__ import annotations
@@ -38,12 +38,12 @@ KEYS = (
 )
 ROBOT_STATE = ("joint_state", "multi_dof_joint_state", "attached_collision_objects", "is_diff")
 ATTACHED = ("link_name", "object", "touch_links", "detach_posture", "weight")
-#: What only such a file has: it is one if any of them stands at its top.
+#: Keys that only such a file has: it is one if any of them is at its top level.
 MARKS = ("world", "allowed_collision_matrix", "robot_state", "robot_model_name")
 
 
 def read_planning_scene(top: Value, path: Path) -> SceneDescription:
-    """Return what a planning scene says. Raises SceneFileError with everything wrong with it."""
+    """Return the description in a planning scene. Raises SceneFileError with all its problems."""
     return _PlanningScene(top, path).description(path)
 
 
@@ -106,7 +106,7 @@ class _PlanningScene:
             self._notes.append("the octomap is left out: it has no boxes of its own")
 
     def _take(self, item: Value, parts: list[SceneObject]) -> None:
-        """Keep the parts of an object, which may touch each other."""
+        """Add the parts of an object, which may touch each other."""
         for part in parts:
             if part.name in self._lines:
                 first = f"first in line {self._lines[part.name]}"

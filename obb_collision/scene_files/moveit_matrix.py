@@ -29,9 +29,9 @@ KEYS = ("entry_names", "entry_values", "default_entry_names", "default_entry_val
 
 
 def read_matrix(value: Value) -> list[AllowedRule]:
-    """Return the rules of a matrix, in an order in which the last one that fits a pair is right.
+    """Return the rules of a matrix, in an order in which the last one that matches a pair is right.
 
-    Entries that forbid what no rule allows say nothing new and are left out.
+    Entries that forbid what no rule allows are redundant and left out.
     """
     fields = value.fields(KEYS)
     defaults = _read_defaults(fields)
@@ -77,7 +77,7 @@ def _read_defaults(fields: dict[str, Value]) -> dict[str, bool]:
 
 
 def _read_entries(fields: dict[str, Value]) -> dict[tuple[str, str], bool]:
-    """Return what the matrix says about each pair of different names."""
+    """Return the entry of the matrix per pair of different names."""
     names = [name.text() for name in items_of(fields, "entry_names")]
     rows = items_of(fields, "entry_values")
     if len(rows) != len(names):

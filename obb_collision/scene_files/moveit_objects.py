@@ -41,14 +41,14 @@ VECTOR, QUATERNION = ("x", "y", "z"), ("x", "y", "z", "w")
 
 
 class Frames:
-    """Where the frames of a file are. One that is not told may be that of everything."""
+    """The poses of the frames of a file. One without a pose may be the frame of everything."""
 
     def __init__(self) -> None:
         self._poses: dict[str, Pose] = {"": IDENTITY}
         self._own: str | None = None
 
     def add(self, name: str, pose: Pose | None) -> None:
-        """Take the pose of a frame."""
+        """Store the pose of a frame."""
         self._poses[name.lstrip("/")] = IDENTITY if pose is None else pose
 
     def of_world(self, value: Value) -> Pose:
@@ -61,11 +61,11 @@ class Frames:
         if self._own is None:
             self._own = name  # the frame that the scene is in
         if name != self._own:
-            header.refuse(f"the file tells neither where {name} nor where {self._own} is")
+            header.refuse(f"the file has neither the pose of {name} nor that of {self._own}")
         return IDENTITY
 
     def of_link(self, value: Value, link: str) -> Pose | None:
-        """Return the pose of the frame of an object fixed to a link, None where it isn't told."""
+        """Return the pose of the frame of an object fixed to a link, None if it is missing."""
         header = _frame_id(value)
         name = link if header is None else header.label()
         return self._poses.get(name.lstrip("/"))
@@ -88,7 +88,7 @@ def read_object(value: Value, base: Pose, files: MeshFiles) -> list[SceneObject]
         fields["operation"].label()
         fields["operation"].expected("0 (ADD): a file can't remove or move objects")
     if "planes" in fields and fields["planes"].items():
-        fields["planes"].refuse("a plane has no end and no box; use a large, flat box instead")
+        fields["planes"].refuse("a plane is infinite and has no box; use a large, flat box instead")
     shapes = _read_shapes(fields, "primitives", _read_primitive)
     shapes += _read_shapes(fields, "meshes", lambda mesh: _read_mesh(mesh, files))
     if not shapes:
@@ -165,9 +165,9 @@ def _read_mesh(value: Value, files: MeshFiles) -> Shape:
 
 
 def read_pose(value: Value) -> Pose:
-    """Return a pose, or a transform, which has other words for the same.
+    """Return a pose, or a transform, which has other names for the same.
 
-    A quaternion of zeros is no turn, as MoveIt takes it.
+    A quaternion of zeros is no rotation, as in MoveIt.
     """
     keys = ("position", "orientation", "translation", "rotation")
     fields = value.fields(keys)
@@ -184,7 +184,7 @@ def read_pose(value: Value) -> Pose:
 
 
 def composed(outer: Pose, inner: Pose) -> Pose:
-    """Return a pose given in the frame ``outer`` in the frame of that."""
+    """Return a pose in the frame of ``outer``, given in ``outer``."""
     x, y, z, qx, qy, qz, qw = compose_poses(outer, inner).tolist()
     return x, y, z, qx, qy, qz, qw
 

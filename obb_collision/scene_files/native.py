@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Scene files of this package: the top level, groups, and what is said about them."""
+"""Scene files of this package: the top level, groups, and rules about them."""
 
 from __future__ import annotations
 
@@ -33,19 +33,19 @@ KEYS = (
     *("name", "description", "objects", "groups", "allowed", "accuracy", "padding"),
     *("time_budget", "effects", "lidar", "view"),
 )
-#: Key of the accuracy of all that no other entry is about.
+#: Key of the accuracy of all objects that no other entry matches.
 DEFAULT = "default"
-#: Most rays of a lidar: what large ones give in a turn, and more.
+#: Maximum rays of a lidar: more than large ones have per revolution.
 MAX_RAYS = 10_000_000
-#: Most patterns that a word or a list stands for, and most pairs of them that may touch: all are
-#: compared with the names of all objects.
+#: Maximum patterns of a word or a list, and maximum pairs of them that may touch: all are compared
+#: with the names of all objects.
 MAX_PATTERNS, MAX_RULES = 1000, 100_000
 #: Largest time budget (s): with more, milliseconds were meant.
 MAX_BUDGET = 1.0
 
 
 def read_scene(top: Value, path: Path) -> SceneDescription:
-    """Return what a file says. Raises SceneFileError with everything that is wrong with it."""
+    """Return the description in a file. Raises SceneFileError with all its problems."""
     problems = top.problems
     fields = top.fields(KEYS, ("objects",))
     objects, named = read_objects(fields["objects"].items(), path.parent, problems)
@@ -108,8 +108,8 @@ class Words:
     def meant(self, value: Value, word: str) -> tuple[str, ...]:
         """Return the patterns of a word.
 
-        Patterns may be about objects that come later. A plain word must be known: else it is a
-        group misspelt, and a rule that silently says nothing.
+        Patterns may match objects that are added later. A plain word must be a group or an object:
+        otherwise a misspelt group would silently make a rule about nothing.
         """
         if word in self._groups:
             return self._groups[word]

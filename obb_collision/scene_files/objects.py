@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The objects of a scene file: name, shape, pose, and what is particular to each."""
+"""The objects of a scene file: name, shape, pose, and properties of their own."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ from obb_collision.shapes import (
 
 Fields = dict[str, Value]
 
-#: Keys that say how large a shape is, all of them needed.
+#: Keys for the size of a shape, all required.
 SIZES = {
     "box": ("size",),
     "sphere": ("radius",),
@@ -59,7 +59,7 @@ KEYS = (
     *("padding", "accuracy", "color", "motion"),
 )
 TURNED: dict[str, Callable[..., Shape]] = {"cylinder": Cylinder, "cone": Cone, "capsule": Capsule}
-#: What patterns are made of; in a name they would match something else.
+#: Characters of patterns; in a name they would match something else.
 PATTERN_LETTERS = "*?[]"
 NO_SCALE: Triple = (1.0, 1.0, 1.0)
 
@@ -67,9 +67,9 @@ NO_SCALE: Triple = (1.0, 1.0, 1.0)
 def read_objects(
     values: list[Value], folder: Path, problems: Problems
 ) -> tuple[list[SceneObject], dict[str, None]]:
-    """Return the objects, and the names of all, in their order, with those that can't be used.
+    """Return the objects, and the names of all, in their order, with those that cannot be used.
 
-    The latter are problems; what says something about them is not another one.
+    The latter are problems; a rule about one of them is not another problem.
     """
     objects: list[SceneObject] = []
     named: dict[str, None] = {}

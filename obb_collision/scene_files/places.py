@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Positions and orientations as scene files give them."""
+"""Positions and orientations in scene files."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ from obb_collision.geometry.validation import is_far_from_unit
 from obb_collision.scene_files.yaml_values import Value
 
 NO_TURN: Quaternion = (0.0, 0.0, 0.0, 1.0)
-#: Largest angle (rad) taken for one in radians: a whole turn, and what rounding it to 6.3 adds.
+#: Maximum angle (rad): a full turn, and what rounding it to 6.3 adds. More must be degrees.
 MAX_ANGLE = 6.3
 
 
 def quaternion_of(fields: dict[str, Value], default: Quaternion = NO_TURN) -> Quaternion:
     """Return the quaternion of the keys ``rpy`` (radians) or ``quaternion`` (x y z w).
 
-    One of about length 1 is as given. Others, but for zero, are made so, which is odd.
+    One of about length 1 is returned as it is. Others, except zero, are normalised, with a note.
     """
     if "quaternion" in fields and "rpy" in fields:
         fields["rpy"].refuse("there is a quaternion already; one of them is enough")
@@ -57,7 +57,7 @@ def check_angles(value: Value, *angles: float) -> None:
 
 
 def settled(value: Value, quaternion: Quaternion) -> Quaternion:
-    """Return a quaternion that is not zero as it is; far from length 1 normalised, which is odd."""
+    """Return a quaternion that is not zero as it is; far from length 1, normalised, with a note."""
     if not is_far_from_unit(quaternion):
         return quaternion
     value.doubt(f"a quaternion far from unit length, taken as normalised, got {value.shown()}")
@@ -71,6 +71,6 @@ def unit(quaternion: Quaternion) -> Quaternion:
 
 
 def from_rpy(roll: float, pitch: float, yaw: float) -> Quaternion:
-    """Return the quaternion of turns about the fixed axes x, then y, then z (ROS REP 103)."""
+    """Return the quaternion of rotations about the fixed axes x, then y, then z (ROS REP 103)."""
     x, y, z, w = Rotation.from_euler("xyz", (roll, pitch, yaw)).as_quat().tolist()
     return x, y, z, w

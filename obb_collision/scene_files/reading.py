@@ -14,8 +14,8 @@
 
 """From a file to its top value. Nothing is constructed but words, lists and mappings.
 
-How large a file is, how deep it nests and how many values it has, each alias counted as all that
-it stands for, have limits: nothing that is read later takes more than its share of time.
+The size of a file, its nesting and its number of values, each alias counted as all that it stands
+for, have limits, which bound the time of everything that reads it later.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ MAX_VALUES = 4_000_000
 
 
 class _LimitError(yaml.MarkedYAMLError):  # type: ignore[misc]
-    """A file that is YAML, but more of it than is read."""
+    """A file that is YAML, but exceeds a limit."""
 
 
 class _Loader(yaml.SafeLoader):  # type: ignore[misc]
@@ -72,7 +72,7 @@ class _Loader(yaml.SafeLoader):  # type: ignore[misc]
 
 
 def parse(file: str, text: str) -> Value:
-    """Return the top of a YAML text. Raises SceneFileError where it is none, or too much."""
+    """Return the top value of a YAML text; SceneFileError if it is none or exceeds a limit."""
     try:
         loader = _Loader(text)
     except yaml.reader.ReaderError as error:
@@ -106,7 +106,7 @@ def _no_yaml(file: str, line: int, reason: str) -> SceneFileError:
 
 
 def read_text(path: Path) -> str:
-    """Return the text of a file. Raises SceneFileError where it can't be read."""
+    """Return the text of a file. Raises SceneFileError if it cannot be read."""
     line = 0
     try:
         if path.exists() and not path.is_file():  # a device or a pipe may never end
@@ -124,6 +124,6 @@ def read_text(path: Path) -> str:
         reason = f"no UTF-8 text: {error.reason} at byte {error.start}"
     except OSError as error:
         reason = f"can't be read: {error.strerror}"
-    except ValueError as error:  # a name that no file can have
+    except ValueError as error:  # not a valid file name
         reason = f"can't be read: {error}"
     raise SceneFileError(str(path), [Problem(line, "", reason)])

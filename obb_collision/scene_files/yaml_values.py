@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Values of a YAML file that know where they stand and refuse what can't be used.
+"""Values of a YAML file with their line and key, which refuse what cannot be used.
 
 Numbers are read here, by one rule: decimal and finite. (PyYAML takes ``1e-3`` for a word and
 ``010`` for eight.)
@@ -36,7 +36,7 @@ from obb_collision.words import MAX_NAME, printable, text_fault
 
 #: No two parts of it take the same digits, so what is none is seen in one pass.
 NUMBER = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?", re.ASCII)
-#: Most characters of a number: the longest that a float needs, written out.
+#: Maximum characters of a number: the longest that a float needs, written out.
 MAX_NUMBER = 1100
 NULL = "tag:yaml.org,2002:null"
 #: Tags of plain YAML; others ask for objects to be made, which is never done.
@@ -47,9 +47,9 @@ PLAIN_TAGS = frozenset(
 TRUE, FALSE = ("true", "yes", "on"), ("false", "no", "off")
 #: How much of a refused value is shown: levels of lists, items of a list, letters in all.
 SHOWN_LEVELS, SHOWN_ITEMS, SHOWN_LETTERS = 3, 8, 60
-#: Most words compared with one that is unknown, and most of them listed.
+#: Maximum words compared with an unknown one, and maximum words listed.
 MAX_GUESSES, MAX_LISTED = 500, 20
-#: Most characters of a text for people.
+#: Maximum characters of a text for people.
 MAX_PROSE = 10_000
 
 
@@ -71,7 +71,7 @@ class Value:
         return int(self.node.start_mark.line) + 1
 
     def problem(self, reason: str) -> Problem:
-        """Return that this value is wrong."""
+        """Return the problem of this value."""
         return Problem(self.line, self.key, reason)
 
     def refuse(self, reason: str) -> NoReturn:
@@ -79,7 +79,7 @@ class Value:
         raise SceneFileError(self.problems.file, [self.problem(reason)])
 
     def doubt(self, reason: str) -> None:
-        """Say that this value is odd, though it can be used."""
+        """Note that this value is odd, though it can be used."""
         self.problems.odd.append(self.problem(reason))
 
     def expected(self, what: str) -> NoReturn:
@@ -103,7 +103,7 @@ class Value:
 
     @property
     def is_empty(self) -> bool:
-        """Whether nothing stands there, or null."""
+        """Whether it is empty or null."""
         return bool(self.node.tag == NULL)
 
     def items(self) -> list[Value]:
@@ -115,7 +115,7 @@ class Value:
         ]
 
     def entries(self) -> dict[str, Value]:
-        """Return the values of a mapping by key; keys that stand twice are problems."""
+        """Return the values of a mapping by key; duplicate keys are problems."""
         if not self.is_mapping:
             self.expected("a mapping (key: value)")
         found: dict[str, Value] = {}
@@ -132,7 +132,7 @@ class Value:
         return found
 
     def peek(self, name: str) -> Value | None:
-        """Return the value of one key of a mapping, without a look at the others."""
+        """Return the value of one key of a mapping, without reading the others."""
         for key_node, node in self.node.value if self.is_mapping else ():
             if key_node.value == name:
                 return Value(node, f"{self.key}.{name}" if self.key else name, self.problems)
@@ -162,7 +162,7 @@ class Value:
 
     def guess(self, word: str, known: Collection[str]) -> str:
         """Return what an unknown word was perhaps meant to be, as the end of a sentence."""
-        if len(self.problems.found) >= MAX_PROBLEMS:  # nobody is told so many
+        if len(self.problems.found) >= MAX_PROBLEMS:  # no more problems are reported
             return ""
         near = list(islice(known, MAX_GUESSES))
         close = get_close_matches(word, near, 1)
@@ -172,7 +172,7 @@ class Value:
         return f"; there are {', '.join(near[:MAX_LISTED])}{more}" if near else ""
 
     def text(self, what: str = "a word", most: int = MAX_NAME) -> str:
-        """Return a word, quoted or not, that can be printed and sent."""
+        """Return a word, quoted or not, that is printable."""
         if not isinstance(self.node, yaml.ScalarNode) or self.is_empty or not self.node.value:
             self.expected(what)
         fault = text_fault(self.node.value, most)
@@ -181,7 +181,7 @@ class Value:
         return str(self.node.value)
 
     def prose(self) -> str:
-        """Return text for people, which may have lines."""
+        """Return text for people, which may have several lines."""
         if not isinstance(self.node, yaml.ScalarNode) or self.is_empty:
             self.expected("text")
         text = str(self.node.value)
@@ -210,7 +210,7 @@ class Value:
         return word in TRUE
 
     def number(self, what: str = "a number", fits: Callable[[float], bool] | None = None) -> float:
-        """Return a finite number for which ``fits`` holds, what being its words."""
+        """Return a finite number for which ``fits`` holds, described by ``what``."""
         number = _as_number(self.node)
         if number is None or (fits is not None and not fits(number)):
             self.expected(what)
@@ -225,14 +225,14 @@ class Value:
         return self.number("a number, not negative", lambda number: number >= 0.0)
 
     def whole(self, low: int, high: int) -> int:
-        """Return a whole number within limits, both allowed."""
+        """Return an integer within limits, both included."""
         number = self.number(
             f"a whole number from {low} to {high}", lambda x: x == int(x) and low <= x <= high
         )
         return int(number)
 
     def numbers(self, count: int, positive: bool = False) -> tuple[float, ...]:
-        """Return a list of so many finite numbers."""
+        """Return a list of a given number of finite numbers."""
         numbers = [_as_number(node) for node in self.node.value] if self.is_list else []
         good = [x for x in numbers if x is not None and (x > 0.0 or not positive)]
         if len(numbers) != count or len(good) != count:
@@ -241,7 +241,7 @@ class Value:
 
 
 def items_of(fields: dict[str, Value], key: str) -> list[Value]:
-    """Return the items of a list that may not be there."""
+    """Return the items of an optional list."""
     return fields[key].items() if key in fields else []
 
 

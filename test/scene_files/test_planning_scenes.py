@@ -138,7 +138,7 @@ REFUSED = {
     "world: {collision_objects: [{id: a}]}": "collision_objects[0]: needs primitives or meshes",
     "world: {collision_objects: [{id: a, primitive: []}]}": "did you mean primitives?",
     "world:\n  collision_objects:\n  - id: a\n    planes: [{coef: [0, 0, 1, 0]}]": (
-        ":4: world.collision_objects[0].planes: a plane has no end and no box; use a large, flat"
+        ":4: world.collision_objects[0].planes: a plane is infinite and has no box; use a large,"
     ),
     "world: {collision_objects: [{id: a, primitives: [{type: torus, dimensions: [1]}]}]}": (
         "primitives[0].type: must be one of box, sphere, cylinder, cone, got torus"
@@ -162,7 +162,7 @@ REFUSED = {
     f"world: {{collision_objects: [{{{OBJECT}}}, {{{OBJECT}}}]}}": "the name a stands twice",
     f"world: {{collision_objects: [{{{OBJECT}, header: {{frame_id: x}}}}, "
     f"{{{OBJECT.replace('a', 'b', 1)}, header: {{frame_id: y}}}}]}}": (
-        "header.frame_id: the file tells neither where y nor where x is"
+        "header.frame_id: the file has neither the pose of y nor that of x"
     ),
     "world: {collision_objects: [{id: a, meshes: [{vertices: [[0, 0, 0]], triangles: [[0]]}]}]}": (
         "triangles[0]: must be 3 vertices"

@@ -12,10 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A lidar that is not there: a cloud of what a scanner in the middle of a scene would see.
+"""A simulated lidar: the cloud that a scanner in the middle of a scene would measure.
 
-For demos and measurements of the effect ``points``. The rays meet the floor (z = 0) and, of the
-objects that the sensor sees, the oriented boxes or the cylinders upright in them.
+For demos and measurements of the effect ``points``. The rays hit the floor (z = 0) and, of the
+objects that the sensor sees, the oriented boxes or the upright cylinders in them.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ NOISE, NEAREST = 0.01, 0.3
 
 @dataclass(frozen=True)
 class Lidar:
-    """A scanner: number of rays a turn, range (m), position (3,), patterns of what it sees.
+    """A scanner: number of rays per revolution, range (m), position (3,), patterns of what it sees.
 
     seed: of the noise of the distances; equal seeds and times give equal clouds.
     """
@@ -83,14 +83,14 @@ class Lidar:
         for row in np.flatnonzero(outside & is_turned):
             to_cylinder = _to_cylinder(local[row], directions[met], boxes.take(np.array([row])))
             ways[met] = np.minimum(ways[met], to_cylinder)
-        moment = round(time * 1e6) % 2**63  # microseconds: what a stamp would tell apart
+        moment = round(time * 1e6) % 2**63  # microseconds: the resolution that matters in a stamp
         noise = np.random.default_rng([self.seed, moment]).normal(0.0, NOISE, self.count)
         seen = (ways >= NEAREST) & (ways < self.range)
         points = origin + (ways + noise)[seen, None] * directions[seen]
         return points.astype(np.float32)
 
     def _to_boxes(self, boxes: Boxes, reaches: Floats, rays: Rows | None = None) -> Floats:
-        """Return (n,) metres along some of the rays to the first box, inf beyond their reaches."""
+        """Return (n,) metres along some of the rays to the first box, inf beyond their ranges."""
         directions = self.directions if rays is None else self.directions[rays]
         origins = np.tile(np.array(self.position), (len(directions), 1))
         return cast_rays(boxes, origins, directions, reaches).distances

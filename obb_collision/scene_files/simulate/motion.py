@@ -43,13 +43,13 @@ from obb_collision.typing import Floats
 Twist = tuple[float, float, float, float, float, float]
 #: Poses (n, 7) and twists (n, 6).
 States = tuple[Floats, Floats]
-#: A pose (7,), a steady twist (6,) from there, and the seconds that have passed.
+#: A pose (7,), a constant twist (6,) from there, and the seconds that have passed.
 Leg = tuple[ArrayLike, ArrayLike, float]
 
 
 @dataclass(frozen=True)
 class Steady:
-    """A steady twist from where the object stands; with ``period`` (s) it starts again there."""
+    """A constant twist from the object's pose; with ``period`` (s) it starts again there."""
 
     twist: Twist
     period: float | None = None
@@ -61,7 +61,7 @@ class Steady:
 
 @dataclass(frozen=True)
 class Loop:
-    """Through poses and back to the first, straight and at a steady speed from one to the next.
+    """Through poses and back to the first, straight and at constant speed from one to the next.
 
     times (n,): when it is at each, seconds, ascending from 0; period: when it is back at the first.
     """
@@ -77,7 +77,7 @@ class Loop:
         return twists_between(poses, np.roll(poses, -1, axis=0), np.diff(times))
 
     def leg(self, start: ArrayLike, time: float) -> Leg:
-        """Return the leg at a time (s); the poses say all, ``start`` is not needed."""
+        """Return the leg at a time (s); ``start`` is not needed."""
         passed = fmod(time, self.period)
         row = bisect_right(self.times, passed) - 1
         return self.poses[row], self.twists[row], passed - self.times[row]
@@ -85,7 +85,7 @@ class Loop:
 
 @dataclass(frozen=True)
 class Follow:
-    """Carried by another object, where it stands relative to it at the start.
+    """Carried by another object, at its initial pose relative to it.
 
     loop: how it moves relative to the other, in the frame of whose pose; None: not at all.
     """
@@ -102,8 +102,8 @@ def states_at(
 ) -> States:
     """Return the states of n objects at a time (s), from their poses (n, 7) at the start.
 
-    rows: of the objects by name, for those that follow one. What does not move keeps its pose bit
-    for bit.
+    rows: of the objects by name, for those that follow one. Poses of objects at rest stay the same,
+    bit for bit.
     """
     poses, twists = _own_states(starts, motions, time)
     levels = list(_followers(motions, rows))
@@ -139,7 +139,7 @@ def _own_states(starts: Floats, motions: Sequence[Motion | None], time: float) -
 def _followers(
     motions: Sequence[Motion | None], rows: Mapping[str, int]
 ) -> Iterable[list[tuple[int, int]]]:
-    """Yield followers and their leaders, by row: who follows nobody that follows, and so on."""
+    """Yield followers and their leaders, by row: first those whose leaders follow none."""
     waiting = {k: rows[m.name] for k, m in enumerate(motions) if isinstance(m, Follow)}
     while waiting:
         level = [(row, leader) for row, leader in waiting.items() if leader not in waiting]
@@ -151,7 +151,7 @@ def _followers(
 
 
 def carried(leader: States, inner: States) -> States:
-    """Return the states of what has the states ``inner`` in the frames of leaders."""
+    """Return the states of objects with the states ``inner`` in the frames of their leaders."""
     (places, twists), (inner_poses, inner_twists) = leader, inner
     poses = compose_poses(places, inner_poses)
     turns = unit_quaternions(places[:, 3:])
@@ -162,7 +162,7 @@ def carried(leader: States, inner: States) -> States:
 
 
 def moved(poses: Floats, twists: Floats, seconds: Floats) -> Floats:
-    """Return where steady twists take poses; without turning, quaternions stay bit for bit."""
+    """Return where constant twists take poses; without turning, quaternions stay bit for bit."""
     rates = np.linalg.norm(twists[:, 3:], axis=1)
     turning = rates > 0.0
     halves = 0.5 * rates * seconds
@@ -176,7 +176,7 @@ def moved(poses: Floats, twists: Floats, seconds: Floats) -> Floats:
 
 
 def twists_between(begins: Floats, ends: Floats, seconds: Floats) -> Floats:
-    """Return the steady twists (n, 6) from poses to others, turning the shorter way."""
+    """Return the constant twists (n, 6) from poses to others, turning the shorter way."""
     linear = (ends[:, :3] - begins[:, :3]) / seconds[:, None]
     turns = multiply_quaternions(ends[:, 3:], begins[:, 3:] * (-1.0, -1.0, -1.0, 1.0))
     lengths, w = np.linalg.norm(turns[:, :3], axis=1), turns[:, 3]
