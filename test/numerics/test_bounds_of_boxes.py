@@ -36,9 +36,17 @@ from oracle import Box
 from support import joined, stored, witnesses
 
 from obb_collision.geometry.boxes import Boxes
-from obb_collision.numerics.constants import BOUND_SLACK, CAREFUL_BOUND, FAST_BOUND, UNDERFLOW
+from obb_collision.geometry.poses import matrices_from_quaternions, unit_quaternions
+from obb_collision.numerics.constants import (
+    BOUND_SLACK,
+    CAREFUL_BOUND,
+    FAST_BOUND,
+    ORTHONORMAL_ROUNDING,
+    UNDERFLOW,
+)
 from obb_collision.queries.clearance.clearance import clearances
 from obb_collision.queries.clearance.closest_points import NEAR, PROVEN
+from obb_collision.queries.contacts.contacts import contacts
 from obb_collision.queries.verdict.coarse import (
     MEETING_SLACK,
     SPHERE_SLACK,
@@ -215,4 +223,28 @@ def test_clearances(record_property: Record) -> None:
         expected = root(squared_distance(box(row[0]), box(row[1])))
         size = taxicab(offset(*row)) + extents(*row)
         ratios.append(abs(Fraction(distance) - expected) / (Fraction(PROVEN) * size))
+    check_ratios(record_property, ratios)
+
+
+def test_contact_depths(record_property: Record) -> None:
+    moved = Moved(PAIRS)
+    a, b = moved.at(np.linspace(0.01, 0.2, len(moved.a)) * moved.farthest)
+    found = contacts(*joined(a, b))
+    ratios = []
+    for n in np.flatnonzero(found.counts):
+        row = a.row(n), b.row(n)
+        depth = max(-max(exact_gaps(*row)), Fraction(0))
+        ratios.append(abs(Fraction(found.depths[n]) - depth) / careful_bound(*row))
+    assert len(ratios) > 20
+    check_ratios(record_property, ratios)
+
+
+def test_rotations_of_quaternions(record_property: Record) -> None:
+    quaternions = np.random.default_rng(3).normal(size=(500, 4))
+    matrices = matrices_from_quaternions(unit_quaternions(quaternions))
+    ratios = []
+    for matrix in matrices:
+        columns = [exact(column) for column in matrix.T]
+        defect = max(abs(dot(u, v) - (u is v)) for u in columns for v in columns)
+        ratios.append(defect / Fraction(ORTHONORMAL_ROUNDING))
     check_ratios(record_property, ratios)
