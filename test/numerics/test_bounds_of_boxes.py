@@ -25,6 +25,7 @@ from error_bounds import (
     check_ratios,
     corners,
     difference,
+    dot,
     exact,
     exact_gaps,
     extents,

@@ -27,6 +27,7 @@ from error_bounds import (
     difference,
     dot,
     exact,
+    exact_gaps,
     flips,
     norm,
     observed_at_flip,
@@ -36,9 +37,17 @@ from sweep_oracle import ExactMotion
 
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.numerics.constants import CAREFUL_BOUND, TIME_ROUNDING
+from obb_collision.queries.sweep.bounds import best_step
 from obb_collision.queries.sweep.motion import OUTWARD, bounding_radii
 from obb_collision.queries.sweep.poses import offset_and_way, rotate
-from obb_collision.queries.sweep.rigid import POSITION, SPIN, TURNING
+from obb_collision.queries.sweep.rigid import (
+    ARM_ROUNDING,
+    GAP_ROUNDING,
+    POSITION,
+    SPIN,
+    STEP_ROWS,
+    TURNING,
+)
 from obb_collision.queries.sweep.slices import (
     CORNER_ROWS,
     SLICE_SLACK,
@@ -198,3 +207,41 @@ def test_free_slices(record_property: Record) -> None:
         record_property,
         [observed_at_flip(quantity(n, low[n]), quantity(n, high[n])) for n in range(len(boxes))],
     )
+
+
+def certain_gap(a: Boxes, b: Boxes, n: int, rounding: float) -> float:
+    """Return the largest certain gap of boxes that approach: no axis separates them for long."""
+    still, work = np.zeros(3), np.empty((STEP_ROWS, 3))
+    offset = b.centers[n] - a.centers[n]
+    distance = float(np.linalg.norm(offset))
+    return best_step(
+        offset, -offset, distance, distance,
+        a.rotations[n], a.half_extents[n], still, 1.0,
+        b.rotations[n], b.half_extents[n], still, 1.0, rounding, 0.0, 10.0, work,
+    )[0]  # fmt: skip
+
+
+def test_gaps_of_turning_boxes(record_property: Record) -> None:
+    """The largest gap that is certain: by the bound below the largest, but for the error.
+
+    The centres are at the ends of arms from the origin: their difference is rounded, too.
+    """
+    moved = Moved(8, ("ordinary scene", "edge against edge", "near touching, to 1e-12 of the size"))
+    a, b = moved.at(moved.farthest)
+    arms = 1e3 * RNG.normal(size=(len(a), 3))
+    a, b = (Boxes.trusted(s.centers + arms, s.rotations, s.half_extents) for s in (a, b))
+    ratios = []
+    for n in range(len(a)):
+        radii = [float(np.linalg.norm(s.half_extents[n])) for s in (a, b)]
+        reaches = radii + [float(np.linalg.norm(s.centers[n])) for s in (a, b)]
+        offset = float(np.linalg.norm(b.centers[n] - a.centers[n]))
+        rounding = GAP_ROUNDING * (sum(radii) + offset) + ARM_ROUNDING * sum(reaches)
+        row = a.row(n), b.row(n)
+        edges = np.linalg.norm(np.cross(row[0][1].T[:, None], row[1][1].T[None]), axis=2).ravel()
+        certain, length = max(
+            (gap - Fraction(rounding) / Fraction(length), length)
+            for gap, length in zip(exact_gaps(*row), [1.0] * 6 + edges.tolist(), strict=True)
+        )
+        error = abs(Fraction(certain_gap(a, b, n, rounding)) - certain)
+        ratios.append(error * Fraction(length) / Fraction(rounding))
+    check_ratios(record_property, ratios)

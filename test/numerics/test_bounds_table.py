@@ -20,6 +20,7 @@ import ast
 import math
 import re
 from fractions import Fraction
+from functools import cache
 from importlib import import_module
 from pathlib import Path
 
@@ -74,6 +75,7 @@ def test_a_bound_has_a_test_that_measures_it(cells: list[str]) -> None:
     assert "record_property" in ast.unparse(functions[0].args)
 
 
+@cache
 def multiples_of_roundoff() -> dict[str, str]:
     """Return the module of each constant that is written as a multiple of ROUNDOFF."""
     found = {}
