@@ -36,7 +36,7 @@ from obb_collision.node.messages.clouds import points_from_ros
 from obb_collision.node.messages.conversions import NANOSECONDS, name_from_key, stamp_from_ros
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.messages.marker_shapes import shape_from_ros
-from obb_collision.node.outputs.effects import TOPICS
+from obb_collision.node.topics.topics import TOPICS
 from obb_collision.shapes import Shape
 from obb_collision.typing import Floats
 
@@ -74,7 +74,7 @@ class Listener(Node):
         self.effect_stamps = dict.fromkeys(self.effects, -1)
         for name in self.effects:
             take = partial(self._take_effect, name)
-            self.create_subscription(PointCloud2, TOPICS[name], take, QoSProfile(depth=10))
+            self.create_subscription(PointCloud2, TOPICS[name].name, take, QoSProfile(depth=10))
 
     @property
     def matched(self) -> bool:

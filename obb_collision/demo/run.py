@@ -32,7 +32,7 @@ from obb_collision.demo.publisher import FRAME, ScenePublisher
 from obb_collision.demo.scene import DemoScene
 from obb_collision.demo.snapshot import Snapshot, take_snapshot
 from obb_collision.node.node import NODE_NAME, CollisionNode
-from obb_collision.node.outputs.effects import TOPICS
+from obb_collision.node.topics.topics import TOPICS
 
 #: Everything of the demo is in this namespace: it must not disturb a robot.
 NAMESPACE = "/obb_collision_demo"
@@ -78,7 +78,7 @@ class Demo:
         topics = [
             *inputs,
             "collisions",
-            *(TOPICS[name] for name in effects),
+            *(TOPICS[name].name for name in effects),
             f"{NODE_NAME}/markers",
         ]
         report("topics to watch: " + " ".join(f"{NAMESPACE}/{topic}" for topic in topics))

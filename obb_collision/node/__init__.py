@@ -31,29 +31,29 @@ if TYPE_CHECKING:
     from obb_collision.node.messages.conversions import (
         namespace_table,
     )
-    from obb_collision.node.messages.layouts import (
-        clearances_from_ros,
-        collisions_from_ros,
-        collisions_to_ros,
-        contacts_from_ros,
-        points_inside_from_ros,
-        predictions_from_ros,
-    )
     from obb_collision.node.messages.names import (
         namespace_number,
     )
-    from obb_collision.node.messages.readers import (
+    from obb_collision.node.topics.records import (
         NamedClearance,
         NamedContact,
         NamedPair,
         NamedPoints,
         NamedPrediction,
+    )
+    from obb_collision.node.topics.topics import (
+        clearances_from_ros,
+        collisions_from_ros,
+        collisions_to_ros,
+        contacts_from_ros,
         named_clearances,
         named_contacts,
         named_pairs,
         named_passed_collisions,
         named_points_inside,
         named_predictions,
+        points_inside_from_ros,
+        predictions_from_ros,
     )
 
 __all__ = [
@@ -80,12 +80,18 @@ __all__ = [
     "predictions_from_ros",
 ]
 
-PLACES = ("clouds", "conversions", "layouts", "names", "readers")
+PLACES = (
+    "messages.clouds",
+    "messages.conversions",
+    "messages.names",
+    "topics.records",
+    "topics.topics",
+)
 """Modules that hold the public names."""
 
 
 def __getattr__(name: str) -> Any:
     if name in __all__:
-        modules = (import_module(f"obb_collision.node.messages.{place}") for place in PLACES)
+        modules = (import_module(f"obb_collision.node.{place}") for place in PLACES)
         return next(getattr(module, name) for module in modules if name in vars(module))
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -116,4 +116,5 @@ class Cycle:
         step = max(0, stamp - self._last_stamp) / NANOSECONDS if self._last_stamp else 0.0
         self._last_stamp = stamp
         cloud_stamp = self._obstacles.stamp or stamp
-        return Published(report, self._objects, effects, stamp, step, cloud_stamp)
+        table = self._objects.table
+        return Published(report, table, stamp, step, cloud_stamp, self._objects, effects)

@@ -20,13 +20,13 @@ from typing import Any
 
 from obb_collision.accuracy import Accuracy, as_accuracy
 from obb_collision.node.objects.objects import Objects
-from obb_collision.node.parameters.accuracy import Overrides
 from obb_collision.node.parameters.allowed import AllowedRule, set_allowed
 from obb_collision.node.parameters.parameters import Parameters
 from obb_collision.node.runtime.warm_up import WarmUp
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.effects.settings import AUTO, OFF
 from obb_collision.scene.refinement.budget import ABOVE
+from obb_collision.scene.store.overrides import Overrides
 
 
 class SceneSettings:

@@ -17,7 +17,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +36,7 @@ from obb_collision.scene.broad_phase.broad_phase import (
 )
 from obb_collision.scene.broad_phase.find_pairs import colliding_pairs, columns
 from obb_collision.scene.building.shape_cache import ShapeCache
+from obb_collision.scene.effects.base import Outcome
 from obb_collision.scene.limit import find_limited, most_candidates
 from obb_collision.scene.refinement.budget import Budget
 from obb_collision.scene.refinement.ladder import (
@@ -48,7 +48,7 @@ from obb_collision.scene.refinement.ladder import (
     pair_levels,
 )
 from obb_collision.scene.refinement.refine import Levels
-from obb_collision.scene.store.allowed import AllowedPairs, Counts
+from obb_collision.scene.store.allowed import AllowedPairs, PairFilter
 from obb_collision.scene.store.store import ObjectStore
 from obb_collision.typing import Floats, Rows
 
@@ -76,7 +76,7 @@ class Findings:
     old: Rows | None = None
     total: int | None = None
     colliding: NDArray[np.bool_] | None = None
-    results: dict[str, Any] = field(default_factory=dict)
+    outcomes: dict[str, Outcome] = field(default_factory=dict)
 
 
 class Checker:
@@ -93,7 +93,7 @@ class Checker:
         self._spheres = False  # whether the bounds hold the spheres, too
         self.limit: int | None = None
         self.last: Findings | None = None
-        self.counts: Counts | None = None
+        self.pair_filter: PairFilter | None = None
 
     @property
     def behind(self) -> bool:
@@ -103,7 +103,7 @@ class Checker:
     def find(self, depth: int, exact: bool, budget: Budget | None = None) -> Findings:
         """Return what collides. depth: of the boxes on the level "obb_tree"."""
         store, last = self._store, self.last
-        self.counts = self._allowed.counts(store.names, store.version)
+        self.pair_filter = self._allowed.pair_filter(store.names, store.version)
         found = None
         if last is not None and last.total is None and not store.changed[store.active].all():
             found = self._find_changed(last, depth, exact, budget)
@@ -166,8 +166,8 @@ class Checker:
         waiting: Found = NONE, highest: Accuracy = Accuracy.MESH,
     ) -> tuple[Found, bool]:  # fmt: skip
         store = self._store
-        if self.counts is not None:
-            candidates = candidates[self.counts(*candidates.T)]  # may not touch
+        if self.pair_filter is not None:
+            candidates = candidates[self.pair_filter(*candidates.T)]  # may not touch
         if is_plain(store):
             pairs, verdicts = colliding_pairs(store.all_boxes(), candidates, exact)
             return (pairs, verdicts, np.full(len(pairs), Accuracy.OBB, np.int8)), False

@@ -25,12 +25,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from obb_collision.geometry.kinds import check_kind
+from obb_collision.queries.clearance.clearance import Clearances
+from obb_collision.queries.contacts.contacts import Contacts
+from obb_collision.queries.points.points import PointsInside
+from obb_collision.queries.verdict.separations import Separations
 from obb_collision.scene.checker import Findings
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.effects.base import Cycle, Setting
-from obb_collision.scene.effects.clearance import PairClearances
-from obb_collision.scene.effects.contacts import PairContacts
-from obb_collision.scene.effects.points import ObjectPoints
 from obb_collision.scene.effects.settings import OFF
 from obb_collision.scene.effects.sweep import SweptPairs
 from obb_collision.typing import Floats
@@ -79,7 +80,7 @@ class Report:
         self.truncated = found.total is not None
         self.total = len(found.pairs) if found.total is None else found.total
         self._colliding = found.colliding
-        self.results = found.results
+        self._outcomes = found.outcomes
         self.slot_names = slot_names
         self.stages = stages
         self.costs: dict[str, Cost] = {}
@@ -91,7 +92,12 @@ class Report:
 
     def __repr__(self) -> str:
         more = f" of at least {self.total}" if self.truncated else ""
-        return f"Report({len(self)}{more} pairs, effects: {', '.join(self.results) or 'none'})"
+        return f"Report({len(self)}{more} pairs, effects: {', '.join(self._outcomes) or 'none'})"
+
+    @property
+    def results(self) -> dict[str, Any]:
+        """What the effects computed so far gave, by name."""
+        return {name: outcome.result for name, outcome in self._outcomes.items()}
 
     def result(self, effect: str) -> Any:
         """Return what an effect gave; see its module for what that is."""
@@ -104,9 +110,9 @@ class Report:
             if not EFFECTS[effect].lazy:
                 raise ValueError(f"ask for it: scene.check(effects=[{effect!r}])")
             self.compute(effect)
-        if effect not in self.results:
+        if effect not in self._outcomes:
             raise RuntimeError(f"the effect {effect!r} failed: {self.costs[effect].failures[0]}")
-        return self.results[effect]
+        return self._outcomes[effect].result
 
     def compute(self, effect: str) -> None:
         """Compute an effect and note what it took, and why it failed if it did."""
@@ -114,7 +120,7 @@ class Report:
         count, failures = 0, tuple[str, ...]()
         try:
             outcome = EFFECTS[effect].run(self.cycle, self._settings[effect])
-            self.results[effect] = outcome.result
+            self._outcomes[effect] = outcome
             count, failures = outcome.count, outcome.failures
             failures += tuple(self.cycle.notes)
         except Exception as error:  # whatever it is, the others and the cycle go on
@@ -129,17 +135,17 @@ class Report:
         These, normals, points and depths are those of the boxes on every level; on the levels below
         OBB separations may be positive.
         """
-        return self._column(0)
+        return self._column("separations")
 
     @property
     def normals(self) -> Floats:
         """(m, 3) unit vectors from i to j, along which the boxes overlap least."""
-        return self._column(1)
+        return self._column("normals")
 
     @property
     def points(self) -> Floats:
         """(m, 3) metres: a place near both boxes at which to show the contact."""
-        return self._column(2)
+        return self._column("points")
 
     @property
     def depths(self) -> Floats:
@@ -147,26 +153,26 @@ class Report:
         result: Floats = np.maximum(-self.separations, 0.0)
         return result
 
-    def _column(self, number: int) -> Floats:
-        """Return a column of the effect ``separations``, NaN for pairs that don't call for it."""
-        table = self.result("separations")
-        column: Floats = table.columns[number]
+    def _column(self, name: str) -> Floats:
+        """Return a column of the effect ``separations``, NaN for pairs not selected for it."""
+        table: Separations = self.result("separations")
+        column: Floats = getattr(table, name)
         if len(column) == len(self):
             return column
         full = np.full((len(self), *column.shape[1:]), np.nan)
-        full[table.rows] = column
+        full[self._outcomes["separations"].rows] = column
         return full
 
     @property
-    def contacts(self) -> PairContacts:
-        """The contact patches of the colliding pairs that call for them."""
-        result: PairContacts = self.result("contacts")
+    def contacts(self) -> Contacts:
+        """The contact patches of the colliding pairs that are selected for them."""
+        result: Contacts = self.result("contacts")
         return result
 
     @property
-    def clearances(self) -> PairClearances:
+    def clearances(self) -> Clearances:
         """Distance and closest points of pairs nearer than the limit of the effect."""
-        result: PairClearances = self.result("clearance")
+        result: Clearances = self.result("clearance")
         return result
 
     @property
@@ -176,9 +182,9 @@ class Report:
         return result
 
     @property
-    def points_inside(self) -> ObjectPoints:
+    def points_inside(self) -> PointsInside:
         """Which of ``Scene.points`` lie inside which objects."""
-        result: ObjectPoints = self.result("points")
+        result: PointsInside = self.result("points")
         return result
 
     @property

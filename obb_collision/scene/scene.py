@@ -38,7 +38,6 @@ from obb_collision.scene.report import Report
 from obb_collision.scene.store.allowed import AllowedPairs
 from obb_collision.words import shown
 
-NO_RESULTS: dict[str, Any] = {}
 #: Depth of the trees on the level "obb_tree": eight boxes a mesh.
 DEFAULT_DEPTH = 3
 #: The largest limit on pairs: more than there can be, and its multiples are numbers for kernels.
@@ -250,7 +249,7 @@ class Scene(SceneObjects):
         stages = {"pairs": perf_counter() - start}
         cycle = Cycle(
             *(store.snapshot(), store.active.copy(), found.pairs, found.verdicts),
-            *(self._checker.counts, found.old, NO_RESULTS if last is None else last.results),
+            *(self._checker.pair_filter, found.old, {} if last is None else last.outcomes),
             *(self._points, store, self._before),
             limit=None if self._max_pairs is None else NEAR_PER_PAIR * self._max_pairs,
         )

@@ -44,8 +44,8 @@ from obb_collision.demo.scene import DemoScene  # noqa: E402
 from obb_collision.node import namespace_number  # noqa: E402
 from obb_collision.node.messages.clouds import cloud_to_ros  # noqa: E402
 from obb_collision.node.messages.conversions import namespaces_to_ros, stamp_to_ros  # noqa: E402
-from obb_collision.node.messages.layouts import COLLISION_DTYPE  # noqa: E402
 from obb_collision.node.messages.marker_shapes import shape_from_ros, shape_to_ros  # noqa: E402
+from obb_collision.node.topics.topics import COLLISIONS  # noqa: E402
 
 #: Domains of these tests, apart from those a robot or the other tests use.
 DOMAIN = 60 + os.getpid() % 40
@@ -208,7 +208,7 @@ def test_the_listener_waits_for_namespaces_that_it_does_not_know_yet() -> None:
     lines: list[str] = []
     listener = Listener(lines.append, context=context)
     try:
-        rows = np.zeros(1, COLLISION_DTYPE)
+        rows = np.zeros(1, COLLISIONS.dtype)
         rows["ns_a"] = rows["ns_b"] = namespace_number("late")
         rows["id_b"], rows["depth"] = 1, 0.5
         message = cloud_to_ros(rows, Header(stamp=stamp_to_ros(5)))

@@ -28,7 +28,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import TransformStamped
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
@@ -36,7 +35,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import MultiDOFJointState, PointCloud2
-from std_msgs.msg import Bool, Header
+from std_msgs.msg import Header
 from visualization_msgs.msg import Marker, MarkerArray
 
 from obb_collision.node import (
@@ -56,6 +55,7 @@ from obb_collision.node.messages.conversions import (
 )
 from obb_collision.node.node import CollisionNode
 from obb_collision.node.objects.frames import FixedFrameOnly
+from obb_collision.node.topics.topics import NAMESPACES, TOPICS
 
 os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
 DOMAIN = 1 + os.getpid() % 100
@@ -75,20 +75,9 @@ INPUTS: dict[str, Any] = {
     "object_poses": PointCloud2,
     "points": PointCloud2,
 }
-OUTPUTS: dict[str, Any] = {
-    "collisions": PointCloud2,
-    "in_collision": Bool,
-    "collision_status": DiagnosticArray,
-    "namespaces": DiagnosticStatus,
-    "collisions_text": DiagnosticArray,
-    "contacts": PointCloud2,
-    "clearances": PointCloud2,
-    "predicted_collisions": PointCloud2,
-    "points_inside": PointCloud2,
-    "obb_collision/markers": MarkerArray,
-    "/diagnostics": DiagnosticArray,
+OUTPUTS = {
+    topic.name.replace("~", "obb_collision"): topic for topic in (*TOPICS.values(), NAMESPACES)
 }
-LATCHED_TOPICS = ("in_collision", "namespaces", "collision_status")
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
@@ -139,13 +128,13 @@ class Client:
     def listen(self, *topics: str) -> None:
         """Subscribe to outputs."""
         for topic in topics:
-            qos = LATCHED if topic in LATCHED_TOPICS else QoSProfile(depth=50)
+            qos = LATCHED if OUTPUTS[topic].is_latched else QoSProfile(depth=50)
 
             def take(message: Any, topic: str = topic) -> None:
                 if topic != "/diagnostics" or message.status[0].name.startswith(NAMESPACE[1:]):
                     self.last[topic] = message
 
-            kind = OUTPUTS[topic]
+            kind = OUTPUTS[topic].message
             self.subscriptions[topic] = self.client.create_subscription(kind, topic, take, qos)
 
     def ignore(self, *topics: str) -> None:

@@ -43,7 +43,6 @@ from rclpy.parameter import parameter_value_to_python
 from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import PointCloud2
-from std_msgs.msg import Bool
 from std_srvs.srv import SetBool, Trigger
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -52,9 +51,9 @@ from obb_collision.checks.fuzz.messages import Messages
 from obb_collision.checks.fuzz.metronome import Metronome
 from obb_collision.checks.fuzz.mutations import damaged, hostile_value, mutate
 from obb_collision.node.messages.conversions import NANOSECONDS, pose_to_ros, stamp_to_ros
-from obb_collision.node.messages.layouts import collisions_from_ros
 from obb_collision.node.messages.names import namespace_number
 from obb_collision.node.parameters.table import SPECS
+from obb_collision.node.topics.topics import TOPICS, collisions_from_ros
 
 STARTING = 300.0
 """Seconds until the node answers first: on a new machine it compiles its kernels."""
@@ -73,13 +72,9 @@ CLEAN = 0.2
 """Share of the probes that remove all hostile objects, too."""
 PROBE_NUMBER = namespace_number(PROBE)
 OUTPUTS = {
-    "collisions_text": DiagnosticArray,
-    "contacts": PointCloud2,
-    "clearances": PointCloud2,
-    "predicted_collisions": PointCloud2,
-    "points_inside": PointCloud2,
-    "in_collision": Bool,
-    "obb_collision/markers": MarkerArray,
+    topic.name.replace("~", "obb_collision"): topic.message
+    for name, topic in TOPICS.items()
+    if name not in ("collisions", "collision_status", "diagnostics")
 }
 
 

@@ -34,7 +34,7 @@ from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.objects.frames import LATER, FrameSource
 from obb_collision.node.objects.objects import AHEAD
 from obb_collision.node.runtime.guard import INTERNAL_ERROR, Guard
-from obb_collision.scene.effects.points import ObjectPoints
+from obb_collision.queries.points.points import PointsInside
 from obb_collision.scene.report import Report
 from obb_collision.scene.scene import Scene
 from obb_collision.typing import Floats
@@ -130,7 +130,7 @@ class Obstacles:
 
     def note(self, report: Report) -> None:
         """Take note of what the effect made of the points."""
-        found: ObjectPoints | None = report.results.get("points")
+        found: PointsInside | None = report.results.get("points")
         if found is not None and self.stamp:
             self._monitor.ignored = found.ignored
 

@@ -17,19 +17,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from std_msgs.msg import Header
 
 from obb_collision.accuracy import ALL_LEVELS
 from obb_collision.node.messages.conversions import name_from_key
-from obb_collision.node.messages.layouts import Rows
 from obb_collision.queries.verdict.verdict import Verdict
 
 
 def text_from_rows(
-    rows: Rows,
+    rows: npt.NDArray[Any],
     namespaces: Mapping[int, str],
     header: Header,
     limit: int,

@@ -41,11 +41,11 @@ from obb_collision.node.objects.frames import FrameSource
 from obb_collision.node.objects.placement import OnItems, Placement
 from obb_collision.node.objects.shape_requests import Given, ShapeRequests
 from obb_collision.node.objects.table import NEVER, ObjectTable, Slots
-from obb_collision.node.parameters.accuracy import Overrides
 from obb_collision.node.runtime.guard import Guard
 from obb_collision.scene.building.builder import Builder
 from obb_collision.scene.building.process import Limits
 from obb_collision.scene.scene import Scene
+from obb_collision.scene.store.overrides import Overrides
 from obb_collision.shapes import Box, Shape
 from obb_collision.typing import Floats
 

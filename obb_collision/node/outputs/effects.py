@@ -25,26 +25,10 @@ from collections.abc import Mapping
 from rclpy.publisher import Publisher
 
 from obb_collision.node.parameters.parameters import Parameters
-from obb_collision.node.parameters.table import MEANINGS
 from obb_collision.node.runtime.warm_up import WarmUp
+from obb_collision.node.topics.topics import TOPICS, mode_names
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.effects.settings import AUTO, OFF, ON
-
-TOPICS = {
-    "collisions": "collisions",
-    "text": "collisions_text",
-    "in_collision": "in_collision",
-    "collision_status": "collision_status",
-    "contacts": "contacts",
-    "clearance": "clearances",
-    "sweep": "predicted_collisions",
-    "points": "points_inside",
-    "markers": "~/markers",
-    "diagnostics": "/diagnostics",
-}
-"""The topic of each effect that has one."""
-DESCRIBED = ("collisions", "text")
-"""Topics that say what the effect ``separations`` gives."""
 
 
 class Effects:
@@ -65,21 +49,23 @@ class Effects:
         if mode != AUTO:
             return mode == ON
         if name not in TOPICS:
-            return any(self.is_called(topic) for topic in DESCRIBED)
+            return any(name in topic.needs and self.is_called(n) for n, topic in TOPICS.items())
         return self._publishers[name].get_subscription_count() > 0
 
     def of_cycle(self) -> frozenset[str]:
         """Return the effects to compute in this cycle."""
         called = {name for name in TOPICS if self.is_called(name)}
-        mode = self.mode("separations")
-        if mode == ON or (mode == AUTO and not called.isdisjoint(DESCRIBED)):
-            called.add("separations")
+        needed = {effect for name in called for effect in TOPICS[name].needs}
+        for name in EFFECTS:
+            mode = self.mode(name)
+            if name not in TOPICS and (mode == ON or (mode == AUTO and name in needed)):
+                called.add(name)
         return frozenset(n for n in called if n not in EFFECTS or self._warm.is_ready(n))
 
     def states(self) -> dict[str, str]:
         """Say in words what becomes of each effect, for /diagnostics."""
         computed = self.of_cycle()
-        return {name: self._state(name, computed) for name in MEANINGS}
+        return {name: self._state(name, computed) for name in mode_names()}
 
     def _state(self, name: str, computed: frozenset[str]) -> str:
         mode = self.mode(name)

@@ -16,7 +16,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from copy import copy
 from dataclasses import dataclass
 from functools import partial
@@ -24,80 +23,36 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from rclpy.duration import Duration
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from rclpy.qos import DurabilityPolicy, QoSProfile
-from sensor_msgs.msg import PointCloud2
-from std_msgs.msg import Bool, Header
-from visualization_msgs.msg import MarkerArray
+from std_msgs.msg import Header
 
 from obb_collision.node.diagnostics.qos import overridable
 from obb_collision.node.messages.box_markers import COLLIDING, DOUBTFUL, FREE, Markers
-from obb_collision.node.messages.clouds import cloud_to_ros
 from obb_collision.node.messages.conversions import stamp_to_ros
-from obb_collision.node.messages.layouts import Rows
 from obb_collision.node.messages.marker_writer import namespace_bytes
 from obb_collision.node.messages.names import NamespaceTable
 from obb_collision.node.messages.text import text_from_rows
 from obb_collision.node.objects.objects import Objects
-from obb_collision.node.outputs.effects import TOPICS
-from obb_collision.node.outputs.rows import (
-    clearance_rows,
-    collision_rows,
-    contact_rows,
-    inside_rows,
-    prediction_rows,
-)
 from obb_collision.node.parameters.parameters import Parameters
 from obb_collision.node.runtime.guard import Guard
-from obb_collision.scene.report import Report
+from obb_collision.node.topics.cloud import Cloud, Topic
+from obb_collision.node.topics.rows import CheckedState
+from obb_collision.node.topics.topics import COLLISIONS, NAMESPACES, TOPICS
 
-RELIABLE = QoSProfile(depth=10)
 NAMESPACES_RATE = 5e6
 """Bytes per second at most of the table of namespaces, which is sent whole: 100 kB at 50 Hz."""
 NAMESPACES_PERIOD = 2.0
 """Seconds after which the table is sent again though it is the same."""
-LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-"""The last message reaches late subscribers too, if they ask for transient local."""
-KINDS = {
-    "text": DiagnosticArray,
-    "in_collision": Bool,
-    "collision_status": DiagnosticArray,
-    "markers": MarkerArray,
-    "diagnostics": DiagnosticArray,
-}
-"""Messages of the topics that are no clouds."""
-DEADLINE = 0.5
-"""Seconds within which the next ``collision_status`` is promised: five of its periods, for a loaded
-machine."""
-QOS = {
-    "in_collision": LATCHED,
-    "collision_status": QoSProfile(
-        depth=1,
-        durability=DurabilityPolicy.TRANSIENT_LOCAL,
-        deadline=Duration(seconds=DEADLINE),
-    ),
-}
-"""Quality of service of the topics that are not just reliable."""
 
 
 @dataclass(frozen=True)
-class Published:
-    """One check to publish: its report, the effects called for, its stamp (ns).
+class Published(CheckedState):
+    """One check to publish, with the objects and the effects called for."""
 
-    step: seconds between this state and that of the check before. cloud_stamp: of the obstacle
-    points.
-    """
-
-    report: Report
     objects: Objects
     effects: frozenset[str]
-    stamp: int
-    step: float
-    cloud_stamp: int
 
 
 class Outputs:
@@ -115,30 +70,23 @@ class Outputs:
         self._namespaces_sent = -1  # version of the table
         self._next_namespaces = 0.0
 
-        def publisher(kind: type, topic: str, qos: QoSProfile) -> Publisher:
+        def publisher(topic: Topic) -> Publisher:
             return node.create_publisher(
-                kind,
-                topic,
-                copy(qos),  # overrides are written into it
+                topic.message,
+                topic.name,
+                copy(topic.qos),  # overrides are written into it
                 event_callbacks=PublisherEventCallbacks(use_default_callbacks=False),  # see qos.py
                 qos_overriding_options=overridable(),
             )
 
-        self.publishers = {
-            effect: publisher(
-                KINDS.get(effect, PointCloud2),
-                topic,
-                QOS.get(effect, RELIABLE),
-            )
-            for effect, topic in TOPICS.items()
-        }
-        self.namespaces = publisher(DiagnosticStatus, "namespaces", LATCHED)
+        self.publishers = {name: publisher(topic) for name, topic in TOPICS.items()}
+        self.namespaces = publisher(NAMESPACES)
 
     @property
     def ends(self) -> dict[str, Publisher]:
         """All publishers, by topic as the node names it."""
-        named = {TOPICS[effect]: publisher for effect, publisher in self.publishers.items()}
-        return {**named, "namespaces": self.namespaces}
+        named = {TOPICS[name].name: publisher for name, publisher in self.publishers.items()}
+        return {**named, NAMESPACES.name: self.namespaces}
 
     def publish_namespaces(self, namespaces: NamespaceTable) -> None:
         """Publish the table of namespace numbers if it changed: a large one not at every cycle.
@@ -161,42 +109,33 @@ class Outputs:
         The table of namespaces goes first: who sees the rest can read it.
         """
         guard = self._guard
-        guard.run(
-            "output namespaces", lambda: self.publish_namespaces(given.objects.table.namespaces)
-        )
+        guard.run("output namespaces", lambda: self.publish_namespaces(given.table.namespaces))
         if not given.effects.isdisjoint(("collisions", "text")):
             guard.run("output collisions", lambda: self._publish_pairs(given))
-        for effect, make in self._clouds(given).items():
-            if effect in given.effects and effect in given.report.results:
-                guard.run(f"output {effect}", partial(self._publish_cloud, effect, make, given))
+        results = given.report.results
+        for name in results.keys() & given.effects:
+            topic = TOPICS.get(name)
+            if isinstance(topic, Cloud):
+                publish = partial(self._publish_cloud, name, topic, results[name], given)
+                guard.run(f"output {name}", publish)
 
     def _header(self, stamp: int) -> Header:
         return Header(stamp=stamp_to_ros(stamp), frame_id=self._parameters.fixed_frame)
 
-    def _publish_cloud(self, effect: str, make: Callable[[Any], Rows], given: Published) -> None:
-        stamp = given.cloud_stamp if effect == "points" else given.stamp
-        rows = make(given.report.results[effect])
-        self.publishers[effect].publish(cloud_to_ros(rows, self._header(stamp)))
-
-    def _clouds(self, given: Published) -> dict[str, Callable[[Any], Rows]]:
-        """Return what makes the rows of each effect from its result."""
-        table = given.objects.table
-        return {
-            "contacts": lambda result: contact_rows(result, table),
-            "clearance": lambda result: clearance_rows(result, table),
-            "sweep": lambda result: prediction_rows(result, given.step, table),
-            "points": lambda result: inside_rows(result, given.report.cycle.points, table),
-        }
+    def _publish_cloud(self, name: str, cloud: Cloud[Any], result: Any, given: Published) -> None:
+        rows = cloud.make_rows(result, given, cloud.dtype)
+        stamp = given.cloud_stamp if cloud.of_points else given.stamp
+        self.publishers[name].publish(cloud.to_ros(rows, self._header(stamp)))
 
     def _publish_pairs(self, given: Published) -> None:
-        table, header = given.objects.table, self._header(given.stamp)
-        rows = collision_rows(given.report, table)
+        header = self._header(given.stamp)
+        rows = COLLISIONS.make_rows(given.report, given, COLLISIONS.dtype)
         if "collisions" in given.effects:
-            self.publishers["collisions"].publish(cloud_to_ros(rows, header))
+            self.publishers["collisions"].publish(COLLISIONS.to_ros(rows, header))
         if "text" in given.effects:
-            limit = self._parameters.max_text_pairs
+            names, limit = given.table.namespaces.names, self._parameters.max_text_pairs
             total = (given.report.total, given.report.truncated)
-            text = text_from_rows(rows, table.namespaces.names, header, limit, *total)
+            text = text_from_rows(rows, names, header, limit, *total)
             self.publishers["text"].publish(text)
 
     def publish_markers(self, given: Published) -> None:
@@ -210,7 +149,7 @@ class Outputs:
         if "markers" not in given.effects:
             return
         self._next_markers = now + 1.0 / parameters.marker_rate
-        objects, table = given.objects, given.objects.table
+        objects, table = given.objects, given.table
         slots = objects.scene.indices
         drawn = objects.visible[slots]
         slots, boxes = slots[drawn], objects.scene.boxes.take(np.flatnonzero(drawn))

@@ -23,11 +23,11 @@ from rcl_interfaces.msg import SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from obb_collision.node.parameters.accuracy import Override
 from obb_collision.node.parameters.allowed import AllowedPair
 from obb_collision.node.parameters.services import guard_parameter_services
 from obb_collision.node.parameters.table import SPECS, option_name
 from obb_collision.scene.effects import EFFECTS
+from obb_collision.scene.store.overrides import Override
 
 __all__ = ["SPECS", "Parameters", "check_parameters"]
 

@@ -17,13 +17,14 @@
 from __future__ import annotations
 
 from obb_collision.accuracy import ALL_LEVELS
-from obb_collision.node.parameters.accuracy import MAX_OVERRIDES, override_from_text
 from obb_collision.node.parameters.allowed import allowed_from_text
 from obb_collision.node.parameters.specs import Spec
+from obb_collision.node.topics.topics import describe_mode, mode_names
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.effects.base import Option
 from obb_collision.scene.effects.settings import AUTO, MODES
 from obb_collision.scene.scene import DEFAULT_DEPTH
+from obb_collision.scene.store.overrides import MAX_OVERRIDES, override_from_text
 from obb_collision.scene.store.patterns import as_patterns
 
 GENERAL = (
@@ -191,24 +192,6 @@ ACCURACY = (
     ),
 )
 
-MEANINGS = {
-    "collisions": "Which pairs collide: the topic collisions.",
-    "separations": "Depth, normal and place of the pairs, in collisions and collisions_text. NaN "
-    "there without.",
-    "text": "The same for people: the topic collisions_text.",
-    "in_collision": "Whether any pair collides: the latched topic in_collision. auto: also where "
-    "it changes.",
-    "collision_status": "What is known of collisions, or why nothing is: the latched topic "
-    "collision_status. auto: also where it changes.",
-    "contacts": "Contact points of colliding pairs: the topic contacts.",
-    "clearance": "Distances and closest points of near pairs: the topic clearances.",
-    "sweep": "Collisions passed through and to come: the topic predicted_collisions.",
-    "points": "Obstacle points in boxes: the topic points_inside. off: points is not subscribed.",
-    "markers": "The world boxes: the topic ~/markers.",
-    "diagnostics": "How the node is: the topic /diagnostics.",
-}
-"""What an effect gives, by name: those of ``EFFECTS``, and what only the node has."""
-
 
 def option_name(effect: str, option: str) -> str:
     """Return the parameter of an option; ``effects.sweep`` can't be a value and hold more."""
@@ -225,11 +208,14 @@ def _option_spec(name: str, option: Option) -> Spec:
 
 def _effect_specs() -> tuple[Spec, ...]:
     specs = []
-    for name, meaning in MEANINGS.items():
-        specs.append(Spec(f"effects.{name}", AUTO, meaning, choices=MODES))
+    for name in mode_names():
+        specs.append(Spec(f"effects.{name}", AUTO, describe_mode(name), choices=MODES))
         if name not in EFFECTS:
             continue
-        described = f"Objects that call for {name}, by name or pattern; a pair does if one does."
+        described = (
+            f"Objects selected for {name}, by name or pattern. A pair is computed if at least one "
+            "of its objects is selected."
+        )
         specs.append(Spec(option_name(name, "objects"), ["*"], described, entry=_pattern))
         for key, option in EFFECTS[name].options.items():
             specs.append(_option_spec(option_name(name, key), option))

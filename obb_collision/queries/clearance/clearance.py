@@ -53,7 +53,7 @@ from obb_collision.queries.verdict.verdict import (
     classify_careful,
     classify_fast,
 )
-from obb_collision.typing import Floats
+from obb_collision.typing import Floats, Integers
 from obb_collision.words import shown
 
 #: Kinds of real numbers.
@@ -64,6 +64,8 @@ REAL = (int, float, np.integer, np.floating)
 class Clearances:
     """Distance and closest points of m pairs of boxes a, b; metres, world frame."""
 
+    pairs: Integers
+    """(m, 2) rows of the boxes; in a report, indices of objects."""
     distances: Floats
     """(m,) positive apart, minus the depth where they overlap, 0 where they touch."""
     points_a: Floats
@@ -106,8 +108,7 @@ def clearances_within(
         *(boxes.centers, boxes.rotations, boxes.half_extents, checked, float(limit)),
         *(rows, distances, vectors[0], vectors[1], vectors[2]),
     )
-    points_a, points_b, normals = vectors[:, :kept]
-    return rows[:kept], Clearances(distances[:kept], points_a, points_b, normals)
+    return rows[:kept], Clearances(checked[rows[:kept]], distances[:kept], *vectors[:, :kept])
 
 
 @njit

@@ -39,7 +39,7 @@ from obb_collision.queries.contacts.reduction import reduce_patch
 from obb_collision.queries.verdict.pair_rows import as_pairs
 from obb_collision.queries.verdict.penetration import AXES, witness
 from obb_collision.queries.verdict.verdict import careful_axis
-from obb_collision.typing import Floats
+from obb_collision.typing import Floats, Integers
 from obb_collision.words import shown
 
 #: How many points a pair can be asked for.
@@ -53,6 +53,8 @@ SMALLEST_PAIR = 1e-300
 class Contacts:
     """Contacts of m pairs (a, b); rows of pairs that are apart have count 0.
 
+    pairs (m, 2): rows of the boxes, in a report indices of objects.
+
     normals (m, 3): unit, from a to b; depths (m,): metres, not negative; counts (m,): points of
     each pair; points (m, limit, 3): metres, in both boxes, the deepest first, NaN past the count
     (of points equally deep to 2^-24 of the sum of the half extents always the same one, whatever
@@ -61,12 +63,25 @@ class Contacts:
     0 to 2 a face of a, 3 to 5 a face of b, 6 + 3 i + j edge i of a against edge j of b.
     """
 
+    pairs: Integers
     normals: Floats
     depths: Floats
-    counts: NDArray[np.int64]
+    counts: Integers
     points: Floats
     point_depths: Floats
     axes: NDArray[np.int8]
+
+    @classmethod
+    def blank(cls, pairs: Integers, limit: int) -> Contacts:
+        """Return room for pairs (m, 2) with at most ``limit`` points each."""
+        m = len(pairs)
+        return cls(
+            *(pairs, np.empty((m, 3)), np.empty(m), np.empty(m, np.int64)),
+            *(np.full((m, limit, 3), np.nan), np.full((m, limit), np.nan), np.empty(m, np.int8)),
+        )
+
+    def __len__(self) -> int:
+        return len(self.pairs)
 
 
 def contacts(boxes: Boxes, pairs: ArrayLike, limit: int = 4) -> Contacts:
@@ -78,18 +93,9 @@ def contacts(boxes: Boxes, pairs: ArrayLike, limit: int = 4) -> Contacts:
     check_kind(boxes, Boxes, "boxes")
     if not isinstance(limit, (int, np.integer)) or limit not in LIMITS:
         raise ValueError(f"limit must be 4 or 8, got {shown(limit)}")
-    rows = as_pairs(boxes, boxes, pairs)
-    m, limit = len(rows), int(limit)
-    result = Contacts(
-        normals=np.empty((m, 3)),
-        depths=np.empty(m),
-        counts=np.empty(m, np.int64),
-        points=np.full((m, limit, 3), np.nan),
-        point_depths=np.full((m, limit), np.nan),
-        axes=np.empty(m, np.int8),
-    )
+    result = Contacts.blank(as_pairs(boxes, boxes, pairs), int(limit))
     contacts_kernel(
-        *(boxes.centers, boxes.rotations, boxes.half_extents, rows),
+        *(boxes.centers, boxes.rotations, boxes.half_extents, result.pairs),
         *(result.normals, result.depths, result.counts),
         *(result.points, result.point_depths, result.axes),
     )

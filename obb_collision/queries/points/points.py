@@ -56,6 +56,8 @@ REACH = 8192 * ROUNDOFF
 class PointsInside:
     """What boxes hold of a cloud, box by box.
 
+    indices (n,): rows of the boxes; in a report, indices of objects.
+
     counts (n,): points inside. first (n,): the lowest index of those, -1 without any. nearest
     (n,): the index of the one nearest to the box centre (of equally near ones the lowest), -1
     without any. distances (n,) metres: its distance from the centre, infinite without any.
@@ -63,12 +65,16 @@ class PointsInside:
     box that holds each point, -1 for none.
     """
 
+    indices: Integers
     counts: Integers
     first: Integers
     nearest: Integers
     distances: Floats
     ignored: int
     boxes: NDArray[np.int32] | None = None
+
+    def __len__(self) -> int:
+        return len(self.indices)
 
 
 def points_inside(
@@ -163,4 +169,5 @@ def _merged(
         nearest[held] = found[part, 2, held]
         offsets = cloud[nearest[held]].astype(np.float64) - boxes.centers[held]
         lengths_kernel(offsets, held, distances)
-    return PointsInside(counts, first, nearest, distances, ignored, labels)
+    indices = np.arange(len(boxes))
+    return PointsInside(indices, counts, first, nearest, distances, ignored, labels)

@@ -44,7 +44,7 @@ from obb_collision.queries.sweep.twists import twist_motion
 from obb_collision.queries.verdict.pair_rows import as_pairs
 from obb_collision.queries.verdict.penetration import common_point, witness
 from obb_collision.queries.verdict.sat import Vector, minus, plus, scaled, vector
-from obb_collision.typing import Floats
+from obb_collision.typing import Floats, Integers
 
 #: Nearer than this counts as touching where a box turns, in radii of the smaller box.
 TOLERANCE = 1e-4
@@ -58,6 +58,8 @@ HERE: Vector = (0.0, 0.0, 0.0)
 class Sweeps:
     """What the motion of m pairs leads to, arrays over the pairs. One of three answers each.
 
+    pairs (m, 2): rows of the boxes; in a report, indices of objects.
+
     hits (m,) bool: the boxes touch. undecided (m,) bool: it is not known whether they do; whoever
     must not miss a collision takes it that they may, from ``free_until`` on. Neither: they don't.
 
@@ -68,6 +70,7 @@ class Sweeps:
     the first box to the second. Both NaN without a hit, and (0, 3) where not asked for.
     """
 
+    pairs: Integers
     hits: NDArray[np.bool_]
     undecided: NDArray[np.bool_]
     times: Floats
@@ -151,7 +154,7 @@ def _sweep(motion: Motion, pairs: ArrayLike, tolerance: float, contacts: bool) -
     points, normals = np.empty((2, len(rows) if contacts else 0, 3))
     sweep_kernel(motion, rows, near, free, undecided, points, normals)
     times = np.where(undecided, np.nan, free) if undecided.any() else free
-    return Sweeps(np.isfinite(times), undecided, times, free, points, normals)
+    return Sweeps(rows, np.isfinite(times), undecided, times, free, points, normals)
 
 
 @njit

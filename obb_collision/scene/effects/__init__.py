@@ -12,18 +12,21 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What is computed beside the pairs, one module and one entry per effect."""
+"""The effects of a scene: one module each, with the effect as ``EFFECT``, found by its file."""
 
 from __future__ import annotations
 
-from obb_collision.scene.effects.base import Effect
-from obb_collision.scene.effects.clearance import Clearance
-from obb_collision.scene.effects.contacts import ContactPatches
-from obb_collision.scene.effects.points import Points
-from obb_collision.scene.effects.separations import Separations
-from obb_collision.scene.effects.sweep import Sweep
+from importlib import import_module
+from pkgutil import iter_modules
 
-EFFECTS: dict[str, Effect] = {
-    effect.name: effect
-    for effect in (Separations(), ContactPatches(), Clearance(), Sweep(), Points())
-}
+from obb_collision.scene.effects.base import Effect
+
+
+def find_effects() -> dict[str, Effect]:
+    """Return the effects of all modules of this folder that have one, by name."""
+    modules = (import_module(f"{__name__}.{found.name}") for found in iter_modules(__path__))
+    found = [module.EFFECT for module in modules if hasattr(module, "EFFECT")]
+    return {effect.name: effect for effect in found}
+
+
+EFFECTS = find_effects()

@@ -14,16 +14,17 @@
 
 """What an effect is: something computed on top of the pairs, only where it is called for.
 
-An effect sees one check of a scene (``Cycle``) and how it is set (``Setting``), and gives a result.
-It neither knows other effects nor who asks. One that looks at pairs one by one uses ``pair_rows``,
-which computes only what changed and lives through a pair that fails.
+An effect sees one check of a scene (``Cycle``) and its ``Setting``, and gives a result: arrays with
+a row per pair or per object, of the type that the query returns. It depends neither on other
+effects nor on who asks. One that looks at pairs one by one uses ``pair_rows``, which computes only
+what changed and survives a pair that fails.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,11 +33,12 @@ from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.validation import as_array
 from obb_collision.queries.verdict.verdict import Verdicts
 from obb_collision.scene.broad_phase.broad_phase import Pairs
-from obb_collision.scene.store.allowed import Counts
+from obb_collision.scene.store.allowed import PairFilter
 from obb_collision.scene.store.store import ObjectStore
 from obb_collision.typing import Mask, Rows
 
-Table = tuple[NDArray[Any], ...]
+R = TypeVar("R")
+"""A dataclass of arrays with one row per pair."""
 
 #: Pairs that fail at one check which are looked for one by one: enough to see what they share.
 MOST_FAILURES = 16
@@ -64,19 +66,19 @@ class Option(NamedTuple):
 
 @dataclass(frozen=True)
 class Setting:
-    """How an effect is set: its mode, the objects that call for it (patterns), its options."""
+    """How an effect is set: its mode, the objects selected for it (patterns), its options."""
 
     mode: str = "auto"
     objects: tuple[str, ...] = ("*",)
     values: Mapping[str, float] = field(default_factory=dict)
-    wanted: Mask | None = None
-    """(slots,) the objects that call for it, None for all."""
+    selected: Mask | None = None
+    """(slots,) the objects selected for it, None for all."""
 
-    def calls(self, pairs: Pairs) -> Rows:
-        """Return the rows of pairs (m, 2) of which one object or both call for the effect."""
-        if self.wanted is None:
+    def select(self, pairs: Pairs) -> Rows:
+        """Return the indices of pairs (m, 2) with at least one object selected for the effect."""
+        if self.selected is None:
             return np.arange(len(pairs))
-        return np.flatnonzero(self.wanted[pairs].any(axis=1))
+        return np.flatnonzero(self.selected[pairs].any(axis=1))
 
 
 class Before(NamedTuple):
@@ -92,9 +94,9 @@ class Cycle:
     """One check of a scene as effects see it; the arrays stay as they are.
 
     boxes: of all slots; active (slots,): which take part; pairs (m, 2) and verdicts (m,): what
-    collides; counts: which pairs of slots (k,), (k,) count, None for all; old (m,): the row that
-    each pair had in the check before, -1 if it is to be computed anew, None if all are; last:
-    results of the check before by effect; points (k, 3): obstacles, None for none.
+    collides; pair_filter: which pairs of slots (k,), (k,) count, None for all; old (m,): the row
+    that each pair had in the check before, -1 if it is to be computed anew, None if all are; last:
+    outcomes of the check before by effect; points (k, 3): obstacles, None for none.
 
     For effects that are not lazy only: store, whose poses and twists may change after the check,
     and before, None where nobody asked at the check before.
@@ -104,22 +106,22 @@ class Cycle:
     active: Mask
     pairs: Pairs
     verdicts: Verdicts
-    counts: Counts | None
+    pair_filter: PairFilter | None
     old: Rows | None
-    last: Mapping[str, Any]
+    last: Mapping[str, Outcome]
     points: NDArray[Any] | None
     store: ObjectStore
     before: Before | None
     limit: int | None = None
     """The most pairs that an effect with pairs of its own looks at, None for all."""
     notes: list[str] = field(default_factory=list)
-    """What an effect could not do at all; becomes a failure of its."""
+    """What an effect could not do at all; each becomes one of its failures."""
 
-    def counted(self, pairs: Pairs) -> Pairs:
+    def without_allowed(self, pairs: Pairs) -> Pairs:
         """Return those of pairs (k, 2) that may not touch."""
-        if self.counts is None:
+        if self.pair_filter is None:
             return pairs
-        return pairs[self.counts(pairs[:, 0], pairs[:, 1])]
+        return pairs[self.pair_filter(pairs[:, 0], pairs[:, 1])]
 
     def as_before(self) -> Before:
         """Return what the next check can compare with."""
@@ -128,17 +130,25 @@ class Cycle:
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """What an effect gave: its result, how many pairs (or points) it ran on, and what failed."""
+    """What an effect gave: its result, how many pairs (or points) it ran on, and what failed.
+
+    rows (k,): which rows of ``Report.pairs`` the rows of the result are, None where they are
+    others; values: the options they were computed with.
+    """
 
     result: Any
     count: int
     failures: tuple[str, ...] = ()
+    rows: Rows | None = None
+    values: Mapping[str, float] = field(default_factory=dict)
 
 
 class Effect(Protocol):
     """One effect; a value without state, so that one serves all scenes."""
 
     name: str
+    description: str
+    """What it gives, as the beginning of a sentence."""
     options: Mapping[str, Option]
     lazy: bool
     """Whether it can still be computed after the check, when the scene may have moved on."""
@@ -147,56 +157,49 @@ class Effect(Protocol):
         """Compute it for one check."""
 
 
-@dataclass(frozen=True, eq=False)
-class PairTable:
-    """Results with one row for each of some colliding pairs.
+def take_rows(table: R, rows: Rows | Mask) -> R:
+    """Return some rows of a dataclass of arrays."""
+    return type(table)(*(column[rows] for column in vars(table).values()))
 
-    rows (k,): rows of ``Report.pairs``; pairs (k, 2): the same as object indices; columns: arrays
-    (k, ...); values: the options they were computed with.
-    """
 
-    rows: Rows
-    pairs: Pairs
-    columns: Table
-    values: Mapping[str, float]
+def join_rows(tables: Sequence[R]) -> R:
+    """Return the rows of dataclasses of arrays, all of a type, one after the other."""
+    columns = zip(*(vars(table).values() for table in tables), strict=True)
+    return type(tables[0])(*map(np.concatenate, columns))
 
 
 def pair_rows(
     name: str,
     cycle: Cycle,
     setting: Setting,
-    compute: Callable[[Boxes, Pairs], Table],
-    blank: Table,
-) -> tuple[PairTable, int, tuple[str, ...]]:
-    """Return the table of the pairs that call for an effect, how many were computed, failures.
+    compute: Callable[[Boxes, Pairs], R],
+    blank: R,
+) -> Outcome:
+    """Return what an effect gives for the colliding pairs that it is selected for.
 
-    compute(boxes, pairs) returns columns with one row a pair; blank: the same without a row. Rows
-    of pairs that are as they were in the check before are copied. Pairs for which ``compute``
-    raises are left out, and where there are none it is not called.
+    compute(boxes, pairs) returns one row per pair; blank: the same without a row. Rows of pairs
+    that are as they were in the check before are copied. Pairs for which ``compute`` raises are
+    left out, and where there are none it is not called.
     """
-    rows = setting.calls(cycle.pairs)
+    rows = setting.select(cycle.pairs)
     if len(rows) == 0:
-        return PairTable(rows, cycle.pairs[rows], blank, setting.values), 0, ()
-    last: PairTable | None = cycle.last.get(name)
+        return Outcome(blank, 0, (), rows, setting.values)
+    last = cycle.last.get(name)
     known = _known_rows(cycle, rows, setting, last)
     anew = np.flatnonzero(known < 0)
-
-    def computed(pairs: Pairs) -> Table:
-        return compute(cycle.boxes, pairs)
-
-    good, columns, failures = isolated(computed, cycle.pairs[rows[anew]], blank)
+    pairs = cycle.pairs[rows]
+    good, result, failures = isolated(lambda some: compute(cycle.boxes, some), pairs[anew], blank)
     copied = np.flatnonzero(known >= 0)
     if last is not None and len(copied):
         order = np.argsort(np.concatenate([copied, anew[good]]))
-        parts = zip(last.columns, columns, strict=True)
-        columns = tuple(np.concatenate([old[known[copied]], new])[order] for old, new in parts)
+        result = take_rows(join_rows([take_rows(last.result, known[copied]), result]), order)
     rows = np.delete(rows, np.delete(anew, good))
-    return PairTable(rows, cycle.pairs[rows], columns, setting.values), len(anew), failures
+    return Outcome(result, len(anew), failures, rows, setting.values)
 
 
-def _known_rows(cycle: Cycle, rows: Rows, setting: Setting, last: PairTable | None) -> Rows:
-    """Return (k,) the row of each pair in the last table, -1 where it must be computed."""
-    if cycle.old is None or last is None or last.values != setting.values:
+def _known_rows(cycle: Cycle, rows: Rows, setting: Setting, last: Outcome | None) -> Rows:
+    """Return (k,) the row of each pair in the last result, -1 where it must be computed."""
+    if cycle.old is None or last is None or last.rows is None or last.values != setting.values:
         return np.full(len(rows), -1)
     where = np.full(max(int(cycle.old.max(initial=-1)), int(last.rows.max(initial=-1))) + 2, -1)
     where[last.rows] = np.arange(len(last.rows))
@@ -204,14 +207,14 @@ def _known_rows(cycle: Cycle, rows: Rows, setting: Setting, last: PairTable | No
 
 
 def isolated(
-    compute: Callable[[Pairs], Table], pairs: Pairs, blank: Table
-) -> tuple[Rows, Table, tuple[str, ...]]:
-    """Return the rows of pairs (m, 2) that ``compute`` can do, their columns, and its failures.
+    compute: Callable[[Pairs], R], pairs: Pairs, blank: R
+) -> tuple[Rows, R, tuple[str, ...]]:
+    """Return the rows of pairs (m, 2) that ``compute`` can do, their results, and its failures.
 
-    compute(pairs) returns columns with a row for some or all pairs; blank: the same without one.
-    Without pairs it is not called; where it raises, halves are tried, down to the pairs that fail.
-    After MOST_FAILURES of these what raises is left out as it is, so that an effect that always
-    fails is called some 2 (MOST_FAILURES + log2 m) times, not 2 m.
+    compute(pairs) returns a row for some or all pairs; blank: the same without one. Without pairs
+    it is not called; where it raises, halves are tried, down to the pairs that fail. After
+    MOST_FAILURES of these what raises is left out as it is, so that an effect that always fails is
+    called some 2 (MOST_FAILURES + log2 m) times, not 2 m.
     """
     rows, tables, failures = [np.arange(0)], [blank], list[str]()
     waiting = [np.arange(len(pairs))] if len(pairs) else []
@@ -230,8 +233,7 @@ def isolated(
             tables.append(table)
     if len(tables) == 2:  # all at once, as nearly always: nothing to copy
         return rows[1], tables[1], tuple(failures)
-    columns = tuple(np.concatenate(parts) for parts in zip(*tables, strict=True))
-    return np.concatenate(rows), columns, tuple(failures)
+    return np.concatenate(rows), join_rows(tables), tuple(failures)
 
 
 def _failure(pairs: Pairs, error: Exception) -> str:

@@ -30,45 +30,45 @@ from obb_collision.scene.broad_phase.crowds import ordered_candidates
 from obb_collision.scene.effects.base import Cycle
 from obb_collision.typing import Floats, Mask, Rows
 
-#: With fewer callers than one in this many objects, only their pairs are looked for.
+#: With fewer selected than one in this many objects, only their pairs are looked for.
 FEW = 32
 #: Pairs of a piece, where there are too many.
 PIECE = 1 << 17
 
 
 def meeting_pairs(
-    cycle: Cycle, slots: Rows, minimum: Floats, maximum: Floats, callers: Mask | None
+    cycle: Cycle, slots: Rows, minimum: Floats, maximum: Floats, selected: Mask | None
 ) -> Pairs:
     """Return pairs (k, 2) of slots, sorted, that may collide and whose bounds meet.
 
     At most ``cycle.limit``, the first ones. slots (n,) ascending, with bounds minimum and maximum
-    (n, 3); callers (n,): one of each pair or both are among them, None for all.
+    (n, 3); selected (n,): objects of which each pair has at least one, None for all.
     """
     most = UNLIMITED if cycle.limit is None else cycle.limit
     if len(slots) < 2:
         return NO_PAIRS
-    some = callers is not None and np.count_nonzero(callers) * FEW < len(slots)
-    if callers is not None and some:
-        pairs = find_some_candidates_of(minimum, maximum, np.flatnonzero(callers), most)
+    some = selected is not None and np.count_nonzero(selected) * FEW < len(slots)
+    if selected is not None and some:
+        pairs = find_some_candidates_of(minimum, maximum, np.flatnonzero(selected), most)
     else:
         pairs = find_some_candidates(BoundsTree.build(minimum, maximum), most)
     if pairs is None:
-        return _first_pairs(cycle, slots, BoundsTree.build(minimum, maximum), callers, most)
-    if callers is not None and not some:
-        pairs = pairs[callers[pairs].any(axis=1)]
-    pairs = cycle.counted(slots[pairs])
+        return _first_pairs(cycle, slots, BoundsTree.build(minimum, maximum), selected, most)
+    if selected is not None and not some:
+        pairs = pairs[selected[pairs].any(axis=1)]
+    pairs = cycle.without_allowed(slots[pairs])
     return pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]
 
 
 def _first_pairs(
-    cycle: Cycle, slots: Rows, tree: BoundsTree, callers: Mask | None, most: int
+    cycle: Cycle, slots: Rows, tree: BoundsTree, selected: Mask | None, most: int
 ) -> Pairs:
     """Return the first ``most`` pairs in lexicographic order, and note that there are more."""
     parts, count = [NO_PAIRS], 0
     for pairs, _ in ordered_candidates(tree, min(most, PIECE)):
-        if callers is not None:
-            pairs = pairs[callers[pairs].any(axis=1)]
-        parts.append(cycle.counted(slots[pairs]))
+        if selected is not None:
+            pairs = pairs[selected[pairs].any(axis=1)]
+        parts.append(cycle.without_allowed(slots[pairs]))
         count += len(parts[-1])
         if count > most:
             cycle.notes.append(f"more than {most} pairs come near each other: the first are done")

@@ -17,43 +17,25 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
-from obb_collision.queries.clearance.clearance import clearances_within
-from obb_collision.scene.broad_phase.broad_phase import Pairs
-from obb_collision.scene.effects.base import Cycle, Option, Outcome, Setting, Table, isolated
+from obb_collision.queries.clearance.clearance import Clearances, clearances_within
+from obb_collision.scene.broad_phase.broad_phase import NO_PAIRS, Pairs
+from obb_collision.scene.effects.base import Cycle, Effect, Option, Outcome, Setting, isolated
 from obb_collision.scene.effects.candidates import meeting_pairs
-from obb_collision.typing import Floats
 
-FIELDS = ("distances", "points_a", "points_b", "normals")
-BLANK: Table = (np.empty((0, 2), np.int64), np.empty(0), *np.empty((3, 0, 3)))
+BLANK = Clearances(NO_PAIRS, np.empty(0), *np.empty((3, 0, 3)))
 
 
-@dataclass(frozen=True, eq=False)
-class PairClearances:
-    """The clearances of k pairs of objects, sorted; colliding ones are among them.
+class ClearanceEffect:
+    """The ``Clearances`` of all pairs of boxes nearer than ``limit``, sorted.
 
-    pairs (k, 2): object indices; distances (k,) metres, negative minus the depth; points_a,
-    points_b (k, 3): the closest points of the first and the second; normals (k, 3): from first to
-    second. As in ``queries.clearance``.
+    Colliding pairs are among them.
     """
 
-    pairs: Pairs
-    distances: Floats
-    points_a: Floats
-    points_b: Floats
-    normals: Floats
-
-    def __len__(self) -> int:
-        return len(self.pairs)
-
-
-class Clearance:
-    """Distance and closest points of all pairs of boxes nearer than ``limit``."""
-
     name = "clearance"
+    description = "Distances and closest points of near pairs"
     options: Mapping[str, Option] = {
         "limit": Option(0.1, 0.0, 1e6, "Pairs farther apart than this are left out (m)."),
     }
@@ -65,13 +47,15 @@ class Clearance:
         slots = np.flatnonzero(cycle.active)
         minimum, maximum = cycle.boxes.take(slots).world_bounds()
         half = np.nextafter(0.5 * limit, np.inf)
-        callers = None if setting.wanted is None else setting.wanted[slots]
+        selected = None if setting.selected is None else setting.selected[slots]
         low, high = np.nextafter(minimum - half, -np.inf), np.nextafter(maximum + half, np.inf)
-        pairs = meeting_pairs(cycle, slots, low, high, callers)
+        pairs = meeting_pairs(cycle, slots, low, high, selected)
 
-        def compute(some: Pairs) -> Table:
-            rows, found = clearances_within(cycle.boxes, some, limit)
-            return (some[rows], *(getattr(found, field) for field in FIELDS))
+        def compute(some: Pairs) -> Clearances:
+            return clearances_within(cycle.boxes, some, limit)[1]
 
-        _, columns, failures = isolated(compute, pairs, BLANK)
-        return Outcome(PairClearances(*columns), len(pairs), failures)
+        _, result, failures = isolated(compute, pairs, BLANK)
+        return Outcome(result, len(pairs), failures)
+
+
+EFFECT: Effect = ClearanceEffect()

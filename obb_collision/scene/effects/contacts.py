@@ -19,95 +19,26 @@ from __future__ import annotations
 from collections.abc import Mapping
 from functools import partial
 
-import numpy as np
-from numpy.typing import NDArray
-
-from obb_collision.geometry.boxes import Boxes
-from obb_collision.queries.contacts.contacts import LIMITS, contacts
-from obb_collision.scene.broad_phase.broad_phase import Pairs
-from obb_collision.scene.effects.base import (
-    Cycle,
-    Option,
-    Outcome,
-    PairTable,
-    Setting,
-    Table,
-    pair_rows,
-)
-from obb_collision.typing import Floats
-
-FIELDS = ("normals", "depths", "counts", "points", "point_depths", "axes")
+from obb_collision.queries.contacts.contacts import Contacts, contacts
+from obb_collision.scene.broad_phase.broad_phase import NO_PAIRS
+from obb_collision.scene.effects.base import Cycle, Effect, Option, Outcome, Setting, pair_rows
 
 
-BLANKS: dict[int, Table] = {
-    limit: (
-        *(np.empty((0, 3)), np.empty(0), np.empty(0, np.int64)),
-        *(np.empty((0, limit, 3)), np.empty((0, limit)), np.empty(0, np.int8)),
-    )
-    for limit in LIMITS
-}
-
-
-class PairContacts(PairTable):
-    """The contact patches of k colliding pairs (k, 2) of object indices, ``pairs``."""
-
-    def __len__(self) -> int:
-        return len(self.pairs)
-
-    @property
-    def normals(self) -> Floats:
-        """(k, 3) unit vectors from the first to the second, along which they overlap least."""
-        return self.columns[0]
-
-    @property
-    def depths(self) -> Floats:
-        """(k,) metres along the normals."""
-        return self.columns[1]
-
-    @property
-    def counts(self) -> NDArray[np.int64]:
-        """(k,) how many points each pair has, at least one."""
-        return self.columns[2]
-
-    @property
-    def points(self) -> Floats:
-        """(k, max_points, 3) metres, in both boxes, the deepest first; NaN past the count.
-
-        Equally deep to 2^-24 of the pair's half extents, summed, counts as equally deep.
-        """
-        return self.columns[3]
-
-    @property
-    def point_depths(self) -> Floats:
-        """(k, max_points) metres that the faces overlap at each point; NaN past the count."""
-        return self.columns[4]
-
-    @property
-    def axes(self) -> NDArray[np.int8]:
-        """(k,) the number of the axis of each normal, as in ``queries.contacts``."""
-        return self.columns[5]
-
-
-class ContactPatches:
-    """Up to ``max_points`` contact points of each colliding pair, between their boxes."""
+class ContactsEffect:
+    """The ``Contacts`` of the colliding pairs: up to ``max_points`` points each."""
 
     name = "contacts"
+    description = "Contact points of colliding pairs"
     options: Mapping[str, Option] = {
-        "max_points": Option(4, 4, 8, "Most contact points of a pair.", choices=(4, 8)),
+        "max_points": Option(4, 4, 8, "Maximum number of contact points per pair.", choices=(4, 8)),
     }
     lazy = True
 
     def run(self, cycle: Cycle, setting: Setting) -> Outcome:
         """Compute the patches."""
         limit = int(setting.values["max_points"])
-        table, count, failures = pair_rows(
-            *(self.name, cycle, setting),
-            *(partial(_patches, limit=limit), BLANKS[limit]),
-        )
-        result = PairContacts(table.rows, table.pairs, table.columns, table.values)
-        return Outcome(result, count, failures)
+        compute = partial(contacts, limit=limit)
+        return pair_rows(self.name, cycle, setting, compute, Contacts.blank(NO_PAIRS, limit))
 
 
-def _patches(boxes: Boxes, pairs: Pairs, limit: int) -> Table:
-    found = contacts(boxes, pairs, limit)
-    return tuple(getattr(found, field) for field in FIELDS)
+EFFECT: Effect = ContactsEffect()

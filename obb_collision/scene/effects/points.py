@@ -17,56 +17,41 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 
-from obb_collision.queries.points.points import points_inside
-from obb_collision.scene.effects.base import Cycle, Option, Outcome, Setting
-from obb_collision.typing import Floats, Rows
+from obb_collision.queries.points.points import PointsInside, points_inside
+from obb_collision.scene.effects.base import Cycle, Effect, Option, Outcome, Setting
+from obb_collision.typing import Rows
 
 
-@dataclass(frozen=True, eq=False)
-class ObjectPoints:
-    """What the boxes of n objects hold of the cloud ``Scene.points``.
+class PointsEffect:
+    """The ``PointsInside`` of ``Scene.points``, in boxes or within ``margin`` of them.
 
-    indices (n,): the objects that call for it, ascending; counts, first, nearest, distances (n,)
-    and ignored: as in ``PointsInside``, row by row.
+    Nothing to do without a cloud.
     """
 
-    indices: Rows
-    counts: Rows
-    first: Rows
-    nearest: Rows
-    distances: Floats
-    ignored: int
-
-    def __len__(self) -> int:
-        return len(self.indices)
-
-
-class Points:
-    """Points inside boxes, or within ``margin`` of them; nothing to do without a cloud."""
-
     name = "points"
+    description = "Obstacle points in boxes"
     options: Mapping[str, Option] = {
         "margin": Option(0.0, 0.0, 1e6, "Points this near to a box count as inside (m)."),
     }
     lazy = True
 
     def run(self, cycle: Cycle, setting: Setting) -> Outcome:
-        """Count the points of all callers at once."""
-        called = cycle.active if setting.wanted is None else cycle.active & setting.wanted
-        slots = np.flatnonzero(called)
+        """Count the points of all selected objects at once."""
+        selected = setting.selected
+        slots = np.flatnonzero(cycle.active if selected is None else cycle.active & selected)
         if cycle.points is None or len(cycle.points) == 0 or len(slots) == 0:
             return Outcome(_nothing(slots), 0)
         found = points_inside(cycle.boxes.take(slots), cycle.points, setting.values["margin"])
-        result = ObjectPoints(
-            slots, found.counts, found.first, found.nearest, found.distances, found.ignored
-        )
-        return Outcome(result, len(cycle.points))
+        return Outcome(replace(found, indices=slots), len(cycle.points))
 
 
-def _nothing(slots: Rows) -> ObjectPoints:
+def _nothing(slots: Rows) -> PointsInside:
     none, count = np.full(len(slots), -1), np.zeros(len(slots), np.int64)
-    return ObjectPoints(slots, count, none, none.copy(), np.full(len(slots), np.inf), 0)
+    return PointsInside(slots, count, none, none.copy(), np.full(len(slots), np.inf), 0)
+
+
+EFFECT: Effect = PointsEffect()

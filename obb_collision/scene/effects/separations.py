@@ -18,29 +18,27 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-import numpy as np
+from obb_collision.queries.verdict.separations import Separations, pair_separations
+from obb_collision.scene.broad_phase.broad_phase import NO_PAIRS
+from obb_collision.scene.effects.base import Cycle, Effect, Option, Outcome, Setting, pair_rows
 
-from obb_collision.geometry.boxes import Boxes
-from obb_collision.queries.verdict.penetration import witness_kernel
-from obb_collision.scene.broad_phase.broad_phase import Pairs
-from obb_collision.scene.effects.base import Cycle, Option, Outcome, Setting, Table, pair_rows
-
-BLANK: Table = (np.empty(0), *np.empty((2, 0, 3)))
+BLANK = Separations.blank(NO_PAIRS)
 
 
-class Separations:
-    """Signed separations (k,), unit normals (k, 3) and a place (k, 3) of the colliding pairs."""
+class SeparationsEffect:
+    """The ``Separations`` of the colliding pairs, as far as they are selected for it."""
 
     name = "separations"
+    description = (
+        "Depth, normal and position of each pair in collisions and collisions_text, "
+        "NaN there without it"
+    )
     options: Mapping[str, Option] = {}
     lazy = True
 
     def run(self, cycle: Cycle, setting: Setting) -> Outcome:
-        """Compute the columns of ``Report.separations``, ``normals`` and ``points``."""
-        return Outcome(*pair_rows(self.name, cycle, setting, _separations, BLANK))
+        """Compute what ``Report.separations``, ``normals`` and ``points`` are read from."""
+        return pair_rows(self.name, cycle, setting, pair_separations, BLANK)
 
 
-def _separations(boxes: Boxes, pairs: Pairs) -> Table:
-    columns = np.empty(len(pairs)), *np.empty((2, len(pairs), 3))
-    witness_kernel(boxes.centers, boxes.rotations, boxes.half_extents, pairs, *columns)
-    return columns
+EFFECT: Effect = SeparationsEffect()

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""How the effects of a scene are set, and which of its objects call for each."""
+"""How the effects of a scene are set, and which of its objects are selected for each."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ OFF, AUTO, ON = MODES = ("off", "auto", "on")
 
 
 class EffectSettings:
-    """One ``Setting`` an effect, by name."""
+    """One ``Setting`` per effect, by name."""
 
     def __init__(self, effects: Iterable[Effect]) -> None:
         self._effects = {effect.name: effect for effect in effects}
@@ -92,9 +92,9 @@ class EffectSettings:
         return [name for name, mode in modes if mode == ON or (mode == AUTO and name in names)]
 
     def resolved(self, names: Sequence[str | None], version: int) -> Mapping[str, Setting]:
-        """Return the settings with the masks of the objects that call for each effect.
+        """Return the settings with the masks of the objects selected for each effect.
 
-        names: by slot; version: a number that changes with them, so that masks can be kept.
+        names: by slot; version: a number that changes with them, so that masks can be reused.
         """
         if self._resolved is None or self._resolved[0] != version:
             self._resolved = (
@@ -102,7 +102,7 @@ class EffectSettings:
                 {
                     name: setting
                     if "*" in setting.objects
-                    else replace(setting, wanted=matching(setting.objects, names))
+                    else replace(setting, selected=matching(setting.objects, names))
                     for name, setting in self._settings.items()
                 },
             )

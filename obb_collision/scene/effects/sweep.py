@@ -25,9 +25,8 @@ origin of its pose, as the twist says. Pairs of which it is not known whether th
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
-from typing import NamedTuple
 
 import numpy as np
 
@@ -40,72 +39,43 @@ from obb_collision.queries.sweep.sweep import (
     sweep_twists,
 )
 from obb_collision.queries.sweep.twists import twist_bounds
-from obb_collision.scene.broad_phase.broad_phase import Pairs
+from obb_collision.scene.broad_phase.broad_phase import NO_PAIRS, Pairs
 from obb_collision.scene.effects.base import (
     Cycle,
+    Effect,
     Option,
     Outcome,
     Setting,
-    Table,
     isolated,
+    take_rows,
 )
 from obb_collision.scene.effects.candidates import meeting_pairs
-from obb_collision.typing import Floats
 
-FIELDS = ("hits", "undecided", "free_until", "points", "normals")
-BLANK: Table = (*np.empty((2, 0), np.bool_), np.empty(0), *np.empty((2, 0, 3)))
-
-
-@dataclass(frozen=True, eq=False)
-class Hits:
-    """First contacts of k pairs (k, 2) of object indices, sorted by pair.
-
-    times (k,), points (k, 3) metres, at that time, normals (k, 3) from the first to the second.
-    """
-
-    pairs: Pairs
-    times: Floats
-    points: Floats
-    normals: Floats
-
-    def __len__(self) -> int:
-        return len(self.pairs)
-
-
-@dataclass(frozen=True, eq=False)
-class Undecided:
-    """Pairs (k, 2) of object indices of which it is not known whether they meet, sorted.
-
-    free_until (k,): until when they are certainly apart.
-    """
-
-    pairs: Pairs
-    free_until: Floats
-
-    def __len__(self) -> int:
-        return len(self.pairs)
+BLANK = Sweeps(NO_PAIRS, *np.empty((2, 0), np.bool_), *np.empty((2, 0)), *np.empty((2, 0, 3)))
+NOTHING = Outcome(BLANK, 0)
 
 
 @dataclass(frozen=True, eq=False)
 class SweptPairs:
-    """What ``sweep`` found.
+    """The ``Sweeps`` of pairs that hit or are undecided, sorted.
 
-    passed, passed_undecided: times are shares of the step, 0 at the check before, 1 now.
-    predicted, predicted_undecided: times are seconds from now.
+    passed: since the check before; times are shares of the step, 0 then, 1 now. predicted: times
+    are seconds from now.
     """
 
-    passed: Hits
-    predicted: Hits
-    passed_undecided: Undecided
-    predicted_undecided: Undecided
+    passed: Sweeps
+    predicted: Sweeps
 
 
-class Sweep:
+class SweepEffect:
     """Continuous collision between checks, and prediction by twists."""
 
     name = "sweep"
+    description = "Collisions passed through and to come"
     options: Mapping[str, Option] = {
-        "horizon": Option(1.0, 0.0, 3600.0, "How far twists are followed (s). 0: not at all."),
+        "horizon": Option(
+            1.0, 0.0, 3600.0, "How far ahead twists are extrapolated (s). 0: not at all."
+        ),
         "tolerance": Option(
             TOLERANCE,
             LEAST_TOLERANCE,
@@ -118,24 +88,11 @@ class Sweep:
     def run(self, cycle: Cycle, setting: Setting) -> Outcome:
         """Sweep both ways, each only for objects that move far enough to need it."""
         behind, ahead = _passed(cycle, setting), _predicted(cycle, setting)
-        result = SweptPairs(behind.hits, ahead.hits, behind.undecided, ahead.undecided)
-        return Outcome(result, behind.ran + ahead.ran, behind.failures + ahead.failures)
+        result = SweptPairs(behind.result, ahead.result)
+        return Outcome(result, behind.count + ahead.count, behind.failures + ahead.failures)
 
 
-class Found(NamedTuple):
-    """What one way of sweeping found, on how many pairs it ran, and what failed."""
-
-    hits: Hits
-    undecided: Undecided
-    ran: int = 0
-    failures: tuple[str, ...] = ()
-
-
-NO_PAIRS = np.empty((0, 2), np.int64)
-NOTHING = Found(Hits(NO_PAIRS, np.empty(0), *np.empty((2, 0, 3))), Undecided(NO_PAIRS, np.empty(0)))
-
-
-def _passed(cycle: Cycle, setting: Setting) -> Found:
+def _passed(cycle: Cycle, setting: Setting) -> Outcome:
     before = cycle.before
     if before is None:
         return NOTHING
@@ -145,34 +102,33 @@ def _passed(cycle: Cycle, setting: Setting) -> Found:
     same &= (cycle.boxes.half_extents[:count] == before.boxes.half_extents[:count]).all(axis=1)
     slots = np.flatnonzero(same)
     start, end = before.boxes.take(slots), cycle.boxes.take(slots)
-    callers = sweep_needed(start, end)
-    if setting.wanted is not None:
-        callers &= setting.wanted[slots]
-    if not callers.any():
+    selected = sweep_needed(start, end)
+    if setting.selected is not None:
+        selected &= setting.selected[slots]
+    if not selected.any():
         return NOTHING
-    pairs = meeting_pairs(cycle, slots, *swept_bounds(start, end), callers)
+    pairs = meeting_pairs(cycle, slots, *swept_bounds(start, end), selected)
     pairs = _apart(pairs, cycle.pairs, len(cycle.active))
     query = partial(sweep, start, end, tolerance=setting.values["tolerance"])
     found = _swept(query, pairs, np.searchsorted(slots, pairs))
-    hits = found.hits
-    begun = hits.times > 0.0  # the others collided before, and were reported then
-    hits = Hits(hits.pairs[begun], hits.times[begun], hits.points[begun], hits.normals[begun])
-    return found._replace(hits=hits)
+    # the others collided before, and were reported then
+    begun = found.result.undecided | (found.result.times > 0.0)
+    return replace(found, result=take_rows(found.result, begun))
 
 
-def _predicted(cycle: Cycle, setting: Setting) -> Found:
+def _predicted(cycle: Cycle, setting: Setting) -> Outcome:
     horizon, tolerance = setting.values["horizon"], setting.values["tolerance"]
-    callers = cycle.active & cycle.store.twists.any(axis=1)
-    if setting.wanted is not None:
-        callers &= setting.wanted
-    if horizon == 0.0 or not callers.any():
+    selected = cycle.active & cycle.store.twists.any(axis=1)
+    if setting.selected is not None:
+        selected &= setting.selected
+    if horizon == 0.0 or not selected.any():
         return NOTHING
     slots = np.flatnonzero(cycle.active)
     boxes, twists = cycle.boxes.take(slots), cycle.store.twists[slots]
     origins = cycle.store.poses[slots, :3]
     bounds = twist_bounds(boxes, twists, origins, horizon)
     pairs = _apart(
-        meeting_pairs(cycle, slots, *bounds, callers[slots]), cycle.pairs, len(cycle.active)
+        meeting_pairs(cycle, slots, *bounds, selected[slots]), cycle.pairs, len(cycle.active)
     )
     query = partial(
         sweep_twists, boxes, twists, horizon=horizon, tolerance=tolerance, origins=origins
@@ -186,19 +142,11 @@ def _apart(pairs: Pairs, colliding: Pairs, slots: int) -> Pairs:
     return pairs[~np.isin(keys, known)]
 
 
-def _swept(query: Callable[[Pairs], Sweeps], pairs: Pairs, rows: Pairs) -> Found:
+def _swept(query: Callable[[Pairs], Sweeps], pairs: Pairs, rows: Pairs) -> Outcome:
     """Return what a query finds on rows (k, 2) of its boxes, by pairs (k, 2) of slots."""
+    good, found, failures = isolated(query, rows, BLANK)
+    kept = found.hits | found.undecided
+    return Outcome(replace(take_rows(found, kept), pairs=pairs[good[kept]]), len(rows), failures)
 
-    def compute(some: Pairs) -> Table:
-        found = query(some)
-        return tuple(getattr(found, field) for field in FIELDS)
 
-    good, (hits, open_, times, *columns), failures = isolated(compute, rows, BLANK)
-    hit, unknown = (mask.astype(np.bool_) for mask in (hits, open_))
-    pairs = pairs[good]
-    return Found(
-        Hits(pairs[hit], times[hit], *(column[hit] for column in columns)),
-        Undecided(pairs[unknown], times[unknown]),
-        len(rows),
-        failures,
-    )
+EFFECT: Effect = SweepEffect()

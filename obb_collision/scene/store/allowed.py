@@ -33,7 +33,7 @@ from obb_collision.typing import Rows
 
 Rule = tuple[str, str, bool]
 #: Whether pairs of slots (m,), (m,) count, (m,).
-Counts = Callable[[Rows, Rows], NDArray[np.bool_]]
+PairFilter = Callable[[Rows, Rows], NDArray[np.bool_]]
 
 
 class AllowedPairs:
@@ -41,7 +41,7 @@ class AllowedPairs:
 
     def __init__(self) -> None:
         self._rules: dict[tuple[str, ...], Rule] = {}  # by both patterns, sorted
-        self._made: tuple[int, Counts] | None = None
+        self._made: tuple[int, PairFilter] | None = None
 
     def add(self, first: str, second: str, allowed: bool) -> None:
         """Let objects that match two patterns touch each other, or, with False, no longer.
@@ -79,7 +79,7 @@ class AllowedPairs:
         """The rules, in the order in which they count."""
         return list(self._rules.values())
 
-    def counts(self, names: Sequence[str | None], version: int) -> Counts | None:
+    def pair_filter(self, names: Sequence[str | None], version: int) -> PairFilter | None:
         """Return which pairs count as collisions if they collide, None for all.
 
         names: by slot; version: a number that changes with them, so that the table can be kept.
@@ -87,7 +87,7 @@ class AllowedPairs:
         if not self._rules:
             return None
         if self._made is None or self._made[0] != version:
-            self._made = version, _counts(self.rules, names)
+            self._made = version, _pair_filter(self.rules, names)
         return self._made[1]
 
 
@@ -102,7 +102,7 @@ def _is_name(pattern: str) -> bool:
     return not set(pattern) & set("*?[")
 
 
-def _counts(rules: Sequence[Rule], names: Sequence[str | None]) -> Counts:
+def _pair_filter(rules: Sequence[Rule], names: Sequence[str | None]) -> PairFilter:
     patterns = sorted({pattern for a, b, _ in rules for pattern in (a, b)})
     columns = np.stack([matching([pattern], names) for pattern in patterns], axis=1)
     kinds, groups = np.unique(columns, axis=0, return_inverse=True)
@@ -113,8 +113,8 @@ def _counts(rules: Sequence[Rule], names: Sequence[str | None]) -> Counts:
         in_a, in_b = kinds[:, numbers[a]], kinds[:, numbers[b]]
         table[np.outer(in_a, in_b) | np.outer(in_b, in_a)] = not allowed
 
-    def counts(first: Rows, second: Rows) -> NDArray[np.bool_]:
+    def pair_filter(first: Rows, second: Rows) -> NDArray[np.bool_]:
         result: NDArray[np.bool_] = table[groups[first], groups[second]]
         return result
 
-    return counts
+    return pair_filter

@@ -32,7 +32,7 @@ from rig import DOMAIN, NAMESPACE, Rig, cube
 from sensor_msgs.msg import PointCloud2
 
 from obb_collision.node.node import CollisionNode
-from obb_collision.node.outputs.outputs import LATCHED, RELIABLE
+from obb_collision.node.topics.cloud import LATCHED, RELIABLE
 
 A1 = ("a", 1)
 BEST_EFFORT, RELIABLY = ReliabilityPolicy.BEST_EFFORT, ReliabilityPolicy.RELIABLE

@@ -41,7 +41,7 @@ from obb_collision.node.messages.clouds import (
     poses_to_ros,
 )
 from obb_collision.node.messages.errors import RefusedError
-from obb_collision.node.messages.layouts import COLLISION_DTYPE
+from obb_collision.node.topics.topics import COLLISIONS
 from obb_collision.queries.verdict.verdict import Verdict
 
 numbers = st.floats(allow_nan=False, allow_infinity=False)
@@ -183,9 +183,9 @@ def test_wrong_layouts_are_refused_with_what_is_wrong() -> None:
 
 
 def collision_rows(count: int) -> np.ndarray:
-    rows = np.zeros(count, COLLISION_DTYPE)
+    rows = np.zeros(count, COLLISIONS.dtype)
     rng = np.random.default_rng(count)
-    for name in COLLISION_DTYPE.names or ():
+    for name in COLLISIONS.dtype.names or ():
         whole = name[:2] in ("ns", "id") or name in ("verdict", "accuracy")
         rows[name] = rng.integers(0, 2, count) if whole else rng.normal(size=count)
     return rows
@@ -196,7 +196,7 @@ def test_collisions_come_back_over_the_wire(count: int) -> None:
     rows = collision_rows(count)
     wire = deserialize_message(serialize_message(collisions_to_ros(rows)), PointCloud2)
     got = collisions_from_ros(wire)
-    for name in COLLISION_DTYPE.names or ():
+    for name in COLLISIONS.dtype.names or ():
         np.testing.assert_array_equal(got[name], rows[name])
 
 
@@ -212,7 +212,7 @@ def test_collisions_have_the_layout_that_rviz_draws_and_the_interface_names() ->
 
 
 def test_pairs_get_their_names_in_one_line() -> None:
-    rows = np.zeros(1, COLLISION_DTYPE)
+    rows = np.zeros(1, COLLISIONS.dtype)
     rows["ns_a"] = namespace_number("arm")
     rows[["id_a", "id_b", "depth", "verdict"]] = (-3, 8, 0.25, Verdict.OVERLAP)
     message = collisions_to_ros(rows)

@@ -39,8 +39,8 @@ from obb_collision.node.diagnostics.answer import COLLIDING, FREE, UNKNOWN, Answ
 from obb_collision.node.messages.conversions import stamp_from_ros
 from obb_collision.node.node import CollisionNode
 from obb_collision.node.outputs.collision_status import PERIOD, CollisionStatus
-from obb_collision.node.outputs.outputs import DEADLINE
 from obb_collision.node.runtime.guard import Guard
+from obb_collision.node.topics.topics import DEADLINE
 
 A1, A2, B1 = ("a", 1), ("a", 2), ("b", 1)
 PAIR = (cube(A1), cube(A2, (0.5, 0, 0)))
@@ -425,7 +425,7 @@ def test_the_deadline_is_offered_and_told_when_the_node_is_gone() -> None:
             deadline=Duration(seconds=DEADLINE),
         )
         rig.client.create_subscription(
-            OUTPUTS[STATUS],
+            OUTPUTS[STATUS].message,
             STATUS,
             kept.append,
             qos,
@@ -443,7 +443,9 @@ def test_before_the_first_check_nothing_is_known() -> None:
         status: list[Any] = []
         flags: list[Any] = []
         qos = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        rig.client.create_subscription(OUTPUTS[STATUS], f"/cell/{STATUS}", status.append, qos)
+        rig.client.create_subscription(
+            OUTPUTS[STATUS].message, f"/cell/{STATUS}", status.append, qos
+        )
         rig.client.create_subscription(Bool, "/cell/in_collision", flags.append, qos)
         other = CollisionNode(context=rig.context, namespace="cell")
         try:

@@ -29,12 +29,12 @@ from obb_collision.node.diagnostics import diagnostics
 from obb_collision.node.inputs import points as obstacles
 from obb_collision.node.messages.box_markers import Markers
 from obb_collision.node.outputs import outputs
-from obb_collision.node.outputs.effects import TOPICS
-from obb_collision.node.parameters.table import MEANINGS
+from obb_collision.node.topics.cloud import Cloud
+from obb_collision.node.topics.topics import TOPICS, mode_names
 from obb_collision.scene.effects import EFFECTS, clearance, contacts, points, separations, sweep
 
 KERNELS = {
-    "separations": [(separations, "witness_kernel")],
+    "separations": [(separations, "pair_separations")],
     "contacts": [(contacts, "contacts")],
     "clearance": [(clearance, "clearances_within")],
     "sweep": [(sweep, "sweep"), (sweep, "sweep_twists")],
@@ -42,16 +42,11 @@ KERNELS = {
 }
 """What an effect of the scene calls to compute."""
 BUILDERS = {
-    "collisions": (outputs, "collision_rows"),
     "text": (outputs, "text_from_rows"),
-    "contacts": (outputs, "contact_rows"),
-    "clearance": (outputs, "clearance_rows"),
-    "sweep": (outputs, "prediction_rows"),
-    "points": (outputs, "inside_rows"),
     "markers": (Markers, "write"),
     "cloud": (obstacles, "points_from_ros"),
 }
-"""What makes the rows of a topic, or takes in those of a cloud."""
+"""What makes a message that is no cloud, or takes in the points."""
 UNHEARD = ("in_collision", "collision_status", "diagnostics")
 """Topics that say something also where nobody subscribes, or have no rows."""
 RUNNING = tuple(name for name in TOPICS if name not in UNHEARD)
@@ -64,22 +59,27 @@ def calls(monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
     """Count what is called: ``run`` of effects, their kernels, builders of rows."""
     counted: Counter[str] = Counter()
 
-    def count(owner: Any, name: str, key: str) -> None:
-        original = getattr(owner, name)
-
-        def counting(*args: Any, **options: Any) -> Any:
+    def counting(original: Any, key: str) -> Any:
+        def call(*args: Any, **options: Any) -> Any:
             counted[key] += 1
             return original(*args, **options)
 
-        monkeypatch.setattr(owner, name, counting)
+        return call
+
+    def count(owner: Any, name: str, key: str) -> None:
+        monkeypatch.setattr(owner, name, counting(getattr(owner, name), key))
 
     for effect in EFFECTS.values():
         count(type(effect), "run", f"run {effect.name}")
     for effect_name, kernels in KERNELS.items():
         for module, name in kernels:
             count(module, name, f"kernel {effect_name}")
-    for topic, (owner, name) in BUILDERS.items():
-        count(owner, name, f"build {topic}")
+    for topic_name, (owner, name) in BUILDERS.items():
+        count(owner, name, f"build {topic_name}")
+    for topic_name, topic in TOPICS.items():
+        if isinstance(topic, Cloud):
+            make = counting(topic.make_rows, f"build {topic_name}")
+            monkeypatch.setitem(vars(topic), "make_rows", make)
     return counted
 
 
@@ -139,7 +139,7 @@ def test_what_nobody_subscribes_to_costs_no_call(calls: Counter[str]) -> None:
 def test_a_subscription_starts_an_effect_and_its_end_stops_it(
     calls: Counter[str], effect: str
 ) -> None:
-    topic = TOPICS[effect].replace("~", "obb_collision")
+    topic = TOPICS[effect].name.replace("~", "obb_collision")
     with Rig(deaf=True, marker_rate=100.0) as rig:
         scene = Scene(rig)
         rig.listen(topic)
@@ -158,7 +158,7 @@ def test_a_subscription_starts_an_effect_and_its_end_stops_it(
 
 @pytest.mark.parametrize("effect", [*EFFECTS, "collisions", "text", "markers"])
 def test_modes_change_at_run_time(calls: Counter[str], effect: str) -> None:
-    topics = [topic.replace("~", "obb_collision") for topic in TOPICS.values()]
+    topics = [topic.name.replace("~", "obb_collision") for topic in TOPICS.values()]
     if effect == "collisions":
         topics.remove("collisions_text")  # which needs the same rows
     with Rig(deaf=True, marker_rate=100.0, given={f"effects.{effect}": "off"}) as rig:
@@ -216,7 +216,7 @@ def test_diagnostics_say_what_is_computed_and_what_it_took() -> None:
         assert status["effect points"] == "off"
         assert status["effect clearance"] == "auto, not called for"
         assert status["effect separations"] == "auto, computed"
-        assert {f"effect {name}" for name in MEANINGS} <= set(status)
+        assert {f"effect {name}" for name in mode_names()} <= set(status)
 
 
 def test_diagnostics_off_or_unheard_are_not_built(monkeypatch: pytest.MonkeyPatch) -> None:

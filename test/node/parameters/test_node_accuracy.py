@@ -26,7 +26,7 @@ from rings import RING, crate, levels, ring
 
 from obb_collision.accuracy import Accuracy
 from obb_collision.node import collisions_from_ros
-from obb_collision.node.parameters.accuracy import Overrides, override_from_text
+from obb_collision.scene.store.overrides import Overrides, override_from_text
 
 COMPILING = 300.0
 """Seconds that kernels of triangles may take on a loaded machine."""

@@ -28,9 +28,9 @@ from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rig import Rig, cube
 
-from obb_collision.node.parameters.accuracy import Overrides, override_from_text
 from obb_collision.node.parameters.parameters import SPECS
 from obb_collision.node.parameters.specs import MAX_PATTERNS, Spec
+from obb_collision.scene.store.overrides import Overrides, override_from_text
 
 ROOT = Path(__file__).parents[3]
 FIELDS: dict[str, list[Any]] = {

@@ -29,9 +29,9 @@ pytest.importorskip("rclpy")
 import yaml
 from ament_index_python.packages import PackageNotFoundError, get_package_prefix
 
-from obb_collision.node.outputs.effects import TOPICS
 from obb_collision.node.parameters.parameters import SPECS
 from obb_collision.node.runtime.launching import initial_parameters
+from obb_collision.node.topics.topics import TOPICS
 
 ROOT = Path(__file__).parents[3]
 
@@ -67,7 +67,7 @@ def test_the_rviz_configuration_has_the_topics_of_the_effects_switched_off() -> 
     }
     assert clouds.pop("collisions") is True
     effects = ("contacts", "clearance", "sweep", "points")
-    assert clouds == {TOPICS[name]: False for name in effects}
+    assert clouds == {TOPICS[name].name: False for name in effects}
 
 
 def test_parameters_before_the_start_are_those_that_ros_finds_for_the_node(tmp_path: Path) -> None:

@@ -42,7 +42,7 @@ from rig import DOMAIN, NAMESPACE, Client, cube, pose
 from scipy.spatial.transform import Rotation
 
 from obb_collision.node.messages.conversions import pose_to_ros
-from obb_collision.node.outputs.outputs import DEADLINE
+from obb_collision.node.topics.topics import DEADLINE
 
 PATIENCE = 60.0
 """Seconds a process may take to start or end on a loaded machine; compiling kernels included."""

@@ -20,11 +20,10 @@ from scenes import filled_scene
 
 import obb_collision as oc
 from obb_collision.queries.contacts.contacts import Contacts, contacts
-from obb_collision.scene.effects.contacts import FIELDS, PairContacts
 
 
-def assert_equal(found: PairContacts, expected: Contacts) -> None:
-    for field in FIELDS:
+def assert_equal(found: Contacts, expected: Contacts) -> None:
+    for field in vars(expected):
         np.testing.assert_array_equal(getattr(found, field), getattr(expected, field))
 
 

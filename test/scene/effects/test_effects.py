@@ -17,15 +17,24 @@
 import gc
 import tracemalloc
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import pytest
 
 import obb_collision as oc
-from obb_collision.queries.verdict.penetration import witness_kernel
+from obb_collision.queries.verdict.separations import pair_separations
 from obb_collision.scene.effects import EFFECTS, separations
 from obb_collision.scene.effects.base import MOST_FAILURES, isolated, pair_rows
+
+
+@dataclass(frozen=True, eq=False)
+class Column:
+    """A result with one array."""
+
+    values: Any
+
 
 LAZY = [name for name, effect in EFFECTS.items() if effect.lazy]
 
@@ -44,15 +53,14 @@ def at(x: float, y: float = 0.0, z: float = 0.0) -> list[float]:
 
 @pytest.fixture
 def calls(monkeypatch: pytest.MonkeyPatch) -> list[int]:
-    """Record the pairs of each call of the kernel of separations."""
+    """Record the pairs of each call of the query of separations."""
     made: list[int] = []
-    kernel = witness_kernel
 
-    def counted(*arguments: Any) -> None:
-        made.append(len(arguments[3]))
-        kernel(*arguments)
+    def counted(boxes: oc.Boxes, pairs: Any) -> Any:
+        made.append(len(pairs))
+        return pair_separations(boxes, pairs)
 
-    monkeypatch.setattr(separations, "witness_kernel", counted)
+    monkeypatch.setattr(separations, "pair_separations", counted)
     return made
 
 
@@ -141,14 +149,15 @@ def test_a_pair_that_fails_is_named_and_the_others_are_computed() -> None:
     def compute(boxes: oc.Boxes, pairs: Any) -> Any:
         if 2 in pairs[:, 0]:
             raise ArithmeticError("no answer")
-        return (pairs[:, 1] * 1.0,)
+        return Column(pairs[:, 1] * 1.0)
 
     setting = scene.effect_setting("separations")
-    table, count, failures = pair_rows("x", report.cycle, setting, compute, (np.empty(0),))
-    assert count == 4
-    assert failures == ("pair 2, 3: ArithmeticError: no answer",)
-    assert table.rows.tolist() == [0, 1, 3]
-    assert table.columns[0].tolist() == [1.0, 2.0, 4.0]
+    outcome = pair_rows("x", report.cycle, setting, compute, Column(np.empty(0)))
+    assert outcome.count == 4
+    assert outcome.failures == ("pair 2, 3: ArithmeticError: no answer",)
+    assert outcome.rows is not None
+    assert outcome.rows.tolist() == [0, 1, 3]
+    assert outcome.result.values.tolist() == [1.0, 2.0, 4.0]
 
 
 @pytest.mark.parametrize("share", [1.0, 0.5, 0.01])
@@ -162,13 +171,13 @@ def test_pairs_that_fail_are_looked_for_within_bounds(share: float) -> None:
         calls.append(len(some))
         if bad[some[:, 0]].any():
             raise ArithmeticError("no answer")
-        return (some[:, 1] * 1.0,)
+        return Column(some[:, 1] * 1.0)
 
-    rows, (column,), failures = isolated(compute, pairs, (np.empty(0),))
+    rows, result, failures = isolated(compute, pairs, Column(np.empty(0)))
     assert len(calls) <= 2 * (MOST_FAILURES + 1) * 14 + 14  # 2^14 > count
     assert not bad[rows].any()
     assert (np.diff(rows) > 0).all()
-    assert column.tolist() == (rows + 1.0).tolist()
+    assert result.values.tolist() == (rows + 1.0).tolist()
     assert failures[0] == f"pair {bad.argmax()}, {bad.argmax() + 1}: ArithmeticError: no answer"
     assert len(failures) <= MOST_FAILURES + 14
     if share == 1.0:

@@ -192,10 +192,12 @@ def test_what_is_not_known_is_undecided_and_no_prediction() -> None:
     scene.add("post", oc.shapes.Box([0.2, 0.2, 0.2]), at(0.3))
     scene.set_twists([0, 1], [[0, 0, 0, 0, 0, 1e6], [0.01, 0, 0, 0, 0, 0]])
     swept = scene.check(effects=["sweep"]).swept
-    assert len(swept.predicted) == 0
-    assert swept.predicted_undecided.pairs.tolist() == [[0, 1]]
-    assert 0.0 < swept.predicted_undecided.free_until[0] < 1.0
-    assert len(swept.passed_undecided) == 0
+    found = swept.predicted
+    assert (found.pairs.tolist(), found.hits.tolist()) == ([[0, 1]], [False])
+    assert found.undecided.tolist() == [True]
+    assert 0.0 < found.free_until[0] < 1.0
+    assert np.isnan(found.times).all()
+    assert len(swept.passed) == 0
 
 
 def test_a_step_that_can_not_be_decided_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -209,7 +211,7 @@ def test_a_step_that_can_not_be_decided_is_told(monkeypatch: pytest.MonkeyPatch)
 
     monkeypatch.setattr(module, "sweep", unknown)
     scene.move("fast/1", at(1))
-    swept = scene.check().swept
-    assert len(swept.passed) == 0
-    assert swept.passed_undecided.pairs.tolist() == [[0, 1]]
-    assert swept.passed_undecided.free_until[0] == pytest.approx((1 - 0.03125 - 0.0625) / 2)
+    found = scene.check().swept.passed
+    assert (found.pairs.tolist(), found.hits.tolist()) == ([[0, 1]], [False])
+    assert found.undecided.tolist() == [True]
+    assert found.free_until[0] == pytest.approx((1 - 0.03125 - 0.0625) / 2)

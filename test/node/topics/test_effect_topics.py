@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -32,7 +33,6 @@ from obb_collision.node import (
     contacts_from_ros,
     named_clearances,
     named_contacts,
-    named_pairs,
     named_passed_collisions,
     named_points_inside,
     named_predictions,
@@ -43,31 +43,13 @@ from obb_collision.node import (
 from obb_collision.node.messages.clouds import DATATYPE_OF, cloud_to_ros
 from obb_collision.node.messages.conversions import stamp_from_ros
 from obb_collision.node.messages.errors import RefusedError
-from obb_collision.node.messages.layouts import (
-    CLEARANCE_DTYPE,
-    COLLISION_DTYPE,
-    CONTACT_DTYPE,
-    INSIDE_DTYPE,
-    PREDICTION_DTYPE,
-)
 from obb_collision.node.objects.table import ObjectTable
-from obb_collision.node.outputs.rows import prediction_rows
-from obb_collision.scene.effects.sweep import Hits, SweptPairs, Undecided
+from obb_collision.node.topics.cloud import Cloud
+from obb_collision.node.topics.topics import PREDICTIONS, TOPICS
+from obb_collision.queries.sweep.sweep import Sweeps
+from obb_collision.scene.effects.sweep import SweptPairs
 
-LAYOUTS = {
-    "collisions": COLLISION_DTYPE,
-    "contacts": CONTACT_DTYPE,
-    "clearances": CLEARANCE_DTYPE,
-    "predicted_collisions": PREDICTION_DTYPE,
-    "points_inside": INSIDE_DTYPE,
-}
-READERS: dict[str, Any] = {
-    "collisions": named_pairs,
-    "contacts": named_contacts,
-    "clearances": named_clearances,
-    "predicted_collisions": named_predictions,
-    "points_inside": named_points_inside,
-}
+CLOUDS = {topic.name: topic for topic in TOPICS.values() if isinstance(topic, Cloud)}
 
 
 @pytest.mark.parametrize("topic", ["contacts", "clearances", "predicted_collisions"])
@@ -194,15 +176,18 @@ def test_passed_coming_and_undecided_each_have_their_marks() -> None:
     table = ObjectTable()
     for number in range(5):
         table.claim(number, ("a", number), f"a/{number}")
-    point = np.array([[1.0, 2.0, 3.0]])
-    parts = [np.array([[0, k]]) for k in range(1, 5)]
+    hits, undecided = np.array([True, False]), np.array([False, True])
+    points, nan = np.array([[1.0, 2.0, 3.0], [np.nan] * 3]), np.nan
+
+    def sweeps(first: int, times: list[float], free: list[float]) -> Sweeps:
+        pairs = np.array([[0, first], [0, first + 2]])
+        return Sweeps(pairs, hits, undecided, np.array(times), np.array(free), points, points)
+
     result = SweptPairs(
-        passed=Hits(parts[0], np.array([0.75]), point, point),
-        predicted=Hits(parts[1], np.array([0.25]), point, point),
-        passed_undecided=Undecided(parts[2], np.array([0.5])),
-        predicted_undecided=Undecided(parts[3], np.array([0.125])),
+        passed=sweeps(1, [0.75, nan], [0.75, 0.5]), predicted=sweeps(2, [0.25, nan], [0.25, 0.125])
     )
-    rows = prediction_rows(result, 0.1, table)
+    state: Any = SimpleNamespace(table=table, step=0.1)
+    rows = PREDICTIONS.make_rows(result, state, PREDICTIONS.dtype)
     assert rows["id_b"].tolist() == [1, 2, 3, 4]
     assert rows["passed"].tolist() == [1, 0, 1, 0]
     assert rows["undecided"].tolist() == [0, 0, 1, 1]
@@ -215,22 +200,23 @@ def test_passed_coming_and_undecided_each_have_their_marks() -> None:
     assert len(named_predictions(old, ["a"])) == 2, "recorded with an earlier version"
 
 
-@pytest.mark.parametrize("topic", READERS)
+@pytest.mark.parametrize("topic", CLOUDS)
 def test_readers_refuse_other_messages_and_older_tables(topic: str) -> None:
-    rows = np.zeros(1, LAYOUTS[topic])
+    read, rows = CLOUDS[topic].named, np.zeros(1, CLOUDS[topic].dtype)
     rows["ns" if topic == "points_inside" else "ns_b"] = namespace_number("arm")
     message = cloud_to_ros(rows)
-    named = READERS[topic](message, ["arm", ""])
+    named = read(message, ["arm", ""])
     assert "arm/0" in named[0]
-    assert named == READERS[topic](message, {0: "", namespace_number("arm"): "arm"})
+    assert named == read(message, {0: "", namespace_number("arm"): "arm"})
     with pytest.raises(RefusedError, match="unknown namespace"):
-        READERS[topic](message, [""])
+        read(message, [""])
     with pytest.raises(RefusedError, match=f"not a {topic} message"):
-        READERS[topic](cloud_to_ros(np.zeros(1, [("x", "<f4")])), ["arm"])
+        read(cloud_to_ros(np.zeros(1, [("x", "<f4")])), ["arm"])
 
 
-@pytest.mark.parametrize("layout", LAYOUTS.values(), ids=LAYOUTS)
-def test_rows_are_aligned_and_drawn_by_rviz(layout: Any) -> None:
+@pytest.mark.parametrize("cloud", CLOUDS.values(), ids=CLOUDS)
+def test_rows_are_aligned_and_drawn_by_rviz(cloud: Cloud[Any]) -> None:
+    layout: Any = cloud.dtype
     assert layout.itemsize % 8 == 0
     for name in layout.names:
         kind, offset = layout.fields[name][:2]

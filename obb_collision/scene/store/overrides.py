@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The ``Accuracy`` of each object: the node's, or that of the last override it matches."""
+"""The ``Accuracy`` of each object: the scene's, or that of the last override it matches."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class Overrides:
         ]
 
     def level(self, name: str) -> Accuracy | None:
-        """Return the level of an object by its name, None for the node's own."""
+        """Return the level of an object by its name, None for the scene's."""
         by_name = self._names.get(name, -1)
         by_pattern = (number for number, match in self._tests if number > by_name and match(name))
         last = next(by_pattern, by_name)

@@ -14,36 +14,50 @@
 
 """What a check gave -> rows of the clouds, sorted by (ns_a, id_a, ns_b, id_b), a before b.
 
-The order is that of the numbers, the same in every node and run: ``ns`` and ``id`` as int32.
+The order is that of the numbers, the same in every node and run: ``ns`` and ``id`` as int32. Every
+``..._rows`` takes a result, the state that was checked and the layout of a row.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from obb_collision.node.messages.layouts import (
-    A_FIELDS,
-    B_FIELDS,
-    CLEARANCE_DTYPE,
-    COLLISION_DTYPE,
-    CONTACT_DTYPE,
-    INSIDE_DTYPE,
-    NORMAL_FIELDS,
-    POINT_FIELDS,
-    POSITION_FIELDS,
-    PREDICTION_DTYPE,
-    Rows,
-)
 from obb_collision.node.objects.table import ObjectTable, Slots
-from obb_collision.scene.effects.clearance import PairClearances
-from obb_collision.scene.effects.contacts import PairContacts
-from obb_collision.scene.effects.points import ObjectPoints
+from obb_collision.queries.clearance.clearance import Clearances
+from obb_collision.queries.contacts.contacts import Contacts
+from obb_collision.queries.points.points import PointsInside
+from obb_collision.scene.effects.base import join_rows
 from obb_collision.scene.effects.sweep import SweptPairs
 from obb_collision.scene.report import Report
-from obb_collision.typing import Floats
+from obb_collision.typing import Floats, Mask
+
+StructuredRows = npt.NDArray[Any]
+"""(n,) array with named fields."""
+
+PAIR_FIELDS = ("ns_a", "id_a", "ns_b", "id_b")
+POSITION_FIELDS = ("x", "y", "z")
+NORMAL_FIELDS = ("normal_x", "normal_y", "normal_z")
+POINT_FIELDS = ("point_x", "point_y", "point_z")
+A_FIELDS, B_FIELDS = ("a_x", "a_y", "a_z"), ("b_x", "b_y", "b_z")
+
+
+@dataclass(frozen=True)
+class CheckedState:
+    """One check to publish.
+
+    stamp: of the state (ns). step: seconds between it and that of the check before. cloud_stamp:
+    of the obstacle points.
+    """
+
+    report: Report
+    table: ObjectTable
+    stamp: int
+    step: float
+    cloud_stamp: int
 
 
 class Ordered(NamedTuple):
@@ -55,7 +69,7 @@ class Ordered(NamedTuple):
     order: Slots
     a: Slots
     b: Slots
-    swapped: npt.NDArray[np.bool_]
+    swapped: Mask
 
     def flipped(self, normals: Floats) -> Floats:
         """Return normals (m, 3) of the pairs in the order of the rows, from a to b."""
@@ -73,23 +87,27 @@ def order_pairs(pairs: npt.NDArray[np.int64], table: ObjectTable) -> Ordered:
     return Ordered(order, a, b, swapped)
 
 
-def _named_rows(dtype: np.dtype[Any], a: Slots, b: Slots, table: ObjectTable) -> Rows:
+def pair_rows(
+    dtype: np.dtype[Any], pairs: Ordered, state: CheckedState, which: Slots | slice = slice(None)
+) -> StructuredRows:
+    """Return rows for pairs, or those of their indices ``which``, with nothing but the objects."""
+    a, b, table = pairs.a[which], pairs.b[which], state.table
     rows = np.zeros(len(a), dtype)
     rows["ns_a"], rows["id_a"] = table.ns[a], table.id[a]
     rows["ns_b"], rows["id_b"] = table.ns[b], table.id[b]
     return rows
 
 
-def _put(rows: Rows, names: tuple[str, ...], values: Floats) -> None:
+def _put(rows: StructuredRows, names: tuple[str, ...], values: Floats) -> None:
     with np.errstate(over="ignore"):  # x y z are float32, for RViz
         for name, column in zip(names, values.T, strict=True):
             rows[name] = column
 
 
-def collision_rows(report: Report, table: ObjectTable) -> Rows:
-    """(m,) rows of COLLISION_DTYPE; NaN for what the effect ``separations`` did not give."""
-    found = order_pairs(report.pairs, table)
-    rows = _named_rows(COLLISION_DTYPE, found.a, found.b, table)
+def collision_rows(report: Report, state: CheckedState, dtype: np.dtype[Any]) -> StructuredRows:
+    """(m,) rows of the colliding pairs; NaN for what the effect ``separations`` did not give."""
+    found = order_pairs(report.pairs, state.table)
+    rows = pair_rows(dtype, found, state)
     rows["verdict"], rows["accuracy"] = report.verdicts[found.order], report.accuracies[found.order]
     if "separations" not in report.results:
         for name in (*POSITION_FIELDS, *NORMAL_FIELDS, "depth"):
@@ -101,13 +119,13 @@ def collision_rows(report: Report, table: ObjectTable) -> Rows:
     return rows
 
 
-def contact_rows(result: PairContacts, table: ObjectTable) -> Rows:
-    """(k,) rows of CONTACT_DTYPE, one a contact point."""
-    found = order_pairs(result.pairs, table)
+def contact_rows(result: Contacts, state: CheckedState, dtype: np.dtype[Any]) -> StructuredRows:
+    """(k,) rows, one per contact point."""
+    found = order_pairs(result.pairs, state.table)
     counts = result.counts[found.order]
     pair = np.repeat(np.arange(len(counts)), counts)
     index = np.arange(len(pair)) - np.repeat(np.cumsum(counts) - counts, counts)
-    rows = _named_rows(CONTACT_DTYPE, found.a[pair], found.b[pair], table)
+    rows = pair_rows(dtype, found, state, pair)
     points = result.points[found.order[pair], index]
     _put(rows, POSITION_FIELDS, points)
     _put(rows, POINT_FIELDS, points)
@@ -117,10 +135,10 @@ def contact_rows(result: PairContacts, table: ObjectTable) -> Rows:
     return rows
 
 
-def clearance_rows(result: PairClearances, table: ObjectTable) -> Rows:
-    """(k,) rows of CLEARANCE_DTYPE."""
-    found = order_pairs(result.pairs, table)
-    rows = _named_rows(CLEARANCE_DTYPE, found.a, found.b, table)
+def clearance_rows(result: Clearances, state: CheckedState, dtype: np.dtype[Any]) -> StructuredRows:
+    """(k,) rows, one per pair that is near."""
+    found = order_pairs(result.pairs, state.table)
+    rows = pair_rows(dtype, found, state)
     swapped = found.swapped[:, None]
     first, second = result.points_a[found.order], result.points_b[found.order]
     a, b = np.where(swapped, second, first), np.where(swapped, first, second)
@@ -132,32 +150,32 @@ def clearance_rows(result: PairClearances, table: ObjectTable) -> Rows:
     return rows
 
 
-def prediction_rows(result: SweptPairs, step: float, table: ObjectTable) -> Rows:
-    """(k,) rows of PREDICTION_DTYPE; ``step``: seconds between the last two states checked."""
-    hits = result.passed, result.predicted
-    open_ = result.passed_undecided, result.predicted_undecided
-    found = order_pairs(np.concatenate([part.pairs for part in (*hits, *open_)]), table)
-    rows = _named_rows(PREDICTION_DTYPE, found.a, found.b, table)
-    nowhere = np.full((sum(map(len, open_)), 3), np.nan)
-    points = np.concatenate([*(part.points for part in hits), nowhere])[found.order]
+def prediction_rows(
+    result: SweptPairs, state: CheckedState, dtype: np.dtype[Any]
+) -> StructuredRows:
+    """(k,) rows: what was passed since the state before, and what is to come."""
+    swept = join_rows([result.passed, result.predicted])
+    passed = np.arange(len(swept)) < len(result.passed)
+    found = order_pairs(swept.pairs, state.table)
+    rows = pair_rows(dtype, found, state)
+    points = np.where(swept.undecided[:, None], np.nan, swept.points)[found.order]
+    normals = np.where(swept.undecided[:, None], np.nan, swept.normals)
     _put(rows, POSITION_FIELDS, points)
     _put(rows, POINT_FIELDS, points)
-    _put(rows, NORMAL_FIELDS, found.flipped(np.concatenate([*(h.normals for h in hits), nowhere])))
-    times = [*(part.times for part in hits), *(part.free_until for part in open_)]
-    for number in (0, 2):
-        times[number] = (times[number] - 1.0) * step
-    rows["time"] = np.concatenate(times)[found.order]
-    part = np.repeat(np.arange(4), [len(seconds) for seconds in times])[found.order]
-    rows["passed"], rows["undecided"] = part % 2 == 0, part >= 2
+    _put(rows, NORMAL_FIELDS, found.flipped(normals))
+    times = np.where(passed, (swept.free_until - 1.0) * state.step, swept.free_until)
+    rows["time"] = times[found.order]
+    rows["passed"], rows["undecided"] = passed[found.order], swept.undecided[found.order]
     return rows
 
 
-def inside_rows(result: ObjectPoints, points: npt.NDArray[Any] | None, table: ObjectTable) -> Rows:
-    """(k,) rows of INSIDE_DTYPE, of the objects with points inside; points: the cloud."""
+def inside_rows(result: PointsInside, state: CheckedState, dtype: np.dtype[Any]) -> StructuredRows:
+    """(k,) rows of the objects with points inside."""
+    table, points = state.table, state.report.cycle.points
     found = np.flatnonzero(result.counts)
     found = found[np.argsort(table.order_keys(result.indices[found]))]
     slots = result.indices[found]
-    rows = np.zeros(len(slots), INSIDE_DTYPE)
+    rows = np.zeros(len(slots), dtype)
     rows["ns"], rows["id"] = table.ns[slots], table.id[slots]
     rows["count"], rows["first"] = result.counts[found], result.first[found]
     rows["nearest"], rows["distance"] = result.nearest[found], result.distances[found]

@@ -1,0 +1,205 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The table of the topics that the node publishes: name, message, fields, rows, reader.
+
+Publishers, readers, parameters and ``/diagnostics`` follow from it; a test compares the
+documentation with it.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rclpy.duration import Duration
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from sensor_msgs.msg import PointCloud2
+from std_msgs.msg import Bool
+from visualization_msgs.msg import MarkerArray
+
+from obb_collision.node.topics.cloud import LATCHED, Cloud, Namespaces, Topic
+from obb_collision.node.topics.records import (
+    NamedClearance,
+    NamedContact,
+    NamedPair,
+    NamedPoints,
+    NamedPrediction,
+)
+from obb_collision.node.topics.rows import (
+    A_FIELDS,
+    B_FIELDS,
+    NORMAL_FIELDS,
+    PAIR_FIELDS,
+    POINT_FIELDS,
+    POSITION_FIELDS,
+    clearance_rows,
+    collision_rows,
+    contact_rows,
+    inside_rows,
+    prediction_rows,
+)
+from obb_collision.queries.verdict.verdict import Verdict
+from obb_collision.scene.effects import EFFECTS
+
+DEADLINE = 0.5
+"""Seconds within which the next ``collision_status`` is promised: five of its periods, for a loaded
+machine."""
+
+COLLISIONS = Cloud(
+    name="collisions",
+    description="Which pairs collide",
+    needs=("separations",),
+    fields=(
+        ("<f4", POSITION_FIELDS),  # contact point
+        ("<f8", (*NORMAL_FIELDS, "depth")),  # unit, from a to b; metres
+        ("<i4", PAIR_FIELDS),  # number of the namespace and id of both objects
+        ("u1", ("verdict", "accuracy")),  # of ``Verdict`` and ``Accuracy``: how it was decided
+    ),
+    make_rows=collision_rows,
+    record=lambda a, b, depth, verdict: NamedPair(a, b, depth, verdict == Verdict.TOUCHING),
+    values=("depth", "verdict"),
+)
+CONTACTS = Cloud(
+    name="contacts",
+    fields=(
+        ("<f4", POSITION_FIELDS),
+        ("<f8", (*NORMAL_FIELDS, "depth", *POINT_FIELDS)),
+        ("<i4", PAIR_FIELDS),
+        ("u1", ("index", "count")),  # number ``index`` of ``count`` points of the pair
+    ),
+    make_rows=contact_rows,
+    record=NamedContact,
+    values=(POINT_FIELDS, NORMAL_FIELDS, "depth"),
+)
+CLEARANCES = Cloud(
+    name="clearances",
+    fields=(
+        ("<f4", POSITION_FIELDS),  # the middle between the closest points
+        ("<f8", (*NORMAL_FIELDS, "distance", *A_FIELDS, *B_FIELDS)),
+        ("<i4", PAIR_FIELDS),
+    ),
+    make_rows=clearance_rows,
+    record=NamedClearance,
+    values=("distance", A_FIELDS, B_FIELDS),
+)
+PREDICTIONS = Cloud(
+    name="predicted_collisions",
+    fields=(
+        ("<f4", POSITION_FIELDS),
+        ("<f8", (*NORMAL_FIELDS, "time", *POINT_FIELDS)),  # seconds from the stamp
+        ("<i4", PAIR_FIELDS),
+        # passed: 1 if it happened between the last two states, and the time is negative.
+        # undecided: 1 if it is not known whether the objects collide: they certainly don't before
+        # the time, may from then on, and point and normal are NaN.
+        ("u1", ("passed", "undecided")),
+    ),
+    make_rows=prediction_rows,
+    record=NamedPrediction,
+    values=("time", POINT_FIELDS, NORMAL_FIELDS),
+)
+POINTS_INSIDE = Cloud(
+    name="points_inside",
+    note="off: no subscription to points.",
+    fields=(
+        ("<f4", POSITION_FIELDS),  # of the point nearest to the centre of the box
+        ("<f8", ("distance",)),
+        # how many points; indices in the cloud of the first and of the one nearest to the centre
+        ("<i4", ("ns", "id", "count", "first", "nearest")),
+    ),
+    make_rows=inside_rows,
+    record=NamedPoints,
+    values=("count", "first", "nearest", "distance"),
+    of_points=True,
+)
+
+TOPICS: dict[str, Topic] = {
+    "collisions": COLLISIONS,
+    "text": Topic(
+        name="collisions_text",
+        description="The colliding pairs for people",
+        message=DiagnosticArray,
+        needs=("separations",),
+    ),
+    "in_collision": Topic(
+        name="in_collision",
+        description="Whether any pair collides",
+        note="auto: also on every change.",
+        message=Bool,
+        qos=LATCHED,
+    ),
+    "collision_status": Topic(
+        name="collision_status",
+        description="What is known of collisions, or why nothing is",
+        note="auto: also on every change.",
+        message=DiagnosticArray,
+        qos=QoSProfile(
+            depth=1,
+            durability=DurabilityPolicy.TRANSIENT_LOCAL,
+            deadline=Duration(seconds=DEADLINE),
+        ),
+    ),
+    "contacts": CONTACTS,
+    "clearance": CLEARANCES,
+    "sweep": PREDICTIONS,
+    "points": POINTS_INSIDE,
+    "markers": Topic(name="~/markers", description="The world boxes", message=MarkerArray),
+    "diagnostics": Topic(
+        name="/diagnostics", description="The state of the node", message=DiagnosticArray
+    ),
+}
+"""By what they are switched by, the parameter ``effects.NAME``: an effect of the scene, or what
+only the node has."""
+NAMESPACES = Topic(name="namespaces", message=DiagnosticStatus, qos=LATCHED)
+"""Without a mode: nobody could read the clouds without it."""
+
+
+def mode_names() -> list[str]:
+    """Return what has a mode: all topics but ``namespaces``, and effects without a topic."""
+    return [*TOPICS, *(name for name in EFFECTS if name not in TOPICS)]
+
+
+def describe_mode(name: str) -> str:
+    """Return what an effect or topic gives, in sentences."""
+    topic = TOPICS.get(name)
+    text = EFFECTS[name].description if name in EFFECTS else ""
+    if topic is None:
+        return f"{text}."
+    kind = "latched topic" if topic.is_latched else "topic"
+    return f"{text or topic.description}: the {kind} {topic.name}. {topic.note}".rstrip()
+
+
+collisions_to_ros, collisions_from_ros = COLLISIONS.to_ros, COLLISIONS.from_ros
+contacts_from_ros, clearances_from_ros = CONTACTS.from_ros, CLEARANCES.from_ros
+predictions_from_ros, points_inside_from_ros = PREDICTIONS.from_ros, POINTS_INSIDE.from_ros
+named_pairs, named_contacts = COLLISIONS.named, CONTACTS.named
+named_clearances, named_points_inside = CLEARANCES.named, POINTS_INSIDE.named
+
+
+def named_predictions(message: PointCloud2, namespaces: Namespaces) -> list[NamedPrediction]:
+    """Return the collisions to come, with names: also what may come, see ``NamedPrediction``."""
+    return _predictions(message, namespaces, passed=False)
+
+
+def named_passed_collisions(message: PointCloud2, namespaces: Namespaces) -> list[NamedPrediction]:
+    """Return what collided, or may have, between the last two states, with names.
+
+    Times are negative. ``named_predictions`` has the rest: only what is to come.
+    """
+    return _predictions(message, namespaces, passed=True)
+
+
+def _predictions(message: PointCloud2, namespaces: Namespaces, passed: bool) -> Any:
+    rows = PREDICTIONS.from_ros(message)
+    return PREDICTIONS.name_rows(rows[(rows["passed"] != 0) == passed], namespaces)
