@@ -249,7 +249,7 @@ def test_an_effect_that_fails_is_reported_and_the_cycle_goes_on(
         scene = Scene(rig)
         rig.until(lambda: "contacts" in rig.last, "contacts")
 
-        def broken(*args: Any) -> Any:
+        def broken(*args: Any, **options: Any) -> Any:
             raise FloatingPointError("no patch today")
 
         monkeypatch.setattr(contacts, "contacts", broken)
