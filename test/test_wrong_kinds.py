@@ -268,7 +268,7 @@ def test_arguments_of_a_wrong_kind_are_refused_by_name(label: str) -> None:
 def test_one_effect_may_be_asked_for_by_its_name_alone() -> None:
     report = scene().check(effects="contacts")
     assert list(report.costs) == ["contacts"]
-    with pytest.raises(ValueError, match=r"effect must be one of separations, .*, got 'contact'"):
+    with pytest.raises(ValueError, match=r"effect must be one of .*, got 'contact'"):
         scene().check(effects="contact")
 
 

@@ -96,9 +96,7 @@ class CollisionNode(Node):
         self._frames = frames if frames is not None else make_frames(self, fixed_frame)
         self._monitors = {topic: InputMonitor(topic, self._warn) for topic in INPUTS}
         self._outputs = Outputs(self, self.parameters, self.guard)
-        self.objects = Objects(
-            fixed_frame, self._frames, self._refuse_late, self._doubt, self.guard
-        )
+        self.objects = Objects(fixed_frame, self._frames, self.guard)
         self.inputs = Inputs(
             self.objects,
             self._monitors,
@@ -226,7 +224,7 @@ class CollisionNode(Node):
         """Bring what was made from parameters up to date with them."""
         parameters, objects = self.parameters, self.objects
         self._settings.apply()
-        objects.max_objects = parameters.max_objects
+        objects.shapes.max_objects = parameters.max_objects
         objects.set_limits(
             Limits(
                 parameters.shape_timeout,
@@ -236,13 +234,11 @@ class CollisionNode(Node):
             parameters.mesh_file_size * MEGABYTE,
         )
         objects.placement.timeout = parameters.transform_timeout
-        objects.stamp_tolerance = int(parameters.stamp_tolerance * NANOSECONDS)
-        objects.order_timeout = int(parameters.order_timeout * NANOSECONDS)
-        ignore = parameters.stale_policy == "ignore"
-        if ignore != objects.ignore_stale:
-            objects.set_ignore_stale(ignore)
+        objects.states.stamp_tolerance = int(parameters.stamp_tolerance * NANOSECONDS)
+        objects.states.order_timeout = int(parameters.order_timeout * NANOSECONDS)
+        objects.set_ignore_stale(parameters.stale_policy == "ignore")
         self._obstacles.timeout = parameters.transform_timeout
-        self._obstacles.stamp_tolerance = objects.stamp_tolerance
+        self._obstacles.stamp_tolerance = objects.states.stamp_tolerance
         self._subscribed.keep("points", self._is_wanted("points"))
         if not self._is_wanted("points"):
             self._obstacles.forget()
@@ -268,6 +264,7 @@ class CollisionNode(Node):
 
     def _run_cycle(self) -> None:
         self.cycle.run(self._now())
+        self._count_notes()
         self.guard.run("output collision_status", lambda: self._update_status(cycle=True))
 
     def _update_status(self, cycle: bool = False) -> None:
@@ -287,13 +284,13 @@ class CollisionNode(Node):
     def _complain(self, text: str) -> None:
         self.get_logger().error(text)
 
-    def _refuse_late(self, topic: str, reason: str, item: str, detail: str, count: int) -> None:
-        """Count poses that were stored but could not be placed at the cycle."""
-        self._monitors[topic].refuse(self._now(), reason, item, detail, count)
-
-    def _doubt(self, topic: str, reason: str, item: str, detail: str, count: int) -> None:
-        """Count poses that are used, but not trusted."""
-        self._monitors[topic].doubt(self._now(), reason, item, detail, count)
+    def _count_notes(self) -> None:
+        """Count what became of items since they were stored."""
+        now = self._now()
+        for note in self.objects.notes.take():
+            monitor = self._monitors[note.topic]
+            count = monitor.refuse if note.is_refused else monitor.doubt
+            count(now, note.reason, note.item, note.detail, note.total)
 
     def _publish_diagnostics(self) -> None:
         elapsed, now = perf_counter() - self._last_diagnostics, self._now()

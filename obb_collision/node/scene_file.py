@@ -24,7 +24,8 @@ import numpy as np
 
 from obb_collision.node.messages.conversions import Key, name_from_key
 from obb_collision.node.messages.errors import RefusedError
-from obb_collision.node.objects.objects import Objects, State
+from obb_collision.node.objects.objects import Objects
+from obb_collision.node.objects.states import State
 from obb_collision.node.objects.table import ID_OFFSET
 from obb_collision.node.parameters.allowed import AllowedRule
 from obb_collision.node.parameters.table import option_name
@@ -100,10 +101,10 @@ class SceneFile:
         refused = []
         for key, thing in zip(self.keys, self._scene.objects, strict=True):
             try:
-                slot = objects.put(key, thing.shape, (), None, thing.padding)
-                objects.store_poses(np.array([slot]), np.array([thing.pose]), State("", 0, now))
+                slot = objects.shapes.put(key, thing.shape, (), None, thing.padding)
+                objects.states.store(np.array([slot]), np.array([thing.pose]), State("", 0, now))
             except RefusedError as error:
-                objects.refuse(key, error.reason, shape=True)
+                objects.shapes.refuse(key, error.reason, shape=True)
                 refused.append(f"{shown(name_from_key(key))} refused, {error}")
         return refused
 

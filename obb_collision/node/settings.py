@@ -83,5 +83,5 @@ class SceneSettings:
         if objects.scene.accuracy != level:
             objects.scene.accuracy = level
         overrides = Overrides(parameters.accuracy_overrides).capped(highest)
-        if overrides.overrides != objects.overrides.overrides:
+        if overrides.overrides != objects.shapes.overrides.overrides:
             objects.set_overrides(overrides)

@@ -32,6 +32,7 @@ from obb_collision.scene.building.shape_cache import ShapeCache
 from obb_collision.scene.store.kinds import BOX
 from obb_collision.scene.store.store import LocalBox, ObjectStore
 from obb_collision.shapes import Shape
+from obb_collision.typing import Floats
 from obb_collision.words import MAX_OBJECT_NAME, check_name, check_names, shown
 
 if TYPE_CHECKING:
@@ -155,6 +156,18 @@ class SceneObjects:
         """Give objects new poses (n, 7), by index array (n,); all or, on an error, none."""
         self._store.move(self._store.check_slots(indices), poses)
 
+    def place(self, indices: NDArray[np.int64], poses: Floats) -> None:
+        """Give objects new poses as ``move_indices`` does, but check nothing.
+
+        The indices are in use and distinct, the poses finite, their quaternions not zero.
+        """
+        self._store.place(indices, poses)
+
+    def poses_of(self, indices: ArrayLike) -> Floats:
+        """Return the poses (n, 7) of objects as they were given, by index array (n,)."""
+        poses: Floats = self._store.poses[self._store.check_slots(indices)]
+        return poses
+
     def set_twist(self, name: str, twist: ArrayLike) -> None:
         """Say how an object moves: (6,) linear x y z (m/s), angular x y z (rad/s).
 
@@ -243,6 +256,15 @@ class SceneObjects:
         """Give an object a level of its own, or with None the scene's. KeyError, ValueError."""
         level = None if accuracy is None else as_accuracy(accuracy)
         self._set_accuracy(self._store.slot(name), level)
+
+    def set_accuracies(
+        self, indices: ArrayLike, accuracies: Sequence[Accuracy | str | None]
+    ) -> None:
+        """Give objects levels of their own, or with None the scene's, by index array (n,)."""
+        levels = [None if level is None else as_accuracy(level) for level in accuracies]
+        slots = self._store.check_slots(indices).tolist()
+        for slot, level in zip(slots, levels, strict=True):
+            self._set_accuracy(slot, level)
 
     def _set_accuracy(self, slot: int, own: Accuracy | None) -> None:
         if own is None:

@@ -17,14 +17,14 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
 
 import numpy as np
 
 from obb_collision.node.messages.conversions import Key
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.objects.frames import EXTRAPOLATION, UNKNOWN_FRAME
-from obb_collision.node.objects.objects import Objects, State
+from obb_collision.node.objects.objects import Objects
+from obb_collision.node.objects.states import State
 from obb_collision.node.runtime.guard import Guard
 from obb_collision.shapes import Box
 from obb_collision.typing import Floats
@@ -60,29 +60,31 @@ class ObjectsRig:
 
     def __init__(self, *keys: Key, timeout: float = 0.2, object_timeout: float = 0.0) -> None:
         self.frames = KnownUntil()
-        self.refused: Counter[tuple[str, str]] = Counter()
-        self.doubted: Counter[tuple[str, str]] = Counter()
+        self._noted: dict[bool, Counter[tuple[str, str]]] = {True: Counter(), False: Counter()}
         self.errors: list[str] = []
-        self.objects = Objects(
-            "map",
-            self.frames,
-            self._counting(self.refused),
-            self._counting(self.doubted),
-            Guard(self.errors.append, lambda: True),
-        )
+        self.objects = Objects("map", self.frames, Guard(self.errors.append, lambda: True))
         self.objects.placement.timeout = timeout
         self.object_timeout = object_timeout
         self.now = START
         self.slots = np.array(
-            [self.objects.put(key, Box([1.0, 1.0, 1.0]), (), None) for key in keys], np.int64
+            [self.objects.shapes.put(key, Box([1.0, 1.0, 1.0]), (), None) for key in keys], np.int64
         )
 
-    def _counting(self, counter: Counter[tuple[str, str]]) -> Callable[..., None]:
-        def count(topic: str, reason: str, item: str, detail: str, number: int) -> None:
-            assert item
-            counter[topic, reason] += number
+    @property
+    def refused(self) -> Counter[tuple[str, str]]:
+        """Items refused so far, by topic and reason."""
+        return self._count(is_refused=True)
 
-        return count
+    @property
+    def doubted(self) -> Counter[tuple[str, str]]:
+        """Items that are used, but not trusted, by topic and reason."""
+        return self._count(is_refused=False)
+
+    def _count(self, is_refused: bool) -> Counter[tuple[str, str]]:
+        for note in self.objects.notes.take():
+            assert note.item
+            self._noted[note.is_refused][note.topic, note.reason] += note.total
+        return self._noted[is_refused]
 
     def send(
         self, stamp: int, frame: str = "", row: int | None = None, topic: str = "object_states"
@@ -92,7 +94,7 @@ class ObjectsRig:
         poses = np.zeros((len(slots), 7))
         poses[:, 0], poses[:, 6] = place(stamp), 1.0
         state = State(frame, stamp, self.now, topic)
-        return int(self.objects.store_poses(slots, poses, state).sum())
+        return int(self.objects.states.store(slots, poses, state).sum())
 
     def cycle(self) -> None:
         """Bring the scene up to date."""
@@ -100,10 +102,10 @@ class ObjectsRig:
 
     def x(self, row: int = 0) -> float:
         """Where an object is in the scene."""
-        return float(self.objects.table.world[self.slots[row], 0])
+        return float(self.objects.scene.poses_of(self.slots[[row]])[0, 0])
 
     def is_doubtful(self, row: int = 0) -> bool:
-        return bool(self.objects.doubtful[self.slots[row]])
+        return bool(self.objects.table.doubtful[self.slots[row]])
 
 
 def place(stamp: int) -> float:

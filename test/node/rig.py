@@ -296,6 +296,11 @@ class Rig(Client):
         self.until(ready, f"the shapes of {keys}")
         self.cycles(2)
 
+    def pose_of(self, key: tuple[str, int]) -> Any:
+        """Pose (7,) of an object in the scene."""
+        objects = self.node.objects
+        return objects.scene.poses_of([objects.table.slots[key]])[0]
+
     def refused(self, topic: str) -> dict[str, int]:
         """Refused items of an input so far, by reason."""
         return dict(self.node._monitors[topic].refused)

@@ -24,6 +24,7 @@ import pytest
 pytest.importorskip("rclpy")
 from rclpy.context import Context
 from rig import DOMAIN, NAMESPACE, Rig, cube
+from visualization_msgs.msg import Marker
 
 from obb_collision.accuracy import Accuracy
 from obb_collision.commands import node as run_node
@@ -88,7 +89,7 @@ def test_objects_of_a_file_move_change_and_go_like_all_others(scene_file: Path) 
         names = {(row["id_a"], row["id_b"]) for row in collisions_from_ros(rig.last["collisions"])}
         assert (7, 0) not in names, "they may still touch"
         assert rig.node.get_parameter("padding").value == 0.5, "what is said to the node counts"
-        rig.node.objects.remove_all("floor")
+        rig.send(Marker(ns="floor", action=Marker.DELETEALL))
         rig.until(lambda: len(collisions_from_ros(rig.next("collisions"))) == 0, "floor gone")
 
 

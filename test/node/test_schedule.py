@@ -117,5 +117,5 @@ def test_a_storm_of_parameters_leaves_the_node_with_the_last_ones() -> None:
             assert rig.set(padding=0.001 * (n + 1))[0].successful
             rig.set(accuracy_overrides=[f"a/{n % 5}: aabb"])
         rig.until(lambda: rig.node.objects.scene.padding == 0.1, "the last padding")
-        assert rig.node.objects.overrides.overrides[0][0] == "a/4"
+        assert rig.node.objects.shapes.overrides.overrides[0][0] == "a/4"
         assert applied < 100

@@ -144,7 +144,7 @@ def answer(
     the age (s) at which states are stale, 0 for never.
     """
     table = objects.table
-    placed, waiting = objects.visible, table.live & ~objects.visible
+    placed, waiting = table.visible, table.live & ~table.visible
     stale = table.live & table.stale
     missing = int(np.count_nonzero(waiting)) + len(objects.unplaceable)
     known = Answer(
@@ -154,7 +154,7 @@ def answer(
         names_missing=(*_names(objects, waiting), *_unplaceable(objects)),
         stale=int(np.count_nonzero(stale)),
         names_stale=_names(objects, stale),
-        doubtful=int(np.count_nonzero(objects.doubtful)),
+        doubtful=int(np.count_nonzero(table.doubtful)),
         objects=len(table),
         stamp=objects.newest_stamp(now) if placed.any() else 0,
     )
@@ -171,7 +171,7 @@ def _unknown(
         return FAILED, 0.0
     if report is None and len(objects.table):
         return UNCHECKED, 0.0
-    received = objects.table.world_received[objects.visible]
+    received = objects.table.world_received[objects.table.visible]
     if timeout > 0 and len(received):
         age = (now - int(received.max())) / NANOSECONDS
         if age > timeout:

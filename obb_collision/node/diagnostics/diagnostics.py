@@ -79,13 +79,12 @@ def input_status(
 
 def _kinds(objects: Objects) -> dict[str, npt.NDArray[np.bool_]]:
     """Return which objects are not as they should be, each under the first label that fits."""
-    table, visible = objects.table, objects.visible
-    refused = table.shape_refused | table.pose_refused | table.frame_refused
+    table, visible = objects.table, objects.table.visible
     left = visible.copy()
     kinds = {"unplaceable": table.live & ~visible}
     for label, rows in (
         ("stale", table.stale),
-        ("refused", refused),
+        ("refused", table.refused),
         ("new shape being built", table.shape_pending),
         ("doubtful stamp", table.ahead | table.held_back),
     ):

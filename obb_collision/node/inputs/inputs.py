@@ -39,7 +39,8 @@ from obb_collision.node.messages.conversions import (
 )
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.messages.names import shortened
-from obb_collision.node.objects.objects import OLDER, Objects, State
+from obb_collision.node.objects.objects import Objects
+from obb_collision.node.objects.states import OLDER, State
 from obb_collision.node.objects.table import Slots
 from obb_collision.node.runtime.guard import Guard
 from obb_collision.typing import Floats
@@ -94,7 +95,7 @@ class Inputs:
             monitor.received(now)
             monitor.refuse(now, error.reason, detail=error.detail)
             known = [self._slot(name) for name in message.joint_names]
-            self._objects.refuse_poses(np.array([s for s in known if s >= 0], np.int64))
+            self._objects.states.refuse(np.array([s for s in known if s >= 0], np.int64))
             return
         twists = self._twists(message, names)
         self._take_named("object_states", names, poses, message.header, twists)
@@ -181,13 +182,13 @@ class Inputs:
         try:
             stamp = stamp_from_ros(header.stamp)  # type: ignore[attr-defined]
             state = State(header.frame_id, stamp, now, topic)  # type: ignore[attr-defined]
-            old = self._objects.store_poses(slots, poses, state, 0.0 if twists is None else twists)
+            old = self._objects.states.store(slots, poses, state, 0.0 if twists is None else twists)
             if old.any():
                 monitor.refuse(now, OLDER, count=int(np.count_nonzero(old)))
         except RefusedError as error:
             monitor.refuse(now, error.reason, detail=error.detail, count=max(1, len(slots)))
-            self._objects.refuse_poses(slots)
-        self._objects.refuse_poses(refused)
+            self._objects.states.refuse(slots)
+        self._objects.states.refuse(refused)
 
 
 def _shown(name: str) -> str:

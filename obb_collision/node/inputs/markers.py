@@ -51,7 +51,8 @@ from obb_collision.node.objects.many import (
     renew_slots,
     touch_slots,
 )
-from obb_collision.node.objects.objects import OLDER, Objects, State
+from obb_collision.node.objects.objects import Objects
+from obb_collision.node.objects.states import OLDER, State
 from obb_collision.node.objects.table import NEVER
 from obb_collision.node.runtime.guard import INTERNAL_ERROR, Guard
 from obb_collision.scene.building.errors import NO_MEMORY
@@ -178,7 +179,7 @@ class _Application:
     def settle(self, markers: Gathered) -> tuple[Faults, Outcome]:
         """Return what is wrong with markers, which is counted, and what they come to."""
         faults = find_faults(markers, self._objects.placement.frame_index)
-        outcome = settle(markers, faults, self._now, self._objects.stamp_tolerance)
+        outcome = settle(markers, faults, self._now, self._objects.states.stamp_tolerance)
         for number, error in enumerate(faults.errors):
             bad = (faults.number == number) & ~markers.counted
             self._refuse(markers, np.flatnonzero(bad), error)
@@ -198,7 +199,7 @@ class _Application:
             number = faults.number[row]
             error, of_shape = faults.errors[number], faults.of_shape[number]
             expiry = int(markers.expiry[row])
-            objects.refuse(markers.key(row), error.reason, of_shape, expiry)
+            objects.shapes.refuse(markers.key(row), error.reason, of_shape, expiry)
 
     def _refuse(self, markers: Gathered, rows: Rows, error: RefusedError) -> None:
         if len(rows):
@@ -216,7 +217,7 @@ class _Application:
         doomed[slots[outcome.removed & (slots >= 0)]] = True
         if objects.unplaceable:
             for row in outcome.first[outcome.removed].tolist():
-                objects.forget_unplaceable(markers.key(row))
+                objects.shapes.unplaceable.forget(markers.key(row))
         again = np.flatnonzero((slots >= 0) & (outcome.winner >= 0))
         again = again[doomed[slots[again]]]
         if len(again):
@@ -228,8 +229,8 @@ class _Application:
             same &= fixed
             again = again[same & table.placed[slots[again]]]
             doomed[slots[again]] = False
-        objects.remove_slots(np.flatnonzero(doomed & table.live))
-        renew_slots(objects, slots[again])
+        objects.shapes.remove(np.flatnonzero(doomed & table.live))
+        renew_slots(objects.shapes, slots[again])
         return np.where((slots >= 0) & table.live[slots], slots, -1)
 
     def _deleted_by_all(self, markers: Gathered) -> Mask:
@@ -238,7 +239,7 @@ class _Application:
         doomed = np.zeros(len(table.live), np.bool_)
         for index in np.unique(markers.ns[markers.action == Marker.DELETEALL]).tolist():
             name = markers.namespaces[index]
-            objects.forget_unplaceables(name or None)
+            objects.shapes.unplaceable.forget_all(name or None)
             if not name:
                 doomed |= table.live
             elif index not in markers.bad_namespaces:
@@ -263,7 +264,7 @@ class _Application:
         same = (slots >= 0) & np.isin(markers.type[rows], PRIMITIVES)
         some = rows[same]
         same[same] = have_shapes(
-            self._objects, slots[same], markers.type[some], markers.scales[some]
+            self._objects.table, slots[same], markers.type[some], markers.scales[some]
         )
         return same
 
@@ -273,7 +274,7 @@ class _Application:
         for index in np.flatnonzero(~np.isin(markers.type[rows], IMMEDIATE)).tolist():
             with suppress(Exception):  # said when it is put
                 signature = self._plan(markers, int(rows[index])).signature
-                same[index] = self._objects.signatures(slots[index : index + 1]) == [signature]
+                same[index] = self._objects.table.signatures.get(int(slots[index])) == signature
         return same
 
     def _add(self, markers: Gathered, rows: Rows, slots: Rows, previous: Rows) -> None:
@@ -299,7 +300,9 @@ class _Application:
             if row < 0:
                 return
         if row != last:
-            self._objects.refuse(markers.key(last), "", shape=True)  # what it has is not the last
+            self._objects.shapes.refuse(
+                markers.key(last), "", shape=True
+            )  # what it has is not the last
 
     def _put_what_stays(self, markers: Gathered, row: int, previous: Rows) -> None:
         """Put the last shape before one that has to be built: it stays if that can't be."""
@@ -312,7 +315,7 @@ class _Application:
 
     def _are_old(self, markers: Gathered, rows: Rows, slots: Rows) -> Mask:
         """Return which states come after newer ones of their objects; they are counted."""
-        old = self._objects.find_late(slots, markers.stamp[rows], markers.received[rows])
+        old = self._objects.states.find_late(slots, markers.stamp[rows], markers.received[rows])
         self._refuse(markers, rows[old], RefusedError(OLDER, "a newer state is known"))
         return old
 
@@ -329,9 +332,11 @@ class _Application:
                 bad = (slots < 0) & (markers.ns[rows] == index)
                 self._mark(markers, rows[bad], error)
                 admitted &= ~bad
-        surplus = np.flatnonzero(admitted & (slots < 0))[max(0, objects.max_objects - len(table)) :]
+        surplus = np.flatnonzero(admitted & (slots < 0))[
+            max(0, objects.shapes.max_objects - len(table)) :
+        ]
         if len(surplus):
-            full = RefusedError("too many objects", f"{objects.max_objects} is the limit")
+            full = RefusedError("too many objects", f"{objects.shapes.max_objects} is the limit")
             self._mark(markers, rows[surplus], full)
             admitted[surplus] = False
         try:
@@ -345,7 +350,7 @@ class _Application:
         self._refuse(markers, rows, error)
         for row in rows.tolist():
             expiry = int(markers.expiry[row])
-            self._objects.refuse(markers.key(row), error.reason, shape=True, expiry=expiry)
+            self._objects.shapes.refuse(markers.key(row), error.reason, shape=True, expiry=expiry)
 
     def _each(self, markers: Gathered, rows: Rows, put: Callable[[Rows], None]) -> bool:
         """Call ``put`` on all rows or, where that fails, on fewer; return whether none failed."""
@@ -368,18 +373,18 @@ class _Application:
 
     def _touch(self, markers: Gathered, rows: Rows) -> None:
         slots = self._slots(markers, rows)
-        touch_slots(self._objects, slots, markers.expiry[rows])
+        touch_slots(self._objects.shapes, slots, markers.expiry[rows])
         self._store(markers, rows, slots)
 
     def _put_many(self, markers: Gathered, rows: Rows) -> None:
         keys = [markers.key(row) for row in rows.tolist()]
         given = markers.type[rows], markers.scales[rows], markers.expiry[rows]
-        self._store(markers, rows, put_primitives(self._objects, keys, *given))
+        self._store(markers, rows, put_primitives(self._objects.shapes, keys, *given))
 
     def _put(self, markers: Gathered, row: int) -> None:
         """Add one object of any type, or change it."""
         expiry = int(markers.expiry[row])
-        slot = self._objects.take_shape(
+        slot = self._objects.shapes.take(
             markers.key(row), self._plan(markers, row), None if expiry == NEVER else expiry
         )
         self._store(markers, np.array([row]), np.array([slot]))
@@ -396,10 +401,10 @@ class _Application:
             some = markers.frame[rows] == index
             given = rows[some]
             state = State(markers.frames[index], markers.stamp[given], markers.received[given])
-            self._objects.store_poses(slots[some], markers.poses[given], state)
+            self._objects.states.store(slots[some], markers.poses[given], state)
         locked = markers.locked[rows]
         if locked.any():
-            self._objects.lock(slots[locked])
+            self._objects.states.lock(slots[locked])
 
 
 def _shape(markers: Gathered, row: int) -> MarkerShape:

@@ -32,7 +32,7 @@ from obb_collision.node.messages.clouds import points_from_ros
 from obb_collision.node.messages.conversions import NANOSECONDS, pose_faults, stamp_from_ros
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.objects.frames import LATER, FrameSource
-from obb_collision.node.objects.objects import AHEAD
+from obb_collision.node.objects.states import AHEAD
 from obb_collision.node.runtime.guard import INTERNAL_ERROR, Guard
 from obb_collision.queries.points.points import PointsInside
 from obb_collision.scene.report import Report

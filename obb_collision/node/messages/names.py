@@ -21,7 +21,7 @@ name that nothing uses any more gives its place to the next one, so a full table
 from __future__ import annotations
 
 import zlib
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.words import printable, text_fault
@@ -135,18 +135,22 @@ class NamespaceTable:
 
 
 class FrameTable:
-    """Frames by index, 0 is the fixed frame; the rest come and go.
+    """Frames by index, 0 is the fixed frame; the rest come and go."""
 
-    list_used: returns the indices that are in use, asked for when the table is full.
-    """
-
-    def __init__(self, fixed_frame: str, list_used: Callable[[], Iterable[int]]) -> None:
-        self._list_used = list_used
+    def __init__(self, fixed_frame: str) -> None:
         self._names: dict[int, str] = {0: fixed_frame}
         self._indices: dict[str, int] = {"": 0, fixed_frame: 0}
 
     def __len__(self) -> int:
         return len(self._names)
+
+    def __contains__(self, frame: str) -> bool:
+        return frame in self._indices
+
+    @property
+    def is_full(self) -> bool:
+        """Whether a new frame needs the place of another one: see ``keep_only``."""
+        return len(self._names) >= MAX_FRAMES
 
     def is_fixed(self, frame: str) -> bool:
         """Whether a frame is the fixed one."""
@@ -165,17 +169,15 @@ class FrameTable:
         if found is not None:
             return found
         check_name(frame, "frame")
-        if len(self._names) >= MAX_FRAMES:
-            self.forget_unused()
-        if len(self._names) >= MAX_FRAMES:
+        if self.is_full:
             raise RefusedError("too many frames", f"{MAX_FRAMES} in use is the limit")
         new = next(number for number in range(len(self._names) + 1) if number not in self._names)
         self._names[new] = frame
         self._indices[frame] = new
         return new
 
-    def forget_unused(self) -> None:
+    def keep_only(self, used: Iterable[int]) -> None:
         """Forget the frames that are not in use."""
-        used = {0, *self._list_used()}
-        for index in [index for index in self._names if index not in used]:
+        kept = {0, *used}
+        for index in [index for index in self._names if index not in kept]:
             del self._indices[self._names.pop(index)]

@@ -14,7 +14,7 @@
 
 """Objects that come, stay and go many at a time, without a step in Python for each where it counts.
 
-What these do to one object is what the methods of ``Objects`` do.
+What these do to one object is what the methods of ``ObjectShapes`` do.
 """
 
 from __future__ import annotations
@@ -27,32 +27,32 @@ from visualization_msgs.msg import Marker
 
 from obb_collision.node.messages.conversions import Key, name_from_key
 from obb_collision.node.messages.errors import RefusedError
-from obb_collision.node.objects.objects import Objects
-from obb_collision.node.objects.table import COLUMNS, Slots
+from obb_collision.node.objects.shapes import ObjectShapes
+from obb_collision.node.objects.table import COLUMNS, ObjectTable, Slots
 from obb_collision.shapes import Cylinder, Ellipsoid, Shape
 from obb_collision.typing import Floats
 
-KEPT = ("live", "ns", "id", "placed", "world", "expiry", "shaped")
+KEPT = ("live", "ns", "id", "placed", "expiry", "shaped")
 """Columns that stay where an object goes and comes again with the shape it had."""
 
 
-def renew_slots(objects: Objects, slots: Slots) -> None:
+def renew_slots(shapes: ObjectShapes, slots: Slots) -> None:
     """Take objects out and put them in again where they are, with the shapes they have."""
     if len(slots) == 0:
         return
-    table = objects.table
-    objects.want_no_other(slots)
+    table = shapes.table
+    shapes.cancel_pending(slots)
     stale = slots[table.stale[slots]]
     for column in COLUMNS:
         if column not in KEPT:
             getattr(table, column)[slots] = 0
-    objects.placement.begin(slots)
-    objects.scene.renew_indices(slots)
-    objects.enable_many(stale)
+    shapes.placement.begin(slots)
+    shapes.scene.renew_indices(slots)
+    shapes.placement.enable(stale)
 
 
 def put_primitives(
-    objects: Objects, keys: Sequence[Key], kinds: Slots, sizes: Floats, expiry: Slots
+    shapes: ObjectShapes, keys: Sequence[Key], kinds: Slots, sizes: Floats, expiry: Slots
 ) -> Slots:
     """Add CUBE, SPHERE and CYLINDER of edge lengths (n, 3), or give objects those shapes.
 
@@ -60,15 +60,15 @@ def put_primitives(
     RefusedError ("bad shape"), none. Their namespaces are admitted and there is room for them.
     """
     kind_list, size_list = kinds.tolist(), sizes.tolist()
-    table, scene = objects.table, objects.scene
+    table, scene = shapes.table, shapes.scene
     names = [name_from_key(key) for key in keys]
     known = np.array([table.slots.get(key, -1) for key in keys], np.int64)
     poses = np.zeros((len(keys), 7))
     poses[:, 6] = 1.0
     there = known >= 0
     there[there] = table.placed[known[there]]
-    poses[there] = table.world[known[there]]
-    overrides = objects.overrides
+    poses[there] = scene.poses_of(known[there])
+    overrides = shapes.overrides
     levels = [overrides.level(name) for name in names] if overrides.overrides else None
     try:
         bodies = [_body(kind, size) for kind, size in zip(kind_list, size_list, strict=True)]
@@ -79,11 +79,11 @@ def put_primitives(
     if new.any():
         rows = np.flatnonzero(new).tolist()
         table.claim_many(slots[new], [keys[row] for row in rows], [names[row] for row in rows])
-        objects.placement.begin(slots[new])
+        shapes.placement.begin(slots[new])
     signatures = [(kind, *size) for kind, size in zip(kind_list, size_list, strict=True)]
-    objects.note_signatures(slots, signatures)
-    objects.enable_many(slots)
-    touch_slots(objects, slots, expiry)
+    shapes.note_signatures(slots, signatures)
+    shapes.placement.enable(slots)
+    touch_slots(shapes, slots, expiry)
     return slots
 
 
@@ -97,22 +97,23 @@ def _body(kind: int, size: list[float]) -> Shape | None:
     return None
 
 
-def touch_slots(objects: Objects, slots: Slots, expiry: Slots) -> None:
+def touch_slots(shapes: ObjectShapes, slots: Slots, expiry: Slots) -> None:
     """Let objects go on with the shapes they have until their new expiry (n,)."""
-    table = objects.table
+    table = shapes.table
     table.expiry[slots] = expiry
     table.seen[slots] = False
     table.shape_refused[slots] = False
-    objects.want_no_other(slots)
-    if objects.unplaceable:
+    shapes.cancel_pending(slots)
+    if shapes.unplaceable:
         for slot in slots.tolist():
-            objects.forget_unplaceable(table.key(slot))
+            shapes.unplaceable.forget(table.key(slot))
 
 
 def have_shapes(
-    objects: Objects, slots: Slots, types: npt.NDArray[np.int64], scales: Floats
+    table: ObjectTable, slots: Slots, types: npt.NDArray[np.int64], scales: Floats
 ) -> npt.NDArray[np.bool_]:
     """Return which objects (n,) have the shapes that markers of these types and scales have."""
-    given = zip(objects.signatures(slots), types.tolist(), scales.tolist(), strict=True)
+    signatures = map(table.signatures.get, slots.tolist())
+    given = zip(signatures, types.tolist(), scales.tolist(), strict=True)
     same = [known == (kind, *scale) for known, kind, scale in given]
     return np.array(same, np.bool_).reshape(-1)

@@ -21,7 +21,7 @@ then, for its frame may become known at last.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -34,6 +34,7 @@ from obb_collision.node.messages.conversions import (
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.messages.names import FrameTable, check_name
 from obb_collision.node.objects.frames import FrameSource
+from obb_collision.node.objects.notes import Notes
 from obb_collision.node.objects.table import ObjectTable, Slots
 from obb_collision.node.objects.transforms import Transforms
 from obb_collision.node.objects.waiting import (
@@ -49,15 +50,11 @@ from obb_collision.typing import Floats
 RETRY_PERIOD = NANOSECONDS // 2
 """How often the latest state of an object is tried again once it has waited too long."""
 
-OnItems = Callable[[str, str, str, str, int], None]
-"""Told of items that are refused or doubtful: topic, reason, one of them, detail, how many."""
-
 
 class Placement:
-    """Moves objects to the poses stored in the table.
+    """Moves objects to the poses stored in the table, and lets them take part in collisions.
 
-    on_refused hears of poses that could not be placed, on_placed(slots) of objects that have a
-    place for the first time.
+    notes: takes poses that could not be placed.
     """
 
     def __init__(
@@ -66,19 +63,20 @@ class Placement:
         table: ObjectTable,
         frames: FrameSource,
         fixed_frame: str,
-        on_refused: OnItems,
-        on_placed: Callable[[Slots], None],
+        notes: Notes,
         guard: Guard,
     ) -> None:
         self._scene, self._table, self._frames, self._guard = scene, table, frames, guard
-        self.frame_table = FrameTable(fixed_frame, self._frames_used)
-        self._on_refused, self._on_placed = on_refused, on_placed
+        self.frame_table = FrameTable(fixed_frame)
+        self._notes = notes
         self._topics: list[str] = []
         self._next_retry = 0
         self._count = 0
         self.waiting = WaitingStates()
         self.timeout = 0.0
         """How long a pose may wait for its frame (s)."""
+        self.ignore_stale = False
+        """Whether stale objects take no part in collisions (they are still reported)."""
 
     def frame_index(self, frame: str) -> int:
         """Index of a frame; an empty one means the fixed frame.
@@ -88,13 +86,14 @@ class Placement:
         if not (self._frames.waits or self.frame_table.is_fixed(frame)):
             check_name(frame, "frame")
             self._frames.lookup(frame, 0)
+        if self.frame_table.is_full and frame not in self.frame_table:
+            self.forget_unused_frames()
         return self.frame_table.index(frame)
 
-    def _frames_used(self) -> list[int]:
-        table = self._table
-        frames = table.frame[table.live], self.waiting.rows["frame"]
-        used: list[int] = np.unique(np.concatenate(frames)).tolist()
-        return used
+    def forget_unused_frames(self) -> None:
+        """Make room in the table of frames."""
+        frames = self._table.frame[self._table.live], self.waiting.rows["frame"]
+        self.frame_table.keep_only(np.unique(np.concatenate(frames)).tolist())
 
     def topic_index(self, topic: str) -> int:
         """Index of an input topic, as the node names it."""
@@ -130,6 +129,13 @@ class Placement:
             self._move_here(rows[here])
         if len(rows[~here]) or len(self.waiting):
             self._place(rows[~here], now)
+
+    def enable(self, slots: Slots) -> None:
+        """Let objects take part in collisions, or not."""
+        table = self._table
+        shown = table.placed[slots] & table.shaped[slots]
+        shown &= ~(self.ignore_stale & table.stale[slots])
+        self._scene.set_enabled_indices(slots, shown)
 
     def clock_jumped(self, shift: int) -> None:
         """Take over a jump of the clock (ns)."""
@@ -194,7 +200,7 @@ class Placement:
             some = states[(states["frame"] == frame) & (states["topic"] == topic)]
             error = errors.get(int(frame)) or RefusedError("bad pose", "out of range once placed")
             name = name_from_key(table.key(int(some["slot"][0])))
-            self._on_refused(self._topics[topic], error.reason, name, error.detail, len(some))
+            self._notes.refuse(self._topics[topic], error.reason, name, error.detail, len(some))
 
     def _move_here(self, slots: Slots) -> None:
         """Move objects to their latest states, given in the fixed frame."""
@@ -240,9 +246,8 @@ class Placement:
     def _set(self, slots: Slots, poses: Floats, twists: Floats, columns: Sequence[Slots]) -> None:
         """Move objects; columns: stamp, time of receipt and number of the states."""
         table, (stamps, received, numbers) = self._table, columns
-        self._scene.move_indices(slots, poses)
+        self._scene.place(slots, poses)
         self._set_twists(slots, twists)
-        table.world[slots] = poses
         table.world_stamp[slots] = stamps
         table.world_received[slots] = received
         table.world_number[slots] = numbers
@@ -252,7 +257,7 @@ class Placement:
         new = slots[~table.placed[slots]]
         if len(new):
             table.placed[new] = True
-            self._on_placed(new)
+            self.enable(new)
 
     def _set_twists(self, slots: Slots, twists: Floats) -> None:
         moving = twists.any(axis=1)

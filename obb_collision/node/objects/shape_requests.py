@@ -47,13 +47,12 @@ CHECK = "check"
 
 @dataclass(frozen=True)
 class Given:
-    """What an object gets: a shape, or why it gets none. newest: it waits for no newer one."""
+    """What objects get: a shape, or why they get none. keys: None for all that have that shape."""
 
-    key: Key
     signature: Signature
     shape: Shape | None
     error: RefusedError | None
-    newest: bool
+    keys: tuple[Key, ...] | None = None
 
 
 @dataclass
@@ -117,25 +116,27 @@ class ShapeRequests:
         """Forget what an object waits for."""
         self._builder.cancel(key)
 
-    def poll(self, users: Callable[[Signature], list[Key]]) -> Iterator[Given]:
-        """Yield what objects get since the last time. users: the objects with a shape."""
+    def is_waiting(self, key: Key) -> bool:
+        """Return whether an object waits for a shape."""
+        return self._builder.wants(key)
+
+    def poll(self) -> Iterator[Given]:
+        """Yield what objects get since the last time."""
         for outcome in self._builder.poll():
             signature: Any = outcome.signature
             if signature[0] == CHECK:
-                yield from self._checked(signature[1], outcome, users)
+                yield from self._checked(signature[1], outcome)
             else:
-                yield from self._finished(signature, outcome)
+                keys: Any = tuple(outcome.keys)
+                yield Given(signature, *self._result(signature, outcome), keys)
         self._look_at_files()
 
-    def _finished(self, signature: Signature, outcome: Outcome) -> Iterator[Given]:
-        shape, error = None, None
+    def _result(
+        self, signature: Signature, outcome: Outcome
+    ) -> tuple[Shape | None, RefusedError | None]:
         if outcome.error is not None:
-            error = RefusedError(outcome.error.reason, outcome.error.detail)
-        else:
-            shape = self._keep(signature, outcome)
-        for key in outcome.keys:
-            newest = not self._builder.wants(key)
-            yield Given(key, signature, shape, error, newest)  # type: ignore[arg-type]
+            return None, RefusedError(outcome.error.reason, outcome.error.detail)
+        return self._keep(signature, outcome), None
 
     def _keep(self, signature: Signature, outcome: Outcome) -> Shape:
         """Take note of a shape that was built; returns it."""
@@ -167,22 +168,12 @@ class ShapeRequests:
             except BuildError:
                 file.asked = True
 
-    def _checked(
-        self, signature: Signature, outcome: Outcome, users: Callable[[Signature], list[Key]]
-    ) -> Iterator[Given]:
+    def _checked(self, signature: Signature, outcome: Outcome) -> Iterator[Given]:
         """Yield what the objects of a file get: nothing, if it is as it was."""
         if outcome.error is None and outcome.result is None:
             return
-        if signature not in self._files:
-            return
-        shape, error = None, None
-        if outcome.error is not None:
-            error = RefusedError(outcome.error.reason, outcome.error.detail)
-        else:
-            shape = self._keep(signature, outcome)
-        for key in users(signature):
-            if not self._builder.wants(key):
-                yield Given(key, signature, shape, error, newest=True)
+        if signature in self._files:
+            yield Given(signature, *self._result(signature, outcome))
 
 
 def _size(shape: Shape) -> int:

@@ -12,10 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What the node knows of each object beside its box: key, stamps, lifetime, faults.
+"""The table of objects: key, states on their way to the scene, stamps, lifetime, faults.
 
-One row an object, at the object's scene index, so that a message of thousands of poses is stored
-and a cycle evaluated without a Python loop. All times are whole nanoseconds of the node's clock.
+Boxes and the poses they have are in the scene. One row per object, at the object's index there, so
+that a message of thousands of poses is stored and a cycle evaluated without a Python loop. All
+times are whole nanoseconds of the node's clock.
 """
 
 from __future__ import annotations
@@ -25,13 +26,15 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from obb_collision.node.messages.conversions import Key, name_from_key
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.messages.names import NamespaceTable
+from obb_collision.node.messages.shape_plans import Signature
+from obb_collision.typing import Floats, Mask, Rows
 
-Slots = npt.NDArray[np.int64]
+Slots = Rows
+"""Rows of the table, which are the indices of the objects in the scene."""
 
 NEVER = np.iinfo(np.int64).max
 """Time of expiry of an object without a lifetime."""
@@ -58,8 +61,7 @@ COLUMNS: dict[str, tuple[Any, tuple[int, ...]]] = {
     "topic": (np.int64, ()),  # by which it came
     "waited_out": (np.bool_, ()),  # it waited too long for its transform, and is counted for it
     "placed": (np.bool_, ()),  # has a world box
-    "world": (np.float64, (7,)),  # the pose in the scene
-    "world_stamp": (np.int64, ()),  # stamp of ``world``; 0: none
+    "world_stamp": (np.int64, ()),  # stamp of the state that is in the scene; 0: none
     "world_received": (np.int64, ()),  # when it came
     "world_number": (np.int64, ()),  # its number
     "expiry": (np.int64, ()),
@@ -71,7 +73,7 @@ COLUMNS: dict[str, tuple[Any, tuple[int, ...]]] = {
     "shape_refused": (np.bool_, ()),  # the latest shape could not be used: the last one stays
     "pose_refused": (np.bool_, ()),  # the latest pose could not be used: the last one stays
     "frame_refused": (np.bool_, ()),  # poses waited too long for their place since the last placed
-    "ahead": (np.bool_, ()),  # the stamp of ``world`` is from the future
+    "ahead": (np.bool_, ()),  # the stamp of the state in the scene is from the future
     "outdated": (np.bool_, ()),  # states with an older stamp came since the latest
     "held_back": (np.bool_, ()),  # nothing else has come for some time
 }
@@ -80,42 +82,43 @@ COLUMNS: dict[str, tuple[Any, tuple[int, ...]]] = {
 class ObjectTable:
     """The columns above, and who is where."""
 
-    live: npt.NDArray[np.bool_]
+    live: Mask
     ns: Slots
     id: Slots
-    pending: npt.NDArray[np.bool_]
-    given: npt.NDArray[np.float64]
-    twist: npt.NDArray[np.float64]
-    moving: npt.NDArray[np.bool_]
+    pending: Mask
+    given: Floats
+    twist: Floats
+    moving: Mask
     frame: Slots
     stamp: Slots
     order: Slots
     received: Slots
     number: Slots
     topic: Slots
-    waited_out: npt.NDArray[np.bool_]
-    placed: npt.NDArray[np.bool_]
-    world: npt.NDArray[np.float64]
+    waited_out: Mask
+    placed: Mask
     world_stamp: Slots
     world_received: Slots
     world_number: Slots
     expiry: Slots
-    seen: npt.NDArray[np.bool_]
-    locked: npt.NDArray[np.bool_]
-    stale: npt.NDArray[np.bool_]
-    shaped: npt.NDArray[np.bool_]
-    shape_pending: npt.NDArray[np.bool_]
-    shape_refused: npt.NDArray[np.bool_]
-    pose_refused: npt.NDArray[np.bool_]
-    frame_refused: npt.NDArray[np.bool_]
-    ahead: npt.NDArray[np.bool_]
-    outdated: npt.NDArray[np.bool_]
-    held_back: npt.NDArray[np.bool_]
+    seen: Mask
+    locked: Mask
+    stale: Mask
+    shaped: Mask
+    shape_pending: Mask
+    shape_refused: Mask
+    pose_refused: Mask
+    frame_refused: Mask
+    ahead: Mask
+    outdated: Mask
+    held_back: Mask
 
     def __init__(self) -> None:
         self.namespaces = NamespaceTable()
         self.slots: dict[Key, int] = {}
         self.by_name: dict[str, int] = {}
+        self.signatures: dict[int, Signature] = {}
+        """Of the shapes, by slot."""
         self._sorted: tuple[Slots, Slots] | None = None
         for name, (dtype, shape) in COLUMNS.items():
             setattr(self, name, np.zeros((FIRST_ROWS, *shape), dtype))
@@ -163,11 +166,33 @@ class ObjectTable:
         for key in self.keys(slots):
             del self.slots[key]
             del self.by_name[name_from_key(key)]
+        for slot in slots.tolist():
+            self.signatures.pop(slot, None)
         numbers, counts = np.unique(self.ns[slots], return_counts=True)
         for number, count in zip(numbers.tolist(), counts.tolist(), strict=True):
             self.namespaces.leave(number, count)
         self.live[slots] = self.pending[slots] = self.placed[slots] = self.shaped[slots] = False
         self._sorted = None
+
+    def signature(self, key: Key) -> Signature | None:
+        """Signature of the shape that an object has, None for an unknown object."""
+        return self.signatures.get(self.slots.get(key, -1))
+
+    @property
+    def visible(self) -> Mask:
+        """(rows,) objects with a box: their shape is known, and where they are."""
+        return self.live & self.placed & self.shaped
+
+    @property
+    def refused(self) -> Mask:
+        """(rows,) objects whose latest shape or pose could not be used, or not in time."""
+        return self.live & (self.shape_refused | self.pose_refused | self.frame_refused)
+
+    @property
+    def doubtful(self) -> Mask:
+        """(rows,) objects whose box is not known to be where it should be: shown grey."""
+        doubts = self.stale | self.ahead | self.held_back | self.shape_pending
+        return self.refused | (self.live & doubts)
 
     def keys(self, slots: Slots) -> list[Key]:
         """Keys of the objects at slots (n,)."""
@@ -207,13 +232,13 @@ class ObjectTable:
         at = np.minimum(np.searchsorted(known, wanted), len(known) - 1)
         return np.where(legal & (known[at] == wanted), slots[at], -1)
 
-    def knows(self, namespaces: Slots) -> npt.NDArray[np.bool_]:
+    def knows(self, namespaces: Slots) -> Mask:
         """Whether numbers (n,) are those of namespaces in the table."""
         known = np.fromiter(self.namespaces.names, np.int64, len(self.namespaces))
         return _are_numbers(namespaces) & np.isin(_signed(namespaces), known)
 
 
-def _are_numbers(namespaces: Slots) -> npt.NDArray[np.bool_]:
+def _are_numbers(namespaces: Slots) -> Mask:
     return (namespaces >= -ID_OFFSET) & (namespaces < 2 * ID_OFFSET)
 
 

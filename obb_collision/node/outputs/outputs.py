@@ -151,9 +151,9 @@ class Outputs:
         self._next_markers = now + 1.0 / parameters.marker_rate
         objects, table = given.objects, given.table
         slots = objects.scene.indices
-        drawn = objects.visible[slots]
+        drawn = objects.table.visible[slots]
         slots, boxes = slots[drawn], objects.scene.boxes.take(np.flatnonzero(drawn))
-        colors = np.where(objects.doubtful[slots], DOUBTFUL, FREE)
+        colors = np.where(objects.table.doubtful[slots], DOUBTFUL, FREE)
         colors[given.report.colliding[slots]] = COLLIDING
         form, most = parameters.marker_form, parameters.marker_max_cubes
         lines = form == "lines" or (form == "auto" and len(slots) > most)

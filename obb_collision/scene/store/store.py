@@ -30,7 +30,12 @@ from numpy.typing import ArrayLike
 
 from obb_collision.accuracy import Accuracy
 from obb_collision.geometry.boxes import Boxes, add_outwards
-from obb_collision.geometry.poses import as_poses, place_boxes
+from obb_collision.geometry.poses import (
+    as_poses,
+    matrices_from_quaternions,
+    place_boxes,
+    unit_quaternions,
+)
 from obb_collision.geometry.validation import as_array
 from obb_collision.typing import Floats, Rows
 from obb_collision.words import shown
@@ -170,6 +175,15 @@ class ObjectStore:
         positions, rotations = as_poses(new, "poses", numbers)
         self.poses[rows] = new
         self._place(rows, positions, rotations)
+
+    def place(self, rows: Rows, poses: Floats) -> None:
+        """Give slots (m,), all distinct, new poses (m, 7), finite, with quaternions not zero."""
+        moved = (self.poses[rows] != poses).any(axis=1)
+        if not moved.all():
+            rows, poses = rows[moved], poses[moved]
+        self.poses[rows] = poses
+        rotations = matrices_from_quaternions(unit_quaternions(poses[:, 3:]))
+        self._place(rows, np.ascontiguousarray(poses[:, :3]), rotations)
 
     def _place(self, rows: Rows, positions: Floats, rotations: Floats) -> None:
         self._keep_lent()

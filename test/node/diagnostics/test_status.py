@@ -134,8 +134,7 @@ def test_enable_stops_and_resumes_the_checks_while_states_are_taken(rig: Rig) ->
     assert (status["enabled"], status["level"]) == ("False", "01")
     rig.last.pop("collisions", None)
     rig.send_transform("a/2", pose(0.5))
-    slot = rig.node.objects.table.slots[A2]
-    rig.until(lambda: rig.node.objects.table.world[slot][0] == 0.5, "state taken")
+    rig.until(lambda: rig.pose_of(A2)[0] == 0.5, "state taken")
     assert "collisions" not in rig.last
     assert rig.call(SetBool, "obb_collision/enable", SetBool.Request(data=True)).success
     assert rig.pairs() == {("a/1", "a/2")}

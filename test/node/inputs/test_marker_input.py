@@ -75,8 +75,7 @@ def test_of_a_backlog_only_the_last_state_of_each_object_is_looked_at(
     wait(rig, *(serialized(cube(A1, (x, 0, 0)), cube(A2, (x + 0.5, 0, 0))) for x in range(50)))
     assert sync(rig) == {("a/1", "a/2")}
     assert calls == {"put_primitives": 3}, "two of the backlog and one of sync"
-    slot = rig.node.objects.table.slots[A1]
-    assert rig.node.objects.table.world[slot][0] == 49.0
+    assert rig.pose_of(A1)[0] == 49.0
     wait(rig, *(serialized(cube(A1, (x, 0, 0))) for x in range(50)))
     sync(rig)
     assert calls["put_primitives"] == 3, "an unchanged shape is a pose update"
@@ -126,9 +125,8 @@ def test_what_waits_is_bounded(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> Non
         assert markers._size <= 100_000 + 3 * len(message)
     assert peak > 50_000
     sync(rig)
-    table = rig.node.objects.table
     assert {key for key in keys(rig) if key[0] == "c"} == {("c", k) for k in range(20)}
-    assert (table.world[[table.slots["c", k] for k in range(20)], 0] == 299.0).all()
+    assert {rig.pose_of(("c", k))[0] for k in range(20)} == {299.0}
     assert rig.refused("objects").keys() == {"no points"}
 
 
@@ -161,8 +159,8 @@ def test_where_the_last_state_cannot_be_built_the_one_before_counts(rig: Rig) ->
     wait(rig, serialized(cube(A1)), serialized(broken))
     assert sync(rig) == set()
     slot = rig.node.objects.table.slots[A1]
-    assert rig.node.objects.doubtful[slot]
-    assert rig.node.objects.table.world[slot][0] == 0.0
+    assert rig.node.objects.table.doubtful[slot]
+    assert rig.pose_of(A1)[0] == 0.0
     assert rig.refused("objects") == {"no points": 1}
 
 
@@ -279,13 +277,13 @@ def test_states_with_stamps_of_their_own_are_stored_together(
 ) -> None:
     stored: list[int] = []
     objects = rig.node.objects
-    given = objects.store_poses
+    given = objects.states.store
 
     def store(slots: Any, *more: Any) -> Any:
         stored.append(len(slots))
         return given(slots, *more)
 
-    monkeypatch.setattr(objects, "store_poses", store)
+    monkeypatch.setattr(objects.states, "store", store)
     markers = [cube(("c", number), (3.0 * number, 0, 0)) for number in range(50)]
     for number, marker in enumerate(markers):
         marker.header.stamp = stamp_to_ros(SECOND + number)
@@ -296,4 +294,4 @@ def test_states_with_stamps_of_their_own_are_stored_together(
     table = objects.table
     slots = [table.slots["c", number] for number in range(50)]
     assert (table.stamp[slots] == SECOND + np.arange(50)).all()
-    assert objects.signature(("c", 1)) == (Marker.SPHERE, 1.0, 1.0, 1.0)
+    assert objects.table.signature(("c", 1)) == (Marker.SPHERE, 1.0, 1.0, 1.0)

@@ -59,13 +59,13 @@ def test_a_bad_pose_is_refused_alone_and_its_object_keeps_colliding(
     assert rig.refused(topic) == {reason: 1}
     assert sync(rig) == {("a/1", "b/1")}
     slot, other = (rig.node.objects.table.slots[key] for key in (A1, A2))
-    assert rig.node.objects.doubtful[slot]
-    assert not rig.node.objects.doubtful[other]
+    assert rig.node.objects.table.doubtful[slot]
+    assert not rig.node.objects.table.doubtful[other]
     moved = topic != "object_transform"
-    assert rig.node.objects.table.world[other][0] == (3.5 if moved else 3.0)
+    assert rig.pose_of(A2)[0] == (3.5 if moved else 3.0)
     rig.send_transform("a/1", pose(0.0))
     assert rig.pairs() == {("a/1", "b/1")}
-    assert not rig.node.objects.doubtful[slot], "a good pose clears the doubt"
+    assert not rig.node.objects.table.doubtful[slot], "a good pose clears the doubt"
 
 
 @pytest.mark.parametrize("topic", SENDERS)
@@ -93,7 +93,7 @@ def test_poses_in_an_unknown_frame_are_refused_and_their_objects_marked(
     rig.until(lambda: rig.refused(topic), "refusal")
     assert rig.refused(topic) == {"unknown frame": 1}
     assert sync(rig) == {("a/1", "a/2")}
-    assert rig.node.objects.doubtful[rig.node.objects.table.slots[A1]]
+    assert rig.node.objects.table.doubtful[rig.node.objects.table.slots[A1]]
 
 
 def text_marker() -> Marker:
@@ -152,7 +152,7 @@ def test_a_bad_marker_is_refused_alone_and_never_taken_as_free(rig: Rig, reason:
         rig.send(make())
     assert sync(rig) == {("a/1", "a/2")}, "the last good box stays"
     rig.until(lambda: rig.refused("objects")[reason] == 2 * len(makers), "refusals")
-    assert rig.node.objects.doubtful[rig.node.objects.table.slots[A1]]
+    assert rig.node.objects.table.doubtful[rig.node.objects.table.slots[A1]]
 
 
 def test_annotations_are_counted_as_refused_and_no_objects_that_are_not_checked(rig: Rig) -> None:
@@ -182,7 +182,7 @@ def test_mismatched_lengths_in_states_refuse_the_message_and_mark_its_objects(ri
     rig.until(lambda: rig.refused("object_states"), "refusal")
     assert rig.refused("object_states") == {"array lengths differ": 1}
     assert sync(rig) == {("a/1", "a/2")}
-    assert np.count_nonzero(rig.node.objects.doubtful) == 2
+    assert np.count_nonzero(rig.node.objects.table.doubtful) == 2
 
 
 def test_a_twist_list_of_another_length_is_counted_and_the_poses_are_used(rig: Rig) -> None:

@@ -255,15 +255,16 @@ def test_a_large_table_is_not_sent_at_every_cycle(
 
 
 def test_frames_that_nothing_uses_give_their_place_to_others() -> None:
-    used: set[int] = set()
-    frames = FrameTable("map", lambda: used)
+    frames = FrameTable("map")
     assert frames.index("") == frames.index("map") == 0
     indices = [frames.index(f"f{number}") for number in range(MAX_FRAMES - 1)]
     assert [frames.name(index) for index in indices[:2]] == ["f0", "f1"]
-    used.update(indices)
+    assert frames.is_full
+    frames.keep_only(indices)
     with pytest.raises(RefusedError, match="too many frames"):
         frames.index("one more")
-    used.remove(indices[5])
+    frames.keep_only([*indices[:5], *indices[6:]])
+    assert "f5" not in frames
     assert frames.index("one more") == indices[5]
     assert frames.index("f6") == indices[6]
     assert len(frames) == MAX_FRAMES

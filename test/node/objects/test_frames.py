@@ -68,7 +68,7 @@ def test_frame_locked_objects_follow_their_frame() -> None:
         assert ("robot", 0) in frames.asked
         del frames.known["robot"]
         table = rig.node.objects.table
-        rig.until(lambda: rig.node.objects.doubtful[table.slots[A2]], "doubt")
+        rig.until(lambda: rig.node.objects.table.doubtful[table.slots[A2]], "doubt")
         assert len(collisions_from_ros(rig.next("collisions"))) == 1, "keeps its last box"
 
 
@@ -109,7 +109,7 @@ def test_with_tf2_poses_are_placed_at_their_stamp(tf2_ros: Any) -> None:
         set_transform(rig, 4.0, rig.stamp + 2_000_000)  # the marker is of the middle
         rig.send(in_frame(cube(A2, (0.5, 0, 0)), "robot"), cube(A1, (3, 0, 0)))
         assert rig.pairs() == {("a/1", "a/2")}
-        assert rig.node.objects.table.world[rig.node.objects.table.slots[A2]][0] == 3.5
+        assert rig.pose_of(A2)[0] == 3.5
 
 
 def test_with_tf2_frames_that_it_does_not_know_are_refused(tf2_ros: Any) -> None:
@@ -133,7 +133,7 @@ def test_with_tf2_a_transform_that_comes_late_delays_an_object_only(tf2_ros: Any
         rig.until(lambda: table.stamp[slot] == stamps[-1], "taken in")
         for number, stamp in enumerate(stamps):
             set_transform(rig, 100.0, stamp)
-            rig.until(lambda n=number: table.world[slot, 0] == 100.0 + n, "placed")  # type: ignore[misc]
+            rig.until(lambda n=number: rig.pose_of(A2)[0] == 100.0 + n, "placed")  # type: ignore[misc]
         assert rig.refused("object_transform") == {}
 
 

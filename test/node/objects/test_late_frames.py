@@ -29,7 +29,7 @@ from std_msgs.msg import Header
 from obb_collision.node.messages.clouds import cloud_to_ros
 from obb_collision.node.messages.conversions import stamp_to_ros
 from obb_collision.node.objects.frames import EXTRAPOLATION
-from obb_collision.node.objects.objects import State
+from obb_collision.node.objects.states import State
 from obb_collision.node.objects.waiting import STATE, WaitingStates
 from obb_collision.shapes import Box
 
@@ -159,8 +159,8 @@ def test_what_waits_for_an_object_that_is_gone_moves_no_other_one() -> None:
     rig = ObjectsRig(A1)
     for stamp in (START + 1, START + 2):
         rig.send(stamp, "robot")
-    rig.objects.remove(A1)
-    rig.slots[0] = rig.objects.put(A2, Box([1.0, 1.0, 1.0]), (), None)
+    rig.objects.shapes.remove(rig.slots[:1])
+    rig.slots[0] = rig.objects.shapes.put(A2, Box([1.0, 1.0, 1.0]), (), None)
     rig.frames.spans["robot"] = START, START + 10
     rig.cycle()
     assert not rig.objects.table.placed[rig.slots[0]]
@@ -215,7 +215,7 @@ def test_a_transform_or_a_place_that_is_no_number_is_refused() -> None:
     huge = np.array([-1e300, 0, 0, 0, 0, 0, 1.0])
     rig.frames.lookup = lambda frame, stamp: huge  # type: ignore[method-assign]
     far = np.array([[-1e300, 0, 0, 0, 0, 0, 1.0]])
-    rig.objects.store_poses(rig.slots, far, State("robot", START + 2, rig.now, "object_states"))
+    rig.objects.states.store(rig.slots, far, State("robot", START + 2, rig.now, "object_states"))
     rig.now += SECOND
     rig.cycle()
     assert rig.refused["object_states", "bad pose"] == 1

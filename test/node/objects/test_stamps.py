@@ -28,7 +28,7 @@ from rig import FRAME, Rig, cube, pose, sync
 from std_msgs.msg import Header
 
 from obb_collision.node.messages.conversions import stamp_from_ros, stamp_to_ros, states_to_ros
-from obb_collision.node.objects.objects import AHEAD, ANEW
+from obb_collision.node.objects.states import AHEAD, ANEW
 
 A1, A2 = ("a", 1), ("a", 2)
 TOPIC = "object_states"
@@ -160,7 +160,9 @@ def test_markers_follow_the_same_rule(newest: int) -> None:
     slots, stamps = np.array([rig.slots[0], -1]), np.array([START - 10, 1])
 
     def late(received: int) -> list[bool]:
-        found: list[bool] = rig.objects.find_late(slots, stamps, np.full(2, received)).tolist()
+        found: list[bool] = rig.objects.states.find_late(
+            slots, stamps, np.full(2, received)
+        ).tolist()
         return found
 
     assert late(rig.now) == [newest < START, False], "-1 is a new object"
@@ -179,7 +181,7 @@ def test_by_topics_a_marker_of_the_future_among_others_does_not_outlast_them(rig
     rig.stamp += 1
     rig.send(*markers, stamped=False)
     assert rig.pairs() == {("a/1", "a/2")}
-    assert rig.node.objects.table.world[rig.node.objects.table.slots[A1], 0] == 0.25
+    assert rig.pose_of(A1)[0] == 0.25
 
 
 BAD = [Time(sec=2**31 - 1, nanosec=2**32 - 1), Time(sec=-1), Time(sec=1, nanosec=10**9)]
@@ -231,7 +233,7 @@ def test_stamps_that_no_clock_gives_are_refused_by_topic(rig: Rig, topic: str) -
         expected = {"bad stamp": BAD.index(stamp) + 1}
         rig.until(lambda e=expected: rig.refused(topic) == e, "refusal")  # type: ignore[misc]
     assert sync(rig) == {("a/1", "a/2")}
-    assert rig.node.objects.doubtful[rig.node.objects.table.slots[A1]] == (topic != "points")
+    assert rig.node.objects.table.doubtful[rig.node.objects.table.slots[A1]] == (topic != "points")
     assert rig.node.guard.total == 0
 
 

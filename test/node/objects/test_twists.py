@@ -89,7 +89,7 @@ def test_a_twist_that_is_no_number_is_refused_alone_and_its_pose_is_used(
     assert rig.refused("object_states") == {"bad twist": 1}
     assert twist(rig, "a/1") == [0.0] * 6
     assert twist(rig, "a/2") == FORWARD
-    assert not rig.node.objects.doubtful.any()
+    assert not rig.node.objects.table.doubtful.any()
 
 
 def test_a_stale_object_is_not_taken_to_go_on() -> None:

@@ -124,7 +124,7 @@ def test_diagnostics_never_count_collisions_of_objects_that_are_gone(rig: Rig) -
     rig.until(lambda: rig.status(": objects")["colliding"] == "2", "colliding")
     report = cycle.report
     cycle.enabled = False
-    rig.node.objects.remove_all()
+    rig.node.objects.clear()
     cycle.report = report
     status = rig.status(": objects")
     assert (status["count"], status["colliding"]) == ("0", "0")
@@ -162,8 +162,8 @@ def test_annotations_are_no_objects() -> None:
 def test_a_refused_newcomer_is_forgotten_when_its_lifetime_ends() -> None:
     rig = ObjectsRig(A1)
     rig.send(START + 1)
-    rig.objects.refuse(A2, "bad scale", shape=True, expiry=START + SECOND)
-    rig.objects.refuse(B1, "bad scale", shape=True)
+    rig.objects.shapes.refuse(A2, "bad scale", shape=True, expiry=START + SECOND)
+    rig.objects.shapes.refuse(B1, "bad scale", shape=True)
     rig.cycle()
     assert set(rig.objects.unplaceable) == {A2, B1}
     rig.now += 2 * SECOND
@@ -183,7 +183,7 @@ def test_no_state_for_longer_than_the_timeout_is_not_known() -> None:
     rig = ObjectsRig(A1, A2, object_timeout=0.5)
     rig.send(START + 1)
     assert known(rig).level == COLLIDING, "both in one place"
-    rig.objects.remove(A2)
+    rig.objects.shapes.remove(rig.slots[1:2])
     rig.slots = rig.slots[:1]
     assert known(rig).level == FREE
     rig.now += SECOND

@@ -114,13 +114,13 @@ def test_clouds_without_ns_serve_a_single_namespace_and_are_refused_otherwise(ri
 def test_an_unchanged_shape_is_a_pose_update_and_a_changed_one_is_fitted(rig: Rig) -> None:
     rig.send(cube(A1), cube(A2, (3, 0, 0)))
     rig.answer()
-    shape = rig.node.objects.signature(A2)
+    shape = rig.node.objects.table.signature(A2)
     rig.send(cube(A2, (0.5, 0, 0)))
     assert rig.pairs() == {("a/1", "a/2")}
-    assert rig.node.objects.signature(A2) is shape
+    assert rig.node.objects.table.signature(A2) is shape
     rig.send(cube(A2, (3, 0, 0), (5.0, 1.0, 1.0)))
     assert rig.pairs() == {("a/1", "a/2")}
-    assert rig.node.objects.signature(A2) != shape
+    assert rig.node.objects.table.signature(A2) != shape
 
 
 def test_delete_takes_one_and_deleteall_a_namespace_or_everything(rig: Rig) -> None:

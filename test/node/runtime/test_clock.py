@@ -110,9 +110,9 @@ def test_the_steady_clock_does_not_go_back() -> None:
 @pytest.mark.parametrize("shift", [-500 * SECOND, 500 * SECOND])
 def test_what_is_left_of_lifetimes_and_ages_stays(shift: int) -> None:
     rig = ObjectsRig(A1, object_timeout=3.0)
-    slot = rig.objects.put(A2, Box([1.0, 1.0, 1.0]), (), rig.now + 2 * SECOND)
+    slot = rig.objects.shapes.put(A2, Box([1.0, 1.0, 1.0]), (), rig.now + 2 * SECOND)
     rig.slots = np.append(rig.slots, slot)
-    rig.objects.refuse(("b", 1), "bad scale", shape=True, expiry=rig.now + 2 * SECOND)
+    rig.objects.shapes.refuse(("b", 1), "bad scale", shape=True, expiry=rig.now + 2 * SECOND)
     rig.send(rig.now)
     rig.cycle()
     rig.now += shift
@@ -121,7 +121,7 @@ def test_what_is_left_of_lifetimes_and_ages_stays(shift: int) -> None:
     rig.cycle()
     assert set(rig.objects.table.slots) == {A1, A2}
     assert not rig.objects.table.stale.any()
-    assert not rig.objects.doubtful.any()
+    assert not rig.objects.table.doubtful.any()
     assert len(rig.objects.unplaceable) == 1
     rig.now += SECOND + 1
     rig.cycle()
@@ -196,6 +196,6 @@ def test_by_topics_the_time_may_change_to_a_simulations_and_back(
         rig.cycles(2)
         assert "the clock jumped by +" in capfd.readouterr().err
         assert set(rig.node.objects.table.slots) == {A1, A2}
-        assert not rig.node.objects.doubtful.any()
+        assert not rig.node.objects.table.doubtful.any()
         rig.send(cube(A2, (3, 0, 0)))
         assert rig.pairs() == set()

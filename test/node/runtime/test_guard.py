@@ -66,9 +66,9 @@ def test_an_item_that_fails_is_refused_alone(rig: Rig, monkeypatch: pytest.Monke
 def test_a_message_that_fails_is_refused_whole(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
     rig.send(cube(A), cube(B, (3, 0, 0)))
     assert rig.pairs() == set()
-    store = rig.node.objects.store_poses
+    store = rig.node.objects.states.store
     with monkeypatch.context() as patch:
-        patch.setattr(rig.node.objects, "store_poses", failing(store, lambda *_: True))
+        patch.setattr(rig.node.objects.states, "store", failing(store, lambda *_: True))
         rig.send_transform("a/2", pose(0.5))
         rig.until(lambda: rig.refused("object_transform"), "refusal")
     assert rig.refused("object_transform") == {INTERNAL_ERROR: 1}

@@ -1,0 +1,155 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""States of objects on their way in: stored as they arrive, the latest one of an object wins."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from obb_collision.geometry.poses import unit_poses
+from obb_collision.node.messages.conversions import NANOSECONDS, far_from_unit, name_from_key
+from obb_collision.node.objects.notes import Notes
+from obb_collision.node.objects.placement import Placement
+from obb_collision.node.objects.table import ObjectTable, Slots
+from obb_collision.typing import Floats, Mask
+
+OLDER = "older stamp"
+"""Reason: a state came after one with a newer stamp."""
+FAR = "quaternion far from unit length"
+"""Doubt: its length is more than 0.1 off 1; it is normalised."""
+AHEAD = "stamp from the future"
+"""Doubt: a state's stamp is ahead of the node's clock by more than the tolerance."""
+ANEW = "stamps began anew"
+"""Doubt: a state is older than the one before, which came so long ago that its sender must have
+started again."""
+
+
+@dataclass(frozen=True)
+class State:
+    """Where poses come from: their frame, stamp (ns, 0: none), time of receipt (ns) and topic.
+
+    Stamp and time of receipt are those of all poses, or arrays with one for each.
+    """
+
+    frame: str
+    stamp: int | Slots
+    received: int | Slots
+    topic: str = "objects"
+
+
+class States:
+    """Stores states in the table; what is wrong with one is noted."""
+
+    def __init__(self, table: ObjectTable, placement: Placement, notes: Notes) -> None:
+        self._table, self._placement, self._notes = table, placement, notes
+        self.stamp_tolerance = NANOSECONDS // 2
+        """Stamps further than this ahead of the node's clock (ns) are not believed."""
+        self.order_timeout = NANOSECONDS
+        """For how long after a state (ns) an older one is taken for late, not for a new start."""
+
+    def store(
+        self, slots: Slots, poses: Floats, state: State, twists: Floats | float = 0.0
+    ) -> Mask:
+        """Store poses (n, 7) of slots (n,) for the next cycle; returns which were too old (n,).
+
+        The poses are finite with quaternions that are not zero, the twists (n, 6) finite: inputs
+        see to that. Of rows for the same object the last one stays. Raises RefusedError ("unknown
+        frame").
+        """
+        frame = self._placement.frame_index(state.frame)
+        twists = np.broadcast_to(twists, (len(slots), 6))
+        stamps = np.broadcast_to(state.stamp, len(slots))
+        received = np.broadcast_to(state.received, len(slots))
+        old = self._find_old(slots, stamps, received, state.topic)
+        if old.any():
+            slots, poses, twists = slots[~old], poses[~old], twists[~old]
+            stamps, received = stamps[~old], received[~old]
+        if len(slots):
+            self._placement.supersede(slots, frame)
+            poses = self._unit(slots, poses, state.topic)
+            self._write(slots, poses, twists, frame, state.topic)
+            self._stamp(slots, stamps, received, state.topic)
+        return old
+
+    def _write(self, slots: Slots, poses: Floats, twists: Floats, frame: int, topic: str) -> None:
+        table = self._table
+        table.given[slots], table.twist[slots] = poses, twists
+        table.frame[slots], table.topic[slots] = frame, self._placement.topic_index(topic)
+        table.pending[slots] = True
+        table.outdated[slots] = table.pose_refused[slots] = table.locked[slots] = False
+
+    def _stamp(self, slots: Slots, stamps: Slots, received: Slots, topic: str) -> None:
+        """Store stamps; one that is not believed orders nothing."""
+        table = self._table
+        table.stamp[slots], table.received[slots] = stamps, received
+        ahead = stamps - received
+        doubted = ahead > self.stamp_tolerance
+        if doubted.any():
+            most = f"{ahead.max() / NANOSECONDS:.1f} s ahead of the node's clock"
+            self._doubt(AHEAD, slots[doubted], topic, most)
+        orders = ~doubted & (stamps != 0)
+        table.order[slots[orders]] = stamps[orders]
+
+    def _unit(self, slots: Slots, poses: Floats, topic: str) -> Floats:
+        """Return poses whose quaternions are not far from unit length."""
+        far = far_from_unit(poses)
+        if not far.any():
+            return poses
+        self._doubt(FAR, slots[far], topic, "taken as normalised")
+        return np.where(far[:, None], unit_poses(poses), poses)
+
+    def find_late(self, slots: Slots, stamps: Slots | int, received: Slots | int) -> Mask:
+        """Return which states (n,) come too late: soon after newer ones of their objects.
+
+        Their objects are marked, and doubtful if nothing newer comes. Slot -1: a new object.
+        """
+        table = self._table
+        late = (slots >= 0) & (stamps < table.order[slots]) & (np.asarray(stamps) > 0)
+        late &= received - table.received[slots] <= self.order_timeout
+        table.outdated[slots[late]] = True
+        return late
+
+    def _find_old(self, slots: Slots, stamps: Slots, received: Slots, topic: str) -> Mask:
+        """Return which states come too late (n,), and see which senders began anew."""
+        old = self.find_late(slots, stamps, received)
+        before = self._table.order[slots] - stamps
+        anew = ~old & (before > 0) & (stamps != 0)
+        if anew.any():
+            most = f"{before[anew].max() / NANOSECONDS:.1f} s before the last one"
+            self._doubt(ANEW, slots[anew], topic, most)
+        return old
+
+    def _doubt(self, reason: str, slots: Slots, topic: str, detail: str) -> None:
+        name = name_from_key(self._table.key(int(slots[0])))
+        self._notes.doubt(topic, reason, name, detail, len(slots))
+
+    def lock(self, slots: Slots) -> None:
+        """Place the stored poses anew every cycle, where their frames are then."""
+        self._table.locked[slots] = self._table.frame[slots] != 0
+        self._table.stamp[slots] = 0
+
+    def refuse(self, slots: Slots) -> None:
+        """Mark that the latest poses of slots could not be used."""
+        self._table.pose_refused[slots] = True
+
+    def mark_doubtful(self, now: int) -> None:
+        """Mark objects whose state is from the future, or older than one that came since."""
+        table = self._table
+        table.ahead[:] = table.placed & (table.world_stamp > now + self.stamp_tolerance)
+        since = now - table.received
+        table.outdated &= since <= self.order_timeout
+        table.held_back[:] = table.outdated & (since > self.order_timeout // 2)
