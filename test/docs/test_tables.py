@@ -99,14 +99,14 @@ def test_the_parameters_are_those_of_the_node() -> None:
 
 def test_the_named_rows_are_those_of_the_readers() -> None:
     pytest.importorskip("rclpy")
-    from obb_collision.node.messages import readers
+    from obb_collision.node.topics import records
 
     rows: dict[str, Any] = {
-        "named_pairs": readers.NamedPair,
-        "named_contacts": readers.NamedContact,
-        "named_clearances": readers.NamedClearance,
-        "named_predictions": readers.NamedPrediction,
-        "named_points_inside": readers.NamedPoints,
+        "named_pairs": records.NamedPair,
+        "named_contacts": records.NamedContact,
+        "named_clearances": records.NamedClearance,
+        "named_predictions": records.NamedPrediction,
+        "named_points_inside": records.NamedPoints,
     }
     found = {row[0].strip("`"): row[2] for row in table_rows(NODE, "### Rows with names")}
     assert set(found) == {*rows, "named_passed_collisions"}
@@ -116,16 +116,17 @@ def test_the_named_rows_are_those_of_the_readers() -> None:
 
 def test_the_recording_leaves_out_what_is_computed_for_subscribers() -> None:
     pytest.importorskip("rclpy")
-    from obb_collision.node.outputs.effects import TOPICS
+    from obb_collision.node.topics.topics import NAMESPACES, TOPICS
 
     (pattern,) = re.findall(r"--exclude-regex '(.*)'", NODE.read_text(encoding="utf-8"))
     names = {
-        effect: "/cell/" + topic.replace("~", "obb_collision") for effect, topic in TOPICS.items()
+        effect: "/cell/" + topic.name.replace("~", "obb_collision")
+        for effect, topic in TOPICS.items()
     }
     left_out = {effect for effect, name in names.items() if re.search(pattern, name)}
     assert left_out == {"text", "contacts", "clearance", "sweep", "points", "markers"}
     rows = {row[0].strip("`") for row in table_rows(NODE, "## Topics out")}
-    assert rows == {*TOPICS.values(), "namespaces"}
+    assert rows == {topic.name for topic in (*TOPICS.values(), NAMESPACES)}
 
 
 def test_the_rosdep_line_allows_what_comes_from_pypi() -> None:

@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The topics that the node publishes: one table, and what its entries are made of."""
+"""The table of published topics, with rows and readers."""

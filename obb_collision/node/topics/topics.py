@@ -167,7 +167,8 @@ NAMESPACES = Topic(name="namespaces", message=DiagnosticStatus, qos=LATCHED)
 
 def mode_names() -> list[str]:
     """Return what has a mode: all topics but ``namespaces``, and effects without a topic."""
-    return [*TOPICS, *(name for name in EFFECTS if name not in TOPICS)]
+    with_needs = (name for key, topic in TOPICS.items() for name in (key, *topic.needs))
+    return list(dict.fromkeys((*with_needs, *EFFECTS)))
 
 
 def describe_mode(name: str) -> str:

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The effects of a scene: one module each, with the effect as ``EFFECT``, found by its file."""
+"""What is computed beside the pairs: one module per effect, found by its ``EFFECT``."""
 
 from __future__ import annotations
 
