@@ -94,6 +94,7 @@ def scene_calls() -> Iterator[tuple[str, Callable[..., Any], dict[str, Any]]]:
     changes: dict[str, tuple[Callable[[oc.Scene, Any], Any], Any]] = {
         "move_indices": (lambda s, v: s.move_indices(v, [IDENTITY] * 2), [0, 1]),
         "move_indices poses": (lambda s, v: s.move_indices([0, 1], v), [IDENTITY] * 2),
+        "poses_of": (lambda s, v: s.poses_of(v), [0, 1]),
         "move": (lambda s, v: s.move("a", v), IDENTITY),
         "set_twists": (lambda s, v: s.set_twists(v, np.zeros((2, 6))), [0, 1]),
         "set_twists twists": (lambda s, v: s.set_twists([0, 1], v), np.zeros((2, 6))),

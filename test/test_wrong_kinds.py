@@ -194,6 +194,7 @@ FUNCTIONS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "Scene.move": (scene().move, {"name": "a", "pose": POSE}),
     "Scene.move_many": (scene().move_many, {"names": ["a"], "poses": [POSE]}),
     "Scene.move_indices": (scene().move_indices, {"indices": [0], "poses": [POSE]}),
+    "Scene.poses_of": (scene().poses_of, {"indices": [0]}),
     "Scene.set_twist": (scene().set_twist, {"name": "a", "twist": [0] * 6}),
     "Scene.set_twists": (scene().set_twists, {"indices": [0], "twists": [[0] * 6]}),
     "Scene.set_enabled": (scene().set_enabled, {"name": "a", "enabled": True}),

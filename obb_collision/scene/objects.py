@@ -257,15 +257,6 @@ class SceneObjects:
         level = None if accuracy is None else as_accuracy(accuracy)
         self._set_accuracy(self._store.slot(name), level)
 
-    def set_accuracies(
-        self, indices: ArrayLike, accuracies: Sequence[Accuracy | str | None]
-    ) -> None:
-        """Give objects levels of their own, or with None the scene's, by index array (n,)."""
-        levels = [None if level is None else as_accuracy(level) for level in accuracies]
-        slots = self._store.check_slots(indices).tolist()
-        for slot, level in zip(slots, levels, strict=True):
-            self._set_accuracy(slot, level)
-
     def _set_accuracy(self, slot: int, own: Accuracy | None) -> None:
         if own is None:
             self._own_accuracy.discard(slot)

@@ -123,8 +123,8 @@ class Objects:
     def set_overrides(self, overrides: Overrides) -> None:
         """Give objects, those to come too, an accuracy of their own by their names."""
         self.shapes.overrides = overrides
-        levels = {slot: overrides.level(name) for name, slot in self.table.by_name.items()}
-        self.scene.set_accuracies(list(levels), list(levels.values()))
+        for name in self.table.by_name:
+            self.scene.set_accuracy(name, overrides.level(name))
 
     def newest_stamp(self, now: int) -> int:
         """Stamp (ns) of the newest state evaluated; time of receipt where none has one to believe.
