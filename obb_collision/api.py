@@ -30,6 +30,7 @@ from obb_collision.queries.meshes.meshes import (
     mesh_verdicts,
     tree_collisions,
 )
+from obb_collision.queries.overlap.overlap import iou, overlap_volumes
 from obb_collision.queries.points.points import PointsInside, points_inside
 from obb_collision.queries.primitives.capsules import (
     CapsuleDistances,
@@ -76,10 +77,12 @@ __all__ = [
     "clearances_within",
     "contacts",
     "find_pairs",
+    "iou",
     "load_scene",
     "mesh_collisions",
     "mesh_contacts",
     "mesh_verdicts",
+    "overlap_volumes",
     "plane_distances",
     "points_inside",
     "segments_intersect",

@@ -34,6 +34,7 @@ from obb_collision.geometry.validation import (
     as_rotations,
     is_single,
 )
+from obb_collision.queries.overlap.overlap import iou, overlap_volumes
 from obb_collision.queries.points.containment import contains
 from obb_collision.queries.verdict.penetration import AXES, witness
 from obb_collision.queries.verdict.verdict import SEPARATE, Verdict, verdicts
@@ -424,6 +425,58 @@ class OBB:
         )
         verdict = Verdict(int(verdicts(self._boxes(), other._boxes())[0]))
         return Separation(gap, np.array([x, y, z]), verdict)
+
+    def overlap_volume(self, other: OBB) -> float:
+        """Return the volume that two boxes share.
+
+        Parameters
+        ----------
+        other : OBB
+
+        Returns
+        -------
+        float
+            Cubic metres; exactly 0 and exactly all where ``overlap_volumes`` says so.
+
+        Raises
+        ------
+        TypeError
+            For anything else.
+
+        Examples
+        --------
+        >>> box = oc.OBB(half_extents=[1, 1, 1])
+        >>> box.overlap_volume(oc.OBB([1, 0, 0], np.eye(3), [1, 1, 1]))
+        4.0
+        """
+        check_kind(other, OBB, "other")
+        return float(overlap_volumes(self._boxes(), other._boxes())[0])
+
+    def iou(self, other: OBB) -> float:
+        """Return intersection over union, from 0 to 1.
+
+        Parameters
+        ----------
+        other : OBB
+
+        Returns
+        -------
+        float
+            Exactly 0 and exactly 1 where the function ``iou`` says so.
+
+        Raises
+        ------
+        TypeError
+            For anything else.
+
+        Examples
+        --------
+        >>> box = oc.OBB(half_extents=[1, 1, 1])
+        >>> box.iou(oc.OBB([0, 0, 0.5], np.eye(3), [1, 1, 0.5]))
+        0.5
+        """
+        check_kind(other, OBB, "other")
+        return float(iou(self._boxes(), other._boxes())[0])
 
     def _boxes(self) -> Boxes:
         return Boxes.trusted(self.center[None], self.rotation[None], self.half_extents[None])

@@ -154,6 +154,8 @@ def calls() -> Iterator[tuple[str, Callable[..., Any], dict[str, Any]]]:
         "starts": np.zeros((2, 3)), "ends": np.ones((2, 3)), "radii": np.ones(2)
     }  # fmt: skip
     yield "verdicts", oc.verdicts, {"a": boxes, "b": turned, "pairs": pairs}
+    yield "iou", oc.iou, {"a": boxes, "b": turned, "pairs": pairs}
+    yield "overlap_volumes", oc.overlap_volumes, {"a": boxes, "b": turned, "pairs": pairs}
     yield "find_pairs", oc.find_pairs, {"a": boxes, "b": boxes, "exact": False, "accuracy": "obb"}
     yield "any_collision", oc.any_collision, {"a": boxes, "b": boxes, "exact": False}
     yield "contacts", oc.contacts, {"boxes": boxes, "pairs": pairs, "limit": 4}

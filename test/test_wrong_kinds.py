@@ -94,6 +94,8 @@ FUNCTIONS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "OBB.contains": (BOX.contains, {"points": [0] * 3}),
     "OBB.intersects": (BOX.intersects, {"other": BOX}),
     "OBB.separation": (BOX.separation, {"other": BOX}),
+    "OBB.overlap_volume": (BOX.overlap_volume, {"other": BOX}),
+    "OBB.iou": (BOX.iou, {"other": BOX}),
     "AABB": (oc.AABB, {"minimum": [0] * 3, "maximum": [1] * 3}),
     "AABB.from_points": (oc.AABB.from_points, {"points": np.eye(3)}),
     "AABB.intersects": (AROUND.intersects, {"other": AROUND}),
@@ -135,6 +137,8 @@ FUNCTIONS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
         oc.PlacedMeshes.from_poses, {"trees": trees(), "meshes": [0], "poses": [POSE]}
     ),
     "verdicts": (oc.verdicts, {"a": boxes(), "b": boxes(), **PAIRS, "exact": False}),
+    "overlap_volumes": (oc.overlap_volumes, {"a": boxes(), "b": boxes(), **PAIRS}),
+    "iou": (oc.iou, {"a": boxes(), "b": boxes(), **PAIRS}),
     "find_pairs": (
         oc.find_pairs, {"a": boxes(), "b": boxes(), "exact": False, "accuracy": "obb"}
     ),

@@ -38,6 +38,7 @@ from obb_collision.queries.clearance.clearance import clearances
 from obb_collision.queries.contacts.contacts import contacts
 from obb_collision.queries.meshes.meshes import PlacedMeshes, mesh_contacts, mesh_verdicts
 from obb_collision.queries.meshes.triangles import triangle_verdicts
+from obb_collision.queries.overlap.overlap import iou
 from obb_collision.queries.points.points import points_inside
 from obb_collision.queries.primitives.capsules import capsule_distances, capsule_verdicts
 from obb_collision.queries.primitives.planes import aabb_verdicts, plane_distances
@@ -223,6 +224,7 @@ def _pair_queries() -> None:
     verdicts(boxes, again, exact=True)
     find_pairs(boxes, exact=True)
     find_pairs(boxes, again)
+    iou(boxes, again)
     any_collision(boxes)
     any_collision(boxes, again, exact=True)
     contacts(boxes, pairs)

@@ -34,8 +34,10 @@ from error_bounds import (
     taxicab,
 )
 from oracle import Box
-from support import joined, stored, witnesses
+from overlap_oracle import overlap_volume
+from support import family, joined, stored, witnesses
 
+from obb_collision.benchmarks.cases.families import FAMILIES
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.poses import matrices_from_quaternions, unit_quaternions
 from obb_collision.numerics.constants import (
@@ -48,6 +50,8 @@ from obb_collision.numerics.constants import (
 from obb_collision.queries.clearance.clearance import clearances
 from obb_collision.queries.clearance.closest_points import NEAR, PROVEN
 from obb_collision.queries.contacts.contacts import contacts
+from obb_collision.queries.overlap.clipping import VOLUME_BOUND
+from obb_collision.queries.overlap.overlap import overlap_volumes
 from obb_collision.queries.verdict.coarse import (
     MEETING_SLACK,
     SPHERE_SLACK,
@@ -158,6 +162,22 @@ def test_world_bounds(record_property: Record) -> None:
             low, high = Fraction(minimum[n, k]), Fraction(maximum[n, k])
             ratios += [abs(min(places[k]) - low - slack) / slack]
             ratios += [abs(high - max(places[k]) - slack) / slack]
+    check_ratios(record_property, ratios)
+
+
+def test_overlap_volumes(record_property: Record) -> None:
+    ratios = []
+    for a, b in (family(name, 8) for name in FAMILIES):
+        volumes = overlap_volumes(a, b)
+        for k in np.flatnonzero(np.minimum(a.volumes, b.volumes) > 1e-250):
+            sides = a.row(k), b.row(k)
+            smaller = a if a.volumes[k] < b.volumes[k] else b
+            x, y, z = exact(smaller.half_extents[k])
+            surface = 8 * (x * y + y * z + z * x)
+            size = taxicab(difference(exact(sides[1][0]), exact(sides[0][0])))
+            size += extents(*sides)
+            error = abs(Fraction(volumes[k]) - overlap_volume(*sides))
+            ratios.append(error / (Fraction(VOLUME_BOUND) * size * surface))
     check_ratios(record_property, ratios)
 
 

@@ -1,0 +1,247 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Clip a box by the half-spaces of another, and measure what is left.
+
+Faces are loops of directed edges, in no order. A plane cuts each face between an edge that leaves
+and one that enters: the cut closes the face, and reversed it is an edge of the new face in the
+plane. Both faces of an edge compute its cut from the same end to the other, so the surface stays
+closed bit for bit, whatever rounding does, and its volume is off only as far as its points are.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from obb_collision._jit import njit
+from obb_collision.numerics.constants import ROUNDOFF
+from obb_collision.queries.verdict.sat import Pair, Vector, dot, dot_abs, enter_frame
+from obb_collision.typing import Floats
+
+#: Bound of a volume, relative to T S: T the offset of the centres (components summed) and the half
+#: extents, S the surface of the smaller box, by which the volume changes when a plane moves.
+VOLUME_BOUND = 32 * ROUNDOFF
+#: Faces of a box clipped by six planes.
+FACES = 12
+#: Edges of a face: four, or a cut through each of 11 others, and one more for each further plane;
+#: as many again where rounding bends a face.
+EDGES = 32
+#: Cuts of one face by a plane: one, but for rounding.
+CUTS = EDGES
+#: The least positive volume: that of boxes which overlap, though rounding says they don't.
+LEAST = 5e-324
+
+
+@njit
+def overlap_kernel(
+    centers: Floats, rotations: Floats, half_extents: Floats, sizes: Floats,
+    pairs: np.ndarray, overlap: np.ndarray, volumes: Floats, ratios: Floats,
+) -> None:  # fmt: skip
+    """Write overlap volume and intersection over union of each pair (m, 2).
+
+    sizes (n,): volumes of the boxes; overlap (m,): whether their verdict is OVERLAP.
+    """
+    edges = np.empty((FACES, EDGES, 6))
+    counts = np.empty(FACES, np.int64)
+    cuts = np.empty((2, CUTS, 3))
+    for n in range(len(pairs)):
+        i, j = pairs[n, 0], pairs[n, 1]
+        volumes[n] = ratios[n] = 0.0
+        if _same_set(centers, rotations, half_extents, i, j):
+            volumes[n], ratios[n] = sizes[i], 1.0
+        elif overlap[n] and _is_solid(half_extents, i) and _is_solid(half_extents, j):
+            if _comes_before(centers, rotations, half_extents, sizes, j, i):
+                i, j = j, i
+            pair, _, scale = enter_frame(centers, rotations, half_extents, i, j)
+            size, other = _volume_of(pair.h), _volume_of(pair.f)
+            common = min(_clipped_volume(pair, edges, counts, cuts), size, other)
+            larger, smaller = max(size, other), min(size, other)
+            if common > 0.0:
+                ratios[n] = common / (larger + (smaller - common))
+            volumes[n] = max(min(common / scale / scale / scale, sizes[i], sizes[j]), LEAST)
+            ratios[n] = max(ratios[n], LEAST)
+
+
+@njit
+def _is_solid(half_extents: Floats, i: int) -> bool:
+    return half_extents[i, 0] > 0.0 and half_extents[i, 1] > 0.0 and half_extents[i, 2] > 0.0
+
+
+@njit
+def _volume_of(h: Vector) -> float:
+    """Return the volume of a box, whatever the order of its half extents."""
+    small, large = min(h[0], h[1], h[2]), max(h[0], h[1], h[2])
+    middle = max(min(h[0], h[1]), min(max(h[0], h[1]), h[2]))
+    return (2.0 * small) * (2.0 * middle) * (2.0 * large)
+
+
+@njit
+def _same_set(centers: Floats, rotations: Floats, half_extents: Floats, i: int, j: int) -> bool:
+    """Return whether two boxes are the same set: axes may be swapped and reversed."""
+    flat_i, flat_j = 0, 0
+    for k in range(3):
+        if centers[i, k] != centers[j, k]:
+            return False
+        flat_i += half_extents[i, k] == 0.0
+        flat_j += half_extents[j, k] == 0.0
+    if flat_i != flat_j:
+        return False
+    for k in range(3):
+        found = half_extents[i, k] == 0.0  # its direction doesn't matter
+        for m in range(3):
+            found |= half_extents[i, k] == half_extents[j, m] and _parallel(rotations, i, k, j, m)
+        if not found:
+            return False
+    return True
+
+
+@njit
+def _parallel(rotations: Floats, i: int, k: int, j: int, m: int) -> bool:
+    """Return whether axis k of i is axis m of j or its reverse, bit for bit."""
+    same, reverse = True, True
+    for n in range(3):
+        same &= rotations[i, n, k] == rotations[j, n, m]
+        reverse &= rotations[i, n, k] == -rotations[j, n, m]
+    return same or reverse
+
+
+@njit
+def _comes_before(
+    centers: Floats, rotations: Floats, half_extents: Floats, sizes: Floats, i: int, j: int
+) -> bool:
+    """Order boxes by volume, then by their numbers: one is always clipped, the smaller."""
+    if sizes[i] != sizes[j]:
+        return bool(sizes[i] < sizes[j])
+    for k in range(3):
+        if centers[i, k] != centers[j, k]:
+            return bool(centers[i, k] < centers[j, k])
+        if half_extents[i, k] != half_extents[j, k]:
+            return bool(half_extents[i, k] < half_extents[j, k])
+    for k in range(3):
+        for m in range(3):
+            if rotations[i, k, m] != rotations[j, k, m]:
+                return bool(rotations[i, k, m] < rotations[j, k, m])
+    return False
+
+
+@njit
+def _clipped_volume(pair: Pair, edges: Floats, counts: np.ndarray, cuts: Floats) -> float:
+    """Return the volume of box a within box b, in the frame of a."""
+    _fill_box(pair.h, edges, counts)
+    faces = 6
+    for k in range(3):
+        axis = pair.r[k]
+        middle = dot(axis, pair.d)
+        reach = dot_abs(pair.h, axis)
+        for sign in (-1.0, 1.0):
+            if reach - sign * middle <= pair.f[k]:
+                continue  # all of a is within
+            normal = sign * axis[0], sign * axis[1], sign * axis[2]
+            _clip(normal, sign * middle + pair.f[k], faces, edges, counts, cuts)
+            faces += 1
+    return _volume(faces, edges, counts)
+
+
+@njit
+def _fill_box(h: Vector, edges: Floats, counts: np.ndarray) -> None:
+    """Write the six faces of a box about the origin, counterclockwise seen from outside."""
+    corner = np.empty(3)
+    for face in range(6):
+        k = face // 2
+        side = 1.0 if face % 2 == 0 else -1.0
+        for n in range(4):
+            for end in range(2):
+                turn = (n + end) % 4
+                u = 1.0 if turn in (1, 2) else -1.0
+                v = 1.0 if turn in (2, 3) else -1.0
+                corner[k] = side * h[k]
+                corner[(k + 1) % 3] = u * h[(k + 1) % 3]
+                corner[(k + 2) % 3] = v * h[(k + 2) % 3]
+                first = 3 * end if side > 0.0 else 3 - 3 * end
+                for m in range(3):
+                    edges[face, n, first + m] = corner[m]
+        counts[face] = 4
+
+
+@njit
+def _clip(
+    normal: Vector, offset: float, faces: int, edges: Floats, counts: np.ndarray, cuts: Floats
+) -> None:
+    """Clip all faces by normal . x <= offset, and write the face in that plane as the last."""
+    counts[faces] = 0
+    for face in range(faces):
+        kept, leaving, entering = 0, 0, 0
+        for n in range(counts[face]):
+            edge = edges[face, n]
+            p, q = (edge[0], edge[1], edge[2]), (edge[3], edge[4], edge[5])
+            above_p, above_q = dot(normal, p) - offset, dot(normal, q) - offset
+            if above_p > 0.0 and above_q > 0.0:
+                continue
+            if above_q > 0.0:
+                q = _cut(p, q, above_p, above_q)
+                _put(cuts[0], leaving, q)
+                leaving += 1
+            elif above_p > 0.0:
+                p = _cut(q, p, above_q, above_p)
+                _put(cuts[1], entering, p)
+                entering += 1
+            _put_edge(edges[face], kept, p, q)
+            kept += 1
+        for n in range(min(leaving, entering)):
+            p, q = _get(cuts[0], n), _get(cuts[1], n)
+            if p != q and kept < EDGES and counts[faces] < EDGES:
+                _put_edge(edges[face], kept, p, q)
+                kept += 1
+                _put_edge(edges[faces], counts[faces], q, p)
+                counts[faces] += 1
+        counts[face] = kept
+
+
+@njit
+def _cut(inside: Vector, outside: Vector, below: float, above: float) -> Vector:
+    """Return where an edge passes a plane; below <= 0 < above are its ends' distances from it."""
+    t = below / (below - above)
+    x = inside[0] + t * (outside[0] - inside[0])
+    y = inside[1] + t * (outside[1] - inside[1])
+    return x, y, inside[2] + t * (outside[2] - inside[2])
+
+
+@njit
+def _put(rows: Floats, n: int, v: Vector) -> None:
+    rows[n, 0], rows[n, 1], rows[n, 2] = v
+
+
+@njit
+def _get(rows: Floats, n: int) -> Vector:
+    return rows[n, 0], rows[n, 1], rows[n, 2]
+
+
+@njit
+def _put_edge(rows: Floats, n: int, p: Vector, q: Vector) -> None:
+    rows[n, 0], rows[n, 1], rows[n, 2] = p
+    rows[n, 3], rows[n, 4], rows[n, 5] = q
+
+
+@njit
+def _volume(faces: int, edges: Floats, counts: np.ndarray) -> float:
+    """Return the volume within a closed surface, by tetrahedra from the origin (Gauss)."""
+    total = 0.0
+    for face in range(faces):
+        if counts[face] < 3:
+            continue
+        x, y, z = edges[face, 0, 0], edges[face, 0, 1], edges[face, 0, 2]
+        for n in range(1, counts[face]):
+            p, q, r, s, t, u = edges[face, n]
+            total += x * (q * u - r * t) + y * (r * s - p * u) + z * (p * t - q * s)
+    return total / 6.0
