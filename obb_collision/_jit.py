@@ -40,7 +40,7 @@ def njit(function: F) -> F:
     compiled: Any = numba.njit(nogil=True, error_model="numpy", fastmath=False)(function)
     kernel: F = compiled
     if hasattr(compiled, "_cache"):  # not where numba is disabled
-        compiled._cache = KernelCache(function)  # in place of numba's own
+        compiled._cache = KernelCache(compiled)  # in place of numba's own
         kernels.append(kernel)
     return kernel
 

@@ -18,24 +18,23 @@ Numba's own cache looks at one source file only, so that editing a helper or a c
 file keeps running the old machine code; it is bound to the place and the time of the file, so that
 every new environment compiles anew; and two processes that fill it at once may swap entries.
 
-Here a file's name says everything its content depends on: the kernel, its signature, the
-processor, numba's version and flags, and a hash of the module of the kernel and of all modules of
-this package that it imports, directly or not. Edits elsewhere compile nothing. A file begins with
-a digest of the rest: one that is damaged counts as missing and is written anew. Where nothing
-can be written, each process compiles its own.
+Here the names of a folder and a file say everything that the content depends on: the kernel, all
+it calls and all constants of these, numba's version and flags (see ``_kernel_key``), the signature
+and the processor. Edits elsewhere compile nothing. A file begins with a digest of the rest: one
+that is damaged counts as missing and is written anew. Where nothing can be written, each process
+compiles its own.
 """
 
 from __future__ import annotations
 
 import atexit
+import glob
 import hashlib
 import logging
 import os
 import pickle
-import re
 import shutil
 import stat
-import sys
 import tempfile
 import threading
 from collections.abc import Iterator
@@ -45,19 +44,17 @@ from pathlib import Path
 from time import time
 from typing import Any
 
-import llvmlite
 import numba
 from numba.core import config as _config
 from numba.core.caching import FunctionCache
+
+from obb_collision._kernel_key import fields_of, kernel_key
 
 config: Any = _config  # its attributes are set at run time
 #: What a user should know goes here: to stderr, where nobody has set up ``logging``.
 logger = logging.getLogger("obb_collision")
 
-PACKAGE = Path(__file__).resolve().parent
-#: Modules that kernels import, but whose content makes no difference to them.
-FEEDS_NOTHING = (Path(__file__).resolve(), PACKAGE / "_compiling.py")
-#: Folders kept per module: a few checkouts or environments side by side, not every edit ever.
+#: Folders kept per kernel: a few checkouts or environments side by side, not every edit ever.
 KEPT_FOLDERS = 8
 #: Seconds since its last use for which a folder stays anyway: a running process may still need it.
 IN_USE = 86400.0
@@ -68,49 +65,6 @@ PRIVATE, LOCK = "obb_collision-kernels-", "lock"
 LOCKING = 60.0
 #: Bytes that are written to see whether a folder takes kernels: most have less.
 PROBE = 1 << 16
-
-_IMPORT = re.compile(r"^[ \t]*from obb_collision([\w.]*) import ([^(#\n]*|\([^)]*\))", re.MULTILINE)
-
-
-def _file_of(parts: tuple[str, ...]) -> Path | None:
-    """Return the file of a module of this package, None if it is none."""
-    base = PACKAGE.joinpath(*parts)
-    for file in (base.with_suffix(".py") if parts else base, base / "__init__.py"):
-        if file.is_file():
-            return file
-    return None
-
-
-@cache
-def imports_of(file: Path) -> frozenset[Path]:
-    """Return the files of this package that one of them imports."""
-    found = set()
-    for where, names in _IMPORT.findall(file.read_text(encoding="utf-8")):
-        parts = tuple(part for part in where.split(".") if part)
-        words = re.findall(r"\w+", re.sub(r"#.*|\bas \w+", "", names))
-        for candidate in (parts, *((*parts, word) for word in words)):
-            imported = _file_of(candidate)
-            if imported is not None:
-                found.add(imported)
-    return frozenset(found)
-
-
-@cache
-def source_hash(file: Path) -> str:
-    """Return a hash of a file of this package and of all it imports, and of what compiles it."""
-    closure, waiting = set(), [file]
-    while waiting:
-        one = waiting.pop()
-        if one not in closure and one not in FEEDS_NOTHING:
-            closure.add(one)
-            waiting.extend(imports_of(one))
-    flags = (config.BOUNDSCHECK, config.OPT, config.LOOP_VECTORIZE, config.SLP_VECTORIZE)
-    versions = (numba.__version__, llvmlite.__version__, sys.version_info[:2])
-    digest = hashlib.sha256(repr((versions, flags)).encode())
-    for one in sorted(closure):
-        digest.update(one.relative_to(PACKAGE).as_posix().encode() + b"\0")
-        digest.update(hashlib.sha256(one.read_bytes()).digest())
-    return digest.hexdigest()[:16]
 
 
 def cache_home() -> Path | None:
@@ -210,9 +164,9 @@ def _say_once(place: Path | None, text: str) -> None:
         logger.warning(text)
 
 
-def _drop_old(home: Path, module: str) -> None:
-    """Remove the folders of a module that nobody has used for long."""
-    folders = [(path.stat().st_mtime, path) for path in home.glob(f"{module}-*")]
+def _drop_old(home: Path, name: str) -> None:
+    """Remove the folders of a kernel that nobody has used for long."""
+    folders = [(path.stat().st_mtime, path) for path in home.glob(f"{glob.escape(name)}-*")]
     for used, folder in sorted(folders)[:-KEPT_FOLDERS]:
         if time() - used > IN_USE:
             shutil.rmtree(folder, ignore_errors=True)
@@ -221,21 +175,23 @@ def _drop_old(home: Path, module: str) -> None:
 class KernelCache(FunctionCache):  # type: ignore[misc]  # numba has no types
     """The cache of one kernel, in place of numba's."""
 
-    def __init__(self, function: Any) -> None:
-        file = Path(function.__code__.co_filename).resolve()
-        module = ".".join(file.relative_to(PACKAGE).with_suffix("").parts)
-        self._py_func = function
-        self._module = module
-        self._folder = f"{module}-{source_hash(file)}"
+    def __init__(self, kernel: Any) -> None:
+        self._kernel = kernel
+        self._py_func = kernel.py_func
         self._enabled = True
 
     @property
+    def _folder(self) -> str:
+        """Name of the folder; known once all that the kernel names is defined."""
+        return f"{self.name}-{kernel_key(self._kernel)}"
+
+    @property
     def cache_path(self) -> str:
-        """Folder of the module's kernels."""
+        """Folder of the kernel, for whichever arguments."""
         return str(places[0] / self._folder) if places else ""
 
     def flush(self) -> None:
-        """Forget all kernels of the module."""
+        """Forget the kernel."""
         for place in places:
             shutil.rmtree(place / self._folder, ignore_errors=True)
 
@@ -273,13 +229,13 @@ class KernelCache(FunctionCache):  # type: ignore[misc]  # numba has no types
     @property
     def name(self) -> str:
         """Name of the kernel, without that of the package."""
-        return f"{self._module}.{self._py_func.__qualname__}"
+        function = self._py_func
+        return f"{function.__module__}.{function.__qualname__}".removeprefix("obb_collision.")
 
     @property
     def is_kept(self) -> bool:
         """Whether there is a file of the kernel, for whichever arguments."""
-        pattern = f"{self._file_name}-*.kernel"
-        return any(any((place / self._folder).glob(pattern)) for place in places)
+        return any(any((place / self._folder).glob("*.kernel")) for place in places)
 
     def _load(self, place: Path, key: Any, target_context: Any) -> Any:
         """Return a kernel from a folder, None where it is not there or can't be used."""
@@ -309,19 +265,15 @@ class KernelCache(FunctionCache):  # type: ignore[misc]  # numba has no types
                 os.utime(folder)  # see ``_drop_old``
         return result
 
-    @property
-    def _file_name(self) -> str:
-        return re.sub(r"\W", "_", str(self._py_func.__qualname__))
-
     def _file(self, key: Any) -> str:
-        code = self._py_func.__code__
-        text = repr((str(key[0]), key[1:], code.co_firstlineno))
-        return f"{self._file_name}-{hashlib.sha256(text.encode()).hexdigest()[:24]}.kernel"
+        signature, *rest = key
+        text = repr((str(signature), [fields_of(kind) for kind in signature], rest))
+        return f"{hashlib.sha256(text.encode()).hexdigest()[:24]}.kernel"
 
     def _write(self, folder: Path, name: str, content: bytes) -> None:
         if not folder.is_dir():
             folder.mkdir(parents=True, exist_ok=True)
-            _drop_old(folder.parent, self._module)
+            _drop_old(folder.parent, self.name)
         handle, temporary = tempfile.mkstemp(dir=folder)
         try:
             with os.fdopen(handle, "wb") as file:

@@ -19,14 +19,20 @@ from __future__ import annotations
 import ast
 import logging
 import os
+import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any, NamedTuple
 
+import numba
 import pytest
 
-from obb_collision import _compiling, _kernel_cache
+from obb_collision import _compiling, _jit, _kernel_cache
+from obb_collision._kernel_key import fields_of, kernel_key
+from obb_collision.warm_up.steps import possible_steps, task_of
 
 PACKAGE = Path(_kernel_cache.__file__).resolve().parent
 RUN = """
@@ -51,27 +57,135 @@ def kernels(home: Path) -> dict[Path, bytes]:
     return {path: path.read_bytes() for path in sorted(home.rglob("*.kernel"))}
 
 
-def modules_of(tree: ast.Module) -> set[str]:
-    """Every module or name that a source file imports, by Python's own grammar."""
-    found = set()
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Import):
-            found |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom):
-            assert node.level == 0, "relative imports are not seen by the cache's key"
-            found |= {node.module or "", *(f"{node.module}.{alias.name}" for alias in node.names)}
-    return {name for name in found if name.startswith("obb_collision")}
+@pytest.fixture(scope="module")
+def copied(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with a copy of the package, and the kernels of one run in ``cache``."""
+    folder = tmp_path_factory.mktemp("copied")
+    ignored = shutil.ignore_patterns("__pycache__")
+    shutil.copytree(PACKAGE, folder / PACKAGE.name, ignore=ignored)
+    assert run_copied(folder) != []
+    return folder
 
 
-def test_the_imports_are_those_that_the_grammar_finds() -> None:
-    for file in PACKAGE.rglob("*.py"):
-        truth = set()
-        for name in modules_of(ast.parse(file.read_text())):
-            base = PACKAGE.joinpath(*name.split(".")[1:])
-            candidates = (base.with_suffix(".py"), base / "__init__.py")
-            truth |= {path for path in candidates if path.is_file() and base != PACKAGE}
-        found = {path for path in _kernel_cache.imports_of(file) if path.parent != PACKAGE.parent}
-        assert truth <= found, file
+def run_copied(folder: Path, **environment: str) -> list[str]:
+    """Use the copy; return the kernels that it compiled."""
+    code = RUN + "\nfrom obb_collision._compiling import compiled\nprint(compiled.names)"
+    variables = {**os.environ, "NUMBA_CACHE_DIR": str(folder / "cache"), **environment}
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=folder, env=variables | {"PYTHONPATH": str(folder)},
+        timeout=600, capture_output=True, text=True,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    names: list[str] = ast.literal_eval(done.stdout)
+    return names
+
+
+def test_an_edit_that_kernels_do_not_depend_on_compiles_nothing(copied: Path) -> None:
+    for file in (copied / PACKAGE.name).rglob("*.py"):
+        text = file.read_text()
+        edited = re.sub(r'(    """)(\w)', r"\1Edited: \2", f"# a line more\n{text}\nEDITED = 1\n")
+        file.write_text(edited)
+    assert "Edited: " in (copied / PACKAGE.name / "geometry" / "poses.py").read_text()
+    assert run_copied(copied) == []
+
+
+def test_an_edit_of_a_kernel_compiles_it(copied: Path) -> None:
+    file = copied / PACKAGE.name / "geometry" / "poses.py"
+    text = file.read_text()
+    edited = re.sub(r"(def _fill_matrices\(.*\n)", r"\1    edited = 0.5\n", text)
+    assert edited != text
+    file.write_text(edited)
+    try:
+        assert run_copied(copied) == ["geometry.poses._fill_matrices"]
+    finally:
+        file.write_text(text)
+
+
+@pytest.mark.parametrize(
+    "flag", [{"NUMBA_BOUNDSCHECK": "1"}, {"NUMBA_OPT": "1"}, {"NUMBA_CPU_NAME": "generic"}]
+)
+def test_bounds_checks_optimisation_and_the_processor_are_in_the_key(
+    copied: Path, flag: dict[str, str]
+) -> None:
+    assert run_copied(copied, **flag) != []
+
+
+KERNEL = """
+from typing import NamedTuple
+import numpy as np
+from obb_collision._jit import njit
+
+class Point(NamedTuple):
+    x: float
+    y: float
+
+FACTOR = 2.0
+STEPS = (1, 2)
+ARRAY = np.array([1.0, 2.0])
+
+@njit
+def helper(x):
+    return x + 1.0
+
+@njit
+def kernel(x):
+    'Return something.'
+    return Point(helper(x) * FACTOR + 0.25, ARRAY[STEPS[0]])
+"""
+
+
+def key_of(source: str) -> str:
+    names: dict[str, Any] = {"__name__": "obb_collision.example"}
+    exec(source, names)
+    return kernel_key(names["kernel"])
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "same"),
+    [
+        ("Return something.", "Return something else.", True),
+        ("import numpy", "# a comment\nimport numpy", True),
+        ("FACTOR = 2.0", "OTHER = 1\nFACTOR = 2.0", True),
+        ("FACTOR = 2.0", "FACTOR = 2.0000000000000004", False),
+        ("STEPS = (1, 2)", "STEPS = (1, 3)", False),
+        ("1.0, 2.0]", "1.0, 3.0]", False),
+        ("x + 1.0", "x + 2.0", False),
+        ("x + 1.0", "x - 1.0", False),
+        ("0.25", "0.5", False),
+        ("    x: float\n    y: float", "    y: float\n    x: float", False),
+    ],
+)
+def test_the_key_has_what_a_kernel_depends_on(
+    before: str, after: str, same: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(_jit, "kernels", [])
+    assert before in KERNEL
+    assert (key_of(KERNEL) == key_of(KERNEL.replace(before, after, 1))) == same
+
+
+def test_what_a_key_cannot_be_made_of_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(_jit, "kernels", [])
+    with pytest.raises(TypeError, match="depends on a dict"):
+        key_of(KERNEL.replace("STEPS = (1, 2)", "STEPS = {0: 1}"))
+
+
+def test_every_kernel_has_a_key_of_its_own() -> None:
+    for step in possible_steps():
+        task_of(step)  # imports its kernels
+    keys = {kernel_key(kernel) for kernel in _jit.kernels}
+    assert len(keys) == len(_jit.kernels) > 250
+
+
+def test_fields_in_another_order_are_another_signature() -> None:
+    def signature(*fields: str) -> Any:
+        make: Any = NamedTuple
+        point = make("Point", [(field, float) for field in fields])
+        return numba.typeof((point(1.0, 2.0), 1))
+
+    first, second = signature("x", "y"), signature("y", "x")
+    assert str(first) == str(second)
+    assert fields_of(first) != fields_of(second)
+    assert fields_of(first) == fields_of(signature("x", "y"))
 
 
 @pytest.mark.parametrize("damage", ["empty", "zeroed", "garbage", "halved"])

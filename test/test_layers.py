@@ -24,13 +24,14 @@ import pytest
 import obb_collision
 
 ROOT = Path(obb_collision.__file__).parent
-KERNELS = {"_jit", "_kernel_cache", "_compiling"}
+KERNELS = {"_jit", "_kernel_cache", "_kernel_key", "_compiling"}
 BASE = KERNELS | {"typing", "words"}
 GEOMETRY = BASE | {"numerics", "geometry"}
 LIBRARY = GEOMETRY | {"accuracy", "queries", "obb", "shapes", "scene"}
 #: What each folder, or module beside them, may import besides itself.
 LAYERS: dict[str, set[str]] = {
-    "_kernel_cache": set(),
+    "_kernel_key": set(),
+    "_kernel_cache": {"_kernel_key"},
     "_compiling": {"_kernel_cache"},
     "_jit": {"_kernel_cache", "_compiling"},
     "typing": set(),
