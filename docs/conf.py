@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 import re
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -37,6 +38,12 @@ myst_heading_anchors = 3
 napoleon_google_docstring = False
 napoleon_use_rtype = False
 autodoc_member_order = "bysource"
+# The messages of the node are documented without ROS as well.
+autodoc_mock_imports = [
+    name
+    for name in ("diagnostic_msgs", "geometry_msgs", "rclpy", "sensor_msgs", "std_msgs")
+    if find_spec(name) is None
+]
 autodoc_typehints = "signature"
 
 #: Pages that are files in the root of the repository.

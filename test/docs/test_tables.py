@@ -23,6 +23,7 @@ from typing import Any
 import pytest
 from pages import PAGES, ROOT, page_name, table_rows
 
+import obb_collision as oc
 from obb_collision.accuracy import Accuracy
 from obb_collision.geometry.representations import memory_table
 from obb_collision.scene.effects import EFFECTS
@@ -66,6 +67,12 @@ def test_the_memory_table_is_that_of_the_arrays() -> None:
 def test_the_levels_of_accuracy_are_those_of_the_code() -> None:
     rows = table_rows(ROOT / "docs" / "accuracy.md", "## The levels")
     assert [row[0].strip("`") for row in rows] == [level.name.lower() for level in Accuracy]
+
+
+def test_the_api_reference_has_every_public_name_once() -> None:
+    text = (ROOT / "docs" / "api.md").read_text(encoding="utf-8")
+    named = re.findall(r"^\.\. auto(?:class|function|data):: (\w+)", text, re.MULTILINE)
+    assert sorted(named) == sorted(set(oc.__all__) - {"shapes"})
 
 
 def test_the_effects_are_those_of_the_scene() -> None:
