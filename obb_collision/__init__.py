@@ -14,20 +14,22 @@
 
 """Oriented bounding box collision checking.
 
-Conventions, everywhere in this package
----------------------------------------
-Numbers are float64, lengths are metres, angles radians, times seconds.
-Frames: all boxes of a call or scene are in one common frame.
-Quaternions are ordered x y z w; poses are x y z qx qy qz qw.
-Rotations are (3, 3) matrices whose columns are the box axes.
-Extents are half extents, never negative; zero makes a flat box, which is legal.
-A box is the set {centre + sum_i t_i h_i a_i, abs(t_i) <= 1}, for the doubles as stored.
-Boxes are closed: touching is a collision. What doubles can't tell from touching counts as such.
-Separations are signed: positive apart, negative overlapping; the depth is its negative.
-Normals have unit length and point from the first box, a, to the second, b.
-Pairs are sorted: i < j in a pair, and the pairs in lexicographic order.
-Corners come in one order: on the +z face left-top, left-bottom, right-bottom, right-top, then on
-the -z face right-top, right-bottom, left-bottom, left-top (right is +x, top is +y).
+The conventions hold everywhere in this package:
+
+* Numbers are float64, lengths are metres, angles radians, times seconds.
+* Frames: all boxes of a call or scene are in one common frame.
+* Quaternions are ordered x y z w; poses are x y z qx qy qz qw.
+* Rotations are (3, 3) matrices whose columns are the box axes.
+* Boxes have half extents, never negative; zero makes a flat box, which is legal. The shapes of
+  objects have full sizes.
+* A box is the set {centre + sum_i t_i h_i a_i, abs(t_i) <= 1}, for the doubles as stored.
+* Boxes are closed: touching is a collision. What doubles cannot distinguish from touching counts
+  as touching.
+* Separations are signed: positive apart, negative overlapping; the depth is its negative.
+* Normals have unit length and point from the first box, a, to the second, b.
+* Pairs are sorted: i < j in a pair, and the pairs in lexicographic order.
+* Corners have one order: on the +z face left-top, left-bottom, right-bottom, right-top, then on
+  the -z face right-top, right-bottom, left-bottom, left-top (right is +x, top is +y).
 
 The public names, all in ``api``, load when first used: a console script must be able to say what is
 missing, or to end, before seconds of imports. CONTRIBUTING.md has the layout of the package.
