@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Arguments that are no arrays: of which kind they must be. Errors name the argument."""
+"""Type checks of arguments that are not arrays. Errors name the argument."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from obb_collision.words import shown
 
 
 def check_kind(value: Any, kind: Any, name: str, *others: type) -> None:
-    """Raise TypeError naming the argument unless a value is of a kind, or of others."""
+    """Raise TypeError naming the argument unless a value is an instance of one of the types."""
     if not isinstance(value, (kind, *others)):
         kinds = " or ".join(one.__name__ for one in (kind, *others))
         raise TypeError(f"{name} must be {kinds}, got {shown(value)}")
@@ -38,9 +38,9 @@ def as_flag(value: object, name: str) -> bool:
 
 
 def taken(array: NDArray[Any], rows: Any, name: str, kept: int) -> NDArray[Any]:
-    """Return rows of an array: those of an index array or mask (kept: its own dimensions), or one.
+    """Return the rows that an index array, a mask or a single index selects.
 
-    Raises ValueError naming the argument for what is neither.
+    kept: dimensions that the result must have. Raises ValueError naming the argument otherwise.
     """
     try:
         found: NDArray[Any] = array[rows]

@@ -49,8 +49,8 @@ def as_poses(
 ) -> tuple[Floats, Floats]:
     """Check poses (n, 7) and return positions (n, 3) and rotation matrices (n, 3, 3).
 
-    Quaternions are normalised; unless told not to, one far from unit length is warned about.
-    numbers (n,): what the rows are called in errors and warnings.
+    Quaternions are normalised; warn: whether to warn of one far from unit length.
+    numbers (n,): row numbers for errors and warnings.
     """
     poses = as_array(value, name, (None, 7))
     quaternions = as_quaternions(poses[:, 3:], f"{name} (quaternion)", (None, 4), numbers, warn)
@@ -101,7 +101,7 @@ def _placed(positions: Floats, quaternions: Floats, vectors: Floats) -> Floats:
 
 
 def multiply_quaternions(a: Floats, b: Floats) -> Floats:
-    """Return the quaternions of rotating by b, then by a."""
+    """Return the products a b of quaternions: the rotation b followed by the rotation a."""
     ax, ay, az, aw = (a[..., k] for k in range(4))
     bx, by, bz, bw = (b[..., k] for k in range(4))
     return np.stack(
@@ -118,7 +118,7 @@ def multiply_quaternions(a: Floats, b: Floats) -> Floats:
 def matrices_from_quaternions(quaternions: Floats) -> Floats:
     """Return (n, 3, 3) rotation matrices of unit quaternions (n, 4).
 
-    Diagonal entries are 1 - 2(..) as usual; orthonormal to rounding as all others of the package.
+    Those that rounding leaves off by more than ORTHONORMAL_ROUNDING are made orthonormal.
     """
     matrices = np.empty((len(quaternions), 3, 3))
     _fill_matrices(np.ascontiguousarray(quaternions), matrices)

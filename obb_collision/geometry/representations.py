@@ -12,10 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Other ways to write a box down, and what each costs in memory.
+"""Other representations of a box, and the memory that each takes.
 
-Centre, rotation and half extents (15 numbers) are what this package computes with. The others are
-here for those who store, send or draw boxes.
+This package computes with centre, rotation and half extents (15 numbers). The others are for
+storing, sending or drawing boxes.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ def to_compact(boxes: Boxes) -> Floats:
 
 
 def from_compact(numbers: ArrayLike) -> Boxes:
-    """Return the boxes of ``to_compact``; ValueError for what can't be one."""
+    """Return the boxes of ``to_compact``; ValueError where a row is not a box."""
     array = as_array(numbers, "numbers", (None, 12))
     x, y = array[:, 6:9], array[:, 9:12]
     rotations = np.stack([x, y, np.cross(x, y)], axis=-1)

@@ -12,9 +12,9 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Checks at the edge: what comes in is finite, of the right shape and meaningful, or is refused.
+"""Validation of user input: finite, of the right shape and meaningful, or ValueError.
 
-Everything past these functions may trust its arrays: float64, C-contiguous, finite.
+Arrays that passed these functions are float64, C-contiguous and finite; kernels rely on it.
 """
 
 from __future__ import annotations
@@ -33,20 +33,20 @@ from obb_collision.numerics.constants import MAX_MAGNITUDE, ORTHONORMAL_ROUNDING
 from obb_collision.typing import Floats
 from obb_collision.words import shown
 
-#: Largest whole number accepted where there is no other limit: what an index can be.
-MOST_WHOLE = 2**63 - 1
+#: Largest whole number accepted where there is no other limit: the largest index.
+MAX_WHOLE = 2**63 - 1
 
-#: Largest entry of R^T R - I that still counts as a rotation that was meant (interface).
+#: Largest entry of R^T R - I of a matrix that is accepted as a rotation.
 ORTHONORMAL_TOLERANCE = 1e-6
 
 #: How far from 1 the length of a quaternion may be without a warning: 0.7, 0.7 for a quarter turn
-#: is 1 % off. Farther off the numbers may be something else, such as angles.
+#: is 1 % off. Farther off, the numbers may be angles, for example.
 UNIT_TOLERANCE = 0.1
 
 
-#: Kinds of numpy's types that hold numbers, objects among them: those are looked at one by one.
+#: Kinds of numpy's numeric types; objects (O) are converted one by one.
 NUMBERS = "buifO"
-#: Most characters of numpy's reason why something is no numbers.
+#: Maximum length of numpy's error message that is repeated.
 MAX_REASON = 200
 
 
@@ -58,7 +58,7 @@ def _shape_text(shape: tuple[int | None, ...]) -> str:
 def first_bad_row(bad: NDArray[np.bool_], numbers: NDArray[np.int64] | None = None) -> str:
     """Return ' in row K' for the first row of ``bad`` with a True, '' for a single value.
 
-    numbers (n,): what the rows are called, where they are some of the rows that were given.
+    numbers (n,): row numbers in the caller's array, if these are only some of its rows.
     """
     if bad.ndim == 0:
         return ""
@@ -78,7 +78,7 @@ def warn_caller(message: str) -> None:
 def as_array(value: ArrayLike, name: str, shape: tuple[int | None, ...]) -> Floats:
     """Return ``value`` as a finite, contiguous float64 array of the shape (None: any length).
 
-    A new array unless ``value`` already is one of that kind. Raises ValueError naming the
+    Not copied if it already is one. Raises ValueError naming the
     argument and, for arrays with a free first length, the row.
     """
     given = as_any_array(value, name, f"numbers of shape {_shape_text(shape)}")
@@ -99,9 +99,9 @@ def as_array(value: ArrayLike, name: str, shape: tuple[int | None, ...]) -> Floa
 
 
 def as_any_array(value: ArrayLike, name: str, what: str) -> NDArray[Any]:
-    """Return an array of whatever numbers; ValueError naming the argument for what is none.
+    """Return an array of real numbers of any type; ValueError naming the argument otherwise.
 
-    what: it must be, in words. Texts and complex numbers are none, though numpy would convert them.
+    what: description of the expected value for the error. Strings and complex numbers are refused.
     """
     try:
         array = np.asarray(value)
@@ -113,10 +113,10 @@ def as_any_array(value: ArrayLike, name: str, what: str) -> NDArray[Any]:
 
 
 def is_single(points: ArrayLike) -> bool:
-    """Return whether points are one (3,) and not several (n, 3)."""
+    """Return whether ``points`` is a single point (3,) and not an array (n, 3)."""
     try:
         return np.ndim(points) == 1
-    except ValueError:  # ragged: refused when it is read
+    except ValueError:  # ragged: refused by the conversion that follows
         return False
 
 
@@ -138,14 +138,14 @@ def as_points(value: ArrayLike, name: str) -> NDArray[np.floating]:
     return array
 
 
-def as_whole(value: object, name: str, least: int = 0, most: int = MOST_WHOLE) -> int:
-    """Return a whole number from ``least`` to ``most``; ValueError naming it for anything else.
+def as_whole(value: object, name: str, minimum: int = 0, maximum: int = MAX_WHOLE) -> int:
+    """Return a whole number from ``minimum`` to ``maximum``; ValueError naming it otherwise.
 
-    Numbers that become sizes, indices and depths go through here: no bool, no 1.0.
+    For sizes, indices and depths: neither True nor 1.0 is accepted.
     """
     whole = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
-    if not whole or not least <= int(value) <= most:  # type: ignore[call-overload]
-        bounds = f"from {least} to {most}" if most < MOST_WHOLE else f"at least {least}"
+    if not whole or not minimum <= int(value) <= maximum:  # type: ignore[call-overload]
+        bounds = f"from {minimum} to {maximum}" if maximum < MAX_WHOLE else f"at least {minimum}"
         raise ValueError(f"{name} must be a whole number, {bounds}, got {shown(value)}")
     return int(value)  # type: ignore[call-overload]
 
@@ -199,9 +199,9 @@ def as_quaternions(
 ) -> Floats:
     """Return unit quaternions x y z w, shape (4,) or (n, 4).
 
-    Raises ValueError for a quaternion of zero length; unless told not to, warns of one whose length
-    is farther than UNIT_TOLERANCE from 1. Scaled by its largest component first, so that neither
-    tiny nor huge ones under- or overflow. numbers: as for ``first_bad_row``.
+    Raises ValueError for a quaternion of length zero. warn: whether to warn of one whose length is
+    farther than UNIT_TOLERANCE from 1. Scaled by the largest component first, so that nothing
+    under- or overflows. numbers: as for ``first_bad_row``.
     """
     array = as_array(value, name, shape)
     largest = np.abs(array).max(axis=-1, keepdims=True, initial=0.0)
@@ -256,7 +256,7 @@ def as_rotations(value: ArrayLike, name: str, shape: tuple[int | None, ...]) -> 
 def orthonormal_defect(stack: Floats) -> Floats:
     """Return (n,) the largest entry of abs(R^T R - I) of each matrix of (n, 3, 3).
 
-    With the sign of the determinant: negative, also -0.0, for left-handed frames.
+    It has the sign of the determinant: negative, or -0.0, for left-handed frames.
     """
     defect = np.empty(len(stack))
     for n in range(len(stack)):
@@ -280,8 +280,8 @@ def orthonormalize(stack: Floats) -> Floats:
     """Return the nearest orthonormal matrices of (n, 3, 3) that already nearly are.
 
     Newton's iteration for the polar factor, R <- R (3 I - R^T R) / 2 (Higham, Functions of
-    Matrices, 8.3): quadratic, so from a defect below 1e-6 two steps reach rounding; a third
-    settles it.
+    Matrices, 8.3): quadratic, so two steps from a defect below 1e-6 reach rounding; a third
+    one is a reserve.
     """
     for _ in range(3):
         product = np.einsum("nki,nkj->nij", stack, stack)

@@ -14,10 +14,9 @@
 
 """Candidate orientations for the box of a point set.
 
-Every function takes points (n, 3) about the origin and of size about 1 (see fitting.py) and
-returns rotations (3, 3), columns are axes, determinant +1, orthonormal to a few roundoffs. How
-well they suit is a matter of volume alone: whether the box contains the points is settled
-afterwards, whatever the frame (enclosing.py).
+Every function takes points (n, 3) about the origin and of size about 1 (see ``fit``) and returns
+rotations (3, 3), columns are axes, determinant +1, orthonormal to a few roundoffs. They are
+compared by volume only: any frame gives a box that contains the points (see ``enclosing``).
 """
 
 from __future__ import annotations
@@ -29,21 +28,22 @@ from scipy.spatial import QhullError
 from obb_collision.geometry.fitting.convex_hull import (
     convex_hull,
     hull_polygon,
-    least_rectangle_direction,
+    minimum_rectangle_direction,
 )
 from obb_collision.geometry.poses import matrices_from_quaternions
 from obb_collision.numerics.constants import DEPENDENT
 from obb_collision.typing import Floats
 
-#: A refined frame must save more than this fraction of the volume, or refining ends.
+#: Refining ends when it saves less than this fraction of the volume.
 WORTHWHILE = 1e-9
 
-#: Orientations to look for good ones to refine. Of 256 the best four, with the best two of the
-#: principal and axis-aligned ones, gave 1.003 times the least volume found by 100 refinements, at
-#: worst 1.02; those two and two more principal ones alone 1.01, at worst 1.07.
+#: Orientations from which those to refine are chosen. Of 256 the best four, with the best two of
+#: the principal and axis-aligned ones, gave 1.003 times the minimum volume found by 100
+#: refinements, in the worst case 1.02; those two and two more principal ones alone 1.01, in the
+#: worst case 1.07.
 SPREAD = 256
 
-#: Refining turned to a few roundoffs within 3 to 6 rounds on all meshes tried.
+#: Rounds of refining; on all meshes tried it converged in 3 to 6.
 MAX_ROUNDS = 20
 
 
@@ -54,9 +54,9 @@ def complete_frame(first: Floats, second: Floats) -> Floats:
     components stay exactly zero. A second vector that is parallel or zero is replaced.
     """
     a = _unit(first)
-    b = _square_to(a, second)
+    b = _orthogonal_to(a, second)
     if b is None:
-        b = _square_to(a, np.eye(3)[np.abs(a).argmin()])
+        b = _orthogonal_to(a, np.eye(3)[np.abs(a).argmin()])
         assert b is not None  # at least 54 degrees from the least aligned coordinate axis
     c = _unit(_cross(a, b))
     return np.column_stack([a, b, c]) + 0.0  # no -0.0
@@ -74,7 +74,7 @@ def _unit(vector: Floats) -> Floats:
     return unit
 
 
-def _square_to(a: Floats, vector: Floats) -> Floats | None:
+def _orthogonal_to(a: Floats, vector: Floats) -> Floats | None:
     if not vector.any():
         return None
     b = _unit(vector)
@@ -88,8 +88,8 @@ def _square_to(a: Floats, vector: Floats) -> Floats | None:
 def keep_flat(frame: Floats, flat: NDArray[np.bool_]) -> Floats:
     """Return the frame turned by roundoffs so that flat coordinates stay exactly flat.
 
-    ``flat`` (3,) tells the coordinates that are the same for all points: a set in a plane
-    z = const gets an axis that is exactly z, hence a half extent that is exactly zero.
+    flat (3,): which coordinates are the same for all points. A set in a plane z = const gets an
+    axis that is exactly z, hence a half extent that is exactly zero.
     """
     if flat.sum() >= 2:
         return np.eye(3)
@@ -118,7 +118,7 @@ def covariance_frame(points: Floats) -> Floats:
 def hull_covariance_frame(points: Floats) -> Floats | None:
     """Return the principal axes of the surface of the convex hull; None if that is flat.
 
-    Weighted by area, so that how densely each side is sampled does not matter (Gottschalk, Lin,
+    Weighted by area, so that the density of the points does not matter (Gottschalk, Lin,
     Manocha 1996, section 3): triangle p q r of area A with centroid m adds
     A / 12 (9 m m^T + p p^T + q q^T + r r^T) about the mean.
     """
@@ -130,7 +130,7 @@ def hull_covariance_frame(points: Floats) -> Floats | None:
 
 
 def polygon_covariance_frame(points: Floats, frame: Floats) -> Floats | None:
-    """Return the same for a flat set: the hull polygon, seen along the last axis of a frame."""
+    """Return the principal axes of the hull of a flat set, projected along the last axis."""
     polygon = hull_polygon(points @ frame[:, :2])
     if polygon is None:
         return None
@@ -152,8 +152,8 @@ def _surface_frame(triangles: Floats) -> Floats:
 
 
 def minimum_volume_frame(points: Floats) -> Floats | None:
-    """Return trimesh's oriented bounds: over hull faces, the least rectangle. None if it fails."""
-    import trimesh  # half a second: only who fits points pays it
+    """Return the axes of trimesh's oriented bounds; None where it fails."""
+    import trimesh  # here, as it takes half a second
 
     hull = convex_hull(points)
     if hull is None:
@@ -173,8 +173,8 @@ def minimum_volume_frame(points: Floats) -> Floats | None:
 def refined_frame(points: Floats, frame: Floats, floor: float) -> Floats:
     """Return the frame turned about its own axes while that makes the box smaller.
 
-    Seen along an axis, the least rectangle has a side on an edge of the outline; so each round
-    tries those of the three outlines.
+    Projected along an axis, the minimum rectangle has a side on an edge of the outline; each
+    round tries those of the three projections.
     """
     best, size, done = frame, box_size(points, frame, floor), -1
     for _ in range(MAX_ROUNDS):
@@ -188,18 +188,18 @@ def refined_frame(points: Floats, frame: Floats, floor: float) -> Floats:
 
 
 def _turned(points: Floats, frame: Floats, axis: int) -> Floats:
-    """Return the frame turned about one of its axes to the least rectangle seen along it."""
+    """Return the frame turned about one of its axes to the minimum rectangle in the projection."""
     u, v = frame[:, (axis + 1) % 3], frame[:, (axis + 2) % 3]
     polygon = hull_polygon(points @ np.column_stack([u, v]))
     if polygon is None:
         return frame
-    x, y = least_rectangle_direction(polygon)
+    x, y = minimum_rectangle_direction(polygon)
     turned = complete_frame(x * u + y * v, x * v - y * u)
     return np.roll(turned, axis + 1, axis=1)  # each axis keeps its column
 
 
 def spread_frames() -> Floats:
-    """Return (n, 3, 3) orientations spread over all there are, always the same.
+    """Return (n, 3, 3) orientations spread over all rotations, always the same ones.
 
     Random quaternions from a fixed seed (Shoemake 1992), turned into matrices.
     """
@@ -208,9 +208,9 @@ def spread_frames() -> Floats:
 
 
 def box_size(points: Floats, frame: Floats, floor: float) -> float:
-    """Return the volume of the box of the points, extents below ``floor`` counted as that.
+    """Return the volume of the box of the points, extents below ``floor`` taken as ``floor``.
 
-    So flat sets compare by their area and lines by their length, if their box is as flat.
+    Flat sets therefore compare by area and lines by length, if their boxes are as flat.
     """
     along = points @ frame
     return float(np.prod(np.maximum(along.max(axis=0) - along.min(axis=0), floor)))

@@ -21,7 +21,7 @@ from scipy.spatial import ConvexHull, QhullError
 
 from obb_collision.typing import Floats
 
-#: Up to this many points Qhull may merge the pieces of flat faces, see convex_hull.
+#: With more points, Qhull moves them by roundoffs (QJ) instead of merging flat faces (Qt).
 MANY_HULL_POINTS = 1000
 
 
@@ -30,7 +30,7 @@ def convex_hull(points: Floats) -> ConvexHull | None:
 
     Scaled to a cube (QbB), so that thin sets work. Qhull takes quadratic time on faces with
     thousands of corners (2.3 s for a cylinder of 10,000 points) unless it moves them by roundoffs
-    (QJ, 0.1 s); both are good enough to choose axes by.
+    (QJ, 0.1 s); either is good enough for choosing axes.
     """
     options = "QbB Qt" if len(points) <= MANY_HULL_POINTS or points.shape[1] == 2 else "QbB QJ"
     try:
@@ -40,7 +40,7 @@ def convex_hull(points: Floats) -> ConvexHull | None:
 
 
 def hull_volume(points: Floats) -> float:
-    """Return the volume of the convex hull, 0 where it is flat: no box can be smaller."""
+    """Return the volume of the convex hull, 0 where it is flat. No box is smaller."""
     hull = convex_hull(points)
     if hull is None:
         return 0.0
@@ -54,8 +54,8 @@ def hull_polygon(points: Floats) -> Floats | None:
     return None if hull is None else points[hull.vertices]
 
 
-def least_rectangle_direction(polygon: Floats) -> Floats:
-    """Return the direction (2,) of a side of the least-area rectangle about a convex polygon.
+def minimum_rectangle_direction(polygon: Floats) -> Floats:
+    """Return the direction (2,) of a side of the minimum-area rectangle about a convex polygon.
 
     Rotating calipers (Toussaint 1983): a side of the rectangle lies on an edge of the polygon
     (Freeman and Shapira 1975), and the extreme corners for an edge are found by its angle.

@@ -12,12 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Smallest half extents with which a box of given axes certainly contains what it should.
+"""Minimum half extents with which a box of given axes certainly contains points.
 
 A box holds exactly the points center + sum t_i h_i a_i with abs(t_i) <= 1, for the doubles as
 stored. Its axes are orthonormal only to rounding, so the coordinates of a point p along them are
 x = R^-1 (p - center), not R^T (p - center). They don't depend on the half extents, hence each
-half extent is the largest abs(x_i), rounded up. Rounding errors are settled by integers.
+half extent is the largest abs(x_i), rounded up. Integers decide what rounding leaves open.
 """
 
 from __future__ import annotations
@@ -37,13 +37,13 @@ from obb_collision.typing import Floats
 #: and one for the bound itself; twice that.
 COORDINATE_BOUND = 10 * ROUNDOFF
 
-#: Up to this many points near one face are settled by integers (about 5 us each); with more, as
-#: on the finely meshed faces of a scan, the face moves out by the rounding bound instead.
+#: Up to this many points near one face are settled by integers (about 5 us each); with more,
+#: as on the finely meshed faces of a scan, the face moves out by the rounding bound instead.
 EXACT_POINTS = 64
 
 
 def round_up(numerator: int, denominator: int) -> float:
-    """Return the least double that is not below numerator / denominator, both positive or 0 / n.
+    """Return the smallest double that is not below numerator / denominator, both positive or 0 / n.
 
     Raises OverflowError where there is none.
     """
@@ -83,9 +83,8 @@ class ExactFrame:
 def enclose_points(points: Floats, rotation: Floats) -> tuple[Floats, Floats]:
     """Return (center (3,), half_extents (3,)) of a box that certainly contains points (n, 3).
 
-    ``rotation`` (3, 3) must be orthonormal to rounding. The half extents are the least possible
-    for that centre, or, on axes where more than EXACT_POINTS points decide, within a few
-    roundoffs of the size of the set.
+    rotation (3, 3): orthonormal to rounding. The half extents are the minimum for that centre,
+    or, on axes where more than EXACT_POINTS points decide, within a few roundoffs of the size.
     """
     low = points.min(axis=0)
     start = low + 0.5 * (points.max(axis=0) - low)
@@ -125,9 +124,9 @@ def _scaled_offsets(points: Floats, center: Floats) -> tuple[Floats, int]:
 def _coordinate_bounds(rotation: Floats, largest: Floats, reach: Floats, exponent: int) -> Floats:
     """Return (3,) rigorous bounds on abs(computed - exact coordinate), in scaled units.
 
-    ``largest`` (3,) are the largest abs(p - center) by component, unscaled; ``reach`` (3,) the
-    largest computed coordinates. Zero on an axis that all offsets are exactly square to, so
-    that flat sets in a plane z = const stay flat.
+    largest (3,): the largest abs(p - center) per component, unscaled; reach (3,): the largest
+    computed coordinates. Zero on an axis exactly orthogonal to all offsets, so that flat sets in
+    a plane z = const stay flat.
     """
     size = np.abs(rotation).T @ np.ldexp(largest, -exponent)
     rounding = COORDINATE_BOUND * size

@@ -12,11 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Fit an oriented box to points: several ways to choose its axes, one that is the smallest.
+"""Fit an oriented box to points: several ways to choose its axes, ``"best"`` the smallest box.
 
-The box always contains every point, certainly: exactly, for the doubles as stored. On 61 real
+The box certainly contains every point, in exact arithmetic for the doubles as stored. On 61 real
 meshes the plain covariance box was looser than the axis-aligned one (1.27 against 1.15 times the
-best volume, hull covariance 1.16, trimesh's minimum volume 1.005), hence ``"best"``.
+minimum volume, hull covariance 1.16, trimesh's minimum volume 1.005), hence ``"best"``.
 """
 
 from __future__ import annotations
@@ -44,17 +44,16 @@ from obb_collision.numerics.constants import FLAT, MAX_MAGNITUDE, VOLUME_TIE
 from obb_collision.typing import Floats
 from obb_collision.words import shown
 
-#: Points rounded to doubles far from the origin scatter by a roundoff of their magnitude; up to
-#: this many of those also count as flat.
+#: Extents up to this many spacings of the coordinates also count as flat: that is how points far
+#: from the origin scatter when they are rounded to doubles.
 FLAT_ROUNDOFFS = 4.0
 
-
-#: Axes are chosen on the hull's corners. Above this many, on those extreme in DIRECTIONS
-#: directions: 10,000 take trimesh 0.3 s, a round rim of 20,000 gigabytes.
+#: Maximum number of hull corners used for choosing axes; above it, those extreme in DIRECTIONS
+#: directions: 10,000 take trimesh 0.3 s, a round rim of 20,000 takes gigabytes.
 MANY_CORNERS = 2000
-#: Above this many points the hull is skipped: a million on a sphere take Qhull 10 s.
+#: Maximum number of points of which the hull is made: a million on a sphere take Qhull 10 s.
 MANY_POINTS = 100_000
-#: How many of the principal frames, and of the spread ones, "best" refines (see SPREAD).
+#: Number of principal frames, and of spread ones, that "best" refines (see SPREAD).
 REFINED_PRINCIPAL = 2
 REFINED_SPREAD = 4
 #: Directions spread evenly over a half sphere; two extreme points each.
@@ -64,27 +63,27 @@ DIRECTIONS = 256
 def fit_points(points: ArrayLike, fit: str = "best") -> tuple[Floats, Floats, Floats]:
     """Return (center (3,), rotation (3, 3), half_extents (3,)) of a box around points (n, 3).
 
-    ``fit`` chooses the axes: "aabb" (the coordinate axes), "covariance" (principal axes of the
+    fit: how the axes are chosen: "aabb" (the coordinate axes), "covariance" (principal axes of the
     points), "hull_covariance" (of the surface of their hull), "min_volume" (trimesh's oriented
     bounds, refined), "best" (the smallest of all; of flat sets by area, of lines by length).
 
-    Any set gets a box: one point, duplicates, lines, planes. Columns of the rotation are the
+    Any set has a box: one point, duplicates, lines, planes. Columns of the rotation are the
     axes, determinant +1. Raises ValueError for an unknown fit, an empty set, wrong shapes or
     numbers that are not finite (with the row).
     """
     check_fit(fit)
     array = as_array(points, "points", (None, 3))
     if len(array) == 0:
-        raise ValueError("points must hold at least one point, got shape (0, 3)")
+        raise ValueError("points must not be empty, got shape (0, 3)")
     rotation = _choose_frame(array, fit)
     center, half_extents = enclose_points(array, rotation)
     if half_extents.max() > MAX_MAGNITUDE and fit != "aabb":
-        return fit_points(array, "aabb")  # the only box of a legal size for a set this large
+        return fit_points(array, "aabb")  # the only box within MAX_MAGNITUDE
     return center, rotation, half_extents
 
 
 def check_fit(fit: str) -> str:
-    """Return the name of a fit; ValueError naming the choices for any other."""
+    """Return the name of a fit; ValueError listing the choices for any other."""
     if not isinstance(fit, str) or fit not in FITS:
         choices = ", ".join(repr(name) for name in FITS)
         raise ValueError(f"fit must be one of {choices}, got {shown(fit)}")
@@ -107,13 +106,13 @@ def _choose_frame(points: Floats, fit: str) -> Floats:
         judges = corners if complete else scaled
     tight = (1.0 + VOLUME_TIE) * hull_volume(corners) if rank == 3 else 0.0
     best: Floats | None = None
-    least = np.inf
+    smallest = np.inf
     for candidate in FITS[fit](corners, frame, rank, floor):
         exact = keep_flat(candidate, flat)
         size = box_size(judges, exact, floor)
-        if best is None or size < least * (1.0 - VOLUME_TIE):
-            best, least = exact, size
-        if least <= tight:
+        if best is None or size < smallest * (1.0 - VOLUME_TIE):
+            best, smallest = exact, size
+        if smallest <= tight:
             break  # the hull is a box
     assert best is not None  # every fit offers at least the principal axes
     return best
@@ -130,7 +129,7 @@ def _normalized(points: Floats, low: Floats, high: Floats) -> tuple[Floats, floa
 
 
 def _rank(points: Floats, noise: float) -> tuple[int, Floats, float]:
-    """Return how many dimensions the points span, their principal axes, and what counts as flat."""
+    """Return the dimension of the points' span, their principal axes, and the limit of flatness."""
     frame = covariance_frame(points)
     widths = np.ptp(points @ frame, axis=0)
     floor = FLAT * float(widths.max()) + noise
@@ -138,9 +137,9 @@ def _rank(points: Floats, noise: float) -> tuple[int, Floats, float]:
 
 
 def _corners(points: Floats, frame: Floats) -> tuple[Floats, bool]:
-    """Return the points that offer axes, a few thousand at most, and whether they all count.
+    """Return at most a few thousand points for choosing axes, and whether their box is that of all.
 
-    They are the corners of the hull, or some of them.
+    The corners of the hull, or some of them.
     """
     if len(points) <= MANY_POINTS:
         hull = convex_hull(points)
@@ -215,7 +214,7 @@ def _best(corners: Floats, frame: Floats, rank: int, floor: float) -> Iterator[F
     for candidate in principal[:REFINED_PRINCIPAL]:
         yield refined_frame(corners, candidate, floor)
     if rank < 3:
-        return  # the plane is known, and the least rectangle in it found
+        return  # the minimum rectangle in the plane has been found
     spread = spread_frames()
     widths = np.ptp(np.einsum("ni,mij->mnj", corners, spread), axis=1)
     for row in np.argsort(widths.prod(axis=1))[:REFINED_SPREAD]:
@@ -223,7 +222,7 @@ def _best(corners: Floats, frame: Floats, rank: int, floor: float) -> Iterator[F
         yield refined_frame(corners, candidate, floor)
 
 
-#: The fits by name, each with what offers its candidate axes (the principal axes are given).
+#: Generators of candidate axes by the name of the fit (the principal axes are given).
 FITS: dict[str, Candidates] = {
     "aabb": _axis_aligned,
     "covariance": lambda corners, frame, rank, floor: iter([frame]),

@@ -43,12 +43,12 @@ from obb_collision.numerics.constants import (
 from obb_collision.numerics.exact import Vector, cross, dot, exact_axes, exact_integers
 from obb_collision.typing import Floats
 
-#: Axes that moved by no more than this many roundoffs, the error of the product and of making it
-#: a unit vector, have not turned.
+#: Axes that changed by no more than this, the error of the product and its normalisation, have not
+#: turned.
 UNTURNED = 8 * ROUNDOFF
 
-#: Edges that are orthonormal to this are those of a box: the matrix is a similarity, or scales
-#: along the box axes. What the best of the other frames could save is below it squared.
+#: Edges orthonormal to this are those of a box: the matrix is a similarity, or scales along the
+#: box axes. Any other frame saves less than this squared.
 SQUARE = 2.0**-40
 
 
@@ -59,9 +59,9 @@ def transform_box(
 
     center (3,), rotation (3, 3) orthonormal to rounding, half_extents (3,) >= 0 are trusted;
     ``matrix`` (4, 4) acts on columns. Containment is exact, for the exact products of the doubles
-    given: each half extent is the least double that suffices. Raises ValueError for a matrix with
-    numbers that are not finite, a last row other than 0 0 0 1, or no inverse, and for results
-    beyond 1e300.
+    given: each half extent is the smallest double that suffices. Raises ValueError for a matrix
+    with numbers that are not finite, a last row other than 0 0 0 1, or no inverse, and for
+    results beyond 1e300.
     """
     moves = as_array(matrix, "matrix", (4, 4))
     if moves[3].tolist() != [0.0, 0.0, 0.0, 1.0]:
@@ -79,12 +79,12 @@ def transform_box(
 def _choose_frame(linear: Floats, rotation: Floats, half_extents: Floats) -> Floats:
     axes = _scaled(_scaled(linear) @ rotation)
     sides = _scaled(axes * _scaled(half_extents))
-    best, least = rotation, np.inf
+    best, smallest = rotation, np.inf
     for candidate in _candidates(axes, sides, rotation):
         extents = np.abs(candidate.T @ sides).sum(axis=1)
         size = float(np.prod(np.maximum(extents, FLAT * extents.max())))
-        if size < least * (1.0 - VOLUME_TIE):
-            best, least = candidate, size
+        if size < smallest * (1.0 - VOLUME_TIE):
+            best, smallest = candidate, size
     return best
 
 
@@ -107,11 +107,11 @@ def _candidates(axes: Floats, sides: Floats, rotation: Floats) -> Iterator[Float
         yield straight
     if abs(orthonormal_defect(units[None])[0]) <= SQUARE:
         yield complete_frame(units[:, 0], units[:, 1])
-        return  # still a box: nothing is smaller
+        return  # still a box: no other frame gives a smaller one
     for i, j, k in permutations(range(3)):  # a side of the box flush with a face and an edge
         made = complete_frame(units[:, i], units[:, j])
         yield _placed(made, (i, j, k))
-    for k in range(3):  # flush with a face, and with the shadow on it of the edge across
+    for k in range(3):  # flush with a face, and with the projection onto it of the edge across
         normal = np.cross(units[:, (k + 1) % 3], units[:, (k + 2) % 3])
         if normal.any():
             yield complete_frame(normal, units[:, k])
@@ -129,7 +129,7 @@ def _straight(axes: Floats) -> Floats | None:
 
 
 def _placed(frame: Floats, order: tuple[int, int, int]) -> Floats:
-    """Return the frame with its columns at the places ``order``."""
+    """Return the frame with its columns in the given order."""
     placed = np.empty((3, 3))
     placed[:, list(order)] = frame
     return _right_handed(placed)
@@ -145,7 +145,7 @@ def _right_handed(frame: Floats) -> Floats:
 def _enclose(
     center: Floats, rotation: Floats, half_extents: Floats, moves: Floats, frame: Floats
 ) -> tuple[Floats, Floats, Floats]:
-    """Return the box with the axes of ``frame``, by integers; see enclosing.py."""
+    """Return the box with the axes of ``frame``, by integers; see ``enclosing``."""
     middle, middle_power = _moved_center(center, moves)
     new_center = np.array([x / (1 << middle_power) for x in middle])
     if np.abs(new_center).max() > MAX_MAGNITUDE:

@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What an object can be: primitives, hulls, meshes, and files of these."""
+"""Shapes of objects: primitives, hulls, meshes, and mesh files."""

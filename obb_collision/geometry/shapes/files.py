@@ -12,9 +12,9 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Mesh files -> vertices and faces. Only the file itself is read, nothing that it refers to.
+"""Read mesh files into vertices and faces. Only the file itself is read, none that it refers to.
 
-Materials, textures and buffers in other files may be anything, a pipe that never ends included.
+Materials, textures and buffers in other files could be anything, even a pipe that never ends.
 """
 
 from __future__ import annotations
@@ -33,14 +33,14 @@ from numpy.typing import NDArray
 from obb_collision.typing import Floats
 
 Triangles = NDArray[np.int64]
-#: What tells one state of a file from the next: time of modification (ns) and size (bytes).
+#: Identifies a state of a file: time of modification (ns) and size (bytes).
 Version = tuple[int, int]
 
-#: Bytes of a file at most; the largest of real robots' have some 100 MB.
+#: Maximum size of a file, bytes; the largest ones of real robots have some 100 MB.
 LARGEST_FILE = 1 << 30
-#: Bytes that are read at once.
+#: Bytes per read.
 PORTION = 1 << 24
-#: Letters of a path or a message that are repeated in an error.
+#: Maximum number of characters of a path or message in an error.
 SHOWN = 200
 #: The types that are XML, in which a document type may refer to other files.
 XML_TYPES = ("dae", "xaml")
@@ -61,7 +61,7 @@ class NoFiles:
         return []
 
     def namespaced(self, namespace: str) -> NoFiles:
-        """Return what has no files either."""
+        """Return a resolver without files, too."""
         return self
 
 
@@ -72,7 +72,7 @@ def shortened(text: str) -> str:
 
 
 def resolve_path(path: str | Path) -> Path:
-    """Return the path of a path, file:// or package:// URI; ValueError where there is none."""
+    """Return the path that a path, file:// or package:// URI names; ValueError otherwise."""
     text = str(path)
     scheme, _, rest = text.partition("://")
     if not rest or isinstance(path, Path):
@@ -118,11 +118,11 @@ def file_version(path: Path) -> Version:
 
 
 def read_file(path: Path, largest: int = LARGEST_FILE) -> tuple[bytes, Version]:
-    """Return what a regular file holds, and its version. It never waits for a pipe or a device.
+    """Return the content of a regular file, and its version. Never waits for a pipe or a device.
 
-    ValueError where there is no such file, it can't be read or has more than ``largest`` bytes.
+    ValueError where it is missing, unreadable or has more than ``largest`` bytes.
     """
-    file_version(path)  # opening a device may do something
+    file_version(path)  # before opening: that may have an effect on a device
     try:
         descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0))
         try:
@@ -159,8 +159,8 @@ def _reason(error: OSError | ValueError) -> str:
 def read_mesh(data: bytes, name: str) -> tuple[Floats, Triangles]:
     """Return vertices (n, 3) in metres and faces (m, 3) of all parts of a mesh file.
 
-    data: what the file holds; its type is the suffix of ``name``. ValueError where it can't be
-    read, MemoryError where that takes too much.
+    data: content of the file; its type is the suffix of ``name``. ValueError where it can't be
+    read, MemoryError where there is not enough memory.
     """
     kind = Path(name).suffix.lower()[1:]
     if not kind:
@@ -169,7 +169,7 @@ def read_mesh(data: bytes, name: str) -> tuple[Floats, Triangles]:
         raise ValueError("reading DAE needs the package pycollada")
     if kind in XML_TYPES and _has_document_type(data):
         raise ValueError(f"it has a {DOCUMENT_TYPE}, which may refer to other files")
-    import trimesh  # half a second: only who reads files pays it
+    import trimesh  # here, as it takes half a second
 
     try:
         scene: Any = trimesh.load(

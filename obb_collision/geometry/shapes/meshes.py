@@ -54,7 +54,7 @@ LARGEST_EXACT = 2.0**990
 
 
 class _Cloud(Shape):
-    """A shape that the box of its scaled points contains."""
+    """A shape whose local box is that of its scaled points."""
 
     fit: str
 
@@ -72,21 +72,21 @@ class _Cloud(Shape):
         center, rotation, half_extents = fit_points(scaled, self.fit)
         error = _rounding(points, scale, scaled)
         if error.any():
-            # |R^-1 e| is below |R|^T |e| but for roundoffs of it, which the factor covers.
+            # |R^-1 e| exceeds |R|^T |e| by roundoffs of it at most, which the factor covers.
             wider = half_extents + (np.abs(rotation).T @ error) * (1.0 + 64.0 * ROUNDOFF)
             half_extents = np.nextafter(wider, np.inf)
         return read_only(center, rotation, half_extents)
 
 
 def _rounding(points: Floats, scale: Floats, scaled: Floats) -> Floats:
-    """Return (3,) bounds on abs(scaled - points * scale) by coordinate; zero where all exact."""
+    """Return (3,) bounds on abs(scaled - points * scale) per coordinate; zero where exact."""
     inexact = ~_exact_products(points, scale, scaled)
     error: Floats = np.where(inexact, np.abs(scaled), 0.0).max(axis=0) * ROUNDOFF
     return np.where(inexact.any(axis=0), np.maximum(error, np.finfo(float).smallest_subnormal), 0.0)
 
 
 def _exact_products(a: Floats, b: Floats, product: Floats) -> NDArray[np.bool_]:
-    """Return whether a * b == product exactly (Dekker's product); False where not known."""
+    """Return whether a * b == product exactly (Dekker's product); False where undecided."""
     with np.errstate(over="ignore", invalid="ignore"):
         a_high, b_high = (x * SPLITTER - (x * SPLITTER - x) for x in (a, b))
         a_low, b_low = a - a_high, b - b_high
@@ -114,7 +114,7 @@ class Hull(_Cloud):
 
     @classmethod
     def fitted(cls, points: Floats, local_box: LocalBox, scale: Floats | None = None) -> Hull:
-        """Return the hull of points whose box is known; nothing is checked or copied."""
+        """Return the hull of points with a given local box; nothing is checked or copied."""
         x, y, z = NO_SCALE if scale is None else scale.tolist()
         hull = object.__new__(cls)
         hull._store(points=points, scale=(x, y, z), fit="best", local_box=read_only(*local_box))
@@ -141,8 +141,8 @@ class Triangulation(Protocol):
 class Mesh(_Cloud):
     """Triangles: vertices (n, 3) metres, faces (m, 3) rows of vertices; no faces: all vertices.
 
-    Instead of both a ``trimesh.Trimesh`` can be given, or what else has ``vertices`` and ``faces``.
-    The local box is that of the triangles; vertices that no face uses don't count. Raises
+    A single argument may be a ``trimesh.Trimesh``, or anything with ``vertices`` and ``faces``.
+    The local box is that of the triangles; unused vertices are ignored. Raises
     ValueError for no vertices, numbers that are not finite, faces out of range.
     """
 
@@ -170,7 +170,7 @@ class Mesh(_Cloud):
 
     @classmethod
     def fitted(cls, vertices: Floats, faces: Triangles, scale: Floats, local_box: LocalBox) -> Mesh:
-        """Return the mesh whose box is known; nothing is checked or copied."""
+        """Return the mesh with a given local box; nothing is checked or copied."""
         x, y, z = scale.tolist()
         mesh = object.__new__(cls)
         mesh._store(vertices=vertices, faces=faces, scale=(x, y, z), fit="best")
@@ -214,7 +214,7 @@ def _vertices_and_faces(mesh: ArrayLike | Triangulation) -> tuple[ArrayLike, Arr
 def _owned_points(value: Any, name: str) -> Floats:
     points = as_array(value, name, (None, 3)).copy()
     if len(points) == 0:
-        raise ValueError(f"{name} must hold at least one point, got none")
+        raise ValueError(f"{name} must not be empty")
     points.setflags(write=False)
     return points
 

@@ -14,9 +14,8 @@
 
 """Shapes with a formula: box, sphere, cylinder, capsule, cone, ellipsoid.
 
-Every shape lives in its own frame, about its own origin, and is stretched by ``scale`` along the
-axes of that frame. Its local box is axis-aligned there, tight, and contains it certainly: the half
-extents are exact or the next double above.
+Every shape has its own frame and is scaled by ``scale`` along the axes of that frame. Its local box
+is axis-aligned there and certainly contains it: half extents are exact or the next double above.
 """
 
 from __future__ import annotations
@@ -40,7 +39,7 @@ LocalBox = tuple[Floats, Floats, Floats]
 #: Half extents before scaling, exactly.
 Reach = tuple[Fraction, Fraction, Fraction]
 
-#: The scale of a shape that is as large as it says.
+#: The scale that changes nothing.
 NO_SCALE: Triple = (1.0, 1.0, 1.0)
 
 
@@ -62,7 +61,7 @@ def positive_number(value: ArrayLike, name: str) -> float:
 
 
 class Shape(ABC):
-    """A body in its own frame, metres, stretched by ``scale`` (3,) along the axes of that frame."""
+    """A body in its own frame, metres, scaled by ``scale`` (3,) along the axes of that frame."""
 
     scale: Triple
 
@@ -77,7 +76,7 @@ class Shape(ABC):
 
 
 class Primitive(Shape):
-    """A shape that its half extents before scaling describe well enough to box it."""
+    """A shape whose half extents before scaling are known exactly."""
 
     @abstractmethod
     def _reach(self) -> Reach: ...
@@ -96,7 +95,7 @@ class Primitive(Shape):
 
 
 def read_only(center: Floats, rotation: Floats, half_extents: Floats) -> LocalBox:
-    """Return the three arrays, protected: the box is shared by all who ask for it."""
+    """Return the three arrays, made read-only: the box is shared."""
     for array in (center, rotation, half_extents):
         array.setflags(write=False)
     return center, rotation, half_extents
@@ -145,7 +144,7 @@ class Ellipsoid(Primitive):
 
     @classmethod
     def trusted(cls, radii: Triple) -> Ellipsoid:
-        """Return an ellipsoid of radii that are known to be positive and not too large."""
+        """Return an ellipsoid of valid radii, not checked."""
         shape = object.__new__(cls)
         shape._store(radii=radii, scale=NO_SCALE)
         return shape
@@ -180,7 +179,7 @@ class Cylinder(_Turned):
 
     @classmethod
     def trusted(cls, radius: float, length: float, scale: Triple) -> Cylinder:
-        """Return a cylinder of numbers that are known to be positive and not too large."""
+        """Return a cylinder of valid numbers, not checked."""
         shape = object.__new__(cls)
         shape._store(radius=radius, length=length, scale=scale)
         return shape

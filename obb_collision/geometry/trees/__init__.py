@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Trees of boxes over triangles, and convex bodies that stand for shapes."""
+"""Trees of boxes over triangles, and convex bodies that enclose shapes."""

@@ -26,12 +26,12 @@ from obb_collision._jit import njit
 from obb_collision.geometry.trees.node_fit import HALF, NODE, fit_node
 from obb_collision.typing import Floats, Integers
 
-#: A split must leave this share on both sides, else the halves are taken: bounds the depth to 75
-#: for 2^31 triangles.
-LEAST_SHARE = 0.25
-#: Rows of the stack of a build: one for each level.
+#: Minimum share of triangles on either side of a split, else a node is halved: limits the depth to
+#: 75 for 2^31 triangles.
+MIN_SHARE = 0.25
+#: Rows of the stack of a build: one per level.
 LEVELS = 128
-#: Rounds of a selection; 2 log2 n are the rule.
+#: Maximum number of rounds of a selection; typically 2 log2 n.
 SELECTION_ROUNDS = 100
 
 
@@ -39,7 +39,7 @@ def build_tree(
     triangles: Floats, leaf: int
 ) -> tuple[Integers, Floats, Integers, Integers, Integers]:
     """Return order (f,), nodes (m, 16), children (m,), starts (m, 2), levels (m,)."""
-    # By a power of two, exactly, so that squares and cubes neither overflow nor vanish.
+    # Scaled by a power of two, exactly, so that squares and cubes neither over- nor underflow.
     largest = np.abs(triangles).max()
     power = -int(np.frexp(largest)[1]) if largest > 0.0 else 0
     rows = np.ldexp(triangles, power)
@@ -69,7 +69,7 @@ def _build_kernel(
     levels: np.ndarray,
     leaf: int,
 ) -> int:
-    """Sort the triangles into a tree, write its nodes; return how many there are."""
+    """Sort the triangles into a tree, write its nodes; return their number."""
     work = np.empty((4, 3, 3))
     keys = np.empty(len(triangles))
     stack = np.empty(LEVELS, np.int64)
@@ -99,7 +99,7 @@ def _build_kernel(
 def _split(
     triangles: Floats, order: np.ndarray, keys: Floats, first: int, last: int, row: Floats
 ) -> int:
-    """Part the triangles of a node along its longest axis; return where the second part starts."""
+    """Split the triangles of a node along its longest axis; return where the second part starts."""
     axis = 0
     for k in range(1, 3):
         if row[HALF + k] > row[HALF + axis]:
@@ -119,8 +119,8 @@ def _split(
         if keys[n] < mean:
             _swap(triangles, order, keys, i, n)
             i += 1
-    least = LEAST_SHARE * (last - first)
-    if i - first >= least and last - i >= least:
+    share = MIN_SHARE * (last - first)
+    if i - first >= share and last - i >= share:
         return i
     middle = (first + last) // 2
     _select(triangles, order, keys, first, last, middle)
@@ -133,7 +133,7 @@ def _select(
 ) -> None:
     """Move the triangles with the smaller keys before ``middle`` (Hoare 1961, "Find").
 
-    Gives up after SELECTION_ROUNDS, when the keys are laid out to spite it: any halves make a
+    Ends after SELECTION_ROUNDS even if keys in a hostile order need more: any halves make a
     valid tree.
     """
     low, high = first, last - 1

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Are the arrays of mesh trees those of trees? What kernels follow without looking is looked at."""
+"""Validation of the arrays of mesh trees: kernels follow the indices in them unchecked."""
 
 from __future__ import annotations
 
@@ -42,8 +42,8 @@ KINDS: Mapping[str, tuple[type, tuple[str | int, ...]]] = {
     "pieces": (np.float64, ("p", 6, 3)),
     "piece_starts": (np.int64, ("s",)),
 }
-#: Levels of a tree: those of 2^31 triangles are 75, stacks have room for 128 of either tree.
-MOST_LEVELS = 100
+#: Maximum number of levels of a tree: 2^31 triangles have 75, stacks have room for 128 per tree.
+MAX_LEVELS = 100
 
 
 def checked_arrays(given: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
@@ -63,7 +63,7 @@ def checked_arrays(given: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
     _within(arrays["roots"], sizes["m"] - 1, "roots")
     _within(arrays["piece_starts"], sizes["p"], "piece_starts")
     if (np.diff(arrays["piece_starts"]) < 0).any():
-        raise ValueError("piece_starts must not fall")
+        raise ValueError("piece_starts must not decrease")
     if (arrays["faces"] < 0).any():
         raise ValueError("faces must not be negative")
     for name in ("triangles", "nodes", "radii", "pieces"):
@@ -77,17 +77,17 @@ def _check_nodes(arrays: Arrays, sizes: Mapping[str, int]) -> None:
     parents = np.flatnonzero(children >= 0)
     first = children[parents]
     if (children < -1).any() or (first >= sizes["m"] - 1).any() or (first <= parents).any():
-        raise ValueError("children must be -1 or rows after their own, of which a second follows")
+        raise ValueError("children must be -1 or the first of two rows after their parent's")
     if len(np.unique(first)) < len(first):
         raise ValueError("children must have one parent")
-    _within(levels, MOST_LEVELS, "levels")
+    _within(levels, MAX_LEVELS, "levels")
     if any((levels[first + k] != levels[parents] + 1).any() for k in range(2)):
-        raise ValueError("levels must be one more than those of the parents")
+        raise ValueError("levels must be one more than their parents'")
     _within(starts, sizes["f"], "starts")
     if (starts[:, 0] > starts[:, 1]).any():
-        raise ValueError("starts must be runs of triangles")
+        raise ValueError("starts must be ranges of triangles, the first not above the last")
 
 
-def _within(array: NDArray[Any], most: int, name: str) -> None:
-    if ((array < 0) | (array > most)).any():
-        raise ValueError(f"{name} must be from 0 to {most}")
+def _within(array: NDArray[Any], maximum: int, name: str) -> None:
+    if ((array < 0) | (array > maximum)).any():
+        raise ValueError(f"{name} must be from 0 to {maximum}")

@@ -12,10 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Points whose hull holds a shape with round faces: prisms, pyramids, geodesic spheres about it.
+"""Points whose hull contains a shape with curved faces: prisms, pyramids, geodesic spheres.
 
-Made for the shape before scaling, which is linear and so keeps what is inside inside, and larger
-by CIRCUMSCRIBED_SLACK than they need be: more than all rounding.
+Made for the shape before scaling, which is linear and so preserves containment, and larger than
+necessary by CIRCUMSCRIBED_SLACK: more than all rounding.
 """
 
 from __future__ import annotations
@@ -37,14 +37,14 @@ from obb_collision.geometry.shapes.primitives import (
 from obb_collision.numerics.constants import ROUNDOFF
 from obb_collision.typing import Floats, Integers
 
-#: Sides of the polygon about a circle: its corners are 1.9 % farther out.
+#: Sides of the polygon about a circle; its corners are 1.9 % farther out.
 SIDES = 16
-#: Relative excess of all coordinates: far above roundoffs, far below what anybody sees.
+#: Relative excess of all coordinates: far above rounding, far below anything visible.
 CIRCUMSCRIBED_SLACK = 8192 * ROUNDOFF
 
 
 def outer_points(shape: Shape) -> Floats:
-    """Return points (n, 3) whose hull holds a sphere, ellipsoid, cylinder, capsule or cone.
+    """Return points (n, 3) whose hull contains a sphere, ellipsoid, cylinder, capsule or cone.
 
     ValueError for other shapes.
     """
@@ -60,15 +60,15 @@ def outer_points(shape: Shape) -> Floats:
         top = _outer_ring(0.0 if isinstance(shape, Cone) else shape.radius, 0.5 * shape.length)
         points = np.concatenate([base, top])
     else:
-        raise ValueError(f"no points are known about a {type(shape).__name__}")
+        raise ValueError(f"there is no hull about a {type(shape).__name__}")
     result: Floats = points * np.array(shape.scale) * (1.0 + CIRCUMSCRIBED_SLACK)
     return result
 
 
 def geodesic_sphere(rounds: int) -> Floats:
-    """Return points (n, 3) on the unit sphere: an icosahedron, its edges halved some rounds.
+    """Return points (n, 3) on the unit sphere: an icosahedron, its edges halved in each round.
 
-    12, 42, 162, ... points.
+    After 0, 1, 2, ... rounds 12, 42, 162, ... points.
     """
     a, b = 1.0, 0.5 * (1.0 + math.sqrt(5.0))
     signs = [(p, q) for p in (-1.0, 1.0) for q in (-1.0, 1.0)]
@@ -88,7 +88,7 @@ def _turns(x: float, y: float, z: float) -> list[tuple[float, float, float]]:
 
 @cache
 def _outer_sphere() -> Floats:
-    """Return points whose hull holds the unit sphere; they are 3.6 % farther out."""
+    """Return points whose hull contains the unit sphere; they are 3.6 % farther out."""
     points = geodesic_sphere(2)
     a, b, c = points[_faces(points)].transpose(1, 0, 2)
     normals = np.cross(b - a, c - a)

@@ -12,12 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Closed convex meshes that certainly hold a shape: its hull, or a simpler one about it.
+"""Closed convex meshes that certainly contain a shape: its hull, or a simpler polytope.
 
-The hull of the shape's points, larger by HULL_MARGIN. Hulls of more than MOST_HULL_CORNERS
-corners are replaced by the polytope of PLANES planes that touch the points and are parallel to
-faces of the hull, as different ones as can be: on a sphere it is 2 % larger. Of more than
-MOST_HULL_POINTS points, whose hull would take seconds, it is that of the extreme ones.
+The hull of the shape's points, larger by HULL_MARGIN. Hulls of more than MAX_HULL_CORNERS corners
+are replaced by the polytope of PLANES planes that touch the points and are parallel to faces of
+the hull in directions as different as possible: on a sphere it is 2 % larger. Of more than
+MAX_HULL_POINTS points, whose hull would take seconds, the hull of the extreme ones is used.
 """
 
 from __future__ import annotations
@@ -32,33 +32,33 @@ from obb_collision.geometry.trees.obb_tree import BOX_CORNERS, BOX_FACES
 from obb_collision.numerics.constants import ROUNDOFF
 from obb_collision.typing import Floats, Integers
 
-#: Hulls are larger than their points by this, relative to the largest coordinate: more than Qhull
-#: rounds by, and more than two meshes may be apart that are not told from touching.
+#: Margin of hulls about their points, relative to the largest coordinate: more than the rounding
+#: of Qhull, and more than the gap up to which two meshes count as touching.
 HULL_MARGIN = 2**17 * ROUNDOFF
-#: What would have to grow by more to get that margin is too thin: its box takes its place.
+#: A body that must grow by more to get that margin is too thin: its box is used instead.
 LARGEST_GROWTH = 2.0**-10
-#: A facet less high than this times its longest side may have a corner too many, on that side.
+#: A facet whose height is below this times its longest side may have a needless corner there.
 SLIVER = 2.0**-20
-#: Rounds of leaving out such corners; real meshes needed three at most.
+#: Rounds of removing such corners; real meshes needed at most three.
 CORNER_ROUNDS = 8
-#: Corners that a hull may have: a search for the farthest one takes 0.4 us.
-MOST_HULL_CORNERS = 400
-#: Points whose hull is made: some 0.3 s.
-MOST_HULL_POINTS = 4000
-#: Products held at once while the farthest points are sought: 1 MB, which caches hold.
+#: Maximum number of corners of a hull: a search for the farthest one takes 0.4 us.
+MAX_HULL_CORNERS = 400
+#: Maximum number of points whose hull is made: some 0.3 s.
+MAX_HULL_POINTS = 4000
+#: Products per block in the search for the farthest points: 1 MB, which fits into the cache.
 BLOCK = 1 << 17
-#: Planes of a simpler polytope, which has twice as many corners.
+#: Planes of the simpler polytope, which has twice as many corners.
 PLANES = 160
-#: Faces whose normals' product falls short of one by less look the same way (8e-4 rad).
-SAME_WAY = 1e-7
-#: Thinner than this part of its length a shape has no simpler polytope.
+#: Faces count as parallel if the product of their normals is within this of one (8e-4 rad).
+PARALLEL_FACES = 1e-7
+#: A shape thinner than this fraction of its length gets no simpler polytope.
 THINNEST = 2.0**-20
 
 
 def hull_mesh(shape: Shape) -> tuple[Floats, Integers]:
-    """Return corners (v, 3) and outward faces (m, 3) of a convex mesh that holds a shape.
+    """Return corners (v, 3) and outward faces (m, 3) of a convex mesh that contains a shape.
 
-    A shape so flat that Qhull or the margin fails gets its local box.
+    The local box, if the shape is too flat for Qhull or the margin.
     """
     if isinstance(shape, (Mesh, Hull)):
         points = shape._points() * np.array(shape.scale)
@@ -66,7 +66,7 @@ def hull_mesh(shape: Shape) -> tuple[Floats, Integers]:
         points = outer_points(shape)
     largest = float(np.abs(points).max())
     margin = HULL_MARGIN * largest
-    # By a power of two, exactly, so that products neither overflow nor vanish.
+    # Scaled by a power of two, exactly, so that products neither over- nor underflow.
     power = int(np.frexp(largest)[1])
     grown = _bounded_hull(np.ldexp(points, -power), float(np.ldexp(margin, -power)))
     if grown is not None:
@@ -83,7 +83,7 @@ def box_corners(half_extents: Floats) -> Floats:
 
 def _bounded_hull(points: Floats, margin: float) -> tuple[Floats, Integers] | None:
     inner = points
-    if len(points) > MOST_HULL_POINTS:
+    if len(points) > MAX_HULL_POINTS:
         low, high = points.min(axis=0), points.max(axis=0)
         stretched = geodesic_sphere(3) / np.maximum(high - low, THINNEST * (high - low).max())
         inner = points[np.unique(_extreme(points, stretched))]
@@ -91,7 +91,7 @@ def _bounded_hull(points: Floats, margin: float) -> tuple[Floats, Integers] | No
         # Each corner once: files of single triangles repeat them, Qhull makes facets of copies.
         points = inner = np.unique(points, axis=0)
     grown = _grown_hull(inner, points, margin)
-    if grown is not None and len(grown[0]) <= MOST_HULL_CORNERS:
+    if grown is not None and len(grown[0]) <= MAX_HULL_CORNERS:
         return grown
     corners = _outer_corners(inner, points)
     simple = None if corners is None else _grown_hull(corners, points, margin)
@@ -99,11 +99,11 @@ def _bounded_hull(points: Floats, margin: float) -> tuple[Floats, Integers] | No
 
 
 def _outer_corners(inner: Floats, points: Floats) -> Floats | None:
-    """Return about the corners of planes about points (n, 3), each touching them; None if flat.
+    """Return the approximate corners of a polytope about points (n, 3); None if they are flat.
 
-    Planes about a body that holds the origin are points about one that does, and the other way
-    round: corners are the planes of the hull of those. inner: those of the points to take the
-    directions of large faces from.
+    Each of its planes touches the points. Polar duality: the plane n.x = d maps to the point n / d,
+    so the corners are the planes of the hull of those points. inner: the points whose hull gives
+    the directions.
     """
     low, high = points.min(axis=0), points.max(axis=0)
     middle, half = 0.5 * (low + high), 0.5 * (high - low)
@@ -125,9 +125,9 @@ def _outer_corners(inner: Floats, points: Floats) -> Floats | None:
 
 
 def _plane_directions(points: Floats) -> Floats:
-    """Return at most PLANES normals (k, 3) of the hull's faces, as different as can be.
+    """Return at most PLANES normals (k, 3) of the hull's faces, as different as possible.
 
-    The largest face's, then always the one that is farthest from those before (Gonzalez 1985).
+    That of the largest face, then repeatedly the one farthest from those chosen (Gonzalez 1985).
     """
     hull = convex_hull(points)
     if hull is None:
@@ -138,7 +138,7 @@ def _plane_directions(points: Floats) -> Floats:
     chosen = [int(areas.argmax())]
     likeness = normals @ normals[chosen[0]]
     likeness[areas == 0.0] = 1.0
-    while len(chosen) < PLANES and likeness.min() < 1.0 - SAME_WAY:
+    while len(chosen) < PLANES and likeness.min() < 1.0 - PARALLEL_FACES:
         chosen.append(int(likeness.argmin()))
         np.maximum(likeness, normals @ normals[chosen[-1]], out=likeness)
     return normals[chosen]
@@ -152,10 +152,10 @@ def _normals(triangles: Floats) -> tuple[Floats, Floats]:
 
 
 def _grown_hull(corners: Floats, points: Floats, margin: float) -> tuple[Floats, Integers] | None:
-    """Return vertices and faces of a hull of corners that holds points with a margin; or None.
+    """Return vertices and faces of a hull of corners that contains points with a margin; or None.
 
-    Facets of no height, which flat faces with many corners get, have any normal at all; where
-    they forbid it, their needless corners are left out. Growing covers those like all others.
+    Facets without height, part of flat faces with many corners, have arbitrary normals; where they
+    prevent growing, their needless corners are removed, and the hull grows to contain those, too.
     """
     for _ in range(CORNER_ROUNDS):
         hull = convex_hull(corners)
@@ -175,7 +175,7 @@ def _grown_hull(corners: Floats, points: Floats, margin: float) -> tuple[Floats,
 
 
 def _needless(corners: Floats, faces: Integers) -> Integers:
-    """Return the vertices that lie about on the longest side of a face (m, 3, 3), opposite it."""
+    """Return the vertices that nearly lie on the opposite, longest side of a face (m, 3, 3)."""
     sides = corners[:, [2, 0, 1]] - corners[:, [1, 2, 0]]  # each opposite its corner
     lengths = np.linalg.norm(sides, axis=2)
     doubled = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
@@ -189,7 +189,7 @@ def _grown(
     """Return vertices and outward faces of the hull, stretched about an inner point; or None.
 
     The surface is star-shaped about that point if all faces have it on their inner side. Then it
-    holds all that is behind every face's plane; so each plane is moved past the farthest point.
+    contains everything behind all its planes, and each plane is moved past the farthest point.
     """
     middle = vertices.mean(axis=0)
     a, b, c = (vertices - middle)[faces].transpose(1, 0, 2)
@@ -213,7 +213,7 @@ def _grown(
 
 
 def _extreme(points: Floats, normals: Floats) -> Integers:
-    """Return (m,) which of the points (n, 3) reaches farthest along each normal (m, 3)."""
+    """Return (m,) the rows of the points (n, 3) farthest along each normal (m, 3)."""
     best, rows = np.full(len(normals), -np.inf), np.zeros(len(normals), np.int64)
     step = max(1, BLOCK // len(normals))
     for k in range(0, len(points), step):

@@ -15,9 +15,9 @@
 """Boxes for the nodes of a mesh tree: orientation by covariance or by the largest triangle.
 
 Gottschalk, Lin, Manocha 1996, section 4: the area-weighted covariance of the triangles of a node
-gives its axes, whatever the tessellation. For the few triangles of a low node the plane and the
-longest edge of the largest one are often better; the box of less surface is taken. Both are
-widened by more than the rounding errors, so that a box certainly contains its triangles.
+gives its axes, independent of the tessellation. For the few triangles of a low node the plane and
+the longest edge of the largest one are often better; the box of smaller surface is taken. Both
+are widened by more than the rounding errors, so that a box certainly contains its triangles.
 """
 
 from __future__ import annotations
@@ -32,18 +32,18 @@ from obb_collision.typing import Floats
 
 #: Numbers in the row of a node: centre, rotation row by row (columns are axes), half extents, size.
 NODE = 16
-#: Where the half extents of a row start.
+#: Column at which the half extents of a row start.
 HALF = 12
-#: Where the size stands, by which a descent chooses the node to split: half extents, summed.
+#: Column of the size, the sum of the half extents, by which a descent chooses the node to split.
 SIZE = 15
 #: A box is widened by this fraction of its triangles' distance from its first vertex and of its
-#: centre: 64 unit roundoffs. Projections are off by 5, the frame by 8, the centre by 4 of them.
+#: centre. Projections are off by 5 roundoffs, the frame by 8, the centre by 4.
 WIDENING = 64 * ROUNDOFF
 #: Sweeps of Jacobi's method: cubic convergence leaves roundoffs after 4 to 6 on every matrix tried.
 SWEEPS = 8
-#: Off-diagonal entries below this fraction of the diagonal ones change no double there.
+#: Off-diagonal entries below this fraction of the diagonal ones do not change those.
 NEGLIGIBLE = 1e-18
-#: Area that edges squared add, so that triangles without area count where there are no others.
+#: Weight of squared edges, so that triangles without area count where there are no others.
 EDGE_WEIGHT = 1e-6
 
 
@@ -56,7 +56,7 @@ def fit_node(triangles: Floats, first: int, last: int, row: Floats, work: Floats
     covariance, frame, other, best = work[0], work[1], work[2], work[3]
     largest = _moments(triangles, first, last, covariance)
     _eigenvectors(covariance, frame)
-    _make_square(frame)
+    _orthonormalize_frame(frame)
     _triangle_frame(triangles, largest, other)
     area = _measure(triangles, first, last, frame, row)
     best[:] = frame
@@ -84,7 +84,7 @@ def _moments(triangles: Floats, first: int, last: int, covariance: Floats) -> in
         area = math.sqrt(wx * wx + wy * wy + wz * wz)
         if area > largest_area:
             largest, largest_area = n, area
-        # slivers and points count a little, for nodes that have nothing else
+        # slivers and points have a small weight, for nodes that contain nothing else
         area += (
             EDGE_WEIGHT * (ux * ux + uy * uy + uz * uz + vx * vx + vy * vy + vz * vz) + UNDERFLOW
         )
@@ -158,24 +158,24 @@ def _triangle_frame(triangles: Floats, n: int, frame: Floats) -> None:
             for i in range(3):
                 frame[i, 0] = triangles[n, b + i] - triangles[n, a + i]
                 frame[i, 1] = triangles[n, c + i] - triangles[n, a + i]
-    _make_square(frame)
+    _orthonormalize_frame(frame)
 
 
 @njit
-def _make_square(frame: Floats) -> None:
-    """Make a frame of the first two columns: orthonormal to 4 roundoffs, determinant +1."""
+def _orthonormalize_frame(frame: Floats) -> None:
+    """Complete the first two columns to a frame: orthonormal to 4 roundoffs, determinant +1."""
     if not _make_unit(frame, 0):
         frame[:, 0] = 0.0
         frame[0, 0] = 1.0
-    if not _make_unit(frame, 1) or not _remove_along(frame):
+    if not _make_unit(frame, 1) or not _make_orthogonal(frame):
         least = 0
         for k in range(1, 3):
             if abs(frame[k, 0]) < abs(frame[least, 0]):
                 least = k
         frame[:, 1] = 0.0
         frame[least, 1] = 1.0
-        _remove_along(frame)
-    _remove_along(frame)  # "twice is enough" (Kahan, in Parlett 1980, 6.9)
+        _make_orthogonal(frame)
+    _make_orthogonal(frame)  # "twice is enough" (Kahan, in Parlett 1980, 6.9)
     frame[0, 2] = frame[1, 0] * frame[2, 1] - frame[2, 0] * frame[1, 1]
     frame[1, 2] = frame[2, 0] * frame[0, 1] - frame[0, 0] * frame[2, 1]
     frame[2, 2] = frame[0, 0] * frame[1, 1] - frame[1, 0] * frame[0, 1]
@@ -193,8 +193,8 @@ def _make_unit(frame: Floats, k: int) -> bool:
 
 
 @njit
-def _remove_along(frame: Floats) -> bool:
-    """Make the second column square to the first; False where they were parallel."""
+def _make_orthogonal(frame: Floats) -> bool:
+    """Make the second column orthogonal to the first; False where they were parallel."""
     along = frame[0, 0] * frame[0, 1] + frame[1, 0] * frame[1, 1] + frame[2, 0] * frame[2, 1]
     for i in range(3):
         frame[i, 1] -= along * frame[i, 0]

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Trees and hulls one after another in arrays that grow by doubling: each costs its own size."""
+"""Trees and hulls in arrays that grow by doubling: appending takes time for the new item only."""
 
 from __future__ import annotations
 
@@ -51,16 +51,16 @@ class Hulls(NamedTuple):
 
 
 class Pool(Generic[Item]):
-    """Items, one after another.
+    """Items in arrays, one after another.
 
-    Threads that append take turns by ``lock``. ``all`` may be read at any time: it has all rows
-    that ``append`` has returned by then, and what was read stays as it is.
+    Threads append under ``lock``. ``all`` may be read at any time: it contains every item whose
+    ``append`` has returned, and later ones do not change it.
     """
 
     names: ClassVar[tuple[str, ...]]
-    """The arrays of an item."""
+    """Names of the arrays of an item."""
     measure: ClassVar[str]
-    """The one whose length says how much an item takes."""
+    """Name of the array whose length is the size of an item."""
 
     def __init__(self) -> None:
         self.lock = Lock()
@@ -70,18 +70,18 @@ class Pool(Generic[Item]):
 
     @property
     def all(self) -> Item:
-        """All items, of which there must be one."""
+        """All items; there must be at least one."""
         assert self._all is not None
         return self._all
 
     @property
     def size(self) -> int:
-        """How much all items take."""
+        """Total size of all items."""
         return self._used[self.measure]
 
     @classmethod
     def size_of(cls, item: Item) -> int:
-        """Return how much an item takes."""
+        """Return the size of an item."""
         return len(getattr(item, cls.measure))
 
     @classmethod
@@ -90,7 +90,7 @@ class Pool(Generic[Item]):
         return {name: getattr(item, name) for name in cls.names}
 
     def append(self, item: Item) -> int:
-        """Add an item; return its row. Where there is no memory for it, nothing changes."""
+        """Add an item; return its row. If memory runs out, nothing changes."""
         row = self._used["radii"]
         rows = self.arrays(item)
         rows |= self._moved(rows)
@@ -123,7 +123,7 @@ class Pool(Generic[Item]):
         raise NotImplementedError
 
     def _moved(self, arrays: Arrays) -> Arrays:
-        """Return the arrays that count rows, as they are after the items there are."""
+        """Return the arrays that refer to rows, shifted past the items present."""
         raise NotImplementedError
 
 

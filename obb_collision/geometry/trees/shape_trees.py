@@ -30,7 +30,7 @@ def mesh_tree(mesh: Mesh) -> MeshTrees:
 
     ValueError for a mesh without faces.
     """
-    used, faces = np.unique(mesh.faces, return_inverse=True)  # the others may be anywhere
+    used, faces = np.unique(mesh.faces, return_inverse=True)  # unused vertices do not count
     vertices = mesh.vertices[used] * np.array(mesh.scale)
     root = mesh.local_box if len(used) else None
     return MeshTrees.of(vertices, faces.reshape(-1, 3), root=root)
@@ -42,8 +42,8 @@ def box_tree(half_extents: Floats) -> MeshTrees:
 
 
 def hull_tree(shape: Shape) -> MeshTrees:
-    """Return the tree of a convex mesh that certainly holds a shape (see ``hull_mesh``).
+    """Return the tree of a convex mesh that certainly contains a shape (see ``hull_mesh``).
 
-    That may stick out past the largest coordinate a shape can have.
+    It may exceed the largest coordinate accepted for a shape.
     """
     return MeshTrees.of(*hull_mesh(shape))

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What a triangle mesh is: closed or open, and of how many pieces."""
+"""Topology of a triangle mesh: whether it is closed and oriented, and its connected pieces."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ BITS = 21
 
 
 def merged_faces(vertices: Floats, faces: Integers) -> Integers:
-    """Return faces (m, 3) with vertices (n, 3) of the same place made one, in the same order.
+    """Return faces (m, 3) with equal vertices (n, 3) merged, in the same order.
 
-    Files often store every triangle with corners of its own (STL always does).
+    Files often store corners per triangle (STL always does).
     """
-    # adding zero makes -0.0 and 0.0 the same place
+    # adding zero makes -0.0 equal to 0.0 bit for bit
     keys = np.ascontiguousarray(vertices + 0.0).view([("", vertices.dtype)] * 3).ravel()
     _, first, inverse = np.unique(keys, return_index=True, return_inverse=True)
     result: Integers = first[inverse.ravel()][faces]
@@ -41,9 +41,9 @@ def merged_faces(vertices: Floats, faces: Integers) -> Integers:
 def boundary_faces(faces: Integers) -> tuple[Integers, bool]:
     """Return (k,) the faces that may bound a solid, and whether they do (see ``is_closed``).
 
-    Flat faces (a repeated corner) are none of them, and of copies of a face one is. Copies that
-    face opposite ways are copies in a double-sided mesh; where that leaves the surface open, they
-    may be the walls between two solids, which both count.
+    Faces with a repeated corner never do; of copies of a face one does. Copies of opposite
+    orientation count as copies, as in a double-sided mesh; where that leaves the surface open,
+    they may be walls between two solids, and both count.
     """
     corners = np.sort(faces, axis=1)
     whole = (corners[:, 0] != corners[:, 1]) & (corners[:, 1] != corners[:, 2])
@@ -62,7 +62,7 @@ def _first_of_each(rows: Integers) -> Integers:
     """Return the first of each kind of rows (m, 3), of numbers that are not negative."""
     if len(rows) == 0 or rows.max() >= 1 << BITS:
         return np.asarray(np.unique(rows, axis=0, return_index=True)[1])
-    # a single number a row: sorts ten times as fast
+    # one number per row sorts ten times as fast
     keys = (rows[:, 0] << 2 * BITS) | (rows[:, 1] << BITS) | rows[:, 2]
     return np.asarray(np.unique(keys, return_index=True)[1])
 
@@ -84,7 +84,7 @@ def is_oriented(faces: Integers) -> bool:
 def is_closed(faces: Integers) -> bool:
     """Return whether every edge of faces (m, 3) borders an even number of them, and some exist.
 
-    That is what inside and outside by counting crossings need. A manifold has two faces at every
+    Inside and outside by counting crossings require it. A manifold has two faces at every
     edge; solids that share an edge have four.
     """
     if len(faces) == 0:
@@ -111,7 +111,7 @@ def _starts(keys: Integers) -> Integers:
 def piece_corners(vertices: Floats, faces: Integers) -> Integers:
     """Return (k, 6) vertices of each connected piece of the surface: the extremes along x, y, z.
 
-    Several, so that some lie well off whatever a piece rests on.
+    Several, so that some are far from any surface that a piece rests on.
     """
     pairs = np.concatenate([faces[:, :2], faces[:, 1:]])
     size = int(faces.max()) + 1

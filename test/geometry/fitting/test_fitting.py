@@ -292,7 +292,7 @@ def test_bad_input_is_refused_by_name() -> None:
         fit_points(np.array([[0, 0, 0], [0, np.nan, 0]]))
     with pytest.raises(ValueError, match="points must be finite in row 0"):
         fit_points(np.array([[0, 0, np.inf]]), "aabb")
-    with pytest.raises(ValueError, match="points must hold at least one point"):
+    with pytest.raises(ValueError, match="points must not be empty"):
         fit_points(np.empty((0, 3)))
     with pytest.raises(ValueError, match="points must have shape"):
         fit_points([[0.0, 1.0]])

@@ -214,9 +214,9 @@ def test_a_mesh_of_trimesh_is_a_mesh() -> None:
 
 
 def test_bad_meshes_and_hulls_are_refused_by_name() -> None:
-    with pytest.raises(ValueError, match="vertices must hold at least one point"):
+    with pytest.raises(ValueError, match="vertices must not be empty"):
         shapes.Mesh(np.empty((0, 3)), [])
-    with pytest.raises(ValueError, match="points must hold at least one point"):
+    with pytest.raises(ValueError, match="points must not be empty"):
         shapes.Hull(np.empty((0, 3)))
     with pytest.raises(ValueError, match="vertices must be finite in row 1"):
         shapes.Mesh(np.array([[0, 0, 0], [np.nan, 0, 0], [0, 1, 0]]), [[0, 1, 2]])

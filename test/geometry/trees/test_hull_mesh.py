@@ -27,7 +27,7 @@ from trimesh import Trimesh, creation
 from obb_collision.geometry.fitting.convex_hull import hull_volume
 from obb_collision.geometry.shapes.meshes import Hull, Mesh
 from obb_collision.geometry.trees.circumscribed import geodesic_sphere, outer_points
-from obb_collision.geometry.trees.convex_proxy import MOST_HULL_CORNERS, hull_mesh
+from obb_collision.geometry.trees.convex_proxy import MAX_HULL_CORNERS, hull_mesh
 from obb_collision.geometry.trees.obb_tree import MeshTrees
 from obb_collision.geometry.trees.pool import HullPool, Hulls, TreePool
 from obb_collision.geometry.trees.shape_trees import hull_tree, mesh_tree
@@ -120,7 +120,7 @@ def many_points() -> dict[str, tuple[Floats, float]]:
 def test_hulls_of_many_points_are_simple_and_hold_them(name: str) -> None:
     points, loose = many_points()[name]
     corners, faces = hull_mesh(Hull(points))
-    assert len(corners) <= MOST_HULL_CORNERS
+    assert len(corners) <= MAX_HULL_CORNERS
     assert excess(points, corners, faces) < 0.0
     volume = float(Trimesh(corners, faces, process=False).volume)
     assert hull_volume(points) < volume < loose * hull_volume(points)

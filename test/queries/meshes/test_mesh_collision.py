@@ -296,7 +296,7 @@ def test_bad_meshes_are_refused_or_right() -> None:
     broken[3, 1] = np.nan
     with pytest.raises(ValueError, match="row 3"):
         MeshTrees.build(broken, faces)
-    with pytest.raises(ValueError, match="at least one triangle"):
+    with pytest.raises(ValueError, match="faces must not be empty"):
         MeshTrees.build(vertices, np.empty((0, 3), int))
     with pytest.raises(ValueError, match="faces must name vertices"):
         MeshTrees.build(vertices, [[0, 1, 99]])

@@ -154,7 +154,7 @@ def test_meshes_that_are_none_are_refused_before_anything_changes() -> None:
         scene.add("broken", Mesh(broken, faces))
     with pytest.raises(ValueError, match=r"faces must name vertices 0 to 7 in row 1"):
         Mesh(vertices, [[0, 1, 2], [0, 1, 8]])
-    with pytest.raises(ValueError, match="at least one point"):
+    with pytest.raises(ValueError, match="must not be empty"):
         Mesh(np.empty((0, 3)), [])
     assert len(scene) == 0
 
