@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Boxes that enclose points or transformed boxes: candidate axes, and the smallest box."""
+"""Boxes that enclose points or boxes: candidate axes, and the smallest box."""
