@@ -75,7 +75,7 @@ def scene() -> oc.Scene:
     made.add("a", Box([1.0, 1.0, 1.0]))
     made.add("b", Box([1.0, 1.0, 1.0]))
     made.add("c", Mesh(TETRAHEDRON, FACES), accuracy="mesh")
-    made.points = np.zeros((3, 3))
+    made.obstacle_points = np.zeros((3, 3))
     return made
 
 
@@ -103,7 +103,7 @@ def scene_calls() -> Iterator[tuple[str, Callable[..., Any], dict[str, Any]]]:
         "tree_depth": (lambda s, v: setattr(s, "tree_depth", v), 3),
         "max_pairs": (lambda s, v: setattr(s, "max_pairs", v), 3),
         "accuracy": (lambda s, v: setattr(s, "accuracy", v), "obb"),
-        "points": (lambda s, v: setattr(s, "points", v), np.zeros((3, 3))),
+        "points": (lambda s, v: setattr(s, "obstacle_points", v), np.zeros((3, 3))),
         "allowed": (lambda s, v: setattr(s, "allowed", v), [("a", "b", True)]),
         "max_points": (lambda s, v: s.set_effect("contacts", max_points=v), 4),
         "limit": (lambda s, v: s.set_effect("clearance", limit=v), 1.0),

@@ -222,7 +222,7 @@ FUNCTIONS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
         f"Scene.{name} =": (setting(name), {name: value})
         for name, value in {
             "padding": 0.1, "accuracy": "obb", "tree_depth": 3, "time_budget": 0.1,
-            "points": POINTS, "max_pairs": 9
+            "obstacle_points": POINTS, "max_pairs": 9
         }.items()
     },
 }  # fmt: skip
@@ -277,7 +277,7 @@ def test_one_effect_may_be_asked_for_by_its_name_alone() -> None:
         scene().check(effects="contact")
 
 
-@pytest.mark.parametrize("name", ["acuracy", "time_buget", "paddings", "Points", "anything"])
+@pytest.mark.parametrize("name", ["acuracy", "time_buget", "paddings", "points", "anything"])
 def test_what_a_scene_has_not_cannot_be_set(name: str) -> None:
     made = scene()
     with pytest.raises(AttributeError, match=rf"Scene has no '{name}'") as error:

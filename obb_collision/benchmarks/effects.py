@@ -81,7 +81,7 @@ class Variant:
         self.scene.move_indices(self.rows, frame.poses)
         self.scene.set_twists(self.rows, frame.twists)
         if frame.points is not None:
-            self.scene.points = frame.points
+            self.scene.obstacle_points = frame.points
 
     def step(self, frame: Frame) -> Report | None:
         """Set a state and check."""

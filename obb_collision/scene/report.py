@@ -132,8 +132,8 @@ class Report:
     def separations(self) -> Floats:
         """(m,) metres, signed: negative where the boxes overlap.
 
-        These, normals, points and depths are those of the boxes on every level; on the levels below
-        OBB separations may be positive.
+        These, normals, positions and depths are those of the boxes on every level; on the levels
+        below OBB separations may be positive.
         """
         return self._column("separations")
 
@@ -143,9 +143,9 @@ class Report:
         return self._column("normals")
 
     @property
-    def points(self) -> Floats:
+    def positions(self) -> Floats:
         """(m, 3) metres: a place near both boxes at which to show the contact."""
-        return self._column("points")
+        return self._column("positions")
 
     @property
     def depths(self) -> Floats:
@@ -183,7 +183,7 @@ class Report:
 
     @property
     def points_inside(self) -> PointsInside:
-        """Which of ``Scene.points`` lie inside which objects."""
+        """Which of ``Scene.obstacle_points`` lie inside which objects."""
         result: PointsInside = self.result("points")
         return result
 

@@ -78,7 +78,7 @@ class Scene(SceneObjects):
         self._effects = EffectSettings(EFFECTS.values())
         self._exact = as_flag(exact, "exact")
         self._tree_depth = as_whole(tree_depth, "tree_depth")
-        self._points: NDArray[Any] | None = None
+        self._obstacle_points: NDArray[Any] | None = None
         self._budget: Budget | None = None
         self.time_budget = time_budget
         self._max_pairs = _checked_limit(max_pairs)
@@ -203,16 +203,16 @@ class Scene(SceneObjects):
         return self._effects[name]
 
     @property
-    def points(self) -> NDArray[Any] | None:
+    def obstacle_points(self) -> NDArray[Any] | None:
         """Obstacle points (k, 3), float32 or float64, for the effect ``points``; None for none.
 
         The array is taken as it is, not copied. Rows that are not finite are ignored and counted.
         """
-        return self._points
+        return self._obstacle_points
 
-    @points.setter
-    def points(self, value: ArrayLike | None) -> None:
-        self._points = None if value is None else as_points(value, "points")
+    @obstacle_points.setter
+    def obstacle_points(self, value: ArrayLike | None) -> None:
+        self._obstacle_points = None if value is None else as_points(value, "obstacle_points")
         self._report = None
 
     def check(self, effects: Iterable[str] | str = ()) -> Report:
@@ -250,7 +250,7 @@ class Scene(SceneObjects):
         cycle = Cycle(
             *(store.snapshot(), store.active.copy(), found.pairs, found.verdicts),
             *(self._checker.pair_filter, found.old, {} if last is None else last.outcomes),
-            *(self._points, store, self._before),
+            *(self._obstacle_points, store, self._before),
             limit=None if self._max_pairs is None else NEAR_PER_PAIR * self._max_pairs,
         )
         settings = self._effects.resolved(store.names, store.version)

@@ -178,7 +178,7 @@ def _effect(name: str) -> None:
     scene.set_twists(np.arange(OBJECTS), np.full((OBJECTS, 6), 0.1))
     clouds = _clouds() if name == "points" else [np.zeros((4, 3))] * 4
     for number, points in enumerate(clouds):
-        scene.points = points
+        scene.obstacle_points = points
         scene.check()
         poses = np.zeros((OBJECTS, 7))
         poses[:, 0] = (0.25, 3.0, 0.9, 1.0)[number % 4] * np.arange(OBJECTS)

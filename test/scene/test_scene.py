@@ -70,7 +70,7 @@ def test_separations_are_those_of_the_pairs_alone() -> None:
 def test_the_point_of_a_pair_is_near_both_boxes() -> None:
     scene = filled_scene(200)
     report = scene.check()
-    for point, (a, b) in zip(report.points, report.names(), strict=True):
+    for point, (a, b) in zip(report.positions, report.names(), strict=True):
         for name in (a, b):
             grown = scene.obb(name).padded(0.05)
             assert grown.contains(point)
@@ -85,8 +85,8 @@ def test_resting_contact_counts_and_its_point_lies_between() -> None:
     assert report.verdicts.tolist() == [oc.Verdict.TOUCHING]
     assert report.separations.tolist() == [0.0]
     assert report.normals.tolist() == [[0.0, 0.0, 1.0]]
-    assert report.points[0, 2] == 0.0
-    assert np.abs(report.points[0, :2] - 0.5).max() <= 0.125
+    assert report.positions[0, 2] == 0.0
+    assert np.abs(report.positions[0, :2] - 0.5).max() <= 0.125
 
 
 def test_one_moved_object_gives_the_same_as_a_fresh_scene() -> None:

@@ -124,7 +124,7 @@ class Obstacles:
             if any(fault.any() for fault in pose_faults(frame[None])):
                 raise RefusedError("bad transform", f"{frame.tolist()}")
         points = points_from_ros(cloud.message)
-        self._scene.points = points if frame is None else placed_points(points, frame)
+        self._scene.obstacle_points = points if frame is None else placed_points(points, frame)
         believed = cloud.stamp <= cloud.received + self.stamp_tolerance
         self.stamp = (cloud.stamp if believed else 0) or cloud.received
 
@@ -136,7 +136,7 @@ class Obstacles:
 
     def forget(self) -> None:
         """Take all points away."""
-        self._scene.points = None
+        self._scene.obstacle_points = None
         self._waiting.clear()
         self.stamp = 0
 

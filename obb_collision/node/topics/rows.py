@@ -113,7 +113,7 @@ def collision_rows(report: Report, state: CheckedState, dtype: np.dtype[Any]) ->
         for name in (*POSITION_FIELDS, *NORMAL_FIELDS, "depth"):
             rows[name] = np.nan
         return rows
-    _put(rows, POSITION_FIELDS, report.points[found.order])
+    _put(rows, POSITION_FIELDS, report.positions[found.order])
     _put(rows, NORMAL_FIELDS, found.flipped(report.normals))
     rows["depth"] = report.depths[found.order]
     return rows
@@ -126,11 +126,11 @@ def contact_rows(result: Contacts, state: CheckedState, dtype: np.dtype[Any]) ->
     pair = np.repeat(np.arange(len(counts)), counts)
     index = np.arange(len(pair)) - np.repeat(np.cumsum(counts) - counts, counts)
     rows = pair_rows(dtype, found, state, pair)
-    points = result.points[found.order[pair], index]
+    points = result.positions[found.order[pair], index]
     _put(rows, POSITION_FIELDS, points)
     _put(rows, POINT_FIELDS, points)
     _put(rows, NORMAL_FIELDS, found.flipped(result.normals)[pair])
-    rows["depth"] = result.point_depths[found.order[pair], index]
+    rows["depth"] = result.position_depths[found.order[pair], index]
     rows["index"], rows["count"] = index, counts[pair]
     return rows
 
@@ -140,7 +140,7 @@ def clearance_rows(result: Clearances, state: CheckedState, dtype: np.dtype[Any]
     found = order_pairs(result.pairs, state.table)
     rows = pair_rows(dtype, found, state)
     swapped = found.swapped[:, None]
-    first, second = result.points_a[found.order], result.points_b[found.order]
+    first, second = result.positions_a[found.order], result.positions_b[found.order]
     a, b = np.where(swapped, second, first), np.where(swapped, first, second)
     _put(rows, POSITION_FIELDS, 0.5 * a + 0.5 * b)
     _put(rows, A_FIELDS, a)
@@ -158,7 +158,7 @@ def prediction_rows(
     passed = np.arange(len(swept)) < len(result.passed)
     found = order_pairs(swept.pairs, state.table)
     rows = pair_rows(dtype, found, state)
-    points = np.where(swept.undecided[:, None], np.nan, swept.points)[found.order]
+    points = np.where(swept.undecided[:, None], np.nan, swept.positions)[found.order]
     normals = np.where(swept.undecided[:, None], np.nan, swept.normals)
     _put(rows, POSITION_FIELDS, points)
     _put(rows, POINT_FIELDS, points)
@@ -171,7 +171,7 @@ def prediction_rows(
 
 def inside_rows(result: PointsInside, state: CheckedState, dtype: np.dtype[Any]) -> StructuredRows:
     """(k,) rows of the objects with points inside."""
-    table, points = state.table, state.report.cycle.points
+    table, points = state.table, state.report.cycle.obstacle_points
     found = np.flatnonzero(result.counts)
     found = found[np.argsort(table.order_keys(result.indices[found]))]
     slots = result.indices[found]

@@ -68,9 +68,9 @@ class Clearances:
     """(m, 2) rows of the boxes; in a report, indices of objects."""
     distances: Floats
     """(m,) positive apart, minus the depth where they overlap, 0 where they touch."""
-    points_a: Floats
+    positions_a: Floats
     """(m, 3) the point of a closest to b; overlapping, the deepest in b along the normal."""
-    points_b: Floats
+    positions_b: Floats
     """(m, 3) the same of b."""
     normals: Floats
     """(m, 3) unit vector from a to b along which the distance is; within 1e-12 of touching, and
@@ -120,8 +120,8 @@ def clearance_kernel(
     limit: float,
     rows: np.ndarray,
     distances: Floats,
-    points_a: Floats,
-    points_b: Floats,
+    positions_a: Floats,
+    positions_b: Floats,
     normals: Floats,
 ) -> int:
     """Write row, distance, points and normal of each pair (m, 2) within the limit; return how many.
@@ -157,8 +157,8 @@ def clearance_kernel(
             rows[count] = row
             distances[count] = distance
             for k in range(3):
-                points_a[count, k] = p[k]
-                points_b[count, k] = q[k]
+                positions_a[count, k] = p[k]
+                positions_b[count, k] = q[k]
                 normals[count, k] = n[k]
             count += 1
     return count

@@ -56,9 +56,9 @@ class Contacts:
     pairs (m, 2): rows of the boxes, in a report indices of objects.
 
     normals (m, 3): unit, from a to b; depths (m,): metres, not negative; counts (m,): points of
-    each pair; points (m, limit, 3): metres, in both boxes, the deepest first, NaN past the count
+    each pair; positions (m, limit, 3): metres, in both boxes, the deepest first, NaN past the count
     (of points equally deep to 2^-24 of the sum of the half extents always the same one, whatever
-    rounding says); point_depths (m, limit): how far the faces overlap at each point, along the
+    rounding says); position_depths (m, limit): how far the faces overlap at each point, along the
     normal, at most the depth of the pair, NaN past the count; axes (m,) int8: number of the axis,
     0 to 2 a face of a, 3 to 5 a face of b, 6 + 3 i + j edge i of a against edge j of b.
     """
@@ -67,8 +67,8 @@ class Contacts:
     normals: Floats
     depths: Floats
     counts: Integers
-    points: Floats
-    point_depths: Floats
+    positions: Floats
+    position_depths: Floats
     axes: NDArray[np.int8]
 
     @classmethod
@@ -97,7 +97,7 @@ def contacts(boxes: Boxes, pairs: ArrayLike, limit: int = 4) -> Contacts:
     contacts_kernel(
         *(boxes.centers, boxes.rotations, boxes.half_extents, result.pairs),
         *(result.normals, result.depths, result.counts),
-        *(result.points, result.point_depths, result.axes),
+        *(result.positions, result.position_depths, result.axes),
     )
     return result
 
@@ -111,8 +111,8 @@ def contacts_kernel(
     normals: Floats,
     depths: Floats,
     counts: np.ndarray,
-    points: Floats,
-    point_depths: Floats,
+    positions: Floats,
+    position_depths: Floats,
     axes: np.ndarray,
 ) -> None:
     """Write the contacts of each pair (m, 2), as in ``Contacts``; nothing past the counts."""
@@ -133,7 +133,7 @@ def contacts_kernel(
         if gap > 0.0 and gap > careful_axis(ca, a, h, cb, b, f, axis)[1]:
             continue
         counts[n] = _contact_points(
-            ca, a, h, cb, b, f, nx, ny, nz, polygon, spare, points[n], point_depths[n]
+            ca, a, h, cb, b, f, nx, ny, nz, polygon, spare, positions[n], position_depths[n]
         )
 
 

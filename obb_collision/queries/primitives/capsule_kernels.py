@@ -139,7 +139,7 @@ def _box_verdict(
 @njit
 def box_distances_kernel(
     starts: Floats, ends: Floats, radii: Floats, centers: Floats, axes: Floats, half: Floats,
-    separations: Floats, normals: Floats, points_a: Floats, points_b: Floats,
+    separations: Floats, normals: Floats, positions_a: Floats, positions_b: Floats,
 ) -> None:  # fmt: skip
     """Write separation (n,), normal, points of capsule and box (n, 3) of each row."""
     for n in range(len(starts)):
@@ -160,8 +160,8 @@ def box_distances_kernel(
         on_box = to_world(axes, n, along(at, -1.0, e))
         for k in range(3):
             normals[n, k] = towards[k]
-            points_b[n, k] = centers[n, k] + back * on_box[k]
-            points_a[n, k] = centers[n, k] + back * (on_box[k] - gap * towards[k])
+            positions_b[n, k] = centers[n, k] + back * on_box[k]
+            positions_a[n, k] = centers[n, k] + back * (on_box[k] - gap * towards[k])
 
 
 @njit
@@ -206,7 +206,7 @@ def _capsule_verdict(
 @njit
 def capsule_distances_kernel(
     p: Floats, q: Floats, radii_a: Floats, s: Floats, t: Floats, radii_b: Floats,
-    separations: Floats, normals: Floats, points_a: Floats, points_b: Floats,
+    separations: Floats, normals: Floats, positions_a: Floats, positions_b: Floats,
 ) -> None:  # fmt: skip
     """Write separation (n,), normal and points (n, 3) of capsules p q and s t, row by row."""
     for n in range(len(p)):
@@ -221,8 +221,8 @@ def capsule_distances_kernel(
         separations[n] = back * (near - (r + f))
         for k in range(3):
             normals[n, k] = towards[k]
-            points_a[n, k] = p[n, k] + back * (foot[k] + r * towards[k])
-            points_b[n, k] = p[n, k] + back * (foot[k] + (near - f) * towards[k])
+            positions_a[n, k] = p[n, k] + back * (foot[k] + r * towards[k])
+            positions_b[n, k] = p[n, k] + back * (foot[k] + (near - f) * towards[k])
 
 
 @njit

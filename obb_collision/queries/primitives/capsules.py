@@ -50,16 +50,16 @@ class CapsuleDistances:
     """How far apart row k of a and of b are, and where.
 
     verdicts (n,) int8; separations (n,) metres, positive the distance, negative minus the least
-    translation that separates them; normals (n, 3) unit, from a to b; points_a and points_b
-    (n, 3) the nearest points of the surfaces, or the deepest: points_b = points_a + separation
-    x normal.
+    translation that separates them; normals (n, 3) unit, from a to b; positions_a and positions_b
+    (n, 3) the nearest points of the surfaces, or the deepest: positions_b is
+    positions_a + separation x normal.
     """
 
     verdicts: Verdicts
     separations: Floats
     normals: Floats
-    points_a: Floats
-    points_b: Floats
+    positions_a: Floats
+    positions_b: Floats
 
 
 def capsule_verdicts(a: Capsules, b: Capsules | Boxes) -> Verdicts:

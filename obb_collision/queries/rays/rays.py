@@ -46,14 +46,14 @@ class RayHits:
     """The nearest box on each ray.
 
     boxes (m,): its row, the lowest of equally near ones; -1 where nothing is hit. distances (m,)
-    metres from the origin, 0 for an origin in the box, infinite where nothing is hit. points
+    metres from the origin, 0 for an origin in the box, infinite where nothing is hit. positions
     (m, 3) of the hits, and normals (m, 3) of the faces entered, outwards, unit; a ray that starts
     in a box enters no face, its normal is zero. Both are NaN where nothing is hit.
     """
 
     boxes: Integers
     distances: Floats
-    points: Floats
+    positions: Floats
     normals: Floats
 
 

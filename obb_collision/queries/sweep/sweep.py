@@ -65,7 +65,7 @@ class Sweeps:
 
     times (m,): of first contact, in the unit of the motion; infinite without one, NaN where not
     known. free_until (m,): until when the boxes are certainly apart: the time of contact,
-    infinity, or as far as it is known. points (m, 3) metres: where, in the common frame at that
+    infinity, or as far as it is known. positions (m, 3) metres: where, in the common frame at that
     time (in or near both of boxes that overlap at the start); normals (m, 3): unit vectors from
     the first box to the second. Both NaN without a hit, and (0, 3) where not asked for.
     """
@@ -75,7 +75,7 @@ class Sweeps:
     undecided: NDArray[np.bool_]
     times: Floats
     free_until: Floats
-    points: Floats
+    positions: Floats
     normals: Floats
 
     def __len__(self) -> int:
@@ -104,7 +104,7 @@ def sweep(
     the larger one's where that is more). A turning pair that passes by that near may hit. What
     takes more than 2000 steps, or where rounding leaves less than the tolerance (after a way of
     more than 1e9 times the size of the boxes or 1e5 turns), is undecided.
-    Without ``contacts`` only hits and times are computed; points and normals have no rows then.
+    Without ``contacts`` only hits and times are computed; positions and normals have no rows then.
 
     Raises ValueError for different lengths or half extents, for pairs that are not rows of the
     boxes, and for a tolerance outside 2e-6 to 1.

@@ -30,14 +30,14 @@ class Separations:
     """Signed separations of m pairs of boxes.
 
     pairs (m, 2): rows of the boxes, in a report indices of objects; separations (m,): metres,
-    negative where the boxes overlap; normals (m, 3): unit, from the first to the second; points
+    negative where the boxes overlap; normals (m, 3): unit, from the first to the second; positions
     (m, 3): metres, a place near both boxes.
     """
 
     pairs: Integers
     separations: Floats
     normals: Floats
-    points: Floats
+    positions: Floats
 
     @classmethod
     def blank(cls, pairs: Integers) -> Separations:
@@ -53,6 +53,6 @@ def pair_separations(boxes: Boxes, pairs: Integers) -> Separations:
     found = Separations.blank(pairs)
     witness_kernel(
         *(boxes.centers, boxes.rotations, boxes.half_extents, pairs),
-        *(found.separations, found.normals, found.points),
+        *(found.separations, found.normals, found.positions),
     )
     return found

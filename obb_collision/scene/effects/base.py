@@ -96,7 +96,7 @@ class Cycle:
     boxes: of all slots; active (slots,): which take part; pairs (m, 2) and verdicts (m,): what
     collides; pair_filter: which pairs of slots (k,), (k,) count, None for all; old (m,): the row
     that each pair had in the check before, -1 if it is to be computed anew, None if all are; last:
-    outcomes of the check before by effect; points (k, 3): obstacles, None for none.
+    outcomes of the check before by effect; obstacle_points (k, 3): None for none.
 
     For effects that are not lazy only: store, whose poses and twists may change after the check,
     and before, None where nobody asked at the check before.
@@ -109,7 +109,7 @@ class Cycle:
     pair_filter: PairFilter | None
     old: Rows | None
     last: Mapping[str, Outcome]
-    points: NDArray[Any] | None
+    obstacle_points: NDArray[Any] | None
     store: ObjectStore
     before: Before | None
     limit: int | None = None

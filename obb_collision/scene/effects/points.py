@@ -27,7 +27,7 @@ from obb_collision.typing import Rows
 
 
 class PointsEffect:
-    """The ``PointsInside`` of ``Scene.points``, in boxes or within ``margin`` of them.
+    """The ``PointsInside`` of ``Scene.obstacle_points``, in boxes or within ``margin`` of them.
 
     Nothing to do without a cloud.
     """
@@ -43,10 +43,12 @@ class PointsEffect:
         """Count the points of all selected objects at once."""
         selected = setting.selected
         slots = np.flatnonzero(cycle.active if selected is None else cycle.active & selected)
-        if cycle.points is None or len(cycle.points) == 0 or len(slots) == 0:
+        if cycle.obstacle_points is None or len(cycle.obstacle_points) == 0 or len(slots) == 0:
             return Outcome(_nothing(slots), 0)
-        found = points_inside(cycle.boxes.take(slots), cycle.points, setting.values["margin"])
-        return Outcome(replace(found, indices=slots), len(cycle.points))
+        found = points_inside(
+            cycle.boxes.take(slots), cycle.obstacle_points, setting.values["margin"]
+        )
+        return Outcome(replace(found, indices=slots), len(cycle.obstacle_points))
 
 
 def _nothing(slots: Rows) -> PointsInside:

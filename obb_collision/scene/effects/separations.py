@@ -37,7 +37,7 @@ class SeparationsEffect:
     lazy = True
 
     def run(self, cycle: Cycle, setting: Setting) -> Outcome:
-        """Compute what ``Report.separations``, ``normals`` and ``points`` are read from."""
+        """Compute what ``Report.separations``, ``normals`` and ``positions`` are read from."""
         return pair_rows(self.name, cycle, setting, pair_separations, BLANK)
 
 

@@ -137,7 +137,9 @@ def test_normal_and_points_prove_the_distance(kind: str) -> None:
         length = np.sqrt(float(sum(Fraction(x) ** 2 for x in n.tolist())))
         offset = [
             Fraction(y) - Fraction(x)
-            for x, y in zip(found.points_a[row].tolist(), found.points_b[row].tolist(), strict=True)
+            for x, y in zip(
+                found.positions_a[row].tolist(), found.positions_b[row].tolist(), strict=True
+            )
         ]
         upper = np.sqrt(float(sum(x * x for x in offset)))
         coordinates = np.abs([a.centers[row], b.centers[row]]).max()
@@ -171,12 +173,12 @@ def test_points_lie_in_their_boxes_and_differ_by_the_distance(name: str) -> None
     a, b = family(name, 1000, seed=1)
     found = between(a, b)
     room = scale(a, b, found) + np.abs(a.centers).max(axis=1) + np.abs(b.centers).max(axis=1)
-    for side, points in ((a, found.points_a), (b, found.points_b)):
+    for side, points in ((a, found.positions_a), (b, found.positions_b)):
         for row in range(0, len(a), 50):
             exact = [[Fraction(x) for x in points[row].tolist()]]
             assert outside(side.row(row), exact)[0] <= 1e-15 * room[row]
     np.testing.assert_allclose(np.linalg.norm(found.normals, axis=1), 1.0, rtol=0.0, atol=1e-15)
-    offset = found.points_b - found.points_a
+    offset = found.positions_b - found.positions_a
     along = (offset * found.normals).sum(axis=1)
     assert (np.abs(along - found.distances) <= ACCURACY * room).all()
     length = np.hypot(np.hypot(offset[:, 0], offset[:, 1]), offset[:, 2])
@@ -193,8 +195,8 @@ def test_swapped_boxes_give_the_same_bits(name: str) -> None:
         (x == y).reshape(len(a), -1).all(axis=1) for x, y in zip(stored(a), stored(b), strict=True)
     ]
     other = ~np.logical_and.reduce(same)
-    np.testing.assert_array_equal(there.points_a[other], back.points_b[other])
-    np.testing.assert_array_equal(there.points_b[other], back.points_a[other])
+    np.testing.assert_array_equal(there.positions_a[other], back.positions_b[other])
+    np.testing.assert_array_equal(there.positions_b[other], back.positions_a[other])
     np.testing.assert_array_equal(there.normals[other], -back.normals[other])
 
 
@@ -220,8 +222,8 @@ def test_within_a_limit_are_those_no_farther(name: str) -> None:
         kept, found = clearances_within(boxes, rows, limit)
         np.testing.assert_array_equal(kept, np.flatnonzero(every.distances <= limit))
         np.testing.assert_array_equal(found.distances, every.distances[kept])
-        np.testing.assert_array_equal(found.points_a, every.points_a[kept])
-        np.testing.assert_array_equal(found.points_b, every.points_b[kept])
+        np.testing.assert_array_equal(found.positions_a, every.positions_a[kept])
+        np.testing.assert_array_equal(found.positions_b, every.positions_b[kept])
         np.testing.assert_array_equal(found.normals, every.normals[kept])
 
 
@@ -240,7 +242,7 @@ def test_any_doubles_at_all(
     a = Boxes.from_poses([(*center, *one)], [half])
     b = Boxes.from_poses([(*(offset or center), *other)], [other_half])
     found = between(a, b)
-    for array in (found.distances, found.points_a, found.points_b, found.normals):
+    for array in (found.distances, found.positions_a, found.positions_b, found.normals):
         assert np.isfinite(array).all()
     np.testing.assert_allclose(np.linalg.norm(found.normals), 1.0, rtol=0.0, atol=1e-15)
     assert np.sign(found.distances[0]) == {0: 1.0, 1: 0.0, 2: -1.0}[int(verdicts(a, b)[0])]
@@ -256,7 +258,7 @@ def test_parallel_faces_one_metre_apart(turn: float) -> None:
     found = clearances(boxes, [(0, 1)])
     assert found.distances[0] == pytest.approx(1.0, abs=1e-15)
     np.testing.assert_allclose(found.normals, [[0.0, 0.0, 1.0]], atol=1e-15)
-    np.testing.assert_allclose(found.points_b - found.points_a, [[0.0, 0.0, 1.0]], atol=1e-15)
+    np.testing.assert_allclose(found.positions_b - found.positions_a, [[0.0, 0.0, 1.0]], atol=1e-15)
 
 
 def test_coal_agrees() -> None:

@@ -59,7 +59,7 @@ def one(a: Any, b: Any, limit: int = 4) -> tuple[Floats, Floats, float]:
     """Return points, normal and depth of one pair of (centre, rotation, half extents)."""
     boxes = Boxes(*([x, y] for x, y in zip(a, b, strict=True)))
     found = contacts(boxes, [[0, 1]], limit)
-    return found.points[0, : found.counts[0]], found.normals[0], float(found.depths[0])
+    return found.positions[0, : found.counts[0]], found.normals[0], float(found.depths[0])
 
 
 def assert_same_places(found: Floats, wanted: Any, tolerance: float = 1e-12) -> None:
@@ -102,10 +102,10 @@ def test_each_of_the_15_axes_in_both_orders(axis: int) -> None:
     assert (swapped.counts == 1).all()
     assert (np.abs(found.depths - truth) <= DEPTH_ACCURACY * size[:, 0]).all()
     np.testing.assert_array_equal(found.normals, -swapped.normals)
-    assert (np.abs(found.points[:, 0] - swapped.points[:, 0]) <= 1e-12 * size).all()
+    assert (np.abs(found.positions[:, 0] - swapped.positions[:, 0]) <= 1e-12 * size).all()
     # halfway between the surfaces: half the depth along the normal ends in each of them
     for box, side in ((a, 0.5), (b, -0.5)):
-        surface = found.points[:, 0] + side * found.depths[:, None] * found.normals
+        surface = found.positions[:, 0] + side * found.depths[:, None] * found.normals
         local = np.einsum("nk,nki->ni", surface - box.centers, box.rotations)
         assert (np.abs((np.abs(local) - box.half_extents).max(axis=1)) <= 1e-12 * size[:, 0]).all()
 
@@ -120,9 +120,9 @@ def test_points_lie_in_both_boxes(name: str, limit: int, pairs: int) -> None:
     found = between(a, b, limit)
     for row, count in enumerate(found.counts):
         # what doubles can't express at these coordinates is not asked for
-        grain = 4.0 * np.spacing(np.abs(found.points[row, :count]).max())
+        grain = 4.0 * np.spacing(np.abs(found.positions[row, :count]).max())
         allowed = POINT_ACCURACY * float(sizes(a, b)[row]) + grain
-        points = [membership.fractions(point) for point in found.points[row, :count]]
+        points = [membership.fractions(point) for point in found.positions[row, :count]]
         for box in (a.row(row), b.row(row)):
             assert max(membership.outside(box, points)) <= allowed
 
@@ -136,20 +136,20 @@ def test_every_colliding_pair_has_points_and_no_other(name: str, limit: int) -> 
     assert ((found.counts >= 1) == hit).all()
     assert found.counts.max() <= limit
     used = np.arange(limit) < found.counts[:, None]
-    for column in (found.point_depths, found.points[:, :, 0], found.points[:, :, 2]):
+    for column in (found.position_depths, found.positions[:, :, 0], found.positions[:, :, 2]):
         np.testing.assert_array_equal(np.isfinite(column), used)
     assert np.isfinite(found.normals).all()
     assert (found.depths >= 0.0).all()
     # the first point has the depth of the pair, none has more
-    depths, size = found.point_depths[hit], sizes(a, b)[hit]
+    depths, size = found.position_depths[hit], sizes(a, b)[hit]
     assert (np.abs(depths[:, 0] - found.depths[hit]) <= 2.0 * FEATURE_TIE * size).all()
     assert (np.nanmax(depths, axis=1) <= found.depths[hit] + DEPTH_ACCURACY * size).all()
     assert (depths[used[hit]] >= 0.0).all()
     assert (depths[:, 0] >= np.nanmax(depths, axis=1) - 1.001 * FEATURE_TIE * size).all()
     # none is there twice
-    apart = np.linalg.norm(found.points[:, :, None] - found.points[:, None], axis=3)
+    apart = np.linalg.norm(found.positions[:, :, None] - found.positions[:, None], axis=3)
     apart[:, np.arange(limit), np.arange(limit)] = np.inf
-    grain = 4.0 * np.spacing(np.nanmax(np.abs(found.points[hit]), axis=(1, 2)))
+    grain = 4.0 * np.spacing(np.nanmax(np.abs(found.positions[hit]), axis=(1, 2)))
     assert (np.nanmin(apart[hit], axis=(1, 2)) >= 0.5 * FEATURE_TIE * size - grain).all()
 
 
@@ -162,7 +162,7 @@ def test_deep_flat_and_needle_boxes_have_points_too(seed: int, thin: float) -> N
     found = between(a, b, 8)
     assert ((found.counts > 0) == (verdicts(a, b) != Verdict.SEPARATE)).all()
     for box in (a, b):
-        local = np.einsum("nlk,nki->nli", found.points - box.centers[:, None], box.rotations)
+        local = np.einsum("nlk,nki->nli", found.positions - box.centers[:, None], box.rotations)
         outside = (np.abs(local) - box.half_extents[:, None]).max(axis=2)
         allowed = POINT_ACCURACY * np.maximum(sizes(a, b), 1e-6)[:, None]
         assert not (outside > allowed).any()  # NaN past the count
@@ -274,7 +274,7 @@ def test_a_resting_stack_stays_under_noise(base: str, depth: float, yaw: float, 
     for _ in range(100):
         found = contacts(noisy(boxes, rng), STACK_PAIRS, limit)
         np.testing.assert_array_equal(found.counts, resting.counts)
-        moved = np.linalg.norm(found.points - resting.points, axis=2)
+        moved = np.linalg.norm(found.positions - resting.positions, axis=2)
         assert np.nanmax(moved) <= 10.0 * NOISE
         assert np.abs(found.depths - resting.depths).max() <= 10.0 * NOISE
         assert np.abs(found.normals - resting.normals).max() <= 10.0 * NOISE
@@ -290,7 +290,9 @@ def test_edges_that_cross_at_a_small_angle_give_no_loose_points(angle: float, li
     for _ in range(50):
         found = contacts(noisy(boxes, rng), STACK_PAIRS, limit)
         np.testing.assert_array_equal(found.counts, 4)
-        assert np.nanmax(np.linalg.norm(found.points - resting.points, axis=2)) <= 10.0 * NOISE
+        assert (
+            np.nanmax(np.linalg.norm(found.positions - resting.positions, axis=2)) <= 10.0 * NOISE
+        )
 
 
 def test_faces_that_lean_alike_do_not_take_turns() -> None:
@@ -303,7 +305,7 @@ def test_faces_that_lean_alike_do_not_take_turns() -> None:
     rng = np.random.default_rng(9)
     for _ in range(50):
         found = contacts(noisy(boxes, rng), [[0, 1]])
-        assert np.nanmax(np.abs(found.points - resting.points)) <= 10.0 * NOISE
+        assert np.nanmax(np.abs(found.positions - resting.positions)) <= 10.0 * NOISE
 
 
 @pytest.mark.parametrize("yaw", [0.0, 45.0])
@@ -313,8 +315,8 @@ def test_a_thousand_identical_frames_are_identical(base: str, yaw: float) -> Non
     first = contacts(Boxes(*boxes), STACK_PAIRS)
     for _ in range(1000):
         again = contacts(Boxes(*boxes), STACK_PAIRS)
-        np.testing.assert_array_equal(again.points, first.points)
-        np.testing.assert_array_equal(again.point_depths, first.point_depths)
+        np.testing.assert_array_equal(again.positions, first.positions)
+        np.testing.assert_array_equal(again.position_depths, first.position_depths)
 
 
 @pytest.mark.parametrize("limit", [4, 8])
@@ -326,7 +328,7 @@ def test_points_of_any_pair_stay_under_noise(name: str, limit: int) -> None:
     before = contacts(boxes, rows, limit)
     after = contacts(noisy(stored(boxes), np.random.default_rng(7)), rows, limit)
     np.testing.assert_array_equal(after.counts, before.counts)
-    apart = np.linalg.norm(after.points[:, :, None] - before.points[:, None], axis=3)
+    apart = np.linalg.norm(after.positions[:, :, None] - before.positions[:, None], axis=3)
     nearest = np.where(np.isnan(apart), np.inf, apart).min(axis=2)
     used = np.arange(limit) < after.counts[:, None]
     moved = 2.0 * NOISE * (1.0 + sizes(a, b))  # two boxes shift, and turn about their centres
@@ -341,7 +343,7 @@ def test_boxes_that_only_just_touch_lose_points_but_move_none(yaw: float) -> Non
     for _ in range(200):
         found = contacts(noisy(boxes, rng), STACK_PAIRS)
         for row, count in enumerate(found.counts):
-            apart = found.points[row, :count, None] - resting.points[row, None]
+            apart = found.positions[row, :count, None] - resting.positions[row, None]
             nearest = np.linalg.norm(apart, axis=2).min(axis=1)
             assert (nearest <= 10.0 * NOISE).all()
 
@@ -375,9 +377,9 @@ def test_small_motion_moves_points_a_little(name: str) -> None:
     for row in range(1, steps):
         if found.counts[row] == 0 or found.axes[row] != found.axes[row - 1]:
             continue
-        now, before = (found.points[k, : found.counts[k]] for k in (row, row - 1))
+        now, before = (found.positions[k, : found.counts[k]] for k in (row, row - 1))
         apart = np.linalg.norm(now[:, None] - before[None], axis=2).min(axis=1)
-        shallow = found.point_depths[row, : len(now)] <= 5.0 / steps
+        shallow = found.position_depths[row, : len(now)] <= 5.0 / steps
         jumps += [row] * int(((apart > 5.0 / steps) & ~shallow).sum())
     assert jumps == []
 

@@ -159,11 +159,11 @@ def test_points_and_normals() -> None:
         reach = 1e-12 * (1.0 + np.abs(boxes.centers).max())
         np.testing.assert_allclose(np.linalg.norm(found.normals, axis=1), 1.0, atol=1e-14)
         step = found.separations[:, None] * found.normals
-        np.testing.assert_allclose(found.points_a + step, found.points_b, atol=reach)
-        core = found.points_a - radii[:, None] * found.normals
+        np.testing.assert_allclose(found.positions_a + step, found.positions_b, atol=reach)
+        core = found.positions_a - radii[:, None] * found.normals
         np.testing.assert_allclose(_from_segments(core, p, q), 0.0, atol=reach)
         if isinstance(other, Boxes):
-            y = np.einsum("nij,ni->nj", boxes.rotations, found.points_b - boxes.centers)
+            y = np.einsum("nij,ni->nj", boxes.rotations, found.positions_b - boxes.centers)
             depth = (np.abs(y) - boxes.half_extents).max(axis=1)
             np.testing.assert_allclose(depth, 0.0, atol=reach)  # on the surface
 
@@ -183,8 +183,8 @@ def test_a_sphere_is_decided_by_its_centre_and_radius() -> None:
     assert found.separations.tolist() == [0.0, 0.5, -0.5, -0.75, 0.0, -1.0]
     assert found.normals[:4].tolist() == [[-1, 0, 0]] * 4
     np.testing.assert_allclose(found.normals[4], [-0.6, -0.8, 0], atol=1e-15)
-    assert found.points_a[3].tolist() == [0.25, 0, 0]
-    assert found.points_b[3].tolist() == [1, 0, 0]
+    assert found.positions_a[3].tolist() == [0.25, 0, 0]
+    assert found.positions_b[3].tolist() == [1, 0, 0]
     balls = Capsules.spheres([[0, 0, 0], [0, 0, 0]], [1, 2])
     other = Capsules.spheres([[0, 3, 0], [0, 0, 0]], [2, 1])
     found = capsule_distances(balls, other)

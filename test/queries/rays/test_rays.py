@@ -81,7 +81,7 @@ def check(boxes: Boxes, origins: np.ndarray, directions: np.ndarray, found: RayH
         if found.boxes[n] < 0:
             assert not true, "no hit may be missed"
             assert found.distances[n] == np.inf
-            assert np.isnan(found.points[n]).all()
+            assert np.isnan(found.positions[n]).all()
             continue
         b = int(found.boxes[n])
         size = np.abs(origins[n] - boxes.centers[b]).sum() + boxes.half_extents[b].sum()
@@ -140,7 +140,7 @@ def test_faces_and_distances() -> None:
     assert found.distances.tolist() == [2, 8, 0, np.inf, 3, 4]
     normals = [[-1, 0, 0], [0, 0, 1], [0, 0, 0], [1, 0, 0], [0, 0, 1]]
     assert found.normals[found.boxes >= 0].tolist() == normals
-    assert found.points[0].tolist() == [-1, 0, 0]
+    assert found.positions[0].tolist() == [-1, 0, 0]
     near = cast_rays(boxes, origins, ways, [2.0, 7.9, 0.0, 9.0, 2.5, 9.0])
     assert near.boxes.tolist() == [0, -1, 0, -1, -1, 1]
 

@@ -111,7 +111,7 @@ def test_contact_is_in_both_boxes_and_the_normal_between_them(name: str) -> None
     ]
     for side in (0, 1):
         box = start.take(rows[hits, side])
-        local = np.einsum("nji,nj->ni", box.rotations, found.points[hits] - centers[side])
+        local = np.einsum("nji,nj->ni", box.rotations, found.positions[hits] - centers[side])
         slack = 1e-9 * size + 1e-12 * np.abs(way[rows[hits]]).sum(axis=(1, 2))
         assert ((np.abs(local) - box.half_extents).max(axis=1) <= slack).all()
     normals = found.normals[hits]
@@ -137,7 +137,7 @@ def test_colliding_at_the_start_is_time_zero() -> None:
             size = one.half_extents.sum() + other.half_extents.sum()
             size += 2.0 * np.abs(one.center - other.center).sum()  # T, start and end alike
             assert 0.0 <= one.separation(other).gap <= GAP * size
-        assert np.isfinite(still.points[colliding]).all()
+        assert np.isfinite(still.positions[colliding]).all()
         shared = Boxes(
             start.centers + np.array([1.0, 2.0, -4.0]), start.rotations, start.half_extents
         )
@@ -183,7 +183,7 @@ def test_any_doubles_at_all(
         assert found.hits[0] == np.isfinite(found.times[0])
         if found.hits[0]:
             assert 0.0 <= found.times[0] <= 1.0
-            assert np.isfinite(found.points).all()
+            assert np.isfinite(found.positions).all()
             np.testing.assert_allclose(np.linalg.norm(found.normals), 1.0, rtol=0.0, atol=1e-14)
         if turned is q:
             check_against_truth(start, end, np.array([[0, 1]]), found)
@@ -239,4 +239,4 @@ def test_times_alone_are_those_with_contacts() -> None:
         full, alone = sweep(start, end, pairs), sweep(start, end, pairs, contacts=False)
         assert alone.times.tolist() == full.times.tolist()
         assert alone.hits.tolist() == full.hits.tolist()
-        assert alone.points.shape == alone.normals.shape == (0, 3)
+        assert alone.positions.shape == alone.normals.shape == (0, 3)

@@ -56,10 +56,10 @@ def check_nearness(
     near += 1e-12 * (ways + np.abs(start.centers)[rows[hits]].sum(axis=(1, 2)))
     assert (gaps_at(PoseCourse(start, end), rows[hits], found.times[hits]) <= near).all()
     np.testing.assert_allclose(np.linalg.norm(found.normals[hits], axis=1), 1.0, atol=1e-14)
-    assert np.isnan(found.points[~found.hits]).all()
+    assert np.isnan(found.positions[~found.hits]).all()
     for side in (0, 1):
         box = poses_at(start, end, rows[hits, side], found.times[hits])
-        local = np.einsum("nji,nj->ni", box.rotations, found.points[hits] - box.centers)
+        local = np.einsum("nji,nj->ni", box.rotations, found.positions[hits] - box.centers)
         excess = np.abs(local) - box.half_extents
         # of thin boxes that overlap at the start it may be outside of one: see common_point
         reach = 3.0 * near + np.where(found.times[hits] == 0.0, 0.1 * radii.max(axis=1), 0.0)
@@ -143,4 +143,4 @@ def test_a_blade_that_turns_several_times_hits_in_the_first_turn() -> None:
     angle = np.arctan2(corner[1], corner[0]) - np.arcsin(0.01 / np.linalg.norm(corner))
     assert found.hits[0]
     assert angle / speed - 1e-5 < found.times[0] <= angle / speed
-    np.testing.assert_allclose(found.points[0][:2], corner, atol=1e-4)
+    np.testing.assert_allclose(found.positions[0][:2], corner, atol=1e-4)

@@ -68,8 +68,8 @@ def check(motion: Twisting, found: Sweeps, rows: np.ndarray) -> int:
     assert not (found.hits & found.undecided).any()
     assert np.isnan(found.times[found.undecided]).all()
     assert np.isfinite(found.free_until[found.undecided]).all()
-    assert np.isnan(found.points[~found.hits]).all()
-    assert np.isfinite(found.points[found.hits]).all()
+    assert np.isnan(found.positions[~found.hits]).all()
+    assert np.isfinite(found.positions[found.hits]).all()
     return int(seen.sum())
 
 
@@ -268,7 +268,7 @@ def test_what_takes_too_many_steps_is_undecided_and_never_a_time() -> None:
     assert not found.hits[0]
     assert np.isnan(found.times[0])
     assert 0.0 < found.free_until[0] < 10.0
-    assert np.isnan(found.points).all()
+    assert np.isnan(found.positions).all()
     assert np.isnan(found.normals).all()
     alone = sweep_twists(boxes, twists, [[0, 1]], 10.0, origins=np.zeros((2, 3)), contacts=False)
     assert alone.undecided[0]
@@ -357,7 +357,7 @@ def test_any_doubles_at_all(one: tuple, two: tuple, half: tuple, horizon: float)
         assert found.hits[0] == np.isfinite(found.times[0])
         assert found.undecided[0] == np.isnan(found.times[0])
         assert found.free_until[0] >= 0.0
-        assert np.isfinite(found.points).all() == found.hits[0]
+        assert np.isfinite(found.positions).all() == found.hits[0]
         start = verdicts(boxes.take(np.array([0])), boxes.take(np.array([1])))[0]
         if start == Verdict.OVERLAP:
             assert found.free_until[0] == 0.0

@@ -69,7 +69,7 @@ def test_what_nobody_reads_is_not_computed(calls: list[int]) -> None:
     report = scene.check()
     assert (len(report), calls, report.costs) == (4, [], {})
     assert report.depths.tolist() == [0.25] * 4
-    assert report.normals.shape == report.points.shape == (4, 3)
+    assert report.normals.shape == report.positions.shape == (4, 3)
     assert calls == [4]
     assert report.costs["separations"].count == 4
 
@@ -268,7 +268,7 @@ def test_where_nothing_collides_no_kernel_of_an_effect_is_called(
         scene.set_effect(name, "on")
     scene.check()
     scene.move("odd/1", at(5.25))
-    scene.points = np.empty((0, 3))
+    scene.obstacle_points = np.empty((0, 3))
     report = scene.check()
     assert calls == []
     assert all(cost.count == 0 and not cost.failures for cost in report.costs.values())

@@ -28,7 +28,7 @@ def test_every_object_knows_its_points() -> None:
     scene = filled_scene(20)
     cloud = np.random.default_rng(3).uniform(-2, 2, (3000, 3)).astype(np.float32)
     cloud[7] = np.nan
-    scene.points = cloud
+    scene.obstacle_points = cloud
     found = scene.check().points_inside
     assert found.indices.tolist() == scene.indices.tolist()
     assert found.ignored == 1
@@ -43,7 +43,7 @@ def test_margin_callers_and_disabled_objects() -> None:
     scene = oc.Scene()
     for name, x in (("zone/1", 0.0), ("zone/2", 5.0), ("other/1", 0.0)):
         scene.add(name, oc.shapes.Box([1, 1, 1]), [x, 0, 0, 0, 0, 0, 1])
-    scene.points = [[0.75, 0.0, 0.0], [5.0, 0.0, 0.0]]
+    scene.obstacle_points = [[0.75, 0.0, 0.0], [5.0, 0.0, 0.0]]
     scene.set_effect("points", objects="zone/*", margin=0.25)
     found = scene.check().points_inside
     assert found.indices.tolist() == [0, 1]
@@ -66,15 +66,15 @@ def test_a_new_cloud_is_looked_at_and_none_costs_nothing(monkeypatch: pytest.Mon
     scene.add("zone", oc.shapes.Box([1, 1, 1]))
     scene.set_effect("points", "on")
     assert scene.check().points_inside.counts.tolist() == [0]
-    scene.points = np.zeros((0, 3))
+    scene.obstacle_points = np.zeros((0, 3))
     scene.check()
     assert calls == []
-    scene.points = np.zeros((4, 3))
+    scene.obstacle_points = np.zeros((4, 3))
     assert scene.check().points_inside.counts.tolist() == [4]
-    scene.points = np.zeros((2, 3))
+    scene.obstacle_points = np.zeros((2, 3))
     assert scene.check().points_inside.counts.tolist() == [2]
     assert calls == [4, 2]
     wrong: Any
     for wrong in (np.zeros((3, 2)), ["x"]):
         with pytest.raises(ValueError, match="points must"):
-            scene.points = wrong
+            scene.obstacle_points = wrong

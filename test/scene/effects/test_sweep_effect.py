@@ -63,7 +63,7 @@ def test_what_passes_through_between_checks_is_seen(calls: list[str]) -> None:
     assert passed.pairs.tolist() == [[0, 1]]
     assert passed.times[0] == pytest.approx((1 - 0.03125 - 0.0625) / 2)
     assert passed.normals.tolist() == [[-1.0, 0.0, 0.0]]
-    assert passed.points[0, 0] == pytest.approx(-0.03125)
+    assert passed.positions[0, 0] == pytest.approx(-0.03125)
     assert calls == ["sweep"]
     assert len(scene.check().swept.passed) == 0  # once
 
@@ -207,7 +207,7 @@ def test_a_step_that_can_not_be_decided_is_told(monkeypatch: pytest.MonkeyPatch)
         found = sweep(start, end, pairs, tolerance)
         nowhere = np.full((len(pairs), 3), np.nan)
         return replace(found, hits=~found.hits & False, undecided=found.hits,
-                       times=nowhere[:, 0], points=nowhere, normals=nowhere)  # fmt: skip
+                       times=nowhere[:, 0], positions=nowhere, normals=nowhere)  # fmt: skip
 
     monkeypatch.setattr(module, "sweep", unknown)
     scene.move("fast/1", at(1))
