@@ -14,10 +14,10 @@
 
 """What does accuracy cost? Console script obb_collision_accuracy.
 
-For every level of the ladder, from spheres to triangles: the time of a pair and of a step, memory,
-preparation, and how many of its reports are false, relative to the triangles; beside the peers
-installed, on the same pairs in the same run. Then the fits of a box, and what certainty costs.
-All take turns, so the ratios hold even on a noisy machine; absolute times are this machine's.
+For every level, from spheres to triangles: the time per pair and per step, memory, preparation, and
+how many of its reports are false, relative to the triangles; beside the installed peers, on the
+same pairs in the same run. Then the fits of a box, and what certainty costs. All take turns, so the
+ratios hold even on a noisy machine; absolute times are this machine's.
 """
 
 from __future__ import annotations
@@ -47,15 +47,15 @@ from obb_collision.benchmarks.price.scenes import (
 from obb_collision.benchmarks.price.tables import claims, format_result
 from obb_collision.cli import MAX_SEED, Parser, interruptible, new_file, real, whole
 
-#: Seconds a run takes by default, of which compiling takes about a third the first time.
+#: Default duration of a run, seconds; compiling takes about a third of it the first time.
 SECONDS = 100.0
-#: What is left of the time after compiling, at least: a minute on a busy machine.
+#: Minimum share of the time that is left after compiling: a minute on a busy machine.
 LEAST_SHARE = 0.6
-#: Bodies in the room, pairs asked about in each corpus of meshes, pairs timed beside the peers.
+#: Bodies in the room, pairs tested in each corpus of meshes, pairs timed beside the peers.
 BODIES, PAIRS, TIMED = 2_000, 60_000, 3_000
-#: Pairs of each hard family that the kernels are asked about.
+#: Pairs per hard family that the kernels decide.
 HARD_PAIRS = 1_000
-#: What the parts get of the time that is left when they begin: real meshes take the most.
+#: Shares of the parts in the time that is left when they begin: real meshes take the most.
 SHARES = {"boxes": 0.15, "fits": 0.15, "floats": 0.1, "reading": 0.1, "real": 0.6}
 
 
@@ -69,7 +69,7 @@ class Result:
 
     @property
     def missed(self) -> int:
-        """How many reports our levels owe: none, or there is a defect."""
+        """Collisions that our levels miss: none, or there is a defect."""
         wrong = sum(r.false + r.missed for r in self.floats if r.kernel.startswith("certified"))
         return sum(price.missed for price in self.prices) + wrong
 
@@ -108,7 +108,7 @@ def run(seconds: float, seed: int, size: Size, bar: Progress) -> Result:
 
 
 def _warm_up(generated: Corpus, seed: int) -> None:
-    """Compile what is measured, on next to nothing."""
+    """Compile what is measured, on very few pairs."""
     few = Corpus("", dict(list(generated.shapes.items())[:3]))
     for corpus in (box_corpus(20, seed), few):
         measure(corpus, Plan(20, 1, 10, 0.0), seed, lambda what: None)
@@ -150,13 +150,11 @@ def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
         prog="obb_collision_accuracy", description=__doc__.split("\n\n")[0] if __doc__ else None
     )
     parser.add_argument(
-        "--seconds", type=real(0.001, 1e6), default=SECONDS, help="about how long in all"
+        "--seconds", type=real(0.001, 1e6), default=SECONDS, help="approximate total time (s)"
     )
     parser.add_argument("--seed", type=whole(0, MAX_SEED), default=0)
     parser.add_argument("--bodies", type=whole(1, 10**6), default=BODIES, help="bodies in the room")
-    parser.add_argument(
-        "--pairs", type=whole(1, 10**8), default=PAIRS, help="pairs asked about, each corpus"
-    )
+    parser.add_argument("--pairs", type=whole(1, 10**8), default=PAIRS, help="pairs per corpus")
     parser.add_argument(
         "--timed", type=whole(1, 10**8), default=TIMED, help="pairs timed beside the peers"
     )
@@ -165,7 +163,7 @@ def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
         "--plot",
         type=new_file(".png", ".svg"),
         metavar="FILE",
-        help="draw time against wrong alarms",
+        help="draw time against false alarms",
     )
     return parser.parse_args(arguments)
 

@@ -12,13 +12,13 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Does a time budget hold? Moving meshes that take ten times as long on the level "mesh".
+"""Does a time budget hold? Moving meshes that take ten times as long at the level "mesh".
 
-Every mesh moves in every cycle. Shown are the share of cycles within the budget, how often the cap
-changed, and what decided the pairs; some cycles are repeated without a budget, to see that all
-collisions of triangles are among those reported.
+Every mesh moves in every cycle. Printed are the share of cycles within the budget, how often the
+cap changed, and what decided the pairs; some cycles are repeated without a budget, to verify that
+all collisions of triangles are among those reported.
 
-By the processor's clock where others use the machine: what they take is no fault of the budget.
+Use the processor's clock if others use the machine: their time is not the fault of the budget.
 
     python -m obb_collision.benchmarks.budget [--meshes N] [--cycles N] [--times X] [--processor]
 """
@@ -80,9 +80,9 @@ def _stacked(meshes: int) -> int:
 
 
 class Motion:
-    """Stacks that ride on circles, crates face to face; the others circle and turn each for itself.
+    """Stacks that move on circles, crates face to face; the others circle and turn individually.
 
-    Crates that rest on one another are what triangles take long to decide.
+    Crates that rest on one another take triangles longest to decide.
     """
 
     def __init__(self, count: int, rng: np.random.Generator) -> None:
@@ -165,9 +165,12 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--meshes", type=whole(1, 10**6), default=400, help="moving meshes")
     parser.add_argument("--cycles", type=whole(1, 10**9), default=500, help="cycles that count")
     parser.add_argument(
-        "--times", type=real(1e-3, 1e6), default=10.0, help="by how much mesh exceeds it"
+        "--times",
+        type=real(1e-3, 1e6),
+        default=10.0,
+        help="factor by which 'mesh' exceeds the budget",
     )
-    parser.add_argument("--processor", action="store_true", help="time by the processor's clock")
+    parser.add_argument("--processor", action="store_true", help="measure processor time")
     parser.add_argument("--json", type=new_file(), help="write the figures to a file")
     options = parser.parse_args(arguments)
     clock = time.process_time if options.processor else time.perf_counter

@@ -26,13 +26,13 @@ from obb_collision.geometry.boxes import Boxes
 from obb_collision.queries.verdict.verdict import TOUCHING, verdict_kernel
 from obb_collision.scene.broad_phase.broad_phase import find_candidates
 
-#: Turns each kernel takes; the median of their ratios is robust against a noisy machine.
+#: Turns per kernel; the median of their ratios is robust on a noisy machine.
 TURNS = 25
 
 
 @dataclass(frozen=True)
 class Cost:
-    """Nanoseconds a candidate pair, and how many pairs doubles left open."""
+    """Nanoseconds per candidate pair, and how many pairs doubles left undecided."""
 
     pairs: int
     plain_ns: float

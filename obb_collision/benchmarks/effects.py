@@ -14,9 +14,9 @@
 
 """What each effect costs beside the step without: ``obb_collision_speed --effects``.
 
-The ready scene files are moved along as their files say, and every variant makes the same steps in
-turn: the pairs alone, the scene with every effect off, with each effect that its file has alone,
-and with all of these. What an effect costs is how much longer the same step took with it.
+The scenes that come with the package move as their files say, and every variant makes the same
+steps in turn: the pairs alone, the scene with every effect off, with each effect that its file has
+alone, and with all of these. What an effect costs is how much longer the same step took with it.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ class Variant:
 
     def __init__(self, description: SceneDescription, effects: tuple[str, ...]) -> None:
         self.scene: Scene = description.build()
-        self.scene.time_budget = None  # it would make up for effects by looking less closely
+        self.scene.time_budget = None  # it would compensate effects by a lower accuracy
         self.rows = np.array([self.scene.index(name) for name in description.names])
         for name in EFFECTS:
             self.scene.set_effect(name, "on" if name in effects else "off")
@@ -116,14 +116,14 @@ def frames_of(description: SceneDescription) -> list[Frame]:
 
 
 def effects_of(description: SceneDescription) -> tuple[str, ...]:
-    """Return the effects that a file has, and the one that every user of pairs has."""
+    """Return the effects of a file, and ``separations``, which every user of pairs has."""
     choices = description.effects
     named = [name for name in EFFECTS if name in choices and choices[name].mode != "off"]
     return tuple(dict.fromkeys(["separations", *named]))
 
 
 def run_scene(name: str, seconds: float) -> list[EffectRow]:
-    """Measure a ready scene or file, for about some seconds."""
+    """Measure a scene file for about ``seconds``."""
     description = load_scene(find_scene(name))
     names, frames = effects_of(description), frames_of(description)
     variants: dict[str, Variant] = {PAIRS: Pairs(description, ()), OFF: Variant(description, ())}
@@ -139,13 +139,13 @@ def run_scene(name: str, seconds: float) -> list[EffectRow]:
     end, turn = perf_counter() + seconds, 0
     while turn < 2 or perf_counter() < end:
         for frame in frames:
-            for key in rng.permutation(list(variants)).tolist():  # whom one follows matters
+            for key in rng.permutation(list(variants)).tolist():  # the predecessor matters
                 start = perf_counter()
                 report = variants[key].step(frame)
                 times[key].append(perf_counter() - start)
                 if report is not None:
                     counts[key] += sum(cost.count for cost in report.costs.values())
-                    del report  # who keeps it makes the scene copy its boxes
+                    del report  # a report in use makes the scene copy its boxes
         turn += 1
     return [_row(description, key, times, counts[key]) for key in variants]
 
@@ -166,7 +166,7 @@ def _row(
 
 
 def run_effects(seconds: float, tell: Callable[[str], None]) -> list[EffectRow]:
-    """Measure all ready scenes."""
+    """Measure all scenes that come with the package."""
     rows: list[EffectRow] = []
     for name in READY:
         tell(f"{name} ...")

@@ -52,9 +52,9 @@ BOXES = "box"
 HALF_EXTENTS = (0.05, 0.5)
 """Smallest and largest half extent of the random boxes (m)."""
 ROOM_PER_OBJECT = 1.6
-"""Cubic metres of space an object: about half a colliding pair an object."""
+"""Cubic metres of space per object: gives about half a colliding pair per object."""
 STEP = 0.02
-"""Largest move of a box between two samples (m)."""
+"""Maximum displacement of a box between two samples (m)."""
 WARM_SAMPLES = 20
 """Samples not counted: the first cycles load code and grow buffers."""
 PATIENCE = 10.0

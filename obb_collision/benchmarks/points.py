@@ -14,10 +14,10 @@
 
 """A cloud in many boxes: ``points_inside`` beside numpy box by box and scipy's cKDTree, in one run.
 
-All three find for every box how many points it holds, the first and the nearest to its centre.
-numpy tests all points against one box after the other. The tree is built over the cloud, and
-asked for the points in the sphere around each box; those are tested. Times are medians of
-several turns; on a machine that others use, the processor time, best of all turns, says more.
+All three find for every box the number of points in it, the first and the nearest to its centre.
+numpy tests all points against one box after the other. The tree is built over the cloud and gives
+the points in the sphere around each box; those are tested. Times are medians of several turns; on a
+machine that others use, the minimum processor time of all turns is more informative.
 
     python -m obb_collision.benchmarks.points [--points N] [--boxes N] [--json FILE]
 """
@@ -140,7 +140,7 @@ def _seconds(run: Callable[[], object]) -> tuple[float, float]:
 @interruptible("points")
 def main(arguments: list[str] | None = None) -> None:
     """Print the table; ``--json FILE`` writes it too."""
-    parser = Parser(description="a cloud in many boxes, beside numpy and a tree")
+    parser = Parser(description="points of a cloud in many boxes, beside numpy and a k-d tree")
     parser.add_argument(
         "--points", type=whole(1, 10**9), default=1_000_000, help="points of the cloud"
     )

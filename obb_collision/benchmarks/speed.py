@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""How fast is the full step, beside the peers installed? Console script obb_collision_speed.
+"""How fast is the full step, beside the installed peers? Console script obb_collision_speed.
 
 A step sets every pose, updates, and finds every colliding pair. All peers see the same scenes and
 take turns in one run, so the ratios hold even on a noisy machine; the times are this machine's.
@@ -43,16 +43,16 @@ from obb_collision.typing import Floats
 SIZES = (10, 100, 1_000, 10_000)
 #: Half extents of the boxes, metres.
 EXTENTS = (0.05, 0.5)
-#: Cubic metres a box: gives about half a colliding pair a box.
+#: Cubic metres per box: gives about half a colliding pair per box.
 VOLUME_PER_BOX = 1.75
 #: Steps of motion in turn. All boxes move and turn a little in each, as in a simulation or at the
-#: rate of a robot: broad phases that update a tree profit from that, as they are made to.
+#: rate of a robot: broad phases that update a tree are designed for that.
 FRAMES = 8
-#: Largest step along each axis, metres, and largest turn about each, radians.
+#: Maximum displacement along each axis, metres, and maximum rotation about each, radians.
 STEP, TURN = 0.02, 0.05
 
 
-#: Least ratio between the heights of two labels in the plot.
+#: Minimum ratio between the heights of two labels in the plot.
 LABEL_SPACING = 1.6
 #: Colours of our lines in the plot, which are thick; colours and line styles of the peers'.
 OURS = {"find_pairs": "#0b6e4f", "Scene": "#2ca25f"}
@@ -136,7 +136,7 @@ def format_table(rows: Sequence[Row]) -> str:
 def save_plot(rows: Sequence[Row], path: Path) -> None:
     """Draw the quickest step over the number of boxes, both logarithmic.
 
-    The quickest, as on a machine that others use medians depend more on the others.
+    The quickest, because on a machine that others use medians depend more on the others.
     """
     from matplotlib.figure import Figure
 
@@ -200,7 +200,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "--sizes", type=whole(1, 10**7), nargs="+", default=list(SIZES), help="numbers of boxes"
     )
     parser.add_argument(
-        "--seconds", type=real(0.001, 1e6), default=20.0, help="about how long, all sizes"
+        "--seconds", type=real(0.001, 1e6), default=20.0, help="approximate time for all sizes (s)"
     )
     parser.add_argument("--seed", type=whole(0, MAX_SEED), default=0)
     parser.add_argument("--json", type=new_file(), metavar="FILE", help="write the rows as JSON")
@@ -210,7 +210,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--effects",
         action="store_true",
-        help="instead: what each effect costs in the ready scene files",
+        help="measure what each effect costs in the scenes that come with the package instead",
     )
     options = parser.parse_args(arguments)
     if options.effects:
@@ -223,7 +223,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     half_extents, frames = make_frames(max(options.sizes), options.seed)
     cost = measure_certificate(Boxes(*frames[0], half_extents))
     print(
-        f"narrow phase, {cost.pairs} candidate pairs: plain {cost.plain_ns:.1f} ns a pair, "
+        f"narrow phase, {cost.pairs} candidate pairs: plain {cost.plain_ns:.1f} ns per pair, "
         f"certified {cost.certified_ns:.1f} ns, ratio {cost.ratio:.2f}; {cost.undecided} undecided"
     )
     missing = [name for name, module, _ in PEERS if importlib.util.find_spec(module) is None]

@@ -14,9 +14,9 @@
 
 """Wrong answers per family of box pairs: this library, a textbook test, the installed peers.
 
-The truth is the library's integer arithmetic, asked about *every* pair (`verdicts` asks it about
-undecided pairs only). That arithmetic is checked by the tests against an oracle that shares
-no code with it. Touching counts as colliding for everybody.
+The truth is the library's integer arithmetic for *every* pair (`verdicts` uses it for undecided
+pairs only). The tests check that arithmetic against an oracle that shares no code with it. Touching
+counts as colliding for all.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ def count_own(truth: Verdicts, given: Verdicts, exact: Verdicts) -> dict[str, in
 
 
 def count_judge(truth: Verdicts, answers: Answers) -> dict[str, int]:
-    """Count false collisions, missed ones, and exceptions of somebody else."""
+    """Count false collisions, missed ones, and exceptions of a peer."""
     apart = truth == Verdict.SEPARATE
     return {
         "false": int((apart & (answers == COLLIDING)).sum()),
@@ -88,7 +88,7 @@ def add_counts(total: dict[str, int], counts: dict[str, int]) -> None:
 
 
 def examine(name: str, n: int, seed: int, judges: dict[str, Judge], step: Step) -> Row:
-    """Ask everybody about ``n`` pairs of one family."""
+    """Let all judge ``n`` pairs of one family."""
     arrays_a, arrays_b = generate(name, n, seed)
     all_a, all_b = Boxes(*arrays_a), Boxes(*arrays_b)
     row: Row = {"family": name, "pairs": n, "truth": {}, "own": {}}
@@ -108,7 +108,7 @@ def examine(name: str, n: int, seed: int, judges: dict[str, Judge], step: Step) 
 
 
 def installed_judges() -> tuple[dict[str, Judge], list[str]]:
-    """Return the judges that can be asked, by column title, and a line about each peer."""
+    """Return the available judges by column title, and a line about each peer."""
     judges: dict[str, Judge] = {
         "textbook, 1e-6 added": textbook,
         "textbook, nothing added": partial(textbook, epsilon=0.0),
@@ -176,9 +176,7 @@ def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     """Read the command line; ``names`` are the families asked for."""
     summary = (__doc__ or "").splitlines()[0]
     parser = Parser(prog="obb_collision_wrong_answers", description=summary)
-    parser.add_argument(
-        "--pairs", type=whole(1, 10**9), default=10_000, help="pairs of each family"
-    )
+    parser.add_argument("--pairs", type=whole(1, 10**9), default=10_000, help="pairs per family")
     parser.add_argument(
         "--seed", type=whole(0, MAX_SEED), default=0, help="other pairs of the same families"
     )

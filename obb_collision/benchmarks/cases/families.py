@@ -91,7 +91,7 @@ def edge_edge(rng: Rng, n: int) -> Pairs:
 
 
 def each_axis(rng: Rng, n: int) -> Pairs:
-    """Each of the 15 axes in turn the only one to separate, or the one of least penetration.
+    """Each of the 15 axes in turn the only one to separate, or the one of minimum penetration.
 
     Row ``k`` is about axis ``k % 15``; even laps have a gap, odd laps an overlap, of a millionth
     to a thousandth of the size.

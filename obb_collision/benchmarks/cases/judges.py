@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Who else says whether two boxes collide: a textbook test and the installed peers.
+"""Other verdicts on whether two boxes collide: a textbook test and the installed peers.
 
 A judge takes two triples (centers (n, 3), rotations (n, 3, 3), half extents (n, 3)) and
 gives (n,) int8: COLLIDING, FREE, or FAILED where it raised an exception. Every peer runs at its
@@ -45,7 +45,7 @@ TEXTBOOK_EPSILON = 1e-6
 
 @dataclass(frozen=True)
 class Peer:
-    """A library to compare with: its name for people, its distribution, and how it is asked."""
+    """A library to compare with: its name for people, its distribution, and how it is called."""
 
     name: str
     distribution: str
@@ -102,7 +102,7 @@ def _one_by_one(ask: Callable[..., bool]) -> Judge:
         for n, row in enumerate(_rows(a, b)):
             try:
                 answers[n] = COLLIDING if ask(*row) else FREE
-            except Exception:  # peers raise what they like; the table counts it
+            except Exception:  # peers raise any exception; the table counts it
                 answers[n] = FAILED
         return answers
 

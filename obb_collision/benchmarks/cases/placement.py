@@ -16,7 +16,7 @@
 
 All arrays are batches: rotations (n, 3, 3) with the axes as columns, half extents (n, 3),
 centres (n, 3), float64. Nothing here needs to be exact: whatever comes out is a pair of
-boxes like any other, and exact arithmetic says what the right verdict is.
+boxes like any other, and exact arithmetic gives the right verdict.
 """
 
 from __future__ import annotations
@@ -112,7 +112,7 @@ def facet_offsets(
     offset is put on its facet (or edge) normal to the axis: generators across the axis go
     to a random place within ``spread`` of their length, the others to their end, and
     a last step along the axis makes up the gap. In the middle of a facet, with a small gap,
-    that axis is the only one to separate and the one of least penetration.
+    that axis is the only one to separate and the one of minimum penetration.
     """
     rows = np.arange(len(index))
     axis = candidate_axes(rot_a, rot_b)[rows, index]

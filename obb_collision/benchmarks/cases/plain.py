@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The plain 15-axis test as textbooks have it: what the certificate is compared with.
+"""The plain 15-axis test of the textbooks, with which the certified one is compared.
 
 Ericson 2005, 4.4.1: the matrix of dot products and its absolute values with a small epsilon
 added, against parallel edges; one axis after the other with an early exit. Fast, and wrong near

@@ -17,7 +17,7 @@
 A power of two times a stored axis is a stored number without rounding, and a difference of
 two stored centres needs no rounding in exact arithmetic. So centres made of such multiples
 give contacts that are exact for the doubles as stored, where no floating-point test can
-tell which side of touching a pair is on.
+decide on which side of touching a pair is.
 """
 
 from __future__ import annotations

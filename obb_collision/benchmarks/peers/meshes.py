@@ -14,10 +14,9 @@
 
 """Triangle meshes: this library's trees beside python-fcl's and coal's, in one run.
 
-All get the same surfaces at the same random poses and say whether they collide; the peers, those
-of them that are installed, are called from Python pair by pair with transforms made beforehand,
-which is how they are used. All are timed by the processor time of this process, turn by turn, the
-best of several turns.
+All get the same surfaces at the same random poses and decide whether they collide; the installed
+peers are called from Python pair by pair with transforms made beforehand, which is how they are
+used. All are timed by the processor time of this process, turn by turn, the best of several turns.
 
     python -m obb_collision.benchmarks.peers.meshes [--pairs N] [--json FILE]
 """
@@ -66,7 +65,7 @@ def meshes() -> dict[str, Any]:
 
 
 def compare(first: Any, second: Any, pairs: int, spread: float) -> dict[str, float]:
-    """Return microseconds a pair and the share that collides.
+    """Return microseconds per pair and the share that collides.
 
     Of each peer installed its microseconds, that over ours, and on how many pairs it differs.
     """
@@ -95,7 +94,7 @@ def compare(first: Any, second: Any, pairs: int, spread: float) -> dict[str, flo
 
 
 def installed() -> dict[str, Maker]:
-    """Return how to ask each peer that is installed, by name."""
+    """Return how to call each installed peer, by name."""
     makers = {"fcl": _fcl, "coal": _coal}
     return {name: make for name, make in makers.items() if importlib.util.find_spec(name)}
 

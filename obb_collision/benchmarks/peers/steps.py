@@ -14,9 +14,10 @@
 
 """Peers that do the same full step: set every pose, update, find every colliding pair.
 
-Each peer is built once from half extents and first poses, for a tree is only as good as what it is
-built from. ``step`` takes centres (n, 3) and rotations (n, 3, 3) and returns the colliding pairs in
-the peer's own fastest form; ``pairs`` turns that into (i, j) tuples outside the timing.
+Each peer is built once from half extents and first poses, because a tree is only as good as the
+poses it is built from. ``step`` takes centres (n, 3) and rotations (n, 3, 3) and returns the
+colliding pairs in the peer's own fastest form; ``pairs`` turns that into (i, j) tuples outside the
+timing.
 """
 
 from __future__ import annotations
@@ -49,7 +50,7 @@ def _ordered(pairs: Any) -> set[tuple[int, int]]:
 
 
 class OurPairs:
-    """``find_pairs`` of this package, the boxes checked at the edge as always."""
+    """``find_pairs`` of this package, with the boxes validated as always."""
 
     def __init__(self, half_extents: Floats, centers: Floats, rotations: Floats) -> None:
         self._half_extents = half_extents
@@ -114,7 +115,7 @@ class PythonFcl:
 
 
 class Coal:
-    """coal: dynamic AABB tree, one contact a pair."""
+    """coal: dynamic AABB tree, one contact per pair."""
 
     def __init__(self, half_extents: Floats, centers: Floats, rotations: Floats) -> None:
         self._coal = importlib.import_module("coal")
@@ -139,7 +140,7 @@ class Coal:
         return callback.data.result
 
     def pairs(self, found: Any) -> set[tuple[int, int]]:
-        """Turn contacts into pairs; contacts know their geometries by value only."""
+        """Turn contacts into pairs; contacts refer to their geometries by value only."""
         number = {tuple(h): k for k, h in enumerate(self._half_extents)}
         contacts = [found.getContact(k) for k in range(found.numContacts())]
         return _ordered(

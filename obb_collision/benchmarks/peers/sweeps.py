@@ -21,8 +21,9 @@ Both are timed by the processor time of this process, turn by turn, the best of 
 What counts as a miss: the boxes certainly overlap at a time just after our time of contact (by
 the certified verdicts, with poses computed by scipy), and the other side reports no collision.
 
-Turning, python-fcl 0.7 gives other answers in other runs from the same input: all hits and no
-false ones, hardly any, or a hit for every pair. Look at its misses and false hits before its speed.
+For turning boxes python-fcl 0.7 gives different results in different runs on the same input: all
+hits and no false ones, hardly any, or a hit for every pair. Consider its misses and false hits
+before its speed.
 
     python -m obb_collision.benchmarks.peers.sweeps [--pairs N] [--json FILE]
 """
@@ -96,7 +97,7 @@ SCENES: dict[str, Callable[[np.random.Generator, int, bool], Motion]] = {
 
 
 def compare(scene: str, pairs: int, turning: bool) -> dict[str, float]:
-    """Return microseconds a pair of either side, their ratio, and what python-fcl misses."""
+    """Return microseconds per pair of both sides, their ratio, and what python-fcl misses."""
     start, end = SCENES[scene](np.random.default_rng(0), pairs, turning)
     rows = np.arange(2 * pairs).reshape(-1, 2)
     fcl_sweep = _fcl(start, end, rows, turning)

@@ -38,7 +38,8 @@ from obb_collision.typing import Mask, Rows
 
 #: Poses that the steps go through in turn.
 FRAMES = 4
-#: What preparing shapes, asking and timing pairs get of the time of a corpus; the steps the rest.
+#: Shares of preparing shapes, deciding and timing pairs in the time of a corpus; the steps get the
+#: rest.
 PREPARING, ASKING, TIMING = 0.4, 0.25, 0.2
 #: Levels that must report all that others do.
 WIDER = {
@@ -59,7 +60,7 @@ Tell = Callable[[str], None]
 
 @dataclass(frozen=True)
 class Plan:
-    """Bodies in the room, pairs asked about, pairs timed, and seconds for all of it."""
+    """Bodies in the room, pairs decided, pairs timed, and seconds for all of it."""
 
     bodies: int
     pairs: int
@@ -68,7 +69,7 @@ class Plan:
 
 
 class Contest:
-    """Our levels and the installed peers, asked about the same pairs of the same bodies."""
+    """Our levels and the installed peers, on the same pairs of the same bodies."""
 
     def __init__(self, corpus: Corpus, prepared: list[Prepared], plan: Plan, seed: int) -> None:
         self.prepared = prepared
@@ -88,7 +89,7 @@ class Contest:
         self.price.rows += [Row(label, peer=True) for label in self.peers]
 
     def ask_all(self, throw: Throw, first: Rows, second: Rows) -> dict[str, Ask]:
-        """Return by name what asks each about pairs of a throw."""
+        """Return by name the function that decides the pairs of a throw."""
         asks: dict[str, Ask] = {}
         for level in self.accuracies:
             asks[level.name] = partial(level.ask, throw, first, second)
@@ -119,8 +120,9 @@ class Contest:
     def time_pairs(self, throw: Throw, count: int, seconds: float) -> None:
         """Time all on the same random pairs, in the order in which they come.
 
-        Before its turn each level is asked about as many others of the same bodies: in a scene the
-        bodies are in the caches too, and the same pairs again would be foreseen by the processor.
+        Before its turn each level decides as many other pairs of the same bodies: in a scene the
+        bodies are in the caches as well, and the processor would predict the branches of repeated
+        pairs.
         """
         order = self._rng.permutation(len(throw.first))
         chosen, others = np.sort(order[:count]), np.sort(order[count : 2 * count])
@@ -164,7 +166,7 @@ class Contest:
             self.price.row(level.name).step_ms = 1e3 * times.best(level.name)
 
     def weigh(self, throw: Throw) -> None:
-        """Tell what each level takes in memory, and in time once."""
+        """Measure the memory of each level, and its time of preparation."""
         for level in self.accuracies:
             row = self.price.row(level.name)
             row.bytes = memory(level, throw.boxes, self.prepared)
@@ -179,9 +181,9 @@ def measure(corpus: Corpus, plan: Plan, seed: int, tell: Tell) -> Price:
     tell(f"{corpus.name}: what each level and peer reports")
     contest = Contest(corpus, prepared, plan, seed)
     throw = contest.count(plan.pairs, perf_counter() + ASKING * plan.seconds)
-    tell(f"{corpus.name}: time of a pair, in turn")
+    tell(f"{corpus.name}: time per pair, in turn")
     contest.time_pairs(throw, plan.timed, TIMING * plan.seconds)
-    tell(f"{corpus.name}: time of a step, in turn")
+    tell(f"{corpus.name}: time per step, in turn")
     contest.time_steps(end - perf_counter())
     contest.weigh(throw)
     return contest.price
@@ -208,7 +210,7 @@ def _ordered(levels: tuple[Level, ...]) -> Iterator[tuple[Level, Level]]:
 
 
 def _count_far_spheres(row: Row, throw: Throw, near: Mask) -> None:
-    """Count the spheres that meet though the AABBs don't, and what is handed over for them."""
+    """Count the spheres that collide though the AABBs do not, and their candidates."""
     pairs, meet = throw.sphere_counts
     far = meet - int(near.sum())
     row.pairs += pairs - len(near)

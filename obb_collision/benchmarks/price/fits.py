@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The fits of a box to a mesh: how large each box is beside the best one, and what it takes."""
+"""The fits of a box to a mesh: the size of each box relative to the best one, and the time."""
 
 from __future__ import annotations
 

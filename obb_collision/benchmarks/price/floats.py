@@ -14,8 +14,8 @@
 
 """What certainty costs: the certified test beside plain ones in float64 and in float32.
 
-The plain test is that of the textbooks (see ``plain``); in float32 every number of it is one,
-as on a graphics card. Wrong is a verdict that exact arithmetic contradicts.
+The plain test is that of the textbooks (see ``plain``); in float32 all its numbers are float32, as
+on a graphics card. Wrong is a verdict that exact arithmetic contradicts.
 """
 
 from __future__ import annotations
@@ -42,13 +42,13 @@ from obb_collision.queries.verdict.verdict import (
 )
 from obb_collision.typing import Rows
 
-#: How far the scene is moved off, along each axis, to see what the coordinates of a map do, metres.
+#: Offset of the scene along each axis, metres: the coordinates of a map.
 FAR = 100_000.0
 
 
 @dataclass(frozen=True)
 class FloatRow:
-    """A kernel on a set of pairs. Undecided ones are said to be so, and not wrong."""
+    """A kernel on a set of pairs. Undecided ones are reported as such, and not wrong."""
 
     kernel: str
     pairs_of: str
@@ -91,7 +91,7 @@ def pair_sets(corpus: Corpus, count: int, hard: int, seed: int) -> list[Set]:
     ]
 
 
-#: Each kernel and the numbers it is given.
+#: Each kernel and the type of its numbers.
 KERNELS: dict[str, tuple[Callable[..., None], type]] = {
     "certified float64": (verdict_kernel, np.float64),
     "plain float64": (plain_kernel, np.float64),
@@ -100,7 +100,7 @@ KERNELS: dict[str, tuple[Callable[..., None], type]] = {
 
 
 def measure_floats(sets: list[Set], seconds: float, tell: Callable[[str], None]) -> list[FloatRow]:
-    """Time the three kernels on each set in turn, and count what they get wrong."""
+    """Time the three kernels on each set in turn, and count their wrong verdicts."""
     rows = []
     for pairs in sets:
         tell(f"float64 and float32: {pairs.name}")

@@ -12,9 +12,9 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The levels of the ladder on bodies thrown into a room: what each reports, costs and takes.
+"""The levels of accuracy on bodies thrown into a room: what each reports, its time and memory.
 
-A level is asked as a ``Scene`` asks it: those above ``obb`` look only at what ``obb`` reports.
+A level is used as in a ``Scene``: those above ``obb`` decide only the pairs that ``obb`` reports.
 """
 
 from __future__ import annotations
@@ -41,12 +41,12 @@ from obb_collision.typing import Floats, Mask, Rows
 
 #: Depths of the trees of boxes that are measured.
 DEPTHS = (1, 2, 3, 4, 5, 6)
-#: Cubic metres a body of one metre of diagonal: about two candidate pairs a body.
+#: Cubic metres per body of one metre diagonal: gives about two candidate pairs per body.
 VOLUME_PER_BODY = 0.3
 
 
 class Throw:
-    """Bodies at their poses, and the pairs of them, first (m,) and second (m,), whose AABBs meet.
+    """Bodies at their poses, and their pairs, first (m,) and second (m,), whose AABBs overlap.
 
     Body k has shape ``rows[k]`` at centers (n, 3), rotations (n, 3, 3).
     """
@@ -82,9 +82,9 @@ class Throw:
 
     @cached_property
     def sphere_counts(self) -> tuple[int, int]:
-        """How many pairs the broad phase for spheres hands over, and how many spheres meet.
+        """How many candidates the broad phase for spheres gives, and how many spheres collide.
 
-        Spheres may meet where AABBs don't, so there are more than the pairs above.
+        Spheres may collide where AABBs do not, so there are more than the pairs above.
         """
         pairs = find_candidates(*sphere_bounds(self.boxes))
         first, second = (np.ascontiguousarray(column) for column in pairs.T)
@@ -105,7 +105,7 @@ class Bodies:
         self._trees: tuple[MeshTrees, Hulls] | None = None
 
     def use_trees(self, meshes: list[MeshTrees], hulls: list[Hulls]) -> None:
-        """Use these trees and hulls, one a shape, for the levels above ``obb``."""
+        """Use these trees and hulls, one per shape, for the levels above ``obb``."""
         pool = HullPool()
         for hull in hulls:
             pool.append(hull)
@@ -165,7 +165,7 @@ def _ask_tree(depth: int) -> Callable[[Throw, Rows, Rows], Mask]:
 
 @dataclass(frozen=True)
 class Level:
-    """A name, how it is asked about pairs, and what a ``Scene`` is told to use it."""
+    """A name, the function that decides pairs, and the setting of a ``Scene``."""
 
     name: str
     ask: Callable[[Throw, Rows, Rows], Mask]

@@ -12,9 +12,9 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Peers asked about the same pairs at the same poses, one by one from Python, as they are used.
+"""Peers on the same pairs at the same poses, one by one from Python, as they are used.
 
-Shapes and transforms are made beforehand; asking sets poses where a peer keeps them in objects.
+Shapes and transforms are made beforehand; a query sets poses where a peer stores them in objects.
 A peer that is not installed is left out.
 """
 
@@ -84,7 +84,7 @@ def fcl_mesh(fcl: Any, shape: Shape) -> Any:
 
 
 def ask_fcl(fcl: Any, made: list[Any], query: Query) -> Ask:
-    """Return a function that asks python-fcl about all pairs; each body is an object of it."""
+    """Return a function that queries python-fcl for all pairs; each body is an object of it."""
     places = map(fcl.Transform, query.rotations, query.centers)
     items = [fcl.CollisionObject(made[row], t) for row, t in zip(query.rows, places, strict=True)]
     pairs, request = query.pairs(), fcl.CollisionRequest()
@@ -124,7 +124,7 @@ def coal_hull(coal: Any, shape: Shape) -> Any:
 
 
 def ask_coal(coal: Any, made: list[Any], query: Query) -> Ask:
-    """Return a function that asks coal about all pairs, without contact points."""
+    """Return a function that queries coal for all pairs, without contact points."""
     shapes = [made[row] for row in query.rows]
     places = list(map(coal.Transform3s, query.rotations, query.centers))
     pairs, request, result = query.pairs(), coal.CollisionRequest(), coal.CollisionResult()
@@ -155,7 +155,7 @@ def trimesh_managers(collision: Any, shape: Shape) -> Any:
 
 
 def ask_trimesh(collision: Any, made: list[Any], query: Query) -> Ask:
-    """Return a function that asks trimesh's manager of one body about that of another."""
+    """Return a function that queries trimesh's manager of one body for that of another."""
     places = np.tile(np.eye(4), (len(query.rows), 1, 1))
     places[:, :3, :3], places[:, :3, 3] = query.rotations, query.centers
     rows, pairs = query.rows.tolist(), query.pairs()
@@ -174,7 +174,7 @@ def ask_trimesh(collision: Any, made: list[Any], query: Query) -> Ask:
 
 @dataclass(frozen=True)
 class Peer:
-    """A peer: its name, what stands for a shape, its distribution, its module, how it is asked."""
+    """A peer: its name, what stands for a shape, its distribution, its module, how it is called."""
 
     name: str
     shape: str
@@ -185,7 +185,7 @@ class Peer:
 
     @property
     def label(self) -> str:
-        """The name of the peer and of what it takes for a shape."""
+        """The name of the peer and of what stands for a shape."""
         return f"{self.name} {self.shape}"
 
     def load(self, shapes: Iterable[Shape]) -> Callable[[Query], Ask]:

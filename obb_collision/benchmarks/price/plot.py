@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The picture of what accuracy costs: the time of a pair against wrong alarms."""
+"""The picture of what accuracy costs: the time per pair against false alarms."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ import numpy as np
 from obb_collision.benchmarks.price.rows import Price, Row
 from obb_collision.typing import Floats
 
-#: Colour of our levels, and marker and colour of each peer; told apart without colours, too.
+#: Colour of our levels, and marker and colour of each peer; distinguishable without colours.
 OURS = "#0b5fa5"
 PEERS = {
     "python-fcl": ("s", "#c8500a"),
@@ -45,9 +45,9 @@ PLACES: list[Place] = [
 ]  # fmt: skip
 #: A label whose offset is larger than this gets a line to its point, points of 1/72 inch.
 NEAR = 15.0
-#: Room that a point and a piece of line keep free of labels, pixels at 100 dots an inch.
+#: Margin around a point and a piece of line without labels, pixels at 100 dots per inch.
 POINT_ROOM, LINE_ROOM = 6.0, 2.0
-#: And a label; and how far labels may stand out of the axes to the right and above.
+#: And a label; and how far labels may extend beyond the axes to the right and above.
 GAP, MARGIN = 2.0, 12.0
 #: Orders of the peers that are tried for labels that need no long lines.
 MOST_ORDERS = 120
@@ -118,7 +118,7 @@ def _frame(figure: Any, axes: Any, price: Price) -> None:
 
 
 def _time(nanoseconds: float) -> str:
-    """Return a time with the unit people would use."""
+    """Return a time with a convenient unit."""
     if nanoseconds < 1e3:
         return f"{nanoseconds:g} ns"
     return f"{nanoseconds / 1e3:g} µs" if nanoseconds < 1e6 else f"{nanoseconds / 1e6:g} ms"
@@ -128,7 +128,7 @@ def _label(figure: Any, axes: Any, rows: Sequence[Row], lines: list[Floats]) -> 
     """Write each name at one of PLACES where it covers nothing: the peers in the best order."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-    renderer = FigureCanvasAgg(figure).get_renderer()  # which knows how wide a text is
+    renderer = FigureCanvasAgg(figure).get_renderer()  # which measures texts
     to_pixels = axes.transData.transform
     boxes = [_box(point, POINT_ROOM) for point in to_pixels([_at(row) for row in rows])]
     for start, end in (ends for line in lines for ends in pairwise(to_pixels(line))):
@@ -196,7 +196,7 @@ def _write(axes: Any, row: Row, place: Place) -> Any:
 
 
 def _name(row: Row) -> str:
-    """Return the name to write: the first depth tells of what."""
+    """Return the name to write: only the first depth is written out."""
     kind, _, depth = row.name.partition(" ")
     if row.peer or not depth:
         return row.name

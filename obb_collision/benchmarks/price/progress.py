@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""How far a run of bounded time is: a bar of tqdm where there is one, lines of text elsewhere."""
+"""Progress of a run of bounded time: a bar if tqdm is installed, else lines of text."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class Progress:
             self._bar.total = self._seconds
 
     def tell(self, what: str) -> None:
-        """Say what comes next."""
+        """Report what comes next."""
         if self._bar is None:
             topic = what.rstrip("0123456789/")  # one line for all numbers of a topic
             if topic != self._last:
@@ -59,7 +59,7 @@ class Progress:
 
 @contextmanager
 def progress(seconds: float) -> Iterator[Progress]:
-    """Show a bar while the block runs, if tqdm is installed and somebody looks at a terminal."""
+    """Show a bar while the block runs, if tqdm is installed and the output is a terminal."""
     if not sys.stderr.isatty():
         yield Progress(seconds)
         return

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What is known of a level or peer on a corpus, and of the corpus as a whole."""
+"""Results of a level or peer on a corpus, and of the corpus as a whole."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from obb_collision.typing import Mask
 
 @dataclass
 class Row:
-    """A level or peer: what it costs and how often it is wrong; None where that was not asked."""
+    """A level or peer: what it costs and how often it is wrong; None if not measured."""
 
     name: str
     peer: bool
@@ -32,13 +32,13 @@ class Row:
     step_ms: float | None = None
     bytes: float | None = None
     prepare_ms: float | None = None
-    pairs: int = 0  #: candidates asked about
+    pairs: int = 0  #: candidates decided
     reports: int = 0
-    false: int = 0  #: reports of bodies whose triangles don't meet
-    missed: int = 0  #: bodies whose triangles meet, not reported
+    false: int = 0  #: reports of bodies whose triangles do not collide
+    missed: int = 0  #: bodies whose triangles collide, not reported
 
     def count(self, answers: Mask, truth: Mask) -> None:
-        """Add answers about pairs."""
+        """Add the results for pairs."""
         self.pairs += len(truth)
         self.reports += int(answers.sum())
         self.false += int((answers & ~truth).sum())
@@ -73,13 +73,13 @@ class Price:
     rows: list[Row] = field(default_factory=list)
     out_of_order: int = 0  #: pairs that a more exact level reports and a coarser one doesn't
     ratios: dict[str, float] = field(default_factory=dict)  #: peer's time over that of our level
-    surface_pairs: int = 0  #: pairs asked of python-fcl's triangles and of ours as surfaces
+    surface_pairs: int = 0  #: pairs compared between python-fcl's triangles and ours as surfaces
     surface_differ: int = 0
     missing: list[str] = field(default_factory=list)  #: peers that are not installed
 
     @property
     def missed(self) -> int:
-        """Pairs that a level of ours must report and doesn't: none, or there is a defect."""
+        """Pairs that a level of ours must report and does not: none, or there is a defect."""
         return self.out_of_order + sum(row.missed for row in self.rows if not row.peer)
 
     def row(self, name: str) -> Row:

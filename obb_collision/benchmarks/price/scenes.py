@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What the price of accuracy is measured on: boxes, meshes that trimesh makes, real meshes.
+"""The corpora on which accuracy is measured: boxes, meshes that trimesh makes, real meshes.
 
 All shapes are scaled to a bounding box with a diagonal of one metre, so that a corpus is about
 shapes and not about sizes, and thrown at random poses into a room.
@@ -40,7 +40,7 @@ from obb_collision.typing import Floats
 EDGES = (0.1, 1.0)
 #: Real meshes have this many triangles: fewer are boxes or signs, more take their time to read.
 REAL_FACES = (100, 25_000)
-#: Files in this range are looked at, bytes: as many triangles need.
+#: Sizes of files that are read, bytes: as many triangles need.
 REAL_BYTES = (5_000, 3_000_000)
 #: At most this many real meshes of each package.
 REAL_MESHES = 20
@@ -53,7 +53,7 @@ SOURCES = {"example-robot-data": "robots", "pybullet": "pybullet_data"}
 
 @dataclass(frozen=True, eq=False)
 class Corpus:
-    """Shapes by name, and what is to say about where they come from."""
+    """Shapes by name, and a note about their origin."""
 
     name: str
     shapes: dict[str, Mesh | Box]
@@ -61,7 +61,7 @@ class Corpus:
 
     @property
     def boxes_only(self) -> bool:
-        """Whether there is nothing above the level ``obb`` to ask."""
+        """Whether all shapes are boxes, which have no level above ``obb``."""
         return all(isinstance(shape, Box) for shape in self.shapes.values())
 
 
@@ -148,7 +148,7 @@ def _unit(vertices: Floats, faces: Any) -> Mesh:
 
 
 def random_poses(count: int, volume: float, rng: np.random.Generator) -> Floats:
-    """Return poses (n, 7) in a cube with ``volume`` cubic metres a body."""
+    """Return poses (n, 7) in a cube with ``volume`` cubic metres per body."""
     half = 0.5 * (volume * count) ** (1 / 3)
     centers = rng.uniform(-half, half, (count, 3))
     turns = rng.normal(size=(count, 4))

@@ -40,7 +40,7 @@ def format_price(price: Price) -> str:
         return f"{price.corpus}: none ({price.note})"
     note = f" ({price.note})" if price.note else ""
     head = (
-        f"{price.corpus}: {price.shapes} shapes{note}, {price.pairs} pairs whose AABBs meet, "
+        f"{price.corpus}: {price.shapes} shapes{note}, {price.pairs} pairs whose AABBs overlap, "
         f"{price.colliding} collide; a step moves {price.bodies}"
     )
     lines = [
@@ -97,7 +97,7 @@ def format_floats(rows: Sequence[FloatRow]) -> str:
 
 
 def claims(prices: Sequence[Price]) -> dict[str, Any]:
-    """Return what the run says about the promises of the ladder, as numbers."""
+    """Return what the run shows about the promises of the levels, as numbers."""
     meshes = [price for price in prices if price.surface_pairs or price.corpus != "boxes"]
     found: dict[str, Any] = {
         "meshes": sum(price.shapes for price in meshes),
@@ -127,11 +127,11 @@ def format_claims(prices: Sequence[Price]) -> list[str]:
     for corpus, ratios in found["ratios"].items():
         for label, ratio in ratios.items():
             level = names[label.split()[-1]]
-            lines.append(f"{corpus}: {label} takes {ratio:.1f} times as long a pair as {level}.")
+            lines.append(f"{corpus}: {label} takes {ratio:.1f} times as long per pair as {level}.")
     lines.append(
-        "Asked from Python, one pair a call for the peers, all pairs in one call for the levels. "
+        "Called from Python, the peers with one pair per call, the levels with all pairs in one. "
         f"Ratios are medians of turns; times are this machine's. Memory: a sphere has 4 numbers "
         f"of 8 bytes, an AABB 6, a box 15 ({compact_numbers()} if an axis is left to compute); "
-        "trees and meshes are stored once a shape."
+        "trees and meshes are stored once per shape."
     )
     return lines

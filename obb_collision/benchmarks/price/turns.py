@@ -14,9 +14,9 @@
 
 """Timing several ways to do the same, taking turns, by the processor time of this thread.
 
-Others use the machine too: processor time does not count while they do, and whoever's turn comes
-at a bad moment has others. The best turn says how fast something is; the median over the turns
-of the ratio of two says how they compare.
+Others may use the machine: processor time does not run while they do, and a contestant with a bad
+turn has other turns. The best turn is the time of a contestant; the median over the turns of the
+ratio of two compares them.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ import numpy as np
 
 from obb_collision.typing import Floats
 
-#: Turns each contestant has at least, whatever the time allowed, and at most.
+#: Minimum and maximum turns per contestant, whatever the time allowed.
 LEAST_TURNS = 3
 MOST_TURNS = 100
 
@@ -54,7 +54,7 @@ def take_turns(
     seconds: float,
     prepare: Mapping[str, Callable[[], object]] | None = None,
 ) -> Times:
-    """Time all contestants turn by turn for about ``seconds``; what ``prepare`` does is free.
+    """Time all contestants turn by turn for about ``seconds``; ``prepare`` is not measured.
 
     They should have run once before, so that nothing is compiled here.
     """

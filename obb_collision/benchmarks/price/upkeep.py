@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What a level needs besides the time of its pairs: preparation, once a shape, and memory."""
+"""What a level needs besides the time of its pairs: preparation, once per shape, and memory."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from obb_collision.geometry.trees.obb_tree import MeshTrees, TreeArrays
 from obb_collision.geometry.trees.pool import Hulls
 from obb_collision.geometry.trees.shape_trees import mesh_tree
 
-#: Arrays with a row a node of a tree: its numbers, children, triangles and level.
+#: Arrays with a row per node of a tree: its numbers, children, triangles and level.
 NODE_ARRAYS = ("nodes", "children", "starts", "levels")
 
 

@@ -15,6 +15,6 @@
 """Mutated messages on every input of a node in another process.
 
 ``messages`` makes valid ones, ``mutations`` spoils them, ``child`` is the node's process,
-``session`` sends, and checks after every batch that the node still answers right and in time;
+``session`` sends, and verifies after every batch that the node still answers correctly and in time;
 ``command`` is the console script ``obb_collision_fuzz``.
 """

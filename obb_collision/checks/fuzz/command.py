@@ -38,13 +38,15 @@ def _parser() -> argparse.ArgumentParser:
     parser = Parser(
         prog="obb_collision_fuzz",
         description="Send mutated messages to a node in another process, over real topics, and "
-        "check after every batch that it is there, answers right and was not blocked.",
+        "verify after every batch that it is alive, answers correctly and was not blocked.",
         epilog="What follows -- goes to the node: obb_collision_fuzz -- -p accuracy:=mesh",
     )
     parser.add_argument(
-        "--messages", type=whole(1, 10**9), default=20_000, help="hostile messages to send"
+        "--messages", type=whole(1, 10**9), default=20_000, help="number of hostile messages"
     )
-    parser.add_argument("--seed", type=whole(0, MAX_SEED), default=1, help="of all that is random")
+    parser.add_argument(
+        "--seed", type=whole(0, MAX_SEED), default=1, help="seed of the random numbers"
+    )
     parser.add_argument(
         "--bound",
         type=real(0.0, 3600.0),

@@ -39,7 +39,7 @@ class Metronome:
         return float(self._latest.value)
 
     def restart(self) -> None:
-        """Forget how late it was."""
+        """Reset how late it was."""
         self._latest.value = 0.0
 
     def end(self) -> None:
