@@ -76,13 +76,13 @@ def _name(event: Any) -> str | None:
 
 
 class Words:
-    """Says that this process compiles, and how far it is."""
+    """Logs that this process compiles, and the progress."""
 
     def __init__(self) -> None:
         self._due = FIRST_WORD
 
     def __call__(self, compiled: Compiled) -> None:
-        """Say it if it is time to."""
+        """Log it if it is time to."""
         if compiled.seconds < self._due:
             return
         kept = f", kept in {places[0]} for the next time" if places and not unsaved else ""

@@ -51,7 +51,7 @@ from numba.core.caching import FunctionCache
 from obb_collision._kernel_key import fields_of, kernel_key
 
 config: Any = _config  # its attributes are set at run time
-#: What a user should know goes here: to stderr, where nobody has set up ``logging``.
+#: Warnings for users: to stderr, where ``logging`` is not set up.
 logger = logging.getLogger("obb_collision")
 
 #: Folders kept per kernel: a few checkouts or environments side by side, not every edit ever.
@@ -191,7 +191,7 @@ class KernelCache(FunctionCache):  # type: ignore[misc]  # numba has no types
         return str(places[0] / self._folder) if places else ""
 
     def flush(self) -> None:
-        """Forget the kernel."""
+        """Remove the files of the kernel."""
         for place in places:
             shutil.rmtree(place / self._folder, ignore_errors=True)
 

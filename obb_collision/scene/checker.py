@@ -174,7 +174,7 @@ class Checker:
         return decide_pairs(store, self._cache, candidates, depth, exact, budget, waiting, highest)
 
     def _candidates(self) -> Pairs | None:
-        """Return pairs (m, 2) of slots with a change to them whose bounds meet; None: too many."""
+        """Return pairs (m, 2) of changed slots whose bounds overlap; None: too many."""
         store = self._store
         changed = np.flatnonzero(store.changed)
         bounds = self._bounds

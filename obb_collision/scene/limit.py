@@ -16,8 +16,8 @@
 
 Where no more pairs collide than the limit, or than there is room for candidates, nothing differs
 from a check without a limit. Else the candidates are decided in lexicographic order, piece by
-piece, until there are more colliding ones than the limit: these are kept. Objects not yet seen to
-collide are then asked for one partner each. So memory grows with the limit and the number of
+piece, until there are more colliding ones than the limit: these are kept. For objects not yet seen
+to collide one partner each is searched then. So memory grows with the limit and the number of
 objects, and time does where objects collide with most of their candidates, as they do in one place.
 """
 
@@ -39,7 +39,7 @@ from obb_collision.scene.broad_phase.crowds import (
 from obb_collision.scene.refinement.ladder import NONE, Found
 from obb_collision.typing import Mask, Rows
 
-#: Decides pairs (m, 2) of slots; the first time by what it likes best.
+#: Decides pairs (m, 2) of slots; the first call may use a budget.
 Decide = Callable[[Pairs], Found]
 
 #: Candidates held at once: as many for each pair of the limit ...

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Processes that compile steps, and what becomes of them.
+"""Processes that compile steps, and their progress.
 
 Compiling holds a lock of numba's, and the interpreter's half of the time: in a process that has
 other things to do, it is done elsewhere, and what is compiled comes by the cache.
@@ -35,7 +35,7 @@ from typing import Any
 
 #: More would compile much of what they have in common several times over.
 MOST_PROCESSES = 2
-#: Seconds after which it is asked whether to stop.
+#: Seconds between two looks at whether to stop.
 GLANCE = 0.1
 #: Seconds without a kernel compiled or a step done after which a process counts as hanging: the
 #: slowest kernels take 15 s where others have the processors, and a small board is slower.
@@ -51,7 +51,7 @@ CODE = (
 
 @dataclass
 class Progress:
-    """How far it is: steps that are done, kernels compiled, and what failed.
+    """Progress: steps that are done, kernels compiled, and what failed.
 
     failed: why, by step; hung: those of them whose process took too long; unsaved: kernels that no
     folder took; stopped: whether it was stopped before all steps were done; notes: lines that a
@@ -138,7 +138,7 @@ class _Worker:
             path=sys.path, private="" if private is None else str(private), niceness=niceness
         )
         if not sys.executable:
-            raise OSError("it is not known where Python is")
+            raise OSError("no Python interpreter: sys.executable is empty")
         self._process = subprocess.Popen(
             [sys.executable, "-c", code],
             stdin=subprocess.PIPE,
@@ -163,7 +163,7 @@ class _Worker:
             self._in.flush()
 
     def take(self, waiting: list[str], progress: Progress) -> bool:
-        """Take what the process says; return whether there may be more."""
+        """Read what the process has written; return whether there may be more."""
         data = os.read(self.out.fileno(), 1 << 16)
         self._heard = monotonic()
         *lines, self._rest = (self._rest + data).split(b"\n")

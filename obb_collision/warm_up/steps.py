@@ -79,7 +79,7 @@ def effect_step(name: str) -> str:
 
 
 def accuracy_step(level: Accuracy) -> str:
-    """Return the name of the step that objects on a level need."""
+    """Return the name of the step for objects on a level."""
     return f"accuracy {level.name.lower()}" if level in ABOVE else BOXES
 
 
@@ -144,7 +144,7 @@ def _crowds() -> None:
 
 
 def _zoo() -> dict[str, tuple[Shape, ...]]:
-    """Return shapes of every kind that the levels tell apart."""
+    """Return shapes of every kind that the levels distinguish."""
     return {
         "box": (Box((0.5, 0.5, 0.5)), Box((0.5, 0.4, 0.3))),
         "round": (Sphere(0.3), Capsule(0.2, 0.4)),
@@ -200,7 +200,7 @@ def _clouds() -> list[NDArray[np.floating]]:
 
 
 def _fits() -> None:
-    """Fit boxes, and ask single ones what single ones can be asked."""
+    """Fit boxes, and run all queries of single boxes."""
     rng = np.random.default_rng(0)
     first = OBB.from_points(rng.random((20, 3)))
     OBB(*Box((1.0, 1.0, 1.0)).local_box)
@@ -218,7 +218,7 @@ def _batch() -> Boxes:
 
 
 def _pair_queries() -> None:
-    """Ask all questions about pairs of boxes."""
+    """Run all queries of pairs of boxes."""
     boxes, pairs = _batch(), np.array([(0, 1), (0, 2), (2, 3)])
     again = Boxes(boxes.centers + 0.1, boxes.rotations, boxes.half_extents)
     verdicts(boxes, again, exact=True)
@@ -235,7 +235,7 @@ def _pair_queries() -> None:
 
 
 def _other_queries() -> None:
-    """Ask about rays, planes, points, capsules and triangles."""
+    """Run the queries of rays, planes, points, capsules and triangles."""
     boxes, zeros = _batch(), np.zeros((4, 3))
     cast_rays(boxes, zeros, zeros + 1.0)
     cast_rays(boxes, zeros[:1], zeros[:1] + 1.0)
@@ -252,7 +252,7 @@ def _other_queries() -> None:
 
 
 def _mesh_queries() -> None:
-    """Ask about meshes without a scene."""
+    """Run the queries of meshes without a scene."""
     trees = MeshTrees.build(np.array(TETRAHEDRON), np.array(TETRAHEDRON_FACES))
     poses = np.tile(TURNED, (2, 1))
     bodies = PlacedMeshes.from_poses(trees, np.zeros(2, np.int64), poses)
@@ -261,7 +261,7 @@ def _mesh_queries() -> None:
 
 
 STEPS: dict[str, Callable[[], None] | str] = {
-    # In this order two processes have the least in common at any time.
+    # In this order two processes compile the fewest kernels twice.
     BOXES: _boxes,
     accuracy_step(Accuracy.MESH): lambda: _level(Accuracy.MESH),
     **{effect_step(name): (lambda name=name: _effect(name)) for name in EFFECTS},  # type: ignore[misc]
@@ -276,5 +276,5 @@ STEPS: dict[str, Callable[[], None] | str] = {
 }
 """What to run, by its name; the steps of a running node come first."""
 NODE_STEPS = (BOXES, MESSAGES, *map(accuracy_step, ABOVE), *map(effect_step, EFFECTS))
-"""Steps of what a node may be asked for."""
+"""Steps of all that a node can switch on."""
 NEEDS_ROS = (MESSAGES,)

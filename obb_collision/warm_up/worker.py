@@ -16,7 +16,7 @@
 
 Names of steps come in, a line each; what happens goes out, a line of JSON each: ``kernel``,
 ``note``, and for each step ``done`` with a list of what could not be kept and an error, if any.
-The process ends with its input, at once: who started it has ended, or wants no more of it.
+The process ends with its input, at once: who started it has ended, or needs no more of it.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ def _teller(out: TextIO) -> Callable[..., None]:
         try:
             out.write(json.dumps({"event": event, **values}) + "\n")
             out.flush()
-        except OSError:  # nobody listens any more
+        except OSError:  # the reader has ended
             os._exit(0)
 
     return tell

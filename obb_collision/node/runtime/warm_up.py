@@ -37,7 +37,7 @@ from obb_collision.warm_up.processes import Progress, compile_steps
 from obb_collision.warm_up.steps import BOXES, MESSAGES, NODE_STEPS, accuracy_step, effect_step
 
 FIRST_WORD, NEXT_WORD = 2.0, 5.0
-"""Seconds until it is said how far it is, and between two lines about it."""
+"""Seconds until the first line about the progress, and between two lines."""
 NICENESS = 5
 """Of what compiles beside the cycles: these come first, but it must not starve."""
 RETRY = 60.0
@@ -97,7 +97,7 @@ class WarmUp:
             self._compile_here(progress.failed.get(needed[0], "it is not in the cache"))
 
     def is_ready(self, thing: Thing) -> bool:
-        """Return whether a thing is ready; if not, see to it that it will be."""
+        """Return whether a thing is ready; if not, request it."""
         step = _step(thing)
         if step in self._ready:
             return True
@@ -111,7 +111,7 @@ class WarmUp:
         return False
 
     def why_not(self, thing: Thing) -> str:
-        """Return in words why a thing is not ready."""
+        """Return the reason why a thing is not ready."""
         return self._refused.get(_step(thing), "being made ready")
 
     def close(self) -> None:
@@ -172,7 +172,7 @@ class WarmUp:
                 self._ready.add(step)
 
     def _compile(self, missing: list[str], stopped: Callable[[], bool], niceness: int) -> Progress:
-        """Compile in other processes, and say how far it is."""
+        """Compile in other processes, and log the progress."""
         kept = _kernel_cache.places[0] if _kernel_cache.places else "no folder"
         self._say(
             f"compiling kernels for {', '.join(missing)}: up to a minute the first time, then kept "

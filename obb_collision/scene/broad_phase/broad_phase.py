@@ -90,7 +90,7 @@ def find_candidates_between(
 ) -> Pairs:
     """Return (m, 2) all rows i, j of two sets of bounds (n, 3) that overlap, in no special order.
 
-    The others go into a tree, which each of the first is asked of.
+    The others go into a tree, in which each of the first is looked up.
     """
     if len(minimum) == 0 or len(other_minimum) == 0:
         return NO_PAIRS

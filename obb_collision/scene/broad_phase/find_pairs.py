@@ -93,7 +93,7 @@ def find_pairs_and_verdicts(
 ) -> tuple[Pairs, Verdicts]:
     """Return the pairs of ``find_pairs`` and the verdict (m,) int8 of each.
 
-    Below "obb" that is TOUCHING: not told apart.
+    Below "obb" that is TOUCHING, for pairs not proven separate.
     """
     level = as_box_accuracy(accuracy)
     return _decided(boxes, find_candidates(*_bounds(boxes, level)), exact, level)
@@ -124,7 +124,7 @@ def _decided(
 def coarse_meet(
     boxes: Boxes, first: NDArray[np.int64], second: NDArray[np.int64], level: Accuracy
 ) -> NDArray[np.bool_]:
-    """Return (m,) whether a level below OBB tells a pair not apart; its AABBs are known to meet."""
+    """Return (m,) whether pairs collide on a level below OBB, given that their AABBs overlap."""
     if level == Accuracy.SPHERE:
         return spheres_meet(boxes, first, second)
     if level == Accuracy.OBB_FACES:

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A queue of jobs, and the thread that gets them built one after another."""
+"""A queue of jobs, and the thread that has them built one after another."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class _Entry:
 
 @dataclass
 class Outcome:
-    """What became of a job: who asked for it, and the result or why there is none."""
+    """The outcome of a job: the keys that requested it, and the result or the reason for none."""
 
     job: Job
     signature: Hashable
@@ -51,10 +51,10 @@ class Outcome:
 
 
 class Builder:
-    """Builds what is asked for by key; of several requests for a key the last one counts.
+    """Builds what keys request; of several requests of a key the last one is valid.
 
-    Jobs of equal signatures are done once. A job that has begun is finished though its keys ask
-    for something else by then: its outcome is newer than what they have. No method waits.
+    Jobs of equal signatures are done once. A job that has begun is finished even if its keys have
+    requested something else by then: its outcome is newer than what they have. No method waits.
     """
 
     def __init__(self, limits: Limits | None = None) -> None:
@@ -76,7 +76,7 @@ class Builder:
         return len(self._wanted)
 
     def request(self, key: Hashable, signature: Hashable, job: Job) -> None:
-        """Ask for a job; what the key asked for before is no longer wanted.
+        """Request a job; what the key requested before is cancelled.
 
         Raises BuildError where too much waits already, or nothing can be built.
         """
@@ -120,7 +120,7 @@ class Builder:
         return entry.place
 
     def cancel(self, key: Hashable) -> None:
-        """Forget all that a key asked for."""
+        """Cancel all that a key requested."""
         with self._changed:
             self._leave(key)
             if self._running is not None:
@@ -137,7 +137,7 @@ class Builder:
         return [outcome for outcome in done if outcome.keys]
 
     def wants(self, key: Hashable) -> bool:
-        """Return whether something that a key asked for is still to come."""
+        """Return whether something that a key requested is still to come."""
         return key in self._wanted
 
     def close(self) -> None:

@@ -86,7 +86,7 @@ class OutsideTrees:
         return Allowance(budget)
 
     def order(self, per_shape: PerShape[Any], slots: Rows, shapes: Mapping[int, Shape]) -> Rows:
-        """See to it that what is large will be built; return the slots of the rest."""
+        """Request what is large; return the slots of the rest."""
         rest = []
         for slot in slots[per_shape.rows(slots) < 0].tolist():
             shape = shapes.get(slot)
@@ -107,7 +107,7 @@ class OutsideTrees:
             self._waiting.add(entry)
 
     def drop(self, entry: Entry[Any]) -> None:
-        """Take note that a slot has left an entry."""
+        """Handle that a slot has left an entry."""
         self._is_wasteful = True
         self._failed.pop(entry, None)  # who has it still asks again
         if not entry.slots and entry in self._waiting:
@@ -138,7 +138,7 @@ class OutsideTrees:
                 self._pack(per_shape)
 
     def _pack(self, per_shape: PerShape[Any]) -> None:
-        """Let go what is of no use any more: at once, if little is left."""
+        """Drop items that no slot needs: at once, if little is left."""
         if per_shape in self._packing or not per_shape.is_wasteful:
             return
         if per_shape.size <= SMALL_POOL:

@@ -108,7 +108,7 @@ class WorkerProcess:
         if self._pipe is not None:
             return self._pipe
         if not sys.executable:
-            raise BuildError(NO_BUILDER, "it does not start: no Python interpreter is known")
+            raise BuildError(NO_BUILDER, "it does not start: sys.executable is empty")
         path = json.dumps([str(folder) for folder in sys.path])
         self._memory = limits.memory
         try:
@@ -127,7 +127,7 @@ class WorkerProcess:
                 process.kill()
             begun = pipe.receive(STARTING) is not None
         except (OSError, ValueError) as error:
-            # nobody to start (no interpreter), no memory to do it, or it does not begin
+            # no interpreter, no memory to start it, or it does not begin
             raise self._ended(f" {error}", "it does not start: ") from None
         if not begun:
             raise self._ended(before="it does not start: ")
@@ -164,7 +164,7 @@ class WorkerProcess:
             process.wait(1.0)
 
     def close(self) -> None:
-        """End the process for good; the one who waits for a reply gets a BuildError."""
+        """End the process for good; whoever waits for a reply gets a BuildError."""
         self._closed = True
         process = self._process
         if process is not None:

@@ -87,7 +87,7 @@ class PerShape(Generic[Item]):
         return entry
 
     def drop(self, slot: int) -> Entry[Item] | None:
-        """Let the item of a slot go; return the entry it had, without slots if no other has it."""
+        """Drop the item of a slot; return its entry, which has no slots if no other shares it."""
         entry = self.by_slot.pop(slot, None)
         if entry is not None:
             self._rows[slot] = -1
@@ -135,7 +135,7 @@ class PerShape(Generic[Item]):
 
     @property
     def is_wasteful(self) -> bool:
-        """Whether half of the pool is of no use any more."""
+        """Whether more than half of the pool is unused."""
         return 2 * self.size < self.pool.size
 
     def packed(self, built: dict[Entry[Item], Item]) -> Packed[Item]:
@@ -181,7 +181,7 @@ class ShapeCache:
         return len(self._trees) + len(self._hulls)
 
     def put(self, slot: int, shape: Shape | OBB) -> int:
-        """Keep the shape of a slot if more than its box may be asked of it; return its kind."""
+        """Keep the shape of a slot unless it is a box; return its kind."""
         self.drop(slot)
         if not isinstance(shape, (Box, OBB)):
             self._shapes[slot] = shape
@@ -191,7 +191,7 @@ class ShapeCache:
         return kind
 
     def drop(self, slot: int) -> None:
-        """Let the shape of a slot go."""
+        """Drop the shape of a slot."""
         self._shapes.pop(slot, None)
         self._round.pop(slot, None)
         for per_shape in self._all:
@@ -200,13 +200,13 @@ class ShapeCache:
                 self.outside.drop(entry)
 
     def drop_many(self, slots: Iterable[int]) -> None:
-        """Let the shapes of slots go."""
+        """Drop the shapes of slots."""
         if self._shapes or len(self):  # boxes typically leave nothing here
             for slot in slots:
                 self.drop(slot)
 
     def clear(self) -> None:
-        """Let all shapes go."""
+        """Drop all shapes."""
         self.drop_many({*self._shapes, *self._trees.by_slot, *self._hulls.by_slot})
         for per_shape in self._all:
             per_shape.exchange()

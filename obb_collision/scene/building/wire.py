@@ -32,7 +32,7 @@ from typing import Any
 
 import numpy as np
 
-#: Values that JSON knows, and arrays of numbers.
+#: Values of JSON, and arrays of numbers.
 Message = dict[str, Any]
 
 LENGTH = struct.Struct("<Q")
@@ -46,7 +46,7 @@ KINDS = "biuf"
 class Pipe:
     """One end of a pipe each way.
 
-    seconds: how long ``send`` and ``receive`` may take (TimeoutError); None: for ever.
+    seconds: how long ``send`` and ``receive`` may take (TimeoutError); None: no limit.
     """
 
     def __init__(self, reading: int, writing: int) -> None:
@@ -58,7 +58,7 @@ class Pipe:
                     fcntl.fcntl(descriptor, fcntl.F_SETPIPE_SZ, PIPE_SIZE)
 
     def send(self, message: Message, seconds: float | None = None) -> None:
-        """Send a message. OSError where the other end is gone."""
+        """Send a message. OSError where the other end is closed."""
         values: Message = {}
         arrays: list[np.ndarray[Any, Any]] = []
         layout = []
@@ -79,7 +79,7 @@ class Pipe:
             self._write(memoryview(view), end)
 
     def receive(self, seconds: float | None = None) -> Message | None:
-        """Return the next message, None where the other end is gone. ValueError for no message."""
+        """Return the next message, None where the other end is closed. ValueError for junk."""
         end = _end(seconds)
         start = self._read(LENGTH.size, end)
         if start is None:

@@ -28,9 +28,9 @@ from obb_collision.scene.building.errors import NO_BUILDER, NO_MEMORY, BuildErro
 from obb_collision.scene.building.jobs import perform
 from obb_collision.scene.building.wire import Message, Pipe
 
-#: Seconds beyond the time of a job after which the process ends itself, should nobody else do it.
+#: Seconds beyond the time of a job after which the process ends itself.
 GRACE = 5.0
-#: How willingly the process leaves the processor to the one it builds for.
+#: Niceness of the process: the one it builds for comes first.
 NICENESS = 5
 #: Rows and columns of a matrix that OpenBLAS takes its buffer for.
 SOME = 128
@@ -48,7 +48,7 @@ def main(memory: int) -> None:
     _limit_memory(memory)
     pipe.send({"ready": True})
     while (message := pipe.receive()) is not None:
-        # Ends the process, also one that is blocked and whose parent is gone.
+        # Ends the process, even if it is blocked and its parent has ended.
         signal.setitimer(signal.ITIMER_REAL, message["seconds"] + GRACE)
         _look_for_kernels_in(message.pop("kernels"))
         pipe.send(_reply(message))
@@ -63,7 +63,7 @@ def _look_for_kernels_in(folders: list[str]) -> None:
 
 
 def _take_what_all_jobs_need() -> None:
-    """Load what would count as the memory of the first job."""
+    """Load what would else be part of the memory of the first job."""
     import trimesh  # noqa: F401
 
     # OpenBLAS ends the process where it can't have its buffer

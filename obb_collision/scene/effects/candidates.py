@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Pairs of objects whose bounds meet, for effects that look at more than what collides."""
+"""Pairs of objects whose bounds overlap, for effects on more than the colliding pairs."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ PIECE = 1 << 17
 def meeting_pairs(
     cycle: Cycle, slots: Rows, minimum: Floats, maximum: Floats, selected: Mask | None
 ) -> Pairs:
-    """Return pairs (k, 2) of slots, sorted, that may collide and whose bounds meet.
+    """Return pairs (k, 2) of slots, sorted, that may collide and whose bounds overlap.
 
     At most ``cycle.limit``, the first ones. slots (n,) ascending, with bounds minimum and maximum
     (n, 3); selected (n,): objects of which each pair has at least one, None for all.

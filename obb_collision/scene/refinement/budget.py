@@ -14,10 +14,11 @@
 
 """A time budget: which level above OBB fits a cycle, and how much of the cycle is left.
 
-What a pair costs on a level is learnt from the cycles before. The cap, the highest level that pairs
-are decided on, falls at once when what it costs no longer fits, and rises only when a higher level
-has fitted with room to spare for some cycles, for more of them after every rise that didn't last.
-OBB is the floor: levels below it aren't quicker (find_pairs on 10,000 crowded boxes: 8.9 ms on
+What a pair costs on a level is estimated from the cycles before. The cap, the highest level that
+pairs are decided on, falls at once when what it costs no longer fits, and rises only when a higher
+level has fitted with room to spare for some cycles, for more of them after every rise that did not
+last.
+OBB is the minimum: levels below it are not quicker (find_pairs on 10,000 crowded boxes: 8.9 ms on
 "aabb", 12.2 on "sphere", 8.4 on "obb_faces", 8.9 on "obb"), they only report more pairs.
 """
 
@@ -50,17 +51,17 @@ WAIT = 25
 LASTING = 1000
 #: ... up to this many cycles (a minute at 50 Hz).
 LONGEST_WAIT = 3200
-#: Estimates are medians of this many cycles: one in which others had the processor counts little.
+#: Estimates are medians of this many cycles, as other processes may have had the processor in one.
 WINDOW = 9
 #: A level of which one pair takes longer than there is left is tried again twice as late each time,
-#: up to once in so many chances: it may have been an accident, but hardly often.
+#: up to once in so many chances: a single measurement may be an outlier, several are not.
 RAREST_TRIAL = 10
 #: At least this share of what a call takes is due to its pairs, not to the call.
 LEAST_SHARE = 0.1
 
 
 class Budget:
-    """Seconds a cycle, and the cap that keeps cycles within them.
+    """Seconds per cycle, and the cap that keeps cycles within them.
 
     seconds: from ``start`` to ``finish`` of a cycle; may be set at any time. clock: seconds,
     rising. Raises ValueError for a time that is not positive and finite.
@@ -75,7 +76,7 @@ class Budget:
         self._risen = -LASTING
         self._waits = dict.fromkeys(ABOVE, WAIT)
         self._roomy = dict.fromkeys(ABOVE, 0)  # cycles in a row with room for a level
-        self._pauses = dict.fromkeys(ABOVE, 0)  # chances to try a level that are let go ...
+        self._pauses = dict.fromkeys(ABOVE, 0)  # chances to try a level that are skipped ...
         self._gaps = dict.fromkeys(ABOVE, 1)  # ... and how many it will be next
         self._costs: dict[Accuracy, deque[float]] = {r: deque(maxlen=WINDOW) for r in ABOVE}
         self._calls: dict[Accuracy, deque[float]] = {r: deque(maxlen=WINDOW) for r in ABOVE}
@@ -109,11 +110,11 @@ class Budget:
             self._after.append(end - self._refined)
 
     def refining(self) -> None:
-        """Say that all that comes before the levels above OBB is done."""
+        """Mark the end of all that comes before the levels above OBB."""
         self._before.append(self.clock() - self._start)
 
     def refined(self) -> None:
-        """Say that the pairs of this cycle are decided."""
+        """Mark that the pairs of this cycle are decided."""
         self._refined = self.clock()
 
     def left(self) -> float:
@@ -122,16 +123,16 @@ class Budget:
         return self._start + planned - self.clock()
 
     def cost(self, level: Accuracy) -> float | None:
-        """Return the seconds that a pair takes on a level, None if not known."""
+        """Return the seconds that a pair takes on a level, None before the first measurement."""
         costs = self._costs[level]
         return median_low(costs) if costs else None
 
     def overhead(self, level: Accuracy) -> float:
-        """Return the seconds that a call for no pairs at all takes."""
+        """Return the seconds that a call without pairs takes."""
         return _median(self._calls[level])
 
     def is_due(self, level: Accuracy) -> bool:
-        """Return whether to use this chance to try a level; where it takes too long only some."""
+        """Return whether to try a level now; one that takes too long is tried ever less often."""
         if self.left() >= (self.cost(level) or 0.0):
             self._pauses[level], self._gaps[level] = 0, 1
             return True
@@ -143,7 +144,7 @@ class Budget:
         return True
 
     def learn(self, level: Accuracy, pairs: int, seconds: float, calls: int = 1) -> None:
-        """Take note of what pairs took on a level, in how many calls; no pairs: the calls alone."""
+        """Record what pairs took on a level, in how many calls; no pairs: the calls alone."""
         if pairs:
             own = max(seconds - calls * self.overhead(level), LEAST_SHARE * seconds)
             self._costs[level].append(own / pairs)
@@ -178,7 +179,7 @@ class Budget:
         self.cap = cap
 
     def _load(self, cap: Accuracy, counts: Counts) -> float:
-        """Return the share of the time for pairs that a cap needs; infinite if not known."""
+        """Return the share of the time for pairs that a cap needs; infinite if not measured yet."""
         needed = 0.0
         for asked, count in counts.items():
             if count:

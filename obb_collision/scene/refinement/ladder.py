@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Deciding pairs on the levels of ``Accuracy``: which level a pair gets, and what it says.
+"""Deciding pairs on the levels of ``Accuracy``: which level a pair gets, and its verdict.
 
 A pair is decided on the lower level of its two objects' accuracies. The levels above OBB look only
 at what OBB reports. They need a shape that is no box, and no padding, except on spheres, capsules
@@ -72,7 +72,7 @@ def decide_pairs(
     store: ObjectStore, cache: ShapeCache, candidates: Pairs, depth: int, exact: bool,
     budget: Budget | None = None, waiting: Found = NONE, highest: Accuracy = Accuracy.MESH,
 ) -> tuple[Found, bool]:  # fmt: skip
-    """Return the candidates (m, 2), pairs of slots whose bounds meet, that are not SEPARATE.
+    """Return the candidates (m, 2), pairs of slots whose bounds overlap, that are not SEPARATE.
 
     depth: of the boxes on OBB_TREE. waiting: pairs that haven't changed, decided on a lower level
     than they ask for; returned among the others if they still collide. highest: no candidate is

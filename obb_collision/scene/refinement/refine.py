@@ -38,9 +38,9 @@ Levels = NDArray[np.int8]
 PORTION = 0.25
 #: ... but no call is made for pairs worth less than so many times what any call takes.
 LEAST_WORTH = 4.0
-#: A level that isn't in use is tried once in this many cycles, to know what it costs by now ...
+#: A level that isn't in use is tried once in this many cycles, to measure what it costs by now ...
 TRIAL_CYCLES = 10
-#: ... on at most this many pairs, and this share of the time that is left: nobody else needs it.
+#: ... on at most this many pairs, and this share of the time left, which nothing else needs.
 TRIAL_PAIRS = 64
 TRIAL_SHARE = 0.5
 #: ... or this one while the pairs of the cycle still wait for theirs, of each level.
@@ -50,7 +50,7 @@ CALL_SHARE = 0.25
 
 
 class Job(Protocol):
-    """The pairs of a cycle: what ``refine`` needs to know of them."""
+    """The pairs of a cycle, as ``refine`` needs them."""
 
     def prepare(self, level: Accuracy, rows: Rows, budget: Budget | None) -> NDArray[np.bool_]:
         """Build what pairs need for a level while there is time; return (k,) which have it."""
@@ -115,14 +115,14 @@ def _decide(
 
 
 def _meet_levels(job: Job, asked: Levels, budget: Budget) -> None:
-    """Learn what the levels cost that are not known yet, by a few pairs."""
+    """Measure with a few pairs what the levels cost that have no estimate yet."""
     for level in ABOVE:
         if budget.cost(level) is None:
             _try(job, level, asked, budget, FIRST_SHARE)
 
 
 def _try(job: Job, level: Accuracy, asked: Levels, budget: Budget, share: float) -> None:
-    """Learn what a level costs by a few pairs from everywhere; their verdicts aren't used.
+    """Measure what a level costs with a few pairs from everywhere; their verdicts are not used.
 
     What the first call of a cycle, or of all, takes once is left out: loading machine code, and
     what all pairs of the cycle share. So is what every call takes, or a few pairs would seem to
@@ -150,7 +150,7 @@ def _try(job: Job, level: Accuracy, asked: Levels, budget: Budget, share: float)
         seconds = _timed(job, level, portion, budget)
         portions.append((len(portion), seconds))
         done, total = done + len(portion), total + seconds
-    budget.learn(level, *max(portions))  # of the largest: the call itself counts least
+    budget.learn(level, *max(portions))  # of the largest: the call itself has the least share
 
 
 def _timed(job: Job, level: Accuracy, rows: Rows, budget: Budget) -> float:

@@ -14,7 +14,7 @@
 
 """The store of objects: names and slots, local boxes, poses, and the world boxes they make.
 
-A structure of arrays with one row (slot) an object. A slot keeps its number while the object
+A structure of arrays with one row (slot) per object. A slot keeps its number while the object
 lives; freed slots are used again, the lowest first. Arrays grow by doubling.
 """
 
@@ -157,7 +157,7 @@ class ObjectStore:
         return slots
 
     def renew(self, rows: Rows) -> None:
-        """Make objects new ones, as if they had gone and come again where they are."""
+        """Make objects new ones, as if each had been removed and added again with its pose."""
         self.version = next(_versions)
         self.born[rows], self.twists[rows], self.changed[rows] = self.version, 0.0, True
 
@@ -166,7 +166,7 @@ class ObjectStore:
         new = as_array(poses, "poses", (None, 7))
         if len(new) != len(rows):
             raise ValueError(
-                f"poses must have one row an object, got {len(new)} for {len(rows)} objects"
+                f"poses must have one row per object, got {len(new)} for {len(rows)} objects"
             )
         moved = (self.poses[rows] != new).any(axis=1)
         numbers = None
@@ -186,7 +186,7 @@ class ObjectStore:
         self._place(rows, np.ascontiguousarray(poses[:, :3]), rotations)
 
     def _place(self, rows: Rows, positions: Floats, rotations: Floats) -> None:
-        self._keep_lent()
+        self._detach()
         place_boxes(
             *(positions, rotations, self.local_centers, self.local_rotations, rows),
             *(self.centers, self.rotations),
@@ -198,13 +198,13 @@ class ObjectStore:
         pad = as_array(padding, "padding", ())
         if pad < 0.0:
             raise ValueError("padding must not be negative")
-        self._keep_lent()
+        self._detach()
         self.paddings[rows] = pad
         self.half_extents[rows] = add_outwards(self.local_half_extents[rows], pad)
         self.changed[rows] = True
 
     def remove(self, name: str) -> int:
-        """Take an object out; return the slot it had."""
+        """Remove an object; return the slot it had."""
         slot = self.slot(name)
         self.version = next(_versions)
         del self.slots[name]
@@ -216,7 +216,7 @@ class ObjectStore:
         return slot
 
     def remove_rows(self, rows: Rows) -> None:
-        """Take objects out by their slots, all in use and distinct."""
+        """Remove objects by their slots, all in use and distinct."""
         if len(rows) == 0:
             return
         self.version = next(_versions)
@@ -264,8 +264,8 @@ class ObjectStore:
             self._lent = weakref.ref(lent)
         return lent
 
-    def _keep_lent(self) -> None:
-        """Leave the arrays to a snapshot in use and go on with copies."""
+    def _detach(self) -> None:
+        """Copy on write: detach arrays that a snapshot still references."""
         if self._lent is not None and self._lent() is not None:
             self.centers, self.rotations = self.centers.copy(), self.rotations.copy()
             self.half_extents = self.half_extents.copy()

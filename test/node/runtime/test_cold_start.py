@@ -25,42 +25,30 @@ import shutil
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 pytest.importorskip("rclpy")
-from rig import DOMAIN
+from node_process import PATIENCE, cached, environment, output_until, running
 
-import obb_collision
 from obb_collision import _jit
 from obb_collision.warm_up.processes import compile_steps
 from obb_collision.warm_up.steps import BOXES, MESSAGES, NODE_STEPS
 
 EVERYTHING = Path(__file__).with_name("everything.py")
-PATIENCE = 1200.0
-"""Seconds that compiling everything may take on a loaded machine: a minute on two idle cores."""
 LONGEST_GAP = 0.1
 """Seconds between two cycles, at most; the time that others had the processors does not count."""
 MOST_CROWDED = 5.0
 """A bound grows by this factor at most: compiling takes seconds, and is seen on any machine."""
 
 
-def environment(cache: Path | None = None, **more: str) -> dict[str, str]:
-    """Return the environment of a process with this package, and a cache of its own."""
-    root = str(Path(obb_collision.__file__).parents[1])
-    values = {**os.environ, "PYTHONPATH": os.pathsep.join([root, *sys.path[1:]]), **more}
-    return values if cache is None else {**values, "NUMBA_CACHE_DIR": str(cache)}
-
-
 def run_everything(cache: Path | None) -> dict[str, Any]:
     """Run ``everything.py``; returns what it found."""
     done = subprocess.run(
         [sys.executable, str(EVERYTHING)],
-        env=environment(cache),
+        env=environment(**({} if cache is None else cached(cache))),
         capture_output=True,
         text=True,
         timeout=PATIENCE,
@@ -68,33 +56,6 @@ def run_everything(cache: Path | None) -> dict[str, Any]:
     assert done.returncode == 0, done.stderr
     found: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
     return found
-
-
-@contextmanager
-def node(cache: Path, **more: str) -> Iterator[subprocess.Popen[str]]:
-    """Start a node in a process; killed at the end if it still runs."""
-    process = subprocess.Popen(
-        [sys.executable, "-m", "obb_collision.node.node"],
-        env=environment(cache, ROS_DOMAIN_ID=str(DOMAIN), **more),
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-    )
-    try:
-        yield process
-    finally:
-        process.kill()
-        process.communicate()
-
-
-def output_until(process: subprocess.Popen[str], word: str) -> str:
-    """Return the output up to a word, without which the process must not end."""
-    assert process.stdout is not None
-    lines: list[str] = []
-    while word not in (lines or [""])[-1]:
-        lines.append(process.stdout.readline())
-        assert lines[-1], f"ended without {word!r}: {lines}"
-    return "".join(lines)
 
 
 def test_what_a_node_uses_is_loaded_at_ready() -> None:
@@ -139,13 +100,13 @@ def test_a_damaged_cache_is_said_and_built_anew(tmp_path: Path) -> None:
         if folder.is_dir():
             shutil.copytree(folder, tmp_path / "obb_collision" / folder.name)
     assert damage(tmp_path) > 0
-    with node(tmp_path) as process:
+    with running(**cached(tmp_path)) as process:
         output = output_until(process, "ready:")
         assert f"kernels in {tmp_path / 'obb_collision'} are damaged" in output
         assert "compiling kernels for boxes" in output
         process.send_signal(signal.SIGINT)
         assert process.wait(PATIENCE) == 0
-    with node(tmp_path) as process:
+    with running(**cached(tmp_path)) as process:
         assert "compiling" not in output_until(process, "ready:")
 
 
@@ -153,7 +114,7 @@ def test_where_the_cache_takes_nothing_a_temporary_folder_does(tmp_path: Path) -
     file, temporary = tmp_path / "file", tmp_path / "temporary"
     file.write_text("no folder")
     temporary.mkdir()
-    with node(file, TMPDIR=str(temporary)) as process:
+    with running(TMPDIR=str(temporary), **cached(file)) as process:
         output = output_until(process, "ready:")
         assert f"kernels can't be kept in {file / 'obb_collision'}" in output
         assert list(temporary.glob("obb_collision-kernels-*/*/*.kernel"))
@@ -163,7 +124,7 @@ def test_where_the_cache_takes_nothing_a_temporary_folder_does(tmp_path: Path) -
 
 
 def test_a_start_that_compiles_says_how_far_it_is_and_can_be_interrupted(tmp_path: Path) -> None:
-    with node(tmp_path) as process:
+    with running(**cached(tmp_path)) as process:
         first = output_until(process, "compiling kernels for")
         assert str(tmp_path / "obb_collision") in first
         assert "steps done" in output_until(process, "so far")

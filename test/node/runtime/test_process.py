@@ -17,7 +17,6 @@
 from __future__ import annotations
 
 import os
-import shutil
 import signal
 import subprocess
 import sys
@@ -25,7 +24,6 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from itertools import combinations
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -33,6 +31,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 from diagnostic_msgs.msg import DiagnosticArray
+from node_process import PATIENCE, output_until, running
 from rclpy.context import Context
 from rclpy.duration import Duration
 from rclpy.event_handler import SubscriptionEventCallbacks
@@ -44,33 +43,7 @@ from scipy.spatial.transform import Rotation
 from obb_collision.node.messages.conversions import pose_to_ros
 from obb_collision.node.topics.topics import DEADLINE
 
-PATIENCE = 60.0
-"""Seconds a process may take to start or end on a loaded machine; compiling kernels included."""
 IN_NAMESPACE = ("--ros-args", "-r", f"__ns:={NAMESPACE}")
-
-
-def command() -> list[str]:
-    """Return the installed executable, or the module where the package is not installed."""
-    beside = Path(sys.executable).parent / "obb_collision_node"
-    found = str(beside) if beside.exists() else shutil.which("obb_collision_node")
-    return [found] if found else [sys.executable, "-m", "obb_collision.commands"]
-
-
-@contextmanager
-def running(*arguments: str) -> Iterator[subprocess.Popen[str]]:
-    """Start the node in a process; killed at the end if it still runs."""
-    process = subprocess.Popen(
-        [*command(), *arguments],
-        env={**os.environ, "ROS_DOMAIN_ID": str(DOMAIN), "PYTHONWARNINGS": "default"},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-    )
-    try:
-        yield process
-    finally:
-        process.kill()
-        process.communicate()
 
 
 @contextmanager
@@ -202,16 +175,11 @@ def test_a_node_that_is_killed_or_hangs_is_told_by_the_deadline() -> None:
 
 def test_parameters_namespace_and_remapping_come_by_the_command_line() -> None:
     arguments = ["--ros-args", "-r", "__ns:=/cell", "-r", "objects:=scene"]
-    lines: list[str] = []
     with running(*arguments, "-p", "rate:=20.0", "-p", "fixed_frame:=odom") as process:
-        assert process.stdout is not None
-        while "ready:" not in (lines or [""])[-1]:
-            line = process.stdout.readline()
-            assert line, f"ended before it was ready: {lines}"
-            lines.append(line)
+        ready = output_until(process, "ready:").splitlines()[-1]
         end(process, signal.SIGINT)
     for word in ("/cell/scene", "/cell/collisions", "'odom'", "at 20 Hz", " /diagnostics"):
-        assert word in lines[-1]
+        assert word in ready
 
 
 def test_a_wrong_parameter_stops_the_start_with_the_reason() -> None:
