@@ -18,7 +18,6 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Any
 
 import pytest
 from pages import PAGES, ROOT, page_name, table_rows
@@ -29,7 +28,7 @@ from obb_collision.geometry.representations import memory_table
 from obb_collision.scene.effects import EFFECTS
 
 README = ROOT / "README.md"
-NODE, LIBRARY, NUMERICS = (ROOT / "docs" / f"{name}.md" for name in ("node", "library", "numerics"))
+LIBRARY, NUMERICS = (ROOT / "docs" / f"{name}.md" for name in ("library", "numerics"))
 
 
 def test_the_readme_is_short() -> None:
@@ -89,51 +88,6 @@ def test_the_readme_repeats_what_other_pages_measured() -> None:
     for name, ours, textbook, *peers in table_rows(README, "### It is right"):
         row = right[name]
         assert [ours, textbook, *peers] == [row[2], row[5], *row[7:]]
-
-
-def test_the_parameters_are_those_of_the_node() -> None:
-    pytest.importorskip("rclpy")
-    from obb_collision.node.parameters.parameters import SPECS
-
-    expected = []
-    for spec in SPECS:
-        allowed = ", ".join(f"`{choice}`" for choice in spec.choices)
-        if spec.limits is not None:
-            allowed = f"{spec.limits[0]:g} to {spec.limits[1]:g}"
-        expected.append([f"`{spec.name}`", f"`{spec.default}`", allowed, spec.description])
-    assert table_rows(NODE, "## Parameters") == expected
-
-
-def test_the_named_rows_are_those_of_the_readers() -> None:
-    pytest.importorskip("rclpy")
-    from obb_collision.node.topics import records
-
-    rows: dict[str, Any] = {
-        "named_pairs": records.NamedPair,
-        "named_contacts": records.NamedContact,
-        "named_clearances": records.NamedClearance,
-        "named_predictions": records.NamedPrediction,
-        "named_points_inside": records.NamedPoints,
-    }
-    found = {row[0].strip("`"): row[2] for row in table_rows(NODE, "### Rows with names")}
-    assert set(found) == {*rows, "named_passed_collisions"}
-    for name, row in rows.items():
-        assert tuple(re.findall(r"`(\w+)`", found[name])) == row._fields
-
-
-def test_the_recording_leaves_out_what_is_computed_for_subscribers() -> None:
-    pytest.importorskip("rclpy")
-    from obb_collision.node.topics.topics import NAMESPACES, TOPICS
-
-    (pattern,) = re.findall(r"--exclude-regex '(.*)'", NODE.read_text(encoding="utf-8"))
-    names = {
-        effect: "/cell/" + topic.name.replace("~", "obb_collision")
-        for effect, topic in TOPICS.items()
-    }
-    left_out = {effect for effect, name in names.items() if re.search(pattern, name)}
-    assert left_out == {"text", "contacts", "clearance", "sweep", "points", "markers"}
-    rows = {row[0].strip("`") for row in table_rows(NODE, "## Topics out")}
-    assert rows == {topic.name for topic in (*TOPICS.values(), NAMESPACES)}
 
 
 def test_the_rosdep_line_allows_what_comes_from_pypi() -> None:
