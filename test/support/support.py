@@ -23,6 +23,8 @@ from numpy.typing import NDArray
 
 from obb_collision.benchmarks.cases.families import generate
 from obb_collision.geometry.boxes import Boxes
+from obb_collision.geometry.validation import orthonormal_defect
+from obb_collision.numerics.constants import ROUNDOFF
 from obb_collision.queries.verdict.penetration import witness_kernel
 from obb_collision.typing import Floats
 
@@ -70,3 +72,14 @@ def witnesses(a: Boxes, b: Boxes) -> tuple[Floats, Floats]:
     gaps, axes, points = np.empty(len(a)), np.empty((len(a), 3)), np.empty((len(a), 3))
     witness_kernel(*stored(boxes), pairs, gaps, axes, points)
     return gaps, axes
+
+
+def loosened(rotations: Floats, rng: np.random.Generator) -> Floats:
+    """Stretch, skew and jitter axes until R^T R - I reaches up to 64 unit roundoffs."""
+    n = len(rotations)
+    stretched = 1.0 + rng.uniform(-20.0, 20.0, (n, 1, 3)) * ROUNDOFF
+    result = rotations * stretched + rng.uniform(-18.0, 18.0, (n, 3, 3)) * ROUNDOFF
+    too_loose = np.abs(orthonormal_defect(result)) > 60.0 * ROUNDOFF
+    result[too_loose] = rotations[too_loose]
+    assert too_loose.mean() < 0.7
+    return result
