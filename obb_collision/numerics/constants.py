@@ -14,9 +14,8 @@
 
 """Constants that several modules share: the rounding unit, error bounds, limits.
 
-Error bounds are multiples of ROUNDOFF. How each is derived, and the largest error seen against it,
-stands in ``docs/numerics.md``. Bounds that one module alone uses stand there, beside what they
-bound.
+Error bounds are multiples of ROUNDOFF. Their derivations, and the tests that measure the errors,
+are listed in ``docs/numerics.md``. A bound of a single module is a constant of that module.
 """
 
 from __future__ import annotations
