@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from obb_collision._jit import njit
 from obb_collision.geometry.aabb import AABB, CORNER_SIGNS
-from obb_collision.geometry.kinds import check_kind, taken
+from obb_collision.geometry.kinds import check_kind, select_rows
 from obb_collision.geometry.poses import as_poses, quaternions_from_matrices
 from obb_collision.geometry.validation import (
     as_any_array,
@@ -195,12 +195,12 @@ class Boxes:
 
     def row(self, index: int | np.integer) -> tuple[Floats, Floats, Floats]:
         """Return centre (3,), rotation (3, 3) and half extents (3,) of one box, as views."""
-        center = taken(self.centers, index, "index", 1)
+        center = select_rows(self.centers, index, "index", 1)
         return center, self.rotations[index], self.half_extents[index]
 
     def take(self, rows: NDArray[np.int64] | NDArray[np.bool_] | slice) -> Boxes:
         """Return the boxes of an index array or mask, in that order."""
-        centers = taken(self.centers, rows, "rows", 2)
+        centers = select_rows(self.centers, rows, "rows", 2)
         return Boxes.trusted(centers, self.rotations[rows], self.half_extents[rows])
 
     @property

@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from obb_collision.geometry.kinds import taken
+from obb_collision.geometry.kinds import select_rows
 from obb_collision.geometry.validation import as_array, as_half_extents
 from obb_collision.typing import Floats
 
@@ -115,7 +115,7 @@ class Capsules:
         return len(self.starts)
 
     def __getitem__(self, rows: slice | Sequence[int] | NDArray[Any]) -> Capsules:
-        starts = taken(self.starts, rows, "rows", 2)
+        starts = select_rows(self.starts, rows, "rows", 2)
         return Capsules.trusted(starts, self.ends[rows], self.radii[rows])
 
     def __eq__(self, other: object) -> bool:

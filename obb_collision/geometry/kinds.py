@@ -37,15 +37,15 @@ def as_flag(value: object, name: str) -> bool:
     return bool(value)
 
 
-def taken(array: NDArray[Any], rows: Any, name: str, kept: int) -> NDArray[Any]:
+def select_rows(array: NDArray[Any], rows: Any, name: str, dimensions: int) -> NDArray[Any]:
     """Return the rows that an index array, a mask or a single index selects.
 
-    kept: dimensions that the result must have. Raises ValueError naming the argument otherwise.
+    dimensions: of the result. Raises ValueError naming the argument otherwise.
     """
     try:
         found: NDArray[Any] = array[rows]
     except (IndexError, TypeError, ValueError, OverflowError) as error:
         raise ValueError(f"{name} must be rows of {len(array)}: {error}") from None
-    if not isinstance(found, np.ndarray) or found.ndim != kept:
+    if not isinstance(found, np.ndarray) or found.ndim != dimensions:
         raise ValueError(f"{name} must be rows of {len(array)}, got {shown(rows)}")
     return found

@@ -164,7 +164,7 @@ def read_mesh(data: bytes, name: str) -> tuple[Floats, Triangles]:
     """
     kind = Path(name).suffix.lower()[1:]
     if not kind:
-        raise ValueError("its name has no suffix that says what type it is")
+        raise ValueError("its name has no suffix, which gives the type")
     if kind == "dae" and importlib.util.find_spec("collada") is None:
         raise ValueError("reading DAE needs the package pycollada")
     if kind in XML_TYPES and _has_document_type(data):

@@ -187,7 +187,7 @@ class Mesh(_Cloud):
         a scene are joined, each where the scene puts it. Lengths are metres; a file that names
         another unit (DAE) is converted. Only the file itself is read: no materials, textures or
         buffers in other files. Raises ValueError naming the file where it is missing, no regular
-        file, larger than a gigabyte, can't be read or holds no vertices.
+        file, larger than a gigabyte, can't be read or contains no vertices.
         """
         check_kind(path, str, "path", PathLike)
         file = resolve_path(path)

@@ -98,7 +98,7 @@ def _edges(faces: Integers) -> Integers:
 
 
 def _edge_keys(edges: Integers) -> Integers:
-    """Return one number (k,) for the two ends (k, 2) of an edge, whatever its direction."""
+    """Return one number (k,) for the two ends (k, 2) of an edge, independent of direction."""
     keys: Integers = (edges.min(axis=1) << 32) | edges.max(axis=1)
     return keys
 
