@@ -36,7 +36,7 @@ CONFIG = PathJoinSubstitution([FindPackageShare("obb_collision"), "config"])
 
 def generate_launch_description() -> LaunchDescription:
     """Describe the arguments, and what they start."""
-    as_in_file = "Empty: as in params_file."
+    as_in_file = "Empty: leaves params_file as it is."
     return LaunchDescription(
         [
             DeclareLaunchArgument(
@@ -50,7 +50,7 @@ def generate_launch_description() -> LaunchDescription:
             DeclareLaunchArgument(
                 "scene_file",
                 default_value="",
-                description="Scene file to begin with: a path, or tabletop, warehouse, lidar_zone. "
+                description="Initial scene file: a path, or tabletop, warehouse, lidar_zone. "
                 + as_in_file,
             ),
             DeclareLaunchArgument(
@@ -62,7 +62,7 @@ def generate_launch_description() -> LaunchDescription:
                 "use_sim_time",
                 default_value="",
                 choices=["", "true", "false"],
-                description="Take stamps and ages, and RViz its time, from /clock. " + as_in_file,
+                description="Use /clock for stamps, ages and RViz. " + as_in_file,
             ),
             DeclareLaunchArgument(
                 "log_level", default_value="info", description="debug, info, warn, error or fatal."

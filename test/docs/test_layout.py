@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 import ast
+import re
 from pathlib import Path
 
 from pages import ROOT, code_blocks
@@ -57,3 +58,13 @@ def test_every_folder_says_in_one_line_what_it_is() -> None:
     for line in tree():
         assert len(line) <= 100, line
         assert line.endswith("."), line
+
+
+def test_files_that_are_named_exist_and_those_beside_the_folders_are_named() -> None:
+    text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    named = re.findall(r"`((?:obb_collision|test|docs)/[\w./]+)`", text)
+    assert "obb_collision/queries/sweep/sweep.py" in named
+    for path in named:
+        assert (ROOT / path).exists(), path
+    for file in set(PACKAGE.glob("*.py")) - {PACKAGE / "__init__.py"}:
+        assert f"`{file.name}`" in text, file.name
