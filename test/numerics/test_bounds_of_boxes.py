@@ -16,8 +16,10 @@
 from __future__ import annotations
 
 from fractions import Fraction
+from typing import Any
 
 import numpy as np
+import pytest
 from distances import box, squared_distance
 from error_bounds import (
     Moved,
@@ -33,6 +35,8 @@ from error_bounds import (
     root,
     taxicab,
 )
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from oracle import Box
 from overlap_oracle import overlap_volume
 from support import family, joined, stored, witnesses
@@ -209,6 +213,26 @@ def test_witnesses(record_property: Record) -> None:
             for gap, pair in zip(gaps.tolist(), pairs, strict=True)
         ],
     )
+
+
+numbers = st.floats(-1e300, 1e300)
+half_extents = st.tuples(*3 * [st.floats(0.0, 1e300)])
+quaternions = st.tuples(*4 * [st.floats(-1.0, 1.0)]).filter(any)
+poses = st.tuples(numbers, numbers, numbers, quaternions)
+
+
+@pytest.mark.filterwarnings("ignore:.*far from unit length")
+@settings(max_examples=200)
+@given(poses, half_extents, poses, half_extents)
+def test_witnesses_of_any_doubles(one: Any, half: Any, other: Any, other_half: Any) -> None:
+    """From subnormal sizes to 1e300, where numbers over- or underflow first."""
+    a, b = (
+        Boxes.from_poses([(*pose[:3], *pose[3])], [extents])
+        for pose, extents in ((one, half), (other, other_half))
+    )
+    (gap,), _ = witnesses(a, b)
+    row = a.row(0), b.row(0)
+    assert abs(Fraction(float(gap)) - max(exact_gaps(*row))) <= careful_bound(*row)
 
 
 def test_gap_bounds_and_best_faces(record_property: Record) -> None:
