@@ -22,6 +22,12 @@ from __future__ import annotations
 
 import signal
 import sys
+
+if __name__ == "__main__":  # first of all, for what is imported next
+    from obb_collision.node.runtime.environment import end_at_once_on_signals
+
+    end_at_once_on_signals()
+
 from collections.abc import Sequence
 
 from obb_collision.cli import Parser

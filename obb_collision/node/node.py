@@ -19,6 +19,11 @@
 
 from __future__ import annotations
 
+if __name__ == "__main__":  # first of all: the imports take a second
+    from obb_collision.node.runtime.environment import end_at_once_on_signals
+
+    end_at_once_on_signals()
+
 from collections.abc import Callable, Mapping, Sequence
 from importlib.metadata import version
 from time import perf_counter
@@ -89,12 +94,12 @@ class CollisionNode(Node):
     def _set_up(self, frames: FrameSource | None, ending: Callable[[], bool]) -> None:
         """Make all parts, compile what is needed, and begin."""
         start = perf_counter()
-        self.guard = Guard(self._complain, self.context.ok)
+        self.guard = Guard(self._log_error, self.context.ok)
         self.parameters = Parameters(self)
         scene_file = self._read_scene_file()
         fixed_frame = self.parameters.fixed_frame
         self._frames = frames if frames is not None else make_frames(self, fixed_frame)
-        self._monitors = {topic: InputMonitor(topic, self._warn) for topic in INPUTS}
+        self._monitors = {topic: InputMonitor(topic, self._log_warning) for topic in INPUTS}
         self._outputs = Outputs(self, self.parameters, self.guard)
         self.objects = Objects(fixed_frame, self._frames, self.guard)
         self.inputs = Inputs(
@@ -104,7 +109,9 @@ class CollisionNode(Node):
             lambda: self.parameters.mode("sweep") != OFF,
             self.guard,
         )
-        self._warm = WarmUp(self._say, self._warn, lambda: ending() or not self.context.ok())
+        self._warm = WarmUp(
+            self._log_info, self._log_warning, lambda: ending() or not self.context.ok()
+        )
         self._settings = SceneSettings(self.parameters, self.objects, self._warm)
         self._settings.allowed = [] if scene_file is None else scene_file.allowed()
         self._effects = Effects(self.parameters, self._outputs.publishers, self._warm)
@@ -144,10 +151,10 @@ class CollisionNode(Node):
             refused = scene_file.add_to(self.objects, self._now())
             if refused:
                 count = len(refused)
-                self._warn(
+                self._log_warning(
                     f"{self.parameters.scene_file}: {count} objects not checked: {refused[0]}"
                 )
-        self._qos = QosWatch(self, self._warn)
+        self._qos = QosWatch(self, self._log_warning)
         self.create_timer(
             DIAGNOSTICS_PERIOD,
             lambda: self.guard.run("diagnostics", self._publish_diagnostics),
@@ -173,7 +180,7 @@ class CollisionNode(Node):
             f"ready: fixed frame '{fixed_frame}', frames by {self._frames.description}; "
             f"trigger {self.parameters.trigger} at {self.parameters.rate:g} Hz; backend numba "
             f"{version('numba')}, kernels ready in {perf_counter() - start:.1f} s; "
-            f"in: {_topics(self._subscribed.open)}; out: {_topics(self._outputs.ends)}"
+            f"in: {_topic_names(self._subscribed.open)}; out: {_topic_names(self._outputs.ends)}"
         )
 
     def _read_scene_file(self) -> SceneFile | None:
@@ -182,15 +189,15 @@ class CollisionNode(Node):
             return None
         description = describe_scene(find_scene(self.parameters.scene_file))
         for note in description.notes:
-            self._say(f"{self.parameters.scene_file}: {note}")
+            self._log_info(f"{self.parameters.scene_file}: {note}")
         found = SceneFile(description)
-        self.parameters.suppose(found.parameters())
+        self.parameters.override_defaults(found.parameters())
         return found
 
     def _make_subscriptions(self) -> Subscriptions:
-        takers = {**self.inputs.takers(), "points": self._obstacles.take}
-        stored = {topic: self._storing(topic, take) for topic, take in takers.items()}
-        return Subscriptions(self, stored, self._monitors, self._arrived)
+        callbacks = {**self.inputs.callbacks(), "points": self._obstacles.take}
+        guarded = {topic: self._guarded(topic, take) for topic, take in callbacks.items()}
+        return Subscriptions(self, guarded, self._monitors, self._arrived)
 
     def _arrived(self, topic: str) -> None:
         """Start a cycle for a message, if it calls for one."""
@@ -211,8 +218,8 @@ class CollisionNode(Node):
         """Return whether the node subscribes to an input."""
         return topic != "points" or self.parameters.mode("points") != OFF
 
-    def _storing(self, topic: str, take: Callable[[Any], None]) -> Callable[[Any], None]:
-        """Return what stores a message; one that fails is counted."""
+    def _guarded(self, topic: str, take: Callable[[Any], None]) -> Callable[[Any], None]:
+        """Return a callback that counts messages on which ``take`` fails."""
 
         def store(message: Any) -> None:
             if not self.guard.run(f"input {topic}", lambda: take(message)):
@@ -259,7 +266,7 @@ class CollisionNode(Node):
         return isinstance(clock, ROSClock) and clock.ros_time_is_active
 
     def _look_at_clock(self, jump: TimeJump) -> None:
-        """Find a jump as soon as rclpy tells of it; it does so of a simulation's only."""
+        """Detect a jump as soon as rclpy reports it, which it does for simulated time only."""
         self._now()
 
     def _run_cycle(self) -> None:
@@ -268,20 +275,20 @@ class CollisionNode(Node):
         self.guard.run("output collision_status", lambda: self._update_status(cycle=True))
 
     def _update_status(self, cycle: bool = False) -> None:
-        """Say what is known of collisions now; cycle: a cycle has just come to its end."""
+        """Publish what is known of collisions now; cycle: a cycle has just ended."""
         if self.status.is_off:
             return
         ran, timeout = self.cycle, self.parameters.object_timeout
         known = answer(self.objects, ran.report, ran.enabled, ran.failed, self._now(), timeout)
         self.status.update(known, cycle)
 
-    def _say(self, text: str) -> None:
+    def _log_info(self, text: str) -> None:
         self.get_logger().info(text)
 
-    def _warn(self, text: str) -> None:
+    def _log_warning(self, text: str) -> None:
         self.get_logger().warning(text)
 
-    def _complain(self, text: str) -> None:
+    def _log_error(self, text: str) -> None:
         self.get_logger().error(text)
 
     def _count_notes(self) -> None:
@@ -344,7 +351,7 @@ class CollisionNode(Node):
         self.cycle.report = None
         self.guard.run("output collision_status", self._update_status)
         response.success = True
-        response.message = "checking" if request.data else "not checking; states are still taken"
+        response.message = "checking" if request.data else "not checking; states are still stored"
         self.get_logger().info(response.message)
         return response
 
@@ -352,9 +359,9 @@ class CollisionNode(Node):
         self.guard.run("clock jump", lambda: self._take_jump(shift))
 
     def _take_jump(self, shift: int) -> None:
-        self._warn(
+        self._log_warning(
             f"the clock jumped by {shift / NANOSECONDS:+.3f} s: ages and lifetimes of "
-            f"{len(self.objects.table)} objects go on from the new time, stamps may begin anew"
+            f"{len(self.objects.table)} objects continue from the new time; stamps may restart"
         )
         self.inputs.markers.clock_jumped(shift)
         self.objects.clock_jumped(shift)
@@ -363,14 +370,14 @@ class CollisionNode(Node):
             monitor.clock_jumped(shift)
 
     def destroy_node(self) -> None:
-        """Say that nothing is known any more, and end, with all other processes."""
+        """Publish that nothing is known any more, and end, with all other processes."""
         for name in ("status", "_warm", "objects"):
             if hasattr(self, name):  # not where the start failed before
                 getattr(self, name).close()
         super().destroy_node()
 
 
-def _topics(ends: Mapping[str, Any]) -> str:
+def _topic_names(ends: Mapping[str, Any]) -> str:
     return " ".join(end.topic_name for end in ends.values())
 
 

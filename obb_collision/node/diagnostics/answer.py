@@ -49,7 +49,8 @@ class Answer:
 
     pairs: colliding ones, of the last check. unknown: why nothing is known at all, "" if something
     is; seconds: for how long, 0 where that says nothing. missing: objects without a box, so that
-    nothing is known of them. stamp: of the newest state evaluated (ns), 0 for none.
+    nothing is known of them. late: objects that take part where they were, while newer states of
+    theirs could not be placed in time. stamp: of the newest state evaluated (ns), 0 for none.
     """
 
     pairs: int = 0
@@ -57,6 +58,8 @@ class Answer:
     seconds: float = 0.0
     missing: int = 0
     names_missing: tuple[str, ...] = ()
+    late: int = 0
+    names_late: tuple[str, ...] = ()
     stale: int = 0
     names_stale: tuple[str, ...] = ()
     doubtful: int = 0
@@ -72,7 +75,7 @@ class Answer:
             return bytes(UNKNOWN)
         if self.pairs:
             return bytes(COLLIDING)
-        return bytes(UNKNOWN if self.missing else FREE)
+        return bytes(UNKNOWN if self.missing or self.late else FREE)
 
     def flag(self, unknown_is_collision: bool) -> bool:
         """Return what ``in_collision`` says."""
@@ -81,7 +84,7 @@ class Answer:
     @property
     def kind(self) -> tuple[object, ...]:
         """What is told at once when it changes: the rest may wait a moment."""
-        return self.level, self.unknown, bool(self.missing), bool(self.stale)
+        return self.level, self.unknown, bool(self.missing), bool(self.late), bool(self.stale)
 
     @property
     def message(self) -> str:
@@ -92,10 +95,11 @@ class Answer:
             last = " at the last check" if self.unknown else ""
             number = f"at least {self.pairs}" if self.more else str(self.pairs)
             parts.append(f"{number} pair{'s collide' if self.pairs > 1 else ' collides'}{last}")
-        elif not (self.unknown or self.missing):
+        elif not (self.unknown or self.missing or self.late):
             parts.append("free")
         for count, names, what in (
             (self.missing, self.names_missing, "without a box (not checked)"),
+            (self.late, self.names_late, "not placed in time"),
             (self.stale, self.names_stale, "stale"),
         ):
             if count:
@@ -116,6 +120,7 @@ class Answer:
             ("stale", self.stale),
             ("doubtful", self.doubtful),
             ("unplaceable", self.missing),
+            ("not placed in time", self.late),
             ("in_collision", self.flag(unknown_is_collision)),
             ("unknown_is_collision", unknown_is_collision),
         ]
@@ -147,11 +152,15 @@ def answer(
     placed, waiting = table.visible, table.live & ~table.visible
     stale = table.live & table.stale
     missing = int(np.count_nonzero(waiting)) + len(objects.unplaceable)
+    # a stale object that is ignored takes part in nothing, wherever it is
+    late = placed & table.frame_refused & ~(stale & objects.placement.ignore_stale)
     known = Answer(
         pairs=0 if report is None else report.total,
         more=report is not None and report.truncated,
         missing=missing,
         names_missing=(*_names(objects, waiting), *_unplaceable(objects)),
+        late=int(np.count_nonzero(late)),
+        names_late=_names(objects, late),
         stale=int(np.count_nonzero(stale)),
         names_stale=_names(objects, stale),
         doubtful=int(np.count_nonzero(table.doubtful)),

@@ -67,7 +67,9 @@ class QosWatch:
         found = {topic: self._reasons(end) for topic, end in ends.items()}
         for topic, reasons in found.items():
             if len(reasons) > self.mismatches.get(topic, 0):
-                self._warn(f"{topic}: no data flows, for QoS or type differ: {reasons[-1]}")
+                self._warn(
+                    f"{topic}: incompatible QoS or message type, no data exchanged: {reasons[-1]}"
+                )
         self.mismatches = {topic: len(reasons) for topic, reasons in found.items()}
 
     def _reasons(self, end: Publisher | Subscription) -> list[str]:

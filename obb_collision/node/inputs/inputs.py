@@ -63,8 +63,8 @@ class Inputs:
         self._wants_twists = wants_twists
         self.markers = MarkerInput(objects, monitors["objects"], clock, guard)
 
-    def takers(self) -> dict[str, Callable[[Any], None]]:
-        """Return what takes the messages of each topic; those of ``objects`` serialised."""
+    def callbacks(self) -> dict[str, Callable[[Any], None]]:
+        """Return the callback per input topic; that of ``objects`` takes serialised messages."""
         return {
             "objects": self.markers.take,
             "object_transform": self._in_order(self.take_transform),
@@ -73,7 +73,7 @@ class Inputs:
         }
 
     def _in_order(self, take: Callable[[Any], None]) -> Callable[[Any], None]:
-        """Return what takes messages once the markers are applied that came before."""
+        """Return a callback that first applies the markers that came before its message."""
 
         def apply_and_take(message: Any) -> None:
             self.markers.apply()

@@ -59,17 +59,17 @@ INPUTS = {
 class Subscriptions:
     """Subscribes to inputs, and gives up those that nobody wants.
 
-    takers: store the messages of each topic; arrived: called with the topic once one is stored.
+    callbacks: callback per input topic; arrived: called with the topic once a message is stored.
     """
 
     def __init__(
         self,
         node: Node,
-        takers: Mapping[str, Callable[[Any], None]],
+        callbacks: Mapping[str, Callable[[Any], None]],
         monitors: Mapping[str, InputMonitor],
         arrived: Callable[[str], None],
     ) -> None:
-        self._node, self._takers, self._monitors = node, takers, monitors
+        self._node, self._callbacks, self._monitors = node, callbacks, monitors
         self._arrived = arrived
         self._oldest = 0
         self.open: dict[str, Subscription] = {}
@@ -110,7 +110,7 @@ class Subscriptions:
         received = info.get("received_timestamp") or 0  # some middlewares don't say
         if received and (received < self._oldest or not self._oldest):
             self._oldest = received
-        self._takers[topic](message)
+        self._callbacks[topic](message)
 
     def _subscribe(self, topic: str) -> Subscription:
         kind, depth, reliability, raw = INPUTS[topic]

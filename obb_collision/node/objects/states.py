@@ -33,9 +33,9 @@ FAR = "quaternion far from unit length"
 """Doubt: its length is more than 0.1 off 1; it is normalised."""
 AHEAD = "stamp from the future"
 """Doubt: a state's stamp is ahead of the node's clock by more than the tolerance."""
-ANEW = "stamps began anew"
-"""Doubt: a state is older than the one before, which came so long ago that its sender must have
-started again."""
+ANEW = "stamps restarted"
+"""Doubt: a state is older than the one before, received so long ago that its sender must have
+restarted."""
 
 
 @dataclass(frozen=True)

@@ -66,7 +66,7 @@ class CollisionStatus:
         self._now, self._steady = now, steady
         self._lock = threading.RLock()
         self._answer = Answer()
-        self._said: tuple[object, ...] | None = None
+        self._published: tuple[object, ...] | None = None
         self._flag: bool | None = None
         self._sent = self._alive = steady()
         self._closed = threading.Event()
@@ -79,7 +79,7 @@ class CollisionStatus:
 
     def begin(self) -> None:
         """Say that nothing is known yet."""
-        self._say(Answer())
+        self._publish(Answer())
 
     def start(self) -> None:
         """Watch over the cycles from now on."""
@@ -92,14 +92,14 @@ class CollisionStatus:
         with self._lock:
             if cycle:
                 self._alive = self._steady()
-            self._say(answer, beat=cycle)
+            self._publish(answer, beat=cycle)
 
     def close(self) -> None:
         """Say that the node ends, and nothing after that."""
         try:
             with self._lock:
                 if not self._closed.is_set():
-                    self._say(self._answer.without(STOPPING))
+                    self._publish(self._answer.without(STOPPING))
                     self._closed.set()
             for name in (STATUS, FLAG):
                 self._publishers[name].wait_for_all_acked(Duration(seconds=FAREWELL))
@@ -124,7 +124,7 @@ class CollisionStatus:
             if blocked and known.unknown != STARTING:
                 known = known.without(BLOCKED, silent)
             if blocked or self._steady() - self._sent >= 1.5 * PERIOD:
-                self._say(known, keep=not blocked)
+                self._publish(known, keep=not blocked)
 
     def _watch(self) -> None:
         while not self._closed.wait(PERIOD):
@@ -136,7 +136,7 @@ class CollisionStatus:
                 except Exception:  # the context is gone: nothing more can be said
                     return
 
-    def _say(self, answer: Answer, beat: bool = False, keep: bool = True) -> None:
+    def _publish(self, answer: Answer, beat: bool = False, keep: bool = True) -> None:
         """Publish what is called for; keep: as what is known, not in place of it for now.
 
         beat: with every call, for the flag, as it is published every cycle while subscribed.
@@ -148,7 +148,7 @@ class CollisionStatus:
                 self._answer = answer
             unknown_counts = self._parameters.unknown_is_collision
             kind = (*answer.kind, unknown_counts)
-            changed, self._said = kind != self._said, kind
+            changed, self._published = kind != self._published, kind
             self._publish_status(answer, changed, unknown_counts)
             self._publish_flag(answer.flag(unknown_counts), beat)
 

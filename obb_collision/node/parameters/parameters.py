@@ -68,7 +68,7 @@ class Parameters:
     scene_file: str
 
     def __init__(self, node: Node) -> None:
-        """Declare all; an override that can't be used stops the node with the reason."""
+        """Declare all; an invalid override ends the node with the reason."""
         self.on_change: Callable[[], object] = lambda: None
         self._node = node
         self._values: dict[str, Any] = {}
@@ -94,11 +94,8 @@ class Parameters:
         keys = ("objects", *EFFECTS[effect].options)
         return {key: self._values[option_name(effect, key)] for key in keys}
 
-    def suppose(self, values: Mapping[str, Any]) -> None:
-        """Give values to the parameters that are at their defaults.
-
-        Raises ValueError for what can't be used.
-        """
+    def override_defaults(self, values: Mapping[str, Any]) -> None:
+        """Set the parameters that are at their defaults; ValueError for an invalid value."""
         defaults = {spec.name: spec.read(spec.default) for spec in SPECS}
         new = [
             Parameter(name, value=value)
@@ -119,7 +116,7 @@ class Parameters:
 
 
 def check_parameters(parameters: Sequence[Parameter]) -> SetParametersResult:
-    """Refuse what can't be used, with the reason; all of a set or none."""
+    """Refuse invalid values with the reason; all of a set or none."""
     specs = {spec.name: spec for spec in SPECS}
     for parameter in parameters:
         if not parameter.name:  # rclpy takes it for declared
@@ -128,7 +125,7 @@ def check_parameters(parameters: Sequence[Parameter]) -> SetParametersResult:
             continue
         try:
             if parameter.value is None:
-                raise ValueError(f"{parameter.name} can't be taken away")
+                raise ValueError(f"{parameter.name} cannot be removed")
             specs[parameter.name].read(parameter.value)
         except Exception as error:  # whatever a value makes its reader raise: it is refused
             return SetParametersResult(successful=False, reason=str(error))

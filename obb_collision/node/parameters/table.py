@@ -38,17 +38,18 @@ GENERAL = (
     Spec(
         "trigger",
         "timer",
-        "What starts a cycle. timer: every 1/rate. arrival: every input message at once, but not "
-        "sooner than min_period after the last cycle, and 1/rate after the last cycle without any.",
+        "What starts a cycle. timer: every 1/rate. arrival: every input message, at least "
+        "min_period after the previous cycle; without messages, 1/rate after it.",
         choices=("timer", "arrival"),
     ),
     Spec(
         "min_period",
         0.002,
-        "With trigger arrival: least time between two cycles (s), so that a burst is taken whole.",
+        "Minimum time between two cycles with trigger arrival (s), so that a burst of messages is "
+        "processed together.",
         (0.0, 1.0),
     ),
-    Spec("padding", 0.0, "Every box is grown by this on every side (m).", (0.0, 1000.0)),
+    Spec("padding", 0.0, "Every box is enlarged by this on every side (m).", (0.0, 1000.0)),
     Spec(
         "object_timeout",
         0.0,
@@ -58,37 +59,37 @@ GENERAL = (
     Spec(
         "stale_policy",
         "keep",
-        "What becomes of stale objects. keep: they go on colliding where they were last. ignore: "
-        "they take part in no pair. Either way they are grey and counted in /diagnostics.",
+        "What happens to stale objects. keep: they continue to collide at their last pose. ignore: "
+        "they are in no pair. In both cases they are grey and counted in /diagnostics.",
         choices=("keep", "ignore"),
     ),
     Spec(
         "transform_timeout",
         0.2,
-        "How long a state may wait for its frame's transform before it counts as refused (s). Of "
-        "each object the newest state that can be placed is; the latest one is tried again and "
-        "again.",
+        "How long a state may wait for its frame's transform before it is refused (s). The newest "
+        "state of each object that has a transform is used; the latest one is retried. Until a "
+        "state of an object in use is placed again, collision_status is STALE.",
         (0.0, 60.0),
     ),
     Spec(
         "stamp_tolerance",
         0.5,
-        "A stamp further than this ahead of the node's clock is not believed (s): the state is "
-        "used, but its object is grey and counted, and no output carries the stamp.",
+        "A stamp further than this ahead of the node's clock is not trusted (s): the state is "
+        "used, but its object is grey and counted, and the stamp is not published.",
         (0.0, 1.0e6),
     ),
     Spec(
         "order_timeout",
         1.0,
-        "A state with an older stamp than its object's latest is refused, unless that one came "
-        "longer ago than this (s): then its sender has begun anew.",
+        "A state with an older stamp than its object's latest is refused, unless the latest was "
+        "received longer ago than this (s): then its sender has restarted.",
         (0.0, 1.0e6),
     ),
     Spec(
         "cycle_timeout",
         0.5,
-        "A cycle that ends this much (s) later than 1/rate after the one before is blocked: what "
-        "collides is then not known.",
+        "Cycles are blocked if none ends within 1/rate and this (s): it is then not known what "
+        "collides.",
         (0.05, 3600.0),
     ),
     Spec(
@@ -99,56 +100,70 @@ GENERAL = (
     Spec(
         "shape_timeout",
         60.0,
-        "Time that a shape of points or a mesh file may take to build (s), beside the cycles. One "
+        "Maximum time to build a shape of points or a mesh file, in a separate process (s). One "
         "that takes longer is refused.",
         (0.1, 3600.0),
     ),
     Spec(
         "shape_memory",
         2000,
-        "Memory that the process that builds shapes may take for one (MB). One that needs more is "
+        "Maximum memory of the process that builds shapes (MB). A shape that needs more is "
         "refused. A million triangles take 1000.",
         (50, 1000000),
     ),
     Spec(
         "shape_queue",
         512,
-        "Points and embedded mesh files that wait to be built (MB). What is beyond is refused.",
+        "Maximum size of the points and embedded mesh files that wait to be built (MB). More are "
+        "refused.",
         (1, 1000000),
     ),
-    Spec("mesh_file_size", 1000, "Mesh files larger than this are refused (MB).", (1, 1000000)),
-    Spec("max_objects", 20000, "Objects beyond this many are refused.", (1, 1000000)),
+    Spec(
+        "mesh_file_size",
+        1000,
+        "Maximum size of a mesh file (MB). Larger ones are refused.",
+        (1, 1000000),
+    ),
+    Spec("max_objects", 20000, "Maximum number of objects. More are refused.", (1, 1000000)),
     Spec(
         "max_pairs",
         10000,
-        "Colliding pairs reported at most, those of the objects that came first; how many there "
-        "are at least is stated, and all objects that collide are marked as such.",
+        "Maximum number of colliding pairs reported, those of the objects added first. A lower "
+        "bound of their total is reported, too, and every colliding object is marked.",
         (1, 10000000),
     ),
-    Spec("max_text_pairs", 100, "Pairs named in collisions_text; the total is stated.", (0, 10000)),
+    Spec(
+        "max_text_pairs",
+        100,
+        "Maximum number of pairs in collisions_text; the total is reported.",
+        (0, 10000),
+    ),
     Spec("marker_rate", 10.0, "Publications of ~/markers per second (Hz). 0: none.", (0.0, 100.0)),
     Spec(
         "marker_lifetime",
         1.0,
-        "Lifetime of the markers (s), after which RViz drops those of a node that is gone. 0: for "
-        "ever.",
+        "Lifetime of the markers (s), after which RViz removes those of a node that has ended. 0: "
+        "no limit.",
         (0.0, 3600.0),
     ),
     Spec(
         "marker_form",
         "auto",
-        "cubes: one CUBE an object. lines: all edges in one LINE_LIST a colour. auto: lines above "
-        "marker_max_cubes objects.",
+        "cubes: one CUBE per object. lines: all edges in one LINE_LIST per colour. auto: lines "
+        "above marker_max_cubes objects.",
         choices=("auto", "cubes", "lines"),
     ),
     Spec(
-        "marker_max_cubes", 200, "With marker_form auto: most objects drawn as CUBE.", (0, 100000)
+        "marker_max_cubes",
+        200,
+        "Maximum number of objects drawn as CUBE with marker_form auto.",
+        (0, 100000),
     ),
     Spec("marker_line_width", 0.01, "Width of the lines in LINE_LIST markers (m).", (0.0001, 10.0)),
     Spec(
         "warn_period",
         5.0,
-        "Least time between two warnings about one topic for the same reason (s).",
+        "Minimum time between two warnings about one topic for the same reason (s).",
         (0.0, 3600.0),
     ),
 )
@@ -157,36 +172,43 @@ ACCURACY = (
     Spec(
         "accuracy",
         "obb",
-        "How closely a pair is looked at, cheap to exact; above obb meshes only, see above.",
+        "Collision test per pair, cheapest first. Levels above obb refine pairs that involve "
+        "shapes other than boxes.",
         choices=ALL_LEVELS,
     ),
     Spec(
         "accuracy_overrides",
         [""],
-        "Objects with an accuracy of their own: 'gripper/*: mesh' by pattern of names, or "
-        "'gripper=mesh' by namespace. The last one that fits counts.",
+        "Accuracy of some objects: 'gripper/*: mesh' by name or pattern, or 'gripper=mesh' by "
+        "namespace. The last one that matches an object is used.",
         entry=override_from_text,
         most=MAX_OVERRIDES,
     ),
-    Spec("tree_depth", DEFAULT_DEPTH, "Accuracy obb_tree: at most 2^depth boxes a mesh.", (0, 20)),
+    Spec(
+        "tree_depth",
+        DEFAULT_DEPTH,
+        "Maximum depth of the trees of obb_tree: 2^depth boxes per mesh.",
+        (0, 20),
+    ),
     Spec(
         "time_budget",
         0.0,
-        "Time for a check (s): pairs get the highest accuracy, up to the one asked for, that fits. "
-        "Nothing is missed by it. 0: none.",
+        "Maximum time for a check (s): pairs are tested at the highest accuracy that fits, up to "
+        "the one requested. No collision is missed. 0: no limit.",
         (0.0, 1.0),
     ),
     Spec(
         "allowed_pairs",
         [""],
-        "Objects that may touch: 'robot/* table/1', two names or patterns each.",
+        "Pairs of objects that may collide without being reported: 'robot/* table/1', two names "
+        "or patterns each.",
         entry=allowed_from_text,
     ),
     Spec(
         "scene_file",
         "",
-        "Scene file to begin with: a path, or the name of one in config. What it says holds where "
-        "a parameter is at its default. Read at the start only.",
+        "Scene file to load at the start: a path, or the name of one in config. Its settings "
+        "replace parameters left at their defaults. Read at the start only.",
         fixed=True,
         optional=True,
     ),

@@ -59,7 +59,7 @@ class Guard:
             return
         self._logged.add(place)
         trace = "".join(traceback.format_exception(error))
-        self._log(f"{INTERNAL_ERROR}, counted from now on without this text: {what}\n{trace}")
+        self._log(f"{INTERNAL_ERROR} (logged once, then only counted): {what}\n{trace}")
 
     def run(self, where: str, action: Callable[[], None], item: str = "") -> bool:
         """Call ``action``; returns whether it went through."""

@@ -68,7 +68,7 @@ class Signals:
         if self.making and self.count > 1:
             os._exit(0)
         if self.making:  # not by sys.stderr, which may be in use just then
-            os.write(2, b"ends as soon as it can; a second signal ends it at once\n")
+            os.write(2, b"stopping; a second signal ends the process at once\n")
 
     def ignore(self) -> None:
         """Take no more signals: what is left to do is to end."""

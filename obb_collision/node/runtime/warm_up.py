@@ -38,6 +38,7 @@ from obb_collision.warm_up.steps import BOXES, MESSAGES, NODE_STEPS, accuracy_st
 
 FIRST_WORD, NEXT_WORD = 2.0, 5.0
 """Seconds until the first line about the progress, and between two lines."""
+MEANWHILE = "; effects stay off and pairs on 'obb' meanwhile"
 NICENESS = 5
 """Of what compiles beside the cycles: these come first, but it must not starve."""
 RETRY = 60.0
@@ -52,16 +53,16 @@ Thing = Accuracy | str
 class WarmUp:
     """What is ready, and a thread for what isn't yet.
 
-    say and complain: take lines for the log; stopped: whether a start is to be given up.
+    info, warning: log a line. stopped: whether the start is to be abandoned.
     """
 
     def __init__(
         self,
-        say: Callable[[str], None],
-        complain: Callable[[str], None],
+        info: Callable[[str], None],
+        warning: Callable[[str], None],
         stopped: Callable[[], bool] = lambda: False,
     ) -> None:
-        self._say, self._complain, self._stopped = say, complain, stopped
+        self._info, self._warning, self._stopped = info, warning, stopped
         self._ready: set[str] = set()
         self._asked: dict[str, float] = {}  # when it may be asked for again
         self._refused: dict[str, str] = {}
@@ -69,7 +70,7 @@ class WarmUp:
         self._thread: Thread | None = None
         self._closed = Event()
         self._is_cache_full = False
-        self._handler = _Forward(complain)
+        self._handler = _Forward(warning)
         _kernel_cache.logger.addHandler(self._handler)
 
     def start(self, things: Iterable[Thing]) -> None:
@@ -112,7 +113,7 @@ class WarmUp:
 
     def why_not(self, thing: Thing) -> str:
         """Return the reason why a thing is not ready."""
-        return self._refused.get(_step(thing), "being made ready")
+        return self._refused.get(_step(thing), "kernels being compiled")
 
     def close(self) -> None:
         """End what compiles: other processes, which must not outlive this one."""
@@ -148,11 +149,11 @@ class WarmUp:
         return [] if None in asked else [step for step in asked if step is not None]
 
     def _refuse(self, step: str, reason: str) -> None:
-        self._refused[step] = f"can't be compiled: {reason}"
+        self._refused[step] = f"cannot be compiled: {reason}"
         self._asked[step] = perf_counter() + RETRY
-        self._complain(
-            f"kernels for {step} can't be compiled beside the cycles: {reason}; it stays off, "
-            f"to be tried again in {RETRY:.0f} s"
+        self._warning(
+            f"cannot compile kernels for {step} beside the cycles: {reason}; it stays off and is "
+            f"retried in {RETRY:.0f} s"
         )
 
     def _load(self, names: Iterable[str]) -> None:
@@ -168,15 +169,15 @@ class WarmUp:
             except _kernel_cache.KernelMissingError:
                 pass
             except Exception as error:  # it would fail in a cycle, too, where it is counted
-                self._complain(f"kernels for {step}: {type(error).__name__}: {error}")
+                self._warning(f"kernels for {step}: {type(error).__name__}: {error}")
                 self._ready.add(step)
 
     def _compile(self, missing: list[str], stopped: Callable[[], bool], niceness: int) -> Progress:
         """Compile in other processes, and log the progress."""
-        kept = _kernel_cache.places[0] if _kernel_cache.places else "no folder"
-        self._say(
-            f"compiling kernels for {', '.join(missing)}: up to a minute the first time, then kept "
-            f"in {kept} (obb_collision_warm_up compiles all beforehand)"
+        kept = f"cached in {_kernel_cache.places[0]}" if _kernel_cache.places else "not cached"
+        self._info(
+            f"compiling kernels for {', '.join(missing)} (up to a minute on first use), {kept}"
+            f"{MEANWHILE if niceness else ''}; obb_collision_warm_up compiles all beforehand"
         )
         start = perf_counter()
         due, noted, done = start + FIRST_WORD, 0, 0
@@ -186,14 +187,14 @@ class WarmUp:
             self._load(progress.done[done:])
             done = len(progress.done)
             for note in progress.notes[noted:]:
-                self._complain(note)
+                self._warning(note)
             noted = len(progress.notes)
             if perf_counter() >= due:
                 due = perf_counter() + NEXT_WORD
-                self._say(
-                    f"compiling kernels: {len(progress.kernels)} so far, "
-                    f"{len(progress.done)} of {len(missing)} steps done, "
-                    f"now {', '.join(progress.running)}, {perf_counter() - start:.0f} s"
+                self._info(
+                    f"compiling: {len(progress.kernels)} kernels and {len(progress.done)} of "
+                    f"{len(missing)} steps done after {perf_counter() - start:.0f} s, "
+                    f"now {', '.join(progress.running)}"
                 )
 
         progress = compile_steps(
@@ -204,10 +205,10 @@ class WarmUp:
             stopped=stopped,
         )
         self._is_cache_full |= bool(progress.unsaved)
-        if not progress.stopped:
-            self._say(
-                f"{len(progress.kernels)} kernels compiled in {perf_counter() - start:.1f} s for "
-                f"{', '.join(progress.done) or 'nothing'}"
+        if progress.done and not progress.stopped:
+            self._info(
+                f"compiled {len(progress.kernels)} kernels for {', '.join(progress.done)} in "
+                f"{perf_counter() - start:.1f} s"
             )
         return progress
 
@@ -218,17 +219,17 @@ class WarmUp:
 
     def _compile_here(self, reason: str) -> None:
         """Compile all that may ever be switched on, as nothing can be compiled elsewhere later."""
-        self._complain(
-            f"kernels can't be compiled in another process: {reason}; so all that may be switched "
-            "on later is compiled before the start"
+        self._warning(
+            f"cannot compile kernels in another process: {reason}; everything that may be switched "
+            "on later is compiled before the node starts"
         )
         for step in NODE_STEPS:
             if step not in self._ready | self._refused.keys() and not self._stopped():
                 start, before = perf_counter(), len(_compiling.compiled.names)
                 steps.run(step)
                 self._ready.add(step)
-                self._say(
-                    f"{step}: {len(_compiling.compiled.names) - before} kernels compiled in "
+                self._info(
+                    f"compiled {len(_compiling.compiled.names) - before} kernels for {step} in "
                     f"{perf_counter() - start:.1f} s"
                 )
 

@@ -80,7 +80,7 @@ class SweepEffect:
             TOLERANCE,
             LEAST_TOLERANCE,
             1.0,
-            "Turning boxes nearer than this share of the smaller one's radius count as touching.",
+            "Turning boxes closer than this fraction of the smaller radius count as touching.",
         ),
     }
     lazy = False

@@ -21,6 +21,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
+import numpy as np
 import pytest
 
 pytest.importorskip("rclpy")
@@ -41,6 +42,7 @@ from obb_collision.node.node import CollisionNode
 from obb_collision.node.outputs.collision_status import PERIOD, CollisionStatus
 from obb_collision.node.runtime.guard import Guard
 from obb_collision.node.topics.topics import DEADLINE
+from obb_collision.shapes import Box
 
 A1, A2, B1 = ("a", 1), ("a", 2), ("b", 1)
 PAIR = (cube(A1), cube(A2, (0.5, 0, 0)))
@@ -177,6 +179,58 @@ def known(rig: ObjectsRig, **options: Any) -> Answer:
     given = {"enabled": True, "failed": False, "timeout": rig.object_timeout} | options
     report = rig.objects.scene.check()
     return answer(rig.objects, given.pop("report", report), now=rig.now, **given)
+
+
+def late(policy: str, object_timeout: float = 0.0) -> ObjectsRig:
+    """Return an object that was placed, and a state of it that waits in vain for its frame."""
+    rig = ObjectsRig(A1, object_timeout=object_timeout)
+    rig.objects.set_ignore_stale(policy == "ignore")
+    rig.frames.spans["arm"] = (START, START + SECOND)
+    rig.send(START + 1, "arm")
+    assert known(rig).level == FREE
+    rig.now += 2 * SECOND
+    rig.send(START + 2 * SECOND, "arm")
+    rig.cycle()
+    rig.now += SECOND // 10  # less than transform_timeout
+    return rig
+
+
+@pytest.mark.parametrize("policy", ["keep", "ignore"])
+def test_an_object_that_is_not_placed_in_time_makes_the_answer_unknown(policy: str) -> None:
+    rig = late(policy)
+    assert known(rig).level == FREE, "it may still come in time"
+    rig.now += SECOND // 5
+    found = known(rig)
+    assert (found.level, found.flag(True), found.flag(False)) == (UNKNOWN, True, False)
+    assert found.message == "1 not placed in time: a/1"
+    rig.frames.spans["arm"] = (START, START + 3 * SECOND)
+    rig.now += SECOND
+    assert known(rig).level == FREE, "placed at last"
+
+
+def test_a_stale_object_that_is_not_placed_counts_as_far_as_it_takes_part() -> None:
+    levels = {}
+    for policy in ("keep", "ignore"):
+        rig = late(policy, object_timeout=1.5)
+        rig.now += SECOND // 5
+        rig.cycle()
+        assert rig.objects.table.stale[rig.slots[0]]
+        rig.objects.shapes.put(B1, Box((1.0, 1.0, 1.0)), (), None)  # a fresh one, elsewhere
+        rig.slots = np.array([rig.objects.table.slots[B1]])
+        rig.send(rig.now)
+        levels[policy] = known(rig).level
+    assert levels == {"keep": UNKNOWN, "ignore": FREE}
+
+
+def test_what_collides_is_said_though_another_object_is_not_placed_in_time() -> None:
+    rig = late("keep")
+    rig.objects.shapes.put(B1, Box((1.0, 1.0, 1.0)), (), None)
+    rig.slots = np.array([rig.objects.table.slots[B1]])
+    rig.send(START)
+    rig.now += SECOND // 5
+    found = known(rig)
+    assert found.level == COLLIDING
+    assert found.message == "1 pair collides; 1 not placed in time: a/1"
 
 
 def test_no_state_for_longer_than_the_timeout_is_not_known() -> None:

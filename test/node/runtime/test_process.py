@@ -107,14 +107,24 @@ def test_signals_that_go_on_until_the_end_change_nothing() -> None:
     assert "Traceback" not in output
 
 
+SCRIPT = ("-c", "from obb_collision.commands import node; raise SystemExit(node())")
+STARTS = {
+    "numpy": SCRIPT,
+    "numba": SCRIPT,
+    "rclpy.context": SCRIPT,
+    "argparse": ("-m", "obb_collision.commands"),
+    "rclpy": ("-m", "obb_collision.node.node"),
+}
+"""How a node is started, by a module that is imported on the way."""
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-@pytest.mark.parametrize("module", ["numpy", "numba", "rclpy.context"])
+@pytest.mark.parametrize("module", STARTS)
 def test_a_signal_during_the_imports_ends_it_without_a_word(
     module: str, number: signal.Signals
 ) -> None:
-    code = "from obb_collision.commands import node; raise SystemExit(node())"
     process = subprocess.Popen(
-        [sys.executable, "-X", "importtime", "-c", code, *IN_NAMESPACE],
+        [sys.executable, "-X", "importtime", *STARTS[module], *IN_NAMESPACE],
         env={**os.environ, "ROS_DOMAIN_ID": str(DOMAIN)},
         stderr=subprocess.PIPE,
         text=True,

@@ -68,7 +68,8 @@ class Cache:
         """Stand in for ``compile_steps``."""
         self.asked.set()
         assert self.may_go_on.wait(PATIENCE)
-        progress = Progress(tuple(wanted), done=list(wanted))
+        done = [step for step in wanted if step not in self.failures]
+        progress = Progress(tuple(wanted), done=done)
         self.compiled += wanted
         progress.failed = {step: why for step, why in self.failures.items() if step in wanted}
         progress.hung, progress.unsaved = self.hung, self.unsaved
@@ -148,6 +149,8 @@ def test_what_cannot_be_compiled_later_is_refused_with_the_reason_and_tried_agai
     wait_for(lambda: bool(log.complained))
     assert "no folder takes kernels" in log.complained[0]
     assert "no folder takes kernels" in log.warm.why_not("sweep")
+    assert len(log.said) == 1, "nothing was compiled, so that no number of kernels is logged"
+    assert "effects stay off and pairs on 'obb' meanwhile" in log.said[0]
     assert not log.warm.is_ready("sweep")
     assert cache.compiled == ["effect sweep"]
     assert cache.here == []
@@ -174,7 +177,7 @@ def test_a_step_whose_process_hangs_is_refused_and_the_others_are_ready(
     log.warm.start(["sweep", Accuracy.MESH])
     assert log.warm.is_ready(Accuracy.MESH)
     assert not log.warm.is_ready("sweep")
-    assert log.warm.why_not("sweep") == "can't be compiled: it hangs"
+    assert log.warm.why_not("sweep") == "cannot be compiled: it hangs"
     assert cache.here == []
     cache.failures.clear()
     monkeypatch.setattr(warm_up, "perf_counter", lambda: float("inf"))  # much later
@@ -286,7 +289,7 @@ def test_an_effect_is_silent_until_it_is_ready(late_cache: Cache) -> None:
         rig.until(late_cache.asked.is_set, "thread")
         rig.cycles(5)
         assert "contacts" not in rig.last
-        assert rig.status(": cycle")["effect contacts"] == "auto, being made ready"
+        assert rig.status(": cycle")["effect contacts"] == "auto, kernels being compiled"
         late_cache.may_go_on.set()
         rig.until(lambda: "contacts" in rig.last, "contacts")
 
