@@ -24,7 +24,7 @@ from visualization_msgs.msg import Marker
 
 from obb_collision.node.messages.box_markers import COLORS, DOUBTFUL
 from obb_collision.node.messages.conversions import NANOSECONDS, name_from_key
-from obb_collision.node.messages.marker_scan import (
+from obb_collision.node.messages.marker_kernels import (
     ACTION,
     FRAME,
     ID,
@@ -33,9 +33,8 @@ from obb_collision.node.messages.marker_scan import (
     STAMP_NANOSEC,
     STAMP_SEC,
     TYPE,
-    Scanned,
-    scan_markers,
 )
+from obb_collision.node.messages.marker_scan import Scanned, scan_markers
 from obb_collision.typing import Floats
 
 Color = tuple[float, float, float]

@@ -19,7 +19,8 @@ from __future__ import annotations
 import numpy as np
 
 from obb_collision.geometry.boxes import Boxes
-from obb_collision.node.inputs.marker_batch import Faults, gather, settle
+from obb_collision.node.inputs.marker_batch import Faults, settle
+from obb_collision.node.inputs.marker_rows import gather
 from obb_collision.node.messages.box_markers import FREE, Markers
 from obb_collision.node.messages.marker_scan import scan_markers
 

@@ -21,47 +21,26 @@ them is looked at.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable
 
 import numpy as np
 from visualization_msgs.msg import Marker
 
 from obb_collision.node.diagnostics.monitors import InputMonitor
+from obb_collision.node.inputs.marker_application import MarkerApplication
 from obb_collision.node.inputs.marker_batch import (
-    MAX_TRIES,
-    PRIMITIVES,
-    Faults,
-    Gathered,
-    Outcome,
-    find_faults,
-    gather,
-    join,
     remaining,
-    settle,
 )
-from obb_collision.node.messages.conversions import name_from_key
+from obb_collision.node.inputs.marker_rows import Gathered, gather, join
 from obb_collision.node.messages.errors import RefusedError
-from obb_collision.node.messages.marker_scan import ACTION, FILE, MESH, NS, Scanned, scan_markers
-from obb_collision.node.messages.names import namespace_number
-from obb_collision.node.messages.shape_plans import IMMEDIATE, MarkerShape, Plan, plan_shape
-from obb_collision.node.objects.many import (
-    have_shapes,
-    put_primitives,
-    renew_slots,
-    touch_slots,
-)
+from obb_collision.node.messages.marker_kernels import ACTION, NS
+from obb_collision.node.messages.marker_scan import Scanned, scan_markers
 from obb_collision.node.objects.objects import Objects
-from obb_collision.node.objects.states import OLDER, State
 from obb_collision.node.objects.table import NEVER
 from obb_collision.node.runtime.guard import INTERNAL_ERROR, Guard
-from obb_collision.scene.building.errors import NO_MEMORY
-from obb_collision.typing import Mask, Rows
 
 MAX_WAITING_BYTES = 64 << 20
 MAX_WAITING_MESSAGES = 1000
-NO_NUMBER = -(1 << 40)
-"""In place of the number of a namespace that is not in the table; no namespace has it."""
 
 
 class MarkerInput:
@@ -160,264 +139,10 @@ class MarkerInput:
             "whole message",
         )
 
-    def _application(self) -> _Application:
-        return _Application(self._objects, self._monitor, self._guard, self._clock())
+    def _application(self) -> MarkerApplication:
+        return MarkerApplication(self._objects, self._monitor, self._guard, self._clock())
 
 
 def _deletes_all(scanned: Scanned) -> bool:
     deletes = scanned.integers[:, ACTION] == Marker.DELETEALL
     return bool((deletes & (scanned.integers[:, NS + 1] == 0)).any())
-
-
-class _Application:
-    """Applies markers at a time (ns)."""
-
-    def __init__(self, objects: Objects, monitor: InputMonitor, guard: Guard, now: int) -> None:
-        self._objects, self._monitor, self._guard, self._now = objects, monitor, guard, now
-        self._plans: dict[int, Plan] = {}
-
-    def settle(self, markers: Gathered) -> tuple[Faults, Outcome]:
-        """Return what is wrong with markers, which is counted, and what they come to."""
-        faults = find_faults(markers, self._objects.placement.frame_index)
-        outcome = settle(markers, faults, self._now, self._objects.states.stamp_tolerance)
-        for number, error in enumerate(faults.errors):
-            bad = (faults.number == number) & ~markers.counted
-            self._refuse(markers, np.flatnonzero(bad), error)
-        late = outcome.late & ~markers.counted
-        self._refuse(markers, np.flatnonzero(late), RefusedError(OLDER))
-        markers.counted[:] = True
-        return faults, outcome
-
-    def run(self, markers: Gathered, faults: Faults, outcome: Outcome) -> None:
-        """Apply them."""
-        objects = self._objects
-        slots = self._remove(markers, outcome)
-        there = np.flatnonzero(outcome.winner >= 0)
-        there = there[np.argsort(outcome.winner[there])]
-        self._add(markers, outcome.winner[there], slots[there], outcome.previous)
-        for row in outcome.bad[outcome.bad >= 0].tolist():
-            number = faults.number[row]
-            error, of_shape = faults.errors[number], faults.of_shape[number]
-            expiry = int(markers.expiry[row])
-            objects.shapes.refuse(markers.key(row), error.reason, of_shape, expiry)
-
-    def _refuse(self, markers: Gathered, rows: Rows, error: RefusedError) -> None:
-        if len(rows):
-            item = name_from_key(markers.key(int(rows[-1])))
-            self._monitor.refuse(self._now, error.reason, item, error.detail, len(rows))
-
-    def _remove(self, markers: Gathered, outcome: Outcome) -> Rows:
-        """Take out what was there and is deleted; return the slots (k,) of the rest, -1 for none.
-
-        What is deleted and comes again as it was, in the fixed frame, stays in its place.
-        """
-        objects, table = self._objects, self._objects.table
-        doomed = self._deleted_by_all(markers)
-        slots = self._slots(markers, outcome.first)
-        doomed[slots[outcome.removed & (slots >= 0)]] = True
-        if objects.unplaceable:
-            for row in outcome.first[outcome.removed].tolist():
-                objects.shapes.unplaceable.forget(markers.key(row))
-        again = np.flatnonzero((slots >= 0) & (outcome.winner >= 0))
-        again = again[doomed[slots[again]]]
-        if len(again):
-            rows = outcome.winner[again]
-            is_fixed = [objects.placement.frame_table.is_fixed(frame) for frame in markers.frames]
-            fixed = np.array(is_fixed)[markers.frame[rows]]
-            same = self._have_shapes(markers, rows, slots[again])
-            same |= self._have_built_shapes(markers, rows, slots[again])
-            same &= fixed
-            again = again[same & table.placed[slots[again]]]
-            doomed[slots[again]] = False
-        objects.shapes.remove(np.flatnonzero(doomed & table.live))
-        renew_slots(objects.shapes, slots[again])
-        return np.where((slots >= 0) & table.live[slots], slots, -1)
-
-    def _deleted_by_all(self, markers: Gathered) -> Mask:
-        """Return which slots are deleted by DELETEALL, of all or of a namespace, as in RViz."""
-        objects, table = self._objects, self._objects.table
-        doomed = np.zeros(len(table.live), np.bool_)
-        for index in np.unique(markers.ns[markers.action == Marker.DELETEALL]).tolist():
-            name = markers.namespaces[index]
-            objects.shapes.unplaceable.forget_all(name or None)
-            if not name:
-                doomed |= table.live
-            elif index not in markers.bad_namespaces:
-                doomed |= table.live & (table.ns == self._number(name))
-        return doomed
-
-    def _number(self, namespace: str) -> int:
-        number = namespace_number(namespace)
-        known = self._objects.table.namespaces.names.get(number)
-        return number if known == namespace else NO_NUMBER
-
-    def _slots(self, markers: Gathered, rows: Rows) -> Rows:
-        """Return the slots of the objects of markers, -1 for none."""
-        numbers = [
-            NO_NUMBER if index in markers.bad_namespaces else self._number(name)
-            for index, name in enumerate(markers.namespaces)
-        ]
-        return self._objects.table.find(np.array(numbers)[markers.ns[rows]], markers.id[rows])
-
-    def _have_shapes(self, markers: Gathered, rows: Rows, slots: Rows) -> Mask:
-        """Return which objects (n,), -1 for none, have the shapes of primitive markers."""
-        same = (slots >= 0) & np.isin(markers.type[rows], PRIMITIVES)
-        some = rows[same]
-        same[same] = have_shapes(
-            self._objects.table, slots[same], markers.type[some], markers.scales[some]
-        )
-        return same
-
-    def _have_built_shapes(self, markers: Gathered, rows: Rows, slots: Rows) -> Mask:
-        """Return which objects have the shapes of markers, where those take time to build."""
-        same = np.zeros(len(rows), np.bool_)
-        for index in np.flatnonzero(~np.isin(markers.type[rows], IMMEDIATE)).tolist():
-            with suppress(Exception):  # said when it is put
-                signature = self._plan(markers, int(rows[index])).signature
-                same[index] = self._objects.table.signatures.get(int(slots[index])) == signature
-        return same
-
-    def _add(self, markers: Gathered, rows: Rows, slots: Rows, previous: Rows) -> None:
-        """Give objects the shapes and poses of markers."""
-        current = ~self._are_old(markers, rows, slots)
-        rows, slots = rows[current], slots[current]
-        same = self._have_shapes(markers, rows, slots)
-        self._each(markers, rows[same], lambda some: self._touch(markers, some))
-        simple = ~same & np.isin(markers.type[rows], PRIMITIVES)
-        with self._room(markers, rows[simple], slots[simple]) as admitted:
-            self._each(markers, rows[simple][admitted], lambda some: self._put_many(markers, some))
-        for row in rows[~same & ~simple].tolist():
-            self._put_one_of(markers, row, previous)
-
-    def _put_one_of(self, markers: Gathered, last: int, previous: Rows) -> None:
-        """Give an object the last of its states that can be built."""
-        self._put_what_stays(markers, last, previous)
-        row = last
-        for _ in range(MAX_TRIES):
-            if self._each(markers, np.array([row]), lambda one: self._put(markers, int(one[0]))):
-                break
-            row = int(previous[row])
-            if row < 0:
-                return
-        if row != last:
-            self._objects.shapes.refuse(
-                markers.key(last), "", shape=True
-            )  # what it has is not the last
-
-    def _put_what_stays(self, markers: Gathered, row: int, previous: Rows) -> None:
-        """Put the last shape before one that has to be built: it stays if that can't be."""
-        if markers.type[row] in IMMEDIATE:
-            return
-        while row >= 0 and markers.type[row] not in IMMEDIATE:
-            row = int(previous[row])
-        if row >= 0:
-            self._each(markers, np.array([row]), lambda one: self._put(markers, int(one[0])))
-
-    def _are_old(self, markers: Gathered, rows: Rows, slots: Rows) -> Mask:
-        """Return which states come after newer ones of their objects; they are counted."""
-        old = self._objects.states.find_late(slots, markers.stamp[rows], markers.received[rows])
-        self._refuse(markers, rows[old], RefusedError(OLDER, "a newer state is known"))
-        return old
-
-    @contextmanager
-    def _room(self, markers: Gathered, rows: Rows, slots: Rows) -> Iterator[Mask]:
-        """Give for which objects (n,) there is room in the tables; new ones beyond are refused."""
-        objects, table = self._objects, self._objects.table
-        admitted, numbers = np.ones(len(rows), np.bool_), []
-        for index in np.unique(markers.ns[rows[slots < 0]]).tolist():
-            try:
-                numbers.append(table.namespaces.admit(markers.namespaces[index]))
-                table.namespaces.use(numbers[-1])  # so that it stays till its objects are there
-            except RefusedError as error:
-                bad = (slots < 0) & (markers.ns[rows] == index)
-                self._mark(markers, rows[bad], error)
-                admitted &= ~bad
-        surplus = np.flatnonzero(admitted & (slots < 0))[
-            max(0, objects.shapes.max_objects - len(table)) :
-        ]
-        if len(surplus):
-            full = RefusedError("too many objects", f"{objects.shapes.max_objects} is the limit")
-            self._mark(markers, rows[surplus], full)
-            admitted[surplus] = False
-        try:
-            yield admitted
-        finally:
-            for number in numbers:
-                table.namespaces.leave(number)
-
-    def _mark(self, markers: Gathered, rows: Rows, error: RefusedError) -> None:
-        """Count refused states, and mark their objects."""
-        self._refuse(markers, rows, error)
-        for row in rows.tolist():
-            expiry = int(markers.expiry[row])
-            self._objects.shapes.refuse(markers.key(row), error.reason, shape=True, expiry=expiry)
-
-    def _each(self, markers: Gathered, rows: Rows, put: Callable[[Rows], None]) -> bool:
-        """Call ``put`` on all rows or, where that fails, on fewer; return whether none failed."""
-        try:
-            if len(rows):
-                put(rows)
-            return True
-        except Exception as error:
-            if len(rows) > 1:
-                half = len(rows) // 2
-                done = [self._each(markers, some, put) for some in (rows[:half], rows[half:])]
-                return all(done)
-            if isinstance(error, MemoryError):
-                error = RefusedError(NO_MEMORY)
-            if not isinstance(error, RefusedError):
-                self._guard.caught("input objects", error, name_from_key(markers.key(rows[0])))
-                error = RefusedError(INTERNAL_ERROR, str(error))
-            self._mark(markers, rows, error)
-            return False
-
-    def _touch(self, markers: Gathered, rows: Rows) -> None:
-        slots = self._slots(markers, rows)
-        touch_slots(self._objects.shapes, slots, markers.expiry[rows])
-        self._store(markers, rows, slots)
-
-    def _put_many(self, markers: Gathered, rows: Rows) -> None:
-        keys = [markers.key(row) for row in rows.tolist()]
-        given = markers.type[rows], markers.scales[rows], markers.expiry[rows]
-        self._store(markers, rows, put_primitives(self._objects.shapes, keys, *given))
-
-    def _put(self, markers: Gathered, row: int) -> None:
-        """Add one object of any type, or change it."""
-        expiry = int(markers.expiry[row])
-        slot = self._objects.shapes.take(
-            markers.key(row), self._plan(markers, row), None if expiry == NEVER else expiry
-        )
-        self._store(markers, np.array([row]), np.array([slot]))
-
-    def _plan(self, markers: Gathered, row: int) -> Plan:
-        """Return how to get the shape of a marker; RefusedError where it has none."""
-        if row not in self._plans:
-            self._plans[row] = plan_shape(_shape(markers, row))
-        return self._plans[row]
-
-    def _store(self, markers: Gathered, rows: Rows, slots: Rows) -> None:
-        """Store the poses of markers, those of the same frame together."""
-        for index in np.unique(markers.frame[rows]).tolist():
-            some = markers.frame[rows] == index
-            given = rows[some]
-            state = State(markers.frames[index], markers.stamp[given], markers.received[given])
-            self._objects.states.store(slots[some], markers.poses[given], state)
-        locked = markers.locked[rows]
-        if locked.any():
-            self._objects.states.lock(slots[locked])
-
-
-def _shape(markers: Gathered, row: int) -> MarkerShape:
-    """Return what a marker says of its shape, on its own: a view would keep the whole message."""
-    kind, scale = int(markers.type[row]), markers.scales[row].copy()
-    if markers.source[row] < 0:  # nothing else is kept of these
-        return MarkerShape(kind, scale)
-    part, at = markers.sources[markers.source[row]], int(markers.row[row])
-    return MarkerShape(
-        kind,
-        scale,
-        part.points(at).copy(),
-        part.text(at, MESH).decode(errors="replace"),
-        part.text(at, FILE).decode(errors="replace"),
-        bytes(part.content(at)),
-    )

@@ -35,7 +35,7 @@ from visualization_msgs.msg import Marker, MarkerArray, MeshFile, UVCoordinate
 
 from obb_collision.node.messages import marker_scan
 from obb_collision.node.messages.errors import RefusedError
-from obb_collision.node.messages.marker_scan import (
+from obb_collision.node.messages.marker_kernels import (
     ACTION,
     CONTENT,
     FILE,
@@ -44,7 +44,6 @@ from obb_collision.node.messages.marker_scan import (
     LIFETIME_NANOSEC,
     LIFETIME_SEC,
     LOCKED,
-    MALFORMED,
     MESH,
     NS,
     POINTS,
@@ -53,8 +52,8 @@ from obb_collision.node.messages.marker_scan import (
     STAMP_NANOSEC,
     STAMP_SEC,
     TYPE,
-    scan_markers,
 )
+from obb_collision.node.messages.marker_scan import MALFORMED, scan_markers
 
 int32 = st.integers(-(2**31), 2**31 - 1)
 uint32 = st.integers(0, 2**32 - 1)
