@@ -29,44 +29,40 @@ from importlib.metadata import version
 from time import perf_counter
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.clock import JumpThreshold, ROSClock, TimeJump
 from rclpy.duration import Duration
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
+from obb_collision.node import reporting
 from obb_collision.node.cycle import Cycle
-from obb_collision.node.diagnostics import diagnostics
 from obb_collision.node.diagnostics.answer import answer
 from obb_collision.node.diagnostics.monitors import InputMonitor
-from obb_collision.node.diagnostics.qos import QosWatch
 from obb_collision.node.inputs.inputs import Inputs
 from obb_collision.node.inputs.points import Obstacles
 from obb_collision.node.inputs.subscriptions import INPUTS, Subscriptions
-from obb_collision.node.messages.conversions import NANOSECONDS, stamp_to_ros
+from obb_collision.node.messages.conversions import NANOSECONDS
 from obb_collision.node.objects.frames import FrameSource, make_frames
 from obb_collision.node.objects.objects import Objects
 from obb_collision.node.outputs.collision_status import CollisionStatus
 from obb_collision.node.outputs.effects import Effects
 from obb_collision.node.outputs.outputs import Outputs
+from obb_collision.node.parameters.allowed import AllowedRule
 from obb_collision.node.parameters.parameters import Parameters
+from obb_collision.node.reporting import Reporting
 from obb_collision.node.runtime.clock import NodeClock
 from obb_collision.node.runtime.guard import INTERNAL_ERROR, Guard
 from obb_collision.node.runtime.running import run
 from obb_collision.node.runtime.warm_up import WarmUp
 from obb_collision.node.scene_file import SceneFile
 from obb_collision.node.schedule import Schedule
-from obb_collision.node.settings import SceneSettings
-from obb_collision.scene.building.process import Limits
+from obb_collision.node.settings import SceneSettings, apply_limits
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.effects.settings import OFF, ON
 from obb_collision.scene_files import describe_scene, find_scene
 
-MEGABYTE = 1_000_000
 NODE_NAME = "obb_collision"
-DIAGNOSTICS_PERIOD = 1.0
-"""Seconds between two messages on /diagnostics."""
 
 
 class CollisionNode(Node):
@@ -97,10 +93,34 @@ class CollisionNode(Node):
         self.guard = Guard(self._log_error, self.context.ok)
         self.parameters = Parameters(self)
         scene_file = self._read_scene_file()
+        self._make_inputs(frames)
+        self._warm = WarmUp(
+            self._log_info, self._log_warning, lambda: ending() or not self.context.ok()
+        )
+        self._make_outputs([] if scene_file is None else scene_file.allowed())
+        self._schedule = Schedule(self, self.parameters, self._run_cycle)
+        switched_on = [name for name in EFFECTS if self.parameters.mode(name) == ON]
+        self._warm.start([*self._settings.levels(), *switched_on])
+        if ending() or not self.context.ok():
+            raise ExternalShutdownException
+        self._outputs.publish_namespaces(self.objects.table.namespaces)
+        self._apply_parameters()
+        if scene_file is not None:
+            self._add_objects(scene_file)
+        self._begin()
+        self.get_logger().info(
+            f"ready: fixed frame '{self.parameters.fixed_frame}', "
+            f"frames by {self._frames.description}; "
+            f"trigger {self.parameters.trigger} at {self.parameters.rate:g} Hz; backend numba "
+            f"{version('numba')}, kernels ready in {perf_counter() - start:.1f} s; "
+            f"in: {_topic_names(self._subscribed.open)}; out: {_topic_names(self._outputs.ends)}"
+        )
+
+    def _make_inputs(self, frames: FrameSource | None) -> None:
+        """Make what takes messages in; nothing is subscribed yet."""
         fixed_frame = self.parameters.fixed_frame
         self._frames = frames if frames is not None else make_frames(self, fixed_frame)
         self._monitors = {topic: InputMonitor(topic, self._log_warning) for topic in INPUTS}
-        self._outputs = Outputs(self, self.parameters, self.guard)
         self.objects = Objects(fixed_frame, self._frames, self.guard)
         self.inputs = Inputs(
             self.objects,
@@ -109,11 +129,22 @@ class CollisionNode(Node):
             lambda: self.parameters.mode("sweep") != OFF,
             self.guard,
         )
-        self._warm = WarmUp(
-            self._log_info, self._log_warning, lambda: ending() or not self.context.ok()
+        self._obstacles = Obstacles(
+            self.objects.scene,
+            self._frames,
+            fixed_frame,
+            self._monitors["points"],
+            self._now,
+            self.guard,
         )
+        self._time = NodeClock(self._read_clock, self._is_simulated, self._clock_jumped)
+        self._subscribed = self._make_subscriptions()
+
+    def _make_outputs(self, allowed: list[AllowedRule]) -> None:
+        """Make what checks and publishes; the status is published from now on."""
+        self._outputs = Outputs(self, self.parameters, self.guard)
         self._settings = SceneSettings(self.parameters, self.objects, self._warm)
-        self._settings.allowed = [] if scene_file is None else scene_file.allowed()
+        self._settings.allowed = allowed
         self._effects = Effects(self.parameters, self._outputs.publishers, self._warm)
         self.status = CollisionStatus(
             f"{self.get_fully_qualified_name().lstrip('/')}: collision",
@@ -124,12 +155,6 @@ class CollisionNode(Node):
             self.guard,
         )
         self.status.begin()
-        scene, monitor = self.objects.scene, self._monitors["points"]
-        self._obstacles = Obstacles(
-            scene, self._frames, fixed_frame, monitor, self._now, self.guard
-        )
-        self._time = NodeClock(self._read_clock, self._is_simulated, self._clock_jumped)
-        self._subscribed = self._make_subscriptions()
         self.cycle = Cycle(
             self.parameters,
             self.objects,
@@ -140,24 +165,24 @@ class CollisionNode(Node):
             self.guard,
             self._collect,
         )
-        self._schedule = Schedule(self, self.parameters, self._run_cycle)
-        switched_on = [name for name in EFFECTS if self.parameters.mode(name) == ON]
-        self._warm.start([*self._settings.levels(), *switched_on])
-        if ending() or not self.context.ok():
-            raise ExternalShutdownException
-        self._outputs.publish_namespaces(self.objects.table.namespaces)
-        self._apply_parameters()
-        if scene_file is not None:
-            refused = scene_file.add_to(self.objects, self._now())
-            if refused:
-                count = len(refused)
-                self._log_warning(
-                    f"{self.parameters.scene_file}: {count} objects not checked: {refused[0]}"
-                )
-        self._qos = QosWatch(self, self._log_warning)
+
+    def _add_objects(self, scene_file: SceneFile) -> None:
+        refused = scene_file.add_to(self.objects, self._now())
+        if refused:
+            count = len(refused)
+            self._log_warning(
+                f"{self.parameters.scene_file}: {count} objects not checked: {refused[0]}"
+            )
+
+    def _begin(self) -> None:
+        """Subscribe, offer the services, and watch: clock, parameters, cycles, diagnostics."""
+        self._reporting = Reporting(
+            *(self, self._monitors, self._subscribed, self.objects, self.cycle),
+            *(self._effects, self._outputs, self.parameters, self.guard, self._now),
+        )
         self.create_timer(
-            DIAGNOSTICS_PERIOD,
-            lambda: self.guard.run("diagnostics", self._publish_diagnostics),
+            reporting.PERIOD,
+            lambda: self.guard.run("diagnostics", self._reporting.publish),
             clock=self._schedule.clock,
         )
         self._parameters_changed = self._schedule.calm(
@@ -174,14 +199,7 @@ class CollisionNode(Node):
         )
         for topic in INPUTS:
             self._subscribed.keep(topic, self._is_wanted(topic))
-        self._last_diagnostics = perf_counter()
         self.status.start()
-        self.get_logger().info(
-            f"ready: fixed frame '{fixed_frame}', frames by {self._frames.description}; "
-            f"trigger {self.parameters.trigger} at {self.parameters.rate:g} Hz; backend numba "
-            f"{version('numba')}, kernels ready in {perf_counter() - start:.1f} s; "
-            f"in: {_topic_names(self._subscribed.open)}; out: {_topic_names(self._outputs.ends)}"
-        )
 
     def _read_scene_file(self) -> SceneFile | None:
         """Read the scene file, if there is one, and take its settings as parameters."""
@@ -231,19 +249,7 @@ class CollisionNode(Node):
         """Bring what was made from parameters up to date with them."""
         parameters, objects = self.parameters, self.objects
         self._settings.apply()
-        objects.shapes.max_objects = parameters.max_objects
-        objects.set_limits(
-            Limits(
-                parameters.shape_timeout,
-                parameters.shape_memory * MEGABYTE,
-                parameters.shape_queue * MEGABYTE,
-            ),
-            parameters.mesh_file_size * MEGABYTE,
-        )
-        objects.placement.timeout = parameters.transform_timeout
-        objects.states.stamp_tolerance = int(parameters.stamp_tolerance * NANOSECONDS)
-        objects.states.order_timeout = int(parameters.order_timeout * NANOSECONDS)
-        objects.set_ignore_stale(parameters.stale_policy == "ignore")
+        apply_limits(parameters, objects)
         self._obstacles.timeout = parameters.transform_timeout
         self._obstacles.stamp_tolerance = objects.states.stamp_tolerance
         self._subscribed.keep("points", self._is_wanted("points"))
@@ -298,43 +304,6 @@ class CollisionNode(Node):
             monitor = self._monitors[note.topic]
             count = monitor.refuse if note.is_refused else monitor.doubt
             count(now, note.reason, note.item, note.detail, note.total)
-
-    def _publish_diagnostics(self) -> None:
-        elapsed, now = perf_counter() - self._last_diagnostics, self._now()
-        self._last_diagnostics += elapsed
-        for monitor in self._monitors.values():
-            monitor.flush()
-        self._qos.look({**self._subscribed.open, **self._outputs.ends})
-        for topic, monitor in self._monitors.items():
-            monitor.mismatches = self._qos.mismatches.get(topic, 0)
-        if not self._effects.is_called("diagnostics"):
-            self.cycle.monitor.take()
-            for monitor in self._monitors.values():
-                monitor.since_last_report()
-            return
-        name = self.get_fully_qualified_name().lstrip("/")
-        message = DiagnosticArray()
-        message.header.stamp = stamp_to_ros(now)
-        message.status = [
-            *(
-                diagnostics.input_status(name, key, monitor, now, elapsed)
-                for key, monitor in self._monitors.items()
-            ),
-            diagnostics.object_status(
-                name, self.objects, self.parameters.stale_policy, self.cycle.report
-            ),
-            diagnostics.cycle_status(
-                name,
-                self.cycle.monitor,
-                self._effects.states(),
-                self.cycle.enabled,
-                elapsed,
-                1.0 / self.parameters.rate,
-            ),
-            diagnostics.guard_status(name, self.guard),
-            diagnostics.qos_status(name, self._qos.mismatches),
-        ]
-        self._outputs.publishers["diagnostics"].publish(message)
 
     def _clear(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         try:

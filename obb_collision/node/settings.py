@@ -19,14 +19,18 @@ from __future__ import annotations
 from typing import Any
 
 from obb_collision.accuracy import Accuracy, as_accuracy
+from obb_collision.node.messages.conversions import NANOSECONDS
 from obb_collision.node.objects.objects import Objects
 from obb_collision.node.parameters.allowed import AllowedRule, set_allowed
 from obb_collision.node.parameters.parameters import Parameters
 from obb_collision.node.runtime.warm_up import WarmUp
+from obb_collision.scene.building.process import Limits
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.effects.settings import AUTO, OFF
 from obb_collision.scene.refinement.budget import ABOVE
 from obb_collision.scene.store.overrides import Overrides
+
+MEGABYTE = 1_000_000
 
 
 class SceneSettings:
@@ -85,3 +89,20 @@ class SceneSettings:
         overrides = Overrides(parameters.accuracy_overrides).capped(highest)
         if overrides.overrides != objects.shapes.overrides.overrides:
             objects.set_overrides(overrides)
+
+
+def apply_limits(parameters: Parameters, objects: Objects) -> None:
+    """Bring what limits the objects and their states up to date with the parameters."""
+    objects.shapes.max_objects = parameters.max_objects
+    objects.set_limits(
+        Limits(
+            parameters.shape_timeout,
+            parameters.shape_memory * MEGABYTE,
+            parameters.shape_queue * MEGABYTE,
+        ),
+        parameters.mesh_file_size * MEGABYTE,
+    )
+    objects.placement.timeout = parameters.transform_timeout
+    objects.states.stamp_tolerance = int(parameters.stamp_tolerance * NANOSECONDS)
+    objects.states.order_timeout = int(parameters.order_timeout * NANOSECONDS)
+    objects.set_ignore_stale(parameters.stale_policy == "ignore")

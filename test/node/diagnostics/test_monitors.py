@@ -109,7 +109,7 @@ def test_the_first_diagnostics_have_the_rates_of_their_time(rig: Rig) -> None:
     rig.send_transform("a/1", pose(1.0))
     rig.answer()
     node = rig.node
-    node._publish_diagnostics()  # as every second while nobody subscribes
+    node._reporting.publish()  # as every second while nobody subscribes
     rig.listen("/diagnostics")
     status = rig.status("input objects")
     assert float(status["rate (Hz)"]) == 0.0

@@ -229,7 +229,7 @@ def test_diagnostics_off_or_unheard_are_not_built(monkeypatch: pytest.MonkeyPatc
 
     monkeypatch.setattr(diagnostics, "cycle_status", noted)
     with Rig(deaf=True) as rig:
-        publish = rig.node._publish_diagnostics
+        publish = rig.node._reporting.publish
         publish()
         assert built == []
         rig.listen("/diagnostics")
