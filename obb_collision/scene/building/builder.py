@@ -57,10 +57,11 @@ class Builder:
     requested something else by then: its outcome is newer than what they have. No method waits.
     """
 
-    def __init__(self, limits: Limits | None = None) -> None:
+    def __init__(self, limits: Limits | None = None, process: WorkerProcess | None = None) -> None:
         self.limits = limits or Limits()
         """May be set at any time."""
-        self._process = WorkerProcess()
+        self.process = process or WorkerProcess()
+        """Where jobs are done."""
         self._changed = Condition()
         self._waiting: dict[Hashable, _Entry] = {}
         self._order: list[tuple[int, int, Hashable]] = []
@@ -136,6 +137,16 @@ class Builder:
             done, self._done = self._done, []
         return [outcome for outcome in done if outcome.keys]
 
+    @property
+    def is_busy(self) -> bool:
+        """Whether a job is being done."""
+        return self._running is not None
+
+    @property
+    def size(self) -> int:
+        """Bytes of all jobs that wait or are being done."""
+        return self._size
+
     def wants(self, key: Hashable) -> bool:
         """Return whether something that a key requested is still to come."""
         return key in self._wanted
@@ -146,7 +157,7 @@ class Builder:
             self._closed = True
             self._waiting.clear()
             self._changed.notify()
-        self._process.close()
+        self.process.close()
         if self._thread is not None:
             self._thread.join(2.0)
 
@@ -175,11 +186,11 @@ class Builder:
                 outcome.error = BuildError(NO_BUILDER, f"{type(error).__name__}: {error}")
             self._finish(outcome, entry)
             del taken, entry, outcome  # whatever is large
-        self._process.stop()
+        self.process.stop()
 
     def _build(self, job: Job) -> Any:
         message = job.message()
-        return job.finish({} if message is None else self._process.run(message, self.limits))
+        return job.finish({} if message is None else self.process.run(message, self.limits))
 
     def _next(self) -> tuple[Hashable, _Entry] | None:
         with self._changed:

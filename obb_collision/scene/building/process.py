@@ -63,6 +63,11 @@ class WorkerProcess:
         self._memory = 0
         self._closed = False
 
+    @property
+    def number(self) -> int | None:
+        """The number of the process, None while there is none."""
+        return None if self._process is None else self._process.pid
+
     def run(self, message: Message, limits: Limits) -> Message:
         """Return the reply to a message. BuildError with the reason where there is none.
 

@@ -70,7 +70,7 @@ class Gate:
     def __init__(self, rig: Rig) -> None:
         self.opened = threading.Event()
         self.jobs: list[str] = []
-        self.process = rig.node.objects.shapes.builder._process
+        self.process = rig.node.objects.shapes.builder.process
         self._run = self.process.run
         self.process.run = self.run  # type: ignore[method-assign]
 
@@ -145,7 +145,7 @@ def test_a_new_shape_takes_the_place_of_the_last_one_when_it_is_there(rig: Rig, 
 def test_a_newer_marker_supersedes_a_shape_that_waits(rig: Rig, gate: Gate) -> None:
     rig.send(cube(BOX, (30.0, 0.0, 0.0)), triangle(OTHER))  # what is built first
     sync(rig)
-    rig.until(lambda: rig.node.objects.shapes.builder._running, "the first job")
+    rig.until(lambda: rig.node.objects.shapes.builder.is_busy, "the first job")
     for size in (2.0, 3.0, 31.0):
         rig.send(triangle(size=size))
     sync(rig)
@@ -186,7 +186,7 @@ def test_what_is_deleted_does_not_come_back(
     if had_shape:
         rig.send(cube(BODY))
     rig.send(triangle())
-    rig.until(lambda: rig.node.objects.shapes.builder._running, "the job")
+    rig.until(lambda: rig.node.objects.shapes.builder.is_busy, "the job")
     ENDS[end](rig)
     gone(rig, BODY)
     gate.open()
@@ -346,9 +346,9 @@ def test_an_item_that_needs_too_much_memory_is_refused_alone() -> None:
 def test_an_item_that_takes_too_long_is_refused_alone(rig: Rig) -> None:
     rig.send(cube(BOX), triangle(OTHER))
     rig.built(OTHER)
-    process = rig.node.objects.shapes.builder._process._process
+    process = rig.node.objects.shapes.builder.process.number
     assert process is not None
-    os.kill(process.pid, signal.SIGSTOP)
+    os.kill(process, signal.SIGSTOP)
     rig.set(shape_timeout=0.2)
     rig.send(triangle(size=2.0))
     rig.until(lambda: rig.refused("objects"), "refusal")

@@ -172,9 +172,9 @@ def test_too_little_memory_refuses_the_item_alone(own: Builder) -> None:
 
 
 def signal_worker(builder: Builder, number: int) -> None:
-    worker = builder._process._process
+    worker = builder.process.number
     assert worker is not None
-    os.kill(worker.pid, number)
+    os.kill(worker, number)
 
 
 def test_what_takes_too_long_is_refused_and_the_next_is_built(own: Builder) -> None:
@@ -192,10 +192,7 @@ def test_what_takes_too_long_is_refused_and_the_next_is_built(own: Builder) -> N
 def test_a_process_that_dies_is_started_again(own: Builder) -> None:
     job = Triangles(np.random.default_rng(0).normal(size=(300, 3)), ONE)
     build(own, job)
-    idle = own._process._process
-    assert idle is not None
-    idle.kill()
-    idle.wait()
+    signal_worker(own, signal.SIGKILL)
     assert isinstance(build(own, job), Mesh), "killed while it had nothing to do"
 
 
@@ -262,7 +259,7 @@ class Held:
             self.done.append(message["job"])
             return {}
 
-        monkeypatch.setattr(builder._process, "run", run)
+        monkeypatch.setattr(builder.process, "run", run)
         builder.request("hold", "hold", Named("hold"))
         assert self.begun.wait(PATIENCE)
 
@@ -297,7 +294,7 @@ def test_the_last_request_of_a_key_counts_and_keeps_its_place(own: Builder, held
     held.let.set()
     assert names(wait(own, 3)) == [("hold", ["hold"]), ("a3", ["a"]), ("b2", ["b"])]
     assert held.done == ["hold", "a3", "b2"]
-    assert len(own) == own._size == 0
+    assert len(own) == own.size == 0
 
 
 def test_equal_jobs_are_done_once_for_all_their_keys(own: Builder, held: Held) -> None:
@@ -370,11 +367,11 @@ def test_a_job_that_fails_here_is_refused(own: Builder, held: Held) -> None:
 
 
 def test_nothing_is_built_once_it_is_closed() -> None:
+    others = set(threading.enumerate())
     builder = Builder()
     builder.request("a", "a", Triangles(np.eye(3), ONE))
     builder.close()
-    assert builder._thread is not None
-    assert not builder._thread.is_alive()
+    assert set(threading.enumerate()) <= others
     with pytest.raises(BuildError, match=NO_BUILDER):
         builder.request("b", "b", Triangles(np.eye(3), ONE))
 

@@ -141,12 +141,12 @@ def test_many_small_shapes_are_built_in_the_time_of_several_checks(
 def test_what_cannot_be_built_stays_on_obb_and_is_told(
     builder: Builder, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    run = builder._process.run
+    run = builder.process.run
 
     def fails(message: Message, limits: Limits) -> Message:
         raise BuildError("not enough memory")
 
-    monkeypatch.setattr(builder._process, "run", fails)
+    monkeypatch.setattr(builder.process, "run", fails)
     scene = oc.Scene(accuracy="mesh")
     trees = scene.build_outside(builder)
     shape = ball()
@@ -166,7 +166,7 @@ def test_what_cannot_be_built_stays_on_obb_and_is_told(
     while not trees.failed:
         assert time.monotonic() < limit
         scene.check()
-    monkeypatch.setattr(builder._process, "run", run)
+    monkeypatch.setattr(builder.process, "run", run)
     scene.add("a", ball(1))
     scene.add("b", ball(1), (0.5, 0, 0, 0, 0, 0, 1))
     assert not trees.failed
