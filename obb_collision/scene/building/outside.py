@@ -20,7 +20,7 @@ Until they are there their pairs stay on "obb", which misses nothing.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from time import perf_counter
 from typing import Any, TypeGuard
 
@@ -28,6 +28,7 @@ import numpy as np
 
 from obb_collision.geometry.shapes.meshes import Hull, Mesh
 from obb_collision.geometry.shapes.primitives import Shape
+from obb_collision.geometry.trees.pool import Body
 from obb_collision.scene.building.builder import Builder
 from obb_collision.scene.building.errors import BuildError
 from obb_collision.scene.building.shape_cache import Entry, PerShape, TimeLeft
@@ -81,12 +82,11 @@ class OutsideTrees:
         """How many can't be built, by reason; their pairs stay on "obb"."""
         return Counter(error.reason for error in self._failed.values())
 
-    def timer(self, budget: TimeLeft | None) -> Allowance:
-        """Return the time for what is built at once."""
-        return Allowance(budget)
-
-    def order(self, per_shape: PerShape[Any], slots: Rows, shapes: Mapping[int, Shape]) -> Rows:
-        """Request what is large; return the slots of the rest."""
+    def build(
+        self, per_shape: PerShape[Any], slots: Rows, shapes: Mapping[int, Shape],
+        body_of: Callable[[int], Body], budget: TimeLeft | None,
+    ) -> None:  # fmt: skip
+        """Request what is large, and build the rest while there is time."""
         rest = []
         for slot in slots[per_shape.rows(slots) < 0].tolist():
             shape = shapes.get(slot)
@@ -96,7 +96,7 @@ class OutsideTrees:
                     self._request(entry, BuildJob(shape, per_shape))
             else:
                 rest.append(slot)
-        return np.array(rest, np.int64)
+        per_shape.build(np.array(rest, np.int64), body_of, Allowance(budget))
 
     def _request(self, entry: Entry[Any], job: BuildJob) -> None:
         try:

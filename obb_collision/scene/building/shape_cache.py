@@ -232,8 +232,7 @@ class ShapeCache:
             return store.local_half_extents[slot] if shape is None else shape
 
         if self.outside is not None:
-            rest = self.outside.order(per_shape, slots, self._shapes)
-            per_shape.build(rest, body_of, self.outside.timer(budget))
+            self.outside.build(per_shape, slots, self._shapes, body_of, budget)
         elif per_shape.build(slots, body_of, budget) and per_shape.is_wasteful:
             per_shape.exchange()
         return per_shape.rows(slots) >= 0
