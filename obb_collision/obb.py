@@ -36,7 +36,8 @@ from obb_collision.geometry.validation import (
 )
 from obb_collision.queries.overlap.overlap import iou, overlap_volumes
 from obb_collision.queries.points.containment import contains
-from obb_collision.queries.verdict.penetration import AXES, witness
+from obb_collision.queries.verdict.penetration import witness
+from obb_collision.queries.verdict.sat import AXES
 from obb_collision.queries.verdict.verdict import SEPARATE, Verdict, verdicts
 from obb_collision.typing import Floats
 from obb_collision.words import shown

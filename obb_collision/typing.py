@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Array types of the whole package, each named once; what kernels get is C-contiguous."""
+"""Types of the whole package, each named once. Arrays that kernels take are C-contiguous."""
 
 from __future__ import annotations
 
@@ -27,3 +27,7 @@ Rows = NDArray[np.int64]
 """Indices into the rows of other arrays."""
 Mask = NDArray[np.bool_]
 """True where something holds."""
+Vector = tuple[float, float, float]
+"""A point or a vector in space; compiled, its numbers live in registers."""
+Axes = tuple[Vector, Vector, Vector]
+"""The three axes of a box, as a rule the columns of its rotation."""

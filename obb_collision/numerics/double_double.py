@@ -53,6 +53,12 @@ def multiply(a: Pair, b: Pair) -> Pair:
 
 
 @njit
+def as_pairs(v: tuple[float, float, float]) -> Vector:
+    """Return a vector of doubles."""
+    return (v[0], 0.0), (v[1], 0.0), (v[2], 0.0)
+
+
+@njit
 def subtract_vectors(a: Vector, b: Vector) -> Vector:
     """Return a - b."""
     return subtract(a[0], b[0]), subtract(a[1], b[1]), subtract(a[2], b[2])

@@ -23,6 +23,7 @@ from __future__ import annotations
 import numpy as np
 
 from obb_collision._jit import njit
+from obb_collision.numerics.vec3 import cross, dot, minus, vector_at
 from obb_collision.typing import Floats
 
 
@@ -51,17 +52,15 @@ def _keep(corners: Floats, i: int, j: int, k: int) -> None:
 
 
 @njit
-def _dot(corners: Floats, i: int, j: int, k: int) -> float:
+def _towards_origin(corners: Floats, i: int, j: int, k: int) -> float:
     """Return the product of the edge from i to j and the vector from k to the origin."""
-    total = 0.0
-    for n in range(3):
-        total -= (corners[j, n] - corners[i, n]) * corners[k, n]
-    return total
+    edge = minus(vector_at(corners, j), vector_at(corners, i))
+    return -dot(edge, vector_at(corners, k))
 
 
 @njit
 def _on_segment(corners: Floats, i: int, j: int, point: Floats) -> int:
-    along, back = _dot(corners, i, j, i), -_dot(corners, i, j, j)
+    along, back = _towards_origin(corners, i, j, i), -_towards_origin(corners, i, j, j)
     if along <= 0.0 or back <= 0.0:
         k = i if along <= 0.0 else j
         point[:] = corners[k]
@@ -76,9 +75,9 @@ def _on_segment(corners: Floats, i: int, j: int, point: Floats) -> int:
 
 @njit
 def _on_triangle(corners: Floats, i: int, j: int, k: int, point: Floats) -> int:
-    d1, d2 = _dot(corners, i, j, i), _dot(corners, i, k, i)
-    d3, d4 = _dot(corners, i, j, j), _dot(corners, i, k, j)
-    d5, d6 = _dot(corners, i, j, k), _dot(corners, i, k, k)
+    d1, d2 = _towards_origin(corners, i, j, i), _towards_origin(corners, i, k, i)
+    d3, d4 = _towards_origin(corners, i, j, j), _towards_origin(corners, i, k, j)
+    d5, d6 = _towards_origin(corners, i, j, k), _towards_origin(corners, i, k, k)
     va, vb, vc = d3 * d6 - d5 * d4, d5 * d2 - d1 * d6, d1 * d4 - d3 * d2
     if d1 <= 0.0 and d2 <= 0.0:
         return _on_segment(corners, i, i, point)
@@ -120,13 +119,10 @@ def _in_tetrahedron(corners: Floats, point: Floats) -> int:
 
 
 @njit
-def _outside(c: Floats, i: int, j: int, k: int, other: int) -> bool:
+def _outside(corners: Floats, i: int, j: int, k: int, other: int) -> bool:
     """Return whether the plane of i, j and k has the origin and the other corner on two sides."""
-    ux, uy, uz = c[j, 0] - c[i, 0], c[j, 1] - c[i, 1], c[j, 2] - c[i, 2]
-    vx, vy, vz = c[k, 0] - c[i, 0], c[k, 1] - c[i, 1], c[k, 2] - c[i, 2]
-    nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
-    origin = -(nx * c[i, 0] + ny * c[i, 1] + nz * c[i, 2])
-    side = (
-        nx * (c[other, 0] - c[i, 0]) + ny * (c[other, 1] - c[i, 1]) + nz * (c[other, 2] - c[i, 2])
-    )
-    return origin * side <= 0.0
+    corner = vector_at(corners, i)
+    u, v = minus(vector_at(corners, j), corner), minus(vector_at(corners, k), corner)
+    normal = cross(u, v)
+    side = dot(normal, minus(vector_at(corners, other), corner))
+    return -dot(normal, corner) * side <= 0.0

@@ -41,12 +41,13 @@ from oracle import Box
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.capsules import Capsules
 from obb_collision.numerics.constants import CAREFUL_BOUND
+from obb_collision.numerics.vec3 import vector
 from obb_collision.queries.points.containment import INSIDE_BOUND, contains
 from obb_collision.queries.points.points import points_inside
 from obb_collision.queries.primitives.capsule_kernels import FAR_BOUND, NEAR_BOUND
 from obb_collision.queries.primitives.capsules import capsule_verdicts
 from obb_collision.queries.primitives.planes import plane_distances
-from obb_collision.queries.rays.kernels import DISTANCE_SLACK, HIT_BOUND, enters_bounds
+from obb_collision.queries.rays.kernels import DISTANCE_SLACK, HIT_BOUND, Ray, enters_bounds
 from obb_collision.queries.rays.rays import cast_rays
 from obb_collision.queries.verdict.verdict import Verdict
 from obb_collision.typing import Floats
@@ -266,7 +267,8 @@ def test_rays_down_the_tree(record_property: Record) -> None:
         unit = direction / np.linalg.norm(direction)
         start = origin - 5.0 * unit
         limits = np.concatenate([origin - 0.3, origin + 0.3])
-        found = enters_bounds(limits[None], 0, tuple(start), tuple(unit), np.inf)
+        ray = Ray(vector(start), vector(unit), np.inf)
+        found = enters_bounds(limits[None], 0, ray, np.inf)
         near = max(
             min((Fraction(limits[k + side]) - Fraction(start[k])) / Fraction(unit[k])
                 for side in (0, 3))

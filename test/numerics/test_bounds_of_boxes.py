@@ -39,7 +39,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from oracle import Box
 from overlap_oracle import overlap_volume
-from support import family, joined, stored, witnesses
+from support import family, joined, witnesses
 
 from obb_collision.benchmarks.cases.families import FAMILIES
 from obb_collision.geometry.boxes import Boxes
@@ -65,8 +65,8 @@ from obb_collision.queries.verdict.coarse import (
 )
 from obb_collision.queries.verdict.gap_axes import best_face
 from obb_collision.queries.verdict.gap_bounds import bound_gaps
-from obb_collision.queries.verdict.sat import enter_frame
-from obb_collision.queries.verdict.verdict import Verdict, classify_fast, verdicts
+from obb_collision.queries.verdict.pair_frame import box_of, enter_frame, pair_of
+from obb_collision.queries.verdict.verdict import Verdict, fast_verdict, verdicts
 from obb_collision.typing import Mask
 
 PAIRS = 8
@@ -96,7 +96,8 @@ def test_fast_verdicts(record_property: Record) -> None:
     """Edge axes are not normalised there: a gap counts times the length of its axis."""
 
     def decide(a: Boxes, b: Boxes) -> Mask:
-        fast = [classify_fast(*stored(a), n, *stored(b), n) for n in range(len(a))]
+        boxes = [(box_of(*a.row(n)), box_of(*b.row(n))) for n in range(len(a))]
+        fast = [fast_verdict(*pair_of(*pair)) for pair in boxes]
         return np.array(fast) == Verdict.SEPARATE
 
     def quantity(a: Box, b: Box) -> Fraction:
@@ -239,12 +240,11 @@ def test_gap_bounds_and_best_faces(record_property: Record) -> None:
     """Upper bounds of all 15 gaps: by as much above them as their bound, but for the error."""
     moved = Moved(PAIRS, loose=True)
     a, b = moved.at(np.linspace(0.05, 0.9, len(moved.a)) * moved.farthest)
-    boxes, pairs = joined(a, b)
     ratios, most = [], np.empty(15)
-    for n, (i, j) in enumerate(pairs.tolist()):
+    for n in range(len(a)):
         row = a.row(n), b.row(n)
         gaps, lengths = exact_gaps(*row), edge_lengths(*row)
-        pair, size, scale = enter_frame(*stored(boxes), i, j)
+        pair, size, scale = enter_frame(box_of(*row[0]), box_of(*row[1]))
         if len(gaps) == 15:
             bound_gaps(pair, size, most)
             for gap, length, value in zip(gaps, [1.0] * 6 + lengths, most.tolist(), strict=True):

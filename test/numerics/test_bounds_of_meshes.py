@@ -39,16 +39,22 @@ from obb_collision.geometry.fitting.enclosing import COORDINATE_BOUND, enclose_p
 from obb_collision.geometry.trees.node_fit import WIDENING
 from obb_collision.geometry.trees.obb_tree import MeshTrees
 from obb_collision.geometry.trees.pool import HullPool, Hulls
-from obb_collision.numerics.constants import MESH_UNDERFLOW
+from obb_collision.numerics.vec3 import vector
 from obb_collision.queries.meshes.convex import GAP_BOUND, PlacedHulls, hulls_meet
-from obb_collision.queries.meshes.tree_boxes import BOX_BOUND, POINT_BOUND, box_gap, relative_pose
+from obb_collision.queries.meshes.tree_boxes import (
+    POINT_BOUND,
+    box_gap,
+    moved,
+    place_at,
+    relative_pose,
+)
 from obb_collision.queries.meshes.triangle_axes import WIDTH, classify_by_axes
 from obb_collision.queries.meshes.triangle_signs import (
     DETERMINANT_ROUNDING,
     SEPARATE,
     determinant_bound,
-    moved,
     sign,
+    triangle_at,
 )
 from obb_collision.typing import Floats
 
@@ -69,14 +75,12 @@ def test_corners_in_the_frame_of_the_other_mesh(record_property: Record) -> None
     """By the transposed rotation instead of the inverse: that is most of the error."""
     boxes = Moved(4, loose=True).a
     rotations = boxes.rotations
-    pose, ratios = np.empty(12), []
+    ratios = []
     for i in range(0, len(rotations) - 1, 2):
         centers, corner = RNG.normal(size=(2, 3)), RNG.normal(size=3)
-        size = relative_pose(
-            centers, rotations[i : i + 2], 0, centers, rotations[i : i + 2], 1,
-            float(np.linalg.norm(corner)), pose,
-        )  # fmt: skip
-        found = moved(pose, tuple(corner.tolist()))
+        first, second = (place_at(centers, rotations[i : i + 2], k) for k in (0, 1))
+        pose = relative_pose(first, second, float(np.linalg.norm(corner)))
+        found = moved(pose, vector(corner))
         columns_a, columns_b = ([exact(c) for c in rotations[k].T] for k in (i, i + 1))
         place = [
             dot(row, exact(corner)) + q - p
@@ -85,7 +89,7 @@ def test_corners_in_the_frame_of_the_other_mesh(record_property: Record) -> None
             )
         ]
         error = max(map(abs, difference(exact(found), solved(columns_a, place))))
-        ratios.append(error / (Fraction(POINT_BOUND) * Fraction(size)))
+        ratios.append(error / (Fraction(POINT_BOUND) * Fraction(pose.size)))
     check_ratios(record_property, ratios)
 
 
@@ -138,9 +142,9 @@ def test_triangles_with_twice_the_digits(record_property: Record) -> None:
         for n, distance in enumerate(distances.tolist()):
             centers[1] = place(n, distance)
             turn = np.stack([rotations[n]] * 2)
-            answers.append(
-                classify_by_axes(triangles, n, centers, turn, 0, triangles, n, centers, turn, 1)
-            )
+            first, second = (place_at(centers, turn, k) for k in (0, 1))
+            triangle = triangle_at(triangles, n)
+            answers.append(classify_by_axes(triangle, first, triangle, second))
         return np.array(answers) == SEPARATE
 
     def quantity(n: int, distance: float) -> Fraction:
@@ -162,9 +166,8 @@ def test_triangles_with_twice_the_digits(record_property: Record) -> None:
 
 def test_boxes_of_trees(record_property: Record) -> None:
     boxes = Moved(6, ("ordinary scene", "edge against edge", "thin plates and rods"), loose=True)
-    pose = np.array([1.0, 0, 0, 0, 1.0, 0, 0, 0, 1.0, 0, 0, 0])
-    reach = 4.0 * float(boxes.farthest.max())
-    bound = BOX_BOUND * reach + MESH_UNDERFLOW
+    here = place_at(np.zeros((1, 3)), np.eye(3)[None], 0)
+    pose = relative_pose(here, here, 4.0 * float(boxes.farthest.max()))
 
     def rows(distances: Floats) -> list[Floats]:
         return [
@@ -177,14 +180,14 @@ def test_boxes_of_trees(record_property: Record) -> None:
 
     def apart(distances: Floats) -> np.ndarray:
         a, b = rows(distances)
-        return np.array([box_gap(a, n, b, n, pose, bound) == np.inf for n in range(len(a))])
+        return np.array([box_gap(a, n, b, n, pose) == np.inf for n in range(len(a))])
 
     def quantity(n: int, distances: Floats) -> Fraction:
         a, b = (side.row(n) for side in boxes.at(distances))
         lengths = np.linalg.norm(np.cross(a[1].T[:, None], b[1].T[None]), axis=2).ravel()
         gaps = exact_gaps(a, b)
         edges = [g * Fraction(x) for g, x in zip(gaps[6:], lengths.tolist(), strict=True)]
-        return max([*gaps[:6], *edges]) / Fraction(bound)
+        return max([*gaps[:6], *edges]) / Fraction(pose.gap_bound)
 
     low, high = flips(apart, boxes.farthest)
     check_ratios(

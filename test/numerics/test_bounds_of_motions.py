@@ -37,15 +37,15 @@ from sweep_oracle import ExactMotion
 
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.numerics.constants import CAREFUL_BOUND, TIME_ROUNDING
-from obb_collision.queries.sweep.bounds import best_step
+from obb_collision.numerics.vec3 import columns, vector
+from obb_collision.queries.sweep.bounds import Approach, best_step, turning
 from obb_collision.queries.sweep.motion import OUTWARD, bounding_radii
-from obb_collision.queries.sweep.poses import offset_and_way, rotate
+from obb_collision.queries.sweep.poses import offset_and_way, rotated
 from obb_collision.queries.sweep.rigid import (
     ARM_ROUNDING,
     GAP_ROUNDING,
     POSITION,
     SPIN,
-    STEP_ROWS,
     TURNING,
 )
 from obb_collision.queries.sweep.slices import (
@@ -113,8 +113,8 @@ def test_offsets(record_property: Record) -> None:
 
 def exactly_turned(rotation: np.ndarray, turn: np.ndarray, time: float) -> list[Vector]:
     """Return the columns of a rotation turned by ``time`` times a rotation vector, to 50 digits."""
-    vector = exact(turn)
-    angle = norm(vector)
+    spin = exact(turn)
+    angle = norm(spin)
     with localcontext() as context:
         context.prec = 80
         x = Decimal((angle * Fraction(time)).numerator) / (angle * Fraction(time)).denominator
@@ -124,15 +124,15 @@ def exactly_turned(rotation: np.ndarray, turn: np.ndarray, time: float) -> list[
             sine, cosine = (sine, part) if k % 2 == 0 else (part, cosine)
             term = term * x / (k + 1)
         s, c = Fraction(sine), Fraction(cosine)
-    u = [v / angle for v in vector]
-    columns = []
+    u = [v / angle for v in spin]
+    turned = []
     for column in rotation.T:
         p = exact(column)
         crossed = [u[(k + 1) % 3] * p[(k + 2) % 3] - u[(k + 2) % 3] * p[(k + 1) % 3]
                    for k in range(3)]  # fmt: skip
         along = dot(u, p)
-        columns.append([c * p[k] + s * crossed[k] + (1 - c) * along * u[k] for k in range(3)])
-    return columns
+        turned.append([c * p[k] + s * crossed[k] + (1 - c) * along * u[k] for k in range(3)])
+    return turned
 
 
 def random_turns() -> list[tuple[np.ndarray, np.ndarray, float]]:
@@ -145,27 +145,27 @@ def random_turns() -> list[tuple[np.ndarray, np.ndarray, float]]:
 
 
 def test_rotations_at_a_time(record_property: Record) -> None:
-    ratios, found = [], np.empty((3, 3))
+    ratios = []
     for rotation, turn, time in random_turns():
-        rotate(rotation, turn, time, found)
+        found = rotated(columns(rotation), vector(turn), time)
         bound = Fraction(TURNING) + Fraction(SPIN) * norm(exact(turn)) * Fraction(time)
-        for column, expected in zip(found.T, exactly_turned(rotation, turn, time), strict=True):
+        for column, expected in zip(found, exactly_turned(rotation, turn, time), strict=True):
             ratios.append(norm(difference(exact(column), expected)) / bound)
     check_ratios(record_property, ratios)
 
 
 def test_corners_of_turned_boxes(record_property: Record) -> None:
-    ratios, found, corners = [], np.empty((3, 3)), np.empty((CORNER_ROWS, 3))
+    ratios, corners = [], np.empty((CORNER_ROWS, 3))
     half = np.array([0.4, 0.7, 1.1])
     for rotation, turn, time in random_turns():
-        rotate(rotation, turn, time, found)
-        fill_corners(found, half, (0.0, 0.0, 0.0), tuple(turn), corners)
-        columns = exactly_turned(rotation, turn, time)
+        found = rotated(columns(rotation), vector(turn), time)
+        fill_corners(found, vector(half), (0.0, 0.0, 0.0), vector(turn), corners)
+        expected_columns = exactly_turned(rotation, turn, time)
         reach = norm(exact(half))
         bound = Fraction(CORNER_SLACK) + Fraction(ANGLE_SLACK) * norm(exact(turn)) * Fraction(time)
         for n in range(8):
             sides = [h if n >> k & 1 else -h for k, h in enumerate(exact(half))]
-            expected = [dot(sides, row) for row in zip(*columns, strict=True)]
+            expected = [dot(sides, row) for row in zip(*expected_columns, strict=True)]
             ratios.append(norm(difference(exact(corners[1 + n]), expected)) / (bound * reach))
     check_ratios(record_property, ratios)
 
@@ -177,7 +177,8 @@ def test_free_slices(record_property: Record) -> None:
     still = (0.0, 0.0, 0.0)
     corners = np.empty((len(boxes), CORNER_ROWS, 3))
     for n in range(len(boxes)):
-        fill_corners(boxes.rotations[n], boxes.half_extents[n], still, still, corners[n])
+        axes, half = columns(boxes.rotations[n]), vector(boxes.half_extents[n])
+        fill_corners(axes, half, still, still, corners[n])
 
     def at(n: int, distance: float) -> np.ndarray:
         place: np.ndarray = distance * boxes.rotations[n, :, n % 3]
@@ -192,11 +193,11 @@ def test_free_slices(record_property: Record) -> None:
 
     def quantity(n: int, distance: float) -> Fraction:
         place, normal = exact(at(n, distance)), exact(boxes.rotations[n, :, n % 3])
-        columns = [exact(column) for column in boxes.rotations[n].T]
+        axes = [exact(column) for column in boxes.rotations[n].T]
         half = exact(boxes.half_extents[n])
-        reach = dot(half, [abs(dot(normal, column)) for column in columns])
+        reach = dot(half, [abs(dot(normal, column)) for column in axes])
         gap = (dot(normal, place) - 2 * reach) / norm(normal)
-        sides = [[h * x for x in column] for h, column in zip(half, columns, strict=True)]
+        sides = [[h * x for x in column] for h, column in zip(half, axes, strict=True)]
         ends = [[x + i * y + j * z for x, y, z in zip(*sides, strict=True)] for i, j in SIGNS]
         # about the axis that is taken where nothing turns: z
         radius = max(abs(end[2]) for end in ends) + max(norm(end[:2]) for end in ends)
@@ -211,14 +212,15 @@ def test_free_slices(record_property: Record) -> None:
 
 def certain_gap(a: Boxes, b: Boxes, n: int, rounding: float) -> float:
     """Return the largest certain gap of boxes that approach: no axis separates them for long."""
-    still, work = np.zeros(3), np.empty((STEP_ROWS, 3))
+    still = (0.0, 0.0, 0.0)
     offset = b.centers[n] - a.centers[n]
     distance = float(np.linalg.norm(offset))
-    return best_step(
-        offset, -offset, distance, distance,
-        a.rotations[n], a.half_extents[n], still, 1.0,
-        b.rotations[n], b.half_extents[n], still, 1.0, rounding, 0.0, 10.0, work,
-    )[0]  # fmt: skip
+    approach = Approach(vector(offset), vector(-offset), distance, distance, 10.0)
+    first, second = (
+        turning(columns(side.rotations[n]), vector(side.half_extents[n]), still, 1.0)
+        for side in (a, b)
+    )
+    return best_step(approach, first, second, rounding, 0.0)[0]
 
 
 def test_gaps_of_turning_boxes(record_property: Record) -> None:

@@ -40,20 +40,16 @@ from obb_collision._jit import njit
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.kinds import check_kind
 from obb_collision.numerics.constants import MAX_MAGNITUDE
+from obb_collision.numerics.vec3 import components, minus, negated, scaled
 from obb_collision.queries.clearance.closest_points import NEAR, points_apart, points_near
 from obb_collision.queries.clearance.features import Points
 from obb_collision.queries.verdict.gap_axes import best_face
+from obb_collision.queries.verdict.pair_frame import Box, Pair, box_at, enter_frame, leave_frame
 from obb_collision.queries.verdict.pair_rows import as_pairs
-from obb_collision.queries.verdict.penetration import AXES, witness
-from obb_collision.queries.verdict.sat import Pair, Vector, enter_frame, leave_frame, minus, scaled
-from obb_collision.queries.verdict.verdict import (
-    SEPARATE,
-    TOUCHING,
-    UNDECIDED,
-    classify_careful,
-    classify_fast,
-)
-from obb_collision.typing import Floats, Integers
+from obb_collision.queries.verdict.penetration import box_witness
+from obb_collision.queries.verdict.sat import AXES
+from obb_collision.queries.verdict.verdict import SEPARATE, TOUCHING, box_verdict
+from obb_collision.typing import Floats, Integers, Vector
 from obb_collision.words import shown
 
 #: Kinds of real numbers.
@@ -131,25 +127,22 @@ def clearance_kernel(
     most = np.empty(AXES)
     count = 0
     for row in range(len(pairs)):
-        i, j = pairs[row, 0], pairs[row, 1]
-        swapped = _comes_before(centers, rotations, half_extents, j, i)
+        a = box_at(centers, rotations, half_extents, pairs[row, 0])
+        b = box_at(centers, rotations, half_extents, pairs[row, 1])
+        swapped = _comes_before(b, a)
         if swapped:
-            i, j = j, i
-        pair, size, scale = enter_frame(centers, rotations, half_extents, i, j)
+            a, b = b, a
+        pair, size, scale = enter_frame(a, b)
         face = best_face(pair)
         if (face[0] - NEAR * size) / scale > limit:
             continue
         apart, points, n = points_apart(pair, size, face)
         verdict, gap = SEPARATE, 0.0
         if not apart:
-            verdict, gap, points, n = _near_points(
-                centers, rotations, half_extents, i, j, pair, size, scale, most
-            )
-        distance, p, q, n = leave_frame(
-            centers, rotations, half_extents, i, j, points.s, points.t, n, scale
-        )
+            verdict, gap, points, n = _near_points(a, b, pair, size, scale, most)
+        distance, p, q, n = leave_frame(a, b, points.s, points.t, n, scale)
         if swapped:
-            p, q, n = q, p, (-n[0], -n[1], -n[2])
+            p, q, n = q, p, negated(n)
         if verdict == TOUCHING:
             gap = 0.0
         distance = max(distance, gap) if verdict == SEPARATE else gap
@@ -165,41 +158,32 @@ def clearance_kernel(
 
 
 @njit
-def _comes_before(centers: Floats, rotations: Floats, extents: Floats, i: int, j: int) -> bool:
+def _comes_before(a: Box, b: Box) -> bool:
     """Order boxes by their numbers: one box is always the first, however a pair is given."""
     for k in range(3):
-        if centers[i, k] != centers[j, k]:
-            return bool(centers[i, k] < centers[j, k])
+        if a.center[k] != b.center[k]:
+            return a.center[k] < b.center[k]
     for k in range(3):
-        if extents[i, k] != extents[j, k]:
-            return bool(extents[i, k] < extents[j, k])
+        if a.half_extents[k] != b.half_extents[k]:
+            return a.half_extents[k] < b.half_extents[k]
     for k in range(3):
         for m in range(3):
-            if rotations[i, k, m] != rotations[j, k, m]:
-                return bool(rotations[i, k, m] < rotations[j, k, m])
+            if a.axes[m][k] != b.axes[m][k]:
+                return a.axes[m][k] < b.axes[m][k]
     return False
 
 
 @njit
 def _near_points(
-    centers: Floats, rotations: Floats, extents: Floats, i: int, j: int, pair: Pair,
-    size: float, scale: float, most: Floats,
-) -> tuple[int, float, Points, Vector]:  # fmt: skip
+    a: Box, b: Box, pair: Pair, size: float, scale: float, most: Floats
+) -> tuple[int, float, Points, Vector]:
     """Return verdict, gap (metres), points and axis of boxes that overlap, or do so nearly.
 
     Points of boxes that overlap are those that touch when the depth has been taken back.
     """
-    ca, a, h = centers[i], rotations[i], extents[i]
-    cb, b, f = centers[j], rotations[j], extents[j]
-    verdict = classify_fast(centers, rotations, extents, i, centers, rotations, extents, j)
-    if verdict == UNDECIDED:
-        verdict = classify_careful(ca, a, h, cb, b, f)
-    gap, x, y, z, number = witness(ca, a, h, cb, b, f, most)
-    n = (
-        a[0, 0] * x + a[1, 0] * y + a[2, 0] * z,
-        a[0, 1] * x + a[1, 1] * y + a[2, 1] * z,
-        a[0, 2] * x + a[1, 2] * y + a[2, 2] * z,
-    )
+    verdict = box_verdict(a, b)
+    (gap, axis, number), _ = box_witness(a, b, most)
+    n = components(a.axes, axis)
     back = 0.0 if verdict == SEPARATE else gap * scale
     touching = Pair(minus(pair.d, scaled(n, back)), pair.r, pair.h, pair.f)
     return verdict, gap, points_near(touching, size, gap * scale - back, number, n), n

@@ -42,6 +42,7 @@ import math
 
 from obb_collision._jit import njit
 from obb_collision.numerics.constants import ROUNDOFF
+from obb_collision.numerics.vec3 import minus
 from obb_collision.queries.clearance.features import (
     Points,
     all_edge_points,
@@ -50,16 +51,10 @@ from obb_collision.queries.clearance.features import (
     points_at,
     vertex_points,
 )
-from obb_collision.queries.verdict.gap_axes import Axis, best_edge, unit_axis
-from obb_collision.queries.verdict.sat import (
-    Pair,
-    Vector,
-    closest_on_a,
-    closest_on_b,
-    gap_along,
-    minus,
-    point_of_b,
-)
+from obb_collision.queries.verdict.gap_axes import Axis, best_edge
+from obb_collision.queries.verdict.pair_frame import Pair, closest_on_a, closest_on_b, point_of_b
+from obb_collision.queries.verdict.sat import AXES, edge_numbers, gap_along, unit_axis
+from obb_collision.typing import Vector
 
 #: Two points are proven closest when their distance exceeds a gap by no more than this, relative
 #: to the size: 128 unit roundoffs, above what both are off by with axes orthonormal to rounding.
@@ -111,7 +106,8 @@ def points_on_axis(pair: Pair, number: int, n: Vector) -> Points:
     """Return the closest points if n, the axis of that number, is their normal."""
     if number < 6:
         return face_points(pair, n, number < 3)
-    return edge_points(pair, (number - 6) // 3, (number - 6) % 3, n)
+    i, j = edge_numbers(number)
+    return edge_points(pair, i, j, n)
 
 
 @njit
@@ -136,7 +132,7 @@ def _widest(pair: Pair, n: Vector, m: Vector) -> Vector:
     """
     if gap_along(pair, m) > gap_along(pair, n):
         n = m
-    for number in range(6, 15):
+    for number in range(6, AXES):
         m = unit_axis(pair, number)
         if gap_along(pair, m) > gap_along(pair, n):  # not so for NaN, of parallel edges
             n = m

@@ -25,20 +25,15 @@ from typing import NamedTuple
 
 from obb_collision._jit import njit
 from obb_collision.numerics.constants import ROUNDOFF
-from obb_collision.queries.verdict.sat import (
+from obb_collision.numerics.vec3 import clamp, dot, minus, pick, pick_axis, replaced
+from obb_collision.queries.verdict.pair_frame import (
     Pair,
-    Vector,
     along_b,
-    axis_of_b,
-    clamp,
     closest_on_a,
     closest_on_b,
-    dot,
-    minus,
-    pick,
     point_of_b,
-    replaced,
 )
+from obb_collision.typing import Vector
 
 #: An extent counts as level with a face if it rises by no more than this on its way: 32 unit
 #: roundoffs. Either of its ends is then as close, up to a quarter of ``closest_points.PROVEN``.
@@ -104,7 +99,7 @@ def _cross_edges(pair: Pair, i: int, j: int, s: Vector, t: Vector) -> Points:
     a vertex is closer (``vertex_points``).
     """
     s, t = replaced(s, i, 0.0), replaced(t, j, 0.0)
-    u = axis_of_b(pair, j)
+    u = pick_axis(pair.r, j)
     across = replaced(u, i, 0.0)
     v = minus(point_of_b(pair, t), s)
     square = dot(across, across)

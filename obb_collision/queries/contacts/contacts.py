@@ -33,13 +33,31 @@ from numpy.typing import ArrayLike, NDArray
 from obb_collision._jit import njit
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.kinds import check_kind
+from obb_collision.numerics.vec3 import (
+    dot,
+    max_abs,
+    minus,
+    pick,
+    pick_axis,
+    plus,
+    scaled,
+    vector_at,
+)
 from obb_collision.queries.contacts.inside import move_into_both
-from obb_collision.queries.contacts.patch import CAPACITY, FEATURE_TIE, facing, overlay_faces
+from obb_collision.queries.contacts.patch import (
+    CAPACITY,
+    FEATURE_TIE,
+    facing,
+    overlay_faces,
+    write_vertex,
+)
 from obb_collision.queries.contacts.reduction import reduce_patch
+from obb_collision.queries.verdict.pair_frame import Box, box_at
 from obb_collision.queries.verdict.pair_rows import as_pairs
-from obb_collision.queries.verdict.penetration import AXES, witness
-from obb_collision.queries.verdict.verdict import careful_axis
-from obb_collision.typing import Floats, Integers
+from obb_collision.queries.verdict.penetration import box_witness
+from obb_collision.queries.verdict.sat import AXES
+from obb_collision.queries.verdict.verdict import careful_bound
+from obb_collision.typing import Floats, Integers, Vector
 from obb_collision.words import shown
 
 #: How many points a pair can be asked for.
@@ -120,59 +138,44 @@ def contacts_kernel(
     polygon = np.empty((CAPACITY, 3))
     spare = np.empty((CAPACITY, 3))
     for n in range(len(pairs)):
-        i, j = pairs[n]
-        ca, a, h = centers[i], rotations[i], half_extents[i]
-        cb, b, f = centers[j], rotations[j], half_extents[j]
-        gap, nx, ny, nz, axis = witness(ca, a, h, cb, b, f, most)
-        normals[n, 0] = nx
-        normals[n, 1] = ny
-        normals[n, 2] = nz
+        a = box_at(centers, rotations, half_extents, pairs[n, 0])
+        b = box_at(centers, rotations, half_extents, pairs[n, 1])
+        (gap, normal, axes[n]), _ = box_witness(a, b, most)
+        write_vertex(normals, n, normal)
         depths[n] = max(0.0, -gap)
-        axes[n] = axis
         counts[n] = 0
-        if gap > 0.0 and gap > careful_axis(ca, a, h, cb, b, f, axis)[1]:
+        if gap > 0.0 and gap > careful_bound(a, b):
             continue
-        counts[n] = _contact_points(
-            ca, a, h, cb, b, f, nx, ny, nz, polygon, spare, positions[n], position_depths[n]
-        )
+        counts[n] = _contact_points(a, b, normal, polygon, spare, positions[n], position_depths[n])
 
 
 @njit
 def _contact_points(
-    ca: Floats, a: Floats, h: Floats, cb: Floats, b: Floats, f: Floats,
-    nx: float, ny: float, nz: float,
-    polygon: Floats, spare: Floats, points: Floats, depths: Floats,
-) -> int:  # fmt: skip
+    a: Box, b: Box, n: Vector, polygon: Floats, spare: Floats, points: Floats, depths: Floats
+) -> int:
     """Write points (limit, 3) and their depths (limit,), and return how many."""
-    dx, dy, dz = cb[0] - ca[0], cb[1] - ca[1], cb[2] - ca[2]
-    size = (h[0] + h[1] + h[2]) + (f[0] + f[1] + f[2])
-    unit = max(size, SMALLEST_PAIR)
-    i = facing(nx, ny, nz, a)
-    j = facing(nx, ny, nz, b)
-    count = overlay_faces(
-        dx, dy, dz, unit, a, h, i, b, f, j, nx, ny, nz, polygon, spare
-    )  # fmt: skip
+    h, f = a.half_extents, b.half_extents
+    unit = max((h[0] + h[1] + h[2]) + (f[0] + f[1] + f[2]), SMALLEST_PAIR)
+    origin = a.center
+    a, b = Box((0.0, 0.0, 0.0), a.axes, h), Box(minus(b.center, origin), b.axes, f)
+    i, j = facing(n, a.axes), facing(n, b.axes)
+    count = overlay_faces(a, i, b, j, n, unit, polygon, spare)
     count = reduce_patch(polygon, count, len(points), spare)
-    up = nx * a[0, i] + ny * a[1, i] + nz * a[2, i]
-    side = h[i] if up >= 0.0 else -h[i]
-    i1, i2 = (i + 1) % 3, (i + 2) % 3
+    across = pick_axis(a.axes, i)
+    u, v = pick_axis(a.axes, (i + 1) % 3), pick_axis(a.axes, (i + 2) % 3)
+    side = pick(h, i) if dot(n, across) >= 0.0 else -pick(h, i)
     found = 0
     for k in range(count):
-        s, t, w = unit * polygon[k, 0], unit * polygon[k, 1], unit * polygon[k, 2]
-        x = side * a[0, i] + s * a[0, i1] + t * a[0, i2] + 0.5 * w * nx
-        y = side * a[1, i] + s * a[1, i1] + t * a[1, i2] + 0.5 * w * ny
-        z = side * a[2, i] + s * a[2, i1] + t * a[2, i2] + 0.5 * w * nz
-        x, y, z = move_into_both(x, y, z, a, h, dx, dy, dz, b, f, unit)
+        s, t, w = scaled(vector_at(polygon, k), unit)
+        point = plus(plus(scaled(across, side), scaled(u, s)), scaled(v, t))
+        point = move_into_both(plus(point, scaled(n, 0.5 * w)), a, b, unit)
         # points that were pulled together count once
         for m in range(found):
-            apart = max(abs(x - spare[m, 0]), abs(y - spare[m, 1]), abs(z - spare[m, 2]))
-            if apart <= FEATURE_TIE * unit:
+            if max_abs(minus(point, vector_at(spare, m))) <= FEATURE_TIE * unit:
                 break
         else:
-            spare[found, 0], spare[found, 1], spare[found, 2] = x, y, z
-            points[found, 0] = ca[0] + x
-            points[found, 1] = ca[1] + y
-            points[found, 2] = ca[2] + z
+            write_vertex(spare, found, point)
+            write_vertex(points, found, plus(origin, point))
             depths[found] = max(0.0, -w)
             found += 1
     return found

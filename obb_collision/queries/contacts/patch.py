@@ -34,7 +34,9 @@ import math
 
 from obb_collision._jit import njit
 from obb_collision.numerics.constants import ROUNDOFF
-from obb_collision.typing import Floats
+from obb_collision.numerics.vec3 import components, dot, minus, pick, pick_axis, plus, scaled
+from obb_collision.queries.verdict.pair_frame import Box
+from obb_collision.typing import Axes, Floats, Vector
 
 #: Rows of a polygon. A quad clipped by four lines has at most eight vertices; where rounding bends
 #: a sliver, each line can add half as many again as there are.
@@ -53,14 +55,13 @@ KEEP = 2.0**-31
 
 
 @njit
-def facing(nx: float, ny: float, nz: float, axes: Floats) -> int:
+def facing(n: Vector, axes: Axes) -> int:
     """Return the number of the box axis most nearly parallel to n; of nearly equal ones the first.
 
     The face across it holds all of the box that is furthest along n.
     """
-    x = abs(nx * axes[0, 0] + ny * axes[1, 0] + nz * axes[2, 0])
-    y = abs(nx * axes[0, 1] + ny * axes[1, 1] + nz * axes[2, 1])
-    z = abs(nx * axes[0, 2] + ny * axes[1, 2] + nz * axes[2, 2])
+    x, y, z = components(axes, n)
+    x, y, z = abs(x), abs(y), abs(z)
     enough = max(x, y, z) - FEATURE_TIE
     if x >= enough:
         return 0
@@ -69,44 +70,36 @@ def facing(nx: float, ny: float, nz: float, axes: Floats) -> int:
 
 @njit
 def overlay_faces(
-    dx: float, dy: float, dz: float, size: float,
-    a: Floats, h: Floats, i: int,
-    b: Floats, f: Floats, j: int,
-    nx: float, ny: float, nz: float,
-    polygon: Floats, spare: Floats,
-) -> int:  # fmt: skip
+    a: Box, i: int, b: Box, j: int, n: Vector, size: float, polygon: Floats, spare: Floats
+) -> int:
     """Write the vertices (count, 3) of what two faces have in common, and return their count.
 
-    d: centre of b from that of a; n: the normal; i, j: the axes across the faces.
+    The centre of a is the origin; n: the normal; i, j: the axes across the faces.
     """
-    up = nx * a[0, i] + ny * a[1, i] + nz * a[2, i]
-    side = math.copysign(h[i], up)
-    down = nx * b[0, j] + ny * b[1, j] + nz * b[2, j]
-    side_b = -math.copysign(f[j], down)
-    i1, i2 = (i + 1) % 3, (i + 2) % 3
-    # s, t, w of a vector v are the dot products of v with these three
-    lean1 = (nx * a[0, i1] + ny * a[1, i1] + nz * a[2, i1]) / up
-    lean2 = (nx * a[0, i2] + ny * a[1, i2] + nz * a[2, i2]) / up
-    sx, sy, sz = a[0, i1] - lean1 * a[0, i], a[1, i1] - lean1 * a[1, i], a[2, i1] - lean1 * a[2, i]
-    tx, ty, tz = a[0, i2] - lean2 * a[0, i], a[1, i2] - lean2 * a[1, i], a[2, i2] - lean2 * a[2, i]
-    wx, wy, wz = a[0, i] / up, a[1, i] / up, a[2, i] / up
-    x = dx + side_b * b[0, j] - side * a[0, i]
-    y = dy + side_b * b[1, j] - side * a[1, i]
-    z = dz + side_b * b[2, j] - side * a[2, i]
-    s, t, w = sx * x + sy * y + sz * z, tx * x + ty * y + tz * z, wx * x + wy * y + wz * z
-    j1, j2 = (j + 1) % 3, (j + 2) % 3
-    x, y, z = f[j1] * b[0, j1], f[j1] * b[1, j1], f[j1] * b[2, j1]
-    s1, t1, w1 = sx * x + sy * y + sz * z, tx * x + ty * y + tz * z, wx * x + wy * y + wz * z
-    x, y, z = f[j2] * b[0, j2], f[j2] * b[1, j2], f[j2] * b[2, j2]
-    s2, t2, w2 = sx * x + sy * y + sz * z, tx * x + ty * y + tz * z, wx * x + wy * y + wz * z
+    i1, i2, j1, j2 = (i + 1) % 3, (i + 2) % 3, (j + 1) % 3, (j + 2) % 3
+    across, u, v = pick_axis(a.axes, i), pick_axis(a.axes, i1), pick_axis(a.axes, i2)
+    across_b = pick_axis(b.axes, j)
+    up = dot(n, across)
+    side = math.copysign(pick(a.half_extents, i), up)
+    side_b = -math.copysign(pick(b.half_extents, j), dot(n, across_b))
+    # s, t, w of a vector are its dot products with these three
+    plane = (
+        minus(u, scaled(across, dot(n, u) / up)),
+        minus(v, scaled(across, dot(n, v) / up)),
+        (across[0] / up, across[1] / up, across[2] / up),
+    )
+    middle = minus(plus(b.center, scaled(across_b, side_b)), scaled(across, side))
+    middle = components(plane, middle)
+    edge1 = components(plane, scaled(pick_axis(b.axes, j1), pick(b.half_extents, j1)))
+    edge2 = components(plane, scaled(pick_axis(b.axes, j2), pick(b.half_extents, j2)))
     scale = 1.0 / size
     for corner in range(4):
         p = 1.0 if corner == 1 or corner == 2 else -1.0
         q = 1.0 if corner >= 2 else -1.0
-        polygon[corner, 0] = (s + p * s1 + q * s2) * scale
-        polygon[corner, 1] = (t + p * t1 + q * t2) * scale
-        polygon[corner, 2] = (w + p * w1 + q * w2) * scale
-    return _clip_to_rectangle(polygon, 4, h[i1] * scale, h[i2] * scale, spare)
+        vertex = plus(plus(middle, scaled(edge1, p)), scaled(edge2, q))
+        write_vertex(polygon, corner, scaled(vertex, scale))
+    limit_s, limit_t = pick(a.half_extents, i1) * scale, pick(a.half_extents, i2) * scale
+    return _clip_to_rectangle(polygon, 4, limit_s, limit_t, spare)
 
 
 @njit
@@ -132,6 +125,12 @@ def _clip_to_rectangle(
             for k in range(count):
                 polygon[k, column] = min(max(polygon[k, column], -limit), limit)
     return count
+
+
+@njit
+def write_vertex(target: Floats, k: int, vertex: Vector) -> None:
+    """Write row k of an array (n, 3)."""
+    target[k, 0], target[k, 1], target[k, 2] = vertex
 
 
 @njit

@@ -27,6 +27,7 @@ apart by more than ``mesh_collision`` can fail to tell.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,10 +36,20 @@ from obb_collision._jit import njit
 from obb_collision.geometry.trees.pool import Hulls
 from obb_collision.numerics.constants import MESH_UNDERFLOW, ROUNDOFF
 from obb_collision.numerics.simplex import nearest_to_origin
-from obb_collision.queries.meshes.tree_boxes import relative_pose
-from obb_collision.queries.meshes.tree_descent import Placement
+from obb_collision.numerics.vec3 import (
+    components,
+    dot,
+    max_abs,
+    minus,
+    negated,
+    scaled,
+    sum_abs,
+    vector,
+    vector_at,
+)
+from obb_collision.queries.meshes.tree_boxes import Pose, moved, place_at, relative_pose
 from obb_collision.queries.primitives.segments import unit_scale
-from obb_collision.typing import Floats, Integers
+from obb_collision.typing import Floats, Integers, Vector
 
 #: Least gap that counts, relative to S (derivation above).
 GAP_BOUND = 8192 * ROUNDOFF
@@ -62,86 +73,98 @@ def hulls_meet(a: PlacedHulls, b: PlacedHulls, i: Integers, j: Integers) -> NDAr
     """Return (m,) whether body ``i[n]`` of a and ``j[n]`` of b are not certainly apart."""
     out = np.empty(len(i), np.bool_)
     _meet_kernel(
-        a.hulls, a.rows, Placement(a.centers, a.rotations), i,
-        b.hulls, b.rows, Placement(b.centers, b.rotations), j, out,
-    )  # fmt: skip
+        HullBodies(a.hulls, a.rows, a.centers, a.rotations),
+        i,
+        HullBodies(b.hulls, b.rows, b.centers, b.rotations),
+        j,
+        out,
+    )
     return out
+
+
+class HullBodies(NamedTuple):
+    """Placed hulls, for kernels: as ``PlacedHulls``."""
+
+    hulls: Hulls
+    rows: np.ndarray
+    centers: Floats
+    rotations: Floats
+
+
+class Corners(NamedTuple):
+    """The corners of one hull: rows first to last - 1 of points (n, 3)."""
+
+    points: Floats
+    first: int
+    last: int
 
 
 @njit
 def _meet_kernel(
-    a: Hulls, hulls_a: np.ndarray, placed_a: Placement, rows_a: np.ndarray,
-    b: Hulls, hulls_b: np.ndarray, placed_b: Placement, rows_b: np.ndarray, out: np.ndarray,
-) -> None:  # fmt: skip
-    pose = np.empty(12)
+    a: HullBodies, rows_a: np.ndarray, b: HullBodies, rows_b: np.ndarray, out: np.ndarray
+) -> None:
     work = np.empty((5, 3))
     for n in range(len(rows_a)):
         i, j = rows_a[n], rows_b[n]
-        hull_a, hull_b = hulls_a[i], hulls_b[j]
-        size = relative_pose(
-            placed_a.centers, placed_a.rotations, i, placed_b.centers, placed_b.rotations, j,
-            a.radii[hull_a] + b.radii[hull_b], pose,
-        )  # fmt: skip
-        out[n] = not _apart(
-            a.corners, a.starts[hull_a], a.starts[hull_a + 1],
-            b.corners, b.starts[hull_b], b.starts[hull_b + 1],
-            pose, GAP_BOUND * size + MESH_UNDERFLOW, unit_scale(size)[0], work,
-        )  # fmt: skip
+        pose = relative_pose(
+            place_at(a.centers, a.rotations, i),
+            place_at(b.centers, b.rotations, j),
+            a.hulls.radii[a.rows[i]] + b.hulls.radii[b.rows[j]],
+        )
+        out[n] = not _apart(_corners_of(a, i), _corners_of(b, j), pose, work)
 
 
 @njit
-def _apart(
-    a: Floats, first_a: int, last_a: int, b: Floats, first_b: int, last_b: int,
-    m: Floats, bound: float, unit: float, work: Floats,
-) -> bool:  # fmt: skip
+def _corners_of(bodies: HullBodies, i: int) -> Corners:
+    hulls, row = bodies.hulls, bodies.rows[i]
+    return Corners(hulls.corners, hulls.starts[row], hulls.starts[row + 1])
+
+
+@njit
+def _apart(a: Corners, b: Corners, pose: Pose, work: Floats) -> bool:
     """Return True if a direction certainly separates corners of a from those of b.
 
-    m (12,): pose of b in the frame of a; unit: a power of two that brings sizes near one, so that
-    products of lengths stay within doubles; work (5, 3): scratch for a simplex, times unit, and its
-    nearest point.
+    work (5, 3): scratch for a simplex and its nearest point, both scaled by a power of two that
+    brings sizes near one, so that products of lengths stay within doubles.
     """
     simplex, nearest = work[:4], work[4]
+    bound, unit = GAP_BOUND * pose.size + MESH_UNDERFLOW, unit_scale(pose.size)[0]
     # from the one centre to the other: it separates most pairs that are apart
-    x, y, z = -m[9], -m[10], -m[11]
+    n = negated(pose.offset)
     count = 0
     for _ in range(HULL_DIRECTIONS):
-        largest = max(abs(x), abs(y), abs(z))
+        largest = max_abs(n)
         if not largest > 0.0:
-            x, largest = 1.0, 1.0
-        x, y, z = x / largest, y / largest, z / largest
-        k = _farthest(a, first_a, last_a, -x, -y, -z)
-        # the direction in the frame of b: by the transposed rotation
-        u = m[0] * x + m[3] * y + m[6] * z
-        v = m[1] * x + m[4] * y + m[7] * z
-        w = m[2] * x + m[5] * y + m[8] * z
-        n = _farthest(b, first_b, last_b, u, v, w)
-        near = x * a[k, 0] + y * a[k, 1] + z * a[k, 2]
-        far = u * b[n, 0] + v * b[n, 1] + w * b[n, 2]
-        gap = near - far - (x * m[9] + y * m[10] + z * m[11])
-        if gap > bound * (abs(x) + abs(y) + abs(z)):
+            n, largest = (1.0, n[1], n[2]), 1.0
+        n = n[0] / largest, n[1] / largest, n[2] / largest
+        p = _farthest(a, negated(n))
+        m = components(pose.axes, n)  # the direction in the frame of b
+        q = _farthest(b, m)
+        gap = dot(n, p) - dot(m, q) - dot(n, pose.offset)
+        if gap > bound * sum_abs(n):
             return True
         if count > 0:
-            reached = x * nearest[0] + y * nearest[1] + z * nearest[2]
+            reached = dot(n, vector(nearest))
             if not reached - unit * gap > HULL_CONVERGED * reached:
                 return False
-        for i in range(3):
-            moved = m[3 * i] * b[n, 0] + m[3 * i + 1] * b[n, 1] + m[3 * i + 2] * b[n, 2]
-            simplex[count, i] = unit * (a[k, i] - (moved + m[9 + i]))
+        point = scaled(minus(p, moved(pose, q)), unit)
+        for k in range(3):
+            simplex[count, k] = point[k]
         count = nearest_to_origin(simplex, count + 1, nearest)
         if count == 4:
             return False
-        x, y, z = nearest[0], nearest[1], nearest[2]
-        if not max(abs(x), abs(y), abs(z)) > 0.0:
+        n = vector(nearest)
+        if not max_abs(n) > 0.0:
             return False
     return False
 
 
 @njit
-def _farthest(points: Floats, first: int, last: int, x: float, y: float, z: float) -> int:
-    """Return the row of the point that reaches farthest along a direction."""
-    row, best = first, -np.inf
-    for n in range(first, last):
-        reach = x * points[n, 0] + y * points[n, 1] + z * points[n, 2]
+def _farthest(corners: Corners, n: Vector) -> Vector:
+    """Return the corner that reaches farthest along a direction."""
+    row, best = corners.first, -np.inf
+    for k in range(corners.first, corners.last):
+        reach = dot(n, vector_at(corners.points, k))
         if reach > best:
-            row, best = n, reach
-    return row
+            row, best = k, reach
+    return vector_at(corners.points, row)

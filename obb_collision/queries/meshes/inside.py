@@ -30,16 +30,11 @@ import numpy as np
 
 from obb_collision._jit import njit
 from obb_collision.geometry.trees.obb_tree import TreeArrays
+from obb_collision.numerics import exact
 from obb_collision.numerics.constants import ROUNDOFF
-from obb_collision.numerics.exact import Vector, cross, dot
-from obb_collision.queries.meshes.triangle_signs import (
-    Point,
-    corner,
-    cross_points,
-    determinant_bound,
-    extent,
-)
-from obb_collision.typing import Floats
+from obb_collision.numerics.vec3 import cross, dot, max_abs, minus
+from obb_collision.queries.meshes.triangle_signs import corner, determinant_bound
+from obb_collision.typing import Floats, Vector
 
 OUTSIDE, INSIDE, UNKNOWN = 0, 1, -1
 #: Instead of the sign of a crossing: the ray passes too near to an edge to tell.
@@ -63,7 +58,7 @@ TIME_SLACK = 1e-5
 
 
 @njit
-def point_side(trees: TreeArrays, mesh: int, point: Point, error: float, stack: np.ndarray) -> int:
+def point_side(trees: TreeArrays, mesh: int, point: Vector, error: float, stack: np.ndarray) -> int:
     """Return INSIDE or OUTSIDE of a closed mesh where certain, else UNKNOWN.
 
     point: in the frame of the mesh, each component off by at most ``error``; stack (s, 2).
@@ -81,7 +76,7 @@ def point_side(trees: TreeArrays, mesh: int, point: Point, error: float, stack: 
 
 
 @njit
-def _outside_box(nodes: Floats, n: int, p: Point, error: float) -> bool:
+def _outside_box(nodes: Floats, n: int, p: Vector, error: float) -> bool:
     """Return whether the point is certainly not in the box of a node."""
     dx, dy, dz = p[0] - nodes[n, 0], p[1] - nodes[n, 1], p[2] - nodes[n, 2]
     slack = 2.0 * error + SLAB_SLACK * (abs(dx) + abs(dy) + abs(dz))
@@ -94,7 +89,7 @@ def _outside_box(nodes: Floats, n: int, p: Point, error: float) -> bool:
 
 @njit
 def _count_crossings(
-    trees: TreeArrays, root: int, point: Point, ray: Point, error: float, stack: np.ndarray
+    trees: TreeArrays, root: int, point: Vector, ray: Vector, error: float, stack: np.ndarray
 ) -> tuple[bool, int]:
     """Return whether the ray grazes an edge, and how often it leaves less how often it enters."""
     nodes, children, starts = trees.nodes, trees.children, trees.starts
@@ -121,7 +116,7 @@ def _count_crossings(
 
 
 @njit
-def _may_hit(nodes: Floats, n: int, p: Point, w: Point, error: float) -> bool:
+def _may_hit(nodes: Floats, n: int, p: Vector, w: Vector, error: float) -> bool:
     """Return False only where the ray from p along w certainly misses the box of a node."""
     dx, dy, dz = p[0] - nodes[n, 0], p[1] - nodes[n, 1], p[2] - nodes[n, 2]
     size = abs(dx) + abs(dy) + abs(dz) + nodes[n, 12] + nodes[n, 13] + nodes[n, 14]
@@ -142,10 +137,10 @@ def _may_hit(nodes: Floats, n: int, p: Point, w: Point, error: float) -> bool:
 
 
 @njit
-def _crosses(triangles: Floats, n: int, p: Point, w: Point, error: float) -> int:
+def _crosses(triangles: Floats, n: int, p: Vector, w: Vector, error: float) -> int:
     """Return 1 or -1 if the ray certainly leaves or enters by a triangle, 0 if it misses it."""
-    a, b, c = _from(p, corner(triangles, n, 0)), _from(p, corner(triangles, n, 3)), p
-    c = _from(p, corner(triangles, n, 6))
+    a, b = minus(corner(triangles, n, 0), p), minus(corner(triangles, n, 3), p)
+    c = minus(corner(triangles, n, 6), p)
     ab, bc, ca = _ray_sign(w, a, b, error), _ray_sign(w, b, c, error), _ray_sign(w, c, a, error)
     if min(ab, bc, ca) < 0 < max(ab, bc, ca):
         return 0
@@ -153,39 +148,29 @@ def _crosses(triangles: Floats, n: int, p: Point, w: Point, error: float) -> int
     if ab == bc == ca != 0 and volume != 0:
         return ab if volume == ab else 0
     # All three corners behind the start: no crossing, however near to an edge.
-    reach = max(extent(a), extent(b), extent(c)) * 3.0 * extent(w)
-    ahead = max(_along(w, a), _along(w, b), _along(w, c))
+    reach = max(max_abs(a), max_abs(b), max_abs(c)) * 3.0 * max_abs(w)
+    ahead = max(dot(w, a), dot(w, b), dot(w, c))
     if ahead < -(SLAB_SLACK * reach + 16.0 * error):
         return 0
     return GRAZES
 
 
 @njit
-def _from(p: Point, v: Point) -> Point:
-    return v[0] - p[0], v[1] - p[1], v[2] - p[2]
-
-
-@njit
-def _along(w: Point, v: Point) -> float:
-    return w[0] * v[0] + w[1] * v[1] + w[2] * v[2]
-
-
-@njit
-def _ray_sign(w: Point, a: Point, b: Point, error: float) -> int:
-    value = _along(w, cross_points(a, b))
+def _ray_sign(w: Vector, a: Vector, b: Vector, error: float) -> int:
+    value = dot(w, cross(a, b))
     # the ray's direction is exact: no part of the error comes from it
-    bound = determinant_bound(extent(w), extent(a), extent(b), 2.0 * error)
+    bound = determinant_bound(max_abs(w), max_abs(a), max_abs(b), 2.0 * error)
     return 1 if value > bound else (-1 if value < -bound else 0)
 
 
 @njit
-def _volume_sign(a: Point, b: Point, c: Point, error: float) -> int:
-    value = _along(a, cross_points(b, c))
-    bound = determinant_bound(extent(a), extent(b), extent(c), 2.0 * error)
+def _volume_sign(a: Vector, b: Vector, c: Vector, error: float) -> int:
+    value = dot(a, cross(b, c))
+    bound = determinant_bound(max_abs(a), max_abs(b), max_abs(c), 2.0 * error)
     return 1 if value > bound else (-1 if value < -bound else 0)
 
 
-def inside_exactly(corners: list[Vector], winding: bool) -> bool:
+def inside_exactly(corners: list[exact.Vector], winding: bool) -> bool:
     """Return whether a point is inside a closed mesh, or on its surface, in exact integers.
 
     corners: the point, then three corners of each counted triangle; winding: see ``MeshTrees``.
@@ -203,12 +188,16 @@ def inside_exactly(corners: list[Vector], winding: bool) -> bool:
     raise RuntimeError("every ray from the point grazes an edge of the mesh")
 
 
-def _exact_crossing(w: Vector, a: Vector, b: Vector, c: Vector) -> int:
+def _exact_crossing(w: exact.Vector, a: exact.Vector, b: exact.Vector, c: exact.Vector) -> int:
     """Return 1 for leaving, -1 for entering, 0 for no crossing, GRAZES where it meets an edge."""
-    sides = [dot(w, cross(a, b)), dot(w, cross(b, c)), dot(w, cross(c, a))]
+    sides = [
+        exact.dot(w, exact.cross(a, b)),
+        exact.dot(w, exact.cross(b, c)),
+        exact.dot(w, exact.cross(c, a)),
+    ]
     if min(sides) < 0 < max(sides):
         return 0
     if 0 in sides:
-        return GRAZES if max(dot(w, a), dot(w, b), dot(w, c)) >= 0 else 0
+        return GRAZES if max(exact.dot(w, a), exact.dot(w, b), exact.dot(w, c)) >= 0 else 0
     sign = 1 if sides[0] > 0 else -1
-    return sign if dot(a, cross(b, c)) * sign > 0 else 0
+    return sign if exact.dot(a, exact.cross(b, c)) * sign > 0 else 0

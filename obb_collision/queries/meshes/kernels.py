@@ -20,23 +20,30 @@ import numpy as np
 
 from obb_collision._jit import njit
 from obb_collision.geometry.trees.obb_tree import TreeArrays
-from obb_collision.numerics.constants import MESH_UNDERFLOW
 from obb_collision.queries.meshes.inside import INSIDE, UNKNOWN, point_side
 from obb_collision.queries.meshes.tree_boxes import (
-    BOX_BOUND,
-    POINT_BOUND,
+    Pose,
     box_gap,
+    moved,
+    moved_back,
     relative_pose,
 )
-from obb_collision.queries.meshes.tree_descent import STACK, Placement, boxes_meet, descend
-from obb_collision.queries.meshes.triangle_signs import OVERLAP, SEPARATE, TOUCHING, moved
+from obb_collision.queries.meshes.tree_descent import (
+    STACK,
+    Bodies,
+    Body,
+    Search,
+    body_at,
+    boxes_meet,
+    descend,
+)
+from obb_collision.queries.meshes.triangle_signs import OVERLAP, SEPARATE, TOUCHING
 from obb_collision.typing import Floats
 
 
 @njit
 def find_kernel(
-    a: TreeArrays, meshes_a: np.ndarray, placed_a: Placement, rows_a: np.ndarray,
-    b: TreeArrays, meshes_b: np.ndarray, placed_b: Placement, rows_b: np.ndarray,
+    a: Bodies, rows_a: np.ndarray, b: Bodies, rows_b: np.ndarray,
     stop: int, effort: int, out: np.ndarray, contacts: np.ndarray,
 ) -> int:  # fmt: skip
     """Write the verdict of each pair of rows, and contacts while there is room; return how many.
@@ -45,79 +52,70 @@ def find_kernel(
     the first triangles of a verdict of at least ``stop``, or ``effort`` pairs of nodes after the
     first that touch.
     """
-    pose = np.empty(12)
+    trees_a, trees_b = a.trees, b.trees
     stack = np.empty((STACK, 2), np.int64)
+    search = Search(stop, effort, contacts, stack)
     found = 0
     for n in range(len(rows_a)):
-        i, j = rows_a[n], rows_b[n]
-        mesh_a, mesh_b = meshes_a[i], meshes_b[j]
-        root_a, root_b = a.roots[mesh_a], b.roots[mesh_b]
-        size = relative_pose(
-            placed_a.centers, placed_a.rotations, i, placed_b.centers, placed_b.rotations, j,
-            a.radii[mesh_a] + b.radii[mesh_b], pose,
-        )  # fmt: skip
-        bound = BOX_BOUND * size + MESH_UNDERFLOW
+        body_a, body_b = body_at(a, rows_a[n]), body_at(b, rows_b[n])
+        pose = _pose_of(trees_a, body_a, trees_b, body_b)
         out[n] = SEPARATE
-        if box_gap(a.nodes, root_a, b.nodes, root_b, pose, bound) == np.inf:
+        if _roots_apart(trees_a, body_a, trees_b, body_b, pose):
             continue
-        error = POINT_BOUND * size + MESH_UNDERFLOW
-        verdict, found = descend(
-            a, root_a, placed_a, i, b, root_b, placed_b, j,
-            pose, bound, error, stop, effort, stack, n, contacts, found,
-        )  # fmt: skip
+        verdict, found = descend(trees_a, body_a, trees_b, body_b, pose, search, n, found)
         if verdict == SEPARATE:
-            verdict = _nesting(a, mesh_a, b, mesh_b, pose, error, stack)
+            verdict = _nesting(trees_a, body_a, trees_b, body_b, pose, stack)
         out[n] = verdict
     return found
 
 
 @njit
 def tree_kernel(
-    a: TreeArrays, meshes_a: np.ndarray, placed_a: Placement, rows_a: np.ndarray,
-    b: TreeArrays, meshes_b: np.ndarray, placed_b: Placement, rows_b: np.ndarray,
-    depth: int, out: np.ndarray,
-) -> None:  # fmt: skip
+    a: Bodies, rows_a: np.ndarray, b: Bodies, rows_b: np.ndarray, depth: int, out: np.ndarray
+) -> None:
     """Write for each pair of rows whether boxes of a depth meet, or a piece lies inside."""
-    pose = np.empty(12)
+    trees_a, trees_b = a.trees, b.trees
     stack = np.empty((STACK, 2), np.int64)
     for n in range(len(rows_a)):
-        i, j = rows_a[n], rows_b[n]
-        mesh_a, mesh_b = meshes_a[i], meshes_b[j]
-        root_a, root_b = a.roots[mesh_a], b.roots[mesh_b]
-        size = relative_pose(
-            placed_a.centers, placed_a.rotations, i, placed_b.centers, placed_b.rotations, j,
-            a.radii[mesh_a] + b.radii[mesh_b], pose,
-        )  # fmt: skip
-        bound = BOX_BOUND * size + MESH_UNDERFLOW
+        body_a, body_b = body_at(a, rows_a[n]), body_at(b, rows_b[n])
+        pose = _pose_of(trees_a, body_a, trees_b, body_b)
         out[n] = False
-        if box_gap(a.nodes, root_a, b.nodes, root_b, pose, bound) == np.inf:
+        if _roots_apart(trees_a, body_a, trees_b, body_b, pose):
             continue
-        if boxes_meet(a, root_a, b, root_b, pose, bound, depth, stack):
-            out[n] = True
-            continue
-        error = POINT_BOUND * size + MESH_UNDERFLOW
-        out[n] = _nesting(a, mesh_a, b, mesh_b, pose, error, stack) != SEPARATE
+        out[n] = boxes_meet(trees_a, body_a, trees_b, body_b, pose, depth, stack) or (
+            _nesting(trees_a, body_a, trees_b, body_b, pose, stack) != SEPARATE
+        )
+
+
+@njit
+def _pose_of(trees_a: TreeArrays, a: Body, trees_b: TreeArrays, b: Body) -> Pose:
+    return relative_pose(a.place, b.place, trees_a.radii[a.mesh] + trees_b.radii[b.mesh])
+
+
+@njit
+def _roots_apart(trees_a: TreeArrays, a: Body, trees_b: TreeArrays, b: Body, pose: Pose) -> bool:
+    root_a, root_b = trees_a.roots[a.mesh], trees_b.roots[b.mesh]
+    return box_gap(trees_a.nodes, root_a, trees_b.nodes, root_b, pose) == np.inf
 
 
 @njit
 def _nesting(
-    a: TreeArrays, mesh_a: int, b: TreeArrays, mesh_b: int,
-    pose: Floats, error: float, stack: np.ndarray,
-) -> int:  # fmt: skip
+    trees_a: TreeArrays, a: Body, trees_b: TreeArrays, b: Body, pose: Pose, stack: np.ndarray
+) -> int:
     """Return OVERLAP where a piece of one is inside the other, TOUCHING where that is unknown.
 
     For meshes whose surfaces are apart: then a piece is inside or outside as a whole.
     """
     unknown = False
-    if a.solid[mesh_a]:
-        for k in range(b.piece_starts[mesh_b], b.piece_starts[mesh_b + 1]):
-            side = _piece_side(a, mesh_a, b.pieces, k, pose, False, error, stack)
+    if trees_a.solid[a.mesh]:
+        for k in range(trees_b.piece_starts[b.mesh], trees_b.piece_starts[b.mesh + 1]):
+            side = _piece_side(trees_a, a.mesh, trees_b.pieces, k, pose, False, stack)
             if side == INSIDE:
                 return OVERLAP
             unknown = unknown or side == UNKNOWN
-    if b.solid[mesh_b]:
-        for k in range(a.piece_starts[mesh_a], a.piece_starts[mesh_a + 1]):
-            side = _piece_side(b, mesh_b, a.pieces, k, pose, True, error, stack)
+    if trees_b.solid[b.mesh]:
+        for k in range(trees_a.piece_starts[a.mesh], trees_a.piece_starts[a.mesh + 1]):
+            side = _piece_side(trees_b, b.mesh, trees_a.pieces, k, pose, True, stack)
             if side == INSIDE:
                 return OVERLAP
             unknown = unknown or side == UNKNOWN
@@ -126,31 +124,16 @@ def _nesting(
 
 @njit
 def _piece_side(
-    trees: TreeArrays, mesh: int, pieces: Floats, k: int,
-    pose: Floats, back: bool, error: float, stack: np.ndarray,
-) -> int:  # fmt: skip
+    trees: TreeArrays, mesh: int, pieces: Floats, k: int, pose: Pose, back: bool, stack: np.ndarray
+) -> int:
     """Return the side of piece k (p, 6, 3) of the one mesh in the other: of its first sure corner.
 
-    ``back``: the pose takes the solid to the piece's frame, not the piece to the solid's.
+    back: the pose takes the solid to the piece's frame, not the piece to the solid's.
     """
     for n in range(pieces.shape[1]):
         point = (pieces[k, n, 0], pieces[k, n, 1], pieces[k, n, 2])
-        point = _moved_back(pose, point) if back else moved(pose, point)
-        side = point_side(trees, mesh, point, error, stack)
+        point = moved_back(pose, point) if back else moved(pose, point)
+        side = point_side(trees, mesh, point, pose.point_bound, stack)
         if side != UNKNOWN:
             return side
     return UNKNOWN
-
-
-@njit
-def _moved_back(pose: Floats, p: tuple[float, float, float]) -> tuple[float, float, float]:
-    """Return a point of the frame of a in that of b: the transposed rotation.
-
-    Off by at most ``POINT_BOUND``, like ``moved``: the pose's rotation is orthonormal to 160 u.
-    """
-    x, y, z = p[0] - pose[9], p[1] - pose[10], p[2] - pose[11]
-    return (
-        pose[0] * x + pose[3] * y + pose[6] * z,
-        pose[1] * x + pose[4] * y + pose[7] * z,
-        pose[2] * x + pose[5] * y + pose[8] * z,
-    )

@@ -40,7 +40,7 @@ from obb_collision.geometry.trees.obb_tree import MeshTrees
 from obb_collision.geometry.validation import as_array, as_rotations, as_rows, as_whole
 from obb_collision.queries.meshes.inside import inside_exactly
 from obb_collision.queries.meshes.kernels import find_kernel, tree_kernel
-from obb_collision.queries.meshes.tree_descent import Placement
+from obb_collision.queries.meshes.tree_descent import Bodies
 from obb_collision.queries.meshes.triangle_exact import exact_corners, exact_triangle_verdict
 from obb_collision.queries.verdict.verdict import OVERLAP, SEPARATE, TOUCHING
 from obb_collision.typing import Floats, Integers
@@ -102,9 +102,9 @@ class PlacedMeshes:
         return len(self.meshes)
 
     @property
-    def placement(self) -> Placement:
-        """Where the bodies are, for kernels."""
-        return Placement(self.centers, self.rotations)
+    def arrays(self) -> Bodies:
+        """The bodies, for kernels."""
+        return Bodies(self.trees.arrays, self.meshes, self.centers, self.rotations)
 
     def place(self, row: int) -> tuple[Floats, Floats]:
         """Return centre (3,) and rotation (3, 3) of a body."""
@@ -194,8 +194,7 @@ def tree_collisions(
     depth = as_whole(depth, "depth")
     i, j = _rows(a, b, rows_a, rows_b)
     result = np.empty(len(i), np.bool_)
-    sides = (a.trees.arrays, a.meshes, a.placement, i, b.trees.arrays, b.meshes, b.placement, j)
-    tree_kernel(*sides, depth, result)
+    tree_kernel(a.arrays, i, b.arrays, j, depth, result)
     return result
 
 
@@ -224,8 +223,7 @@ def _find(
     """Return verdicts (m,), contacts (at most capacity, 4) and their true number."""
     result = np.empty(len(i), np.int8)
     contacts = np.empty((capacity, 4), np.int64)
-    sides = (a.trees.arrays, a.meshes, a.placement, i, b.trees.arrays, b.meshes, b.placement, j)
-    found = find_kernel(*sides, stop, effort, result, contacts)
+    found = find_kernel(a.arrays, i, b.arrays, j, stop, effort, result, contacts)
     return result, contacts[:found], found
 
 

@@ -28,47 +28,70 @@ import numpy as np
 from obb_collision._jit import njit
 from obb_collision.geometry.trees.node_fit import SIZE
 from obb_collision.geometry.trees.obb_tree import TreeArrays
-from obb_collision.queries.meshes.tree_boxes import box_gap
+from obb_collision.queries.meshes.tree_boxes import Place, Pose, box_gap, moved, place_at
 from obb_collision.queries.meshes.triangle_axes import classify_by_axes
 from obb_collision.queries.meshes.triangle_signs import (
     SEPARATE,
     TOUCHING,
     UNDECIDED,
+    Triangle,
     classify_by_signs,
+    triangle_at,
 )
 from obb_collision.typing import Floats
-
-
-class Placement(NamedTuple):
-    """Where bodies are: centres (n, 3), rotations (n, 3, 3), for kernels."""
-
-    centers: Floats
-    rotations: Floats
-
 
 #: Rows of the stack: one is left behind at each level of either tree, at most 2 x 75 of them
 #: (``mesh_tree.LEAST_SHARE``).
 STACK = 256
 
 
+class Bodies(NamedTuple):
+    """Placed meshes, for kernels: body i is mesh ``meshes[i]``."""
+
+    trees: TreeArrays
+    meshes: np.ndarray
+    centers: Floats
+    rotations: Floats
+
+
+class Body(NamedTuple):
+    """One placed mesh of the trees that come with it: arrays in here would be counted per pair."""
+
+    mesh: int
+    place: Place
+
+
+class Search(NamedTuple):
+    """When a search for triangles in contact ends, and where it writes."""
+
+    stop: int  #: at the first verdict of at least this,
+    effort: int  #: or so many pairs of nodes after the first TOUCHING
+    contacts: np.ndarray  #: (c, 4) pair, triangle of a, triangle of b, verdict
+    stack: np.ndarray  #: (STACK, 2)
+
+
+@njit
+def body_at(bodies: Bodies, i: int) -> Body:
+    """Return body i."""
+    return Body(bodies.meshes[i], place_at(bodies.centers, bodies.rotations, i))
+
+
 @njit
 def descend(
-    a: TreeArrays, root_a: int, placed_a: Placement, row_a: int,
-    b: TreeArrays, root_b: int, placed_b: Placement, row_b: int,
-    pose: Floats, box_bound: float, error: float, stop: int, effort: int,
-    stack: np.ndarray, row: int, contacts: np.ndarray, found: int,
+    trees_a: TreeArrays, a: Body, trees_b: TreeArrays, b: Body,
+    pose: Pose, search: Search, pair: int, found: int,
 ) -> tuple[int, int]:  # fmt: skip
     """Return the highest verdict of two triangles, and the number of contacts so far.
 
-    pose (12,), box_bound and error: see ``tree_boxes``; stack (STACK, 2). Ends at the first
-    verdict of at least ``stop``, or ``effort`` pairs of nodes after the first TOUCHING. Every pair
-    of triangles that is not SEPARATE is written to contacts (c, 4) as (row, triangle of a,
-    triangle of b, verdict), as far as there is room.
+    Every pair of triangles that is not SEPARATE is written as a contact, as far as there is room;
+    found: how many there were before.
     """
-    nodes_a, children_a, starts_a, triangles_a = a.nodes, a.children, a.starts, a.triangles
-    nodes_b, children_b, starts_b, triangles_b = b.nodes, b.children, b.starts, b.triangles
+    nodes_a, children_a, starts_a = trees_a.nodes, trees_a.children, trees_a.starts
+    nodes_b, children_b, starts_b = trees_b.nodes, trees_b.children, trees_b.starts
+    triangles_a, triangles_b = trees_a.triangles, trees_b.triangles
+    contacts, stack, effort = search.contacts, search.stack, search.effort
     verdict = SEPARATE
-    stack[0, 0], stack[0, 1] = root_a, root_b
+    stack[0, 0], stack[0, 1] = trees_a.roots[a.mesh], trees_b.roots[b.mesh]
     waiting = 1
     while waiting > 0:
         waiting -= 1
@@ -81,45 +104,46 @@ def descend(
         if child_a < 0 and child_b < 0:
             for s in range(starts_a[i, 0], starts_a[i, 1]):
                 for t in range(starts_b[j, 0], starts_b[j, 1]):
-                    met = classify_by_signs(triangles_a, s, triangles_b, t, pose, error)
-                    if met == UNDECIDED:
-                        met = classify_by_axes(
-                            triangles_a, s, placed_a.centers, placed_a.rotations, row_a,
-                            triangles_b, t, placed_b.centers, placed_b.rotations, row_b,
-                        )  # fmt: skip
+                    p, q = triangle_at(triangles_a, s), triangle_at(triangles_b, t)
+                    met = _triangles_verdict(p, a.place, q, b.place, pose)
                     if met == SEPARATE:
                         continue
                     if found < len(contacts):
-                        contacts[found, 0], contacts[found, 1] = row, s
+                        contacts[found, 0], contacts[found, 1] = pair, s
                         contacts[found, 2], contacts[found, 3] = t, met
                     found += 1
                     verdict = max(verdict, met)
-                    if verdict >= stop:
+                    if verdict >= search.stop:
                         return verdict, found
             continue
         split_a = child_b < 0 or (child_a >= 0 and nodes_a[i, SIZE] >= nodes_b[j, SIZE])
-        child = child_a if split_a else child_b
-        waiting = _push(nodes_a, i, nodes_b, j, split_a, child, pose, box_bound, stack, waiting)
+        child = (child_a, j) if split_a else (i, child_b)
+        waiting = _push(nodes_a, nodes_b, child, split_a, pose, stack, waiting)
     return verdict, found
 
 
 @njit
-def _push(
-    nodes_a: Floats, i: int, nodes_b: Floats, j: int, split_a: bool, child: int,
-    pose: Floats, bound: float, stack: np.ndarray, waiting: int,
-) -> int:  # fmt: skip
-    """Put the pairs with the two children of i or j that may meet on the stack; return its size.
+def _triangles_verdict(p: Triangle, a: Place, q: Triangle, b: Place, pose: Pose) -> int:
+    """Return the verdict of two triangles of bodies at places a and b."""
+    placed = moved(pose, q[0]), moved(pose, q[1]), moved(pose, q[2])
+    verdict = classify_by_signs(p, placed, pose.point_bound)
+    return classify_by_axes(p, a, q, b) if verdict == UNDECIDED else verdict
 
-    child: the first of two adjacent rows. The more overlapping pair comes last, is next.
+
+@njit
+def _push(
+    nodes_a: Floats, nodes_b: Floats, child: tuple[int, int], split_a: bool,
+    pose: Pose, stack: np.ndarray, waiting: int,
+) -> int:  # fmt: skip
+    """Put the pairs with two children that may meet on the stack; return its size.
+
+    child: the pair with the first of two adjacent children, of a where ``split_a``, else of b.
+    The more overlapping pair comes last, is next.
     """
-    i1 = i2 = i
-    j1 = j2 = j
-    if split_a:
-        i1, i2 = child, child + 1
-    else:
-        j1, j2 = child, child + 1
-    first = box_gap(nodes_a, i1, nodes_b, j1, pose, bound)
-    second = box_gap(nodes_a, i2, nodes_b, j2, pose, bound)
+    i1, j1 = child
+    i2, j2 = (i1 + 1, j1) if split_a else (i1, j1 + 1)
+    first = box_gap(nodes_a, i1, nodes_b, j1, pose)
+    second = box_gap(nodes_a, i2, nodes_b, j2, pose)
     if first < second:
         i1, i2, j1, j2 = i2, i1, j2, j1
         first, second = second, first
@@ -134,16 +158,16 @@ def _push(
 
 @njit
 def boxes_meet(
-    a: TreeArrays, root_a: int, b: TreeArrays, root_b: int,
-    pose: Floats, box_bound: float, depth: int, stack: np.ndarray,
+    trees_a: TreeArrays, a: Body, trees_b: TreeArrays, b: Body,
+    pose: Pose, depth: int, stack: np.ndarray,
 ) -> bool:  # fmt: skip
     """Return whether boxes of a depth are not certainly apart, nor those above them.
 
     A greater depth never reports what a lesser one doesn't.
     """
-    nodes_a, children_a, levels_a = a.nodes, a.children, a.levels
-    nodes_b, children_b, levels_b = b.nodes, b.children, b.levels
-    stack[0, 0], stack[0, 1] = root_a, root_b
+    nodes_a, children_a, levels_a = trees_a.nodes, trees_a.children, trees_a.levels
+    nodes_b, children_b, levels_b = trees_b.nodes, trees_b.children, trees_b.levels
+    stack[0, 0], stack[0, 1] = trees_a.roots[a.mesh], trees_b.roots[b.mesh]
     waiting = 1
     while waiting > 0:
         waiting -= 1
@@ -154,6 +178,6 @@ def boxes_meet(
             return True
         # By levels, not by size: every depth then looks at all pairs of the lesser ones.
         split_a = child_b < 0 or (child_a >= 0 and levels_a[i] <= levels_b[j])
-        child = child_a if split_a else child_b
-        waiting = _push(nodes_a, i, nodes_b, j, split_a, child, pose, box_bound, stack, waiting)
+        child = (child_a, j) if split_a else (i, child_b)
+        waiting = _push(nodes_a, nodes_b, child, split_a, pose, stack, waiting)
     return False

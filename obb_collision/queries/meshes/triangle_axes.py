@@ -35,6 +35,7 @@ from obb_collision.numerics.double_double import (
     Pair,
     Vector,
     add,
+    as_pairs,
     cross,
     dot,
     largest,
@@ -42,8 +43,12 @@ from obb_collision.numerics.double_double import (
     subtract_vectors,
 )
 from obb_collision.numerics.error_free import two_sum_error
-from obb_collision.queries.meshes.triangle_signs import OVERLAP, SEPARATE, TOUCHING
-from obb_collision.typing import Floats
+from obb_collision.numerics.vec3 import max_abs, minus, scaled
+from obb_collision.queries.meshes.tree_boxes import Place
+from obb_collision.queries.meshes.triangle_signs import OVERLAP, SEPARATE, TOUCHING, Triangle
+from obb_collision.queries.verdict.sat import rows_of
+from obb_collision.typing import Axes
+from obb_collision.typing import Vector as Triple
 
 Six = tuple[Vector, Vector, Vector, Vector, Vector, Vector]
 
@@ -54,15 +59,9 @@ THIN_SQUARE = 1e-20
 
 
 @njit
-def classify_by_axes(
-    ta: Floats, i: int, ca: Floats, ra: Floats, na: int,
-    tb: Floats, j: int, cb: Floats, rb: Floats, nb: int,
-) -> int:  # fmt: skip
-    """Return SEPARATE or OVERLAP of two placed triangles where certain, else TOUCHING.
-
-    Triangle i of ta (n, 9) under row na of centres (m, 3) and rotations (m, 3, 3); b likewise.
-    """
-    points = _placed(ta, i, ca, ra, na, tb, j, cb, rb, nb)
+def classify_by_axes(p: Triangle, a: Place, q: Triangle, b: Place) -> int:
+    """Return SEPARATE or OVERLAP of two placed triangles where certain, else TOUCHING."""
+    points = _placed(p, a, q, b)
     verdict = _by_signs(points)
     if verdict != TOUCHING:
         return verdict
@@ -70,52 +69,44 @@ def classify_by_axes(
 
 
 @njit
-def _placed(
-    ta: Floats, i: int, ca: Floats, ra: Floats, na: int,
-    tb: Floats, j: int, cb: Floats, rb: Floats, nb: int,
-) -> Six:  # fmt: skip
+def _placed(p: Triangle, a: Place, q: Triangle, b: Place) -> Six:
     """Return the six corners relative to the first, in scaled double-doubles."""
-    size = 0.0
-    for k in range(9):
-        size = max(size, abs(ta[i, k]), abs(tb[j, k]))
+    size = max_abs(minus(b.center, a.center))
     for k in range(3):
-        size = max(size, abs(cb[nb, k] - ca[na, k]))
+        size = max(size, max_abs(p[k]), max_abs(q[k]))
     scale = math.ldexp(1.0, -min(max(math.frexp(size)[1], -1000), 1000))
     zero = ((0.0, 0.0), (0.0, 0.0), (0.0, 0.0))
-    offset = (
-        _difference(scale * cb[nb, 0], scale * ca[na, 0]),
-        _difference(scale * cb[nb, 1], scale * ca[na, 1]),
-        _difference(scale * cb[nb, 2], scale * ca[na, 2]),
-    )
-    p0 = _rotated(ra, na, ta, i, 0, scale, zero)
+    offset = _difference(scaled(b.center, scale), scaled(a.center, scale))
+    p0 = _rotated(a.axes, scaled(p[0], scale), zero)
     return (
         zero,
-        subtract_vectors(_rotated(ra, na, ta, i, 3, scale, zero), p0),
-        subtract_vectors(_rotated(ra, na, ta, i, 6, scale, zero), p0),
-        subtract_vectors(_rotated(rb, nb, tb, j, 0, scale, offset), p0),
-        subtract_vectors(_rotated(rb, nb, tb, j, 3, scale, offset), p0),
-        subtract_vectors(_rotated(rb, nb, tb, j, 6, scale, offset), p0),
+        subtract_vectors(_rotated(a.axes, scaled(p[1], scale), zero), p0),
+        subtract_vectors(_rotated(a.axes, scaled(p[2], scale), zero), p0),
+        subtract_vectors(_rotated(b.axes, scaled(q[0], scale), offset), p0),
+        subtract_vectors(_rotated(b.axes, scaled(q[1], scale), offset), p0),
+        subtract_vectors(_rotated(b.axes, scaled(q[2], scale), offset), p0),
     )
 
 
 @njit
-def _difference(a: float, b: float) -> tuple[float, float]:
-    return a - b, two_sum_error(a, -b)
-
-
-@njit
-def _rotated(
-    r: Floats, n: int, triangles: Floats, row: int, k: int, scale: float, offset: Vector
-) -> Vector:
-    v = (
-        (scale * triangles[row, k], 0.0),
-        (scale * triangles[row, k + 1], 0.0),
-        (scale * triangles[row, k + 2], 0.0),
-    )
+def _difference(u: Triple, v: Triple) -> Vector:
+    """Return u - v without error."""
     return (
-        add(dot(((r[n, 0, 0], 0.0), (r[n, 0, 1], 0.0), (r[n, 0, 2], 0.0)), v), offset[0]),
-        add(dot(((r[n, 1, 0], 0.0), (r[n, 1, 1], 0.0), (r[n, 1, 2], 0.0)), v), offset[1]),
-        add(dot(((r[n, 2, 0], 0.0), (r[n, 2, 1], 0.0), (r[n, 2, 2], 0.0)), v), offset[2]),
+        (u[0] - v[0], two_sum_error(u[0], -v[0])),
+        (u[1] - v[1], two_sum_error(u[1], -v[1])),
+        (u[2] - v[2], two_sum_error(u[2], -v[2])),
+    )
+
+
+@njit
+def _rotated(axes: Axes, v: Triple, offset: Vector) -> Vector:
+    """Return a vector along the axes, and the offset added."""
+    x, y, z = rows_of(axes)
+    exact = as_pairs(v)
+    return (
+        add(dot(as_pairs(x), exact), offset[0]),
+        add(dot(as_pairs(y), exact), offset[1]),
+        add(dot(as_pairs(z), exact), offset[2]),
     )
 
 

@@ -31,82 +31,59 @@ from __future__ import annotations
 
 from obb_collision._jit import njit
 from obb_collision.numerics.constants import PRODUCT_UNDERFLOW, ROUNDOFF
-from obb_collision.typing import Floats
+from obb_collision.numerics.vec3 import cross, dot, max_abs, minus
+from obb_collision.typing import Floats, Vector
 
 SEPARATE, TOUCHING, OVERLAP, UNDECIDED = 0, 1, 2, -1
 
-Point = tuple[float, float, float]
+#: The corners of a triangle.
+Triangle = tuple[Vector, Vector, Vector]
 
 #: Rounding of a determinant relative to ABC: 64 unit roundoffs (derivation above).
 DETERMINANT_ROUNDING = 64 * ROUNDOFF
 
 
 @njit
-def classify_by_signs(ta: Floats, i: int, tb: Floats, j: int, pose: Floats, error: float) -> int:
-    """Return SEPARATE or OVERLAP of triangles i of ta and j of tb where certain, else UNDECIDED.
+def classify_by_signs(p: Triangle, q: Triangle, error: float) -> int:
+    """Return SEPARATE or OVERLAP of two triangles where certain, else UNDECIDED.
 
-    ta, tb: corners (n, 9); pose (12,): rotation row by row and offset that move b into the frame
-    of a; ``error``: by how much a component of a moved corner may be off.
+    error: by how much a component of a corner of q may be off.
     """
-    p0, p1, p2 = corner(ta, i, 0), corner(ta, i, 3), corner(ta, i, 6)
-    q0 = moved(pose, corner(tb, j, 0))
-    q1 = moved(pose, corner(tb, j, 3))
-    q2 = moved(pose, corner(tb, j, 6))
+    (p0, p1, p2), (q0, q1, q2) = p, q
     w = 2.0 * error
-    side, alone_q, positive_q = _sides(p0, p1, p2, q0, q1, q2, w)
+    side, alone_q, positive_q = _sides(p, q, w)
     if side == SEPARATE:
         return SEPARATE
-    other_side, alone_p, positive_p = _sides(q0, q1, q2, p0, p1, p2, w)
+    other_side, alone_p, positive_p = _sides(q, p, w)
     if other_side == SEPARATE:
         return SEPARATE
     if side == UNDECIDED or other_side == UNDECIDED:
         return UNDECIDED
-    p0, p1, p2 = _turned(p0, p1, p2, alone_p)
-    q0, q1, q2 = _turned(q0, q1, q2, alone_q)
+    p0, p1, p2 = _turned(p, alone_p)
+    q0, q1, q2 = _turned(q, alone_q)
     if not positive_p:  # p0 to the positive side of the plane of q
         q1, q2 = q2, q1
     if not positive_q:
         p1, p2 = p2, p1
-    first = sign(_minus(q1, p1), _minus(q0, p1), _minus(p0, p1), w)
+    first = sign(minus(q1, p1), minus(q0, p1), minus(p0, p1), w)
     if first > 0:
         return SEPARATE
-    second = sign(_minus(q2, p0), _minus(q0, p0), _minus(p2, p0), w)
+    second = sign(minus(q2, p0), minus(q0, p0), minus(p2, p0), w)
     if second > 0:
         return SEPARATE
     return OVERLAP if first < 0 and second < 0 else UNDECIDED
 
 
 @njit
-def corner(triangles: Floats, n: int, k: int) -> Point:
+def corner(triangles: Floats, n: int, k: int) -> Vector:
     """Return the corner at column k of row n of (m, 9)."""
     return triangles[n, k], triangles[n, k + 1], triangles[n, k + 2]
 
 
 @njit
-def moved(pose: Floats, p: Point) -> Point:
-    """Return a point under a pose (12,): rotation row by row, then offset."""
-    return (
-        pose[0] * p[0] + pose[1] * p[1] + pose[2] * p[2] + pose[9],
-        pose[3] * p[0] + pose[4] * p[1] + pose[5] * p[2] + pose[10],
-        pose[6] * p[0] + pose[7] * p[1] + pose[8] * p[2] + pose[11],
-    )
-
-
-@njit
-def _minus(a: Point, b: Point) -> Point:
-    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
-
-
-@njit
-def cross_points(a: Point, b: Point) -> Point:
-    """Return the cross product."""
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
-
-
-@njit
-def extent(a: Point) -> float:
-    """Return the largest absolute component."""
-    return max(abs(a[0]), abs(a[1]), abs(a[2]))
+def triangle_at(triangles: Floats, n: int) -> Triangle:
+    """Return row n of (m, 9)."""
+    return corner(triangles, n, 0), corner(triangles, n, 3), corner(triangles, n, 6)
 
 
 @njit
@@ -122,31 +99,29 @@ def determinant_bound(a: float, b: float, c: float, w: float) -> float:
 
 
 @njit
-def sign(a: Point, b: Point, c: Point, w: float) -> int:
+def sign(a: Vector, b: Vector, c: Vector, w: float) -> int:
     """Return the sign of a.(b x c) where certain, components off by w each; else 0."""
-    n = cross_points(b, c)
-    value = a[0] * n[0] + a[1] * n[1] + a[2] * n[2]
-    bound = determinant_bound(extent(a), extent(b), extent(c), w)
+    value = dot(a, cross(b, c))
+    bound = determinant_bound(max_abs(a), max_abs(b), max_abs(c), w)
     return 1 if value > bound else (-1 if value < -bound else 0)
 
 
 @njit
-def _sides(
-    p0: Point, p1: Point, p2: Point, q0: Point, q1: Point, q2: Point, w: float
-) -> tuple[int, int, bool]:
-    """Tell on which side of the plane of p the three q are.
+def _sides(p: Triangle, q: Triangle, w: float) -> tuple[int, int, bool]:
+    """Return on which side of the plane of p the corners of q are.
 
-    Returns SEPARATE, if all on one; UNDECIDED; or OVERLAP with the number of the one that is
-    alone on its side, and whether that is the positive side.
+    SEPARATE if all on one; UNDECIDED; or OVERLAP with the number of the one that is alone on its
+    side, and whether that is the positive side.
     """
-    u, v = _minus(p1, p0), _minus(p2, p0)
-    n = cross_points(u, v)
-    r0, r1, r2 = _minus(q0, p0), _minus(q1, p0), _minus(q2, p0)
-    d0 = n[0] * r0[0] + n[1] * r0[1] + n[2] * r0[2]
-    d1 = n[0] * r1[0] + n[1] * r1[1] + n[2] * r1[2]
-    d2 = n[0] * r2[0] + n[1] * r2[1] + n[2] * r2[2]
-    reach = max(extent(r0), extent(r1), extent(r2))
-    bound = determinant_bound(extent(u), extent(v), reach, w)
+    (p0, p1, p2), (q0, q1, q2) = p, q
+    u, v = minus(p1, p0), minus(p2, p0)
+    n = cross(u, v)
+    r0, r1, r2 = minus(q0, p0), minus(q1, p0), minus(q2, p0)
+    d0 = dot(n, r0)
+    d1 = dot(n, r1)
+    d2 = dot(n, r2)
+    reach = max(max_abs(r0), max_abs(r1), max_abs(r2))
+    bound = determinant_bound(max_abs(u), max_abs(v), reach, w)
     if min(d0, d1, d2) > bound or max(d0, d1, d2) < -bound:
         return SEPARATE, 0, False
     if not min(abs(d0), abs(d1), abs(d2)) > bound:  # also for what is not a number
@@ -160,8 +135,9 @@ def _sides(
 
 
 @njit
-def _turned(a: Point, b: Point, c: Point, first: int) -> tuple[Point, Point, Point]:
-    """Return the three in the same cyclic order, beginning with the given one."""
+def _turned(triangle: Triangle, first: int) -> Triangle:
+    """Return the corners in the same cyclic order, beginning with the given one."""
+    a, b, c = triangle
     if first == 0:
         return a, b, c
     return (b, c, a) if first == 1 else (c, a, b)

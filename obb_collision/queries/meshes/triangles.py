@@ -30,13 +30,19 @@ from numpy.typing import ArrayLike, NDArray
 
 from obb_collision._jit import njit
 from obb_collision.geometry.validation import as_array
+from obb_collision.queries.meshes.tree_boxes import Place
 from obb_collision.queries.meshes.triangle_axes import classify_by_axes
 from obb_collision.queries.meshes.triangle_exact import exact_triangle_verdict
-from obb_collision.queries.meshes.triangle_signs import TOUCHING, UNDECIDED, classify_by_signs
+from obb_collision.queries.meshes.triangle_signs import (
+    TOUCHING,
+    UNDECIDED,
+    classify_by_signs,
+    triangle_at,
+)
 from obb_collision.typing import Floats
 
-#: A pose that changes nothing: centre and rotation of one row each.
-STILL = (np.zeros((1, 3)), np.eye(3)[None])
+#: A place that changes nothing.
+STILL = Place((0.0, 0.0, 0.0), ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)))
 
 
 def triangle_verdicts(a: ArrayLike, b: ArrayLike, exact: bool = False) -> NDArray[np.int8]:
@@ -51,23 +57,18 @@ def triangle_verdicts(a: ArrayLike, b: ArrayLike, exact: bool = False) -> NDArra
     if len(first) != len(second):
         raise ValueError(f"a and b must have the same length, got {len(first)} and {len(second)}")
     result = np.empty(len(first), np.int8)
-    _verdict_kernel(first, second, *STILL, result)
+    _verdict_kernel(first, second, result)
     if exact:
-        still = (STILL[0][0], STILL[1][0])
+        still = np.zeros(3), np.eye(3)
         for n in np.flatnonzero(result == TOUCHING):
             result[n] = exact_triangle_verdict(first[n], still, second[n], still)
     return result
 
 
 @njit
-def _verdict_kernel(
-    a: Floats, b: Floats, centers: Floats, rotations: Floats, out: np.ndarray
-) -> None:
+def _verdict_kernel(a: Floats, b: Floats, out: np.ndarray) -> None:
     """Write the verdict of each row of a and b (n, 9)."""
-    pose = np.zeros(12)
-    pose[0] = pose[4] = pose[8] = 1.0
     for n in range(len(a)):
-        verdict = classify_by_signs(a, n, b, n, pose, 0.0)
-        if verdict == UNDECIDED:
-            verdict = classify_by_axes(a, n, centers, rotations, 0, b, n, centers, rotations, 0)
-        out[n] = verdict
+        p, q = triangle_at(a, n), triangle_at(b, n)
+        verdict = classify_by_signs(p, q, 0.0)
+        out[n] = classify_by_axes(p, STILL, q, STILL) if verdict == UNDECIDED else verdict

@@ -26,8 +26,9 @@ import numpy as np
 
 from obb_collision._jit import njit
 from obb_collision.numerics.constants import ROUNDOFF
-from obb_collision.queries.verdict.sat import Pair, Vector, dot, dot_abs, enter_frame
-from obb_collision.typing import Floats
+from obb_collision.numerics.vec3 import dot, dot_abs
+from obb_collision.queries.verdict.pair_frame import Pair, box_at, enter_frame
+from obb_collision.typing import Floats, Vector
 
 #: Bound of a volume, relative to T S: T the offset of the centres (components summed) and the half
 #: extents, S the surface of the smaller box, by which the volume changes when a plane moves.
@@ -63,7 +64,8 @@ def overlap_kernel(
         elif overlap[n] and _is_solid(half_extents, i) and _is_solid(half_extents, j):
             if _comes_before(centers, rotations, half_extents, sizes, j, i):
                 i, j = j, i
-            pair, _, scale = enter_frame(centers, rotations, half_extents, i, j)
+            a = box_at(centers, rotations, half_extents, i)
+            pair, _, scale = enter_frame(a, box_at(centers, rotations, half_extents, j))
             size, other = _volume_of(pair.h), _volume_of(pair.f)
             common = min(_clipped_volume(pair, edges, counts, cuts), size, other)
             larger, smaller = max(size, other), min(size, other)

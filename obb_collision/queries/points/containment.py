@@ -21,10 +21,20 @@ from numpy.typing import NDArray
 
 from obb_collision._jit import njit
 from obb_collision.numerics.constants import CAREFUL_BOUND, ROUNDOFF, UNDERFLOW
-from obb_collision.numerics.error_free import length
 from obb_collision.numerics.exact import contains_exactly
-from obb_collision.queries.primitives.segments import Vector, cross, dot
-from obb_collision.typing import Floats
+from obb_collision.numerics.vec3 import (
+    absolute,
+    careful_cross,
+    components,
+    dot,
+    max_of,
+    minus,
+    norm,
+    sum_abs,
+    vector_at,
+)
+from obb_collision.queries.verdict.pair_frame import box_of
+from obb_collision.typing import Axes, Floats, Vector
 
 OUTSIDE = 0
 DOUBTFUL = 1
@@ -58,47 +68,40 @@ def containment_kernel(
     center: Floats, axes: Floats, extents: Floats, points: Floats, out: np.ndarray
 ) -> None:
     """Write INSIDE, OUTSIDE or DOUBTFUL for each point."""
-    size = extents[0] + extents[1] + extents[2]
+    box = box_of(center, axes, extents)
     for n in range(len(points)):
-        dx = points[n, 0] - center[0]
-        dy = points[n, 1] - center[1]
-        dz = points[n, 2] - center[2]
-        excess = max(
-            abs(axes[0, 0] * dx + axes[1, 0] * dy + axes[2, 0] * dz) - extents[0],
-            abs(axes[0, 1] * dx + axes[1, 1] * dy + axes[2, 1] * dz) - extents[1],
-            abs(axes[0, 2] * dx + axes[1, 2] * dy + axes[2, 2] * dz) - extents[2],
-        )
-        bound = INSIDE_BOUND * (abs(dx) + abs(dy) + abs(dz) + size) + UNDERFLOW
-        if excess > bound:
-            out[n] = OUTSIDE
-        elif excess < -bound:
-            out[n] = INSIDE
-        else:
-            out[n] = place_carefully(
-                (dx, dy, dz),
-                (axes[0, 0], axes[1, 0], axes[2, 0]),
-                (axes[0, 1], axes[1, 1], axes[2, 1]),
-                (axes[0, 2], axes[1, 2], axes[2, 2]),
-                (extents[0], extents[1], extents[2]),
-            )
+        out[n] = place_of(minus(vector_at(points, n), box.center), box.axes, box.half_extents)
 
 
 @njit
-def place_carefully(offset: Vector, x: Vector, y: Vector, z: Vector, extents: Vector) -> int:
+def place_of(offset: Vector, axes: Axes, extents: Vector) -> int:
+    """Return INSIDE, OUTSIDE or DOUBTFUL for an offset from the centre of a box."""
+    excess = max_of(minus(absolute(components(axes, offset)), extents))
+    size = extents[0] + extents[1] + extents[2]
+    bound = INSIDE_BOUND * (sum_abs(offset) + size) + UNDERFLOW
+    if excess > bound:
+        return OUTSIDE
+    if excess < -bound:
+        return INSIDE
+    return place_carefully(offset, axes, extents)
+
+
+@njit
+def place_carefully(offset: Vector, axes: Axes, extents: Vector) -> int:
     """Return the place of an offset from the centre, by the face normals taken without error.
 
-    x, y, z: the axes. Same bound as ``separation.careful_axis``, whose error analysis covers a
+    Same bound as ``verdict.careful_verdict``, whose error analysis covers a
     point as a box. Tuples: slices of arrays, even in a branch hardly taken, slow loops down.
     """
     place = INSIDE
-    normals = (cross(y, z), cross(z, x), cross(x, y))
-    axes = (x, y, z)
-    distance = length(offset[0], offset[1], offset[2])
+    x, y, z = axes
+    normals = (careful_cross(y, z), careful_cross(z, x), careful_cross(x, y))
+    distance = norm(offset)
     for i in range(3):
         n = normals[i]
         along = abs(dot(n, offset))
         reach = abs(dot(n, axes[i])) * extents[i]
-        bound = CAREFUL_BOUND * (distance + extents[i]) * length(n[0], n[1], n[2]) + UNDERFLOW
+        bound = CAREFUL_BOUND * (distance + extents[i]) * norm(n) + UNDERFLOW
         if along - reach > bound:
             return OUTSIDE
         if along - reach >= -bound:

@@ -27,12 +27,15 @@ certainly keep out of is left out, by CELL_SLACK more than rounding can move a c
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from obb_collision._jit import njit
 from obb_collision.numerics.constants import ROUNDOFF
-from obb_collision.typing import Floats
+from obb_collision.numerics.vec3 import dot, dot_abs, minus, sum_abs
+from obb_collision.queries.verdict.pair_frame import Box, box_at
+from obb_collision.typing import Floats, Vector
 
 #: A cell with so few boxes is not worth a grid: testing a box takes less than finding the cell.
 FEW = 3
@@ -48,6 +51,22 @@ CELL_SLACK = 8192 * ROUNDOFF
 START, COUNT, GRID, PARENT = 0, 1, 2, 3
 #: Columns of a grid's numbers: its first cell, and the steps from cell to cell along x and y.
 FIRST, STEP_X, STEP_Y = 0, 1, 2
+
+
+class Grids(NamedTuple):
+    """Frames (k, 9) and numbers (k, 3) of grids (see ``build_grid``)."""
+
+    frames: Floats
+    numbers: np.ndarray
+
+
+class Contents(NamedTuple):
+    """What is found in cells: bounds and boxes, as given to ``build_grid``."""
+
+    bounds: Floats
+    centers: Floats
+    axes: Floats
+    extents: Floats
 
 
 @njit
@@ -77,6 +96,7 @@ def build_grid(
     frames, numbers = np.empty((1, 9)), np.empty((1, 3), np.int32)
     pairs = np.empty((64, 2), np.int32)
     used_cells, used_items, grids = 1, n, 0
+    contents = Contents(bounds, centers, axes, extents)
     cell = 0
     while cell < used_cells and effort > 0:
         start, count = cells[cell, START], cells[cell, COUNT]
@@ -86,13 +106,12 @@ def build_grid(
                 frames, numbers = _doubled(frames), _doubled(numbers)
             size = _lay_out(frames, numbers, grids, cells, cell, bounds, items, effort)
             numbers[grids, FIRST] = used_cells
+            tree = Grids(frames, numbers)
             found = 0
             for m in range(start, start + count):
                 while found + size > len(pairs):
                     pairs = _doubled(pairs)
-                found, looked = _enter(
-                    frames, numbers, grids, bounds, centers, axes, extents, items[m], pairs, found
-                )
+                found, looked = _enter(tree, grids, contents, items[m], pairs, found)
                 effort -= looked
             if found <= WORTH * size * count:
                 while used_cells + size > len(cells):
@@ -205,49 +224,44 @@ def _row(frames: Floats, g: int, k: int) -> tuple[float, float, float]:
 
 @njit
 def _enter(
-    frames: Floats, numbers: np.ndarray, g: int,
-    bounds: Floats, centers: Floats, axes: Floats, extents: Floats, row: int,
-    pairs: np.ndarray, found: int,
-) -> tuple[int, int]:  # fmt: skip
+    grids: Grids, g: int, contents: Contents, item: int, pairs: np.ndarray, found: int
+) -> tuple[int, int]:
     """Append the cells of grid g that a box may reach into; return pairs found and looked at."""
-    x0, y0, z0 = bounds[row, 0], bounds[row, 1], bounds[row, 2]
-    x1, y1, z1 = bounds[row, 3], bounds[row, 4], bounds[row, 5]
-    first = find_cell(frames, numbers, g, x0, y0, z0)
-    last = find_cell(frames, numbers, g, x1, y1, z1)
+    frames, numbers = grids
+    low, high = contents.bounds[item, :3], contents.bounds[item, 3:]
+    first = find_cell(frames, numbers, g, low[0], low[1], low[2])
+    last = find_cell(frames, numbers, g, high[0], high[1], high[2])
     looked = 0
     low_x, wide_x, slack_x = _row(frames, g, 0)
     low_y, wide_y, slack_y = _row(frames, g, 1)
     low_z, wide_z, slack_z = _row(frames, g, 2)
-    hx, hy, hz = 0.5 * wide_x + slack_x, 0.5 * wide_y + slack_y, 0.5 * wide_z + slack_z
-    certain = first != last and math.isfinite(hx + hy + hz)
+    half = 0.5 * wide_x + slack_x, 0.5 * wide_y + slack_y, 0.5 * wide_z + slack_z
+    certain = first != last and math.isfinite(half[0] + half[1] + half[2])
+    box = box_at(contents.centers, contents.axes, contents.extents, item)
     for i in range(_place(numbers, g, first, 0), _place(numbers, g, last, 0) + 1):
-        dx = low_x + (i + 0.5) * wide_x - centers[row, 0]
+        x = low_x + (i + 0.5) * wide_x
         for j in range(_place(numbers, g, first, 1), _place(numbers, g, last, 1) + 1):
-            dy = low_y + (j + 0.5) * wide_y - centers[row, 1]
+            y = low_y + (j + 0.5) * wide_y
             for k in range(_place(numbers, g, first, 2), _place(numbers, g, last, 2) + 1):
-                dz = low_z + (k + 0.5) * wide_z - centers[row, 2]
+                z = low_z + (k + 0.5) * wide_z
                 looked += 1
-                if certain and _apart(axes, extents, row, dx, dy, dz, hx, hy, hz):
+                if certain and _apart(box, minus((x, y, z), box.center), half):
                     continue
                 pairs[found, 0] = i * numbers[g, STEP_X] + j * numbers[g, STEP_Y] + k
-                pairs[found, 1] = row
+                pairs[found, 1] = item
                 found += 1
     return found, looked
 
 
 @njit
-def _apart(
-    axes: Floats, extents: Floats, row: int,
-    dx: float, dy: float, dz: float, hx: float, hy: float, hz: float,
-) -> bool:  # fmt: skip
+def _apart(box: Box, offset: Vector, half: Vector) -> bool:
     """Return whether a face normal of a box certainly separates it from a cell.
 
-    The cell at dx, dy, dz from the centre of the box, with half extents hx, hy, hz.
+    offset: of the cell from the centre of the box; half: half extents of the cell.
     """
-    slack = CELL_SLACK * (abs(dx) + abs(dy) + abs(dz) + hx + hy + hz)
+    slack = CELL_SLACK * (sum_abs(offset) + half[0] + half[1] + half[2])
     for i in range(3):
-        ax, ay, az = axes[row, 0, i], axes[row, 1, i], axes[row, 2, i]
-        reach = hx * abs(ax) + hy * abs(ay) + hz * abs(az) + extents[row, i]
-        if abs(ax * dx + ay * dy + az * dz) > reach + slack:
+        n = box.axes[i]
+        if abs(dot(n, offset)) > dot_abs(half, n) + box.half_extents[i] + slack:
             return True
     return False

@@ -96,11 +96,9 @@ def _inside(records: Floats, b: int, dx: float, dy: float, dz: float, margin: fl
         return True
     if margin > 0.0:
         return length(max(x, 0.0), max(y, 0.0), max(z, 0.0)) <= margin + bound
-    place = place_carefully(
-        (dx, dy, dz),
-        (records[b, 3], records[b, 6], records[b, 9]),
-        (records[b, 4], records[b, 7], records[b, 10]),
-        (records[b, 5], records[b, 8], records[b, 11]),
-        (records[b, 12], records[b, 13], records[b, 14]),
-    )
+    x_axis = records[b, 3], records[b, 6], records[b, 9]
+    y_axis = records[b, 4], records[b, 7], records[b, 10]
+    z_axis = records[b, 5], records[b, 8], records[b, 11]
+    half_extents = records[b, 12], records[b, 13], records[b, 14]
+    place = place_carefully((dx, dy, dz), (x_axis, y_axis, z_axis), half_extents)
     return place != OUTSIDE

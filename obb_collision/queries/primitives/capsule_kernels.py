@@ -22,13 +22,22 @@ import numpy as np
 
 from obb_collision._jit import njit
 from obb_collision.numerics.constants import ROUNDOFF
-from obb_collision.queries.primitives.segments import (
-    Vector,
-    along,
-    box_gap,
-    cross,
+from obb_collision.numerics.vec3 import (
+    axes_of,
+    careful_cross,
+    clamped,
+    combined,
+    components,
     dot,
-    excesses,
+    max_abs,
+    minus,
+    plus,
+    scaled,
+    sum_abs,
+    vector_at,
+)
+from obb_collision.queries.primitives.segments import (
+    box_gap,
     nearest_of_segments,
     nearest_to_box,
     segment_gap,
@@ -36,56 +45,12 @@ from obb_collision.queries.primitives.segments import (
     widest_gap,
 )
 from obb_collision.queries.verdict.verdict import OVERLAP, SEPARATE, TOUCHING
-from obb_collision.typing import Floats
+from obb_collision.typing import Floats, Vector
 
 #: Bound of a distance that proves nearness, relative to T: 256 unit roundoffs (see ``capsules``).
 NEAR_BOUND = 256 * ROUNDOFF
 #: Bound of a gap that proves a distance, relative to T: 32 unit roundoffs (see ``capsules``).
 FAR_BOUND = 32 * ROUNDOFF
-
-
-@njit
-def offset(a: Floats, i: int, b: Floats, j: int) -> Vector:
-    """Return the vector from row j of b to row i of a."""
-    return a[i, 0] - b[j, 0], a[i, 1] - b[j, 1], a[i, 2] - b[j, 2]
-
-
-@njit
-def times(s: float, a: Vector) -> Vector:
-    """Return s a."""
-    return s * a[0], s * a[1], s * a[2]
-
-
-@njit
-def largest(a: Vector) -> float:
-    """Return the largest magnitude of the three numbers."""
-    return max(abs(a[0]), abs(a[1]), abs(a[2]))
-
-
-@njit
-def total(a: Vector) -> float:
-    """Return the sum of the magnitudes of the three numbers."""
-    return abs(a[0]) + abs(a[1]) + abs(a[2])
-
-
-@njit
-def to_local(axes: Floats, j: int, a: Vector) -> Vector:
-    """Return the coordinates of a along the axes of box j."""
-    return (
-        axes[j, 0, 0] * a[0] + axes[j, 1, 0] * a[1] + axes[j, 2, 0] * a[2],
-        axes[j, 0, 1] * a[0] + axes[j, 1, 1] * a[1] + axes[j, 2, 1] * a[2],
-        axes[j, 0, 2] * a[0] + axes[j, 1, 2] * a[1] + axes[j, 2, 2] * a[2],
-    )
-
-
-@njit
-def to_world(axes: Floats, j: int, a: Vector) -> Vector:
-    """Return the sum of the axes of box j times the coordinates a."""
-    return (
-        axes[j, 0, 0] * a[0] + axes[j, 0, 1] * a[1] + axes[j, 0, 2] * a[2],
-        axes[j, 1, 0] * a[0] + axes[j, 1, 1] * a[1] + axes[j, 1, 2] * a[2],
-        axes[j, 2, 0] * a[0] + axes[j, 2, 1] * a[1] + axes[j, 2, 2] * a[2],
-    )
 
 
 @njit
@@ -96,12 +61,15 @@ def _scaled_box_pair(
 
     And the number that scales them back.
     """
-    d0, d1 = offset(starts, i, centers, j), offset(ends, i, centers, j)
-    v = offset(ends, i, starts, i)
+    d0, d1 = (
+        minus(vector_at(starts, i), vector_at(centers, j)),
+        minus(vector_at(ends, i), vector_at(centers, j)),
+    )
+    v = minus(vector_at(ends, i), vector_at(starts, i))
     h = (half[j, 0], half[j, 1], half[j, 2])
     r = radii[i]
-    scale, back = unit_scale(max(largest(d0), largest(d1), largest(h), r))
-    return times(scale, d0), times(scale, d1), times(scale, v), times(scale, h), scale * r, back
+    scale, back = unit_scale(max(max_abs(d0), max_abs(d1), max_abs(h), r))
+    return scaled(d0, scale), scaled(d1, scale), scaled(v, scale), scaled(h, scale), scale * r, back
 
 
 @njit
@@ -120,16 +88,16 @@ def _box_verdict(
     centers: Floats, axes: Floats, half: Floats, j: int,
 ) -> int:  # fmt: skip
     d0, d1, v, h, r, _ = _scaled_box_pair(starts, ends, radii, i, centers, half, j)
-    size = total(d0) + total(d1) + total(h) + r
-    y, w = to_local(axes, j, d0), to_local(axes, j, v)
-    y = along(y, nearest_to_box(y, w, h), w)
-    e = excesses(y, h)
+    size = sum_abs(d0) + sum_abs(d1) + sum_abs(h) + r
+    y, w = components(axes_of(axes, j), d0), components(axes_of(axes, j), v)
+    y = plus(y, scaled(w, nearest_to_box(y, w, h)))
+    e = minus(y, clamped(y, h))
     near = math.sqrt(dot(e, e))
     if near == 0.0:
         near = -min(h[0] - abs(y[0]), h[1] - abs(y[1]), h[2] - abs(y[2]))
     if near - r < -NEAR_BOUND * size:
         return OVERLAP
-    gap, _ = box_gap(to_world(axes, j, e), d0, d1, axes, j, h)
+    gap, _ = box_gap(combined(axes_of(axes, j), e), d0, d1, axes, j, h)
     if gap - r > FAR_BOUND * size:
         return SEPARATE
     gap, _ = widest_gap(d0, d1, v, axes, j, h)
@@ -144,20 +112,20 @@ def box_distances_kernel(
     """Write separation (n,), normal, points of capsule and box (n, 3) of each row."""
     for n in range(len(starts)):
         d0, d1, v, h, r, back = _scaled_box_pair(starts, ends, radii, n, centers, half, n)
-        y, w = to_local(axes, n, d0), to_local(axes, n, v)
-        at = along(y, nearest_to_box(y, w, h), w)
-        e = excesses(at, h)
+        y, w = components(axes_of(axes, n), d0), components(axes_of(axes, n), v)
+        at = plus(y, scaled(w, nearest_to_box(y, w, h)))
+        e = minus(at, clamped(at, h))
         near = math.sqrt(dot(e, e))
         if near > 0.0:
-            towards = to_world(axes, n, times(-1.0 / near, e))
+            towards = combined(axes_of(axes, n), scaled(e, -1.0 / near))
         else:  # the segment meets the box: move it out, and look where they touch then
             near, towards = widest_gap(d0, d1, v, axes, n, h)
-            out = along(y, near, to_local(axes, n, towards))
-            at = along(out, nearest_to_box(out, w, h), w)
-            e = excesses(at, h)
+            out = plus(y, scaled(components(axes_of(axes, n), towards), near))
+            at = plus(out, scaled(w, nearest_to_box(out, w, h)))
+            e = minus(at, clamped(at, h))
         gap = near - r
         separations[n] = back * gap
-        on_box = to_world(axes, n, along(at, -1.0, e))
+        on_box = combined(axes_of(axes, n), minus(at, e))
         for k in range(3):
             normals[n, k] = towards[k]
             positions_b[n, k] = centers[n, k] + back * on_box[k]
@@ -172,10 +140,14 @@ def _scaled_pair(
 
     And the number that scales them back.
     """
-    u, d, v = offset(q, i, p, i), offset(s, j, p, i), offset(t, j, s, j)
+    u, d, v = (
+        minus(vector_at(q, i), vector_at(p, i)),
+        minus(vector_at(s, j), vector_at(p, i)),
+        minus(vector_at(t, j), vector_at(s, j)),
+    )
     r, f = radii_a[i], radii_b[j]
-    scale, back = unit_scale(max(largest(u), largest(d), largest(v), r, f))
-    return times(scale, u), times(scale, d), times(scale, v), scale * r, scale * f, back
+    scale, back = unit_scale(max(max_abs(u), max_abs(d), max_abs(v), r, f))
+    return scaled(u, scale), scaled(d, scale), scaled(v, scale), scale * r, scale * f, back
 
 
 @njit
@@ -193,14 +165,14 @@ def _capsule_verdict(
     p: Floats, q: Floats, radii_a: Floats, i: int, s: Floats, t: Floats, radii_b: Floats, j: int
 ) -> int:
     u, d, v, r, f, _ = _scaled_pair(p, q, radii_a, i, s, t, radii_b, j)
-    bound = FAR_BOUND * (total(u) + total(d) + total(v) + r + f)
+    bound = FAR_BOUND * (sum_abs(u) + sum_abs(d) + sum_abs(v) + r + f)
     at_u, at_v = nearest_of_segments(u, d, v)
-    between = along(along(d, at_v, v), -at_u, u)
+    between = plus(plus(d, scaled(v, at_v)), scaled(u, -at_u))
     if math.sqrt(dot(between, between)) - (r + f) < -bound:
         return OVERLAP
     if segment_gap(between, u, d, v) - (r + f) > bound:
         return SEPARATE
-    return SEPARATE if segment_gap(cross(u, v), u, d, v) - (r + f) > bound else TOUCHING
+    return SEPARATE if segment_gap(careful_cross(u, v), u, d, v) - (r + f) > bound else TOUCHING
 
 
 @njit
@@ -212,12 +184,12 @@ def capsule_distances_kernel(
     for n in range(len(p)):
         u, d, v, r, f, back = _scaled_pair(p, q, radii_a, n, s, t, radii_b, n)
         at_u, at_v = nearest_of_segments(u, d, v)
-        foot = times(at_u, u)
-        towards = along(along(d, at_v, v), -1.0, foot)
+        foot = scaled(u, at_u)
+        towards = plus(plus(d, scaled(v, at_v)), scaled(foot, -1.0))
         near = math.sqrt(dot(towards, towards))
         if near == 0.0:
             towards = _any_normal(u, v)
-        towards = times(1.0 / math.sqrt(dot(towards, towards)), towards)
+        towards = scaled(towards, 1.0 / math.sqrt(dot(towards, towards)))
         separations[n] = back * (near - (r + f))
         for k in range(3):
             normals[n, k] = towards[k]
@@ -228,7 +200,7 @@ def capsule_distances_kernel(
 @njit
 def _any_normal(u: Vector, v: Vector) -> Vector:
     """Return a vector normal to two segments that cross; to one of them, or any, if they don't."""
-    n = cross(u, v)
+    n = careful_cross(u, v)
     for w in (u, v):
         if n[0] == 0.0 and n[1] == 0.0 and n[2] == 0.0:
             if abs(w[0]) <= min(abs(w[1]), abs(w[2])):

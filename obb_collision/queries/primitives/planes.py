@@ -26,7 +26,8 @@ from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.kinds import check_kind
 from obb_collision.geometry.validation import as_array, first_bad_row
 from obb_collision.numerics.constants import CAREFUL_BOUND, UNDERFLOW
-from obb_collision.numerics.error_free import length
+from obb_collision.numerics.vec3 import components, dot, dot_abs, minus, norm, vector_at
+from obb_collision.queries.verdict.pair_frame import Box, box_at
 from obb_collision.queries.verdict.verdict import (
     OVERLAP,
     SEPARATE,
@@ -34,7 +35,7 @@ from obb_collision.queries.verdict.verdict import (
     Verdicts,
     verdicts,
 )
-from obb_collision.typing import Floats
+from obb_collision.typing import Floats, Vector
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,24 +122,23 @@ def _plane_kernel(
 ) -> None:  # fmt: skip
     """Write the range of each box along the unit normal, and the error bound of its ends (n,).
 
-    The error analysis is that of ``separation.careful_axis``; the plane's normal is exact here.
+    The error analysis is that of ``verdict.careful_verdict``; the plane's normal is exact here.
     """
     for n in range(len(points)):
-        norm = length(normals[n, 0], normals[n, 1], normals[n, 2])
-        x, y, z = normals[n, 0] / norm, normals[n, 1] / norm, normals[n, 2] / norm
-        dx = centers[n, 0] - points[n, 0]
-        dy = centers[n, 1] - points[n, 1]
-        dz = centers[n, 2] - points[n, 2]
-        middle = x * dx + y * dy + z * dz
-        reach = 0.0
-        size = length(dx, dy, dz)
-        for i in range(3):
-            h = half_extents[n, i]
-            reach += h * abs(x * axes[n, 0, i] + y * axes[n, 1, i] + z * axes[n, 2, i])
-            size += h
-        lowest[n] = middle - reach
-        highest[n] = middle + reach
-        bounds[n] = CAREFUL_BOUND * size + UNDERFLOW
+        box = box_at(centers, axes, half_extents, n)
+        found = _range_of(vector_at(points, n), vector_at(normals, n), box)
+        lowest[n], highest[n], bounds[n] = found
+
+
+@njit
+def _range_of(point: Vector, normal: Vector, box: Box) -> Vector:
+    """Return the least and the largest height of a box over a plane, and their error bound."""
+    size = norm(normal)
+    n = normal[0] / size, normal[1] / size, normal[2] / size
+    d, h = minus(box.center, point), box.half_extents
+    middle, reach = dot(n, d), dot_abs(h, components(box.axes, n))
+    bound = CAREFUL_BOUND * (norm(d) + h[0] + h[1] + h[2]) + UNDERFLOW
+    return middle - reach, middle + reach, bound
 
 
 def _verdicts(apart: NDArray[np.bool_], overlap: NDArray[np.bool_]) -> Verdicts:

@@ -29,10 +29,8 @@ import math
 import numpy as np
 
 from obb_collision._jit import njit
-from obb_collision.numerics.error_free import determinant
-from obb_collision.typing import Floats
-
-Vector = tuple[float, float, float]
+from obb_collision.numerics.vec3 import axis_of, careful_cross, clamp, dot, plus, scaled
+from obb_collision.typing import Floats, Vector
 
 #: Exponents of scales: 2^1000 and its reciprocal are still ordinary doubles.
 LARGEST_EXPONENT = 1000
@@ -47,40 +45,6 @@ def unit_scale(size: float) -> tuple[float, float]:
 
 
 @njit
-def dot(a: Vector, b: Vector) -> float:
-    """Return the scalar product."""
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-@njit
-def cross(a: Vector, b: Vector) -> Vector:
-    """Return the cross product, each component nearly exact."""
-    return (
-        determinant(a[1], a[2], b[1], b[2]),
-        determinant(a[2], a[0], b[2], b[0]),
-        determinant(a[0], a[1], b[0], b[1]),
-    )
-
-
-@njit
-def along(a: Vector, s: float, b: Vector) -> Vector:
-    """Return a + s b."""
-    return a[0] + s * b[0], a[1] + s * b[1], a[2] + s * b[2]
-
-
-@njit
-def excess(x: float, h: float) -> float:
-    """Return by how much x is outside -h .. h, with its sign."""
-    return x - min(max(x, -h), h)
-
-
-@njit
-def excesses(y: Vector, h: Vector) -> Vector:
-    """Return the vector from the nearest point of the box -h .. h to y."""
-    return excess(y[0], h[0]), excess(y[1], h[1]), excess(y[2], h[2])
-
-
-@njit
 def _slope(s: float, y: Vector, v: Vector, h: Vector, on_face: int) -> float:
     """Return half the slope at s of the squared distance of y + s v from the box.
 
@@ -89,7 +53,8 @@ def _slope(s: float, y: Vector, v: Vector, h: Vector, on_face: int) -> float:
     total = 0.0
     for i in range(3):
         if i != on_face:
-            total += excess(y[i] + s * v[i], h[i]) * v[i]
+            x = y[i] + s * v[i]
+            total += (x - clamp(x, h[i])) * v[i]
     return total
 
 
@@ -144,8 +109,7 @@ def box_gap(
         return -np.inf, 1.0
     reach = 0.0
     for i in range(3):
-        axis = (axes[j, 0, i], axes[j, 1, i], axes[j, 2, i])
-        reach += h[i] * abs(dot(n, axis))
+        reach += h[i] * abs(dot(n, axis_of(axes, j, i)))
     x0, x1 = dot(n, d0), dot(n, d1)
     beyond, before = min(x0, x1), -max(x0, x1)
     if beyond >= before:
@@ -167,13 +131,13 @@ def widest_gap(
     towards = (0.0, 0.0, 0.0)
     for k in range(6):
         i = k % 3
-        n = (axes[j, 0, i], axes[j, 1, i], axes[j, 2, i])
+        n = axis_of(axes, j, i)
         if k >= 3:
-            n = cross(n, v)
+            n = careful_cross(n, v)
         gap, side = box_gap(n, d0, d1, axes, j, h)
         if gap > best:
             best = gap
-            towards = along((0.0, 0.0, 0.0), -side / math.sqrt(dot(n, n)), n)
+            towards = plus((0.0, 0.0, 0.0), scaled(n, -side / math.sqrt(dot(n, n))))
     return best, towards
 
 
@@ -193,7 +157,7 @@ def nearest_of_segments(u: Vector, d: Vector, v: Vector) -> tuple[float, float]:
     uu, vv = dot(u, u), dot(v, v)
     ud, vd, uv = dot(u, d), dot(v, d), dot(u, v)
     best, best_s, best_t = np.inf, 0.0, 0.0
-    n = cross(u, v)
+    n = careful_cross(u, v)
     nn = dot(n, n)
     for k in range(5):
         if k == 0:
@@ -205,11 +169,11 @@ def nearest_of_segments(u: Vector, d: Vector, v: Vector) -> tuple[float, float]:
         elif k == 3:
             s, t = _clamped_ratio(ud + uv, uu), 1.0
         elif nn > 0.0:
-            s = _clamped_ratio(dot(cross(d, v), n), nn)
-            t = _clamped_ratio(dot(cross(d, u), n), nn)
+            s = _clamped_ratio(dot(careful_cross(d, v), n), nn)
+            t = _clamped_ratio(dot(careful_cross(d, u), n), nn)
         else:
             break
-        gap = along(along(d, t, v), -s, u)
+        gap = plus(plus(d, scaled(v, t)), scaled(u, -s))
         square = dot(gap, gap)
         if square < best:
             best, best_s, best_t = square, s, t

@@ -16,14 +16,25 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from obb_collision._jit import njit
 from obb_collision.numerics.constants import PARALLEL, ROUNDOFF, UNDERFLOW
-from obb_collision.queries.primitives.capsule_kernels import to_local, total
-from obb_collision.queries.primitives.segments import Vector
+from obb_collision.numerics.vec3 import (
+    axis_of,
+    components,
+    dot,
+    minus,
+    plus,
+    scaled,
+    sum_abs,
+    vector_at,
+)
 from obb_collision.queries.rays.bounds_tree import CHILD, COUNT, STACK, START
-from obb_collision.typing import Floats
+from obb_collision.queries.verdict.pair_frame import Box, box_at
+from obb_collision.typing import Floats, Vector
 
 #: By how much a box is enlarged for the decision, relative to its distance and half extents:
 #: four times the bound of ``containment``, for origin and direction, with room for the slabs.
@@ -57,39 +68,63 @@ def slabs(o: Vector, v: Vector, h: Vector) -> tuple[float, float, int]:
     return enter, leave, axis
 
 
+class Ray(NamedTuple):
+    """A ray or a segment."""
+
+    origin: Vector
+    unit: Vector
+    reach: float  #: how far it goes
+
+
+class BoundsTree(NamedTuple):
+    """A tree of ``build_tree``, and work space for walking down."""
+
+    limits: Floats
+    nodes: np.ndarray
+    order: np.ndarray
+    stack: np.ndarray  #: (STACK,) nodes
+    entries: Floats  #: (STACK,) where the ray enters them
+
+
+class BoxArrays(NamedTuple):
+    """Boxes, as arrays."""
+
+    centers: Floats
+    rotations: Floats
+    half_extents: Floats
+
+
 @njit
-def hit_box(
-    origin: Vector, unit: Vector, centers: Floats, axes: Floats, half: Floats, b: int, reach: float
-) -> tuple[float, int]:
-    """Return the distance at which a ray hits box b, infinity if not within reach, and the axis.
+def hit_box(ray: Ray, box: Box) -> tuple[float, int]:
+    """Return the distance at which a ray hits a box, infinity if not within reach, and the axis.
 
     The axis of the face entered is -1 where the origin is in the box.
     """
-    d = (origin[0] - centers[b, 0], origin[1] - centers[b, 1], origin[2] - centers[b, 2])
-    h = (half[b, 0], half[b, 1], half[b, 2])
-    o, v = to_local(axes, b, d), to_local(axes, b, unit)
-    bound = HIT_BOUND * (total(d) + total(h)) + UNDERFLOW
+    d, h = minus(ray.origin, box.center), box.half_extents
+    o, v = components(box.axes, d), components(box.axes, ray.unit)
+    bound = HIT_BOUND * (sum_abs(d) + sum_abs(h)) + UNDERFLOW
     grown = (h[0] + bound, h[1] + bound, h[2] + bound)
     enter, leave, axis = slabs(o, v, grown)
-    if enter > leave or leave < 0.0 or enter > reach:
+    if enter > leave or leave < 0.0 or enter > ray.reach:
         return np.inf, -1
     true_enter, true_leave, true_axis = slabs(o, v, h)
     if true_enter <= true_leave and true_enter - enter <= STEEP * bound:
         enter, axis = true_enter, true_axis
     if enter <= 0.0:
         return 0.0, -1
-    return min(enter, reach), axis
+    return min(enter, ray.reach), axis
 
 
 @njit
-def enters_bounds(limits: Floats, node: int, origin: Vector, unit: Vector, reach: float) -> float:
+def enters_bounds(limits: Floats, node: int, ray: Ray, reach: float) -> float:
     """Return a distance before a ray can enter the bounds of a node, infinity if it can't."""
     enter, leave = 0.0, reach
     for i in range(3):
-        if abs(unit[i]) < PARALLEL:
+        origin, unit = ray.origin[i], ray.unit[i]
+        if abs(unit) < PARALLEL:
             continue
-        near = (limits[node, i] - origin[i]) / unit[i]
-        far = (limits[node, 3 + i] - origin[i]) / unit[i]
+        near = (limits[node, i] - origin) / unit
+        far = (limits[node, 3 + i] - origin) / unit
         if near > far:
             near, far = far, near
         enter = max(enter, near - DISTANCE_SLACK * abs(near))
@@ -100,37 +135,42 @@ def enters_bounds(limits: Floats, node: int, origin: Vector, unit: Vector, reach
 @njit
 def rays_kernel(
     origins: Floats, units: Floats, reaches: Floats,
-    centers: Floats, axes: Floats, half: Floats,
+    centers: Floats, rotations: Floats, half_extents: Floats,
     limits: Floats, nodes: np.ndarray, order: np.ndarray,
     hits: np.ndarray, distances: Floats, points: Floats, normals: Floats,
 ) -> None:  # fmt: skip
     """Write the nearest box (m,), distance (m,), point (m, 3) and normal (m, 3) of each ray."""
-    stack, entries = np.empty(STACK, np.int64), np.empty(STACK)
+    tree = BoundsTree(limits, nodes, order, np.empty(STACK, np.int64), np.empty(STACK))
+    boxes = BoxArrays(centers, rotations, half_extents)
     for n in range(len(origins)):
-        origin = (origins[n, 0], origins[n, 1], origins[n, 2])
-        unit = (units[n, 0], units[n, 1], units[n, 2])
-        box, distance, axis = _nearest(
-            origin, unit, reaches[n], centers, axes, half, limits, nodes, order, stack, entries
-        )
+        ray = Ray(vector_at(origins, n), vector_at(units, n), reaches[n])
+        box, distance, axis = _nearest(ray, boxes, tree)
         hits[n], distances[n] = box, distance
-        side = 0.0
-        if axis >= 0:
-            way = unit[0] * axes[box, 0, axis] + unit[1] * axes[box, 1, axis]
-            side = -1.0 if way + unit[2] * axes[box, 2, axis] > 0.0 else 1.0
+        point, normal = (np.nan, np.nan, np.nan), (np.nan, np.nan, np.nan)
+        if box >= 0:
+            point = plus(ray.origin, scaled(ray.unit, distance))
+            normal = _normal(ray, axis_of(rotations, box, max(axis, 0)), axis)
         for k in range(3):
-            points[n, k] = origin[k] + distance * unit[k] if box >= 0 else np.nan
-            normals[n, k] = side * axes[box, k, max(axis, 0)] + 0.0 if box >= 0 else np.nan
+            points[n, k], normals[n, k] = point[k], normal[k]
 
 
 @njit
-def _nearest(
-    origin: Vector, unit: Vector, reach: float, centers: Floats, axes: Floats, half: Floats,
-    limits: Floats, nodes: np.ndarray, order: np.ndarray, stack: np.ndarray, entries: Floats,
-) -> tuple[int, float, int]:  # fmt: skip
+def _normal(ray: Ray, across: Vector, axis: int) -> Vector:
+    """Return the normal of the face entered, zero for none; across: the axis across it."""
+    side = 0.0
+    if axis >= 0:
+        side = -1.0 if dot(ray.unit, across) > 0.0 else 1.0
+    return side * across[0] + 0.0, side * across[1] + 0.0, side * across[2] + 0.0
+
+
+@njit
+def _nearest(ray: Ray, boxes: BoxArrays, tree: BoundsTree) -> tuple[int, float, int]:
     """Return the nearest box, its distance and the axis of its face; -1, infinity, -1 for none."""
+    limits, nodes, order, stack, entries = tree
+    centers, rotations, half_extents = boxes
     box, best, axis = -1, np.inf, -1
     depth = 0
-    enter = enters_bounds(limits, 0, origin, unit, reach)
+    enter = enters_bounds(limits, 0, ray, ray.reach)
     if enter < np.inf:
         stack[0], entries[0], depth = 0, enter, 1
     while depth > 0:
@@ -142,12 +182,12 @@ def _nearest(
         if child < 0:
             for m in range(nodes[node, START], nodes[node, START] + nodes[node, COUNT]):
                 b = order[m]
-                distance, face = hit_box(origin, unit, centers, axes, half, b, reach)
+                distance, face = hit_box(ray, box_at(centers, rotations, half_extents, b))
                 if distance < best or (distance == best and b < box):
                     box, best, axis = b, distance, face
             continue
-        first = enters_bounds(limits, child, origin, unit, min(reach, best))
-        second = enters_bounds(limits, child + 1, origin, unit, min(reach, best))
+        first = enters_bounds(limits, child, ray, min(ray.reach, best))
+        second = enters_bounds(limits, child + 1, ray, min(ray.reach, best))
         if first < second:  # the nearer one is on top
             first, second = second, first
             child, other = child + 1, child

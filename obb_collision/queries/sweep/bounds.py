@@ -35,14 +35,15 @@ values has one: regula falsi from the left never steps too far.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from obb_collision._jit import njit
-from obb_collision.numerics.error_free import length
-from obb_collision.typing import Floats
+from obb_collision.numerics.vec3 import components, cross, dot, norm, pick_axis, plus
+from obb_collision.queries.verdict.sat import AXES, factors
+from obb_collision.typing import Axes, Vector
 
-AXES = 15
 #: An axis this short is lost in rounding.
 SHORTEST_AXIS = 2.0**-40
 #: Rounds of closing in on a root: the bracket shrinks quadratically.
@@ -51,117 +52,176 @@ ROOT_ROUNDS = 4
 NARROW = 0.05
 
 
+class Turning(NamedTuple):
+    """A box that turns about its origin."""
+
+    axes: Axes
+    rates: Axes  #: how the axes change
+    half_extents: Vector
+    speed: float  #: of the turn, rad/s
+    reach: float  #: radius of the box about its origin
+
+
+class Approach(NamedTuple):
+    """How the second of two boxes moves, seen from the first."""
+
+    offset: Vector  #: of the centres
+    velocity: Vector  #: how the offset changes
+    far: float  #: the most that the offset of the origins gets to until the horizon
+    speed: float  #: of the second origin seen from the first
+    horizon: float  #: the longest step asked for
+
+
+class MovingAxis(NamedTuple):
+    """What separates two boxes, as functions of time: first value and derivative of each."""
+
+    gap: float
+    rate: float
+    bend: float  #: bound of all second derivatives, summed
+    values: tuple[Vector, Vector]  #: extents times products of the axis with those of a, of b
+    slopes: tuple[Vector, Vector]
+
+
+@njit
+def turning(axes: Axes, half_extents: Vector, turn: Vector, reach: float) -> Turning:
+    """Return a box that turns at an angular velocity."""
+    rates = cross(turn, axes[0]), cross(turn, axes[1]), cross(turn, axes[2])
+    return Turning(axes, rates, half_extents, norm(turn), reach)
+
+
 @njit
 def best_step(
-    d: Floats,
-    velocity: Floats,
-    far: float,
-    speed: float,
-    a: Floats,
-    h: Floats,
-    turn_a: Floats,
-    reach_a: float,
-    b: Floats,
-    f: Floats,
-    turn_b: Floats,
-    reach_b: float,
-    rounding: float,
-    blur: float,
-    horizon: float,
-    work: Floats,
+    approach: Approach, a: Turning, b: Turning, rounding: float, blur: float
 ) -> tuple[float, float]:
     """Return the largest certain gap of the 15 axes, and for how long one surely separates.
 
-    d: offset of the centres, ``velocity`` how it changes; far: the most that the offset of the
-    origins gets to until the horizon, ``speed`` that of its ends; a, b: rotations, h, f: half
-    extents, turn_a, turn_b: angular velocities, reach_a, reach_b: radii about the origins.
     Gaps may be off by ``rounding``, and by ``blur`` times the length of their axis. Both results
-    are at least 0, a step that lasts to the ``horizon`` is infinite. ``work`` (12, 3): work space.
+    are at least 0, a step that lasts to the horizon is infinite.
     """
-    wa = length(turn_a[0], turn_a[1], turn_a[2])
-    wb = length(turn_b[0], turn_b[1], turn_b[2])
-    da, db, n, dn = work[0:3], work[3:6], work[6], work[7]
-    values, slopes = work[8:10], work[10:12]
-    _derivatives(a, turn_a, da)
-    _derivatives(b, turn_b, db)
-    both = wa + wb
     most, step = 0.0, 0.0
-    for axis in range(AXES):
-        _moving_axis(a, da, b, db, axis, n, dn)
-        square = _dot(n, n)
+    for number in range(AXES):
+        n, dn = _moving_axis(a, b, number)
+        square = dot(n, n)
         if square < SHORTEST_AXIS * SHORTEST_AXIS:
             continue
-        along = _dot(n, d)
+        along = dot(n, approach.offset)
+        values = _products(n, a), _products(n, b)
         gap = abs(along) - rounding
         for k in range(3):
-            values[0, k] = h[k] * (n[0] * a[0, k] + n[1] * a[1, k] + n[2] * a[2, k])
-            values[1, k] = f[k] * (n[0] * b[0, k] + n[1] * b[1, k] + n[2] * b[2, k])
-            gap -= abs(values[0, k]) + abs(values[1, k])
+            gap -= abs(values[0][k]) + abs(values[1][k])
         if gap <= 0.0:
             continue
-        norm = math.sqrt(square)
-        gap -= blur * norm
+        length = math.sqrt(square)
+        gap -= blur * length
         if gap <= 0.0:
             continue
-        most = max(most, gap / norm)
-        for k in range(3):
-            slopes[0, k] = h[k] * _product_slope(n, dn, a, da, k)
-            slopes[1, k] = f[k] * _product_slope(n, dn, b, db, k)
-        rate = _dot(dn, d) + _dot(n, velocity)
+        most = max(most, gap / length)
+        rate = dot(dn, approach.offset) + dot(n, approach.velocity)
         rate = rate if along > 0.0 else -rate
-        if axis < 3:
-            bend = wa * (wa * far + 2.0 * speed) + both * both * reach_b
-        elif axis < 6:
-            bend = wb * (wb * far + 2.0 * speed) + both * both * reach_a
-        else:
-            bend = both * (both * (far + reach_a + reach_b) + 2.0 * speed)
-            rate -= blur * both  # the axis grows no faster than its edges turn
-        step = max(step, _first_root(gap, rate, bend, values, slopes, horizon))
+        if number >= 6:
+            rate -= blur * (a.speed + b.speed)  # the axis grows no faster than its edges turn
+        slopes = _slopes(n, dn, a), _slopes(n, dn, b)
+        axis = MovingAxis(gap, rate, _bend(approach, a, b, number), values, slopes)
+        step = max(step, _first_root(axis, approach.horizon))
         if step == np.inf:
             break
     return most, step
 
 
 @njit
-def _first_root(
-    gap: float, rate: float, bend: float, values: Floats, slopes: Floats, horizon: float
-) -> float:
+def _moving_axis(a: Turning, b: Turning, number: int) -> tuple[Vector, Vector]:
+    """Return an axis, numbered as in ``sat``, and its derivative; face normals as stored."""
+    if number < 3:
+        return pick_axis(a.axes, number), pick_axis(a.rates, number)
+    if number < 6:
+        return pick_axis(b.axes, number - 3), pick_axis(b.rates, number - 3)
+    u, v = factors(a.axes, b.axes, number)
+    du, dv = factors(a.rates, b.rates, number)
+    return cross(u, v), plus(cross(du, v), cross(u, dv))
+
+
+@njit
+def _bend(approach: Approach, a: Turning, b: Turning, number: int) -> float:
+    """Return K of an axis (see the module)."""
+    far, speed, both = approach.far, approach.speed, a.speed + b.speed
+    if number < 3:
+        return a.speed * (a.speed * far + 2.0 * speed) + both * both * b.reach
+    if number < 6:
+        return b.speed * (b.speed * far + 2.0 * speed) + both * both * a.reach
+    return both * (both * (far + a.reach + b.reach) + 2.0 * speed)
+
+
+@njit
+def _products(n: Vector, box: Turning) -> Vector:
+    """Return the half extents times the products of n with the axes."""
+    p, q, r = components(box.axes, n)
+    h = box.half_extents
+    return h[0] * p, h[1] * q, h[2] * r
+
+
+@njit
+def _slopes(n: Vector, dn: Vector, box: Turning) -> Vector:
+    """Return the derivatives of ``_products``."""
+    (x, y, z), (dx, dy, dz), h = box.axes, box.rates, box.half_extents
+    return (
+        h[0] * _product_slope(n, dn, x, dx),
+        h[1] * _product_slope(n, dn, y, dy),
+        h[2] * _product_slope(n, dn, z, dz),
+    )
+
+
+@njit
+def _product_slope(n: Vector, dn: Vector, v: Vector, dv: Vector) -> float:
+    """Return the derivative of n . v."""
+    return (
+        (dn[0] * v[0] + n[0] * dv[0])
+        + (dn[1] * v[1] + n[1] * dv[1])
+        + (dn[2] * v[2] + n[2] * dv[2])
+    )
+
+
+@njit
+def _first_root(axis: MovingAxis, horizon: float) -> float:
     """Return a time before the lower bound of the gap first reaches zero; infinity if not at all.
 
     Each round takes the bound's parabola at the left end, which lies above it, for a new right
     end, and the chord for a new left end.
     """
-    left, at_left = 0.0, gap
+    left, at_left = 0.0, axis.gap
     right = horizon
     for _ in range(ROOT_ROUNDS):
-        slope = rate - bend * left
+        slope = axis.rate - axis.bend * left
         for m in range(2):
             for k in range(3):
-                value = values[m, k] + slopes[m, k] * left
-                grows = slopes[m, k] if value >= 0.0 else -slopes[m, k]
-                slope -= grows if value != 0.0 else abs(grows)
-        ahead = _parabola_root(at_left, slope, bend)
+                slope -= _growth(axis.values[m][k], axis.slopes[m][k], left)
+        ahead = _parabola_root(at_left, slope, axis.bend)
         right = min(right, left + ahead)
-        at_right = _bound(gap, rate, bend, values, slopes, right)
+        at_right = _bound(axis, right)
         if at_right >= 0.0:
             return np.inf if right >= horizon else right
         left += (right - left) * (at_left / (at_left - at_right))
-        at_left = _bound(gap, rate, bend, values, slopes, left)
+        at_left = _bound(axis, left)
         if at_left <= 0.0 or right - left <= NARROW * right:
             break
     return left
 
 
 @njit
-def _bound(
-    gap: float, rate: float, bend: float, values: Floats, slopes: Floats, time: float
-) -> float:
+def _growth(value: float, slope: float, time: float) -> float:
+    """Return how fast abs(value + slope t) grows from a time on."""
+    value += slope * time
+    grows = slope if value >= 0.0 else -slope
+    return grows if value != 0.0 else abs(grows)
+
+
+@njit
+def _bound(axis: MovingAxis, time: float) -> float:
     """Return the lower bound of the gap at a time from now."""
-    total = gap + (rate - 0.5 * bend * time) * time
+    total = axis.gap + (axis.rate - 0.5 * axis.bend * time) * time
     for m in range(2):
         for k in range(3):
-            value = values[m, k]
-            total -= abs(value + slopes[m, k] * time) - abs(value)
+            value = axis.values[m][k]
+            total -= abs(value + axis.slopes[m][k] * time) - abs(value)
     return total
 
 
@@ -172,48 +232,3 @@ def _parabola_root(value: float, slope: float, bend: float) -> float:
     if slope <= 0.0:
         return 2.0 * value / (root - slope) if root > slope else np.inf
     return (root + slope) / bend if bend > 0.0 else np.inf
-
-
-@njit
-def _moving_axis(
-    a: Floats, da: Floats, b: Floats, db: Floats, axis: int, n: Floats, dn: Floats
-) -> None:
-    """Write the axis (3,), numbered as in ``separation``, and its derivative (3,)."""
-    if axis < 3:
-        for k in range(3):
-            n[k] = a[k, axis]
-            dn[k] = da[k, axis]
-    elif axis < 6:
-        for k in range(3):
-            n[k] = b[k, axis - 3]
-            dn[k] = db[k, axis - 3]
-    else:
-        i, j = (axis - 6) // 3, (axis - 6) % 3
-        for k in range(3):
-            p, q = (k + 1) % 3, (k + 2) % 3
-            n[k] = a[p, i] * b[q, j] - a[q, i] * b[p, j]
-            dn[k] = da[p, i] * b[q, j] - da[q, i] * b[p, j]
-            dn[k] += a[p, i] * db[q, j] - a[q, i] * db[p, j]
-
-
-@njit
-def _derivatives(axes: Floats, turn: Floats, out: Floats) -> None:
-    """Write the derivatives (3, 3) of the columns of ``axes``: turn x column."""
-    for k in range(3):
-        out[0, k] = turn[1] * axes[2, k] - turn[2] * axes[1, k]
-        out[1, k] = turn[2] * axes[0, k] - turn[0] * axes[2, k]
-        out[2, k] = turn[0] * axes[1, k] - turn[1] * axes[0, k]
-
-
-@njit
-def _product_slope(n: Floats, dn: Floats, axes: Floats, derivatives: Floats, k: int) -> float:
-    """Return the derivative of n . column k."""
-    total = 0.0
-    for m in range(3):
-        total += dn[m] * axes[m, k] + n[m] * derivatives[m, k]
-    return total
-
-
-@njit
-def _dot(a: Floats, b: Floats) -> float:
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]

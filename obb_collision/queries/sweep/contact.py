@@ -18,21 +18,21 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from obb_collision._jit import njit
-from obb_collision.queries.verdict.penetration import clamp_to_box
-from obb_collision.queries.verdict.sat import (
-    Vector,
+from obb_collision.numerics.vec3 import (
     clamp,
-    column,
+    clamped,
+    components,
     dot,
+    max_abs,
     minus,
+    pick,
+    pick_axis,
     plus,
     scaled,
-    vector,
 )
-from obb_collision.typing import Floats
+from obb_collision.queries.verdict.pair_frame import Box
+from obb_collision.typing import Vector
 
 #: A side that rises less than this over its length, relative to the sum of all half extents,
 #: lies in the plane of contact.
@@ -50,80 +50,74 @@ Feature = tuple[Vector, int, int]
 
 
 @njit
-def contact_point(
-    ca: Vector,
-    cb: Vector,
-    rotations: Floats,
-    half_extents: Floats,
-    i: int,
-    j: int,
-    normal: Vector,
-    axis: int,
-) -> Vector:
-    """Return the point where boxes i and j touch in a plane of the normal, from i to j.
+def contact_point(a: Box, b: Box, normal: Vector, axis: int) -> Vector:
+    """Return the point where two boxes touch in a plane of the normal, from a to b.
 
-    ca, cb: their centres; axis: the number of the normal's among the 15 (``separation``), which
+    axis: the number of the normal's among the 15 (``sat``), which
     tells where to look first. The corner of either box if that is what touches, the
     crossing of two edges, else some point common to the flat features that meet.
     """
     size = 0.0
     for k in range(3):
-        size += half_extents[i, k] + half_extents[j, k]
+        size += a.half_extents[k] + b.half_extents[k]
     flat = TOUCH_FLAT * size
     back = scaled(normal, -1.0)
-    if axis < 3:  # a face of i: it is the other that may touch with a corner
-        b, free_b, n = _support(cb, rotations, half_extents, j, back, flat)
+    if axis < 3:  # a face of a: it is the other that may touch with a corner
+        q, free_b, edge_b = _support(b, back, flat)
         if free_b == 0:
-            return b
-        a, free_a, m = _support(ca, rotations, half_extents, i, normal, flat)
+            return q
+        p, free_a, edge_a = _support(a, normal, flat)
         if free_a == 0:
-            return a
+            return p
     else:
-        a, free_a, m = _support(ca, rotations, half_extents, i, normal, flat)
+        p, free_a, edge_a = _support(a, normal, flat)
         if free_a == 0:
-            return a
-        b, free_b, n = _support(cb, rotations, half_extents, j, back, flat)
+            return p
+        q, free_b, edge_b = _support(b, back, flat)
         if free_b == 0:
-            return b
+            return q
     if free_a == 1 and free_b == 1:
-        u, v = column(rotations, i, m), column(rotations, j, n)
+        u, v = pick_axis(a.axes, edge_a), pick_axis(b.axes, edge_b)
         cosine = dot(u, v)
         square = 1.0 - cosine * cosine
         if square > PARALLEL_SQUARED:
-            along = dot(minus(b, a), minus(u, scaled(v, cosine))) / square
-            return plus(a, scaled(u, clamp(along, half_extents[i, m])))
-    corner = a if free_a < free_b else b
-    return _common(corner, ca, cb, rotations, half_extents, i, j, TOUCH_SETTLED * size)
+            along = dot(minus(q, p), minus(u, scaled(v, cosine))) / square
+            return plus(p, scaled(u, clamp(along, pick(a.half_extents, edge_a))))
+    return _common(p if free_a < free_b else q, a, b, TOUCH_SETTLED * size)
 
 
 @njit
-def _common(
-    point: Vector, ca: Vector, cb: Vector,
-    rotations: Floats, half_extents: Floats, i: int, j: int, settled: float,
-) -> Vector:  # fmt: skip
+def _common(point: Vector, a: Box, b: Box, settled: float) -> Vector:
     """Return a point of both boxes near another, by projections onto one, then the other."""
-    work = np.empty((3, 3))
-    for k in range(3):
-        work[0, k], work[1, k], work[2, k] = point[k], ca[k], cb[k]
     for _ in range(TOUCH_ROUNDS):
-        moved = clamp_to_box(work[0], work[1], rotations[i], half_extents[i])
-        if max(moved, clamp_to_box(work[0], work[2], rotations[j], half_extents[j])) <= settled:
+        point, first = _clamp_to_box(point, a)
+        point, second = _clamp_to_box(point, b)
+        if max(first, second) <= settled:
             break
-    return vector(work, 0)
+    return point
 
 
 @njit
-def _support(
-    center: Vector, rotations: Floats, half_extents: Floats, i: int, normal: Vector, flat: float
-) -> Feature:
-    """Return the middle of what is farthest along the normal (see ``Feature``)."""
-    point, free, edge = center, 0, 0
+def _clamp_to_box(point: Vector, box: Box) -> tuple[Vector, float]:
+    """Return the nearest point of the box, and the largest step there along an axis."""
+    along = components(box.axes, minus(point, box.center))
+    excess = minus(along, clamped(along, box.half_extents))
     for k in range(3):
-        side = column(rotations, i, k)
-        rise = half_extents[i, k] * dot(normal, side)
+        if excess[k] != 0.0:
+            point = minus(point, scaled(box.axes[k], excess[k]))
+    return point, max_abs(excess)
+
+
+@njit
+def _support(box: Box, normal: Vector, flat: float) -> Feature:
+    """Return the middle of what is farthest along the normal (see ``Feature``)."""
+    point, free, edge = box.center, 0, 0
+    for k in range(3):
+        side, extent = box.axes[k], box.half_extents[k]
+        rise = extent * dot(normal, side)
         if abs(rise) <= flat:
             free += 1
             edge = k
         else:
-            point = plus(point, scaled(side, math.copysign(half_extents[i, k], rise)))
+            point = plus(point, scaled(side, math.copysign(extent, rise)))
     return point, free, edge

@@ -25,22 +25,22 @@ import math
 
 from obb_collision._jit import njit
 from obb_collision.numerics.constants import FAST_BOUND, SMALL_SQUARE, TIME_ROUNDING, UNDERFLOW
-from obb_collision.queries.verdict.sat import (
-    Vector,
-    column,
+from obb_collision.numerics.vec3 import (
+    components,
+    cross,
     dot,
     dot_abs,
     minus,
     plus,
     scaled,
-    vector,
+    sum_abs,
 )
-from obb_collision.typing import Floats
+from obb_collision.queries.verdict.pair_frame import Box, in_frame
+from obb_collision.queries.verdict.sat import all_edge_axes, reach_of, rows_of
+from obb_collision.typing import Floats, Vector
 
 #: Motions shorter than this have no reciprocal; widened by it, no interval depends on them.
 SHORTEST_WAY = 2.0**-1000
-
-AXES = 15
 
 #: First and last time, and the number of the axis entered at the first (-1: time 0).
 Span = tuple[float, float, int]
@@ -62,7 +62,7 @@ def spheres_pass(p: Vector, q: Vector, reach: float) -> bool:
     when = when if when < 1.0 else 1.0
     v = plus(p, scaled(way, when))
     square = dot(v, v)
-    size = (abs(p[0]) + abs(p[1]) + abs(p[2])) + (abs(q[0]) + abs(q[1]) + abs(q[2])) + reach
+    size = sum_abs(p) + sum_abs(q) + reach
     first, last = dot(v, p), dot(v, q)
     least = first if first < last else last
     beyond = math.sqrt(square) * (reach + FAST_BOUND * size)
@@ -70,79 +70,61 @@ def spheres_pass(p: Vector, q: Vector, reach: float) -> bool:
 
 
 @njit
-def meeting_intervals(
-    p: Vector,
-    q: Vector,
-    rotations: Floats,
-    half_extents: Floats,
-    i: int,
-    j: int,
-    times: Floats,
-) -> tuple[float, int]:
-    """Return the least time of first contact of boxes i and j, infinity for a certain miss.
+def meeting_intervals(a: Box, b: Box, end: Vector, times: Floats) -> tuple[float, int]:
+    """Return the least time of first contact of two boxes, infinity for a certain miss.
 
-    And the axis that is entered then, -1 if all were before the start. p, q: offset of the centres
-    at times 0 and 1.
+    And the axis that is entered then, -1 if all were before the start. The centre of b is its
+    offset from a at time 0, ``end`` that at time 1.
 
     Written to ``times`` (2, 15), unless it is a miss: when each axis has certainly been entered,
     and when it has certainly not been left (NaN: not known). All but for TIME_ROUNDING.
 
-    Formulas and bound as in ``separation.classify_fast``, linear in the offset and so good at any
+    Formulas and bound as in ``verdict.fast_verdict``, linear in the offset and so good at any
     time between.
     """
-    h, f = vector(half_extents, i), vector(half_extents, j)
-    bound = (abs(p[0]) + abs(p[1]) + abs(p[2])) + (abs(q[0]) + abs(q[1]) + abs(q[2]))
+    start, h, f = b.center, a.half_extents, b.half_extents
+    pair = in_frame(start, a.axes, h, b.axes, f)
+    d, (x, y, z), e = pair.d, pair.r, components(a.axes, end)
+    bound = sum_abs(start) + sum_abs(end)
     bound = FAST_BOUND * (bound + (h[0] + h[1] + h[2]) + (f[0] + f[1] + f[2])) + UNDERFLOW
     bound += SHORTEST_WAY
-    a = column(rotations, i, 0), column(rotations, i, 1), column(rotations, i, 2)
-    b = column(rotations, j, 0), column(rotations, j, 1), column(rotations, j, 2)
-    x = dot(a[0], b[0]), dot(a[0], b[1]), dot(a[0], b[2])
-    y = dot(a[1], b[0]), dot(a[1], b[1]), dot(a[1], b[2])
-    z = dot(a[2], b[0]), dot(a[2], b[1]), dot(a[2], b[2])
-    s = dot(a[0], p), dot(a[1], p), dot(a[2], p)
-    e = dot(a[0], q), dot(a[1], q), dot(a[2], q)
     span = 0.0, 1.0, -1
-    span = _meet(times, 0, s[0], e[0], h[0] + dot_abs(f, x), bound, span)
-    span = _meet(times, 1, s[1], e[1], h[1] + dot_abs(f, y), bound, span)
-    span = _meet(times, 2, s[2], e[2], h[2] + dot_abs(f, z), bound, span)
+    u, v, w = rows_of(pair.r)
+    reach = plus(h, (dot_abs(f, u), dot_abs(f, v), dot_abs(f, w)))
+    span = _meet_three(times, 0, d, e, reach, bound, span)
     if _over(span):
         return NEVER
-    u, v, w = (x[0], y[0], z[0]), (x[1], y[1], z[1]), (x[2], y[2], z[2])
-    span = _meet(times, 3, dot(b[0], p), dot(b[0], q), f[0] + dot_abs(h, u), bound, span)
-    span = _meet(times, 4, dot(b[1], p), dot(b[1], q), f[1] + dot_abs(h, v), bound, span)
-    span = _meet(times, 5, dot(b[2], p), dot(b[2], q), f[2] + dot_abs(h, w), bound, span)
+    reach = plus(f, (dot_abs(h, x), dot_abs(h, y), dot_abs(h, z)))
+    first, last = components(b.axes, start), components(b.axes, end)
+    span = _meet_three(times, 3, first, last, reach, bound, span)
     if _over(span):
         return NEVER
-    span = _meet_edges(times, 6, s[1], s[2], e[1], e[2], h[1], h[2], f, y, z, x, bound, span)
-    span = _meet_edges(times, 9, s[2], s[0], e[2], e[0], h[2], h[0], f, z, x, y, bound, span)
-    span = _meet_edges(times, 12, s[0], s[1], e[0], e[1], h[0], h[1], f, x, y, z, bound, span)
+    p, q, r = all_edge_axes(pair)
+    firsts = rows_of((p.offset, q.offset, r.offset))
+    lasts = rows_of((cross(x, e), cross(y, e), cross(z, e)))
+    reaches = rows_of((reach_of(p), reach_of(q), reach_of(r)))
+    span = _meet_three(times, 6, firsts[0], lasts[0], reaches[0], bound, span)
+    span = _meet_three(times, 9, firsts[1], lasts[1], reaches[1], bound, span)
+    span = _meet_three(times, 12, firsts[2], lasts[2], reaches[2], bound, span)
     if _over(span):
         return NEVER
     return span[0] * (1.0 - TIME_ROUNDING), span[2]
 
 
 @njit
-def _over(span: Span) -> bool:
-    """Return whether a span has certainly no time left."""
-    return span[0] * (1.0 - TIME_ROUNDING) > span[1] * (1.0 + TIME_ROUNDING)
+def _meet_three(
+    times: Floats, axis: int, first: Vector, last: Vector, reach: Vector, bound: float, span: Span
+) -> Span:
+    """Take three axes in turn, from a number on (see ``_meet``)."""
+    span = _meet(times, axis, first[0], last[0], reach[0], bound, span)
+    span = _meet(times, axis + 1, first[1], last[1], reach[1], bound, span)
+    return _meet(times, axis + 2, first[2], last[2], reach[2], bound, span)
 
 
 @njit
-def _meet_edges(
-    times: Floats, axis: int,
-    sk: float, sm: float, ek: float, em: float, hk: float, hm: float, f: Vector,
-    k: Vector, m: Vector, own: Vector, bound: float, span: Span,
-) -> Span:  # fmt: skip
-    """Take the axes of an edge of a, ``own`` along the axes of b, with the three edges of b.
-
-    k, m: the axes of a after it along those of b; s, e, h: what belongs to them.
-    """
-    r = hk * abs(m[0]) + hm * abs(k[0]) + f[1] * abs(own[2]) + f[2] * abs(own[1])
-    span = _meet(times, axis, sm * k[0] - sk * m[0], em * k[0] - ek * m[0], r, bound, span)
-    r = hk * abs(m[1]) + hm * abs(k[1]) + f[0] * abs(own[2]) + f[2] * abs(own[0])
-    span = _meet(times, axis + 1, sm * k[1] - sk * m[1], em * k[1] - ek * m[1], r, bound, span)
-    r = hk * abs(m[2]) + hm * abs(k[2]) + f[0] * abs(own[1]) + f[1] * abs(own[0])
-    return _meet(times, axis + 2, sm * k[2] - sk * m[2], em * k[2] - ek * m[2], r, bound, span)
+def _over(span: Span) -> bool:
+    """Return whether a span has certainly no time left."""
+    return span[0] * (1.0 - TIME_ROUNDING) > span[1] * (1.0 + TIME_ROUNDING)
 
 
 @njit

@@ -45,13 +45,11 @@ from obb_collision.numerics.constants import (
     TIME_ROUNDING,
     UNDERFLOW,
 )
-from obb_collision.numerics.error_free import determinant, length, sum_sorted
-from obb_collision.queries.sweep.intervals import (
-    AXES,
-    meeting_intervals,
-)
-from obb_collision.queries.verdict.sat import Vector, column, dot, vector
-from obb_collision.typing import Floats
+from obb_collision.numerics.vec3 import careful_cross, cross, dot, norm, sum_abs
+from obb_collision.queries.sweep.intervals import meeting_intervals
+from obb_collision.queries.verdict.pair_frame import Box
+from obb_collision.queries.verdict.sat import AXES, factors, projected_radius
+from obb_collision.typing import Floats, Vector
 
 NO_NORMAL: Vector = (math.nan, math.nan, math.nan)
 
@@ -61,26 +59,18 @@ MISS: Hit = (math.inf, NO_NORMAL, -1)
 
 
 @njit
-def sweep_linear(
-    p: Vector,
-    q: Vector,
-    rotations: Floats,
-    half_extents: Floats,
-    i: int,
-    j: int,
-    times: Floats,
-) -> Hit:
-    """Return time in [0, 1], unit normal and axis of the first contact of boxes i and j, or MISS.
+def sweep_linear(a: Box, b: Box, end: Vector, times: Floats) -> Hit:
+    """Return time in [0, 1], unit normal and axis of the first contact of two boxes, or MISS.
 
-    p, q: offset of their centres at times 0 and 1; rotations (n, 3, 3); half extents (n, 3);
-    ``times`` (2, 15) is work space. At time 0 the normal is not given (NaN).
+    The centre of b is its offset from a at time 0, ``end`` that at time 1; ``times`` (2, 15) is
+    work space. At time 0 the normal is not given (NaN).
     """
-    least, number = meeting_intervals(p, q, rotations, half_extents, i, j, times)
+    least, number = meeting_intervals(a, b, end, times)
     if least == math.inf:
         return MISS
     time, normal = 0.0, NO_NORMAL
     if number >= 0:
-        span = _careful_span(p, q, rotations, half_extents, i, j, number)
+        span = _careful_span(a, b, end, number)
         times[0, number] = 0.0
         time, normal = _entry(span[0], span[1], span[2]), span[3]
     earlier, later = time * (1.0 - 4.0 * TIME_ROUNDING), time * (1.0 + 4.0 * TIME_ROUNDING)
@@ -89,87 +79,52 @@ def sweep_linear(
         settled &= (times[0, axis] <= earlier) & (times[1, axis] > later)
     hit = time * (1.0 - TIME_ROUNDING), normal, number if time > 0.0 else -1
     if not settled:
-        hit = _settle(p, q, rotations, half_extents, i, j, times, hit)
+        hit = _settle(a, b, end, times, hit)
     return hit if hit[0] <= 1.0 else MISS
 
 
 @njit
-def _settle(
-    p: Vector,
-    q: Vector,
-    rotations: Floats,
-    half_extents: Floats,
-    i: int,
-    j: int,
-    times: Floats,
-    hit: Hit,
-) -> Hit:
+def _settle(a: Box, b: Box, end: Vector, times: Floats, hit: Hit) -> Hit:
     """Return the hit, or a later one of another axis, or MISS if an axis is left before it."""
     time, normal, number = hit
     for axis in range(AXES):
         if times[0, axis] <= time * (1.0 - 2.0 * TIME_ROUNDING):  # NaN is looked at
             continue
-        span = _careful_span(p, q, rotations, half_extents, i, j, axis)
+        span = _careful_span(a, b, end, axis)
         when = _entry(span[0], span[1], span[2]) * (1.0 - TIME_ROUNDING)
         if when > time:
             time, normal, number = when, span[3], axis
     for axis in range(AXES):
         if times[1, axis] > time * (1.0 + 4.0 * TIME_ROUNDING):
             continue
-        span = _careful_span(p, q, rotations, half_extents, i, j, axis)
+        span = _careful_span(a, b, end, axis)
         if time > _exit(span[0], span[1], span[2]) * (1.0 + TIME_ROUNDING):
             return MISS
     return time, normal, number
 
 
 @njit
-def _careful_span(
-    p: Vector,
-    q: Vector,
-    rotations: Floats,
-    half_extents: Floats,
-    i: int,
-    j: int,
-    axis: int,
-) -> tuple[float, float, float, Vector]:
+def _careful_span(a: Box, b: Box, end: Vector, axis: int) -> tuple[float, float, float, Vector]:
     """Return s at 0, s at 1, r with its error bound, and the unit axis, s at 0 not negative.
 
     All zero for parallel edges, which have no axis: such a span is never left. The axes and
     bound of ``careful_gap``; face normals by plain products, off by 2.5 unit
     roundoffs instead of 2, which the bound has room for (it is 16 where 10 are needed).
     """
-    # which two edges: one branch to foretell instead of four
-    k, m = axis % 3, axis // 3
-    u = column(rotations, j if m == 1 else i, (k + 1) % 3 if m < 2 else m - 2)
-    v = column(rotations, i if m == 0 else j, (k + 2) % 3 if m < 2 else k)
-    if m < 2:  # at right angles: nothing cancels
-        x, y, z = u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]
-    else:
-        x = determinant(u[1], u[2], v[1], v[2])
-        y = determinant(u[2], u[0], v[2], v[0])
-        z = determinant(u[0], u[1], v[0], v[1])
-    square = x * x + y * y + z * z
-    norm = math.sqrt(square) if square > SMALL_SQUARE else length(x, y, z)
-    if norm < PARALLEL:
+    start, h, f = b.center, a.half_extents, b.half_extents
+    u, v = factors(a.axes, b.axes, axis)
+    n = cross(u, v) if axis < 6 else careful_cross(u, v)  # faces: orthogonal, nothing cancels
+    square = dot(n, n)
+    length = math.sqrt(square) if square > SMALL_SQUARE else norm(n)
+    if length < PARALLEL:
         return 0.0, 0.0, 0.0, (0.0, 0.0, 0.0)
-    first = (x * p[0] + y * p[1]) + z * p[2]
-    norm = norm if first >= 0.0 else -norm
-    n = x / norm, y / norm, z / norm
-    reach = _radius(n, rotations, half_extents, i) + _radius(n, rotations, half_extents, j)
-    size = (abs(p[0]) + abs(p[1]) + abs(p[2])) + (abs(q[0]) + abs(q[1]) + abs(q[2]))
-    h, f = vector(half_extents, i), vector(half_extents, j)
+    first = dot(n, start)
+    length = length if first >= 0.0 else -length
+    n = n[0] / length, n[1] / length, n[2] / length
+    reach = projected_radius(n, a.axes, h) + projected_radius(n, b.axes, f)
+    size = sum_abs(start) + sum_abs(end)
     size += (h[0] + h[1] + h[2]) + (f[0] + f[1] + f[2])
-    return first / norm, dot(n, q), reach + (CAREFUL_BOUND * size + UNDERFLOW), n
-
-
-@njit
-def _radius(n: Vector, rotations: Floats, half_extents: Floats, i: int) -> float:
-    """Return half the length of a box projected on n."""
-    return sum_sorted(
-        half_extents[i, 0] * abs(dot(n, column(rotations, i, 0))),
-        half_extents[i, 1] * abs(dot(n, column(rotations, i, 1))),
-        half_extents[i, 2] * abs(dot(n, column(rotations, i, 2))),
-    )
+    return first / length, dot(n, end), reach + (CAREFUL_BOUND * size + UNDERFLOW), n
 
 
 @njit

@@ -26,9 +26,8 @@ import math
 from typing import NamedTuple
 
 from obb_collision._jit import njit
-from obb_collision.numerics.error_free import length
-from obb_collision.queries.verdict.sat import Vector, minus, plus, scaled, vector
-from obb_collision.typing import Floats
+from obb_collision.numerics.vec3 import cross, dot, minus, norm, plus, scaled, vector_at
+from obb_collision.typing import Axes, Floats, Vector
 
 #: A turn: unit axis, sine, 1 - cosine.
 Spin = tuple[Vector, float, float]
@@ -57,8 +56,8 @@ def offset_and_way(
     But for the arms: as if both boxes kept their rotations. Off by at most 4 unit roundoffs of
     the offset at 0 and the way; a way that both share cancels before anything is rounded.
     """
-    first = minus(vector(starts, j), vector(starts, i))
-    change = minus(vector(ends, j), vector(ends, i))
+    first = minus(vector_at(starts, j), vector_at(starts, i))
+    change = minus(vector_at(ends, j), vector_at(ends, i))
     if seconds == 0.0:
         return first, change, minus(change, first)
     way = scaled(change, seconds)
@@ -68,7 +67,7 @@ def offset_and_way(
 @njit
 def place_at(starts: Floats, ends: Floats, seconds: float, i: int, time: float) -> Vector:
     """Return the centre of a box at a time, but for its arm."""
-    start, end = vector(starts, i), vector(ends, i)
+    start, end = vector_at(starts, i), vector_at(ends, i)
     moved = minus(end, start) if seconds == 0.0 else scaled(end, seconds)
     return plus(start, scaled(moved, time))
 
@@ -76,10 +75,10 @@ def place_at(starts: Floats, ends: Floats, seconds: float, i: int, time: float) 
 @njit
 def swing(motion: Motion, i: int, time: float) -> Vector:
     """Return how far turning about its origin has taken the centre of a box."""
-    arm = vector(motion.arms, i)
+    arm = vector_at(motion.arms, i)
     if arm[0] == 0.0 and arm[1] == 0.0 and arm[2] == 0.0:
         return arm
-    return minus(turned_by(arm, vector(motion.turns, i), time), arm)
+    return minus(turned_by(arm, vector_at(motion.turns, i), time), arm)
 
 
 @njit
@@ -89,21 +88,18 @@ def turned_by(v: Vector, turn: Vector, time: float) -> Vector:
 
 
 @njit
-def rotate(rotation: Floats, turn: Floats, time: float, out: Floats) -> None:
-    """Write the rotation (3, 3) turned by ``time`` times the rotation vector."""
-    spin = _spin((turn[0], turn[1], turn[2]), time)
+def rotated(axes: Axes, turn: Vector, time: float) -> Axes:
+    """Return axes turned by ``time`` times a rotation vector."""
+    spin = _spin(turn, time)
     if spin[1] == 0.0 and spin[2] == 0.0:
-        out[:] = rotation
-        return
-    for k in range(3):
-        column = rotation[0, k], rotation[1, k], rotation[2, k]
-        out[0, k], out[1, k], out[2, k] = _spun(column, spin)
+        return axes
+    return _spun(axes[0], spin), _spun(axes[1], spin), _spun(axes[2], spin)
 
 
 @njit
 def _spin(turn: Vector, time: float) -> Spin:
     """Return the unit axis of a turn, the sine of its angle, and 1 minus the cosine."""
-    angle = length(turn[0], turn[1], turn[2])
+    angle = norm(turn)
     if angle == 0.0 or time == 0.0:
         return (0.0, 0.0, 0.0), 0.0, 0.0
     half = math.sin(0.5 * (angle * time))
@@ -115,11 +111,6 @@ def _spin(turn: Vector, time: float) -> Spin:
 @njit
 def _spun(v: Vector, spin: Spin) -> Vector:
     """Return a vector turned (Rodrigues)."""
-    (x, y, z), sine, bend = spin
-    px, py, pz = v
-    along = x * px + y * py + z * pz
-    return (
-        px + sine * (y * pz - z * py) + bend * (x * along - px),
-        py + sine * (z * px - x * pz) + bend * (y * along - py),
-        pz + sine * (x * py - y * px) + bend * (z * along - pz),
-    )
+    axis, sine, bend = spin
+    along = minus(scaled(axis, dot(axis, v)), v)
+    return plus(plus(v, scaled(cross(axis, v), sine)), scaled(along, bend))

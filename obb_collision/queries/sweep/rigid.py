@@ -38,24 +38,23 @@ as much for short axes as for long ones (``rounding``).
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from obb_collision._jit import njit
 from obb_collision.numerics.constants import ROUNDOFF
-from obb_collision.numerics.error_free import length
-from obb_collision.queries.sweep.bounds import best_step
-from obb_collision.queries.sweep.poses import Motion, rotate, turned_by
+from obb_collision.numerics.vec3 import axes_of, cross, dot, minus, norm, plus, scaled, vector_at
+from obb_collision.queries.sweep.bounds import Approach, Turning, best_step, turning
+from obb_collision.queries.sweep.poses import Motion, rotated, turned_by
 from obb_collision.queries.sweep.slices import CORNER_ROWS, WHOLE, fill_corners, free_slice
 from obb_collision.queries.sweep.slices import WORK_ROWS as SLICE_ROWS
-from obb_collision.queries.verdict.sat import Vector, dot, minus, plus, scaled, vector
-from obb_collision.queries.verdict.verdict import SEPARATE, classify_careful
-from obb_collision.typing import Floats
+from obb_collision.queries.verdict.pair_frame import box_at
+from obb_collision.queries.verdict.verdict import SEPARATE, careful_verdict
+from obb_collision.typing import Floats, Vector
 
-#: Rows of work space: the walk's, those of ``best_step``, of two bodies and of ``free_slice``.
-OWN_ROWS = 11
-STEP_ROWS = 12
-WORK_ROWS = OWN_ROWS + STEP_ROWS + 2 * CORNER_ROWS + SLICE_ROWS
+#: Rows of work space: the corners of two boxes, and those of ``free_slice``.
+WORK_ROWS = 2 * CORNER_ROWS + SLICE_ROWS
 #: Rounding of gaps, relative to the boxes and their offset, and to their arms.
 GAP_ROUNDING = 2048 * ROUNDOFF
 ARM_ROUNDING = 128 * ROUNDOFF
@@ -88,6 +87,21 @@ FARTHEST = 2.0**200
 Answer = tuple[float, bool]
 
 
+class Course(NamedTuple):
+    """How two boxes come near each other: the way of the second origin, seen from the first.
+
+    Lengths are in units of ``1 / scale`` metres. Its offset at a time is off by ``stray[0]`` and
+    ``stray[1]`` times the time.
+    """
+
+    start: Vector  #: offset at ``begin``
+    way: Vector  #: change of the offset per unit of time
+    begin: float
+    last: float  #: end of the time walked
+    scale: float
+    stray: tuple[float, float]
+
+
 @njit
 def sweep_rigid(
     motion: Motion, i: int, j: int, p: Vector, way: Vector, tolerance: float, work: Floats
@@ -97,60 +111,54 @@ def sweep_rigid(
     p: offset of the centres at time 0; way: what their origins add to it until time 1; ``work``
     (WORK_ROWS, 3) is work space.
     """
-    turn_a, turn_b = vector(motion.turns, i), vector(motion.turns, j)
-    wa, wb = _norm(turn_a), _norm(turn_b)
+    wa, wb = norm(vector_at(motion.turns, i)), norm(vector_at(motion.turns, j))
     reach_a, reach_b = motion.reaches[i], motion.reaches[j]
-    pivot = plus(minus(p, vector(motion.arms, j)), vector(motion.arms, i))
+    pivot = plus(minus(p, vector_at(motion.arms, j)), vector_at(motion.arms, i))
     time, last = _meeting_window(pivot, way, reach_a + reach_b)
     if way[0] == 0.0 and way[1] == 0.0 and way[2] == 0.0 and (wa == 0.0 or wb == 0.0):
         last = min(last, time + TURN / max(wa, wb))
     if time > last:
         return np.inf, True
     scale = math.ldexp(1.0, min(-math.frexp(max(reach_a, reach_b))[1], 1020))
-    radius_a, radius_b = motion.radii[i] * scale, motion.radii[j] * scale
-    reach_a, reach_b = reach_a * scale, reach_b * scale
-    begin, start = time, scaled(plus(pivot, scaled(way, time)), scale)
-    stray = POSITION * _norm(p) * scale, POSITION * _norm(way) * scale
-    way = scaled(way, scale)
-    speed = _norm(way)
-    if not speed + wa + wb < FARTHEST:
+    stray = POSITION * norm(p) * scale, POSITION * norm(way) * scale
+    start, way = scaled(plus(pivot, scaled(way, time)), scale), scaled(way, scale)
+    if not norm(way) + wa + wb < FARTHEST:
         return time, time == 0.0 and _touch(motion, i, j)
+    return _walk(motion, i, j, Course(start, way, time, last, scale, stray), tolerance, work)
+
+
+@njit
+def _walk(motion: Motion, i: int, j: int, course: Course, tolerance: float, work: Floats) -> Answer:
+    """Step along the course from separating axis to separating axis (see the module)."""
+    start, way, time, last, scale, stray = course
+    wa, wb = norm(vector_at(motion.turns, i)), norm(vector_at(motion.turns, j))
+    radius_a, radius_b = motion.radii[i] * scale, motion.radii[j] * scale
+    reach_a, reach_b = motion.reaches[i] * scale, motion.reaches[j] * scale
+    speed, end = norm(way), norm(plus(start, scaled(way, last - time)))
     limit = max(tolerance * min(radius_a, radius_b), FLOOR * max(radius_a, radius_b))
     least_step = SHOWN * limit / (speed + wa * reach_a + wb * reach_b)
-    a, b, d, velocity, h, f = work[0:3], work[3:6], work[6], work[7], work[8], work[9]
-    for k in range(3):
-        h[k], f[k] = motion.half_extents[i, k] * scale, motion.half_extents[j, k] * scale
-    end = _norm(plus(start, scaled(way, last - begin)))
     turn_time = TURN / max(wa, wb)
     look, span, steps = time, last - time, 0
     while time <= last:
         if last - time > 1.5 * turn_time and time >= look:
-            time, span, tried = _skip(
-                motion, i, j, start, way, begin, time, last, span, turn_time, scale, stray, work
-            )
+            time, span, tried = _skip(motion, i, j, course, time, span, work)
             if time > last:
                 return np.inf, True
             look, span, steps = time + turn_time, 2.0 * turn_time, steps + tried
         if steps >= MAX_STEPS:
             return time, False
-        rotate(motion.rotations[i], motion.turns[i], time, a)
-        rotate(motion.rotations[j], motion.turns[j], time, b)
-        offset = plus(start, scaled(way, time - begin))
-        far = max(_norm(offset), end)
-        arm_a = scaled(turned_by(vector(motion.arms, i), turn_a, time), scale)
-        arm_b = scaled(turned_by(vector(motion.arms, j), turn_b, time), scale)
+        a, arm_a, swing_a = _turned_box(motion, i, time, scale)
+        b, arm_b, swing_b = _turned_box(motion, j, time, scale)
+        offset = plus(start, scaled(way, time - course.begin))
+        far = max(norm(offset), end)
         offset = plus(offset, minus(arm_b, arm_a))
-        rate = plus(way, minus(_cross(turn_b, arm_b), _cross(turn_a, arm_a)))
-        for k in range(3):
-            d[k], velocity[k] = offset[k], rate[k]
+        rate = plus(way, minus(swing_b, swing_a))
         skew = TURNING + SPIN * (wa + wb) * time
-        rounding = GAP_ROUNDING * (radius_a + radius_b + _norm(offset))
+        rounding = GAP_ROUNDING * (radius_a + radius_b + norm(offset))
         rounding += ARM_ROUNDING * (reach_a + reach_b)
         blur = stray[0] + stray[1] * time + skew * (reach_a + reach_b)
-        gap, step = best_step(
-            d, velocity, far, speed, a, h, motion.turns[i], reach_a,
-            b, f, motion.turns[j], reach_b, rounding, blur, last - time, work[OWN_ROWS:],
-        )  # fmt: skip
+        approach = Approach(offset, rate, far, speed, last - time)
+        gap, step = best_step(approach, a, b, rounding, blur)
         if gap <= SHOWN * limit - 2.0 * min(blur, SHARP * limit) and step <= least_step:
             sharp = blur <= SHARP * limit
             sharp &= 2.0 * rounding * max(radius_a, radius_b) <= limit * limit
@@ -163,34 +171,39 @@ def sweep_rigid(
 
 
 @njit
+def _turned_box(
+    motion: Motion, i: int, time: float, scale: float
+) -> tuple[Turning, Vector, Vector]:
+    """Return a box at a time, the arm from its origin to its centre, and how that changes."""
+    turn = vector_at(motion.turns, i)
+    axes = rotated(axes_of(motion.rotations, i), turn, time)
+    arm = scaled(turned_by(vector_at(motion.arms, i), turn, time), scale)
+    extents = scaled(vector_at(motion.half_extents, i), scale)
+    return turning(axes, extents, turn, motion.reaches[i] * scale), arm, cross(turn, arm)
+
+
+@njit
 def _skip(
-    motion: Motion, i: int, j: int, start: Vector, way: Vector, begin: float, time: float,
-    last: float, span: float, turn: float, scale: float, stray: tuple[float, float], work: Floats,
-) -> tuple[float, float, int]:  # fmt: skip
-    """Return until when what the boxes sweep is apart, infinity for ``last``; a span; the tries.
+    motion: Motion, i: int, j: int, course: Course, time: float, span: float, work: Floats
+) -> tuple[float, float, int]:
+    """Return until when what the boxes sweep is apart, infinity for the end; a span; the tries.
 
     Slices of ``span`` at first; twice as long after each that is free, half after one that is not,
     down to one turn of the box that turns faster.
     """
-    corners = work[OWN_ROWS + STEP_ROWS :]
+    start, way, begin, last, _, stray = course
+    a, b, scratch = work[:CORNER_ROWS], work[CORNER_ROWS : 2 * CORNER_ROWS], work[2 * CORNER_ROWS :]
+    faster = max(norm(vector_at(motion.turns, i)), norm(vector_at(motion.turns, j)))
     tries = 0
-    while span >= turn and tries < MAX_STEPS:
+    while span >= TURN / faster and tries < MAX_STEPS:
         end = min(time + span, last)
-        _fill(motion, i, 0.5 * (time + end), scale, corners[:CORNER_ROWS], work)
-        _fill(motion, j, 0.5 * (time + end), scale, corners[CORNER_ROWS : 2 * CORNER_ROWS], work)
-        angles = np.empty(2)
-        blur = stray[0] + stray[1] * end
-        for side, row in ((0, i), (1, j)):
-            whole = _norm(vector(motion.turns, row))
-            angles[side] = whole * (end - time)
-            skew = TURNING if angles[side] >= WHOLE else TURNING + SPIN * whole * end
-            blur += skew * motion.reaches[row] * scale
+        angle_a, skew_a = _fill_slice(motion, i, course, time, end, a)
+        angle_b, skew_b = _fill_slice(motion, j, course, time, end, b)
+        blur = stray[0] + stray[1] * end + skew_a + skew_b
         tries += 1
-        if free_slice(
-            plus(start, scaled(way, time - begin)), plus(start, scaled(way, end - begin)),
-            corners[:CORNER_ROWS], angles[0], corners[CORNER_ROWS : 2 * CORNER_ROWS], angles[1],
-            blur, corners[2 * CORNER_ROWS :],
-        ):  # fmt: skip
+        first = plus(start, scaled(way, time - begin))
+        final = plus(start, scaled(way, end - begin))
+        if free_slice(first, final, a, angle_a, b, angle_b, blur, scratch):
             if end >= last:
                 return np.inf, span, tries
             time, span = end, 2.0 * span
@@ -200,35 +213,28 @@ def _skip(
 
 
 @njit
-def _fill(motion: Motion, i: int, time: float, scale: float, corners: Floats, work: Floats) -> None:
-    """Write what ``free_slice`` takes of a box in the middle of a slice."""
-    turn = vector(motion.turns, i)
-    rotation, extents = work[0:3], work[10]
-    rotate(motion.rotations[i], motion.turns[i], time, rotation)
-    for k in range(3):
-        extents[k] = motion.half_extents[i, k] * scale
-    arm = scaled(turned_by(vector(motion.arms, i), turn, time), scale)
-    fill_corners(rotation, extents, arm, turn, corners)
+def _fill_slice(
+    motion: Motion, i: int, course: Course, time: float, end: float, corners: Floats
+) -> tuple[float, float]:
+    """Write what ``free_slice`` takes of a box in the middle of a slice.
+
+    Return by how much it turns in the slice, and by how much rounding may displace its corners.
+    """
+    turn, middle = vector_at(motion.turns, i), 0.5 * (time + end)
+    box, arm, _ = _turned_box(motion, i, middle, course.scale)
+    fill_corners(box.axes, box.half_extents, arm, turn, corners)
+    whole = norm(turn)
+    angle = whole * (end - time)
+    skew = TURNING if angle >= WHOLE else TURNING + SPIN * whole * end
+    return angle, skew * motion.reaches[i] * course.scale
 
 
 @njit
 def _touch(motion: Motion, i: int, j: int) -> bool:
     """Return whether two boxes are not certainly apart at time 0."""
-    verdict = classify_careful(
-        motion.starts[i], motion.rotations[i], motion.half_extents[i],
-        motion.starts[j], motion.rotations[j], motion.half_extents[j],
-    )  # fmt: skip
-    return verdict != SEPARATE
-
-
-@njit
-def _norm(v: Vector) -> float:
-    return length(v[0], v[1], v[2])
-
-
-@njit
-def _cross(u: Vector, v: Vector) -> Vector:
-    return u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]
+    starts, rotations, half_extents = motion.starts, motion.rotations, motion.half_extents
+    a, b = box_at(starts, rotations, half_extents, i), box_at(starts, rotations, half_extents, j)
+    return careful_verdict(a, b) != SEPARATE
 
 
 @njit
@@ -244,10 +250,10 @@ def _meeting_window(p: Vector, way: Vector, reach: float) -> tuple[float, float]
     p, way, reach = scaled(p, scale), scaled(way, scale), reach * scale
     square = dot(way, way)
     if square < LEAST_WAY_SQUARE:
-        return (0.0, 1.0) if _norm(p) <= reach + GAP_ROUNDING else (1.0, 0.0)
+        return (0.0, 1.0) if norm(p) <= reach + GAP_ROUNDING else (1.0, 0.0)
     middle = -dot(p, way) / square
     # the nearest offset itself: no cancellation of large squares
-    nearest = _norm(plus(p, scaled(way, middle)))
+    nearest = norm(plus(p, scaled(way, middle)))
     grown = reach + GAP_ROUNDING * (1.0 + abs(middle) * math.sqrt(square))
     if nearest > grown:
         return 1.0, 0.0

@@ -30,10 +30,9 @@ import numpy as np
 
 from obb_collision._jit import njit
 from obb_collision.numerics.constants import ROUNDOFF
-from obb_collision.numerics.error_free import length
 from obb_collision.numerics.simplex import nearest_to_origin
-from obb_collision.queries.verdict.sat import Vector, dot, minus, plus, scaled, vector
-from obb_collision.typing import Floats
+from obb_collision.numerics.vec3 import dot, minus, norm, plus, scaled, vector_at
+from obb_collision.typing import Axes, Floats, Vector
 
 #: Radians in a slice from which on a box counts as turning all round.
 WHOLE = 1.0
@@ -51,12 +50,12 @@ CORNER_ROWS = 10
 
 
 @njit
-def fill_corners(rotation: Floats, extents: Floats, arm: Vector, turn: Vector, out: Floats) -> None:
+def fill_corners(axes: Axes, extents: Vector, arm: Vector, turn: Vector, out: Floats) -> None:
     """Write the unit axis of the turn and the corners from the origin (CORNER_ROWS, 3).
 
-    The corners as they are at the time of rotation and arm.
+    The corners as they are at the time of axes and arm.
     """
-    angle = length(turn[0], turn[1], turn[2])
+    angle = norm(turn)
     axis = 0.0, 0.0, 1.0
     if angle > 0.0:
         axis = turn[0] / angle, turn[1] / angle, turn[2] / angle
@@ -65,11 +64,10 @@ def fill_corners(rotation: Floats, extents: Floats, arm: Vector, turn: Vector, o
         corner = arm
         for k in range(3):
             side = extents[k] if n >> k & 1 else -extents[k]
-            corner = plus(corner, (side * rotation[0, k], side * rotation[1, k],
-                                   side * rotation[2, k]))  # fmt: skip
+            corner = plus(corner, scaled(axes[k], side))
         out[1 + n, 0], out[1 + n, 1], out[1 + n, 2] = corner
         around = minus(corner, scaled(axis, dot(corner, axis)))
-        most = max(most, length(around[0], around[1], around[2]))
+        most = max(most, norm(around))
     out[0, 0], out[0, 1], out[0, 2] = axis
     out[9, 0] = most
 
@@ -85,30 +83,30 @@ def free_slice(
     angle_a, angle_b: how far each turns; ``blur``: error of positions. ``work`` (WORK_ROWS, 3).
     """
     simplex, nearest = work[:4], work[4]
-    size = length(first[0], first[1], first[2]) + length(last[0], last[1], last[2])
+    size = norm(first) + norm(last)
     bound = blur + SLICE_SLACK * (size + _radius(a) + _radius(b)) + _growth(a, angle_a)
     bound += _growth(b, angle_b)
     n = scaled(plus(first, last), 0.5)
     count = 0
     for _ in range(SLICE_DIRECTIONS):
-        norm = length(n[0], n[1], n[2])
-        if not 0.0 < norm < np.inf:
+        length = norm(n)
+        if not 0.0 < length < np.inf:
             return False
-        n = scaled(n, 1.0 / norm)
+        n = scaled(n, 1.0 / length)
         back = scaled(n, -1.0)
         offset = first if dot(n, first) < dot(n, last) else last
         point = plus(offset, minus(_farthest(b, angle_b, back), _farthest(a, angle_a, n)))
         gap = dot(n, point)
         if gap > bound:
             return True
-        if count > 0 and not norm - gap > SLICE_CONVERGED * norm:
+        if count > 0 and not length - gap > SLICE_CONVERGED * length:
             return False
         for k in range(3):
             simplex[count, k] = point[k]
         count = nearest_to_origin(simplex, count + 1, nearest)
-        n = vector(work, 4)
+        n = vector_at(work, 4)
         # the nearest points of what is left of the difference: no direction shows more
-        if count == 4 or not length(n[0], n[1], n[2]) > bound:
+        if count == 4 or not norm(n) > bound:
             return False
     return False
 
@@ -127,21 +125,21 @@ def _radius(corners: Floats) -> float:
     """Return the distance from the origin to a corner, to a few roundoffs at least the largest."""
     along = 0.0
     for k in range(1, 9):
-        along = max(along, abs(dot(vector(corners, k), vector(corners, 0))))
+        along = max(along, abs(dot(vector_at(corners, k), vector_at(corners, 0))))
     return along + corners[9, 0]
 
 
 @njit
 def _farthest(corners: Floats, angle: float, n: Vector) -> Vector:
     """Return the point of a body, before it is grown, that is farthest along a unit vector."""
-    best, most = vector(corners, 1), -np.inf
-    axis = vector(corners, 0)
+    best, most = vector_at(corners, 1), -np.inf
+    axis = vector_at(corners, 0)
     rise = dot(n, axis)
     out = minus(n, scaled(axis, rise))
-    tilt = length(out[0], out[1], out[2])
+    tilt = norm(out)
     out = scaled(out, 1.0 / tilt) if tilt > 0.0 else (0.0, 0.0, 0.0)
     for k in range(1, 9):
-        corner = vector(corners, k)
+        corner = vector_at(corners, k)
         if angle >= WHOLE:
             height = dot(corner, axis)
             around = minus(corner, scaled(axis, height))

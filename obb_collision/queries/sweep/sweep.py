@@ -30,21 +30,23 @@ from obb_collision._jit import njit
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.kinds import as_flag, check_kind
 from obb_collision.geometry.validation import as_array
+from obb_collision.numerics.vec3 import axes_of, combined, minus, plus, scaled, vector_at
 from obb_collision.queries.sweep.contact import contact_point
-from obb_collision.queries.sweep.intervals import AXES, spheres_pass
+from obb_collision.queries.sweep.intervals import spheres_pass
 from obb_collision.queries.sweep.linear import MISS, NO_NORMAL, sweep_linear
 from obb_collision.queries.sweep.motion import (
     bounding_radii,
     check_same_boxes,
     turns_between,
 )
-from obb_collision.queries.sweep.poses import Motion, offset_and_way, place_at, rotate, swing
+from obb_collision.queries.sweep.poses import Motion, offset_and_way, place_at, rotated, swing
 from obb_collision.queries.sweep.rigid import FLOOR, WORK_ROWS, sweep_rigid
 from obb_collision.queries.sweep.twists import twist_motion
+from obb_collision.queries.verdict.pair_frame import Box
 from obb_collision.queries.verdict.pair_rows import as_pairs
-from obb_collision.queries.verdict.penetration import common_point, witness
-from obb_collision.queries.verdict.sat import Vector, minus, plus, scaled, vector
-from obb_collision.typing import Floats, Integers
+from obb_collision.queries.verdict.penetration import box_witness, common_point
+from obb_collision.queries.verdict.sat import AXES
+from obb_collision.typing import Floats, Integers, Vector
 
 #: Nearer than this counts as touching where a box turns, in radii of the smaller box.
 TOLERANCE = 1e-4
@@ -171,22 +173,22 @@ def sweep_kernel(
 
     Where it is undecided (m,), the time is until when the boxes are certainly apart.
     """
-    spans, work = np.empty((2, AXES)), np.empty((WORK_ROWS, 3))
+    spans, most, work = np.empty((2, AXES)), np.empty(AXES), np.empty((WORK_ROWS, 3))
     starts, ends, seconds, turns = motion.starts, motion.ends, motion.seconds, motion.turns
     for n in range(len(pairs)):
         i, j = pairs[n, 0], pairs[n, 1]
         time, normal, axis = MISS
         known = True
+        a = Box(HERE, axes_of(motion.rotations, i), vector_at(motion.half_extents, i))
+        b = Box(HERE, axes_of(motion.rotations, j), vector_at(motion.half_extents, j))
         p, q, way = offset_and_way(starts, ends, seconds, i, j)
         if _turns(turns, i) or _turns(turns, j):
-            u, v = vector(motion.arms, i), vector(motion.arms, j)
+            u, v = vector_at(motion.arms, i), vector_at(motion.arms, j)
             reach = motion.reaches[i] + motion.reaches[j]
             if not spheres_pass(plus(minus(p, v), u), plus(minus(q, v), u), reach):
                 time, known = sweep_rigid(motion, i, j, p, way, tolerance, work)
         elif not spheres_pass(p, q, motion.radii[i] + motion.radii[j]):
-            time, normal, axis = sweep_linear(
-                p, q, motion.rotations, motion.half_extents, i, j, spans
-            )
+            time, normal, axis = sweep_linear(a, Box(p, b.axes, b.half_extents), q, spans)
         free[n], undecided[n] = time, not known
         if len(points) == 0:
             continue
@@ -194,11 +196,9 @@ def sweep_kernel(
         if known and time < np.inf:
             offset = plus(p, scaled(way, time))
             if axis >= 0:
-                point = contact_point(
-                    HERE, offset, motion.rotations, motion.half_extents, i, j, normal, axis
-                )
+                point = contact_point(a, Box(offset, b.axes, b.half_extents), normal, axis)
             else:
-                point, normal = _find_contact(motion, i, j, time, offset, work)
+                point, normal = _find_contact(motion, i, j, time, offset, most)
             point = plus(place_at(starts, ends, seconds, i, time), point)
         for k in range(3):
             normals[n, k], points[n, k] = normal[k], point[k]
@@ -211,29 +211,26 @@ def _turns(turns: Floats, i: int) -> bool:
 
 @njit
 def _find_contact(
-    motion: Motion, i: int, j: int, time: float, offset: Vector, work: Floats
+    motion: Motion, i: int, j: int, time: float, offset: Vector, most: Floats
 ) -> tuple[Vector, Vector]:
     """Return point and normal of boxes that turn, or that overlap at the start.
 
     offset: from i to j, but for their arms; the point is relative to i, but for its arm: so being
-    far from the origin costs nothing. ``work`` (5, 3) is work space.
+    far from the origin costs nothing. ``most`` (15,) is work space.
     """
     swung = swing(motion, i, time)
     offset = plus(offset, minus(swing(motion, j, time), swung))
-    turned, centers, extents = np.empty((2, 3, 3)), work[0:2], work[2:4]
-    for side, row in ((0, i), (1, j)):
-        rotate(motion.rotations[row], motion.turns[row], time, turned[side])
-        for k in range(3):
-            centers[side, k] = offset[k] if side == 1 else 0.0
-            extents[side, k] = motion.half_extents[row, k]
-    a, b = turned[0], turned[1]
-    gap, x, y, z, number = witness(
-        centers[0], a, extents[0], centers[1], b, extents[1], np.empty(AXES)
-    )
-    normal = x, y, z
+    a, b = _turned_box(motion, i, time, HERE), _turned_box(motion, j, time, offset)
+    (gap, normal, number), pair = box_witness(a, b, most)
     if gap >= 0.0:
-        point = contact_point(HERE, offset, turned, extents, 0, 1, normal, number)
+        point = contact_point(a, b, normal, number)
     else:
-        common_point(centers[0], a, extents[0], centers[1], b, extents[1], work[4])
-        point = vector(work, 4)
+        point = combined(a.axes, common_point(pair))
     return plus(swung, point), normal
+
+
+@njit
+def _turned_box(motion: Motion, i: int, time: float, center: Vector) -> Box:
+    """Return a box as it is turned at a time, but with another centre."""
+    axes = rotated(axes_of(motion.rotations, i), vector_at(motion.turns, i), time)
+    return Box(center, axes, vector_at(motion.half_extents, i))

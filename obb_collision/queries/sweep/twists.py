@@ -25,9 +25,9 @@ from obb_collision._jit import njit
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.validation import as_array, check_magnitude
 from obb_collision.numerics.constants import BOUND_SLACK, BOUND_UNDERFLOW, ROUNDOFF
-from obb_collision.numerics.error_free import length
+from obb_collision.numerics.vec3 import axes_of, dot, minus, norm, plus, scaled, vector_at
 from obb_collision.queries.sweep.motion import OUTWARD, bounding_radii
-from obb_collision.queries.sweep.poses import Motion, rotate, swing
+from obb_collision.queries.sweep.poses import Motion, rotated, swing
 from obb_collision.queries.sweep.slices import CORNER_ROWS, fill_corners
 from obb_collision.typing import Floats
 
@@ -72,7 +72,7 @@ def twist_motion(boxes: Boxes, twists: Floats, origins: ArrayLike | None, second
 @njit
 def _fill_reaches(arms: Floats, radii: Floats, out: Floats) -> None:
     for n in range(len(radii)):
-        out[n] = (radii[n] + length(arms[n, 0], arms[n, 1], arms[n, 2])) * OUTWARD
+        out[n] = (radii[n] + norm(vector_at(arms, n))) * OUTWARD
 
 
 def twist_bounds(
@@ -86,7 +86,7 @@ def twist_bounds(
     """
     motion = twist_motion(boxes, twists, origins, seconds)
     minimum, maximum = boxes.world_bounds()
-    _spread(motion, minimum, maximum, np.empty((2 * CORNER_ROWS + 3, 3)))
+    _spread(motion, minimum, maximum, np.empty((2 * CORNER_ROWS, 3)))
     return minimum, maximum
 
 
@@ -95,8 +95,7 @@ def _spread(motion: Motion, minimum: Floats, maximum: Floats, work: Floats) -> N
     """Grow bounds (n, 3) of the boxes at the beginning to those of their motion."""
     low, high = np.empty(3), np.empty(3)
     for n in range(len(minimum)):
-        turn = motion.turns[n]
-        angle = length(turn[0], turn[1], turn[2])
+        angle = norm(vector_at(motion.turns, n))
         for k in range(3):
             low[k], high[k] = minimum[n, k], maximum[n, k]
         if angle > 0.0:
@@ -113,26 +112,22 @@ def _turning_bounds(
     motion: Motion, n: int, angle: float, low: Floats, high: Floats, work: Floats
 ) -> None:
     """Write bounds (3,) of a box that turns about its origin as if that stayed where it is."""
-    first, last = work[:CORNER_ROWS], work[CORNER_ROWS : 2 * CORNER_ROWS]
-    rotation = work[2 * CORNER_ROWS :]
-    turn = motion.turns[n, 0], motion.turns[n, 1], motion.turns[n, 2]
-    arm = motion.arms[n, 0], motion.arms[n, 1], motion.arms[n, 2]
-    swung = swing(motion, n, 1.0)
-    moved = arm[0] + swung[0], arm[1] + swung[1], arm[2] + swung[2]
-    rotate(motion.rotations[n], motion.turns[n], 1.0, rotation)
-    fill_corners(motion.rotations[n], motion.half_extents[n], arm, turn, first)
-    fill_corners(rotation, motion.half_extents[n], moved, turn, last)
+    first, last = work[:CORNER_ROWS], work[CORNER_ROWS:]
+    axes, extents = axes_of(motion.rotations, n), vector_at(motion.half_extents, n)
+    turn, arm = vector_at(motion.turns, n), vector_at(motion.arms, n)
+    moved = plus(arm, swing(motion, n, 1.0))
+    fill_corners(axes, extents, arm, turn, first)
+    fill_corners(rotated(axes, turn, 1.0), extents, moved, turn, last)
     sag = 0.125 * angle * angle * OUTWARD * first[9, 0] + ANGLE_SLACK * angle * motion.reaches[n]
+    pole = vector_at(first, 0)
     for k in range(3):
-        axis = first[0, k]
+        axis = pole[k]
         tilt = math.sqrt(max(1.0 - axis * axis, 0.0)) + CORNER_SLACK
         least, most, ring_least, ring_most = np.inf, -np.inf, np.inf, -np.inf
         for m in range(1, 9):
-            x, y, z = first[m]
-            height = first[0, 0] * x + first[0, 1] * y + first[0, 2] * z
-            around = length(
-                x - height * first[0, 0], y - height * first[0, 1], z - height * first[0, 2]
-            )
+            corner = vector_at(first, m)
+            height = dot(pole, corner)
+            around = norm(minus(corner, scaled(pole, height)))
             ring_least = min(ring_least, height * axis - around * tilt)
             ring_most = max(ring_most, height * axis + around * tilt)
             least = min(least, first[m, k], last[m, k])

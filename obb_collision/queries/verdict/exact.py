@@ -16,9 +16,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 from obb_collision.numerics.exact import Vector, cross, dot, exact_axes, exact_integers
+from obb_collision.queries.verdict.sat import FACTORS
 from obb_collision.typing import Floats
 
 Box = tuple[Floats, Floats, Floats]
@@ -45,7 +44,10 @@ def exact_verdict(a: Box, b: Box) -> int:
     )
     edges = list(zip(numbers[6:], axes_a + axes_b, strict=True))
     touching = False
-    for axis in _candidate_axes(axes_a, axes_b):
+    for i, j in FACTORS.tolist():
+        axis = cross(edges[i][1], edges[j][1])
+        if axis == (0, 0, 0):
+            continue
         reach = sum(extent * abs(dot(axis, edge)) for extent, edge in edges)
         gap = abs(dot(axis, offset)) - reach
         if gap > 0:
@@ -57,16 +59,3 @@ def exact_verdict(a: Box, b: Box) -> int:
 def _scaled(axes: tuple[Vector, Vector, Vector], power: int) -> tuple[Vector, Vector, Vector]:
     x, y, z = ((v[0] << power, v[1] << power, v[2] << power) for v in axes)
     return x, y, z
-
-
-def _candidate_axes(
-    axes_a: tuple[Vector, Vector, Vector], axes_b: tuple[Vector, Vector, Vector]
-) -> Iterator[Vector]:
-    for axes in (axes_a, axes_b):
-        for i in range(3):
-            yield cross(axes[(i + 1) % 3], axes[(i + 2) % 3])
-    for edge_a in axes_a:
-        for edge_b in axes_b:
-            axis = cross(edge_a, edge_b)
-            if axis != (0, 0, 0):
-                yield axis

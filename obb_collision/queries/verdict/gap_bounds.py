@@ -33,42 +33,29 @@ import math
 
 from obb_collision._jit import njit
 from obb_collision.numerics.constants import FAST_BOUND, SHORT_SQUARE, UNDERFLOW
-from obb_collision.queries.verdict.sat import Pair, dot, dot_abs
+from obb_collision.queries.verdict.pair_frame import Pair
+from obb_collision.queries.verdict.sat import edge_axes, edge_gaps, face_gaps_of_a, face_gaps_of_b
 from obb_collision.typing import Floats
 
 
 @njit
 def bound_gaps(pair: Pair, size: float, most: Floats) -> float:
-    """Write the most that each gap can be (15,), and return the least the largest must be.
+    """Write an upper bound of each gap (15,); return a lower bound of their maximum.
 
-    size: T. Of edges nearly parallel nothing is told: infinity.
+    size: T. The bound is infinite where edges are nearly parallel.
     """
     d, (x, y, z), h, f = pair.d, pair.r, pair.h, pair.f
     error = FAST_BOUND * size + UNDERFLOW
-    u, v, w = (x[0], y[0], z[0]), (x[1], y[1], z[1]), (x[2], y[2], z[2])
-    gap0 = abs(d[0]) - (h[0] + dot_abs(f, u))
-    gap1 = abs(d[1]) - (h[1] + dot_abs(f, v))
-    gap2 = abs(d[2]) - (h[2] + dot_abs(f, w))
-    gap3 = abs(dot(d, x)) - (f[0] + dot_abs(h, x))
-    gap4 = abs(dot(d, y)) - (f[1] + dot_abs(h, y))
-    gap5 = abs(dot(d, z)) - (f[2] + dot_abs(h, z))
-    most[0] = gap0 + error
-    most[1] = gap1 + error
-    most[2] = gap2 + error
-    most[3] = gap3 + error
-    most[4] = gap4 + error
-    most[5] = gap5 + error
-    least = max(max(gap0, gap1, gap2), max(gap3, gap4, gap5)) - error
+    faces_a, faces_b = face_gaps_of_a(pair), face_gaps_of_b(pair)
+    least = max(max(faces_a[0], faces_a[1], faces_a[2]), max(faces_b[0], faces_b[1], faces_b[2]))
+    least -= error
+    for k in range(3):
+        most[k], most[3 + k] = faces_a[k] + error, faces_b[k] + error
     for j in range(3):
-        low0, most[6 + j] = _bound_edge(
-            d[1], d[2], x[1], x[2], h[1], h[2], f[1], f[2], y[0], z[0], error
-        )
-        low1, most[9 + j] = _bound_edge(
-            d[2], d[0], x[2], x[0], h[2], h[0], f[1], f[2], y[1], z[1], error
-        )
-        low2, most[12 + j] = _bound_edge(
-            d[0], d[1], x[0], x[1], h[0], h[1], f[1], f[2], y[2], z[2], error
-        )
+        gaps = edge_gaps(edge_axes(d, h, x, y, z, f[1], f[2]))
+        low0, most[6 + j] = _bound_edge(gaps[0], x[1], x[2], error)
+        low1, most[9 + j] = _bound_edge(gaps[1], x[2], x[0], error)
+        low2, most[12 + j] = _bound_edge(gaps[2], x[0], x[1], error)
         least = max(max(least, low0), max(low1, low2))
         x, y, z = y, z, x
         f = f[1], f[2], f[0]
@@ -76,17 +63,13 @@ def bound_gaps(pair: Pair, size: float, most: Floats) -> float:
 
 
 @njit
-def _bound_edge(
-    dk: float, dm: float, uk: float, um: float, hk: float, hm: float,
-    fp: float, fq: float, p: float, q: float, error: float,
-) -> tuple[float, float]:  # fmt: skip
-    """Return the least and the most of the gap along unit edge i of a crossed with edge u of b.
+def _bound_edge(gap: float, p: float, q: float, error: float) -> tuple[float, float]:
+    """Return bounds of the gap along a unit edge axis, whose components are p and q but for signs.
 
-    k, m: components after i; p, q: component i of the axes of b after u.
+    gap: not divided by the length of the axis.
     """
-    square = uk * uk + um * um
+    square = p * p + q * q
     if square < SHORT_SQUARE:
         return -math.inf, math.inf
     scale = 1.0 / math.sqrt(square)
-    gap = abs(dm * uk - dk * um) - (hk * abs(um) + hm * abs(uk)) - (fp * abs(q) + fq * abs(p))
     return (gap - error) * scale, (gap + error) * scale

@@ -24,9 +24,9 @@ A verdict is certified: SEPARATE and OVERLAP are given only when the rounding er
 computed gaps can't change them, with the doubles of the boxes taken as exact numbers. The rest
 is TOUCHING. Two stages:
 
-``classify_fast`` is the usual test on the matrix of dot products. Its error bound is coarse, and
+``fast_verdict`` is the usual test on the matrix of dot products. Its error bound is coarse, and
 it leaves a pair open when any axis is within that bound.
-``classify_careful`` decides what is left open. It projects both boxes fully on each axis
+``careful_verdict`` decides what is left open. It projects both boxes fully on each axis
 actually computed, and takes the cross products without error. Its sums don't depend on the order
 of boxes or axes, so its verdicts have every symmetry of the question bit for bit. As its bound
 is the tighter one, a pair that the fast stage decides gets the same verdict from it.
@@ -48,12 +48,20 @@ from obb_collision._jit import njit
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.kinds import as_flag
 from obb_collision.numerics.constants import CAREFUL_BOUND, FAST_BOUND, UNDERFLOW
-from obb_collision.numerics.error_free import length, sum_sorted
-from obb_collision.queries.verdict.careful import careful_gap, columns
+from obb_collision.numerics.error_free import sum_sorted
+from obb_collision.numerics.vec3 import minus, norm
+from obb_collision.queries.verdict.careful import careful_gap
 from obb_collision.queries.verdict.exact import exact_verdict
+from obb_collision.queries.verdict.pair_frame import Box, Pair, box_at, pair_of
 from obb_collision.queries.verdict.pair_rows import as_sides, check_boxes
-from obb_collision.queries.verdict.sat import Vector
-from obb_collision.typing import Floats
+from obb_collision.queries.verdict.sat import (
+    AXES,
+    all_edge_axes,
+    edge_gaps,
+    face_gaps_of_a,
+    face_gaps_of_b,
+)
+from obb_collision.typing import Floats, Vector
 
 Verdicts = NDArray[np.int8]
 
@@ -155,116 +163,78 @@ def verdict_kernel(
     centers (n, 3), rotations (n, 3, 3), half extents (n, 3) of both sides; rows and out (m,).
     """
     for n in range(len(rows_a)):
-        out[n] = pair_verdict(
-            *(centers_a, rotations_a, half_extents_a, rows_a[n]),
-            *(centers_b, rotations_b, half_extents_b, rows_b[n]),
-        )
+        a = box_at(centers_a, rotations_a, half_extents_a, rows_a[n])
+        b = box_at(centers_b, rotations_b, half_extents_b, rows_b[n])
+        out[n] = box_verdict(a, b)
 
 
 @njit
-def pair_verdict(
-    ca: Floats, a: Floats, h: Floats, i: int, cb: Floats, b: Floats, f: Floats, j: int
-) -> int:
-    """Return the certified verdict of box i of the first against box j of the second."""
-    verdict = classify_fast(ca, a, h, i, cb, b, f, j)
-    if verdict == UNDECIDED:
-        verdict = classify_careful(ca[i], a[i], h[i], cb[j], b[j], f[j])
-    return verdict
+def box_verdict(a: Box, b: Box) -> int:
+    """Return the certified verdict of two boxes."""
+    pair, size = pair_of(a, b)
+    verdict = fast_verdict(pair, size)
+    return careful_verdict(a, b) if verdict == UNDECIDED else verdict
 
 
 @njit
-def classify_fast(
-    ca: Floats, a: Floats, h: Floats, i: int, cb: Floats, b: Floats, f: Floats, j: int
-) -> int:
-    """Return SEPARATE or OVERLAP where certain by a coarse bound, else UNDECIDED.
-
-    ca, cb: centres (n, 3); a, b: axes (n, 3, 3); h, f: half extents (n, 3). Box i of the first
-    against box j of the second: handing over slices would cost more than the test itself.
-    """
-    dx = cb[j, 0] - ca[i, 0]
-    dy = cb[j, 1] - ca[i, 1]
-    dz = cb[j, 2] - ca[i, 2]
-    h0, h1, h2 = h[i, 0], h[i, 1], h[i, 2]
-    f0, f1, f2 = f[j, 0], f[j, 1], f[j, 2]
-    bound = abs(dx) + abs(dy) + abs(dz) + (h0 + h1 + h2) + (f0 + f1 + f2)
-    bound = FAST_BOUND * bound + UNDERFLOW
-
-    # dot products r_ij = a_i . b_j, and the offset t in the frame of a
-    r00 = a[i, 0, 0] * b[j, 0, 0] + a[i, 1, 0] * b[j, 1, 0] + a[i, 2, 0] * b[j, 2, 0]
-    r01 = a[i, 0, 0] * b[j, 0, 1] + a[i, 1, 0] * b[j, 1, 1] + a[i, 2, 0] * b[j, 2, 1]
-    r02 = a[i, 0, 0] * b[j, 0, 2] + a[i, 1, 0] * b[j, 1, 2] + a[i, 2, 0] * b[j, 2, 2]
-    r10 = a[i, 0, 1] * b[j, 0, 0] + a[i, 1, 1] * b[j, 1, 0] + a[i, 2, 1] * b[j, 2, 0]
-    r11 = a[i, 0, 1] * b[j, 0, 1] + a[i, 1, 1] * b[j, 1, 1] + a[i, 2, 1] * b[j, 2, 1]
-    r12 = a[i, 0, 1] * b[j, 0, 2] + a[i, 1, 1] * b[j, 1, 2] + a[i, 2, 1] * b[j, 2, 2]
-    r20 = a[i, 0, 2] * b[j, 0, 0] + a[i, 1, 2] * b[j, 1, 0] + a[i, 2, 2] * b[j, 2, 0]
-    r21 = a[i, 0, 2] * b[j, 0, 1] + a[i, 1, 2] * b[j, 1, 1] + a[i, 2, 2] * b[j, 2, 1]
-    r22 = a[i, 0, 2] * b[j, 0, 2] + a[i, 1, 2] * b[j, 1, 2] + a[i, 2, 2] * b[j, 2, 2]
-    t0 = a[i, 0, 0] * dx + a[i, 1, 0] * dy + a[i, 2, 0] * dz
-    t1 = a[i, 0, 1] * dx + a[i, 1, 1] * dy + a[i, 2, 1] * dz
-    t2 = a[i, 0, 2] * dx + a[i, 1, 2] * dy + a[i, 2, 2] * dz
-    q00, q01, q02 = abs(r00), abs(r01), abs(r02)
-    q10, q11, q12 = abs(r10), abs(r11), abs(r12)
-    q20, q21, q22 = abs(r20), abs(r21), abs(r22)
-
-    faces = max(
-        abs(t0) - (h0 + (f0 * q00 + f1 * q01 + f2 * q02)),
-        abs(t1) - (h1 + (f0 * q10 + f1 * q11 + f2 * q12)),
-        abs(t2) - (h2 + (f0 * q20 + f1 * q21 + f2 * q22)),
-    )
+def fast_verdict(pair: Pair, size: float) -> int:
+    """Return SEPARATE or OVERLAP where certain by a coarse bound, else UNDECIDED; size: T."""
+    bound = FAST_BOUND * size + UNDERFLOW
+    u, v, w = face_gaps_of_a(pair)
+    faces = max(u, v, w)
     if faces > bound:
         return SEPARATE
-    faces = max(
-        faces,
-        abs(t0 * r00 + t1 * r10 + t2 * r20) - (f0 + (h0 * q00 + h1 * q10 + h2 * q20)),
-        abs(t0 * r01 + t1 * r11 + t2 * r21) - (f1 + (h0 * q01 + h1 * q11 + h2 * q21)),
-        abs(t0 * r02 + t1 * r12 + t2 * r22) - (f2 + (h0 * q02 + h1 * q12 + h2 * q22)),
-    )
+    u, v, w = face_gaps_of_b(pair)
+    faces = max(faces, u, v, w)
     if faces > bound:
         return SEPARATE
-
-    # edge a_i against edge b_j: e_ij
-    e00 = abs(t2 * r10 - t1 * r20) - (h1 * q20 + h2 * q10 + f1 * q02 + f2 * q01)
-    e01 = abs(t2 * r11 - t1 * r21) - (h1 * q21 + h2 * q11 + f0 * q02 + f2 * q00)
-    e02 = abs(t2 * r12 - t1 * r22) - (h1 * q22 + h2 * q12 + f0 * q01 + f1 * q00)
-    e10 = abs(t0 * r20 - t2 * r00) - (h0 * q20 + h2 * q00 + f1 * q12 + f2 * q11)
-    e11 = abs(t0 * r21 - t2 * r01) - (h0 * q21 + h2 * q01 + f0 * q12 + f2 * q10)
-    e12 = abs(t0 * r22 - t2 * r02) - (h0 * q22 + h2 * q02 + f0 * q11 + f1 * q10)
-    e20 = abs(t1 * r00 - t0 * r10) - (h0 * q10 + h1 * q00 + f1 * q22 + f2 * q21)
-    e21 = abs(t1 * r01 - t0 * r11) - (h0 * q11 + h1 * q01 + f0 * q22 + f2 * q20)
-    e22 = abs(t1 * r02 - t0 * r12) - (h0 * q12 + h1 * q02 + f0 * q21 + f1 * q20)
-    edges = max(max(e00, e01, e02), max(e10, e11, e12), max(e20, e21, e22))
+    axes_x, axes_y, axes_z = all_edge_axes(pair)
+    p, q, r = edge_gaps(axes_x), edge_gaps(axes_y), edge_gaps(axes_z)
+    edges = max(max(p[0], p[1], p[2]), max(q[0], q[1], q[2]), max(r[0], r[1], r[2]))
     if edges > bound:
         return SEPARATE
     if max(faces, edges) < -bound:
         return OVERLAP
 
     # Edges that are parallel, or so nearly that the axis is lost in noise: see _implied_margin.
+    (x, y, z), f = pair.r, pair.f
     margin = max(
-        max(
-            _implied_margin(e00, bound, f0, max(q10, q20, q01, q02)),
-            _implied_margin(e01, bound, f1, max(q11, q21, q00, q02)),
-            _implied_margin(e02, bound, f2, max(q12, q22, q00, q01)),
-        ),
-        max(
-            _implied_margin(e10, bound, f0, max(q00, q20, q11, q12)),
-            _implied_margin(e11, bound, f1, max(q01, q21, q10, q12)),
-            _implied_margin(e12, bound, f2, max(q02, q22, q10, q11)),
-        ),
-        max(
-            _implied_margin(e20, bound, f0, max(q00, q10, q21, q22)),
-            _implied_margin(e21, bound, f1, max(q01, q11, q20, q22)),
-            _implied_margin(e22, bound, f2, max(q02, q12, q20, q21)),
-        ),
+        _implied_margins(p, bound, f[0], _off_axis(x, y, z)),
+        _implied_margins(q, bound, f[1], _off_axis(y, x, z)),
+        _implied_margins(r, bound, f[2], _off_axis(z, x, y)),
     )
     if margin == np.inf:
         return UNDECIDED
     certain = faces
-    for gap in (e00, e01, e02, e10, e11, e12, e20, e21, e22):
+    for gap in (*p, *q, *r):
         if gap < -bound:
             certain = max(certain, gap)
     if certain < -(bound + margin):
         return OVERLAP
     return UNDECIDED
+
+
+@njit
+def _off_axis(u: Vector, v: Vector, w: Vector) -> Vector:
+    """Return for each edge i of a how far it is from parallel to edge u of b.
+
+    The largest dot product of the one with other edges of b, or of the other with those of a.
+    """
+    return (
+        max(abs(u[1]), abs(u[2]), abs(v[0]), abs(w[0])),
+        max(abs(u[0]), abs(u[2]), abs(v[1]), abs(w[1])),
+        max(abs(u[0]), abs(u[1]), abs(v[2]), abs(w[2])),
+    )
+
+
+@njit
+def _implied_margins(gaps: Vector, bound: float, extent: float, off_axis: Vector) -> float:
+    """Return the largest margin of the three axes of one edge of b (see ``_implied_margin``)."""
+    return max(
+        _implied_margin(gaps[0], bound, extent, off_axis[0]),
+        _implied_margin(gaps[1], bound, extent, off_axis[1]),
+        _implied_margin(gaps[2], bound, extent, off_axis[2]),
+    )
 
 
 @njit
@@ -286,15 +256,12 @@ def _implied_margin(gap: float, bound: float, extent: float, off_axis: float) ->
 
 
 @njit
-def classify_careful(ca: Floats, a: Floats, h: Floats, cb: Floats, b: Floats, f: Floats) -> int:
+def careful_verdict(a: Box, b: Box) -> int:
     """Return SEPARATE or OVERLAP where certain by the tight bound, else TOUCHING."""
-    p, q = (ca[0], ca[1], ca[2]), (cb[0], cb[1], cb[2])
-    u, v = (h[0], h[1], h[2]), (f[0], f[1], f[2])
-    axes_a, axes_b = columns(a), columns(b)
-    bound = _careful_bound(p, u, q, v)
+    bound = careful_bound(a, b)
     verdict = OVERLAP
-    for axis in range(15):
-        gap, _ = careful_gap(p, axes_a, u, q, axes_b, v, axis)
+    for axis in range(AXES):
+        gap, _ = careful_gap(a, b, axis)
         if gap > bound:
             return SEPARATE
         if gap >= -bound:
@@ -303,24 +270,8 @@ def classify_careful(ca: Floats, a: Floats, h: Floats, cb: Floats, b: Floats, f:
 
 
 @njit
-def careful_axis(
-    ca: Floats, a: Floats, h: Floats, cb: Floats, b: Floats, f: Floats, axis: int
-) -> tuple[float, float, float, float, float]:
-    """Return the gap along a unit axis, its error bound, and the axis, from a towards b.
-
-    axis: as in ``careful_gap``.
-    """
-    p, q = (ca[0], ca[1], ca[2]), (cb[0], cb[1], cb[2])
-    u, v = (h[0], h[1], h[2]), (f[0], f[1], f[2])
-    gap, (nx, ny, nz) = careful_gap(p, columns(a), u, q, columns(b), v, axis)
-    if nx == ny == nz == 0.0:
-        return gap, 0.0, nx, ny, nz
-    return gap, _careful_bound(p, u, q, v), nx, ny, nz
-
-
-@njit
-def _careful_bound(p: Vector, h: Vector, q: Vector, f: Vector) -> float:
-    """Return the bound of the careful stage for boxes at p and q."""
-    distance = length(q[0] - p[0], q[1] - p[1], q[2] - p[2])
+def careful_bound(a: Box, b: Box) -> float:
+    """Return the error bound of ``careful_gap``."""
+    h, f = a.half_extents, b.half_extents
     extents = sum_sorted(h[0], h[1], h[2]) + sum_sorted(f[0], f[1], f[2])
-    return CAREFUL_BOUND * (distance + extents) + UNDERFLOW
+    return CAREFUL_BOUND * (norm(minus(b.center, a.center)) + extents) + UNDERFLOW

@@ -23,7 +23,8 @@ from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.kinds import as_flag, check_kind
 from obb_collision.queries.verdict.coarse import meeting_bounds
 from obb_collision.queries.verdict.exact import exact_verdict
-from obb_collision.queries.verdict.verdict import OVERLAP, SEPARATE, pair_verdict
+from obb_collision.queries.verdict.pair_frame import box_at
+from obb_collision.queries.verdict.verdict import OVERLAP, SEPARATE, box_verdict
 from obb_collision.scene.broad_phase.bounds_tree import FANOUT, LEAF, STACK, BoundsTree
 from obb_collision.scene.broad_phase.broad_phase import overlaps_node
 from obb_collision.typing import Floats
@@ -126,10 +127,9 @@ def _first_kernel(
                     continue
                 place[1] += 1
                 place[2] += 1
-                verdict = pair_verdict(
-                    centers_a, rotations_a, half_extents_a, row,
-                    centers_b, rotations_b, half_extents_b, other,
-                )  # fmt: skip
+                a = box_at(centers_a, rotations_a, half_extents_a, row)
+                b = box_at(centers_b, rotations_b, half_extents_b, other)
+                verdict = box_verdict(a, b)
                 if verdict != SEPARATE:
                     return other, verdict
         place[0], place[1] = row + 1, 0

@@ -32,10 +32,11 @@ from support import family, stored, witnesses
 
 from obb_collision.benchmarks.cases.families import FAMILIES
 from obb_collision.geometry.boxes import Boxes
+from obb_collision.queries.verdict.pair_frame import box_of, pair_of
 from obb_collision.queries.verdict.verdict import (
     UNDECIDED,
-    classify_careful,
-    classify_fast,
+    careful_verdict,
+    fast_verdict,
     verdicts,
 )
 
@@ -146,9 +147,10 @@ def test_the_two_stages_never_contradict_each_other(name: str) -> None:
     a, b = cached_family(name, 2000, 0)
     decided = 0
     for row in range(len(a)):
-        fast = classify_fast(*stored(a), row, *stored(b), row)
+        first, second = box_of(*a.row(row)), box_of(*b.row(row))
+        fast = fast_verdict(*pair_of(first, second))
         if fast != UNDECIDED:
-            assert fast == classify_careful(*a.row(row), *b.row(row))
+            assert fast == careful_verdict(first, second)
             decided += 1
     assert decided > 50
 

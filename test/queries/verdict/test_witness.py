@@ -26,8 +26,11 @@ from support import family, sizes, stored, witnesses
 from obb_collision.benchmarks.cases.families import FAMILIES
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.obb import OBB
-from obb_collision.queries.verdict.penetration import AXES, witness
-from obb_collision.queries.verdict.verdict import Verdict, careful_axis, verdicts
+from obb_collision.queries.verdict.careful import careful_gap
+from obb_collision.queries.verdict.pair_frame import box_of
+from obb_collision.queries.verdict.penetration import witness
+from obb_collision.queries.verdict.sat import AXES
+from obb_collision.queries.verdict.verdict import Verdict, verdicts
 
 #: Promised accuracy of gap and depth, relative to the sum of all half extents.
 DEPTH_ACCURACY = 1e-12
@@ -91,10 +94,11 @@ def test_axes_left_out_by_a_rough_look_could_not_have_won(name: str) -> None:
     most = np.empty(AXES)
     for row in range(len(a)):
         gap, *axis, number = witness(*a.row(row), *b.row(row), most)
-        every = [careful_axis(*a.row(row), *b.row(row), k) for k in range(AXES)]
+        boxes = box_of(*a.row(row)), box_of(*b.row(row))
+        every = [careful_gap(*boxes, k) for k in range(AXES)]
         assert gap == max(found[0] for found in every)
         assert all(found[0] <= bound for found, bound in zip(every, most, strict=True))
-        assert every[number][2:] == tuple(axis)
+        assert every[number][1] == tuple(axis)
 
 
 @pytest.mark.parametrize("half", [(1.0, 2.0, 3.0), (1.0, 2.0, 0.0), (1.0, 0.0, 0.0), (0.0,) * 3])
