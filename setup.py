@@ -47,7 +47,8 @@ setup(
         "ros": ["ros-jazzy-rclpy[fastrtps]", "ros-jazzy-common-interfaces", "matplotlib>=3.6.0"],
         # the demo, or a running node, live in the browser
         "view": ["viser>=1.1.1"],
-        "test": ["pytest>=7.4.0", "hypothesis>=6.98.0"],
+        # pytest-xdist: two tests at a time
+        "test": ["pytest>=7.4.0", "pytest-xdist>=3.4.0", "hypothesis>=6.98.0"],
         # the pages of docs/ and the API reference
         "docs": ["sphinx", "myst-parser", "furo"],
         "lint": ["ruff==0.17.5", "mypy==2.4.1"],
