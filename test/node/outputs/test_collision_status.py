@@ -21,12 +21,11 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-import numpy as np
 import pytest
 
 pytest.importorskip("rclpy")
 from diagnostic_msgs.msg import DiagnosticStatus
-from objects_rig import SECOND, START, ObjectsRig
+from objects_rig import SECOND
 from rclpy.duration import Duration
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.qos import DurabilityPolicy, QoSProfile
@@ -35,14 +34,11 @@ from std_msgs.msg import Bool
 from std_srvs.srv import SetBool, Trigger
 from visualization_msgs.msg import Marker
 
-from obb_collision.node.diagnostics import answer as answers
-from obb_collision.node.diagnostics.answer import COLLIDING, FREE, UNKNOWN, Answer, answer
+from obb_collision.node.diagnostics.answer import COLLIDING, FREE, UNKNOWN
 from obb_collision.node.messages.conversions import stamp_from_ros
 from obb_collision.node.node import CollisionNode
-from obb_collision.node.outputs.collision_status import PERIOD, CollisionStatus
-from obb_collision.node.runtime.guard import Guard
+from obb_collision.node.outputs.collision_status import PERIOD
 from obb_collision.node.topics.topics import DEADLINE
-from obb_collision.shapes import Box
 
 A1, A2, B1 = ("a", 1), ("a", 2), ("b", 1)
 PAIR = (cube(A1), cube(A2, (0.5, 0, 0)))
@@ -161,130 +157,6 @@ def test_annotations_are_no_objects() -> None:
         wait(rig, FREE, "free", False)
 
 
-def test_a_refused_newcomer_is_forgotten_when_its_lifetime_ends() -> None:
-    rig = ObjectsRig(A1)
-    rig.send(START + 1)
-    rig.objects.shapes.refuse(A2, "bad scale", shape=True, expiry=START + SECOND)
-    rig.objects.shapes.refuse(B1, "bad scale", shape=True)
-    rig.cycle()
-    assert set(rig.objects.unplaceable) == {A2, B1}
-    rig.now += 2 * SECOND
-    rig.cycle()
-    assert set(rig.objects.unplaceable) == {B1}
-
-
-def known(rig: ObjectsRig, **options: Any) -> Answer:
-    """Return what is known after a cycle, checked as the node does."""
-    rig.cycle()
-    given = {"enabled": True, "failed": False, "timeout": rig.object_timeout} | options
-    report = rig.objects.scene.check()
-    return answer(rig.objects, given.pop("report", report), now=rig.now, **given)
-
-
-def late(policy: str, object_timeout: float = 0.0) -> ObjectsRig:
-    """Return an object that was placed, and a state of it that waits in vain for its frame."""
-    rig = ObjectsRig(A1, object_timeout=object_timeout)
-    rig.objects.set_ignore_stale(policy == "ignore")
-    rig.frames.spans["arm"] = (START, START + SECOND)
-    rig.send(START + 1, "arm")
-    assert known(rig).level == FREE
-    rig.now += 2 * SECOND
-    rig.send(START + 2 * SECOND, "arm")
-    rig.cycle()
-    rig.now += SECOND // 10  # less than transform_timeout
-    return rig
-
-
-@pytest.mark.parametrize("policy", ["keep", "ignore"])
-def test_an_object_that_is_not_placed_in_time_makes_the_answer_unknown(policy: str) -> None:
-    rig = late(policy)
-    assert known(rig).level == FREE, "it may still come in time"
-    rig.now += SECOND // 5
-    found = known(rig)
-    assert (found.level, found.flag(True), found.flag(False)) == (UNKNOWN, True, False)
-    assert found.message == "1 not placed in time: a/1"
-    rig.frames.spans["arm"] = (START, START + 3 * SECOND)
-    rig.now += SECOND
-    assert known(rig).level == FREE, "placed at last"
-
-
-def test_a_stale_object_that_is_not_placed_counts_as_far_as_it_takes_part() -> None:
-    levels = {}
-    for policy in ("keep", "ignore"):
-        rig = late(policy, object_timeout=1.5)
-        rig.now += SECOND // 5
-        rig.cycle()
-        assert rig.objects.table.stale[rig.slots[0]]
-        rig.objects.shapes.put(B1, Box((1.0, 1.0, 1.0)), (), None)  # a fresh one, elsewhere
-        rig.slots = np.array([rig.objects.table.slots[B1]])
-        rig.send(rig.now)
-        levels[policy] = known(rig).level
-    assert levels == {"keep": UNKNOWN, "ignore": FREE}
-
-
-def test_what_collides_is_said_though_another_object_is_not_placed_in_time() -> None:
-    rig = late("keep")
-    rig.objects.shapes.put(B1, Box((1.0, 1.0, 1.0)), (), None)
-    rig.slots = np.array([rig.objects.table.slots[B1]])
-    rig.send(START)
-    rig.now += SECOND // 5
-    found = known(rig)
-    assert found.level == COLLIDING
-    assert found.message == "1 pair collides; 1 not placed in time: a/1"
-
-
-def test_no_state_for_longer_than_the_timeout_is_not_known() -> None:
-    rig = ObjectsRig(A1, A2, object_timeout=0.5)
-    rig.send(START + 1)
-    assert known(rig).level == COLLIDING, "both in one place"
-    rig.objects.shapes.remove(rig.slots[1:2])
-    rig.slots = rig.slots[:1]
-    assert known(rig).level == FREE
-    rig.now += SECOND
-    blind = known(rig)
-    assert (blind.level, blind.unknown) == (UNKNOWN, answers.BLIND)
-    assert blind.message.startswith("no state placed for 1.0 s; 1 stale: a/1")
-    assert blind.flag(True)
-    assert not blind.flag(False)
-
-
-def test_one_stale_object_among_others_is_named_only() -> None:
-    rig = ObjectsRig(A1, A2, object_timeout=0.5)
-    rig.send(START + 1, row=0)
-    rig.send(START + 9 * SECOND, row=1)
-    rig.now += SECOND
-    rig.send(rig.now + SECOND // 2, row=1)
-    found = known(rig)
-    assert (found.level, found.stale, found.names_stale) == (FREE, 1, ("a/1",))
-    assert found.message == "free; 1 stale: a/1"
-
-
-def test_objects_that_wait_for_their_transform_are_without_a_box() -> None:
-    rig = ObjectsRig(A1, A2)
-    rig.send(START + 1, "robot", 0)
-    rig.send(START + 1, "", 1)
-    found = known(rig)
-    assert (found.level, found.names_missing) == (UNKNOWN, ("a/1",))
-    rig.frames.spans["robot"] = START, START + 5 * SECOND
-    assert known(rig).level == COLLIDING
-
-
-@pytest.mark.parametrize(
-    ("options", "reason"),
-    [
-        ({"enabled": False}, answers.DISABLED),
-        ({"failed": True}, answers.FAILED),
-        ({"report": None}, answers.UNCHECKED),
-    ],
-)
-def test_what_makes_the_whole_unknown(options: dict[str, Any], reason: str) -> None:
-    rig = ObjectsRig(A1)
-    rig.send(START + 1)
-    assert known(rig).level == FREE
-    found = known(rig, **options)
-    assert (found.level, found.message) == (UNKNOWN, reason)
-
-
 def test_a_cycle_that_fails_is_not_known_and_the_next_good_one_is(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -300,130 +172,6 @@ def test_a_cycle_that_fails_is_not_known_and_the_next_good_one_is(
             patch.setattr(rig.node.objects.scene, "check", fail)
             wait(rig, UNKNOWN, "the last cycle failed", True)
         wait(rig, FREE, "free", False)
-
-
-class Recorder:
-    """Stands for publishers, parameters and effects of CollisionStatus."""
-
-    def __init__(self) -> None:
-        self.sent: list[Any] = []
-        self.now = 0.0
-        self.modes = {"collision_status": "auto", "in_collision": "auto"}
-        self.subscribed = True
-        self.rate, self.cycle_timeout, self.unknown_is_collision = 50.0, 0.5, True
-        stands_for: Any = self
-        self.status = CollisionStatus(
-            "node",
-            {STATUS: stands_for, "in_collision": stands_for},
-            stands_for,
-            stands_for,
-            lambda: START,
-            Guard(pytest.fail, lambda: True),
-            lambda: self.now,
-        )
-
-    def publish(self, message: Any) -> None:
-        self.sent.append(message)
-
-    def mode(self, name: str) -> str:
-        return self.modes[name]
-
-    def is_called(self, name: str) -> bool:
-        return self.modes[name] == "on" or (self.modes[name] == "auto" and self.subscribed)
-
-    def wait_for_all_acked(self, timeout: Duration) -> bool:
-        return True
-
-    def take(self) -> tuple[list[str], list[bool]]:
-        """Messages of the status and flags since the last call."""
-        taken, self.sent = self.sent, []
-        return (
-            [message.status[0].message for message in taken if hasattr(message, "status")],
-            [message.data for message in taken if hasattr(message, "data")],
-        )
-
-
-def test_the_watchdog_says_that_the_cycle_is_blocked_and_until_then_repeats() -> None:
-    recorder = Recorder()
-    status = recorder.status
-    status.begin()
-    assert recorder.take() == (["starting"], [True])
-    status.update(Answer(unknown=""), cycle=True)
-    assert recorder.take() == (["free"], [False])
-    for step in range(1, 5):
-        recorder.now = step * PERIOD
-        status.look()
-    messages, flags = recorder.take()
-    assert set(messages) == {"free"}
-    assert len(messages) >= 2
-    assert flags == []
-    recorder.now = 0.53
-    status.look()
-    assert recorder.take() == (["cycle blocked for 0.5 s"], [True])
-    recorder.now = 0.7
-    status.look()
-    assert recorder.take() == (["cycle blocked for 0.7 s"], [])
-    status.update(Answer(unknown=""), cycle=True)
-    assert recorder.take() == (["free"], [False])
-
-
-def test_the_watchdog_knows_slow_rates() -> None:
-    recorder = Recorder()
-    recorder.rate = 0.5
-    recorder.status.update(Answer(unknown=""), cycle=True)
-    recorder.take()
-    recorder.now = 2.4
-    recorder.status.look()
-    assert recorder.take()[0] == ["free"]
-    recorder.now = 2.6
-    recorder.status.look()
-    assert recorder.take()[0] == ["cycle blocked for 2.6 s"]
-
-
-def test_at_fifty_cycles_a_second_ten_are_told_and_changes_at_once() -> None:
-    recorder = Recorder()
-    free, colliding = Answer(unknown=""), Answer(unknown="", pairs=1)
-    for cycle in range(50):
-        recorder.now = cycle * 0.02
-        recorder.status.update(free, cycle=True)
-        recorder.status.look()
-    messages, flags = recorder.take()
-    assert 9 <= len(messages) <= 11
-    assert flags == [False] * 50, "the flag every cycle while subscribed"
-    recorder.now += 0.001
-    recorder.status.update(colliding, cycle=True)
-    assert recorder.take() == (["1 pair collides"], [True])
-
-
-def test_unheard_only_changes_are_told_and_off_nothing() -> None:
-    recorder = Recorder()
-    recorder.subscribed = False
-    recorder.status.update(Answer(unknown=""), cycle=True)
-    assert recorder.take() == (["free"], [False])
-    recorder.now = 0.4
-    recorder.status.update(Answer(unknown=""), cycle=True)
-    recorder.status.look()
-    assert recorder.take() == ([], [])
-    recorder.status.update(Answer(unknown="", missing=1), cycle=True)
-    assert [len(kind) for kind in recorder.take()] == [1, 1]
-    recorder.modes = dict.fromkeys(recorder.modes, "off")
-    assert recorder.status.is_off
-    recorder.status.update(Answer(unknown=""), cycle=True)
-    recorder.now = 99.0
-    recorder.status.look()
-    assert recorder.take() == ([], [])
-
-
-def test_the_last_word_is_that_it_ends() -> None:
-    recorder = Recorder()
-    recorder.status.update(Answer(unknown=""), cycle=True)
-    recorder.take()
-    recorder.status.close()
-    assert recorder.take() == (["shutting down"], [True])
-    recorder.status.update(Answer(unknown=""), cycle=True)
-    recorder.status.look()
-    recorder.status.close()
-    assert recorder.take() == ([], [])
 
 
 def test_a_cycle_that_does_not_end_is_told_by_another_thread(
