@@ -13,7 +13,7 @@
 # limitations under the License.
 
 
-"""From the publication of ``object_poses`` to the ``collisions`` it leads to, in one process.
+"""Measures the time from the publication of poses to the collisions received, in one process.
 
 The console script ``obb_collision_latency``: moving boxes, real topics, every sample the time from
 just before ``publish`` to the callback that has the pairs of exactly that state.
@@ -157,11 +157,15 @@ def main(args: Sequence[str] | None = None) -> int:
     parser = Parser(
         prog="obb_collision_latency", description=__doc__.splitlines()[0] if __doc__ else None
     )
-    parser.add_argument("--objects", type=whole(1, 20000), default=1000, help="moving boxes")
     parser.add_argument(
-        "--seconds", type=real(0.1, 86400.0), default=10.0, help="how long to measure"
+        "--objects", type=whole(1, 20000), default=1000, help="number of moving boxes"
     )
-    parser.add_argument("--seed", type=whole(0, MAX_SEED), default=1, help="of the random scene")
+    parser.add_argument(
+        "--seconds", type=real(0.1, 86400.0), default=10.0, help="duration of the measurement"
+    )
+    parser.add_argument(
+        "--seed", type=whole(0, MAX_SEED), default=1, help="seed of the random scene"
+    )
     options = parser.parse_args(args)
     latency = Latency(options.objects, options.seed)
     try:

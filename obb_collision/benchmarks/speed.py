@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""How fast is the full step, beside the installed peers? Console script obb_collision_speed.
+"""Measures the full step beside the installed peers: console script ``obb_collision_speed``.
 
 A step sets every pose, updates, and finds every colliding pair. All peers see the same scenes and
 take turns in one run, so the ratios hold even on a noisy machine; the times are this machine's.
@@ -195,14 +195,20 @@ def _run_effects(options: argparse.Namespace) -> int:
 @interruptible("obb_collision_speed")
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the benchmark and print its table."""
-    parser = Parser(prog="obb_collision_speed", description=__doc__)
+    parser = Parser(
+        prog="obb_collision_speed",
+        description="Measures the full step beside the installed peers: sets every pose, updates, "
+        "and finds every colliding pair.",
+    )
     parser.add_argument(
         "--sizes", type=whole(1, 10**7), nargs="+", default=list(SIZES), help="numbers of boxes"
     )
     parser.add_argument(
         "--seconds", type=real(0.001, 1e6), default=20.0, help="approximate time for all sizes (s)"
     )
-    parser.add_argument("--seed", type=whole(0, MAX_SEED), default=0)
+    parser.add_argument(
+        "--seed", type=whole(0, MAX_SEED), default=0, help="seed of the random scenes"
+    )
     parser.add_argument("--json", type=new_file(), metavar="FILE", help="write the rows as JSON")
     parser.add_argument(
         "--plot", type=new_file(".png", ".svg"), metavar="FILE", help="draw the rows, PNG or SVG"

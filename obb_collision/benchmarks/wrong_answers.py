@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Wrong answers per family of box pairs: this library, a textbook test, the installed peers.
+"""Counts wrong answers per family of box pairs: this library, a textbook test, installed peers.
 
 The truth is the library's integer arithmetic for *every* pair (`verdicts` uses it for undecided
 pairs only). The tests check that arithmetic against an oracle that shares no code with it. Touching
@@ -178,10 +178,12 @@ def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser = Parser(prog="obb_collision_wrong_answers", description=summary)
     parser.add_argument("--pairs", type=whole(1, 10**9), default=10_000, help="pairs per family")
     parser.add_argument(
-        "--seed", type=whole(0, MAX_SEED), default=0, help="other pairs of the same families"
+        "--seed", type=whole(0, MAX_SEED), default=0, help="seed of the random pairs"
     )
-    parser.add_argument("--family", action="append", help="part of a name; may be repeated")
-    parser.add_argument("--json", type=new_file(), metavar="FILE", help="write all counts here")
+    parser.add_argument(
+        "--family", action="append", help="part of the name of a family; may be repeated"
+    )
+    parser.add_argument("--json", type=new_file(), metavar="FILE", help="write all counts as JSON")
     parser.add_argument("--markdown", action="store_true", help="print the table as Markdown")
     options = parser.parse_args(arguments)
     wanted = options.family or [""]

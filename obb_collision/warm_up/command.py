@@ -36,7 +36,7 @@ def main(args: Sequence[str] | None = None) -> int:
     """Compile all kernels that the cache lacks; returns the exit code."""
     parser = Parser(
         prog="obb_collision_warm_up",
-        description="Compiles all kernels of obb_collision and keeps them in the cache, so that "
+        description="Compiles all kernels of obb_collision into the cache, so that "
         "no later start on this machine has to. About a minute on two cores; a second run takes "
         "seconds and compiles nothing.",
     )

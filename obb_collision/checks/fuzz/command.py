@@ -39,7 +39,7 @@ def _parser() -> argparse.ArgumentParser:
         prog="obb_collision_fuzz",
         description="Send mutated messages to a node in another process, over real topics, and "
         "verify after every batch that it is alive, answers correctly and was not blocked.",
-        epilog="What follows -- goes to the node: obb_collision_fuzz -- -p accuracy:=mesh",
+        epilog="Arguments behind -- are those of the node: obb_collision_fuzz -- -p accuracy:=mesh",
     )
     parser.add_argument(
         "--messages", type=whole(1, 10**9), default=20_000, help="number of hostile messages"
@@ -54,7 +54,7 @@ def _parser() -> argparse.ArgumentParser:
         help="seconds that the node may be blocked beyond what rclpy takes to decode",
     )
     parser.add_argument("--log", type=new_file(), help="file for the node's output")
-    parser.add_argument("node", nargs="*", metavar="NODE_ARGUMENT", help="for the node")
+    parser.add_argument("node", nargs="*", metavar="NODE_ARGUMENT", help="argument of the node")
     return parser
 
 
