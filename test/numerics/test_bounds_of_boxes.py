@@ -59,9 +59,9 @@ from obb_collision.queries.overlap.overlap import overlap_volumes
 from obb_collision.queries.verdict.coarse import (
     MEETING_SLACK,
     SPHERE_SLACK,
-    faces_meet,
+    faces_may_collide,
     meeting_bounds,
-    spheres_meet,
+    spheres_may_collide,
 )
 from obb_collision.queries.verdict.gap_axes import best_face
 from obb_collision.queries.verdict.gap_bounds import bound_gaps
@@ -130,7 +130,7 @@ def test_careful_verdicts_overlapping(record_property: Record) -> None:
 def test_coarse_faces(record_property: Record) -> None:
     Moved(PAIRS, loose=True).check(
         record_property,
-        lambda a, b: ~faces_meet(*_rows(a, b)),
+        lambda a, b: ~faces_may_collide(*_rows(a, b)),
         lambda a, b: max(exact_gaps(a, b)[:6]) / fast_bound(a, b),
     )
 
@@ -141,7 +141,7 @@ def test_coarse_spheres(record_property: Record) -> None:
         bound = Fraction(SPHERE_SLACK) * (distance + radii) + Fraction(UNDERFLOW)
         return (distance - radii) / bound
 
-    Moved(PAIRS).check(record_property, lambda a, b: ~spheres_meet(*_rows(a, b)), quantity)
+    Moved(PAIRS).check(record_property, lambda a, b: ~spheres_may_collide(*_rows(a, b)), quantity)
 
 
 def _rows(a: Boxes, b: Boxes) -> tuple[Boxes, np.ndarray, np.ndarray]:

@@ -40,7 +40,7 @@ from obb_collision.geometry.trees.node_fit import WIDENING
 from obb_collision.geometry.trees.obb_tree import MeshTrees
 from obb_collision.geometry.trees.pool import HullPool, Hulls
 from obb_collision.numerics.vec3 import vector
-from obb_collision.queries.meshes.convex import GAP_BOUND, PlacedHulls, hulls_meet
+from obb_collision.queries.meshes.convex import GAP_BOUND, PlacedHulls, hulls_may_collide
 from obb_collision.queries.meshes.tree_boxes import (
     POINT_BOUND,
     box_gap,
@@ -212,7 +212,7 @@ def test_hulls(record_property: Record) -> None:
     def apart(distances: Floats) -> np.ndarray:
         a = PlacedHulls(pool.all, kind, first, rotations)
         b = PlacedHulls(pool.all, kind, centers(distances), rotations)
-        return ~hulls_meet(a, b, rows, rows)
+        return ~hulls_may_collide(a, b, rows, rows)
 
     def quantity(n: int, distances: Floats) -> Fraction:
         place, axes = exact(centers(distances)[n]), [exact(c) for c in rotations[n].T]

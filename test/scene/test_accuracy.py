@@ -29,7 +29,11 @@ from scipy.spatial.transform import Rotation
 import obb_collision as oc
 from obb_collision.benchmarks.cases.families import FAMILIES, generate
 from obb_collision.geometry.trees import pool
-from obb_collision.queries.verdict.coarse import bounds_meet, faces_meet, spheres_meet
+from obb_collision.queries.verdict.coarse import (
+    bounds_may_collide,
+    faces_may_collide,
+    spheres_may_collide,
+)
 from obb_collision.queries.verdict.verdict import SEPARATE
 
 #: Pairs of each of the 16 families: 104,000 in all.
@@ -53,11 +57,11 @@ def test_a_coarse_level_never_misses_what_obb_reports(name: str) -> None:
     first, second = np.arange(PAIRS), np.arange(PAIRS, 2 * PAIRS)
     reported = oc.verdicts(boxes.take(first), boxes.take(second)) != SEPARATE
     assert reported.any()
-    for meet in (spheres_meet, faces_meet):
+    for meet in (spheres_may_collide, faces_may_collide):
         assert not (reported & ~meet(boxes, first, second)).any()
         assert not (reported & ~meet(boxes, second, first)).any()
     exact = oc.verdicts(boxes.take(first), boxes.take(second), exact=True) != SEPARATE
-    assert not (exact & ~bounds_meet(boxes, first, second)).any()
+    assert not (exact & ~bounds_may_collide(boxes, first, second)).any()
 
 
 def test_coarse_levels_tell_some_pairs_apart() -> None:
@@ -91,7 +95,7 @@ def test_find_pairs_keeps_the_order_of_the_levels(
         assert (pairs[:, 0] < pairs[:, 1]).all()
         assert reported <= keys(pairs)
     i, j = np.triu_indices(count, 1)
-    meet = spheres_meet(boxes, i, j)
+    meet = spheres_may_collide(boxes, i, j)
     assert keys(oc.find_pairs(boxes, accuracy="sphere")) == set(
         zip(i[meet].tolist(), j[meet].tolist(), strict=True)
     )

@@ -31,9 +31,13 @@ from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.poses import as_poses
 from obb_collision.geometry.trees.obb_tree import MeshTrees
 from obb_collision.geometry.trees.pool import HullPool, Hulls
-from obb_collision.queries.meshes.convex import PlacedHulls, hulls_meet
+from obb_collision.queries.meshes.convex import PlacedHulls, hulls_may_collide
 from obb_collision.queries.meshes.meshes import PlacedMeshes, mesh_collisions, tree_collisions
-from obb_collision.queries.verdict.coarse import faces_meet, sphere_bounds, spheres_meet
+from obb_collision.queries.verdict.coarse import (
+    faces_may_collide,
+    sphere_bounds,
+    spheres_may_collide,
+)
 from obb_collision.queries.verdict.verdict import SEPARATE, pair_verdicts
 from obb_collision.scene.broad_phase.broad_phase import find_candidates
 from obb_collision.scene.scene import Scene
@@ -88,7 +92,7 @@ class Throw:
         """
         pairs = find_candidates(*sphere_bounds(self.boxes))
         first, second = (np.ascontiguousarray(column) for column in pairs.T)
-        return len(pairs), int(spheres_meet(self.boxes, first, second).sum())
+        return len(pairs), int(spheres_may_collide(self.boxes, first, second).sum())
 
 
 class Bodies:
@@ -174,14 +178,14 @@ class Level:
 
 
 BOX_LEVELS = (
-    Level("sphere", lambda t, i, j: spheres_meet(t.boxes, i, j), "sphere"),
+    Level("sphere", lambda t, i, j: spheres_may_collide(t.boxes, i, j), "sphere"),
     Level("aabb", _ask_aabb, "aabb"),
-    Level("obb_faces", lambda t, i, j: faces_meet(t.boxes, i, j), "obb_faces"),
+    Level("obb_faces", lambda t, i, j: faces_may_collide(t.boxes, i, j), "obb_faces"),
     Level("obb", _ask_obb, "obb"),
 )
 MESH_LEVELS = (
     *(Level(f"obb_tree {depth}", _ask_tree(depth), "obb_tree", depth) for depth in DEPTHS),
-    Level("hull", _refine(lambda t, i, j: hulls_meet(t.hulls, t.hulls, i, j)), "hull"),
+    Level("hull", _refine(lambda t, i, j: hulls_may_collide(t.hulls, t.hulls, i, j)), "hull"),
     Level("mesh", _refine(lambda t, i, j: mesh_collisions(t.meshes, t.meshes, i, j)), "mesh"),
 )
 

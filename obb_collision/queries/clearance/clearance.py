@@ -15,12 +15,12 @@
 """How far apart are two boxes, and where? The Euclidean distance and the closest points.
 
 Verdict and distance go together: the distance is positive exactly for pairs that
-``separation.verdicts`` calls SEPARATE, 0 for TOUCHING, and negative for OVERLAP: minus the depth,
+``verdict.verdicts`` calls SEPARATE, 0 for TOUCHING, and negative for OVERLAP: minus the depth,
 the least translation along any of the 15 axes that parts them (``witness``).
 
 Accuracy: distances of separate pairs are within 1e-12 of the size of the pair, the sum of its six
 half extents or the distance itself, whichever is larger; so is the distance between the points
-given, but for the rounding of world coordinates. How that is known: ``closest_points``. Where many
+given, but for the rounding of world coordinates. The proof is in ``closest_points``. Where many
 points are equally close (parallel faces) the ones given are some of them; where they are so up to
 that accuracy (nearly parallel), the ones given may lie anywhere among those.
 

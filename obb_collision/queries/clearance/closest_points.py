@@ -61,7 +61,7 @@ from obb_collision.typing import Vector
 #: Axes farther off only fail to prove some pairs: they go on to stage 6.
 PROVEN = 128 * ROUNDOFF
 #: With a gap above this, relative to the size, boxes are certainly apart: 2^13 unit roundoffs,
-#: far beyond every error bound of ``separation``.
+#: far beyond every error bound of ``verdict``.
 NEAR = 8192 * ROUNDOFF
 
 
@@ -149,7 +149,7 @@ def _slide(pair: Pair, points: Points, n: Vector) -> tuple[Points, Vector]:
 
 @njit
 def _proven(points: Points, gap: float, size: float) -> bool:
-    """Tell whether points are closest: no farther apart than a gap, or not at all."""
+    """Return whether points are closest: no farther apart than a gap, or not at all."""
     limit = max(gap, 0.0) + PROVEN * size
     return points.square <= limit * limit
 

@@ -15,7 +15,7 @@
 """Contacts of colliding boxes: normal, depth, and a few points that stand for the patch.
 
 The normal is the axis of least penetration of all 15, the depth how far to move along it until the
-boxes only touch (``witness``). The points are vertices of the patch (``contact_patch``), halfway
+boxes only touch (``witness``). The points are vertices of the patch (``patch``), halfway
 between the two faces, and lie in both boxes.
 
 Small motions move the points a little: they are vertices of a polygon that moves with the boxes,
@@ -63,7 +63,7 @@ from obb_collision.words import shown
 #: How many points a pair can be asked for.
 LIMITS = (4, 8)
 
-#: Least size of a pair, metres: its reciprocal must be finite. Less is a point for all we can tell.
+#: Least size of a pair, metres: its reciprocal must be finite. Below that a box counts as a point.
 SMALLEST_PAIR = 1e-300
 
 

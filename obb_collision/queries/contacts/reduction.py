@@ -15,7 +15,7 @@
 """Which vertices of a contact patch stand for it: those in contact, a few, and always the same.
 
 Polygons are arrays (count, 3) of vertices s, t, w in units of the size of the pair, see
-``contact_patch``.
+``patch``.
 """
 
 from __future__ import annotations

@@ -20,8 +20,8 @@ one are certainly beyond those of the other along it, so that no error of the se
 wrong SEPARATE; bodies for which none is found are TOUCHING, be it by rounding.
 
 Error analysis, with u, S and the errors of poses as in ``tree_boxes``: both reaches along a
-direction w are off by at most 200 u S |w|. GAP_BOUND is 8192 u, so that what is told apart here is
-apart by more than ``mesh_collision`` can fail to tell.
+direction w are off by at most 200 u S |w|. GAP_BOUND is 8192 u, so that what is found apart here is
+apart by more than ``meshes`` can leave undecided.
 """
 
 from __future__ import annotations
@@ -69,7 +69,9 @@ class PlacedHulls:
     rotations: Floats
 
 
-def hulls_meet(a: PlacedHulls, b: PlacedHulls, i: Integers, j: Integers) -> NDArray[np.bool_]:
+def hulls_may_collide(
+    a: PlacedHulls, b: PlacedHulls, i: Integers, j: Integers
+) -> NDArray[np.bool_]:
     """Return (m,) whether body ``i[n]`` of a and ``j[n]`` of b are not certainly apart."""
     out = np.empty(len(i), np.bool_)
     _meet_kernel(

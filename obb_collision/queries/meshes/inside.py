@@ -37,7 +37,7 @@ from obb_collision.queries.meshes.triangle_signs import corner, determinant_boun
 from obb_collision.typing import Floats, Vector
 
 OUTSIDE, INSIDE, UNKNOWN = 0, 1, -1
-#: Instead of the sign of a crossing: the ray passes too near to an edge to tell.
+#: Instead of the sign of a crossing: undecided, as the ray passes too near to an edge.
 GRAZES = 2
 
 #: Directions in no special position, tried in order until a ray grazes nothing.
@@ -189,7 +189,7 @@ def inside_exactly(corners: list[exact.Vector], winding: bool) -> bool:
 
 
 def _exact_crossing(w: exact.Vector, a: exact.Vector, b: exact.Vector, c: exact.Vector) -> int:
-    """Return 1 for leaving, -1 for entering, 0 for no crossing, GRAZES where it meets an edge."""
+    """Return 1 for leaving, -1 for entering, 0 for no crossing, GRAZES where it touches an edge."""
     sides = [
         exact.dot(w, exact.cross(a, b)),
         exact.dot(w, exact.cross(b, c)),

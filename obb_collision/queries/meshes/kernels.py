@@ -34,7 +34,7 @@ from obb_collision.queries.meshes.tree_descent import (
     Body,
     Search,
     body_at,
-    boxes_meet,
+    boxes_may_collide,
     descend,
 )
 from obb_collision.queries.meshes.triangle_signs import OVERLAP, SEPARATE, TOUCHING
@@ -73,7 +73,7 @@ def find_kernel(
 def tree_kernel(
     a: Bodies, rows_a: np.ndarray, b: Bodies, rows_b: np.ndarray, depth: int, out: np.ndarray
 ) -> None:
-    """Write for each pair of rows whether boxes of a depth meet, or a piece lies inside."""
+    """Write for each pair of rows whether boxes of a depth may collide, or a piece lies inside."""
     trees_a, trees_b = a.trees, b.trees
     stack = np.empty((STACK, 2), np.int64)
     for n in range(len(rows_a)):
@@ -82,7 +82,7 @@ def tree_kernel(
         out[n] = False
         if _roots_apart(trees_a, body_a, trees_b, body_b, pose):
             continue
-        out[n] = boxes_meet(trees_a, body_a, trees_b, body_b, pose, depth, stack) or (
+        out[n] = boxes_may_collide(trees_a, body_a, trees_b, body_b, pose, depth, stack) or (
             _nesting(trees_a, body_a, trees_b, body_b, pose, stack) != SEPARATE
         )
 

@@ -19,8 +19,8 @@ common point, or if a piece of one lies inside the other, which must be a solid.
 SEPARATE, certainly no common point; OVERLAP, two triangles certainly pierce each other or a piece
 lies certainly inside; TOUCHING, what is left: surfaces that touch (also those of solids that
 overlap with nothing but coplanar faces and shared edges, such as a mesh and its copy in the same
-place), or too near to tell: triangles within 1e-26 of the size of the pair, or a piece of which
-six corners all lie within 1e-13 of the other's surface. They speak about the points
+place), or too near to decide: triangles within 1e-26 of the size of the pair, or a piece of which
+six corners all lie within 1e-13 of the other's surface. They hold for the points
 centre + rotation x corner for the doubles as stored.
 
 A box is a mesh too (``MeshTrees.from_half_extents``), exactly.
@@ -90,7 +90,7 @@ class PlacedMeshes:
     def trusted(
         cls, trees: MeshTrees, meshes: Integers, centers: Floats, rotations: Floats
     ) -> PlacedMeshes:
-        """Return bodies of arrays that are known to be right, unchecked and not copied."""
+        """Return bodies of arrays that are valid, unchecked and not copied."""
         bodies = object.__new__(cls)
         for name, value in (
             ("trees", trees), ("meshes", meshes), ("centers", centers), ("rotations", rotations),
@@ -186,7 +186,7 @@ def tree_collisions(
     rows_a: Integers | None = None,
     rows_b: Integers | None = None,
 ) -> NDArray[np.bool_]:
-    """Return (m,) whether boxes of a depth (2^depth a mesh) meet, or a piece lies inside a solid.
+    """Return (m,) whether boxes of a depth (2^depth per mesh) collide, or a piece lies inside a solid.
 
     Never misses what ``mesh_verdicts`` reports. A pair whose boxes of a lesser depth are apart
     is not reported, even where boxes below stick out of those above.
@@ -237,7 +237,7 @@ def _all_contacts(a: PlacedMeshes, b: PlacedMeshes, i: Integers, j: Integers) ->
 
 
 def _decide_exactly(a: PlacedMeshes, i: int, b: PlacedMeshes, j: int, pairs: Integers) -> int:
-    """Return the verdict of two bodies whose triangles meet in no pairs but, perhaps, these."""
+    """Return the verdict of two bodies no triangles of which collide but, perhaps, these pairs."""
     verdict = SEPARATE
     for s, t in pairs:
         first, second = a.trees.triangles[s], b.trees.triangles[t]
@@ -250,7 +250,7 @@ def _decide_exactly(a: PlacedMeshes, i: int, b: PlacedMeshes, j: int, pairs: Int
 
 
 def _inside(a: PlacedMeshes, i: int, b: PlacedMeshes, j: int) -> Iterator[bool]:
-    """Tell for each piece of a whether it lies inside solid b, by exact integers."""
+    """Yield for each piece of a whether it lies inside solid b, by exact integers."""
     mesh, other = a.meshes[i], b.meshes[j]
     if not b.trees.solid[other]:
         return

@@ -14,14 +14,14 @@
 
 """Are two nodes of mesh trees apart? The separating axis test in the frame of the first mesh.
 
-The offset and rotation between the meshes are computed once a pair of poses (``relative_pose``),
+The offset and rotation between the meshes are computed once per pair of poses (``relative_pose``),
 with one bound on all errors, so that a node test is little more than the products it needs.
 
 Error analysis, u = 2^-53, S = abs(offset) + the reach of both meshes: a stored rotation R has
 abs(R^T R - I) <= 64 u, so taking R_a^T for the inverse of R_a moves a point by at most 64 u S, and
 the products of poses add 12 u S. A node's axes are orthonormal to 16 u, those of b in the frame of
 a to 160 u. A gap of the test is then off by at most 1200 u S (the terms of the analysis in
-``separation`` with these figures); ``BOX_BOUND`` is 4096 u.
+``verdict`` with these figures); ``BOX_BOUND`` is 4096 u.
 """
 
 from __future__ import annotations

@@ -12,10 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Two trees at once: which triangles, or boxes of a depth, of two placed meshes meet.
+"""Two trees at once: which triangles, or boxes of a depth, of two placed meshes collide.
 
-Of a pair of nodes that may meet the larger is replaced by its children, and the pair that
-overlaps more is looked at first, so that a collision is found soon (Gottschalk, Lin, Manocha
+Of a pair of nodes that may collide the larger is replaced by its children, and the pair that
+overlaps more comes first, so that a collision is found soon (Gottschalk, Lin, Manocha
 1996, section 5). A pair is dropped only if the boxes are certainly apart.
 """
 
@@ -41,7 +41,7 @@ from obb_collision.queries.meshes.triangle_signs import (
 from obb_collision.typing import Floats
 
 #: Rows of the stack: one is left behind at each level of either tree, at most 2 x 75 of them
-#: (``mesh_tree.LEAST_SHARE``).
+#: (``trees.build.LEAST_SHARE``).
 STACK = 256
 
 
@@ -135,7 +135,7 @@ def _push(
     nodes_a: Floats, nodes_b: Floats, child: tuple[int, int], split_a: bool,
     pose: Pose, stack: np.ndarray, waiting: int,
 ) -> int:  # fmt: skip
-    """Put the pairs with two children that may meet on the stack; return its size.
+    """Put the pairs with two children that may collide on the stack; return its size.
 
     child: the pair with the first of two adjacent children, of a where ``split_a``, else of b.
     The more overlapping pair comes last, is next.
@@ -157,7 +157,7 @@ def _push(
 
 
 @njit
-def boxes_meet(
+def boxes_may_collide(
     trees_a: TreeArrays, a: Body, trees_b: TreeArrays, b: Body,
     pose: Pose, depth: int, stack: np.ndarray,
 ) -> bool:  # fmt: skip

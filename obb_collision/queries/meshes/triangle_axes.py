@@ -125,7 +125,7 @@ def _sign(o: Vector, a: Vector, b: Vector, c: Vector) -> int:
 def _by_signs(points: Six) -> int:
     """Return the verdict of ``triangle_signs``, as piercing edges; TOUCHING where uncertain.
 
-    Triangles in general position meet exactly if an edge of one pierces the other.
+    Triangles in general position collide exactly if an edge of one pierces the other.
     """
     p = points
     q0, q1, q2 = _sign(p[0], p[1], p[2], p[3]), _sign(p[0], p[1], p[2], p[4]), 0

@@ -16,7 +16,7 @@
 
 Guigue, Devillers 2003, "Fast and robust triangle-triangle overlap test using orientation
 predicates": two triangles that lie across each other's planes meet that common line in one
-interval each, and two more orientations tell whether the intervals overlap. Every orientation
+interval each, and two more orientations decide whether the intervals overlap. Every orientation
 comes with a bound on its error; where a sign is not certain, the pair stays undecided. When all
 are certain and none is zero, the triangles are apart, or pierce each other so that no small
 move parts them.

@@ -15,7 +15,7 @@
 """Do two triangles collide? Certified, in three stages.
 
 Closed triangles in space, verdicts as for boxes: SEPARATE, no common point; OVERLAP, no small
-move parts them: one pierces the other; TOUCHING, not told from touching. Triangles in one plane
+move parts them: one pierces the other; TOUCHING, undecided. Triangles in one plane
 that share points are TOUCHING, like flat boxes: an arbitrarily small move along the normal parts
 them. A triangle may be a segment or a point.
 

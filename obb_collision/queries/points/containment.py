@@ -50,7 +50,7 @@ def contains(
 ) -> NDArray[np.bool_]:
     """Return (n,) whether each point (n, 3) lies in the closed box.
 
-    Points that doubles can't tell from the surface count as inside (within 4e-15 of their
+    Points that doubles can't distinguish from the surface count as inside (within 4e-15 of their
     distance from the centre and the half extent); with ``exact=True`` they are decided by integer
     arithmetic.
     """
@@ -90,7 +90,7 @@ def place_of(offset: Vector, axes: Axes, extents: Vector) -> int:
 def place_carefully(offset: Vector, axes: Axes, extents: Vector) -> int:
     """Return the place of an offset from the centre, by the face normals taken without error.
 
-    Same bound as ``verdict.careful_verdict``, whose error analysis covers a
+    Same bound as ``careful.careful_gap``, whose error analysis covers a
     point as a box. Tuples: slices of arrays, even in a branch hardly taken, slow loops down.
     """
     place = INSIDE

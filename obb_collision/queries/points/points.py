@@ -15,12 +15,12 @@
 """Which points of a cloud lie inside which boxes, or within a margin of them.
 
 Closed boxes, as in ``containment``: without a margin the answers are those of ``contains`` point
-by point, in which what doubles can't tell from the surface counts as inside. With a margin a point
+by point, in which what doubles can't distinguish from the surface counts as inside. With a margin a point
 counts if its Euclidean distance to the box is at most the margin, or exceeds it by less than
 2^-44 of the point's distance from the centre, the half extents and the margin.
 
 Clouds are taken as they are: float32 or float64, of any strides, NaN and infinite points among
-them. Parts of the cloud are looked at in threads; sums and least values don't depend on how it is
+them. Parts of the cloud are tested in threads; sums and minima don't depend on how it is
 parted, so the result is the same bit for bit for any number of threads.
 """
 
@@ -44,7 +44,7 @@ from obb_collision.typing import Floats, Integers
 
 #: Points a thread takes at a time: 1 ms or so, so that all end together.
 CHUNK = 1 << 15
-#: Pairs of box and cell looked at for the grid, per point: one takes less than a point does.
+#: Pairs of box and cell tested for the grid, per point: one takes less than a point does.
 EFFORT = 0.1
 #: Parts of a cloud at most: each has results of its own for every box.
 MOST_CHUNKS = 64

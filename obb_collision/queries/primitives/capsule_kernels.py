@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Kernels of ``capsules``: they scale a pair to about 1, ask ``segments``, and write."""
+"""Kernels of ``capsules``: they scale a pair to about 1, call ``segments``, and write."""
 
 from __future__ import annotations
 
@@ -118,7 +118,7 @@ def box_distances_kernel(
         near = math.sqrt(dot(e, e))
         if near > 0.0:
             towards = combined(axes_of(axes, n), scaled(e, -1.0 / near))
-        else:  # the segment meets the box: move it out, and look where they touch then
+        else:  # the segment intersects the box: move it out, to where they touch
             near, towards = widest_gap(d0, d1, v, axes, n, h)
             out = plus(y, scaled(components(axes_of(axes, n), towards), near))
             at = plus(out, scaled(w, nearest_to_box(out, w, h)))

@@ -18,7 +18,7 @@ A sphere is a capsule without length (``Capsules.spheres``). Verdicts are certif
 boxes are, for the doubles as stored: OVERLAP by two points, one of each body's core (segment or
 box), that are nearer than the radii; SEPARATE by a direction along which the bodies are apart.
 The rest is TOUCHING: within NEAR_BOUND of the size of the pair, or a core without radius that
-meets a flat box or another such core.
+touches a flat box or another such core.
 
 Error analysis: u = 2^-53, T = the distances from the box centre to the segment's ends, or of the
 segments' starts, + half extents or lengths + radii. A gap along a computed direction is off by at

@@ -122,7 +122,7 @@ def _plane_kernel(
 ) -> None:  # fmt: skip
     """Write the range of each box along the unit normal, and the error bound of its ends (n,).
 
-    The error analysis is that of ``verdict.careful_verdict``; the plane's normal is exact here.
+    The error analysis is that of ``careful.careful_gap``; the plane's normal is exact here.
     """
     for n in range(len(points)):
         box = box_at(centers, axes, half_extents, n)

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""For how long does an axis go on separating two boxes that turn? The step of ``sweep_rigid``.
+"""For how long does an axis go on separating two boxes that turn? The step of ``rigid``.
 
 An axis of the boxes moves with them: a face normal turns with its box, the cross product of two
 edges with both. Along it, at time t from now, the gap (not normalised) is
@@ -67,7 +67,7 @@ class Approach(NamedTuple):
 
     offset: Vector  #: of the centres
     velocity: Vector  #: how the offset changes
-    far: float  #: the most that the offset of the origins gets to until the horizon
+    far: float  #: maximum length of the offset of the origins until the horizon
     speed: float  #: of the second origin seen from the first
     horizon: float  #: the longest step asked for
 

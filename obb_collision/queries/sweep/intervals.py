@@ -14,7 +14,7 @@
 
 """During which times does each axis not separate two boxes that move without turning? Roughly.
 
-The coarse stage of ``sweep_linear``: 15 intervals of time with certain bounds of both ends, and
+The coarse stage of ``linear``: 15 intervals of time with certain bounds of both ends, and
 an end as soon as they have no time in common. Most pairs that miss do so by the spheres round
 them or by the faces of the first box; the nine edge axes are for pairs that nearly hit.
 """
@@ -139,7 +139,7 @@ def _meet(
 ) -> Span:
     """Return the part of a span during which abs(s) <= reach, s from ``first`` to ``last``.
 
-    The span for ``reach`` at most; kept in ``times`` is that for ``reach`` at least. Where
+    The span is that of the largest possible ``reach``; ``times`` gets that of the smallest. Where
     nothing moves, all times are infinite, or NaN on the very limit, which changes no span.
     """
     inverse = 1.0 / (last - first)

@@ -14,13 +14,13 @@
 
 """When do two boxes that move without turning first touch? The swept separating axis test.
 
-Along each of the 15 axes of ``separation`` the centre offset is linear in time, s(t), and the sum
+Along each of the 15 axes of ``sat`` the centre offset is linear in time, s(t), and the sum
 of the projected radii r is constant: the axis separates while abs(s(t)) > r. Turning neither box
 keeps the axes, so the boxes touch exactly during the common part of 15 intervals of time
 (Eberly, "Dynamic Collision Detection using Oriented Bounding Boxes"; Ericson 2005, 5.5).
 
 Certified like the verdicts, and in two stages like them: a coarse pass that settles most misses
-(``sweep_intervals``), then the axes that may decide the entry, or the exit, taken carefully. Every
+(``intervals``), then the axes that may decide the entry, or the exit, taken carefully. Every
 r is widened by the error bound of its stage, so intervals only grow: no hit is missed and no time
 is late. What this may cost: a miss by less than the bound, 4e-15 of T, counts as a hit, and at the
 time given the boxes are apart by less than that (T: the offsets of the centres at the start and at
@@ -88,7 +88,7 @@ def _settle(a: Box, b: Box, end: Vector, times: Floats, hit: Hit) -> Hit:
     """Return the hit, or a later one of another axis, or MISS if an axis is left before it."""
     time, normal, number = hit
     for axis in range(AXES):
-        if times[0, axis] <= time * (1.0 - 2.0 * TIME_ROUNDING):  # NaN is looked at
+        if times[0, axis] <= time * (1.0 - 2.0 * TIME_ROUNDING):  # NaN is not skipped
             continue
         span = _careful_span(a, b, end, axis)
         when = _entry(span[0], span[1], span[2]) * (1.0 - TIME_ROUNDING)

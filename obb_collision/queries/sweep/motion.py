@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""How far boxes get between two poses: turns, swept bounds, and whether a sweep is called for.
+"""How far boxes get between two poses: turns, swept bounds, and whether a sweep is needed.
 
 Box k moves for one unit of time from its start pose to its end pose: its centre along a line at
 constant speed, turning at constant speed the shortest way about a fixed axis.

@@ -14,18 +14,18 @@
 
 """When do two boxes that turn as they move come near each other? Conservative advancement.
 
-As long as one of the 15 axes separates, the boxes are apart (``separation``). From a time at
+As long as one of the 15 axes separates, the boxes are apart (``sat``). From a time at
 which axis n does, with gap g, the walk steps on for as long as n, carried along by the boxes it
 belongs to, certainly goes on separating; then it looks for axes anew. It ends where the largest
 gap is below the tolerance and no axis allows a step worth while (Mirtich 1996; the motion bound
-along a moving axis instead of the distance's: Zhang, Lee, Kim 2006). See ``sweep_bounds`` for
+along a moving axis instead of the distance's: Zhang, Lee, Kim 2006). See ``bounds`` for
 the step.
 
 Only the time during which the spheres about both origins meet is walked, so the length of a motion
-costs little. Of a box that turns beside one that does neither turn nor move, one turn tells all.
-Boxes that turn many times are held by what they sweep in a whole turn (``sweep_slices``), and most
+costs little. Of a box that turns beside one that does neither turn nor move, one turn is enough.
+Boxes that turn many times are held by what they sweep in a whole turn (``slices``), and most
 of that time is never walked. Where the walk still takes too many steps, or rounding leaves less
-than the tolerance, the answer is that it is not known, and until when the boxes are apart.
+than the tolerance, the pair is undecided, and the time until which the boxes are apart is given.
 
 Rounding: lengths are in units of a power of two about as large as the boxes and their arms. With u
 the unit roundoff, a place is off by 4 u of offset and way so far (``offset_and_way``, and the time
@@ -62,7 +62,7 @@ ARM_ROUNDING = 128 * ROUNDOFF
 POSITION = 8 * ROUNDOFF
 TURNING = 32 * ROUNDOFF
 SPIN = 8 * ROUNDOFF
-#: Steps at most: beyond, it is not known. Ordinary pairs take up to ten, boxes that turn past each
+#: Maximum number of steps: beyond, the pair is undecided. Ordinary pairs take up to ten, boxes that turn past each
 #: other many times just out of reach some hundred.
 MAX_STEPS = 2000
 #: Of a corner next to a corner, the largest gap of the 15 axes may show only this much of the
@@ -72,7 +72,7 @@ SHOWN = 3.0**-0.5
 #: Least tolerance, relative to the radius of the larger box: nearly parallel edges are too short
 #: an axis to show a gap below sqrt(2 GAP_ROUNDING) of it, 7e-7 (see ``verdict._implied_margin``).
 FLOOR = 2e-6
-#: Places that are off by more than this share of the tolerance can't tell whether it is kept.
+#: Places that are off by more than this share of the tolerance can't decide whether it is met.
 SHARP = 1.0 / 32.0
 #: A whole turn and what rounding takes from it.
 TURN = 2.0 * math.pi * (1.0 + 8192 * ROUNDOFF)
@@ -82,8 +82,8 @@ LEAST_WAY_SQUARE = 2.0**-960
 #: Ways and turns longer than this, in units of the boxes and radians, are not walked.
 FARTHEST = 2.0**200
 
-#: What is found: the time of contact, infinity for none, or until when the boxes are certainly
-#: apart; and whether it is known.
+#: The time of contact, infinity for none, and True; or the time until which the boxes are certainly
+#: apart, and False: undecided beyond.
 Answer = tuple[float, bool]
 
 

@@ -14,9 +14,9 @@
 
 """When do moving boxes first touch? Continuous collision of pairs of boxes.
 
-Pairs that don't turn are answered exactly (``sweep_linear``), turning ones conservatively
-(``sweep_rigid``): never a collision missed, never a time too late. Where that would take too long
-or more digits than doubles have, the answer is that it is not known.
+Pairs that don't turn are answered exactly (``linear``), turning ones conservatively
+(``rigid``): never a collision missed, never a time too late. Where that would take too long
+or more digits than doubles have, the pair is undecided.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ from obb_collision.typing import Floats, Integers, Vector
 
 #: Nearer than this counts as touching where a box turns, in radii of the smaller box.
 TOLERANCE = 1e-4
-#: What rounding allows, and then the least that is taken (see ``sweep_rigid``).
+#: What rounding allows, and then the least that is taken (see ``rigid``).
 LEAST_TOLERANCE = FLOOR
 #: Where the first box of a pair is, in the frame that goes along with it.
 HERE: Vector = (0.0, 0.0, 0.0)
@@ -100,7 +100,7 @@ def sweep(
 
     Boxes that collide at the start hit at time 0; touching counts.
     Where neither box turns (rotations equal bit for bit), the time is exact but for rounding:
-    never late, and at that time they are less than 4e-15 T apart (see ``sweep_linear``).
+    never late, and at that time they are less than 4e-15 T apart (see ``linear``).
     Where one does, time and hit are conservative: never late, none missed, and at that time the
     boxes are nearer than ``tolerance`` times the bounding radius of the smaller box (or 2e-6 of
     the larger one's where that is more). A turning pair that passes by that near may hit. What

@@ -36,10 +36,9 @@ def careful_gap(a: Box, b: Box, axis: int) -> tuple[float, Vector]:
 
     Face normals are cross products too: stored axes are orthonormal to rounding only.
 
-    Edges shorter than PARALLEL in their product are parallel for all that doubles can tell. Such
-    an axis can separate only if another one does up to its bound (the argument of
-    ``verdict._implied_margin``, with a margin below every bound), so its gap is given
-    as minus infinity.
+    Edges shorter than PARALLEL in their product count as parallel: doubles can't distinguish them.
+    Such an axis can separate only if another one does up to its bound (the argument of
+    ``verdict._implied_margin``, with a margin below every bound), so its gap is minus infinity.
     """
     u, v = factors(a.axes, b.axes, axis)
     x, y, z = careful_cross(u, v)

@@ -12,14 +12,14 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""May two boxes collide? Cheaper answers than the certified test, which never miss what it finds.
+"""May two boxes collide? Cheaper answers than the certified test, which never miss a collision.
 
 Spheres: around each box, radius the length of its half extents. Apart if the distance of the
 centres exceeds the sum of the radii by SPHERE_SLACK. That is 2^9 times the bound up to which
-``separation`` gives TOUCHING, and axes orthonormal to 64 roundoffs only add 2^-47 to a radius.
+``verdict`` gives TOUCHING, and axes orthonormal to 64 roundoffs only add 2^-47 to a radius.
 Faces: the first 6 of the 15 axes, with the bound of the fast stage, so that what is apart here is
 apart there.
-Bounds: world AABBs, grown so that boxes whose bounds are apart are SEPARATE for ``separation``,
+Bounds: world AABBs, grown so that boxes whose bounds are apart are SEPARATE for ``verdict``,
 too, not merely apart. Boxes that are a distance d apart have a gap of at least d / sqrt(3) along
 one of the 15 axes: the direction of the distance lies among at most three of these, no two of them
 more than a right angle apart. So MEETING_SLACK makes that gap certain, twice the bound there.
@@ -41,7 +41,7 @@ from obb_collision.typing import Floats, Integers, Mask, Vector
 SPHERE_SLACK = 8192 * ROUNDOFF
 #: Growth of bounds relative to abs(c_x) + abs(c_y) + abs(c_z) + the half extents (see above).
 MEETING_SLACK = 64 * ROUNDOFF
-#: Added to it: more than what ``separation`` adds for underflow.
+#: Added to it: more than what ``verdict`` adds for underflow.
 MEETING_UNDERFLOW = 4 * UNDERFLOW
 
 
@@ -55,7 +55,7 @@ def meeting_bounds(boxes: Boxes) -> tuple[Floats, Floats]:
 def sphere_bounds(boxes: Boxes) -> tuple[Floats, Floats]:
     """Return minimum and maximum (n, 3) that hold each box's ``meeting_bounds`` and its sphere.
 
-    Of two spheres that ``spheres_meet`` reports these bounds certainly overlap.
+    Of two spheres that ``spheres_may_collide`` reports these bounds certainly overlap.
     """
     minimum, maximum = meeting_bounds(boxes)
     radii = np.empty(len(boxes))
@@ -67,21 +67,21 @@ def sphere_bounds(boxes: Boxes) -> tuple[Floats, Floats]:
     )
 
 
-def spheres_meet(boxes: Boxes, rows_a: Integers, rows_b: Integers) -> Mask:
+def spheres_may_collide(boxes: Boxes, rows_a: Integers, rows_b: Integers) -> Mask:
     """Return (m,) whether the spheres around two boxes may have a common point."""
     out = np.empty(len(rows_a), np.bool_)
     _sphere_kernel(boxes.centers, boxes.half_extents, rows_a, rows_b, out)
     return out
 
 
-def bounds_meet(boxes: Boxes, rows_a: Integers, rows_b: Integers) -> Mask:
+def bounds_may_collide(boxes: Boxes, rows_a: Integers, rows_b: Integers) -> Mask:
     """Return (m,) whether the ``meeting_bounds`` of two boxes have a common point."""
     low_a, high_a = meeting_bounds(boxes.take(rows_a))
     low_b, high_b = meeting_bounds(boxes.take(rows_b))
     return np.asarray(((low_a <= high_b) & (low_b <= high_a)).all(axis=1))
 
 
-def faces_meet(boxes: Boxes, rows_a: Integers, rows_b: Integers) -> Mask:
+def faces_may_collide(boxes: Boxes, rows_a: Integers, rows_b: Integers) -> Mask:
     """Return (m,) whether none of the six face normals separates two boxes certainly."""
     out = np.empty(len(rows_a), np.bool_)
     _faces_kernel(boxes.centers, boxes.rotations, boxes.half_extents, rows_a, rows_b, out)

@@ -14,7 +14,7 @@
 
 """The axis with the largest gap of two boxes, of the 15 of the separating axis test.
 
-A quick calculation in the frame of a: good for where to look first, and each gap is a lower bound
+A quick calculation in the frame of a: it orders the search, and each gap is a lower bound
 of the distance up to rounding.
 """
 

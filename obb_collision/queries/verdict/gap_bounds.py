@@ -15,10 +15,10 @@
 """Bounds of the gaps along all 15 axes of two boxes, from one matrix of dot products.
 
 For finding the largest: only axes that may have it need careful calculation. The axes and their
-numbers are those of ``separation``, and so are u, T and what is known of the rough formulas.
+numbers are those of ``sat``; u, T and the bound of the rough formulas those of ``verdict``.
 
 Error analysis: a gap not divided by the length of its axis, plus the careful bound, is off by at
-most 510 u T (``separation``). The length of an edge axis: let A = Q (I + E) be the rotation of a,
+most 510 u T (``verdict``). The length of an edge axis: let A = Q (I + E) be the rotation of a,
 Q orthonormal and abs(E) <= 96 u (from 64 u in each entry of A^T A, three to a row). In the frame
 of Q the axis is (e_i + E e_i) x w, and the dot products used for it are those of e_k + E e_k with
 w, for the two k other than i. Both differ from e_i x w by at most 96 u, in sum and with rounding

@@ -14,19 +14,13 @@
 
 """Do two boxes collide? The certified separating axis test of two oriented boxes.
 
-Two convex boxes are apart exactly when one of 15 axes separates them: the 3 + 3 face normals and
-the 9 cross products of an edge of each (Gottschalk, Lin, Manocha 1996; Ericson 2005, 4.4.1).
-Along an axis n with centre offset d the gap is
-
-    abs(n.d) - sum_i h_i abs(n.a_i) - sum_j f_j abs(n.b_j)
-
-A verdict is certified: SEPARATE and OVERLAP are given only when the rounding errors of the
-computed gaps can't change them, with the doubles of the boxes taken as exact numbers. The rest
-is TOUCHING. Two stages:
+The axes are in ``sat``. A verdict is certified: SEPARATE and OVERLAP are given only when the
+rounding errors of the computed gaps can't change them, with the doubles of the boxes taken as exact
+numbers. The rest is TOUCHING. Two stages:
 
 ``fast_verdict`` is the usual test on the matrix of dot products. Its error bound is coarse, and
-it leaves a pair open when any axis is within that bound.
-``careful_verdict`` decides what is left open. It projects both boxes fully on each axis
+it leaves a pair undecided when any axis is within that bound.
+``careful_verdict`` decides what is left undecided. It projects both boxes fully on each axis
 actually computed, and takes the cross products without error. Its sums don't depend on the order
 of boxes or axes, so its verdicts have every symmetry of the question bit for bit. As its bound
 is the tighter one, a pair that the fast stage decides gets the same verdict from it.
@@ -77,7 +71,7 @@ class Verdict(IntEnum):
     """
 
     SEPARATE = 0  #: no common point
-    TOUCHING = 1  #: not told from touching by doubles; with exact=True: common boundary only
+    TOUCHING = 1  #: undecided by doubles; with exact=True: common boundary only
     OVERLAP = 2  #: common interior
 
 

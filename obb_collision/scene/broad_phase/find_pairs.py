@@ -23,10 +23,10 @@ from obb_collision.accuracy import Accuracy, as_box_accuracy
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.kinds import as_flag, check_kind
 from obb_collision.queries.verdict.coarse import (
-    faces_meet,
+    faces_may_collide,
     meeting_bounds,
     sphere_bounds,
-    spheres_meet,
+    spheres_may_collide,
 )
 from obb_collision.queries.verdict.pair_rows import one_set
 from obb_collision.queries.verdict.verdict import SEPARATE, TOUCHING, Verdicts, pair_verdicts
@@ -126,9 +126,9 @@ def coarse_meet(
 ) -> NDArray[np.bool_]:
     """Return (m,) whether pairs collide on a level below OBB, given that their AABBs overlap."""
     if level == Accuracy.SPHERE:
-        return spheres_meet(boxes, first, second)
+        return spheres_may_collide(boxes, first, second)
     if level == Accuracy.OBB_FACES:
-        return faces_meet(boxes, first, second)
+        return faces_may_collide(boxes, first, second)
     return np.ones(len(first), np.bool_)
 
 

@@ -25,7 +25,7 @@ import numpy as np
 
 from obb_collision.accuracy import Accuracy
 from obb_collision.geometry.boxes import Boxes
-from obb_collision.queries.verdict.coarse import bounds_meet
+from obb_collision.queries.verdict.coarse import bounds_may_collide
 from obb_collision.queries.verdict.verdict import SEPARATE, TOUCHING, Verdicts, pair_verdicts
 from obb_collision.scene.broad_phase.broad_phase import Pairs
 from obb_collision.scene.broad_phase.find_pairs import coarse_meet, columns
@@ -83,7 +83,7 @@ def decide_pairs(
     first, second = columns(candidates)
     asked = np.minimum(pair_levels(store, first, second), np.int8(highest))
     if needs_spheres(store):
-        kept = (asked == Accuracy.SPHERE) | bounds_meet(boxes, first, second)
+        kept = (asked == Accuracy.SPHERE) | bounds_may_collide(boxes, first, second)
         first, second, asked = first[kept], second[kept], asked[kept]
     verdicts = _box_verdicts(boxes, first, second, asked, exact)
     met = np.flatnonzero(verdicts != SEPARATE)

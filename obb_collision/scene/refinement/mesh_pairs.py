@@ -28,7 +28,7 @@ from obb_collision.accuracy import Accuracy
 from obb_collision.geometry.capsules import Capsules
 from obb_collision.geometry.poses import as_poses
 from obb_collision.numerics.constants import ROUNDOFF
-from obb_collision.queries.meshes.convex import PlacedHulls, hulls_meet
+from obb_collision.queries.meshes.convex import PlacedHulls, hulls_may_collide
 from obb_collision.queries.meshes.meshes import (
     UNLIMITED,
     PlacedMeshes,
@@ -120,7 +120,7 @@ class MeshPairs:
         if len(rows) == 0:
             return np.empty(0, np.int8)
         bodies = PlacedHulls(*self._cache.hulls(self._slots), *self._places)
-        met = hulls_meet(bodies, bodies, self._ends[0][rows], self._ends[1][rows])
+        met = hulls_may_collide(bodies, bodies, self._ends[0][rows], self._ends[1][rows])
         return np.where(met, np.int8(TOUCHING), np.int8(SEPARATE))
 
     def _tree_verdicts(self, level: Accuracy, rows: Rows) -> Verdicts:

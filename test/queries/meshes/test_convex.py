@@ -28,7 +28,7 @@ from obb_collision.geometry.shapes.meshes import Hull
 from obb_collision.geometry.trees.convex_proxy import hull_mesh
 from obb_collision.geometry.trees.obb_tree import MeshTrees
 from obb_collision.geometry.trees.pool import HullPool, Hulls
-from obb_collision.queries.meshes.convex import PlacedHulls, hulls_meet
+from obb_collision.queries.meshes.convex import PlacedHulls, hulls_may_collide
 from obb_collision.queries.meshes.meshes import PlacedMeshes, mesh_collisions
 from obb_collision.shapes import Cone, Cylinder
 from obb_collision.typing import Floats
@@ -58,13 +58,13 @@ def test_hulls_meet_where_their_surfaces_do_or_one_holds_the_other() -> None:
     trees = MeshTrees.join([MeshTrees.build(*mesh) for mesh in meshes])
     a, b = (random_bodies(COUNT, len(meshes), 0.6, seed) for seed in (1, 2))
     rows = np.arange(COUNT)
-    met = hulls_meet(PlacedHulls(hulls, *a), PlacedHulls(hulls, *b), rows, rows)
+    met = hulls_may_collide(PlacedHulls(hulls, *a), PlacedHulls(hulls, *b), rows, rows)
     truth = mesh_collisions(PlacedMeshes(trees, *a), PlacedMeshes(trees, *b))
     assert 0.2 < truth.mean() < 0.8
     assert not (truth & ~met).any()
     doubtful = np.flatnonzero(met & ~truth)
     assert len(doubtful) <= 0.001 * COUNT
-    back = hulls_meet(PlacedHulls(hulls, *b), PlacedHulls(hulls, *a), rows, rows)
+    back = hulls_may_collide(PlacedHulls(hulls, *b), PlacedHulls(hulls, *a), rows, rows)
     assert not (truth & ~back).any()
 
 
@@ -75,7 +75,7 @@ def test_separate_means_that_a_plane_exists() -> None:
     hulls = pool(corners)
     a, b = (random_bodies(300, len(names), 0.5, seed) for seed in (3, 4))
     rows = np.arange(300)
-    met = hulls_meet(PlacedHulls(hulls, *a), PlacedHulls(hulls, *b), rows, rows)
+    met = hulls_may_collide(PlacedHulls(hulls, *a), PlacedHulls(hulls, *b), rows, rows)
     for n in rows:
         p, q = (corners[side[0][n]] @ side[2][n].T + side[1][n] for side in (a, b))
         # w.p >= d + 1 and w.q <= d - 1 for some w, d
@@ -105,7 +105,7 @@ def test_any_size_and_any_place(scale: float, far: float) -> None:
         PlacedHulls(hulls, rows, here, still),
         PlacedHulls(hulls, rows, here + scale * offsets, still),
     )
-    met = hulls_meet(a, b, np.arange(count), np.arange(count))
+    met = hulls_may_collide(a, b, np.arange(count), np.arange(count))
     assert met.tolist() == [True, True, False, True, False]
 
 
@@ -121,5 +121,5 @@ def test_flat_and_single_points() -> None:
     still = np.tile(np.eye(3), (8, 1, 1))
     a = PlacedHulls(hulls, rows, np.zeros((8, 3)), still)
     b = PlacedHulls(hulls, others, offsets, still)
-    met = hulls_meet(a, b, np.arange(8), np.arange(8))
+    met = hulls_may_collide(a, b, np.arange(8), np.arange(8))
     assert met.tolist() == [True, False, False, True, True, False, True, False]

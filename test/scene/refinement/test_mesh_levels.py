@@ -29,8 +29,12 @@ from obb_collision.geometry.poses import place_boxes
 from obb_collision.geometry.trees.convex_proxy import hull_mesh
 from obb_collision.geometry.trees.pool import HullPool, Hulls
 from obb_collision.geometry.trees.shape_trees import mesh_tree
-from obb_collision.queries.meshes.convex import PlacedHulls, hulls_meet
-from obb_collision.queries.verdict.coarse import bounds_meet, faces_meet, spheres_meet
+from obb_collision.queries.meshes.convex import PlacedHulls, hulls_may_collide
+from obb_collision.queries.verdict.coarse import (
+    bounds_may_collide,
+    faces_may_collide,
+    spheres_may_collide,
+)
 from obb_collision.queries.verdict.verdict import SEPARATE
 from obb_collision.shapes import Mesh
 
@@ -89,7 +93,7 @@ def test_no_level_misses_what_a_more_exact_one_reports(
     i, j = np.arange(count), np.arange(count, 2 * count)
 
     mesh = oc.mesh_collisions(placed, placed, i, j)
-    hull = hulls_meet(convex, convex, i, j)
+    hull = hulls_may_collide(convex, convex, i, j)
     obb = oc.verdicts(boxes.take(i), boxes.take(j)) != SEPARATE
     assert 0.01 < mesh.mean() < hull.mean() < obb.mean() < 0.99
     assert not (mesh & ~hull).any()
@@ -100,7 +104,7 @@ def test_no_level_misses_what_a_more_exact_one_reports(
         assert not (finer & ~tree).any(), depth
         finer = tree
     assert (finer == obb).mean() > 0.9999  # the first node of a tree is the mesh's box
-    for coarse in (spheres_meet, faces_meet, bounds_meet):
+    for coarse in (spheres_may_collide, faces_may_collide, bounds_may_collide):
         assert not (obb & ~coarse(boxes, i, j)).any()
 
 
