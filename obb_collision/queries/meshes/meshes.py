@@ -186,7 +186,7 @@ def tree_collisions(
     rows_a: Integers | None = None,
     rows_b: Integers | None = None,
 ) -> NDArray[np.bool_]:
-    """Return (m,) whether boxes of a depth (2^depth per mesh) collide, or a piece lies inside a solid.
+    """Return (m,) whether boxes of a depth (2^depth per mesh) collide, or a piece is in a solid.
 
     Never misses what ``mesh_verdicts`` reports. A pair whose boxes of a lesser depth are apart
     is not reported, even where boxes below stick out of those above.

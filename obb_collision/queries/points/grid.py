@@ -226,7 +226,7 @@ def _row(frames: Floats, g: int, k: int) -> tuple[float, float, float]:
 def _enter(
     grids: Grids, g: int, contents: Contents, item: int, pairs: np.ndarray, found: int
 ) -> tuple[int, int]:
-    """Append the cells of grid g that a box may reach into; return the pairs found, and how many were tested."""
+    """Append the cells of grid g that a box may reach into; return pairs found and tested."""
     frames, numbers = grids
     low, high = contents.bounds[item, :3], contents.bounds[item, 3:]
     first = find_cell(frames, numbers, g, low[0], low[1], low[2])

@@ -15,7 +15,7 @@
 """Which points of a cloud lie inside which boxes, or within a margin of them.
 
 Closed boxes, as in ``containment``: without a margin the answers are those of ``contains`` point
-by point, in which what doubles can't distinguish from the surface counts as inside. With a margin a point
+by point, in which what doubles leave undecided counts as inside. With a margin a point
 counts if its Euclidean distance to the box is at most the margin, or exceeds it by less than
 2^-44 of the point's distance from the centre, the half extents and the margin.
 

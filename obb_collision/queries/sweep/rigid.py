@@ -62,8 +62,8 @@ ARM_ROUNDING = 128 * ROUNDOFF
 POSITION = 8 * ROUNDOFF
 TURNING = 32 * ROUNDOFF
 SPIN = 8 * ROUNDOFF
-#: Maximum number of steps: beyond, the pair is undecided. Ordinary pairs take up to ten, boxes that turn past each
-#: other many times just out of reach some hundred.
+#: Maximum number of steps: beyond, the pair is undecided. Ordinary pairs take up to ten, boxes
+#: that turn past each other many times just out of reach some hundred.
 MAX_STEPS = 2000
 #: Of a corner next to a corner, the largest gap of the 15 axes may show only this much of the
 #: distance: the separating directions are a cone spanned by three of the axes, all within 90

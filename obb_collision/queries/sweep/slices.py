@@ -19,7 +19,7 @@ circles of its corners about the axis of the turn and what lies between them. Th
 along a line, however many turns the box makes. One that turns less than ``WHOLE`` in a slice is
 held by its place in the middle, grown by what its corners move from there. A direction along
 which one body stays beyond the other from the beginning to the end of a slice proves it free; it is
-searched as in ``meshes.convex`` (Gilbert, Johnson and Keerthi 1988), and no error of the search counts.
+searched as in ``meshes.convex`` (Gilbert, Johnson, Keerthi 1988); no error of the search counts.
 """
 
 from __future__ import annotations
