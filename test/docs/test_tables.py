@@ -96,3 +96,17 @@ def test_the_rosdep_line_allows_what_comes_from_pypi() -> None:
     for page in (README, ROOT / "docs" / "install.md"):
         (line,) = re.findall(r"^.*rosdep install --from.*$", page.read_text(), re.MULTILINE)
         assert line.startswith("PIP_BREAK_SYSTEM_PACKAGES=1 rosdep install ")
+
+
+@pytest.mark.parametrize("page", PAGES, ids=page_name)
+def test_public_names_in_a_page_exist(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    names = set(re.findall(r"\boc\.([A-Za-z]\w*(?:\.[A-Z]\w*)?)", text))
+    if page.stem == "effects":
+        names |= set(re.findall(r"`(\w+)`", text.split("## Questions without a scene\n", 1)[1]))
+        assert "clearances" in names
+    for name in names:
+        found: object = oc
+        for part in name.split("."):
+            assert hasattr(found, part), f"oc.{name}"
+            found = getattr(found, part)
