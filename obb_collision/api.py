@@ -12,7 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""All public names of the library; ``obb_collision`` loads them from here when first used."""
+"""All public names of the library; ``obb_collision`` loads them from here when first used.
+
+What functions return is public with them; its classes are in the modules of the functions.
+"""
 
 from obb_collision import shapes
 from obb_collision.accuracy import Accuracy
@@ -20,26 +23,23 @@ from obb_collision.geometry.aabb import AABB
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.capsules import Capsules
 from obb_collision.geometry.trees.obb_tree import MeshTrees
-from obb_collision.obb import OBB, Separation
-from obb_collision.queries.clearance.clearance import Clearances, clearances, clearances_within
-from obb_collision.queries.contacts.contacts import Contacts, contacts
+from obb_collision.obb import OBB
+from obb_collision.queries.clearance.clearance import clearances
+from obb_collision.queries.contacts.contacts import contacts
 from obb_collision.queries.meshes.meshes import (
     PlacedMeshes,
     mesh_collisions,
     mesh_contacts,
     mesh_verdicts,
-    tree_collisions,
 )
 from obb_collision.queries.overlap.overlap import iou, overlap_volumes
-from obb_collision.queries.points.points import PointsInside, points_inside
-from obb_collision.queries.primitives.capsules import (
-    CapsuleDistances,
-    capsule_distances,
-    capsule_verdicts,
-)
-from obb_collision.queries.primitives.planes import PlaneDistances, aabb_verdicts, plane_distances
-from obb_collision.queries.rays.rays import RayHits, cast_rays, cast_segments, segments_intersect
-from obb_collision.queries.sweep.sweep import Sweeps, sweep, sweep_twists
+from obb_collision.queries.points.points import points_inside
+from obb_collision.queries.primitives.capsules import capsule_distances
+from obb_collision.queries.primitives.planes import plane_distances
+from obb_collision.queries.rays.rays import cast_rays, cast_segments
+from obb_collision.queries.sweep.moving import MovingBoxes
+from obb_collision.queries.sweep.sweep import sweeps
+from obb_collision.queries.verdict.separations import separations
 from obb_collision.queries.verdict.verdict import Verdict, verdicts
 from obb_collision.scene.broad_phase.any_collision import any_collision
 from obb_collision.scene.broad_phase.find_pairs import find_pairs
@@ -52,29 +52,19 @@ __all__ = [
     "OBB",
     "Accuracy",
     "Boxes",
-    "CapsuleDistances",
     "Capsules",
-    "Clearances",
-    "Contacts",
     "MeshTrees",
+    "MovingBoxes",
     "PlacedMeshes",
-    "PlaneDistances",
-    "PointsInside",
-    "RayHits",
     "Report",
     "Scene",
     "SceneDescription",
-    "Separation",
-    "Sweeps",
     "Verdict",
-    "aabb_verdicts",
     "any_collision",
     "capsule_distances",
-    "capsule_verdicts",
     "cast_rays",
     "cast_segments",
     "clearances",
-    "clearances_within",
     "contacts",
     "find_pairs",
     "iou",
@@ -85,10 +75,8 @@ __all__ = [
     "overlap_volumes",
     "plane_distances",
     "points_inside",
-    "segments_intersect",
+    "separations",
     "shapes",
-    "sweep",
-    "sweep_twists",
-    "tree_collisions",
+    "sweeps",
     "verdicts",
 ]

@@ -36,8 +36,7 @@ from obb_collision.geometry.validation import (
 )
 from obb_collision.queries.overlap.overlap import iou, overlap_volumes
 from obb_collision.queries.points.containment import contains
-from obb_collision.queries.verdict.penetration import witness
-from obb_collision.queries.verdict.sat import AXES
+from obb_collision.queries.verdict.separations import separations
 from obb_collision.queries.verdict.verdict import SEPARATE, Verdict, verdicts
 from obb_collision.typing import Floats
 from obb_collision.words import shown
@@ -419,13 +418,9 @@ class OBB:
         (2.0, [1.0, 0.0, 0.0], 'SEPARATE')
         """
         check_kind(other, OBB, "other")
-        gap, x, y, z, _ = witness(
-            *(self.center, self.rotation, self.half_extents),
-            *(other.center, other.rotation, other.half_extents),
-            np.empty(AXES),
-        )
-        verdict = Verdict(int(verdicts(self._boxes(), other._boxes())[0]))
-        return Separation(gap, np.array([x, y, z]), verdict)
+        found = separations(self._boxes(), other._boxes())
+        verdict = Verdict(int(found.verdicts[0]))
+        return Separation(float(found.separations[0]), found.normals[0], verdict)
 
     def overlap_volume(self, other: OBB) -> float:
         """Return the volume that two boxes share.

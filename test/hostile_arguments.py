@@ -140,7 +140,7 @@ def calls() -> Iterator[tuple[str, Callable[..., Any], dict[str, Any]]]:
     boxes = oc.Boxes(np.zeros((2, 3)), [np.eye(3)] * 2, np.ones((2, 3)))
     turned = oc.Boxes.from_poses([[0.1, 0, 0, 0, 0, 0.6, 0.8]] * 2, np.ones((2, 3)))
     capsules = oc.Capsules(np.zeros((2, 3)), np.ones((2, 3)), np.ones(2))
-    pairs, rows = np.array([[0, 1]]), np.array([0, 1])
+    pairs = np.array([[0, 1]])
     bodies = oc.PlacedMeshes(trees(), [0, 1], np.zeros((2, 3)), [np.eye(3)] * 2)
     box: dict[str, Any] = {"centers": np.zeros((2, 3)), "rotations": [np.eye(3)] * 2}
     yield "Boxes", oc.Boxes, {**box, "half_extents": np.ones((2, 3))}
@@ -158,13 +158,16 @@ def calls() -> Iterator[tuple[str, Callable[..., Any], dict[str, Any]]]:
     yield "overlap_volumes", oc.overlap_volumes, {"a": boxes, "b": turned, "pairs": pairs}
     yield "find_pairs", oc.find_pairs, {"a": boxes, "b": boxes, "exact": False, "accuracy": "obb"}
     yield "any_collision", oc.any_collision, {"a": boxes, "b": boxes, "exact": False}
-    yield "contacts", oc.contacts, {"boxes": boxes, "pairs": pairs, "limit": 4}
-    yield "clearances", oc.clearances, {"boxes": boxes, "pairs": pairs}
-    yield "clearances_within", oc.clearances_within, {"boxes": boxes, "pairs": pairs, "limit": 1.0}
-    yield "sweep", oc.sweep, {"start": boxes, "end": turned, "pairs": pairs, "tolerance": 1e-3}
-    yield "sweep_twists", oc.sweep_twists, {
-        "boxes": boxes, "twists": np.ones((2, 6)), "pairs": pairs, "horizon": 1.0
+    both = {"a": boxes, "b": turned, "pairs": pairs}
+    yield "separations", oc.separations, both
+    yield "contacts", oc.contacts, {**both, "limit": 4}
+    yield "clearances", oc.clearances, {**both, "max_distance": 1.0}
+    moving = oc.MovingBoxes(boxes, turned)
+    yield "MovingBoxes", oc.MovingBoxes, {"start": boxes, "end": turned}
+    yield "MovingBoxes.from_twists", oc.MovingBoxes.from_twists, {
+        "boxes": boxes, "twists": np.ones((2, 6)), "duration": 1.0, "origins": np.zeros((2, 3))
     }  # fmt: skip
+    yield "sweeps", oc.sweeps, {"a": moving, "b": boxes, "pairs": pairs, "tolerance": 1e-3}
     yield "points_inside", oc.points_inside, {
         "boxes": boxes, "points": np.zeros((5, 3)), "margin": 0.1, "each_point": True, "threads": 1
     }  # fmt: skip
@@ -172,15 +175,10 @@ def calls() -> Iterator[tuple[str, Callable[..., Any], dict[str, Any]]]:
     yield "cast_rays", oc.cast_rays, {"boxes": boxes, **rays}
     ends = {"starts": np.zeros((2, 3)), "ends": np.ones((2, 3))}
     yield "cast_segments", oc.cast_segments, {"boxes": boxes, **ends}
-    yield "segments_intersect", oc.segments_intersect, {"boxes": boxes, **ends}
     yield "plane_distances", oc.plane_distances, {
-        "points": np.zeros((2, 3)), "normals": np.ones((2, 3)), "boxes": boxes
+        "boxes": boxes, "points": np.zeros((2, 3)), "normals": np.ones((2, 3)), "pairs": pairs
     }  # fmt: skip
-    yield "aabb_verdicts", oc.aabb_verdicts, {
-        "boxes": boxes, "minimum": np.zeros((2, 3)), "maximum": np.ones((2, 3))
-    }  # fmt: skip
-    yield "capsule_verdicts", oc.capsule_verdicts, {"a": capsules, "b": boxes}
-    yield "capsule_distances", oc.capsule_distances, {"a": capsules, "b": capsules}
+    yield "capsule_distances", oc.capsule_distances, {"a": capsules, "b": boxes, "pairs": pairs}
     mesh = {"vertices": TETRAHEDRON, "faces": FACES, "solid": None, "leaf": 1, "root": None}
     yield "MeshTrees.build", oc.MeshTrees.build, mesh
     yield "MeshTrees.from_half_extents", oc.MeshTrees.from_half_extents, {"half_extents": [1, 1, 1]}
@@ -189,11 +187,10 @@ def calls() -> Iterator[tuple[str, Callable[..., Any], dict[str, Any]]]:
         if name != "arrays":
             yield from tree_calls(name, value)
     yield "PlacedMeshes", oc.PlacedMeshes, {"trees": trees(), "meshes": [0, 1], **box}
-    sides = {"a": bodies, "b": bodies, "rows_a": rows, "rows_b": rows}
+    sides = {"a": bodies, "b": bodies, "pairs": pairs}
     yield "mesh_verdicts", oc.mesh_verdicts, {**sides, "exact": True, "effort": 100}
-    yield "mesh_collisions", oc.mesh_collisions, sides
+    yield "mesh_collisions", oc.mesh_collisions, {**sides, "depth": 2}
     yield "mesh_contacts", oc.mesh_contacts, {**sides, "capacity": 4}
-    yield "tree_collisions", oc.tree_collisions, {**sides, "depth": 2}
     yield "Report", written, {"value": 10**9}
     yield from scene_calls()
 
@@ -220,9 +217,7 @@ def tree_calls(name: str, good: Any) -> Iterator[tuple[str, Callable[..., Any], 
 def used(made: oc.MeshTrees) -> Any:
     """Let the kernels go over trees."""
     bodies = oc.PlacedMeshes(made, [0, 1], np.zeros((2, 3)), [np.eye(3)] * 2)
-    return oc.mesh_verdicts(bodies, bodies, *np.array([[0], [1]])), oc.tree_collisions(
-        bodies, bodies, 3
-    )
+    return oc.mesh_verdicts(bodies, bodies, [[0, 1]]), oc.mesh_collisions(bodies, bodies, depth=3)
 
 
 def say(line: str) -> None:

@@ -42,8 +42,10 @@ from obb_collision.queries.overlap.overlap import iou
 from obb_collision.queries.points.points import points_inside
 from obb_collision.queries.primitives.capsules import capsule_distances, capsule_verdicts
 from obb_collision.queries.primitives.planes import aabb_verdicts, plane_distances
-from obb_collision.queries.rays.rays import cast_rays, segments_intersect
-from obb_collision.queries.sweep.sweep import sweep, sweep_twists
+from obb_collision.queries.rays.rays import cast_rays, cast_segments
+from obb_collision.queries.sweep.moving import MovingBoxes
+from obb_collision.queries.sweep.sweep import sweeps
+from obb_collision.queries.verdict.separations import separations
 from obb_collision.queries.verdict.verdict import verdicts
 from obb_collision.scene.broad_phase.any_collision import any_collision
 from obb_collision.scene.broad_phase.find_pairs import find_pairs
@@ -227,11 +229,16 @@ def _pair_queries() -> None:
     iou(boxes, again)
     any_collision(boxes)
     any_collision(boxes, again, exact=True)
-    contacts(boxes, pairs)
-    clearances(boxes, pairs)
+    contacts(boxes, again, pairs)
+    clearances(boxes, again, pairs)
+    separations(boxes, again)
     for with_contacts in (True, False):
-        sweep(boxes, again, pairs, contacts=with_contacts)
-        sweep_twists(boxes, np.full((4, 6), 0.1), pairs, 1.0, contacts=with_contacts)
+        for moving in (
+            MovingBoxes(boxes, again),
+            MovingBoxes.from_twists(boxes, np.full((4, 6), 0.1), 1.0),
+        ):
+            sweeps(moving, boxes, pairs, contacts=with_contacts)
+            sweeps(moving, moving, pairs, contacts=with_contacts)
 
 
 def _other_queries() -> None:
@@ -239,8 +246,8 @@ def _other_queries() -> None:
     boxes, zeros = _batch(), np.zeros((4, 3))
     cast_rays(boxes, zeros, zeros + 1.0)
     cast_rays(boxes, zeros[:1], zeros[:1] + 1.0)
-    segments_intersect(boxes, zeros, zeros + 1.0)
-    plane_distances(zeros, zeros + 1.0, boxes)
+    cast_segments(boxes, zeros, zeros + 1.0)
+    plane_distances(boxes, zeros, zeros + 1.0)
     aabb_verdicts(boxes, zeros, zeros + 1.0)
     points_inside(boxes, zeros, each_point=True)
     capsules = Capsules(zeros, zeros + 1.0, np.full(4, 0.1))

@@ -199,7 +199,7 @@ def test_capsules_overlapping(record_property: Record) -> None:
 def test_planes(record_property: Record) -> None:
     moved = Moved(PAIRS, loose=True)
     points, boxes = moved.a.centers, moved.at(0.3 * moved.farthest)[1]
-    found = plane_distances(points, moved.directions, boxes)
+    found = plane_distances(boxes, points, moved.directions)
     ratios = []
     for n in range(len(boxes)):
         stored, normal = boxes.row(n), exact(moved.directions[n])

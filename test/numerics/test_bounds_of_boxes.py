@@ -261,7 +261,7 @@ def test_gap_bounds_and_best_faces(record_property: Record) -> None:
 def test_clearances(record_property: Record) -> None:
     moved = Moved(2, families=("ordinary scene", "edge against edge", "thin plates and rods"))
     a, b = moved.at(0.5 * moved.farthest)
-    found = clearances(*joined(a, b)).distances
+    found = clearances(a, b).distances
     ratios = []
     for n, distance in enumerate(found.tolist()):
         row = a.row(n), b.row(n)
@@ -274,7 +274,7 @@ def test_clearances(record_property: Record) -> None:
 def test_contact_depths(record_property: Record) -> None:
     moved = Moved(PAIRS)
     a, b = moved.at(np.linspace(0.01, 0.2, len(moved.a)) * moved.farthest)
-    found = contacts(*joined(a, b))
+    found = contacts(a, b)
     ratios = []
     for n in np.flatnonzero(found.counts):
         row = a.row(n), b.row(n)

@@ -32,6 +32,7 @@ from error_bounds import (
     norm,
     observed_at_flip,
 )
+from one_set import sweep
 from support import joined
 from sweep_oracle import ExactMotion
 
@@ -55,7 +56,6 @@ from obb_collision.queries.sweep.slices import (
     fill_corners,
     free_slice,
 )
-from obb_collision.queries.sweep.sweep import sweep
 from obb_collision.queries.sweep.twists import ANGLE_SLACK, CORNER_SLACK
 
 RNG = np.random.default_rng(9)

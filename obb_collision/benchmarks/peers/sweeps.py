@@ -42,7 +42,8 @@ from scipy.spatial.transform import Rotation
 
 from obb_collision.cli import Parser, interruptible, new_file, whole
 from obb_collision.geometry.boxes import Boxes
-from obb_collision.queries.sweep.sweep import Sweeps, sweep
+from obb_collision.queries.sweep.moving import MovingBoxes
+from obb_collision.queries.sweep.sweep import Sweeps, sweeps
 from obb_collision.queries.verdict.verdict import Verdict, verdicts
 from obb_collision.typing import Floats
 
@@ -103,7 +104,8 @@ def compare(scene: str, pairs: int, turning: bool) -> dict[str, float]:
     fcl_sweep = _fcl(start, end, rows, turning)
 
     def ours() -> Sweeps:
-        return sweep(start, end, rows, contacts=False)  # python-fcl gives a time, no point
+        moving = MovingBoxes(start, end)
+        return sweeps(moving, moving, rows, contacts=False)  # python-fcl gives a time, no point
 
     result, theirs = ours(), fcl_sweep()
     turns = [(_seconds(ours), _seconds(fcl_sweep)) for _ in range(TURNS)]

@@ -224,6 +224,6 @@ def _compare_surfaces(price: Price, throw: Throw, answers: Mask) -> None:
     arrays = placed.trees.arrays._asdict()
     hollow = MeshTrees(**arrays | {"solid": np.zeros_like(placed.trees.solid)})
     bodies = PlacedMeshes(hollow, placed.meshes, placed.centers, placed.rotations)
-    ours = mesh_collisions(bodies, bodies, throw.first, throw.second)
+    ours = mesh_collisions(bodies, bodies, np.stack([throw.first, throw.second], axis=1))
     price.surface_pairs += len(ours)
     price.surface_differ += int((ours != answers).sum())

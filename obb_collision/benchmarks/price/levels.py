@@ -32,7 +32,7 @@ from obb_collision.geometry.poses import as_poses
 from obb_collision.geometry.trees.obb_tree import MeshTrees
 from obb_collision.geometry.trees.pool import HullPool, Hulls
 from obb_collision.queries.meshes.convex import PlacedHulls, hulls_may_collide
-from obb_collision.queries.meshes.meshes import PlacedMeshes, mesh_collisions, tree_collisions
+from obb_collision.queries.meshes.meshes import PlacedMeshes, mesh_collisions
 from obb_collision.queries.verdict.coarse import (
     faces_may_collide,
     sphere_bounds,
@@ -164,7 +164,11 @@ def _refine(ask: Callable[[Throw, Rows, Rows], Mask]) -> Callable[[Throw, Rows, 
 
 
 def _ask_tree(depth: int) -> Callable[[Throw, Rows, Rows], Mask]:
-    return _refine(lambda t, i, j: tree_collisions(t.meshes, t.meshes, depth, i, j))
+    return _refine(lambda t, i, j: _ask_meshes(t, i, j, depth))
+
+
+def _ask_meshes(throw: Throw, i: Rows, j: Rows, depth: int | None = None) -> Mask:
+    return mesh_collisions(throw.meshes, throw.meshes, np.stack([i, j], axis=1), depth=depth)
 
 
 @dataclass(frozen=True)
@@ -186,7 +190,7 @@ BOX_LEVELS = (
 MESH_LEVELS = (
     *(Level(f"obb_tree {depth}", _ask_tree(depth), "obb_tree", depth) for depth in DEPTHS),
     Level("hull", _refine(lambda t, i, j: hulls_may_collide(t.hulls, t.hulls, i, j)), "hull"),
-    Level("mesh", _refine(lambda t, i, j: mesh_collisions(t.meshes, t.meshes, i, j)), "mesh"),
+    Level("mesh", _refine(_ask_meshes), "mesh"),
 )
 
 

@@ -34,18 +34,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from obb_collision._jit import njit
 from obb_collision.geometry.boxes import Boxes
-from obb_collision.geometry.kinds import check_kind
 from obb_collision.numerics.constants import MAX_MAGNITUDE
 from obb_collision.numerics.vec3 import components, minus, negated, scaled
 from obb_collision.queries.clearance.closest_points import NEAR, points_apart, points_near
 from obb_collision.queries.clearance.features import Points
 from obb_collision.queries.verdict.gap_axes import best_face
 from obb_collision.queries.verdict.pair_frame import Box, Pair, box_at, enter_frame, leave_frame
-from obb_collision.queries.verdict.pair_rows import as_pairs
+from obb_collision.queries.verdict.pair_rows import as_pairs, check_boxes, one_set
 from obb_collision.queries.verdict.penetration import box_witness
 from obb_collision.queries.verdict.sat import AXES
 from obb_collision.queries.verdict.verdict import SEPARATE, TOUCHING, box_verdict
@@ -61,7 +60,7 @@ class Clearances:
     """Distance and closest points of m pairs of boxes a, b; metres, world frame."""
 
     pairs: Integers
-    """(m, 2) rows of the boxes; in a report, indices of objects."""
+    """(m, 2) rows of a and b; in a report, indices of objects."""
     distances: Floats
     """(m,) positive apart, minus the depth where they overlap, 0 where they touch."""
     positions_a: Floats
@@ -76,35 +75,59 @@ class Clearances:
         return len(self.distances)
 
 
-def clearances(boxes: Boxes, pairs: ArrayLike) -> Clearances:
-    """Return the clearance of each pair (m, 2) of rows of ``boxes``.
+def clearances(
+    a: Boxes, b: Boxes, pairs: ArrayLike | None = None, *, max_distance: float = np.inf
+) -> Clearances:
+    """Return how far apart boxes are, and the closest points.
 
-    Raises ValueError naming the argument and the row for pairs that are none.
+    Parameters
+    ----------
+    a, b : Boxes
+    pairs : (m, 2) array_like of int, optional
+        Rows of a and of b; without, each row of a against the same row of b.
+    max_distance : float
+        Metres; pairs farther apart are left out, and cost little where face normals show it.
+
+    Returns
+    -------
+    Clearances
+        pairs (k, 2), in the order given; distances (k,) metres, positive apart, minus the depth
+        where they overlap, 0 where they touch; positions_a and positions_b (k, 3) metres;
+        normals (k, 3) unit, from a to b.
+
+    Raises
+    ------
+    ValueError
+        For pairs that are no rows, and without pairs for different lengths; for a
+        negative distance.
+    TypeError
+        For anything but boxes.
+
+    References
+    ----------
+    Ericson, Real-Time Collision Detection (2005), 5.1 and 9.
+
+    Examples
+    --------
+    >>> boxes = oc.Boxes([[0, 0, 0], [1.5, 0, 0], [4, 0, 0]], [np.eye(3)] * 3, [[1, 1, 1]] * 3)
+    >>> found = oc.clearances(boxes, boxes, [[0, 1], [0, 2]])
+    >>> found.distances.tolist(), found.normals[1].tolist()
+    ([-0.5, 2.0], [1.0, 0.0, 0.0])
     """
-    return clearances_within(boxes, pairs, np.inf)[1]
-
-
-def clearances_within(
-    boxes: Boxes, pairs: ArrayLike, limit: float
-) -> tuple[NDArray[np.int64], Clearances]:
-    """Return which pairs are no farther apart than ``limit`` metres, and their clearances.
-
-    The first of both are rows of ``pairs`` (m, 2), ascending. What the six face normals show to
-    be farther apart costs no more than that. Raises ValueError naming the argument.
-    """
-    check_kind(boxes, Boxes, "boxes")
-    checked = as_pairs(boxes, boxes, pairs)
-    if not (isinstance(limit, REAL) and limit >= 0.0):  # NaN too
-        raise ValueError(f"limit must be a number, at least 0, got {shown(limit)}")
-    limit = float(limit) if limit <= MAX_MAGNITUDE else np.inf
+    check_boxes(a, b)
+    given = as_pairs(a, b, pairs)
+    boxes, checked = one_set(a, b, given)
+    if not (isinstance(max_distance, REAL) and max_distance >= 0.0):  # NaN too
+        raise ValueError(f"max_distance must be a number, at least 0, got {shown(max_distance)}")
+    limit = float(max_distance) if max_distance <= MAX_MAGNITUDE else np.inf
     count = len(checked)
     rows = np.empty(count, np.int64)
     distances, vectors = np.empty(count), np.empty((3, count, 3))
     kept = clearance_kernel(
-        *(boxes.centers, boxes.rotations, boxes.half_extents, checked, float(limit)),
+        *(boxes.centers, boxes.rotations, boxes.half_extents, checked, limit),
         *(rows, distances, vectors[0], vectors[1], vectors[2]),
     )
-    return rows[:kept], Clearances(checked[rows[:kept]], distances[:kept], *vectors[:, :kept])
+    return Clearances(given[rows[:kept]], distances[:kept], *vectors[:, :kept])
 
 
 @njit

@@ -32,7 +32,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from obb_collision._jit import njit
 from obb_collision.geometry.boxes import Boxes
-from obb_collision.geometry.kinds import check_kind
 from obb_collision.numerics.vec3 import (
     dot,
     max_abs,
@@ -53,7 +52,7 @@ from obb_collision.queries.contacts.patch import (
 )
 from obb_collision.queries.contacts.reduction import reduce_patch
 from obb_collision.queries.verdict.pair_frame import Box, box_at
-from obb_collision.queries.verdict.pair_rows import as_pairs
+from obb_collision.queries.verdict.pair_rows import as_pairs, check_boxes, one_set
 from obb_collision.queries.verdict.penetration import box_witness
 from obb_collision.queries.verdict.sat import AXES
 from obb_collision.queries.verdict.verdict import careful_bound
@@ -71,7 +70,7 @@ SMALLEST_PAIR = 1e-300
 class Contacts:
     """Contacts of m pairs (a, b); rows of pairs that are apart have count 0.
 
-    pairs (m, 2): rows of the boxes, in a report indices of objects.
+    pairs (m, 2): rows of a and b, in a report indices of objects.
 
     normals (m, 3): unit, from a to b; depths (m,): metres, not negative; counts (m,): points of
     each pair; positions (m, limit, 3): metres, in both boxes, the deepest first, NaN past the count
@@ -102,18 +101,51 @@ class Contacts:
         return len(self.pairs)
 
 
-def contacts(boxes: Boxes, pairs: ArrayLike, limit: int = 4) -> Contacts:
-    """Return the contacts of pairs (m, 2) of rows of boxes, at most ``limit`` (4 or 8) points each.
+def contacts(a: Boxes, b: Boxes, pairs: ArrayLike | None = None, *, limit: int = 4) -> Contacts:
+    """Return where boxes touch: normal, depth, and a few points that stand for the patch.
 
-    Every pair that is not certainly separate has a point at least, touching ones included. Raises
-    ValueError for another limit, and for pairs that are not rows of the boxes.
+    Every pair that is not certainly separate has a point at least, touching ones included.
+
+    Parameters
+    ----------
+    a, b : Boxes
+    pairs : (m, 2) array_like of int, optional
+        Rows of a and of b; without, each row of a against the same row of b.
+    limit : int
+        Points per pair at most, 4 or 8.
+
+    Returns
+    -------
+    Contacts
+        normals (m, 3) unit, from a to b; depths (m,) metres; counts (m,), 0 where apart; positions
+        (m, limit, 3) metres and position_depths (m, limit), NaN past the count; axes (m,).
+
+    Raises
+    ------
+    ValueError
+        For pairs that are no rows, and without pairs for different lengths; for another limit.
+    TypeError
+        For anything but boxes.
+
+    References
+    ----------
+    Ericson, Real-Time Collision Detection (2005), 5.5; Gregorius, Robust Contact Creation for
+    Physics Simulations (GDC 2015).
+
+    Examples
+    --------
+    >>> floor, crate = oc.OBB(half_extents=[9, 9, 1]), oc.OBB([0, 0, 2], np.eye(3), [1, 1, 1.25])
+    >>> found = oc.contacts(oc.Boxes.from_obbs([floor]), oc.Boxes.from_obbs([crate]))
+    >>> found.depths.tolist(), found.normals.tolist(), found.counts.tolist()
+    ([0.25], [[0.0, 0.0, 1.0]], [4])
     """
-    check_kind(boxes, Boxes, "boxes")
+    check_boxes(a, b)
     if not isinstance(limit, (int, np.integer)) or limit not in LIMITS:
         raise ValueError(f"limit must be 4 or 8, got {shown(limit)}")
-    result = Contacts.blank(as_pairs(boxes, boxes, pairs), int(limit))
+    result = Contacts.blank(as_pairs(a, b, pairs), int(limit))
+    boxes, rows = one_set(a, b, result.pairs)
     contacts_kernel(
-        *(boxes.centers, boxes.rotations, boxes.half_extents, result.pairs),
+        *(boxes.centers, boxes.rotations, boxes.half_extents, rows),
         *(result.normals, result.depths, result.counts),
         *(result.positions, result.position_depths, result.axes),
     )

@@ -34,7 +34,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from obb_collision.geometry.kinds import as_flag
+from obb_collision.geometry.kinds import as_flag, check_kind
 from obb_collision.geometry.poses import as_poses
 from obb_collision.geometry.trees.obb_tree import MeshTrees
 from obb_collision.geometry.validation import as_array, as_rotations, as_rows, as_whole
@@ -42,6 +42,7 @@ from obb_collision.queries.meshes.inside import inside_exactly
 from obb_collision.queries.meshes.kernels import find_kernel, tree_kernel
 from obb_collision.queries.meshes.tree_descent import Bodies
 from obb_collision.queries.meshes.triangle_exact import exact_corners, exact_triangle_verdict
+from obb_collision.queries.verdict.pair_rows import as_sides
 from obb_collision.queries.verdict.verdict import OVERLAP, SEPARATE, TOUCHING
 from obb_collision.typing import Floats, Integers
 
@@ -114,21 +115,47 @@ class PlacedMeshes:
 def mesh_verdicts(
     a: PlacedMeshes,
     b: PlacedMeshes,
-    rows_a: Integers | None = None,
-    rows_b: Integers | None = None,
+    pairs: ArrayLike | None = None,
+    *,
     exact: bool = False,
     effort: int = UNLIMITED,
 ) -> NDArray[np.int8]:
-    """Return the verdict of body ``rows_a[n]`` of a against ``rows_b[n]`` of b, (m,) int8.
+    """Return whether meshes collide, with certainty.
 
-    No rows: each body of a against the same of b. effort: pairs of nodes to look at once triangles
-    touch; then the verdict stays TOUCHING, though others may overlap. Meshes that rest face to
-    face take 0.1 s to rule that out (one pair of nodes some 50 ns). With ``exact=True`` TOUCHING is
-    never given to meshes that are apart: integers decide (0.1 ms a pair of triangles in contact).
-    Raises ValueError if lengths differ.
+    Parameters
+    ----------
+    a, b : PlacedMeshes
+    pairs : (m, 2) array_like of int, optional
+        Rows of a and of b; without, each row of a against the same row of b.
+    exact : bool
+        Decide by integers what doubles can't tell from touching (0.1 ms per pair of triangles in
+        contact).
+    effort : int
+        Pairs of nodes to look at once triangles touch; then the verdict stays TOUCHING, though
+        others may overlap. Meshes that rest face to face take 0.1 s to rule that out.
+
+    Returns
+    -------
+    (m,) array of int8
+        Of ``Verdict``.
+
+    Raises
+    ------
+    ValueError
+        For pairs that are no rows, and without pairs for different lengths.
+    TypeError
+        For anything but placed meshes.
+
+    Examples
+    --------
+    >>> tree = oc.MeshTrees.build([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
+    >>> crossing = [[0, 0, 0, 0, 0, 0, 1], [0.25, 0.25, 0, 0.5, 0.5, 0.5, 0.5]]
+    >>> bodies = oc.PlacedMeshes.from_poses(tree, [0, 0], crossing)
+    >>> oc.mesh_verdicts(bodies, bodies, [[0, 1]]).tolist()
+    [2]
     """
     as_flag(exact, "exact")
-    i, j = _rows(a, b, rows_a, rows_b)
+    i, j = _rows(a, b, pairs)
     effort = as_whole(effort, "effort")
     result, _, _ = _find(a, b, i, j, OVERLAP, 0, effort)
     if exact:
@@ -136,35 +163,102 @@ def mesh_verdicts(
         contacts = _all_contacts(a, b, i[open_rows], j[open_rows])
         starts = np.searchsorted(contacts[:, 0], np.arange(len(open_rows) + 1))
         for k, n in enumerate(open_rows):
-            pairs = contacts[starts[k] : starts[k + 1], 1:3]
-            result[n] = _decide_exactly(a, int(i[n]), b, int(j[n]), pairs)
+            faces = contacts[starts[k] : starts[k + 1], 1:3]
+            result[n] = _decide_exactly(a, int(i[n]), b, int(j[n]), faces)
     return result
 
 
 def mesh_collisions(
     a: PlacedMeshes,
     b: PlacedMeshes,
-    rows_a: Integers | None = None,
-    rows_b: Integers | None = None,
+    pairs: ArrayLike | None = None,
+    *,
+    depth: int | None = None,
 ) -> NDArray[np.bool_]:
-    """Return (m,) whether the verdict is not SEPARATE; quicker, since touching ends the search."""
-    result, _, _ = _find(a, b, *_rows(a, b, rows_a, rows_b), TOUCHING, 0)
-    return result != SEPARATE
+    """Return which meshes collide; quicker than verdicts, since touching ends the search.
+
+    Parameters
+    ----------
+    a, b : PlacedMeshes
+    pairs : (m, 2) array_like of int, optional
+        Rows of a and of b; without, each row of a against the same row of b.
+    depth : int, optional
+        Look at boxes of that depth (2^depth of them per mesh) instead of triangles: never misses
+        what triangles report. A pair whose boxes of a lesser depth are apart is not reported, even
+        where boxes below stick out of those above.
+
+    Returns
+    -------
+    (m,) array of bool
+        Whether they have a common point or a piece lies inside a solid.
+
+    Raises
+    ------
+    ValueError
+        For pairs that are no rows, and without pairs for different lengths.
+    TypeError
+        For anything but placed meshes.
+
+    References
+    ----------
+    Gottschalk, Lin, Manocha, OBBTree (SIGGRAPH 1996).
+
+    Examples
+    --------
+    >>> tree = oc.MeshTrees.build([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
+    >>> poses = [[0, 0, 0, 0, 0, 0, 1], [2, 0, 0, 0, 0, 0, 1]]
+    >>> bodies = oc.PlacedMeshes.from_poses(tree, [0, 0], poses)
+    >>> oc.mesh_collisions(bodies, bodies, [[0, 0], [0, 1]]).tolist()
+    [True, False]
+    """
+    i, j = _rows(a, b, pairs)
+    if depth is None:
+        return _find(a, b, i, j, TOUCHING, 0)[0] != SEPARATE
+    result = np.empty(len(i), np.bool_)
+    tree_kernel(a.arrays, i, b.arrays, j, as_whole(depth, "depth"), result)
+    return result
 
 
 def mesh_contacts(
     a: PlacedMeshes,
     b: PlacedMeshes,
-    rows_a: Integers | None = None,
-    rows_b: Integers | None = None,
+    pairs: ArrayLike | None = None,
+    *,
     capacity: int | None = None,
 ) -> tuple[Integers, int]:
-    """Return the pairs of triangles that are not SEPARATE, and how many there are.
+    """Return which triangles of meshes are not certainly apart.
 
-    Rows (c, 4) int64: row of the pair, face of a, face of b, verdict. With a capacity at most that
-    many are given, the number is the true one all the same; without, all are.
+    Parameters
+    ----------
+    a, b : PlacedMeshes
+    pairs : (m, 2) array_like of int, optional
+        Rows of a and of b; without, each row of a against the same row of b.
+    capacity : int, optional
+        Triangles given at most; their number is the true one all the same. Without, all are.
+
+    Returns
+    -------
+    faces : (c, 4) array of int64
+        Number of the pair, face of a, face of b, verdict.
+    count : int
+        How many there are.
+
+    Raises
+    ------
+    ValueError
+        For pairs that are no rows, and without pairs for different lengths.
+    TypeError
+        For anything but placed meshes.
+
+    Examples
+    --------
+    >>> tree = oc.MeshTrees.build([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
+    >>> body = oc.PlacedMeshes.from_poses(tree, [0], [[0, 0, 0, 0, 0, 0, 1]])
+    >>> faces, count = oc.mesh_contacts(body, body)
+    >>> faces.tolist(), count
+    ([[0, 0, 0, 1]], 1)
     """
-    i, j = _rows(a, b, rows_a, rows_b)
+    i, j = _rows(a, b, pairs)
     if capacity is None:
         contacts = _all_contacts(a, b, i, j)
         count = len(contacts)
@@ -179,36 +273,10 @@ def mesh_contacts(
     return faces, count
 
 
-def tree_collisions(
-    a: PlacedMeshes,
-    b: PlacedMeshes,
-    depth: int,
-    rows_a: Integers | None = None,
-    rows_b: Integers | None = None,
-) -> NDArray[np.bool_]:
-    """Return (m,) whether boxes of a depth (2^depth per mesh) collide, or a piece is in a solid.
-
-    Never misses what ``mesh_verdicts`` reports. A pair whose boxes of a lesser depth are apart
-    is not reported, even where boxes below stick out of those above.
-    """
-    depth = as_whole(depth, "depth")
-    i, j = _rows(a, b, rows_a, rows_b)
-    result = np.empty(len(i), np.bool_)
-    tree_kernel(a.arrays, i, b.arrays, j, depth, result)
-    return result
-
-
-def _rows(
-    a: PlacedMeshes, b: PlacedMeshes, rows_a: Integers | None, rows_b: Integers | None
-) -> tuple[Integers, Integers]:
-    for bodies, name in ((a, "a"), (b, "b")):
-        if not isinstance(bodies, PlacedMeshes):
-            raise ValueError(f"{name} must be PlacedMeshes, got {type(bodies).__name__}")
-    i = np.arange(len(a)) if rows_a is None else as_rows(rows_a, "rows_a", len(a))
-    j = np.arange(len(b)) if rows_b is None else as_rows(rows_b, "rows_b", len(b))
-    if len(i) != len(j):
-        raise ValueError(f"a and b must have the same length, got {len(i)} and {len(j)}")
-    return i, j
+def _rows(a: PlacedMeshes, b: PlacedMeshes, pairs: ArrayLike | None) -> tuple[Integers, Integers]:
+    check_kind(a, PlacedMeshes, "a")
+    check_kind(b, PlacedMeshes, "b")
+    return as_sides(a, b, pairs)
 
 
 def _find(

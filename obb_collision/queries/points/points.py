@@ -85,11 +85,38 @@ def points_inside(
     each_point: bool = False,
     threads: int | None = None,
 ) -> PointsInside:
-    """Return which points (p, 3), metres, lie inside each box or within ``margin`` metres of it.
+    """Return which points of a cloud lie inside which boxes.
 
-    each_point: also say for each point in which box it is. threads: at most so many at once; by
-    default as many as this process has cores. Raises ValueError for points of another shape, a
-    negative margin or a number of threads below 1.
+    Parameters
+    ----------
+    boxes : Boxes
+    points : (p, 3) array_like
+        Metres, float32 or float64; rows that are not finite are ignored and counted.
+    margin : float
+        Metres; points this near to a box count, too.
+    each_point : bool
+        Also say for each point in which box it is.
+    threads : int, optional
+        At most so many at once; by default as many as this process has cores.
+
+    Returns
+    -------
+    PointsInside
+        counts (n,), first (n,), nearest (n,), distances (n,) metres from the centre; ignored; boxes
+        (p,) if asked for.
+
+    Raises
+    ------
+    ValueError
+        For points of another shape, a negative margin or a number of threads below 1.
+    TypeError
+        For anything but boxes.
+
+    Examples
+    --------
+    >>> zones = oc.Boxes([[0, 0, 0], [5, 0, 0]], [np.eye(3)] * 2, [[1, 1, 1]] * 2)
+    >>> oc.points_inside(zones, [[0.5, 0, 0], [0, 0, 0.75], [9, 9, 9]]).counts.tolist()
+    [2, 0]
     """
     check_kind(boxes, Boxes, "boxes")
     as_flag(each_point, "each_point")

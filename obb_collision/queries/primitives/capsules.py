@@ -31,6 +31,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.capsules import Capsules
@@ -41,8 +42,9 @@ from obb_collision.queries.primitives.capsule_kernels import (
     capsule_distances_kernel,
     capsule_verdicts_kernel,
 )
+from obb_collision.queries.verdict.pair_rows import as_sides
 from obb_collision.queries.verdict.verdict import Verdicts
-from obb_collision.typing import Floats
+from obb_collision.typing import Floats, Rows
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,13 +64,12 @@ class CapsuleDistances:
     positions_b: Floats
 
 
-def capsule_verdicts(a: Capsules, b: Capsules | Boxes) -> Verdicts:
-    """Return the ``Verdict`` of each capsule of ``a`` against the same row of ``b``, (n,) int8.
+def capsule_verdicts(a: Capsules, b: Capsules | Boxes, pairs: ArrayLike | None = None) -> Verdicts:
+    """Return the ``Verdict`` (m,) int8 of capsules against capsules or boxes.
 
-    Raises ValueError if the lengths differ.
+    pairs as in ``capsule_distances``, of which this is the quicker half.
     """
-    rows = _rows(a, b)
-    return capsule_pair_verdicts(a, rows, b, rows)
+    return capsule_pair_verdicts(a, *_sides(a, b, pairs))
 
 
 def capsule_pair_verdicts(
@@ -88,14 +89,45 @@ def capsule_pair_verdicts(
     return out
 
 
-def capsule_distances(a: Capsules, b: Capsules | Boxes) -> CapsuleDistances:
-    """Return distances, normals and nearest points of each capsule and the same row of ``b``.
+def capsule_distances(
+    a: Capsules, b: Capsules | Boxes, pairs: ArrayLike | None = None
+) -> CapsuleDistances:
+    """Return how far capsules are from capsules or boxes: verdicts, distances, nearest points.
 
-    Separations are right to 2^-45 of the size of the pair. Raises ValueError if the lengths
-    differ.
+    Parameters
+    ----------
+    a : Capsules
+    b : Capsules or Boxes
+    pairs : (m, 2) array_like of int, optional
+        Rows of a and of b; without, each row of a against the same row of b.
+
+    Returns
+    -------
+    CapsuleDistances
+        verdicts (m,) int8; separations (m,) metres, right to 2^-45 of the size of the pair,
+        negative overlapping; normals (m, 3) unit, from a to b; positions_a, positions_b (m, 3).
+
+    Raises
+    ------
+    ValueError
+        For pairs that are no rows, and without pairs for different lengths.
+    TypeError
+        For anything but capsules and boxes.
+
+    References
+    ----------
+    Ericson, Real-Time Collision Detection (2005), 4.5.1 and 5.1.9.
+
+    Examples
+    --------
+    >>> balls = oc.Capsules.spheres([[0, 0, 0], [3, 0, 0]], [1, 0.5])
+    >>> oc.capsule_distances(balls, balls, [[0, 1]]).separations.tolist()
+    [1.5]
     """
-    rows = _rows(a, b)
-    n = len(rows)
+    first, _, second = sides = _sides(a, b, pairs)
+    verdicts = capsule_pair_verdicts(a, *sides)
+    a, b = a[first], b[second]
+    n = len(a)
     separations, vectors = np.empty(n), np.empty((3, n, 3))
     if isinstance(b, Boxes):
         box_distances_kernel(
@@ -106,12 +138,13 @@ def capsule_distances(a: Capsules, b: Capsules | Boxes) -> CapsuleDistances:
         capsule_distances_kernel(
             a.starts, a.ends, a.radii, b.starts, b.ends, b.radii, separations, *vectors
         )
-    return CapsuleDistances(capsule_verdicts(a, b), separations, *vectors)
+    return CapsuleDistances(verdicts, separations, *vectors)
 
 
-def _rows(a: Capsules, b: Capsules | Boxes) -> np.ndarray:
+def _sides(
+    a: Capsules, b: Capsules | Boxes, pairs: ArrayLike | None
+) -> tuple[Rows, Capsules | Boxes, Rows]:
     check_kind(a, Capsules, "a")
     check_kind(b, Capsules, "b", Boxes)
-    if len(a) != len(b):
-        raise ValueError(f"a and b must have the same length, got {len(a)} and {len(b)}")
-    return np.arange(len(a))
+    first, second = as_sides(a, b, pairs)
+    return first, b, second

@@ -28,6 +28,7 @@ from obb_collision.geometry.validation import as_array, first_bad_row
 from obb_collision.numerics.constants import CAREFUL_BOUND, UNDERFLOW
 from obb_collision.numerics.vec3 import components, dot, dot_abs, minus, norm, vector_at
 from obb_collision.queries.verdict.pair_frame import Box, box_at
+from obb_collision.queries.verdict.pair_rows import as_sides
 from obb_collision.queries.verdict.verdict import (
     OVERLAP,
     SEPARATE,
@@ -57,23 +58,58 @@ class PlaneDistances:
     half_space_verdicts: Verdicts
 
 
-def plane_distances(points: ArrayLike, normals: ArrayLike, boxes: Boxes) -> PlaneDistances:
-    """Return where each box is along the normal of the plane of the same row.
+def plane_distances(
+    boxes: Boxes, points: ArrayLike, normals: ArrayLike, pairs: ArrayLike | None = None
+) -> PlaneDistances:
+    """Return where boxes are along the normals of planes.
 
-    points (n, 3), one on each plane, metres; normals (n, 3) of any length but zero. A point
-    near the box gives the sharpest result. Raises ValueError naming the argument and the row.
+    Parameters
+    ----------
+    boxes : Boxes
+    points : (k, 3) array_like
+        One on each plane, metres; one near the box gives the sharpest result.
+    normals : (k, 3) array_like
+        Of the planes, of any length but zero.
+    pairs : (m, 2) array_like of int, optional
+        Rows of boxes and of planes; without, each box and the plane of the same row.
+
+    Returns
+    -------
+    PlaneDistances
+        lowest and highest (m,) metres above the plane; sides (m,), 1 certainly above, -1 certainly
+        below, else 0; plane_verdicts and half_space_verdicts (m,) int8.
+
+    Raises
+    ------
+    ValueError
+        Naming the argument and the row.
+    TypeError
+        For anything but boxes.
+
+    References
+    ----------
+    Ericson, Real-Time Collision Detection (2005), 5.2.3.
+
+    Examples
+    --------
+    >>> crates = oc.Boxes([[0, 0, 0.5], [0, 0, 3]], [np.eye(3)] * 2, [[1, 1, 1]] * 2)
+    >>> above = oc.plane_distances(crates, [[0, 0, 0]], [[0, 0, 1]], [[0, 0], [1, 0]])
+    >>> above.lowest.tolist(), above.sides.tolist()
+    ([-0.5, 2.0], [0, 1])
     """
     check_kind(boxes, Boxes, "boxes")
     p = as_array(points, "points", (None, 3))
     n = as_array(normals, "normals", (None, 3))
-    if not len(p) == len(n) == len(boxes):
+    if len(p) != len(n) or (pairs is None and len(p) != len(boxes)):
         raise ValueError(
-            "points, normals and boxes must have the same length, "
-            f"got {len(p)}, {len(n)} and {len(boxes)}"
+            "boxes, points and normals must have the same length, "
+            f"got {len(boxes)}, {len(p)} and {len(n)}"
         )
     zero = np.asarray((n == 0.0).all(axis=1))
     if zero.any():
         raise ValueError(f"normals must not be zero{first_bad_row(zero)}")
+    first, second = as_sides(boxes, p, pairs)
+    boxes, p, n = boxes[first], p[second], n[second]
     lowest, highest, bounds = np.empty((3, len(p)))
     _plane_kernel(
         *(p, n, boxes.centers, boxes.rotations, boxes.half_extents, lowest, highest, bounds)

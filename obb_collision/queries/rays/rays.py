@@ -56,14 +56,50 @@ class RayHits:
     positions: Floats
     normals: Floats
 
+    @property
+    def hits(self) -> NDArray[np.bool_]:
+        """(m,) whether each ray hits any box."""
+        return np.asarray(self.boxes >= 0)
+
 
 def cast_rays(
     boxes: Boxes, origins: ArrayLike, directions: ArrayLike, max_distance: ArrayLike = np.inf
 ) -> RayHits:
-    """Return what each ray hits first, within ``max_distance`` metres: one number or (m,).
+    """Return what each ray hits first.
 
-    origins (m, 3) metres; directions (m, 3) of any length but zero. Raises ValueError naming the
-    argument and the row.
+    Parameters
+    ----------
+    boxes : Boxes
+    origins : (m, 3) array_like
+        Metres.
+    directions : (m, 3) array_like
+        Of any length but zero.
+    max_distance : float or (m,) array_like
+        Metres, infinity allowed.
+
+    Returns
+    -------
+    RayHits
+        hits (m,) bool; boxes (m,) rows, -1 for none; distances (m,) metres; positions and normals
+        (m, 3).
+
+    Raises
+    ------
+    ValueError
+        Naming the argument and the row.
+    TypeError
+        For anything but boxes.
+
+    References
+    ----------
+    Kay, Kajiya, Ray Tracing Complex Scenes (SIGGRAPH 1986); Ericson 2005, 5.3.3.
+
+    Examples
+    --------
+    >>> boxes = oc.Boxes([[5, 0, 0], [9, 0, 0]], [np.eye(3)] * 2, [[1, 1, 1]] * 2)
+    >>> found = oc.cast_rays(boxes, [[0, 0, 0]], [[1, 0, 0]])
+    >>> found.boxes.tolist(), found.distances.tolist(), found.positions.tolist()
+    ([0], [4.0], [[4.0, 0.0, 0.0]])
     """
     check_kind(boxes, Boxes, "boxes")
     o = as_array(origins, "origins", (None, 3))
@@ -79,16 +115,34 @@ def cast_rays(
     return _cast(boxes, o, units, _reaches(max_distance, len(o)))
 
 
-def segments_intersect(boxes: Boxes, starts: ArrayLike, ends: ArrayLike) -> NDArray[np.bool_]:
-    """Return (m,) whether the segment between two points (m, 3), metres, meets any box.
-
-    Equal ends make a point. Raises ValueError naming the argument and the row.
-    """
-    return np.asarray(cast_segments(boxes, starts, ends).boxes >= 0)
-
-
 def cast_segments(boxes: Boxes, starts: ArrayLike, ends: ArrayLike) -> RayHits:
-    """Return what each segment hits first from its start; see ``segments_intersect``."""
+    """Return what each segment hits first from its start.
+
+    Parameters
+    ----------
+    boxes : Boxes
+    starts, ends : (m, 3) array_like
+        Metres; equal ones make a point.
+
+    Returns
+    -------
+    RayHits
+        hits (m,) bool; boxes (m,) rows, -1 for none; distances (m,) metres; positions and normals
+        (m, 3).
+
+    Raises
+    ------
+    ValueError
+        Naming the argument and the row.
+    TypeError
+        For anything but boxes.
+
+    Examples
+    --------
+    >>> boxes = oc.Boxes([[5, 0, 0]], [np.eye(3)], [[1, 1, 1]])
+    >>> oc.cast_segments(boxes, [[0, 0, 0], [0, 0, 0]], [[4.5, 0, 0], [3, 0, 0]]).hits.tolist()
+    [True, False]
+    """
     check_kind(boxes, Boxes, "boxes")
     p = as_array(starts, "starts", (None, 3))
     q = as_array(ends, "ends", (None, 3))

@@ -21,7 +21,7 @@ or more digits than doubles have, the pair is undecided.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -34,14 +34,9 @@ from obb_collision.numerics.vec3 import axes_of, combined, minus, plus, scaled, 
 from obb_collision.queries.sweep.contact import contact_point
 from obb_collision.queries.sweep.intervals import spheres_pass
 from obb_collision.queries.sweep.linear import MISS, NO_NORMAL, sweep_linear
-from obb_collision.queries.sweep.motion import (
-    bounding_radii,
-    check_same_boxes,
-    turns_between,
-)
+from obb_collision.queries.sweep.moving import MovingBoxes, join_motions
 from obb_collision.queries.sweep.poses import Motion, offset_and_way, place_at, rotated, swing
 from obb_collision.queries.sweep.rigid import FLOOR, WORK_ROWS, sweep_rigid
-from obb_collision.queries.sweep.twists import twist_motion
 from obb_collision.queries.verdict.pair_frame import Box
 from obb_collision.queries.verdict.pair_rows import as_pairs
 from obb_collision.queries.verdict.penetration import box_witness, common_point
@@ -60,7 +55,7 @@ HERE: Vector = (0.0, 0.0, 0.0)
 class Sweeps:
     """What the motion of m pairs leads to, arrays over the pairs. One of three answers each.
 
-    pairs (m, 2): rows of the boxes; in a report, indices of objects.
+    pairs (m, 2): rows of a and b; in a report, indices of objects.
 
     hits (m,) bool: the boxes touch. undecided (m,) bool: it is not known whether they do; whoever
     must not miss a collision takes it that they may, from ``free_until`` on. Neither: they don't.
@@ -84,19 +79,15 @@ class Sweeps:
         return len(self.hits)
 
 
-def sweep(
-    start: Boxes,
-    end: Boxes,
-    pairs: ArrayLike,
-    tolerance: float = TOLERANCE,
+def sweeps(
+    a: MovingBoxes | Boxes,
+    b: MovingBoxes | Boxes,
+    pairs: ArrayLike | None = None,
     *,
+    tolerance: float = TOLERANCE,
     contacts: bool = True,
 ) -> Sweeps:
-    """Return the first contact of each pair (m, 2) while all boxes move from start to end.
-
-    Every box k moves during times 0 to 1 from pose k of ``start`` to pose k of ``end``: its
-    centre along a line, turning the shortest way about a fixed axis, both at constant speed (by
-    exactly pi either way is as short, and rounding decides). Half extents must be the same.
+    """Return when moving boxes first touch.
 
     Boxes that collide at the start hit at time 0; touching counts.
     Where neither box turns (rotations equal bit for bit), the time is exact but for rounding:
@@ -106,57 +97,60 @@ def sweep(
     the larger one's where that is more). A turning pair that passes by that near may hit. What
     takes more than 2000 steps, or where rounding leaves less than the tolerance (after a way of
     more than 1e9 times the size of the boxes or 1e5 turns), is undecided.
-    Without ``contacts`` only hits and times are computed; positions and normals have no rows then.
 
-    Raises ValueError for different lengths or half extents, for pairs that are not rows of the
-    boxes, and for a tolerance outside 2e-6 to 1.
+    Parameters
+    ----------
+    a, b : MovingBoxes or Boxes
+        Boxes stand still.
+    pairs : (m, 2) array_like of int, optional
+        Rows of a and of b; without, each row of a against the same row of b.
+    tolerance : float
+        From 2e-6 to 1.
+    contacts : bool
+        Whether to compute positions and normals, too; else they have no rows.
+
+    Returns
+    -------
+    Sweeps
+        hits and undecided (m,) bool; times and free_until (m,), from 0 to 1 or in seconds;
+        positions (m, 3) metres; normals (m, 3) unit, from a to b.
+
+    Raises
+    ------
+    ValueError
+        For pairs that are no rows, and without pairs for different lengths; for another tolerance;
+        for sets that do not move during the same times.
+    TypeError
+        For anything but boxes.
+
+    References
+    ----------
+    Ericson, Real-Time Collision Detection (2005), 5.5; Mirtich, Timewarp Rigid Body Simulation
+    (SIGGRAPH 2000).
+
+    Examples
+    --------
+    >>> wall = oc.Boxes([[5, 0, 0]], [np.eye(3)], [[1, 9, 9]])
+    >>> robot = oc.Boxes([[0, 0, 0]], [np.eye(3)], [[1, 1, 1]])
+    >>> driving = oc.MovingBoxes.from_twists(robot, [[0.5, 0, 0, 0, 0, 0]], 10.0)
+    >>> found = oc.sweeps(driving, wall)
+    >>> found.times.round(9).tolist(), found.normals.tolist()
+    ([6.0], [[1.0, 0.0, 0.0]])
     """
-    check_same_boxes(start, end)
-    radii = bounding_radii(start.half_extents)
-    motion = Motion(
-        start.centers, end.centers, 0.0, start.rotations, start.half_extents,
-        radii, turns_between(start, end), np.zeros_like(start.centers), radii,
-    )  # fmt: skip
-    return _sweep(motion, pairs, tolerance, contacts)
-
-
-def sweep_twists(
-    boxes: Boxes,
-    twists: ArrayLike,
-    pairs: ArrayLike,
-    horizon: float,
-    tolerance: float = TOLERANCE,
-    *,
-    origins: ArrayLike | None = None,
-    contacts: bool = True,
-) -> Sweeps:
-    """Return the first contact of each pair (m, 2) within ``horizon`` seconds; times in seconds.
-
-    twists (n, 6): linear velocity x y z of the origin of each box (m/s) and angular velocity
-    x y z (rad/s) about it, in the frame of the boxes, constant all along; many turns are fine.
-    origins (n, 3): points fixed to the boxes and anywhere, the centres by default. Otherwise as
-    ``sweep``. Raises ValueError as it does, and for a horizon that is not positive.
-    """
-    check_kind(boxes, Boxes, "boxes")
-    seconds = float(as_array(horizon, "horizon", ()))
-    if seconds <= 0.0:
-        raise ValueError(f"horizon must be positive, got {seconds:g}")
-    motion = twist_motion(boxes, as_array(twists, "twists", (None, 6)), origins, seconds)
-    found = _sweep(motion, pairs, tolerance, contacts)
-    return replace(found, times=found.times * seconds, free_until=found.free_until * seconds)
-
-
-def _sweep(motion: Motion, pairs: ArrayLike, tolerance: float, contacts: bool) -> Sweeps:
-    rows = as_pairs(motion.starts, motion.starts, pairs)
+    check_kind(a, MovingBoxes, "a", Boxes)
+    check_kind(b, MovingBoxes, "b", Boxes)
     as_flag(contacts, "contacts")
     near = float(as_array(tolerance, "tolerance", ()))
     if not LEAST_TOLERANCE <= near <= 1.0:
         raise ValueError(f"tolerance must be from {LEAST_TOLERANCE:g} to 1, got {near:g}")
+    given = as_pairs(a, b, pairs)
+    motion, duration, rows = join_motions(a, b, given)
     free, undecided = np.empty(len(rows)), np.empty(len(rows), np.bool_)
-    points, normals = np.empty((2, len(rows) if contacts else 0, 3))
-    sweep_kernel(motion, rows, near, free, undecided, points, normals)
+    positions, normals = np.empty((2, len(rows) if contacts else 0, 3))
+    sweep_kernel(motion, rows, near, free, undecided, positions, normals)
+    free *= duration
     times = np.where(undecided, np.nan, free) if undecided.any() else free
-    return Sweeps(rows, np.isfinite(times), undecided, times, free, points, normals)
+    return Sweeps(given, np.isfinite(times), undecided, times, free, positions, normals)
 
 
 @njit

@@ -48,8 +48,8 @@ def twist_motion(boxes: Boxes, twists: Floats, origins: ArrayLike | None, second
         )
     with np.errstate(over="ignore"):
         moved = twists * seconds
-        check_magnitude(boxes.centers + moved[:, :3], "twists times horizon", by_row=True)
-    check_magnitude(moved, "twists times horizon", by_row=True)
+        check_magnitude(boxes.centers + moved[:, :3], "twists times duration", by_row=True)
+    check_magnitude(moved, "twists times duration", by_row=True)
     reaches = radii = bounding_radii(boxes.half_extents)
     arms = np.zeros_like(boxes.centers)
     if origins is not None:

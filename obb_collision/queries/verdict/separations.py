@@ -19,9 +19,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from obb_collision.geometry.boxes import Boxes
+from obb_collision.queries.verdict.pair_rows import as_pairs, check_boxes, one_set
 from obb_collision.queries.verdict.penetration import witness_kernel
+from obb_collision.queries.verdict.verdict import Verdicts, pair_verdicts
 from obb_collision.typing import Floats, Integers
 
 
@@ -29,7 +32,7 @@ from obb_collision.typing import Floats, Integers
 class Separations:
     """Signed separations of m pairs of boxes.
 
-    pairs (m, 2): rows of the boxes, in a report indices of objects; separations (m,): metres,
+    pairs (m, 2): rows of a and b, in a report indices of objects; separations (m,): metres,
     negative where the boxes overlap; normals (m, 3): unit, from the first to the second; positions
     (m, 3): metres, a place near both boxes.
     """
@@ -46,6 +49,54 @@ class Separations:
 
     def __len__(self) -> int:
         return len(self.pairs)
+
+
+@dataclass(frozen=True, eq=False)
+class CertifiedSeparations(Separations):
+    """The same with the certified verdicts (m,) int8 of the pairs."""
+
+    verdicts: Verdicts
+
+
+def separations(a: Boxes, b: Boxes, pairs: ArrayLike | None = None) -> CertifiedSeparations:
+    """Return how far apart boxes are or how deep they overlap, along which axis.
+
+    Parameters
+    ----------
+    a, b : Boxes
+    pairs : (m, 2) array_like of int, optional
+        Rows of a and of b; without, each row of a against the same row of b.
+
+    Returns
+    -------
+    CertifiedSeparations
+        pairs (m, 2); separations (m,) metres, positive apart, negative overlapping, then the least
+        translation apart; normals (m, 3) unit, from a to b; positions (m, 3) metres, a place near
+        both boxes; verdicts (m,) int8.
+
+    Raises
+    ------
+    ValueError
+        For pairs that are no rows, and without pairs for different lengths.
+    TypeError
+        For anything but boxes.
+
+    References
+    ----------
+    Gottschalk, Lin, Manocha, OBBTree (SIGGRAPH 1996); Ericson 2005, 4.4.1.
+
+    Examples
+    --------
+    >>> boxes = oc.Boxes([[0, 0, 0], [1.5, 0, 0], [4, 0, 0]], [np.eye(3)] * 3, [[1, 1, 1]] * 3)
+    >>> found = oc.separations(boxes, boxes, [[0, 1], [0, 2]])
+    >>> found.separations.tolist(), found.normals[1].tolist()
+    ([-0.5, 2.0], [1.0, 0.0, 0.0])
+    """
+    check_boxes(a, b)
+    rows = as_pairs(a, b, pairs)
+    found = pair_separations(*one_set(a, b, rows))
+    verdicts = pair_verdicts(a, rows[:, 0].copy(), b, rows[:, 1].copy())
+    return CertifiedSeparations(rows, found.separations, found.normals, found.positions, verdicts)
 
 
 def pair_separations(boxes: Boxes, pairs: Integers) -> Separations:

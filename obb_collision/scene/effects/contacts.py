@@ -17,10 +17,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import partial
 
+from obb_collision.geometry.boxes import Boxes
 from obb_collision.queries.contacts.contacts import Contacts, contacts
-from obb_collision.scene.broad_phase.broad_phase import NO_PAIRS
+from obb_collision.scene.broad_phase.broad_phase import NO_PAIRS, Pairs
 from obb_collision.scene.effects.base import Cycle, Effect, Option, Outcome, Setting, pair_rows
 
 
@@ -37,7 +37,10 @@ class ContactsEffect:
     def run(self, cycle: Cycle, setting: Setting) -> Outcome:
         """Compute the patches."""
         limit = int(setting.values["max_points"])
-        compute = partial(contacts, limit=limit)
+
+        def compute(boxes: Boxes, pairs: Pairs) -> Contacts:
+            return contacts(boxes, boxes, pairs, limit=limit)
+
         return pair_rows(self.name, cycle, setting, compute, Contacts.blank(NO_PAIRS, limit))
 
 

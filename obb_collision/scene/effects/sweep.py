@@ -24,19 +24,18 @@ origin of its pose, as the twist says. Pairs of which it is not known whether th
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 
 from obb_collision.queries.sweep.motion import sweep_needed, swept_bounds
+from obb_collision.queries.sweep.moving import MovingBoxes
 from obb_collision.queries.sweep.sweep import (
     LEAST_TOLERANCE,
     TOLERANCE,
     Sweeps,
-    sweep,
-    sweep_twists,
+    sweeps,
 )
 from obb_collision.queries.sweep.twists import twist_bounds
 from obb_collision.scene.broad_phase.broad_phase import NO_PAIRS, Pairs
@@ -109,15 +108,14 @@ def _passed(cycle: Cycle, setting: Setting) -> Outcome:
         return NOTHING
     pairs = meeting_pairs(cycle, slots, *swept_bounds(start, end), selected)
     pairs = _apart(pairs, cycle.pairs, len(cycle.active))
-    query = partial(sweep, start, end, tolerance=setting.values["tolerance"])
-    found = _swept(query, pairs, np.searchsorted(slots, pairs))
+    found = _swept(MovingBoxes(start, end), pairs, np.searchsorted(slots, pairs), setting)
     # the others collided before, and were reported then
     begun = found.result.undecided | (found.result.times > 0.0)
     return replace(found, result=take_rows(found.result, begun))
 
 
 def _predicted(cycle: Cycle, setting: Setting) -> Outcome:
-    horizon, tolerance = setting.values["horizon"], setting.values["tolerance"]
+    horizon = setting.values["horizon"]
     selected = cycle.active & cycle.store.twists.any(axis=1)
     if setting.selected is not None:
         selected &= setting.selected
@@ -130,10 +128,8 @@ def _predicted(cycle: Cycle, setting: Setting) -> Outcome:
     pairs = _apart(
         meeting_pairs(cycle, slots, *bounds, selected[slots]), cycle.pairs, len(cycle.active)
     )
-    query = partial(
-        sweep_twists, boxes, twists, horizon=horizon, tolerance=tolerance, origins=origins
-    )
-    return _swept(query, pairs, np.searchsorted(slots, pairs))
+    moving = MovingBoxes.from_twists(boxes, twists, horizon, origins=origins)
+    return _swept(moving, pairs, np.searchsorted(slots, pairs), setting)
 
 
 def _apart(pairs: Pairs, colliding: Pairs, slots: int) -> Pairs:
@@ -142,8 +138,12 @@ def _apart(pairs: Pairs, colliding: Pairs, slots: int) -> Pairs:
     return pairs[~np.isin(keys, known)]
 
 
-def _swept(query: Callable[[Pairs], Sweeps], pairs: Pairs, rows: Pairs) -> Outcome:
-    """Return what a query finds on rows (k, 2) of its boxes, by pairs (k, 2) of slots."""
+def _swept(moving: MovingBoxes, pairs: Pairs, rows: Pairs, setting: Setting) -> Outcome:
+    """Return what sweeping rows (k, 2) of boxes finds, by pairs (k, 2) of slots."""
+
+    def query(some: Pairs) -> Sweeps:
+        return sweeps(moving, moving, some, tolerance=setting.values["tolerance"])
+
     good, found, failures = isolated(query, rows, BLANK)
     kept = found.hits | found.undecided
     return Outcome(replace(take_rows(found, kept), pairs=pairs[good[kept]]), len(rows), failures)

@@ -32,8 +32,8 @@ from obb_collision.queries.meshes.convex import PlacedHulls, hulls_may_collide
 from obb_collision.queries.meshes.meshes import (
     UNLIMITED,
     PlacedMeshes,
+    mesh_collisions,
     mesh_verdicts,
-    tree_collisions,
 )
 from obb_collision.queries.primitives.capsules import capsule_pair_verdicts
 from obb_collision.queries.verdict.verdict import OVERLAP, SEPARATE, TOUCHING, Verdicts
@@ -127,12 +127,13 @@ class MeshPairs:
         if len(rows) == 0:
             return np.empty(0, np.int8)
         i, j = self._ends[0][rows], self._ends[1][rows]
+        pairs = np.stack([i, j], axis=1)
         bodies = PlacedMeshes.trusted(*self._cache.trees(self._slots), *self._places)
         if level == Accuracy.OBB_TREE:
-            met = tree_collisions(bodies, bodies, self._depth, i, j)
+            met = mesh_collisions(bodies, bodies, pairs, depth=self._depth)
             return np.where(met, np.int8(TOUCHING), np.int8(SEPARATE))
         effort = UNLIMITED if self._exact else EFFORT
-        verdicts = mesh_verdicts(bodies, bodies, i, j, self._exact, effort)
+        verdicts = mesh_verdicts(bodies, bodies, pairs, exact=self._exact, effort=effort)
         kinds = self._store.kinds[self._slots]
         outer = (kinds == CONVEX) | (kinds == ROUND)  # what stands for them is larger
         return np.where(outer[i] | outer[j], np.minimum(verdicts, np.int8(TOUCHING)), verdicts)

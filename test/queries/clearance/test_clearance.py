@@ -28,12 +28,14 @@ from feature_distances import EXTENDED, distances
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from membership import outside
+from one_set import clearances
 from support import family, joined, sizes, stored, witnesses
 
 from obb_collision.benchmarks.cases.families import FAMILIES
 from obb_collision.benchmarks.cases.placement import log_uniform, place, random_rotations, turns
 from obb_collision.geometry.boxes import Boxes
-from obb_collision.queries.clearance.clearance import Clearances, clearances, clearances_within
+from obb_collision.queries.clearance import clearance
+from obb_collision.queries.clearance.clearance import Clearances
 from obb_collision.queries.verdict.verdict import Verdict, verdicts
 
 #: Promised, relative to the sum of all half extents or the distance, whichever is larger.
@@ -219,8 +221,9 @@ def test_within_a_limit_are_those_no_farther(name: str) -> None:
     boxes, rows = joined(*family(name, 1000))
     every = clearances(boxes, rows)
     for limit in (0.0, float(np.median(np.abs(every.distances))), np.inf):
-        kept, found = clearances_within(boxes, rows, limit)
-        np.testing.assert_array_equal(kept, np.flatnonzero(every.distances <= limit))
+        found = clearance.clearances(boxes, boxes, rows, max_distance=limit)
+        kept = np.flatnonzero(every.distances <= limit)
+        np.testing.assert_array_equal(found.pairs, rows[kept])
         np.testing.assert_array_equal(found.distances, every.distances[kept])
         np.testing.assert_array_equal(found.positions_a, every.positions_a[kept])
         np.testing.assert_array_equal(found.positions_b, every.positions_b[kept])
@@ -283,6 +286,6 @@ def test_bad_input_is_refused_by_name() -> None:
         with pytest.raises(ValueError, match="pairs"):
             clearances(boxes, wrong)
     for limit in (-1.0, np.nan):
-        with pytest.raises(ValueError, match="limit"):
-            clearances_within(boxes, [(0, 1)], limit)
+        with pytest.raises(ValueError, match="max_distance"):
+            clearance.clearances(boxes, boxes, [(0, 1)], max_distance=limit)
     assert len(clearances(boxes, [])) == 0

@@ -32,7 +32,6 @@ from obb_collision.queries.meshes.meshes import (
     mesh_collisions,
     mesh_contacts,
     mesh_verdicts,
-    tree_collisions,
 )
 from obb_collision.queries.meshes.triangle_exact import exact_triangle_verdict
 from obb_collision.queries.meshes.triangles import triangle_verdicts
@@ -90,11 +89,11 @@ def test_a_cheaper_level_never_misses_what_an_exacter_one_reports(
     assert 0.02 < mesh.mean() < 0.98
     assert (mesh == (mesh_verdicts(a, b) != Verdict.SEPARATE)).all()
     within = np.flatnonzero(mesh)
-    touched = np.unique(mesh_contacts(a, b, within, within)[0][:, 0])
+    touched = np.unique(mesh_contacts(a, b, np.stack([within, within], axis=1))[0][:, 0])
     assert len(within) - len(touched) > 100  # one inside the other
     finer = mesh
     for depth in (6, 3, 1, 0):
-        coarser = tree_collisions(a, b, depth)
+        coarser = mesh_collisions(a, b, depth=depth)
         assert (coarser >= finer).all(), f"depth {depth} misses pairs"
         finer = coarser
     reported = verdicts(_root_boxes(a), _root_boxes(b)) != Verdict.SEPARATE
@@ -171,7 +170,14 @@ def _near_touching(a: PlacedMeshes, b: PlacedMeshes, n: int, distance: float) ->
     nudges = distance * np.concatenate([np.eye(3), -np.eye(3), BOX_CORNERS])
     rows = np.full(len(nudges), n)
     moved = PlacedMeshes(b.trees, b.meshes[rows], b.centers[rows] + nudges, b.rotations[rows])
-    return len(set(mesh_collisions(a, moved, rows, np.arange(len(nudges))).tolist())) == 2
+    return (
+        len(
+            set(
+                mesh_collisions(a, moved, np.stack([rows, np.arange(len(nudges))], axis=1)).tolist()
+            )
+        )
+        == 2
+    )
 
 
 def test_trees_lose_no_pair_of_triangles() -> None:

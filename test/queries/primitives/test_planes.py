@@ -44,7 +44,7 @@ def test_planes(name: str) -> None:
     squares = (normals * normals).sum(axis=1, keepdims=True)
     shift = rng.choice([-1.0, -0.5, 0.0, 1.0, 1.0 + 1e-15, 1.5], (n, 1))
     points = boxes.centers + shift * normals * reach.sum(axis=1, keepdims=True) / squares
-    found = plane_distances(points, normals, boxes)
+    found = plane_distances(boxes, points, normals)
     for k in range(n):
         m = membership.fractions(normals[k])
         at = membership.fractions(points[k])
@@ -109,9 +109,9 @@ def _interval_verdict(box: membership.Box, low: np.ndarray, high: np.ndarray) ->
 def test_bad_input() -> None:
     box = Boxes([[0, 0, 0]], [np.eye(3)], [[1, 1, 1]])
     with pytest.raises(ValueError, match="normals must not be zero in row 0"):
-        plane_distances([[0, 0, 0]], [[0, 0, 0]], box)
+        plane_distances(box, [[0, 0, 0]], [[0, 0, 0]])
     with pytest.raises(ValueError, match="same length"):
-        plane_distances([[0, 0, 0]] * 2, [[1, 0, 0]] * 2, box)
+        plane_distances(box, [[0, 0, 0]] * 2, [[1, 0, 0]] * 2)
     with pytest.raises(ValueError, match="minimum must not exceed maximum in row 0"):
         aabb_verdicts(box, [[1, 0, 0]], [[0, 0, 0]])
     with pytest.raises(ValueError, match="same length"):

@@ -29,7 +29,7 @@ from support import family
 
 from obb_collision.benchmarks.cases.families import FAMILIES
 from obb_collision.geometry.boxes import Boxes
-from obb_collision.queries.rays.rays import RayHits, cast_rays, cast_segments, segments_intersect
+from obb_collision.queries.rays.rays import RayHits, cast_rays, cast_segments
 
 #: Hits are right to this, relative to the size of box and ray.
 DOUBT = 2.0**-40
@@ -156,14 +156,14 @@ def test_segments(name: str) -> None:
         one = boxes.take(np.array([n // 4]))
         square = squared_distance(segment(starts[n], ends[n]), box(one.row(0)))
         truth[n] = square == 0
-        hit = segments_intersect(one, starts[n : n + 1], ends[n : n + 1])[0]
+        hit = cast_segments(one, starts[n : n + 1], ends[n : n + 1]).hits[0]
         size = np.abs(starts[n] - one.centers[0]).sum() + one.half_extents.sum()
         assert hit or not truth[n], "no hit may be missed"
         assert not hit or square <= Fraction(DOUBT * size) ** 2
     assert 0.1 < truth.mean() < 0.9
     found = cast_segments(boxes, starts, ends)
     hits = found.boxes >= 0
-    np.testing.assert_array_equal(segments_intersect(boxes, starts, ends), hits)
+    np.testing.assert_array_equal(cast_segments(boxes, starts, ends).hits, hits)
     lengths = np.linalg.norm(ends - starts, axis=1)
     assert (found.distances[hits] <= lengths[hits] * (1 + 1e-15)).all()
     assert hits[truth].all()
@@ -190,4 +190,4 @@ def test_bad_input() -> None:
     with pytest.raises(ValueError, match="max_distance must be one number or one for each ray"):
         cast_rays(boxes, zeros, ones, [1.0, 2.0, 3.0])
     with pytest.raises(ValueError, match="same length"):
-        segments_intersect(boxes, zeros, ones[:1])
+        cast_segments(boxes, zeros, ones[:1])

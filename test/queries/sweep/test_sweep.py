@@ -26,6 +26,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from one_set import sweep, sweep_twists
 from scipy.spatial.transform import Rotation
 from support import family, joined, sizes
 from sweep_oracle import ExactMotion
@@ -34,7 +35,7 @@ from obb_collision.benchmarks.cases.families import FAMILIES
 from obb_collision.benchmarks.cases.placement import log_uniform
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.obb import OBB
-from obb_collision.queries.sweep.sweep import Sweeps, sweep, sweep_twists
+from obb_collision.queries.sweep.sweep import Sweeps
 from obb_collision.queries.verdict.verdict import Verdict, verdicts
 
 #: Promised: how far apart boxes may be at the time given, of T (see ``sweep_linear``).
@@ -213,12 +214,12 @@ def test_bad_input_is_refused_with_the_reason() -> None:
         (np.zeros((5, 6)), "twists"),
         (np.zeros((6, 3)), "twists"),
         (np.full((6, 6), np.nan), "twists must be finite in row 0"),
-        (np.full((6, 6), 1e300), "twists times horizon"),
+        (np.full((6, 6), 1e300), "twists times duration"),
     ):
         with pytest.raises(ValueError, match=match):
             sweep_twists(start, twists, rows, 10.0)
     for horizon in (0.0, -1.0, np.inf, np.nan):
-        with pytest.raises(ValueError, match="horizon"):
+        with pytest.raises(ValueError, match="duration"):
             sweep_twists(start, np.zeros((6, 6)), rows, horizon)
 
 

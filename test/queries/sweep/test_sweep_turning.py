@@ -24,6 +24,7 @@ import zlib
 
 import numpy as np
 import pytest
+from one_set import sweep, sweep_twists
 from scipy.spatial.transform import Rotation
 from sweep_motions import TURNING, about_pi, pair_rows
 from sweep_oracle import PoseCourse, first_sampled_contact, gaps_at, poses_at
@@ -31,7 +32,7 @@ from sweep_oracle import PoseCourse, first_sampled_contact, gaps_at, poses_at
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.queries.sweep.motion import bounding_radii
 from obb_collision.queries.sweep.rigid import FLOOR
-from obb_collision.queries.sweep.sweep import TOLERANCE, Sweeps, sweep, sweep_twists
+from obb_collision.queries.sweep.sweep import TOLERANCE, Sweeps
 
 CHUNK = 2000
 

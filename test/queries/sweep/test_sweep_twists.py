@@ -29,6 +29,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from one_set import sweep, sweep_twists
 from sweep_motions import TWISTING, Twisting, pair_rows
 from sweep_oracle import TwistCourse, first_sampled_contact, gaps_at
 
@@ -36,7 +37,7 @@ from obb_collision.geometry.boxes import Boxes
 from obb_collision.queries.sweep import rigid as sweep_rigid
 from obb_collision.queries.sweep.motion import bounding_radii
 from obb_collision.queries.sweep.rigid import FLOOR
-from obb_collision.queries.sweep.sweep import TOLERANCE, Sweeps, sweep, sweep_twists
+from obb_collision.queries.sweep.sweep import TOLERANCE, Sweeps
 from obb_collision.queries.sweep.twists import twist_bounds
 from obb_collision.queries.verdict.verdict import Verdict, verdicts
 

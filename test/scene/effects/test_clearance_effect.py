@@ -16,10 +16,10 @@
 
 import numpy as np
 import pytest
+from one_set import clearances
 from scenes import filled_scene, random_poses
 
 import obb_collision as oc
-from obb_collision.queries.clearance.clearance import clearances
 
 
 def all_clearances(scene: oc.Scene, limit: float) -> dict[tuple[int, int], float]:

@@ -16,10 +16,11 @@
 
 import numpy as np
 import pytest
+from one_set import contacts
 from scenes import filled_scene
 
 import obb_collision as oc
-from obb_collision.queries.contacts.contacts import Contacts, contacts
+from obb_collision.queries.contacts.contacts import Contacts
 
 
 def assert_equal(found: Contacts, expected: Contacts) -> None:

@@ -21,7 +21,7 @@ import numpy as np
 import pytest
 
 import obb_collision as oc
-from obb_collision.queries.sweep.sweep import sweep
+from obb_collision.queries.sweep.sweep import sweeps
 from obb_collision.scene.effects import sweep as module
 
 
@@ -43,14 +43,12 @@ def bullet_and_wall(**options: Any) -> oc.Scene:
 def calls(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """Record the calls of the queries of the effect."""
     made: list[str] = []
-    for name in ("sweep", "sweep_twists"):
-        query = getattr(module, name)
 
-        def counted(*arguments: Any, query: Any = query, name: str = name, **more: Any) -> Any:
-            made.append(name)
-            return query(*arguments, **more)
+    def counted(moving: Any, *arguments: Any, **more: Any) -> Any:
+        made.append("from pose to pose" if moving.motion.seconds == 0.0 else "by twists")
+        return sweeps(moving, *arguments, **more)
 
-        monkeypatch.setattr(module, name, counted)
+    monkeypatch.setattr(module, "sweeps", counted)
     return made
 
 
@@ -64,7 +62,7 @@ def test_what_passes_through_between_checks_is_seen(calls: list[str]) -> None:
     assert passed.times[0] == pytest.approx((1 - 0.03125 - 0.0625) / 2)
     assert passed.normals.tolist() == [[-1.0, 0.0, 0.0]]
     assert passed.positions[0, 0] == pytest.approx(-0.03125)
-    assert calls == ["sweep"]
+    assert calls == ["from pose to pose"]
     assert len(scene.check().swept.passed) == 0  # once
 
 
@@ -154,12 +152,12 @@ def test_a_pair_whose_sweep_fails_is_named_and_the_others_are_swept(
 ) -> None:
     scene = bullet_and_wall()
 
-    def failing(start: Any, end: Any, pairs: Any, tolerance: float) -> Any:
+    def failing(moving: Any, _: Any, pairs: Any, tolerance: float) -> Any:
         if (pairs == 1).any():
             raise ArithmeticError("no answer")
-        return sweep(start, end, pairs, tolerance)
+        return sweeps(moving, moving, pairs, tolerance=tolerance)
 
-    monkeypatch.setattr(module, "sweep", failing)
+    monkeypatch.setattr(module, "sweeps", failing)
     scene.move_many(["fast/1", "slow/1"], [at(1), at(3, 1)])
     report = scene.check()
     assert report.swept.passed.pairs.tolist() == [[0, 2]]
@@ -203,13 +201,13 @@ def test_what_is_not_known_is_undecided_and_no_prediction() -> None:
 def test_a_step_that_can_not_be_decided_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     scene = bullet_and_wall()
 
-    def unknown(start: Any, end: Any, pairs: Any, tolerance: float) -> Any:
-        found = sweep(start, end, pairs, tolerance)
+    def unknown(moving: Any, _: Any, pairs: Any, tolerance: float) -> Any:
+        found = sweeps(moving, moving, pairs, tolerance=tolerance)
         nowhere = np.full((len(pairs), 3), np.nan)
         return replace(found, hits=~found.hits & False, undecided=found.hits,
                        times=nowhere[:, 0], positions=nowhere, normals=nowhere)  # fmt: skip
 
-    monkeypatch.setattr(module, "sweep", unknown)
+    monkeypatch.setattr(module, "sweeps", unknown)
     scene.move("fast/1", at(1))
     found = scene.check().swept.passed
     assert (found.pairs.tolist(), found.hits.tolist()) == ([[0, 1]], [False])
