@@ -41,6 +41,7 @@ from obb_collision.geometry.trees.obb_tree import MeshTrees
 from obb_collision.geometry.trees.pool import HullPool, Hulls
 from obb_collision.numerics.vec3 import vector
 from obb_collision.queries.meshes.convex import GAP_BOUND, PlacedHulls, hulls_may_collide
+from obb_collision.queries.meshes.inside import SLAB_SLACK, outside_box
 from obb_collision.queries.meshes.tree_boxes import (
     POINT_BOUND,
     box_gap,
@@ -193,6 +194,33 @@ def test_boxes_of_trees(record_property: Record) -> None:
     check_ratios(
         record_property,
         [observed_at_flip(quantity(n, low), quantity(n, high)) for n in range(len(low))],
+    )
+
+
+def test_points_outside_boxes_of_trees(record_property: Record) -> None:
+    moved = Moved(6)
+    boxes = moved.a
+    filler = np.zeros((len(boxes), 1))
+    nodes = np.hstack([boxes.centers, boxes.rotations.reshape(-1, 9), boxes.half_extents, filler])
+
+    def point(n: int, distance: float) -> Floats:
+        result: Floats = boxes.centers[n] + distance * moved.directions[n]
+        return result
+
+    def outside(distances: Floats) -> np.ndarray:
+        points = [vector(point(n, d)) for n, d in enumerate(distances.tolist())]
+        return np.array([outside_box(nodes, n, p, 0.0) for n, p in enumerate(points)])
+
+    def quantity(n: int, distance: float) -> Fraction:
+        offset = difference(exact(point(n, distance)), exact(boxes.centers[n]))
+        along = solved([exact(column) for column in boxes.rotations[n].T], offset)
+        excess = max(abs(x) - h for x, h in zip(along, exact(boxes.half_extents[n]), strict=True))
+        return excess / (Fraction(SLAB_SLACK) * taxicab(offset)) if any(offset) else Fraction(0)
+
+    low, high = flips(outside, moved.farthest)
+    check_ratios(
+        record_property,
+        [observed_at_flip(quantity(n, low[n]), quantity(n, high[n])) for n in range(len(boxes))],
     )
 
 

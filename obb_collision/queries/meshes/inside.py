@@ -49,7 +49,7 @@ DIRECTIONS = np.array(
         [-0.18535277, 1.42614977, -1.54400375], [-1.88819442, -1.11043358, -1.43398113],
     ]
 )  # fmt: skip
-#: Relative slack of the slab test: its three products and sums are off by less than 16 roundoffs.
+#: Relative slack of the slab test: rounding takes 4 roundoffs, axes orthonormal to 16 take 28.
 SLAB_SLACK = 32 * ROUNDOFF
 #: Below this speed across a slab the times of entering and leaving are not asked for ...
 SLOW = 1e-9
@@ -64,7 +64,7 @@ def point_side(trees: TreeArrays, mesh: int, point: Vector, error: float, stack:
     point: in the frame of the mesh, each component off by at most ``error``; stack (s, 2).
     """
     root = trees.roots[mesh]
-    if _outside_box(trees.nodes, root, point, error):
+    if outside_box(trees.nodes, root, point, error):
         return OUTSIDE
     for k in range(len(DIRECTIONS)):
         ray = (DIRECTIONS[k, 0], DIRECTIONS[k, 1], DIRECTIONS[k, 2])
@@ -76,7 +76,7 @@ def point_side(trees: TreeArrays, mesh: int, point: Vector, error: float, stack:
 
 
 @njit
-def _outside_box(nodes: Floats, n: int, p: Vector, error: float) -> bool:
+def outside_box(nodes: Floats, n: int, p: Vector, error: float) -> bool:
     """Return whether the point is certainly not in the box of a node."""
     dx, dy, dz = p[0] - nodes[n, 0], p[1] - nodes[n, 1], p[2] - nodes[n, 2]
     slack = 2.0 * error + SLAB_SLACK * (abs(dx) + abs(dy) + abs(dz))
