@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 
 #: Effects whose topics are subscribed: in mode ``auto`` the node then computes them.
 EFFECTS = ("contacts", "clearance", "sweep", "points")
-#: Seconds after which a line says that nothing was received, and of a look at the signals.
+#: Seconds until a line reports that nothing was received, and between two checks of the signals.
 PATIENCE, GLANCE = 10.0, 0.1
 
 

@@ -82,13 +82,13 @@ class Listener(Node):
         return self.count_publishers("collisions") > 0 and self._names is not None
 
     def watch_boxes(self, topic: str) -> None:
-        """Take the markers of a topic from now on."""
+        """Subscribe to the markers of a topic."""
         self.create_subscription(
             MarkerArray, topic, self._take_boxes, QoSProfile(depth=1), raw=True
         )
 
     def watch_inputs(self) -> None:
-        """Take the shapes on ``objects``, latched or not, and the points on ``points``."""
+        """Subscribe to the shapes on ``objects``, latched or not, and the points on ``points``."""
         for quality in (LATCHED, QoSProfile(depth=10)):
             self.create_subscription(MarkerArray, "objects", self._take_shapes, quality)
         self.create_subscription(PointCloud2, "points", self._take_points, QoSProfile(depth=1))

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The boxes of ``~/markers`` out of the message's bytes: rclpy takes 130 us to make one marker."""
+"""The boxes of ``~/markers`` out of the message's bytes: rclpy takes 130 µs to make one marker."""
 
 from __future__ import annotations
 

@@ -36,9 +36,9 @@ from obb_collision.node.topics.topics import TOPICS
 
 #: Everything of the demo is in this namespace: it must not disturb a robot.
 NAMESPACE = "/obb_collision_demo"
-#: Seconds to wait for discovery or an answer: well below one, but for the first compilation.
+#: Seconds to wait for discovery or an answer: typically below one, except when kernels compile.
 PATIENCE = 300.0
-#: Seconds after which the executor looks whether it is time to stop.
+#: Seconds between two checks whether it is time to stop.
 GLANCE = 0.05
 #: Stamp (ns) that makes all times 0 s: the demo's clock starts with the motion.
 NOT_YET = 2**63 - 1
@@ -181,7 +181,7 @@ class Demo:
         save_picture(file, snapshot, description.name, subtitle, description.view)
 
     def close(self) -> None:
-        """Take the nodes down."""
+        """Destroy the nodes."""
         self._executor.shutdown()
         for node in (self.listener, self.publisher, self._checker):
             node.destroy_node()

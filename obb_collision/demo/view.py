@@ -119,7 +119,7 @@ class View:
         self._lines("edges of boxes", ends, colors[:, None])
 
     def close(self) -> None:
-        """Take the server down."""
+        """Stop the server."""
         with redirect_stdout(StringIO()):
             self._server.stop()
 
@@ -252,7 +252,7 @@ def _bytes(colors: Floats) -> Any:
 
 
 class LiveView:
-    """Keeps a view up to date with a listener, in a thread: drawing must not delay the node."""
+    """Updates a view from a listener, in a thread: drawing must not delay the node."""
 
     def __init__(
         self,
