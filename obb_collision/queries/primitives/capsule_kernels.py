@@ -17,13 +17,13 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from obb_collision._jit import njit
 from obb_collision.numerics.constants import ROUNDOFF
 from obb_collision.numerics.vec3 import (
-    axes_of,
     careful_cross,
     clamped,
     combined,
@@ -44,6 +44,7 @@ from obb_collision.queries.primitives.segments import (
     unit_scale,
     widest_gap,
 )
+from obb_collision.queries.verdict.pair_frame import Box, box_at
 from obb_collision.queries.verdict.verdict import OVERLAP, SEPARATE, TOUCHING
 from obb_collision.typing import Floats, Vector
 
@@ -53,23 +54,58 @@ NEAR_BOUND = 256 * ROUNDOFF
 FAR_BOUND = 32 * ROUNDOFF
 
 
-@njit
-def _scaled_box_pair(
-    starts: Floats, ends: Floats, radii: Floats, i: int, centers: Floats, half: Floats, j: int
-) -> tuple[Vector, Vector, Vector, Vector, float, float]:
-    """Return both ends about the box centre, the segment, half extents, radius, all scaled.
+class Capsule(NamedTuple):
+    """One capsule."""
 
-    And the number that scales them back.
-    """
-    d0, d1 = (
-        minus(vector_at(starts, i), vector_at(centers, j)),
-        minus(vector_at(ends, i), vector_at(centers, j)),
+    start: Vector
+    end: Vector
+    radius: float
+
+
+class SegmentAndBox(NamedTuple):
+    """A capsule and a box about the centre of the box, scaled to about 1."""
+
+    first: Vector  #: start of the segment
+    last: Vector  #: its end
+    way: Vector  #: from start to end
+    half_extents: Vector
+    radius: float
+    back: float  #: scales lengths back
+
+
+class Segments(NamedTuple):
+    """Two capsules, from the start of the first, scaled to about 1."""
+
+    u: Vector  #: the first segment
+    offset: Vector  #: of the start of the second
+    v: Vector  #: the second segment
+    radius_a: float
+    radius_b: float
+    back: float  #: scales lengths back
+
+
+#: Separation, unit normal from a to b, and the nearest points of a and b.
+Distance = tuple[float, Vector, Vector, Vector]
+
+
+@njit
+def capsule_at(starts: Floats, ends: Floats, radii: Floats, i: int) -> Capsule:
+    """Return capsule i of arrays (n, 3), (n, 3), (n,)."""
+    return Capsule(vector_at(starts, i), vector_at(ends, i), radii[i])
+
+
+@njit
+def _about_box(a: Capsule, b: Box) -> SegmentAndBox:
+    first, last = minus(a.start, b.center), minus(a.end, b.center)
+    h, way = b.half_extents, minus(a.end, a.start)
+    scale, back = unit_scale(max(max_abs(first), max_abs(last), max_abs(h), a.radius))
+    first, last, way, h = (
+        scaled(first, scale),
+        scaled(last, scale),
+        scaled(way, scale),
+        scaled(h, scale),
     )
-    v = minus(vector_at(ends, i), vector_at(starts, i))
-    h = (half[j, 0], half[j, 1], half[j, 2])
-    r = radii[i]
-    scale, back = unit_scale(max(max_abs(d0), max_abs(d1), max_abs(h), r))
-    return scaled(d0, scale), scaled(d1, scale), scaled(v, scale), scaled(h, scale), scale * r, back
+    return SegmentAndBox(first, last, way, h, scale * a.radius, back)
 
 
 @njit
@@ -79,17 +115,16 @@ def box_verdicts_kernel(
 ) -> None:  # fmt: skip
     """Write the verdict (m,) of each capsule rows_a[n] against box rows_b[n]."""
     for n in range(len(rows_a)):
-        out[n] = _box_verdict(starts, ends, radii, rows_a[n], centers, axes, half, rows_b[n])
+        a, b = capsule_at(starts, ends, radii, rows_a[n]), box_at(centers, axes, half, rows_b[n])
+        out[n] = _box_verdict(a, b)
 
 
 @njit
-def _box_verdict(
-    starts: Floats, ends: Floats, radii: Floats, i: int,
-    centers: Floats, axes: Floats, half: Floats, j: int,
-) -> int:  # fmt: skip
-    d0, d1, v, h, r, _ = _scaled_box_pair(starts, ends, radii, i, centers, half, j)
-    size = sum_abs(d0) + sum_abs(d1) + sum_abs(h) + r
-    y, w = components(axes_of(axes, j), d0), components(axes_of(axes, j), v)
+def _box_verdict(a: Capsule, b: Box) -> int:
+    pair = _about_box(a, b)
+    h, r = pair.half_extents, pair.radius
+    size = sum_abs(pair.first) + sum_abs(pair.last) + sum_abs(h) + r
+    y, w = components(b.axes, pair.first), components(b.axes, pair.way)
     y = plus(y, scaled(w, nearest_to_box(y, w, h)))
     e = minus(y, clamped(y, h))
     near = math.sqrt(dot(e, e))
@@ -97,10 +132,10 @@ def _box_verdict(
         near = -min(h[0] - abs(y[0]), h[1] - abs(y[1]), h[2] - abs(y[2]))
     if near - r < -NEAR_BOUND * size:
         return OVERLAP
-    gap, _ = box_gap(combined(axes_of(axes, j), e), d0, d1, axes, j, h)
+    gap, _ = box_gap(combined(b.axes, e), pair.first, pair.last, b.axes, h)
     if gap - r > FAR_BOUND * size:
         return SEPARATE
-    gap, _ = widest_gap(d0, d1, v, axes, j, h)
+    gap, _ = widest_gap(pair.first, pair.last, pair.way, b.axes, h)
     return SEPARATE if gap - r > FAR_BOUND * size else TOUCHING
 
 
@@ -111,60 +146,57 @@ def box_distances_kernel(
 ) -> None:  # fmt: skip
     """Write separation (n,), normal, points of capsule and box (n, 3) of each row."""
     for n in range(len(starts)):
-        d0, d1, v, h, r, back = _scaled_box_pair(starts, ends, radii, n, centers, half, n)
-        y, w = components(axes_of(axes, n), d0), components(axes_of(axes, n), v)
-        at = plus(y, scaled(w, nearest_to_box(y, w, h)))
-        e = minus(at, clamped(at, h))
-        near = math.sqrt(dot(e, e))
-        if near > 0.0:
-            towards = combined(axes_of(axes, n), scaled(e, -1.0 / near))
-        else:  # the segment intersects the box: move it out, to where they touch
-            near, towards = widest_gap(d0, d1, v, axes, n, h)
-            out = plus(y, scaled(components(axes_of(axes, n), towards), near))
-            at = plus(out, scaled(w, nearest_to_box(out, w, h)))
-            e = minus(at, clamped(at, h))
-        gap = near - r
-        separations[n] = back * gap
-        on_box = combined(axes_of(axes, n), minus(at, e))
+        found = _box_distance(capsule_at(starts, ends, radii, n), box_at(centers, axes, half, n))
+        separations[n] = found[0]
         for k in range(3):
-            normals[n, k] = towards[k]
-            positions_b[n, k] = centers[n, k] + back * on_box[k]
-            positions_a[n, k] = centers[n, k] + back * (on_box[k] - gap * towards[k])
+            normals[n, k] = found[1][k]
+            positions_a[n, k], positions_b[n, k] = found[2][k], found[3][k]
 
 
 @njit
-def _scaled_pair(
-    p: Floats, q: Floats, radii_a: Floats, i: int, s: Floats, t: Floats, radii_b: Floats, j: int
-) -> tuple[Vector, Vector, Vector, float, float, float]:
-    """Return first segment, offset of the starts, second segment, both radii, all scaled.
+def _box_distance(a: Capsule, b: Box) -> Distance:
+    pair = _about_box(a, b)
+    h = pair.half_extents
+    y, w = components(b.axes, pair.first), components(b.axes, pair.way)
+    at = plus(y, scaled(w, nearest_to_box(y, w, h)))
+    e = minus(at, clamped(at, h))
+    near = math.sqrt(dot(e, e))
+    if near > 0.0:
+        towards = combined(b.axes, scaled(e, -1.0 / near))
+    else:  # the segment intersects the box: move it out, to where they touch
+        near, towards = widest_gap(pair.first, pair.last, pair.way, b.axes, h)
+        out = plus(y, scaled(components(b.axes, towards), near))
+        at = plus(out, scaled(w, nearest_to_box(out, w, h)))
+        e = minus(at, clamped(at, h))
+    gap = near - pair.radius
+    on_box = combined(b.axes, minus(at, e))
+    on_capsule = minus(on_box, scaled(towards, gap))
+    on_capsule = plus(b.center, scaled(on_capsule, pair.back))
+    return pair.back * gap, towards, on_capsule, plus(b.center, scaled(on_box, pair.back))
 
-    And the number that scales them back.
-    """
-    u, d, v = (
-        minus(vector_at(q, i), vector_at(p, i)),
-        minus(vector_at(s, j), vector_at(p, i)),
-        minus(vector_at(t, j), vector_at(s, j)),
-    )
-    r, f = radii_a[i], radii_b[j]
-    scale, back = unit_scale(max(max_abs(u), max_abs(d), max_abs(v), r, f))
-    return scaled(u, scale), scaled(d, scale), scaled(v, scale), scale * r, scale * f, back
+
+@njit
+def _about_start(a: Capsule, b: Capsule) -> Segments:
+    u, v, d = minus(a.end, a.start), minus(b.end, b.start), minus(b.start, a.start)
+    scale, back = unit_scale(max(max_abs(u), max_abs(d), max_abs(v), a.radius, b.radius))
+    u, d, v = scaled(u, scale), scaled(d, scale), scaled(v, scale)
+    return Segments(u, d, v, scale * a.radius, scale * b.radius, back)
 
 
 @njit
 def capsule_verdicts_kernel(
-    p: Floats, q: Floats, radii_a: Floats, rows_a: np.ndarray,
-    s: Floats, t: Floats, radii_b: Floats, rows_b: np.ndarray, out: np.ndarray,
+    starts_a: Floats, ends_a: Floats, radii_a: Floats, rows_a: np.ndarray,
+    starts_b: Floats, ends_b: Floats, radii_b: Floats, rows_b: np.ndarray, out: np.ndarray,
 ) -> None:  # fmt: skip
-    """Write the verdict (m,) of capsule p q rows_a[n] against capsule s t rows_b[n]."""
+    """Write the verdict (m,) of each capsule rows_a[n] of a against rows_b[n] of b."""
     for n in range(len(rows_a)):
-        out[n] = _capsule_verdict(p, q, radii_a, rows_a[n], s, t, radii_b, rows_b[n])
+        a = capsule_at(starts_a, ends_a, radii_a, rows_a[n])
+        out[n] = _capsule_verdict(a, capsule_at(starts_b, ends_b, radii_b, rows_b[n]))
 
 
 @njit
-def _capsule_verdict(
-    p: Floats, q: Floats, radii_a: Floats, i: int, s: Floats, t: Floats, radii_b: Floats, j: int
-) -> int:
-    u, d, v, r, f, _ = _scaled_pair(p, q, radii_a, i, s, t, radii_b, j)
+def _capsule_verdict(a: Capsule, b: Capsule) -> int:
+    u, d, v, r, f, _ = _about_start(a, b)
     bound = FAR_BOUND * (sum_abs(u) + sum_abs(d) + sum_abs(v) + r + f)
     at_u, at_v = nearest_of_segments(u, d, v)
     between = plus(plus(d, scaled(v, at_v)), scaled(u, -at_u))
@@ -177,24 +209,33 @@ def _capsule_verdict(
 
 @njit
 def capsule_distances_kernel(
-    p: Floats, q: Floats, radii_a: Floats, s: Floats, t: Floats, radii_b: Floats,
+    starts_a: Floats, ends_a: Floats, radii_a: Floats,
+    starts_b: Floats, ends_b: Floats, radii_b: Floats,
     separations: Floats, normals: Floats, positions_a: Floats, positions_b: Floats,
 ) -> None:  # fmt: skip
-    """Write separation (n,), normal and points (n, 3) of capsules p q and s t, row by row."""
-    for n in range(len(p)):
-        u, d, v, r, f, back = _scaled_pair(p, q, radii_a, n, s, t, radii_b, n)
-        at_u, at_v = nearest_of_segments(u, d, v)
-        foot = scaled(u, at_u)
-        towards = plus(plus(d, scaled(v, at_v)), scaled(foot, -1.0))
-        near = math.sqrt(dot(towards, towards))
-        if near == 0.0:
-            towards = _any_normal(u, v)
-        towards = scaled(towards, 1.0 / math.sqrt(dot(towards, towards)))
-        separations[n] = back * (near - (r + f))
+    """Write separation (n,), normal and points (n, 3) of capsules of a and b, row by row."""
+    for n in range(len(starts_a)):
+        a = capsule_at(starts_a, ends_a, radii_a, n)
+        found = _capsule_distance(a, capsule_at(starts_b, ends_b, radii_b, n))
+        separations[n] = found[0]
         for k in range(3):
-            normals[n, k] = towards[k]
-            positions_a[n, k] = p[n, k] + back * (foot[k] + r * towards[k])
-            positions_b[n, k] = p[n, k] + back * (foot[k] + (near - f) * towards[k])
+            normals[n, k] = found[1][k]
+            positions_a[n, k], positions_b[n, k] = found[2][k], found[3][k]
+
+
+@njit
+def _capsule_distance(a: Capsule, b: Capsule) -> Distance:
+    u, d, v, r, f, back = _about_start(a, b)
+    at_u, at_v = nearest_of_segments(u, d, v)
+    foot = scaled(u, at_u)
+    towards = minus(plus(d, scaled(v, at_v)), foot)
+    near = math.sqrt(dot(towards, towards))
+    if near == 0.0:
+        towards = _any_normal(u, v)
+    towards = scaled(towards, 1.0 / math.sqrt(dot(towards, towards)))
+    on_a, on_b = plus(foot, scaled(towards, r)), plus(foot, scaled(towards, near - f))
+    on_a, on_b = plus(a.start, scaled(on_a, back)), plus(a.start, scaled(on_b, back))
+    return back * (near - (r + f)), towards, on_a, on_b
 
 
 @njit

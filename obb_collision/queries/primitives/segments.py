@@ -29,8 +29,8 @@ import math
 import numpy as np
 
 from obb_collision._jit import njit
-from obb_collision.numerics.vec3 import axis_of, careful_cross, clamp, dot, plus, scaled
-from obb_collision.typing import Floats, Vector
+from obb_collision.numerics.vec3 import careful_cross, clamp, dot, pick_axis, plus, scaled
+from obb_collision.typing import Axes, Vector
 
 #: Exponents of scales: 2^1000 and its reciprocal are still ordinary doubles.
 LARGEST_EXPONENT = 1000
@@ -96,10 +96,8 @@ def nearest_to_box(y: Vector, v: Vector, h: Vector) -> float:
 
 
 @njit
-def box_gap(
-    n: Vector, d0: Vector, d1: Vector, axes: Floats, j: int, h: Vector
-) -> tuple[float, float]:
-    """Return the gap of segment d0 d1 and box j (centre at 0) along the unit of n, and a side.
+def box_gap(n: Vector, d0: Vector, d1: Vector, axes: Axes, h: Vector) -> tuple[float, float]:
+    """Return the gap of segment d0 d1 and a box (centre at 0) along the unit of n, and a side.
 
     The side is +1 where the segment lies beyond the box along n, -1 before it. A null direction
     has the gap -inf.
@@ -109,7 +107,7 @@ def box_gap(
         return -np.inf, 1.0
     reach = 0.0
     for i in range(3):
-        reach += h[i] * abs(dot(n, axis_of(axes, j, i)))
+        reach += h[i] * abs(dot(n, pick_axis(axes, i)))
     x0, x1 = dot(n, d0), dot(n, d1)
     beyond, before = min(x0, x1), -max(x0, x1)
     if beyond >= before:
@@ -118,9 +116,7 @@ def box_gap(
 
 
 @njit
-def widest_gap(
-    d0: Vector, d1: Vector, v: Vector, axes: Floats, j: int, h: Vector
-) -> tuple[float, Vector]:
+def widest_gap(d0: Vector, d1: Vector, v: Vector, axes: Axes, h: Vector) -> tuple[float, Vector]:
     """Return the largest gap of segment and box over faces and edges, and the way there.
 
     Negative, it is the least depth: these six directions (three face normals, three edges crossed
@@ -131,10 +127,10 @@ def widest_gap(
     towards = (0.0, 0.0, 0.0)
     for k in range(6):
         i = k % 3
-        n = axis_of(axes, j, i)
+        n = pick_axis(axes, i)
         if k >= 3:
             n = careful_cross(n, v)
-        gap, side = box_gap(n, d0, d1, axes, j, h)
+        gap, side = box_gap(n, d0, d1, axes, h)
         if gap > best:
             best = gap
             towards = plus((0.0, 0.0, 0.0), scaled(n, -side / math.sqrt(dot(n, n))))
