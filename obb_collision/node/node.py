@@ -219,7 +219,7 @@ class CollisionNode(Node):
 
     def _arrived(self, topic: str) -> None:
         """Start a cycle for a message, if it calls for one."""
-        if topic != "points" or self._effects.is_called("points"):
+        if topic != "points" or self._effects.is_requested("points"):
             self._schedule.arrived()
 
     def _collect(self) -> float:

@@ -69,7 +69,7 @@ class Reporting:
         for topic, monitor in self._monitors.items():
             monitor.flush()
             monitor.mismatches = self._qos.mismatches.get(topic, 0)
-        if self._effects.is_called("diagnostics"):
+        if self._effects.is_requested("diagnostics"):
             self._publish(elapsed, now)
             return
         self._cycle.monitor.take()

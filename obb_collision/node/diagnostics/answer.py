@@ -83,7 +83,7 @@ class Answer:
 
     @property
     def kind(self) -> tuple[object, ...]:
-        """What is told at once when it changes: the rest may wait a moment."""
+        """What is published at once when it changes: the rest may wait a moment."""
         return self.level, self.unknown, bool(self.missing), bool(self.late), bool(self.stale)
 
     @property

@@ -64,7 +64,7 @@ class InputMonitor:
     doubted: Counter[str] = field(default_factory=Counter)
     """What was used though something is wrong with it."""
     ignored: int | None = None
-    """Of the last cloud: points that are not finite; None where nobody looked."""
+    """Of the last cloud: points that are not finite; None where it was not used."""
     mismatches: int = 0
     """Publishers and subscribers seen with incompatible QoS."""
     _seen: tuple[int, int, int] = (0, 0, 0)

@@ -101,7 +101,7 @@ class Inputs:
         self._take_named("object_states", names, poses, message.header, twists)
 
     def _twists(self, message: MultiDOFJointState, names: list[str]) -> Floats | None:
-        """Return twists (n, 6), zero where they can't be used; None where nobody wants any."""
+        """Return twists (n, 6), zero where they are invalid; None where they are not used."""
         if not (message.twist and self._wants_twists()):
             return None
         monitor, now = self._monitors["object_states"], self._clock()

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Clouds of obstacle points: converted only when somebody asks.
+"""Clouds of obstacle points: converted only when they are used.
 
 The newest cloud that can be placed counts; those that wait for their transform are few and bounded.
 """

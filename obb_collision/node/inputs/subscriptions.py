@@ -57,7 +57,7 @@ INPUTS = {
 
 
 class Subscriptions:
-    """Subscribes to inputs, and gives up those that nobody wants.
+    """Subscribes to inputs, and unsubscribes from those that are not needed.
 
     callbacks: callback per input topic; arrived: called with the topic once a message is stored.
     """

@@ -57,7 +57,7 @@ from obb_collision.scene.building.jobs import (
 from obb_collision.typing import Floats
 
 Signature = tuple[Any, ...]
-"""What tells one shape from another without fitting it: equal signatures, equal shapes."""
+"""Identifies a shape without fitting it: equal signatures, equal shapes."""
 
 ARROW_HEAD = np.array((1.0, 2.0, 2.0))
 """Size of a drawn arrow in units of its scale: the head is twice as wide as the shaft."""

@@ -31,7 +31,7 @@ except ImportError:  # not on PyPI; on a robot it comes with ROS
     tf2_ros = None
 
 UNKNOWN_FRAME, NO_TRANSFORM, EXTRAPOLATION = "unknown frame", "no transform", "extrapolation"
-"""Reasons why a frame can't be placed: nobody has named it, nothing connects it with the fixed
+"""Reasons why a frame can't be placed: no transform names it, nothing connects it with the fixed
 frame, or what is known of it does not reach to the stamp."""
 
 LATER = (UNKNOWN_FRAME, NO_TRANSFORM, EXTRAPOLATION)

@@ -40,7 +40,7 @@ from obb_collision.scene.store.overrides import Overrides
 class Objects:
     """The table of objects, and what works on it: shapes, states, and their placement in the scene.
 
-    notes: items that were refused or are doubtful, until somebody takes them.
+    notes: items that were refused or are doubtful, until they are taken.
     """
 
     def __init__(self, fixed_frame: str, frames: FrameSource, guard: Guard) -> None:

@@ -172,7 +172,7 @@ class Placement:
         self._time_out(latest_states(table, rows[table.pending[rows]]), transforms, now)
 
     def _drop_superseded(self) -> None:
-        """Drop what waits behind a newer state that is placed, and what nobody waits for."""
+        """Drop states older than the one placed last, and those of objects that are gone."""
         table, states = self._table, self.waiting.rows
         slots = states["slot"]
         kept = table.live[slots] & (states["number"] > table.world_number[slots])

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Shapes that are built in another process: who waits for which, and which are there already.
+"""Shapes that are built in another process: which objects wait for them, and which exist.
 
 Objects with the same file, or the same points, share one shape. It is kept for some time after the
 last of them has gone, since many senders delete everything before they send it again. A file is
@@ -40,7 +40,7 @@ CHECK_PERIOD = 1.0
 """Seconds between two looks at a file that is known."""
 KEPT_BYTES = 100_000_000
 KEPT_SHAPES = 1000
-"""What the shapes used last may take that are kept though nobody has them."""
+"""What the shapes used last may take that are kept though no object has them."""
 CHECK = "check"
 """Marks the requests of files, which no object waits for."""
 

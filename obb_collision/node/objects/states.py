@@ -124,7 +124,7 @@ class States:
         return late
 
     def _find_old(self, slots: Slots, stamps: Slots, received: Slots, topic: str) -> Mask:
-        """Return which states come too late (n,), and see which senders began anew."""
+        """Return which states come too late (n,), and note which senders restarted."""
         old = self.find_late(slots, stamps, received)
         before = self._table.order[slots] - stamps
         anew = ~old & (before > 0) & (stamps != 0)

@@ -80,7 +80,7 @@ COLUMNS: dict[str, tuple[Any, tuple[int, ...]]] = {
 
 
 class ObjectTable:
-    """The columns above, and who is where."""
+    """The columns above, and the rows of keys and names."""
 
     live: Mask
     ns: Slots

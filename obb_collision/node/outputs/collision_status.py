@@ -17,7 +17,7 @@
 Both are latched, so a node that stops would leave its last word standing. Hence: what is not known
 any more is said at once, whoever finds it out; a thread of its own says it for a cycle that does
 not come to its end, and repeats the last word where cycles are far apart; and the status is offered
-with a deadline, by which the middleware tells subscribers of a node that is gone.
+with a deadline, by which the middleware notifies subscribers of a node that is gone.
 """
 
 from __future__ import annotations
@@ -114,7 +114,7 @@ class CollisionStatus:
         return self._parameters.mode(STATUS) == OFF == self._parameters.mode(FLAG)
 
     def look(self) -> None:
-        """Say it if the cycle is blocked; else repeat the last word if nobody else does."""
+        """Publish that the cycle is blocked; else repeat the last answer where no cycle does."""
         with self._lock:
             if self._closed.is_set() or self.is_off:
                 return
@@ -153,7 +153,7 @@ class CollisionStatus:
             self._publish_flag(answer.flag(unknown_counts), beat)
 
     def _publish_status(self, answer: Answer, changed: bool, unknown_counts: bool) -> None:
-        due = self._steady() - self._sent >= PERIOD and self._effects.is_called(STATUS)
+        due = self._steady() - self._sent >= PERIOD and self._effects.is_requested(STATUS)
         if self._parameters.mode(STATUS) == OFF or not (changed or due):
             return
         self._sent = self._steady()
@@ -165,6 +165,6 @@ class CollisionStatus:
     def _publish_flag(self, flag: bool, beat: bool) -> None:
         if self._parameters.mode(FLAG) == OFF:
             return
-        if flag != self._flag or (beat and self._effects.is_called(FLAG)):
+        if flag != self._flag or (beat and self._effects.is_requested(FLAG)):
             self._flag = flag
             self._publishers[FLAG].publish(Bool(data=flag))

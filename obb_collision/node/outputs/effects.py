@@ -12,10 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Which effects are called for: what is on, and what somebody subscribes to.
+"""Which effects are requested: those that are on, and those whose topics have subscribers.
 
-An effect of the scene is computed, and a topic built, only where this says so. Kernels that are
-not ready yet are made ready beside the cycles first.
+An effect of the scene is computed, and a message built, only if it is requested. Kernels that are
+not ready yet are compiled beside the cycles first.
 """
 
 from __future__ import annotations
@@ -32,43 +32,39 @@ from obb_collision.scene.effects.settings import AUTO, OFF, ON
 
 
 class Effects:
-    """What is called for, by the name of the effect; publishers: of those with a topic."""
+    """What is requested, by the name of the effect; publishers: of those with a topic."""
 
     def __init__(
         self, parameters: Parameters, publishers: Mapping[str, Publisher], warm: WarmUp
     ) -> None:
         self._parameters, self._publishers, self._warm = parameters, publishers, warm
+        self._names = mode_names()
 
     def mode(self, name: str) -> str:
         """Return off, auto or on."""
         return self._parameters.mode(name)
 
-    def is_called(self, name: str) -> bool:
-        """Return whether something calls for an effect now."""
+    def is_requested(self, name: str) -> bool:
+        """Return whether an effect is on, or there are subscribers of a topic that needs it."""
         mode = self.mode(name)
         if mode != AUTO:
             return mode == ON
         if name not in TOPICS:
-            return any(name in topic.needs and self.is_called(n) for n, topic in TOPICS.items())
+            return any(name in topic.needs and self.is_requested(n) for n, topic in TOPICS.items())
         return self._publishers[name].get_subscription_count() > 0
 
     def of_cycle(self) -> frozenset[str]:
         """Return the effects to compute in this cycle."""
-        called = {name for name in TOPICS if self.is_called(name)}
-        needed = {effect for name in called for effect in TOPICS[name].needs}
-        for name in EFFECTS:
-            mode = self.mode(name)
-            if name not in TOPICS and (mode == ON or (mode == AUTO and name in needed)):
-                called.add(name)
-        return frozenset(n for n in called if n not in EFFECTS or self._warm.is_ready(n))
+        requested = filter(self.is_requested, self._names)
+        return frozenset(n for n in requested if n not in EFFECTS or self._warm.is_ready(n))
 
     def states(self) -> dict[str, str]:
-        """Say in words what becomes of each effect, for /diagnostics."""
+        """Return the state of each effect in words, for /diagnostics."""
         computed = self.of_cycle()
-        return {name: self._state(name, computed) for name in mode_names()}
+        return {name: self._state(name, computed) for name in self._names}
 
     def _state(self, name: str, computed: frozenset[str]) -> str:
         mode = self.mode(name)
         if mode == OFF or name in computed:
             return mode if mode == OFF else f"{mode}, computed"
-        return f"{mode}, {self._warm.why_not(name) if self.is_called(name) else 'not called for'}"
+        return f"{mode}, {self._warm.why_not(name) if self.is_requested(name) else 'not requested'}"

@@ -91,8 +91,8 @@ class Outputs:
     def publish_namespaces(self, namespaces: NamespaceTable) -> None:
         """Publish the table of namespace numbers if it changed: a large one not at every cycle.
 
-        Now and then also unchanged: who subscribes late without asking for latched messages, or
-        lost one, could otherwise name nothing.
+        Every NAMESPACES_PERIOD also unchanged: subscribers that come late without asking for
+        latched messages, or that lost one, need it to name anything.
         """
         now = perf_counter()
         changed = namespaces.version != self._namespaces_sent
@@ -106,7 +106,7 @@ class Outputs:
     def publish_report(self, given: Published) -> None:
         """Publish what is called for, also when it is empty; one output that fails stops no other.
 
-        The table of namespaces goes first: who sees the rest can read it.
+        The table of namespaces goes first, so that the rest can be read.
         """
         guard = self._guard
         guard.run("output namespaces", lambda: self.publish_namespaces(given.table.namespaces))
@@ -139,7 +139,7 @@ class Outputs:
             self.publishers["text"].publish(text)
 
     def publish_markers(self, given: Published) -> None:
-        """Publish the boxes, if it is time to and somebody looks."""
+        """Publish the boxes, if it is time to and there are subscribers."""
         self._guard.run("output markers", lambda: self._publish_markers(given))
 
     def _publish_markers(self, given: Published) -> None:

@@ -16,7 +16,7 @@
 
 Ages and lifetimes are differences of this clock, so that they stand still with a paused simulation.
 Where it jumps (a simulation begins anew, a bag loops, a robot without a battery for its clock gets
-the time from the network) they would be off by the jump, so whoever keeps times is told to shift
+the time from the network) they would be off by the jump, so that whatever holds times must shift
 them.
 """
 

@@ -52,7 +52,7 @@ def without_ros_arguments(arguments: Iterable[str]) -> list[str]:
 
 
 def set_defaults() -> None:
-    """Set AMENT_PREFIX_PATH to this Python's prefix where ROS came by pip and nobody set it.
+    """Set AMENT_PREFIX_PATH to this Python's prefix where ROS came by pip and it is unset.
 
     rclpy's wheels keep the ament index there, and what asks it raises where the variable is unset.
     """

@@ -23,14 +23,14 @@ from rclpy.context import Context
 from rclpy.node import Node
 
 ALONE = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "OFF", "ROS_STATIC_PEERS": ""}
-"""Environment of a node that nobody sees."""
+"""Environment of a node that no other node discovers."""
 
 
 def initial_parameters(name: str, namespace: str, *files: str) -> dict[str, Any]:
     """Return the parameters that a node would get from parameter files.
 
     ROS itself reads the files, for its rules of which entries are for which node are many: a node
-    of that name is made, which nobody sees, and asked. Raises RuntimeError where one can't be read.
+    of that name is made, hidden from all others. Raises RuntimeError where one can't be read.
     """
     before = {key: os.environ.get(key) for key in ALONE}
     os.environ.update(ALONE)

@@ -106,7 +106,7 @@ class WarmUp:
             self._asked[step] = float("inf")
             self._queue.put(step)
             if self._thread is None:
-                # A daemon: who ends the node does not want to wait for it.
+                # A daemon: the end of the node must not wait for it.
                 self._thread = Thread(target=self._work, daemon=True, name="warm-up")
                 self._thread.start()
         return False

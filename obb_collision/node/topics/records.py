@@ -25,7 +25,7 @@ Triple = tuple[float, float, float]
 class NamedPair(NamedTuple):
     """One collision with the objects' names, ``ns/id``, and its depth (m).
 
-    touching: touching, or not told from touching by doubles; it counts as colliding all the same.
+    touching: touching, or not distinguishable from touching in doubles; it counts as colliding.
     """
 
     a: str

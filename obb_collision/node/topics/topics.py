@@ -162,7 +162,7 @@ TOPICS: dict[str, Topic] = {
 """By what they are switched by, the parameter ``effects.NAME``: an effect of the scene, or what
 only the node has."""
 NAMESPACES = Topic(name="namespaces", message=DiagnosticStatus, qos=LATCHED)
-"""Without a mode: nobody could read the clouds without it."""
+"""Without a mode: the clouds cannot be read without it."""
 
 
 def mode_names() -> list[str]:

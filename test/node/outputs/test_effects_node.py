@@ -151,7 +151,7 @@ def test_a_subscription_starts_an_effect_and_its_end_stops_it(
         assert others == ({"separations", "collisions"} - {effect} if described else set())
         assert bool(calls["build cloud"]) == (effect == "points")
         rig.ignore(topic)
-        called = rig.node._effects.is_called
+        called = rig.node._effects.is_requested
         rig.until(lambda: not called(effect), "unsubscribed")
         assert settled(scene, calls) == Counter()
 
@@ -214,7 +214,7 @@ def test_diagnostics_say_what_is_computed_and_what_it_took() -> None:
         assert status["effect contacts ran on"] == "1"
         assert {"effect contacts mean (ms)", "effect contacts max (ms)"} <= set(status)
         assert status["effect points"] == "off"
-        assert status["effect clearance"] == "auto, not called for"
+        assert status["effect clearance"] == "auto, not requested"
         assert status["effect separations"] == "auto, computed"
         assert {f"effect {name}" for name in mode_names()} <= set(status)
 

@@ -60,7 +60,7 @@ class Recorder:
     def mode(self, name: str) -> str:
         return self.modes[name]
 
-    def is_called(self, name: str) -> bool:
+    def is_requested(self, name: str) -> bool:
         return self.modes[name] == "on" or (self.modes[name] == "auto" and self.subscribed)
 
     def wait_for_all_acked(self, timeout: Duration) -> bool:
