@@ -11,6 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
+
 """Observed errors over their bounds, in exact arithmetic.
 
 Two ways to see an error. Where a kernel returns a number, that number is compared with the exact
