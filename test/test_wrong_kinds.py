@@ -199,6 +199,11 @@ FUNCTIONS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "Scene.remove_indices": (lambda indices: scene().remove_indices(indices), {"indices": [0]}),
     "Scene.index": (scene().index, {"name": "a"}),
     "Scene.name": (scene().name, {"index": 0}),
+    "Scene.pose": (scene().pose, {"name": "a"}),
+    "Scene.query": (
+        scene().query,
+        {"shape": Sphere(1), "pose": POSE, "padding": 0.1, "accuracy": "hull", "ignore": ["a"]},
+    ),
     "Scene.obb": (scene().obb, {"name": "a"}),
     "Scene.allow": (scene().allow, {"first": "a", "second": "b", "allowed": True}),
     "Scene.set_effect": (
@@ -220,7 +225,8 @@ RESULTS = {"Accuracy", "Report", "SceneDescription", "Shape", "Verdict"}
 #: Left for where they come from: arrays that were checked, or no argument at all.
 UNTRIED = {
     "trusted", "prepare", "clear", "corners", "world_bounds", "reset", "set", "counted",
-    "renew_indices", "single", "place", "rows", "local_box", "aabb", "of", "build_outside",
+    "renew_indices", "any_collision", "single", "place", "rows", "local_box", "aabb", "of",
+    "build_outside",
 }  # fmt: skip
 
 

@@ -70,9 +70,9 @@ class SceneObjects:
         check_kind(shape, Shape, "shape", OBB)
         where = IDENTITY_POSE if pose is None else as_array(pose, "pose", (7,))
         pad = self._padding if padding is None else padding
-        _check_padding(pad)
+        check_padding(pad)
         level = None if accuracy is None else as_accuracy(accuracy)
-        slot = self._store.put(name, _local_box(shape), where, pad)
+        slot = self._store.put(name, local_box(shape), where, pad)
         self._store.kinds[slot] = self._cache.put(slot, shape)
         self._set_accuracy(slot, level)
         if padding is None:
@@ -236,7 +236,7 @@ class SceneObjects:
 
     @padding.setter
     def padding(self, value: float) -> None:
-        _check_padding(value)
+        check_padding(value)
         self._padding = float(value)
         rows = np.setdiff1d(self._store.live(), sorted(self._own_padding)).astype(np.int64)
         self._store.pad(rows, self._padding)
@@ -296,17 +296,45 @@ class SceneObjects:
         """The world boxes, padding included, in the order of ``indices``."""
         return self._store.boxes(self.indices)
 
+    def pose(self, name: str) -> Floats:
+        """Return the pose of one object.
+
+        Parameters
+        ----------
+        name : str
+
+        Returns
+        -------
+        (7,) array
+            x y z (metres) qx qy qz qw, as given.
+
+        Raises
+        ------
+        KeyError
+            For an unknown name.
+
+        Examples
+        --------
+        >>> scene = oc.Scene()
+        >>> _ = scene.add("cup", oc.shapes.Sphere(0.1), [1, 2, 3, 0, 0, 0, 1])
+        >>> scene.pose("cup").tolist()
+        [1.0, 2.0, 3.0, 0.0, 0.0, 0.0, 1.0]
+        """
+        return self._store.poses[self._store.slot(name)].copy()
+
     def obb(self, name: str) -> OBB:
         """Return the world box of one object, padding included."""
         return OBB(*self._store.all_boxes().row(self._store.slot(name)))
 
 
-def _check_padding(padding: float) -> None:
+def check_padding(padding: float) -> None:
+    """Raise ValueError unless a padding is not negative."""
     if as_array(padding, "padding", ()) < 0.0:
         raise ValueError("padding must not be negative")
 
 
-def _local_box(shape: Shape | OBB) -> LocalBox:
+def local_box(shape: Shape | OBB) -> LocalBox:
+    """Return the box of a shape in its own frame."""
     if isinstance(shape, OBB):
         return shape.center, shape.rotation, shape.half_extents
     return shape.local_box

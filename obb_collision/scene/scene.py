@@ -24,18 +24,23 @@ from typing import Any
 
 from numpy.typing import ArrayLike, NDArray
 
-from obb_collision.accuracy import Accuracy
-from obb_collision.geometry.kinds import as_flag
-from obb_collision.geometry.validation import as_points, as_whole, warn_caller
+from obb_collision.accuracy import Accuracy, as_accuracy
+from obb_collision.geometry.kinds import as_flag, check_kind
+from obb_collision.geometry.poses import IDENTITY_POSE
+from obb_collision.geometry.validation import as_array, as_points, as_whole, warn_caller
+from obb_collision.obb import OBB
 from obb_collision.scene.checker import Checker, Findings
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.effects.base import Before, Cycle, Setting
 from obb_collision.scene.effects.settings import EffectSettings
-from obb_collision.scene.objects import SceneObjects
+from obb_collision.scene.objects import SceneObjects, check_padding, local_box
+from obb_collision.scene.questions import any_collides, body_in, colliding_with
 from obb_collision.scene.refinement.budget import Budget
 from obb_collision.scene.refinement.mesh_pairs import prepare_shapes
 from obb_collision.scene.report import Report
 from obb_collision.scene.store.allowed import AllowedPairs
+from obb_collision.scene.store.patterns import as_patterns, matching
+from obb_collision.shapes import Shape
 from obb_collision.words import shown
 
 #: Depth of the trees on the level "obb_tree": eight boxes a mesh.
@@ -83,6 +88,9 @@ class Scene(SceneObjects):
         self.time_budget = time_budget
         self._max_pairs = _checked_limit(max_pairs)
         super().__init__(padding, accuracy)
+
+    def __repr__(self) -> str:
+        return f"Scene({len(self)} objects, accuracy {self._accuracy.name.lower()!r})"
 
     def __setattr__(self, name: str, value: object) -> None:
         """Set a property; AttributeError, with a guess, for what a scene has not."""
@@ -237,6 +245,86 @@ class Scene(SceneObjects):
         if self._budget is not None:
             self._budget.finish()
         return report
+
+    def any_collision(self) -> bool:
+        """Return whether anything collides; stops at the first pair.
+
+        Returns
+        -------
+        bool
+            Whether ``check`` without a time budget would report a pair.
+
+        Examples
+        --------
+        >>> scene = oc.Scene()
+        >>> _ = scene.add("table", oc.shapes.Box([2, 1, 1]))
+        >>> _ = scene.add("cup", oc.shapes.Sphere(0.1))
+        >>> scene.any_collision()
+        True
+        """
+        last = self._checker.last
+        if last is not None and not last.behind and not self._store.changed.any():
+            return len(last.pairs) > 0
+        pair_filter = self._allowed.pair_filter(self._store.names, self._store.version)
+        return any_collides(
+            *(self._store, self._cache, pair_filter, self._tree_depth, self._exact)
+        )[0]
+
+    def query(
+        self,
+        shape: Shape | OBB,
+        pose: ArrayLike | None = None,
+        *,
+        padding: float = 0.0,
+        accuracy: Accuracy | str | None = None,
+        ignore: Iterable[str] | str = (),
+    ) -> list[str]:
+        """Return the objects that a body would collide with, without adding it.
+
+        The tree of a mesh is built for every question, unless an object has the same shape.
+
+        Parameters
+        ----------
+        shape : Shape or OBB
+            In its own frame.
+        pose : (7,) array_like, optional
+            x y z (metres) qx qy qz qw; the identity by default.
+        padding : float
+            Metres by which its box is grown.
+        accuracy : Accuracy or str, optional
+            Its level, by default that of the scene.
+        ignore : str or iterable of str
+            Names or patterns of objects that do not count.
+
+        Returns
+        -------
+        list of str
+            Names, in the order of ``indices``. Objects that are not enabled do not count.
+
+        Raises
+        ------
+        ValueError
+            Naming the argument.
+        TypeError
+            For another kind of shape.
+
+        Examples
+        --------
+        >>> scene = oc.Scene()
+        >>> _ = scene.add("table", oc.shapes.Box([2, 1, 1]))
+        >>> scene.query(oc.shapes.Sphere(0.25), [1.125, 0, 0, 0, 0, 0, 1])
+        ['table']
+        """
+        check_kind(shape, Shape, "shape", OBB)
+        where = IDENTITY_POSE if pose is None else as_array(pose, "pose", (7,))
+        check_padding(padding)
+        level = self._accuracy if accuracy is None else as_accuracy(accuracy)
+        patterns = as_patterns(ignore, "ignore")
+        body = body_in(self._store, self._cache, shape, local_box(shape), where, padding, level)
+        with body as slot:
+            found = colliding_with(self._store, self._cache, slot, self._tree_depth, self._exact)
+            names = [str(self._store.names[row]) for row in found]
+        return [name for name, out in zip(names, matching(patterns, names), strict=True) if not out]
 
     def _find(self) -> Findings:
         """Return what collides and nothing more: what a check costs without any effect."""

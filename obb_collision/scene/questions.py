@@ -1,0 +1,109 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Questions that leave a scene as it is: whether anything collides, and what a body would hit."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import numpy as np
+
+from obb_collision.accuracy import Accuracy
+from obb_collision.geometry.boxes import Boxes
+from obb_collision.obb import OBB
+from obb_collision.queries.verdict.coarse import meeting_bounds, sphere_bounds
+from obb_collision.scene.broad_phase.any_collision import find_first
+from obb_collision.scene.broad_phase.bounds_tree import BoundsTree
+from obb_collision.scene.broad_phase.broad_phase import find_candidates_of
+from obb_collision.scene.broad_phase.crowds import ordered_candidates
+from obb_collision.scene.building.shape_cache import ShapeCache
+from obb_collision.scene.refinement.ladder import decide_pairs, is_plain, needs_spheres
+from obb_collision.scene.store.allowed import PairFilter
+from obb_collision.scene.store.store import LocalBox, ObjectStore
+from obb_collision.shapes import Shape
+from obb_collision.typing import Floats, Rows
+
+#: Candidates decided at first, where levels or rules need more than the test of two boxes ...
+FIRST_PIECE = 16
+#: ... and by how much more each time.
+GROWTH = 4
+#: Name of a body while it is asked about: none that an object can have.
+BODY = "\0"
+
+
+def any_collides(
+    store: ObjectStore, cache: ShapeCache, pair_filter: PairFilter | None, depth: int, exact: bool
+) -> tuple[bool, int]:
+    """Return whether any two objects collide, and how many pairs were tested until that was clear.
+
+    depth: of the boxes on "obb_tree".
+    """
+    active = np.flatnonzero(store.active)
+    boxes = store.boxes(active)
+    if pair_filter is None and is_plain(store):
+        return find_first(boxes, None, exact)
+    if len(active) < 2:
+        return False, 0
+    tested, size = 0, FIRST_PIECE
+    for candidates, _ in ordered_candidates(BoundsTree.build(*_bounds(store, boxes)), len(active)):
+        pairs = active[candidates]
+        if pair_filter is not None:
+            pairs = pairs[pair_filter(*pairs.T)]
+        start = 0
+        while start < len(pairs):
+            some = pairs[start : start + size]
+            start, size = start + size, size * GROWTH
+            tested += len(some)
+            if len(decide_pairs(store, cache, some, depth, exact)[0][0]):
+                return True, tested
+    return False, tested
+
+
+def colliding_with(
+    store: ObjectStore, cache: ShapeCache, slot: int, depth: int, exact: bool
+) -> Rows:
+    """Return the slots of the objects that the one of a slot collides with, ascending."""
+    active = np.flatnonzero(store.active)
+    row = np.searchsorted(active, [slot])
+    candidates = active[find_candidates_of(*_bounds(store, store.boxes(active)), row)]
+    pairs = decide_pairs(store, cache, candidates, depth, exact)[0][0]
+    return np.sort(pairs.sum(axis=1) - slot)
+
+
+def _bounds(store: ObjectStore, boxes: Boxes) -> tuple[Floats, Floats]:
+    return sphere_bounds(boxes) if needs_spheres(store) else meeting_bounds(boxes)
+
+
+@contextmanager
+def body_in(
+    store: ObjectStore, cache: ShapeCache, shape: Shape | OBB, local_box: LocalBox, pose: Floats,
+    padding: float, level: Accuracy,
+) -> Iterator[int]:  # fmt: skip
+    """Put a body into a store for as long as it is asked about; yield its slot."""
+    changed, version, outside = store.changed.copy(), store.version, cache.outside
+    cache.outside = None  # what the question needs is built now
+    slot = store.put(BODY, local_box, pose, padding)
+    try:
+        store.kinds[slot], store.accuracies[slot] = cache.put(slot, shape), level
+        yield slot
+    finally:
+        store.remove(BODY)
+        cache.drop(slot)
+        cache.outside = outside
+        # as before: the names are, and nothing has changed
+        store.version = version
+        store.changed[:] = False
+        store.changed[: len(changed)] = changed
