@@ -15,7 +15,7 @@
 """Numba options of the project, in one place.
 
 ``njit`` is ``numba.njit`` with the options every kernel needs: strict IEEE arithmetic (no
-fastmath: the error bounds of ``queries.separation`` rely on it), the interpreter lock released,
+fastmath: the error bounds of ``queries.verdict`` rely on it), the interpreter lock released,
 and machine code cached on disk by ``_kernel_cache``.
 """
 

@@ -141,12 +141,14 @@ def _box_verdict(a: Capsule, b: Box) -> int:
 
 @njit
 def box_distances_kernel(
-    starts: Floats, ends: Floats, radii: Floats, centers: Floats, axes: Floats, half: Floats,
+    starts: Floats, ends: Floats, radii: Floats, rows_a: np.ndarray,
+    centers: Floats, axes: Floats, half: Floats, rows_b: np.ndarray,
     separations: Floats, normals: Floats, positions_a: Floats, positions_b: Floats,
 ) -> None:  # fmt: skip
-    """Write separation (n,), normal, points of capsule and box (n, 3) of each row."""
-    for n in range(len(starts)):
-        found = _box_distance(capsule_at(starts, ends, radii, n), box_at(centers, axes, half, n))
+    """Write separation (m,), normal, points (m, 3) of capsule rows_a[n] and box rows_b[n]."""
+    for n in range(len(rows_a)):
+        a, b = capsule_at(starts, ends, radii, rows_a[n]), box_at(centers, axes, half, rows_b[n])
+        found = _box_distance(a, b)
         separations[n] = found[0]
         for k in range(3):
             normals[n, k] = found[1][k]
@@ -209,14 +211,14 @@ def _capsule_verdict(a: Capsule, b: Capsule) -> int:
 
 @njit
 def capsule_distances_kernel(
-    starts_a: Floats, ends_a: Floats, radii_a: Floats,
-    starts_b: Floats, ends_b: Floats, radii_b: Floats,
+    starts_a: Floats, ends_a: Floats, radii_a: Floats, rows_a: np.ndarray,
+    starts_b: Floats, ends_b: Floats, radii_b: Floats, rows_b: np.ndarray,
     separations: Floats, normals: Floats, positions_a: Floats, positions_b: Floats,
 ) -> None:  # fmt: skip
-    """Write separation (n,), normal and points (n, 3) of capsules of a and b, row by row."""
-    for n in range(len(starts_a)):
-        a = capsule_at(starts_a, ends_a, radii_a, n)
-        found = _capsule_distance(a, capsule_at(starts_b, ends_b, radii_b, n))
+    """Write separation (m,), normal and points (m, 3) of capsules rows_a[n] and rows_b[n]."""
+    for n in range(len(rows_a)):
+        a = capsule_at(starts_a, ends_a, radii_a, rows_a[n])
+        found = _capsule_distance(a, capsule_at(starts_b, ends_b, radii_b, rows_b[n]))
         separations[n] = found[0]
         for k in range(3):
             normals[n, k] = found[1][k]

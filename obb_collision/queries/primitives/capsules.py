@@ -126,17 +126,17 @@ def capsule_distances(
     """
     first, _, second = sides = _sides(a, b, pairs)
     verdicts = capsule_pair_verdicts(a, *sides)
-    a, b = a[first], b[second]
-    n = len(a)
+    n = len(first)
     separations, vectors = np.empty(n), np.empty((3, n, 3))
     if isinstance(b, Boxes):
         box_distances_kernel(
-            *(a.starts, a.ends, a.radii, b.centers, b.rotations, b.half_extents),
-            *(separations, *vectors),
+            *(a.starts, a.ends, a.radii, first),
+            *(b.centers, b.rotations, b.half_extents, second, separations, *vectors),
         )
     else:
         capsule_distances_kernel(
-            a.starts, a.ends, a.radii, b.starts, b.ends, b.radii, separations, *vectors
+            *(a.starts, a.ends, a.radii, first),
+            *(b.starts, b.ends, b.radii, second, separations, *vectors),
         )
     return CapsuleDistances(verdicts, separations, *vectors)
 
