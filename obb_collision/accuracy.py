@@ -27,6 +27,11 @@ class Accuracy(IntEnum):
     Sphere, AABB and OBB_FACES never miss what OBB reports, OBB never what OBB_TREE or HULL
     report, and these two never what MESH reports. Neither of a pair of neighbours need be the
     stricter one otherwise: spheres suit cubes, AABBs suit what stands upright.
+
+    Examples
+    --------
+    >>> oc.Scene(accuracy="mesh").accuracy == oc.Accuracy.MESH > oc.Accuracy.OBB
+    True
     """
 
     SPHERE = 0  #: the sphere around the box

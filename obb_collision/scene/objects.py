@@ -65,6 +65,33 @@ class SceneObjects:
         ``geometry.shapes`` or an OBB, in the object's own frame; its local box is fitted once.
         pose (7,): x y z qx qy qz qw, identity if not given. padding, metres, and accuracy: in
         place of the scene's. Raises ValueError for bad values of any of them.
+
+        Parameters
+        ----------
+        name : str
+        shape : Shape or OBB
+        pose : (7,) array_like, optional
+        padding : float, optional
+            Metres.
+        accuracy : Accuracy or str, optional
+
+        Returns
+        -------
+        int
+            The index, which stays while the object is there.
+
+        Raises
+        ------
+        ValueError
+            Naming the argument.
+        TypeError
+            For another kind of shape.
+
+        Examples
+        --------
+        >>> scene = oc.Scene()
+        >>> scene.add("cup", oc.shapes.Sphere(0.1), [1, 0, 0, 0, 0, 0, 1])
+        0
         """
         check_name(name, "name", MAX_OBJECT_NAME)
         check_kind(shape, Shape, "shape", OBB)
@@ -95,6 +122,26 @@ class SceneObjects:
         sizes (n, 3): edge lengths. poses (n, 7). accuracies: (n,), None for the scene's. shapes:
         (n,), what has that box, None for the box itself. Raises ValueError for bad values; then
         none is added.
+
+        Parameters
+        ----------
+        names : sequence of str
+        sizes : (n, 3) array_like
+            Metres.
+        poses : (n, 7) array_like
+        accuracies : sequence, optional
+        shapes : sequence, optional
+
+        Raises
+        ------
+        ValueError
+            Naming the argument; then none is added.
+
+        Examples
+        --------
+        >>> scene = oc.Scene()
+        >>> scene.add_boxes(["a", "b"], np.ones((2, 3)), [[0, 0, 0, 0, 0, 0, 1]] * 2).tolist()
+        [0, 1]
         """
         edges = as_half_extents(sizes, "sizes", (None, 3))
         where = as_array(poses, "poses", (None, 7))
@@ -144,16 +191,83 @@ class SceneObjects:
         self._store.renew(self._store.check_slots(indices))
 
     def move(self, name: str, pose: ArrayLike) -> None:
-        """Give one object a new pose (7,). KeyError for an unknown name."""
+        """Give one object a new pose (7,). KeyError for an unknown name.
+
+        Parameters
+        ----------
+        name : str
+        pose : (7,) array_like
+            x y z (metres) qx qy qz qw.
+
+        Raises
+        ------
+        KeyError
+            For an unknown name.
+        ValueError
+            For a bad pose.
+
+        Examples
+        --------
+        >>> scene = oc.Scene()
+        >>> _ = scene.add("cup", oc.shapes.Sphere(0.1))
+        >>> scene.move("cup", [5, 0, 0, 0, 0, 0, 1])
+        >>> scene.pose("cup")[0].item()
+        5.0
+        """
         slot = self._store.slot(name)
         self._store.move(np.array([slot]), as_array(pose, "pose", (7,))[None])
 
     def move_many(self, names: Iterable[str], poses: ArrayLike) -> None:
-        """Give objects new poses (n, 7), by name; all or, on an error, none."""
+        """Give objects new poses (n, 7), by name; all or, on an error, none.
+
+        Parameters
+        ----------
+        names : iterable of str
+        poses : (n, 7) array_like
+            x y z (metres) qx qy qz qw.
+
+        Raises
+        ------
+        KeyError
+            For an unknown name.
+        ValueError
+            For bad poses.
+
+        Examples
+        --------
+        >>> scene = oc.Scene()
+        >>> _ = scene.add("cup", oc.shapes.Sphere(0.1))
+        >>> scene.move_many(["cup"], [[5, 0, 0, 0, 0, 0, 1]])
+        >>> scene.pose("cup")[0].item()
+        5.0
+        """
         self._store.move(self._store.slots_of(names), poses)
 
     def move_indices(self, indices: ArrayLike, poses: ArrayLike) -> None:
-        """Give objects new poses (n, 7), by index array (n,); all or, on an error, none."""
+        """Give objects new poses (n, 7), by index array (n,); all or, on an error, none.
+
+        Parameters
+        ----------
+        indices : (n,) array_like of int
+            Of objects.
+        poses : (n, 7) array_like
+            x y z (metres) qx qy qz qw.
+
+        Raises
+        ------
+        KeyError
+            For an index without object; then none is changed.
+        ValueError
+            Naming the argument and the row; then none is changed.
+
+        Examples
+        --------
+        >>> scene = oc.Scene()
+        >>> _ = scene.add("cup", oc.shapes.Sphere(0.1))
+        >>> scene.move_indices([0], [[5, 0, 0, 0, 0, 0, 1]])
+        >>> scene.pose("cup")[0].item()
+        5.0
+        """
         self._store.move(self._store.check_slots(indices), poses)
 
     def place(self, indices: NDArray[np.int64], poses: Floats) -> None:
@@ -164,7 +278,25 @@ class SceneObjects:
         self._store.place(indices, poses)
 
     def poses_of(self, indices: ArrayLike) -> Floats:
-        """Return the poses (n, 7) of objects as they were given, by index array (n,)."""
+        """Return the poses (n, 7) of objects as they were given, by index array (n,).
+
+        Parameters
+        ----------
+        indices : (n,) array_like of int
+            Of objects.
+
+        Raises
+        ------
+        KeyError
+            For an index without object.
+
+        Examples
+        --------
+        >>> scene = oc.Scene()
+        >>> _ = scene.add("cup", oc.shapes.Sphere(0.1))
+        >>> scene.poses_of([0]).shape
+        (1, 7)
+        """
         poses: Floats = self._store.poses[self._store.check_slots(indices)]
         return poses
 
@@ -173,24 +305,101 @@ class SceneObjects:
 
         In the frame of the poses, of the point that the pose places. It holds until the next one;
         the effect ``sweep`` predicts with it. KeyError for an unknown name.
+
+        Parameters
+        ----------
+        name : str
+        twist : (6,) array_like
+
+        Raises
+        ------
+        KeyError
+            For an unknown name.
+        ValueError
+            For a bad twist.
+
+        Examples
+        --------
+        >>> scene = oc.Scene()
+        >>> _ = scene.add("cup", oc.shapes.Sphere(0.1))
+        >>> scene.set_twist("cup", [1, 0, 0, 0, 0, 0])
         """
         slot = self._store.slot(name)
         self._store.twists[slot] = as_array(twist, "twist", (6,))
 
     def set_twists(self, indices: ArrayLike, twists: ArrayLike) -> None:
-        """Give objects twists (n, 6), by index array (n,); all or, on an error, none."""
+        """Give objects twists (n, 6), by index array (n,); all or, on an error, none.
+
+        Parameters
+        ----------
+        indices : (n,) array_like of int
+            Of objects.
+        twists : (n, 6) array_like
+
+        Raises
+        ------
+        KeyError
+            For an index without object; then none is changed.
+        ValueError
+            Naming the argument and the row; then none is changed.
+
+        Examples
+        --------
+        >>> scene = oc.Scene()
+        >>> _ = scene.add("cup", oc.shapes.Sphere(0.1))
+        >>> scene.set_twists([0], [[1, 0, 0, 0, 0, 0]])
+        """
         slots = self._store.check_slots(indices)
         self._store.twists[slots] = as_array(twists, "twists", (len(slots), 6))
 
     def remove(self, name: str) -> None:
-        """Take an object out. KeyError for an unknown name."""
+        """Take an object out. KeyError for an unknown name.
+
+        Parameters
+        ----------
+        name : str
+
+        Raises
+        ------
+        KeyError
+            For an unknown name.
+
+        Examples
+        --------
+        >>> scene = oc.Scene()
+        >>> _ = scene.add("cup", oc.shapes.Sphere(0.1))
+        >>> scene.remove("cup")
+        >>> len(scene)
+        0
+        """
         slot = self._store.remove(name)
         self._own_padding.discard(slot)
         self._own_accuracy.discard(slot)
         self._cache.drop(slot)
 
     def remove_indices(self, indices: ArrayLike) -> None:
-        """Take objects out, by index array (n,); all or, on a KeyError, none."""
+        """Take objects out, by index array (n,); all or, on a KeyError, none.
+
+        Parameters
+        ----------
+        indices : (n,) array_like of int
+            Of objects.
+
+        Raises
+        ------
+        KeyError
+            For an index without object; then none is changed.
+        ValueError
+            Naming the argument and the row; then none is changed.
+
+        Examples
+        --------
+        >>> scene = oc.Scene()
+        >>> _ = scene.add("cup", oc.shapes.Sphere(0.1))
+        >>> scene.remove_indices([0])
+        >>> len(scene)
+        0
+        """
         slots = np.unique(self._store.check_slots(indices))
         self._store.remove_rows(slots)
         self._forget(slots)
@@ -214,14 +423,59 @@ class SceneObjects:
         self._own_accuracy: set[int] = set()
 
     def set_enabled(self, name: str, enabled: bool) -> None:
-        """Let an object take part in collisions or not; it keeps its box either way."""
+        """Let an object take part in collisions or not; it keeps its box either way.
+
+        Parameters
+        ----------
+        name : str
+        enabled : bool
+
+        Raises
+        ------
+        KeyError
+            For an unknown name.
+        TypeError
+            For anything but True or False.
+
+        Examples
+        --------
+        >>> scene = oc.Scene()
+        >>> _ = scene.add("cup", oc.shapes.Sphere(0.1))
+        >>> _ = scene.add("plate", oc.shapes.Sphere(0.1))
+        >>> scene.set_enabled("cup", False)
+        >>> len(scene.check())
+        0
+        """
         slot = self._store.slot(name)
         if self._store.active[slot] != as_flag(enabled, "enabled"):
             self._store.active[slot] = enabled
             self._store.changed[slot] = True
 
     def set_enabled_indices(self, indices: ArrayLike, enabled: ArrayLike) -> None:
-        """Let objects take part in collisions or not (n,), by index array (n,)."""
+        """Let objects take part in collisions or not (n,), by index array (n,).
+
+        Parameters
+        ----------
+        indices : (n,) array_like of int
+            Of objects.
+        enabled : (n,) array_like of bool
+
+        Raises
+        ------
+        KeyError
+            For an index without object; then none is changed.
+        ValueError
+            Naming the argument and the row; then none is changed.
+
+        Examples
+        --------
+        >>> scene = oc.Scene()
+        >>> _ = scene.add("cup", oc.shapes.Sphere(0.1))
+        >>> _ = scene.add("plate", oc.shapes.Sphere(0.1))
+        >>> scene.set_enabled_indices([0], [False])
+        >>> len(scene.check())
+        0
+        """
         slots = self._store.check_slots(indices)
         if as_any_array(enabled, "enabled", "True or False for each").dtype != np.bool_:
             raise TypeError(f"enabled must be True or False for each, got {shown(enabled)}")
@@ -253,7 +507,26 @@ class SceneObjects:
             self._set_accuracy(int(slot), None)
 
     def set_accuracy(self, name: str, accuracy: Accuracy | str | None) -> None:
-        """Give an object a level of its own, or with None the scene's. KeyError, ValueError."""
+        """Give an object a level of its own, or with None the scene's. KeyError, ValueError.
+
+        Parameters
+        ----------
+        name : str
+        accuracy : Accuracy, str or None
+
+        Raises
+        ------
+        KeyError
+            For an unknown name.
+        ValueError
+            For an unknown accuracy.
+
+        Examples
+        --------
+        >>> scene = oc.Scene()
+        >>> _ = scene.add("cup", oc.shapes.Sphere(0.1))
+        >>> scene.set_accuracy("cup", "mesh")
+        """
         level = None if accuracy is None else as_accuracy(accuracy)
         self._set_accuracy(self._store.slot(name), level)
 
@@ -274,11 +547,45 @@ class SceneObjects:
         return name in self._store.slots
 
     def index(self, name: str) -> int:
-        """Return the index of an object. KeyError for an unknown name."""
+        """Return the index of an object. KeyError for an unknown name.
+
+        Parameters
+        ----------
+        name : str
+
+        Raises
+        ------
+        KeyError
+            For an unknown name.
+
+        Examples
+        --------
+        >>> scene = oc.Scene()
+        >>> _ = scene.add("cup", oc.shapes.Sphere(0.1))
+        >>> scene.index("cup")
+        0
+        """
         return self._store.slot(name)
 
     def name(self, index: int) -> str:
-        """Return the name of the object with an index. KeyError for an unknown one."""
+        """Return the name of the object with an index. KeyError for an unknown one.
+
+        Parameters
+        ----------
+        index : int
+
+        Raises
+        ------
+        KeyError
+            For an unknown index.
+
+        Examples
+        --------
+        >>> scene = oc.Scene()
+        >>> _ = scene.add("cup", oc.shapes.Sphere(0.1))
+        >>> scene.name(0)
+        'cup'
+        """
         return str(self._store.names[self._store.check_slots([index])[0]])
 
     @property
@@ -323,7 +630,24 @@ class SceneObjects:
         return self._store.poses[self._store.slot(name)].copy()
 
     def obb(self, name: str) -> OBB:
-        """Return the world box of one object, padding included."""
+        """Return the world box of one object, padding included.
+
+        Parameters
+        ----------
+        name : str
+
+        Raises
+        ------
+        KeyError
+            For an unknown name.
+
+        Examples
+        --------
+        >>> scene = oc.Scene()
+        >>> _ = scene.add("cup", oc.shapes.Sphere(0.1))
+        >>> scene.obb("cup").half_extents.tolist()
+        [0.1, 0.1, 0.1]
+        """
         return OBB(*self._store.all_boxes().row(self._store.slot(name)))
 
 

@@ -62,6 +62,15 @@ class Report:
     Everything else is an effect: computed when first read, from the boxes as they were at the
     check, unless the scene has it "on" or the check was asked for it. Reading one that is "off", or
     one that can't be had later and was not asked for, is a ValueError.
+
+    Examples
+    --------
+    >>> scene = oc.Scene()
+    >>> _ = scene.add("cup", oc.shapes.Sphere(0.1))
+    >>> _ = scene.add("plate", oc.shapes.Sphere(0.1))
+    >>> report = scene.check()
+    >>> report.names(), report.depths.round(9).tolist()
+    ([('cup', 'plate')], [0.2])
     """
 
     def __init__(
@@ -100,7 +109,26 @@ class Report:
         return {name: outcome.result for name, outcome in self._outcomes.items()}
 
     def result(self, effect: str) -> Any:
-        """Return what an effect gave; see its module for what that is."""
+        """Return what an effect gave; see its module for what that is.
+
+        Parameters
+        ----------
+        effect : str
+            Its name.
+
+        Raises
+        ------
+        ValueError
+            For an unknown effect, one that is off, and one that had to be asked for.
+
+        Examples
+        --------
+        >>> scene = oc.Scene()
+        >>> _ = scene.add("cup", oc.shapes.Sphere(0.1))
+        >>> _ = scene.add("plate", oc.shapes.Sphere(0.1))
+        >>> scene.check().result("contacts").depths.round(9).tolist()
+        [0.2]
+        """
         check_kind(effect, str, "effect")
         if effect not in self.costs:
             if effect not in self._settings:

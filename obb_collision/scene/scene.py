@@ -67,6 +67,30 @@ class Scene(SceneObjects):
     max_pairs: pairs that a report has at most, None for no limit; see the property.
     Raises ValueError for a padding or depth below zero, a budget or limit that is not positive, and
     an unknown accuracy.
+
+    Parameters
+    ----------
+    padding : float
+        Metres, not negative.
+    exact : bool
+    accuracy : Accuracy or str
+    tree_depth : int
+    time_budget : float, optional
+        Seconds.
+    max_pairs : int, optional
+
+    Raises
+    ------
+    ValueError
+        Naming the argument.
+
+    Examples
+    --------
+    >>> scene = oc.Scene()
+    >>> _ = scene.add("table", oc.shapes.Box([2, 1, 1]))
+    >>> _ = scene.add("cup", oc.shapes.Sphere(0.1))
+    >>> scene.check().names()
+    [('table', 'cup')]
     """
 
     def __init__(
@@ -171,6 +195,28 @@ class Scene(SceneObjects):
 
         first, second: names or patterns such as ``gripper/*``. Of several rules for a pair the last
         one counts. Raises ValueError for what is no pattern.
+
+        Parameters
+        ----------
+        first : str
+            Name or pattern.
+        second : str
+            Name or pattern.
+        allowed : bool
+
+        Raises
+        ------
+        ValueError
+            Naming the argument.
+
+        Examples
+        --------
+        >>> scene = oc.Scene()
+        >>> _ = scene.add("cup", oc.shapes.Sphere(0.1))
+        >>> _ = scene.add("plate", oc.shapes.Sphere(0.1))
+        >>> scene.allow("cup", "*")
+        >>> scene.check().names()
+        []
         """
         self._allowed.add(first, second, as_flag(allowed, "allowed"))
         self._store.changed |= self._store.used
@@ -202,12 +248,46 @@ class Scene(SceneObjects):
         mode: "off", "on" (at every check), or "auto" (when ``check`` is asked for it, or its result
         is read). objects: names or patterns; only pairs of which one object or both match get it.
         options: those of the effect. Raises ValueError naming what can't be used.
+
+        Parameters
+        ----------
+        name : str
+        mode : str, optional
+        objects : str or iterable of str, optional
+        **options : float
+
+        Raises
+        ------
+        ValueError
+            Naming the argument.
+
+        Examples
+        --------
+        >>> scene = oc.Scene()
+        >>> scene.set_effect("clearance", "on", limit=0.5)
+        >>> scene.effect_setting("clearance").mode
+        'on'
         """
         self._effects.set(name, mode, objects, options)
         self._report = None
 
     def effect_setting(self, name: str) -> Setting:
-        """Return how an effect is set. ValueError for an unknown one."""
+        """Return how an effect is set. ValueError for an unknown one.
+
+        Parameters
+        ----------
+        name : str
+
+        Raises
+        ------
+        ValueError
+            Naming the argument.
+
+        Examples
+        --------
+        >>> oc.Scene().effect_setting("contacts").mode
+        'auto'
+        """
         return self._effects[name]
 
     @property
@@ -227,6 +307,28 @@ class Scene(SceneObjects):
         """Return all colliding pairs, with the effects asked for by name, or the one.
 
         Only what changed since the last check is computed anew. ValueError for an unknown effect.
+
+        Parameters
+        ----------
+        effects : str or iterable of str
+
+        Returns
+        -------
+        Report
+            What collides; effects not asked for are computed when read.
+
+        Raises
+        ------
+        ValueError
+            Naming the argument.
+
+        Examples
+        --------
+        >>> scene = oc.Scene()
+        >>> _ = scene.add("cup", oc.shapes.Sphere(0.1))
+        >>> _ = scene.add("plate", oc.shapes.Sphere(0.1))
+        >>> scene.check("contacts")
+        Report(1 pairs, effects: contacts)
         """
         start = perf_counter()
         if self._budget is not None:

@@ -93,6 +93,11 @@ class SceneDescription:
     groups: patterns by name; accuracies: patterns and their accuracy, of several the last one
     counts; time_budget: seconds per check, None for no budget; notes: what in the file is left
     out or odd, as text.
+
+    Examples
+    --------
+    >>> oc.SceneDescription("empty", ()).build()
+    Scene(0 objects, accuracy 'obb')
     """
 
     name: str
@@ -145,7 +150,23 @@ class SceneDescription:
         return [row for row, thing in enumerate(self.objects) if thing.motion is not None]
 
     def states(self, time: float) -> tuple[Floats, Floats]:
-        """Return poses (n, 7) and twists (n, 6) of the objects' origins at a time (s)."""
+        """Return poses (n, 7) and twists (n, 6) of the objects' origins at a time (s).
+
+        Parameters
+        ----------
+        time : float
+            Seconds.
+
+        Raises
+        ------
+        ValueError
+            For anything else.
+
+        Examples
+        --------
+        >>> oc.SceneDescription("empty", ()).states(1.0)[0].shape
+        (0, 7)
+        """
         if (
             not isinstance(time, (int, float, np.integer, np.floating))
             or not -MAX_TIME <= time <= MAX_TIME

@@ -39,11 +39,35 @@ READY = ("tabletop", "warehouse", "lidar_zone")
 
 
 def load_scene(path: str | Path) -> SceneDescription:
-    """Return the description in a YAML file: a scene file, or a MoveIt planning scene.
+    r"""Return the description in a YAML file: a scene file, or a MoveIt planning scene.
 
     Its keys decide which. Raises SceneFileError, a ValueError, that names file, line and key of
     everything that is wrong with it. What is left out or odd is in the notes of the result; a
     quaternion far from unit length also gives a warning.
+
+    Parameters
+    ----------
+    path : str or path
+
+    Returns
+    -------
+    SceneDescription
+        Its ``build`` makes the scene.
+
+    Raises
+    ------
+    SceneFileError
+        A ValueError, naming file, line and key.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.NamedTemporaryFile("w", suffix=".yaml") as file:
+    ...     _ = file.write("name: cell\nobjects:\n- {name: cup, shape: sphere, radius: 0.1}\n")
+    ...     file.flush()
+    ...     description = oc.load_scene(file.name)
+    >>> description.names
+    ['cup']
     """
     check_kind(path, str, "path", PathLike)
     description, doubts = _load(Path(path))

@@ -99,7 +99,27 @@ def _exact_products(a: Floats, b: Floats, product: Floats) -> NDArray[np.bool_]:
 
 @dataclass(frozen=True, init=False, eq=False)
 class Hull(_Cloud):
-    """The convex hull of points (n, 3), n >= 1; ``fit`` as in ``OBB.from_points``."""
+    """The convex hull of points (n, 3), n >= 1; ``fit`` as in ``OBB.from_points``.
+
+    Parameters
+    ----------
+    points : (n, 3) array_like
+        Metres.
+    scale : (3,) array_like
+        By which it is stretched along its axes, positive.
+    fit : str
+        As in ``OBB.from_points``.
+
+    Raises
+    ------
+    ValueError
+        Naming the argument.
+
+    Examples
+    --------
+    >>> oc.shapes.Hull([[0, 0, 0], [2, 4, 6]], fit="aabb").local_box[2].tolist()
+    [1.0, 2.0, 3.0]
+    """
 
     points: Floats
     scale: Triple
@@ -144,6 +164,30 @@ class Mesh(_Cloud):
     A single argument may be a ``trimesh.Trimesh``, or anything with ``vertices`` and ``faces``.
     The local box is that of the triangles; unused vertices are ignored. Raises
     ValueError for no vertices, numbers that are not finite, faces out of range.
+
+    Parameters
+    ----------
+    vertices : (n, 3) array_like or mesh
+        Metres.
+    faces : (m, 3) array_like of int, optional
+        Rows of vertices; left out with a mesh.
+    scale : (3,) array_like
+        By which it is stretched along its axes, positive.
+    fit : str
+        As in ``OBB.from_points``.
+
+    Raises
+    ------
+    ValueError
+        Naming the argument and the row.
+    TypeError
+        Without faces, for vertices that are no mesh.
+
+    Examples
+    --------
+    >>> import trimesh
+    >>> len(oc.shapes.Mesh(trimesh.creation.box((1, 2, 3))).faces)
+    12
     """
 
     vertices: Floats
@@ -188,6 +232,28 @@ class Mesh(_Cloud):
         another unit (DAE) is converted. Only the file itself is read: no materials, textures or
         buffers in other files. Raises ValueError naming the file where it is missing, no regular
         file, larger than a gigabyte, can't be read or contains no vertices.
+
+        Parameters
+        ----------
+        path : str or path
+            File or URI.
+        scale : (3,) array_like
+            By which it is stretched along its axes, positive.
+        fit : str
+            As in ``OBB.from_points``.
+
+        Raises
+        ------
+        ValueError
+            Naming the file.
+
+        Examples
+        --------
+        >>> import tempfile, trimesh
+        >>> with tempfile.NamedTemporaryFile(suffix=".stl") as file:
+        ...     _ = trimesh.creation.box((1, 2, 3)).export(file.name)
+        ...     len(oc.shapes.Mesh.from_file(file.name).faces)
+        12
         """
         check_kind(path, str, "path", PathLike)
         file = resolve_path(path)

@@ -61,7 +61,13 @@ def positive_number(value: ArrayLike, name: str) -> float:
 
 
 class Shape(ABC):
-    """A body in its own frame, metres, scaled by ``scale`` (3,) along the axes of that frame."""
+    """A body in its own frame, metres, scaled by ``scale`` (3,) along the axes of that frame.
+
+    Examples
+    --------
+    >>> isinstance(oc.shapes.Sphere(1), oc.shapes.Shape)
+    True
+    """
 
     scale: Triple
 
@@ -103,7 +109,25 @@ def read_only(center: Floats, rotation: Floats, half_extents: Floats) -> LocalBo
 
 @dataclass(frozen=True, init=False)
 class Box(Primitive):
-    """A box; ``size`` (3,) are its full edge lengths, zero allowed: a flat box."""
+    """A box; ``size`` (3,) are its full edge lengths, zero allowed: a flat box.
+
+    Parameters
+    ----------
+    size : (3,) array_like
+        Metres.
+    scale : (3,) array_like
+        By which it is stretched along its axes, positive.
+
+    Raises
+    ------
+    ValueError
+        Naming the argument.
+
+    Examples
+    --------
+    >>> oc.shapes.Box(size=[2, 1, 0.5]).local_box[2].tolist()  # half extents
+    [1.0, 0.5, 0.25]
+    """
 
     size: Triple
     scale: Triple
@@ -119,7 +143,25 @@ class Box(Primitive):
 
 @dataclass(frozen=True, init=False)
 class Sphere(Primitive):
-    """A sphere; an ellipsoid when scaled differently along its axes."""
+    """A sphere; an ellipsoid when scaled differently along its axes.
+
+    Parameters
+    ----------
+    radius : float
+        Metres.
+    scale : (3,) array_like
+        By which it is stretched along its axes, positive.
+
+    Raises
+    ------
+    ValueError
+        Naming the argument.
+
+    Examples
+    --------
+    >>> oc.shapes.Sphere(radius=0.5).local_box[2].tolist()
+    [0.5, 0.5, 0.5]
+    """
 
     radius: float
     scale: Triple
@@ -134,7 +176,25 @@ class Sphere(Primitive):
 
 @dataclass(frozen=True, init=False)
 class Ellipsoid(Primitive):
-    """An ellipsoid with half axes ``radii`` (3,) along x, y, z."""
+    """An ellipsoid with half axes ``radii`` (3,) along x, y, z.
+
+    Parameters
+    ----------
+    radii : (3,) array_like
+        Metres.
+    scale : (3,) array_like
+        By which it is stretched along its axes, positive.
+
+    Raises
+    ------
+    ValueError
+        Naming the argument.
+
+    Examples
+    --------
+    >>> oc.shapes.Ellipsoid(radii=[1, 2, 3]).local_box[2].tolist()
+    [1.0, 2.0, 3.0]
+    """
 
     radii: Triple
     scale: Triple
@@ -175,7 +235,27 @@ class _Turned(Primitive):
 
 
 class Cylinder(_Turned):
-    """A cylinder along z, centred; ``length`` is its height."""
+    """A cylinder along z, centred; ``length`` is its height.
+
+    Parameters
+    ----------
+    radius : float
+        Metres.
+    length : float
+        Metres.
+    scale : (3,) array_like
+        By which it is stretched along its axes, positive.
+
+    Raises
+    ------
+    ValueError
+        Naming the argument.
+
+    Examples
+    --------
+    >>> oc.shapes.Cylinder(radius=0.5, length=2).local_box[2].tolist()
+    [0.5, 0.5, 1.0]
+    """
 
     @classmethod
     def trusted(cls, radius: float, length: float, scale: Triple) -> Cylinder:
@@ -186,11 +266,51 @@ class Cylinder(_Turned):
 
 
 class Cone(_Turned):
-    """A cone along z with its apex at +length / 2 and its base of ``radius`` at -length / 2."""
+    """A cone along z with its apex at +length / 2 and its base of ``radius`` at -length / 2.
+
+    Parameters
+    ----------
+    radius : float
+        Metres.
+    length : float
+        Metres.
+    scale : (3,) array_like
+        By which it is stretched along its axes, positive.
+
+    Raises
+    ------
+    ValueError
+        Naming the argument.
+
+    Examples
+    --------
+    >>> oc.shapes.Cone(radius=0.5, length=2).local_box[2].tolist()
+    [0.5, 0.5, 1.0]
+    """
 
 
 class Capsule(_Turned):
-    """A capsule along z, centred; ``length`` is that of the cylinder between the two caps."""
+    """A capsule along z, centred; ``length`` is that of the cylinder between the two caps.
+
+    Parameters
+    ----------
+    radius : float
+        Metres.
+    length : float
+        Metres.
+    scale : (3,) array_like
+        By which it is stretched along its axes, positive.
+
+    Raises
+    ------
+    ValueError
+        Naming the argument.
+
+    Examples
+    --------
+    >>> oc.shapes.Capsule(radius=0.5, length=2).local_box[2].tolist()
+    [0.5, 0.5, 1.5]
+    """
 
     def _reach(self) -> Reach:
         x, y, half = super()._reach()

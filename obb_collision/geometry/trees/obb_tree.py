@@ -86,6 +86,12 @@ class MeshTrees:
     the surface winds about a point, else where a ray crosses it an odd number of times); radii,
     the largest distance from the origin; ``pieces[piece_starts[i]:piece_starts[i + 1]]``,
     (p, 6, 3) corners of each connected piece.
+
+    Examples
+    --------
+    >>> tree = oc.MeshTrees.build([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
+    >>> len(tree), tree.solid.tolist()
+    (1, [False])
     """
 
     triangles: Floats
@@ -128,6 +134,34 @@ class MeshTrees:
         certainly contains all triangles, for the first node. Raises ValueError for numbers that
         are not finite, faces out of range or none, ``solid`` for a mesh that is not watertight,
         and a leaf or root that is not valid.
+
+        Parameters
+        ----------
+        vertices : (n, 3) array_like
+            Metres.
+        faces : (m, 3) array_like of int
+            Rows of vertices, at least one.
+        solid : bool, optional
+            Whether it is a body; by default if watertight.
+        leaf : int
+            Triangles per leaf at most.
+        root : tuple, optional
+            A box that contains it: centre, rotation, half extents.
+
+        Raises
+        ------
+        ValueError
+            Naming the argument and the row.
+
+        References
+        ----------
+        Gottschalk, Lin, Manocha, OBBTree (SIGGRAPH 1996).
+
+        Examples
+        --------
+        >>> tree = oc.MeshTrees.build([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
+        >>> len(tree)
+        1
         """
         mesh = Mesh(vertices, faces)
         size = as_whole(leaf, "leaf", 1)
@@ -185,14 +219,48 @@ class MeshTrees:
 
     @classmethod
     def from_half_extents(cls, half_extents: ArrayLike) -> MeshTrees:
-        """Return the trees of k solid boxes about the origin, half extents (k, 3) metres."""
+        """Return the trees of k solid boxes about the origin, half extents (k, 3) metres.
+
+        Parameters
+        ----------
+        half_extents : (k, 3) array_like
+            Metres.
+
+        Raises
+        ------
+        ValueError
+            Naming the argument.
+
+        Examples
+        --------
+        >>> len(oc.MeshTrees.from_half_extents([[1, 1, 1], [1, 2, 3]]))
+        2
+        """
         given = as_any_array(half_extents, "half_extents", "numbers of shape (k, 3)")
         rows = as_half_extents(given[None] if given.ndim == 1 else given, "half_extents", (None, 3))
         return cls.join([cls.of(BOX_CORNERS * row, BOX_FACES) for row in rows])
 
     @classmethod
     def join(cls, trees: Sequence[MeshTrees]) -> MeshTrees:
-        """Return all trees of several in one, in order."""
+        """Return all trees of several in one, in order.
+
+        Parameters
+        ----------
+        trees : sequence of MeshTrees
+
+        Raises
+        ------
+        ValueError
+            For none.
+        TypeError
+            For anything else.
+
+        Examples
+        --------
+        >>> tree = oc.MeshTrees.build([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
+        >>> len(oc.MeshTrees.join([tree, tree]))
+        2
+        """
         if not isinstance(trees, Sequence) or not all(isinstance(t, MeshTrees) for t in trees):
             raise TypeError(f"trees must be several MeshTrees, got {shown(trees)}")
         if not trees:
@@ -224,6 +292,24 @@ class MeshTrees:
         """Return the boxes of mesh ``index`` at a depth, at most 2^depth, in the mesh's frame.
 
         ValueError for an index or depth out of range.
+
+        Parameters
+        ----------
+        index : int
+            Of the mesh.
+        depth : int
+            0 is one box.
+
+        Raises
+        ------
+        ValueError
+            For an index or depth out of range.
+
+        Examples
+        --------
+        >>> tree = oc.MeshTrees.build([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
+        >>> len(tree.boxes(0, 0))
+        1
         """
         rows = self.rows(index, depth)
         rotations = self.nodes[rows, 3:HALF].reshape(-1, 3, 3)

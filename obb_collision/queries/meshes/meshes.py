@@ -59,6 +59,27 @@ class PlacedMeshes:
     """n bodies: body i is mesh ``meshes[i]`` of the trees at centers (n, 3), rotations (n, 3, 3).
 
     Metres; raises ValueError naming the argument and the row for anything else.
+
+    Parameters
+    ----------
+    trees : MeshTrees
+    meshes : (n,) array_like of int
+        Rows of trees.
+    centers : (n, 3) array_like
+        Metres.
+    rotations : (n, 3, 3) array_like
+        Orthonormal.
+
+    Raises
+    ------
+    ValueError
+        Naming the argument and the row.
+
+    Examples
+    --------
+    >>> tree = oc.MeshTrees.build([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
+    >>> len(oc.PlacedMeshes(tree, [0, 0], np.zeros((2, 3)), [np.eye(3)] * 2))
+    2
     """
 
     trees: MeshTrees
@@ -84,7 +105,27 @@ class PlacedMeshes:
 
     @classmethod
     def from_poses(cls, trees: MeshTrees, meshes: ArrayLike, poses: ArrayLike) -> PlacedMeshes:
-        """Return bodies at poses (n, 7), x y z qx qy qz qw."""
+        """Return bodies at poses (n, 7), x y z qx qy qz qw.
+
+        Parameters
+        ----------
+        trees : MeshTrees
+        meshes : (n,) array_like of int
+            Rows of trees.
+        poses : (n, 7) array_like
+            x y z (metres) qx qy qz qw.
+
+        Raises
+        ------
+        ValueError
+            Naming the argument and the row.
+
+        Examples
+        --------
+        >>> tree = oc.MeshTrees.build([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
+        >>> len(oc.PlacedMeshes.from_poses(tree, [0], [[0, 0, 0, 0, 0, 0, 1]]))
+        1
+        """
         return cls(trees, meshes, *as_poses(poses))
 
     @classmethod
@@ -149,7 +190,7 @@ def mesh_verdicts(
     Examples
     --------
     >>> tree = oc.MeshTrees.build([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
-    >>> crossing = [[0, 0, 0, 0, 0, 0, 1], [0.25, 0.25, 0, 0.5, 0.5, 0.5, 0.5]]
+    >>> crossing = [[0, 0, 0, 0, 0, 0, 1], [0.25, 0.25, -0.25, 0.5, 0.5, 0.5, 0.5]]
     >>> bodies = oc.PlacedMeshes.from_poses(tree, [0, 0], crossing)
     >>> oc.mesh_verdicts(bodies, bodies, [[0, 1]]).tolist()
     [2]

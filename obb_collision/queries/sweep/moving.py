@@ -51,7 +51,7 @@ class MovingBoxes:
     >>> start = oc.Boxes([[0, 0, 0], [5, 0, 0]], [np.eye(3)] * 2, [[1, 1, 1]] * 2)
     >>> end = oc.Boxes([[4, 0, 0], [5, 0, 0]], [np.eye(3)] * 2, [[1, 1, 1]] * 2)
     >>> moving = oc.MovingBoxes(start, end)
-    >>> oc.sweeps(moving, moving, [[0, 1]]).times.tolist()
+    >>> oc.sweeps(moving, moving, [[0, 1]]).times.round(9).tolist()
     [0.75]
     """
 

@@ -1,0 +1,117 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Every public name is documented in numpy sections, with an example that runs."""
+
+from __future__ import annotations
+
+import doctest
+import inspect
+import re
+from collections.abc import Iterator
+from enum import Enum
+from typing import Any
+
+import numpy as np
+import pytest
+
+import obb_collision as oc
+
+#: For the code of this package, which takes what is known to be right.
+INTERNAL = {
+    "trusted", "row", "take", "local_box", "fitted", "build_outside", "single", "of", "rows",
+    "place", "compute", "renew_indices",
+}  # fmt: skip
+
+
+def public_objects() -> Iterator[tuple[str, Any]]:
+    """Yield name and value of all public classes and functions."""
+    for name in oc.__all__:
+        if name != "shapes":
+            yield name, getattr(oc, name)
+    for name in oc.shapes.__all__:
+        yield f"shapes.{name}", getattr(oc.shapes, name)
+
+
+def public_methods() -> Iterator[tuple[str, Any]]:
+    """Yield name and function of all public methods with arguments."""
+    for name, kind in OBJECTS.items():
+        if not inspect.isclass(kind) or issubclass(kind, Enum):
+            continue
+        for method in dir(kind):
+            value = getattr(kind, method)
+            if method.startswith("_") or method in INTERNAL or not inspect.isroutine(value):
+                continue
+            if str(getattr(value, "__module__", "")).startswith("obb_collision"):
+                yield f"{name}.{method}", value
+
+
+OBJECTS = dict(public_objects())
+METHODS = dict(public_methods())
+DOCUMENTED = {**OBJECTS, **METHODS}
+
+
+def sections(value: Any) -> set[str]:
+    """Return the titles of the sections of a docstring."""
+    return set(re.findall(r"^(\w+)\n-+$", inspect.getdoc(value) or "", re.MULTILINE))
+
+
+def arguments(value: Any) -> set[str]:
+    """Return the names of the arguments of a function or a class."""
+    if inspect.isclass(value) and issubclass(value, Enum):
+        return set()
+    return set(inspect.signature(value).parameters) - {"self", "cls"}
+
+
+@pytest.mark.parametrize("name", DOCUMENTED)
+def test_examples_run(name: str) -> None:
+    text = inspect.getdoc(DOCUMENTED[name]) or ""
+    found = doctest.DocTestParser().get_doctest(text, {"oc": oc, "np": np}, name, None, 0)
+    said: list[str] = []
+    runner = doctest.DocTestRunner(optionflags=doctest.ELLIPSIS)
+    runner.run(found, out=said.append)
+    assert runner.failures == 0, "".join(said)
+
+
+@pytest.mark.parametrize("name", OBJECTS)
+def test_every_public_name_has_its_sections_and_an_example(name: str) -> None:
+    value = OBJECTS[name]
+    text = inspect.getdoc(value) or ""
+    assert ">>> " in text
+    found = sections(value)
+    assert "Examples" in found
+    if name in MADE_BY_THE_LIBRARY:
+        return
+    names = arguments(value)
+    assert not names or {"Parameters", "Raises"} <= found
+    assert all(re.search(rf"^(\w+, )*{one}\b.* : ", text, re.MULTILINE) for one in names)
+    assert inspect.isclass(value) or "Returns" in found
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_every_public_method_has_its_sections(name: str) -> None:
+    value = METHODS[name]
+    text = inspect.getdoc(value) or ""
+    found = sections(value)
+    names = arguments(value)
+    if names:
+        assert {"Parameters", "Raises", "Examples"} <= found
+        missing = [
+            n for n in names if not re.search(rf"^\**(\w+, )*\**{n}\b.* : ", text, re.MULTILINE)
+        ]
+        assert missing == []
+
+
+#: What a user gets and does not make.
+MADE_BY_THE_LIBRARY = {"MeshTrees", "Report", "SceneDescription", "shapes.Shape"}
