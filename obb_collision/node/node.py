@@ -213,9 +213,9 @@ class CollisionNode(Node):
         return found
 
     def _make_subscriptions(self) -> Subscriptions:
-        callbacks = {**self.inputs.callbacks(), "points": self._obstacles.take}
-        guarded = {topic: self._guarded(topic, take) for topic, take in callbacks.items()}
-        return Subscriptions(self, guarded, self._monitors, self._arrived)
+        points = self.inputs.guarded("points", self._obstacles.take)
+        callbacks = {**self.inputs.callbacks(), "points": points}
+        return Subscriptions(self, callbacks, self._monitors, self._arrived)
 
     def _arrived(self, topic: str) -> None:
         """Start a cycle for a message, if it calls for one."""
@@ -235,15 +235,6 @@ class CollisionNode(Node):
     def _is_wanted(self, topic: str) -> bool:
         """Return whether the node subscribes to an input."""
         return topic != "points" or self.parameters.mode("points") != OFF
-
-    def _guarded(self, topic: str, take: Callable[[Any], None]) -> Callable[[Any], None]:
-        """Return a callback that counts messages on which ``take`` fails."""
-
-        def store(message: Any) -> None:
-            if not self.guard.run(f"input {topic}", lambda: take(message)):
-                self._monitors[topic].refuse(self._now(), INTERNAL_ERROR, "whole message")
-
-        return store
 
     def _apply_parameters(self) -> None:
         """Bring what was made from parameters up to date with them."""

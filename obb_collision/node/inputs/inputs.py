@@ -42,7 +42,7 @@ from obb_collision.node.messages.names import shortened
 from obb_collision.node.objects.objects import Objects
 from obb_collision.node.objects.states import OLDER, State
 from obb_collision.node.objects.table import Slots
-from obb_collision.node.runtime.guard import Guard
+from obb_collision.node.runtime.guard import INTERNAL_ERROR, Guard
 from obb_collision.typing import Floats
 
 
@@ -61,25 +61,36 @@ class Inputs:
         self._monitors = monitors
         self._clock = clock
         self._wants_twists = wants_twists
+        self._guard = guard
         self.markers = MarkerInput(objects, monitors["objects"], clock, guard)
 
     def callbacks(self) -> dict[str, Callable[[Any], None]]:
         """Return the callback per input topic; that of ``objects`` takes serialised messages."""
         return {
-            "objects": self.markers.take,
-            "object_transform": self._in_order(self.take_transform),
-            "object_states": self._in_order(self.take_states),
-            "object_poses": self._in_order(self.take_poses),
+            "objects": self.guarded("objects", self.markers.take),
+            "object_transform": self.guarded("object_transform", self.take_transform, True),
+            "object_states": self.guarded("object_states", self.take_states, True),
+            "object_poses": self.guarded("object_poses", self.take_poses, True),
         }
 
-    def _in_order(self, take: Callable[[Any], None]) -> Callable[[Any], None]:
-        """Return a callback that first applies the markers that came before its message."""
+    def guarded(
+        self, topic: str, take: Callable[[Any], None], in_order: bool = False
+    ) -> Callable[[Any], None]:
+        """Return a callback that counts messages on which ``take`` fails.
 
-        def apply_and_take(message: Any) -> None:
-            self.markers.apply()
-            take(message)
+        in_order: whether the markers that came before are applied first.
+        """
 
-        return apply_and_take
+        def callback(message: Any) -> None:
+            try:
+                if in_order:
+                    self.markers.apply()
+                take(message)
+            except Exception as error:
+                self._guard.caught(f"input {topic}", error)
+                self._monitors[topic].refuse(self._clock(), INTERNAL_ERROR, "whole message")
+
+        return callback
 
     def take_transform(self, message: TransformStamped) -> None:
         """Store one pose."""

@@ -29,7 +29,7 @@ from rclpy.node import Node
 from rig import DOMAIN, NAMESPACE, Rig, cube, pose, sync
 from std_srvs.srv import Trigger
 
-from obb_collision.node.inputs import markers as marker_input
+from obb_collision.node.inputs import marker_adder
 from obb_collision.node.objects import many as many_objects
 from obb_collision.node.runtime.guard import INTERNAL_ERROR, Guard
 from obb_collision.node.runtime.running import spin
@@ -55,7 +55,7 @@ def failing(given: Callable[..., Any], fails: Callable[..., bool]) -> Callable[.
 def test_an_item_that_fails_is_refused_alone(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
     objects = rig.node.objects
     fails = failing(many_objects.put_primitives, lambda _, keys, *__: BAD in keys)
-    monkeypatch.setattr(marker_input, "put_primitives", fails)
+    monkeypatch.setattr(marker_adder, "put_primitives", fails)
     rig.send(cube(A), cube(BAD), cube(B, (0.5, 0, 0)))
     assert rig.pairs() == {("a/1", "a/2")}
     assert rig.refused("objects") == {INTERNAL_ERROR: 1}
