@@ -27,12 +27,21 @@ The conventions hold everywhere in this package:
   as touching.
 * Separations are signed: positive apart, negative overlapping; the depth is its negative.
 * Normals have unit length and point from the first box, a, to the second, b.
+* Batches are asked alike, f(a, b, pairs=None): each row of a against the same row of b, or, with
+  pairs (m, 2), rows of a against rows of b. Options go by their names.
+* Points are what is handed in; positions are where a result is.
 * Pairs are sorted: i < j in a pair, and the pairs in lexicographic order.
 * Corners have one order: on the +z face left-top, left-bottom, right-bottom, right-top, then on
   the -z face right-top, right-bottom, left-bottom, left-top (right is +x, top is +y).
 
 The public names, all in ``api``, load when first used: a console script must be able to say what is
-missing, or to end, before seconds of imports. CONTRIBUTING.md has the layout of the package.
+missing, or to end, before seconds of imports. Examples take
+``import numpy as np`` and ``import obb_collision as oc`` for granted.
+
+Layers, each importing only those before it: ``numerics`` (arithmetic), ``geometry`` (what things
+are), ``queries`` (a folder per question), ``obb`` and ``shapes`` (one box, what an object can be),
+``scene`` (the store, the broad phase, the check, effects), ``scene_files`` (YAML and MoveIt),
+``node`` (ROS), and above it ``checks``, ``demo`` and ``benchmarks``; more in CONTRIBUTING.md.
 """
 
 from __future__ import annotations
