@@ -44,11 +44,7 @@ def as_pairs(a: Sized, b: Sized, pairs: ArrayLike | None) -> Integers:
     without pairs, for a and b of different lengths.
     """
     if pairs is None:
-        if len(a) != len(b):
-            raise ValueError(
-                f"a and b must have the same length, got {len(a)} and {len(b)}, or give pairs"
-            )
-        return np.repeat(np.arange(len(a)), 2).reshape(-1, 2)
+        return np.repeat(_each_row(a, b), 2).reshape(-1, 2)
     array = as_any_array(pairs, "pairs", "whole numbers of shape (m, 2)")
     if array.size == 0 and array.shape in ((0,), (0, 2)):
         return np.empty((0, 2), np.int64)
@@ -65,8 +61,19 @@ def as_pairs(a: Sized, b: Sized, pairs: ArrayLike | None) -> Integers:
 
 def as_sides(a: Sized, b: Sized, pairs: ArrayLike | None) -> tuple[Rows, Rows]:
     """Return the rows (m,) of a and of b, each in one run of memory, as kernels like it."""
+    if pairs is None:
+        rows = _each_row(a, b)
+        return rows, rows
     first, second = np.ascontiguousarray(as_pairs(a, b, pairs).T)
     return first, second
+
+
+def _each_row(a: Sized, b: Sized) -> Rows:
+    if len(a) != len(b):
+        raise ValueError(
+            f"a and b must have the same length, got {len(a)} and {len(b)}, or give pairs"
+        )
+    return np.arange(len(a))
 
 
 def one_set(a: Boxes, b: Boxes, pairs: Integers) -> tuple[Boxes, Integers]:
