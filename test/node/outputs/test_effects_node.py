@@ -36,8 +36,8 @@ from obb_collision.scene.effects import EFFECTS, clearance, contacts, points, se
 KERNELS = {
     "separations": [(separations, "pair_separations")],
     "contacts": [(contacts, "contacts")],
-    "clearance": [(clearance, "clearances_within")],
-    "sweep": [(sweep, "sweep"), (sweep, "sweep_twists")],
+    "clearance": [(clearance, "clearances")],
+    "sweep": [(sweep, "sweeps")],
     "points": [(points, "points_inside")],
 }
 """What an effect of the scene calls to compute."""
