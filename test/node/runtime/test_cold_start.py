@@ -127,7 +127,7 @@ def test_a_start_that_compiles_says_how_far_it_is_and_can_be_interrupted(tmp_pat
     with running(**cached(tmp_path)) as process:
         first = output_until(process, "compiling kernels for")
         assert str(tmp_path / "obb_collision") in first
-        assert "steps done" in output_until(process, "so far")
+        assert "kernels and" in output_until(process, "steps done")
         process.send_signal(signal.SIGINT)
         output, _ = process.communicate(timeout=PATIENCE)
         assert process.returncode == 0, output
