@@ -25,6 +25,7 @@ import sys
 from collections.abc import Callable
 from functools import wraps
 from pathlib import Path
+from traceback import clear_frames
 from typing import Any, NoReturn, ParamSpec, TypeVar
 
 from obb_collision.words import printable, shown
@@ -72,7 +73,8 @@ def interruptible(
         def run(*args: Arguments.args, **options: Arguments.kwargs) -> Result | int:
             try:
                 return main(*args, **options)
-            except KeyboardInterrupt:
+            except KeyboardInterrupt as interrupt:
+                clear_frames(interrupt.__traceback__)  # progress bars end before the last line
                 # behind ^C, or a bar that has not ended its line
                 sys.stderr.write(f"\n{name}: interrupted{detail}\n")
                 return INTERRUPTED

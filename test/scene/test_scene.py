@@ -181,7 +181,7 @@ def test_indices_are_stable_and_used_again() -> None:
         (lambda s: s.move_many(["box/0", "nobody"], [IDENTITY] * 2), KeyError, "nobody"),
         (lambda s: s.move_indices([0, 99], [IDENTITY] * 2), KeyError, "99"),
         (lambda s: s.move_indices([0.5], [IDENTITY]), ValueError, "integers"),
-        (lambda s: s.move_indices([0, 1], [IDENTITY]), ValueError, "one row an object"),
+        (lambda s: s.move_indices([0, 1], [IDENTITY]), ValueError, "one row per object"),
         (lambda s: s.move("box/0", [0] * 7), ValueError, "zero quaternion"),
         (lambda s: s.move("box/0", [np.nan] * 7), ValueError, "finite"),
         (lambda s: s.move_many(["box/0", "box/1"], [IDENTITY, [0] * 7]), ValueError, "row 1"),

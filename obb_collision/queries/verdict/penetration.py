@@ -22,21 +22,12 @@ from obb_collision._jit import njit
 from obb_collision.numerics.vec3 import clamped, combined, max_abs, minus, plus, scaled
 from obb_collision.queries.verdict.careful import careful_gap
 from obb_collision.queries.verdict.gap_bounds import bound_gaps
-from obb_collision.queries.verdict.pair_frame import Box, Pair, along_b, box_at, box_of, pair_of
+from obb_collision.queries.verdict.pair_frame import Box, Pair, along_b, box_at, pair_of
 from obb_collision.queries.verdict.sat import AXES
 from obb_collision.typing import Floats, Vector
 
 #: Signed gap, unit axis, number of the axis.
 Witness = tuple[float, Vector, int]
-
-
-@njit
-def witness(
-    ca: Floats, a: Floats, h: Floats, cb: Floats, b: Floats, f: Floats, most: Floats
-) -> tuple[float, float, float, float, int]:
-    """Return the ``box_witness`` of boxes as arrays: centre, rotation, half extents of each."""
-    (gap, n, number), _ = box_witness(box_of(ca, a, h), box_of(cb, b, f), most)
-    return gap, n[0], n[1], n[2], number
 
 
 @njit

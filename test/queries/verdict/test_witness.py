@@ -28,7 +28,7 @@ from obb_collision.geometry.boxes import Boxes
 from obb_collision.obb import OBB
 from obb_collision.queries.verdict.careful import careful_gap
 from obb_collision.queries.verdict.pair_frame import box_of
-from obb_collision.queries.verdict.penetration import witness
+from obb_collision.queries.verdict.penetration import box_witness
 from obb_collision.queries.verdict.sat import AXES
 from obb_collision.queries.verdict.verdict import Verdict, verdicts
 
@@ -85,7 +85,8 @@ def test_moving_by_the_depth_ends_the_overlap(name: str) -> None:
 def test_all_15_axes_come_out_as_least_penetration() -> None:
     a, b = family("each of the 15 axes alone", 15 * 40)
     for row in range(len(a)):
-        assert witness(*a.row(row), *b.row(row), np.empty(AXES))[4] == row % 15
+        found, _ = box_witness(box_of(*a.row(row)), box_of(*b.row(row)), np.empty(AXES))
+        assert found[2] == row % 15
 
 
 @pytest.mark.parametrize("name", FAMILIES)
@@ -93,12 +94,12 @@ def test_axes_left_out_by_a_rough_look_could_not_have_won(name: str) -> None:
     a, b = family(name, 300)
     most = np.empty(AXES)
     for row in range(len(a)):
-        gap, *axis, number = witness(*a.row(row), *b.row(row), most)
         boxes = box_of(*a.row(row)), box_of(*b.row(row))
+        (gap, axis, number), _ = box_witness(*boxes, most)
         every = [careful_gap(*boxes, k) for k in range(AXES)]
         assert gap == max(found[0] for found in every)
         assert all(found[0] <= bound for found, bound in zip(every, most, strict=True))
-        assert every[number][1] == tuple(axis)
+        assert every[number][1] == axis
 
 
 @pytest.mark.parametrize("half", [(1.0, 2.0, 3.0), (1.0, 2.0, 0.0), (1.0, 0.0, 0.0), (0.0,) * 3])
