@@ -33,7 +33,8 @@ SHEAR = np.array([[1.0, 0.5, 0, 1], [0, 2, 0, 2], [0, 0, 1, 3], [0, 0, 0, 1]])
 
 def random_boxes(seed: int, count: int) -> oc.Boxes:
     rng = np.random.default_rng(seed)
-    rotations = Rotation.random(count, random_state=seed).as_matrix()
+    # older scipy makes no empty Rotation
+    rotations = Rotation.random(max(count, 1), random_state=seed).as_matrix()[:count]
     return oc.Boxes(rng.normal(size=(count, 3)), rotations, rng.uniform(0, 2, (count, 3)))
 
 
