@@ -37,7 +37,7 @@ from obb_collision.node.messages.conversions import (
 )
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.messages.names import MAX_FRAMES
-from obb_collision.node.objects.table import ID_BITS, ID_OFFSET
+from obb_collision.node.objects.table import ID_BITS, ID_OFFSET, NEVER
 from obb_collision.typing import Mask, Rows
 
 GOOD = -1
@@ -119,7 +119,8 @@ class Outcome(NamedTuple):
     first: a marker of the object. winner: the last one that can be used and is not undone. bad: a
     later one that can't be used. removed: whether what was there before is gone; remover: the last
     marker for which it is. late (n,): markers with an older stamp than one before them. previous
-    (n,): the marker that would count without this one.
+    (n,): the marker that would count without this one. order (n,): as in ``Gathered``, once all
+    have been looked at.
     """
 
     first: Rows
@@ -129,38 +130,50 @@ class Outcome(NamedTuple):
     remover: Rows
     late: Mask
     previous: Rows
+    order: Rows
 
 
 @njit
 def _settle(
-    keys: Rows, order: Rows, deletes: Mask, good: Mask, ends: Mask, cancelled: Mask,
-    stamps: Rows, objects: Rows, late: Mask, previous: Rows,
+    keys: Rows, rows: Rows, deletes: Mask, good: Mask, ends: Mask, cancelled: Mask,
+    stamps: Rows, received: Rows, expiry: Rows,
+    objects: Rows, late: Mask, previous: Rows, order: Rows,
 ) -> int:  # fmt: skip
-    """Go through the markers of each object in order; return how many objects there are."""
-    count = 0
-    newest = 0
-    for position in range(len(order)):
-        row = order[position]
-        if position == 0 or keys[row] != keys[order[position - 1]]:
+    """Go through the markers of each object in order; return how many objects there are.
+
+    A stamp is compared as it would be on receipt: with the newest one of the object by then, if
+    the object has not expired.
+    """
+    count = newest = 0
+    until = NEVER
+    for position in range(len(rows)):
+        row = rows[position]
+        if position == 0 or keys[row] != keys[rows[position - 1]]:
             objects[count, 0] = row
             count += 1
-            newest = 0
+            newest, until = 0, NEVER
         found = objects[count - 1]
         if cancelled[row]:
             continue
-        if deletes[row] or (good[row] and ends[row]):
-            found[1] = found[2] = -1
-            found[3] = row
-            newest = 0
-        elif not good[row]:
+        if not good[row]:
             found[2] = row
-        elif 0 < stamps[row] < newest:
-            late[row] = True
+            continue
+        if deletes[row] or received[row] >= until:
+            newest = 0
+        newest = max(newest, order[row])
+        if not deletes[row]:
+            if 0 < stamps[row] < newest:
+                late[row] = True
+                continue
+            newest = stamps[row] if stamps[row] else newest
+        order[row], until = newest, expiry[row]
+        found[2] = -1
+        if deletes[row] or ends[row]:
+            found[1] = -1
+            found[3] = row
         else:
             previous[row] = found[1]
             found[1] = row
-            found[2] = -1
-            newest = stamps[row] if stamps[row] else newest
     return count
 
 
@@ -172,18 +185,20 @@ def settle(markers: Gathered, faults: Faults, now: int, tolerance: int) -> Outco
     count = len(markers)
     rows = np.flatnonzero(markers.action != Marker.DELETEALL)
     keys = (markers.ns << ID_BITS) + markers.id + ID_OFFSET
-    order = rows[np.argsort(keys[rows], kind="stable")]
+    rows = rows[np.argsort(keys[rows], kind="stable")]
     objects = np.full((len(rows), 4), -1, np.int64)
     late = np.zeros(count, np.bool_)
     previous = np.full(count, -1, np.int64)
+    order = markers.order.copy()
     good = faults.number == GOOD
     believed = np.where(markers.stamp <= markers.received + tolerance, markers.stamp, 0)
     found = _settle(
-        keys, order, markers.action == Marker.DELETE, good, _ended(markers, good, now),
-        _cancelled(markers), believed, objects, late, previous,
+        keys, rows, markers.action == Marker.DELETE, good, _ended(markers, good, now),
+        _cancelled(markers), believed, markers.received, markers.expiry,
+        objects, late, previous, order,
     )  # fmt: skip
     first, winner, bad, remover = objects[:found].T
-    return Outcome(first, winner, bad, remover >= 0, remover, late, previous)
+    return Outcome(first, winner, bad, remover >= 0, remover, late, previous, order)
 
 
 def remaining(markers: Gathered, outcome: Outcome) -> Gathered:
@@ -196,7 +211,7 @@ def remaining(markers: Gathered, outcome: Outcome) -> Gathered:
     rows = np.unique(rows[rows >= 0])
     kept = markers.take(rows)
     kept.action[np.isin(rows, outcome.remover)] = Marker.DELETE
-    kept.counted[:] = True
+    kept.counted[:], kept.order[:] = True, outcome.order[rows]
     return kept
 
 

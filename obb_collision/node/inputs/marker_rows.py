@@ -61,7 +61,8 @@ class Gathered:
 
     message: the number of the message that each is from, rising; source, row: where it says what
     its shape is, -1 where that is its type and scale. ns, frame: indices of names; counted:
-    whether a fault of it is counted already.
+    whether a fault of it is counted already. order: the newest stamp of its object up to it, as
+    far as markers had it that are left out since; 0 for none.
     """
 
     sources: list[Scanned]
@@ -78,6 +79,7 @@ class Gathered:
     expiry: Rows
     floats: Floats
     counted: Mask
+    order: Rows
     ns: Rows
     namespaces: list[str]
     bad_namespaces: dict[int, RefusedError]
@@ -161,6 +163,7 @@ def gather(parts: Sequence[Scanned], received: Sequence[int], first: int = 0) ->
         expiry=np.where(lives, times + np.where(lives, lifetime, 0), NEVER),
         floats=np.concatenate([part.floats for part in parts]),
         counted=np.zeros(len(source), np.bool_),
+        order=np.zeros(len(source), np.int64),
         ns=ns,
         namespaces=namespaces,
         bad_namespaces=bad_namespaces,

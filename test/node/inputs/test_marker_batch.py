@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -103,27 +104,34 @@ class Model:
         keys = [(ns, number) for ns in NAMESPACES for number in (-1, 0, 1)]
         self.rows: dict[Key, int] = dict.fromkeys(keys, -1)  # -1: as it was
         self.order: dict[Key, int] = {}
+        self.until: dict[Key, float] = {}
         self.doubtful: dict[Key, int] = {}
         self._ended = ended
 
-    def apply(self, row: int, action: Action) -> None:
+    def apply(self, row: int, action: Action, received: int) -> None:
         key = action.ns, action.id
+        if received >= self.until.get(key, math.inf):  # the object has expired
+            self.order.pop(key, None)
         if action.kind == "all":
-            for other in [other for other in self.rows if action.ns in ("", other[0])]:
-                self._remove(other)
-            for other in [other for other in self.doubtful if action.ns in ("", other[0])]:
-                self._remove(other)
-        elif action.kind == "delete" or (action.kind == "add" and row in self._ended):
+            for other in {*self.rows, *self.order, *self.doubtful}:
+                if action.ns in ("", other[0]):
+                    self._remove(other)
+        elif action.kind == "delete":
             self._remove(key)
         elif action.kind == "bad":
             self.doubtful[key] = row
         elif not 0 < action.stamp < self.order.get(key, 0):
-            self.rows[key] = row
-            self.order[key] = action.stamp or self.order.get(key, 0)
+            order = action.stamp or self.order.get(key, 0)
+            if row in self._ended:
+                self._remove(key)
+            else:
+                self.rows[key] = row
+            self.order[key] = order
+            self.until[key] = received + action.lifetime if action.lifetime else math.inf
             self.doubtful.pop(key, None)
 
     def _remove(self, key: Key) -> None:
-        for table in (self.rows, self.order, self.doubtful):
+        for table in (self.rows, self.order, self.until, self.doubtful):
             table.pop(key, None)
 
 
@@ -146,8 +154,9 @@ def test_a_backlog_comes_to_what_its_messages_come_to_in_order(
 ) -> None:
     markers = gathered(sent)
     model = Model(outlived(sent, now))
-    for row, action in enumerate(action for one in sent for action in one):
-        model.apply(row, action)
+    numbered = ((part, action) for part, one in enumerate(sent) for action in one)
+    for row, (part, action) in enumerate(numbered):
+        model.apply(row, action, part)
     assert results(markers, sent, now, np.arange(len(markers))) == (model.rows, model.doubtful)
     left = coalesced(sent, now)
     assert results(left, sent, now, left.poses[:, 0]) == (model.rows, model.doubtful)
