@@ -21,6 +21,7 @@ as they come by every way: contiguous or not, read-only or not, of one object or
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 from importlib.util import find_spec
 from pkgutil import resolve_name
 
@@ -92,8 +93,9 @@ def task_of(step: str) -> Callable[[], None]:
     return found
 
 
+@cache
 def run(step: str) -> None:
-    """Run a step. KeyError for an unknown one."""
+    """Run a step, once per process: then it has the kernels. KeyError for an unknown one."""
     task_of(step)()
 
 

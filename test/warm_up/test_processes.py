@@ -30,7 +30,14 @@ from obb_collision.accuracy import Accuracy
 from obb_collision.warm_up import processes
 from obb_collision.warm_up.command import Bar, main
 from obb_collision.warm_up.processes import Progress, compile_steps
-from obb_collision.warm_up.steps import BOXES, NEEDS_ROS, STEPS, accuracy_step, possible_steps, run
+from obb_collision.warm_up.steps import (
+    BOXES,
+    NEEDS_ROS,
+    STEPS,
+    accuracy_step,
+    possible_steps,
+    task_of,
+)
 
 PATIENCE = 60.0
 LEFT = """
@@ -64,7 +71,7 @@ def test_the_command_leaves_no_kernel_of_the_library_and_the_node_uncompiled(
 
 def test_no_step_warns() -> None:
     for step in possible_steps():
-        run(step)  # where warnings are errors, as in all of these tests
+        task_of(step)()  # where warnings are errors, as in all of these tests
 
 
 def test_where_nothing_can_be_kept_the_command_says_so_at_once(
