@@ -18,6 +18,7 @@ What functions return is public with them; its classes are in the modules of the
 """
 
 from obb_collision import shapes
+from obb_collision._threads import set_threads, threads
 from obb_collision.accuracy import Accuracy
 from obb_collision.geometry.aabb import AABB
 from obb_collision.geometry.boxes import Boxes
@@ -76,7 +77,9 @@ __all__ = [
     "plane_distances",
     "points_inside",
     "separations",
+    "set_threads",
     "shapes",
     "sweeps",
+    "threads",
     "verdicts",
 ]

@@ -25,7 +25,7 @@ import obb_collision
 
 ROOT = Path(obb_collision.__file__).parent
 KERNELS = {"_jit", "_kernel_cache", "_kernel_key", "_compiling"}
-BASE = KERNELS | {"typing", "words"}
+BASE = KERNELS | {"_threads", "typing", "words"}
 GEOMETRY = BASE | {"numerics", "geometry"}
 LIBRARY = GEOMETRY | {"accuracy", "queries", "obb", "shapes", "scene"}
 #: What each folder, or module beside them, may import besides itself.
@@ -34,6 +34,7 @@ LAYERS: dict[str, set[str]] = {
     "_kernel_cache": {"_kernel_key"},
     "_compiling": {"_kernel_cache"},
     "_jit": {"_kernel_cache", "_compiling"},
+    "_threads": {"words"},
     "typing": set(),
     "words": set(),
     "cli": {"words"},

@@ -151,6 +151,8 @@ FUNCTIONS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
         oc.MovingBoxes.from_twists,
         {"boxes": boxes(), "twists": np.zeros((2, 6)), "duration": 1.0, "origins": POINTS},
     ),
+    "set_threads": (oc.set_threads, {"number": 2}),
+    "threads": (oc.threads, {}),
     "sweeps": (oc.sweeps, {**BOTH, "tolerance": 1e-4, "contacts": True}),
     "points_inside": (
         oc.points_inside,

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from obb_collision._threads import set_threads
 from obb_collision.accuracy import Accuracy, as_accuracy
 from obb_collision.node.messages.conversions import NANOSECONDS
 from obb_collision.node.objects.objects import Objects
@@ -42,6 +43,7 @@ class SceneSettings:
         """Rules beside those of the parameters, which come after them."""
         self._allowed: list[AllowedRule] = []
         self._effects: dict[str, Any] = {}
+        self._threads: int | None = None
         self.waiting = False
         """Whether an accuracy waits for its kernels; until then ``obb`` takes its place."""
 
@@ -56,6 +58,9 @@ class SceneSettings:
     def apply(self) -> None:
         """Bring the scene up to date with the parameters."""
         parameters, scene = self._parameters, self._objects.scene
+        if self._threads != parameters.threads:
+            set_threads(parameters.threads or None)
+            self._threads = parameters.threads
         if scene.padding != parameters.padding:
             scene.padding = parameters.padding
         if scene.tree_depth != parameters.tree_depth:

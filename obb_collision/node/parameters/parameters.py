@@ -64,6 +64,7 @@ class Parameters:
     accuracy_overrides: list[Override]
     tree_depth: int
     time_budget: float
+    threads: int
     allowed_pairs: list[AllowedPair]
     scene_file: str
 

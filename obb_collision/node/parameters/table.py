@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from obb_collision._threads import MAX_THREADS
 from obb_collision.accuracy import ALL_LEVELS
 from obb_collision.node.parameters.allowed import allowed_from_text
 from obb_collision.node.parameters.specs import Spec
@@ -196,6 +197,13 @@ ACCURACY = (
         "Maximum time for a check (s): pairs are tested at the highest accuracy that fits, up to "
         "the one requested. No collision is missed. 0: no limit.",
         (0.0, 1.0),
+    ),
+    Spec(
+        "threads",
+        0,
+        "Number of threads that check a large scene. 0: what OBB_COLLISION_THREADS says, else one "
+        "per core that the node may use.",
+        (0, MAX_THREADS),
     ),
     Spec(
         "allowed_pairs",

@@ -1,0 +1,179 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Kernels on several threads: ranges of rows, one after another, by whichever thread is free.
+
+The answer does not depend on how many threads there are: a kernel writes only the rows of its
+range. Python threads and kernels that release the interpreter lock: numba's own threads may not be
+used by two threads of a program at once. There is no pool before it is needed, none is left in a
+forked process, and where no thread can be started the calling one does all.
+"""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+from obb_collision.words import shown
+
+#: The environment variable that sets the number of threads.
+VARIABLE = "OBB_COLLISION_THREADS"
+#: The largest number of threads that is taken.
+MAX_THREADS = 1024
+#: Ranges per thread: rows do not all take equally long, and other programs take cores away.
+RANGES = 4
+
+
+class _Threads:
+    """The number of threads, None before it is known, and the pool of all but the calling one."""
+
+    def __init__(self) -> None:
+        self.number: int | None = None
+        self.pool: ThreadPoolExecutor | None = None
+        self.lock = threading.Lock()
+
+    def forget_pool(self) -> None:
+        """In a forked process: threads are not copied, and the lock may be."""
+        self.pool, self.lock = None, threading.Lock()
+
+    def set(self, number: int | None) -> None:
+        with self.lock:
+            if self.pool is not None:
+                self.pool.shutdown(wait=False)  # what it has begun it ends
+            self.number, self.pool = number, None
+
+    def workers(self) -> ThreadPoolExecutor:
+        with self.lock:
+            if self.pool is None:
+                self.pool = ThreadPoolExecutor(threads() - 1, "obb_collision")
+            return self.pool
+
+
+_threads = _Threads()
+os.register_at_fork(after_in_child=_threads.forget_pool)
+
+
+def threads() -> int:
+    """Return how many threads questions about many boxes use.
+
+    As ``set_threads`` says, else OBB_COLLISION_THREADS, else the cores this process may use. Small
+    questions use one.
+
+    Raises
+    ------
+    ValueError
+        If OBB_COLLISION_THREADS is no whole number from 1 to 1024.
+
+    Examples
+    --------
+    >>> oc.threads() >= 1
+    True
+    """
+    if _threads.number is None:
+        _threads.number = _default_number()
+    return _threads.number
+
+
+def set_threads(number: int | None) -> None:
+    """Set how many threads this process uses; the answers are the same for every number.
+
+    Parameters
+    ----------
+    number : int or None
+        From 1 to 1024; None: what OBB_COLLISION_THREADS says, else the cores it may use.
+
+    Raises
+    ------
+    ValueError
+        For anything else.
+
+    Examples
+    --------
+    >>> oc.set_threads(1)
+    >>> oc.threads()
+    1
+    >>> oc.set_threads(None)
+    """
+    _threads.set(_default_number() if number is None else _checked(number, "number"))
+
+
+def _default_number() -> int:
+    text = os.environ.get(VARIABLE, "").strip()
+    if text:
+        return _checked(int(text) if text.isdecimal() and len(text) < 9 else text, VARIABLE)
+    usable = getattr(os, "sched_getaffinity", None)  # Linux only
+    return min(len(usable(0)) if usable else os.cpu_count() or 1, MAX_THREADS)
+
+
+def _checked(number: Any, name: str) -> int:
+    whole = hasattr(number, "__index__") and not isinstance(number, bool)
+    if not whole or not 1 <= int(number) <= MAX_THREADS:
+        raise ValueError(
+            f"{name} must be a whole number from 1 to {MAX_THREADS}, got {shown(number)}"
+        )
+    return int(number)
+
+
+def ranges(count: int, least: int) -> list[tuple[int, int]]:
+    """Return ranges of ``count`` rows, each of ``least`` rows or more: one if they are few."""
+    if count < 2 * least or threads() == 1:
+        return [(0, count)]
+    parts = min(count // least, RANGES * threads())
+    return [(count * k // parts, count * (k + 1) // parts) for k in range(parts)]
+
+
+def run(kernel: Callable[..., Any], count: int, least: int, *args: Any) -> list[Any]:
+    """Call ``kernel(*args, start, stop)`` on ranges of ``count`` rows; return what it returned.
+
+    least: rows below which a second thread does not pay. What a call raises is raised here, once
+    no other one runs any more.
+    """
+    parts = ranges(count, least)
+    if len(parts) == 1:
+        return [kernel(*args, 0, count)]
+    kernel(*args, 0, 0)  # loaded, or compiled, in this thread: it may be forbidden, and be told
+    return run_parts(lambda part: kernel(*args, *parts[part]), len(parts))
+
+
+def run_parts(call: Callable[[int], Any], count: int) -> list[Any]:
+    """Return what ``call`` returns for 0 to ``count`` - 1, called by several threads."""
+    results: list[Any] = [None] * count
+    failed: list[BaseException] = []
+    left = iter(range(count))  # no two threads get the same of it
+
+    def work() -> None:
+        for part in left:
+            try:
+                results[part] = call(part)
+            except BaseException as error:
+                failed.append(error)
+            if failed:
+                return
+
+    helpers = []
+    try:
+        for _ in range(min(threads(), count) - 1):
+            helpers.append(_threads.workers().submit(work))
+    except RuntimeError:  # the interpreter ends, or can start no more threads
+        pass
+    work()
+    for helper in helpers:
+        if not helper.cancel():  # one that has not begun finds nothing left
+            helper.result()
+    if failed:
+        raise failed[0]
+    return results

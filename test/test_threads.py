@@ -1,0 +1,163 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Kernels on several threads: the same bits, no hang, no thread where none is wanted."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+import obb_collision as oc
+from obb_collision import _threads
+from obb_collision._kernel_cache import KernelMissingError, only_loading
+from obb_collision._threads import ranges, run, run_parts
+
+NUMBERS = (1, 2, 3, 5)
+
+
+@pytest.fixture(autouse=True)
+def _restore() -> Iterator[None]:
+    yield
+    oc.set_threads(None)
+
+
+@pytest.mark.parametrize("number", NUMBERS)
+@pytest.mark.parametrize("count", [0, 1, 7, 64, 1001])
+def test_ranges_are_all_rows_in_order(number: int, count: int) -> None:
+    oc.set_threads(number)
+    parts = ranges(count, 8)
+    assert [row for part in parts for row in range(*part)] == list(range(count))
+    assert len(parts) == 1 or min(stop - start for start, stop in parts) >= 8
+    assert len(parts) == 1 or number > 1
+
+
+@pytest.mark.parametrize("number", NUMBERS)
+def test_results_come_in_the_order_of_the_ranges(number: int) -> None:
+    oc.set_threads(number)
+    out = np.zeros(1000, np.int64)
+
+    def kernel(start: int, stop: int) -> int:
+        out[start:stop] += 1
+        return start
+
+    starts = run(kernel, 1000, 10)
+    assert starts == sorted(starts)
+    assert (out == 1).all()
+
+
+def test_few_rows_start_no_thread() -> None:
+    oc.set_threads(4)
+    names = run(lambda start, stop: threading.current_thread().name, 10, 100)
+    assert names == [threading.current_thread().name]
+
+
+def test_two_threads_work_at_once() -> None:
+    oc.set_threads(2)
+    both = threading.Barrier(2)
+    names = run_parts(lambda part: (both.wait(60), threading.get_ident())[1], 2)
+    assert len(set(names)) == 2
+
+
+def test_all_parts_are_done_where_every_worker_is_busy() -> None:
+    oc.set_threads(2)
+    assert run_parts(lambda _: run_parts(lambda part: part, 5), 3) == [[0, 1, 2, 3, 4]] * 3
+
+
+def test_what_a_part_raises_is_raised_by_the_call() -> None:
+    oc.set_threads(3)
+    for bad in range(6):
+
+        def call(part: int, bad: int = bad) -> None:
+            if part == bad:
+                raise KeyError(part)
+
+        with pytest.raises(KeyError, match=str(bad)):
+            run_parts(call, 6)
+
+
+def test_a_kernel_is_loaded_in_the_calling_thread_before_others_use_it() -> None:
+    oc.set_threads(2)
+    threads: list[int] = []
+
+    def kernel(start: int, stop: int) -> None:
+        threads.append(threading.get_ident())
+        if len(threads) == 1:
+            raise KernelMissingError("kernel")
+
+    with only_loading(), pytest.raises(KernelMissingError):
+        run(kernel, 100, 10)
+    assert threads == [threading.get_ident()]
+
+
+@pytest.mark.parametrize("number", [0, -1, 1025, 1.0, True, "2", 10**400])
+def test_a_bad_number_is_refused(number: int) -> None:
+    before = oc.threads()
+    with pytest.raises(ValueError, match="number must be a whole number from 1 to 1024"):
+        oc.set_threads(number)
+    assert oc.threads() == before
+
+
+@pytest.mark.parametrize("text", ["0", "two", "1.5", "-1", "9" * 30])
+def test_a_bad_variable_is_named(monkeypatch: pytest.MonkeyPatch, text: str) -> None:
+    monkeypatch.setenv(_threads.VARIABLE, text)
+    with pytest.raises(ValueError, match="OBB_COLLISION_THREADS must be a whole number from 1"):
+        oc.set_threads(None)
+
+
+def test_the_variable_sets_the_number(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(_threads.VARIABLE, "3")
+    oc.set_threads(None)
+    assert oc.threads() == 3
+    monkeypatch.delenv(_threads.VARIABLE)
+    oc.set_threads(None)
+    assert 1 <= oc.threads() <= (os.cpu_count() or 1)
+
+
+FORK = """
+import os, threading
+from obb_collision._threads import run_parts, set_threads
+set_threads(2)
+assert threading.active_count() == 1
+both = threading.Barrier(2)
+run_parts(lambda part: both.wait(60), 2)
+child = os.fork()
+both = threading.Barrier(2)
+run_parts(lambda part: both.wait(60), 2)  # in both processes
+if child:
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
+print(run_parts(lambda part: part, 3), flush=True)
+"""
+LATE = """
+import atexit
+from obb_collision._threads import run_parts, set_threads
+set_threads(3)
+atexit.register(lambda: print(run_parts(lambda part: part, 3)))
+run_parts(lambda part: part, 3)
+"""
+
+
+@pytest.mark.parametrize("code", [FORK, LATE], ids=["fork", "at exit"])
+def test_a_forked_process_and_one_that_ends_go_on(code: str) -> None:
+    done = subprocess.run(
+        [sys.executable, "-W", "ignore", "-c", code], capture_output=True, text=True, timeout=120
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    assert set(done.stdout.splitlines()) == {"[0, 1, 2]"}
