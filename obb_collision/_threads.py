@@ -26,6 +26,7 @@ import os
 import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from operator import index
 from typing import Any
 
 from obb_collision.words import shown
@@ -120,12 +121,15 @@ def _default_number() -> int:
 
 
 def _checked(number: Any, name: str) -> int:
-    whole = hasattr(number, "__index__") and not isinstance(number, bool)
-    if not whole or not 1 <= int(number) <= MAX_THREADS:
+    try:
+        whole = 0 if isinstance(number, bool) else index(number)
+    except TypeError:
+        whole = 0
+    if not 1 <= whole <= MAX_THREADS:
         raise ValueError(
             f"{name} must be a whole number from 1 to {MAX_THREADS}, got {shown(number)}"
         )
-    return int(number)
+    return whole
 
 
 def ranges(count: int, least: int) -> list[tuple[int, int]]:
