@@ -51,7 +51,7 @@ class _Threads:
         """In a forked process: threads are not copied, and the lock may be."""
         self.pool, self.lock = None, threading.Lock()
 
-    def set(self, number: int | None) -> None:
+    def set(self, number: int) -> None:
         with self.lock:
             if self.pool is not None:
                 self.pool.shutdown(wait=False)  # what it has begun it ends
@@ -74,6 +74,10 @@ def threads() -> int:
     As ``set_threads`` says, else OBB_COLLISION_THREADS, else the cores this process may use. Small
     questions use one.
 
+    Returns
+    -------
+    int
+
     Raises
     ------
     ValueError
@@ -89,13 +93,18 @@ def threads() -> int:
     return _threads.number
 
 
-def set_threads(number: int | None) -> None:
+def set_threads(number: int | None) -> int:
     """Set how many threads this process uses; the answers are the same for every number.
 
     Parameters
     ----------
     number : int or None
         From 1 to 1024; None: what OBB_COLLISION_THREADS says, else the cores it may use.
+
+    Returns
+    -------
+    int
+        The number used from now on.
 
     Raises
     ------
@@ -105,11 +114,13 @@ def set_threads(number: int | None) -> None:
     Examples
     --------
     >>> oc.set_threads(1)
-    >>> oc.threads()
     1
-    >>> oc.set_threads(None)
+    >>> oc.set_threads(None) == oc.threads()
+    True
     """
-    _threads.set(_default_number() if number is None else _checked(number, "number"))
+    used = _default_number() if number is None else _checked(number, "number")
+    _threads.set(used)
+    return used
 
 
 def _default_number() -> int:
