@@ -31,7 +31,7 @@ import obb_collision as oc
 #: For the code of this package, which takes what is known to be right.
 INTERNAL = {
     "trusted", "row", "take", "local_box", "fitted", "build_outside", "single", "of", "rows",
-    "place", "compute", "renew_indices",
+    "place", "compute", "renew_indices", "begin_boxes", "resize_boxes", "rename_indices",
 }  # fmt: skip
 
 

@@ -159,9 +159,7 @@ class SceneObjects:
         lengths = {len(values) for values in given}
         if len(lengths) > 1 or len(set(names)) < len(names):
             raise ValueError("names, sizes, poses, accuracies and shapes must be one per object")
-        half = 0.5 * edges
-        half = np.where(half + half < edges, np.nextafter(half, np.inf), half)  # if subnormal
-        slots = self._store.put_boxes(names, half, where, self._padding)
+        slots = self._store.put_boxes(names, _halves(edges), where, self._padding)
         self._store.kinds[slots] = BOX
         self._forget(slots)
         if levels is None:
@@ -178,6 +176,35 @@ class SceneObjects:
             if shape is not None:
                 self._store.kinds[slot] = self._cache.put(slot, shape)
         return slots
+
+    def begin_boxes(
+        self,
+        names: Sequence[str],
+        sizes: Floats,
+        poses: Floats,
+        levels: Sequence[Accuracy | None] | None = None,
+    ) -> NDArray[np.int64]:
+        """Add boxes of new names as ``add_boxes`` does, but check nothing; returns their indices.
+
+        The names are valid and distinct, sizes and poses finite, sizes not negative, quaternions
+        not zero.
+        """
+        slots = self._store.begin(names)
+        self._store.kinds[slots], self._store.accuracies[slots] = BOX, self._accuracy
+        self._store.poses[slots] = np.nan  # none is where it is to be
+        self.resize_boxes(slots, sizes)
+        self._store.place(slots, poses)
+        for slot, level in zip(slots.tolist(), levels or (), strict=False):
+            self._set_accuracy(slot, level)
+        return slots
+
+    def resize_boxes(self, indices: NDArray[np.int64], sizes: Floats) -> None:
+        """Give boxes with the scene's padding other edge lengths (n, 3); nothing is checked."""
+        self._store.shape_boxes(indices, _halves(sizes), self._padding)
+
+    def rename_indices(self, indices: NDArray[np.int64], names: Sequence[str]) -> None:
+        """Give objects other names, which are valid, new and distinct; nothing is checked."""
+        self._store.rename(indices, names)
 
     def _forget(self, slots: NDArray[np.int64]) -> None:
         """Drop what was kept of the objects that slots had."""
@@ -649,6 +676,12 @@ class SceneObjects:
         [0.1, 0.1, 0.1]
         """
         return OBB(*self._store.all_boxes().row(self._store.slot(name)))
+
+
+def _halves(edges: Floats) -> Floats:
+    """Return half extents that are not too small for edge lengths."""
+    half = 0.5 * edges
+    return np.where(half + half < edges, np.nextafter(half, np.inf), half)  # if subnormal
 
 
 def check_padding(padding: float) -> None:

@@ -113,3 +113,31 @@ def test_renewed_objects_did_not_pass_from_where_they_were() -> None:
     scene.move_indices(cubes, [[2, 0, 0, 0, 0, 0, 1]] * 2)
     swept = scene.check().swept
     assert [tuple(pair) for pair in swept.passed.pairs.tolist()] == [(0, int(cubes[1]))]
+
+
+def test_boxes_that_need_no_check_are_those_that_were_checked() -> None:
+    one, other = oc.Scene(padding=0.01), oc.Scene(padding=0.01)
+    names, sizes, poses = some(40, 5)
+    for scene in (one, other):
+        scene.add("a/0", oc.shapes.Sphere(0.5))
+        scene.remove_indices(scene.add_boxes(["x", "y"], sizes[:2], poses[:2]))
+    names = [f"b/{number}" for number in range(40)]
+    levels = [oc.Accuracy.AABB if number % 7 == 0 else None for number in range(40)]
+    assert other.begin_boxes(names, sizes, poses, levels).tolist() == (
+        one.add_boxes(names, sizes, poses, levels).tolist()
+    )
+    assert state(one) == state(other)
+    some_rows = np.array([one.index(name) for name in names[3:9]])
+    one.add_boxes(names[3:9], sizes[9:15], poses[3:9], levels[3:9])
+    other.resize_boxes(some_rows, sizes[9:15])
+    assert state(one) == state(other)
+
+
+def test_a_renamed_object_is_the_same_under_its_new_name() -> None:
+    scene = oc.Scene()
+    slots = scene.add_boxes(["a", "b"], np.ones((2, 3)), [[0, 0, 0, 0, 0, 0, 1]] * 2)
+    scene.allow("c", "*")
+    assert scene.check().names() == [("a", "b")]
+    scene.rename_indices(slots[:1], ["c"])
+    assert (scene.index("c"), "a" in scene, scene.names) == (slots[0], False, ["c", "b"])
+    assert scene.check().names() == [], "rules count by the new name"

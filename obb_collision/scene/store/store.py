@@ -136,25 +136,44 @@ class ObjectStore:
         Returns their slots; all or, on a ValueError, none.
         """
         positions, rotations = as_poses(poses)
-        new = [name for name in names if name not in self.slots]
-        if new:
-            self.version = next(_versions)
-        while len(self._free) < len(new):
+        self.begin([name for name in names if name not in self.slots])
+        slots = np.array([self.slots[name] for name in names], np.int64)
+        self.active[slots], self.poses[slots] = True, poses
+        self.shape_boxes(slots, half_extents, padding)
+        self._place(slots, positions, rotations)
+        return slots
+
+    def begin(self, names: Sequence[str]) -> Rows:
+        """Begin objects of new names, all distinct; returns their slots, without box and pose."""
+        if len(names) == 0:
+            return np.empty(0, np.int64)
+        self.version = next(_versions)
+        while len(self._free) < len(names):
             self._grow()
         self._free.sort()  # a sorted list is a heap
-        for name, slot in zip(new, self._free, strict=False):
-            self.slots[name] = slot
+        free = self._free[: len(names)]
+        del self._free[: len(names)]
+        self.slots.update(zip(names, free, strict=True))
+        for name, slot in zip(names, free, strict=True):
             self.names[slot] = name
-        del self._free[: len(new)]
-        slots = np.array([self.slots[name] for name in names], np.int64)
-        fresh = slots[~self.used[slots]]
-        self.used[fresh], self.born[fresh], self.twists[fresh] = True, self.version, 0.0
-        self.local_centers[slots], self.local_rotations[slots] = 0.0, np.eye(3)
-        self.local_half_extents[slots] = half_extents
-        self.poses[slots], self.active[slots] = poses, True
-        self._place(slots, positions, rotations)
-        self.pad(slots, padding)
+        slots = np.array(free, np.int64)
+        self.used[slots], self.active[slots], self.born[slots] = True, True, self.version
+        self.twists[slots] = 0.0
         return slots
+
+    def shape_boxes(self, rows: Rows, half_extents: Floats, padding: float) -> None:
+        """Make objects boxes about their origins; where they are is not computed anew."""
+        self.local_centers[rows], self.local_rotations[rows] = 0.0, np.eye(3)
+        self.local_half_extents[rows] = half_extents
+        self.pad(rows, padding)
+
+    def rename(self, rows: Rows, names: Sequence[str]) -> None:
+        """Give objects other names, all new and distinct."""
+        self.version = next(_versions)
+        for slot, name in zip(rows.tolist(), names, strict=True):
+            del self.slots[str(self.names[slot])]
+            self.slots[name], self.names[slot] = slot, name
+        self.changed[rows] = True
 
     def renew(self, rows: Rows) -> None:
         """Make objects new ones, as if each had been removed and added again with its pose."""
