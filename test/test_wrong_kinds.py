@@ -227,7 +227,8 @@ RESULTS = {"Accuracy", "Report", "SceneDescription", "Shape", "Verdict"}
 #: Left for where they come from: arrays that were checked, or no argument at all.
 UNTRIED = {
     "trusted", "prepare", "clear", "corners", "world_bounds", "reset", "set", "counted",
-    "renew_indices", "begin_boxes", "resize_boxes", "rename_indices", "any_collision", "single", "place", "rows", "local_box", "aabb", "of",
+    "renew_indices", "begin_boxes", "resize_boxes", "rename_indices", "any_collision", "single",
+    "place", "rows", "local_box", "aabb", "of",
     "build_outside",
 }  # fmt: skip
 
