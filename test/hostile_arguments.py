@@ -106,7 +106,7 @@ def scene_calls() -> Iterator[tuple[str, Callable[..., Any], dict[str, Any]]]:
         "points": (lambda s, v: setattr(s, "obstacle_points", v), np.zeros((3, 3))),
         "allowed": (lambda s, v: setattr(s, "allowed", v), [("a", "b", True)]),
         "max_points": (lambda s, v: s.set_effect("contacts", max_points=v), 4),
-        "limit": (lambda s, v: s.set_effect("clearance", limit=v), 1.0),
+        "max_distance": (lambda s, v: s.set_effect("clearance", max_distance=v), 1.0),
         "horizon": (lambda s, v: s.set_effect("sweep", horizon=v), 1.0),
         "margin": (lambda s, v: s.set_effect("points", margin=v), 0.1),
         "box": (lambda s, v: s.add("d", Box(v)), [1.0, 1.0, 1.0]),
@@ -160,7 +160,7 @@ def calls() -> Iterator[tuple[str, Callable[..., Any], dict[str, Any]]]:
     yield "any_collision", oc.any_collision, {"a": boxes, "b": boxes, "exact": False}
     both = {"a": boxes, "b": turned, "pairs": pairs}
     yield "separations", oc.separations, both
-    yield "contacts", oc.contacts, {**both, "limit": 4}
+    yield "contacts", oc.contacts, {**both, "max_points": 4}
     yield "clearances", oc.clearances, {**both, "max_distance": 1.0}
     moving = oc.MovingBoxes(boxes, turned)
     yield "MovingBoxes", oc.MovingBoxes, {"start": boxes, "end": turned}

@@ -107,8 +107,6 @@ FUNCTIONS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "Boxes.from_obbs": (oc.Boxes.from_obbs, {"obbs": [BOX, BOX]}),
     "Boxes.transformed": (boxes().transformed, {"matrix": np.eye(4)}),
     "Boxes.contains": (boxes().contains, {"points": [0] * 3, "exact": False}),
-    "Boxes.take": (boxes().take, {"rows": [0]}),
-    "Boxes.row": (boxes().row, {"index": 0}),
     "Boxes.padded": (boxes().padded, {"margin": 0.1}),
     "Capsules": (oc.Capsules, {"starts": POINTS, "ends": UNITS, "radii": [1, 1]}),
     "Capsules.spheres": (oc.Capsules.spheres, {"centers": POINTS, "radii": [1, 1]}),
@@ -144,7 +142,7 @@ FUNCTIONS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     ),
     "any_collision": (oc.any_collision, {"a": boxes(), "b": boxes(), "exact": False}),
     "separations": (oc.separations, BOTH),
-    "contacts": (oc.contacts, {**BOTH, "limit": 4}),
+    "contacts": (oc.contacts, {**BOTH, "max_points": 4}),
     "clearances": (oc.clearances, {**BOTH, "max_distance": 1.0}),
     "MovingBoxes": (oc.MovingBoxes, {"start": boxes(), "end": boxes()}),
     "MovingBoxes.from_twists": (
@@ -209,7 +207,8 @@ FUNCTIONS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "Scene.obb": (scene().obb, {"name": "a"}),
     "Scene.allow": (scene().allow, {"first": "a", "second": "b", "allowed": True}),
     "Scene.set_effect": (
-        scene().set_effect, {"name": "clearance", "mode": "on", "objects": ["a"], "limit": 1.0}
+        scene().set_effect,
+        {"name": "clearance", "mode": "on", "objects": ["a"], "max_distance": 1.0},
     ),
     "Scene.effect_setting": (scene().effect_setting, {"name": "clearance"}),
     "Scene.check": (scene().check, {"effects": ["contacts"]}),

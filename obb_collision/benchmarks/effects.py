@@ -109,7 +109,7 @@ def frames_of(description: SceneDescription) -> list[Frame]:
         points = None
         if description.lidar is not None:
             scene.move_many(description.names, poses)
-            boxes = scene.boxes.take(np.flatnonzero(seen))
+            boxes = scene.boxes[seen]
             points = description.lidar.scan(boxes, number / RATE)
         frames.append(Frame(poses, twists, points))
     return frames

@@ -56,8 +56,7 @@ Step = Callable[[int], object]
 
 def exact_verdicts(a: Boxes, b: Boxes) -> Verdicts:
     """Return the verdict of every row by integer arithmetic alone, (n,) int8."""
-    rows = range(len(a))
-    return np.array([exact_verdict(a.row(n), b.row(n)) for n in rows], dtype=np.int8)
+    return np.array([exact_verdict(a, n, b, n) for n in range(len(a))], dtype=np.int8)
 
 
 def count_own(truth: Verdicts, given: Verdicts, exact: Verdicts) -> dict[str, int]:
@@ -95,7 +94,7 @@ def examine(name: str, n: int, seed: int, judges: dict[str, Judge], step: Step) 
     row["judges"] = {judge: {} for judge in judges}
     for start in range(0, n, CHUNK):
         rows = np.arange(start, min(start + CHUNK, n))
-        a, b = all_a.take(rows), all_b.take(rows)
+        a, b = all_a[rows], all_b[rows]
         truth = exact_verdicts(a, b)
         add_counts(row["truth"], {v.name.lower(): int((truth == v).sum()) for v in Verdict})
         add_counts(row["own"], count_own(truth, verdicts(a, b), verdicts(a, b, exact=True)))

@@ -151,7 +151,7 @@ def _draw_solids(axes: Any, camera: _Camera, snapshot: Snapshot) -> None:
         colors.append((light[:, None] * pale)[shown])
     faces_count = sum(len(part) for part in corners)
     solid = np.array([name not in snapshot.zones for name in snapshot.names])
-    edges, owner = _visible_edges(snapshot.boxes.take(np.flatnonzero(solid)), camera.eye, piece)
+    edges, owner = _visible_edges(snapshot.boxes[solid], camera.eye, piece)
     corners.append(edges[:, [0, 1, 1]])
     colors.append(np.array(STATE_COLORS)[snapshot.states[solid][owner]].reshape(-1, 3))
     points = camera.project(np.concatenate(corners))
@@ -188,7 +188,7 @@ def _draw_zones(axes: Any, camera: _Camera, snapshot: Snapshot) -> None:
     for row, name in enumerate(snapshot.names):
         if name in snapshot.zones:
             color = snapshot.zones[name]
-            box = snapshot.boxes.take(np.array([row]))
+            box = snapshot.boxes[[row]]
             ends: Any = camera.project(edge_points(box))[:, :2]
             outline = ends[ConvexHull(ends, qhull_options="QJ").vertices]
             axes.fill(*outline.T, color=color, alpha=0.10, linewidth=0)

@@ -65,5 +65,5 @@ class DemoScene:
         if self.description.lidar is None:
             return None
         self._scene.move_many(self.description.names, self.states(time)[0])
-        boxes = self._scene.boxes.take(self._visible)
+        boxes = self._scene.boxes[self._visible]
         return self.description.lidar.scan(boxes, time, self._round)

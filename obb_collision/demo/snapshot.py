@@ -92,10 +92,11 @@ class Snapshot:
         for row, name in enumerate(self.names):
             if name in self.zones:
                 continue
-            center, rotation, half_extents = self.boxes.row(row)
+            box = self.boxes[row]
+            center, rotation = box.center, box.rotation
             shape = self.shapes.get(name)
             if shape is None:
-                shape = Box(np.maximum(2.0 * half_extents, 1e-9))
+                shape = Box(np.maximum(2.0 * box.half_extents, 1e-9))
             else:  # the box is the shape's, moved: back to the shape's own frame
                 local_center, axes, _ = shape.local_box
                 rotation = rotation @ axes.T

@@ -98,7 +98,7 @@ class View:
             for k, name in enumerate(snapshot.names):
                 colors[k] = snapshot.zones.get(name, colors[k])
             self._lines("edges of boxes", edges, colors[:, None, None])
-            zones = snapshot.boxes.take(np.flatnonzero(zone))
+            zones = snapshot.boxes[zone]
             self._meshes("zones", CUBE, zones, 2.0 * zones.half_extents, colors[zone], 0.15)
             self._lines("closest points", snapshot.near, NEAR_COLOR, 4.0)
             self._dots("contacts", snapshot.contacts, CONTACT_COLOR, DOT)

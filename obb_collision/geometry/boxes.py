@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, overload
+from typing import TYPE_CHECKING, Any, ClassVar, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -38,6 +38,9 @@ from obb_collision.numerics.constants import BOUND_SLACK, BOUND_UNDERFLOW
 from obb_collision.numerics.error_free import two_sum_error
 from obb_collision.typing import Floats
 from obb_collision.words import shown
+
+if TYPE_CHECKING:  # of a layer above: only its name
+    from obb_collision.obb import OBB
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -74,7 +77,7 @@ class Boxes:
     rotations: Floats
     half_extents: Floats
 
-    single: ClassVar[type[Any]]
+    single: ClassVar[type[OBB]]
     """``OBB``, which is of a layer above and sets itself here."""
 
     def __init__(self, centers: ArrayLike, rotations: ArrayLike, half_extents: ArrayLike) -> None:
@@ -130,7 +133,7 @@ class Boxes:
         return cls.trusted(centers, rotations, h)
 
     @classmethod
-    def from_obbs(cls, obbs: Iterable[Any]) -> Boxes:
+    def from_obbs(cls, obbs: Iterable[OBB]) -> Boxes:
         """Return the boxes of a list.
 
         Parameters
@@ -162,7 +165,7 @@ class Boxes:
         return len(self.centers)
 
     @overload
-    def __getitem__(self, index: int | np.integer) -> Any: ...
+    def __getitem__(self, index: int | np.integer) -> OBB: ...
 
     @overload
     def __getitem__(self, index: slice | Sequence[int] | NDArray[Any]) -> Boxes: ...
@@ -172,10 +175,12 @@ class Boxes:
         if isinstance(index, (int, np.integer)) and not isinstance(index, bool):
             if not -len(self) <= index < len(self):
                 raise IndexError(f"index must be a row of {len(self)} boxes, got {index}")
-            return self.single(*self.row(index))
-        return self.take(index if isinstance(index, slice) else _as_index(index))
+            return self.single(self.centers[index], self.rotations[index], self.half_extents[index])
+        rows = index if isinstance(index, slice) else _as_index(index)
+        centers = select_rows(self.centers, rows, "rows", 2)
+        return Boxes.trusted(centers, self.rotations[rows], self.half_extents[rows])
 
-    def __iter__(self) -> Iterator[Any]:
+    def __iter__(self) -> Iterator[OBB]:
         return (self[k] for k in range(len(self)))
 
     def __eq__(self, other: object) -> bool:
@@ -192,16 +197,6 @@ class Boxes:
         minimum, maximum = self.world_bounds()
         low, high = (np.round(x, 3).tolist() for x in (minimum.min(axis=0), maximum.max(axis=0)))
         return f"Boxes({len(self)} {'box' if len(self) == 1 else 'boxes'} within {low} to {high})"
-
-    def row(self, index: int | np.integer) -> tuple[Floats, Floats, Floats]:
-        """Return centre (3,), rotation (3, 3) and half extents (3,) of one box, as views."""
-        center = select_rows(self.centers, index, "index", 1)
-        return center, self.rotations[index], self.half_extents[index]
-
-    def take(self, rows: NDArray[np.int64] | NDArray[np.bool_] | slice) -> Boxes:
-        """Return the boxes of an index array or mask, in that order."""
-        centers = select_rows(self.centers, rows, "rows", 2)
-        return Boxes.trusted(centers, self.rotations[rows], self.half_extents[rows])
 
     @property
     def quaternions(self) -> Floats:

@@ -675,7 +675,7 @@ class SceneObjects:
         >>> scene.obb("cup").half_extents.tolist()
         [0.1, 0.1, 0.1]
         """
-        return OBB(*self._store.all_boxes().row(self._store.slot(name)))
+        return self._store.all_boxes()[self._store.slot(name)]
 
 
 def _halves(edges: Floats) -> Floats:

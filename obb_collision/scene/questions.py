@@ -101,6 +101,7 @@ def body_in(
         yield slot
     finally:
         store.remove(BODY)
+        cache.retain(slot)
         cache.drop(slot)
         cache.outside = outside
         # as before: the names are, and nothing has changed

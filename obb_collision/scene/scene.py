@@ -264,7 +264,7 @@ class Scene(SceneObjects):
         Examples
         --------
         >>> scene = oc.Scene()
-        >>> scene.set_effect("clearance", "on", limit=0.5)
+        >>> scene.set_effect("clearance", "on", max_distance=0.5)
         >>> scene.effect_setting("clearance").mode
         'on'
         """
@@ -383,7 +383,7 @@ class Scene(SceneObjects):
     ) -> list[str]:
         """Return the objects that a body would collide with, without adding it.
 
-        The tree of a mesh is built for every question, unless an object has the same shape.
+        The trees and hulls of the last bodies are retained: the same mesh costs one tree.
 
         Parameters
         ----------

@@ -87,7 +87,7 @@ def brute_force(scene: DemoScene, time: float) -> set[tuple[str, ...]]:
         positions + np.einsum("nij,nj->ni", rotations, centers), rotations @ axes, half_extents
     )
     i, j = np.array(list(combinations(range(len(shapes)), 2))).T
-    colliding = oc.verdicts(boxes.take(i), boxes.take(j)) != oc.Verdict.SEPARATE
+    colliding = oc.verdicts(boxes[i], boxes[j]) != oc.Verdict.SEPARATE
     names = scene.names
     return {
         tuple(sorted((names[a], names[b]))) for a, b in zip(i[colliding], j[colliding], strict=True)

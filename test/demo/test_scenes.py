@@ -86,7 +86,7 @@ groups: {zones: ["zone/*"]}
 allowed: [[zones, "*"], [box/0, box/1]]
 effects:
   contacts: {objects: "box/*", max_points: 8}
-  clearance: {objects: "box/*", limit: 1.5}
+  clearance: {objects: "box/*", max_distance: 1.5}
   sweep: {objects: "fast/*", horizon: 1.0}
   points: {objects: zones}
 lidar: {count: 2000, range: 10, position: [0, -4, 1.5], sees: "box/*"}

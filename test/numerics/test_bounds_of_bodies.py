@@ -38,6 +38,7 @@ from error_bounds import (
     taxicab,
 )
 from oracle import Box
+from support import row_of
 
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.capsules import Capsules
@@ -74,11 +75,11 @@ def test_containment(record_property: Record) -> None:
     def outside(distances: Floats) -> np.ndarray:
         points = boxes.centers + distances[:, None] * moved.directions
         return np.array(
-            [not contains(*boxes.row(n), points[n : n + 1])[0] for n in range(len(boxes))]
+            [not contains(*row_of(boxes, n), points[n : n + 1])[0] for n in range(len(boxes))]
         )
 
     def quantity(n: int, distance: float) -> Fraction:
-        stored = boxes.row(n)
+        stored = row_of(boxes, n)
         offset = difference(exact(stored[0] + distance * moved.directions[n]), exact(stored[0]))
         ratios = []
         for normal, column, half in zip(
@@ -102,7 +103,9 @@ def test_points_within_a_margin(record_property: Record) -> None:
 
     def outside(distances: Floats) -> np.ndarray:
         points = boxes.centers + distances[:, None] * moved.directions
-        each = (Boxes.trusted(*(part[None] for part in boxes.row(n))) for n in range(len(boxes)))
+        each = (
+            Boxes.trusted(*(part[None] for part in row_of(boxes, n))) for n in range(len(boxes))
+        )
         counts = [
             points_inside(one, points[n : n + 1], margin, threads=1).counts[0]
             for n, one in enumerate(each)
@@ -110,7 +113,7 @@ def test_points_within_a_margin(record_property: Record) -> None:
         return np.array(counts) == 0
 
     def quantity(n: int, distance: float) -> Fraction:
-        stored = boxes.row(n)
+        stored = row_of(boxes, n)
         point = stored[0] + distance * moved.directions[n]
         gap = root(squared_distance(segment(point, point), box(stored))) - Fraction(margin)
         size = taxicab(difference(exact(point), exact(stored[0]))) + extents(stored)
@@ -162,7 +165,7 @@ def check_capsules(record_property: Record, verdict: Verdict, limit: float, pair
             size += taxicab(difference(end, start)) + 2 * radii
             radii *= 2
         else:
-            stored = moving.moved.a.row(n)
+            stored = row_of(moving.moved.a, n)
             other, center = box(stored), exact(stored[0])
             size = taxicab(difference(start, center)) + taxicab(difference(end, center))
             size += extents(stored) + radii
@@ -203,7 +206,7 @@ def test_planes(record_property: Record) -> None:
     found = plane_distances(boxes, points, moved.directions)
     ratios = []
     for n in range(len(boxes)):
-        stored, normal = boxes.row(n), exact(moved.directions[n])
+        stored, normal = row_of(boxes, n), exact(moved.directions[n])
         offset = difference(exact(stored[0]), exact(points[n]))
         heights = [dot(normal, difference(c, exact(points[n]))) for c in corners(stored)]
         bound = Fraction(CAREFUL_BOUND) * (norm(offset) + extents(stored)) + Fraction(2) ** -1060
@@ -240,7 +243,9 @@ def test_rays_that_miss(record_property: Record) -> None:
 
     def misses(distances: Floats) -> np.ndarray:
         starts = origins(distances)
-        each = (Boxes.trusted(*(part[None] for part in boxes.row(n))) for n in range(len(boxes)))
+        each = (
+            Boxes.trusted(*(part[None] for part in row_of(boxes, n))) for n in range(len(boxes))
+        )
         hits = [
             cast_rays(one, starts[n : n + 1], along[n : n + 1]).boxes[0]
             for n, one in enumerate(each)
@@ -248,7 +253,7 @@ def test_rays_that_miss(record_property: Record) -> None:
         return np.array(hits) < 0
 
     def quantity(n: int, distances: Floats) -> Fraction:
-        stored, origin = boxes.row(n), exact(origins(distances)[n])
+        stored, origin = row_of(boxes, n), exact(origins(distances)[n])
         size = taxicab(difference(origin, exact(stored[0]))) + extents(stored)
         growth = least_growth(stored, origin, exact(along[n]))
         return growth / (Fraction(HIT_BOUND) * size)

@@ -40,7 +40,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from oracle import Box
 from overlap_oracle import overlap_volume
-from support import family, joined, witnesses
+from support import family, joined, row_of, witnesses
 
 from obb_collision.benchmarks.cases.families import FAMILIES
 from obb_collision.geometry.boxes import Boxes
@@ -97,7 +97,7 @@ def test_fast_verdicts(record_property: Record) -> None:
     """Edge axes are not normalised there: a gap counts times the length of its axis."""
 
     def decide(a: Boxes, b: Boxes) -> Mask:
-        boxes = [(box_of(*a.row(n)), box_of(*b.row(n))) for n in range(len(a))]
+        boxes = [(box_of(*row_of(a, n)), box_of(*row_of(b, n))) for n in range(len(a))]
         fast = [fast_verdict(*pair_of(*pair)) for pair in boxes]
         return np.array(fast) == Verdict.SEPARATE
 
@@ -161,7 +161,7 @@ def test_world_bounds(record_property: Record) -> None:
     minimum, maximum = boxes.world_bounds()
     ratios = []
     for n in range(len(boxes)):
-        places = list(zip(*corners(boxes.row(n)), strict=True))
+        places = list(zip(*corners(row_of(boxes, n)), strict=True))
         for k in range(3):
             center = Fraction(float(boxes.centers[n, k]))
             slack = Fraction(BOUND_SLACK) * (abs(center) + max(places[k]) - center)
@@ -176,7 +176,7 @@ def test_overlap_volumes(record_property: Record) -> None:
     for a, b in (family(name, 8) for name in FAMILIES):
         volumes = overlap_volumes(a, b)
         for k in np.flatnonzero(np.minimum(a.volumes, b.volumes) > 1e-250):
-            sides = a.row(k), b.row(k)
+            sides = row_of(a, k), row_of(b, k)
             smaller = a if a.volumes[k] < b.volumes[k] else b
             x, y, z = exact(smaller.half_extents[k])
             surface = 8 * (x * y + y * z + z * x)
@@ -192,7 +192,7 @@ def test_meeting_bounds(record_property: Record) -> None:
     minimum, _ = meeting_bounds(boxes)
     ratios = []
     for n in range(len(boxes)):
-        row = boxes.row(n)
+        row = row_of(boxes, n)
         places = list(zip(*corners(row), strict=True))
         grown = Fraction(MEETING_SLACK) * (taxicab(exact(row[0])) + extents(row))
         for k in range(3):
@@ -207,7 +207,7 @@ def test_witnesses(record_property: Record) -> None:
     moved = Moved(PAIRS, loose=True)
     a, b = moved.at(np.linspace(0.05, 0.9, len(moved.a)) * moved.farthest)
     gaps, _ = witnesses(a, b)
-    pairs = [(a.row(n), b.row(n)) for n in range(len(a))]
+    pairs = [(row_of(a, n), row_of(b, n)) for n in range(len(a))]
     check_ratios(
         record_property,
         [
@@ -233,7 +233,7 @@ def test_witnesses_of_any_doubles(one: Any, half: Any, other: Any, other_half: A
         for pose, extents in ((one, half), (other, other_half))
     )
     (gap,), _ = witnesses(a, b)
-    row = a.row(0), b.row(0)
+    row = row_of(a, 0), row_of(b, 0)
     assert abs(Fraction(float(gap)) - max(exact_gaps(*row))) <= careful_bound(*row)
 
 
@@ -243,7 +243,7 @@ def test_gap_bounds_and_best_faces(record_property: Record) -> None:
     a, b = moved.at(np.linspace(0.05, 0.9, len(moved.a)) * moved.farthest)
     ratios, most = [], np.empty(15)
     for n in range(len(a)):
-        row = a.row(n), b.row(n)
+        row = row_of(a, n), row_of(b, n)
         gaps, lengths = exact_gaps(*row), edge_lengths(*row)
         pair, size, scale = enter_frame(box_of(*row[0]), box_of(*row[1]))
         if len(gaps) == 15:
@@ -265,7 +265,7 @@ def test_clearances(record_property: Record) -> None:
     found = clearances(a, b).distances
     ratios = []
     for n, distance in enumerate(found.tolist()):
-        row = a.row(n), b.row(n)
+        row = row_of(a, n), row_of(b, n)
         expected = root(squared_distance(box(row[0]), box(row[1])))
         size = taxicab(offset(*row)) + extents(*row)
         ratios.append(abs(Fraction(distance) - expected) / (Fraction(PROVEN) * size))
@@ -278,7 +278,7 @@ def test_contact_depths(record_property: Record) -> None:
     found = contacts(a, b)
     ratios = []
     for n in np.flatnonzero(found.counts):
-        row = a.row(n), b.row(n)
+        row = row_of(a, n), row_of(b, n)
         depth = max(-max(exact_gaps(*row)), Fraction(0))
         ratios.append(abs(Fraction(found.depths[n]) - depth) / careful_bound(*row))
     assert len(ratios) > 20

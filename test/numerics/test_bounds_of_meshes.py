@@ -35,6 +35,7 @@ from error_bounds import (
 )
 from mesh_zoo import zoo
 from scipy.spatial.transform import Rotation
+from support import row_of
 
 from obb_collision.geometry.fitting.enclosing import COORDINATE_BOUND, enclose_points
 from obb_collision.geometry.trees.node_fit import WIDENING
@@ -185,7 +186,7 @@ def test_boxes_of_trees(record_property: Record) -> None:
         return np.array([box_gap(a, n, b, n, pose) == np.inf for n in range(len(a))])
 
     def quantity(n: int, distances: Floats) -> Fraction:
-        a, b = (side.row(n) for side in boxes.at(distances))
+        a, b = (row_of(side, n) for side in boxes.at(distances))
         lengths = np.linalg.norm(np.cross(a[1].T[:, None], b[1].T[None]), axis=2).ravel()
         gaps = exact_gaps(a, b)
         edges = [g * Fraction(x) for g, x in zip(gaps[6:], lengths.tolist(), strict=True)]

@@ -34,7 +34,7 @@ from error_bounds import (
     observed_at_flip,
 )
 from one_set import sweep
-from support import joined
+from support import joined, row_of
 from sweep_oracle import ExactMotion
 
 from obb_collision.geometry.boxes import Boxes
@@ -78,7 +78,7 @@ def test_times_of_contact(record_property: Record) -> None:
     assert len(hit) > 20
     ratios = []
     for n in hit:
-        motion = ExactMotion.of((a.row(n), b.row(n)), (a.row(n), end.row(n)))
+        motion = ExactMotion.of((row_of(a, n), row_of(b, n)), (row_of(a, n), row_of(end, n)))
         gap = Fraction(motion.gap(times[n]))  # over the size
         assert gap >= 0
         bound = Fraction(CAREFUL_BOUND)
@@ -239,7 +239,7 @@ def test_gaps_of_turning_boxes(record_property: Record) -> None:
         reaches = radii + [float(np.linalg.norm(s.centers[n])) for s in (a, b)]
         offset = float(np.linalg.norm(b.centers[n] - a.centers[n]))
         rounding = GAP_ROUNDING * (sum(radii) + offset) + ARM_ROUNDING * sum(reaches)
-        row = a.row(n), b.row(n)
+        row = row_of(a, n), row_of(b, n)
         edges = np.linalg.norm(np.cross(row[0][1].T[:, None], row[1][1].T[None]), axis=2).ravel()
         certain, length = max(
             (gap - Fraction(rounding) / Fraction(length), length)

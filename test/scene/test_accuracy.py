@@ -55,12 +55,12 @@ def test_a_coarse_level_never_misses_what_obb_reports(name: str) -> None:
     a, b = generate(name, PAIRS, seed=11)
     boxes = oc.Boxes(*(np.concatenate(both) for both in zip(a, b, strict=True)))
     first, second = np.arange(PAIRS), np.arange(PAIRS, 2 * PAIRS)
-    reported = oc.verdicts(boxes.take(first), boxes.take(second)) != SEPARATE
+    reported = oc.verdicts(boxes[first], boxes[second]) != SEPARATE
     assert reported.any()
     for meet in (spheres_may_collide, faces_may_collide):
         assert not (reported & ~meet(boxes, first, second)).any()
         assert not (reported & ~meet(boxes, second, first)).any()
-    exact = oc.verdicts(boxes.take(first), boxes.take(second), exact=True) != SEPARATE
+    exact = oc.verdicts(boxes[first], boxes[second], exact=True) != SEPARATE
     assert not (exact & ~bounds_may_collide(boxes, first, second)).any()
 
 

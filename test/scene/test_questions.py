@@ -16,12 +16,18 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
+import trimesh
 from mesh_zoo import zoo
 from scipy.spatial.transform import Rotation
 
 import obb_collision as oc
+from obb_collision.geometry.trees import pool
+from obb_collision.geometry.trees.shape_trees import mesh_tree
+from obb_collision.scene.building.shape_cache import RETAINED
 from obb_collision.scene.questions import any_collides
 
 ZOO = zoo()
@@ -116,6 +122,30 @@ def test_a_question_leaves_the_scene_as_it_is() -> None:
         shape = random_scene(7, 16)._cache._shapes.get(scene.index(name))
         anew.add(name, shape or oc.shapes.Box(2 * scene.obb(name).half_extents), scene.pose(name))
     assert scene.check().pairs.tolist() == anew.check().pairs.tolist()
+
+
+def test_the_tree_of_a_body_is_built_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    built: list[Any] = []
+
+    def build(mesh: oc.shapes.Mesh) -> oc.MeshTrees:
+        built.append(mesh)
+        return mesh_tree(mesh)
+
+    monkeypatch.setattr(pool, "mesh_tree", build)
+    scene = oc.Scene(accuracy="mesh")
+    scene.add("box", oc.shapes.Box([1, 1, 1]))
+    meshes = [oc.shapes.Mesh(trimesh.creation.box((9, 9, 9 + k))) for k in range(RETAINED + 1)]
+    for mesh in meshes[1:]:
+        assert scene.query(mesh) == scene.query(mesh) == ["box"]
+    assert scene.query(oc.shapes.Mesh(meshes[1].vertices, meshes[1].faces)) == ["box"]
+    assert built == meshes[1:]
+    scene.query(meshes[0])  # one too many: the oldest is dropped
+    scene.query(meshes[2])
+    assert len(built) == len(meshes)
+    scene.query(meshes[1])
+    assert len(built) == len(meshes) + 1
+    scene.clear()
+    assert len(scene._cache) == 0
 
 
 def test_a_body_is_checked_as_an_object_is() -> None:

@@ -37,7 +37,7 @@ def names_from_scratch(
     if not rows:
         return set()
     i, j = np.array(rows).T
-    hits = oc.verdicts(boxes.take(i), boxes.take(j)) != oc.Verdict.SEPARATE
+    hits = oc.verdicts(boxes[i], boxes[j]) != oc.Verdict.SEPARATE
     pairs = {frozenset((names[a], names[b])) for (a, b), hit in zip(rows, hits, strict=True) if hit}
     return {pair for pair in pairs if not pair & left_out}
 

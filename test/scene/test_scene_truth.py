@@ -35,7 +35,7 @@ def check_report(scene: oc.Scene, exact: bool) -> None:
     """Compare the report of a scene with the oracle, pair by pair."""
     report, boxes, indices = scene.check(), scene.boxes, scene.indices
     i, j = np.triu_indices(len(boxes), 1)
-    truth = oracle.verdicts(stored(boxes.take(i)), stored(boxes.take(j)))
+    truth = oracle.verdicts(stored(boxes[i]), stored(boxes[j]))
     said = {tuple(pair): v for pair, v in zip(report.pairs.tolist(), report.verdicts, strict=True)}
     assert list(said) == sorted(said)
     for a, b, true in zip(indices[i].tolist(), indices[j].tolist(), truth, strict=True):

@@ -69,7 +69,7 @@ def test_the_stop_zone_is_free_at_first_and_then_is_not() -> None:
     counts = []
     for time in (0.0, 10.0):
         scene.move_many(description.names, description.states(time)[0])
-        points = description.lidar.scan(scene.boxes.take(rows), time)
+        points = description.lidar.scan(scene.boxes[rows], time)
         counts.append(np.count_nonzero(scene.obb("zone/0").contains(points.astype(float))))
     assert counts[0] == 0
     assert counts[1] > 20

@@ -29,7 +29,7 @@ from itertools import product
 
 import numpy as np
 from oracle import Box, ExactPair
-from support import family, loosened, stored
+from support import family, loosened, row_of, stored
 
 from obb_collision.benchmarks.cases.families import FAMILIES
 from obb_collision.geometry.boxes import Boxes
@@ -163,7 +163,7 @@ class Moved:
         check_ratios(
             record_property,
             [
-                observed_at_flip(*(quantity(a.row(n), b.row(n)) for a, b in (near, far)))
+                observed_at_flip(*(quantity(row_of(a, n), row_of(b, n)) for a, b in (near, far)))
                 for n in range(len(self.a))
             ],
         )

@@ -28,7 +28,7 @@ from obb_collision.queries.sweep.sweep import TOLERANCE, Sweeps, sweeps
 
 
 def contacts(boxes: Boxes, pairs: ArrayLike, limit: int = 4) -> Contacts:
-    return contact_query.contacts(boxes, boxes, pairs, limit=limit)
+    return contact_query.contacts(boxes, boxes, pairs, max_points=limit)
 
 
 def clearances(boxes: Boxes, pairs: ArrayLike) -> Clearances:

@@ -39,6 +39,11 @@ def stored(boxes: Boxes) -> Arrays:
     return boxes.centers, boxes.rotations, boxes.half_extents
 
 
+def row_of(boxes: Boxes, row: int | np.integer) -> Arrays:
+    """Return centre (3,), rotation (3, 3) and half extents (3,) of one box."""
+    return boxes.centers[row], boxes.rotations[row], boxes.half_extents[row]
+
+
 def family(name: str, n: int, seed: int = 0) -> tuple[Boxes, Boxes]:
     """``n`` pairs of a family as boxes."""
     a, b = generate(name, n, seed)

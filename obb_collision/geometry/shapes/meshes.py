@@ -16,8 +16,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Iterator
+from dataclasses import dataclass, field, fields
 from functools import cached_property
+from itertools import chain
 from os import PathLike
 from pathlib import Path
 from typing import Any, Protocol
@@ -60,6 +62,23 @@ class _Cloud(Shape):
 
     def _points(self) -> Floats:
         raise NotImplementedError
+
+    def __eq__(self, other: object) -> bool:
+        if not (isinstance(other, _Cloud) and type(self) is type(other)):
+            return NotImplemented
+        return self is other or all(map(np.array_equal, self._value(), other._value()))
+
+    def _value(self) -> Iterator[Any]:
+        stored = (getattr(self, field.name) for field in fields(self))  # type: ignore[arg-type]
+        return chain(stored, self.local_box)
+
+    def __hash__(self) -> int:
+        return self._hash
+
+    @cached_property
+    def _hash(self) -> int:
+        points = self._points() + 0.0  # -0 equals 0
+        return hash((type(self), self.scale, self.fit, points.tobytes()))
 
     @cached_property
     def local_box(self) -> LocalBox:

@@ -152,7 +152,7 @@ class Outputs:
         objects, table = given.objects, given.table
         slots = objects.scene.indices
         drawn = objects.table.visible[slots]
-        slots, boxes = slots[drawn], objects.scene.boxes.take(np.flatnonzero(drawn))
+        slots, boxes = slots[drawn], objects.scene.boxes[drawn]
         colors = np.where(objects.table.doubtful[slots], DOUBTFUL, FREE)
         colors[given.report.colliding[slots]] = COLLIDING
         form, most = parameters.marker_form, parameters.marker_max_cubes

@@ -73,11 +73,12 @@ class Contacts:
     pairs (m, 2): rows of a and b, in a report indices of objects.
 
     normals (m, 3): unit, from a to b; depths (m,): metres, not negative; counts (m,): points of
-    each pair; positions (m, limit, 3): metres, in both boxes, the deepest first, NaN past the count
-    (of points equally deep to 2^-24 of the sum of the half extents always the same one, whatever
-    rounding says); position_depths (m, limit): how far the faces overlap at each point, along the
-    normal, at most the depth of the pair, NaN past the count; axes (m,) int8: number of the axis,
-    0 to 2 a face of a, 3 to 5 a face of b, 6 + 3 i + j edge i of a against edge j of b.
+    each pair; positions (m, max_points, 3): metres, in both boxes, the deepest first, NaN past the
+    count (of points equally deep to 2^-24 of the sum of the half extents always the same one,
+    whatever rounding says); position_depths (m, max_points): how far the faces overlap at each
+    point, along the normal, at most the depth of the pair, NaN past the count; axes (m,) int8:
+    number of the axis, 0 to 2 a face of a, 3 to 5 a face of b, 6 + 3 i + j edge i of a against
+    edge j of b.
     """
 
     pairs: Integers
@@ -89,19 +90,21 @@ class Contacts:
     axes: NDArray[np.int8]
 
     @classmethod
-    def blank(cls, pairs: Integers, limit: int) -> Contacts:
-        """Return room for pairs (m, 2) with at most ``limit`` points each."""
+    def blank(cls, pairs: Integers, max_points: int) -> Contacts:
+        """Return room for pairs (m, 2) with at most ``max_points`` points each."""
         m = len(pairs)
-        return cls(
-            *(pairs, np.empty((m, 3)), np.empty(m), np.empty(m, np.int64)),
-            *(np.full((m, limit, 3), np.nan), np.full((m, limit), np.nan), np.empty(m, np.int8)),
-        )
+        positions = np.full((m, max_points, 3), np.nan)
+        normals, depths, counts = np.empty((m, 3)), np.empty(m), np.empty(m, np.int64)
+        axes = np.empty(m, np.int8)
+        return cls(pairs, normals, depths, counts, positions, positions[:, :, 0].copy(), axes)
 
     def __len__(self) -> int:
         return len(self.pairs)
 
 
-def contacts(a: Boxes, b: Boxes, pairs: ArrayLike | None = None, *, limit: int = 4) -> Contacts:
+def contacts(
+    a: Boxes, b: Boxes, pairs: ArrayLike | None = None, *, max_points: int = 4
+) -> Contacts:
     """Return where boxes touch: normal, depth, and a few points that stand for the patch.
 
     Every pair that is not certainly separate has a point at least, touching ones included.
@@ -111,19 +114,20 @@ def contacts(a: Boxes, b: Boxes, pairs: ArrayLike | None = None, *, limit: int =
     a, b : Boxes
     pairs : (m, 2) array_like of int, optional
         Rows of a and of b; without, each row of a against the same row of b.
-    limit : int
+    max_points : int
         Points per pair at most, 4 or 8.
 
     Returns
     -------
     Contacts
         normals (m, 3) unit, from a to b; depths (m,) metres; counts (m,), 0 where apart; positions
-        (m, limit, 3) metres and position_depths (m, limit), NaN past the count; axes (m,).
+        (m, max_points, 3) metres and position_depths (m, max_points), NaN past the count; axes
+        (m,).
 
     Raises
     ------
     ValueError
-        For pairs that are no rows, and without pairs for different lengths; for another limit.
+        For pairs that are no rows, and without pairs for different lengths; for another maximum.
     TypeError
         For anything but boxes.
 
@@ -140,9 +144,9 @@ def contacts(a: Boxes, b: Boxes, pairs: ArrayLike | None = None, *, limit: int =
     ([0.25], [[0.0, 0.0, 1.0]], [4])
     """
     check_boxes(a, b)
-    if not isinstance(limit, (int, np.integer)) or limit not in LIMITS:
-        raise ValueError(f"limit must be 4 or 8, got {shown(limit)}")
-    result = Contacts.blank(as_pairs(a, b, pairs), int(limit))
+    if not isinstance(max_points, (int, np.integer)) or max_points not in LIMITS:
+        raise ValueError(f"max_points must be 4 or 8, got {shown(max_points)}")
+    result = Contacts.blank(as_pairs(a, b, pairs), int(max_points))
     boxes, rows = one_set(a, b, result.pairs)
     contacts_kernel(
         *(boxes.centers, boxes.rotations, boxes.half_extents, rows),

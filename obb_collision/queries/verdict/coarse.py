@@ -76,8 +76,8 @@ def spheres_may_collide(boxes: Boxes, rows_a: Integers, rows_b: Integers) -> Mas
 
 def bounds_may_collide(boxes: Boxes, rows_a: Integers, rows_b: Integers) -> Mask:
     """Return (m,) whether the ``meeting_bounds`` of two boxes have a common point."""
-    low_a, high_a = meeting_bounds(boxes.take(rows_a))
-    low_b, high_b = meeting_bounds(boxes.take(rows_b))
+    low_a, high_a = meeting_bounds(boxes[rows_a])
+    low_b, high_b = meeting_bounds(boxes[rows_b])
     return np.asarray(((low_a <= high_b) & (low_b <= high_a)).all(axis=1))
 
 

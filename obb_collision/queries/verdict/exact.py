@@ -16,26 +16,28 @@
 
 from __future__ import annotations
 
+import numpy as np
+
+from obb_collision.geometry.boxes import Boxes
 from obb_collision.numerics.exact import Vector, cross, dot, exact_axes, exact_integers
 from obb_collision.queries.verdict.sat import FACTORS
-from obb_collision.typing import Floats
 
-Box = tuple[Floats, Floats, Floats]
+Index = int | np.integer
 
 
-def exact_verdict(a: Box, b: Box) -> int:
+def exact_verdict(a: Boxes, row_a: Index, b: Boxes, row_b: Index) -> int:
     """Return 0 separate, 1 touching or 2 overlap of two boxes, decided exactly.
 
-    Each box is centre (3,), rotation (3, 3) and half extents (3,), its doubles taken as exact
-    numbers. All 15 axes are exact cross products, also the face normals. Null ones (parallel
-    edges) say nothing and are skipped.
+    Their doubles are taken as exact numbers. All 15 axes are exact cross products, also the face
+    normals. Null ones (parallel edges) say nothing and are skipped.
     """
-    axes_a, power_a = exact_axes(a[1])
-    axes_b, power_b = exact_axes(b[1])
+    axes_a, power_a = exact_axes(a.rotations[row_a])
+    axes_b, power_b = exact_axes(b.rotations[row_b])
     power = max(power_a, power_b)
     axes_a = _scaled(axes_a, power - power_a)
     axes_b = _scaled(axes_b, power - power_b)
-    numbers, _ = exact_integers([*a[0].tolist(), *b[0].tolist(), *a[2].tolist(), *b[2].tolist()])
+    parts = a.centers[row_a], b.centers[row_b], a.half_extents[row_a], b.half_extents[row_b]
+    numbers, _ = exact_integers([number for part in parts for number in part.tolist()])
     # lengths along an axis vector come as (length) x (axis entry): the offset needs the factor
     offset = (
         (numbers[3] - numbers[0]) << power,

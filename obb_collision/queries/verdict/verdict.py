@@ -136,7 +136,7 @@ def pair_verdicts(
     )
     if exact:
         for n in np.flatnonzero(result == TOUCHING):
-            result[n] = exact_verdict(a.row(rows_a[n]), b.row(rows_b[n]))
+            result[n] = exact_verdict(a, rows_a[n], b, rows_b[n])
     return result
 
 

@@ -83,7 +83,7 @@ def find_first(a: Boxes, b: Boxes | None, exact: bool) -> tuple[bool, int]:
             return False, int(place[2])
         if verdict == OVERLAP or not exact:
             return True, int(place[2])
-        if exact_verdict(a.row(place[0]), others.row(other)) != SEPARATE:
+        if exact_verdict(a, place[0], others, other) != SEPARATE:
             return True, int(place[2])
 
 

@@ -19,6 +19,7 @@ One thread asks for them and drops them; another may add to the pools meanwhile 
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Hashable, Iterable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Generic, Protocol
@@ -45,6 +46,10 @@ class TimeLeft(Protocol):
         """Return the seconds that are left."""
 
 
+#: How many bodies of questions have their trees and hulls retained.
+RETAINED = 16
+
+
 @dataclass(eq=False)
 class Entry(Generic[Item]):
     """What is built of a shape, for slots; row: in the pool, -1 until it is there."""
@@ -63,6 +68,7 @@ class PerShape(Generic[Item]):
         self._entries: dict[Hashable, Entry[Item]] = {}
         self.by_slot: dict[int, Entry[Item]] = {}
         self._rows = np.full(0, -1)  # by slot
+        self._retained: deque[Entry[Item]] = deque()
 
     def __len__(self) -> int:
         return len(self._entries)
@@ -92,9 +98,26 @@ class PerShape(Generic[Item]):
         if entry is not None:
             self._rows[slot] = -1
             entry.slots.discard(slot)
-            if not entry.slots:
-                del self._entries[entry.key]
+            self._forget(entry)
         return entry
+
+    def retain(self, slot: int) -> None:
+        """Retain the item of a slot after it is dropped, as one of the last ``RETAINED``."""
+        entry = self.by_slot.get(slot)
+        if entry is not None and entry not in self._retained:
+            self._retained.append(entry)
+            if len(self._retained) > RETAINED:
+                self._forget(self._retained.popleft())
+
+    def clear(self) -> None:
+        """Drop what is retained, where no slot has anything left."""
+        self._retained.clear()
+        self._entries.clear()
+        self.exchange()
+
+    def _forget(self, entry: Entry[Item]) -> None:
+        if not entry.slots and entry not in self._retained:
+            del self._entries[entry.key]
 
     def put(self, entry: Entry[Item], item: Item, row: int) -> None:
         """Give the slots of an entry an item, which is in the pool."""
@@ -163,7 +186,7 @@ Packed = tuple[Pool[Item], dict[Entry[Item], int]]
 class ShapeCache:
     """Shapes by slot, and the trees and hulls of those that were asked for.
 
-    Boxes are equal if their half extents are, meshes and hulls if they are the same object.
+    Equal shapes have one tree and one hull; the shape is the key, of a box its half extents.
     """
 
     def __init__(self) -> None:
@@ -209,7 +232,12 @@ class ShapeCache:
         """Drop all shapes."""
         self.drop_many({*self._shapes, *self._trees.by_slot, *self._hulls.by_slot})
         for per_shape in self._all:
-            per_shape.exchange()
+            per_shape.clear()
+
+    def retain(self, slot: int) -> None:
+        """Retain what was built of the shape of a slot for a later one that is equal."""
+        for per_shape in self._all:
+            per_shape.retain(slot)
 
     def trees(self, slots: Rows) -> tuple[MeshTrees, Rows]:
         """Return trees, and the row (k,) of each slot's among them, -1 for none yet."""

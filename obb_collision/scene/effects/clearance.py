@@ -29,7 +29,7 @@ BLANK = Clearances(NO_PAIRS, np.empty(0), *np.empty((3, 0, 3)))
 
 
 class ClearanceEffect:
-    """The ``Clearances`` of all pairs of boxes nearer than ``limit``, sorted.
+    """The ``Clearances`` of all pairs of boxes at most ``max_distance`` apart, sorted.
 
     Colliding pairs are among them.
     """
@@ -37,22 +37,22 @@ class ClearanceEffect:
     name = "clearance"
     description = "Distances and closest points of near pairs"
     options: Mapping[str, Option] = {
-        "limit": Option(0.1, 0.0, 1e6, "Pairs farther apart than this are left out (m)."),
+        "max_distance": Option(0.1, 0.0, 1e6, "Pairs farther apart than this are left out (m)."),
     }
     lazy = True
 
     def run(self, cycle: Cycle, setting: Setting) -> Outcome:
         """Look at pairs whose bounds are near enough; most of those need no closest points."""
-        limit = setting.values["limit"]
+        max_distance = setting.values["max_distance"]
         slots = np.flatnonzero(cycle.active)
-        minimum, maximum = cycle.boxes.take(slots).world_bounds()
-        half = np.nextafter(0.5 * limit, np.inf)
+        minimum, maximum = cycle.boxes[slots].world_bounds()
+        half = np.nextafter(0.5 * max_distance, np.inf)
         selected = None if setting.selected is None else setting.selected[slots]
         low, high = np.nextafter(minimum - half, -np.inf), np.nextafter(maximum + half, np.inf)
         pairs = meeting_pairs(cycle, slots, low, high, selected)
 
         def compute(some: Pairs) -> Clearances:
-            return clearances(cycle.boxes, cycle.boxes, some, max_distance=limit)
+            return clearances(cycle.boxes, cycle.boxes, some, max_distance=max_distance)
 
         _, result, failures = isolated(compute, pairs, BLANK)
         return Outcome(result, len(pairs), failures)

@@ -36,12 +36,12 @@ class ContactsEffect:
 
     def run(self, cycle: Cycle, setting: Setting) -> Outcome:
         """Compute the patches."""
-        limit = int(setting.values["max_points"])
+        max_points = int(setting.values["max_points"])
 
         def compute(boxes: Boxes, pairs: Pairs) -> Contacts:
-            return contacts(boxes, boxes, pairs, limit=limit)
+            return contacts(boxes, boxes, pairs, max_points=max_points)
 
-        return pair_rows(self.name, cycle, setting, compute, Contacts.blank(NO_PAIRS, limit))
+        return pair_rows(self.name, cycle, setting, compute, Contacts.blank(NO_PAIRS, max_points))
 
 
 EFFECT: Effect = ContactsEffect()

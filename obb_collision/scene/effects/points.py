@@ -45,9 +45,7 @@ class PointsEffect:
         slots = np.flatnonzero(cycle.active if selected is None else cycle.active & selected)
         if cycle.obstacle_points is None or len(cycle.obstacle_points) == 0 or len(slots) == 0:
             return Outcome(_nothing(slots), 0)
-        found = points_inside(
-            cycle.boxes.take(slots), cycle.obstacle_points, setting.values["margin"]
-        )
+        found = points_inside(cycle.boxes[slots], cycle.obstacle_points, setting.values["margin"])
         return Outcome(replace(found, indices=slots), len(cycle.obstacle_points))
 
 

@@ -100,7 +100,7 @@ def _passed(cycle: Cycle, setting: Setting) -> Outcome:
     same &= cycle.store.born[:count] == before.born[:count]
     same &= (cycle.boxes.half_extents[:count] == before.boxes.half_extents[:count]).all(axis=1)
     slots = np.flatnonzero(same)
-    start, end = before.boxes.take(slots), cycle.boxes.take(slots)
+    start, end = before.boxes[slots], cycle.boxes[slots]
     selected = sweep_needed(start, end)
     if setting.selected is not None:
         selected &= setting.selected[slots]
@@ -122,7 +122,7 @@ def _predicted(cycle: Cycle, setting: Setting) -> Outcome:
     if horizon == 0.0 or not selected.any():
         return NOTHING
     slots = np.flatnonzero(cycle.active)
-    boxes, twists = cycle.boxes.take(slots), cycle.store.twists[slots]
+    boxes, twists = cycle.boxes[slots], cycle.store.twists[slots]
     origins = cycle.store.poses[slots, :3]
     bounds = twist_bounds(boxes, twists, origins, horizon)
     pairs = _apart(

@@ -76,12 +76,12 @@ class Lidar:
         local = np.einsum("nji,nj->ni", boxes.rotations, origin - boxes.centers)
         outside = (np.abs(local) > boxes.half_extents).any(axis=1)  # from inside nothing is seen
         ways = np.minimum(ways, self.range)
-        met = np.flatnonzero(self._to_boxes(boxes.take(np.flatnonzero(outside)), ways) < ways)
+        met = np.flatnonzero(self._to_boxes(boxes[outside], ways) < ways)
         is_turned = np.zeros(len(boxes), np.bool_) if len(turned) == 0 else np.array(turned)
-        flat = boxes.take(np.flatnonzero(outside & ~is_turned))
+        flat = boxes[outside & ~is_turned]
         ways[met] = np.minimum(ways[met], self._to_boxes(flat, ways[met], met))
         for row in np.flatnonzero(outside & is_turned):
-            to_cylinder = _to_cylinder(local[row], directions[met], boxes.take(np.array([row])))
+            to_cylinder = _to_cylinder(local[row], directions[met], boxes[row : row + 1])
             ways[met] = np.minimum(ways[met], to_cylinder)
         moment = round(time * 1e6) % 2**63  # microseconds: the resolution that matters in a stamp
         noise = np.random.default_rng([self.seed, moment]).normal(0.0, NOISE, self.count)

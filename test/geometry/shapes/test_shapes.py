@@ -157,6 +157,21 @@ def test_shapes_are_values() -> None:
         shapes.Sphere(1.0).radius = 2.0  # type: ignore[misc]
 
 
+def test_hulls_and_meshes_are_values() -> None:
+    points, faces = np.eye(3), [[0, 1, 2]]
+    equal = [shapes.Mesh(points, faces), shapes.Mesh(points * -0.0 + points, np.array(faces))]
+    other = [
+        shapes.Mesh(points, [[0, 2, 1]]), shapes.Mesh(points, faces, scale=(1, 2, 1)),
+        shapes.Mesh(points, faces, fit="aabb"), shapes.Mesh(2 * points, faces),
+        shapes.Hull(points), shapes.Hull(np.eye(3)[:2]), shapes.Hull(points, fit="aabb"),
+    ]  # fmt: skip
+    assert equal[0] == equal[1]
+    assert hash(equal[0]) == hash(equal[1])
+    assert shapes.Hull(points) == shapes.Hull(points.tolist())
+    assert len({*equal, *other}) == 1 + len(other)
+    assert shapes.Hull(points) != points.tolist()
+
+
 def test_the_local_box_is_fitted_once_and_read_only(monkeypatch: pytest.MonkeyPatch) -> None:
     calls = []
 

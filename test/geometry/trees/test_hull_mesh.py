@@ -22,6 +22,7 @@ from mesh_zoo import zoo
 from numpy.typing import NDArray
 from plane_depths import least_depth
 from scipy.spatial.transform import Rotation
+from support import row_of
 from trimesh import Trimesh, creation
 
 from obb_collision.geometry.fitting.convex_hull import hull_volume
@@ -151,6 +152,6 @@ def test_the_first_node_of_a_tree_is_the_box_of_the_mesh() -> None:
     for name in ("torus1", "star2", "triangle"):
         mesh = Mesh(*ZOO[name], scale=[1.0, 0.5, 2.0])
         box = mesh_tree(mesh).boxes(0, 0)
-        for ours, theirs in zip(box.row(0), mesh.local_box, strict=True):
+        for ours, theirs in zip(row_of(box, 0), mesh.local_box, strict=True):
             assert (ours == theirs).all()
     assert hull_tree(Sphere(1.0)).solid[0]

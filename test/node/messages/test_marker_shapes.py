@@ -205,9 +205,7 @@ def test_gone_markers_are_deleted_once_and_lists_replace_cubes() -> None:
     markers = Markers("map")
     keys = [("a", 1), ("a", 2)]
     markers.write(keys, BOXES, np.array([0, 0]), STAMP, 0.0, None)
-    message = read(
-        markers.write(keys[:1], BOXES.take(np.array([0])), np.array([1]), STAMP, 0.0, None)
-    )
+    message = read(markers.write(keys[:1], BOXES[np.array([0])], np.array([1]), STAMP, 0.0, None))
     assert [(m.id, m.action) for m in message] == [(2, Marker.DELETE), (1, Marker.ADD)]
     message = read(markers.write([], BOXES, np.array([0, 1]), STAMP, 0.0, 0.01))
     assert [m.action for m in message] == [Marker.DELETE, Marker.ADD, Marker.ADD]

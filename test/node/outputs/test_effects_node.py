@@ -287,7 +287,7 @@ def pairs_of(message: Any) -> set[tuple[int, int]]:
         ("effects.contacts", 3, "one of off, auto, on"),
         ("effects.contacts_max_points", 5, "one of 4, 8"),
         ("effects.contacts_objects", [1.0], "a list of texts"),
-        ("effects.clearance_limit", -1.0, "range"),
+        ("effects.clearance_max_distance", -1.0, "range"),
         ("effects.sweep_tolerance", 0.0, "range"),
         ("effects.points_margin", float("nan"), "range"),
     ],

@@ -66,7 +66,7 @@ CHANGES: tuple[tuple[str, Any], ...] = (
     ("allowed_pairs", ["many/1* many/2*"]),
     ("effects.contacts_max_points", 8),
     ("effects.contacts_objects", ["many/*"]),
-    ("effects.clearance_limit", 0.5),
+    ("effects.clearance_max_distance", 0.5),
     ("effects.sweep_horizon", 3.0),
     ("effects.points_margin", 0.1),
     ("marker_form", "lines"),

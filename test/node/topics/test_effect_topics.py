@@ -93,7 +93,7 @@ def test_eight_points_a_pair_if_asked_for() -> None:
 
 
 def test_clearances_have_the_closest_points_of_each_and_leave_out_what_is_far() -> None:
-    with Rig(given={"effects.clearance_limit": 0.75}) as rig:
+    with Rig(given={"effects.clearance_max_distance": 0.75}) as rig:
         listening(rig, "clearances")
         rig.send(cube(("a", 2), (1.5, 0, 0)), cube(("a", 1)), cube(("b", 1), (-1.8, 0, 0)))
         (found,) = named_clearances(answer(rig, "clearances"), rig.namespaces("a", "b"))
@@ -102,7 +102,7 @@ def test_clearances_have_the_closest_points_of_each_and_leave_out_what_is_far() 
         assert found.point_a[1:] == found.point_b[1:]
         (row,) = clearances_from_ros(rig.last["clearances"])
         assert (row["normal_x"], row["x"]) == (1.0, 0.75)
-        rig.set(**{"effects.clearance_limit": 0.9})
+        rig.set(**{"effects.clearance_max_distance": 0.9})
         rig.until(lambda: rig.next("clearances").width == 2, "another limit")
 
 

@@ -29,7 +29,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from membership import outside
 from one_set import clearances
-from support import family, joined, sizes, stored, witnesses
+from support import family, joined, row_of, sizes, stored, witnesses
 
 from obb_collision.benchmarks.cases.families import FAMILIES
 from obb_collision.benchmarks.cases.placement import log_uniform, place, random_rotations, turns
@@ -94,7 +94,7 @@ def apart(kind: str, n: int) -> Sides:
     sides = Boxes(*a), Boxes(*b)
     rows = np.flatnonzero(verdicts(*sides) == Verdict.SEPARATE)
     assert len(rows) > 0.8 * n
-    return sides[0].take(rows), sides[1].take(rows)
+    return sides[0][rows], sides[1][rows]
 
 
 def between(a: Boxes, b: Boxes) -> Clearances:
@@ -122,7 +122,7 @@ def test_distance_is_that_of_all_features_tried(kind: str, pairs: int) -> None:
 def test_hard_families_too(name: str, pairs: int) -> None:
     a, b = family(name, max(pairs // 5, 50), seed=3)
     apart = np.flatnonzero(verdicts(a, b) == Verdict.SEPARATE)
-    a, b = a.take(apart), b.take(apart)
+    a, b = a[apart], b[apart]
     found = between(a, b)
     error = np.abs(found.distances - distances(stored(a), stored(b))) / scale(a, b, found)
     assert error.max() <= ACCURACY
@@ -135,7 +135,7 @@ def test_normal_and_points_prove_the_distance(kind: str) -> None:
     found = between(a, b)
     for row in range(len(a)):
         n = found.normals[row]
-        gap = oracle.gap_along(a.row(row), b.row(row), n)
+        gap = oracle.gap_along(row_of(a, row), row_of(b, row), n)
         length = np.sqrt(float(sum(Fraction(x) ** 2 for x in n.tolist())))
         offset = [
             Fraction(y) - Fraction(x)
@@ -153,9 +153,9 @@ def test_normal_and_points_prove_the_distance(kind: str) -> None:
 @pytest.mark.parametrize("kind", KINDS)
 def test_distance_is_the_exact_least_square(kind: str) -> None:
     """The convex quadratic programme over both boxes, solved by fractions: too slow for more."""
-    a, b = (side.take(np.arange(1)) for side in apart(kind, 20))
+    a, b = (side[:1] for side in apart(kind, 20))
     found = between(a, b)
-    truth = root(squared_distance(box(a.row(0)), box(b.row(0))))
+    truth = root(squared_distance(box(row_of(a, 0)), box(row_of(b, 0))))
     assert abs(found.distances[0] - truth) <= ACCURACY * scale(a, b, found)[0]
 
 
@@ -178,7 +178,7 @@ def test_points_lie_in_their_boxes_and_differ_by_the_distance(name: str) -> None
     for side, points in ((a, found.positions_a), (b, found.positions_b)):
         for row in range(0, len(a), 50):
             exact = [[Fraction(x) for x in points[row].tolist()]]
-            assert outside(side.row(row), exact)[0] <= 1e-15 * room[row]
+            assert outside(row_of(side, row), exact)[0] <= 1e-15 * room[row]
     np.testing.assert_allclose(np.linalg.norm(found.normals, axis=1), 1.0, rtol=0.0, atol=1e-15)
     offset = found.positions_b - found.positions_a
     along = (offset * found.normals).sum(axis=1)
@@ -273,7 +273,7 @@ def test_coal_agrees() -> None:
         for row in range(len(a)):
             shapes = []
             for side in (a, b):
-                center, rotation, half = side.row(row)
+                center, rotation, half = row_of(side, row)
                 shapes += [coal.Box(*(2.0 * half)), coal.Transform3s(rotation, center)]
             theirs[row] = coal.distance(*shapes, coal.DistanceRequest(), coal.DistanceResult())
         found = between(a, b)

@@ -26,7 +26,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from one_set import contacts
-from support import family, joined, sizes, stored
+from support import family, joined, row_of, sizes, stored
 
 from obb_collision.benchmarks.cases.families import FAMILIES
 from obb_collision.benchmarks.cases.placement import random_rotations, turns
@@ -47,7 +47,7 @@ def colliding(name: str, n: int) -> tuple[Boxes, Boxes]:
     """Return the pairs of a family that are not separate."""
     a, b = family(name, n)
     rows = np.flatnonzero(verdicts(a, b) != Verdict.SEPARATE)
-    return a.take(rows), b.take(rows)
+    return a[rows], b[rows]
 
 
 def between(a: Boxes, b: Boxes, limit: int = 4) -> Contacts:
@@ -83,7 +83,7 @@ def test_depth_and_normal_are_the_exact_least_penetration(pairs: int) -> None:
     size = sizes(a, b)
     assert (np.abs(found.depths - truth) <= DEPTH_ACCURACY * size).all()
     for row, normal in enumerate(found.normals):
-        along = -float(oracle.gap_along(a.row(row), b.row(row), normal))
+        along = -float(oracle.gap_along(row_of(a, row), row_of(b, row), normal))
         assert abs(along - truth[row]) <= DEPTH_ACCURACY * size[row]
     np.testing.assert_allclose(np.linalg.norm(found.normals, axis=1), 1.0, rtol=0, atol=1e-15)
 
@@ -92,7 +92,7 @@ def test_depth_and_normal_are_the_exact_least_penetration(pairs: int) -> None:
 def test_each_of_the_15_axes_in_both_orders(axis: int) -> None:
     a, b = family("each of the 15 axes alone", 15 * 20)
     rows = np.arange(axis + 15, len(a), 30)  # odd laps overlap
-    a, b = a.take(rows), b.take(rows)
+    a, b = a[rows], b[rows]
     found, swapped = between(a, b), between(b, a)
     truth = -oracle.separations(stored(a), stored(b))
     mirrored = (axis + 3) % 6 if axis < 6 else 6 + 3 * ((axis - 6) % 3) + (axis - 6) // 3
@@ -124,7 +124,7 @@ def test_points_lie_in_both_boxes(name: str, limit: int, pairs: int) -> None:
         grain = 4.0 * np.spacing(np.abs(found.positions[row, :count]).max())
         allowed = POINT_ACCURACY * float(sizes(a, b)[row]) + grain
         points = [membership.fractions(point) for point in found.positions[row, :count]]
-        for box in (a.row(row), b.row(row)):
+        for box in (row_of(a, row), row_of(b, row)):
             assert max(membership.outside(box, points)) <= allowed
 
 
@@ -392,7 +392,7 @@ def compared(pairs: int, ask: Callable[[Any, Any], tuple[float, Floats]]) -> Any
     """Ask a peer about ordinary pairs: same axis (n,), its depth and ours, sizes, our axes."""
     a, b = colliding("ordinary scene", pairs)
     found = between(a, b)
-    theirs = [ask(a.row(row), b.row(row)) for row in range(len(a))]
+    theirs = [ask(row_of(a, row), row_of(b, row)) for row in range(len(a))]
     depths = np.array([depth for depth, _ in theirs])
     normals = np.array([normal for _, normal in theirs])
     same = np.linalg.norm(normals - found.normals, axis=1) <= 1e-5

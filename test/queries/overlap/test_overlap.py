@@ -25,6 +25,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import ConvexHull, HalfspaceIntersection
 from scipy.spatial.transform import Rotation
+from support import row_of
 
 import obb_collision as oc
 from obb_collision.geometry.representations import face_planes
@@ -59,7 +60,9 @@ def scales(a: oc.Boxes, b: oc.Boxes) -> Floats:
 
 
 def assert_right(a: oc.Boxes, b: oc.Boxes) -> None:
-    truth = [float(overlap_oracle.overlap_volume(a.row(k), b.row(k))) for k in range(len(a))]
+    truth = [
+        float(overlap_oracle.overlap_volume(row_of(a, k), row_of(b, k))) for k in range(len(a))
+    ]
     assert (np.abs(oc.overlap_volumes(a, b) - truth) <= VOLUME_BOUND * scales(a, b) + 1e-300).all()
 
 

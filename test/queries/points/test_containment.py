@@ -21,7 +21,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from membership import holds
-from support import family
+from support import family, row_of
 
 from obb_collision.benchmarks.cases.families import FAMILIES
 from obb_collision.obb import OBB
@@ -48,9 +48,9 @@ def test_points_near_the_surface(name: str) -> None:
     rng = np.random.default_rng(5)
     a, _ = family(name, 25)
     for row in range(len(a)):
-        obb = OBB(*a.row(row))
+        obb = OBB(*row_of(a, row))
         points = points_near(obb, rng, 40)
-        truth = [holds(a.row(row), point[None]) for point in points]
+        truth = [holds(row_of(a, row), point[None]) for point in points]
         np.testing.assert_array_equal(obb.contains(points, exact=True), truth)
         default = np.asarray(obb.contains(points))
         assert default[truth].all(), "a point of the box may never be called outside"
@@ -66,7 +66,7 @@ def grown_by(obb: OBB) -> float:
 def test_a_million_points_at_once() -> None:
     rng = np.random.default_rng(6)
     a, _ = family("ordinary scene", 1)
-    obb = OBB(*a.row(0))
+    obb = OBB(*row_of(a, 0))
     points = obb.center + rng.uniform(-1.5, 1.5, (1_000_000, 3)) * obb.half_extents.max()
     inside = np.asarray(obb.contains(points))
     assert inside.shape == (1_000_000,)
@@ -75,13 +75,13 @@ def test_a_million_points_at_once() -> None:
     clear = np.abs(local).min(axis=1) > 1e-12
     np.testing.assert_array_equal(inside[clear], (local <= 0.0).all(axis=1)[clear])
     for k in rng.integers(0, len(points), 300):
-        assert inside[k] == holds(a.row(0), points[k : k + 1])
+        assert inside[k] == holds(row_of(a, 0), points[k : k + 1])
 
 
 @given(st.sampled_from(sorted(FAMILIES)), st.integers(0, 49), st.integers(0, 2**32 - 1))
 def test_one_point_is_answered_as_in_a_cloud(name: str, row: int, seed: int) -> None:
     a, _ = family(name, 50)
-    obb = OBB(*a.row(row))
+    obb = OBB(*row_of(a, row))
     points = points_near(obb, np.random.default_rng(seed), 8)
     for exact in (False, True):
         cloud = np.asarray(obb.contains(points, exact=exact))

@@ -24,7 +24,7 @@ from distances import box, segment, squared_distance
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
-from support import family
+from support import family, row_of
 
 from obb_collision.benchmarks.cases.families import FAMILIES
 from obb_collision.geometry.boxes import Boxes
@@ -54,7 +54,7 @@ def assert_as_each_box_by_itself(boxes: Boxes, points: np.ndarray, found: Points
     lowest = np.full(len(points), -1)
     for b in range(len(boxes)):
         inside = np.zeros(len(points), np.bool_)
-        inside[finite] = contains(*boxes.row(b), points[finite].astype(np.float64))
+        inside[finite] = contains(*row_of(boxes, b), points[finite].astype(np.float64))
         lowest[inside & (lowest < 0)] = b
         rows = np.flatnonzero(inside)
         assert found.counts[b] == len(rows)
@@ -153,8 +153,8 @@ def test_margins(scale: float) -> None:
     for b in range(len(boxes)):
         held = 0
         for point in points:
-            square = squared_distance(segment(point, point), box(boxes.row(b)))
-            alone = points_inside(boxes.take(np.array([b])), point[None], margin).counts[0]
+            square = squared_distance(segment(point, point), box(row_of(boxes, b)))
+            alone = points_inside(boxes[np.array([b])], point[None], margin).counts[0]
             held += alone
             size = np.abs(point - boxes.centers[b]).sum() + boxes.half_extents[b].sum() + margin
             truth = square <= Fraction(margin) ** 2

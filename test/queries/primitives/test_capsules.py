@@ -27,6 +27,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
+from support import row_of
 
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.capsules import Capsules
@@ -99,7 +100,7 @@ def test_capsules_against_boxes(scale: float) -> None:
     size += boxes.half_extents.sum(axis=1) + radii
     for n in range(len(boxes)):
         square = distances.squared_distance(
-            distances.segment(p[n], q[n]), distances.box(boxes.row(n))
+            distances.segment(p[n], q[n]), distances.box(row_of(boxes, n))
         )
         check(found.verdicts[n], found.separations[n], square, Fraction(radii[n]), size[n])
 
@@ -137,14 +138,14 @@ def test_depth_of_a_segment_in_a_box_is_the_least_way_out() -> None:
     rng = np.random.default_rng(4)
     boxes, p, q = scene(400, 5)
     solid = boxes.half_extents.min(axis=1) > 1e-3
-    boxes, p, q = boxes.take(solid), p[solid], q[solid]
+    boxes, p, q = boxes[solid], p[solid], q[solid]
     p = boxes.centers + 0.3 * (p - boxes.centers)
     radii = rng.uniform(0.0, 0.3, len(p))
     found = capsule_distances(Capsules(p, q, radii), boxes)
     inside = np.flatnonzero((found.separations + radii < -1e-6) & (p != q).any(axis=1))
     assert len(inside) > 50
     for n in inside:
-        corners = np.array([[float(x) for x in c] for c in membership.corners(boxes.row(n))])
+        corners = np.array([[float(x) for x in c] for c in membership.corners(row_of(boxes, n))])
         hull = ConvexHull(np.concatenate([corners - p[n], corners - q[n]]), qhull_options="QJ")
         depth = -hull.equations[:, 3].max()
         assert found.separations[n] + radii[n] == pytest.approx(-depth, abs=1e-7)
@@ -200,7 +201,7 @@ def test_rows_choose_the_pairs() -> None:
     for other in (boxes, capsules):
         chosen = capsule_pair_verdicts(capsules, i, other, j)
         np.testing.assert_array_equal(chosen, capsule_verdicts(capsules[i], other[j]))
-    assert len(capsule_verdicts(capsules[i[:0]], boxes.take(j[:0]))) == 0
+    assert len(capsule_verdicts(capsules[i[:0]], boxes[j[:0]])) == 0
 
 
 @given(st.integers(0, 2**32 - 1))

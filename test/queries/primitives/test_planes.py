@@ -23,7 +23,7 @@ import membership
 import numpy as np
 import pytest
 from distances import root
-from support import family
+from support import family, row_of
 
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.queries.primitives.planes import aabb_verdicts, plane_distances
@@ -50,7 +50,7 @@ def test_planes(name: str) -> None:
         at = membership.fractions(points[k])
         ends = [
             sum((a * (x - y) for a, x, y in zip(m, corner, at, strict=True)), Fraction(0))
-            for corner in membership.corners(boxes.row(k))
+            for corner in membership.corners(row_of(boxes, k))
         ]
         low, high = min(ends), max(ends)
         norm = root(sum((a * a for a in m), Fraction(0)))
@@ -74,7 +74,7 @@ def test_boxes_against_axis_aligned_boxes() -> None:
     maximum[:100] = minimum[:100] + rng.choice([0.0, 1e-17, 0.1, 1.0], (100, 3))
     found = aabb_verdicts(a, minimum, maximum)
     for n in range(len(a)):
-        truth = _interval_verdict(a.row(n), minimum[n], maximum[n])
+        truth = _interval_verdict(row_of(a, n), minimum[n], maximum[n])
         assert found[n] in (truth, TOUCHING)
     assert (found != TOUCHING).mean() > 0.9
     a, b = family("exact resting contact", 100)

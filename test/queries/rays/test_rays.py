@@ -25,7 +25,7 @@ from distances import box, segment, squared_distance
 from hypothesis import given
 from hypothesis import strategies as st
 from membership import Box, determinant, fractions, outside
-from support import family
+from support import family, row_of
 
 from obb_collision.benchmarks.cases.families import FAMILIES
 from obb_collision.geometry.boxes import Boxes
@@ -76,7 +76,9 @@ def aimed(boxes: Boxes, rng: np.random.Generator, each: int) -> tuple[np.ndarray
 def check(boxes: Boxes, origins: np.ndarray, directions: np.ndarray, found: RayHits) -> None:
     for n in range(len(origins)):
         norm = math.hypot(*directions[n])
-        entries = [exact_entry(boxes.row(b), origins[n], directions[n]) for b in range(len(boxes))]
+        entries = [
+            exact_entry(row_of(boxes, b), origins[n], directions[n]) for b in range(len(boxes))
+        ]
         true = [float(t) * norm for t in entries if t is not None]
         if found.boxes[n] < 0:
             assert not true, "no hit may be missed"
@@ -90,7 +92,7 @@ def check(boxes: Boxes, origins: np.ndarray, directions: np.ndarray, found: RayH
         unit = [x / Fraction(norm) for x in fractions(directions[n])]
         t = Fraction(float(found.distances[n]))
         point = [x + t * u for x, u in zip(fractions(origins[n]), unit, strict=True)]
-        assert outside(boxes.row(b), [point])[0] <= DOUBT * size
+        assert outside(row_of(boxes, b), [point])[0] <= DOUBT * size
         if found.normals[n].any():
             assert found.normals[n] @ directions[n] <= DOUBT * norm
             assert np.linalg.norm(found.normals[n]) == pytest.approx(1.0, abs=1e-14)
@@ -101,7 +103,7 @@ def test_rays_aimed_at_one_box(name: str) -> None:
     boxes, _ = family(name, 20)
     rng = np.random.default_rng(1)
     for b in range(len(boxes)):
-        one = boxes.take(np.array([b]))
+        one = boxes[np.array([b])]
         origins, directions = aimed(one, rng, 15)
         check(one, origins, directions, cast_rays(one, origins, directions))
 
@@ -124,7 +126,7 @@ def test_a_tree_of_many_boxes_changes_nothing() -> None:
     assert 0.1 < (found.boxes >= 0).mean() < 0.98
     nearest, rows = np.full(500, np.inf), np.full(500, -1)
     for b in range(len(boxes)):
-        alone = cast_rays(boxes.take(np.array([b])), origins, directions)
+        alone = cast_rays(boxes[np.array([b])], origins, directions)
         nearer = alone.distances < nearest
         nearest[nearer], rows[nearer] = alone.distances[nearer], b
     np.testing.assert_array_equal(found.boxes, rows)
@@ -153,8 +155,8 @@ def test_segments(name: str) -> None:
     ends = starts + ways * rng.choice([0.0, 0.4, 0.5, 1.0, 3.0], (len(starts), 1))
     truth = np.zeros(len(starts), np.bool_)
     for n in range(len(starts)):
-        one = boxes.take(np.array([n // 4]))
-        square = squared_distance(segment(starts[n], ends[n]), box(one.row(0)))
+        one = boxes[np.array([n // 4])]
+        square = squared_distance(segment(starts[n], ends[n]), box(row_of(one, 0)))
         truth[n] = square == 0
         hit = cast_segments(one, starts[n : n + 1], ends[n : n + 1]).hits[0]
         size = np.abs(starts[n] - one.centers[0]).sum() + one.half_extents.sum()

@@ -28,7 +28,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from one_set import sweep, sweep_twists
 from scipy.spatial.transform import Rotation
-from support import family, joined, sizes
+from support import family, joined, row_of, sizes
 from sweep_oracle import ExactMotion
 
 from obb_collision.benchmarks.cases.families import FAMILIES
@@ -72,7 +72,9 @@ def check_against_truth(start: Boxes, end: Boxes, rows: np.ndarray, found: Sweep
     """Assert the promise for every row; return how many near misses count as hits."""
     near_misses = 0
     for n, (i, j) in enumerate(rows):
-        exact = ExactMotion.of((start.row(i), start.row(j)), (end.row(i), end.row(j)))
+        exact = ExactMotion.of(
+            (row_of(start, i), row_of(start, j)), (row_of(end, i), row_of(end, j))
+        )
         truth = exact.first_contact()
         if truth is not None:
             assert found.hits[n]
@@ -111,7 +113,7 @@ def test_contact_is_in_both_boxes_and_the_normal_between_them(name: str) -> None
         start.centers[rows[hits, s]] + found.times[hits, None] * way[rows[hits, s]] for s in (0, 1)
     ]
     for side in (0, 1):
-        box = start.take(rows[hits, side])
+        box = start[rows[hits, side]]
         local = np.einsum("nji,nj->ni", box.rotations, found.positions[hits] - centers[side])
         slack = 1e-9 * size + 1e-12 * np.abs(way[rows[hits]]).sum(axis=(1, 2))
         assert ((np.abs(local) - box.half_extents).max(axis=1) <= slack).all()
@@ -204,7 +206,7 @@ def test_bad_input_is_refused_with_the_reason() -> None:
     with pytest.raises(ValueError, match=r"half extents of start.*row 4"):
         sweep(start, grown, rows)
     with pytest.raises(ValueError, match="same length"):
-        sweep(start, end.take(np.arange(3)), rows)
+        sweep(start, end[:3], rows)
     with pytest.raises(ValueError, match=r"pairs.*row 1"):
         sweep(start, end, [[0, 1], [0, 6]])
     for tolerance in (0.0, -1.0, 2.0, np.nan):
@@ -226,7 +228,7 @@ def test_bad_input_is_refused_with_the_reason() -> None:
 def test_no_pairs_no_answers() -> None:
     start, end, _ = moving("ordinary scene", 3)
     assert len(sweep(start, end, [])) == 0
-    nothing = start.take(np.arange(0))
+    nothing = start[:0]
     assert len(sweep(nothing, nothing, np.empty((0, 2), np.int64))) == 0
 
 

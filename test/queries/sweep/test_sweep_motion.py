@@ -115,7 +115,7 @@ def test_what_is_skipped_does_not_pass_through() -> None:
     limit = 0.5 * motion_bounds(start, end)[rows].sum(axis=1)
     thin = start.half_extents.min(axis=1)[rows]
     assert (limit <= thin.max(axis=1)).all()
-    slack = 1e-12 * sizes(start.take(rows[:, 0]), start.take(rows[:, 1]))
+    slack = 1e-12 * sizes(start[rows[:, 0]], start[rows[:, 1]])
     deepest = np.zeros(len(rows))
     for time in np.linspace(0.0, 1.0, 25):
         deepest = np.maximum(deepest, -gaps_at(course, rows, np.full(len(rows), time)))
@@ -144,4 +144,4 @@ def test_other_boxes_are_refused() -> None:
         with pytest.raises(ValueError, match="row 1"):
             question(boxes, grown)
         with pytest.raises(ValueError, match="same length"):
-            question(boxes, boxes.take(np.array([0])))
+            question(boxes, boxes[np.array([0])])

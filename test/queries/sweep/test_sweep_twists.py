@@ -359,7 +359,7 @@ def test_any_doubles_at_all(one: tuple, two: tuple, half: tuple, horizon: float)
         assert found.undecided[0] == np.isnan(found.times[0])
         assert found.free_until[0] >= 0.0
         assert np.isfinite(found.positions).all() == found.hits[0]
-        start = verdicts(boxes.take(np.array([0])), boxes.take(np.array([1])))[0]
+        start = verdicts(boxes[np.array([0])], boxes[np.array([1])])[0]
         if start == Verdict.OVERLAP:
             assert found.free_until[0] == 0.0
 

@@ -28,7 +28,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from support import family, stored, witnesses
+from support import family, row_of, stored, witnesses
 
 from obb_collision.benchmarks.cases.families import FAMILIES
 from obb_collision.geometry.boxes import Boxes
@@ -71,7 +71,7 @@ def check_same(
 def check_verdicts(first: tuple[Boxes, Boxes], second: tuple[Boxes, Boxes]) -> None:
     """Default verdicts of all rows, exact ones of a few."""
     np.testing.assert_array_equal(verdicts(*first), verdicts(*second))
-    few, same_few = ((a.take(SOME), b.take(SOME)) for a, b in (first, second))
+    few, same_few = ((a[SOME], b[SOME]) for a, b in (first, second))
     np.testing.assert_array_equal(verdicts(*few, exact=True), verdicts(*same_few, exact=True))
 
 
@@ -147,7 +147,7 @@ def test_the_two_stages_never_contradict_each_other(name: str) -> None:
     a, b = cached_family(name, 2000, 0)
     decided = 0
     for row in range(len(a)):
-        first, second = box_of(*a.row(row)), box_of(*b.row(row))
+        first, second = box_of(*row_of(a, row)), box_of(*row_of(b, row))
         fast = fast_verdict(*pair_of(first, second))
         if fast != UNDECIDED:
             assert fast == careful_verdict(first, second)
@@ -161,8 +161,7 @@ def test_batches_of_any_length_agree(name: str) -> None:
     whole = verdicts(a, b)
     for size in (1, 7, 64):
         parts = [
-            verdicts(a.take(rows), b.take(rows))
-            for rows in np.array_split(np.arange(ROWS), ROWS // size)
+            verdicts(a[rows], b[rows]) for rows in np.array_split(np.arange(ROWS), ROWS // size)
         ]
         np.testing.assert_array_equal(np.concatenate(parts), whole)
 

@@ -28,7 +28,7 @@ import oracle
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from support import chunks, family, loosened, stored, witnesses
+from support import chunks, family, loosened, row_of, stored, witnesses
 
 from obb_collision.benchmarks.cases.families import FAMILIES
 from obb_collision.geometry.boxes import Boxes
@@ -49,7 +49,7 @@ def check_against_truth(a: Boxes, b: Boxes) -> float:
     np.testing.assert_array_equal(default[decided], truth[decided])
     np.testing.assert_array_equal(verdicts(a, b, exact=True), truth)
     open_rows = np.flatnonzero(~decided & (truth != Verdict.TOUCHING))
-    a, b = a.take(open_rows), b.take(open_rows)
+    a, b = a[open_rows], b[open_rows]
     gaps = oracle.relative_separations(stored(a), stored(b))
     widest = float(np.abs(gaps).max(initial=0.0))
     assert widest <= UNDECIDED_WIDTH
@@ -111,7 +111,7 @@ def test_every_one_of_the_15_axes_decides_alone() -> None:
     apart = verdicts(a, b) == Verdict.SEPARATE
     np.testing.assert_array_equal(apart, (np.arange(len(a)) // 15) % 2 == 0)
     for row in np.flatnonzero(apart):
-        pair = oracle.ExactPair(a.row(row), b.row(row))
+        pair = oracle.ExactPair(row_of(a, row), row_of(b, row))
         gaps = [pair.gap(axis) for axis in pair.candidate_axes()]
         assert [k for k, gap in enumerate(gaps) if gap > 0] == [row % 15]
 
@@ -134,12 +134,12 @@ def test_shared_pairs(case: dict[str, Any]) -> None:
         return
     a, b = (Boxes(c[None], r[None], h[None]) for c, r, h in given)
     check_against_truth(a, b)
-    truth = oracle.verdict(a.row(0), b.row(0))
+    truth = oracle.verdict(row_of(a, 0), row_of(b, 0))
     kept = all(
         np.array_equal(box.rotations[0], r) for box, (_, r, _) in zip((a, b), given, strict=True)
     )
     # A label speaks about the doubles as given; made orthonormal, a pair moves by a rounding.
-    clear = abs(oracle.ExactPair(a.row(0), b.row(0)).relative_separation()) > 1e-12
+    clear = abs(oracle.ExactPair(row_of(a, 0), row_of(b, 0)).relative_separation()) > 1e-12
     if kept or clear:
         assert truth == LABELS[case["expected"]]
 
@@ -201,4 +201,4 @@ def test_deeply_overlapping_boxes_overlap_at_every_angle() -> None:
 def test_verdicts_want_equal_lengths() -> None:
     a, b = family("ordinary scene", 3)
     with pytest.raises(ValueError, match="same length"):
-        verdicts(a, b.take(np.arange(2)))
+        verdicts(a, b[:2])

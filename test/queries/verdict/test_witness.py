@@ -21,7 +21,7 @@ import oracle
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from support import family, sizes, stored, witnesses
+from support import family, row_of, sizes, stored, witnesses
 
 from obb_collision.benchmarks.cases.families import FAMILIES
 from obb_collision.geometry.boxes import Boxes
@@ -44,7 +44,7 @@ def test_axis_of_separate_pairs_proves_it(name: str, pairs: int) -> None:
     a, b = family(name, max(pairs // 15, 50))
     _, axes = witnesses(a, b)
     for row in np.flatnonzero(verdicts(a, b) == Verdict.SEPARATE):
-        assert oracle.gap_along(a.row(row), b.row(row), axes[row]) > 0
+        assert oracle.gap_along(row_of(a, row), row_of(b, row), axes[row]) > 0
 
 
 @pytest.mark.parametrize("name", FAMILIES)
@@ -72,7 +72,7 @@ def test_moving_by_the_depth_ends_the_overlap(name: str) -> None:
     """The axis points from a to b: b pushed along it by the depth, and a little, is free."""
     a, b = family(name, 500)
     rows = np.flatnonzero(verdicts(a, b) == Verdict.OVERLAP)
-    a, b = a.take(rows), b.take(rows)
+    a, b = a[rows], b[rows]
     gaps, axes = witnesses(a, b)
     coordinates = np.abs(b.centers).max(axis=1) + np.abs(a.centers).max(axis=1)
     little = 1e-9 * sizes(a, b) + 8.0 * np.finfo(float).eps * coordinates
@@ -85,7 +85,7 @@ def test_moving_by_the_depth_ends_the_overlap(name: str) -> None:
 def test_all_15_axes_come_out_as_least_penetration() -> None:
     a, b = family("each of the 15 axes alone", 15 * 40)
     for row in range(len(a)):
-        found, _ = box_witness(box_of(*a.row(row)), box_of(*b.row(row)), np.empty(AXES))
+        found, _ = box_witness(box_of(*row_of(a, row)), box_of(*row_of(b, row)), np.empty(AXES))
         assert found[2] == row % 15
 
 
@@ -94,7 +94,7 @@ def test_axes_left_out_by_a_rough_look_could_not_have_won(name: str) -> None:
     a, b = family(name, 300)
     most = np.empty(AXES)
     for row in range(len(a)):
-        boxes = box_of(*a.row(row)), box_of(*b.row(row))
+        boxes = box_of(*row_of(a, row)), box_of(*row_of(b, row))
         (gap, axis, number), _ = box_witness(*boxes, most)
         every = [careful_gap(*boxes, k) for k in range(AXES)]
         assert gap == max(found[0] for found in every)
@@ -114,7 +114,7 @@ def test_identical_boxes_have_a_depth_and_a_normal(half: tuple[float, float, flo
 @given(st.sampled_from(sorted(FAMILIES)), st.integers(0, 199))
 def test_single_boxes_answer_as_batches_do(name: str, row: int) -> None:
     a, b = family(name, 200)
-    one, other = OBB(*a.row(row)), OBB(*b.row(row))
+    one, other = OBB(*row_of(a, row)), OBB(*row_of(b, row))
     gaps, axes = witnesses(a, b)
     result = one.separation(other)
     assert result.gap == gaps[row]

@@ -23,7 +23,7 @@ import oracle
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from support import stored
+from support import row_of, stored
 
 from obb_collision.benchmarks.cases.placement import random_rotations
 from obb_collision.geometry.boxes import Boxes
@@ -50,7 +50,7 @@ def clustered(rng: Rng, n: int) -> Boxes:
 
 def identical(rng: Rng, n: int) -> Boxes:
     box = uniform(rng, 1)
-    return box.take(np.zeros(min(n, 120), dtype=np.int64))
+    return box[np.zeros(min(n, 120), dtype=np.int64)]
 
 
 def collinear(rng: Rng, n: int) -> Boxes:
@@ -152,7 +152,7 @@ def test_every_pair_is_found_by_exact_truth(make: Callable[[Rng, int], Boxes]) -
     """The same against the oracle, which shares nothing with the library."""
     boxes = make(np.random.default_rng(99), 60)
     rows = all_pairs(len(boxes))
-    sides = [stored(boxes.take(rows[:, k])) for k in range(2)]
+    sides = [stored(boxes[rows[:, k]]) for k in range(2)]
     truth = rows[oracle.verdicts(*sides) != oracle.SEPARATE]
     np.testing.assert_array_equal(find_pairs(boxes, exact=True), truth)
     default = {tuple(pair) for pair in find_pairs(boxes).tolist()}
@@ -165,7 +165,7 @@ def test_bounds_contain_every_corner(make: Callable[[Rng, int], Boxes]) -> None:
     boxes = make(np.random.default_rng(3), 40)
     minimum, maximum = boxes.world_bounds()
     for row in range(len(boxes)):
-        for corner in oracle.corners(boxes.row(row)):
+        for corner in oracle.corners(row_of(boxes, row)):
             for k in range(3):
                 assert minimum[row, k] <= corner[k] <= maximum[row, k]
 
@@ -220,7 +220,7 @@ def test_what_is_not_separate_is_found_at_every_magnitude(
                 expected = brute_force(boxes, exact)
                 np.testing.assert_array_equal(find_pairs(boxes, exact=exact), expected)
             rows = all_pairs(len(boxes))
-            truth = oracle.verdicts(*(stored(boxes.take(rows[:, k])) for k in range(2)))
+            truth = oracle.verdicts(*(stored(boxes[rows[:, k]]) for k in range(2)))
             np.testing.assert_array_equal(expected, rows[truth != oracle.SEPARATE])
             touching += len(find_pairs(boxes)) - len(expected)
         else:
@@ -233,7 +233,7 @@ def test_order_of_the_boxes_does_not_matter() -> None:
     rng = np.random.default_rng(4)
     boxes = uniform(rng, 400)
     order = rng.permutation(len(boxes))
-    there = np.sort(order[find_pairs(boxes.take(order))], axis=1)
+    there = np.sort(order[find_pairs(boxes[order])], axis=1)
     np.testing.assert_array_equal(there[np.lexsort(there.T[::-1])], find_pairs(boxes))
 
 

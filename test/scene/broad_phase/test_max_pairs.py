@@ -175,7 +175,7 @@ def test_effects_with_pairs_of_their_own_have_a_limit_and_say_so() -> None:
     scene = oc.Scene(max_pairs=10)
     for k in range(200):
         scene.add(f"{k}", Box([0.1, 0.1, 0.1]), [0.101 * k, 0, 0, 0, 0, 0, 1])
-    scene.set_effect("clearance", limit=0.05)
+    scene.set_effect("clearance", max_distance=0.05)
     report = scene.check(effects=["clearance"])
     assert len(report.clearances) == 100
     assert report.clearances.pairs[-1].tolist() == [99, 100]

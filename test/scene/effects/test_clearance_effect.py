@@ -22,11 +22,11 @@ from scenes import filled_scene, random_poses
 import obb_collision as oc
 
 
-def all_clearances(scene: oc.Scene, limit: float) -> dict[tuple[int, int], float]:
+def all_clearances(scene: oc.Scene, max_distance: float) -> dict[tuple[int, int], float]:
     boxes, slots = scene.boxes, scene.indices
     pairs = np.array([(i, j) for i in range(len(slots)) for j in range(i + 1, len(slots))])
     distances = clearances(boxes, pairs).distances
-    near = distances <= limit
+    near = distances <= max_distance
     keys = map(tuple, slots[pairs[near]].tolist())
     return dict(zip(keys, distances[near].tolist(), strict=True))
 
@@ -40,7 +40,7 @@ def found(report: oc.Report) -> dict[tuple[int, int], float]:
 @pytest.mark.parametrize("limit", [0.0, 0.05, 1.0, 100.0])
 def test_all_pairs_within_the_limit_are_there_and_no_others(limit: float) -> None:
     scene = filled_scene(40)
-    scene.set_effect("clearance", limit=limit)
+    scene.set_effect("clearance", max_distance=limit)
     report = scene.check()
     assert found(report) == all_clearances(scene, limit)
     keys = report.clearances.pairs
@@ -50,7 +50,7 @@ def test_all_pairs_within_the_limit_are_there_and_no_others(limit: float) -> Non
 
 def test_pairs_of_callers_only_and_not_allowed_ones() -> None:
     scene = filled_scene(80)
-    scene.set_effect("clearance", limit=0.5, objects=["box/7"])
+    scene.set_effect("clearance", max_distance=0.5, objects=["box/7"])
     everything = all_clearances(scene, 0.5)
     assert found(scene.check()) == {k: d for k, d in everything.items() if 7 in k}
     some = [f"box/{k}" for k in range(0, 80, 2)]
@@ -65,7 +65,7 @@ def test_pairs_of_callers_only_and_not_allowed_ones() -> None:
 
 def test_a_late_reader_gets_the_clearances_of_the_check() -> None:
     scene = filled_scene(30)
-    scene.set_effect("clearance", limit=0.3)
+    scene.set_effect("clearance", max_distance=0.3)
     expected = all_clearances(scene, 0.3)
     report = scene.check()
     scene.move_indices(scene.indices, random_poses(30, np.random.default_rng(1), 2.0))

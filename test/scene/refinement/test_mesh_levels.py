@@ -94,7 +94,7 @@ def test_no_level_misses_what_a_more_exact_one_reports(
 
     mesh = oc.mesh_collisions(placed, placed, np.stack([i, j], axis=1))
     hull = hulls_may_collide(convex, convex, i, j)
-    obb = oc.verdicts(boxes.take(i), boxes.take(j)) != SEPARATE
+    obb = oc.verdicts(boxes[i], boxes[j]) != SEPARATE
     assert 0.01 < mesh.mean() < hull.mean() < obb.mean() < 0.99
     assert not (mesh & ~hull).any()
     assert not (mesh & ~obb).any()
