@@ -450,7 +450,7 @@ def test_mujoco_finds_the_same_or_prefers_a_face_that_is_deeper(pairs: int) -> N
 
 def test_bad_input_is_refused_by_name() -> None:
     boxes = Boxes(np.zeros((2, 3)), [np.eye(3)] * 2, np.ones((2, 3)))
-    with pytest.raises(ValueError, match="limit must be 4 or 8, got 5"):
+    with pytest.raises(ValueError, match="max_points must be 4 or 8, got 5"):
         contacts(boxes, [[0, 1]], 5)
     with pytest.raises(ValueError, match=r"pairs must be rows of 2 and 2, got \[0, 2\] in row 1"):
         contacts(boxes, [[0, 1], [0, 2]])
