@@ -37,6 +37,8 @@ from obb_collision.queries.verdict.verdict import Verdict, verdicts
 
 Pair = tuple[Any, Any]
 Rows = np.ndarray
+#: Pairs at a time that are sampled at once: arrays that fit a processor's cache.
+CHUNK = 2000
 
 
 @dataclass
@@ -226,7 +228,7 @@ def first_sampled_contact(course: Course, rows: Rows, samples: int = 160) -> np.
     for n in (samples, 24, 24, 24):
         unseen = np.flatnonzero(~np.isfinite(hit) & (first <= last))
         grid = np.linspace(first[unseen], last[unseen], n)
-        gaps = np.array([gaps_at(course, rows[unseen], times) for times in grid])
+        gaps = _gaps_on(course, rows[unseen], grid)
         best = gaps.argmin(axis=0)
         every = np.arange(len(unseen))
         first[unseen] = grid[np.maximum(best - 1, 0), every]
@@ -252,6 +254,16 @@ def first_sampled_contact(course: Course, rows: Rows, samples: int = 160) -> np.
 def gaps_at(course: Course, rows: Rows, times: np.ndarray) -> np.ndarray:
     """(m,) largest gap of the 15 axes of each pair at its time, metres."""
     return witnesses(*course.pair_at(rows, times))[0]
+
+
+def _gaps_on(course: Course, rows: Rows, grid: np.ndarray) -> np.ndarray:
+    """(samples, m) gaps of each pair at the times of its column, many samples at once."""
+    at_once = max(1, CHUNK // max(1, len(rows)))
+    gaps = [
+        gaps_at(course, np.tile(rows, (len(some), 1)), some.ravel()).reshape(some.shape)
+        for some in np.split(grid, range(at_once, len(grid), at_once))
+    ]
+    return np.concatenate(gaps)
 
 
 def _overlap(course: Course, rows: Rows, times: np.ndarray) -> np.ndarray:
