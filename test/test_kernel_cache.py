@@ -17,24 +17,22 @@
 from __future__ import annotations
 
 import ast
-import logging
 import os
 import re
 import shutil
 import subprocess
 import sys
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any, NamedTuple
+from typing import Any
 
-import numba
 import pytest
 
-from obb_collision import _compiling, _jit, _kernel_cache
-from obb_collision._kernel_key import fields_of, kernel_key
-from obb_collision.warm_up.steps import possible_steps, task_of
+from obb_collision import _jit, _kernel_cache
+from obb_collision._compiling import compiled
 
 PACKAGE = Path(_kernel_cache.__file__).resolve().parent
+PATIENCE = 600.0
+"""Seconds that a process may take on a loaded machine."""
 RUN = """
 import obb_collision as oc
 
@@ -47,8 +45,9 @@ def run(home: Path, code: str = RUN, **environment: str) -> str:
     """Run code in a process with a cache of its own; returns what it says on stderr."""
     variables = {**os.environ, "NUMBA_CACHE_DIR": str(home), **environment}
     done = subprocess.run(
-        [sys.executable, "-c", code], env=variables, timeout=600, capture_output=True, text=True
-    )
+        [sys.executable, "-c", code], env=variables, timeout=PATIENCE, capture_output=True,
+        text=True,
+    )  # fmt: skip
     assert done.returncode == 0, done.stderr
     return done.stderr
 
@@ -73,7 +72,7 @@ def run_copied(folder: Path, **environment: str) -> list[str]:
     variables = {**os.environ, "NUMBA_CACHE_DIR": str(folder / "cache"), **environment}
     done = subprocess.run(
         [sys.executable, "-c", code], cwd=folder, env=variables | {"PYTHONPATH": str(folder)},
-        timeout=600, capture_output=True, text=True,
+        timeout=PATIENCE, capture_output=True, text=True,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     names: list[str] = ast.literal_eval(done.stdout)
@@ -101,27 +100,12 @@ def test_an_edit_of_a_kernel_compiles_it(copied: Path) -> None:
         file.write_text(text)
 
 
-@pytest.mark.parametrize(
-    "flag", [{"NUMBA_BOUNDSCHECK": "1"}, {"NUMBA_OPT": "1"}, {"NUMBA_CPU_NAME": "generic"}]
-)
-def test_bounds_checks_optimisation_and_the_processor_are_in_the_key(
-    copied: Path, flag: dict[str, str]
-) -> None:
-    assert run_copied(copied, **flag) != []
+def test_another_processor_is_another_file(copied: Path) -> None:
+    assert run_copied(copied, NUMBA_CPU_NAME="generic") != []
 
 
-KERNEL = """
-from typing import NamedTuple
-import numpy as np
+EXAMPLE = """
 from obb_collision._jit import njit
-
-class Point(NamedTuple):
-    x: float
-    y: float
-
-FACTOR = 2.0
-STEPS = (1, 2)
-ARRAY = np.array([1.0, 2.0])
 
 @njit
 def helper(x):
@@ -129,70 +113,36 @@ def helper(x):
 
 @njit
 def kernel(x):
-    'Return something.'
-    return Point(helper(x) * FACTOR + 0.25, ARRAY[STEPS[0]])
+    return 2.0 * helper(x)
 """
+NAMES = ["example.helper", "example.kernel"]
 
 
-def key_of(source: str) -> str:
+@pytest.fixture
+def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return the folder of an empty cache that this process uses."""
+    folder = tmp_path / "obb_collision"
+    monkeypatch.setattr(_kernel_cache, "places", [folder])
+    monkeypatch.setattr(_jit, "kernels", [])
+    return folder
+
+
+def use_example() -> list[str]:
+    """Define kernels anew, as another process would, and use them; returns those compiled."""
+    before = len(compiled.names)
     names: dict[str, Any] = {"__name__": "obb_collision.example"}
-    exec(source, names)
-    return kernel_key(names["kernel"])
-
-
-@pytest.mark.parametrize(
-    ("before", "after", "same"),
-    [
-        ("Return something.", "Return something else.", True),
-        ("import numpy", "# a comment\nimport numpy", True),
-        ("FACTOR = 2.0", "OTHER = 1\nFACTOR = 2.0", True),
-        ("FACTOR = 2.0", "FACTOR = 2.0000000000000004", False),
-        ("STEPS = (1, 2)", "STEPS = (1, 3)", False),
-        ("1.0, 2.0]", "1.0, 3.0]", False),
-        ("x + 1.0", "x + 2.0", False),
-        ("x + 1.0", "x - 1.0", False),
-        ("0.25", "0.5", False),
-        ("    x: float\n    y: float", "    y: float\n    x: float", False),
-    ],
-)
-def test_the_key_has_what_a_kernel_depends_on(
-    before: str, after: str, same: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(_jit, "kernels", [])
-    assert before in KERNEL
-    assert (key_of(KERNEL) == key_of(KERNEL.replace(before, after, 1))) == same
-
-
-def test_what_a_key_cannot_be_made_of_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(_jit, "kernels", [])
-    with pytest.raises(TypeError, match="depends on a dict"):
-        key_of(KERNEL.replace("STEPS = (1, 2)", "STEPS = {0: 1}"))
-
-
-def test_every_kernel_has_a_key_of_its_own() -> None:
-    for step in possible_steps():
-        task_of(step)  # imports its kernels
-    keys = {kernel_key(kernel) for kernel in _jit.kernels}
-    assert len(keys) == len(_jit.kernels) > 250
-
-
-def test_fields_in_another_order_are_another_signature() -> None:
-    def signature(*fields: str) -> Any:
-        make: Any = NamedTuple
-        point = make("Point", [(field, float) for field in fields])
-        return numba.typeof((point(1.0, 2.0), 1))
-
-    first, second = signature("x", "y"), signature("y", "x")
-    assert str(first) == str(second)
-    assert fields_of(first) != fields_of(second)
-    assert fields_of(first) == fields_of(signature("x", "y"))
+    exec(EXAMPLE, names)
+    assert names["kernel"](1.5) == 5.0
+    return sorted(compiled.names[before:])
 
 
 @pytest.mark.parametrize("damage", ["empty", "zeroed", "garbage", "halved"])
-def test_a_damaged_file_is_written_anew(tmp_path: Path, damage: str) -> None:
-    run(tmp_path)
-    good = kernels(tmp_path)
-    assert good
+def test_a_damaged_file_is_written_anew(
+    home: Path, damage: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    assert use_example() == NAMES
+    good = kernels(home)
+    assert len(good) == 2
     for path, content in good.items():
         path.write_bytes(
             {
@@ -202,18 +152,29 @@ def test_a_damaged_file_is_written_anew(tmp_path: Path, damage: str) -> None:
                 "halved": content[: len(content) // 2],
             }[damage]
         )
-    said = run(tmp_path)
-    assert f"kernels in {tmp_path / 'obb_collision'} are damaged" in said
-    again = kernels(tmp_path)
+    assert use_example() == NAMES
+    assert f"kernels in {home} are damaged" in caplog.text
+    again = kernels(home)
     assert again.keys() == good.keys()
     assert all(len(again[path]) > len(content) // 2 for path, content in good.items())
+    assert use_example() == []
 
 
-def test_a_second_run_compiles_nothing(tmp_path: Path) -> None:
-    run(tmp_path)
-    before = {path: path.stat().st_mtime_ns for path in kernels(tmp_path)}
-    assert run(tmp_path) == ""
-    assert {path: path.stat().st_mtime_ns for path in kernels(tmp_path)} == before
+def test_a_second_use_compiles_and_writes_nothing(home: Path) -> None:
+    assert use_example() == NAMES
+    before = {path: path.stat().st_mtime_ns for path in kernels(home)}
+    assert use_example() == []
+    assert {path: path.stat().st_mtime_ns for path in kernels(home)} == before
+
+
+def test_what_only_loads_compiles_nothing(home: Path) -> None:
+    before = len(compiled.names)
+    with _kernel_cache.only_loading(), pytest.raises(_kernel_cache.KernelMissingError):
+        use_example()
+    assert compiled.names[before:] == []
+    assert use_example() == NAMES
+    with _kernel_cache.only_loading():
+        assert use_example() == []
 
 
 FULL = """
@@ -230,16 +191,23 @@ def test_a_full_disk_is_said_once_and_stops_nothing(tmp_path: Path) -> None:
     assert not list(tmp_path.rglob("tmp*"))  # nothing half written is left
 
 
-@pytest.mark.parametrize("home", ["a file", "no place for one"])
-def test_a_folder_that_cannot_be_is_said_and_stops_nothing(tmp_path: Path, home: str) -> None:
-    (tmp_path / "a file").write_text("")
-    if home == "a file":
-        said = run(tmp_path / home)
-        assert f"kernels can't be kept in {tmp_path / home / 'obb_collision'}" in said
-    else:
-        said = run(tmp_path, RUN, NUMBA_CACHE_DIR="", XDG_CACHE_HOME="relative", HOME="~")
-        assert "kept in" not in said
-        assert not Path("~").exists()
+def test_a_folder_that_is_a_file_is_said_and_stops_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    (tmp_path / "file").write_text("")
+    folder = tmp_path / "file" / "obb_collision"
+    monkeypatch.setattr(_kernel_cache, "places", [folder])
+    monkeypatch.setattr(_kernel_cache, "unsaved", [])
+    monkeypatch.setattr(_jit, "kernels", [])
+    assert use_example() == NAMES
+    assert _kernel_cache.unsaved == NAMES
+    assert f"kernels can't be kept in {folder}: Not a directory" in caplog.text
+
+
+def test_without_a_home_folder_nothing_is_said_and_nothing_stops(tmp_path: Path) -> None:
+    said = run(tmp_path, RUN, NUMBA_CACHE_DIR="", XDG_CACHE_HOME="relative", HOME="~")
+    assert "kept in" not in said
+    assert not Path("~").exists()
 
 
 def test_a_private_folder_takes_what_the_other_does_not_and_goes_with_the_process(
@@ -302,43 +270,3 @@ def test_private_folders_are_removed_once_their_processes_are_gone(tmp_path: Pat
         for process in started:
             process.kill()
             process.communicate()
-
-
-def test_a_thread_that_only_loads_compiles_nothing(tmp_path: Path) -> None:
-    code = f"""
-from obb_collision import _kernel_cache as cache
-from obb_collision._compiling import compiled
-missing = ""
-try:
-    with cache.only_loading():
-        exec({RUN!r})
-except cache.KernelMissingError as error:
-    missing = str(error)
-assert compiled.names == []
-"""
-    run(tmp_path, code + "assert missing")
-    run(tmp_path)
-    run(tmp_path, code + "assert not missing")
-
-
-def test_compiling_is_said_after_a_second_and_can_be_silenced(tmp_path: Path) -> None:
-    slow = "from obb_collision import _compiling\n_compiling.FIRST_WORD = 0.0\n"
-    slow += "_compiling.compiled.say = _compiling.Words()\n"
-    said = run(tmp_path / "first", slow + RUN)
-    assert said.startswith("compiling kernels (obb_collision_warm_up compiles all beforehand)")
-    assert "so far" in said
-    silent = "import logging\nlogging.getLogger('obb_collision').setLevel('ERROR')\n"
-    assert run(tmp_path / "second", silent + slow + RUN) == ""
-
-
-def test_a_quick_compilation_is_not_worth_a_word() -> None:
-    words, said = _compiling.Words(), []
-    handler = logging.Handler()
-    handler.emit = lambda record: said.append(record.getMessage())  # type: ignore[method-assign]
-    _kernel_cache.logger.addHandler(handler)
-    try:
-        for seconds in (0.5, 0.9, 1.1, 2.0, 6.0, 6.2, 11.5):
-            words(SimpleNamespace(seconds=seconds, names=["a"]))  # type: ignore[arg-type]
-    finally:
-        _kernel_cache.logger.removeHandler(handler)
-    assert [line.rpartition(", ")[2] for line in said] == ["1 s", "6 s", "12 s"]

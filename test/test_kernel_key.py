@@ -1,0 +1,111 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The key of a kernel: what it depends on, and nothing else."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numba
+import pytest
+
+from obb_collision import _jit, _kernel_key
+from obb_collision._kernel_key import fields_of, kernel_key
+from obb_collision.warm_up.steps import possible_steps, task_of
+
+KERNEL = """
+from typing import NamedTuple
+import numpy as np
+from obb_collision._jit import njit
+
+class Point(NamedTuple):
+    x: float
+    y: float
+
+FACTOR = 2.0
+STEPS = (1, 2)
+ARRAY = np.array([1.0, 2.0])
+
+@njit
+def helper(x):
+    return x + 1.0
+
+@njit
+def kernel(x):
+    'Return something.'
+    return Point(helper(x) * FACTOR + 0.25, ARRAY[STEPS[0]])
+"""
+
+
+def key_of(source: str) -> str:
+    names: dict[str, Any] = {"__name__": "obb_collision.example"}
+    exec(source, names)
+    return kernel_key(names["kernel"])
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "same"),
+    [
+        ("Return something.", "Return something else.", True),
+        ("import numpy", "# a comment\nimport numpy", True),
+        ("FACTOR = 2.0", "OTHER = 1\nFACTOR = 2.0", True),
+        ("FACTOR = 2.0", "FACTOR = 2.0000000000000004", False),
+        ("STEPS = (1, 2)", "STEPS = (1, 3)", False),
+        ("1.0, 2.0]", "1.0, 3.0]", False),
+        ("x + 1.0", "x + 2.0", False),
+        ("x + 1.0", "x - 1.0", False),
+        ("0.25", "0.5", False),
+        ("    x: float\n    y: float", "    y: float\n    x: float", False),
+    ],
+)
+def test_the_key_has_what_a_kernel_depends_on(
+    before: str, after: str, same: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(_jit, "kernels", [])
+    assert before in KERNEL
+    assert (key_of(KERNEL) == key_of(KERNEL.replace(before, after, 1))) == same
+
+
+@pytest.mark.parametrize("flag", _kernel_key.FLAGS)
+def test_the_key_has_the_settings_of_numba(flag: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(_jit, "kernels", [])
+    before = key_of(KERNEL)
+    monkeypatch.setattr(_kernel_key.config, flag, "another", raising=False)
+    assert key_of(KERNEL) != before
+
+
+def test_what_a_key_cannot_be_made_of_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(_jit, "kernels", [])
+    with pytest.raises(TypeError, match="depends on a dict"):
+        key_of(KERNEL.replace("STEPS = (1, 2)", "STEPS = {0: 1}"))
+
+
+def test_every_kernel_has_a_key_of_its_own() -> None:
+    for step in possible_steps():
+        task_of(step)  # imports its kernels
+    keys = {kernel_key(kernel) for kernel in _jit.kernels}
+    assert len(keys) == len(_jit.kernels) > 250
+
+
+def test_fields_in_another_order_are_another_signature() -> None:
+    def signature(*fields: str) -> Any:
+        make: Any = NamedTuple
+        point = make("Point", [(field, float) for field in fields])
+        return numba.typeof((point(1.0, 2.0), 1))
+
+    first, second = signature("x", "y"), signature("y", "x")
+    assert str(first) == str(second)
+    assert fields_of(first) != fields_of(second)
+    assert fields_of(first) == fields_of(signature("x", "y"))
