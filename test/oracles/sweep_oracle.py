@@ -257,7 +257,7 @@ def gaps_at(course: Course, rows: Rows, times: np.ndarray) -> np.ndarray:
 
 
 def _gaps_on(course: Course, rows: Rows, grid: np.ndarray) -> np.ndarray:
-    """(samples, m) gaps of each pair at the times of its column, many samples at once."""
+    """Return gaps (samples, m) of each pair at the times of its column, many samples at once."""
     at_once = max(1, CHUNK // max(1, len(rows)))
     gaps = [
         gaps_at(course, np.tile(rows, (len(some), 1)), some.ravel()).reshape(some.shape)

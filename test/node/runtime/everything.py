@@ -16,6 +16,7 @@
 
 ``python everything.py`` runs it and prints, as JSON, which kernels the process compiled or loaded
 after "ready", and for each thing asked the cycles it took and the longest gap between two.
+``python everything.py EFFECT`` switches nothing on but this effect.
 """
 
 from __future__ import annotations
@@ -39,7 +40,7 @@ from obb_collision.node.messages.clouds import cloud_to_ros
 from obb_collision.node.messages.names import namespace_number
 from obb_collision.node.runtime import garbage
 
-RATE = 50.0
+RATE = 100.0
 MANY = 70
 """Objects: enough for the incremental ways, and for the scene to grow."""
 BUILT = (Marker.TRIANGLE_LIST, Marker.CUBE_LIST, Marker.LINE_LIST)
@@ -54,6 +55,8 @@ EFFECTS = {
     "markers": "obb_collision/markers",
     "diagnostics": "/diagnostics",
 }
+SHOWN = ("text", "markers", "diagnostics")
+"""Effects without kernels, whose messages take longer than all else."""
 CHANGES: tuple[tuple[str, Any], ...] = (
     ("time_budget", 0.005),
     ("accuracy", "mesh"),
@@ -158,6 +161,15 @@ def objects() -> list[Marker]:
     return few + [cube(("many", n), (0.9 * n, 5.0, 0.0)) for n in range(MANY)]
 
 
+def switch_effect(rig: Everything, effect: str) -> str:
+    """Ask for an effect by its topic; returns what it was once it is answered."""
+    topic = EFFECTS[effect]
+    rig.listen(topic)
+    rig.until(lambda: topic in rig.last, topic)
+    rig.move()
+    return f"effect {effect}"
+
+
 def switch_everything(rig: Everything) -> Iterator[str]:
     """Ask for one thing after the other; yields what it was once it is answered."""
     rig.send(cube(("alone", 1)))
@@ -169,11 +181,9 @@ def switch_everything(rig: Everything) -> Iterator[str]:
     rig.answer()
     rig.move()
     yield "objects"
-    for effect, topic in EFFECTS.items():
-        rig.listen(topic)
-        rig.until(lambda topic=topic: topic in rig.last, topic)  # type: ignore[misc]
-        rig.move()
-        yield f"effect {effect}"
+    for effect in EFFECTS:
+        yield switch_effect(rig, effect)
+    rig.ignore(*(EFFECTS[effect] for effect in SHOWN))
     for level in (*ALL_LEVELS, *reversed(ALL_LEVELS)):
         rig.set(accuracy=level)
         rig.cycles(5)
@@ -181,6 +191,8 @@ def switch_everything(rig: Everything) -> Iterator[str]:
         rig.move()
         yield f"accuracy {level}"
     for name, value in CHANGES:
+        if name == "marker_form":
+            rig.listen(EFFECTS["markers"])
         assert all(result.successful for result in rig.set(**{name: value})), name
         rig.cycles(5)
         rig.move()
@@ -195,13 +207,22 @@ def switch_everything(rig: Everything) -> Iterator[str]:
     yield "objects that go"
 
 
-def main() -> None:
-    """Run it."""
+def switch_one(rig: Everything, effect: str) -> Iterator[str]:
+    """Ask for one effect, of objects that are there."""
+    rig.send(*objects())
+    rig.answer()
+    yield "objects"
+    yield switch_effect(rig, effect)
+
+
+def main(*effects: str) -> None:
+    """Run it, or for one effect."""
     rig = Everything()
     garbage.settle()  # as the executable does
     with rig:
         before, compiled = rig.kernels(), len(_compiling.compiled.names)
-        stages = [(stage, rig.stage()) for stage in switch_everything(rig)]
+        asked = switch_one(rig, *effects) if effects else switch_everything(rig)
+        stages = [(stage, rig.stage()) for stage in asked]
         new = sorted(rig.kernels() - before)
     names = _compiling.compiled.names[compiled:]
     found = {"new": new, "compiled": names, "stages": stages}
@@ -209,4 +230,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    main(*sys.argv[1:])

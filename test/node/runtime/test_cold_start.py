@@ -34,8 +34,7 @@ pytest.importorskip("rclpy")
 from node_process import PATIENCE, cached, environment, output_until, running
 
 from obb_collision import _jit
-from obb_collision.warm_up.processes import compile_steps
-from obb_collision.warm_up.steps import BOXES, MESSAGES, NODE_STEPS
+from obb_collision.warm_up.steps import NODE_STEPS, run
 
 EVERYTHING = Path(__file__).with_name("everything.py")
 LONGEST_GAP = 0.1
@@ -44,10 +43,10 @@ MOST_CROWDED = 5.0
 """A bound grows by this factor at most: compiling takes seconds, and is seen on any machine."""
 
 
-def run_everything(cache: Path | None) -> dict[str, Any]:
+def run_everything(cache: Path | None, *effects: str) -> dict[str, Any]:
     """Run ``everything.py``; returns what it found."""
     done = subprocess.run(
-        [sys.executable, str(EVERYTHING)],
+        [sys.executable, str(EVERYTHING), *effects],
         env=environment(**({} if cache is None else cached(cache))),
         capture_output=True,
         text=True,
@@ -60,16 +59,27 @@ def run_everything(cache: Path | None) -> dict[str, Any]:
 
 def test_what_a_node_uses_is_loaded_at_ready() -> None:
     """The kernels that it has then are compared with those it has after everything was asked."""
-    assert compile_steps(NODE_STEPS).failed == {}
+    for step in NODE_STEPS:
+        run(step)  # the cache has them from now on
     found = run_everything(None)
     assert found["new"] == []
     assert found["compiled"] == []
 
 
-def test_cycles_go_on_while_everything_is_switched_on_with_an_empty_cache(tmp_path: Path) -> None:
-    found = run_everything(tmp_path)
-    assert found["compiled"] == []  # not in the process of the node
-    assert found["new"] != []  # but loaded, or this test would show nothing
+def copy_kernels(folder: Path, *without: str) -> None:
+    """Copy what this process has of the kernels to another cache, but for some modules."""
+    for step in NODE_STEPS:
+        run(step)
+    for kernel in _jit.kernels:
+        source = Path(kernel._cache.cache_path)
+        if source.is_dir() and not source.name.startswith(without):
+            shutil.copytree(source, folder / "obb_collision" / source.name)
+
+
+def check_cycles(found: dict[str, Any]) -> None:
+    """Assert that the process of the node compiled nothing, and that its cycles went on."""
+    assert found["compiled"] == []
+    assert found["new"] != []  # but loaded, or this would show nothing
     for stage, numbers in found["stages"]:
         # where others have the processors it all takes longer, by as much as the whole stage does
         alone = numbers["seconds"] - numbers["waited"]  # of all threads, so it may be below zero
@@ -81,25 +91,34 @@ def test_cycles_go_on_while_everything_is_switched_on_with_an_empty_cache(tmp_pa
     assert all(numbers["cycles"] >= 20 for numbers in slow), slow
 
 
-def damage(home: Path) -> int:
-    """Damage every kernel in one of four ways; returns how many there are."""
-    files = sorted(home.rglob("*.kernel"))
+def test_cycles_go_on_while_an_effect_is_compiled(tmp_path: Path) -> None:
+    copy_kernels(tmp_path, "queries.clearance.")
+    found = run_everything(tmp_path, "clearance")
+    check_cycles(found)
+    assert all(name.startswith("queries.") for name in found["new"])
+
+
+@pytest.mark.slow
+def test_cycles_go_on_while_everything_is_switched_on_with_an_empty_cache(tmp_path: Path) -> None:
+    check_cycles(run_everything(tmp_path))
+
+
+def damage(files: list[Path]) -> None:
+    """Damage kernels, each in one of four ways."""
     for number, file in enumerate(files):
         content = file.read_bytes()
         half = content[: len(content) // 2]
         ways = (b"", bytes(len(content)), os.urandom(len(content)), half)
         file.write_bytes(ways[number % len(ways)])
-    return len(files)
 
 
-def test_a_damaged_cache_is_said_and_built_anew(tmp_path: Path) -> None:
-    steps = (BOXES, MESSAGES, "effect separations")
-    assert compile_steps(steps).failed == {}
-    folders = {Path(kernel._cache.cache_path) for kernel in _jit.kernels}
-    for folder in folders:
-        if folder.is_dir():
-            shutil.copytree(folder, tmp_path / "obb_collision" / folder.name)
-    assert damage(tmp_path) > 0
+@pytest.mark.parametrize("modules", ["geometry.", pytest.param("", marks=pytest.mark.slow)])
+def test_a_damaged_cache_is_said_and_built_anew(tmp_path: Path, modules: str) -> None:
+    copy_kernels(tmp_path)
+    files = sorted(tmp_path.rglob("*.kernel"))
+    chosen = [file for file in files if file.parent.name.startswith(modules)]
+    assert len(chosen) >= 4
+    damage(chosen)
     with running(**cached(tmp_path)) as process:
         output = output_until(process, "ready:")
         assert f"kernels in {tmp_path / 'obb_collision'} are damaged" in output
@@ -110,6 +129,7 @@ def test_a_damaged_cache_is_said_and_built_anew(tmp_path: Path) -> None:
         assert "compiling" not in output_until(process, "ready:")
 
 
+@pytest.mark.slow
 def test_where_the_cache_takes_nothing_a_temporary_folder_does(tmp_path: Path) -> None:
     file, temporary = tmp_path / "file", tmp_path / "temporary"
     file.write_text("no folder")
