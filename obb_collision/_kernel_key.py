@@ -36,9 +36,13 @@ import numpy as np
 from numba.core import config as _config
 from numba.core import types as _types
 from numba.core.dispatcher import Dispatcher
+from numba.extending import _Intrinsic
 
 config: Any = _config  # its attributes are set at run time
 types: Any = _types
+
+#: What a kernel calls that is made of Python code: kernels, functions, what writes LLVM's code.
+CALLED = (Dispatcher, FunctionType, _Intrinsic)
 
 #: Settings of numba, by environment variables or files, that change what is compiled.
 FLAGS = (
@@ -65,7 +69,7 @@ def kernel_key(kernel: Any) -> str:
 def called_by(kernel: Any) -> Iterator[Any]:
     """Yield the kernels and functions among the globals of a kernel."""
     for _, value in _globals(kernel):
-        if isinstance(value, (Dispatcher, FunctionType)):
+        if isinstance(value, CALLED):
             yield value
 
 
@@ -91,6 +95,8 @@ def fields_of(kind: Any) -> tuple[Any, ...]:
 
 
 def _function(kernel: Any) -> Any:
+    if isinstance(kernel, _Intrinsic):
+        return kernel._defn
     return kernel.py_func if isinstance(kernel, Dispatcher) else kernel
 
 
@@ -124,7 +130,7 @@ def _code(code: CodeType, doc: str | None = None) -> tuple[Any, ...]:
 
 def _value(value: Any) -> str:
     """Return a global as numba compiles it in."""
-    if isinstance(value, (Dispatcher, FunctionType)):
+    if isinstance(value, CALLED):
         return f"calls {_function(value).__module__}.{_function(value).__qualname__}"
     if isinstance(value, ModuleType):
         return f"module {value.__name__}"

@@ -32,9 +32,9 @@ from obb_collision.scene.broad_phase.broad_phase import (
     Pairs,
     find_candidates,
     find_some_candidates,
-    find_some_candidates_of,
 )
 from obb_collision.scene.broad_phase.find_pairs import colliding_pairs, columns
+from obb_collision.scene.broad_phase.kept_tree import KeptTree
 from obb_collision.scene.building.shape_cache import ShapeCache
 from obb_collision.scene.effects.base import Outcome
 from obb_collision.scene.limit import find_limited, most_candidates
@@ -90,6 +90,7 @@ class Checker:
         self._cache = cache
         self._allowed = allowed
         self._bounds: tuple[Floats, Floats] | None = None
+        self._tree: KeptTree | None = None  # over the bounds
         self._spheres = False  # whether the bounds hold the spheres, too
         self.limit: int | None = None
         self.last: Findings | None = None
@@ -197,7 +198,9 @@ class Checker:
         bounds[0][changed] = np.inf  # empty: overlaps nothing
         bounds[1][changed] = -np.inf
         bounds[0][active], bounds[1][active] = self._bounds_of(store.boxes(active))
-        return find_some_candidates_of(*bounds, active, most)
+        if self._tree is None or not self._tree.update(changed):
+            self._tree = KeptTree(*bounds)
+        return self._tree.pairs_of(active, most)
 
     def _all_bounds(self) -> tuple[Rows, Floats, Floats]:
         """Return the active slots (k,) and their bounds (k, 3), (k, 3), and keep these by slot."""
@@ -206,6 +209,7 @@ class Checker:
         active = np.flatnonzero(store.active)
         minimum, maximum = self._bounds_of(store.boxes(active))
         shape = store.centers.shape
+        self._tree = None
         self._bounds = np.full(shape, np.inf), np.full(shape, -np.inf)
         self._bounds[0][active], self._bounds[1][active] = minimum, maximum
         return active, minimum, maximum

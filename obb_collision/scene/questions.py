@@ -77,7 +77,7 @@ def colliding_with(
 ) -> Rows:
     """Return the slots of the objects that the one of a slot collides with, ascending."""
     active = np.flatnonzero(store.active)
-    row = np.searchsorted(active, [slot])
+    row = int(np.searchsorted(active, slot))
     candidates = active[find_candidates_of(*_bounds(store, store.boxes(active)), row)]
     pairs = decide_pairs(store, cache, candidates, depth, exact)[0][0]
     return np.sort(pairs.sum(axis=1) - slot)

@@ -21,12 +21,12 @@ import numpy as np
 from obb_collision._jit import njit
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.kinds import as_flag, check_kind
+from obb_collision.numerics.vec3 import vector_at
 from obb_collision.queries.verdict.coarse import meeting_bounds
 from obb_collision.queries.verdict.exact import exact_verdict
 from obb_collision.queries.verdict.pair_frame import box_at
 from obb_collision.queries.verdict.verdict import OVERLAP, SEPARATE, box_verdict
-from obb_collision.scene.broad_phase.bounds_tree import FANOUT, LEAF, STACK, BoundsTree
-from obb_collision.scene.broad_phase.broad_phase import overlaps_node
+from obb_collision.scene.broad_phase.bounds_tree import BoundsTree, overlapping
 from obb_collision.typing import Floats
 
 
@@ -69,16 +69,14 @@ def find_first(a: Boxes, b: Boxes | None, exact: bool) -> tuple[bool, int]:
     if len(a) == 0 or len(others) == 0:
         return False, 0
     tree = BoundsTree.build(*meeting_bounds(others))
-    bounds = (tree.minimum, tree.maximum) if b is None else meeting_bounds(a)
+    low, high = (tree.minimum, tree.maximum) if b is None else meeting_bounds(a)
     place = np.zeros(3, np.int64)
     sides = (
         *(a.centers, a.rotations, a.half_extents),
         *(others.centers, others.rotations, others.half_extents),
     )
     while True:
-        other, verdict = _first_kernel(
-            *bounds, tree.order, tree.nodes, tree.starts, *sides, b is None, place
-        )
+        other, verdict = _first_kernel(low, high, *tree, *sides, b is None, place)
         if other < 0:
             return False, int(place[2])
         if verdict == OVERLAP or not exact:
@@ -89,6 +87,7 @@ def find_first(a: Boxes, b: Boxes | None, exact: bool) -> tuple[bool, int]:
 
 @njit
 def _first_kernel(
+    own_minimum: Floats, own_maximum: Floats,
     minimum: Floats, maximum: Floats, order: np.ndarray, nodes: Floats, starts: np.ndarray,
     centers_a: Floats, rotations_a: Floats, half_extents_a: Floats,
     centers_b: Floats, rotations_b: Floats, half_extents_b: Floats,
@@ -99,38 +98,18 @@ def _first_kernel(
     -1 for no more. place (3,): the row of a, how many rows of b have been tested for it, how many
     pairs in all; it is where to go on. same: both sets are one, of which each pair is tested once.
     """
-    levels = np.empty(STACK, np.int64)
-    waiting = np.empty(STACK, np.int64)
-    while place[0] < len(minimum):
+    column = np.empty(len(order), np.int64)
+    while place[0] < len(own_minimum):
         row = place[0]
-        seen = 0
-        levels[0], waiting[0] = len(starts) - 2, 0
-        depth = 1
-        while depth > 0:
-            depth -= 1
-            level, node = levels[depth], waiting[depth]
-            group = LEAF if level == 1 else FANOUT
-            below = starts[level - 1]
-            first = node * group
-            for child in range(first, min(first + group, starts[level] - below)):
-                if not overlaps_node(minimum, maximum, row, nodes, below + child):
-                    continue
-                if level > 1:
-                    levels[depth], waiting[depth] = level - 1, child
-                    depth += 1
-                    continue
-                other = order[child]
-                if same and other <= row:
-                    continue
-                seen += 1
-                if seen <= place[1]:
-                    continue
-                place[1] += 1
-                place[2] += 1
-                a = box_at(centers_a, rotations_a, half_extents_a, row)
-                b = box_at(centers_b, rotations_b, half_extents_b, other)
-                verdict = box_verdict(a, b)
-                if verdict != SEPARATE:
-                    return other, verdict
+        low, high = vector_at(own_minimum, row), vector_at(own_maximum, row)
+        least = row + 1 if same else 0
+        reached = overlapping(minimum, maximum, order, nodes, starts, low, high, least, column)
+        a = box_at(centers_a, rotations_a, half_extents_a, row)
+        for other in column[place[1] : reached]:
+            place[1] += 1
+            place[2] += 1
+            verdict = box_verdict(a, box_at(centers_b, rotations_b, half_extents_b, other))
+            if verdict != SEPARATE:
+                return other, verdict
         place[0], place[1] = row + 1, 0
     return -1, SEPARATE

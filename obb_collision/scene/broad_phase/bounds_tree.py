@@ -14,9 +14,9 @@
 
 """A hierarchy over axis-aligned bounds: blocks of neighbours in Morton order.
 
-As Karras 2012 without the pointers: blocks of neighbouring boxes are the leaves, and every inner
-node has the same number of children, so a tree is one array of bounds per level. Bounds are only
-ever merged, never rounded.
+As Karras 2012 without the pointers: eight neighbours are a leaf, eight leaves a block of the next
+level, and so on up to one block. Blocks hold their bounds number by number, so that a processor
+compares all eight at once. Bounds are only ever merged, never rounded.
 """
 
 from __future__ import annotations
@@ -26,21 +26,26 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from obb_collision import _threads
 from obb_collision._jit import njit
+from obb_collision.scene.broad_phase.lanes import LANE_BITS, LANES, lowest, overlaps
+from obb_collision.scene.broad_phase.morton import morton_order
 from obb_collision.typing import Floats
 
-#: Boxes in a leaf; fewer make a deeper tree, more test too many pairs (tuned at n = 1e3 to 1e5).
-LEAF = 4
-#: Children of a node.
-FANOUT = 4
-#: Cells of the Morton grid along each axis: 10 bits, three of them in a 32-bit number.
-MORTON_CELLS = 1024
-#: Depth-first traversal leaves at most FANOUT - 1 nodes a level behind: enough for 4^24 leaves.
-STACK = 24 * FANOUT
+#: Levels of blocks: enough for 8^21 boxes.
+LEVELS = 21
+#: Depth-first traversal leaves at most LANES - 1 blocks a level behind.
+STACK = LEVELS * LANES
+#: Blocks filled before a second thread pays.
+FEWEST_BLOCKS = 1024
 
 
 class BoundsTree(NamedTuple):
-    """Bounds (n, 3) to (n, 3) and a hierarchy over them; see ``_build_tree``."""
+    """Bounds (n, 3) to (n, 3), which may be empty (minimum above maximum), and a tree over them.
+
+    order (n,): the rows, neighbours side by side. nodes (m, 6, LANES): blocks of bounds, minimum
+    and maximum; starts: where each level begins in them, from the boxes themselves to the root.
+    """
 
     minimum: Floats
     maximum: Floats
@@ -50,84 +55,104 @@ class BoundsTree(NamedTuple):
 
     @classmethod
     def build(cls, minimum: Floats, maximum: Floats) -> BoundsTree:
-        """Return the tree of bounds, of which there must be two at least."""
-        order = np.argsort(_morton_codes(minimum, maximum))
-        return cls(minimum, maximum, order, *_build_tree(minimum[order], maximum[order]))
+        """Return the tree of bounds; they are not copied."""
+        order = morton_order(minimum, maximum)
+        sizes = [max(1, -(-len(order) // LANES))]
+        while sizes[-1] > 1:
+            sizes.append(-(-sizes[-1] // LANES))
+        starts = np.array([0, *np.cumsum(sizes)])
+        nodes = np.empty((starts[-1], 6, LANES))
+        _threads.run(_fill_boxes, sizes[0], FEWEST_BLOCKS, minimum, maximum, order, nodes)
+        _fill_levels(nodes, starts)
+        return cls(minimum, maximum, order, nodes, starts)
+
+    @property
+    def leaves(self) -> int:
+        """How many blocks of boxes there are."""
+        return int(self.starts[1])
 
 
 @njit
-def _spread_bits(x: int) -> int:
-    """Put two zero bits between the ten lowest bits."""
-    x = (x | (x << 16)) & 0x030000FF
-    x = (x | (x << 8)) & 0x0300F00F
-    x = (x | (x << 4)) & 0x030C30C3
-    return (x | (x << 2)) & 0x09249249
-
-
-@njit
-def _morton_codes(minimum: Floats, maximum: Floats) -> np.ndarray:
-    """Return (n,) the cells of the box centres along a Z-order curve."""
-    count = len(minimum)
-    low = np.empty(3)
-    scale = np.empty(3)
-    for k in range(3):
-        smallest = np.inf
-        largest = -np.inf
-        for n in range(count):
-            middle = 0.5 * minimum[n, k] + 0.5 * maximum[n, k]
-            smallest = min(smallest, middle)
-            largest = max(largest, middle)
-        low[k] = smallest
-        extent = largest - smallest
-        scale[k] = (MORTON_CELLS - 1) / extent if extent > 1e-280 else 0.0
-    codes = np.empty(count, np.uint32)
-    for n in range(count):
-        code = 0
-        for k in range(3):
-            middle = 0.5 * minimum[n, k] + 0.5 * maximum[n, k]
-            cell = int(min((middle - low[k]) * scale[k], MORTON_CELLS - 1.0))
-            code |= _spread_bits(max(cell, 0)) << k
-        codes[n] = code
-    return codes
-
-
-@njit
-def _build_tree(minimum: Floats, maximum: Floats) -> tuple[np.ndarray, np.ndarray]:
-    """Return the bounds of all nodes (k, 6) and where each level starts in them.
-
-    Level 0 are the boxes in order, level 1 the leaves over LEAF boxes, and each further one the
-    nodes over FANOUT of the last, up to the root.
-    """
-    count = len(minimum)
-    starts = np.zeros(66, np.int64)
-    size = count
-    levels = 0
-    total = 0
-    while True:
-        starts[levels] = total
-        total += size
-        levels += 1
-        if size == 1 and levels > 1:
-            break
-        group = LEAF if levels == 1 else FANOUT
-        size = (size + group - 1) // group
-    starts[levels] = total
-    nodes = np.empty((total, 6))
-    for n in range(count):
-        for k in range(3):
-            nodes[n, k] = minimum[n, k]
-            nodes[n, 3 + k] = maximum[n, k]
-    for level in range(1, levels):
-        group = LEAF if level == 1 else FANOUT
-        below = starts[level - 1]
-        for n in range(starts[level + 1] - starts[level]):
-            first = below + n * group
-            last = min(first + group, starts[level])
-            node = starts[level] + n
-            for k in range(6):
-                nodes[node, k] = nodes[first, k]
-            for child in range(first + 1, last):
+def _fill_boxes(
+    minimum: Floats, maximum: Floats, order: np.ndarray, nodes: Floats, start: int, stop: int
+) -> None:
+    """Write blocks ``start`` to ``stop`` of the boxes."""
+    for block in range(start, stop):
+        for lane in range(LANES):
+            place = LANES * block + lane
+            if place < len(order):
                 for k in range(3):
-                    nodes[node, k] = min(nodes[node, k], nodes[child, k])
-                    nodes[node, 3 + k] = max(nodes[node, 3 + k], nodes[child, 3 + k])
-    return nodes, starts[: levels + 1].copy()
+                    nodes[block, k, lane] = minimum[order[place], k]
+                    nodes[block, 3 + k, lane] = maximum[order[place], k]
+            else:
+                nodes[block, :3, lane], nodes[block, 3:, lane] = np.inf, -np.inf
+
+
+@njit
+def _fill_levels(nodes: Floats, starts: np.ndarray) -> None:
+    """Write all blocks above the boxes."""
+    for level in range(1, len(starts) - 1):
+        below, first = starts[level - 1], starts[level]
+        nodes[first : starts[level + 1], :3] = np.inf
+        nodes[first : starts[level + 1], 3:] = -np.inf
+        for child in range(first - below):
+            _merge(nodes, below + child, first + (child >> LANE_BITS), child & (LANES - 1))
+
+
+@njit
+def _merge(nodes: Floats, block: int, parent: int, lane: int) -> None:
+    """Write the bounds of a whole block into a lane of its parent."""
+    for k in range(3):
+        low, high = nodes[block, k, 0], nodes[block, 3 + k, 0]
+        for n in range(1, LANES):
+            low, high = min(low, nodes[block, k, n]), max(high, nodes[block, 3 + k, n])
+        nodes[parent, k, lane], nodes[parent, 3 + k, lane] = low, high
+
+
+@njit
+def move_kernel(
+    minimum: Floats, maximum: Floats, order: np.ndarray, nodes: Floats, starts: np.ndarray,
+    places: np.ndarray,
+) -> None:  # fmt: skip
+    """Write the bounds of places in the order anew, and what they make of the blocks above."""
+    for place in places:
+        block, lane = place >> LANE_BITS, place & (LANES - 1)
+        for k in range(3):
+            nodes[block, k, lane] = minimum[order[place], k]
+            nodes[block, 3 + k, lane] = maximum[order[place], k]
+        for level in range(1, len(starts) - 1):
+            child, block = block, block >> LANE_BITS
+            _merge(nodes, starts[level - 1] + child, starts[level] + block, child & (LANES - 1))
+
+
+@njit
+def overlapping(
+    minimum: Floats, maximum: Floats, order: np.ndarray, nodes: Floats, starts: np.ndarray,
+    low: tuple[float, float, float], high: tuple[float, float, float], least: int, out: np.ndarray,
+) -> int:  # fmt: skip
+    """Write rows from ``least`` on whose bounds overlap low to high; return their number.
+
+    In the order of the tree, as many as there is room for in ``out``.
+    """
+    levels = np.empty(STACK, np.int64)
+    waiting = np.empty(STACK, np.int64)
+    levels[0], waiting[0] = len(starts) - 2, 0
+    depth, found = 1, 0
+    while depth > 0:
+        depth -= 1
+        level, block = levels[depth], waiting[depth]
+        mask = overlaps(
+            nodes, starts[level] + block, low[0], low[1], low[2], high[0], high[1], high[2]
+        )
+        while mask != 0:
+            child = LANES * block + lowest(mask)
+            mask &= mask - 1
+            if level > 0:
+                levels[depth], waiting[depth] = level - 1, child
+                depth += 1
+            elif order[child] >= least:
+                if found == len(out):
+                    return found
+                out[found] = order[child]
+                found += 1
+    return found

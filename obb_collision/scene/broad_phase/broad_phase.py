@@ -14,26 +14,38 @@
 
 """Broad phase: which axis-aligned bounds overlap, without looking at all pairs.
 
-By a bounding volume hierarchy over the boxes (see ``bounds_tree``): every leaf looks for the leaves
-that it overlaps. Bounds are never rounded, so no overlapping pair can be missed. Cost is O(n log n)
-for boxes of similar size spread in space; where everything overlaps everything there are n^2 / 2
-pairs to report, unless there is a limit (see ``limit``).
+By a tree of blocks of eight bounds (see ``bounds_tree``): every leaf looks for the leaves from it
+on that it overlaps. Bounds are never rounded, so no overlapping pair can be missed. Cost is
+O(n log n) for boxes of similar size spread in space; where everything overlaps everything there are
+n^2 / 2 pairs to report, unless there is a limit (see ``limit``).
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
+from obb_collision import _threads
 from obb_collision._jit import njit
-from obb_collision.scene.broad_phase.bounds_tree import FANOUT, LEAF, STACK, BoundsTree
-from obb_collision.typing import Floats
+from obb_collision.numerics.vec3 import vector_at
+from obb_collision.scene.broad_phase.bounds_tree import STACK, BoundsTree, overlapping
+from obb_collision.scene.broad_phase.lanes import LANE_BITS, LANES, lowest, overlaps
+from obb_collision.typing import Floats, Rows
 
 Pairs = NDArray[np.int64]
+#: Writes pairs of rows from one to another as long as there is room; returns how many there are,
+#: and the first row that is not done.
+Search = Callable[[Pairs, int, int], tuple[int, int]]
 
 #: More pairs than there can be.
 UNLIMITED = 2**62
 NO_PAIRS: Pairs = np.empty((0, 2), np.int64)
+#: Rows of a search, here and of leaves, below which a second thread does not pay.
+FEWEST_ROWS, FEWEST_LEAVES = 256, 64
+#: Room for pairs: for each row at first, and at most, but for a row with more (16 MB).
+ROOM_PER_ROW, ROOM = 4, 1 << 20
 
 
 def find_candidates(minimum: Floats, maximum: Floats) -> Pairs:
@@ -50,39 +62,35 @@ def find_some_candidates(tree: BoundsTree, most: int) -> Pairs | None:
 
     Whatever there are, memory and time are those of ``most`` pairs at the most.
     """
-    capacity = min(8 * len(tree.order), most)
-    while True:
-        pairs = np.empty((capacity, 2), np.int64)
-        found = _self_overlaps(tree.nodes, tree.starts, tree.order, most, pairs)
-        if found > most:
-            return None
-        if found <= capacity:
-            return pairs[:found]
-        capacity = found
+
+    def search(pairs: Pairs, start: int, stop: int) -> tuple[int, int]:
+        found: tuple[int, int] = _self_overlaps(*tree[2:], most, pairs, start, stop)
+        return found
+
+    return _collect(search, tree.leaves, FEWEST_LEAVES, LANES * ROOM_PER_ROW, most)
 
 
-def find_candidates_of(minimum: Floats, maximum: Floats, rows: NDArray[np.int64]) -> Pairs:
-    """Return (m, 2) all i < j with i or j in ``rows`` whose bounds overlap: for few moved boxes."""
-    pairs = find_some_candidates_of(minimum, maximum, rows, UNLIMITED)
-    assert pairs is not None
-    return pairs
+def find_candidates_of(minimum: Floats, maximum: Floats, row: int) -> Pairs:
+    """Return (m, 2) all pairs of one row with another whose bounds overlap, the lower one first."""
+    found = ((minimum <= maximum[row]) & (minimum[row] <= maximum)).all(axis=1)
+    found[row] = False
+    others = np.flatnonzero(found)
+    return np.column_stack([np.minimum(others, row), np.maximum(others, row)])
 
 
-def find_some_candidates_of(
-    minimum: Floats, maximum: Floats, rows: NDArray[np.int64], most: int
-) -> Pairs | None:
-    """Return what ``find_candidates_of`` does, or None for more than ``most`` pairs."""
-    wanted = np.zeros(len(minimum), np.bool_)
+def find_some_candidates_of(tree: BoundsTree, rows: Rows, most: int) -> Pairs | None:
+    """Return (m, 2) all i < j with i or j in ``rows`` whose bounds overlap, in no special order.
+
+    None for more than ``most`` pairs.
+    """
+    wanted = np.zeros(len(tree.order), np.bool_)
     wanted[rows] = True
-    capacity = min(16 * (len(rows) + 1), most)
-    while True:
-        pairs = np.empty((capacity, 2), np.int64)
-        found = _row_overlaps(minimum, maximum, rows, wanted, most, pairs)
-        if found > most:
-            return None
-        if found <= capacity:
-            return pairs[:found]
-        capacity = found
+
+    def search(pairs: Pairs, start: int, stop: int) -> tuple[int, int]:
+        found: tuple[int, int] = _row_overlaps(*tree, rows, wanted, most, pairs, start, stop)
+        return found
+
+    return _collect(search, len(rows), FEWEST_ROWS, 4 * ROOM_PER_ROW, most)
 
 
 def find_candidates_between(
@@ -95,159 +103,177 @@ def find_candidates_between(
     if len(minimum) == 0 or len(other_minimum) == 0:
         return NO_PAIRS
     tree = BoundsTree.build(other_minimum, other_maximum)
-    capacity = 8 * len(minimum)
-    while True:
-        pairs = np.empty((capacity, 2), np.int64)
-        found = _overlaps_between(minimum, maximum, tree.order, tree.nodes, tree.starts, pairs)
-        if found <= capacity:
-            return pairs[:found]
-        capacity = found
+
+    def search(pairs: Pairs, start: int, stop: int) -> tuple[int, int]:
+        found: tuple[int, int] = _overlaps_between(minimum, maximum, *tree, pairs, start, stop)
+        return found
+
+    pairs = _collect(search, len(minimum), FEWEST_ROWS, 2 * ROOM_PER_ROW, UNLIMITED)
+    assert pairs is not None
+    return pairs
 
 
-@njit
-def _overlaps_between(
-    minimum: Floats, maximum: Floats, order: np.ndarray, nodes: Floats, starts: np.ndarray,
-    pairs: np.ndarray,
-) -> int:  # fmt: skip
-    """Write the pairs of ``find_candidates_between`` as far as there is room; return how many."""
-    levels = np.empty(STACK, np.int64)
-    waiting = np.empty(STACK, np.int64)
-    found = 0
-    for row in range(len(minimum)):
-        levels[0], waiting[0] = len(starts) - 2, 0
-        depth = 1
-        while depth > 0:
-            depth -= 1
-            level, node = levels[depth], waiting[depth]
-            group = LEAF if level == 1 else FANOUT
-            below = starts[level - 1]
-            first = node * group
-            for child in range(first, min(first + group, starts[level] - below)):
-                if not overlaps_node(minimum, maximum, row, nodes, below + child):
-                    continue
-                if level > 1:
-                    levels[depth], waiting[depth] = level - 1, child
-                    depth += 1
-                else:
-                    if found < len(pairs):
-                        pairs[found, 0], pairs[found, 1] = row, order[child]
-                    found += 1
-    return found
+def _collect(search: Search, count: int, least: int, room_per_row: int, most: int) -> Pairs | None:
+    """Return the pairs of a search of ``count`` rows, None for more than ``most``."""
+    parts = _threads.ranges(count, least)
+    totals = [0] * len(parts)
 
+    def collect(part: int) -> list[Pairs]:
+        start, stop = parts[part]
+        found: list[Pairs] = []
+        room = min(room_per_row * (stop - start), ROOM) + LANES**2
+        while start < stop and sum(totals) <= most:
+            pairs = np.empty((room, 2), np.int64)
+            number, reached = search(pairs, start, stop)
+            if reached == start:  # the pairs of one row are too many
+                room *= 4
+                continue
+            found.append(pairs[:number])
+            totals[part] += number
+            start = reached
+        return found
 
-@njit
-def overlaps_node(minimum: Floats, maximum: Floats, row: int, nodes: Floats, n: int) -> bool:
-    """Return whether bounds of a row and of node n of a tree have a common point."""
-    return (
-        (minimum[row, 0] <= nodes[n, 3]) & (nodes[n, 0] <= maximum[row, 0])
-        & (minimum[row, 1] <= nodes[n, 4]) & (nodes[n, 1] <= maximum[row, 1])
-        & (minimum[row, 2] <= nodes[n, 5]) & (nodes[n, 2] <= maximum[row, 2])
-    )  # fmt: skip
-
-
-@njit
-def _overlap(a: Floats, i: int, b: Floats, j: int) -> bool:
-    """Return whether bounds i of a and j of b, six numbers each, have a common point."""
-    return (
-        (a[i, 0] <= b[j, 3]) & (b[j, 0] <= a[i, 3])
-        & (a[i, 1] <= b[j, 4]) & (b[j, 1] <= a[i, 4])
-        & (a[i, 2] <= b[j, 5]) & (b[j, 2] <= a[i, 5])
-    )  # fmt: skip
+    if len(parts) == 1:
+        chunks = collect(0)
+    else:
+        search(NO_PAIRS, 0, 0)  # see ``_threads.run``
+        chunks = [pairs for found in _threads.run_parts(collect, len(parts)) for pairs in found]
+    if sum(totals) > most:
+        return None
+    return chunks[0] if len(chunks) == 1 else np.concatenate([NO_PAIRS, *chunks])
 
 
 @njit
 def _self_overlaps(
-    nodes: Floats, starts: np.ndarray, order: np.ndarray, most: int, pairs: np.ndarray
-) -> int:
-    """Write the overlapping pairs of boxes, as far as there is room; return how many there are.
+    order: np.ndarray, nodes: Floats, starts: np.ndarray, most: int, pairs: np.ndarray,
+    start: int, stop: int,
+) -> tuple[int, int]:  # fmt: skip
+    """Write the overlapping pairs of leaves ``start`` to ``stop``, each with those from it on.
 
-    Ends soon after ``most`` are found. Every leaf looks for the leaves at or after it that it
-    overlaps; nodes all before it are skipped.
+    Ends soon after ``most`` are found. See ``Search``.
     """
-    root = len(starts) - 2
-    level_stack = np.empty(STACK, np.int64)
-    node_stack = np.empty(STACK, np.int64)
+    levels = np.empty(STACK, np.int64)
+    waiting = np.empty(STACK, np.int64)
     found = 0
-    for leaf in range(starts[2] - starts[1]):
-        query = starts[1] + leaf
-        level_stack[0] = root
-        node_stack[0] = 0
-        depth = 1
-        while depth > 0:
-            if found > most:
-                return found
-            depth -= 1
-            level = level_stack[depth]
-            node = node_stack[depth]
-            if level == 1:
-                found = _leaf_pairs(nodes, order, starts[1], leaf, node, pairs, found)
+    for leaf in range(start, stop):
+        more = _leaf_overlaps(order, nodes, starts, leaf, levels, waiting, pairs, found)
+        if more < 0:
+            return found, leaf
+        found = more
+        if found > most:
+            return found, leaf + 1
+    return found, stop
+
+
+@njit
+def _leaf_overlaps(
+    order: np.ndarray, nodes: Floats, starts: np.ndarray, leaf: int,
+    levels: np.ndarray, waiting: np.ndarray, pairs: np.ndarray, found: int,
+) -> int:  # fmt: skip
+    """Append the pairs of a leaf with those from it on; return the new number, -1 for no room."""
+    if found + LANES**2 > len(pairs):
+        return -1
+    found = _block_pairs(order, nodes, leaf, leaf, (1 << LANES) - 1, pairs, found)
+    if len(starts) == 2:  # it is the root
+        return found
+    parent, lane = starts[1] + (leaf >> LANE_BITS), leaf & (LANES - 1)
+    x0, y0, z0 = nodes[parent, 0, lane], nodes[parent, 1, lane], nodes[parent, 2, lane]
+    x1, y1, z1 = nodes[parent, 3, lane], nodes[parent, 4, lane], nodes[parent, 5, lane]
+    levels[0], waiting[0] = len(starts) - 2, 0
+    depth = 1
+    while depth > 0:
+        depth -= 1
+        level, block = levels[depth], waiting[depth]
+        mask = overlaps(nodes, starts[level] + block, x0, y0, z0, x1, y1, z1)
+        # nodes that are all before the leaf have found it, or will
+        first = max((leaf >> (LANE_BITS * (level - 1))) + (level == 1) - LANES * block, 0)
+        mask = (mask >> first) << first
+        while mask != 0:
+            lane = lowest(mask)
+            mask &= mask - 1
+            child = LANES * block + lane
+            if level > 1:
+                levels[depth], waiting[depth] = level - 1, child
+                depth += 1
                 continue
-            below = starts[level - 1]
-            first = node * FANOUT
-            last = min(first + FANOUT, starts[level] - below)
-            reach = FANOUT ** (level - 2)  # leaves under a child
-            for child in range(first, last):
-                if (child + 1) * reach > leaf and _overlap(nodes, query, nodes, below + child):
-                    level_stack[depth] = level - 1
-                    node_stack[depth] = child
-                    depth += 1
+            if found + LANES**2 > len(pairs):
+                return -1
+            node = starts[1] + block
+            near = overlaps(
+                *(nodes, leaf, nodes[node, 0, lane], nodes[node, 1, lane], nodes[node, 2, lane]),
+                *(nodes[node, 3, lane], nodes[node, 4, lane], nodes[node, 5, lane]),
+            )
+            found = _block_pairs(order, nodes, leaf, child, near, pairs, found)
     return found
 
 
 @njit
-def _leaf_pairs(
-    nodes: Floats,
-    order: np.ndarray,
-    count: int,
-    leaf: int,
-    other: int,
-    pairs: np.ndarray,
+def _block_pairs(
+    order: np.ndarray, nodes: Floats, leaf: int, other: int, near: int, pairs: np.ndarray,
     found: int,
-) -> int:
-    """Append the overlapping pairs between the boxes of two leaves; return the new count.
+) -> int:  # fmt: skip
+    """Append the overlapping pairs of two leaves; return the new number.
 
-    count: number of boxes, after which the leaves are.
+    near: a bit for each box of the first that may have any.
     """
-    for i in range(leaf * LEAF, min((leaf + 1) * LEAF, count)):
-        if not _overlap(nodes, i, nodes, count + other):
-            continue
-        start = i + 1 if other == leaf else other * LEAF
-        for j in range(start, min((other + 1) * LEAF, count)):
-            if _overlap(nodes, i, nodes, j):
-                if found < len(pairs):
-                    pairs[found, 0] = min(order[i], order[j])
-                    pairs[found, 1] = max(order[i], order[j])
-                found += 1
+    while near != 0:
+        i = lowest(near)
+        near &= near - 1
+        mask = overlaps(
+            *(nodes, other, nodes[leaf, 0, i], nodes[leaf, 1, i], nodes[leaf, 2, i]),
+            *(nodes[leaf, 3, i], nodes[leaf, 4, i], nodes[leaf, 5, i]),
+        )
+        if leaf == other:
+            mask = (mask >> (i + 1)) << (i + 1)
+        while mask != 0:
+            row, partner = order[LANES * leaf + i], order[LANES * other + lowest(mask)]
+            pairs[found, 0], pairs[found, 1] = min(row, partner), max(row, partner)
+            found += 1
+            mask &= mask - 1
     return found
 
 
 @njit
 def _row_overlaps(
-    minimum: Floats,
-    maximum: Floats,
-    rows: np.ndarray,
-    wanted: np.ndarray,
-    most: int,
-    pairs: np.ndarray,
-) -> int:
-    """Write the pairs of each wanted row with all others; between two wanted ones only once.
+    minimum: Floats, maximum: Floats, order: np.ndarray, nodes: Floats, starts: np.ndarray,
+    rows: np.ndarray, wanted: np.ndarray, most: int, pairs: np.ndarray, start: int, stop: int,
+) -> tuple[int, int]:  # fmt: skip
+    """Write the pairs of wanted rows with all others; between two wanted ones only once.
 
-    Ends soon after ``most`` are found.
+    Ends soon after ``most`` are found. See ``Search``.
     """
+    column = np.empty(len(order), np.int64)
     found = 0
-    for i in rows:
-        if found > most:
-            return found
-        for j in range(len(minimum)):
-            if j == i or (wanted[j] and j < i):
-                continue
-            if (
-                (minimum[i, 0] <= maximum[j, 0]) & (minimum[j, 0] <= maximum[i, 0])
-                & (minimum[i, 1] <= maximum[j, 1]) & (minimum[j, 1] <= maximum[i, 1])
-                & (minimum[i, 2] <= maximum[j, 2]) & (minimum[j, 2] <= maximum[i, 2])
-            ):  # fmt: skip
-                if found < len(pairs):
-                    pairs[found, 0] = min(i, j)
-                    pairs[found, 1] = max(i, j)
+    for n in range(start, stop):
+        i = rows[n]
+        low, high = vector_at(minimum, i), vector_at(maximum, i)
+        reached = overlapping(minimum, maximum, order, nodes, starts, low, high, 0, column)
+        if found + reached > len(pairs):
+            return found, n
+        for j in column[:reached]:
+            if j != i and not (wanted[j] and j < i):
+                pairs[found, 0], pairs[found, 1] = min(i, j), max(i, j)
                 found += 1
-    return found
+        if found > most:
+            return found, n + 1
+    return found, stop
+
+
+@njit
+def _overlaps_between(
+    own_minimum: Floats, own_maximum: Floats,
+    minimum: Floats, maximum: Floats, order: np.ndarray, nodes: Floats, starts: np.ndarray,
+    pairs: np.ndarray, start: int, stop: int,
+) -> tuple[int, int]:  # fmt: skip
+    """Write the pairs of ``find_candidates_between`` of rows of the first set. See ``Search``."""
+    column = np.empty(len(order), np.int64)
+    found = 0
+    for row in range(start, stop):
+        low, high = vector_at(own_minimum, row), vector_at(own_maximum, row)
+        reached = overlapping(minimum, maximum, order, nodes, starts, low, high, 0, column)
+        if found + reached > len(pairs):
+            return found, row
+        for k in range(reached):
+            pairs[found + k, 0], pairs[found + k, 1] = row, column[k]
+        found += reached
+    return found, stop

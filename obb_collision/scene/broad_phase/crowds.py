@@ -25,7 +25,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from obb_collision._jit import njit
-from obb_collision.scene.broad_phase.bounds_tree import FANOUT, LEAF, STACK, BoundsTree
+from obb_collision.numerics.vec3 import vector_at
+from obb_collision.scene.broad_phase.bounds_tree import BoundsTree, overlapping
 from obb_collision.scene.broad_phase.broad_phase import Pairs
 from obb_collision.typing import Floats, Rows
 
@@ -61,46 +62,6 @@ def partners(tree: BoundsTree, rows: Rows, least: int, skip: int, most: int) -> 
 
 
 @njit
-def _overlapping(
-    minimum: Floats, maximum: Floats, order: np.ndarray, nodes: Floats, starts: np.ndarray,
-    row: int, least: int, last: int, out: np.ndarray,
-) -> int:  # fmt: skip
-    """Write others from ``least`` on whose bounds overlap a row's, at most ``last``; return them.
-
-    The order of the tree.
-    """
-    x0, y0, z0 = minimum[row, 0], minimum[row, 1], minimum[row, 2]
-    x1, y1, z1 = maximum[row, 0], maximum[row, 1], maximum[row, 2]
-    levels = np.empty(STACK, np.int64)
-    waiting = np.empty(STACK, np.int64)
-    levels[0], waiting[0] = len(starts) - 2, 0
-    depth, found = 1, 0
-    while depth > 0:
-        depth -= 1
-        level, node = levels[depth], waiting[depth]
-        group = LEAF if level == 1 else FANOUT
-        below = starts[level - 1]
-        first = node * group
-        for child in range(first, min(first + group, starts[level] - below)):
-            n = below + child
-            if not (
-                (x0 <= nodes[n, 3]) & (nodes[n, 0] <= x1)
-                & (y0 <= nodes[n, 4]) & (nodes[n, 1] <= y1)
-                & (z0 <= nodes[n, 5]) & (nodes[n, 2] <= z1)
-            ):  # fmt: skip
-                continue
-            if level > 1:
-                levels[depth], waiting[depth] = level - 1, child
-                depth += 1
-            elif order[child] >= least and order[child] != row:
-                out[found] = order[child]
-                found += 1
-                if found == last:
-                    return found
-    return found
-
-
-@njit
 def _rows_kernel(
     minimum: Floats, maximum: Floats, order: np.ndarray, nodes: Floats, starts: np.ndarray,
     row: int, column: np.ndarray, pairs: np.ndarray,
@@ -108,9 +69,8 @@ def _rows_kernel(
     """Write the pairs of rows from ``row`` on while they fit; return their number and the next."""
     found = 0
     while row < len(order):
-        more = _overlapping(
-            minimum, maximum, order, nodes, starts, row, row + 1, len(order), column
-        )
+        low, high = vector_at(minimum, row), vector_at(maximum, row)
+        more = overlapping(minimum, maximum, order, nodes, starts, low, high, row + 1, column)
         if found + more > len(pairs):
             return found, row
         column[:more].sort()
@@ -126,15 +86,18 @@ def _partners_kernel(
     minimum: Floats, maximum: Floats, order: np.ndarray, nodes: Floats, starts: np.ndarray,
     rows: np.ndarray, least: int, skip: int, most: int, pairs: np.ndarray, counts: np.ndarray,
 ) -> int:  # fmt: skip
-    column = np.empty(skip + most, np.int64)
+    column = np.empty(skip + most + 1, np.int64)  # with the row itself
     found = 0
     for n in range(len(rows)):
         row = rows[n]
-        reached = _overlapping(
-            minimum, maximum, order, nodes, starts, row, least, skip + most, column
-        )
-        counts[n] = max(0, reached - skip)
-        for k in range(skip, reached):
-            pairs[found, 0], pairs[found, 1] = min(row, column[k]), max(row, column[k])
-            found += 1
+        low, high = vector_at(minimum, row), vector_at(maximum, row)
+        reached = overlapping(minimum, maximum, order, nodes, starts, low, high, least, column)
+        others = 0
+        for k in range(reached):
+            if column[k] != row and others < skip + most:
+                if others >= skip:
+                    pairs[found, 0], pairs[found, 1] = min(row, column[k]), max(row, column[k])
+                    found += 1
+                others += 1
+        counts[n] = max(0, others - skip)
     return found

@@ -48,12 +48,13 @@ def meeting_pairs(
     if len(slots) < 2:
         return NO_PAIRS
     some = selected is not None and np.count_nonzero(selected) * FEW < len(slots)
+    tree = BoundsTree.build(minimum, maximum)
     if selected is not None and some:
-        pairs = find_some_candidates_of(minimum, maximum, np.flatnonzero(selected), most)
+        pairs = find_some_candidates_of(tree, np.flatnonzero(selected), most)
     else:
-        pairs = find_some_candidates(BoundsTree.build(minimum, maximum), most)
+        pairs = find_some_candidates(tree, most)
     if pairs is None:
-        return _first_pairs(cycle, slots, BoundsTree.build(minimum, maximum), selected, most)
+        return _first_pairs(cycle, slots, tree, selected, most)
     if selected is not None and not some:
         pairs = pairs[selected[pairs].any(axis=1)]
     pairs = cycle.without_allowed(slots[pairs])
