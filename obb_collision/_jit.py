@@ -22,14 +22,17 @@ and machine code cached on disk by ``_kernel_cache``.
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any, TypeVar
 
 import numba
+from numba.core import types as _types
 
 from obb_collision._compiling import compiled as _  # noqa: F401  # from now on it is said
 from obb_collision._kernel_cache import KernelCache
 
 F = TypeVar("F", bound=Callable[..., Any])
+types: Any = _types  # numba has no types
 
 kernels: list[Any] = []
 """All kernels that have been defined so far; none where numba is disabled."""
@@ -41,8 +44,19 @@ def njit(function: F) -> F:
     kernel: F = compiled
     if hasattr(compiled, "_cache"):  # not where numba is disabled
         compiled._cache = KernelCache(compiled)  # in place of numba's own
+        compiled.get_call_template = partial(_one_template, compiled.get_call_template)
         kernels.append(kernel)
     return kernel
+
+
+def _one_template(get: Callable[..., Any], args: Any, kws: Any) -> Any:
+    """Return what a kernel calls: one version for all numbers that are written out in calls.
+
+    Numba compiles ``f(x, 0)``, ``f(x, 1)`` and ``f(x, n)`` apart, a quarter of all compiling;
+    LLVM puts such numbers in where it inlines, so that nothing runs faster for it.
+    """
+    kinds = {name: types.unliteral(kind) for name, kind in kws.items()}
+    return get(tuple(map(types.unliteral, args)), kinds)
 
 
 def unkept_kernels() -> list[str]:

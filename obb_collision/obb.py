@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from obb_collision.geometry.aabb import AABB
 from obb_collision.geometry.boxes import Boxes, add_outwards, box_volumes
-from obb_collision.geometry.fitting.fit import fit_points
+from obb_collision.geometry.fitting.fit import fit_clouds, fit_points
 from obb_collision.geometry.fitting.transform import transform_box
 from obb_collision.geometry.kinds import as_flag, check_kind
 from obb_collision.geometry.poses import matrices_from_quaternions, quaternions_from_matrices
@@ -81,6 +81,8 @@ class OBB:
     center: Floats
     rotation: Floats
     half_extents: Floats
+
+    _fit_clouds = staticmethod(fit_clouds)  # for Boxes, which cannot import what is above them
 
     def __init__(
         self,

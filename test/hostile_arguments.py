@@ -149,6 +149,9 @@ def calls() -> Iterator[tuple[str, Callable[..., Any], dict[str, Any]]]:
     }  # fmt: skip
     yield "OBB", oc.OBB, {"center": [0, 0, 0], "rotation": np.eye(3), "half_extents": [1, 1, 1]}
     yield "OBB.from_points", oc.OBB.from_points, {"points": TETRAHEDRON, "fit": "best"}
+    yield "Boxes.from_points", oc.Boxes.from_points, {
+        "points": TETRAHEDRON, "offsets": [0, 2, 4], "fit": "best"
+    }  # fmt: skip
     yield "AABB", oc.AABB, {"minimum": [0, 0, 0], "maximum": [1, 1, 1]}
     yield "Capsules", oc.Capsules, {
         "starts": np.zeros((2, 3)), "ends": np.ones((2, 3)), "radii": np.ones(2)

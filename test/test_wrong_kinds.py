@@ -104,6 +104,9 @@ FUNCTIONS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
         oc.Boxes, {"centers": POINTS, "rotations": [np.eye(3)] * 2, "half_extents": UNITS}
     ),
     "Boxes.from_poses": (oc.Boxes.from_poses, {"poses": [POSE], "half_extents": [[1, 1, 1]]}),
+    "Boxes.from_points": (
+        oc.Boxes.from_points, {"points": np.eye(3), "offsets": [0, 3], "fit": "best"}
+    ),
     "Boxes.from_obbs": (oc.Boxes.from_obbs, {"obbs": [BOX, BOX]}),
     "Boxes.transformed": (boxes().transformed, {"matrix": np.eye(4)}),
     "Boxes.contains": (boxes().contains, {"points": [0] * 3, "exact": False}),

@@ -133,6 +133,38 @@ class Boxes:
         return cls.trusted(centers, rotations, h)
 
     @classmethod
+    def from_points(
+        cls,
+        points: ArrayLike | Iterable[ArrayLike],
+        offsets: ArrayLike | None = None,
+        fit: str = "best",
+    ) -> Boxes:
+        """Return for each of k clouds the box that ``OBB.from_points`` gives it, bit for bit.
+
+        Parameters
+        ----------
+        points : k array_likes (n, 3)
+            Metres, at least one point each; with offsets, one (n, 3) with all clouds.
+        offsets : (k + 1,) array_like of int, optional
+            Cloud i is ``points[offsets[i]:offsets[i + 1]]``.
+        fit : str
+            As in ``OBB.from_points``.
+
+        Raises
+        ------
+        ValueError
+            For a cloud without points or with bad ones, naming the cloud; for offsets that do not
+            rise from 0 to n.
+
+        Examples
+        --------
+        >>> boxes = oc.Boxes.from_points([[[0, 0, 0], [2, 4, 6]], [[1, 1, 1]]], fit="aabb")
+        >>> boxes.half_extents.tolist()
+        [[1.0, 2.0, 3.0], [0.0, 0.0, 0.0]]
+        """
+        return cls.trusted(*cls.single._fit_clouds(points, offsets, fit))
+
+    @classmethod
     def from_obbs(cls, obbs: Iterable[OBB]) -> Boxes:
         """Return the boxes of a list.
 

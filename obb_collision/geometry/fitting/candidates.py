@@ -21,31 +21,21 @@ compared by volume only: any frame gives a box that contains the points (see ``e
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import QhullError
 
-from obb_collision.geometry.fitting.convex_hull import (
-    convex_hull,
-    hull_polygon,
-    minimum_rectangle_direction,
-)
+from obb_collision.geometry.fitting.convex_hull import hull_polygon, minimum_rectangle_direction
 from obb_collision.geometry.poses import matrices_from_quaternions
 from obb_collision.numerics.constants import DEPENDENT
 from obb_collision.numerics.vec3 import cross
 from obb_collision.typing import Floats
 
-#: Refining ends when it saves less than this fraction of the volume.
-WORTHWHILE = 1e-9
-
-#: Orientations from which those to refine are chosen. Of 256 the best four, with the best two of
-#: the principal and axis-aligned ones, gave 1.003 times the minimum volume found by 100
-#: refinements, in the worst case 1.02; those two and two more principal ones alone 1.01, in the
-#: worst case 1.07.
+#: Orientations from which those to refine are chosen. The boxes of 400 random clouds of 4 to 1000
+#: points were 0.12 % smaller with the best 8 of these and 8 faces than with 4 and one face, at the
+#: most 5 %; with 16 and 8, another 0.05 %.
 SPREAD = 256
-
-#: Rounds of refining; on all meshes tried it converged in 3 to 6.
-MAX_ROUNDS = 20
 
 
 def complete_frame(first: Floats, second: Floats) -> Floats:
@@ -114,34 +104,15 @@ def covariance_frame(points: Floats) -> Floats:
     return complete_frame(axes[0], second)
 
 
-def hull_covariance_frame(points: Floats) -> Floats | None:
-    """Return the principal axes of the surface of the convex hull; None if that is flat.
+def hull_covariance_frame(triangles: Floats) -> Floats:
+    """Return the principal axes of a surface, the triangles (n, 3, 3) of a hull.
 
     Weighted by area, so that the density of the points does not matter (Gottschalk, Lin,
     Manocha 1996, section 3): triangle p q r of area A with centroid m adds
     A / 12 (9 m m^T + p p^T + q q^T + r r^T) about the mean.
     """
-    hull = convex_hull(points)
-    if hull is None:
-        return None
-    triangles = points[hull.simplices]
-    return _surface_frame(triangles)
-
-
-def polygon_covariance_frame(points: Floats, frame: Floats) -> Floats | None:
-    """Return the principal axes of the hull of a flat set, projected along the last axis."""
-    polygon = hull_polygon(points @ frame[:, :2])
-    if polygon is None:
-        return None
-    first = np.broadcast_to(polygon[0], (len(polygon) - 2, 2))
-    fan = np.stack([first, polygon[1:-1], polygon[2:]], axis=1)
-    inner = _surface_frame(np.concatenate([fan, np.zeros((len(fan), 3, 1))], axis=2))
-    return complete_frame(frame @ inner[:, 0], frame @ inner[:, 1])
-
-
-def _surface_frame(triangles: Floats) -> Floats:
     edges = triangles[:, 1:] - triangles[:, :1]
-    areas = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
+    areas = np.sqrt((np.cross(edges[:, 0], edges[:, 1]) ** 2).sum(axis=1))
     weights = areas / areas.sum()
     about = triangles - weights @ triangles.mean(axis=1)
     samples = np.concatenate([3.0 * about.mean(axis=1)[:, None], about], axis=1)
@@ -150,53 +121,24 @@ def _surface_frame(triangles: Floats) -> Floats:
     return complete_frame(axes[:, 2], axes[:, 1])
 
 
-def minimum_volume_frame(points: Floats) -> Floats | None:
-    """Return the axes of trimesh's oriented bounds; None where it fails."""
-    import trimesh  # here, as it takes half a second
+def flat_frames(points: Floats, frame: Floats) -> tuple[Floats, Floats]:
+    """Return two frames of a flat set, whose plane is normal to the last axis of ``frame``.
 
-    hull = convex_hull(points)
-    if hull is None:
-        return None
-    # As a mesh: of bare points trimesh repairs the hull's winding, sometimes by networkx, which
-    # it does not require.
-    mesh = trimesh.Trimesh(points, hull.simplices, process=False)
-    try:
-        to_box, _ = trimesh.bounds.oriented_bounds(mesh, ordered=False)
-    except (QhullError, ValueError, IndexError, TypeError, ImportError, np.linalg.LinAlgError):
-        return None  # nearly flat sets; the other candidates are used
-    if not np.isfinite(to_box).all():
-        return None
-    return complete_frame(to_box[0, :3], to_box[1, :3])
-
-
-def refined_frame(points: Floats, frame: Floats, floor: float) -> Floats:
-    """Return the frame turned about its own axes while that makes the box smaller.
-
-    Projected along an axis, the minimum rectangle has a side on an edge of the outline; each
-    round tries those of the three projections.
+    The principal axes of its hull's area, and those of the smallest rectangle.
     """
-    best, size, done = frame, box_size(points, frame, floor), -1
-    for _ in range(MAX_ROUNDS):
-        tried = {axis: _turned(points, best, axis) for axis in range(3) if axis != done}
-        sizes = {axis: box_size(points, turned, floor) for axis, turned in tried.items()}
-        axis = min(sizes, key=lambda key: sizes[key])
-        if sizes[axis] >= size * (1.0 - WORTHWHILE):
-            break
-        best, size, done = tried[axis], sizes[axis], axis
-    return best
-
-
-def _turned(points: Floats, frame: Floats, axis: int) -> Floats:
-    """Return the frame turned about one of its axes to the minimum rectangle in the projection."""
-    u, v = frame[:, (axis + 1) % 3], frame[:, (axis + 2) % 3]
-    polygon = hull_polygon(points @ np.column_stack([u, v]))
+    polygon = hull_polygon(points @ frame[:, :2])
     if polygon is None:
-        return frame
+        return frame, frame
+    first = np.broadcast_to(polygon[0], (len(polygon) - 2, 2))
+    fan = np.stack([first, polygon[1:-1], polygon[2:]], axis=1)
+    inner = hull_covariance_frame(np.concatenate([fan, np.zeros((len(fan), 3, 1))], axis=2))
     x, y = minimum_rectangle_direction(polygon)
+    u, v = frame[:, 0], frame[:, 1]
     turned = complete_frame(x * u + y * v, x * v - y * u)
-    return np.roll(turned, axis + 1, axis=1)  # each axis keeps its column
+    return complete_frame(frame @ inner[:, 0], frame @ inner[:, 1]), turned
 
 
+@cache
 def spread_frames() -> Floats:
     """Return (n, 3, 3) orientations spread over all rotations, always the same ones.
 
@@ -206,10 +148,13 @@ def spread_frames() -> Floats:
     return matrices_from_quaternions(quaternions / np.linalg.norm(quaternions, axis=1)[:, None])
 
 
-def box_size(points: Floats, frame: Floats, floor: float) -> float:
-    """Return the volume of the box of the points, extents below ``floor`` taken as ``floor``.
+def box_sizes(points: Floats, frames: Floats, floor: float) -> Floats:
+    """Return (m,) volumes of the boxes of points with axes (m, 3, 3).
 
-    Flat sets therefore compare by area and lines by length, if their boxes are as flat.
+    Extents below ``floor`` count as that much: flat sets therefore compare by area and lines by
+    length, if their boxes are as flat.
     """
-    along = points @ frame
-    return float(np.prod(np.maximum(along.max(axis=0) - along.min(axis=0), floor)))
+    along = points @ frames.transpose(1, 0, 2).reshape(3, -1)
+    extents = np.maximum(along.max(axis=0) - along.min(axis=0), floor).reshape(-1, 3)
+    volumes: Floats = extents.prod(axis=1)
+    return volumes

@@ -21,25 +21,26 @@ minimum volume, hull covariance 1.16, trimesh's minimum volume 1.005), hence ``"
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable
+from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from obb_collision.geometry.fitting.candidates import (
-    box_size,
+    box_sizes,
     complete_frame,
     covariance_frame,
+    flat_frames,
     hull_covariance_frame,
     keep_flat,
-    minimum_volume_frame,
-    polygon_covariance_frame,
-    refined_frame,
     spread_frames,
 )
-from obb_collision.geometry.fitting.convex_hull import convex_hull, hull_volume
+from obb_collision.geometry.fitting.corners import Corners, few_corners
 from obb_collision.geometry.fitting.enclosing import enclose_points
-from obb_collision.geometry.validation import as_array
+from obb_collision.geometry.fitting.smallest import HullFaces, face_frames, refined_frames
+from obb_collision.geometry.validation import as_array, as_rows
 from obb_collision.numerics.constants import FLAT, MAX_MAGNITUDE, VOLUME_TIE
 from obb_collision.typing import Floats
 from obb_collision.words import shown
@@ -48,24 +49,20 @@ from obb_collision.words import shown
 #: from the origin scatter when they are rounded to doubles.
 FLAT_ROUNDOFFS = 4.0
 
-#: Maximum number of hull corners used for choosing axes; above it, those extreme in DIRECTIONS
-#: directions: 10,000 take trimesh 0.3 s, a round rim of 20,000 takes gigabytes.
-MANY_CORNERS = 2000
-#: Maximum number of points of which the hull is made: a million on a sphere take Qhull 10 s.
-MANY_POINTS = 100_000
 #: Number of principal frames, and of spread ones, that "best" refines (see SPREAD).
 REFINED_PRINCIPAL = 2
-REFINED_SPREAD = 4
-#: Directions spread evenly over a half sphere; two extreme points each.
-DIRECTIONS = 256
+REFINED_SPREAD = 8
+#: Faces of the hull whose boxes it refines.
+REFINED_FACES = 8
 
 
 def fit_points(points: ArrayLike, fit: str = "best") -> tuple[Floats, Floats, Floats]:
     """Return (center (3,), rotation (3, 3), half_extents (3,)) of a box around points (n, 3).
 
     fit: how the axes are chosen: "aabb" (the coordinate axes), "covariance" (principal axes of the
-    points), "hull_covariance" (of the surface of their hull), "min_volume" (trimesh's oriented
-    bounds, refined), "best" (the smallest of all; of flat sets by area, of lines by length).
+    points), "hull_covariance" (of the surface of their hull), "min_volume" (the smallest box with a
+    side on a face of the hull, refined), "best" (the smallest of all; of flat sets by area, of
+    lines by length).
 
     Any set has a box: one point, duplicates, lines, planes. Columns of the rotation are the
     axes, determinant +1. Raises ValueError for an unknown fit, an empty set, wrong shapes or
@@ -75,10 +72,47 @@ def fit_points(points: ArrayLike, fit: str = "best") -> tuple[Floats, Floats, Fl
     array = as_array(points, "points", (None, 3))
     if len(array) == 0:
         raise ValueError("points must not be empty, got shape (0, 3)")
+    return _fitted(array, fit)
+
+
+def fit_clouds(
+    clouds: ArrayLike | Iterable[ArrayLike], offsets: ArrayLike | None = None, fit: str = "best"
+) -> tuple[Floats, Floats, Floats]:
+    """Return what ``fit_points`` does for each of k clouds: (k, 3), (k, 3, 3), (k, 3).
+
+    clouds: k arrays (n, 3), or with offsets (k + 1,) one array of which cloud i is the rows from
+    offsets[i] to offsets[i + 1]. Raises ValueError as ``fit_points``, naming the cloud.
+    """
+    check_fit(fit)
+    parts = _listed(clouds) if offsets is None else _cut(clouds, offsets)
+    boxes = np.empty((len(parts), 3)), np.empty((len(parts), 3, 3)), np.empty((len(parts), 3))
+    for k, points in enumerate(parts):
+        if len(points) == 0:
+            raise ValueError(f"points must not be empty in cloud {k}")
+        for out, value in zip(boxes, _fitted(points, fit), strict=True):
+            out[k] = value
+    return boxes
+
+
+def _listed(clouds: Any) -> list[Floats]:
+    if not isinstance(clouds, Iterable) or isinstance(clouds, str):
+        raise ValueError(f"points must be clouds of shape (n, 3), got {shown(clouds)}")
+    return [as_array(cloud, f"points of cloud {k}", (None, 3)) for k, cloud in enumerate(clouds)]
+
+
+def _cut(points: Any, offsets: ArrayLike) -> list[Floats]:
+    array = as_array(points, "points", (None, 3))
+    ends = as_rows(offsets, "offsets", len(array) + 1)
+    if len(ends) == 0 or ends[0] != 0 or ends[-1] != len(array) or (np.diff(ends) < 0).any():
+        raise ValueError(f"offsets must rise from 0 to the number of points, {len(array)}")
+    return [array[i:j] for i, j in pairwise(ends)]
+
+
+def _fitted(array: Floats, fit: str) -> tuple[Floats, Floats, Floats]:
     rotation = _choose_frame(array, fit)
     center, half_extents = enclose_points(array, rotation)
     if half_extents.max() > MAX_MAGNITUDE and fit != "aabb":
-        return fit_points(array, "aabb")  # the only box within MAX_MAGNITUDE
+        return _fitted(array, "aabb")  # the only box within MAX_MAGNITUDE
     return center, rotation, half_extents
 
 
@@ -99,23 +133,13 @@ def _choose_frame(points: Floats, fit: str) -> Floats:
     rank, frame, floor = _rank(scaled, noise)
     if fit == "covariance":
         return keep_flat(frame, flat)
-    if rank == 1:
-        corners, judges = scaled, scaled
-    else:
-        corners, complete = _corners(scaled, frame)
-        judges = corners if complete else scaled
-    tight = (1.0 + VOLUME_TIE) * hull_volume(corners) if rank == 3 else 0.0
-    best: Floats | None = None
-    smallest = np.inf
-    for candidate in FITS[fit](corners, frame, rank, floor):
-        exact = keep_flat(candidate, flat)
-        size = box_size(judges, exact, floor)
-        if best is None or size < smallest * (1.0 - VOLUME_TIE):
-            best, smallest = exact, size
-        if smallest <= tight:
-            break  # the hull is a box
-    assert best is not None  # every fit offers at least the principal axes
-    return best
+    corners = few_corners(scaled, frame, rank)
+    frames = FITS[fit](corners, frame, rank, floor)
+    if flat.any():
+        frames = np.array([keep_flat(candidate, flat) for candidate in frames])
+    sizes = box_sizes(corners.points if corners.complete else scaled, frames, floor)
+    best = frames[int((sizes <= (1.0 + VOLUME_TIE) * sizes.min()).argmax())]
+    return keep_flat(complete_frame(best[:, 0], best[:, 1]), flat)
 
 
 def _normalized(points: Floats, low: Floats, high: Floats) -> tuple[Floats, float]:
@@ -136,96 +160,64 @@ def _rank(points: Floats, noise: float) -> tuple[int, Floats, float]:
     return max(1, int((widths > floor).sum())), frame, floor
 
 
-def _corners(points: Floats, frame: Floats) -> tuple[Floats, bool]:
-    """Return at most a few thousand points for choosing axes, and whether their box is that of all.
-
-    The corners of the hull, or some of them.
-    """
-    if len(points) <= MANY_POINTS:
-        hull = convex_hull(points)
-        corners = points if hull is None else points[hull.vertices]
-        if len(corners) <= MANY_CORNERS:
-            return corners, True
-    along = points @ frame
-    widths = np.ptp(along, axis=0)
-    along /= np.where(widths > 0.0, widths, 1.0)  # thin sets have two sides too
-    directions = _half_sphere(DIRECTIONS)
-    chosen = _extreme_rows(along, directions)
-    return points[chosen], False
+def _axis_aligned(corners: Corners, frame: Floats, rank: int, floor: float) -> Floats:
+    return np.eye(3)[None]
 
 
-def _half_sphere(count: int) -> Floats:
-    """Return unit vectors (3, count) spread evenly over a half sphere (Fibonacci's spiral)."""
-    z = (np.arange(count) + 0.5) / count
-    angle = np.pi * (3.0 - np.sqrt(5.0)) * np.arange(count)
-    radius = np.sqrt(1.0 - z * z)
-    return np.stack([radius * np.cos(angle), radius * np.sin(angle), z])
+def _covariance(corners: Corners, frame: Floats, rank: int, floor: float) -> Floats:
+    return frame[None]
 
 
-def _extreme_rows(points: Floats, directions: Floats, block: int = 16384) -> NDArray[np.intp]:
-    """Return the rows of points (n, 3) that are lowest or highest in directions (3, m)."""
-    lowest = np.full(directions.shape[1], np.inf)
-    highest = -lowest
-    rows = np.zeros((2, directions.shape[1]), np.intp)
-    for start in range(0, len(points), block):
-        heights = directions.T @ points[start : start + block].T
-        for extreme, pick, row, sign in (
-            (lowest, heights.argmin(axis=1), rows[0], 1.0),
-            (highest, heights.argmax(axis=1), rows[1], -1.0),
-        ):
-            found = np.take_along_axis(heights, pick[:, None], axis=1)[:, 0]
-            better = sign * found < sign * extreme
-            extreme[better] = found[better]
-            row[better] = start + pick[better]
-    return np.unique(rows)
-
-
-Candidates = Callable[[Floats, Floats, int, float], Iterator[Floats]]
-
-
-def _axis_aligned(corners: Floats, frame: Floats, rank: int, floor: float) -> Iterator[Floats]:
-    yield np.eye(3)
-
-
-def _hull_covariance(corners: Floats, frame: Floats, rank: int, floor: float) -> Iterator[Floats]:
+def _hull_covariance(corners: Corners, frame: Floats, rank: int, floor: float) -> Floats:
     if rank == 1:
-        found = None
-    elif rank == 2:
-        found = polygon_covariance_frame(corners, frame)
-    else:
-        found = hull_covariance_frame(corners)
-    yield frame if found is None else found
+        return frame[None]
+    if corners.hull is None:
+        return flat_frames(corners.points, frame)[0][None]
+    return hull_covariance_frame(corners.triangles)[None]
 
 
-def _minimum_volume(corners: Floats, frame: Floats, rank: int, floor: float) -> Iterator[Floats]:
-    found = minimum_volume_frame(corners) if rank == 3 else None
-    start = frame if found is None else found
-    yield start if rank == 1 else refined_frame(corners, start, floor)
-
-
-def _best(corners: Floats, frame: Floats, rank: int, floor: float) -> Iterator[Floats]:
-    yield np.eye(3)
+def _minimum_volume(corners: Corners, frame: Floats, rank: int, floor: float) -> Floats:
     if rank == 1:
-        yield frame
-        return
-    yield from _minimum_volume(corners, frame, rank, floor)
-    principal = [np.eye(3), frame, *_hull_covariance(corners, frame, rank, floor)]
-    principal.sort(key=lambda candidate: box_size(corners, candidate, floor))
-    for candidate in principal[:REFINED_PRINCIPAL]:
-        yield refined_frame(corners, candidate, floor)
-    if rank < 3:
-        return  # the minimum rectangle in the plane has been found
-    spread = spread_frames()
-    widths = np.ptp(np.einsum("ni,mij->mnj", corners, spread), axis=1)
-    for row in np.argsort(widths.prod(axis=1))[:REFINED_SPREAD]:
-        candidate = complete_frame(spread[row, :, 0], spread[row, :, 1])
-        yield refined_frame(corners, candidate, floor)
+        return frame[None]
+    if corners.hull is None:
+        return flat_frames(corners.points, frame)[1][None]
+    faces = _hull_faces(corners)
+    return refined_frames(faces, _best_faces(faces, floor)[:1], floor)
 
 
-#: Generators of candidate axes by the name of the fit (the principal axes are given).
-FITS: dict[str, Candidates] = {
+def _best(corners: Corners, frame: Floats, rank: int, floor: float) -> Floats:
+    if rank == 1:
+        return np.array([np.eye(3), frame])
+    if corners.hull is None:
+        return np.array([np.eye(3), *flat_frames(corners.points, frame), frame])
+    principal = np.array([np.eye(3), frame, hull_covariance_frame(corners.triangles)])
+    vertices, faces = corners.points[corners.hull.vertices], _hull_faces(corners)
+    starts = [_best_faces(faces, floor)]
+    for frames, count in ((principal, REFINED_PRINCIPAL), (spread_frames(), REFINED_SPREAD)):
+        order = np.argsort(box_sizes(vertices, frames, floor), kind="stable")
+        starts.append(frames[order[:count]])
+    return np.concatenate([principal[:1], refined_frames(faces, np.concatenate(starts), floor)])
+
+
+def _hull_faces(corners: Corners) -> HullFaces:
+    hull = corners.hull
+    assert hull is not None
+    return HullFaces(corners.points, hull.vertices, hull.simplices, hull.neighbors)
+
+
+def _best_faces(faces: HullFaces, floor: float) -> Floats:
+    """Return (k, 3, 3) the smallest boxes with a side on a face, once where many triangles do."""
+    frames, volumes = face_frames(faces, floor)
+    order = np.argsort(volumes)
+    ordered = volumes[order]
+    differs = np.r_[True, ordered[1:] > (1.0 + VOLUME_TIE) * ordered[:-1]]
+    return frames[order[differs][:REFINED_FACES]]
+
+
+#: Candidate axes (m, 3, 3) by the name of the fit (the principal axes are given).
+FITS: dict[str, Callable[[Corners, Floats, int, float], Floats]] = {
     "aabb": _axis_aligned,
-    "covariance": lambda corners, frame, rank, floor: iter([frame]),
+    "covariance": _covariance,
     "hull_covariance": _hull_covariance,
     "min_volume": _minimum_volume,
     "best": _best,
