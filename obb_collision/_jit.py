@@ -49,6 +49,16 @@ def njit(function: F) -> F:
     return kernel
 
 
+def njit_each_number(function: F) -> F:
+    """Compile a kernel as ``njit`` does, but apart for every number written out in a call.
+
+    For those that are not inlined and index with it: they need not ask whether it is negative.
+    """
+    kernel = njit(function)
+    vars(kernel).pop("get_call_template", None)
+    return kernel
+
+
 def _one_template(get: Callable[..., Any], args: Any, kws: Any) -> Any:
     """Return what a kernel calls: one version for all numbers that are written out in calls.
 

@@ -79,6 +79,7 @@ def own_key(kernel: Any) -> str:
     function = _function(kernel)
     values = [(name, _value(value)) for name, value in _globals(kernel)]
     options = sorted(getattr(kernel, "targetoptions", {}).items())
+    options.append(("one template", "get_call_template" in vars(kernel)))  # see ``_jit``
     defaults = _value(function.__defaults__ or ())
     name = f"{function.__module__}.{function.__qualname__}"
     return repr((name, _code(function.__code__, function.__doc__), values, options, defaults))

@@ -23,7 +23,7 @@ from __future__ import annotations
 
 import math
 
-from obb_collision._jit import njit
+from obb_collision._jit import njit, njit_each_number
 from obb_collision.numerics.constants import FAST_BOUND, SMALL_SQUARE, TIME_ROUNDING, UNDERFLOW
 from obb_collision.numerics.vec3 import (
     components,
@@ -111,7 +111,7 @@ def meeting_intervals(a: Box, b: Box, end: Vector, times: Floats) -> tuple[float
     return span[0] * (1.0 - TIME_ROUNDING), span[2]
 
 
-@njit
+@njit_each_number
 def _meet_three(
     times: Floats, axis: int, first: Vector, last: Vector, reach: Vector, bound: float, span: Span
 ) -> Span:
@@ -127,7 +127,7 @@ def _over(span: Span) -> bool:
     return span[0] * (1.0 - TIME_ROUNDING) > span[1] * (1.0 + TIME_ROUNDING)
 
 
-@njit
+@njit_each_number
 def _meet(
     times: Floats,
     axis: int,

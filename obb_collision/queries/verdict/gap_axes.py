@@ -26,7 +26,7 @@ from obb_collision._jit import njit
 from obb_collision.numerics.constants import SHORT_SQUARE
 from obb_collision.numerics.vec3 import components, dot_abs
 from obb_collision.queries.verdict.pair_frame import Pair
-from obb_collision.queries.verdict.sat import EdgeAxes, edge_axes, rows_of
+from obb_collision.queries.verdict.sat import edge_axes, rows_of
 
 #: A gap and the number of its axis.
 Axis = tuple[float, int]
@@ -57,21 +57,23 @@ def best_edge(pair: Pair, best: Axis) -> Axis:
     d, (x, y, z), h, f = pair.d, pair.r, pair.h, pair.f
     for j in range(3):
         axes = edge_axes(d, h, x, y, z, f[1], f[2])
-        best = _larger(best, _edge_gap(axes, 0, x[1], x[2]), 6 + j)
-        best = _larger(best, _edge_gap(axes, 1, x[2], x[0]), 9 + j)
-        best = _larger(best, _edge_gap(axes, 2, x[0], x[1]), 12 + j)
+        across, a, b, c = axes.offset, axes.a, axes.b, axes.c
+        best = _larger(best, _edge_gap(across[0], a[0], b[0] + c[0], x[1], x[2]), 6 + j)
+        best = _larger(best, _edge_gap(across[1], a[1], b[1] + c[1], x[2], x[0]), 9 + j)
+        best = _larger(best, _edge_gap(across[2], a[2], b[2] + c[2], x[0], x[1]), 12 + j)
         x, y, z = y, z, x
         f = f[1], f[2], f[0]
     return best
 
 
 @njit
-def _edge_gap(axes: EdgeAxes, i: int, p: float, q: float) -> float:
+def _edge_gap(offset: float, a: float, b: float, p: float, q: float) -> float:
     """Return the gap along a unit edge axis, whose components are p and q but for their signs.
 
-    Minus infinity if it is not positive, or for nearly parallel edges.
+    a, b: the reach of the boxes. Minus infinity if the gap is not positive, or for nearly parallel
+    edges.
     """
-    gap = abs(axes.offset[i]) - axes.a[i] - (axes.b[i] + axes.c[i])
+    gap = abs(offset) - a - b
     square = p * p + q * q
     if gap > 0.0 and square > SHORT_SQUARE:
         return gap / math.sqrt(square)
