@@ -146,21 +146,26 @@ def test_a_signal_during_the_imports_ends_it_without_a_word(
 
 def test_a_second_signal_ends_a_node_that_takes_long_to_be_made() -> None:
     code = """
-import sys, time
+import sys
 from obb_collision.node.runtime.running import run
 def make(context, ending):
     sys.stdout.write("making\\n")
     sys.stdout.flush()
-    time.sleep(3600)
+    sys.stdin.read()  # until the pipe is closed, which no one does
 run("slow", make, [])
 """
-    process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
+    process = subprocess.Popen(
+        [sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    )
     assert process.stdout is not None
-    assert process.stdout.readline() == "making\n"
-    process.send_signal(signal.SIGINT)
-    process.send_signal(signal.SIGTERM)  # another one, for two of a kind may arrive as one
-    process.communicate(timeout=PATIENCE)
-    assert process.returncode == 0
+    try:
+        assert process.stdout.readline() == "making\n"
+        process.send_signal(signal.SIGINT)
+        process.send_signal(signal.SIGTERM)  # another one, for two of a kind may arrive as one
+        assert process.wait(PATIENCE) == 0
+    finally:
+        process.kill()
+        process.communicate()
 
 
 def test_a_node_that_is_killed_or_hangs_is_told_by_the_deadline() -> None:

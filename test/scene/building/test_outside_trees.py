@@ -16,39 +16,42 @@
 
 from __future__ import annotations
 
-import threading
-import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 import trimesh
+from builders import PATIENCE, wait_built
 
 import obb_collision as oc
 from obb_collision import _kernel_cache
 from obb_collision.geometry.trees import pool as pools
-from obb_collision.geometry.trees.obb_tree import MeshTrees
-from obb_collision.geometry.trees.pool import TreePool
 from obb_collision.geometry.trees.shape_trees import mesh_tree
 from obb_collision.scene.building import outside
 from obb_collision.scene.building.builder import Builder
 from obb_collision.scene.building.errors import BuildError
 from obb_collision.scene.building.outside import OutsideTrees
 from obb_collision.scene.building.process import Limits
-from obb_collision.scene.building.shape_cache import PerShape
-from obb_collision.scene.building.tree_jobs import BuildJob, perform_build
 from obb_collision.scene.building.wire import Message
 from obb_collision.scene.report import Report
 from obb_collision.shapes import Box, Hull, Mesh, Shape
 
-PATIENCE = 120.0
+MOST_CHECKS = 100
+"""Checks after which all trees must be there: one is enough for what is built at once."""
 AWAY = (9.0, 0, 0, 0, 0, 0, 1)
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def builder() -> Iterator[Builder]:
+    made = Builder()
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def own() -> Iterator[Builder]:
+    """Yield a builder whose process is started by the test."""
     made = Builder()
     yield made
     made.close()
@@ -64,15 +67,14 @@ def hull(seed: int = 0) -> Hull:
     return Hull(np.random.default_rng(seed).normal(size=(300, 3)))
 
 
-def settled(scene: oc.Scene, trees: OutsideTrees) -> Report:
+def settled(scene: oc.Scene, trees: OutsideTrees, builder: Builder) -> Report:
     """Check until nothing is being built, and a check finds nothing to do; return its report."""
-    limit = time.monotonic() + PATIENCE
-    while True:
+    for _ in range(MOST_CHECKS):
         report = scene.check()
         if not trees.waiting and scene.check() is report:
             return report
-        assert time.monotonic() < limit, "trees are built in vain"
-        time.sleep(0.005)
+        wait_built(builder)
+    raise AssertionError("trees are built in vain")
 
 
 def results(report: Report) -> list[tuple[str, str, int, int]]:
@@ -98,7 +100,7 @@ def test_pairs_are_on_obb_until_their_trees_are_there(
     assert len(first) >= len(expected), "a check that does not wait loses nothing"
     assert set(first.accuracies.tolist()) == {oc.Accuracy.OBB}
     assert trees.waiting
-    assert results(settled(scenes[0], trees)) == expected
+    assert results(settled(scenes[0], trees, builder)) == expected
     assert trees.waiting == len(builder) == 0
 
 
@@ -112,7 +114,7 @@ def test_the_accuracy_may_rise_while_meshes_are_there(builder: Builder) -> None:
     scene.accuracy = "mesh"
     assert scene.check().accuracies.tolist() == [oc.Accuracy.OBB]
     assert trees.waiting == 2
-    assert settled(scene, trees).accuracies.tolist() == [oc.Accuracy.MESH]
+    assert settled(scene, trees, builder).accuracies.tolist() == [oc.Accuracy.MESH]
 
 
 def test_small_shapes_are_built_at_once(builder: Builder, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -152,10 +154,9 @@ def test_what_cannot_be_built_stays_on_obb_and_is_told(
     shape = ball()
     scene.add("a", shape)
     scene.add("b", shape, (0.5, 0, 0, 0, 0, 0, 1))
-    limit = time.monotonic() + PATIENCE
-    while not trees.failed:
-        assert time.monotonic() < limit
-        assert scene.check().accuracies.tolist() == [oc.Accuracy.OBB]
+    assert scene.check().accuracies.tolist() == [oc.Accuracy.OBB]
+    wait_built(builder)
+    assert scene.check().accuracies.tolist() == [oc.Accuracy.OBB]
     assert trees.failed == {"not enough memory": 1}
     assert scene.check().accuracies.tolist() == [oc.Accuracy.OBB]
     assert trees.waiting == 0, "it is not tried again at each check"
@@ -163,14 +164,15 @@ def test_what_cannot_be_built_stays_on_obb_and_is_told(
     assert not trees.failed
     scene.add("a", shape)
     scene.add("b", shape, (0.5, 0, 0, 0, 0, 0, 1))
-    while not trees.failed:
-        assert time.monotonic() < limit
-        scene.check()
+    scene.check()
+    wait_built(builder)
+    scene.check()
+    assert trees.failed == {"not enough memory": 1}
     monkeypatch.setattr(builder.process, "run", run)
     scene.add("a", ball(1))
     scene.add("b", ball(1), (0.5, 0, 0, 0, 0, 0, 1))
     assert not trees.failed
-    assert settled(scene, trees).accuracies.tolist() == [oc.Accuracy.MESH]
+    assert settled(scene, trees, builder).accuracies.tolist() == [oc.Accuracy.MESH]
 
 
 def test_what_is_taken_out_is_not_built(builder: Builder) -> None:
@@ -185,11 +187,11 @@ def test_what_is_taken_out_is_not_built(builder: Builder) -> None:
     assert trees.waiting == 0
     scene.add("c", ball())
     scene.add("d", ball(1), (0.5, 0, 0, 0, 0, 0, 1))
-    assert settled(scene, trees).accuracies.tolist() == [oc.Accuracy.MESH]
+    assert settled(scene, trees, builder).accuracies.tolist() == [oc.Accuracy.MESH]
 
 
 def test_kernels_are_looked_for_in_the_folders_that_this_process_has(
-    builder: Builder,
+    own: Builder,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capfd: pytest.CaptureFixture[str],
@@ -200,10 +202,10 @@ def test_kernels_are_looked_for_in_the_folders_that_this_process_has(
     places = [tmp_path / "file", *_kernel_cache.places]
     monkeypatch.setattr(_kernel_cache, "places", places)
     scene = oc.Scene(accuracy="mesh")
-    trees = scene.build_outside(builder)
+    trees = scene.build_outside(own)
     scene.add("a", ball())
     scene.add("b", ball(1), (0.5, 0, 0, 0, 0, 0, 1))
-    assert settled(scene, trees).accuracies.tolist() == [oc.Accuracy.MESH]
+    assert settled(scene, trees, own).accuracies.tolist() == [oc.Accuracy.MESH]
     assert "compiling kernels" not in capfd.readouterr().err
 
 
@@ -230,95 +232,4 @@ def test_objects_come_and_go_and_the_verdicts_are_those_of_a_scene_that_waits(
         expected = results(scenes[1].check())
         assert {row[:2] for row in expected} <= {row[:2] for row in found}, "nothing is missed"
         if step % 6 == 5:
-            assert results(settled(scenes[0], trees)) == expected
-
-
-def per_shape_of(kind: type[TreePool] = TreePool) -> PerShape[MeshTrees]:
-    made: PerShape[MeshTrees] = PerShape(TreePool)
-    made.pool = kind()
-    return made
-
-
-def triangle(number: int) -> Mesh:
-    return Mesh(np.eye(3) * (1.0 + number), [[0, 1, 2]])
-
-
-def add_outside(trees: PerShape[MeshTrees], number: int) -> tuple[Any, MeshTrees, int]:
-    """Build a triangle, and add its tree as another thread does."""
-    job = BuildJob(triangle(number), trees)
-    pool, item, row = job.finish(perform_build(job.message()))
-    return pool, item, row
-
-
-def first_corners(trees: PerShape[MeshTrees], slots: list[int]) -> list[float]:
-    """Return what the trees of slots say, read as a kernel does: by row."""
-    rows, arrays = trees.rows(np.array(slots)), trees.pool.all
-    assert (rows < len(arrays.roots)).all(), "a row beyond the arrays"
-    return [float(arrays.triangles[arrays.starts[arrays.roots[row], 0]].max()) for row in rows]
-
-
-def test_what_two_threads_add_is_all_there() -> None:
-    trees = per_shape_of()
-    entries = {number: trees.entry(number, f"shape {number}") for number in (0, 2)}
-    pool, item, row = add_outside(trees, 0)
-    trees.build(np.array([1]), triangle, None)
-    later = add_outside(trees, 2)
-    assert trees.rows(np.array([0, 1, 2])).tolist() == [-1, 1, -1]
-    assert first_corners(trees, [1]) == [2.0]
-    trees.put(entries[0], item, row)
-    assert first_corners(trees, [0, 1]) == [1.0, 2.0]
-    assert later[0] is pool is trees.pool
-    trees.put(entries[2], *later[1:])
-    assert first_corners(trees, [0, 1, 2]) == [1.0, 2.0, 3.0]
-    packed = trees.packed(trees.built)
-    trees.build(np.array([3]), triangle, None)
-    trees.drop(0)
-    trees.exchange(packed)
-    assert first_corners(trees, [1, 2, 3]) == [2.0, 3.0, 4.0]
-    assert trees.pool is not pool
-
-
-def test_a_pool_in_use_by_another_thread_is_not_waited_for() -> None:
-    class Timer:
-        def left(self) -> float:
-            return 1.0
-
-    begun, go = threading.Event(), threading.Event()
-
-    class Slow(TreePool):
-        def append(self, item: Any) -> int:
-            begun.set()
-            assert go.wait(PATIENCE)
-            return super().append(item)
-
-    trees = per_shape_of(Slow)
-    thread = threading.Thread(target=add_outside, args=(trees, 0))
-    thread.start()
-    assert begun.wait(PATIENCE)
-    trees.build(np.array([1]), triangle, Timer())
-    assert trees.rows(np.array([1])).tolist() == [-1]
-    go.set()
-    thread.join(PATIENCE)
-    trees.build(np.array([1]), triangle, Timer())
-    assert first_corners(trees, [1]) == [2.0]
-
-
-def test_a_pool_without_memory_stays_as_it_was(monkeypatch: pytest.MonkeyPatch) -> None:
-    pool = TreePool()
-    pool.append(mesh_tree(triangle(0)))
-    reserve, calls = pool._reserve, []
-
-    def fails(name: str, values: Any) -> None:
-        calls.append(name)
-        if len(calls) == 5:
-            raise MemoryError
-        reserve(name, values)
-
-    monkeypatch.setattr(pool, "_reserve", fails)
-    with pytest.raises(MemoryError):
-        pool.append(mesh_tree(triangle(1)))
-    monkeypatch.undo()
-    assert pool.size == 1
-    assert pool.append(mesh_tree(triangle(2))) == 1
-    assert [len(getattr(pool.all, name)) for name in ("roots", "solid", "radii")] == [2, 2, 2]
-    assert pool.all.triangles[pool.all.starts[pool.all.roots[1], 0]].max() == 3.0
+            assert results(settled(scenes[0], trees, builder)) == expected
