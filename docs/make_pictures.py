@@ -14,11 +14,11 @@
 
 """Makes the pictures in this folder anew: all, or those that are named.
 
-    python docs/make_pictures.py [accuracy] [speed] [effects] [separating_axis] [demo]
+    python docs/make_pictures.py [accuracy] [effects] [separating_axis] [demo]
 
 The plots are drawn from the tables on the pages, so that both say the same; the commands beside the
-tables measure anew. ``demo`` makes ``view.png`` and ``demo.png``: it needs the extras ``ros`` and
-``view``, and Chromium or Chrome.
+tables measure anew. `speed.svg` is drawn by its command. ``demo`` makes ``view.png`` and
+``demo.png``: it needs the extras ``ros`` and ``view``, and Chromium or Chrome.
 """
 
 from __future__ import annotations
@@ -76,18 +76,6 @@ def draw_accuracy() -> None:
                 Row(one, peer, float(number) * UNITS[unit], reports=100, false=percent)
             )
     save_plot([price], FOLDER / "accuracy.svg")
-
-
-def draw_speed() -> None:
-    """Draw the time per step over the number of boxes."""
-    from obb_collision.benchmarks.speed import SIZES, Row, save_plot
-
-    rows = [
-        Row(name.split(" ")[0], boxes, 0.0, float(cell.split(" ")[0]), 0, 0, 0)
-        for name, *cells in table("speed.md", "| | 10 boxes |")
-        for boxes, cell in zip(SIZES, cells, strict=True)
-    ]
-    save_plot(rows, FOLDER / "speed.svg")
 
 
 def draw_effects() -> None:
@@ -212,7 +200,6 @@ def draw_demo() -> None:
 
 PICTURES = {
     "accuracy": draw_accuracy,
-    "speed": draw_speed,
     "effects": draw_effects,
     "separating_axis": draw_separating_axis,
     "demo": draw_demo,

@@ -48,7 +48,9 @@ OPTIONS: dict[str, dict[str, list[str]]] = {
     "obb_collision_fuzz": {"--messages": WHOLES, "--bound": REALS, "--log": FILES, **SEED},
     "obb_collision_latency": {"--objects": WHOLES, "--seconds": REALS, **SEED},
     "obb_collision_speed": {
-        "--sizes": WHOLES, "--seconds": REALS, "--plot": PLOTS, **SEED, **JSON
+        **dict.fromkeys(("--sizes", "--threads", "--steps"), WHOLES), "--plot": PLOTS,
+        **dict.fromkeys(("--moving", "--seconds", "--limit"), REALS), "--forms": ["none such"],
+        "--markdown": PLOTS, **SEED, **JSON,
     },
     "obb_collision_wrong_answers": {"--pairs": WHOLES, "--family": ["none such"], **SEED, **JSON},
     "budget": {"--meshes": WHOLES, "--cycles": WHOLES, "--times": REALS, **JSON},

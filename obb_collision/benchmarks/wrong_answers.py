@@ -42,6 +42,7 @@ from obb_collision.benchmarks.cases.judges import (
     Judge,
     textbook,
 )
+from obb_collision.benchmarks.step.text import as_markdown, as_text
 from obb_collision.cli import MAX_SEED, Parser, interruptible, new_file, whole
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.queries.verdict.exact import exact_verdict
@@ -141,19 +142,6 @@ def table(rows: Sequence[Row], judges: Iterable[str]) -> list[list[str]]:
             line.append(f"{counts['false']} / {counts['missed']}{failed}")
         lines.append(line)
     return lines
-
-
-def as_text(lines: list[list[str]]) -> str:
-    """Return the table in columns of spaces."""
-    widths = [max(len(line[k]) for line in lines) for k in range(len(lines[0]))]
-    padded = ("  ".join(c.ljust(w) for c, w in zip(line, widths, strict=True)) for line in lines)
-    return "\n".join(line.rstrip() for line in padded)
-
-
-def as_markdown(lines: list[list[str]]) -> str:
-    """Return the table in Markdown."""
-    rule = ["---"] * len(lines[0])
-    return "\n".join(f"| {' | '.join(line)} |" for line in [lines[0], rule, *lines[1:]])
 
 
 def _with_progress(names: Sequence[str], total: int) -> Iterator[tuple[str, Step]]:

@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Families of hard box pairs, and judges of what is right."""
+"""Hard box pairs, judges of what is right, and scenes of every form."""

@@ -1,0 +1,228 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+
+"""Times the full step of this library and its peers in turn, and compares their pairs.
+
+All get the same poses in the same process, one step each before the next frame comes, so that
+the ratios hold even on a noisy machine. The garbage collector waits meanwhile, as in timeit.
+"""
+
+from __future__ import annotations
+
+import gc
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from obb_collision._threads import set_threads, threads
+from obb_collision.benchmarks.cases.forms import Frame, make_frames
+from obb_collision.benchmarks.peers.steps import COAL, OURS, PAIRS, Contestant, Peer
+from obb_collision.geometry.boxes import Boxes
+from obb_collision.queries.verdict.separations import separations
+from obb_collision.typing import Floats, Rows
+
+#: Why somebody is left out: who and why, and in which case.
+Note = tuple[str, str]
+
+#: Boxes that everybody is tried with first, and how time grows with more, to predict it.
+TRIAL, GROWTH = 2_000, 1.2
+#: Steps that are timed at least, unless that takes longer than the limit; then these.
+STEPS, FEWEST = 20, 3
+#: Of the broad phases of coal, this many of those that miss no pair in the trial: the quickest.
+COAL_KEPT = 2
+
+
+@dataclass(frozen=True)
+class Case:
+    """A scene: its form, boxes, and the share of them that moves."""
+
+    form: str = "uniform"
+    boxes: int = 10_000
+    moving: float = 1.0
+
+
+@dataclass(frozen=True)
+class Row:
+    """What one contestant took in one case, and how its pairs differ from ours."""
+
+    name: str
+    threads: int
+    form: str
+    boxes: int
+    moving: float
+    median_ms: float
+    best_ms: float
+    steps: int
+    build_s: float
+    pairs: int
+    missed: int  #: pairs of ours that it does not report
+    false: int  #: pairs that it reports and we do not
+    off_m: float  #: how far from touching those that differ are at most, metres
+
+    @property
+    def case(self) -> Case:
+        """The scene."""
+        return Case(self.form, self.boxes, self.moving)
+
+
+@dataclass(frozen=True)
+class Plan:
+    """How long to measure: seconds per case, the limit for one contestant, steps, the seed."""
+
+    seconds: float = 2.0
+    limit: float = 60.0
+    steps: int = STEPS
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A contestant in a case, with a number of threads."""
+
+    contestant: Contestant
+    threads: int
+    peer: Peer
+    build_s: float
+    times: list[float]
+
+    def step(self, frame: Frame) -> Any:
+        """Do a step and note its time."""
+        set_threads(self.threads)
+        start = perf_counter()
+        found = self.peer.step(frame)
+        self.times.append(perf_counter() - start)
+        return found
+
+
+@contextmanager
+def _own_settings() -> Iterator[None]:
+    """Set the garbage collector and the threads back at the end."""
+    before = threads()
+    gc.collect()
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.enable()
+        set_threads(before)
+
+
+def _enter(one: Contestant, number: int, half_extents: Floats, poses: Floats) -> Entry:
+    set_threads(number)
+    start = perf_counter()
+    peer = one.make(half_extents, poses)
+    return Entry(one, number, peer, perf_counter() - start, [])
+
+
+def _codes(pairs: Rows, count: int) -> Rows:
+    """Return pairs as sorted unique numbers i * count + j, i < j."""
+    ends = np.sort(pairs, axis=1)
+    return np.unique(ends[:, 0] * count + ends[:, 1])
+
+
+def choose(
+    case: Case, contestants: Sequence[Contestant], plan: Plan
+) -> tuple[list[Contestant], list[Note]]:
+    """Return who takes part in a case, after a trial with few boxes, and notes about the others."""
+    count = min(case.boxes, TRIAL)
+    half_extents, frames = make_frames(case.form, count, case.moving, plan.seed)
+    truth = _codes(PAIRS.make(half_extents, frames[0].poses).step(frames[2]), count)
+    chosen, notes, coal = list[Contestant](), list[Note](), list[tuple[float, Contestant]]()
+    growth = (case.boxes / count) ** GROWTH
+    for one in contestants:
+        entry = _enter(one, threads(), half_extents, frames[0].poses)
+        found = [entry.step(frame) for frame in frames[:3]][-1]
+        needed = growth * (entry.build_s + plan.steps * min(entry.times))
+        missed = len(np.setdiff1d(truth, _codes(entry.peer.pairs(found), count)))
+        if one not in OURS and needed > plan.limit:
+            notes.append((f"{one.name} would take", f"{needed:.0f} s of {case.boxes:,} boxes"))
+        elif one in COAL and missed:
+            what = f"{missed} of {len(truth)} pairs of {count:,} boxes ({case.form})"
+            notes.append((f"{one.name} is left out, it misses", what))
+        elif one in COAL:
+            coal.append((min(entry.times), one))
+        else:
+            chosen.append(one)
+    coal.sort(key=lambda timed: timed[0])
+    return chosen + [one for _, one in coal[:COAL_KEPT]], notes
+
+
+def run_case(
+    case: Case,
+    contestants: Sequence[Contestant],
+    numbers: Sequence[int],
+    plan: Plan,
+    tell: Callable[[str], None],
+) -> tuple[list[Row], list[Note]]:
+    """Return a row per contestant, ours with each number of threads, and notes."""
+    what = f"{case.boxes:,} boxes, {case.form}, {case.moving:.0%} moving"
+    with _own_settings():
+        tell(f"{what}: trial")
+        chosen, notes = choose(case, [one for one in contestants if one.installed], plan)
+        half_extents, frames = make_frames(case.form, case.boxes, case.moving, plan.seed)
+        entries = []
+        for one in chosen:
+            tell(f"{what}: {one.name}")
+            several = numbers if one in OURS else (max(numbers),) if one.threads is None else (1,)
+            for number in several:
+                entries.append(_enter(one, number, half_extents, frames[0].poses))
+        start, turn = perf_counter(), 0
+        for entry in entries:
+            entry.step(frames[0])  # what is made once
+            entry.times.clear()
+        while True:
+            turn += 1
+            frame = frames[turn % len(frames)]
+            frame.rotations  # noqa: B018 - made before, and kept
+            last = None
+            spent = perf_counter() - start
+            done = turn > plan.steps or (turn > FEWEST and spent > plan.limit)
+            done = done and spent >= plan.seconds
+            founds = []
+            for entry in entries:
+                last = entry.step(frame)
+                if done:
+                    founds.append(last)
+                last = None  # a report in use makes a scene copy its boxes
+            tell(f"{what}: step {turn}")
+            if done:
+                break
+        return _rows(case, entries, founds, frame, half_extents), notes
+
+
+def _rows(
+    case: Case, entries: Sequence[Entry], founds: Sequence[Any], frame: Frame, half_extents: Floats
+) -> list[Row]:
+    boxes = Boxes.from_poses(frame.poses, half_extents)
+    truth = _codes(PAIRS.make(half_extents, frame.poses).step(frame), case.boxes)
+    rows = []
+    for entry, found in zip(entries, founds, strict=True):
+        codes = _codes(entry.peer.pairs(found), case.boxes)
+        missed, false = np.setdiff1d(truth, codes), np.setdiff1d(codes, truth)
+        differing = np.stack(np.divmod(np.concatenate([missed, false]), case.boxes), axis=1)
+        off = np.abs(separations(boxes, boxes, differing).separations).max(initial=0.0)
+        times = 1e3 * np.array(entry.times)
+        rows.append(
+            Row(
+                *(entry.contestant.name, entry.threads, case.form, case.boxes, case.moving),
+                *(float(np.median(times)), float(times.min()), len(times), entry.build_s),
+                *(len(codes), len(missed), len(false), float(off)),
+            )
+        )
+    return rows
