@@ -160,8 +160,9 @@ class Inputs:
 
     def _slot(self, name: str) -> int:
         """Slot of a name, -1 for an unknown one; ``5`` means ``/5``, an empty namespace."""
-        by_name = self._objects.table.by_name
-        return by_name.get(name, by_name.get("/" + name, -1))
+        table = self._objects.table
+        slot = table.named(name)
+        return slot if slot >= 0 else table.named("/" + name)
 
     def _store(
         self,

@@ -25,11 +25,10 @@ from obb_collision.node.diagnostics.monitors import InputMonitor
 from obb_collision.node.inputs.marker_batch import (
     MAX_TRIES,
 )
-from obb_collision.node.inputs.marker_rows import PRIMITIVES, Gathered
+from obb_collision.node.inputs.marker_rows import Gathered
 from obb_collision.node.messages.conversions import name_from_key
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.messages.marker_kernels import FILE, MESH
-from obb_collision.node.messages.names import namespace_number
 from obb_collision.node.messages.shape_plans import IMMEDIATE, MarkerShape, Plan, plan_shape
 from obb_collision.node.objects.many import (
     have_shapes,
@@ -38,7 +37,7 @@ from obb_collision.node.objects.many import (
 )
 from obb_collision.node.objects.objects import Objects
 from obb_collision.node.objects.states import OLDER, State
-from obb_collision.node.objects.table import NEVER
+from obb_collision.node.objects.table import NEVER, PRIMITIVES
 from obb_collision.node.runtime.guard import INTERNAL_ERROR, Guard
 from obb_collision.scene.building.errors import NO_MEMORY
 from obb_collision.typing import Mask, Rows
@@ -62,17 +61,20 @@ class MarkerAdder:
 
     def number_of(self, namespace: str) -> int:
         """Return the number of a namespace in the table, NO_NUMBER for none."""
-        number = namespace_number(namespace)
-        known = self._objects.table.namespaces.names.get(number)
-        return number if known == namespace else NO_NUMBER
+        number = self._objects.table.namespaces.find(namespace)
+        return NO_NUMBER if number is None else number
 
     def find_slots(self, markers: Gathered, rows: Rows) -> Rows:
         """Return the slots of the objects of markers, -1 for none."""
+        return self._objects.table.find(self._numbers(markers, rows), markers.id[rows])
+
+    def _numbers(self, markers: Gathered, rows: Rows) -> Rows:
+        """Return the numbers of the namespaces of markers, NO_NUMBER for none in the table."""
         numbers = [
             NO_NUMBER if index in markers.bad_namespaces else self.number_of(name)
             for index, name in enumerate(markers.namespaces)
         ]
-        return self._objects.table.find(np.array(numbers)[markers.ns[rows]], markers.id[rows])
+        return np.array(numbers, np.int64)[markers.ns[rows]]
 
     def have_shapes(self, markers: Gathered, rows: Rows, slots: Rows) -> Mask:
         """Return which objects (n,), -1 for none, have the shapes of primitive markers."""
@@ -192,9 +194,9 @@ class MarkerAdder:
         self._store(markers, rows, slots)
 
     def _put_many(self, markers: Gathered, rows: Rows) -> None:
-        keys = [markers.key(row) for row in rows.tolist()]
-        given = markers.type[rows], markers.scales[rows], markers.expiry[rows]
-        self._store(markers, rows, put_primitives(self._objects.shapes, keys, *given))
+        keys = self._numbers(markers, rows), markers.id[rows]
+        given = markers.type[rows], markers.scales[rows], markers.poses[rows], markers.expiry[rows]
+        self._store(markers, rows, put_primitives(self._objects.shapes, *keys, *given))
 
     def _put(self, markers: Gathered, row: int) -> None:
         """Add one object of any type, or change it."""

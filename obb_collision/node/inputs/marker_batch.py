@@ -28,7 +28,7 @@ import numpy as np
 from visualization_msgs.msg import Marker
 
 from obb_collision._jit import njit
-from obb_collision.node.inputs.marker_rows import PRIMITIVES, Gathered
+from obb_collision.node.inputs.marker_rows import Gathered
 from obb_collision.node.messages.conversions import (
     LARGEST_COORDINATE,
     NANOSECONDS,
@@ -37,7 +37,7 @@ from obb_collision.node.messages.conversions import (
 )
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.messages.names import MAX_FRAMES
-from obb_collision.node.objects.table import ID_BITS, ID_OFFSET, NEVER
+from obb_collision.node.objects.table import ID_BITS, ID_OFFSET, NEVER, PRIMITIVES
 from obb_collision.typing import Mask, Rows
 
 GOOD = -1

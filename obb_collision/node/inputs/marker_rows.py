@@ -44,13 +44,11 @@ from obb_collision.node.messages.marker_kernels import (
 )
 from obb_collision.node.messages.marker_scan import Scanned
 from obb_collision.node.messages.names import check_name, shortened
-from obb_collision.node.objects.table import NEVER
+from obb_collision.node.objects.table import NEVER, PRIMITIVES
 from obb_collision.typing import Floats, Mask, Rows
 
 SHORTEST_LIFETIME = 100_000
 """RViz takes a marker lifetime up to this (ns) as none."""
-PRIMITIVES = (Marker.CUBE, Marker.SPHERE, Marker.CYLINDER)
-"""Types whose shape is the type and the scale, and nothing more."""
 BYTES_PER_ROW = 200
 """Of the arrays of a marker."""
 

@@ -20,8 +20,9 @@ name that nothing uses any more gives its place to the next one, so a full table
 
 from __future__ import annotations
 
+import re
 import zlib
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.words import printable, text_fault
@@ -37,6 +38,8 @@ MAX_FRAMES = 1000
 SHOWN_CHARACTERS = 20
 """What is shown of a name that is too long to be kept, before its checksum."""
 _SIGN = 1 << 31
+WHOLE = re.compile("0|-?[1-9][0-9]{0,9}")
+"""Numbers of namespaces and ids as texts: an int32 has 10 digits at most."""
 
 
 def namespace_number(name: str) -> int:
@@ -46,6 +49,23 @@ def namespace_number(name: str) -> int:
     """
     number = zlib.crc32(name.encode())
     return number - 2 * _SIGN if number >= _SIGN else number
+
+
+def stand_in(number: int) -> str:
+    """Return what a namespace is called as long as nobody has said its name."""
+    return f"#{number}"
+
+
+def number_of_stand_in(name: str) -> int | None:
+    """Return the number that a name stands for, None for any other name."""
+    return whole_from_text(name[1:]) if name.startswith("#") else None
+
+
+def whole_from_text(text: str) -> int | None:
+    """Return the whole number that a text is, None for any other text, such as 01."""
+    if WHOLE.fullmatch(text) is None:
+        return None
+    return int(text)
 
 
 def check_name(name: str, what: str) -> None:
@@ -76,25 +96,71 @@ class NamespaceTable:
         self._used: dict[int, int] = {}
         self._unused: dict[int, None] = {}  # the one longest unused first
         self._bytes = 0
+        self.named: Callable[[int], None] = lambda number: None
+        """Called when the name of a number becomes known whose objects had a stand-in for it."""
 
     def __len__(self) -> int:
         return len(self.names)
 
+    def find(self, name: str) -> int | None:
+        """Return the number of a namespace in the table, None if it is not there."""
+        try:
+            numbers = namespace_number(name), number_of_stand_in(name)
+        except UnicodeEncodeError:
+            return None
+        for number in numbers:
+            if number is not None and self.names.get(number) == name:
+                return number
+        return None
+
     def admit(self, name: str) -> int:
         """Return the number of a namespace; a new one takes its place in the table.
 
-        Raises RefusedError ("bad name", "namespace number taken", "too many namespaces").
+        Objects of which only that number was known so far have the name from then on. Raises
+        RefusedError ("bad name", "namespace number taken", "too many namespaces").
         """
         check_name(name, "namespace")
         number = namespace_number(name)
         known = self.names.get(number)
         if known == name:
             return number
+        if number in self._used and known != stand_in(number):
+            detail = f"{name!r} and {known!r} have the same CRC-32: rename one"
+            raise RefusedError("namespace number taken", detail)
+        self._refuse_twin(number_of_stand_in(name), name)
+        used = self._used.pop(number, 0)
         if known is not None:
-            if number in self._used:
-                detail = f"{name!r} and {known!r} have the same CRC-32: rename one"
-                raise RefusedError("namespace number taken", detail)
+            self._unused[number] = None
             self._forget(number)
+        try:
+            self._take_place(number, name)
+        except RefusedError:
+            if used and known is not None:
+                self._take_place(number, known)
+                self.use(number, used)
+            raise
+        if used:
+            self.use(number, used)
+            self.named(number)
+        return number
+
+    def admit_number(self, number: int) -> int:
+        """Admit a namespace of which only the number is known: a stand-in is its name till then.
+
+        Raises RefusedError ("namespace number taken", "too many namespaces").
+        """
+        if number not in self.names:
+            name = stand_in(number)
+            self._refuse_twin(namespace_number(name), name)
+            self._take_place(number, name)
+        return number
+
+    def _refuse_twin(self, number: int | None, name: str) -> None:
+        """Refuse a name if another number has it: a name and an id are one object."""
+        if number is not None and self.names.get(number) == name:
+            raise RefusedError("namespace number taken", f"{name!r} stands for another number")
+
+    def _take_place(self, number: int, name: str) -> None:
         size = len(name.encode())
         while self._unused and self._is_full(size):
             self._forget(next(iter(self._unused)))
@@ -105,7 +171,6 @@ class NamespaceTable:
         self._unused[number] = None
         self._bytes += size
         self.version += 1
-        return number
 
     def _is_full(self, size: int) -> bool:
         most = len(self.names) >= MAX_NAMESPACES

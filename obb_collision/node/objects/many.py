@@ -19,20 +19,18 @@ What these do to one object is what the methods of ``ObjectShapes`` do.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 import numpy.typing as npt
 from visualization_msgs.msg import Marker
 
-from obb_collision.node.messages.conversions import Key, name_from_key
+from obb_collision.accuracy import Accuracy
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.objects.shapes import ObjectShapes
 from obb_collision.node.objects.table import COLUMNS, ObjectTable, Slots
 from obb_collision.shapes import Cylinder, Ellipsoid, Shape
 from obb_collision.typing import Floats
 
-KEPT = ("live", "ns", "id", "placed", "expiry", "shaped")
+KEPT = ("live", "ns", "id", "kind", "size", "placed", "expiry", "shaped")
 """Columns that stay where an object goes and comes again with the shape it had."""
 
 
@@ -52,39 +50,74 @@ def renew_slots(shapes: ObjectShapes, slots: Slots) -> None:
 
 
 def put_primitives(
-    shapes: ObjectShapes, keys: Sequence[Key], kinds: Slots, sizes: Floats, expiry: Slots
+    shapes: ObjectShapes,
+    namespaces: Slots,
+    ids: Slots,
+    kinds: Slots,
+    sizes: Floats,
+    poses: Floats,
+    expiry: Slots,
 ) -> Slots:
     """Add CUBE, SPHERE and CYLINDER of edge lengths (n, 3), or give objects those shapes.
 
-    kinds (n,): types of markers; expiry (n,) as in the table. Returns their slots; all or, on a
-    RefusedError ("bad shape"), none. Their namespaces are admitted and there is room for them.
+    namespaces, ids (n,): keys, all distinct; the namespaces are admitted, and there is room for
+    new objects. kinds (n,): types of markers; poses (n, 7), finite, of which new objects get
+    theirs; expiry (n,) as in the table. Returns their slots; all or, on a RefusedError
+    ("bad shape"), none.
     """
-    kind_list, size_list = kinds.tolist(), sizes.tolist()
-    table, scene = shapes.table, shapes.scene
-    names = [name_from_key(key) for key in keys]
-    known = np.array([table.slots.get(key, -1) for key in keys], np.int64)
-    poses = np.zeros((len(keys), 7))
-    poses[:, 6] = 1.0
-    there = known >= 0
-    there[there] = table.placed[known[there]]
-    poses[there] = scene.poses_of(known[there])
-    overrides = shapes.overrides
-    levels = [overrides.level(name) for name in names] if overrides.overrides else None
-    try:
-        bodies = [_body(kind, size) for kind, size in zip(kind_list, size_list, strict=True)]
-        slots = scene.add_boxes(names, sizes, poses, levels, bodies)
-    except ValueError as error:
-        raise RefusedError("bad shape", str(error)) from error
-    new = known < 0
-    if new.any():
-        rows = np.flatnonzero(new).tolist()
-        table.claim_many(slots[new], [keys[row] for row in rows], [names[row] for row in rows])
-        shapes.placement.begin(slots[new])
-    signatures = [(kind, *size) for kind, size in zip(kind_list, size_list, strict=True)]
-    shapes.note_signatures(slots, signatures)
+    table = shapes.table
+    slots = table.find(namespaces, ids)
+    new = slots < 0
+    cubes = kinds == Marker.CUBE
+    here = np.flatnonzero(~new & cubes & (table.kind[slots] == Marker.CUBE))
+    other = np.flatnonzero(~cubes | ~(new | (table.kind[slots] == Marker.CUBE)))
+    if len(other):
+        slots[other] = _put_bodies(
+            shapes, slots[other], namespaces[other], ids[other], kinds[other], sizes[other]
+        )
+    shapes.scene.resize_boxes(slots[here], sizes[here])
+    fresh = np.flatnonzero(new & cubes)
+    if len(fresh):
+        names = _names(table, namespaces[fresh], ids[fresh])
+        levels = _levels(shapes, names)
+        slots[fresh] = shapes.scene.begin_boxes(names, sizes[fresh], poses[fresh], levels)
+    begun = slots[new]
+    table.claim_many(begun, namespaces[new], ids[new])
+    shapes.placement.begin(begun)
+    table.note_primitives(slots, kinds, sizes)
+    table.shaped[slots] = True
     shapes.placement.enable(slots)
     touch_slots(shapes, slots, expiry)
     return slots
+
+
+def _put_bodies(
+    shapes: ObjectShapes, slots: Slots, namespaces: Slots, ids: Slots, kinds: Slots, sizes: Floats
+) -> Slots:
+    """Add objects that are no boxes, or change such; slots: -1 for new ones; returns all slots."""
+    names = _names(shapes.table, namespaces, ids)
+    poses = np.zeros((len(slots), 7))
+    poses[:, 6] = 1.0
+    there = slots >= 0
+    there[there] = shapes.table.placed[slots[there]]
+    poses[there] = shapes.scene.poses_of(slots[there])
+    pairs = zip(kinds.tolist(), sizes.tolist(), strict=True)
+    try:
+        bodies = [_body(kind, size) for kind, size in pairs]
+        return shapes.scene.add_boxes(names, sizes, poses, _levels(shapes, names), bodies)
+    except ValueError as error:
+        raise RefusedError("bad shape", str(error)) from error
+
+
+def _names(table: ObjectTable, namespaces: Slots, ids: Slots) -> list[str]:
+    texts = table.namespaces.names
+    pairs = zip(namespaces.tolist(), ids.tolist(), strict=True)
+    return [f"{texts[number]}/{ident}" for number, ident in pairs]
+
+
+def _levels(shapes: ObjectShapes, names: list[str]) -> list[Accuracy | None] | None:
+    overrides = shapes.overrides
+    return [overrides.level(name) for name in names] if overrides.overrides else None
 
 
 def _body(kind: int, size: list[float]) -> Shape | None:
@@ -112,8 +145,8 @@ def touch_slots(shapes: ObjectShapes, slots: Slots, expiry: Slots) -> None:
 def have_shapes(
     table: ObjectTable, slots: Slots, types: npt.NDArray[np.int64], scales: Floats
 ) -> npt.NDArray[np.bool_]:
-    """Return which objects (n,) have the shapes that markers of these types and scales have."""
-    signatures = map(table.signatures.get, slots.tolist())
-    given = zip(signatures, types.tolist(), scales.tolist(), strict=True)
-    same = [known == (kind, *scale) for known, kind, scale in given]
-    return np.array(same, np.bool_).reshape(-1)
+    """Return which objects (n,) have the shapes that markers of PRIMITIVES and scales have."""
+    same: npt.NDArray[np.bool_] = (table.kind[slots] == types) & (table.size[slots] == scales).all(
+        axis=1
+    )
+    return same

@@ -23,7 +23,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from obb_collision.node.messages.conversions import NANOSECONDS, Key
+from obb_collision.node.messages.conversions import NANOSECONDS, Key, name_from_key
 from obb_collision.node.objects.frames import FrameSource
 from obb_collision.node.objects.notes import Notes
 from obb_collision.node.objects.placement import Placement
@@ -48,6 +48,7 @@ class Objects:
         self.placement = Placement(self.scene, self.table, frames, fixed_frame, self.notes, guard)
         self.states = States(self.table, self.placement, self.notes)
         self.shapes = ObjectShapes(self.scene, self.table, self.placement, self.notes)
+        self.table.namespaces.named = self._rename
         self._tree_builder = Builder()
         self.trees = self.scene.build_outside(self._tree_builder)
         """What is built of shapes for an accuracy above obb."""
@@ -56,6 +57,15 @@ class Objects:
     def unplaceable(self) -> dict[Key, str]:
         """Newcomers that were refused, and why."""
         return self.shapes.unplaceable
+
+    def _rename(self, namespace: int) -> None:
+        """Give the objects of a namespace, by its number, the names that they have now."""
+        table, overrides = self.table, self.shapes.overrides
+        slots = np.flatnonzero(table.live & (table.ns == namespace))
+        names = [name_from_key(key) for key in table.keys(slots)]
+        self.scene.rename_indices(slots, names)
+        for name in names if overrides.overrides else ():
+            self.scene.set_accuracy(name, overrides.level(name))
 
     def set_limits(self, limits: Limits, largest_file: int) -> None:
         """Limit what shapes may take to build, and the bytes of a mesh file."""
@@ -123,7 +133,7 @@ class Objects:
     def set_overrides(self, overrides: Overrides) -> None:
         """Give objects, those to come too, an accuracy of their own by their names."""
         self.shapes.overrides = overrides
-        for name in self.table.by_name:
+        for name in map(name_from_key, self.table.slots):
             self.scene.set_accuracy(name, overrides.level(name))
 
     def newest_stamp(self, now: int) -> int:

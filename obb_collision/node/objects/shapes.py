@@ -16,8 +16,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-
 import numpy as np
 
 from obb_collision.node.messages.conversions import Key, name_from_key
@@ -121,9 +119,9 @@ class ObjectShapes:
         except ValueError as error:
             raise RefusedError("bad shape", str(error)) from error
         if slot is None:
-            table.claim(index, key, name)
+            table.claim(index, key)
             self.placement.begin(index)
-        table.signatures[index] = signature
+        table.note_signature(index, signature)
         table.shaped[index] = True
         self.placement.enable(np.array([index]))
         return index
@@ -132,12 +130,6 @@ class ObjectShapes:
         self.table.expiry[slot] = NEVER if expiry is None else expiry
         self.table.shape_refused[slot] = self.table.seen[slot] = False
         self.unplaceable.forget(key)
-
-    def note_signatures(self, slots: Slots, signatures: Iterable[Signature]) -> None:
-        """Take note of the shapes that objects have now."""
-        self.table.signatures.update(zip(slots.tolist(), signatures, strict=True))
-        self.table.shaped[slots] = True
-        self.cancel_pending(slots)
 
     def cancel_pending(self, slots: Slots) -> None:
         """Let objects go on with the shapes they have: what is built for them is not needed."""

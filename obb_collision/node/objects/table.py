@@ -21,15 +21,15 @@ times are whole nanoseconds of the node's clock.
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
+from visualization_msgs.msg import Marker
 
-from obb_collision.node.messages.conversions import Key, name_from_key
+from obb_collision.node.messages.conversions import Key
 from obb_collision.node.messages.errors import RefusedError
-from obb_collision.node.messages.names import NamespaceTable
+from obb_collision.node.messages.names import NamespaceTable, whole_from_text
 from obb_collision.node.messages.shape_plans import Signature
 from obb_collision.typing import Floats, Mask, Rows
 
@@ -44,11 +44,16 @@ ID_BITS = 32
 """Marker ids are int32: a key in one int64 is the namespace number above, the id below."""
 ID_OFFSET = 1 << (ID_BITS - 1)
 """Makes ids positive, so that the order of the keys is the order of (ns, id)."""
+PRIMITIVES = (Marker.CUBE, Marker.SPHERE, Marker.CYLINDER)
+"""Types of markers whose shape is the type and the scale, and nothing more."""
 
 COLUMNS: dict[str, tuple[Any, tuple[int, ...]]] = {
     "live": (np.bool_, ()),
     "ns": (np.int64, ()),  # number of the namespace
     "id": (np.int64, ()),
+    "of_set": (np.bool_, ()),  # came by a complete set of boxes, and goes with the next one
+    "kind": (np.int64, ()),  # of its shape, if that is one of PRIMITIVES, else 0
+    "size": (np.float64, (3,)),  # of such a shape: the scale
     "pending": (np.bool_, ()),  # a pose is stored that is not in the scene yet
     "given": (np.float64, (7,)),  # the latest pose as given, in ``frame``
     "twist": (np.float64, (6,)),  # of ``given``: linear, angular; zero if there was none
@@ -85,6 +90,9 @@ class ObjectTable:
     live: Mask
     ns: Slots
     id: Slots
+    of_set: Mask
+    kind: Slots
+    size: Floats
     pending: Mask
     given: Floats
     twist: Floats
@@ -115,40 +123,46 @@ class ObjectTable:
 
     def __init__(self) -> None:
         self.namespaces = NamespaceTable()
-        self.slots: dict[Key, int] = {}
-        self.by_name: dict[str, int] = {}
+        self.slots = KeySlots(self)
         self.signatures: dict[int, Signature] = {}
-        """Of the shapes, by slot."""
+        """Of the shapes that are none of PRIMITIVES, by slot."""
+        self._count = 0
         self._sorted: tuple[Slots, Slots] | None = None
+        self._index: dict[int, int] | None = None
         for name, (dtype, shape) in COLUMNS.items():
             setattr(self, name, np.zeros((FIRST_ROWS, *shape), dtype))
 
     def __len__(self) -> int:
-        return len(self.slots)
+        return self._count
 
-    def claim(self, slot: int, key: Key, name: str) -> None:
+    def claim(self, slot: int, key: Key) -> None:
         """Begin a new object at ``slot``, all columns at zero.
 
         Raises RefusedError for a namespace that can't be admitted.
         """
-        self.claim_many(np.array([slot]), [key], [name])
+        index = self._index
+        self.claim_many(
+            np.array([slot]), np.array([self.namespaces.admit(key[0])]), np.array([key[1]])
+        )
+        if index is not None:  # one more is no reason to make it anew
+            index[pack(int(self.ns[slot]), key[1])] = slot
+            self._index = index
 
-    def claim_many(self, slots: Slots, keys: Sequence[Key], names: Sequence[str]) -> None:
-        """Begin new objects at slots (n,); their namespaces are admitted."""
+    def claim_many(self, slots: Slots, namespaces: Slots, ids: Slots) -> None:
+        """Begin new objects at slots (n,); the numbers of namespaces are admitted."""
         if len(slots) == 0:
             return
         self._reach(int(slots.max()))
+        rows = _as_slice(slots)
         for column in COLUMNS:
-            getattr(self, column)[slots] = 0
-        numbers = {name: self.namespaces.admit(name) for name in {key[0] for key in keys}}
-        for name, count in Counter(key[0] for key in keys).items():
-            self.namespaces.use(numbers[name], count)
-        self.ns[slots] = [numbers[key[0]] for key in keys]
-        self.id[slots] = [key[1] for key in keys]
-        self.live[slots], self.expiry[slots] = True, NEVER
-        self.slots.update(zip(keys, slots.tolist(), strict=True))
-        self.by_name.update(zip(names, slots.tolist(), strict=True))
-        self._sorted = None
+            getattr(self, column)[rows] = 0
+        numbers, counts = np.unique(namespaces, return_counts=True)
+        for number, count in zip(numbers.tolist(), counts.tolist(), strict=True):
+            self.namespaces.use(number, count)
+        self.ns[rows], self.id[rows] = namespaces, ids
+        self.live[rows], self.expiry[rows] = True, NEVER
+        self._count += len(slots)
+        self._sorted = self._index = None
 
     def _reach(self, slot: int) -> None:
         """Grow until there is a row for a slot."""
@@ -163,20 +177,56 @@ class ObjectTable:
 
     def release_many(self, slots: Slots) -> None:
         """End the objects at slots (n,), all in use and distinct."""
-        for key in self.keys(slots):
-            del self.slots[key]
-            del self.by_name[name_from_key(key)]
-        for slot in slots.tolist():
-            self.signatures.pop(slot, None)
+        if len(slots) == 0:
+            return
+        if self.signatures:
+            for slot in slots[self.kind[slots] == 0].tolist():
+                self.signatures.pop(slot, None)
         numbers, counts = np.unique(self.ns[slots], return_counts=True)
         for number, count in zip(numbers.tolist(), counts.tolist(), strict=True):
             self.namespaces.leave(number, count)
-        self.live[slots] = self.pending[slots] = self.placed[slots] = self.shaped[slots] = False
-        self._sorted = None
+        rows = _as_slice(slots)
+        for column in (self.live, self.pending, self.placed, self.shaped, self.of_set):
+            column[rows] = False
+        self._count -= len(slots)
+        self._sorted = self._index = None
 
     def signature(self, key: Key) -> Signature | None:
         """Signature of the shape that an object has, None for an unknown object."""
-        return self.signatures.get(self.slots.get(key, -1))
+        slot = self.slots.get(key, -1)
+        if slot >= 0 and self.kind[slot]:
+            return (int(self.kind[slot]), *self.size[slot].tolist())
+        return self.signatures.get(slot)
+
+    def note_signature(self, slot: int, signature: Signature) -> None:
+        """Take note of the shape that an object has."""
+        if len(signature) == 4 and signature[0] in PRIMITIVES:
+            self.note_primitives(
+                np.array([slot]), np.array(signature[:1]), np.array([signature[1:]])
+            )
+        else:
+            self.kind[slot], self.signatures[slot] = 0, signature
+
+    def note_primitives(self, slots: Slots, kinds: Slots, sizes: Floats) -> None:
+        """Take note of the shapes (n,) that objects have, all of PRIMITIVES."""
+        if self.signatures:
+            for slot in slots[self.kind[slots] == 0].tolist():
+                self.signatures.pop(slot, None)
+        self.kind[slots], self.size[slots] = kinds, sizes
+
+    @property
+    def index(self) -> dict[int, int]:
+        """Slots by key in one number, see ``pack``: made anew after many objects came or went."""
+        if self._index is None:
+            keys, slots = self._sort()
+            self._index = dict(zip(keys.tolist(), slots.tolist(), strict=True))
+        return self._index
+
+    def named(self, name: str) -> int:
+        """Slot of the object of a name, ``ns/id``; -1 for none."""
+        namespace, slash, digits = name.rpartition("/")
+        number = whole_from_text(digits) if slash else None
+        return -1 if number is None else self.slots.get((namespace, number), -1)
 
     @property
     def visible(self) -> Mask:
@@ -208,18 +258,22 @@ class ObjectTable:
         """One int64 per slot that sorts as (ns, id)."""
         return (self.ns[slots] << ID_BITS) + self.id[slots] + ID_OFFSET
 
+    def _sort(self) -> tuple[Slots, Slots]:
+        """Return the keys, rising, and the slots they are at."""
+        if self._sorted is None:
+            slots = np.flatnonzero(self.live)
+            keys = self.order_keys(slots)
+            order = np.argsort(keys)
+            self._sorted = (keys[order], slots[order])
+        return self._sorted
+
     def find(self, namespaces: Slots | None, ids: Slots) -> Slots:
         """Slots (n,) of objects by namespace number and id, -1 where there is no such object.
 
         Numbers are int32; the same bits as uint32 will do. Without them all objects must share
         one namespace: RefusedError otherwise.
         """
-        if self._sorted is None:
-            slots = np.fromiter(self.slots.values(), np.int64, len(self.slots))
-            keys = self.order_keys(slots)
-            order = np.argsort(keys)
-            self._sorted = (keys[order], slots[order])
-        known, slots = self._sorted
+        known, slots = self._sort()
         if len(known) == 0 or len(ids) == 0:
             return np.full(len(ids), -1, np.int64)
         if namespaces is None:
@@ -236,6 +290,38 @@ class ObjectTable:
         """Whether numbers (n,) are those of namespaces in the table."""
         known = np.fromiter(self.namespaces.names, np.int64, len(self.namespaces))
         return _are_numbers(namespaces) & np.isin(_signed(namespaces), known)
+
+
+class KeySlots(Mapping[Key, int]):
+    """The slots of the objects of a table, by key."""
+
+    def __init__(self, table: ObjectTable) -> None:
+        self._table = table
+
+    def __getitem__(self, key: Key) -> int:
+        number = self._table.namespaces.find(key[0])
+        if number is None:
+            raise KeyError(key)
+        return self._table.index[pack(number, key[1])]
+
+    def __iter__(self) -> Iterator[Key]:
+        return iter(self._table.keys(np.flatnonzero(self._table.live)))
+
+    def __len__(self) -> int:
+        return len(self._table)
+
+
+def pack(namespace: int, number: int) -> int:
+    """Return the key of a namespace's number and an id in one number, in the order of keys."""
+    return (namespace << ID_BITS) + number + ID_OFFSET
+
+
+def _as_slice(slots: Slots) -> Slots | slice:
+    """Return slots (n,) as a slice if they follow one another: columns are written faster so."""
+    first, last = int(slots[0]), int(slots[-1])
+    if last - first + 1 == len(slots) and (np.diff(slots) == 1).all():
+        return slice(first, last + 1)
+    return slots
 
 
 def _are_numbers(namespaces: Slots) -> Mask:

@@ -175,7 +175,7 @@ def test_what_is_not_known_is_told_with_the_time_until_which_it_is_free(rig: Rig
 def test_passed_coming_and_undecided_each_have_their_marks() -> None:
     table = ObjectTable()
     for number in range(5):
-        table.claim(number, ("a", number), f"a/{number}")
+        table.claim(number, ("a", number))
     hits, undecided = np.array([True, False]), np.array([False, True])
     points, nan = np.array([[1.0, 2.0, 3.0], [np.nan] * 3]), np.nan
 
