@@ -35,7 +35,7 @@ from std_msgs.msg import Header
 from visualization_msgs.msg import Marker, MarkerArray
 
 from obb_collision.cli import MAX_SEED, Parser, interruptible, real, whole
-from obb_collision.node.messages.clouds import poses_to_ros
+from obb_collision.node.messages.bulk_clouds import poses_to_ros
 from obb_collision.node.messages.conversions import (
     NANOSECONDS,
     pose_to_ros,

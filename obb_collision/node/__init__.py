@@ -24,7 +24,9 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from obb_collision.node.messages.clouds import (
+    from obb_collision.node.messages.bulk_clouds import (
+        boxes_from_ros,
+        boxes_to_ros,
         poses_from_ros,
         poses_to_ros,
     )
@@ -62,6 +64,8 @@ __all__ = [
     "NamedPair",
     "NamedPoints",
     "NamedPrediction",
+    "boxes_from_ros",
+    "boxes_to_ros",
     "clearances_from_ros",
     "collisions_from_ros",
     "collisions_to_ros",
@@ -81,7 +85,7 @@ __all__ = [
 ]
 
 PLACES = (
-    "messages.clouds",
+    "messages.bulk_clouds",
     "messages.conversions",
     "messages.names",
     "topics.records",

@@ -128,6 +128,7 @@ class CollisionNode(Node):
             self._now,
             lambda: self.parameters.mode("sweep") != OFF,
             self.guard,
+            self._frames,
         )
         self._obstacles = Obstacles(
             self.objects.scene,
@@ -230,6 +231,7 @@ class CollisionNode(Node):
         self._parameters_changed.settle()
         self.guard.run("inputs", self._subscribed.drain)
         self.guard.run("input objects", self.inputs.markers.apply)
+        self.guard.run("input object_boxes", self.inputs.boxes.apply)
         return self._subscribed.take_wait()
 
     def _is_wanted(self, topic: str) -> bool:
@@ -241,7 +243,8 @@ class CollisionNode(Node):
         parameters, objects = self.parameters, self.objects
         self._settings.apply()
         apply_limits(parameters, objects)
-        self._obstacles.timeout = parameters.transform_timeout
+        self._obstacles.waiting.timeout = parameters.transform_timeout
+        self.inputs.boxes.waiting.timeout = parameters.transform_timeout
         self._obstacles.stamp_tolerance = objects.states.stamp_tolerance
         self._subscribed.keep("points", self._is_wanted("points"))
         if not self._is_wanted("points"):
@@ -324,6 +327,7 @@ class CollisionNode(Node):
             f"{len(self.objects.table)} objects continue from the new time; stamps may restart"
         )
         self.inputs.markers.clock_jumped(shift)
+        self.inputs.boxes.clock_jumped(shift)
         self.objects.clock_jumped(shift)
         self._obstacles.clock_jumped(shift)
         for monitor in self._monitors.values():

@@ -39,6 +39,7 @@ from std_msgs.msg import Header
 from visualization_msgs.msg import Marker, MarkerArray
 
 from obb_collision.node import (
+    boxes_to_ros,
     collisions_from_ros,
     named_pairs,
     namespace_number,
@@ -73,6 +74,7 @@ INPUTS: dict[str, Any] = {
     "object_transform": TransformStamped,
     "object_states": MultiDOFJointState,
     "object_poses": PointCloud2,
+    "object_boxes": PointCloud2,
     "points": PointCloud2,
 }
 OUTPUTS = {
@@ -191,6 +193,15 @@ class Client:
         """Publish bulk poses (n, 7)."""
         header = self.header(options.pop("frame", FRAME))
         self.pubs["object_poses"].publish(poses_to_ros(ids, poses, namespaces, header, **options))
+
+    def send_boxes(
+        self, ids: Any, poses: Any, sizes: Any = 1.0, namespaces: Any = None, **options: Any
+    ) -> None:
+        """Publish a complete set of boxes: poses (n, 7) and sizes, (n, 3) or one for all."""
+        header = self.header(options.pop("frame", FRAME))
+        sizes = np.broadcast_to(sizes, (len(ids), 3))
+        message = boxes_to_ros(ids, poses, sizes, namespaces, header, **options)
+        self.pubs["object_boxes"].publish(message)
 
     def answer(self) -> PointCloud2:
         """Wait for the ``collisions`` of the last state sent."""

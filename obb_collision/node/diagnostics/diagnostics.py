@@ -62,6 +62,7 @@ def input_status(
         ),
         ("rejected", monitor.refused.total()),
         ("qos mismatches", monitor.mismatches),
+        *([("superseded", monitor.superseded)] if monitor.superseded else ()),
         *(() if monitor.ignored is None else [("not finite in the last cloud", monitor.ignored)]),
         *((f"rejected: {reason}", count) for reason, count in sorted(monitor.refused.items())),
         *((f"doubtful: {reason}", count) for reason, count in sorted(monitor.doubted.items())),

@@ -65,6 +65,8 @@ class InputMonitor:
     """What was used though something is wrong with it."""
     ignored: int | None = None
     """Of the last cloud: points that are not finite; None where it was not used."""
+    superseded: int = 0
+    """Complete sets that a newer one replaced before they were used."""
     mismatches: int = 0
     """Publishers and subscribers seen with incompatible QoS."""
     _seen: tuple[int, int, int] = (0, 0, 0)

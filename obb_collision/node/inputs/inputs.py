@@ -14,7 +14,7 @@
 
 """Messages -> objects: every item is used or refused on its own, and counted if refused.
 
-Markers are in ``marker_input``.
+Markers are in ``markers``, sets of boxes in ``boxes``.
 """
 
 from __future__ import annotations
@@ -27,8 +27,9 @@ from geometry_msgs.msg import TransformStamped
 from sensor_msgs.msg import MultiDOFJointState, PointCloud2
 
 from obb_collision.node.diagnostics.monitors import InputMonitor
+from obb_collision.node.inputs.boxes import BoxInput
 from obb_collision.node.inputs.markers import MarkerInput
-from obb_collision.node.messages.clouds import poses_from_ros
+from obb_collision.node.messages.bulk_clouds import poses_from_ros
 from obb_collision.node.messages.conversions import (
     LARGEST_COORDINATE,
     pose_faults,
@@ -39,6 +40,7 @@ from obb_collision.node.messages.conversions import (
 )
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.messages.names import shortened
+from obb_collision.node.objects.frames import FrameSource
 from obb_collision.node.objects.objects import Objects
 from obb_collision.node.objects.states import OLDER, State
 from obb_collision.node.objects.table import Slots
@@ -47,7 +49,7 @@ from obb_collision.typing import Floats
 
 
 class Inputs:
-    """Stores the messages of the four topics about objects; the latest state of one wins."""
+    """Stores the messages of the topics about objects; the latest state of one wins."""
 
     def __init__(
         self,
@@ -56,6 +58,7 @@ class Inputs:
         clock: Callable[[], int],
         wants_twists: Callable[[], bool],
         guard: Guard,
+        frames: FrameSource,
     ) -> None:
         self._objects = objects
         self._monitors = monitors
@@ -63,6 +66,7 @@ class Inputs:
         self._wants_twists = wants_twists
         self._guard = guard
         self.markers = MarkerInput(objects, monitors["objects"], clock, guard)
+        self.boxes = BoxInput(objects, frames, monitors["object_boxes"], clock, guard)
 
     def callbacks(self) -> dict[str, Callable[[Any], None]]:
         """Return the callback per input topic; that of ``objects`` takes serialised messages."""
@@ -71,6 +75,7 @@ class Inputs:
             "object_transform": self.guarded("object_transform", self.take_transform, True),
             "object_states": self.guarded("object_states", self.take_states, True),
             "object_poses": self.guarded("object_poses", self.take_poses, True),
+            "object_boxes": self.guarded("object_boxes", self.boxes.take),
         }
 
     def guarded(
@@ -78,13 +83,14 @@ class Inputs:
     ) -> Callable[[Any], None]:
         """Return a callback that counts messages on which ``take`` fails.
 
-        in_order: whether the markers that came before are applied first.
+        in_order: whether the markers and boxes that came before are applied first.
         """
 
         def callback(message: Any) -> None:
             try:
                 if in_order:
                     self.markers.apply()
+                    self.boxes.apply()
                 take(message)
             except Exception as error:
                 self._guard.caught(f"input {topic}", error)

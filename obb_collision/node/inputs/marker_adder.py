@@ -26,6 +26,7 @@ from obb_collision.node.inputs.marker_batch import (
     MAX_TRIES,
 )
 from obb_collision.node.inputs.marker_rows import Gathered
+from obb_collision.node.inputs.pieces import each
 from obb_collision.node.messages.conversions import name_from_key
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.messages.marker_kernels import FILE, MESH
@@ -38,8 +39,7 @@ from obb_collision.node.objects.many import (
 from obb_collision.node.objects.objects import Objects
 from obb_collision.node.objects.states import OLDER, State
 from obb_collision.node.objects.table import NEVER, PRIMITIVES
-from obb_collision.node.runtime.guard import INTERNAL_ERROR, Guard
-from obb_collision.scene.building.errors import NO_MEMORY
+from obb_collision.node.runtime.guard import Guard
 from obb_collision.typing import Mask, Rows
 
 NO_NUMBER = -(1 << 40)
@@ -147,14 +147,14 @@ class MarkerAdder:
                 table.namespaces.use(numbers[-1])  # so that it stays till its objects are there
             except RefusedError as error:
                 bad = (slots < 0) & (markers.ns[rows] == index)
-                self._mark(markers, rows[bad], error)
+                self.mark(markers, rows[bad], error)
                 admitted &= ~bad
         surplus = np.flatnonzero(admitted & (slots < 0))[
             max(0, objects.shapes.max_objects - len(table)) :
         ]
         if len(surplus):
             full = RefusedError("too many objects", f"{objects.shapes.max_objects} is the limit")
-            self._mark(markers, rows[surplus], full)
+            self.mark(markers, rows[surplus], full)
             admitted[surplus] = False
         try:
             yield admitted
@@ -162,7 +162,7 @@ class MarkerAdder:
             for number in numbers:
                 table.namespaces.leave(number)
 
-    def _mark(self, markers: Gathered, rows: Rows, error: RefusedError) -> None:
+    def mark(self, markers: Gathered, rows: Rows, error: RefusedError) -> None:
         """Count refused states, and mark their objects."""
         self.refuse(markers, rows, error)
         for row in rows.tolist():
@@ -171,22 +171,10 @@ class MarkerAdder:
 
     def _each(self, markers: Gathered, rows: Rows, put: Callable[[Rows], None]) -> bool:
         """Call ``put`` on all rows or, where that fails, on fewer; return whether none failed."""
-        try:
-            if len(rows):
-                put(rows)
-            return True
-        except Exception as error:
-            if len(rows) > 1:
-                half = len(rows) // 2
-                done = [self._each(markers, some, put) for some in (rows[:half], rows[half:])]
-                return all(done)
-            if isinstance(error, MemoryError):
-                error = RefusedError(NO_MEMORY)
-            if not isinstance(error, RefusedError):
-                self._guard.caught("input objects", error, name_from_key(markers.key(rows[0])))
-                error = RefusedError(INTERNAL_ERROR, str(error))
-            self._mark(markers, rows, error)
-            return False
+        return each(
+            *(rows, put, lambda row, error: self.mark(markers, np.array([row]), error)),
+            *(self._guard, "input objects", lambda row: name_from_key(markers.key(row))),
+        )
 
     def _touch(self, markers: Gathered, rows: Rows) -> None:
         slots = self.find_slots(markers, rows)
@@ -194,9 +182,13 @@ class MarkerAdder:
         self._store(markers, rows, slots)
 
     def _put_many(self, markers: Gathered, rows: Rows) -> None:
-        keys = self._numbers(markers, rows), markers.id[rows]
-        given = markers.type[rows], markers.scales[rows], markers.poses[rows], markers.expiry[rows]
-        self._store(markers, rows, put_primitives(self._objects.shapes, *keys, *given))
+        slots = put_primitives(
+            self._objects.shapes,
+            self._numbers(markers, rows),
+            markers.id[rows],
+            *(markers.type[rows], markers.scales[rows], markers.poses[rows], markers.expiry[rows]),
+        )
+        self._store(markers, rows, slots)
 
     def _put(self, markers: Gathered, row: int) -> None:
         """Add one object of any type, or change it."""

@@ -20,6 +20,7 @@ import numpy as np
 from visualization_msgs.msg import Marker
 
 from obb_collision.node.diagnostics.monitors import InputMonitor
+from obb_collision.node.inputs.box_set import OWNED
 from obb_collision.node.inputs.marker_adder import MarkerAdder
 from obb_collision.node.inputs.marker_batch import (
     Faults,
@@ -60,6 +61,7 @@ class MarkerApplication:
     def run(self, markers: Gathered, faults: Faults, outcome: Outcome) -> None:
         """Apply them."""
         objects = self._objects
+        outcome = self._without_boxes(markers, outcome)
         slots = self._remove(markers, outcome)
         there = np.flatnonzero(outcome.winner >= 0)
         there = there[np.argsort(outcome.winner[there])]
@@ -69,6 +71,24 @@ class MarkerApplication:
             error, of_shape = faults.errors[number], faults.of_shape[number]
             expiry = int(markers.expiry[row])
             objects.shapes.refuse(markers.key(row), error.reason, of_shape, expiry)
+
+    def _without_boxes(self, markers: Gathered, outcome: Outcome) -> Outcome:
+        """Leave out what is about objects of sets of boxes, and count it."""
+        table = self._objects.table
+        slots = self._adder.find_slots(markers, outcome.first)
+        owned = (slots >= 0) & table.of_set[slots]
+        if not owned.any():
+            return outcome
+        winner, removed = outcome.winner[owned], outcome.removed[owned]
+        self._adder.mark(markers, winner[winner >= 0], OWNED)
+        self._adder.refuse(markers, outcome.remover[owned][removed & (winner < 0)], OWNED)
+        return outcome._replace(
+            first=outcome.first[~owned],
+            winner=outcome.winner[~owned],
+            bad=outcome.bad[~owned],
+            removed=outcome.removed[~owned],
+            remover=outcome.remover[~owned],
+        )
 
     def _remove(self, markers: Gathered, outcome: Outcome) -> Rows:
         """Take out what was there and is deleted; return the slots (k,) of the rest, -1 for none.
@@ -108,4 +128,4 @@ class MarkerApplication:
                 doomed |= table.live
             elif index not in markers.bad_namespaces:
                 doomed |= table.live & (table.ns == self._adder.number_of(name))
-        return doomed
+        return doomed & ~table.of_set

@@ -12,15 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Clouds of obstacle points: converted only when they are used.
-
-The newest cloud that can be placed counts; those that wait for their transform are few and bounded.
-"""
+"""Clouds of obstacle points: converted only when they are used."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -28,28 +25,17 @@ from sensor_msgs.msg import PointCloud2
 
 from obb_collision.geometry.poses import as_poses
 from obb_collision.node.diagnostics.monitors import InputMonitor
+from obb_collision.node.inputs.waiting_clouds import Cloud, WaitingClouds
 from obb_collision.node.messages.clouds import points_from_ros
-from obb_collision.node.messages.conversions import NANOSECONDS, pose_faults, stamp_from_ros
+from obb_collision.node.messages.conversions import NANOSECONDS, stamp_from_ros
 from obb_collision.node.messages.errors import RefusedError
-from obb_collision.node.objects.frames import LATER, FrameSource
+from obb_collision.node.objects.frames import FrameSource
 from obb_collision.node.objects.states import AHEAD
-from obb_collision.node.runtime.guard import INTERNAL_ERROR, Guard
+from obb_collision.node.runtime.guard import Guard
 from obb_collision.queries.points.points import PointsInside
 from obb_collision.scene.report import Report
 from obb_collision.scene.scene import Scene
 from obb_collision.typing import Floats
-
-MAX_CLOUDS = 16
-MAX_CLOUD_BYTES = 1 << 26
-"""Clouds kept while they wait for their transforms: 64 MB; the newest is kept whatever its size."""
-
-
-class Cloud(NamedTuple):
-    """A cloud that waits for its transform: its stamp and when it came (ns)."""
-
-    message: PointCloud2
-    stamp: int
-    received: int
 
 
 class Obstacles:
@@ -64,13 +50,10 @@ class Obstacles:
         clock: Callable[[], int],
         guard: Guard,
     ) -> None:
-        self._scene, self._frames, self._fixed_frame = scene, frames, fixed_frame
-        self._monitor, self._clock, self._guard = monitor, clock, guard
-        self._waiting: list[Cloud] = []
+        self._scene, self._monitor, self._clock = scene, monitor, clock
+        self.waiting = WaitingClouds(frames, fixed_frame, monitor, guard)
         self.stamp = 0
         """Of the points in the scene (ns), 0 for none."""
-        self.timeout = 0.0
-        """How long a cloud may wait for its frame (s)."""
         self.stamp_tolerance = NANOSECONDS // 2
         """Stamps further than this ahead of the node's clock (ns) are not published."""
 
@@ -86,44 +69,16 @@ class Obstacles:
         if stamp > now + self.stamp_tolerance:
             ahead = (stamp - now) / NANOSECONDS
             self._monitor.doubt(now, AHEAD, detail=f"{ahead:.1f} s ahead of the node's clock")
-        if not self._is_elsewhere(message) or not self._frames.waits:
-            self._waiting.clear()
-        self._waiting.append(Cloud(message, stamp, now))
-        if self._is_full():
-            del self._waiting[-2::-2]  # every other one: the time they reach back stays
-        while self._is_full():
-            del self._waiting[0]
+        size = len(message.data)
+        self.waiting.add(Cloud(message, message.header.frame_id, stamp, now, size))
 
     def place(self, now: int) -> None:
         """Give the scene the newest cloud that can be placed; the last good one stays otherwise."""
-        kept: list[Cloud] = []
-        waiting, self._waiting = self._waiting, kept
-        while waiting:
-            cloud = waiting.pop()
-            try:
-                self._use(cloud)
-                break
-            except RefusedError as error:
-                if not (error.reason in LATER and self._may_wait(cloud, now)):
-                    self._monitor.refuse(now, error.reason, detail=error.detail)
-                    continue
-                kept.insert(0, cloud)
-            except Exception as error:
-                self._guard.caught("input points", error)
-                self._monitor.refuse(now, INTERNAL_ERROR, "whole message", str(error))
+        self.waiting.use_newest(now, self._use)
 
-    def _may_wait(self, cloud: Cloud, now: int) -> bool:
-        late = now - cloud.received > int(self.timeout * NANOSECONDS)
-        return self._frames.waits and not late
-
-    def _use(self, cloud: Cloud) -> None:
-        """Give the scene a cloud; RefusedError if it can't be used, or not yet."""
-        frame = None
-        if self._is_elsewhere(cloud.message):
-            frame = self._frames.lookup(cloud.message.header.frame_id, cloud.stamp)
-            if any(fault.any() for fault in pose_faults(frame[None])):
-                raise RefusedError("bad transform", f"{frame.tolist()}")
-        points = points_from_ros(cloud.message)
+    def _use(self, cloud: Cloud, frame: Floats | None) -> None:
+        """Give the scene a cloud; RefusedError if it can't be used."""
+        points = points_from_ros(cloud.content)
         self._scene.obstacle_points = points if frame is None else placed_points(points, frame)
         believed = cloud.stamp <= cloud.received + self.stamp_tolerance
         self.stamp = (cloud.stamp if believed else 0) or cloud.received
@@ -137,22 +92,13 @@ class Obstacles:
     def forget(self) -> None:
         """Take all points away."""
         self._scene.obstacle_points = None
-        self._waiting.clear()
+        self.waiting.clouds.clear()
         self.stamp = 0
 
     def clock_jumped(self, shift: int) -> None:
         """Take over a jump of the clock (ns)."""
-        self._waiting = [c._replace(received=c.received + shift) for c in self._waiting]
+        self.waiting.clock_jumped(shift)
         self.stamp = max(1, self.stamp + shift) if self.stamp else 0
-
-    def _is_elsewhere(self, message: PointCloud2) -> bool:
-        """Whether a cloud is in another frame than the fixed one."""
-        return message.header.frame_id not in ("", self._fixed_frame)
-
-    def _is_full(self) -> bool:
-        size = sum(len(cloud.message.data) for cloud in self._waiting)
-        count = len(self._waiting)
-        return count > 1 and (count > MAX_CLOUDS or size > MAX_CLOUD_BYTES)
 
 
 def placed_points(points: npt.NDArray[Any], frame: Floats) -> Floats:

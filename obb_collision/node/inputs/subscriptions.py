@@ -51,6 +51,7 @@ INPUTS = {
     "object_transform": Input(TransformStamped, 1000),
     "object_states": Input(MultiDOFJointState, 10),
     "object_poses": Input(PointCloud2, 10),
+    "object_boxes": Input(PointCloud2, 10),
     # As drivers of sensors send: a reliable subscription would receive nothing from them.
     "points": Input(PointCloud2, 1, ReliabilityPolicy.BEST_EFFORT),
 }

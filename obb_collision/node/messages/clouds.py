@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""PointCloud2 <-> arrays, always by field name; bulk poses and obstacle points."""
+"""PointCloud2 <-> arrays, always by field name; obstacle points."""
 
 from __future__ import annotations
 
@@ -26,9 +26,7 @@ from sensor_msgs.msg import PointCloud2, PointField
 from std_msgs.msg import Header
 
 from obb_collision.node.messages.errors import RefusedError
-from obb_collision.typing import Floats, Integers
 
-POSE_FIELDS = ("x", "y", "z", "qx", "qy", "qz", "qw")
 DATATYPES = {
     PointField.INT8: "i1",
     PointField.UINT8: "u1",
@@ -109,52 +107,6 @@ def cloud_to_ros(rows: npt.NDArray[Any], header: Header | None = None) -> PointC
     data.frombytes(np.ascontiguousarray(rows).tobytes())
     message.data = data
     return message
-
-
-def poses_from_ros(message: PointCloud2) -> tuple[Integers | None, Integers, Floats]:
-    """Bulk poses: namespace numbers (n,) or None without a field ``ns``, ids (n,), poses (n, 7).
-
-    Raises RefusedError ("field layout") where a field is missing or of the wrong kind: ``id`` and
-    ``ns`` are integers of any size, the pose fields float32 or float64.
-    """
-    rows = cloud_from_ros(message, ("ns", "id", *POSE_FIELDS))
-    fields: Mapping[str, Any] = rows.dtype.fields or {}
-    for name in ("id", *POSE_FIELDS):
-        if name not in fields:
-            raise RefusedError("field layout", f"no field {name!r}")
-    for name in ("id", "ns"):
-        if name in fields and fields[name][0].kind not in "iu":
-            raise RefusedError("field layout", f"field {name!r} is not an integer")
-    poses = np.empty((len(rows), 7))
-    for column, name in enumerate(POSE_FIELDS):
-        if fields[name][0].kind != "f":
-            raise RefusedError("field layout", f"field {name!r} is not a float")
-        poses[:, column] = rows[name]
-    namespaces = rows["ns"].astype(np.int64) if "ns" in fields else None
-    return namespaces, rows["id"].astype(np.int64), poses
-
-
-def poses_to_ros(
-    ids: npt.ArrayLike,
-    poses: npt.ArrayLike,
-    namespaces: npt.ArrayLike | None = None,
-    header: Header | None = None,
-    single: bool = False,
-) -> PointCloud2:
-    """Bulk poses for ``object_poses``: (n,) ids, (n, 7) poses, (n,) namespace indices.
-
-    ``single`` writes float32, half the bytes and 7 decimal digits.
-    """
-    ids, poses = np.asarray(ids), np.asarray(poses, dtype=np.float64)
-    integers = [("id", "<i4")] if namespaces is None else [("ns", "<i4"), ("id", "<i4")]
-    dtype = np.dtype([(name, "<f4" if single else "<f8") for name in POSE_FIELDS] + integers)
-    rows = np.zeros(len(ids), dtype)
-    for column, name in enumerate(POSE_FIELDS):
-        rows[name] = poses[:, column]
-    rows["id"] = ids
-    if namespaces is not None:
-        rows["ns"] = namespaces
-    return cloud_to_ros(rows, header)
 
 
 def points_from_ros(message: PointCloud2) -> npt.NDArray[Any]:

@@ -103,15 +103,18 @@ class NamespaceTable:
         return len(self.names)
 
     def find(self, name: str) -> int | None:
-        """Return the number of a namespace in the table, None if it is not there."""
+        """Return the number of a namespace in the table, None if it is not there.
+
+        One with a stand-in for its name is found by both.
+        """
         try:
-            numbers = namespace_number(name), number_of_stand_in(name)
+            number = namespace_number(name)
         except UnicodeEncodeError:
             return None
-        for number in numbers:
-            if number is not None and self.names.get(number) == name:
-                return number
-        return None
+        if self.names.get(number) in (name, stand_in(number)):
+            return number
+        other = number_of_stand_in(name)
+        return other if other is not None and self.names.get(other) == name else None
 
     def admit(self, name: str) -> int:
         """Return the number of a namespace; a new one takes its place in the table.

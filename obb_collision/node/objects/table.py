@@ -281,15 +281,15 @@ class ObjectTable:
             if first != last:
                 raise RefusedError("field layout", "several namespaces: field 'ns' is needed")
             namespaces = np.broadcast_to(first, ids.shape)
-        legal = (ids >= -ID_OFFSET) & (ids < ID_OFFSET) & _are_numbers(namespaces)
-        wanted = (_signed(namespaces) << ID_BITS) + np.where(legal, ids, 0) + ID_OFFSET
+        legal = (ids >= -ID_OFFSET) & (ids < ID_OFFSET) & are_numbers(namespaces)
+        wanted = (signed(namespaces) << ID_BITS) + np.where(legal, ids, 0) + ID_OFFSET
         at = np.minimum(np.searchsorted(known, wanted), len(known) - 1)
         return np.where(legal & (known[at] == wanted), slots[at], -1)
 
     def knows(self, namespaces: Slots) -> Mask:
         """Whether numbers (n,) are those of namespaces in the table."""
         known = np.fromiter(self.namespaces.names, np.int64, len(self.namespaces))
-        return _are_numbers(namespaces) & np.isin(_signed(namespaces), known)
+        return are_numbers(namespaces) & np.isin(signed(namespaces), known)
 
 
 class KeySlots(Mapping[Key, int]):
@@ -324,10 +324,11 @@ def _as_slice(slots: Slots) -> Slots | slice:
     return slots
 
 
-def _are_numbers(namespaces: Slots) -> Mask:
+def are_numbers(namespaces: Slots) -> Mask:
+    """Return which of (n,) can be numbers of namespaces: int32, or the same bits as uint32."""
     return (namespaces >= -ID_OFFSET) & (namespaces < 2 * ID_OFFSET)
 
 
-def _signed(namespaces: Slots) -> Slots:
-    """Numbers as int32 of such as are, or the same bits as uint32; anything for others."""
+def signed(namespaces: Slots) -> Slots:
+    """Return numbers as int32 of such as are, or the same bits as uint32; anything for others."""
     return namespaces.astype(np.uint32).astype(np.int32).astype(np.int64)

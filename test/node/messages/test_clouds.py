@@ -32,7 +32,8 @@ from rig import Rig, cube, pose, sync
 from sensor_msgs.msg import PointCloud2, PointField
 
 from obb_collision.node import poses_from_ros, poses_to_ros
-from obb_collision.node.messages.clouds import DATATYPES, POSE_FIELDS, points_from_ros
+from obb_collision.node.messages.bulk_clouds import POSE_FIELDS
+from obb_collision.node.messages.clouds import DATATYPES, points_from_ros
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.messages.names import namespace_number
 

@@ -299,10 +299,12 @@ def test_clouds_wait_for_their_transforms_one_behind_the_other() -> None:
         for x in (0.0, 0.4, 9.0):
             rig.send_points([[x, 0, 0]], "lidar")
             stamps.append(rig.stamp)
-            rig.until(lambda: [cloud.stamp for cloud in obstacles._waiting] == stamps, "taken in")
+            rig.until(
+                lambda: [cloud.stamp for cloud in obstacles.waiting.clouds] == stamps, "taken in"
+            )
         frames.spans["lidar"] = 0, stamps[1]
         rig.until(lambda: obstacles.stamp == stamps[1], "the second of three")
-        assert [cloud.stamp for cloud in obstacles._waiting] == stamps[2:]
+        assert [cloud.stamp for cloud in obstacles.waiting.clouds] == stamps[2:]
 
 
 def test_clouds_that_wait_are_bounded() -> None:
@@ -312,7 +314,7 @@ def test_clouds_that_wait_are_bounded() -> None:
         for number in range(100):
             header = Header(stamp=stamp_to_ros(number + 1), frame_id="lidar")
             obstacles.take(cloud_to_ros(rows, header))
-        stamps = [cloud.stamp for cloud in obstacles._waiting]
+        stamps = [cloud.stamp for cloud in obstacles.waiting.clouds]
         assert len(stamps) <= 16
         assert stamps == sorted(stamps)
         assert stamps[-1] == 100

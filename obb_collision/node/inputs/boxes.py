@@ -1,0 +1,183 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+
+"""The topic ``object_boxes``: each message is the complete set of boxes that come by it.
+
+Sets wait until the next cycle, and the newest one that can be placed is applied: it would undo
+those before it anyway.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from sensor_msgs.msg import PointCloud2
+
+from obb_collision.geometry.poses import compose_poses
+from obb_collision.node.diagnostics.monitors import InputMonitor
+from obb_collision.node.inputs.box_set import BAD_KEY, NAMESPACE, REPEATED, TOPIC, BoxSet
+from obb_collision.node.inputs.marker_batch import GOOD, Faults
+from obb_collision.node.inputs.waiting_clouds import Cloud, WaitingClouds
+from obb_collision.node.messages.bulk_clouds import boxes_from_ros
+from obb_collision.node.messages.conversions import (
+    LARGEST_COORDINATE,
+    NANOSECONDS,
+    SMALLEST_MEANT,
+    name_from_key,
+    pose_faults,
+    stamp_from_ros,
+)
+from obb_collision.node.messages.errors import RefusedError
+from obb_collision.node.messages.names import check_name, namespace_number
+from obb_collision.node.objects.frames import FrameSource
+from obb_collision.node.objects.objects import Objects
+from obb_collision.node.objects.states import ANEW, OLDER, State
+from obb_collision.node.objects.table import ID_BITS, ID_OFFSET, are_numbers, signed
+from obb_collision.node.runtime.guard import Guard
+from obb_collision.typing import Floats, Integers, Mask, Rows
+
+
+class Given(NamedTuple):
+    """Boxes as they came: keys (n,), poses (n, 7) and sizes (n, 3)."""
+
+    namespaces: Integers | None
+    ids: Integers
+    poses: Floats
+    sizes: Floats
+
+    @property
+    def numbers(self) -> Rows:
+        """(n,) numbers of the namespaces."""
+        if self.namespaces is None:
+            return np.full(len(self.ids), namespace_number(NAMESPACE))
+        return signed(self.namespaces)
+
+    @property
+    def are_keys(self) -> Mask:
+        """(n,) whether a row names an object."""
+        legal: Mask = (self.ids >= -ID_OFFSET) & (self.ids < ID_OFFSET)
+        return legal if self.namespaces is None else legal & are_numbers(self.namespaces)
+
+
+class BoxInput:
+    """Takes messages of ``object_boxes``, and applies the newest of them."""
+
+    def __init__(
+        self,
+        objects: Objects,
+        frames: FrameSource,
+        monitor: InputMonitor,
+        clock: Callable[[], int],
+        guard: Guard,
+    ) -> None:
+        self._objects, self._monitor, self._clock = objects, monitor, clock
+        fixed_frame = objects.placement.frame_table.name(0)
+        self.waiting = WaitingClouds(frames, fixed_frame, monitor, guard)
+        self._set = BoxSet(objects, guard)
+        self._order = 0  # sets with an older stamp are late
+        self._received = 0
+
+    def take(self, message: PointCloud2) -> None:
+        """Let a complete set wait for the next cycle."""
+        now, frame = self._clock(), message.header.frame_id
+        self._monitor.received(now)
+        try:
+            stamp = stamp_from_ros(message.header.stamp)
+            check_name(frame, "frame")
+            given = Given(*boxes_from_ros(message))
+            self._note_order(stamp, now)
+        except RefusedError as error:
+            self._monitor.refuse(now, error.reason, "whole message", error.detail)
+            if error.reason != OLDER:
+                self._set.doubt()
+            return
+        cloud = Cloud(given, frame, stamp, now, len(message.data))
+        self._monitor.superseded += self.waiting.add(cloud)
+
+    def _note_order(self, stamp: int, now: int) -> None:
+        """Take note of the stamp of a set; RefusedError for one that comes too late."""
+        states, before = self._objects.states, self._order - stamp
+        if stamp and before > 0:
+            most = f"{before / NANOSECONDS:.1f} s before the last one"
+            if now - self._received <= states.order_timeout:
+                raise RefusedError(OLDER, most)
+            self._monitor.doubt(now, ANEW, "whole message", most)
+        self._received = now
+        if stamp and stamp <= now + states.stamp_tolerance:
+            self._order = stamp
+
+    def apply(self) -> None:
+        """Apply the newest set that can be placed, if one waits."""
+        if self.waiting.clouds:
+            now = self._clock()
+            self._monitor.superseded += self.waiting.use_newest(now, self._use, self._refuse)
+
+    def clock_jumped(self, shift: int) -> None:
+        """Take over a jump of the clock (ns)."""
+        self.waiting.clock_jumped(shift)
+        self._order = 0
+
+    def _use(self, cloud: Cloud, frame: Floats | None) -> None:
+        """Bring the objects in line with a set, given in a frame that is at ``frame`` (7,)."""
+        given: Given = cloud.content
+        numbers, ids, poses = given.numbers, given.ids, given.poses
+        faults = Faults(len(ids))
+        faults.note(~given.are_keys, BAD_KEY)
+        faults.note(_repeated(numbers, ids), REPEATED)
+        _note_bad(faults, poses, given.sizes)
+        if frame is not None:
+            good = faults.number == GOOD
+            poses = poses.copy()
+            poses[good] = compose_poses(frame, poses[good])
+            bad = np.any(pose_faults(poses), axis=0)
+            faults.note(bad, RefusedError("bad pose", "out of range once placed"))
+        state = State("", cloud.stamp, cloud.received, TOPIC)
+        self._set.apply(numbers, ids, poses, given.sizes, faults, state)
+        self._count(numbers, ids, faults)
+
+    def _count(self, numbers: Rows, ids: Rows, faults: Faults) -> None:
+        now = self._clock()
+        for number, error in enumerate(faults.errors):
+            rows = np.flatnonzero(faults.number == number)
+            if len(rows):
+                item = name_from_key(self._set.key(int(numbers[rows[-1]]), int(ids[rows[-1]])))
+                self._monitor.refuse(now, error.reason, item, error.detail, len(rows))
+
+    def _refuse(self, cloud: Cloud, error: RefusedError) -> None:
+        given: Given = cloud.content
+        rows = np.flatnonzero(given.are_keys)
+        self._set.refuse(given.numbers[rows], given.ids[rows], error.reason)
+
+
+def _repeated(numbers: Rows, ids: Rows) -> Mask:
+    """Return which rows (n,) name an object that a later one names, too."""
+    keys = (numbers << ID_BITS) + ids
+    order = np.argsort(keys, kind="stable")
+    repeated = np.zeros(len(keys), np.bool_)
+    repeated[order[:-1]] = keys[order[:-1]] == keys[order[1:]]
+    return repeated
+
+
+def _note_bad(faults: Faults, poses: Floats, sizes: Floats) -> None:
+    """Note which sizes (n, 3) and poses (n, 7) can't be used."""
+    meant = ((sizes >= SMALLEST_MEANT) & (sizes <= LARGEST_COORDINATE)).all(axis=1)
+    if not meant.all():
+        detail = f"{sizes[int(np.argmin(meant))].tolist()} must be finite and positive"
+        faults.note(~meant, RefusedError("bad size", detail), of_shape=True)
+    numbers, quaternions = pose_faults(poses)
+    faults.note(numbers, RefusedError("bad pose", "not finite or too large"))
+    faults.note(quaternions, RefusedError("zero quaternion"))

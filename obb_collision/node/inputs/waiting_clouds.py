@@ -1,0 +1,127 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+
+"""Clouds that wait to be used: the newest one that can be placed counts.
+
+Those that wait for their transforms are few and bounded.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+from obb_collision.node.diagnostics.monitors import InputMonitor
+from obb_collision.node.messages.conversions import NANOSECONDS, pose_faults
+from obb_collision.node.messages.errors import RefusedError
+from obb_collision.node.objects.frames import LATER, FrameSource
+from obb_collision.node.runtime.guard import INTERNAL_ERROR, Guard
+from obb_collision.typing import Floats
+
+MAX_CLOUDS = 16
+MAX_CLOUD_BYTES = 1 << 26
+"""Clouds kept while they wait for their transforms: 64 MB; the newest is kept whatever its size."""
+
+
+class Cloud(NamedTuple):
+    """A cloud that waits: what is in it, its frame, its stamp and when it came (ns), its bytes."""
+
+    content: Any
+    frame: str
+    stamp: int
+    received: int
+    size: int
+
+
+class WaitingClouds:
+    """Clouds of one topic in the order in which they came."""
+
+    def __init__(
+        self, frames: FrameSource, fixed_frame: str, monitor: InputMonitor, guard: Guard
+    ) -> None:
+        self._frames, self._fixed_frame = frames, fixed_frame
+        self._monitor, self._guard = monitor, guard
+        self.clouds: list[Cloud] = []
+        """The newest one last."""
+        self.timeout = 0.0
+        """How long a cloud may wait for its frame (s)."""
+
+    def add(self, cloud: Cloud) -> int:
+        """Let a cloud wait; returns how many are dropped that were not used."""
+        before = len(self.clouds)
+        if not self._is_elsewhere(cloud):
+            self.clouds.clear()
+        elif not self._frames.waits:
+            self.clouds = [one for one in self.clouds if not self._is_elsewhere(one)]
+        self.clouds.append(cloud)
+        if self._is_full():
+            del self.clouds[-2::-2]  # every other one: the time they reach back stays
+        while self._is_full():
+            del self.clouds[0]
+        return before + 1 - len(self.clouds)
+
+    def clock_jumped(self, shift: int) -> None:
+        """Take over a jump of the clock (ns)."""
+        self.clouds = [c._replace(received=c.received + shift) for c in self.clouds]
+
+    def use_newest(
+        self,
+        now: int,
+        use: Callable[[Cloud, Floats | None], None],
+        refuse: Callable[[Cloud, RefusedError], None] = lambda cloud, error: None,
+    ) -> int:
+        """Use the newest cloud that can be placed, and drop those before it; returns how many.
+
+        use: takes a cloud and where its frame is (7,), None for the fixed frame; it may raise
+        RefusedError. refuse: called for those that can't be used, which are counted.
+        """
+        kept: list[Cloud] = []
+        waiting, self.clouds = self.clouds, kept
+        while waiting:
+            cloud = waiting.pop()
+            try:
+                use(cloud, self._place(cloud))
+                return len(waiting)
+            except RefusedError as error:
+                if error.reason in LATER and self._may_wait(cloud, now):
+                    kept.insert(0, cloud)
+                    continue
+                self._monitor.refuse(now, error.reason, detail=error.detail)
+                refuse(cloud, error)
+            except Exception as error:
+                self._guard.caught(f"input {self._monitor.topic}", error)
+                self._monitor.refuse(now, INTERNAL_ERROR, "whole message", str(error))
+                refuse(cloud, RefusedError(INTERNAL_ERROR, str(error)))
+        return 0
+
+    def _place(self, cloud: Cloud) -> Floats | None:
+        if not self._is_elsewhere(cloud):
+            return None
+        frame = self._frames.lookup(cloud.frame, cloud.stamp)
+        if any(fault.any() for fault in pose_faults(frame[None])):
+            raise RefusedError("bad transform", f"{frame.tolist()}")
+        return frame
+
+    def _may_wait(self, cloud: Cloud, now: int) -> bool:
+        late = now - cloud.received > int(self.timeout * NANOSECONDS)
+        return self._frames.waits and not late
+
+    def _is_elsewhere(self, cloud: Cloud) -> bool:
+        """Whether a cloud is in another frame than the fixed one."""
+        return cloud.frame not in ("", self._fixed_frame)
+
+    def _is_full(self) -> bool:
+        size, count = sum(cloud.size for cloud in self.clouds), len(self.clouds)
+        return count > 1 and (count > MAX_CLOUDS or size > MAX_CLOUD_BYTES)

@@ -1,0 +1,265 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+
+"""Complete sets of boxes by ``object_boxes``, on real topics."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+from rig import FRAME, Rig, cube, pose, sync
+from sensor_msgs.msg import PointCloud2
+from visualization_msgs.msg import Marker
+
+from obb_collision.node import boxes_from_ros, boxes_to_ros, namespace_number
+from obb_collision.node.messages.errors import RefusedError
+
+TOPIC = "object_boxes"
+NUMBER = namespace_number("seen")
+
+
+@pytest.fixture
+def rig() -> Iterator[Rig]:
+    with Rig() as made:
+        yield made
+
+
+def keys(rig: Rig) -> set[tuple[str, int]]:
+    """Keys of all objects but that of ``sync``."""
+    return {key for key in rig.node.objects.table.slots if key[0] != "sync"}
+
+
+def in_row(*places: float) -> Any:
+    return [pose(place) for place in places]
+
+
+def test_boxes_come_change_and_go_with_the_set_that_names_them(rig: Rig) -> None:
+    rig.send_boxes([1, 2, 3], in_row(0, 0.9, 5))
+    assert rig.pairs() == {("boxes/1", "boxes/2")}
+    rig.send_boxes([1, 2, 3], in_row(0, 0.9, 1.8), [1, 1, 1])
+    assert rig.pairs() == {("boxes/1", "boxes/2"), ("boxes/2", "boxes/3")}
+    born = rig.node.objects.scene._store.born.copy()
+    rig.send_boxes([2, 1], in_row(0.9, 0), [[1, 1, 1], [0.2, 0.2, 0.2]])
+    assert rig.pairs() == set(), "box 1 is smaller, box 3 has gone"
+    assert keys(rig) == {("boxes", 1), ("boxes", 2)}
+    rig.send_boxes([1, 2], in_row(0, 0.55), [[0.2, 0.2, 0.2], [1, 1, 1]])
+    assert rig.pairs() == {("boxes/1", "boxes/2")}
+    slots = [rig.node.objects.table.slots["boxes", number] for number in (1, 2)]
+    assert (rig.node.objects.scene._store.born == born)[slots].all(), "the same objects all along"
+    rig.send_boxes([], np.empty((0, 7)))
+    rig.until(lambda: not keys(rig), "an empty set")
+
+
+def test_objects_of_other_inputs_are_not_touched(rig: Rig) -> None:
+    rig.send(cube(("a", 1)), cube(("a", 2), (0.5, 0, 0)))
+    rig.send_boxes([1, 7], in_row(9, 0.4), namespaces=[namespace_number("a")] * 2)
+    assert rig.pairs() == {("a/1", "a/2"), ("a/1", "a/7"), ("a/2", "a/7")}
+    assert rig.refused(TOPIC) == {"object of another input": 1}
+    assert rig.pose_of(("a", 1))[0] == 0.0
+    rig.send_boxes([], np.empty((0, 7)))
+    rig.until(lambda: keys(rig) == {("a", 1), ("a", 2)}, "the markers alone")
+
+
+def test_markers_do_not_touch_boxes(rig: Rig) -> None:
+    rig.send_boxes([1, 2], in_row(0, 0.5), namespaces=[NUMBER] * 2)
+    rig.answer()
+    rig.send(Marker(action=Marker.DELETEALL))
+    rig.send(cube(("#" + str(NUMBER), 1), (9, 0, 0)))
+    assert sync(rig) == {(f"#{NUMBER}/1", f"#{NUMBER}/2")}, "named by its number"
+    rig.send(Marker(ns="seen", action=Marker.DELETEALL), cube(("seen", 1), (9, 0, 0)))
+    rig.send(Marker(ns="seen", id=2, action=Marker.DELETE))
+    assert sync(rig) == {(f"#{NUMBER}/1", f"#{NUMBER}/2")}
+    rig.send(cube(("seen", 3), (20, 0, 0)))
+    sync(rig)
+    assert rig.node.objects.scene.check().names() == [("seen/1", "seen/2")], "a marker said it"
+    assert rig.refused("objects") == {"object of another input": 3}
+    assert rig.node.objects.table.doubtful[rig.node.objects.table.slots["seen", 1]]
+    rig.send_boxes([1, 2], in_row(0, 0.5), namespaces=[NUMBER] * 2)
+    rig.answer()
+    assert not rig.node.objects.table.doubtful[rig.node.objects.table.slots["seen", 1]]
+
+
+def test_other_topics_move_a_box_until_the_next_set(rig: Rig) -> None:
+    rig.send_boxes([1, 2], in_row(0, 5), namespaces=[NUMBER] * 2)
+    rig.answer()
+    rig.send_poses([2], in_row(0.5), [NUMBER])
+    assert len(rig.pairs()) == 1
+    rig.send_transform(f"#{NUMBER}/2", pose(7))
+    assert rig.pairs() == set()
+    rig.send_boxes([1, 2], in_row(0, 0.5), namespaces=[NUMBER] * 2)
+    assert len(rig.pairs()) == 1
+
+
+@pytest.mark.parametrize(
+    ("size", "place", "reason"),
+    [
+        ((0, 1, 1), pose(0.5), "bad size"),
+        ((1, -1, 1), pose(0.5), "bad size"),
+        ((1, 1, np.nan), pose(0.5), "bad size"),
+        ((1, np.inf, 1), pose(0.5), "bad size"),
+        ((1, 1, 1e301), pose(0.5), "bad size"),
+        ((1, 1, 1), pose(np.nan), "bad pose"),
+        ((1, 1, 1), pose(1e301), "bad pose"),
+        ((1, 1, 1), [0.0] * 7, "zero quaternion"),
+    ],
+)
+def test_a_bad_row_is_refused_alone(rig: Rig, size: Any, place: Any, reason: str) -> None:
+    rig.send_boxes([1, 2, 3], in_row(0, 0.5, 9))
+    assert rig.pairs() == {("boxes/1", "boxes/2")}
+    for ids in ([1, 2], [1, 4]):
+        rig.send_boxes(ids, [pose(0), place], [[1, 1, 1], size])
+        rig.answer()
+    assert rig.refused(TOPIC) == {reason: 2}
+    assert keys(rig) == {("boxes", 1)}, "2 is not in the second set, 4 can't be"
+    assert rig.node.objects.unplaceable == {("boxes", 4): reason}
+    rig.send_boxes([1, 2], in_row(0, 0.5))
+    assert rig.pairs() == {("boxes/1", "boxes/2")}
+    assert not rig.node.objects.unplaceable
+    rig.send_boxes([1, 2], [pose(0), place], [[1, 1, 1], size])
+    assert rig.pairs() == {("boxes/1", "boxes/2")}, "it stays where it was last"
+    assert rig.node.objects.table.doubtful[rig.node.objects.table.slots["boxes", 2]]
+
+
+def test_of_rows_for_the_same_box_the_last_one_counts(rig: Rig) -> None:
+    rig.send_boxes([1, 2, 1, 1], in_row(9, 0, 7, 0.5))
+    assert rig.pairs() == {("boxes/1", "boxes/2")}
+    assert rig.refused(TOPIC) == {"repeated": 2}
+
+
+def test_keys_beyond_int32_are_refused(rig: Rig) -> None:
+    message = boxes_to_ros([1, 2], in_row(0, 0.5), np.ones((2, 3)), [5, 5], rig.header())
+    rows = np.frombuffer(bytes(message.data), np.dtype([("v", "<f8", 10), ("k", "<i4", 2)])).copy()
+    message.fields[-1].datatype = 6  # id as uint32
+    rows["k"][1, 1] = -1
+    message.data = rows.tobytes()
+    rig.pubs[TOPIC].publish(message)
+    rig.answer()
+    assert keys(rig) == {("#5", 1)}
+    assert rig.refused(TOPIC) == {"bad key": 1}
+
+
+def test_a_set_that_cannot_be_read_changes_nothing_but_marks_the_boxes(rig: Rig) -> None:
+    rig.send_boxes([1, 2], in_row(0, 0.5))
+    assert rig.pairs() == {("boxes/1", "boxes/2")}
+    table = rig.node.objects.table
+    good = boxes_to_ros([1], in_row(9), np.ones((1, 3)), header=rig.header())
+    monitor = rig.node._monitors[TOPIC]
+    for count, hostile in enumerate(hostile_clouds(good), 2):
+        rig.pubs[TOPIC].publish(hostile)
+        rig.until(lambda: monitor.messages == count, "a message")  # noqa: B023
+    assert sync(rig) == {("boxes/1", "boxes/2")}
+    assert sum(rig.refused(TOPIC).values()) == len(list(hostile_clouds(good)))
+    assert set(rig.refused(TOPIC)) == {"field layout", "bad stamp", "unknown frame", "bad name"}
+    assert table.doubtful[[table.slots["boxes", number] for number in (1, 2)]].all()
+
+
+def hostile_clouds(good: PointCloud2) -> Iterator[PointCloud2]:
+    """Messages that contradict themselves, or miss what is needed."""
+
+    def changed(**fields: Any) -> PointCloud2:
+        names = ("header", "height", "width", "fields", "is_bigendian", "point_step", "row_step")
+        values = {name: getattr(good, name) for name in (*names, "data", "is_dense")}
+        return PointCloud2(**(values | fields))
+
+    for index, field in enumerate(good.fields):
+        rest = [*good.fields[:index], *good.fields[index + 1 :]]
+        yield changed(fields=rest)
+        for offset in (2**31 - 1, 2**32 - 1, good.point_step - 3):
+            far = type(field)(
+                name=field.name, offset=offset, datatype=field.datatype, count=field.count
+            )
+            yield changed(fields=[*rest, far])
+    integer = type(good.fields[-2])(name="size_x", offset=0, datatype=5, count=1)
+    yield changed(fields=[f for f in good.fields if f.name != "size_x"] + [integer])
+    yield changed(point_step=0)
+    yield changed(width=2**32 - 1, height=2**32 - 1)
+    yield changed(data=good.data[:-1])
+    header = type(good.header)
+    yield changed(header=header(frame_id="elsewhere"))
+    yield changed(header=header(frame_id="x" * 300))
+    late = header(frame_id=FRAME)
+    late.stamp.sec = -1
+    yield changed(header=late)
+
+
+def test_a_set_with_an_older_stamp_is_late_unless_its_sender_began_anew(rig: Rig) -> None:
+    rig.send_boxes([1, 2], in_row(0, 0.5))
+    last = rig.stamp
+    assert rig.pairs() == {("boxes/1", "boxes/2")}
+    rig.stamp -= 10_000_000
+    rig.send_boxes([1], in_row(0))
+    rig.stamp = last
+    assert sync(rig) == {("boxes/1", "boxes/2")}
+    assert rig.refused(TOPIC) == {"older stamp": 1}
+    rig.set(order_timeout=0.0)
+    rig.stamp -= 10_000_000
+    rig.send_boxes([1], in_row(0))
+    rig.until(lambda: keys(rig) == {("boxes", 1)}, "a new start")
+
+
+def test_only_the_newest_of_the_sets_that_wait_is_applied() -> None:
+    with Rig(rate=1.0, trigger="arrival", min_period=1.0) as rig:
+        rig.send_boxes([100], in_row(0))
+        rig.answer()  # no cycle for a second from now on
+        for number in range(5):
+            rig.send_boxes([number], in_row(0))
+        monitor = rig.node._monitors[TOPIC]
+        rig.until(lambda: monitor.messages == 6, "all sets")
+        rig.node._run_cycle()
+        assert keys(rig) == {("boxes", 4)}
+        assert monitor.superseded == 4
+        rig.listen("/diagnostics")
+        assert rig.status(f"input {TOPIC}")["superseded"] == "4"
+
+
+def test_new_boxes_beyond_the_limit_are_refused(rig: Rig) -> None:
+    rig.set(max_objects=3)
+    rig.send(cube(("a", 1)))
+    rig.send_boxes([1, 2, 3, 4], in_row(5, 10, 15, 20))
+    rig.answer()
+    assert keys(rig) == {("a", 1), ("boxes", 1), ("boxes", 2)}
+    assert rig.refused(TOPIC) == {"too many objects": 2}
+    rig.send_boxes([4, 3], in_row(20, 15))  # those that go make room
+    rig.answer()
+    assert keys(rig) == {("a", 1), ("boxes", 3), ("boxes", 4)}
+    assert not rig.node.objects.unplaceable
+
+
+def test_names_that_stand_for_a_number_are_not_given_twice(rig: Rig) -> None:
+    rig.send(cube(("#5", 1)))
+    rig.send_boxes([1, 1], in_row(0, 0.5), namespaces=[5, 6])
+    assert rig.pairs() == {("#5/1", "#6/1")}
+    assert rig.refused(TOPIC) == {"namespace number taken": 1}
+    rig.send(cube(("#6", 2)))
+    sync(rig)
+    assert rig.refused("objects") == {"namespace number taken": 1}
+
+
+def test_boxes_can_be_read_back() -> None:
+    poses, sizes = np.random.default_rng(0).normal(size=(2, 3, 7)), np.ones((3, 3))
+    namespaces, ids, read, edges = boxes_from_ros(boxes_to_ros([1, 2, 3], poses[0], sizes, [7] * 3))
+    assert namespaces is not None
+    assert (namespaces.tolist(), ids.tolist()) == ([7] * 3, [1, 2, 3])
+    np.testing.assert_array_equal(read, poses[0])
+    np.testing.assert_array_equal(edges, sizes)
+    message = boxes_to_ros([1], poses[0][:1], sizes[:1])
+    message.fields = [field for field in message.fields if field.name != "size_x"]
+    with pytest.raises(RefusedError, match="no field 'size_x'"):
+        boxes_from_ros(message)
