@@ -27,7 +27,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 from obb_collision.checks.fuzz.messages import Messages
 from obb_collision.checks.fuzz.mutations import damaged, hostile_value, mutate
 
-TOPICS = ("objects", "object_transform", "object_states", "object_poses", "points")
+TOPICS = ("objects", "object_transform", "object_states", "object_poses", "object_boxes", "points")
 
 
 def serialised(folder: Path, seed: int, topic: str, mutations: int) -> list[bytes]:

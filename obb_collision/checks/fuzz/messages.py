@@ -29,7 +29,7 @@ from sensor_msgs.msg import MultiDOFJointState, PointCloud2
 from std_msgs.msg import Header
 from visualization_msgs.msg import Marker, MarkerArray
 
-from obb_collision.node.messages.bulk_clouds import poses_to_ros
+from obb_collision.node.messages.bulk_clouds import boxes_to_ros, poses_to_ros
 from obb_collision.node.messages.clouds import cloud_to_ros
 from obb_collision.node.messages.conversions import (
     NANOSECONDS,
@@ -61,6 +61,7 @@ class Messages:
             "object_transform": (TransformStamped, self.transform),
             "object_states": (MultiDOFJointState, self.states),
             "object_poses": (PointCloud2, self.poses),
+            "object_boxes": (PointCloud2, self.boxes),
             "points": (PointCloud2, self.points),
         }
 
@@ -129,13 +130,24 @@ class Messages:
 
     def poses(self) -> PointCloud2:
         """Return bulk poses."""
+        return poses_to_ros(
+            *self._bulk(), header=self._header(), single=self._random.random() < 0.5
+        )
+
+    def boxes(self) -> PointCloud2:
+        """Return a complete set of boxes."""
+        ids, poses, namespaces = self._bulk()
+        sizes = np.array([[self._random.uniform(0.05, 1.0) for _ in "xyz"] for _ in ids])
+        single = self._random.random() < 0.5
+        return boxes_to_ros(ids, poses, sizes, namespaces, self._header(), single)
+
+    def _bulk(self) -> tuple[Any, Any, Any]:
+        """Return ids, poses and the numbers of namespaces, or None for these."""
         keys = [self._key() for _ in range(self._random.choice((0, 1, 5, 200)))]
         numbers = np.array([namespace_number(key[0]) for key in keys], np.int64)
         poses = np.array([self._pose() for _ in keys]).reshape(-1, 7)
-        namespaces = numbers if self._random.random() < 0.8 else None
-        single = self._random.random() < 0.5
         ids = np.array([key[1] for key in keys], np.int64)
-        return poses_to_ros(ids, poses, namespaces, self._header(), single)
+        return ids, poses, numbers if self._random.random() < 0.8 else None
 
     def points(self) -> PointCloud2:
         """Return obstacle points."""
