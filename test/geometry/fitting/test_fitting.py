@@ -266,10 +266,11 @@ def test_many_points_on_a_face_move_it_by_roundoffs_only() -> None:
     assert (half <= 1.0 + 1e-12).all()  # a roundoff of the coordinates is 4.5e-13
 
 
+@pytest.mark.parametrize("count", [200_000, pytest.param(1_000_000, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("shape", ["plane", "sphere", "line"])
-def test_a_million_points_take_seconds(shape: str) -> None:
+def test_a_million_points_take_seconds(shape: str, count: int) -> None:
     rng = np.random.default_rng(11)
-    points = rng.normal(size=(1_000_000, 3))
+    points = rng.normal(size=(count, 3))
     if shape == "plane":
         points[:, 2] = 0.0
         points = points @ Rotation.random(random_state=12).as_matrix().T + 5.0
@@ -279,7 +280,8 @@ def test_a_million_points_take_seconds(shape: str) -> None:
         points = points[:, :1] * [1.0, 2.0, 3.0] + 5.0
     start = time.perf_counter()
     center, rotation, half = fit_points(points)
-    assert time.perf_counter() - start < 30.0  # 1 to 2 s; this only catches quadratic time
+    # 1 to 2 s for a million; this only catches quadratic time
+    assert time.perf_counter() - start < 30.0 * count / 1_000_000
     reach = np.abs((points - center) @ rotation)
     doubtful = np.unique(np.argpartition(-reach, 30, axis=0)[:30].ravel())
     assert holds((center, rotation, half), points[doubtful])

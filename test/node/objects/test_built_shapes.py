@@ -38,6 +38,7 @@ from visualization_msgs.msg import Marker
 from obb_collision.geometry.shapes import meshes
 from obb_collision.geometry.trees import pool
 from obb_collision.node.objects import shape_requests
+from obb_collision.scene.building.jobs import perform
 from obb_collision.scene.building.process import Limits
 from obb_collision.scene.building.wire import Message
 
@@ -65,19 +66,20 @@ def mesh_marker(path: Path | str, key: tuple[str, int] = BODY, **fields: Any) ->
 
 
 class Gate:
-    """Holds up what is built by a node until it is opened; counts the jobs."""
+    """Holds up what is built by a node until it is opened; counts the jobs.
+
+    They are done by the thread that waits for them elsewhere: no process is started.
+    """
 
     def __init__(self, rig: Rig) -> None:
         self.opened = threading.Event()
         self.jobs: list[str] = []
-        self.process = rig.node.objects.shapes.builder.process
-        self._run = self.process.run
-        self.process.run = self.run  # type: ignore[method-assign]
+        rig.node.objects.shapes.builder.process.run = self.run  # type: ignore[method-assign]
 
     def run(self, message: Message, limits: Limits) -> Message:
         assert self.opened.wait(PATIENCE)
         self.jobs.append(message["job"])
-        return self._run(message, limits)
+        return perform(message)
 
     def open(self) -> None:
         self.opened.set()
@@ -277,14 +279,15 @@ UNREADABLE: dict[str, Callable[[Path], Marker]] = {
 }
 
 
-@pytest.mark.parametrize("what", UNREADABLE)
-def test_meshes_that_cannot_be_read_are_refused_alone(rig: Rig, tmp_path: Path, what: str) -> None:
+def test_meshes_that_cannot_be_read_are_refused_alone(rig: Rig, tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe.stl")
-    rig.send(UNREADABLE[what](tmp_path), cube(BOX), cube(OTHER))
+    bad = {("bad", number): make(tmp_path) for number, make in enumerate(UNREADABLE.values())}
+    for key, marker in bad.items():
+        marker.ns, marker.id = key
+    rig.send(*bad.values(), cube(BOX), cube(OTHER))
     assert named(rig.pairs()) == named({("box/1", "body/2")})
-    rig.until(lambda: rig.refused("objects"), "refusal")
-    assert rig.refused("objects") == {"unreadable mesh": 1}
-    assert rig.node.objects.unplaceable == {BODY: "unreadable mesh"}
+    rig.until(lambda: rig.refused("objects") == {"unreadable mesh": len(bad)}, "refusals")
+    assert rig.node.objects.unplaceable == dict.fromkeys(bad, "unreadable mesh")
     assert rig.node.guard.total == 0
     assert named(sync(rig)) == named({("box/1", "body/2")})
 

@@ -49,15 +49,18 @@ PARTNERS = ("box", "mesh", "hull", "cylinder")
 
 
 @cache
+def shape(name: str, size: float) -> Shape:
+    return SHAPES[name](size)
+
+
+@cache
 def collisions(name: str, size: float, accuracy: str) -> set[tuple[str, str]]:
     """Return the pairs of a shape, and others where it is and in the farthest corner."""
     scene = oc.Scene(accuracy=accuracy)
-    scene.add("one", SHAPES[name](size))
+    scene.add("one", shape(name, size))
     for partner in PARTNERS:
-        scene.add(f"same/{partner}", SHAPES[partner](size))
-        scene.add(
-            f"far/{partner}", SHAPES[partner](size), [1e300, 1e300, 1e300, 0.5, 0.5, 0.5, 0.5]
-        )
+        scene.add(f"same/{partner}", shape(partner, size))
+        scene.add(f"far/{partner}", shape(partner, size), [*[1e300] * 3, 0.5, 0.5, 0.5, 0.5])
     with warnings.catch_warnings():
         warnings.simplefilter("error")  # overflows among them
         report = scene.check(effects=["separations", "contacts", "clearance"])

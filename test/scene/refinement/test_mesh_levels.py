@@ -16,6 +16,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import pytest
 from mesh_zoo import zoo
@@ -131,18 +133,21 @@ def odd_meshes() -> dict[str, tuple[NDArray[np.float64], NDArray[np.int64]]]:
     }
 
 
-@pytest.mark.parametrize("name", odd_meshes())
+ODD = {name: Mesh(*mesh) for name, mesh in odd_meshes().items()}
+TORUS, BALL = Mesh(*ZOO["torus1"]), Mesh(*ZOO["sphere2"])
+
+
+@pytest.mark.parametrize("name", ODD)
 @pytest.mark.parametrize("level", LEVELS)
 def test_odd_meshes_collide_where_they_are_and_not_where_they_are_not(
     name: str, level: str
 ) -> None:
     scene = oc.Scene(accuracy=level)
-    scene.add("odd", Mesh(*odd_meshes()[name]))
-    scene.add("far", Mesh(*ZOO["torus1"]), [0, 0, 4.0, 0, 0, 0, 1])
-    scene.add("ball", Mesh(*ZOO["sphere2"]), [5.0, 0, 0, 0, 0, 0, 1])
+    scene.add("odd", ODD[name])
+    scene.add("far", TORUS, [0, 0, 4.0, 0, 0, 0, 1])
+    scene.add("ball", BALL, [5.0, 0, 0, 0, 0, 0, 1])
     assert scene.check().names() == []
-    vertices, faces = odd_meshes()[name]
-    corner = vertices[faces[0]].mean(axis=0)
+    corner = ODD[name].vertices[ODD[name].faces[0]].mean(axis=0)
     scene.move("ball", [*(corner + 0.2), 0, 0, 0, 1])
     assert scene.check().names() == [("odd", "ball")]
     scene.move("odd", [3.0, 0, 0, 0, 0, 0, 1])
@@ -163,6 +168,7 @@ def test_meshes_that_are_none_are_refused_before_anything_changes() -> None:
     assert len(scene) == 0
 
 
+@cache
 def huge(subdivisions: int) -> Mesh:
     ball = creation.icosphere(subdivisions=subdivisions, radius=0.5)
     return Mesh(ball.vertices, ball.faces, fit="aabb")
