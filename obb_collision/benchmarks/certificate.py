@@ -51,7 +51,7 @@ def measure_certificate(boxes: Boxes) -> Cost:
     for turn in range(TURNS + 1):
         for k, kernel in enumerate((plain_kernel, verdict_kernel)):
             start = perf_counter()
-            kernel(*arrays, first, *arrays, second, verdicts)
+            kernel(*arrays, first, *arrays, second, verdicts, 0, len(verdicts))
             times[turn, k] = perf_counter() - start
     times = times[1:]  # the first turn compiles
     plain, certified = 1e9 * np.median(times, axis=0) / len(candidates)

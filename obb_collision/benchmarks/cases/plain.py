@@ -34,12 +34,13 @@ EPSILON = 1e-6
 def plain_kernel(
     ca: Floats, a: Floats, h: Floats, rows_a: np.ndarray,
     cb: Floats, b: Floats, f: Floats, rows_b: np.ndarray, out: np.ndarray,
+    start: int, stop: int,
 ) -> None:  # fmt: skip
-    """Write 0 (apart) or 2 (colliding) for each pair of rows; arrays as in ``separation``.
+    """Write 0 (apart) or 2 (colliding) for some pairs of rows; arrays as in ``separation``.
 
     Of float32 arrays everything is computed in float32.
     """
-    for n in range(len(rows_a)):
+    for n in range(start, stop):
         out[n] = 2 if _collide(ca, a, h, rows_a[n], cb, b, f, rows_b[n]) else 0
 
 

@@ -127,4 +127,4 @@ def _run(
         sides: list[Any] = [
             x.astype(number) for x in (boxes.centers, boxes.rotations, boxes.half_extents)
         ]
-    return lambda: kernel(*sides, pairs.first, *sides, pairs.second, out)
+    return lambda: kernel(*sides, pairs.first, *sides, pairs.second, out, 0, len(out))

@@ -79,10 +79,12 @@ def witness_kernel(
     gaps: Floats,
     axes: Floats,
     points: Floats,
+    start: int,
+    stop: int,
 ) -> None:
-    """Write gap (m,), axis (m, 3) and a point (m, 3) of the contact of each pair (m, 2)."""
+    """Write gap (m,), axis (m, 3) and a point (m, 3) of the contact of some pairs of (m, 2)."""
     most = np.empty(AXES)
-    for n in range(len(pairs)):
+    for n in range(start, stop):
         a = box_at(centers, rotations, half_extents, pairs[n, 0])
         b = box_at(centers, rotations, half_extents, pairs[n, 1])
         (gaps[n], axis, _), pair = box_witness(a, b, most)

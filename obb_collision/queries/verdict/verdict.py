@@ -39,11 +39,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from obb_collision._jit import njit
+from obb_collision._threads import run
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.kinds import as_flag
 from obb_collision.numerics.constants import CAREFUL_BOUND, FAST_BOUND, UNDERFLOW
 from obb_collision.numerics.error_free import sum_sorted
 from obb_collision.numerics.vec3 import minus, norm
+from obb_collision.queries.verdict.blocks import BLOCK, BOUND, GAP, ROWS, bound_block, gather
 from obb_collision.queries.verdict.careful import careful_gap
 from obb_collision.queries.verdict.exact import exact_verdict
 from obb_collision.queries.verdict.pair_frame import Box, Pair, box_at, pair_of
@@ -80,6 +82,8 @@ TOUCHING = int(Verdict.TOUCHING)
 OVERLAP = int(Verdict.OVERLAP)
 UNDECIDED = -1
 
+#: Pairs below which a second thread does not pay: 20 us or so.
+FEWEST_PAIRS = 1024
 #: Edges count as nearly parallel in the fast stage when all off-axis dot products are below.
 NEARLY_PARALLEL = 2.0**-20
 
@@ -129,10 +133,10 @@ def pair_verdicts(
 ) -> Verdicts:
     """Return the verdicts of ``a[rows_a[n]]`` against ``b[rows_b[n]]``, (n,) int8."""
     result = np.empty(len(rows_a), np.int8)
-    verdict_kernel(
+    run(
+        *(verdict_kernel, len(result), FEWEST_PAIRS),
         *(a.centers, a.rotations, a.half_extents, rows_a),
-        *(b.centers, b.rotations, b.half_extents, rows_b),
-        result,
+        *(b.centers, b.rotations, b.half_extents, rows_b, result),
     )
     if exact:
         for n in np.flatnonzero(result == TOUCHING):
@@ -142,24 +146,31 @@ def pair_verdicts(
 
 @njit
 def verdict_kernel(
-    centers_a: Floats,
-    rotations_a: Floats,
-    half_extents_a: Floats,
-    rows_a: np.ndarray,
-    centers_b: Floats,
-    rotations_b: Floats,
-    half_extents_b: Floats,
-    rows_b: np.ndarray,
-    out: np.ndarray,
-) -> None:
-    """Write the certified verdict of each pair of rows.
+    centers_a: Floats, rotations_a: Floats, half_extents_a: Floats, rows_a: np.ndarray,
+    centers_b: Floats, rotations_b: Floats, half_extents_b: Floats, rows_b: np.ndarray,
+    out: np.ndarray, start: int, stop: int,
+) -> None:  # fmt: skip
+    """Write the certified verdicts of pairs ``start`` to ``stop`` of rows, as ``box_verdict``.
 
     centers (n, 3), rotations (n, 3, 3), half extents (n, 3) of both sides; rows and out (m,).
     """
-    for n in range(len(rows_a)):
-        a = box_at(centers_a, rotations_a, half_extents_a, rows_a[n])
-        b = box_at(centers_b, rotations_b, half_extents_b, rows_b[n])
-        out[n] = box_verdict(a, b)
+    block = np.empty((ROWS, BLOCK))
+    for first in range(start, stop, BLOCK):
+        count = min(BLOCK, stop - first)
+        gather(
+            centers_a, rotations_a, half_extents_a, rows_a,
+            centers_b, rotations_b, half_extents_b, rows_b, first, count, block,
+        )  # fmt: skip
+        bound_block(block, count)
+        for n in range(first, first + count):
+            gap, bound = block[GAP, n - first], block[BOUND, n - first]
+            if gap > bound:
+                out[n] = SEPARATE
+            elif gap < -bound:
+                out[n] = OVERLAP
+            else:
+                a = box_at(centers_a, rotations_a, half_extents_a, rows_a[n])
+                out[n] = box_verdict(a, box_at(centers_b, rotations_b, half_extents_b, rows_b[n]))
 
 
 @njit

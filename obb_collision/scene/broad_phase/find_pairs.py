@@ -19,9 +19,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from obb_collision._jit import njit
 from obb_collision.accuracy import Accuracy, as_box_accuracy
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.kinds import as_flag, check_kind
+from obb_collision.numerics.sorting import sort_by_keys
 from obb_collision.queries.verdict.coarse import (
     faces_may_collide,
     meeting_bounds,
@@ -116,9 +118,11 @@ def _decided(
     """Return the candidates (m, 2) that collide on a level, sorted, and their verdicts."""
     if level == Accuracy.OBB:
         return colliding_pairs(boxes, candidates, exact)
-    pairs = candidates[coarse_meet(boxes, *columns(candidates), level)]
-    order = np.argsort(pairs[:, 0] * len(boxes) + pairs[:, 1])
-    return pairs[order], np.full(len(pairs), TOUCHING, np.int8)
+    meet = coarse_meet(boxes, *columns(candidates), level)
+    found: tuple[Pairs, Verdicts] = _sorted_kernel(
+        candidates, np.where(meet, TOUCHING, SEPARATE).astype(np.int8), len(boxes)
+    )
+    return found
 
 
 def coarse_meet(
@@ -141,8 +145,30 @@ def colliding_pairs(boxes: Boxes, candidates: Pairs, exact: bool = False) -> tup
     """Return the candidates (m, 2) that are not SEPARATE, sorted, and their verdicts."""
     first, second = columns(candidates)
     verdicts = pair_verdicts(boxes, first, boxes, second, exact)
-    colliding = verdicts != SEPARATE
-    keys = first[colliding] * len(boxes) + second[colliding]
-    order = np.argsort(keys)
-    pairs = candidates[colliding][order]
-    return pairs, verdicts[colliding][order]
+    found: tuple[Pairs, Verdicts] = _sorted_kernel(candidates, verdicts, len(boxes))
+    return found
+
+
+@njit
+def _sorted_kernel(
+    pairs: np.ndarray, verdicts: np.ndarray, count: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the pairs (m, 2) of ``count`` rows that are not SEPARATE in order, and verdicts."""
+    bits = 1
+    while count >> bits > 0:
+        bits += 1
+    kept = 0
+    for verdict in verdicts:
+        kept += verdict != SEPARATE
+    keys, rows = np.empty(kept, np.int64), np.empty(kept, np.int64)
+    kept = 0
+    for n in range(len(pairs)):
+        if verdicts[n] != SEPARATE:
+            keys[kept], rows[kept] = (pairs[n, 0] << bits) | pairs[n, 1], n
+            kept += 1
+    sort_by_keys(keys, rows, 2 * bits)
+    sorted_pairs, sorted_verdicts = np.empty((kept, 2), np.int64), np.empty(kept, np.int8)
+    for n in range(kept):
+        sorted_pairs[n, 0], sorted_pairs[n, 1] = pairs[rows[n], 0], pairs[rows[n], 1]
+        sorted_verdicts[n] = verdicts[rows[n]]
+    return sorted_pairs, sorted_verdicts

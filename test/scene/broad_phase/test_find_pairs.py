@@ -25,6 +25,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from support import row_of, stored
 
+import obb_collision as oc
 from obb_collision.benchmarks.cases.placement import random_rotations
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.queries.verdict.verdict import Verdict, pair_verdicts, verdicts
@@ -325,3 +326,15 @@ def test_boxes_that_only_seem_to_touch_do_not_end_an_exact_search() -> None:
     assert not any_collision(boxes, exact=True)
     assert find_first(boxes, None, True) == (False, doubtful)
     assert find_first(boxes[:1], boxes[1:], True) == (False, 6)
+
+
+def test_pairs_and_their_order_are_the_same_for_any_number_of_threads() -> None:
+    boxes = uniform(np.random.default_rng(8), 6000)
+    found = []
+    for threads in (1, 2, 3, 5):
+        oc.set_threads(threads)
+        found.append(find_pairs(boxes))
+    oc.set_threads(None)
+    assert len(found[0]) > 1000
+    assert (np.lexsort((found[0][:, 1], found[0][:, 0])) == np.arange(len(found[0]))).all()
+    assert all((pairs == found[0]).all() for pairs in found)
