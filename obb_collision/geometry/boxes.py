@@ -415,21 +415,30 @@ def world_bounds_kernel(
 ) -> None:
     """Write axis-aligned bounds (n, 3) that certainly contain each box."""
     for n in range(len(centers)):
-        for k in range(3):
-            radius = 0.0
-            aligned = 0
-            for i in range(3):
-                weight = abs(rotations[n, k, i])
-                radius += weight * half_extents[n, i]
-                if weight == 0.0 or weight == 1.0:
-                    aligned += 1
-            center = centers[n, k]
-            low = center - radius
-            high = center + radius
-            slack = BOUND_SLACK * (abs(center) + radius) + BOUND_UNDERFLOW
-            if aligned < 3 or two_sum_error(center, -radius) < 0.0:
-                low -= slack
-            if aligned < 3 or two_sum_error(center, radius) > 0.0:
-                high += slack
-            minimum[n, k] = low
-            maximum[n, k] = high
+        write_world_bounds(centers, rotations, half_extents, n, minimum, maximum)
+
+
+@njit
+def write_world_bounds(
+    centers: Floats, rotations: Floats, half_extents: Floats, n: int, minimum: Floats,
+    maximum: Floats,
+) -> None:  # fmt: skip
+    """Write axis-aligned bounds, row n of (.., 3), that certainly contain a box."""
+    for k in range(3):
+        radius = 0.0
+        aligned = 0
+        for i in range(3):
+            weight = abs(rotations[n, k, i])
+            radius += weight * half_extents[n, i]
+            if weight == 0.0 or weight == 1.0:
+                aligned += 1
+        center = centers[n, k]
+        low = center - radius
+        high = center + radius
+        slack = BOUND_SLACK * (abs(center) + radius) + BOUND_UNDERFLOW
+        if aligned < 3 or two_sum_error(center, -radius) < 0.0:
+            low -= slack
+        if aligned < 3 or two_sum_error(center, radius) > 0.0:
+            high += slack
+        minimum[n, k] = low
+        maximum[n, k] = high

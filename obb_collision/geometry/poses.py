@@ -31,7 +31,8 @@ from obb_collision.geometry.validation import (
     orthonormalize,
 )
 from obb_collision.numerics.constants import ORTHONORMAL_ROUNDING
-from obb_collision.typing import Floats
+from obb_collision.numerics.vec3 import rows_at, vector_at
+from obb_collision.typing import Axes, Floats, Vector
 
 #: One pose, or quaternion, as plain numbers.
 Pose = tuple[float, float, float, float, float, float, float]
@@ -143,15 +144,20 @@ def quaternions_from_matrices(matrices: Floats) -> Floats:
 def _fill_matrices(quaternions: Floats, out: Floats) -> None:
     for n in range(len(quaternions)):
         x, y, z, w = quaternions[n]
-        out[n, 0, 0] = 1.0 - 2.0 * (y * y + z * z)
-        out[n, 0, 1] = 2.0 * (x * y - z * w)
-        out[n, 0, 2] = 2.0 * (x * z + y * w)
-        out[n, 1, 0] = 2.0 * (x * y + z * w)
-        out[n, 1, 1] = 1.0 - 2.0 * (x * x + z * z)
-        out[n, 1, 2] = 2.0 * (y * z - x * w)
-        out[n, 2, 0] = 2.0 * (x * z - y * w)
-        out[n, 2, 1] = 2.0 * (y * z + x * w)
-        out[n, 2, 2] = 1.0 - 2.0 * (x * x + y * y)
+        u, v, t = rotation_of((x, y, z, w))
+        for k in range(3):
+            out[n, 0, k], out[n, 1, k], out[n, 2, k] = u[k], v[k], t[k]
+
+
+@njit
+def rotation_of(quaternion: Quaternion) -> Axes:
+    """Return the rows of the rotation matrix of a unit quaternion."""
+    x, y, z, w = quaternion
+    return (
+        (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)),
+        (2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w)),
+        (2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)),
+    )
 
 
 @njit
@@ -201,14 +207,25 @@ def place_boxes(
     outputs are indexed by row, (.., 3) and (.., 3, 3).
     """
     for n in range(len(rows)):
-        row = rows[n]
-        for i in range(3):
+        place_box(
+            vector_at(positions, n), rows_at(rotations, n), local_centers, local_rotations, rows[n],
+            out_centers, out_rotations,
+        )  # fmt: skip
+
+
+@njit
+def place_box(
+    position: Vector, rotation: Axes, local_centers: Floats, local_rotations: Floats, row: int,
+    out_centers: Floats, out_rotations: Floats,
+) -> None:  # fmt: skip
+    """Move the local box of a row to the world; rotation: the rows of the pose's matrix."""
+    for i in range(3):
+        total = 0.0
+        for k in range(3):
+            total += rotation[i][k] * local_centers[row, k]
+        out_centers[row, i] = position[i] + total
+        for j in range(3):
             total = 0.0
             for k in range(3):
-                total += rotations[n, i, k] * local_centers[row, k]
-            out_centers[row, i] = positions[n, i] + total
-            for j in range(3):
-                total = 0.0
-                for k in range(3):
-                    total += rotations[n, i, k] * local_rotations[row, k, j]
-                out_rotations[row, i, j] = total
+                total += rotation[i][k] * local_rotations[row, k, j]
+            out_rotations[row, i, j] = total

@@ -30,7 +30,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from obb_collision._jit import njit
 from obb_collision.numerics.constants import MAX_MAGNITUDE, ORTHONORMAL_ROUNDING
-from obb_collision.typing import Floats
+from obb_collision.numerics.vec3 import dot, rows_at
+from obb_collision.typing import Axes, Floats
 from obb_collision.words import shown
 
 #: Largest whole number accepted where there is no other limit: the largest index.
@@ -260,20 +261,26 @@ def orthonormal_defect(stack: Floats) -> Floats:
     """
     defect = np.empty(len(stack))
     for n in range(len(stack)):
-        m = stack[n]
-        largest = 0.0
-        for i in range(3):
-            for j in range(i, 3):
-                entry = m[0, i] * m[0, j] + m[1, i] * m[1, j] + m[2, i] * m[2, j]
-                error = abs(entry - (1.0 if i == j else 0.0))
-                largest = error if not error <= largest else largest  # NaN stays
-        determinant = (
-            m[0, 0] * (m[1, 1] * m[2, 2] - m[1, 2] * m[2, 1])
-            - m[0, 1] * (m[1, 0] * m[2, 2] - m[1, 2] * m[2, 0])
-            + m[0, 2] * (m[1, 0] * m[2, 1] - m[1, 1] * m[2, 0])
-        )
-        defect[n] = -largest if determinant < 0.0 else largest
+        defect[n] = defect_of(rows_at(stack, n))
     return defect
+
+
+@njit
+def defect_of(matrix: Axes) -> float:
+    """Return what ``orthonormal_defect`` does, of one matrix by its rows."""
+    a, b, c = matrix
+    x, y, z = (a[0], b[0], c[0]), (a[1], b[1], c[1]), (a[2], b[2], c[2])
+    largest = abs(dot(x, x) - 1.0)
+    for error in (
+        abs(dot(x, y)), abs(dot(x, z)), abs(dot(y, y) - 1.0), abs(dot(y, z)), abs(dot(z, z) - 1.0)
+    ):  # fmt: skip
+        largest = error if not error <= largest else largest  # NaN stays
+    determinant = (
+        a[0] * (b[1] * c[2] - b[2] * c[1])
+        - a[1] * (b[0] * c[2] - b[2] * c[0])
+        + a[2] * (b[0] * c[1] - b[1] * c[0])
+    )
+    return -largest if determinant < 0.0 else largest
 
 
 def orthonormalize(stack: Floats) -> Floats:

@@ -170,6 +170,16 @@ def axes_of(rotations: Floats, i: int) -> Axes:
 
 
 @njit
+def rows_at(matrices: Floats, i: int) -> Axes:
+    """Return the rows of matrix i of (n, 3, 3)."""
+    return (
+        (matrices[i, 0, 0], matrices[i, 0, 1], matrices[i, 0, 2]),
+        (matrices[i, 1, 0], matrices[i, 1, 1], matrices[i, 1, 2]),
+        (matrices[i, 2, 0], matrices[i, 2, 1], matrices[i, 2, 2]),
+    )
+
+
+@njit
 def vector(array: Floats) -> Vector:
     """Return an array (3,) as a vector."""
     return array[0], array[1], array[2]

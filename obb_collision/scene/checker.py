@@ -16,15 +16,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-
 import numpy as np
-from numpy.typing import NDArray
 
+from obb_collision._threads import run
 from obb_collision.accuracy import Accuracy
-from obb_collision.geometry.boxes import Boxes
-from obb_collision.queries.verdict.coarse import meeting_bounds, sphere_bounds
-from obb_collision.queries.verdict.verdict import Verdicts
+from obb_collision.queries.verdict.coarse import bounds_kernel, sphere_bounds
+from obb_collision.queries.verdict.verdict import SEPARATE, decide_exactly
 from obb_collision.scene.broad_phase.bounds_tree import BoundsTree
 from obb_collision.scene.broad_phase.broad_phase import (
     NO_PAIRS,
@@ -36,47 +33,22 @@ from obb_collision.scene.broad_phase.broad_phase import (
 from obb_collision.scene.broad_phase.find_pairs import colliding_pairs, columns
 from obb_collision.scene.broad_phase.kept_tree import KeptTree
 from obb_collision.scene.building.shape_cache import ShapeCache
-from obb_collision.scene.effects.base import Outcome
+from obb_collision.scene.few import FEW, few_pairs
+from obb_collision.scene.findings import Findings, Layout
 from obb_collision.scene.limit import find_limited, most_candidates
+from obb_collision.scene.merging import merge_pairs, unchanged_pairs
 from obb_collision.scene.refinement.budget import Budget
-from obb_collision.scene.refinement.ladder import (
-    NONE,
-    Found,
-    decide_pairs,
-    is_plain,
-    needs_spheres,
-    pair_levels,
-)
-from obb_collision.scene.refinement.refine import Levels
+from obb_collision.scene.refinement.ladder import NONE, Found, decide_pairs, pair_levels
 from obb_collision.scene.store.allowed import AllowedPairs, PairFilter
 from obb_collision.scene.store.store import ObjectStore
 from obb_collision.typing import Floats, Rows
 
 #: With fewer than one object in this many changed, only pairs of the changed ones are looked at.
-INCREMENTAL_SHARE = 32
-
-
-@dataclass(eq=False)
-class Findings:
-    """What a check found, and what its effects gave so far.
-
-    behind: whether a budget left pairs on a lower level than they ask for; cap: the highest level
-    it allowed, None without a budget.
-    old (m,): the row of each pair in the findings before, -1 if it was decided anew; None if all
-    were.
-    total: how many pairs collide, at least, where a limit has left some out, else None; colliding
-    (n,): then which slots do, in whatever pair.
-    """
-
-    pairs: Pairs
-    verdicts: Verdicts
-    accuracies: Levels
-    behind: bool = False
-    cap: Accuracy | None = None
-    old: Rows | None = None
-    total: int | None = None
-    colliding: NDArray[np.bool_] | None = None
-    outcomes: dict[str, Outcome] = field(default_factory=dict)
+INCREMENTAL_SHARE = 8
+#: Rows below which a second thread doesn't pay: 20 us of bounds.
+LEAST_BOUNDS = 2048
+#: Pairs that a few boxes can make.
+FEW_PAIRS = FEW * (FEW - 1) // 2
 
 
 class Checker:
@@ -92,6 +64,10 @@ class Checker:
         self._bounds: tuple[Floats, Floats] | None = None
         self._tree: KeptTree | None = None  # over the bounds
         self._spheres = False  # whether the bounds hold the spheres, too
+        self._tree: KeptTree | None = None  # over the bounds
+        self._layout = Layout(-1, np.empty(0, np.int64), False, True, False)
+        self._room = np.empty((FEW_PAIRS, 2), np.int64), np.empty(FEW_PAIRS, np.int8)
+        self._old = np.empty(FEW_PAIRS, np.int64)
         self.limit: int | None = None
         self.last: Findings | None = None
         self.pair_filter: PairFilter | None = None
@@ -105,21 +81,65 @@ class Checker:
         """Return what collides. depth: of the boxes on the level "obb_tree"."""
         store, last = self._store, self.last
         self.pair_filter = self._allowed.pair_filter(store.names, store.version)
-        found = None
-        if last is not None and last.total is None and not store.changed[store.active].all():
-            found = self._find_changed(last, depth, exact, budget)
-        if found is None:
-            found = self._find_all(depth, exact, budget)
+        if last is not None and last.total is not None:
+            last = None  # not all of its pairs are known
+        if last is not None and not (store.touched or last.behind):
+            found = Findings(*last.found, old=np.arange(len(last.pairs)))
+        else:
+            found = self._find_anew(last, depth, exact, budget)
         found.cap = None if budget is None else budget.cap
-        store.changed[:] = False
+        store.settle()
         self.last = found
         return found
 
+    def _find_anew(
+        self, last: Findings | None, depth: int, exact: bool, budget: Budget | None
+    ) -> Findings:
+        """Decide pairs by whichever way is quickest."""
+        store = self._store
+        if self._layout.revision != store.revision:
+            self._layout = Layout.of(store)
+        active = self._layout.active
+        if self._layout.plain and len(active) <= FEW:
+            found = self._find_few(last, exact)
+            if self.limit is None or len(found.pairs) <= self.limit:
+                return found
+        if last is not None and np.count_nonzero(store.changed & store.active) < len(active):
+            changed = self._find_changed(last, depth, exact, budget)
+            if changed is not None:
+                return changed
+        return self._find_all(depth, exact, budget)
+
+    def _find_few(self, last: Findings | None, exact: bool) -> Findings:
+        """Decide all pairs of a few boxes."""
+        store = self._store
+        self._bounds = self._tree = None
+        (pairs, verdicts), old = self._room, self._old
+        found, known = few_pairs(
+            *(store.centers, store.rotations, store.half_extents, self._layout.active),
+            *(store.changed, NO_PAIRS if last is None else last.pairs, pairs, verdicts, old),
+        )
+        pairs, verdicts, old = pairs[:found].copy(), verdicts[:found].copy(), old[:found].copy()
+        if exact or self.pair_filter is not None:
+            kept = np.ones(found, np.bool_)
+            if exact:
+                boxes = store.all_boxes()
+                decide_exactly(boxes, pairs[:, 0], boxes, pairs[:, 1], verdicts)
+                kept = verdicts != SEPARATE
+            if self.pair_filter is not None:
+                kept &= self.pair_filter(*pairs.T)
+            pairs, verdicts, old = pairs[kept], verdicts[kept], old[kept]
+        return Findings(
+            pairs, verdicts, np.full(len(pairs), Accuracy.OBB, np.int8), old=old if known else None
+        )
+
     def _find_all(self, depth: int, exact: bool, budget: Budget | None) -> Findings:
         """Decide all pairs, or as many as the limit leaves."""
-        active, minimum, maximum = self._all_bounds()
+        self._tree = None
+        self._update_bounds()
+        active, minimum, maximum = self._active_bounds()
         if self.limit is None or len(active) < 2:
-            candidates = active[find_candidates(minimum, maximum)]
+            candidates = self._slots(find_candidates(minimum, maximum))
             found, behind = self._decide(candidates, depth, exact, budget)
             return Findings(*found, behind)
         behinds: list[bool] = []
@@ -145,22 +165,22 @@ class Checker:
     ) -> Findings | None:
         """Decide pairs with a change to them, and those left behind; None: too many for that."""
         store = self._store
-        candidates = self._candidates()
+        candidates = self._candidates(self._update_bounds())
         if candidates is None:
             return None
-        same = ~store.changed[last.pairs].any(axis=1)
-        waits = same & (last.accuracies < pair_levels(store, *columns(last.pairs))) & last.behind
-        waiting = last.pairs[waits], last.verdicts[waits], last.accuracies[waits]
-        (new, verdicts, levels), behind = self._decide(candidates, depth, exact, budget, waiting)
-        kept = np.flatnonzero(same & ~waits)
-        pairs = np.concatenate([last.pairs[kept], new])
-        if self.limit is not None and len(pairs) > self.limit:
+        kept, waiting = unchanged_pairs(last.pairs, store.changed), NONE
+        if last.behind:
+            waits = kept & (last.accuracies < pair_levels(store, *columns(last.pairs)))
+            waiting = last.pairs[waits], last.verdicts[waits], last.accuracies[waits]
+            kept &= ~waits
+        new, behind = self._decide(candidates, depth, exact, budget, waiting)
+        count = np.count_nonzero(kept) + len(new[0])
+        if self.limit is not None and count > self.limit:
             return None
-        order = np.lexsort((pairs[:, 1], pairs[:, 0]))
-        old = np.concatenate([kept, np.full(len(new), -1)])[order]
-        verdicts = np.concatenate([last.verdicts[kept], verdicts])[order]
-        levels = np.concatenate([last.accuracies[kept], levels])[order]
-        return Findings(pairs[order], verdicts, levels, behind, old=old)
+        pairs, old = np.empty((count, 2), np.int64), np.empty(count, np.int64)
+        verdicts, levels = np.empty(count, np.int8), np.empty(count, np.int8)
+        merge_pairs(*last.found, kept, *new, pairs, verdicts, levels, old)
+        return Findings(pairs, verdicts, levels, behind, old=old)
 
     def _decide(
         self, candidates: Pairs, depth: int, exact: bool, budget: Budget | None,
@@ -169,50 +189,61 @@ class Checker:
         store = self._store
         if self.pair_filter is not None:
             candidates = candidates[self.pair_filter(*candidates.T)]  # may not touch
-        if is_plain(store):
+        if self._layout.plain:
             pairs, verdicts = colliding_pairs(store.all_boxes(), candidates, exact)
             return (pairs, verdicts, np.full(len(pairs), Accuracy.OBB, np.int8)), False
         return decide_pairs(store, self._cache, candidates, depth, exact, budget, waiting, highest)
 
-    def _candidates(self) -> Pairs | None:
-        """Return pairs (m, 2) of changed slots whose bounds overlap; None: too many."""
+    def _candidates(self, changed: Rows) -> Pairs | None:
+        """Return pairs (m, 2) of changed slots (k,) whose bounds overlap; None: too many."""
         store = self._store
-        changed = np.flatnonzero(store.changed)
-        bounds = self._bounds
         most = UNLIMITED if self.limit is None else most_candidates(self.limit, len(store.names))
-        if (
-            bounds is None
-            or len(bounds[0]) < len(store.names)  # the store has grown
-            or len(changed) * INCREMENTAL_SHARE >= len(store.names)
-            or needs_spheres(store) != self._spheres  # the bounds are of another kind
-        ):
-            active, minimum, maximum = self._all_bounds()
-            if len(active) < 2:
-                return NO_PAIRS
+        active, minimum, maximum = self._active_bounds()
+        if len(active) < 2:
+            return NO_PAIRS
+        if len(changed) * INCREMENTAL_SHARE >= len(active):
+            self._tree = None
             candidates = find_some_candidates(BoundsTree.build(minimum, maximum), most)
             if candidates is None:
                 return None
-            candidates = active[candidates]
+            candidates = self._slots(candidates)
             return candidates[store.changed[candidates].any(axis=1)]
-        active = changed[store.active[changed]]
-        bounds[0][changed] = np.inf  # empty: overlaps nothing
-        bounds[1][changed] = -np.inf
-        bounds[0][active], bounds[1][active] = self._bounds_of(store.boxes(active))
-        if self._tree is None or not self._tree.update(changed):
-            self._tree = KeptTree(*bounds)
-        return self._tree.pairs_of(active, most)
+        assert self._bounds is not None
+        if self._tree is None:
+            self._tree = KeptTree(*self._bounds)
+        return self._tree.pairs_of(changed, most)
 
-    def _all_bounds(self) -> tuple[Rows, Floats, Floats]:
-        """Return the active slots (k,) and their bounds (k, 3), (k, 3), and keep these by slot."""
-        store = self._store
-        self._spheres = needs_spheres(store)
-        active = np.flatnonzero(store.active)
-        minimum, maximum = self._bounds_of(store.boxes(active))
-        shape = store.centers.shape
-        self._tree = None
-        self._bounds = np.full(shape, np.inf), np.full(shape, -np.inf)
-        self._bounds[0][active], self._bounds[1][active] = minimum, maximum
-        return active, minimum, maximum
+    def _slots(self, rows: Pairs) -> Pairs:
+        """Return the slots of rows of active ones."""
+        return rows if self._layout.whole else self._layout.active[rows]
 
-    def _bounds_of(self, boxes: Boxes) -> tuple[Floats, Floats]:
-        return sphere_bounds(boxes) if self._spheres else meeting_bounds(boxes)
+    def _active_bounds(self) -> tuple[Rows, Floats, Floats]:
+        """Return the active slots (k,) and their bounds (k, 3), (k, 3)."""
+        assert self._bounds is not None
+        active = self._layout.active
+        minimum, maximum = self._bounds
+        if self._layout.whole:
+            return active, minimum[: len(active)], maximum[: len(active)]
+        return active, minimum[active], maximum[active]
+
+    def _update_bounds(self) -> Rows:
+        """Bound what changed, by slot, empty where not active; return the active ones of it."""
+        store, layout = self._store, self._layout
+        changed = np.flatnonzero(store.changed)
+        rows = changed[store.active[changed]]
+        anew = rows
+        kept = self._bounds
+        if kept is None or len(kept[0]) < len(store.names) or self._spheres != layout.spheres:
+            shape = store.centers.shape
+            kept = self._bounds = np.full(shape, np.inf), np.full(shape, -np.inf)
+            self._spheres, self._tree, anew = layout.spheres, None, layout.active
+        elif len(rows) < len(changed):
+            kept[0][changed], kept[1][changed] = np.inf, -np.inf  # empty: overlaps nothing
+        if layout.spheres:
+            kept[0][anew], kept[1][anew] = sphere_bounds(store.boxes(anew))
+        else:
+            boxes = store.centers, store.rotations, store.half_extents
+            run(bounds_kernel, len(anew), LEAST_BOUNDS, *boxes, anew, *kept)
+        if self._tree is not None and not self._tree.update(changed):
+            self._tree = None
+        return rows

@@ -242,7 +242,7 @@ class SceneObjects:
         5.0
         """
         slot = self._store.slot(name)
-        self._store.move(np.array([slot]), as_array(pose, "pose", (7,))[None])
+        self._store.move_indices(np.array([slot]), as_array(pose, "pose", (7,))[None])
 
     def move_many(self, names: Iterable[str], poses: ArrayLike) -> None:
         """Give objects new poses (n, 7), by name; all or, on an error, none.
@@ -268,7 +268,7 @@ class SceneObjects:
         >>> scene.pose("cup")[0].item()
         5.0
         """
-        self._store.move(self._store.slots_of(names), poses)
+        self._store.move_indices(self._store.slots_of(names), poses)
 
     def move_indices(self, indices: ArrayLike, poses: ArrayLike) -> None:
         """Give objects new poses (n, 7), by index array (n,); all or, on an error, none.
@@ -295,7 +295,7 @@ class SceneObjects:
         >>> scene.pose("cup")[0].item()
         5.0
         """
-        self._store.move(self._store.check_slots(indices), poses)
+        self._store.move_indices(indices, poses)
 
     def place(self, indices: NDArray[np.int64], poses: Floats) -> None:
         """Give objects new poses as ``move_indices`` does, but check nothing.
@@ -476,7 +476,7 @@ class SceneObjects:
         slot = self._store.slot(name)
         if self._store.active[slot] != as_flag(enabled, "enabled"):
             self._store.active[slot] = enabled
-            self._store.changed[slot] = True
+            self._store.mark(slot)
 
     def set_enabled_indices(self, indices: ArrayLike, enabled: ArrayLike) -> None:
         """Let objects take part in collisions or not (n,), by index array (n,).
@@ -508,7 +508,7 @@ class SceneObjects:
             raise TypeError(f"enabled must be True or False for each, got {shown(enabled)}")
         changed = self._store.active[slots] != enabled
         self._store.active[slots] = enabled
-        self._store.changed[slots[changed]] = True
+        self._store.mark(slots[changed])
 
     @property
     def padding(self) -> float:
@@ -565,7 +565,7 @@ class SceneObjects:
         value = self._accuracy if own is None else own
         if self._store.accuracies[slot] != value:
             self._store.accuracies[slot] = value
-            self._store.changed[slot] = True
+            self._store.mark(slot)
 
     def __len__(self) -> int:
         return len(self._store)

@@ -93,7 +93,8 @@ def body_in(
     padding: float, level: Accuracy,
 ) -> Iterator[int]:  # fmt: skip
     """Put a body into a store for as long as it is asked about; yield its slot."""
-    changed, version, outside = store.changed.copy(), store.version, cache.outside
+    changed, touched = store.changed.copy(), store.touched
+    version, outside = store.version, cache.outside
     cache.outside = None  # what the question needs is built now
     slot = store.put(BODY, local_box, pose, padding)
     try:
@@ -106,5 +107,5 @@ def body_in(
         cache.outside = outside
         # as before: the names are, and nothing has changed
         store.version = version
-        store.changed[:] = False
-        store.changed[: len(changed)] = changed
+        store.settle()
+        store.changed[: len(changed)], store.touched = changed, touched

@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from time import perf_counter
 from typing import Any
 
@@ -29,11 +29,11 @@ from obb_collision.queries.clearance.clearance import Clearances
 from obb_collision.queries.contacts.contacts import Contacts
 from obb_collision.queries.points.points import PointsInside
 from obb_collision.queries.verdict.separations import Separations
-from obb_collision.scene.checker import Findings
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.effects.base import Cycle, Setting
 from obb_collision.scene.effects.settings import OFF
 from obb_collision.scene.effects.sweep import SweptPairs
+from obb_collision.scene.findings import Findings
 from obb_collision.typing import Floats
 from obb_collision.words import shown
 
@@ -145,12 +145,18 @@ class Report:
     def compute(self, effect: str) -> None:
         """Compute an effect and note what it took, and why it failed if it did."""
         start = perf_counter()
-        count, failures = 0, tuple[str, ...]()
+        known = self._outcomes.get(effect)
+        if known is not None:  # by a report of the same findings
+            self.costs[effect] = Cost(0, 0.0, known.failures)
+            return
+        count = 0
+        failures: tuple[str, ...] = ()
         try:
             outcome = EFFECTS[effect].run(self.cycle, self._settings[effect])
+            if self.cycle.notes:
+                outcome = replace(outcome, failures=(*outcome.failures, *self.cycle.notes))
             self._outcomes[effect] = outcome
             count, failures = outcome.count, outcome.failures
-            failures += tuple(self.cycle.notes)
         except Exception as error:  # whatever it is, the others and the cycle go on
             failures = (f"{type(error).__name__}: {error}",)
         self.cycle.notes.clear()

@@ -22,6 +22,7 @@ from difflib import get_close_matches
 from time import perf_counter
 from typing import Any
 
+import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from obb_collision.accuracy import Accuracy, as_accuracy
@@ -29,10 +30,11 @@ from obb_collision.geometry.kinds import as_flag, check_kind
 from obb_collision.geometry.poses import IDENTITY_POSE
 from obb_collision.geometry.validation import as_array, as_points, as_whole, warn_caller
 from obb_collision.obb import OBB
-from obb_collision.scene.checker import Checker, Findings
+from obb_collision.scene.checker import Checker
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.effects.base import Before, Cycle, Setting
 from obb_collision.scene.effects.settings import EffectSettings
+from obb_collision.scene.findings import Findings
 from obb_collision.scene.objects import SceneObjects, check_padding, local_box
 from obb_collision.scene.questions import any_collides, body_in, colliding_with
 from obb_collision.scene.refinement.budget import Budget
@@ -130,8 +132,13 @@ class Scene(SceneObjects):
         super().clear()
         self._checker = Checker(self._store, self._cache, self._allowed)
         self._checker.limit = self._max_pairs
-        self._report: weakref.ref[Report] | None = None
+        self._forget_report()
         self._before: Before | None = None
+
+    def _forget_report(self) -> None:
+        """Make the next check a new one, though nothing has moved."""
+        self._report: weakref.ref[Report] | None = None
+        self._kept: Findings | None = None  # of the last report that lasts
 
     @property
     def tree_depth(self) -> int:
@@ -141,7 +148,8 @@ class Scene(SceneObjects):
     @tree_depth.setter
     def tree_depth(self, value: int) -> None:
         self._tree_depth = as_whole(value, "tree_depth")
-        self._store.changed |= self._store.used & (self._store.accuracies >= Accuracy.OBB_TREE)
+        high = self._store.accuracies >= Accuracy.OBB_TREE
+        self._store.mark(np.flatnonzero(self._store.used & high))
 
     @property
     def max_pairs(self) -> int | None:
@@ -159,7 +167,7 @@ class Scene(SceneObjects):
     def max_pairs(self, value: int | None) -> None:
         self._max_pairs = _checked_limit(value)
         self._checker.limit, self._checker.last = self._max_pairs, None
-        self._report = None
+        self._forget_report()
 
     @property
     def time_budget(self) -> float | None:
@@ -219,7 +227,7 @@ class Scene(SceneObjects):
         []
         """
         self._allowed.add(first, second, as_flag(allowed, "allowed"))
-        self._store.changed |= self._store.used
+        self._store.mark(self._store.live())
 
     @property
     def allowed(self) -> list[tuple[str, str, bool]]:
@@ -234,7 +242,7 @@ class Scene(SceneObjects):
         before = self._allowed.rules
         self._allowed.replace(rules)
         if self._allowed.rules != before:
-            self._store.changed |= self._store.used
+            self._store.mark(self._store.live())
 
     def set_effect(
         self,
@@ -269,7 +277,7 @@ class Scene(SceneObjects):
         'on'
         """
         self._effects.set(name, mode, objects, options)
-        self._report = None
+        self._forget_report()
 
     def effect_setting(self, name: str) -> Setting:
         """Return how an effect is set. ValueError for an unknown one.
@@ -301,7 +309,7 @@ class Scene(SceneObjects):
     @obstacle_points.setter
     def obstacle_points(self, value: ArrayLike | None) -> None:
         self._obstacle_points = None if value is None else as_points(value, "obstacle_points")
-        self._report = None
+        self._forget_report()
 
     def check(self, effects: Iterable[str] | str = ()) -> Report:
         """Return all colliding pairs, with the effects asked for by name, or the one.
@@ -337,8 +345,10 @@ class Scene(SceneObjects):
         wanted = self._effects.wanted(effects)
         lasting = not wanted or all(EFFECTS[name].lazy for name in wanted)
         report = self._report() if self._report is not None else None
-        if report is None or not lasting or self._store.changed.any() or self._checker.behind:
-            report = self._checked(start)
+        if self._store.touched or self._checker.behind or not lasting:
+            report, self._kept = None, None
+        if report is None:
+            report = self._reported(start)
             self._report = weakref.ref(report)
         for name in wanted:
             if name not in report.costs:
@@ -365,7 +375,7 @@ class Scene(SceneObjects):
         True
         """
         last = self._checker.last
-        if last is not None and not last.behind and not self._store.changed.any():
+        if last is not None and not last.behind and not self._store.touched:
             return len(last.pairs) > 0
         pair_filter = self._allowed.pair_filter(self._store.names, self._store.version)
         return any_collides(
@@ -432,14 +442,17 @@ class Scene(SceneObjects):
         """Return what collides and nothing more: what a check costs without any effect."""
         return self._checker.find(self._tree_depth, self._exact, self._budget)
 
-    def _checked(self, start: float) -> Report:
-        store = self._store
-        last = self._checker.last
-        found = self._find()
+    def _reported(self, start: float) -> Report:
+        """Return a report of what collides now: of what is known already where nothing changed."""
+        store, found = self._store, self._kept
+        if found is None:
+            last = self._checker.last
+            found = self._kept = self._find()
+            self._last_outcomes = {} if last is None else last.outcomes
         stages = {"pairs": perf_counter() - start}
         cycle = Cycle(
             *(store.snapshot(), store.active.copy(), found.pairs, found.verdicts),
-            *(self._checker.pair_filter, found.old, {} if last is None else last.outcomes),
+            *(self._checker.pair_filter, found.old, self._last_outcomes),
             *(self._obstacle_points, store, self._before),
             limit=None if self._max_pairs is None else NEAR_PER_PAIR * self._max_pairs,
         )

@@ -65,8 +65,8 @@ from obb_collision.shapes import (
     Sphere,
 )
 
-OBJECTS = 64
-"""Enough that one moved object of them takes the incremental way through the scene."""
+FEW_OBJECTS, OBJECTS = 8, 256
+"""A few, which have a kernel of their own, and enough for a tree that some of them move in."""
 TETRAHEDRON = ((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 TETRAHEDRON_FACES = ((0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3))
 TURNED = (0.0, 0.0, 0.0, 0.0, 0.0, 0.6, 0.8)
@@ -105,18 +105,20 @@ def possible_steps() -> list[str]:
     return [step for step in STEPS if ros or step not in NEEDS_ROS]
 
 
-def _row_of_boxes() -> Scene:
+def _row_of_boxes(count: int = OBJECTS) -> Scene:
     scene = Scene()
-    for number in range(OBJECTS):
-        scene.add(str(number), Box((1.0, 1.0, 1.0)), (0.75 * number, 0, 0, 0, 0, 0.6, 0.8))
+    poses = [(0.75 * number, 0, 0, 0, 0, 0.6, 0.8) for number in range(count)]
+    scene.add_boxes([str(number) for number in range(count)], np.ones((count, 3)), poses)
     return scene
 
 
 def _boxes() -> None:
     """Run what every check needs, whatever the objects are, and the levels up to "obb"."""
+    _row_of_boxes(FEW_OBJECTS).check()
     scene = _row_of_boxes()
-    for x in (0.0, 0.1):
-        scene.move_indices(np.array([0]), np.array([(x, 0.1, 0, 0, 0.6, 0, 0.8)]))
+    for moved in (0, 1, 1, OBJECTS // 2):
+        poses = scene.poses_of(range(moved)) + np.array((0.1, 0, 0, 0, 0, 0, 0))
+        scene.move_indices(np.arange(moved), poses)
         report = scene.check(effects=["separations"])
         _ = report.colliding, report.depths
     quaternions_from_matrices(scene.boxes.rotations)  # of markers

@@ -30,7 +30,7 @@ from __future__ import annotations
 import numpy as np
 
 from obb_collision._jit import njit
-from obb_collision.geometry.boxes import Boxes
+from obb_collision.geometry.boxes import Boxes, write_world_bounds
 from obb_collision.numerics.constants import FAST_BOUND, ROUNDOFF, UNDERFLOW
 from obb_collision.numerics.vec3 import minus, norm, sum_abs, vector_at
 from obb_collision.queries.verdict.pair_frame import Pair, box_at, pair_of
@@ -47,8 +47,11 @@ MEETING_UNDERFLOW = 4 * UNDERFLOW
 
 def meeting_bounds(boxes: Boxes) -> tuple[Floats, Floats]:
     """Return minimum and maximum (n, 3) of bounds which overlap for all boxes not SEPARATE."""
-    minimum, maximum = boxes.world_bounds()
-    _grow_kernel(boxes.centers, boxes.half_extents, minimum, maximum)
+    minimum, maximum = np.empty((2, len(boxes), 3))
+    bounds_kernel(
+        *(boxes.centers, boxes.rotations, boxes.half_extents, np.arange(len(boxes))),
+        *(minimum, maximum, 0, len(boxes)),
+    )
     return minimum, maximum
 
 
@@ -89,14 +92,28 @@ def faces_may_collide(boxes: Boxes, rows_a: Integers, rows_b: Integers) -> Mask:
 
 
 @njit
-def _grow_kernel(centers: Floats, half_extents: Floats, minimum: Floats, maximum: Floats) -> None:
-    for n in range(len(centers)):
-        size = sum_abs(vector_at(centers, n))
-        size += half_extents[n, 0] + half_extents[n, 1] + half_extents[n, 2]
-        slack = MEETING_SLACK * size + MEETING_UNDERFLOW
-        for k in range(3):
-            minimum[n, k] -= slack
-            maximum[n, k] += slack
+def bounds_kernel(
+    centers: Floats, rotations: Floats, half_extents: Floats, rows: np.ndarray,
+    minimum: Floats, maximum: Floats, start: int, stop: int,
+) -> None:  # fmt: skip
+    """Write the ``meeting_bounds`` of rows ``rows[start:stop]`` to the same rows."""
+    for n in range(start, stop):
+        write_meeting_bounds(centers, rotations, half_extents, rows[n], minimum, maximum)
+
+
+@njit
+def write_meeting_bounds(
+    centers: Floats, rotations: Floats, half_extents: Floats, n: int, minimum: Floats,
+    maximum: Floats,
+) -> None:  # fmt: skip
+    """Write the ``meeting_bounds`` of row n."""
+    write_world_bounds(centers, rotations, half_extents, n, minimum, maximum)
+    size = sum_abs(vector_at(centers, n))
+    size += half_extents[n, 0] + half_extents[n, 1] + half_extents[n, 2]
+    slack = MEETING_SLACK * size + MEETING_UNDERFLOW
+    for k in range(3):
+        minimum[n, k] -= slack
+        maximum[n, k] += slack
 
 
 @njit

@@ -139,9 +139,16 @@ def pair_verdicts(
         *(b.centers, b.rotations, b.half_extents, rows_b, result),
     )
     if exact:
-        for n in np.flatnonzero(result == TOUCHING):
-            result[n] = exact_verdict(a, rows_a[n], b, rows_b[n])
+        decide_exactly(a, rows_a, b, rows_b, result)
     return result
+
+
+def decide_exactly(
+    a: Boxes, rows_a: NDArray[np.int64], b: Boxes, rows_b: NDArray[np.int64], verdicts: Verdicts
+) -> None:
+    """Replace TOUCHING among verdicts (n,) by what integer arithmetic says."""
+    for n in np.flatnonzero(verdicts == TOUCHING):
+        verdicts[n] = exact_verdict(a, rows_a[n], b, rows_b[n])
 
 
 @njit

@@ -34,6 +34,7 @@ from obb_collision.geometry.validation import as_array
 from obb_collision.queries.verdict.verdict import Verdicts
 from obb_collision.scene.broad_phase.broad_phase import Pairs
 from obb_collision.scene.store.allowed import PairFilter
+from obb_collision.scene.store.snapshot import Snapshot
 from obb_collision.scene.store.store import ObjectStore
 from obb_collision.typing import Mask, Rows
 
@@ -84,25 +85,30 @@ class Setting:
 class Before(NamedTuple):
     """Where the objects were at the check before; rows of slots."""
 
-    boxes: Boxes
+    snapshot: Snapshot
     active: Mask
     born: Rows
+
+    @property
+    def boxes(self) -> Boxes:
+        """The boxes of all slots."""
+        return self.snapshot.boxes
 
 
 @dataclass(eq=False)
 class Cycle:
     """One check of a scene as effects see it; the arrays stay as they are.
 
-    boxes: of all slots; active (slots,): which take part; pairs (m, 2) and verdicts (m,): what
-    collides; pair_filter: which pairs of slots (k,), (k,) count, None for all; old (m,): the row
-    that each pair had in the check before, -1 if it is to be computed anew, None if all are; last:
-    outcomes of the check before by effect; obstacle_points (k, 3): None for none.
+    snapshot: the boxes of all slots; active (slots,): which take part; pairs (m, 2) and verdicts
+    (m,): what collides; pair_filter: which pairs of slots (k,), (k,) count, None for all; old (m,):
+    the row that each pair had in the check before, -1 if it is to be computed anew, None if all
+    are; last: outcomes of the check before by effect; obstacle_points (k, 3): None for none.
 
     For effects that are not lazy only: store, whose poses and twists may change after the check,
     and before, None where nobody asked at the check before.
     """
 
-    boxes: Boxes
+    snapshot: Snapshot
     active: Mask
     pairs: Pairs
     verdicts: Verdicts
@@ -117,6 +123,11 @@ class Cycle:
     notes: list[str] = field(default_factory=list)
     """What an effect could not do at all; each becomes one of its failures."""
 
+    @property
+    def boxes(self) -> Boxes:
+        """The boxes of all slots."""
+        return self.snapshot.boxes
+
     def without_allowed(self, pairs: Pairs) -> Pairs:
         """Return those of pairs (k, 2) that may not touch."""
         if self.pair_filter is None:
@@ -125,7 +136,7 @@ class Cycle:
 
     def as_before(self) -> Before:
         """Return what the next check can compare with."""
-        return Before(self.boxes, self.active, self.store.born.copy())
+        return Before(self.snapshot, self.active, self.store.born.copy())
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,26 +195,46 @@ def pair_rows(
     rows = setting.select(cycle.pairs)
     if len(rows) == 0:
         return Outcome(blank, 0, (), rows, setting.values)
+    pairs = cycle.pairs.copy() if len(rows) == len(cycle.pairs) else cycle.pairs[rows]
+
+    def compute_some(some: Pairs) -> R:
+        return compute(cycle.boxes, some)
+
     last = cycle.last.get(name)
-    known = _known_rows(cycle, rows, setting, last)
-    anew = np.flatnonzero(known < 0)
-    pairs = cycle.pairs[rows]
-    good, result, failures = isolated(lambda some: compute(cycle.boxes, some), pairs[anew], blank)
-    copied = np.flatnonzero(known >= 0)
-    if last is not None and len(copied):
-        order = np.argsort(np.concatenate([copied, anew[good]]))
-        result = take_rows(join_rows([take_rows(last.result, known[copied]), result]), order)
-    rows = np.delete(rows, np.delete(anew, good))
-    return Outcome(result, len(anew), failures, rows, setting.values)
+    known = None if last is None else _known_rows(cycle, rows, setting, last)
+    if last is None or known is None:
+        good, result, failures = isolated(compute_some, pairs, blank)
+        rows = rows if len(good) == len(rows) else rows[good]
+        return Outcome(result, len(pairs), failures, rows, setting.values)
+    done = known >= 0
+    anew = np.flatnonzero(~done)
+    good, result, failures = isolated(compute_some, pairs[anew], blank)
+    copied = done.copy()
+    done[anew[good]] = True
+    result = _merged(last.result, known[copied], copied[done], result)
+    return Outcome(result, len(anew), failures, rows[done], setting.values)
 
 
-def _known_rows(cycle: Cycle, rows: Rows, setting: Setting, last: Outcome | None) -> Rows:
-    """Return (k,) the row of each pair in the last result, -1 where it must be computed."""
-    if cycle.old is None or last is None or last.rows is None or last.values != setting.values:
-        return np.full(len(rows), -1)
+def _known_rows(cycle: Cycle, rows: Rows, setting: Setting, last: Outcome) -> Rows | None:
+    """Return (k,) the row of each pair in the last result, -1 where it must be computed.
+
+    None where that is everywhere.
+    """
+    if cycle.old is None or last.rows is None or last.values != setting.values:
+        return None
     where = np.full(max(int(cycle.old.max(initial=-1)), int(last.rows.max(initial=-1))) + 2, -1)
     where[last.rows] = np.arange(len(last.rows))
     return where[cycle.old[rows]]  # the last entry, which -1 takes, is -1
+
+
+def _merged(last: R, known: Rows, copied: Mask, new: R) -> R:
+    """Return rows of the last table where copied (m,), rows of a new one elsewhere, in order."""
+    columns = []
+    for before, here in zip(vars(last).values(), vars(new).values(), strict=True):
+        column = np.empty((len(copied), *here.shape[1:]), here.dtype)
+        column[copied], column[~copied] = before[known], here
+        columns.append(column)
+    return type(new)(*columns)
 
 
 def isolated(

@@ -24,25 +24,28 @@ import heapq
 import weakref
 from collections.abc import Iterable, Sequence
 from itertools import count
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from obb_collision._threads import run
 from obb_collision.accuracy import Accuracy
 from obb_collision.geometry.boxes import Boxes, add_outwards
-from obb_collision.geometry.poses import (
-    as_poses,
-    matrices_from_quaternions,
-    place_boxes,
-    unit_quaternions,
-)
+from obb_collision.geometry.poses import as_poses, place_boxes
 from obb_collision.geometry.validation import as_array
+from obb_collision.scene.store.moving import UNUSUAL, find_moves, write_moves
+from obb_collision.scene.store.snapshot import Snapshot
 from obb_collision.typing import Floats, Rows
 from obb_collision.words import shown
 
 LocalBox = tuple[Floats, Floats, Floats]
 
 FIRST_CAPACITY = 16
+#: Rows below which a second thread doesn't pay: 30 us of moves.
+LEAST_MOVES = 1024
+#: Snapshots in use that have changes noted; older ones get a copy.
+MOST_LENT = 4
 _versions = count(1)
 
 
@@ -52,6 +55,8 @@ class ObjectStore:
     def __init__(self) -> None:
         self.slots: dict[str, int] = {}
         self.version = next(_versions)  # changes with the names; no two stores share one
+        self.revision = 0  # changes with all but poses and twists
+        self.touched = False  # whether anything may be marked changed
         self._name_tuple: tuple[int, tuple[str | None, ...]] = (0, ())
         self._free: list[int] = []
         self._allocate(FIRST_CAPACITY)
@@ -73,7 +78,8 @@ class ObjectStore:
         self.centers = np.zeros((capacity, 3))
         self.rotations = np.zeros((capacity, 3, 3))
         self.half_extents = np.zeros((capacity, 3))
-        self._lent: weakref.ref[Boxes] | None = None
+        self._lent: list[weakref.ref[Snapshot]] = []
+        self._extents_lent = False
         self._free = list(range(capacity))
 
     def _grow(self) -> None:
@@ -124,8 +130,9 @@ class ObjectStore:
         self.local_half_extents[slot] = extents
         self.poses[slot] = pose
         self.active[slot] = True
-        self._place(np.array([slot]), positions, rotations)
-        self.pad(np.array([slot]), padding)
+        rows = np.array([slot])
+        self._place(rows, positions, rotations)
+        self.pad(rows, padding)
         return slot
 
     def put_boxes(
@@ -173,20 +180,52 @@ class ObjectStore:
         for slot, name in zip(rows.tolist(), names, strict=True):
             del self.slots[str(self.names[slot])]
             self.slots[name], self.names[slot] = slot, name
+        self.mark(rows)
+
+    def mark(self, rows: Rows | int) -> None:
+        """Mark slots as changed in more than their poses."""
+        if np.size(rows) == 0:
+            return
         self.changed[rows] = True
+        self.touched = True
+        self.revision += 1
+
+    def settle(self) -> None:
+        """Mark nothing as changed: it has been checked."""
+        self.changed[:] = False
+        self.touched = False
 
     def renew(self, rows: Rows) -> None:
         """Make objects new ones, as if each had been removed and added again with its pose."""
         self.version = next(_versions)
-        self.born[rows], self.twists[rows], self.changed[rows] = self.version, 0.0, True
+        self.born[rows], self.twists[rows] = self.version, 0.0
+        self.mark(rows)
 
-    def move(self, rows: Rows, poses: ArrayLike) -> None:
-        """Give slots (m,) new poses (m, 7); what has its pose already is not marked changed."""
-        new = as_array(poses, "poses", (None, 7))
-        if len(new) != len(rows):
-            raise ValueError(
-                f"poses must have one row per object, got {len(new)} for {len(rows)} objects"
-            )
+    def move_indices(self, indices: ArrayLike, poses: ArrayLike) -> None:
+        """Give the objects of indices (m,) poses (m, 7); all or, on an error, none.
+
+        What has its pose already is not marked changed. KeyError naming the first index that is
+        not in use; ValueError for bad poses.
+        """
+        rows: Any = indices
+        new: Any = poses
+        if not (_suits(rows, np.int64) and _suits(new, np.float64) and new.shape == (len(rows), 7)):
+            rows, new = self.check_slots(indices), as_array(poses, "poses", (None, 7))
+            if len(new) != len(rows):
+                got = f"{len(new)} for {len(rows)} objects"
+                raise ValueError(f"poses must have one row per object, got {got}")
+            new = new if new.flags.writeable else new.copy()
+        which = np.empty(len(rows), np.int64)
+        count, ascending = find_moves(rows, new, self.used, self.poses, which)
+        if count == UNUSUAL:
+            self._move(self.check_slots(rows), as_array(new, "poses", (None, 7)))
+        elif count:
+            if count < len(rows) and not ascending and len(np.unique(rows)) < len(rows):
+                which, count = np.arange(len(rows)), len(rows)  # the last pose of each counts
+            self._write(rows, new, which[:count], ascending)
+
+    def _move(self, rows: Rows, new: Floats) -> None:
+        """Do what ``move_indices`` does, with a word about whatever is wrong with poses (m, 7)."""
         moved = (self.poses[rows] != new).any(axis=1)
         numbers = None
         if not moved.all() and len(np.unique(rows)) == len(rows):
@@ -197,30 +236,47 @@ class ObjectStore:
 
     def place(self, rows: Rows, poses: Floats) -> None:
         """Give slots (m,), all distinct, new poses (m, 7), finite, with quaternions not zero."""
-        moved = (self.poses[rows] != poses).any(axis=1)
-        if not moved.all():
-            rows, poses = rows[moved], poses[moved]
-        self.poses[rows] = poses
-        rotations = matrices_from_quaternions(unit_quaternions(poses[:, 3:]))
-        self._place(rows, np.ascontiguousarray(poses[:, :3]), rotations)
+        moved = np.flatnonzero((self.poses[rows] != poses).any(axis=1))
+        if len(moved):
+            self._write(rows, np.ascontiguousarray(poses), moved, False)
+
+    def _write(self, rows: Rows, new: Floats, which: Rows, ascending: bool) -> None:
+        """Give rows the poses new (m, 7) that ``which`` names; ascending: whether they are so."""
+        if self._lent:
+            self._detach(rows[which])
+        self.touched = True
+        arguments = (
+            *(rows, new, which, self.poses, self.local_centers, self.local_rotations),
+            *(self.centers, self.rotations, self.changed),
+        )
+        # a row that is there twice is written by one thread, so that its last pose counts
+        least = LEAST_MOVES if ascending else len(which)
+        if any(run(write_moves, len(which), least, *arguments)):
+            loose = -1 - which[which < 0]
+            self._place(rows[loose], *as_poses(new[loose], warn=False))
 
     def _place(self, rows: Rows, positions: Floats, rotations: Floats) -> None:
-        self._detach()
+        if len(rows) == 0:
+            return
+        self._detach(rows)
         place_boxes(
             *(positions, rotations, self.local_centers, self.local_rotations, rows),
             *(self.centers, self.rotations),
         )
         self.changed[rows] = True
+        self.touched = True
 
     def pad(self, rows: Rows, padding: float) -> None:
         """Grow slots by ``padding`` metres on every side beyond their local box."""
         pad = as_array(padding, "padding", ())
         if pad < 0.0:
             raise ValueError("padding must not be negative")
-        self._detach()
+        self._detach(rows)
+        if self._extents_lent:
+            self.half_extents, self._extents_lent = self.half_extents.copy(), False
         self.paddings[rows] = pad
         self.half_extents[rows] = add_outwards(self.local_half_extents[rows], pad)
-        self.changed[rows] = True
+        self.mark(rows)
 
     def remove(self, name: str) -> int:
         """Remove an object; return the slot it had."""
@@ -230,7 +286,7 @@ class ObjectStore:
         self.names[slot] = None
         self.used[slot] = False
         self.active[slot] = False
-        self.changed[slot] = True
+        self.mark(slot)
         heapq.heappush(self._free, slot)
         return slot
 
@@ -245,7 +301,7 @@ class ObjectStore:
             del self.slots[name]
             self.names[slot] = None
         self.used[rows] = self.active[rows] = False
-        self.changed[rows] = True
+        self.mark(rows)
         self._free = sorted([*self._free, *rows.tolist()])  # a sorted list is a heap
 
     def check_slots(self, slots: ArrayLike) -> Rows:
@@ -272,23 +328,28 @@ class ObjectStore:
         """Return the world boxes of all slots, used or not, as views."""
         return Boxes.trusted(self.centers, self.rotations, self.half_extents)
 
-    def snapshot(self) -> Boxes:
+    def snapshot(self) -> Snapshot:
         """Return the world boxes of all slots; they stay as they are when the store changes.
 
-        Nothing is copied now: the next change copies them if the snapshot is still in use then.
+        Nothing is copied now: what changes is noted, or copied, if the snapshot is in use then.
         """
-        lent = self._lent() if self._lent is not None else None
-        if lent is None:
-            lent = self.all_boxes()
-            self._lent = weakref.ref(lent)
-        return lent
+        latest = self._lent[-1]() if self._lent else None
+        if latest is None or not latest.is_current:
+            latest = Snapshot(self.all_boxes())
+            self._lent.append(weakref.ref(latest))
+            self._extents_lent = True
+        return latest
 
-    def _detach(self) -> None:
-        """Copy on write: detach arrays that a snapshot still references."""
-        if self._lent is not None and self._lent() is not None:
+    def _detach(self, rows: Rows) -> None:
+        """Copy on write: have the snapshots in use note rows, or leave the arrays to them."""
+        if not self._lent:
+            return
+        lent = [found for link in self._lent if (found := link()) is not None and found.attached]
+        kept = [found for found in lent[-MOST_LENT:] if found.note(rows)]
+        left = [found.detach() for found in lent if found not in kept]
+        if any(left):
             self.centers, self.rotations = self.centers.copy(), self.rotations.copy()
-            self.half_extents = self.half_extents.copy()
-        self._lent = None
+        self._lent = [weakref.ref(found) for found in kept]
 
     def slots_of(self, names: Iterable[str]) -> Rows:
         """Return the slots of names; KeyError naming the first unknown one."""
@@ -296,3 +357,8 @@ class ObjectStore:
         if isinstance(names, str) or not several:
             raise TypeError(f"names must be several names, got {shown(names)}")
         return np.array([self.slot(name) for name in names], np.int64)
+
+
+def _suits(value: object, kind: type) -> bool:
+    """Return whether a kernel can take an array as it is."""
+    return isinstance(value, np.ndarray) and value.dtype == kind and value.flags.carray

@@ -47,8 +47,8 @@ def row_of_cubes(count: int = 5, gap: float = 0.75) -> oc.Scene:
     return scene
 
 
-def at(x: float, y: float = 0.0, z: float = 0.0) -> list[float]:
-    return [x, y, z, 0.0, 0.0, 0.0, 1.0]
+def at(x: float, y: float = 0.0, z: float = 0.0, w: float = 1.0) -> list[float]:
+    return [x, y, z, 0.0, 0.0, 0.0, w]
 
 
 @pytest.fixture
@@ -118,16 +118,38 @@ def test_a_report_is_of_its_check_however_late_it_is_read() -> None:
 
 def test_boxes_are_copied_only_for_reports_in_use() -> None:
     scene = row_of_cubes()
+    everything = scene.indices
     report = scene.check()
     held = scene._store.centers
-    scene.move("odd/1", at(0.5))
+    scene.move_indices(everything, scene.poses_of(everything) + at(0.125, w=0.0))
     assert scene._store.centers is not held
     held = scene._store.centers
     del report
     scene.check()
     gc.collect()
-    scene.move("odd/1", at(0.6))
+    scene.move_indices(everything, scene.poses_of(everything) - at(0.125, w=0.0))
     assert scene._store.centers is held
+
+
+def test_for_reports_in_use_what_few_objects_were_is_noted() -> None:
+    scene = row_of_cubes(100)
+    held = scene._store.centers
+    reports, expected = [], []
+    for k in range(60):  # more of them than have notes, and more notes than there is room for
+        reports.append(scene.check())
+        expected.append(row_of_cubes(100))
+        for j in range(k):
+            for name in (f"odd/{1 + 2 * (j % 7)}", f"even/{50 + 2 * (j % 3)}"):
+                expected[-1].move(name, at(0.5 + j, 0.01 * j))
+        scene.move(f"odd/{1 + 2 * (k % 7)}", at(0.5 + k, 0.01 * k))
+        if k == 0:
+            assert scene._store.centers is held
+        scene.move(f"even/{50 + 2 * (k % 3)}", at(0.5 + k, 0.01 * k))
+    for report, scene in zip(reports, expected, strict=True):
+        wanted = scene.check()
+        assert report.pairs.tolist() == wanted.pairs.tolist()
+        assert report.positions.tobytes() == wanted.positions.tobytes()
+        assert report.contacts.positions.tobytes() == wanted.contacts.positions.tobytes()
 
 
 def test_only_objects_that_call_for_an_effect_get_it(calls: list[int]) -> None:
