@@ -62,7 +62,6 @@ class Checker:
         self._cache = cache
         self._allowed = allowed
         self._bounds: tuple[Floats, Floats] | None = None
-        self._tree: KeptTree | None = None  # over the bounds
         self._spheres = False  # whether the bounds hold the spheres, too
         self._tree: KeptTree | None = None  # over the bounds
         self._layout = Layout(-1, np.empty(0, np.int64), False, True, False)

@@ -1,0 +1,188 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Step after step: whichever way a check takes, it finds what a new scene does; no memory leaks."""
+
+import gc
+import tracemalloc
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from scenes import random_poses
+
+import obb_collision as oc
+from obb_collision.scene.checker import Checker
+from obb_collision.scene.few import FEW
+from obb_collision.typing import Floats
+
+#: Steps of which the memory is measured: numpy's own caches take up to 10 kB.
+STEPS = 500
+COLUMNS = ("pairs", "verdicts", "accuracies", "separations", "normals", "positions")
+
+
+def boxes_at(poses: Floats, exact: bool = False, seed: int = 0) -> oc.Scene:
+    """Return boxes of sizes that depend on the seed alone, some of which rest on one another."""
+    scene = oc.Scene(exact=exact)
+    sizes = np.random.default_rng(seed).choice([0.0, 0.25, 0.5, 0.7, 1.1], (len(poses), 3))
+    scene.add_boxes([f"box/{k}" for k in range(len(poses))], sizes, poses)
+    return scene
+
+
+def some_poses(count: int, rng: np.random.Generator, spread: float) -> Floats:
+    """Return poses, some on a grid, where boxes touch, and quaternions not quite of length 1."""
+    poses = random_poses(count, rng, spread)
+    resting = rng.random(count) < 0.4
+    poses[resting, :3] = np.round(poses[resting, :3], 1)
+    poses[resting, 3:] = 0.0, 0.0, 0.0, 1.0
+    poses[:, 3:] *= rng.choice([1.0, 0.95, 1.05], (count, 1))
+    return poses
+
+
+@pytest.mark.parametrize("exact", [False, True])
+@pytest.mark.parametrize("count", [2, FEW - 1, FEW, FEW + 1, 300])
+def test_every_step_finds_what_a_new_scene_does(count: int, exact: bool) -> None:
+    rng = np.random.default_rng(count)
+    spread = 0.5 * count ** (1 / 3)
+    poses = some_poses(count, rng, spread)
+    scene = boxes_at(poses, exact)
+    scene.set_effect("separations", "on")
+    for step in range(24):
+        share = (1.0, 0.5, 0.02, 0.02)[step % 4]
+        moved = rng.random(count) < share
+        moved[rng.integers(count)] = True
+        poses[moved] = some_poses(int(moved.sum()), rng, spread)
+        scene.move_indices(np.flatnonzero(moved), poses[moved])
+        if step % 6 == 5:
+            poses[0, :3] += 10.0
+            scene.move("box/0", poses[0])  # after others, before the check
+        if step == 12:
+            scene.allow("box/1*", "box/2*")
+        report, fresh = scene.check(), boxes_at(poses, exact)
+        fresh.allowed = scene.allowed
+        for name in COLUMNS:
+            found, wanted = getattr(report, name), getattr(fresh.check(), name)
+            assert found.tobytes() == wanted.tobytes(), (step, name)
+    assert len(report) or count == 2
+
+
+def test_boxes_are_where_poses_say_for_any_number_of_threads() -> None:
+    rng = np.random.default_rng(5)
+    count = 5_000
+    poses = some_poses(count, rng, 9.0)
+    expected = oc.Boxes.from_poses(poses, np.zeros((count, 3)))
+    try:
+        for number in (1, 3):
+            oc.set_threads(number)
+            scene = boxes_at(np.tile([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0], (count, 1)))
+            scene.move_indices(np.arange(count), poses)
+            found = scene.boxes
+            assert (found.centers == expected.centers).all()
+            assert (found.rotations == expected.rotations).all()
+    finally:
+        oc.set_threads(None)
+
+
+def test_of_an_object_named_twice_the_last_pose_counts() -> None:
+    first, second, there = random_poses(3, np.random.default_rng(6), 5.0)
+    for poses in ([first, second], [there, second], [second, there]):
+        scene = boxes_at(there[None])
+        scene.check()
+        scene.move_indices([0, 0], poses)
+        assert scene.pose("box/0").tolist() == poses[-1].tolist()
+        assert scene.obb("box/0").center.tolist() == poses[-1][:3].tolist()
+
+
+@pytest.mark.parametrize(
+    ("place", "wrong", "message"),
+    [
+        ((7, 2), np.nan, "finite in row 7"),
+        ((7, 2), 1e301, "must not exceed 1e.300 in magnitude in row 7"),
+        ((7, slice(3, 7)), 0.0, "zero quaternion in row 7"),
+    ],
+)
+def test_one_wrong_pose_moves_nothing(
+    place: tuple[int, int | slice], wrong: float, message: str
+) -> None:
+    before = random_poses(9, np.random.default_rng(7), 5.0)
+    scene = boxes_at(before)
+    report = scene.check()
+    poses = random_poses(9, np.random.default_rng(8), 5.0)
+    poses[place] = wrong
+    with pytest.raises(ValueError, match=message):
+        scene.move_indices(np.arange(9), poses)
+    with pytest.raises(KeyError, match="no object with index 9"):
+        scene.move_indices(np.arange(1, 10), before)
+    assert scene.poses_of(scene.indices).tobytes() == before.tobytes()
+    assert scene.check() is report
+
+
+def test_what_nothing_has_changed_about_is_found_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    calls = []
+    find = Checker.find
+
+    def counted(*arguments: Any) -> Any:
+        calls.append(1)
+        return find(*arguments)
+
+    monkeypatch.setattr(Checker, "find", counted)
+    scene = boxes_at(some_poses(300, np.random.default_rng(9), 3.0))
+    scene.check("contacts")
+    for _ in range(5):  # nobody holds the report before
+        report = scene.check("contacts")
+        assert report.costs["contacts"].count == 0, "nor is the effect computed again"
+        assert len(report.contacts) == len(report) > 0
+        assert report.names() == boxes_at(scene.poses_of(scene.indices)).check().names()
+    assert len(calls) == 6
+    scene.set_effect("contacts", max_points=8)
+    assert scene.check("contacts").costs["contacts"].count == len(report)
+
+
+def steps_of(count: int, share: float, effects: tuple[str, ...]) -> Callable[[int], None]:
+    """Return what makes so many steps, with the report before in use while objects move."""
+    rng = np.random.default_rng(count)
+    frames = [random_poses(count, rng, 0.5 * count ** (1 / 3)) for _ in range(4)]
+    scene = boxes_at(frames[0])
+    moved = np.flatnonzero(rng.random(count) < share)
+    reports = [scene.check(effects)]
+
+    def run(steps: int) -> None:
+        for step in range(steps):
+            scene.move_indices(moved, frames[step % 4][moved])
+            reports[0] = scene.check(effects)
+
+    return run
+
+
+@pytest.mark.parametrize("effects", [(), ("separations", "contacts")])
+@pytest.mark.parametrize("share", [1.0, 0.02])
+@pytest.mark.parametrize("count", [20, 600])
+def test_memory_does_not_grow_with_the_steps(
+    count: int, share: float, effects: tuple[str, ...]
+) -> None:
+    run = steps_of(count, max(share, 2.0 / count), effects)
+    run(40)  # what the first steps allocate for good
+    gc.collect()
+    tracemalloc.start()
+    try:
+        run(20)
+        gc.collect()
+        before = tracemalloc.get_traced_memory()[0]
+        run(STEPS)
+        gc.collect()
+        grown = tracemalloc.get_traced_memory()[0] - before
+    finally:
+        tracemalloc.stop()
+    assert grown < STEPS * 32, f"{grown / STEPS} bytes a step: less than any object takes"
