@@ -17,8 +17,10 @@
 from __future__ import annotations
 
 import logging
+import os
 import subprocess
 import sys
+from pathlib import Path
 from types import SimpleNamespace
 
 from obb_collision import _compiling, _kernel_cache
@@ -32,17 +34,22 @@ from obb_collision._jit import njit
 
 __name__ = "obb_collision.example"
 _compiling.FIRST_WORD = 0.0
-for level in ("WARNING", "ERROR"):
+for level, add in (("WARNING", "1.0"), ("ERROR", "2.0")):
     _compiling.compiled.say = _compiling.Words()
     logging.getLogger("obb_collision").setLevel(level)
-    assert njit(lambda x: x + 1.0)(1.0) == 2.0
+    njit(eval("lambda x: x + " + add))(1.0)
     sys.stderr.write("end of " + level + "\\n")
+assert len(_compiling.compiled.names) == 2
 """
 
 
-def test_compiling_is_said_on_stderr_and_can_be_silenced() -> None:
+def test_compiling_is_said_on_stderr_and_can_be_silenced(tmp_path: Path) -> None:
     done = subprocess.run(
-        [sys.executable, "-c", PROGRAM], capture_output=True, text=True, timeout=PATIENCE
+        [sys.executable, "-c", PROGRAM],
+        env={**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)},
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE,
     )
     assert done.returncode == 0, done.stderr
     said, silent = done.stderr.split("end of WARNING\n")
