@@ -20,109 +20,99 @@ proves what it finds some other way.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from obb_collision._jit import njit
-from obb_collision.numerics.vec3 import cross, dot, minus, vector_at
-from obb_collision.typing import Floats
+from obb_collision.numerics.vec3 import cross, dot, minus, plus, scaled
+from obb_collision.typing import Vector
+
+
+class Simplex(NamedTuple):
+    """One to four corners, and the point of their hull that is nearest to the origin."""
+
+    size: int  #: how many corners; 4: the origin lies inside, 0: none yet
+    a: Vector
+    b: Vector
+    c: Vector
+    nearest: Vector
 
 
 @njit
-def nearest_to_origin(corners: Floats, count: int, point: Floats) -> int:
-    """Write the nearest point (3,) of a simplex of 1 to 4 corners (4, 3); return how many it needs.
-
-    Those come to stand first. 4 means that the origin lies inside.
-    """
-    if count == 1:
-        point[:] = corners[0]
-        return 1
-    if count == 2:
-        return _on_segment(corners, 0, 1, point)
-    if count == 3:
-        return _on_triangle(corners, 0, 1, 2, point)
-    return _in_tetrahedron(corners, point)
+def no_simplex() -> Simplex:
+    """Return a simplex without corners."""
+    zero = 0.0, 0.0, 0.0
+    return Simplex(0, zero, zero, zero, zero)
 
 
 @njit
-def _keep(corners: Floats, i: int, j: int, k: int) -> None:
-    """Move corners i, j and k, which may repeat, to the front."""
-    for n in range(3):
-        a, b, c = corners[i, n], corners[j, n], corners[k, n]
-        corners[0, n], corners[1, n], corners[2, n] = a, b, c
+def with_corner(simplex: Simplex, new: Vector) -> Simplex:
+    """Return the simplex with another corner, without those that the nearest point needs not."""
+    a, b, c = simplex.a, simplex.b, simplex.c
+    if simplex.size == 0:
+        return _corner(new)
+    if simplex.size == 1:
+        return _on_segment(a, new)
+    if simplex.size == 2:
+        return _on_triangle(a, b, new)
+    return _in_tetrahedron(a, b, c, new)
 
 
 @njit
-def _towards_origin(corners: Floats, i: int, j: int, k: int) -> float:
-    """Return the product of the edge from i to j and the vector from k to the origin."""
-    edge = minus(vector_at(corners, j), vector_at(corners, i))
-    return -dot(edge, vector_at(corners, k))
+def _corner(a: Vector) -> Simplex:
+    return Simplex(1, a, a, a, a)
 
 
 @njit
-def _on_segment(corners: Floats, i: int, j: int, point: Floats) -> int:
-    along, back = _towards_origin(corners, i, j, i), -_towards_origin(corners, i, j, j)
-    if along <= 0.0 or back <= 0.0:
-        k = i if along <= 0.0 else j
-        point[:] = corners[k]
-        _keep(corners, k, k, k)
-        return 1
-    share = along / (along + back)
-    for n in range(3):
-        point[n] = corners[i, n] + share * (corners[j, n] - corners[i, n])
-    _keep(corners, i, j, j)
-    return 2
+def _on_segment(a: Vector, b: Vector) -> Simplex:
+    edge = minus(b, a)
+    along, back = -dot(edge, a), dot(edge, b)
+    if along <= 0.0:
+        return _corner(a)
+    if back <= 0.0:
+        return _corner(b)
+    return Simplex(2, a, b, b, plus(a, scaled(edge, along / (along + back))))
 
 
 @njit
-def _on_triangle(corners: Floats, i: int, j: int, k: int, point: Floats) -> int:
-    d1, d2 = _towards_origin(corners, i, j, i), _towards_origin(corners, i, k, i)
-    d3, d4 = _towards_origin(corners, i, j, j), _towards_origin(corners, i, k, j)
-    d5, d6 = _towards_origin(corners, i, j, k), _towards_origin(corners, i, k, k)
+def _on_triangle(a: Vector, b: Vector, c: Vector) -> Simplex:
+    u, v = minus(b, a), minus(c, a)
+    d1, d2, d3, d4 = -dot(u, a), -dot(v, a), -dot(u, b), -dot(v, b)
+    d5, d6 = -dot(u, c), -dot(v, c)
     va, vb, vc = d3 * d6 - d5 * d4, d5 * d2 - d1 * d6, d1 * d4 - d3 * d2
     if d1 <= 0.0 and d2 <= 0.0:
-        return _on_segment(corners, i, i, point)
+        return _corner(a)
     if d3 >= 0.0 and d4 <= d3:
-        return _on_segment(corners, j, j, point)
+        return _corner(b)
     if d6 >= 0.0 and d5 <= d6:
-        return _on_segment(corners, k, k, point)
-    if vc <= 0.0 and d1 >= 0.0 and d3 <= 0.0:
-        return _on_segment(corners, i, j, point)
-    if vb <= 0.0 and d2 >= 0.0 and d6 <= 0.0:
-        return _on_segment(corners, i, k, point)
-    if va <= 0.0 and d4 - d3 >= 0.0 and d5 - d6 >= 0.0:
-        return _on_segment(corners, j, k, point)
+        return _corner(c)
+    on_ab = vc <= 0.0 and d1 >= 0.0 and d3 <= 0.0
+    on_ac = vb <= 0.0 and d2 >= 0.0 and d6 <= 0.0
+    if on_ab or on_ac or (va <= 0.0 and d4 - d3 >= 0.0 and d5 - d6 >= 0.0):
+        return _on_segment(a if on_ab or on_ac else b, b if on_ab else c)
     total = va + vb + vc
-    for n in range(3):
-        u, v = corners[j, n] - corners[i, n], corners[k, n] - corners[i, n]
-        point[n] = corners[i, n] + (vb / total) * u + (vc / total) * v
-    _keep(corners, i, j, k)
-    return 3
+    inner = plus(plus(a, scaled(u, vb / total)), scaled(v, vc / total))
+    return Simplex(3, a, b, c, inner)
 
 
 @njit
-def _in_tetrahedron(corners: Floats, point: Floats) -> int:
+def _in_tetrahedron(a: Vector, b: Vector, c: Vector, d: Vector) -> Simplex:
     """Take the nearest of the faces that have the origin on their outer side."""
-    best, face = np.inf, -1
-    saved = corners.copy()
-    for n in range(4):
-        i, j, k = (n + 1) % 4, (n + 2) % 4, (n + 3) % 4
-        if not _outside(corners, i, j, k, n):
-            continue
-        _on_triangle(corners, i, j, k, point)
-        square = point[0] ** 2 + point[1] ** 2 + point[2] ** 2
-        corners[:] = saved
-        if square < best:
-            best, face = square, n
-    if face < 0:
-        return 4
-    return _on_triangle(corners, (face + 1) % 4, (face + 2) % 4, (face + 3) % 4, point)
+    best, zero = np.inf, (0.0, 0.0, 0.0)
+    part = Simplex(4, a, b, c, zero)
+    for _ in range(4):
+        if _outside(b, c, d, a):
+            face = _on_triangle(b, c, d)
+            square = dot(face.nearest, face.nearest)
+            if square < best:
+                best, part = square, face
+        a, b, c, d = b, c, d, a
+    return part
 
 
 @njit
-def _outside(corners: Floats, i: int, j: int, k: int, other: int) -> bool:
-    """Return whether the plane of i, j and k has the origin and the other corner on two sides."""
-    corner = vector_at(corners, i)
-    u, v = minus(vector_at(corners, j), corner), minus(vector_at(corners, k), corner)
-    normal = cross(u, v)
-    side = dot(normal, minus(vector_at(corners, other), corner))
-    return -dot(normal, corner) * side <= 0.0
+def _outside(a: Vector, b: Vector, c: Vector, other: Vector) -> bool:
+    """Return whether the plane of a, b and c has the origin and the other corner on two sides."""
+    normal = cross(minus(b, a), minus(c, a))
+    return -dot(normal, a) * dot(normal, minus(other, a)) <= 0.0

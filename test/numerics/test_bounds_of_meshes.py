@@ -19,6 +19,7 @@ from __future__ import annotations
 from fractions import Fraction
 
 import numpy as np
+import pytest
 from error_bounds import (
     Moved,
     Record,
@@ -46,8 +47,11 @@ from obb_collision.queries.meshes.convex import GAP_BOUND, PlacedHulls, hulls_ma
 from obb_collision.queries.meshes.inside import SLAB_SLACK, outside_box
 from obb_collision.queries.meshes.tree_boxes import (
     POINT_BOUND,
+    back_of,
     box_gap,
+    faces_gap,
     moved,
+    moved_node,
     place_at,
     relative_pose,
 )
@@ -167,7 +171,8 @@ def test_triangles_with_twice_the_digits(record_property: Record) -> None:
     )
 
 
-def test_boxes_of_trees(record_property: Record) -> None:
+@pytest.mark.parametrize("which", ["all axes", "faces, b moved", "faces, a moved"])
+def test_boxes_of_trees(which: str, record_property: Record) -> None:
     boxes = Moved(6, ("ordinary scene", "edge against edge", "thin plates and rods"), loose=True)
     here = place_at(np.zeros((1, 3)), np.eye(3)[None], 0)
     pose = relative_pose(here, here, 4.0 * float(boxes.farthest.max()))
@@ -183,14 +188,22 @@ def test_boxes_of_trees(record_property: Record) -> None:
 
     def apart(distances: Floats) -> np.ndarray:
         a, b = rows(distances)
-        return np.array([box_gap(a, n, b, n, pose) == np.inf for n in range(len(a))])
+        if which == "all axes":
+            return np.array([box_gap(a, n, b, n, pose) == np.inf for n in range(len(a))])
+        if which == "faces, a moved":
+            a, b = b, a
+        to = pose if which == "faces, b moved" else back_of(pose)
+        bound = pose.gap_bound
+        gaps = [faces_gap(a, n, moved_node(to, b, n), bound) for n in range(len(a))]
+        return np.array(gaps) == np.inf
 
     def quantity(n: int, distances: Floats) -> Fraction:
         a, b = (row_of(side, n) for side in boxes.at(distances))
         lengths = np.linalg.norm(np.cross(a[1].T[:, None], b[1].T[None]), axis=2).ravel()
         gaps = exact_gaps(a, b)
         edges = [g * Fraction(x) for g, x in zip(gaps[6:], lengths.tolist(), strict=True)]
-        return max([*gaps[:6], *edges]) / Fraction(pose.gap_bound)
+        counted = [*gaps[:6], *edges] if which == "all axes" else gaps[:6]
+        return max(counted) / Fraction(pose.gap_bound)
 
     low, high = flips(apart, boxes.farthest)
     check_ratios(

@@ -28,6 +28,7 @@ from obb_collision.geometry.shapes.primitives import Shape
 from obb_collision.geometry.trees.convex_proxy import box_corners, hull_mesh
 from obb_collision.geometry.trees.obb_tree import MeshTrees
 from obb_collision.geometry.trees.shape_trees import box_tree, hull_tree, mesh_tree
+from obb_collision.numerics.lanes import in_blocks
 from obb_collision.typing import Floats, Integers
 
 Item = TypeVar("Item")
@@ -37,9 +38,12 @@ Body = Shape | Floats
 
 
 class Hulls(NamedTuple):
-    """Corners (v, 3) of k hulls, ``corners[starts[i]:starts[i + 1]]``, and radii (k,) about 0."""
+    """The corners of k hulls in ``blocks[starts[i]:starts[i + 1]]``, and radii (k,) about 0.
 
-    corners: Floats
+    blocks: (m, 3, LANES), see ``numerics.lanes``; corners may be there several times.
+    """
+
+    blocks: Floats
     starts: Integers
     radii: Floats
 
@@ -47,7 +51,8 @@ class Hulls(NamedTuple):
     def of(cls, corners: Floats) -> Hulls:
         """Return one hull."""
         radius = np.abs(corners).sum(axis=1).max()
-        return cls(corners, np.array([0, len(corners)]), np.array([radius]))
+        blocks = in_blocks(corners)
+        return cls(blocks, np.array([0, len(blocks)]), np.array([radius]))
 
 
 class Pool(Generic[Item]):
@@ -159,7 +164,7 @@ class HullPool(Pool[Hulls]):
     """Hulls, one after another."""
 
     names = Hulls._fields
-    measure = "corners"
+    measure = "blocks"
 
     @staticmethod
     def made(arrays: Arrays) -> Hulls:

@@ -33,9 +33,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from obb_collision._jit import njit
+from obb_collision._threads import run
 from obb_collision.geometry.trees.pool import Hulls
 from obb_collision.numerics.constants import MESH_UNDERFLOW, ROUNDOFF
-from obb_collision.numerics.simplex import nearest_to_origin
+from obb_collision.numerics.lanes import farthest
+from obb_collision.numerics.simplex import no_simplex, with_corner
 from obb_collision.numerics.vec3 import (
     components,
     dot,
@@ -44,12 +46,10 @@ from obb_collision.numerics.vec3 import (
     negated,
     scaled,
     sum_abs,
-    vector,
-    vector_at,
 )
 from obb_collision.queries.meshes.tree_boxes import Pose, moved, place_at, relative_pose
 from obb_collision.queries.primitives.segments import unit_scale
-from obb_collision.typing import Floats, Integers, Vector
+from obb_collision.typing import Floats, Integers
 
 #: Least gap that counts, relative to S (derivation above).
 GAP_BOUND = 8192 * ROUNDOFF
@@ -57,6 +57,8 @@ GAP_BOUND = 8192 * ROUNDOFF
 HULL_DIRECTIONS = 40
 #: The search ends when the next corner brings it nearer by less than this fraction.
 HULL_CONVERGED = 1e-12
+#: Pairs below which a second thread does not pay: 0.1 ms.
+FEWEST_PAIRS = 256
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,13 +76,8 @@ def hulls_may_collide(
 ) -> NDArray[np.bool_]:
     """Return (m,) whether body ``i[n]`` of a and ``j[n]`` of b are not certainly apart."""
     out = np.empty(len(i), np.bool_)
-    _meet_kernel(
-        HullBodies(a.hulls, a.rows, a.centers, a.rotations),
-        i,
-        HullBodies(b.hulls, b.rows, b.centers, b.rotations),
-        j,
-        out,
-    )
+    bodies = [HullBodies(x.hulls, x.rows, x.centers, x.rotations) for x in (a, b)]
+    run(_meet_kernel, len(i), FEWEST_PAIRS, bodies[0], i, bodies[1], j, out)
     return out
 
 
@@ -94,79 +91,61 @@ class HullBodies(NamedTuple):
 
 
 class Corners(NamedTuple):
-    """The corners of one hull: rows first to last - 1 of points (n, 3)."""
+    """The corners of one hull: blocks (m, 3, LANES) first to last - 1."""
 
-    points: Floats
+    blocks: Floats
     first: int
     last: int
 
 
 @njit
 def _meet_kernel(
-    a: HullBodies, rows_a: np.ndarray, b: HullBodies, rows_b: np.ndarray, out: np.ndarray
-) -> None:
-    work = np.empty((5, 3))
-    for n in range(len(rows_a)):
+    a: HullBodies, rows_a: np.ndarray, b: HullBodies, rows_b: np.ndarray, out: np.ndarray,
+    start: int, stop: int,
+) -> None:  # fmt: skip
+    for n in range(start, stop):
         i, j = rows_a[n], rows_b[n]
         pose = relative_pose(
             place_at(a.centers, a.rotations, i),
             place_at(b.centers, b.rotations, j),
             a.hulls.radii[a.rows[i]] + b.hulls.radii[b.rows[j]],
         )
-        out[n] = not _apart(_corners_of(a, i), _corners_of(b, j), pose, work)
+        out[n] = not _apart(_corners_of(a, i), _corners_of(b, j), pose)
 
 
 @njit
 def _corners_of(bodies: HullBodies, i: int) -> Corners:
     hulls, row = bodies.hulls, bodies.rows[i]
-    return Corners(hulls.corners, hulls.starts[row], hulls.starts[row + 1])
+    return Corners(hulls.blocks, hulls.starts[row], hulls.starts[row + 1])
 
 
 @njit
-def _apart(a: Corners, b: Corners, pose: Pose, work: Floats) -> bool:
+def _apart(a: Corners, b: Corners, pose: Pose) -> bool:
     """Return True if a direction certainly separates corners of a from those of b.
 
-    work (5, 3): scratch for a simplex and its nearest point, both scaled by a power of two that
-    brings sizes near one, so that products of lengths stay within doubles.
+    The simplex is scaled by a power of two that brings sizes near one, so that products of lengths
+    stay within doubles.
     """
-    simplex, nearest = work[:4], work[4]
     bound, unit = GAP_BOUND * pose.size + MESH_UNDERFLOW, unit_scale(pose.size)[0]
     # from the one centre to the other: it separates most pairs that are apart
-    n = negated(pose.offset)
-    count = 0
+    n, simplex = negated(pose.offset), no_simplex()
     for _ in range(HULL_DIRECTIONS):
         largest = max_abs(n)
         if not largest > 0.0:
             n, largest = (1.0, n[1], n[2]), 1.0
         n = n[0] / largest, n[1] / largest, n[2] / largest
-        p = _farthest(a, negated(n))
+        p = farthest(a.blocks, a.first, a.last, negated(n))
         m = components(pose.axes, n)  # the direction in the frame of b
-        q = _farthest(b, m)
+        q = farthest(b.blocks, b.first, b.last, m)
         gap = dot(n, p) - dot(m, q) - dot(n, pose.offset)
         if gap > bound * sum_abs(n):
             return True
-        if count > 0:
-            reached = dot(n, vector(nearest))
+        if simplex.size > 0:
+            reached = dot(n, simplex.nearest)
             if not reached - unit * gap > HULL_CONVERGED * reached:
                 return False
-        point = scaled(minus(p, moved(pose, q)), unit)
-        for k in range(3):
-            simplex[count, k] = point[k]
-        count = nearest_to_origin(simplex, count + 1, nearest)
-        if count == 4:
-            return False
-        n = vector(nearest)
-        if not max_abs(n) > 0.0:
+        simplex = with_corner(simplex, scaled(minus(p, moved(pose, q)), unit))
+        n = simplex.nearest
+        if simplex.size == 4 or not max_abs(n) > 0.0:
             return False
     return False
-
-
-@njit
-def _farthest(corners: Corners, n: Vector) -> Vector:
-    """Return the corner that reaches farthest along a direction."""
-    row, best = corners.first, -np.inf
-    for k in range(corners.first, corners.last):
-        reach = dot(n, vector_at(corners.points, k))
-        if reach > best:
-            row, best = k, reach
-    return vector_at(corners.points, row)

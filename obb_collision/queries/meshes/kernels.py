@@ -44,19 +44,19 @@ from obb_collision.typing import Floats
 @njit
 def find_kernel(
     a: Bodies, rows_a: np.ndarray, b: Bodies, rows_b: np.ndarray,
-    stop: int, effort: int, out: np.ndarray, contacts: np.ndarray,
+    enough: int, effort: int, out: np.ndarray, contacts: np.ndarray, start: int, stop: int,
 ) -> int:  # fmt: skip
-    """Write the verdict of each pair of rows, and contacts while there is room; return how many.
+    """Write the verdict of a range of pairs, and contacts while there is room; return how many.
 
     contacts (c, 4): pair, triangle of a, triangle of b, verdict. The search within a pair ends at
-    the first triangles of a verdict of at least ``stop``, or ``effort`` pairs of nodes after the
+    the first triangles of a verdict of at least ``enough``, or ``effort`` pairs of nodes after the
     first that touch.
     """
     trees_a, trees_b = a.trees, b.trees
     stack = np.empty((STACK, 2), np.int64)
-    search = Search(stop, effort, contacts, stack)
+    search = Search(enough, effort, contacts, stack)
     found = 0
-    for n in range(len(rows_a)):
+    for n in range(start, stop):
         body_a, body_b = body_at(a, rows_a[n]), body_at(b, rows_b[n])
         pose = _pose_of(trees_a, body_a, trees_b, body_b)
         out[n] = SEPARATE
@@ -71,12 +71,13 @@ def find_kernel(
 
 @njit
 def tree_kernel(
-    a: Bodies, rows_a: np.ndarray, b: Bodies, rows_b: np.ndarray, depth: int, out: np.ndarray
-) -> None:
-    """Write for each pair of rows whether boxes of a depth may collide, or a piece lies inside."""
+    a: Bodies, rows_a: np.ndarray, b: Bodies, rows_b: np.ndarray, depth: int, out: np.ndarray,
+    start: int, stop: int,
+) -> None:  # fmt: skip
+    """Write for a range of pairs whether boxes of a depth may collide, or a piece lies inside."""
     trees_a, trees_b = a.trees, b.trees
     stack = np.empty((STACK, 2), np.int64)
-    for n in range(len(rows_a)):
+    for n in range(start, stop):
         body_a, body_b = body_at(a, rows_a[n]), body_at(b, rows_b[n])
         pose = _pose_of(trees_a, body_a, trees_b, body_b)
         out[n] = False

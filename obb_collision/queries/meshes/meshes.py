@@ -34,6 +34,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from obb_collision._threads import run
 from obb_collision.geometry.kinds import as_flag, check_kind
 from obb_collision.geometry.poses import as_poses
 from obb_collision.geometry.trees.obb_tree import MeshTrees
@@ -50,6 +51,8 @@ from obb_collision.typing import Floats, Integers
 NEVER = OVERLAP + 1
 #: More pairs of nodes than any two meshes have.
 UNLIMITED = 2**62
+#: Pairs below which a second thread does not pay: 0.2 ms.
+FEWEST_PAIRS = 64
 #: Contacts that there is room for at first, whatever the capacity: 2 MB.
 FIRST_ROOM = 1 << 16
 
@@ -256,7 +259,8 @@ def mesh_collisions(
     if depth is None:
         return _find(a, b, i, j, TOUCHING, 0)[0] != SEPARATE
     result = np.empty(len(i), np.bool_)
-    tree_kernel(a.arrays, i, b.arrays, j, as_whole(depth, "depth"), result)
+    level = as_whole(depth, "depth")
+    run(tree_kernel, len(i), FEWEST_PAIRS, a.arrays, i, b.arrays, j, level, result)
     return result
 
 
@@ -332,7 +336,9 @@ def _find(
     """Return verdicts (m,), contacts (at most capacity, 4) and their true number."""
     result = np.empty(len(i), np.int8)
     contacts = np.empty((capacity, 4), np.int64)
-    found = find_kernel(a.arrays, i, b.arrays, j, stop, effort, result, contacts)
+    given = a.arrays, i, b.arrays, j, stop, effort, result, contacts
+    least = len(i) + 1 if capacity else FEWEST_PAIRS  # contacts are written one after another
+    found = sum(run(find_kernel, len(i), least, *given))
     return result, contacts[:found], found
 
 

@@ -21,7 +21,8 @@ Error analysis, u = 2^-53, S = abs(offset) + the reach of both meshes: a stored 
 abs(R^T R - I) <= 64 u, so taking R_a^T for the inverse of R_a moves a point by at most 64 u S, and
 the products of poses add 12 u S. A node's axes are orthonormal to 16 u, those of b in the frame of
 a to 160 u. A gap of the test is then off by at most 1200 u S (the terms of the analysis in
-``verdict`` with these figures); ``BOX_BOUND`` is 4096 u.
+``verdict`` with these figures), and by 400 u S more where a is moved to the frame of b by the
+transposed pose; ``BOX_BOUND`` is 4096 u.
 """
 
 from __future__ import annotations
@@ -39,6 +40,7 @@ from obb_collision.numerics.vec3 import (
     dot,
     max_of,
     minus,
+    negated,
     plus,
     sum_abs,
     vector_at,
@@ -136,6 +138,54 @@ def box_gap(nodes_a: Floats, i: int, nodes_b: Floats, j: int, pose: Pose) -> flo
     x, y, z = all_edge_axes(pair)
     edges = max(max_of(edge_gaps(x)), max_of(edge_gaps(y)), max_of(edge_gaps(z)))
     return np.inf if edges > pose.gap_bound else gap
+
+
+class NodeBox(NamedTuple):
+    """The box of a node, in its body's frame or another's."""
+
+    center: Vector
+    axes: Axes
+    half: Vector
+
+
+@njit
+def back_of(pose: Pose) -> Pose:
+    """Return body a in the frame of body b: by the transposed rotation, as ``moved_back``."""
+    axes = rows_of(pose.axes)
+    offset = negated(components(pose.axes, pose.offset))
+    return Pose(axes, offset, pose.size, pose.gap_bound, pose.point_bound)
+
+
+@njit
+def moved_node(pose: Pose, nodes: Floats, i: int) -> NodeBox:
+    """Return the box of node i of b in the frame of a."""
+    center, (x, y, z), half = _node(nodes, i)
+    axes = combined(pose.axes, x), combined(pose.axes, y), combined(pose.axes, z)
+    return NodeBox(moved(pose, center), axes, half)
+
+
+@njit
+def faces_gap(nodes: Floats, i: int, other: NodeBox, bound: float) -> float:
+    """Return infinity where a face shows that node i and a moved one are apart, else the gap.
+
+    The gap is the largest along a face. Without the nine axes of edges, which keep few nodes apart
+    and take half of the time of ``box_gap``.
+    """
+    center, (a0, a1, a2), h = _node(nodes, i)
+    b, f = other.axes, other.half
+    d = minus(other.center, center)
+    u, v, w = components(b, a0), components(b, a1), components(b, a2)
+    x, y, z = rows_of((u, v, w))
+    e = components(b, d)
+    gap = max(
+        face_gap(dot(a0, d), h[0], f, u),
+        face_gap(dot(a1, d), h[1], f, v),
+        face_gap(dot(a2, d), h[2], f, w),
+        face_gap(e[0], f[0], h, x),
+        face_gap(e[1], f[1], h, y),
+        face_gap(e[2], f[2], h, z),
+    )
+    return np.inf if gap > bound else gap
 
 
 @njit

@@ -28,7 +28,16 @@ import numpy as np
 from obb_collision._jit import njit
 from obb_collision.geometry.trees.node_fit import SIZE
 from obb_collision.geometry.trees.obb_tree import TreeArrays
-from obb_collision.queries.meshes.tree_boxes import Place, Pose, box_gap, moved, place_at
+from obb_collision.queries.meshes.tree_boxes import (
+    Place,
+    Pose,
+    back_of,
+    box_gap,
+    faces_gap,
+    moved,
+    moved_node,
+    place_at,
+)
 from obb_collision.queries.meshes.triangle_axes import classify_by_axes
 from obb_collision.queries.meshes.triangle_signs import (
     SEPARATE,
@@ -90,7 +99,7 @@ def descend(
     nodes_b, children_b, starts_b = trees_b.nodes, trees_b.children, trees_b.starts
     triangles_a, triangles_b = trees_a.triangles, trees_b.triangles
     contacts, stack, effort = search.contacts, search.stack, search.effort
-    verdict = SEPARATE
+    verdict, back = SEPARATE, back_of(pose)
     stack[0, 0], stack[0, 1] = trees_a.roots[a.mesh], trees_b.roots[b.mesh]
     waiting = 1
     while waiting > 0:
@@ -116,9 +125,16 @@ def descend(
                     if verdict >= search.stop:
                         return verdict, found
             continue
-        split_a = child_b < 0 or (child_a >= 0 and nodes_a[i, SIZE] >= nodes_b[j, SIZE])
-        child = (child_a, j) if split_a else (i, child_b)
-        waiting = _push(nodes_a, nodes_b, child, split_a, pose, stack, waiting)
+        if child_b < 0 or (child_a >= 0 and nodes_a[i, SIZE] >= nodes_b[j, SIZE]):
+            other = moved_node(pose, nodes_b, j)
+            first = faces_gap(nodes_a, child_a, other, pose.gap_bound)
+            second = faces_gap(nodes_a, child_a + 1, other, pose.gap_bound)
+            waiting = _push((child_a, j), (child_a + 1, j), first, second, stack, waiting)
+        else:
+            other = moved_node(back, nodes_a, i)
+            first = faces_gap(nodes_b, child_b, other, pose.gap_bound)
+            second = faces_gap(nodes_b, child_b + 1, other, pose.gap_bound)
+            waiting = _push((i, child_b), (i, child_b + 1), first, second, stack, waiting)
     return verdict, found
 
 
@@ -132,26 +148,21 @@ def _triangles_verdict(p: Triangle, a: Place, q: Triangle, b: Place, pose: Pose)
 
 @njit
 def _push(
-    nodes_a: Floats, nodes_b: Floats, child: tuple[int, int], split_a: bool,
-    pose: Pose, stack: np.ndarray, waiting: int,
+    one: tuple[int, int], other: tuple[int, int], first: float, second: float,
+    stack: np.ndarray, waiting: int,
 ) -> int:  # fmt: skip
-    """Put the pairs with two children that may collide on the stack; return its size.
+    """Put two pairs of nodes that may collide on the stack; return its size.
 
-    child: the pair with the first of two adjacent children, of a where ``split_a``, else of b.
-    The more overlapping pair comes last, is next.
+    first, second: their gaps, infinite where they are apart. What overlaps more comes last and is
+    next.
     """
-    i1, j1 = child
-    i2, j2 = (i1 + 1, j1) if split_a else (i1, j1 + 1)
-    first = box_gap(nodes_a, i1, nodes_b, j1, pose)
-    second = box_gap(nodes_a, i2, nodes_b, j2, pose)
     if first < second:
-        i1, i2, j1, j2 = i2, i1, j2, j1
-        first, second = second, first
+        one, other, first, second = other, one, second, first
     if first < np.inf:
-        stack[waiting, 0], stack[waiting, 1] = i1, j1
+        stack[waiting, 0], stack[waiting, 1] = one
         waiting += 1
     if second < np.inf:
-        stack[waiting, 0], stack[waiting, 1] = i2, j2
+        stack[waiting, 0], stack[waiting, 1] = other
         waiting += 1
     return waiting
 
@@ -178,6 +189,9 @@ def boxes_may_collide(
             return True
         # By levels, not by size: every depth then looks at all pairs of the lesser ones.
         split_a = child_b < 0 or (child_a >= 0 and levels_a[i] <= levels_b[j])
-        child = (child_a, j) if split_a else (i, child_b)
-        waiting = _push(nodes_a, nodes_b, child, split_a, pose, stack, waiting)
+        i1, j1 = (child_a, j) if split_a else (i, child_b)
+        i2, j2 = (child_a + 1, j) if split_a else (i, child_b + 1)
+        first = box_gap(nodes_a, i1, nodes_b, j1, pose)
+        second = box_gap(nodes_a, i2, nodes_b, j2, pose)
+        waiting = _push((i1, j1), (i2, j2), first, second, stack, waiting)
     return False

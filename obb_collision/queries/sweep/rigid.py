@@ -48,13 +48,12 @@ from obb_collision.numerics.vec3 import axes_of, cross, dot, minus, norm, plus, 
 from obb_collision.queries.sweep.bounds import Approach, Turning, best_step, turning
 from obb_collision.queries.sweep.poses import Motion, rotated, turned_by
 from obb_collision.queries.sweep.slices import CORNER_ROWS, WHOLE, fill_corners, free_slice
-from obb_collision.queries.sweep.slices import WORK_ROWS as SLICE_ROWS
 from obb_collision.queries.verdict.pair_frame import box_at
 from obb_collision.queries.verdict.verdict import SEPARATE, careful_verdict
 from obb_collision.typing import Floats, Vector
 
-#: Rows of work space: the corners of two boxes, and those of ``free_slice``.
-WORK_ROWS = 2 * CORNER_ROWS + SLICE_ROWS
+#: Rows of work space: the corners of two boxes.
+WORK_ROWS = 2 * CORNER_ROWS
 #: Rounding of gaps, relative to the boxes and their offset, and to their arms.
 GAP_ROUNDING = 2048 * ROUNDOFF
 ARM_ROUNDING = 128 * ROUNDOFF
@@ -192,7 +191,7 @@ def _skip(
     down to one turn of the box that turns faster.
     """
     start, way, begin, last, _, stray = course
-    a, b, scratch = work[:CORNER_ROWS], work[CORNER_ROWS : 2 * CORNER_ROWS], work[2 * CORNER_ROWS :]
+    a, b = work[:CORNER_ROWS], work[CORNER_ROWS:]
     faster = max(norm(vector_at(motion.turns, i)), norm(vector_at(motion.turns, j)))
     tries = 0
     while span >= TURN / faster and tries < MAX_STEPS:
@@ -203,7 +202,7 @@ def _skip(
         tries += 1
         first = plus(start, scaled(way, time - begin))
         final = plus(start, scaled(way, end - begin))
-        if free_slice(first, final, a, angle_a, b, angle_b, blur, scratch):
+        if free_slice(first, final, a, angle_a, b, angle_b, blur):
             if end >= last:
                 return np.inf, span, tries
             time, span = end, 2.0 * span

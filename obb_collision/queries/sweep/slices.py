@@ -30,7 +30,7 @@ import numpy as np
 
 from obb_collision._jit import njit
 from obb_collision.numerics.constants import ROUNDOFF
-from obb_collision.numerics.simplex import nearest_to_origin
+from obb_collision.numerics.simplex import no_simplex, with_corner
 from obb_collision.numerics.vec3 import dot, minus, norm, plus, scaled, vector_at
 from obb_collision.typing import Axes, Floats, Vector
 
@@ -42,8 +42,6 @@ SLICE_DIRECTIONS = 30
 SLICE_CONVERGED = 1e-6
 #: Rounding of reaches and offsets, relative to these: 2048 unit roundoffs, where 64 are needed.
 SLICE_SLACK = 2048 * ROUNDOFF
-#: Rows of work space of ``free_slice``.
-WORK_ROWS = 5
 #: Rows of the corners of a box (``fill_corners``): the axis of the turn, 8 corners, and in a row
 #: how far the corners are at most from that axis.
 CORNER_ROWS = 10
@@ -75,19 +73,17 @@ def fill_corners(axes: Axes, extents: Vector, arm: Vector, turn: Vector, out: Fl
 @njit
 def free_slice(
     first: Vector, last: Vector, a: Floats, angle_a: float, b: Floats, angle_b: float,
-    blur: float, work: Floats,
+    blur: float,
 ) -> bool:  # fmt: skip
     """Return whether two boxes are certainly apart during a slice of time.
 
     first, last: offset of the origins from a to b at its two ends; a, b: corners in its middle;
-    angle_a, angle_b: how far each turns; ``blur``: error of positions. ``work`` (WORK_ROWS, 3).
+    angle_a, angle_b: how far each turns; ``blur``: error of positions.
     """
-    simplex, nearest = work[:4], work[4]
     size = norm(first) + norm(last)
     bound = blur + SLICE_SLACK * (size + _radius(a) + _radius(b)) + _growth(a, angle_a)
     bound += _growth(b, angle_b)
-    n = scaled(plus(first, last), 0.5)
-    count = 0
+    n, simplex = scaled(plus(first, last), 0.5), no_simplex()
     for _ in range(SLICE_DIRECTIONS):
         length = norm(n)
         if not 0.0 < length < np.inf:
@@ -99,14 +95,12 @@ def free_slice(
         gap = dot(n, point)
         if gap > bound:
             return True
-        if count > 0 and not length - gap > SLICE_CONVERGED * length:
+        if simplex.size > 0 and not length - gap > SLICE_CONVERGED * length:
             return False
-        for k in range(3):
-            simplex[count, k] = point[k]
-        count = nearest_to_origin(simplex, count + 1, nearest)
-        n = vector_at(work, 4)
+        simplex = with_corner(simplex, point)
+        n = simplex.nearest
         # the nearest points of what is left of the difference: no direction shows more
-        if count == 4 or not norm(n) > bound:
+        if simplex.size == 4 or not norm(n) > bound:
             return False
     return False
 

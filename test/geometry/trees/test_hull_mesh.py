@@ -144,8 +144,11 @@ def test_pools_hold_what_joining_gives() -> None:
             assert (ours == theirs).all()
     for row, name in enumerate(names):
         first, last = hulls.all.starts[row : row + 2]
-        assert (hulls.all.corners[first:last] == hull_mesh(Mesh(*ZOO[name]))[0]).all()
-    assert hulls.size == len(hulls.all.corners)
+        corners = hull_mesh(Mesh(*ZOO[name]))[0]
+        stored = hulls.all.blocks[first:last].transpose(0, 2, 1).reshape(-1, 3)
+        assert (stored[: len(corners)] == corners).all()
+        assert (stored[len(corners) :] == corners[-1]).all()
+    assert hulls.size == len(hulls.all.blocks)
 
 
 def test_the_first_node_of_a_tree_is_the_box_of_the_mesh() -> None:
