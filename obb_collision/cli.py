@@ -63,6 +63,11 @@ class Parser(argparse.ArgumentParser):
         self.exit(BAD_USAGE, f"{self.prog}: {reason}; see --help\n")
 
 
+def option(parser: Any, name: str, kind: Any = None, default: Any = None, text: str = "") -> None:
+    """Add an option with a value to a parser, or to a group of one."""
+    parser.add_argument(name, type=kind, default=default, help=text)
+
+
 def interruptible(
     name: str, detail: str = ""
 ) -> Callable[[Callable[Arguments, Result]], Callable[Arguments, Result | int]]:

@@ -45,7 +45,7 @@ from obb_collision.benchmarks.price.scenes import (
     real_corpus,
 )
 from obb_collision.benchmarks.price.tables import claims, format_result
-from obb_collision.cli import MAX_SEED, Parser, interruptible, new_file, real, whole
+from obb_collision.cli import MAX_SEED, Parser, interruptible, new_file, option, real, whole
 
 #: Default duration of a run, seconds; compiling takes about a third of it the first time.
 SECONDS = 100.0
@@ -151,24 +151,13 @@ def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
         description="Measures what accuracy costs, per level: time, memory and false alarms, "
         "beside the installed peers.",
     )
-    parser.add_argument(
-        "--seconds", type=real(0.001, 1e6), default=SECONDS, help="approximate total time (s)"
-    )
-    parser.add_argument(
-        "--seed", type=whole(0, MAX_SEED), default=0, help="seed of the random poses"
-    )
-    parser.add_argument("--bodies", type=whole(1, 10**6), default=BODIES, help="number of bodies")
-    parser.add_argument("--pairs", type=whole(1, 10**8), default=PAIRS, help="pairs per corpus")
-    parser.add_argument(
-        "--timed", type=whole(1, 10**8), default=TIMED, help="pairs timed beside the peers"
-    )
-    parser.add_argument("--json", type=new_file(), metavar="FILE", help="write all numbers as JSON")
-    parser.add_argument(
-        "--plot",
-        type=new_file(".png", ".svg"),
-        metavar="FILE",
-        help="draw time against false alarms",
-    )
+    option(parser, "--seconds", real(0.001, 1e6), SECONDS, "approximate total time (s)")
+    option(parser, "--seed", whole(0, MAX_SEED), 0, "seed of the random poses")
+    option(parser, "--bodies", whole(1, 10**6), BODIES, "number of bodies")
+    option(parser, "--pairs", whole(1, 10**8), PAIRS, "pairs per corpus")
+    option(parser, "--timed", whole(1, 10**8), TIMED, "pairs timed beside the peers")
+    option(parser, "--json", new_file(), text="write all numbers as JSON")
+    option(parser, "--plot", new_file(".png", ".svg"), text="draw time against false alarms")
     return parser.parse_args(arguments)
 
 

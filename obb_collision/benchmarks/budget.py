@@ -37,7 +37,7 @@ from scipy.spatial.transform import Rotation
 from trimesh import creation
 
 from obb_collision.accuracy import Accuracy
-from obb_collision.cli import Parser, interruptible, new_file, real, whole
+from obb_collision.cli import Parser, interruptible, new_file, option, real, whole
 from obb_collision.geometry.shapes.meshes import Mesh
 from obb_collision.scene.refinement.budget import Budget
 from obb_collision.scene.scene import Scene
@@ -162,16 +162,11 @@ def run(meshes: int, cycles: int, times: float, clock: Clock, seed: int = 0) -> 
 def main(arguments: list[str] | None = None) -> None:
     """Print what happened; ``--json FILE`` writes it too."""
     parser = Parser(description="does the time budget of a scene hold?")
-    parser.add_argument("--meshes", type=whole(1, 10**6), default=400, help="moving meshes")
-    parser.add_argument("--cycles", type=whole(1, 10**9), default=500, help="cycles that count")
-    parser.add_argument(
-        "--times",
-        type=real(1e-3, 1e6),
-        default=10.0,
-        help="factor by which 'mesh' exceeds the budget",
-    )
+    option(parser, "--meshes", whole(1, 10**6), 400, "moving meshes")
+    option(parser, "--cycles", whole(1, 10**9), 500, "cycles that count")
+    option(parser, "--times", real(1e-3, 1e6), 10.0, "factor by which 'mesh' exceeds the budget")
+    option(parser, "--json", new_file(), text="write the figures to a file")
     parser.add_argument("--processor", action="store_true", help="measure processor time")
-    parser.add_argument("--json", type=new_file(), help="write the figures to a file")
     options = parser.parse_args(arguments)
     clock = time.process_time if options.processor else time.perf_counter
     row = run(options.meshes, options.cycles, options.times, clock)

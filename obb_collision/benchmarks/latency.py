@@ -34,7 +34,7 @@ from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
 from visualization_msgs.msg import Marker, MarkerArray
 
-from obb_collision.cli import MAX_SEED, Parser, interruptible, real, whole
+from obb_collision.cli import MAX_SEED, Parser, interruptible, option, real, whole
 from obb_collision.node.messages.bulk_clouds import poses_to_ros
 from obb_collision.node.messages.conversions import (
     NANOSECONDS,
@@ -157,15 +157,9 @@ def main(args: Sequence[str] | None = None) -> int:
     parser = Parser(
         prog="obb_collision_latency", description=__doc__.splitlines()[0] if __doc__ else None
     )
-    parser.add_argument(
-        "--objects", type=whole(1, 20000), default=1000, help="number of moving boxes"
-    )
-    parser.add_argument(
-        "--seconds", type=real(0.1, 86400.0), default=10.0, help="duration of the measurement"
-    )
-    parser.add_argument(
-        "--seed", type=whole(0, MAX_SEED), default=1, help="seed of the random scene"
-    )
+    option(parser, "--objects", whole(1, 20000), 1000, "number of moving boxes")
+    option(parser, "--seconds", real(0.1, 86400.0), 10.0, "duration of the measurement")
+    option(parser, "--seed", whole(0, MAX_SEED), 1, "seed of the random scene")
     options = parser.parse_args(args)
     latency = Latency(options.objects, options.seed)
     try:

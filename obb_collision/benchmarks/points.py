@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from obb_collision.cli import Parser, interruptible, new_file, whole
+from obb_collision.cli import Parser, interruptible, new_file, option, whole
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.queries.points.points import points_inside
 from obb_collision.typing import Floats
@@ -141,13 +141,9 @@ def _seconds(run: Callable[[], object]) -> tuple[float, float]:
 def main(arguments: list[str] | None = None) -> None:
     """Print the table; ``--json FILE`` writes it too."""
     parser = Parser(description="points of a cloud in many boxes, beside numpy and a k-d tree")
-    parser.add_argument(
-        "--points", type=whole(1, 10**9), default=1_000_000, help="points of the cloud"
-    )
-    parser.add_argument(
-        "--boxes", type=whole(1, 10**6), default=200, help="boxes it is tested against"
-    )
-    parser.add_argument("--json", type=new_file(), help="write the figures to a file")
+    option(parser, "--points", whole(1, 10**9), 1_000_000, "points of the cloud")
+    option(parser, "--boxes", whole(1, 10**6), 200, "boxes it is tested against")
+    option(parser, "--json", new_file(), text="write the figures to a file")
     options = parser.parse_args(arguments)
     rows = {}
     print(f"{options.points:,} points, {options.boxes} boxes; milliseconds, (processor)")

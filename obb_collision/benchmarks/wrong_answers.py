@@ -43,7 +43,7 @@ from obb_collision.benchmarks.cases.judges import (
     textbook,
 )
 from obb_collision.benchmarks.step.text import as_markdown, as_text
-from obb_collision.cli import MAX_SEED, Parser, interruptible, new_file, whole
+from obb_collision.cli import MAX_SEED, Parser, interruptible, new_file, option, whole
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.queries.verdict.exact import exact_verdict
 from obb_collision.queries.verdict.verdict import Verdict, Verdicts, verdicts
@@ -163,14 +163,11 @@ def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     """Read the command line; ``names`` are the families asked for."""
     summary = (__doc__ or "").splitlines()[0]
     parser = Parser(prog="obb_collision_wrong_answers", description=summary)
-    parser.add_argument("--pairs", type=whole(1, 10**9), default=10_000, help="pairs per family")
-    parser.add_argument(
-        "--seed", type=whole(0, MAX_SEED), default=0, help="seed of the random pairs"
-    )
-    parser.add_argument(
-        "--family", action="append", help="part of the name of a family; may be repeated"
-    )
-    parser.add_argument("--json", type=new_file(), metavar="FILE", help="write all counts as JSON")
+    option(parser, "--pairs", whole(1, 10**9), 10_000, "pairs per family")
+    option(parser, "--seed", whole(0, MAX_SEED), 0, "seed of the random pairs")
+    text = "part of the name of a family; may be repeated"
+    parser.add_argument("--family", action="append", help=text)
+    option(parser, "--json", new_file(), text="write all counts as JSON")
     parser.add_argument("--markdown", action="store_true", help="print the table as Markdown")
     options = parser.parse_args(arguments)
     wanted = options.family or [""]

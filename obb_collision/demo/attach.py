@@ -25,7 +25,7 @@ from math import inf
 from time import monotonic
 from typing import TYPE_CHECKING
 
-from obb_collision.cli import BAD_USAGE, Parser, whole
+from obb_collision.cli import BAD_USAGE, Parser, option, whole
 from obb_collision.demo.command import (
     DEFAULT_PORT,
     Interrupts,
@@ -86,32 +86,13 @@ def make_parser() -> argparse.ArgumentParser:
         description="Shows what a running obb_collision_node publishes, live in the browser, until "
         "Ctrl-C. Needs viser.",
     )
-    parser.add_argument(
-        "node",
-        type=_node_name,
-        nargs="?",
-        default="/obb_collision",
-        metavar="NODE",
-        help="full name of the node (default: %(default)s)",
-    )
-    parser.add_argument(
-        "--scene",
-        type=scene_file,
-        metavar="FILE",
-        help="the node's scene file: shapes and zones in it are on no topic",
-    )
-    parser.add_argument(
-        "--port",
-        type=whole(0, 65535),
-        default=DEFAULT_PORT,
-        help="port of the browser's page; the next free one if it is taken (default: %(default)s)",
-    )
-    parser.add_argument(
-        "--host",
-        default="localhost",
-        help="address to serve on; 0.0.0.0: to every machine that reaches this one "
-        "(default: %(default)s)",
-    )
+    text = "full name of the node"
+    parser.add_argument("node", type=_node_name, nargs="?", default="/obb_collision", help=text)
+    option(parser, "--scene", scene_file, text="its scene file: shapes and zones are on no topic")
+    text = "port of the browser's page; the next free one if it is taken"
+    option(parser, "--port", whole(0, 65535), DEFAULT_PORT, text)
+    text = "address to serve on; 0.0.0.0: to every machine that reaches this one"
+    option(parser, "--host", default="localhost", text=text)
     return parser
 
 

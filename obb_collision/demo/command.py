@@ -25,7 +25,7 @@ from contextlib import closing, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
-from obb_collision.cli import BAD_USAGE, MAX_SEED, Parser, new_file, real, whole
+from obb_collision.cli import BAD_USAGE, MAX_SEED, Parser, new_file, option, real, whole
 from obb_collision.demo.random_scene import DEFAULT_SEED, MIN_OBJECTS, random_scene
 from obb_collision.node.runtime.environment import SIGNALS, is_ros_here, set_defaults
 from obb_collision.scene_files import (
@@ -72,53 +72,24 @@ def make_parser() -> argparse.ArgumentParser:
         description="The collision node and a moving scene in one process: prints the pairs as "
         "they begin and end, then a summary, and saves a picture.",
     )
-    parser.add_argument(
-        "--seconds",
-        type=real(0.1, MAX_SECONDS),
-        help=f"how long to run (default: {DEFAULT_SECONDS:g}; with --view until Ctrl-C)",
-    )
+    text = f"how long to run (default: {DEFAULT_SECONDS:g}; with --view until Ctrl-C)"
+    option(parser, "--seconds", real(0.1, MAX_SECONDS), text=text)
     what = parser.add_mutually_exclusive_group()
-    what.add_argument(
-        "--scene",
-        type=scene_file,
-        metavar="FILE",
-        help=f"scene file to run: one of {', '.join(READY)}, a path to one of your own, or to a "
-        f"MoveIt planning scene (default: {DEFAULT_SCENE})",
+    text = (
+        f"scene file to run: one of {', '.join(READY)}, a path to one of your own, or to a "
+        f"MoveIt planning scene (default: {DEFAULT_SCENE})"
     )
-    what.add_argument(
-        "--objects",
-        type=whole(MIN_OBJECTS, MAX_OBJECTS),
-        metavar="N",
-        help="run a random scene of this many objects instead",
-    )
-    parser.add_argument(
-        "--seed",
-        type=whole(0, MAX_SEED),
-        default=DEFAULT_SEED,
-        help="seed of the random scene (default: %(default)s)",
-    )
-    parser.add_argument(
-        "--rate",
-        type=real(1.0, MAX_RATE),
-        default=30.0,
-        help="publications per second of what moves (Hz, default: %(default)g)",
-    )
-    parser.add_argument(
-        "--view",
-        type=whole(0, 65535),
-        nargs="?",
-        const=DEFAULT_PORT,
-        metavar="PORT",
-        help=f"show the scene live in the browser, at http://localhost:PORT (default: "
-        f"{DEFAULT_PORT}); needs viser",
-    )
-    parser.add_argument(
-        "--picture",
-        type=new_file(),
-        default="obb_collision_demo.png",
-        metavar="FILE",
-        help="PNG of the scene at the end (default: %(default)s)",
-    )
+    option(what, "--scene", scene_file, text=text)
+    objects = whole(MIN_OBJECTS, MAX_OBJECTS)
+    option(what, "--objects", objects, text="run a random scene of this many objects instead")
+    option(parser, "--seed", whole(0, MAX_SEED), DEFAULT_SEED, "seed of the random scene")
+    text = "publications per second of what moves (Hz)"
+    option(parser, "--rate", real(1.0, MAX_RATE), 30.0, text)
+    text = f"show the scene live at http://localhost:PORT (default: {DEFAULT_PORT}); needs viser"
+    port = whole(0, 65535)
+    parser.add_argument("--view", type=port, nargs="?", const=DEFAULT_PORT, help=text)
+    picture = "obb_collision_demo.png"
+    option(parser, "--picture", new_file(), picture, "PNG of the scene at the end")
     parser.add_argument("--no-picture", action="store_true", help="draw no picture")
     return parser
 

@@ -23,17 +23,7 @@ import numpy as np
 from scipy.spatial import QhullError
 from trimesh import Trimesh, convex, creation
 
-from obb_collision.shapes import (
-    Box,
-    Capsule,
-    Cone,
-    Cylinder,
-    Ellipsoid,
-    Hull,
-    Mesh,
-    Shape,
-    Sphere,
-)
+from obb_collision import shapes
 from obb_collision.typing import Floats, Integers
 
 #: Corners of a round body's polygon: round to the eye, few enough to draw hundreds.
@@ -54,23 +44,23 @@ class Triangles(NamedTuple):
 
 
 @lru_cache(maxsize=10_000)
-def triangles_of(shape: Shape) -> Triangles:
+def triangles_of(shape: shapes.Shape) -> Triangles:
     """Return a shape as triangles in its own frame."""
     scale = np.array(shape.scale, np.float64)
-    if isinstance(shape, Box):
+    if isinstance(shape, shapes.Box):
         return Triangles(*_unit_body("box"), scale * shape.size)
-    if isinstance(shape, (Sphere, Ellipsoid)):
-        radii = shape.radius if isinstance(shape, Sphere) else np.array(shape.radii)
+    if isinstance(shape, (shapes.Sphere, shapes.Ellipsoid)):
+        radii = shape.radius if isinstance(shape, shapes.Sphere) else np.array(shape.radii)
         return Triangles(*_unit_body("sphere"), scale * radii)
-    if isinstance(shape, (Cylinder, Cone)):
+    if isinstance(shape, (shapes.Cylinder, shapes.Cone)):
         size = np.array((shape.radius, shape.radius, shape.length))
-        kind = "cylinder" if isinstance(shape, Cylinder) else "cone"
+        kind = "cylinder" if isinstance(shape, shapes.Cylinder) else "cone"
         return Triangles(*_unit_body(kind), scale * size)
-    if isinstance(shape, Capsule):
+    if isinstance(shape, shapes.Capsule):
         return Triangles(*_capsule(shape.radius, shape.length), scale)
-    if isinstance(shape, Hull):
+    if isinstance(shape, shapes.Hull):
         return _hull_triangles(shape, scale)
-    if isinstance(shape, Mesh):
+    if isinstance(shape, shapes.Mesh):
         return Triangles(shape.vertices, shape.faces, scale, closed=False)
     raise TypeError(f"the demo can't draw a {type(shape).__name__}")
 
@@ -98,7 +88,7 @@ def _capsule(radius: float, length: float) -> tuple[Floats, Integers]:
     return np.array(body.vertices), np.array(body.faces)
 
 
-def _hull_triangles(shape: Hull, scale: Floats) -> Triangles:
+def _hull_triangles(shape: shapes.Hull, scale: Floats) -> Triangles:
     try:
         body: Any = convex.convex_hull(shape.points)
     except QhullError:  # a point, a line, a triangle

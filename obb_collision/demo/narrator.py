@@ -25,15 +25,7 @@ from typing import Any
 
 import numpy as np
 
-from obb_collision.node import (
-    NamedPair,
-    NamedPrediction,
-    named_clearances,
-    named_contacts,
-    named_passed_collisions,
-    named_points_inside,
-    named_predictions,
-)
+from obb_collision import node
 
 #: Seconds after which a collision that is predicted again is printed again.
 FORGET = 0.5
@@ -46,12 +38,12 @@ def pair_of(row: Any) -> str:
     return f"{row.a} – {row.b}"  # noqa: RUF001 - an en dash, as in print
 
 
-def is_touching(row: NamedPair) -> bool:
+def is_touching(row: node.NamedPair) -> bool:
     """Return whether the objects touch without overlapping; False where the depth is unknown."""
     return row.depth < TOUCH_DEPTH
 
 
-def pair_text(row: NamedPair) -> str:
+def pair_text(row: node.NamedPair) -> str:
     """Return a pair and its depth as text."""
     depth = "" if np.isnan(row.depth) else f"  {1e3 * row.depth:.0f} mm"
     return pair_of(row) + ("  touching" if is_touching(row) else depth)
@@ -61,11 +53,11 @@ class Pairs:
     """Colliding pairs: which begin and end."""
 
     def __init__(self) -> None:
-        self.rows: list[NamedPair] = []
+        self.rows: list[node.NamedPair] = []
         self._seen: set[tuple[str, str]] = set()
         self._most = 0
 
-    def update(self, rows: list[NamedPair], seconds: float) -> Iterator[str]:
+    def update(self, rows: list[node.NamedPair], seconds: float) -> Iterator[str]:
         """Take the pairs; yield those that begin and those that end."""
         before = {row[:2]: row for row in self.rows}
         now = {row[:2]: row for row in rows}
@@ -185,18 +177,18 @@ class PointsInside:
             yield f"points in {name}: {now.get(name, 0)} at the end, at most {most}"
 
 
-def _all_predictions(message: Any, namespaces: Any) -> list[NamedPrediction]:
+def _all_predictions(message: Any, namespaces: Any) -> list[node.NamedPrediction]:
     """Return the rows of ``predicted_collisions``: what is ahead, and what passed."""
     return [
-        *named_predictions(message, namespaces),
-        *named_passed_collisions(message, namespaces),
+        *node.named_predictions(message, namespaces),
+        *node.named_passed_collisions(message, namespaces),
     ]
 
 
 #: By effect: what gives a message's rows names, and the narrator.
 NARRATORS: dict[str, tuple[Callable[..., list[Any]], type]] = {
-    "contacts": (named_contacts, Contacts),
-    "clearance": (named_clearances, Clearances),
+    "contacts": (node.named_contacts, Contacts),
+    "clearance": (node.named_clearances, Clearances),
     "sweep": (_all_predictions, Predictions),
-    "points": (named_points_inside, PointsInside),
+    "points": (node.named_points_inside, PointsInside),
 }

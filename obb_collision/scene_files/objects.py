@@ -20,6 +20,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+from obb_collision import shapes
 from obb_collision.accuracy import ALL_LEVELS, Accuracy, as_accuracy
 from obb_collision.geometry.poses import Pose
 from obb_collision.scene_files.description import Color, SceneDescription, SceneObject, Triple
@@ -29,16 +30,6 @@ from obb_collision.scene_files.motions import MAX_MOVING, check_followers, read_
 from obb_collision.scene_files.places import quaternion_of
 from obb_collision.scene_files.simulate.motion import Follow, Loop, Motion
 from obb_collision.scene_files.yaml_values import Value
-from obb_collision.shapes import (
-    Box,
-    Capsule,
-    Cone,
-    Cylinder,
-    Ellipsoid,
-    Hull,
-    Shape,
-    Sphere,
-)
 
 Fields = dict[str, Value]
 
@@ -58,7 +49,11 @@ KEYS = (
     *("name", "shape", "position", "rpy", "quaternion", "scale"),
     *("padding", "accuracy", "color", "motion"),
 )
-TURNED: dict[str, Callable[..., Shape]] = {"cylinder": Cylinder, "cone": Cone, "capsule": Capsule}
+TURNED: dict[str, Callable[..., shapes.Shape]] = {
+    "cylinder": shapes.Cylinder,
+    "cone": shapes.Cone,
+    "capsule": shapes.Capsule,
+}
 #: Characters of patterns; in a name they would match something else.
 PATTERN_LETTERS = "*?[]"
 NO_SCALE: Triple = (1.0, 1.0, 1.0)
@@ -138,21 +133,21 @@ def _read_place(fields: Fields) -> tuple[Pose, Motion | None]:
     return (x, y, z, *turn), motion
 
 
-def _read_shape(word: str, fields: Fields, files: MeshFiles) -> Shape:
+def _read_shape(word: str, fields: Fields, files: MeshFiles) -> shapes.Shape:
     scale = read_scale(fields["scale"]) if "scale" in fields else NO_SCALE
     if word == "box":
-        return Box(fields["size"].numbers(3, positive=True), scale)
+        return shapes.Box(fields["size"].numbers(3, positive=True), scale)
     if word == "sphere":
-        return Sphere(fields["radius"].positive(), scale)
+        return shapes.Sphere(fields["radius"].positive(), scale)
     if word == "ellipsoid":
-        return Ellipsoid(fields["radii"].numbers(3, positive=True), scale)
+        return shapes.Ellipsoid(fields["radii"].numbers(3, positive=True), scale)
     if word in TURNED:
         return TURNED[word](fields["radius"].positive(), fields["length"].positive(), scale)
     if word == "hull":
         points = [point.numbers(3) for point in fields["points"].items()]
         if not points:
             fields["points"].expected("points [x, y, z], at least one")
-        return Hull(points, scale)
+        return shapes.Hull(points, scale)
     return files.mesh(fields["file"], scale)
 
 

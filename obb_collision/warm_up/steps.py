@@ -28,42 +28,15 @@ from pkgutil import resolve_name
 import numpy as np
 from numpy.typing import NDArray
 
+import obb_collision as oc
+from obb_collision import shapes
 from obb_collision.accuracy import Accuracy
-from obb_collision.geometry.aabb import AABB
-from obb_collision.geometry.boxes import Boxes
-from obb_collision.geometry.capsules import Capsules
 from obb_collision.geometry.poses import quaternions_from_matrices
-from obb_collision.geometry.trees.obb_tree import MeshTrees
-from obb_collision.obb import OBB
-from obb_collision.queries.clearance.clearance import clearances
-from obb_collision.queries.contacts.contacts import contacts
-from obb_collision.queries.meshes.meshes import PlacedMeshes, mesh_contacts, mesh_verdicts
 from obb_collision.queries.meshes.triangles import triangle_verdicts
-from obb_collision.queries.overlap.overlap import iou
-from obb_collision.queries.points.points import points_inside
-from obb_collision.queries.primitives.capsules import capsule_distances, capsule_verdicts
-from obb_collision.queries.primitives.planes import aabb_verdicts, plane_distances
-from obb_collision.queries.rays.rays import cast_rays, cast_segments
-from obb_collision.queries.sweep.moving import MovingBoxes
-from obb_collision.queries.sweep.sweep import sweeps
-from obb_collision.queries.verdict.separations import separations
-from obb_collision.queries.verdict.verdict import verdicts
-from obb_collision.scene.broad_phase.any_collision import any_collision
-from obb_collision.scene.broad_phase.find_pairs import find_pairs
+from obb_collision.queries.primitives.capsules import capsule_verdicts
+from obb_collision.queries.primitives.planes import aabb_verdicts
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.refinement.budget import ABOVE
-from obb_collision.scene.scene import Scene
-from obb_collision.shapes import (
-    Box,
-    Capsule,
-    Cone,
-    Cylinder,
-    Ellipsoid,
-    Hull,
-    Mesh,
-    Shape,
-    Sphere,
-)
 
 FEW_OBJECTS, OBJECTS = 8, 256
 """A few, which have a kernel of their own, and enough for a tree that some of them move in."""
@@ -105,8 +78,8 @@ def possible_steps() -> list[str]:
     return [step for step in STEPS if ros or step not in NEEDS_ROS]
 
 
-def _row_of_boxes(count: int = OBJECTS) -> Scene:
-    scene = Scene()
+def _row_of_boxes(count: int = OBJECTS) -> oc.Scene:
+    scene = oc.Scene()
     poses = [(0.75 * number, 0, 0, 0, 0, 0.6, 0.8) for number in range(count)]
     scene.add_boxes([str(number) for number in range(count)], np.ones((count, 3)), poses)
     return scene
@@ -122,9 +95,9 @@ def _boxes() -> None:
         report = scene.check(effects=["separations"])
         _ = report.colliding, report.depths
     quaternions_from_matrices(scene.boxes.rotations)  # of markers
-    scene.add("at the origin", OBB((0.0, 0.0, 0.0), np.eye(3), (0.1, 0.1, 0.1)))
-    for kind, shapes in _zoo().items():
-        for number, shape in enumerate(shapes):
+    scene.add("at the origin", oc.OBB((0.0, 0.0, 0.0), np.eye(3), (0.1, 0.1, 0.1)))
+    for kind, some in _zoo().items():
+        for number, shape in enumerate(some):
             scene.add(f"{kind} {number}", shape)
     scene.padding = 0.01
     scene.allow("1*", "2*")
@@ -134,7 +107,7 @@ def _boxes() -> None:
             scene.check()
             scene.move_indices(np.array([1]), np.array([(0.7, 0.0, 0.1 * level, 0, 0, 0, 1)]))
             scene.check()
-            find_pairs(scene.boxes, accuracy=level)
+            oc.find_pairs(scene.boxes, accuracy=level)
     scene.remove("at the origin")
     scene.check()
     _crowds()
@@ -142,35 +115,34 @@ def _boxes() -> None:
 
 def _crowds() -> None:
     """Run what more colliding pairs than a limit need: two places full of boxes."""
-    scene = Scene(max_pairs=1)
+    scene = oc.Scene(max_pairs=1)
     for number in range(2 * OBJECTS):
         x = 10.0 * (number >= 4)  # too few in one place, and in the other enough
-        scene.add(str(number), Box((1.0, 1.0, 1.0)), (x, 0, 0, 0, 0, 0.6, 0.8))
+        scene.add(str(number), shapes.Box((1.0, 1.0, 1.0)), (x, 0, 0, 0, 0, 0.6, 0.8))
     assert scene.check().truncated
 
 
-def _zoo() -> dict[str, tuple[Shape, ...]]:
+def _zoo() -> dict[str, tuple[shapes.Shape, ...]]:
     """Return shapes of every kind that the levels distinguish."""
     return {
-        "box": (Box((0.5, 0.5, 0.5)), Box((0.5, 0.4, 0.3))),
-        "round": (Sphere(0.3), Capsule(0.2, 0.4)),
+        "box": (shapes.Box((0.5, 0.5, 0.5)), shapes.Box((0.5, 0.4, 0.3))),
+        "round": (shapes.Sphere(0.3), shapes.Capsule(0.2, 0.4)),
         "convex": (
-            *(Ellipsoid((0.3, 0.2, 0.1)), Cylinder(0.2, 0.4), Cone(0.2, 0.4)),
-            Hull(TETRAHEDRON),
+            *(shapes.Ellipsoid((0.3, 0.2, 0.1)), shapes.Cylinder(0.2, 0.4), shapes.Cone(0.2, 0.4)),
+            shapes.Hull(TETRAHEDRON),
         ),
-        "mesh": (Mesh(TETRAHEDRON, TETRAHEDRON_FACES), Mesh(TETRAHEDRON, TETRAHEDRON_FACES)),
+        "mesh": tuple(shapes.Mesh(TETRAHEDRON, TETRAHEDRON_FACES) for _ in range(2)),
     }
 
 
 def _level(level: Accuracy) -> None:
     """Run a level above "obb" on all kinds of shapes, exactly and within a budget too."""
     for exact, budget, padding in ((False, None, 0.0), (True, None, 0.0), (False, 1.0, 0.01)):
-        scene = Scene(accuracy=level, exact=exact, time_budget=budget)
-        shapes = [shape for some in _zoo().values() for shape in some]
-        for number, shape in enumerate(shapes):
+        scene = oc.Scene(accuracy=level, exact=exact, time_budget=budget)
+        for number, shape in enumerate(shape for some in _zoo().values() for shape in some):
             pose = (0.02 * number, 0.01 * number, 0.0, 0.0, 0.0, 0.6, 0.8)
             scene.add(str(number), shape, pose)
-        scene.add("padded", Sphere(0.2), padding=padding)
+        scene.add("padded", shapes.Sphere(0.2), padding=padding)
         scene.check()
         scene.move("0", TURNED)
         scene.check()
@@ -208,67 +180,67 @@ def _clouds() -> list[NDArray[np.floating]]:
 def _fits() -> None:
     """Fit boxes, and run all queries of single boxes."""
     rng = np.random.default_rng(0)
-    first = OBB.from_points(rng.random((20, 3)))
-    OBB(*Box((1.0, 1.0, 1.0)).local_box)
-    second = OBB.from_quaternion((0.1, 0.2, 0.3), (0.0, 0.0, 0.6, 0.8), (1.0, 1.0, 1.0))
-    third = OBB.from_aabb(AABB((0.0, 0.0, 0.0), (1.0, 1.0, 1.0)))
+    first = oc.OBB.from_points(rng.random((20, 3)))
+    oc.OBB(*shapes.Box((1.0, 1.0, 1.0)).local_box)
+    second = oc.OBB.from_quaternion((0.1, 0.2, 0.3), (0.0, 0.0, 0.6, 0.8), (1.0, 1.0, 1.0))
+    third = oc.OBB.from_aabb(oc.AABB((0.0, 0.0, 0.0), (1.0, 1.0, 1.0)))
     _ = first.separation(second), second.intersects(third), first.quaternion, first.corners()
     _ = second.contains(np.zeros(3)), second.contains(np.zeros((2, 3)))
     second.transformed(np.diag([1.0, 2.0, 1.0, 1.0]))
 
 
-def _batch() -> Boxes:
+def _batch() -> oc.Boxes:
     poses = np.tile((0.0, 0.0, 0.0, 0.0, 0.0, 0.6, 0.8), (4, 1))
     poses[:, 0] = 0.75 * np.arange(4)
-    return Boxes.from_poses(poses, np.full((4, 3), 0.5))
+    return oc.Boxes.from_poses(poses, np.full((4, 3), 0.5))
 
 
 def _pair_queries() -> None:
     """Run all queries of pairs of boxes."""
     boxes, pairs = _batch(), np.array([(0, 1), (0, 2), (2, 3)])
-    again = Boxes(boxes.centers + 0.1, boxes.rotations, boxes.half_extents)
-    verdicts(boxes, again, exact=True)
-    find_pairs(boxes, exact=True)
-    find_pairs(boxes, again)
-    iou(boxes, again)
-    any_collision(boxes)
-    any_collision(boxes, again, exact=True)
-    contacts(boxes, again, pairs)
-    clearances(boxes, again, pairs)
-    separations(boxes, again)
+    again = oc.Boxes(boxes.centers + 0.1, boxes.rotations, boxes.half_extents)
+    oc.verdicts(boxes, again, exact=True)
+    oc.find_pairs(boxes, exact=True)
+    oc.find_pairs(boxes, again)
+    oc.iou(boxes, again)
+    oc.any_collision(boxes)
+    oc.any_collision(boxes, again, exact=True)
+    oc.contacts(boxes, again, pairs)
+    oc.clearances(boxes, again, pairs)
+    oc.separations(boxes, again)
     for with_contacts in (True, False):
         for moving in (
-            MovingBoxes(boxes, again),
-            MovingBoxes.from_twists(boxes, np.full((4, 6), 0.1), 1.0),
+            oc.MovingBoxes(boxes, again),
+            oc.MovingBoxes.from_twists(boxes, np.full((4, 6), 0.1), 1.0),
         ):
-            sweeps(moving, boxes, pairs, contacts=with_contacts)
-            sweeps(moving, moving, pairs, contacts=with_contacts)
+            oc.sweeps(moving, boxes, pairs, contacts=with_contacts)
+            oc.sweeps(moving, moving, pairs, contacts=with_contacts)
 
 
 def _other_queries() -> None:
     """Run the queries of rays, planes, points, capsules and triangles."""
     boxes, zeros = _batch(), np.zeros((4, 3))
-    cast_rays(boxes, zeros, zeros + 1.0)
-    cast_rays(boxes, zeros[:1], zeros[:1] + 1.0)
-    cast_segments(boxes, zeros, zeros + 1.0)
-    plane_distances(boxes, zeros, zeros + 1.0)
+    oc.cast_rays(boxes, zeros, zeros + 1.0)
+    oc.cast_rays(boxes, zeros[:1], zeros[:1] + 1.0)
+    oc.cast_segments(boxes, zeros, zeros + 1.0)
+    oc.plane_distances(boxes, zeros, zeros + 1.0)
     aabb_verdicts(boxes, zeros, zeros + 1.0)
-    points_inside(boxes, zeros, each_point=True)
-    capsules = Capsules(zeros, zeros + 1.0, np.full(4, 0.1))
+    oc.points_inside(boxes, zeros, each_point=True)
+    capsules = oc.Capsules(zeros, zeros + 1.0, np.full(4, 0.1))
     for other in (capsules, boxes):
         capsule_verdicts(capsules, other)
-        capsule_distances(capsules, other)
+        oc.capsule_distances(capsules, other)
     corners = np.array(TETRAHEDRON)[np.array(TETRAHEDRON_FACES)]
     triangle_verdicts(corners, corners, exact=True)
 
 
 def _mesh_queries() -> None:
     """Run the queries of meshes without a scene."""
-    trees = MeshTrees.build(np.array(TETRAHEDRON), np.array(TETRAHEDRON_FACES))
+    trees = oc.MeshTrees.build(np.array(TETRAHEDRON), np.array(TETRAHEDRON_FACES))
     poses = np.tile(TURNED, (2, 1))
-    bodies = PlacedMeshes.from_poses(trees, np.zeros(2, np.int64), poses)
-    mesh_contacts(bodies, bodies)
-    mesh_verdicts(bodies, bodies, exact=True)
+    bodies = oc.PlacedMeshes.from_poses(trees, np.zeros(2, np.int64), poses)
+    oc.mesh_contacts(bodies, bodies)
+    oc.mesh_verdicts(bodies, bodies, exact=True)
 
 
 STEPS: dict[str, Callable[[], None] | str] = {

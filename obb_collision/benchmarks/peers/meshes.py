@@ -35,7 +35,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from trimesh import creation
 
-from obb_collision.cli import Parser, interruptible, new_file, whole
+from obb_collision.cli import Parser, interruptible, new_file, option, whole
 from obb_collision.geometry.trees.obb_tree import MeshTrees
 from obb_collision.queries.meshes.meshes import PlacedMeshes, mesh_collisions
 
@@ -159,8 +159,8 @@ def _seconds(run: Callable[[], object]) -> float:
 def main(arguments: list[str] | None = None) -> None:
     """Print the table; ``--json FILE`` writes it too."""
     parser = Parser(description="mesh against mesh beside python-fcl and coal")
-    parser.add_argument("--pairs", type=whole(1, 10**8), default=1000, help="pairs of poses a row")
-    parser.add_argument("--json", type=new_file(), help="write the figures to a file")
+    option(parser, "--pairs", whole(1, 10**8), 1000, "pairs of poses a row")
+    option(parser, "--json", new_file(), text="write the figures to a file")
     options = parser.parse_args(arguments)
     rows, peers = {}, list(installed())
     heads = "".join(f"{name + ' µs':>10}{'ratio':>7}{'differ':>8}" for name in peers)

@@ -40,7 +40,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from obb_collision.cli import Parser, interruptible, new_file, whole
+from obb_collision.cli import Parser, interruptible, new_file, option, whole
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.queries.sweep.moving import MovingBoxes
 from obb_collision.queries.sweep.sweep import Sweeps, sweeps
@@ -182,8 +182,8 @@ def _seconds(run: Callable[[], object]) -> float:
 def main(arguments: list[str] | None = None) -> None:
     """Print the table; ``--json FILE`` writes it too."""
     parser = Parser(description="moving boxes beside python-fcl")
-    parser.add_argument("--pairs", type=whole(1, 10**8), default=20_000, help="pairs of each row")
-    parser.add_argument("--json", type=new_file(), help="write the figures to a file")
+    option(parser, "--pairs", whole(1, 10**8), 20_000, "pairs of each row")
+    option(parser, "--json", new_file(), text="write the figures to a file")
     options = parser.parse_args(arguments)
     rows = {}
     head = f"{'motion':34}{'hits':>6}{'ours µs':>9}{'fcl µs':>8}{'ratio':>7}"

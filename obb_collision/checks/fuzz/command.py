@@ -27,7 +27,7 @@ from pathlib import Path
 
 from obb_collision.checks.fuzz.child import Child
 from obb_collision.checks.fuzz.session import BATCH, FoundError, Result, Session
-from obb_collision.cli import MAX_SEED, Parser, new_file, real, whole
+from obb_collision.cli import MAX_SEED, Parser, new_file, option, real, whole
 
 LARGEST_DOMAIN = 100
 PROGRESS = 5.0
@@ -41,19 +41,11 @@ def _parser() -> argparse.ArgumentParser:
         "verify after every batch that it is alive, answers correctly and was not blocked.",
         epilog="Arguments behind -- are those of the node: obb_collision_fuzz -- -p accuracy:=mesh",
     )
-    parser.add_argument(
-        "--messages", type=whole(1, 10**9), default=20_000, help="number of hostile messages"
-    )
-    parser.add_argument(
-        "--seed", type=whole(0, MAX_SEED), default=1, help="seed of the random numbers"
-    )
-    parser.add_argument(
-        "--bound",
-        type=real(0.0, 3600.0),
-        default=0.1,
-        help="seconds that the node may be blocked beyond what rclpy takes to decode",
-    )
-    parser.add_argument("--log", type=new_file(), help="file for the node's output")
+    option(parser, "--messages", whole(1, 10**9), 20_000, "number of hostile messages")
+    option(parser, "--seed", whole(0, MAX_SEED), 1, "seed of the random numbers")
+    text = "seconds that the node may be blocked beyond what rclpy takes to decode"
+    option(parser, "--bound", real(0.0, 3600.0), 0.1, text)
+    option(parser, "--log", new_file(), text="file for the node's output")
     parser.add_argument("node", nargs="*", metavar="NODE_ARGUMENT", help="argument of the node")
     return parser
 

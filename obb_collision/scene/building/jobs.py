@@ -26,14 +26,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from obb_collision.geometry.shapes.files import (
-    Version,
-    file_version,
-    read_file,
-    read_mesh,
-    resolve_path,
-    shortened,
-)
+from obb_collision.geometry.shapes import files
 from obb_collision.geometry.shapes.primitives import LocalBox
 from obb_collision.numerics.constants import MAX_MAGNITUDE
 from obb_collision.scene.building.errors import BAD_SHAPE, BuildError
@@ -118,7 +111,7 @@ class MeshFile:
     scale: Floats
     data: bytes | None = None
     largest: int = 1 << 30
-    known: Version | None = None
+    known: files.Version | None = None
 
     @property
     def size(self) -> int:
@@ -132,7 +125,7 @@ class MeshFile:
             return message | {"job": "data", "data": np.frombuffer(self.data, np.uint8)}
         return message | {"job": "file", "known": self.known}
 
-    def finish(self, reply: Message) -> tuple[Mesh, Version | None] | None:
+    def finish(self, reply: Message) -> tuple[Mesh, files.Version | None] | None:
         """Return the mesh and, of a file, its version; None if it is the known one."""
         if "vertices" not in reply:
             return None
@@ -179,25 +172,27 @@ def _data(message: Message) -> Message:
     try:
         return _mesh(message["data"].tobytes(), message["name"], message["scale"])
     except ValueError as error:
-        raise BuildError(UNREADABLE, f"{shortened(message['name'])}: {error}") from error
+        raise BuildError(UNREADABLE, f"{files.shortened(message['name'])}: {error}") from error
 
 
 def _file(message: Message) -> Message:
     name = message["name"]
     try:
-        path = resolve_path(name)
-        if message["known"] is not None and file_version(path) == tuple(message["known"]):
+        path = files.resolve_path(name)
+        if message["known"] is not None and files.file_version(path) == tuple(message["known"]):
             return {}
-        data, version = read_file(path, message["largest"])
+        data, version = files.read_file(path, message["largest"])
         return _mesh(data, path.name, message["scale"]) | {"version": np.array(version)}
     except ValueError as error:
         text = str(error)
         known = text.startswith("mesh file ")  # it names the file
-        raise BuildError(UNREADABLE, text if known else f"{shortened(name)}: {text}") from error
+        raise BuildError(
+            UNREADABLE, text if known else f"{files.shortened(name)}: {text}"
+        ) from error
 
 
 def _mesh(data: bytes, name: str, scale: Floats) -> Message:
-    mesh = Mesh(*read_mesh(data, name), scale)
+    mesh = Mesh(*files.read_mesh(data, name), scale)
     return {"vertices": mesh.vertices, "faces": mesh.faces} | boxed(mesh)
 
 
@@ -217,4 +212,4 @@ def perform(message: Message) -> Message:
     except BuildError:
         raise
     except ValueError as error:
-        raise BuildError(BAD_SHAPE, shortened(str(error))) from error
+        raise BuildError(BAD_SHAPE, files.shortened(str(error))) from error
