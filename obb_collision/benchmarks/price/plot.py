@@ -16,8 +16,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from itertools import islice, pairwise, permutations
+from collections.abc import Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -46,11 +46,9 @@ PLACES: list[Place] = [
 #: A label whose offset is larger than this gets a line to its point, points of 1/72 inch.
 NEAR = 15.0
 #: Margin around a point and a piece of line without labels, pixels at 100 dots per inch.
-POINT_ROOM, LINE_ROOM = 6.0, 2.0
-#: And a label; and how far labels may extend beyond the axes to the right and above.
-GAP, MARGIN = 2.0, 12.0
-#: Orders of the peers that are tried for labels that need no long lines.
-MOST_ORDERS = 120
+POINT_ROOM = 4.0
+#: How far labels may extend beyond the axes to the right and above.
+MARGIN = 12.0
 
 
 def save_plot(prices: Sequence[Price], path: Path) -> None:
@@ -125,63 +123,34 @@ def _time(nanoseconds: float) -> str:
 
 
 def _label(figure: Any, axes: Any, rows: Sequence[Row], lines: list[Floats]) -> None:
-    """Write each name at one of PLACES where it covers nothing: the peers in the best order."""
+    """Write each name at the first of PLACES where it covers nothing: ours first, then peers."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.text import Text
+    from matplotlib.transforms import Bbox
 
     renderer = FigureCanvasAgg(figure).get_renderer()  # which measures texts
     to_pixels = axes.transData.transform
-    boxes = [_box(point, POINT_ROOM) for point in to_pixels([_at(row) for row in rows])]
+    points = [*to_pixels([_at(row) for row in rows])]
     for start, end in (ends for line in lines for ends in pairwise(to_pixels(line))):
-        boxes += [_box(point, LINE_ROOM) for point in np.linspace(start, end, 24)]
-    taken = np.array(boxes)
-    inside = np.array(axes.get_window_extent(renderer).extents)
-    rooms: dict[str, list[Floats]] = {}
-    for row in rows:
-        text = _write(axes, row, PLACES[0])
-        text.update_positions(renderer)
-        low, high = np.array(text.get_window_extent(renderer).extents).reshape(2, 2)
-        point, scale = to_pixels(_at(row)), figure.dpi / 72.0
-        rooms[row.name] = [_room(point, high - low, place, scale, inside) for place in PLACES]
-        text.remove()
-    own = sorted((row.name for row in rows if not row.peer), key=[r.name for r in rows].index)
-    _, chosen, taken = _choose(own, rooms, taken)
-    peers = sorted((row for row in rows if row.peer), key=lambda row: -row.pair_ns)
-    orders = islice(permutations([row.name for row in peers]), MOST_ORDERS)
-    _, others, _ = min((_choose(order, rooms, taken) for order in orders), key=lambda c: c[0])
-    for row in rows:
-        _write(axes, row, PLACES[(chosen | others)[row.name]])
-
-
-def _room(point: Floats, size: Floats, place: Place, scale: float, inside: Floats) -> Floats:
-    """Return the boxes (k, 4) of a label and of the line to it; none if it leaves the axes."""
-    x, y, ha, va = place
-    end = {"left": 0.0, "bottom": 0.0, "center": 0.5, "right": 1.0, "top": 1.0}
-    low = point + scale * np.array([x, y]) - np.array([end[ha], end[va]]) * size
-    box = np.concatenate([low - GAP, low + size + GAP])
-    if (box[:2] < inside[:2]).any() or (box[2:] > inside[2:] + MARGIN).any():
-        return np.empty((0, 4))
-    way = np.clip(point, box[:2], box[2:]) - point
-    length = float(np.linalg.norm(way))
-    steps = np.arange(2.0 * POINT_ROOM, length, POINT_ROOM) / max(length, 1.0)
-    return np.array([box, *(_box(point + step * way, 1.0) for step in steps)])
-
-
-def _choose(
-    names: Sequence[str], rooms: Mapping[str, list[Floats]], taken: Floats
-) -> tuple[int, dict[str, int], Floats]:
-    """Give each name in turn the first place that is free.
-
-    Returns how far down the list they are in all, the places, and what is taken then.
-    """
-    cost, chosen = 0, {}
-    for name in names:
-        places = enumerate(rooms[name])
-        free = (k for k, room in places if len(room) and not _overlap(room, taken))
-        place = next(free, None)
-        cost += 10 * len(PLACES) if place is None else place
-        chosen[name] = place or 0
-        taken = np.concatenate([taken, rooms[name][chosen[name]]])
-    return cost, chosen, taken
+        points += [*np.linspace(start, end, 24)]
+    taken = [Bbox([point, point]).padded(POINT_ROOM) for point in points]
+    x, y, right, top = axes.get_window_extent(renderer).extents
+    inside = Bbox([(x, y), (right + MARGIN, top + MARGIN)])
+    labels: list[Bbox] = []
+    for row in sorted(rows, key=lambda row: (row.peer, row.pair_ns)):
+        for place in PLACES:
+            text = _write(axes, row, place)
+            text.update_positions(renderer)
+            box = Text.get_window_extent(text, renderer)
+            within = inside.contains(*box.min) and inside.contains(*box.max)
+            way = np.linspace(to_pixels(_at(row)), np.clip(to_pixels(_at(row)), box.min, box.max))
+            crossed = any(label.contains(*point) for label in labels for point in way)
+            if within and not crossed and not box.count_overlaps(taken + labels):
+                break
+            text.remove()
+        else:
+            text = _write(axes, row, PLACES[0])
+        labels.append(box)
 
 
 def _write(axes: Any, row: Row, place: Place) -> Any:
@@ -205,13 +174,3 @@ def _name(row: Row) -> str:
 
 def _at(row: Row) -> tuple[float, float]:
     return row.pair_ns, _percent(row)
-
-
-def _box(point: Floats, room: float) -> Floats:
-    return np.concatenate([point - room, point + room])
-
-
-def _overlap(a: Floats, b: Floats) -> bool:
-    """Return whether any of the boxes (k, 4) covers any of the others (m, 4)."""
-    low, high = np.maximum(a[:, None, :2], b[:, :2]), np.minimum(a[:, None, 2:], b[:, 2:])
-    return bool((low < high).all(axis=2).any())
