@@ -176,7 +176,3 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if result.missed:
         print(f"\nDEFECT: {result.missed} collisions missed", file=sys.stderr)
     return int(result.missed > 0)
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())

@@ -173,7 +173,3 @@ def main(args: Sequence[str] | None = None) -> int:
     print("publish object_poses to collisions received, one process (ms):")
     print(f"  median {median:.2f}  p95 {p95:.2f}  p99 {p99:.2f}  max {1e3 * samples.max():.2f}")
     return 0
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())

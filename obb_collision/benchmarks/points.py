@@ -25,7 +25,6 @@ machine that others use, the minimum processor time of all turns is more informa
 from __future__ import annotations
 
 import json
-import time
 from collections.abc import Callable, Iterable
 
 import numpy as np
@@ -33,6 +32,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
+from obb_collision.benchmarks.price.turns import seconds_of
 from obb_collision.cli import Parser, interruptible, new_file, option, whole
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.queries.points.points import points_inside
@@ -119,7 +119,7 @@ def compare(name: str, boxes: int, points: int) -> dict[str, float]:
         "tree": (lambda: by_tree(placed, cloud), PEER_TURNS),
     }
     for side, (run, turns) in sides.items():
-        times = np.array([_seconds(run) for _ in range(turns)])
+        times = np.array([seconds_of(run) for _ in range(turns)])
         row[f"{side}_ms"], row[f"{side}_cpu_ms"] = (
             1e3 * float(np.median(times[:, 0])),
             1e3 * float(times[:, 1].min()),
@@ -128,13 +128,6 @@ def compare(name: str, boxes: int, points: int) -> dict[str, float]:
     theirs = by_numpy(placed, cloud)
     row["differ"] = sum(int((a != b).sum()) for a, b in zip(ours, theirs, strict=True))
     return row
-
-
-def _seconds(run: Callable[[], object]) -> tuple[float, float]:
-    """Return time on the wall and of the processor."""
-    start, used = time.perf_counter(), time.process_time()
-    run()
-    return time.perf_counter() - start, time.process_time() - used
 
 
 @interruptible("points")

@@ -32,6 +32,7 @@ from obb_collision.geometry.validation import (
     as_array,
     as_half_extents,
     as_rotations,
+    check_lengths,
     is_single,
 )
 from obb_collision.numerics.constants import BOUND_SLACK, BOUND_UNDERFLOW
@@ -84,11 +85,7 @@ class Boxes:
         c = as_array(centers, "centers", (None, 3))
         r = as_rotations(rotations, "rotations", (None, 3, 3))
         h = as_half_extents(half_extents, "half_extents", (None, 3))
-        if not len(c) == len(r) == len(h):
-            raise ValueError(
-                "centers, rotations and half_extents must have the same length, "
-                f"got {len(c)}, {len(r)} and {len(h)}"
-            )
+        check_lengths(centers=c, rotations=r, half_extents=h)
         self._set(c.copy(), r.copy(), h)  # what is checked must not change behind our back
 
     def _set(self, centers: Floats, rotations: Floats, half_extents: Floats) -> None:
@@ -126,10 +123,7 @@ class Boxes:
         """
         centers, rotations = as_poses(poses)
         h = as_half_extents(half_extents, "half_extents", (None, 3))
-        if len(h) != len(centers):
-            raise ValueError(
-                f"poses and half_extents must have the same length, got {len(centers)} and {len(h)}"
-            )
+        check_lengths(poses=centers, half_extents=h)
         return cls.trusted(centers, rotations, h)
 
     @classmethod

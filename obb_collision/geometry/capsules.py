@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from obb_collision.geometry.kinds import select_rows
-from obb_collision.geometry.validation import as_array, as_half_extents
+from obb_collision.geometry.validation import as_array, as_half_extents, check_lengths
 from obb_collision.typing import Floats
 
 
@@ -63,11 +63,7 @@ class Capsules:
         p = as_array(starts, "starts", (None, 3))
         q = as_array(ends, "ends", (None, 3))
         r = as_half_extents(radii, "radii", (None,))
-        if not len(p) == len(q) == len(r):
-            raise ValueError(
-                "starts, ends and radii must have the same length, "
-                f"got {len(p)}, {len(q)} and {len(r)}"
-            )
+        check_lengths(starts=p, ends=q, radii=r)
         self._set(p.copy(), q.copy(), r)  # what is checked must not change behind our back
 
     def _set(self, starts: Floats, ends: Floats, radii: Floats) -> None:
@@ -105,10 +101,7 @@ class Capsules:
         """
         c = as_array(centers, "centers", (None, 3)).copy()
         r = as_half_extents(radii, "radii", (None,))
-        if len(c) != len(r):
-            raise ValueError(
-                f"centers and radii must have the same length, got {len(c)} and {len(r)}"
-            )
+        check_lengths(centers=c, radii=r)
         return cls.trusted(c, c, r)
 
     def __len__(self) -> int:

@@ -22,7 +22,7 @@ from __future__ import annotations
 import math
 import sys
 import warnings
-from collections.abc import Sequence
+from collections.abc import Sequence, Sized
 from typing import Any
 
 import numpy as np
@@ -65,6 +65,22 @@ def first_bad_row(bad: NDArray[np.bool_], numbers: NDArray[np.int64] | None = No
         return ""
     row = int(np.argmax(bad.reshape(bad.shape[0], -1).any(axis=1)))
     return f" in row {row if numbers is None else int(numbers[row])}"
+
+
+def refuse_where(
+    bad: NDArray[np.bool_], why: str, by_row: bool = True, numbers: NDArray[np.int64] | None = None
+) -> None:
+    """Raise ValueError, naming the first bad row unless there are no rows, if anything is bad."""
+    if bad.any():
+        raise ValueError(why + (first_bad_row(bad, numbers) if by_row else ""))
+
+
+def check_lengths(**sides: Sized) -> None:
+    """Raise ValueError naming all arguments unless they have the same length."""
+    lengths = [str(len(side)) for side in sides.values()]
+    if len(set(lengths)) > 1:
+        names, numbers = (f"{', '.join(x[:-1])} and {x[-1]}" for x in ([*sides], lengths))
+        raise ValueError(f"{names} must have the same length, got {numbers}")
 
 
 def warn_caller(message: str) -> None:
@@ -163,9 +179,7 @@ def as_rows(value: ArrayLike, name: str, count: int) -> NDArray[np.int64]:
         raise ValueError(
             f"{name} must be whole numbers of shape (m,), got {array.dtype} of shape {array.shape}"
         )
-    wrong = (array < 0) | (array >= count)
-    if wrong.any():
-        raise ValueError(f"{name} must be from 0 to {count - 1}{first_bad_row(wrong)}")
+    refuse_where((array < 0) | (array >= count), f"{name} must be from 0 to {count - 1}")
     return np.ascontiguousarray(array, np.int64)
 
 
@@ -184,10 +198,7 @@ def check_magnitude(array: Floats, name: str, by_row: bool) -> None:
 def as_half_extents(value: ArrayLike, name: str, shape: tuple[int | None, ...]) -> Floats:
     """Return non-negative half extents of the shape (zero is legal: flat boxes)."""
     array = as_array(value, name, shape)
-    negative = array < 0.0
-    if negative.any():
-        where = first_bad_row(negative) if shape[0] is None else ""
-        raise ValueError(f"{name} must not be negative{where}")
+    refuse_where(array < 0.0, f"{name} must not be negative", shape[0] is None)
     return array + 0.0  # -0.0 becomes 0.0, so that equal boxes are equal bit for bit
 
 
@@ -206,15 +217,13 @@ def as_quaternions(
     """
     array = as_array(value, name, shape)
     largest = np.abs(array).max(axis=-1, keepdims=True, initial=0.0)
-    zero = largest[..., 0] == 0.0
-    if zero.any():
-        where = first_bad_row(zero, numbers) if shape[0] is None else ""
-        raise ValueError(f"{name} must not be a zero quaternion{where}")
+    by_row = shape[0] is None
+    refuse_where(largest[..., 0] == 0.0, f"{name} must not be a zero quaternion", by_row, numbers)
     scaled = array / largest
     norm: Floats = np.sqrt((scaled * scaled).sum(axis=-1, keepdims=True))
     far = np.abs((largest * norm)[..., 0] - 1.0) > UNIT_TOLERANCE
     if warn and far.any():
-        where = first_bad_row(far, numbers) if shape[0] is None else ""
+        where = first_bad_row(far, numbers) if by_row else ""
         length = float((largest * norm)[..., 0].flat[int(np.argmax(far))])
         warn_caller(f"{name} far from unit length{where}: {length:.3g}; taken as normalised")
     unit: Floats = scaled / norm

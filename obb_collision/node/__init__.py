@@ -24,78 +24,12 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from obb_collision.node.messages.bulk_clouds import (
-        boxes_from_ros,
-        boxes_to_ros,
-        poses_from_ros,
-        poses_to_ros,
-    )
-    from obb_collision.node.messages.conversions import (
-        namespace_table,
-    )
-    from obb_collision.node.messages.names import (
-        namespace_number,
-    )
-    from obb_collision.node.topics.records import (
-        NamedClearance,
-        NamedContact,
-        NamedPair,
-        NamedPoints,
-        NamedPrediction,
-    )
-    from obb_collision.node.topics.topics import (
-        clearances_from_ros,
-        collisions_from_ros,
-        collisions_to_ros,
-        contacts_from_ros,
-        named_clearances,
-        named_contacts,
-        named_pairs,
-        named_passed_collisions,
-        named_points_inside,
-        named_predictions,
-        points_inside_from_ros,
-        predictions_from_ros,
-    )
-
-__all__ = [
-    "NamedClearance",
-    "NamedContact",
-    "NamedPair",
-    "NamedPoints",
-    "NamedPrediction",
-    "boxes_from_ros",
-    "boxes_to_ros",
-    "clearances_from_ros",
-    "collisions_from_ros",
-    "collisions_to_ros",
-    "contacts_from_ros",
-    "named_clearances",
-    "named_contacts",
-    "named_pairs",
-    "named_passed_collisions",
-    "named_points_inside",
-    "named_predictions",
-    "namespace_number",
-    "namespace_table",
-    "points_inside_from_ros",
-    "poses_from_ros",
-    "poses_to_ros",
-    "predictions_from_ros",
-]
-
-PLACES = (
-    "messages.bulk_clouds",
-    "messages.conversions",
-    "messages.names",
-    "topics.records",
-    "topics.topics",
-)
-"""Modules that hold the public names."""
+    from obb_collision.node.api import *  # noqa: F403
 
 
 def __getattr__(name: str) -> Any:
-    if name in __all__:
-        modules = (import_module(f"obb_collision.node.{place}") for place in PLACES)
-        return next(getattr(module, name) for module in modules if name in vars(module))
+    if not name.startswith("_"):
+        api = import_module("obb_collision.node.api")
+        if name in api.__all__:
+            return getattr(api, name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -26,7 +26,6 @@ from __future__ import annotations
 import importlib
 import importlib.util
 import json
-import time
 from collections.abc import Callable
 from typing import Any
 
@@ -35,6 +34,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from trimesh import creation
 
+from obb_collision.benchmarks.price.turns import seconds_of
 from obb_collision.cli import Parser, interruptible, new_file, option, whole
 from obb_collision.geometry.trees.obb_tree import MeshTrees
 from obb_collision.queries.meshes.meshes import PlacedMeshes, mesh_collisions
@@ -84,7 +84,7 @@ def compare(first: Any, second: Any, pairs: int, spread: float) -> dict[str, flo
     ours = collide()
     theirs = {name: ask() for name, ask in asked.items()}
     runs = [collide, *asked.values()]
-    times = np.array([[_seconds(run) for run in runs] for _ in range(TURNS)]).min(axis=0)
+    times = np.array([[seconds_of(run)[1] for run in runs] for _ in range(TURNS)]).min(axis=0)
     row = {"ours_us": 1e6 * times[0] / pairs, "colliding": float(ours.mean())}
     for name, seconds in zip(asked, times[1:], strict=True):
         row[f"{name}_us"] = 1e6 * seconds / pairs
@@ -147,12 +147,6 @@ def _coal(first: Any, second: Any, bodies: list[PlacedMeshes]) -> Callable[[], H
         return hits
 
     return run
-
-
-def _seconds(run: Callable[[], object]) -> float:
-    start = time.process_time()
-    run()
-    return time.process_time() - start
 
 
 @interruptible("meshes")

@@ -32,7 +32,6 @@ from __future__ import annotations
 
 import importlib
 import json
-import time
 from collections.abc import Callable
 from typing import Any
 
@@ -40,6 +39,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from obb_collision.benchmarks.price.turns import seconds_of
 from obb_collision.cli import Parser, interruptible, new_file, option, whole
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.queries.sweep.moving import MovingBoxes
@@ -108,7 +108,7 @@ def compare(scene: str, pairs: int, turning: bool) -> dict[str, float]:
         return sweeps(moving, moving, rows, contacts=False)  # python-fcl gives a time, no point
 
     result, theirs = ours(), fcl_sweep()
-    turns = [(_seconds(ours), _seconds(fcl_sweep)) for _ in range(TURNS)]
+    turns = [(seconds_of(ours)[1], seconds_of(fcl_sweep)[1]) for _ in range(TURNS)]
     times = np.array(turns).min(axis=0)
     certain = certain_overlaps(start, end, rows, result.times)
     return {
@@ -170,12 +170,6 @@ def _fcl(
         return hits
 
     return run
-
-
-def _seconds(run: Callable[[], object]) -> float:
-    start = time.process_time()
-    run()
-    return time.process_time() - start
 
 
 @interruptible("sweeps")

@@ -113,7 +113,3 @@ def _print(result: Result) -> None:
     print(f"memory of the node: {first:.0f} MiB after the first batch, {last:.0f} MiB at the end")
     reasons = ", ".join(f"{reason} {count}" for reason, count in sorted(result.refused.items()))
     print(f"refused: {reasons or 'nothing was read'}")
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())

@@ -23,50 +23,15 @@ from rcl_interfaces.msg import SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from obb_collision.node.parameters.allowed import AllowedPair
 from obb_collision.node.parameters.services import guard_parameter_services
 from obb_collision.node.parameters.table import SPECS, option_name
 from obb_collision.scene.effects import EFFECTS
-from obb_collision.scene.store.overrides import Override
 
 __all__ = ["SPECS", "Parameters", "check_parameters"]
 
 
 class Parameters:
     """Declared parameters of a node, as attributes: ``parameters.rate``; those of effects apart."""
-
-    fixed_frame: str
-    rate: float
-    trigger: str
-    min_period: float
-    padding: float
-    object_timeout: float
-    stale_policy: str
-    transform_timeout: float
-    stamp_tolerance: float
-    order_timeout: float
-    cycle_timeout: float
-    unknown_is_collision: bool
-    shape_timeout: float
-    shape_memory: int
-    shape_queue: int
-    mesh_file_size: int
-    max_objects: int
-    max_pairs: int
-    max_text_pairs: int
-    marker_rate: float
-    marker_lifetime: float
-    marker_form: str
-    marker_max_cubes: int
-    marker_line_width: float
-    warn_period: float
-    accuracy: str
-    accuracy_overrides: list[Override]
-    tree_depth: int
-    time_budget: float
-    threads: int
-    allowed_pairs: list[AllowedPair]
-    scene_file: str
 
     def __init__(self, node: Node) -> None:
         """Declare all; an invalid override ends the node with the reason."""

@@ -38,7 +38,13 @@ from obb_collision._threads import run
 from obb_collision.geometry.kinds import as_flag, check_kind
 from obb_collision.geometry.poses import as_poses
 from obb_collision.geometry.trees.obb_tree import MeshTrees
-from obb_collision.geometry.validation import as_array, as_rotations, as_rows, as_whole
+from obb_collision.geometry.validation import (
+    as_array,
+    as_rotations,
+    as_rows,
+    as_whole,
+    check_lengths,
+)
 from obb_collision.queries.meshes.inside import inside_exactly
 from obb_collision.queries.meshes.kernels import find_kernel, tree_kernel
 from obb_collision.queries.meshes.tree_descent import Bodies
@@ -98,11 +104,7 @@ class PlacedMeshes:
         rows = as_rows(meshes, "meshes", len(trees))
         c = as_array(centers, "centers", (None, 3))
         r = as_rotations(rotations, "rotations", (None, 3, 3))
-        if not len(rows) == len(c) == len(r):
-            raise ValueError(
-                "meshes, centers and rotations must have the same length, "
-                f"got {len(rows)}, {len(c)} and {len(r)}"
-            )
+        check_lengths(meshes=rows, centers=c, rotations=r)
         for name, value in (("trees", trees), ("meshes", rows), ("centers", c), ("rotations", r)):
             object.__setattr__(self, name, value)
 

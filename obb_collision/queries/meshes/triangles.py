@@ -29,7 +29,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from obb_collision._jit import njit
-from obb_collision.geometry.validation import as_array
+from obb_collision.geometry.validation import as_array, check_lengths
 from obb_collision.queries.meshes.tree_boxes import Place
 from obb_collision.queries.meshes.triangle_axes import classify_by_axes
 from obb_collision.queries.meshes.triangle_exact import exact_triangle_verdict
@@ -54,8 +54,7 @@ def triangle_verdicts(a: ArrayLike, b: ArrayLike, exact: bool = False) -> NDArra
     """
     first = as_array(a, "a", (None, 3, 3)).reshape(-1, 9)
     second = as_array(b, "b", (None, 3, 3)).reshape(-1, 9)
-    if len(first) != len(second):
-        raise ValueError(f"a and b must have the same length, got {len(first)} and {len(second)}")
+    check_lengths(a=first, b=second)
     result = np.empty(len(first), np.int8)
     _verdict_kernel(first, second, result)
     if exact:

@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 from obb_collision._jit import njit
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.kinds import check_kind
-from obb_collision.geometry.validation import as_array, first_bad_row
+from obb_collision.geometry.validation import as_array, check_lengths, refuse_where
 from obb_collision.numerics.constants import CAREFUL_BOUND, UNDERFLOW
 from obb_collision.numerics.vec3 import components, dot, dot_abs, minus, norm, vector_at
 from obb_collision.queries.verdict.pair_frame import Box, box_at
@@ -100,14 +100,8 @@ def plane_distances(
     check_kind(boxes, Boxes, "boxes")
     p = as_array(points, "points", (None, 3))
     n = as_array(normals, "normals", (None, 3))
-    if len(p) != len(n) or (pairs is None and len(p) != len(boxes)):
-        raise ValueError(
-            "boxes, points and normals must have the same length, "
-            f"got {len(boxes)}, {len(p)} and {len(n)}"
-        )
-    zero = np.asarray((n == 0.0).all(axis=1))
-    if zero.any():
-        raise ValueError(f"normals must not be zero{first_bad_row(zero)}")
+    check_lengths(**({"boxes": boxes} if pairs is None else {}), points=p, normals=n)
+    refuse_where((n == 0.0).all(axis=1), "normals must not be zero")
     first, second = as_sides(boxes, p, pairs)
     boxes, p, n = boxes[first], p[second], n[second]
     lowest, highest, bounds = np.empty((3, len(p)))
@@ -131,14 +125,8 @@ def aabb_verdicts(boxes: Boxes, minimum: ArrayLike, maximum: ArrayLike) -> Verdi
     check_kind(boxes, Boxes, "boxes")
     low = as_array(minimum, "minimum", (None, 3))
     high = as_array(maximum, "maximum", (None, 3))
-    if not len(low) == len(high) == len(boxes):
-        raise ValueError(
-            "boxes, minimum and maximum must have the same length, "
-            f"got {len(boxes)}, {len(low)} and {len(high)}"
-        )
-    wrong = low > high
-    if wrong.any():
-        raise ValueError(f"minimum must not exceed maximum{first_bad_row(wrong)}")
+    check_lengths(boxes=boxes, minimum=low, maximum=high)
+    refuse_where(low > high, "minimum must not exceed maximum")
     # Few pairs of corners have a middle and half extents in doubles. So two boxes: one that
     # certainly holds the space between the corners, and one that certainly lies in it.
     middle = np.clip(0.5 * low + 0.5 * high, low, high)

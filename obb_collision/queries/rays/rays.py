@@ -34,7 +34,7 @@ from numpy.typing import ArrayLike, NDArray
 from obb_collision._jit import njit
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.kinds import check_kind
-from obb_collision.geometry.validation import as_array, first_bad_row
+from obb_collision.geometry.validation import as_array, check_lengths, refuse_where
 from obb_collision.numerics.error_free import length
 from obb_collision.queries.rays.bounds_tree import build_tree
 from obb_collision.queries.rays.kernels import rays_kernel
@@ -104,14 +104,9 @@ def cast_rays(
     check_kind(boxes, Boxes, "boxes")
     o = as_array(origins, "origins", (None, 3))
     d = as_array(directions, "directions", (None, 3))
-    if len(o) != len(d):
-        raise ValueError(
-            f"origins and directions must have the same length, got {len(o)} and {len(d)}"
-        )
+    check_lengths(origins=o, directions=d)
     units, norms = _units(d)
-    zero = np.asarray(norms == 0.0)
-    if zero.any():
-        raise ValueError(f"directions must not be zero{first_bad_row(zero)}")
+    refuse_where(norms == 0.0, "directions must not be zero")
     return _cast(boxes, o, units, _reaches(max_distance, len(o)))
 
 
@@ -146,8 +141,7 @@ def cast_segments(boxes: Boxes, starts: ArrayLike, ends: ArrayLike) -> RayHits:
     check_kind(boxes, Boxes, "boxes")
     p = as_array(starts, "starts", (None, 3))
     q = as_array(ends, "ends", (None, 3))
-    if len(p) != len(q):
-        raise ValueError(f"starts and ends must have the same length, got {len(p)} and {len(q)}")
+    check_lengths(starts=p, ends=q)
     units, norms = _units(q - p)
     units[norms == 0.0] = 1.0, 0.0, 0.0
     return _cast(boxes, p, units, norms)
@@ -159,9 +153,7 @@ def _reaches(max_distance: ArrayLike, count: int) -> Floats:
         reaches = np.broadcast_to(np.asarray(max_distance, np.float64), (count,))
     except (TypeError, ValueError, OverflowError):
         raise ValueError("max_distance must be one number or one for each ray") from None
-    wrong = np.asarray(~(reaches >= 0.0))
-    if wrong.any():
-        raise ValueError(f"max_distance must not be negative or NaN{first_bad_row(wrong)}")
+    refuse_where(~(reaches >= 0.0), "max_distance must not be negative or NaN")
     return np.ascontiguousarray(reaches)
 
 

@@ -29,7 +29,7 @@ from obb_collision._jit import njit
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.kinds import check_kind
 from obb_collision.geometry.poses import fill_quaternions
-from obb_collision.geometry.validation import first_bad_row
+from obb_collision.geometry.validation import check_lengths, refuse_where
 from obb_collision.numerics.constants import BOUND_SLACK, BOUND_UNDERFLOW, ROUNDOFF, SMALL_SQUARE
 from obb_collision.numerics.error_free import length
 from obb_collision.typing import Floats
@@ -42,15 +42,9 @@ def check_same_boxes(start: Boxes, end: Boxes) -> None:
     """Raise ValueError unless both have the same number of boxes with the same half extents."""
     check_kind(start, Boxes, "start")
     check_kind(end, Boxes, "end")
-    if len(start) != len(end):
-        raise ValueError(
-            f"start and end must have the same length, got {len(start)} and {len(end)}"
-        )
-    if not np.array_equal(start.half_extents, end.half_extents):
-        differ = (start.half_extents != end.half_extents).any(axis=1)
-        raise ValueError(
-            f"end must have the half extents of start, they differ{first_bad_row(differ)}"
-        )
+    check_lengths(start=start, end=end)
+    differ = start.half_extents != end.half_extents
+    refuse_where(differ, "end must have the half extents of start, they differ")
 
 
 def turns_between(start: Boxes, end: Boxes) -> Floats:
