@@ -36,6 +36,7 @@ from obb_collision.benchmarks.cases.forms import FORMS, make_frames
 from obb_collision.benchmarks.certificate import measure_certificate
 from obb_collision.benchmarks.effects import format_effects, run_effects, save_effects_plot
 from obb_collision.benchmarks.peers.steps import OURS, PEERS
+from obb_collision.benchmarks.step.goals import Goal, Goals, goal_table
 from obb_collision.benchmarks.step.measure import STEPS, Case, Plan, Row, run_case
 from obb_collision.benchmarks.step.plot import save_plot
 from obb_collision.benchmarks.step.tables import (
@@ -48,7 +49,7 @@ from obb_collision.benchmarks.step.tables import (
     tables,
     write_into,
 )
-from obb_collision.benchmarks.step.text import as_text
+from obb_collision.benchmarks.step.text import as_markdown, as_text
 from obb_collision.cli import MAX_SEED, Parser, interruptible, new_file, real, whole
 from obb_collision.geometry.boxes import Boxes
 
@@ -56,6 +57,8 @@ SIZES = (10, 100, 1_000, 10_000, 100_000, 1_000_000)
 SHARES = (0.1, 0.01, 0.0)
 #: Boxes of the pairs on which the certificate's cost is measured.
 CERTIFIED = 10_000
+#: About how many goals there are, for the bar.
+GOALS = 45
 #: Seconds for the effects in all their scenes.
 EFFECTS_SECONDS = 20.0
 
@@ -151,6 +154,10 @@ def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
         help="write the tables between the marks of pages",
     )  # fmt: skip
     add(
+        "--goals", action="store_true",
+        help="measure what is meant to be reached instead, with the node and empty caches",
+    )  # fmt: skip
+    add(
         "--effects", action="store_true",
         help="measure what each effect costs in the scenes that come with the package instead",
     )  # fmt: skip
@@ -167,12 +174,34 @@ def _run_effects(options: argparse.Namespace) -> None:
         save_effects_plot(rows, options.plot)
 
 
+def _run_goals(options: argparse.Namespace) -> None:
+    print(machine_line())
+    plan = Plan(options.seconds, options.limit, max(STEPS, options.steps), options.seed)
+    goals: list[Goal] = []
+    with progress(GOALS) as show:
+        run = Goals(plan, lambda text: show(min(len(goals), GOALS - 1), text))
+        for goal in run.all():
+            goals.append(goal)
+    table = goal_table(goals)
+    print(as_text(table))
+    print("\n".join(["", *slopes(run.rows), *differences(run.rows), *joined(run.notes)]))
+    if options.json:
+        result = {"machine": machine(), "goals": [asdict(goal) for goal in goals]}
+        result["rows"] = [asdict(row) for row in run.rows]
+        options.json.write_text(json.dumps(result, indent=1) + "\n")
+    for page in options.markdown or ():
+        write_into(page, {"goals": as_markdown(table), "goals machine": machine_line()})
+
+
 @interruptible("obb_collision_speed")
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the benchmark and print its tables."""
     options = parse(arguments)
     if options.effects:
         _run_effects(options)
+        return 0
+    if options.goals:
+        _run_goals(options)
         return 0
     rows, notes = measure(options)
     print(machine_line())

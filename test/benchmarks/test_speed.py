@@ -18,6 +18,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -28,7 +29,7 @@ import obb_collision as oc
 from obb_collision.benchmarks import speed
 from obb_collision.benchmarks.cases.forms import FORMS, make_frames
 from obb_collision.benchmarks.peers.steps import COAL, OURS, PAIRS, PEERS, Contestant, OurPairs
-from obb_collision.benchmarks.step import measure
+from obb_collision.benchmarks.step import goals, measure
 from obb_collision.benchmarks.step.measure import Case, Plan, Row, run_case
 from obb_collision.benchmarks.step.plot import save_plot
 from obb_collision.benchmarks.step.tables import slopes, tables, write_into
@@ -185,6 +186,43 @@ def test_by_default_every_size_form_and_share_of_motion_is_measured() -> None:
     assert {c.form for c in cases} == set(FORMS)
     assert {c.moving for c in cases} == {1.0, 0.1, 0.01, 0.0}
     assert len(COAL) == 7
+
+
+def test_goals_are_measured_and_one_that_fails_is_said(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(goals, "SIZES", (10, 20))
+    monkeypatch.setattr(goals, "LARGE", (20, 30, 40))
+    monkeypatch.setattr(goals, "FORMS", ["uniform", "line"])
+    monkeypatch.setattr(goals, "SHORT_TURNS", 3)
+    monkeypatch.setattr(goals, "BOXES_TURNS", 3)
+    monkeypatch.setattr(goals, "FORM_BOXES", 30)
+    for part in ("node", "starts", "per_pair"):
+        monkeypatch.setattr(goals.Goals, part, failing)
+    files = [tmp_path / "goals.json", tmp_path / "page.md"]
+    arguments = ["--goals", "--seconds", "0.001", "--json", str(files[0])]
+    assert speed.main([*arguments, "--markdown", str(files[1])]) == 0
+    told = capsys.readouterr()
+    found = json.loads(files[0].read_text())["goals"]
+    assert len(found) == 6 + 2 + 4 + 1 + 3 + 3
+    for goal in found:
+        failed = "no such thing" in goal["measured"]
+        absent = "not installed" in goal["measured"]
+        assert (goal["met"] is None) == (failed or absent), goal
+    assert sum("no such thing" in goal["measured"] for goal in found) == 3
+    assert "10 boxes: move_indices, check, pairs read" in told.out
+    assert "| find_pairs, 20 boxes |" in files[1].read_text()
+
+
+def failing(self: object) -> Iterator[goals.Goal]:
+    raise RuntimeError("no such thing")
+
+
+def test_a_goal_is_met_by_what_was_measured() -> None:
+    assert goals.ratio("x", "y", 4.0, 1.0, 4.0, "ms").met is True
+    assert goals.ratio("x", "y", 4.0, 1.0, 3.9, "ms").met is False
+    assert goals.below("x", 20.0, 19.9, "µs").met is True
+    assert goals.below("x", 20.0, 20.0, "µs").met is False
 
 
 def test_the_plot_shows_sizes_and_forms(tmp_path: Path) -> None:

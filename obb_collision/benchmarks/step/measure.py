@@ -111,7 +111,7 @@ class Entry:
 
 
 @contextmanager
-def _own_settings() -> Iterator[None]:
+def own_settings() -> Iterator[None]:
     """Set the garbage collector and the threads back at the end."""
     before = threads()
     gc.collect()
@@ -172,7 +172,7 @@ def run_case(
 ) -> tuple[list[Row], list[Note]]:
     """Return a row per contestant, ours with each number of threads, and notes."""
     what = f"{case.boxes:,} boxes, {case.form}, {case.moving:.0%} moving"
-    with _own_settings():
+    with own_settings():
         tell(f"{what}: trial")
         chosen, notes = choose(case, [one for one in contestants if one.installed], plan)
         half_extents, frames = make_frames(case.form, case.boxes, case.moving, plan.seed)
@@ -182,28 +182,34 @@ def run_case(
             several = numbers if one in OURS else (max(numbers),) if one.threads is None else (1,)
             for number in several:
                 entries.append(_enter(one, number, half_extents, frames[0].poses))
-        start, turn = perf_counter(), 0
-        for entry in entries:
-            entry.step(frames[0])  # what is made once
-            entry.times.clear()
-        while True:
-            turn += 1
-            frame = frames[turn % len(frames)]
-            frame.rotations  # noqa: B018 - made before, and kept
-            last = None
-            spent = perf_counter() - start
-            done = turn > plan.steps or (turn > FEWEST and spent > plan.limit)
-            done = done and spent >= plan.seconds
-            founds = []
-            for entry in entries:
-                last = entry.step(frame)
-                if done:
-                    founds.append(last)
-                last = None  # a report in use makes a scene copy its boxes
-            tell(f"{what}: step {turn}")
-            if done:
-                break
+        founds, frame = _take_turns(entries, frames, plan, lambda n: tell(f"{what}: step {n}"))
         return _rows(case, entries, founds, frame, half_extents), notes
+
+
+def _take_turns(
+    entries: Sequence[Entry], frames: Sequence[Frame], plan: Plan, tell: Callable[[int], None]
+) -> tuple[list[Any], Frame]:
+    """Let all step until each has enough; return what they found in the last frame, and that."""
+    for entry in entries:
+        entry.step(frames[0])  # what is made once
+        entry.times.clear()
+    start, turn, done = perf_counter(), 0, False
+    founds: list[Any] = []
+    while not done:
+        turn += 1
+        frame = frames[turn % len(frames)]
+        frame.rotations  # noqa: B018 - made before, and kept
+        spent = perf_counter() - start
+        done = spent >= plan.seconds and (
+            turn > plan.steps or (turn > FEWEST and spent > plan.limit)
+        )
+        for entry in entries:
+            found = entry.step(frame)
+            if done:
+                founds.append(found)
+            del found  # a report in use makes a scene copy its boxes
+        tell(turn)
+    return founds, frame
 
 
 def _rows(
