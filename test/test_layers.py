@@ -157,3 +157,12 @@ print(len(oc.find_pairs(oc.Boxes([[0, 0, 0], [1, 0, 0]], [axes] * 2, [[1, 1, 1]]
         [sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=120
     )
     assert done.stdout.strip() == "1"
+
+
+def test_what_takes_long_to_import_loads_when_it_is_used() -> None:
+    slow = {"scipy.spatial", "scipy.sparse", "scipy.special", "trimesh", "matplotlib"}
+    code = f"import obb_collision.api, sys; print(*({slow!r} & sys.modules.keys()))"
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=120
+    )
+    assert done.stdout.strip() == ""

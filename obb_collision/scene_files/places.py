@@ -18,8 +18,6 @@ from __future__ import annotations
 
 from math import pi
 
-from scipy.spatial.transform import Rotation
-
 from obb_collision.geometry.poses import Quaternion, unit_quaternions
 from obb_collision.geometry.validation import is_far_from_unit
 from obb_collision.scene_files.yaml_values import Value
@@ -72,5 +70,7 @@ def unit(quaternion: Quaternion) -> Quaternion:
 
 def from_rpy(roll: float, pitch: float, yaw: float) -> Quaternion:
     """Return the quaternion of rotations about the fixed axes x, then y, then z (ROS REP 103)."""
+    from scipy.spatial.transform import Rotation  # here, as it takes 0.2 s
+
     x, y, z, w = Rotation.from_euler("xyz", (roll, pitch, yaw)).as_quat().tolist()
     return x, y, z, w

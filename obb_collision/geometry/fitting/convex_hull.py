@@ -16,10 +16,14 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
-from scipy.spatial import ConvexHull, QhullError
 
 from obb_collision.typing import Floats
+
+if TYPE_CHECKING:
+    from scipy.spatial import ConvexHull
 
 #: With more points, Qhull moves them by roundoffs (QJ) instead of merging flat faces (Qt).
 MANY_HULL_POINTS = 1000
@@ -32,6 +36,8 @@ def convex_hull(points: Floats) -> ConvexHull | None:
     thousands of corners (2.3 s for a cylinder of 10,000 points) unless it moves them by roundoffs
     (QJ, 0.1 s); either is good enough for choosing axes.
     """
+    from scipy.spatial import ConvexHull, QhullError  # here, as it takes 0.2 s
+
     options = "QbB Qt" if len(points) <= MANY_HULL_POINTS or points.shape[1] == 2 else "QbB QJ"
     try:
         return ConvexHull(points, qhull_options=options)

@@ -17,13 +17,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import ConvexHull
 
 from obb_collision.geometry.fitting.convex_hull import convex_hull
 from obb_collision.typing import Floats
+
+if TYPE_CHECKING:
+    from scipy.spatial import ConvexHull
 
 #: Maximum number of hull corners used for choosing axes; above it, those extreme in DIRECTIONS
 #: directions: 10,000 take trimesh 0.3 s, a round rim of 20,000 takes gigabytes.

@@ -17,8 +17,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from obb_collision.typing import Floats, Integers
 
@@ -113,6 +111,9 @@ def piece_corners(vertices: Floats, faces: Integers) -> Integers:
 
     Several, so that some are far from any surface that a piece rests on.
     """
+    from scipy.sparse import coo_matrix  # here, as it takes 0.1 s
+    from scipy.sparse.csgraph import connected_components
+
     pairs = np.concatenate([faces[:, :2], faces[:, 1:]])
     size = int(faces.max()) + 1
     graph = coo_matrix((np.ones(len(pairs), np.int8), (pairs[:, 0], pairs[:, 1])), (size, size))
