@@ -51,7 +51,7 @@ LAYERS: dict[str, set[str]] = {
     "node": LIBRARY | {"cli", "scene_files", "warm_up"},
     "checks": LIBRARY | {"cli", "node"},
     "demo": LIBRARY | {"cli", "scene_files", "node"},
-    "benchmarks": LIBRARY | {"cli", "scene_files", "node"},
+    "benchmarks": LIBRARY | {"cli", "scene_files", "warm_up", "node"},
     "commands": {"cli", "node", "checks", "demo", "benchmarks"},
 }
 #: The layers that may import ROS.
