@@ -23,10 +23,10 @@ import sys
 from pathlib import Path
 from types import SimpleNamespace
 
+from processes import PATIENCE
+
 from obb_collision import _compiling, _kernel_cache
 
-PATIENCE = 600.0
-"""Seconds that a process may take on a loaded machine."""
 PROGRAM = """
 import logging, sys
 from obb_collision import _compiling

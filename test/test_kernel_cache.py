@@ -26,13 +26,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from processes import PATIENCE, limited, output_until
 
 from obb_collision import _jit, _kernel_cache
 from obb_collision._compiling import compiled
 
 PACKAGE = Path(_kernel_cache.__file__).resolve().parent
-PATIENCE = 600.0
-"""Seconds that a process may take on a loaded machine."""
 RUN = """
 import obb_collision as oc
 
@@ -251,10 +250,10 @@ def test_private_folders_are_removed_once_their_processes_are_gone(tmp_path: Pat
         )
         for _ in range(2)
     ]
-    try:
-        killed, alive = (Path(process.stdout.readline().strip()) for process in started)  # type: ignore[union-attr]
+    with limited(started[0]), limited(started[1]):
+        killed, alive = (Path(output_until(process, "\n").strip()) for process in started)
         started[0].kill()
-        started[0].wait(60.0)
+        started[0].wait(PATIENCE)
         for folder in (killed, alive):
             assert folder.is_dir()
             os.utime(folder, (0.0, 0.0))
@@ -264,9 +263,5 @@ def test_private_folders_are_removed_once_their_processes_are_gone(tmp_path: Pat
         assert alive.is_dir()
         assert young.is_dir()
         assert elsewhere.is_dir()
-        started[1].communicate(timeout=60.0)
+        started[1].communicate(timeout=PATIENCE)
         assert not alive.exists()
-    finally:
-        for process in started:
-            process.kill()
-            process.communicate()

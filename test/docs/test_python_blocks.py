@@ -75,7 +75,7 @@ def node_beside(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     finally:
         watchdog.cancel()
         ending.set()
-        spinning.join()
+        spinning.join(PATIENCE)
         try_shutdown()
         executor.shutdown()
         node.destroy_node()

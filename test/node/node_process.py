@@ -23,14 +23,11 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from threading import Timer
 
+from processes import limited
 from rig import DOMAIN
 
 import obb_collision
-
-PATIENCE = 1200.0
-"""Seconds that a process may take on a loaded machine, compiling kernels included."""
 
 
 def cached(folder: Path) -> dict[str, str]:
@@ -62,23 +59,5 @@ def running(*arguments: str, **more: str) -> Iterator[subprocess.Popen[str]]:
         stderr=subprocess.STDOUT,
         text=True,
     )
-    try:
+    with limited(process):
         yield process
-    finally:
-        process.kill()
-        process.communicate()
-
-
-def output_until(process: subprocess.Popen[str], word: str) -> str:
-    """Return the output up to a line with a word, without which the process must not end."""
-    assert process.stdout is not None
-    limit = Timer(PATIENCE, process.kill)  # then there are no more lines
-    limit.start()
-    lines: list[str] = []
-    try:
-        while word not in (lines or [""])[-1]:
-            lines.append(process.stdout.readline())
-            assert lines[-1], f"ended without {word!r}: {lines}"
-    finally:
-        limit.cancel()
-    return "".join(lines)

@@ -45,6 +45,7 @@ from obb_collision.node import (
     namespace_number,
     poses_to_ros,
 )
+from obb_collision.node.diagnostics.monitors import InputMonitor
 from obb_collision.node.messages.clouds import cloud_to_ros
 from obb_collision.node.messages.conversions import (
     namespaces_from_ros,
@@ -312,9 +313,21 @@ class Rig(Client):
         objects = self.node.objects
         return objects.scene.poses_of([objects.table.slots[key]])[0]
 
+    def now(self) -> int:
+        """Return the time of the node (ns)."""
+        return self.node._now()
+
+    def monitor(self, topic: str) -> InputMonitor:
+        """Return what the node has counted of an input."""
+        return self.node._monitors[topic]
+
+    def publisher(self, output: str) -> Any:
+        """Return the publisher of an output of the node."""
+        return self.node._outputs.publishers[output]
+
     def refused(self, topic: str) -> dict[str, int]:
         """Refused items of an input so far, by reason."""
-        return dict(self.node._monitors[topic].refused)
+        return dict(self.monitor(topic).refused)
 
     def call(self, kind: Any, name: str, request: Any) -> Any:
         """Call a service of the node."""

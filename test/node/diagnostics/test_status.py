@@ -28,7 +28,7 @@ pytest.importorskip("rclpy")
 from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from rig import DOMAIN, NAMESPACE, Rig, color, cube, pose
+from rig import DOMAIN, NAMESPACE, PATIENCE, Rig, color, cube, pose
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Bool
 from std_srvs.srv import SetBool, Trigger
@@ -68,7 +68,7 @@ def test_diagnostics_say_what_came_in_what_was_refused_and_how_long_it_took(rig:
     assert status["topic"] == NAMESPACE + "/objects"
     assert status["messages"] == "1"
     assert status["rejected: bad scale"] == "1"
-    assert float(status["age (s)"]) >= 0.0
+    assert 0.0 <= float(status["age (s)"]) < 2.0 * PATIENCE, "since it came, not since 1970"
     assert rig.status("input object_poses")["age (s)"] == "never"
     objects = rig.status(": objects")
     assert (objects["count"], objects["colliding"], objects["unplaceable"]) == ("2", "2", "1")

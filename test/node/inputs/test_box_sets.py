@@ -160,7 +160,7 @@ def test_a_set_that_cannot_be_read_changes_nothing_but_marks_the_boxes(rig: Rig)
     assert rig.pairs() == {("boxes/1", "boxes/2")}
     table = rig.node.objects.table
     good = boxes_to_ros([1], in_row(9), np.ones((1, 3)), header=rig.header())
-    monitor = rig.node._monitors[TOPIC]
+    monitor = rig.monitor(TOPIC)
     for count, hostile in enumerate(hostile_clouds(good), 2):
         rig.pubs[TOPIC].publish(hostile)
         rig.until(lambda: monitor.messages == count, "a message")  # noqa: B023
@@ -220,7 +220,7 @@ def test_only_the_newest_of_the_sets_that_wait_is_applied() -> None:
         rig.answer()  # no cycle for a second from now on
         for number in range(5):
             rig.send_boxes([number], in_row(0))
-        monitor = rig.node._monitors[TOPIC]
+        monitor = rig.monitor(TOPIC)
         rig.until(lambda: monitor.messages == 6, "all sets")
         rig.node._run_cycle()
         assert keys(rig) == {("boxes", 4)}

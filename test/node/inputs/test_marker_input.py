@@ -181,7 +181,7 @@ def test_an_object_whose_lifetime_is_over_before_a_cycle_is_seen_once() -> None:
 
 
 def test_of_frames_that_ended_while_they_waited_only_the_last_is_seen(rig: Rig) -> None:
-    markers, clock = rig.node.inputs.markers, [rig.node._now() - 10 * SECOND]
+    markers, clock = rig.node.inputs.markers, [rig.now() - 10 * SECOND]
     markers._clock = lambda: clock[0]
     for number in range(5):
         clock[0] += SECOND
@@ -227,7 +227,7 @@ def test_overload_is_said_with_the_age_of_the_newest_state(
     subscribed = rig.node._subscribed
     taken = subscribed.take_wait
     monkeypatch.setattr(subscribed, "take_wait", lambda: (wait := taken()) and wait + seconds)
-    stamp = stamp_to_ros(rig.node._now() - 3 * SECOND)
+    stamp = stamp_to_ros(rig.now() - 3 * SECOND)
 
     def said() -> bool:
         marker = cube(A1)

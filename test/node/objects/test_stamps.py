@@ -174,9 +174,7 @@ def test_by_topics_a_marker_of_the_future_among_others_does_not_outlast_them(rig
     rig.answer()
     markers = [cube(A1, (x, 0, 0)) for x in (5.0, 0.5, 0.25)]
     rig.stamp += 1
-    for marker, stamp in zip(
-        markers, (rig.node._now() + HOUR, rig.stamp, rig.stamp + 1), strict=True
-    ):
+    for marker, stamp in zip(markers, (rig.now() + HOUR, rig.stamp, rig.stamp + 1), strict=True):
         marker.header.stamp = stamp_to_ros(stamp)
     rig.stamp += 1
     rig.send(*markers, stamped=False)
@@ -241,7 +239,7 @@ def test_by_topics_a_future_stamp_is_counted_and_never_published(rig: Rig) -> No
     rig.listen("/diagnostics")
     rig.send(cube(A1), cube(A2, (3, 0, 0)))
     rig.answer()
-    ahead = stamp_to_ros(rig.node._now() + HOUR)
+    ahead = stamp_to_ros(rig.now() + HOUR)
     message = states_to_ros(["a/2"], np.array([pose(0.5)]), rig.header())
     message.header.stamp = ahead
     rig.pubs["object_states"].publish(message)
@@ -253,7 +251,7 @@ def test_by_topics_a_future_stamp_is_counted_and_never_published(rig: Rig) -> No
     assert (objects["message"], objects["level"]) == ("1 with a doubtful stamp", "01")
     for topic in ("collisions",):
         stamp = stamp_from_ros(rig.next(topic).header.stamp)
-        assert stamp <= rig.node._now() + SECOND // 2
+        assert stamp <= rig.now() + SECOND // 2
     rig.send_transform("a/2", pose(3.0))
     assert rig.pairs() == set()
 
@@ -261,10 +259,10 @@ def test_by_topics_a_future_stamp_is_counted_and_never_published(rig: Rig) -> No
 def test_by_topics_the_points_of_the_future_carry_their_time_of_receipt(rig: Rig) -> None:
     rig.send(cube(A1))
     rig.listen("points_inside")
-    SENDERS["points"](rig, stamp_to_ros(rig.node._now() + HOUR))
+    SENDERS["points"](rig, stamp_to_ros(rig.now() + HOUR))
     message = rig.until(lambda: (m := rig.last.get("points_inside")) and m.width and m, "inside")
-    assert stamp_from_ros(message.header.stamp) <= rig.node._now()
-    assert dict(rig.node._monitors["points"].doubted) == {AHEAD: 1}
+    assert stamp_from_ros(message.header.stamp) <= rig.now()
+    assert dict(rig.monitor("points").doubted) == {AHEAD: 1}
 
 
 def test_a_bad_stamp_of_a_new_object_leaves_it_unplaceable_and_counted(rig: Rig) -> None:

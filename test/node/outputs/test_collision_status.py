@@ -74,13 +74,13 @@ def test_free_and_colliding_are_told_with_stamp_and_age() -> None:
     with listening() as rig:
         rig.send(cube(A1), cube(A2, (3, 0, 0)))
         rig.answer()
-        before = rig.node._now()
+        before = rig.now()
         rig.until(lambda: wait(rig, FREE, "free", False)["objects"] == "2", "both")
         values = wait(rig, FREE, "free", False)
         assert stamp_from_ros(rig.last[STATUS].header.stamp) >= before - SECOND
         assert values["objects"] == "2"
         assert values["colliding pairs"] == "0"
-        age = (rig.node._now() - rig.stamp) / SECOND
+        age = (rig.now() - rig.stamp) / SECOND
         assert float(values["age of the newest state (s)"]) == pytest.approx(age, abs=60.0)
         rig.send_transform("a/2", pose(0.5))
         values = wait(rig, COLLIDING, "1 pair collides", True)
@@ -182,7 +182,7 @@ def test_a_cycle_that_does_not_end_is_told_by_another_thread(
         rig.send(cube(A1))
         rig.answer()
         wait(rig, FREE, flag=False)
-        publisher = rig.node._outputs.publishers[STATUS]
+        publisher = rig.publisher(STATUS)
         publish, told = publisher.publish, threading.Event()
 
         def noted(message: Any) -> None:

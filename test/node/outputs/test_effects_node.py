@@ -105,9 +105,7 @@ class Scene:
 
     def is_taken(self) -> bool:
         """Whether the scene has the last state, sent before the last cloud."""
-        return (
-            self.rig.node.objects.newest_stamp(self.rig.node._now()) == self.rig.stamp - 1_000_000
-        )
+        return self.rig.node.objects.newest_stamp(self.rig.now()) == self.rig.stamp - 1_000_000
 
 
 def of(calls: Counter[str], effect: str) -> int:
@@ -181,7 +179,7 @@ def test_the_latched_flag_is_published_when_it_changes_or_somebody_subscribes(
 ) -> None:
     with Rig(deaf=True) as rig:
         rig.cycles(1)
-        publisher = rig.node._outputs.publishers["in_collision"]
+        publisher = rig.publisher("in_collision")
         sent: list[bool] = []
         publish = publisher.publish
 

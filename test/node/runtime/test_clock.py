@@ -161,7 +161,7 @@ def test_by_topics_a_simulation_that_goes_back_keeps_lifetimes(
 
         def tick(seconds: int) -> None:
             clock.publish(Clock(clock=stamp_to_ros(seconds * SECOND)))
-            rig.until(lambda: rig.node._now() == seconds * SECOND, f"time {seconds}")
+            rig.until(lambda: rig.now() == seconds * SECOND, f"time {seconds}")
             rig.cycles(2)
 
         tick(100)
@@ -183,13 +183,13 @@ def test_by_topics_the_time_may_change_to_a_simulations_and_back(
         rig.send(cube(A1), cube(A2, (0.5, 0, 0), lifetime=Duration(sec=3600)))
         assert rig.pairs() == {("a/1", "a/2")}
         rig.set(use_sim_time=True)
-        assert rig.node._now() == 0, "no message of /clock so far"
+        assert rig.now() == 0, "no message of /clock so far"
         assert "the clock jumped by -" in capfd.readouterr().err
         rig.cycles(2)
         clock = rig.client.create_publisher(Clock, "/clock", QoSProfile(depth=10))
         rig.until(lambda: clock.get_subscription_count() > 0, "match")
         clock.publish(Clock(clock=stamp_to_ros(7 * SECOND)))
-        rig.until(lambda: rig.node._now() == 7 * SECOND, "time")
+        rig.until(lambda: rig.now() == 7 * SECOND, "time")
         rig.cycles(2)
         assert "the clock jumped by +7.000 s" in capfd.readouterr().err
         rig.set(use_sim_time=False)

@@ -31,7 +31,8 @@ from typing import Any
 import pytest
 
 pytest.importorskip("rclpy")
-from node_process import PATIENCE, cached, environment, output_until, running
+from node_process import cached, environment, running
+from processes import PATIENCE, output_until
 
 from obb_collision import _jit
 from obb_collision.warm_up.steps import NODE_STEPS, run

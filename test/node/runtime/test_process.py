@@ -31,7 +31,8 @@ import pytest
 
 pytest.importorskip("rclpy")
 from diagnostic_msgs.msg import DiagnosticArray
-from node_process import PATIENCE, output_until, running
+from node_process import running
+from processes import PATIENCE, limited, output_until
 from rclpy.context import Context
 from rclpy.duration import Duration
 from rclpy.event_handler import SubscriptionEventCallbacks
@@ -130,7 +131,7 @@ def test_a_signal_during_the_imports_ends_it_without_a_word(
         text=True,
     )
     assert process.stderr is not None
-    try:
+    with limited(process):
         for line in process.stderr:
             if line.split("|")[-1].strip() == module:
                 break
@@ -139,9 +140,6 @@ def test_a_signal_during_the_imports_ends_it_without_a_word(
         assert process.returncode == 0, rest
         assert "Traceback" not in rest
         assert "ready:" not in rest
-    finally:
-        process.kill()
-        process.communicate()
 
 
 def test_a_second_signal_ends_a_node_that_takes_long_to_be_made() -> None:
@@ -157,15 +155,11 @@ run("slow", make, [])
     process = subprocess.Popen(
         [sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
     )
-    assert process.stdout is not None
-    try:
-        assert process.stdout.readline() == "making\n"
+    with limited(process):
+        assert output_until(process, "making") == "making\n"
         process.send_signal(signal.SIGINT)
         process.send_signal(signal.SIGTERM)  # another one, for two of a kind may arrive as one
         assert process.wait(PATIENCE) == 0
-    finally:
-        process.kill()
-        process.communicate()
 
 
 def test_a_node_that_is_killed_or_hangs_is_told_by_the_deadline() -> None:

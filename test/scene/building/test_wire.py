@@ -45,7 +45,7 @@ def test_messages_come_back_as_they_were() -> None:
     sender = threading.Thread(target=near.send, args=(message, PATIENCE))
     sender.start()
     got = far.receive(PATIENCE)
-    sender.join()
+    sender.join(PATIENCE)
     assert got is not None
     assert got.keys() == message.keys()
     for name, value in message.items():
