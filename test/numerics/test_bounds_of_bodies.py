@@ -107,8 +107,7 @@ def test_points_within_a_margin(record_property: Record) -> None:
             Boxes.trusted(*(part[None] for part in row_of(boxes, n))) for n in range(len(boxes))
         )
         counts = [
-            points_inside(one, points[n : n + 1], margin, threads=1).counts[0]
-            for n, one in enumerate(each)
+            points_inside(one, points[n : n + 1], margin).counts[0] for n, one in enumerate(each)
         ]
         return np.array(counts) == 0
 

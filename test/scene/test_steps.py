@@ -95,6 +95,28 @@ def test_boxes_are_where_poses_say_for_any_number_of_threads() -> None:
         oc.set_threads(None)
 
 
+def test_effects_have_the_same_bits_for_any_number_of_threads() -> None:
+    rng = np.random.default_rng(10)
+    start, end = some_poses(900, rng, 4.0), some_poses(900, rng, 4.0)
+    seen = []
+    try:
+        for number in (1, 2, 5):
+            oc.set_threads(number)
+            scene = boxes_at(start)
+            scene.set_twists(scene.indices, np.ones((900, 6)))
+            scene.check("sweep")
+            scene.move_indices(scene.indices, end)
+            report = scene.check(("separations", "contacts", "clearance", "sweep"))
+            assert len(report) > 500
+            swept = (report.swept.passed, report.swept.predicted)
+            tables = (report.result("separations"), report.contacts, report.clearances, *swept)
+            assert all(len(table) > 100 for table in tables)
+            seen.append([column.tobytes() for table in tables for column in vars(table).values()])
+    finally:
+        oc.set_threads(None)
+    assert seen[0] == seen[1] == seen[2]
+
+
 def test_of_an_object_named_twice_the_last_pose_counts() -> None:
     first, second, there = random_poses(3, np.random.default_rng(6), 5.0)
     for poses in ([first, second], [there, second], [second, there]):

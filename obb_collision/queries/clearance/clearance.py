@@ -31,12 +31,13 @@ centres counts, not where they are.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from obb_collision._jit import njit
+from obb_collision._threads import run
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.numerics.constants import MAX_MAGNITUDE
 from obb_collision.numerics.vec3 import components, minus, negated, scaled
@@ -48,9 +49,11 @@ from obb_collision.queries.verdict.pair_rows import as_pairs, check_boxes, one_s
 from obb_collision.queries.verdict.penetration import box_witness
 from obb_collision.queries.verdict.sat import AXES
 from obb_collision.queries.verdict.verdict import SEPARATE, TOUCHING, box_verdict
-from obb_collision.typing import Floats, Integers, Vector
+from obb_collision.typing import Floats, Integers, Mask, Vector
 from obb_collision.words import shown
 
+#: Pairs below which a second thread does not pay: 30 us.
+FEWEST_PAIRS = 64
 #: Kinds of real numbers.
 REAL = (int, float, np.integer, np.floating)
 
@@ -120,14 +123,20 @@ def clearances(
     if not (isinstance(max_distance, REAL) and max_distance >= 0.0):  # NaN too
         raise ValueError(f"max_distance must be a number, at least 0, got {shown(max_distance)}")
     limit = float(max_distance) if max_distance <= MAX_MAGNITUDE else np.inf
-    count = len(checked)
-    rows = np.empty(count, np.int64)
-    distances, vectors = np.empty(count), np.empty((3, count, 3))
-    kept = clearance_kernel(
-        *(boxes.centers, boxes.rotations, boxes.half_extents, checked, limit),
-        *(rows, distances, vectors[0], vectors[1], vectors[2]),
+    found, near = near_pairs(boxes, checked, limit)
+    return replace(found, pairs=given[near])
+
+
+def near_pairs(boxes: Boxes, pairs: Integers, limit: float) -> tuple[Clearances, Mask]:
+    """Return the clearances of pairs (m, 2) of rows within a limit, and which these are (m,)."""
+    near = np.empty(len(pairs), np.bool_)
+    distances, vectors = np.empty(len(pairs)), np.empty((3, len(pairs), 3))
+    run(
+        *(clearance_kernel, len(pairs), FEWEST_PAIRS),
+        *(boxes.centers, boxes.rotations, boxes.half_extents, pairs, limit),
+        *(near, distances, vectors[0], vectors[1], vectors[2]),
     )
-    return Clearances(given[rows[:kept]], distances[:kept], *vectors[:, :kept])
+    return Clearances(pairs[near], distances[near], *vectors[:, near]), near
 
 
 @njit
@@ -137,19 +146,21 @@ def clearance_kernel(
     half_extents: Floats,
     pairs: np.ndarray,
     limit: float,
-    rows: np.ndarray,
+    near: np.ndarray,
     distances: Floats,
     positions_a: Floats,
     positions_b: Floats,
     normals: Floats,
-) -> int:
-    """Write row, distance, points and normal of each pair (m, 2) within the limit; return how many.
+    start: int,
+    stop: int,
+) -> None:
+    """Write whether pairs ``start`` to ``stop`` of (m, 2) are within the limit.
 
-    All outputs have room for m.
+    And the distance, points and normal of those that are.
     """
     most = np.empty(AXES)
-    count = 0
-    for row in range(len(pairs)):
+    for row in range(start, stop):
+        near[row] = False
         a = box_at(centers, rotations, half_extents, pairs[row, 0])
         b = box_at(centers, rotations, half_extents, pairs[row, 1])
         swapped = _comes_before(b, a)
@@ -170,14 +181,9 @@ def clearance_kernel(
             gap = 0.0
         distance = max(distance, gap) if verdict == SEPARATE else gap
         if distance <= limit:
-            rows[count] = row
-            distances[count] = distance
+            near[row], distances[row] = True, distance
             for k in range(3):
-                positions_a[count, k] = p[k]
-                positions_b[count, k] = q[k]
-                normals[count, k] = n[k]
-            count += 1
-    return count
+                positions_a[row, k], positions_b[row, k], normals[row, k] = p[k], q[k], n[k]
 
 
 @njit

@@ -25,12 +25,13 @@ does jump is the normal, where two axes that differ have the same depth, as it d
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from obb_collision._jit import njit
+from obb_collision._threads import run
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.numerics.vec3 import (
     dot,
@@ -62,6 +63,8 @@ from obb_collision.words import shown
 #: How many points a pair can be asked for.
 LIMITS = (4, 8)
 
+#: Pairs below which a second thread does not pay: 30 us.
+FEWEST_PAIRS = 64
 #: Least size of a pair, metres: its reciprocal must be finite. Below that a box counts as a point.
 SMALLEST_PAIR = 1e-300
 
@@ -93,10 +96,10 @@ class Contacts:
     def blank(cls, pairs: Integers, max_points: int) -> Contacts:
         """Return room for pairs (m, 2) with at most ``max_points`` points each."""
         m = len(pairs)
-        positions = np.full((m, max_points, 3), np.nan)
+        positions, position_depths = np.empty((m, max_points, 3)), np.empty((m, max_points))
         normals, depths, counts = np.empty((m, 3)), np.empty(m), np.empty(m, np.int64)
         axes = np.empty(m, np.int8)
-        return cls(pairs, normals, depths, counts, positions, positions[:, :, 0].copy(), axes)
+        return cls(pairs, normals, depths, counts, positions, position_depths, axes)
 
     def __len__(self) -> int:
         return len(self.pairs)
@@ -146,10 +149,17 @@ def contacts(
     check_boxes(a, b)
     if not isinstance(max_points, (int, np.integer)) or max_points not in LIMITS:
         raise ValueError(f"max_points must be 4 or 8, got {shown(max_points)}")
-    result = Contacts.blank(as_pairs(a, b, pairs), int(max_points))
-    boxes, rows = one_set(a, b, result.pairs)
-    contacts_kernel(
-        *(boxes.centers, boxes.rotations, boxes.half_extents, rows),
+    given = as_pairs(a, b, pairs)
+    boxes, rows = one_set(a, b, given)
+    return replace(pair_contacts(boxes, rows, int(max_points)), pairs=given)
+
+
+def pair_contacts(boxes: Boxes, pairs: Integers, max_points: int) -> Contacts:
+    """Return the contacts of pairs (m, 2) of rows of boxes."""
+    result = Contacts.blank(pairs, max_points)
+    run(
+        *(contacts_kernel, len(pairs), FEWEST_PAIRS),
+        *(boxes.centers, boxes.rotations, boxes.half_extents, pairs),
         *(result.normals, result.depths, result.counts),
         *(result.positions, result.position_depths, result.axes),
     )
@@ -168,21 +178,27 @@ def contacts_kernel(
     positions: Floats,
     position_depths: Floats,
     axes: np.ndarray,
+    start: int,
+    stop: int,
 ) -> None:
-    """Write the contacts of each pair (m, 2), as in ``Contacts``; nothing past the counts."""
+    """Write the contacts of pairs ``start`` to ``stop`` of (m, 2), as in ``Contacts``."""
     most = np.empty(AXES)
     polygon = np.empty((CAPACITY, 3))
     spare = np.empty((CAPACITY, 3))
-    for n in range(len(pairs)):
+    for n in range(start, stop):
         a = box_at(centers, rotations, half_extents, pairs[n, 0])
         b = box_at(centers, rotations, half_extents, pairs[n, 1])
         (gap, normal, axes[n]), _ = box_witness(a, b, most)
         write_vertex(normals, n, normal)
         depths[n] = max(0.0, -gap)
         counts[n] = 0
-        if gap > 0.0 and gap > careful_bound(a, b):
-            continue
-        counts[n] = _contact_points(a, b, normal, polygon, spare, positions[n], position_depths[n])
+        if not (gap > 0.0 and gap > careful_bound(a, b)):
+            counts[n] = _contact_points(
+                a, b, normal, polygon, spare, positions[n], position_depths[n]
+            )
+        for k in range(counts[n], position_depths.shape[1]):
+            write_vertex(positions[n], k, (np.nan, np.nan, np.nan))
+            position_depths[n, k] = np.nan
 
 
 @njit

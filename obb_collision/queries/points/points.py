@@ -26,16 +26,15 @@ parted, so the result is the same bit for bit for any number of threads.
 
 from __future__ import annotations
 
-import os
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from obb_collision._threads import run_parts
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.kinds import as_flag, check_kind
-from obb_collision.geometry.validation import as_array, as_points, as_whole
+from obb_collision.geometry.validation import as_array, as_points
 from obb_collision.numerics.constants import ROUNDOFF, UNDERFLOW
 from obb_collision.queries.points.grid import build_grid
 from obb_collision.queries.points.kernels import lengths_kernel, points_kernel
@@ -83,7 +82,6 @@ def points_inside(
     margin: float = 0.0,
     *,
     each_point: bool = False,
-    threads: int | None = None,
 ) -> PointsInside:
     """Return which points of a cloud lie inside which boxes.
 
@@ -96,8 +94,6 @@ def points_inside(
         Metres; points this near to a box count, too.
     each_point : bool
         Also say for each point in which box it is.
-    threads : int, optional
-        At most so many at once; by default as many as this process has cores.
 
     Returns
     -------
@@ -108,7 +104,7 @@ def points_inside(
     Raises
     ------
     ValueError
-        For points of another shape, a negative margin or a number of threads below 1.
+        For points of another shape, or a negative margin.
     TypeError
         For anything but boxes.
 
@@ -124,7 +120,6 @@ def points_inside(
     reach = float(as_array(margin, "margin", ()))
     if reach < 0.0:
         raise ValueError(f"margin must not be negative, got {reach!r}")
-    threads = _cores() if threads is None else as_whole(threads, "threads", 1)
     size = max(CHUNK, -(-len(cloud) // MOST_CHUNKS))
     starts = range(0, len(cloud), size)
     found = np.zeros((len(starts), 3, len(boxes)), np.int64)
@@ -139,20 +134,10 @@ def points_inside(
             cloud, starts[n], end, *grid, reach, found[n], squares[n], labels
         )
 
-    if threads == 1 or len(starts) < 2:
-        for n in range(len(starts)):
-            look(n)
-    else:
-        with ThreadPoolExecutor(min(threads, len(starts))) as pool:
-            list(pool.map(look, range(len(starts))))
+    if len(starts) > 1:  # see ``_threads.run``
+        points_kernel(cloud, 0, 0, *grid, reach, found[0], squares[0], labels)
+    run_parts(look, len(starts))
     return _merged(boxes, cloud, found, squares, int(ignored.sum()), labels if each_point else None)
-
-
-def _cores() -> int:
-    """Return how many cores this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
 
 
 def _grid(

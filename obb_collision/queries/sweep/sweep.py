@@ -27,6 +27,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from obb_collision._jit import njit
+from obb_collision._threads import run
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.kinds import as_flag, check_kind
 from obb_collision.geometry.validation import as_array
@@ -45,6 +46,8 @@ from obb_collision.typing import Floats, Integers, Vector
 
 #: Nearer than this counts as touching where a box turns, in radii of the smaller box.
 TOLERANCE = 1e-4
+#: Pairs below which a second thread does not pay: 20 us where they do not turn.
+FEWEST_PAIRS = 64
 #: What rounding allows, and then the least that is taken (see ``rigid``).
 LEAST_TOLERANCE = FLOOR
 #: Where the first box of a pair is, in the frame that goes along with it.
@@ -147,7 +150,8 @@ def sweeps(
     motion, duration, rows = join_motions(a, b, given)
     free, undecided = np.empty(len(rows)), np.empty(len(rows), np.bool_)
     positions, normals = np.empty((2, len(rows) if contacts else 0, 3))
-    sweep_kernel(motion, rows, near, free, undecided, positions, normals)
+    outputs = free, undecided, positions, normals
+    run(sweep_kernel, len(rows), FEWEST_PAIRS, motion, rows, near, *outputs)
     free *= duration
     times = np.where(undecided, np.nan, free) if undecided.any() else free
     return Sweeps(given, np.isfinite(times), undecided, times, free, positions, normals)
@@ -162,14 +166,17 @@ def sweep_kernel(
     undecided: np.ndarray,
     points: Floats,
     normals: Floats,
+    start: int,
+    stop: int,
 ) -> None:
     """Write time (m,), point and normal (m, 3), or (0, 3) for none, of the first contact of pairs.
 
-    Where it is undecided (m,), the time is until when the boxes are certainly apart.
+    Of pairs ``start`` to ``stop``. Where it is undecided (m,), the time is until when the boxes are
+    certainly apart.
     """
     spans, most, work = np.empty((2, AXES)), np.empty(AXES), np.empty((WORK_ROWS, 3))
     starts, ends, seconds, turns = motion.starts, motion.ends, motion.seconds, motion.turns
-    for n in range(len(pairs)):
+    for n in range(start, stop):
         i, j = pairs[n, 0], pairs[n, 1]
         time, normal, axis = MISS
         known = True

@@ -20,7 +20,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from obb_collision.queries.clearance.clearance import Clearances, clearances
+from obb_collision.queries.clearance.clearance import Clearances, near_pairs
 from obb_collision.scene.broad_phase.broad_phase import NO_PAIRS, Pairs
 from obb_collision.scene.effects.base import Cycle, Effect, Option, Outcome, Setting, isolated
 from obb_collision.scene.effects.candidates import meeting_pairs
@@ -52,7 +52,7 @@ class ClearanceEffect:
         pairs = meeting_pairs(cycle, slots, low, high, selected)
 
         def compute(some: Pairs) -> Clearances:
-            return clearances(cycle.boxes, cycle.boxes, some, max_distance=max_distance)
+            return near_pairs(cycle.boxes, some, max_distance)[0]
 
         _, result, failures = isolated(compute, pairs, BLANK)
         return Outcome(result, len(pairs), failures)

@@ -19,7 +19,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from obb_collision.geometry.boxes import Boxes
-from obb_collision.queries.contacts.contacts import Contacts, contacts
+from obb_collision.queries.contacts.contacts import Contacts, pair_contacts
 from obb_collision.scene.broad_phase.broad_phase import NO_PAIRS, Pairs
 from obb_collision.scene.effects.base import Cycle, Effect, Option, Outcome, Setting, pair_rows
 
@@ -39,7 +39,7 @@ class ContactsEffect:
         max_points = int(setting.values["max_points"])
 
         def compute(boxes: Boxes, pairs: Pairs) -> Contacts:
-            return contacts(boxes, boxes, pairs, max_points=max_points)
+            return pair_contacts(boxes, pairs, max_points)
 
         return pair_rows(self.name, cycle, setting, compute, Contacts.blank(NO_PAIRS, max_points))
 

@@ -35,8 +35,8 @@ from obb_collision.scene.effects import EFFECTS, clearance, contacts, points, se
 
 KERNELS = {
     "separations": [(separations, "pair_separations")],
-    "contacts": [(contacts, "contacts")],
-    "clearance": [(clearance, "clearances")],
+    "contacts": [(contacts, "pair_contacts")],
+    "clearance": [(clearance, "near_pairs")],
     "sweep": [(sweep, "sweeps")],
     "points": [(points, "points_inside")],
 }
@@ -250,7 +250,7 @@ def test_an_effect_that_fails_is_reported_and_the_cycle_goes_on(
         def broken(*args: Any, **options: Any) -> Any:
             raise FloatingPointError("no patch today")
 
-        monkeypatch.setattr(contacts, "contacts", broken)
+        monkeypatch.setattr(contacts, "pair_contacts", broken)
         scene.step()
         status = rig.until(lambda: (s := rig.status(": cycle"))["level"] == "01" and s, "warning")
         assert "no patch today" in status["effect contacts last failure"]

@@ -26,6 +26,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from support import family, row_of
 
+import obb_collision as oc
 from obb_collision.benchmarks.cases.families import FAMILIES
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.queries.points.containment import contains
@@ -177,9 +178,14 @@ def test_any_number_of_threads_gives_the_same_bits() -> None:
     boxes = crowded("plain", 200, rng)
     points = rng.uniform(-2.5, 2.5, (5 * CHUNK + 123, 3))
     points[3 * CHUNK + 7 :] = points[: 2 * CHUNK + 116]  # equally near ones in several parts
-    alone = points_inside(boxes, points, each_point=True, threads=1)
-    for threads in (2, 3, 7, None):
-        assert same(points_inside(boxes, points, each_point=True, threads=threads), alone)
+    try:
+        oc.set_threads(1)
+        alone = points_inside(boxes, points, each_point=True)
+        for threads in (2, 3, 7, None):
+            oc.set_threads(threads)
+            assert same(points_inside(boxes, points, each_point=True), alone)
+    finally:
+        oc.set_threads(None)
     for b in np.flatnonzero(alone.counts):
         twice = np.flatnonzero((points == points[alone.nearest[b]]).all(axis=1))
         assert alone.nearest[b] == twice[0]
@@ -232,5 +238,3 @@ def test_bad_input() -> None:
         points_inside(boxes, np.zeros((1, 3)), -1.0)
     with pytest.raises(ValueError, match="margin must be finite"):
         points_inside(boxes, np.zeros((1, 3)), np.nan)
-    with pytest.raises(ValueError, match="threads"):
-        points_inside(boxes, np.zeros((1, 3)), threads=0)
