@@ -30,13 +30,14 @@ from contextlib import contextmanager
 from dataclasses import asdict
 from functools import partial
 from importlib import import_module
+from importlib.util import find_spec
 from itertools import product
 
 from obb_collision.benchmarks.cases.forms import FORMS, make_frames
 from obb_collision.benchmarks.certificate import measure_certificate
 from obb_collision.benchmarks.effects import format_effects, run_effects, save_effects_plot
 from obb_collision.benchmarks.peers.steps import OURS, PEERS
-from obb_collision.benchmarks.step.goals import Goal, Goals, goal_table
+from obb_collision.benchmarks.step.goals import Goal, Goals, NodeGoals, goal_table
 from obb_collision.benchmarks.step.measure import STEPS, Case, Plan, Row, run_case
 from obb_collision.benchmarks.step.plot import save_plot
 from obb_collision.benchmarks.step.tables import (
@@ -179,7 +180,10 @@ def _run_goals(options: argparse.Namespace) -> None:
     plan = Plan(options.seconds, options.limit, max(STEPS, options.steps), options.seed)
     goals: list[Goal] = []
     with progress(GOALS) as show:
-        run = Goals(plan, lambda text: show(min(len(goals), GOALS - 1), text))
+        node: NodeGoals | None = None
+        if find_spec("rclpy"):
+            node = import_module("obb_collision.benchmarks.node_goals").node_goals
+        run = Goals(plan, lambda text: show(min(len(goals), GOALS - 1), text), node)
         for goal in run.all():
             goals.append(goal)
     table = goal_table(goals)

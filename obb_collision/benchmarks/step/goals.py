@@ -25,7 +25,6 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from importlib.util import find_spec
 from time import perf_counter
 from typing import Any
 
@@ -48,6 +47,8 @@ from obb_collision.benchmarks.step.tables import best_coal, digits
 from obb_collision.scene.scene import Scene
 
 Tell = Callable[[str], None]
+#: What the node is meant to reach: what, what is wanted, what was measured, whether it is enough.
+NodeGoals = Callable[[Tell], Iterator[tuple[str, str, str, bool]]]
 
 #: How many times as fast as MuJoCo, at these sizes.
 SIZES = (1_000, 10_000)
@@ -93,9 +94,13 @@ def missing(what: str, beside: str, why: str) -> Goal:
 
 
 class Goals:
-    """Measures the goals, and holds the rows and notes of the scenes on the way."""
+    """Measures the goals, and holds the rows and notes of the scenes on the way.
 
-    def __init__(self, plan: Plan, tell: Tell) -> None:
+    node: what measures the node, which needs ROS; None where it is not installed.
+    """
+
+    def __init__(self, plan: Plan, tell: Tell, node: NodeGoals | None) -> None:
+        self._node = node
         self.rows: list[Row] = []
         self.notes: list[Note] = []
         self._plan, self._tell = plan, tell
@@ -196,13 +201,11 @@ class Goals:
 
     def node(self) -> Iterator[Goal]:
         """Measure the node from message to message."""
-        if not find_spec("rclpy"):
+        if self._node is None:
             yield missing("node", "", "ROS is not installed here")
-            return
-        from obb_collision.benchmarks.step.node_goals import node_goals
-
-        for what, wanted, measured, met in node_goals(self._tell):
-            yield Goal(what, "", wanted, measured, met)
+        else:
+            for what, wanted, measured, met in self._node(self._tell):
+                yield Goal(what, "", wanted, measured, met)
 
     def starts(self) -> Iterator[Goal]:
         """Measure what an empty cache costs."""
