@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""One cycle of the node: bring the scene up to date, check it, publish what is called for."""
+"""One cycle of the node: bring the scene up to date, check it, publish what is requested."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ from obb_collision.scene.report import Report
 class Cycle:
     """What a cycle does, and what it took.
 
-    collect: takes the messages that wait; returns how long (s) they waited at most.
+    collect: reads the queued messages; returns their maximum waiting time (s).
     """
 
     def __init__(

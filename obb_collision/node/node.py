@@ -84,11 +84,11 @@ class CollisionNode(Node):
         try:
             self._set_up(frames, ending)
         except BaseException:
-            self.destroy_node()  # what it has subscribed to by then would go on receiving
+            self.destroy_node()  # else its subscriptions would continue to receive
             raise
 
     def _set_up(self, frames: FrameSource | None, ending: Callable[[], bool]) -> None:
-        """Make all parts, compile what is needed, and begin."""
+        """Create all parts, compile the kernels that are needed, and start."""
         start = perf_counter()
         self.guard = Guard(self._log_error, self.context.ok)
         self.parameters = Parameters(self)
@@ -117,7 +117,7 @@ class CollisionNode(Node):
         )
 
     def _make_inputs(self, frames: FrameSource | None) -> None:
-        """Make what takes messages in; nothing is subscribed yet."""
+        """Create the inputs; nothing is subscribed yet."""
         fixed_frame = self.parameters.fixed_frame
         self._frames = frames if frames is not None else make_frames(self, fixed_frame)
         self._monitors = {topic: InputMonitor(topic, self._log_warning) for topic in INPUTS}
@@ -142,7 +142,7 @@ class CollisionNode(Node):
         self._subscribed = self._make_subscriptions()
 
     def _make_outputs(self, allowed: list[AllowedRule]) -> None:
-        """Make what checks and publishes; the status is published from now on."""
+        """Create the check and the outputs; the status is published from now on."""
         self._outputs = Outputs(self, self.parameters, self.guard)
         self._settings = SceneSettings(self.parameters, self.objects, self._warm)
         self._settings.allowed = allowed
@@ -219,14 +219,14 @@ class CollisionNode(Node):
         return Subscriptions(self, callbacks, self._monitors, self._arrived)
 
     def _arrived(self, topic: str) -> None:
-        """Start a cycle for a message, if it calls for one."""
+        """Start a cycle for a message that requires one."""
         if topic != "points" or self._effects.is_requested("points"):
             self._schedule.arrived()
 
     def _collect(self) -> float:
-        """Take and apply what waits; returns how long (s) it waited to be taken, at most.
+        """Read and apply the queued messages; returns their maximum waiting time (s).
 
-        Parameters first: a message that was sent after a change is taken as the change has it.
+        Parameters first: a message sent after a change is interpreted by the new values.
         """
         self._parameters_changed.settle()
         self.guard.run("inputs", self._subscribed.drain)
@@ -239,7 +239,7 @@ class CollisionNode(Node):
         return topic != "points" or self.parameters.mode("points") != OFF
 
     def _apply_parameters(self) -> None:
-        """Bring what was made from parameters up to date with them."""
+        """Apply the parameters to all parts."""
         parameters, objects = self.parameters, self.objects
         self._settings.apply()
         apply_limits(parameters, objects)
@@ -258,7 +258,7 @@ class CollisionNode(Node):
         return int(self.get_clock().now().nanoseconds)
 
     def _now(self) -> int:
-        """Time of the node's clock (ns), once what a jump of it changes is changed."""
+        """Time of the node's clock (ns), after the effects of a jump are applied."""
         return self._time.now()
 
     def _is_simulated(self) -> bool:
@@ -275,7 +275,7 @@ class CollisionNode(Node):
         self.guard.run("output collision_status", lambda: self._update_status(cycle=True))
 
     def _update_status(self, cycle: bool = False) -> None:
-        """Publish what is known of collisions now; cycle: a cycle has just ended."""
+        """Publish the current status of collisions; cycle: a cycle has just ended."""
         if self.status.is_off:
             return
         ran, timeout = self.cycle, self.parameters.object_timeout
@@ -292,7 +292,7 @@ class CollisionNode(Node):
         self.get_logger().error(text)
 
     def _count_notes(self) -> None:
-        """Count what became of items since they were stored."""
+        """Count items that were refused or doubted after they had been stored."""
         now = self._now()
         for note in self.objects.notes.take():
             monitor = self._monitors[note.topic]
@@ -334,7 +334,7 @@ class CollisionNode(Node):
             monitor.clock_jumped(shift)
 
     def destroy_node(self) -> None:
-        """Publish that nothing is known any more, and end, with all other processes."""
+        """Publish the status unknown, and end together with all other processes."""
         for name in ("status", "_warm", "objects"):
             if hasattr(self, name):  # not where the start failed before
                 getattr(self, name).close()

@@ -62,7 +62,7 @@ class Reporting:
         self._last = perf_counter()
 
     def publish(self) -> None:
-        """Look at QoS, warn of what was held back, and publish the message if it is called for."""
+        """Check QoS, log pending warnings, and publish the message if it is requested."""
         elapsed, now = perf_counter() - self._last, self._now()
         self._last += elapsed
         self._qos.look({**self._subscriptions.open, **self._outputs.ends})

@@ -65,9 +65,9 @@ class SceneFile:
         self._renamed = {old: new for old, new in changed if old != new}
 
     def parameters(self) -> dict[str, Any]:
-        """Return values of parameters by which the node does what the file says.
+        """Return the values of parameters that correspond to the settings of the file.
 
-        What may touch is not among them: a parameter can't say that some may not after all.
+        Allowed pairs are not among them: a parameter can't express exceptions from them.
         """
         scene = self._scene
         values: dict[str, Any] = {

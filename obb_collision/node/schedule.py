@@ -30,13 +30,13 @@ SHORTEST_TIMER = 1e-4
 
 
 STORM_SHARE = 0.1
-"""Share of the time that calls in a storm may take."""
+"""Maximum share of the time that calls in a burst may take."""
 STORM_PERIOD = 0.05
-"""Seconds between two calls in a storm, at least."""
+"""Minimum seconds between two calls in a burst."""
 
 
 class Calm:
-    """Makes a call at once, but in a storm of calls seldom: the last one always counts.
+    """Rate limiter: makes a call immediately, or later in a burst of calls; never drops the last.
 
     start(seconds): have ``end`` called after that time. clock: seconds, rising.
     """
@@ -77,9 +77,9 @@ class Calm:
 
 
 class Schedule:
-    """Calls ``cycle`` as the parameters ``trigger``, ``rate`` and ``min_period`` say.
+    """Calls ``cycle`` according to the parameters ``trigger``, ``rate`` and ``min_period``.
 
-    clock: of steady time, for a paused or missing simulation clock must not stop the checks.
+    clock: of steady time, because a paused or missing simulation clock must not stop the checks.
     """
 
     def __init__(self, node: Node, parameters: Parameters, cycle: Callable[[], None]) -> None:
@@ -91,7 +91,7 @@ class Schedule:
         self._burst_timer.cancel()
 
     def calm(self, call: Callable[[], object]) -> Calm:
-        """Return what makes a call, seldom in a storm of calls."""
+        """Return a rate limiter of a call."""
         calm = Calm(call, lambda seconds: start(seconds))
 
         def end() -> None:
@@ -108,7 +108,7 @@ class Schedule:
         return calm
 
     def apply(self) -> None:
-        """Take over a new rate."""
+        """Apply a new rate."""
         period = round(1e9 / self._parameters.rate)
         if self._timer.timer_period_ns != period:
             self._timer.timer_period_ns = period

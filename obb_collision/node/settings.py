@@ -35,7 +35,7 @@ MEGABYTE = 1_000_000
 
 
 class SceneSettings:
-    """What of the parameters is set in the scene, and what waits until its kernels are ready."""
+    """Applies parameters to the scene; accuracies wait until their kernels are compiled."""
 
     def __init__(self, parameters: Parameters, objects: Objects, warm: WarmUp) -> None:
         self._parameters, self._objects, self._warm = parameters, objects, warm
@@ -48,7 +48,7 @@ class SceneSettings:
         """Whether an accuracy waits for its kernels; until then ``obb`` takes its place."""
 
     def levels(self) -> list[Accuracy]:
-        """Return the levels that the parameters ask for."""
+        """Return the levels that the parameters request."""
         levels = {level for _, level in self._parameters.accuracy_overrides}
         levels.add(as_accuracy(self._parameters.accuracy))
         if self._parameters.time_budget:  # it chooses from all
@@ -56,7 +56,7 @@ class SceneSettings:
         return sorted(levels)
 
     def apply(self) -> None:
-        """Bring the scene up to date with the parameters."""
+        """Apply the parameters to the scene."""
         parameters, scene = self._parameters, self._objects.scene
         if self._threads != parameters.threads:
             set_threads(parameters.threads or None)
@@ -75,7 +75,7 @@ class SceneSettings:
             set_allowed(scene, allowed)
             self._allowed = allowed
         for name in EFFECTS:
-            # Never "on": the node asks at each check, so that nothing starts before it is ready.
+            # Never "on": the node requests effects per check, once their kernels are compiled.
             mode = OFF if parameters.mode(name) == OFF else AUTO
             setting = {"mode": mode, **parameters.setting(name)}
             if self._effects.get(name) != setting:
@@ -83,7 +83,7 @@ class SceneSettings:
                 scene.set_effect(name, **setting)
 
     def apply_accuracy(self) -> None:
-        """Give every object its level, as far as their kernels are ready."""
+        """Set the accuracy of all objects, limited to levels whose kernels are compiled."""
         parameters, objects = self._parameters, self._objects
         ready = [self._warm.is_ready(level) for level in self.levels()]
         self.waiting = not all(ready)
@@ -97,7 +97,7 @@ class SceneSettings:
 
 
 def apply_limits(parameters: Parameters, objects: Objects) -> None:
-    """Bring what limits the objects and their states up to date with the parameters."""
+    """Apply the limits of objects and states."""
     objects.shapes.max_objects = parameters.max_objects
     objects.set_limits(
         Limits(

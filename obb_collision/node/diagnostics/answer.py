@@ -12,10 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What is known about collisions as a whole, and for which reason it may not be known.
+"""Whether anything collides, and for which reason that may be unknown.
 
-The one place that decides it: the topics ``collision_status`` and ``in_collision`` and
-``/diagnostics`` say the same.
+The only place that decides it, for the topics ``collision_status`` and ``in_collision`` and for
+``/diagnostics``.
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ class Answer:
 
     @property
     def level(self) -> bytes:
-        """FREE, COLLIDING or UNKNOWN. What is found to collide does, whatever else is unknown."""
+        """FREE, COLLIDING or UNKNOWN; COLLIDING if a pair is found, whatever else is unknown."""
         if self.unknown:
             return bytes(UNKNOWN)
         if self.pairs:
@@ -78,17 +78,17 @@ class Answer:
         return bytes(UNKNOWN if self.missing or self.late else FREE)
 
     def flag(self, unknown_is_collision: bool) -> bool:
-        """Return what ``in_collision`` says."""
+        """Return the value of ``in_collision``."""
         return self.pairs > 0 or (self.level == UNKNOWN and unknown_is_collision)
 
     @property
     def kind(self) -> tuple[object, ...]:
-        """What is published at once when it changes: the rest may wait a moment."""
+        """The part whose changes are published immediately; all else waits for the next period."""
         return self.level, self.unknown, bool(self.missing), bool(self.late), bool(self.stale)
 
     @property
     def message(self) -> str:
-        """Return it in a line."""
+        """Return the answer as one line of text."""
         time = f" for {self.seconds:.1f} s" if self.seconds else ""
         parts = [self.unknown + time] if self.unknown else []
         if self.pairs:
@@ -107,7 +107,7 @@ class Answer:
         return "; ".join(parts)
 
     def without(self, reason: str, seconds: float = 0.0) -> Answer:
-        """Return the same where nothing is known any more, for a reason and for how long."""
+        """Return the same answer, unknown from now on, with the reason and its duration."""
         return replace(self, unknown=reason, seconds=seconds)
 
     def to_ros(self, name: str, now: int, unknown_is_collision: bool) -> DiagnosticStatus:
@@ -143,7 +143,7 @@ def some(names: tuple[str, ...] | list[str], count: int) -> str:
 def answer(
     objects: Objects, report: Report | None, enabled: bool, failed: bool, now: int, timeout: float
 ) -> Answer:
-    """Return what is known after a cycle.
+    """Return the answer after a cycle.
 
     report: of its check, None where there was none; failed: it ended in an internal error; timeout:
     the age (s) at which states are stale, 0 for never.
@@ -173,7 +173,7 @@ def answer(
 def _unknown(
     objects: Objects, report: Report | None, enabled: bool, failed: bool, now: int, timeout: float
 ) -> tuple[str, float]:
-    """Return why nothing at all is known, "" if something is, and for how long (s)."""
+    """Return why nothing is known, "" if something is, and since how long (s)."""
     if not enabled:
         return DISABLED, 0.0
     if failed:

@@ -34,8 +34,8 @@ from obb_collision.scene.report import Report
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 LONGEST_DELAY = 0.2
-"""Seconds from a message's receipt to its answer, beyond which the node says that it is too slow;
-where two periods are longer, those."""
+"""Seconds from a message's receipt to its answer, beyond which overload is reported; two periods
+where those are longer."""
 
 
 def _status(

@@ -25,18 +25,18 @@ from obb_collision.scene.report import Cost
 
 NANOSECONDS_F = 1e9
 MAX_REASONS = 64
-"""Reasons counted apart: they are fixed phrases, so this is only a guard."""
+"""Maximum number of reasons counted separately; reasons are fixed phrases, so this is a guard."""
 
 
 class WarningLimit:
-    """Lets at most one warning per reason through in a period of steady time.
+    """Passes at most one warning per reason and period of steady time.
 
-    Steady, for a simulation clock may pause or jump. ``clock`` gives seconds.
+    Steady time, because a simulation clock may pause or jump. ``clock`` gives seconds.
     """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self.period = 5.0
-        """Least time (s) between two warnings for the same reason; 0 for no limit."""
+        """Minimum time (s) between two warnings for the same reason; 0 for no limit."""
         self._clock = clock
         self._last: dict[str, float] = {}
 
@@ -52,7 +52,7 @@ class WarningLimit:
 
 @dataclass
 class InputMonitor:
-    """One input topic: messages, age, refusals and doubts by reason; warns now and then."""
+    """Statistics of one input topic: messages, age, refused and doubtful items by reason."""
 
     topic: str
     warn: Callable[[str], None]
@@ -62,7 +62,7 @@ class InputMonitor:
     """Time of the last message (ns)."""
     refused: Counter[str] = field(default_factory=Counter)
     doubted: Counter[str] = field(default_factory=Counter)
-    """What was used though something is wrong with it."""
+    """Items that are used although something is wrong with them."""
     ignored: int | None = None
     """Of the last cloud: points that are not finite; None where it was not used."""
     superseded: int = 0
@@ -86,7 +86,7 @@ class InputMonitor:
     def doubt(
         self, now: int, reason: str, item: str = "", detail: str = "", count: int = 1
     ) -> None:
-        """Count items that are used, but not trusted; warn as for refused ones."""
+        """Count doubtful items, which are used; warn as for refused ones."""
         self._count(self.doubted, "doubtful", reason, item, detail, count)
 
     def _count(
@@ -102,12 +102,12 @@ class InputMonitor:
         self._warn(what)
 
     def clock_jumped(self, shift: int) -> None:
-        """Take over a jump of the clock (ns): the age of the last message stays."""
+        """Shift times by a jump of the clock (ns): the age of the last message is unchanged."""
         if self.last is not None:
             self.last += shift
 
     def flush(self) -> None:
-        """Warn of what was held back, where its time has come."""
+        """Log the pending warnings that are due."""
         for what in list(self._unwarned):
             self._warn(what)
 
@@ -147,7 +147,7 @@ class CycleMonitor:
     """Of the newest state evaluated, then (s): by its stamp, by its receipt where it has none."""
 
     def add_delay(self, delay: float, age: float) -> None:
-        """Take note of how long messages waited for their answer, and how old that is (s)."""
+        """Record how long messages waited for their answer, and the age of the newest state (s)."""
         if self.age is None or delay > self.delay:
             self.delay, self.age = delay, age
 
@@ -161,7 +161,7 @@ class CycleMonitor:
         self.total += 1
 
     def add_costs(self, costs: Mapping[str, Cost]) -> dict[str, float]:
-        """Count what effects took in a cycle; returns their stages (s)."""
+        """Record the costs of effects in a cycle; returns their stages (s)."""
         for name, cost in costs.items():
             self.counts[name] = cost.count
             if cost.failures:
@@ -170,7 +170,7 @@ class CycleMonitor:
         return {f"effect {name}": cost.seconds for name, cost in costs.items()}
 
     def take(self) -> tuple[list[float], dict[str, list[float]]]:
-        """Return the durations, whole and by stage, and begin anew."""
+        """Return the durations, total and by stage, and reset them."""
         taken = self.durations, self.stages
         self.reported_overruns = self.overruns
         self.reported_failures = self.failures.total()

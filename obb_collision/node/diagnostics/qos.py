@@ -12,10 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""QoS that parameters can change, and other ends that can't be matched: which and why.
+"""QoS overrides by parameters, and incompatible publishers and subscribers with the reason.
 
-Those are looked for now and then: an event handler per endpoint, as rclpy has them for this, would
-be waited for at every message, which is a third of what a cycle of 1,000 boxes takes.
+They are polled: rclpy's event handlers, one per endpoint, would be waited for at every message,
+which takes a third of a cycle of 1,000 boxes.
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.subscription import Subscription
 
 LARGEST_DEPTH = 100_000
-"""Messages that may wait at most: far more than a node can use, far less than memory holds."""
+"""Maximum depth of a queue: more messages than a node can use, fewer than fit into memory."""
 
 
 def overridable() -> QoSOverridingOptions:
-    """Return options that let parameters change depth, durability and reliability of an endpoint.
+    """Return options by which parameters change depth, durability and reliability of an endpoint.
 
     They are named ``qos_overrides.TOPIC.KIND.POLICY``, as everywhere in ROS: TOPIC is the full
     name, with namespace and after remapping, KIND is ``publisher`` or ``subscription``.
@@ -45,7 +45,7 @@ def overridable() -> QoSOverridingOptions:
 
 
 def _check(profile: QoSProfile) -> SetParametersResult:
-    """Accept a profile as overridden, or say what is wrong with it."""
+    """Accept an overridden profile, or refuse it with the reason."""
     reason = ""
     if not 1 <= profile.depth <= LARGEST_DEPTH:
         reason = f"depth must be 1 to {LARGEST_DEPTH}, not {profile.depth}"
@@ -63,7 +63,7 @@ class QosWatch:
         self.mismatches: dict[str, int] = {}
 
     def look(self, ends: Mapping[str, Publisher | Subscription]) -> None:
-        """Look at the other ends of endpoints, by topic as the node names it."""
+        """Compare endpoints, by the node's names of their topics, with the other ends."""
         found = {topic: self._reasons(end) for topic, end in ends.items()}
         for topic, reasons in found.items():
             if len(reasons) > self.mismatches.get(topic, 0):
@@ -73,13 +73,13 @@ class QosWatch:
         self.mismatches = {topic: len(reasons) for topic, reasons in found.items()}
 
     def _reasons(self, end: Publisher | Subscription) -> list[str]:
-        """Return why other ends can't be matched, one an end."""
+        """Return the reason per other end that is incompatible."""
         topic = end.topic_name
         if isinstance(end, Publisher):
             known, matched = self._node.count_subscribers(topic), end.get_subscription_count()
         else:
             known, matched = self._node.count_publishers(topic), end.get_publisher_count()
-        if known <= matched:  # as a rule, and cheaper than to look at each
+        if known <= matched:  # typical, and cheaper than comparing each
             return []
         return list(self._faults(end, topic))
 

@@ -42,7 +42,7 @@ NAMESPACE = "boxes"
 REPEATED = RefusedError("repeated", "the last row of an object counts")
 BAD_KEY = RefusedError("bad key", "ns and id must be int32")
 UNMARKED = (REPEATED.reason, BAD_KEY.reason)
-"""Reasons that say nothing about an object: another row has it, or none can have that key."""
+"""Reasons that do not concern an object: another row has the same key, or the key is invalid."""
 OWNED = RefusedError("object of another input", "boxes and markers do not share objects")
 
 
@@ -52,7 +52,7 @@ class BoxSet:
     def __init__(self, objects: Objects, guard: Guard) -> None:
         self._objects, self._guard = objects, guard
         self._table = objects.table
-        self._unplaceable: list[Key] = []  # newcomers of the last set that were refused
+        self._unplaceable: list[Key] = []  # new objects of the last set that were refused
 
     def key(self, number: int, ident: int) -> Key:
         """Key of a box, by the number of its namespace, and its id."""

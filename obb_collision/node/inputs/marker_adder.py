@@ -89,7 +89,7 @@ class MarkerAdder:
         """Return which objects have the shapes of markers, where those take time to build."""
         same = np.zeros(len(rows), np.bool_)
         for index in np.flatnonzero(~np.isin(markers.type[rows], IMMEDIATE)).tolist():
-            with suppress(Exception):  # said when it is put
+            with suppress(Exception):  # reported when it is added
                 signature = self._plan(markers, int(rows[index])).signature
                 same[index] = self._objects.table.signatures.get(int(slots[index])) == signature
         return same
@@ -217,9 +217,9 @@ class MarkerAdder:
 
 
 def _shape(markers: Gathered, row: int) -> MarkerShape:
-    """Return what a marker says of its shape, on its own: a view would keep the whole message."""
+    """Return the shape of a marker as a copy: a view would hold the whole message in memory."""
     kind, scale = int(markers.type[row]), markers.scales[row].copy()
-    if markers.source[row] < 0:  # nothing else is kept of these
+    if markers.source[row] < 0:  # nothing else of these is stored
         return MarkerShape(kind, scale)
     part, at = markers.sources[markers.source[row]], int(markers.row[row])
     return MarkerShape(

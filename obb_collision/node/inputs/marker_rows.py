@@ -113,7 +113,7 @@ class Gathered:
         return self.namespaces[self.ns[row]], int(self.id[row])
 
     def take(self, rows: Rows) -> Gathered:
-        """Return some markers; of their messages nothing is kept but their shapes."""
+        """Return some markers; of their messages only the shapes are held in memory."""
         taken: dict[str, Any] = {name: getattr(self, name)[rows] for name in ROW_ARRAYS}
         shaped = np.flatnonzero(
             (taken["source"] >= 0)

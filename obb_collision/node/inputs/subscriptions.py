@@ -108,7 +108,7 @@ class Subscriptions:
         return max(1, time_ns() - oldest) * 1e-9 if oldest else 0.0
 
     def _take(self, topic: str, message: Any, info: Mapping[str, Any]) -> None:
-        received = info.get("received_timestamp") or 0  # some middlewares don't say
+        received = info.get("received_timestamp") or 0  # not given by some middlewares
         if received and (received < self._oldest or not self._oldest):
             self._oldest = received
         self._callbacks[topic](message)

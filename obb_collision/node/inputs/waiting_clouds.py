@@ -32,7 +32,7 @@ from obb_collision.typing import Floats
 
 MAX_CLOUDS = 16
 MAX_CLOUD_BYTES = 1 << 26
-"""Clouds kept while they wait for their transforms: 64 MB; the newest is kept whatever its size."""
+"""Maximum size of clouds that wait for transforms, 64 MB; the newest is always stored."""
 
 
 class Cloud(NamedTuple):
@@ -85,7 +85,7 @@ class WaitingClouds:
         """Use the newest cloud that can be placed, and drop those before it; returns how many.
 
         use: takes a cloud and where its frame is (7,), None for the fixed frame; it may raise
-        RefusedError. refuse: called for those that can't be used, which are counted.
+        RefusedError. refuse: called for each cloud that can't be used.
         """
         kept: list[Cloud] = []
         waiting, self.clouds = self.clouds, kept

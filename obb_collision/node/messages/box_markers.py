@@ -64,7 +64,7 @@ class Markers:
     ) -> bytes:
         """Return the serialised MarkerArray of n keys, boxes and colours (index into COLORS).
 
-        ``line_width`` (m) asks for LINE_LIST markers, one a colour; None for one CUBE a box.
+        ``line_width`` (m) selects LINE_LIST markers, one per colour; None for one CUBE per box.
         """
         writer = MarkerArrayWriter(self._frame, stamp, lifetime)
         if line_width is None:

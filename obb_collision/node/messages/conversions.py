@@ -116,7 +116,7 @@ def states_from_ros(message: MultiDOFJointState) -> tuple[list[str], Floats]:
     """Names and (n, 7) poses of a MultiDOFJointState.
 
     Raises RefusedError ("array lengths differ") where the number of names is not the number of
-    transforms: which pose belongs to which name is then a guess.
+    transforms: then the pose of a name is ambiguous.
     """
     names, transforms = message.joint_names, message.transforms
     if len(names) != len(transforms):

@@ -21,7 +21,7 @@ class RefusedError(ValueError):
     """An item of a message is refused.
 
     ``reason`` is a short fixed phrase, the key under which ``/diagnostics`` counts it;
-    ``detail`` says more about this one item.
+    ``detail`` describes this one item.
     """
 
     def __init__(self, reason: str, detail: str = "") -> None:

@@ -49,7 +49,7 @@ MALFORMED = "malformed message"
 SMALLEST_MARKER = 180
 """Bytes of a marker whose texts and lists are all empty, at least."""
 LONGEST_TAIL = 7
-"""Bytes that may follow the last marker: payloads are padded, to four bytes as a rule."""
+"""Bytes that may follow the last marker: payloads are padded, typically to four bytes."""
 
 
 class Scanned(NamedTuple):
@@ -73,7 +73,7 @@ class Scanned(NamedTuple):
         return np.frombuffer(self.data, "<f8", 3 * count, at if count else 0).reshape(-1, 3)
 
     def alone(self, row: int) -> Scanned:
-        """Return what one marker says of its shape, without the message it stood in."""
+        """Return the shape of one marker, without the rest of its message."""
         integers, data = self.integers[row : row + 1].copy(), b""
         for column, item in ((POINTS, 24), (MESH, 1), (FILE, 1), (CONTENT, 1)):
             at, count = self.integers[row, column : column + 2].tolist()

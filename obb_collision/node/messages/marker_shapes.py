@@ -29,7 +29,7 @@ from obb_collision.typing import Floats
 
 
 def marker_shape_from_ros(marker: Marker) -> MarkerShape:
-    """Return what a marker says of its shape."""
+    """Return the shape in a marker."""
     return MarkerShape(
         int(marker.type),
         np.array((marker.scale.x, marker.scale.y, marker.scale.z), dtype=np.float64),

@@ -14,8 +14,8 @@
 
 """Names from outside: how long they may be, and the tables of those that are in use.
 
-Everything kept of a name is bounded in number and in bytes: a sender can't make the node grow. A
-name that nothing uses any more gives its place to the next one, so a full table recovers.
+What is stored of names is bounded in number and bytes, so that no sender can exhaust memory. A
+name that is no longer used makes room for the next one, so a full table recovers.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ MAX_NAMESPACE_BYTES = 1 << 20
 MAX_FRAMES = 1000
 """Frames in use at a time."""
 SHOWN_CHARACTERS = 20
-"""What is shown of a name that is too long to be kept, before its checksum."""
+"""Characters shown of a name that is too long to be stored, before its checksum."""
 _SIGN = 1 << 31
 WHOLE = re.compile("0|-?[1-9][0-9]{0,9}")
 """Numbers of namespaces and ids as texts: an int32 has 10 digits at most."""
@@ -52,7 +52,7 @@ def namespace_number(name: str) -> int:
 
 
 def stand_in(number: int) -> str:
-    """Return what a namespace is called as long as nobody has said its name."""
+    """Return the name of a namespace of which only the number has been received."""
     return f"#{number}"
 
 
@@ -69,7 +69,7 @@ def whole_from_text(text: str) -> int | None:
 
 
 def check_name(name: str, what: str) -> None:
-    """Raise RefusedError ("bad name") for a name that can't be used; ``what`` says whose it is."""
+    """Raise RefusedError ("bad name") for an invalid name; ``what``: the kind of name."""
     fault = text_fault(name, MAX_NAME_BYTES) if name else None
     if fault is None and len(name.encode()) > MAX_NAME_BYTES:
         fault = f"must have at most {MAX_NAME_BYTES} bytes of UTF-8"
@@ -78,7 +78,7 @@ def check_name(name: str, what: str) -> None:
 
 
 def shortened(name: str) -> str:
-    """Return a name that can be kept and shown: itself, or its beginning and its checksum."""
+    """Return a name of limited length: itself, or its beginning and its checksum."""
     data = name.encode(errors="backslashreplace")
     if len(data) <= MAX_NAME_BYTES:
         name = printable(name)

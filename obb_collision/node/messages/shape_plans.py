@@ -82,7 +82,7 @@ LONGEST_URI = 4096
 
 @dataclass(frozen=True, eq=False)
 class MarkerShape:
-    """What a marker says of its shape: decoded, but nothing of it checked.
+    """The shape of a marker: decoded, but not yet validated.
 
     kind: ``Marker.type``; scale (3,); points (n, 3), which may be a view on the message's bytes;
     resource, filename, data: the mesh resource, and the embedded mesh file (bytes of any kind).
@@ -109,7 +109,7 @@ def plan_shape(given: MarkerShape) -> Plan:
     """Return how to get a marker's shape. RefusedError with the reason where it is no body.
 
     What takes time in proportion to the points or the file is left to the job, but for one look
-    at their bytes, which tells whether they are the ones that are known already.
+    at their bytes, which identify those received before.
     """
     planner = PLANNERS.get(given.kind)
     if planner is None:
@@ -212,7 +212,7 @@ def _known_points(given: MarkerShape, scale: Floats) -> tuple[Floats, Signature]
 
 
 def _kept(points: Floats) -> Floats:
-    """Return points that keep no more alive than themselves: a message may be much larger."""
+    """Return points that hold nothing else in memory: a message may be much larger."""
     holder: Any = points
     while isinstance(holder, np.ndarray) and holder.base is not None:
         holder = holder.base

@@ -37,7 +37,7 @@ def text_from_rows(
     total: int,
     truncated: bool,
 ) -> DiagnosticArray:
-    """Return a status with the total, then one a pair, at most ``limit``.
+    """Return a status with the total, then one per pair, at most ``limit``.
 
     total: how many pairs collide; at least, if pairs are left out of the rows.
     """

@@ -131,7 +131,7 @@ def _body(kind: int, size: list[float]) -> Shape | None:
 
 
 def touch_slots(shapes: ObjectShapes, slots: Slots, expiry: Slots) -> None:
-    """Let objects go on with the shapes they have until their new expiry (n,)."""
+    """Extend objects, whose shapes are unchanged, to their new expiry (n,)."""
     table = shapes.table
     table.expiry[slots] = expiry
     table.seen[slots] = False

@@ -16,7 +16,7 @@
 
 Messages are stored here as they arrive (the latest state of an object wins); once a cycle
 ``update`` brings the scene up to date. An object whose latest state is refused, or that is stale,
-keeps its last box and goes on colliding.
+continues to collide with its last box.
 """
 
 from __future__ import annotations

@@ -52,7 +52,7 @@ RETRY_PERIOD = NANOSECONDS // 2
 
 
 class Placement:
-    """Moves objects to the poses stored in the table, and lets them take part in collisions.
+    """Moves objects to the poses stored in the table, and includes them in collisions.
 
     notes: takes poses that could not be placed.
     """

@@ -14,9 +14,9 @@
 
 """Shapes that are built in another process: which objects wait for them, and which exist.
 
-Objects with the same file, or the same points, share one shape. It is kept for some time after the
-last of them has gone, since many senders delete everything before they send it again. A file is
-looked at again when a marker names it again, but not more often than once in CHECK_PERIOD.
+Objects with the same file, or the same points, share one shape. It stays cached for some time after
+the last of them is removed, since many senders delete everything and send it again. A file is
+checked again when a marker names it again, at most once per CHECK_PERIOD.
 """
 
 from __future__ import annotations
@@ -37,17 +37,17 @@ from obb_collision.scene.building.jobs import MeshFile
 from obb_collision.shapes import Shape
 
 CHECK_PERIOD = 1.0
-"""Seconds between two looks at a file that is known."""
+"""Minimum seconds between two checks of the same file."""
 KEPT_BYTES = 100_000_000
 KEPT_SHAPES = 1000
-"""What the shapes used last may take that are kept though no object has them."""
+"""Limits of the cache of shapes that no object has at present."""
 CHECK = "check"
-"""Marks the requests of files, which no object waits for."""
+"""Marks requests to check a file, for which no object waits."""
 
 
 @dataclass(frozen=True)
 class Given:
-    """What objects get: a shape, or why they get none. keys: None for all that have that shape."""
+    """The result for objects: a shape or an error. keys: None for all objects of that shape."""
 
     signature: Signature
     shape: Shape | None
@@ -64,7 +64,7 @@ class _File:
 
 
 class ShapeRequests:
-    """Asks a builder for shapes, and knows those that are in use.
+    """Requests shapes from a builder, and caches those in use.
 
     clock: seconds, rising.
     """
@@ -76,7 +76,7 @@ class ShapeRequests:
         self._recent: dict[Signature, Shape] = {}
         self._recent_bytes = 0
         self.largest_file = LARGEST_FILE
-        """Bytes of a mesh file at most."""
+        """Maximum bytes of a mesh file."""
 
     def built(self, plan: Plan) -> Shape | None:
         """Return the shape of a plan if it is there already."""
@@ -87,7 +87,7 @@ class ShapeRequests:
         return shape
 
     def _use(self, signature: Signature, shape: Shape) -> None:
-        """Keep a shape, and let those go that were used longest ago."""
+        """Cache a shape, and drop those that were used longest ago."""
         recent = self._recent
         last = recent.pop(signature, None)
         self._recent_bytes += _size(shape) - (0 if last is None else _size(last))

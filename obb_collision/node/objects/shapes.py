@@ -55,7 +55,7 @@ class ObjectShapes:
         """Add an object by the plan of its shape, or give it that; returns its slot.
 
         A shape that takes time is built elsewhere. Till it is there a new object takes part in
-        nothing and is unplaceable, one with a shape keeps that and is doubtful. ``expiry`` as in
+        nothing and is unplaceable, one with a shape retains it and is doubtful. ``expiry`` as in
         ``put``. Raises RefusedError with the reason where there is no such shape.
         """
         slot = self.table.slots.get(key)
@@ -84,7 +84,7 @@ class ObjectShapes:
         expiry: int | None,
         padding: float | None = None,
     ) -> int:
-        """Add an object, or give it a new shape (None keeps the one it has); returns its slot.
+        """Add an object, or change its shape (None: unchanged); returns its slot.
 
         ``expiry`` is when its lifetime ends (ns), None for never; ``padding`` in place of the
         scene's (m). A new object takes part once it has a pose. Raises RefusedError ("too many
@@ -132,7 +132,7 @@ class ObjectShapes:
         self.unplaceable.forget(key)
 
     def cancel_pending(self, slots: Slots) -> None:
-        """Let objects go on with the shapes they have: what is built for them is not needed."""
+        """Continue with the present shapes of objects: cancel what is being built for them."""
         for slot in slots[self.table.shape_pending[slots]].tolist():
             self.requests.cancel(self.table.key(slot))
         self.table.shape_pending[slots] = False

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Which frames can be placed at which stamps, as far as a cycle wants to know."""
+"""Transforms of frames at the stamps that a cycle needs."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ from obb_collision.node.runtime.guard import INTERNAL_ERROR, Guard
 from obb_collision.typing import Floats
 
 FEW_STAMPS = 8
-"""Up to this many stamps of a frame are looked up one after the other, newest first; of more, ever
-older ones are tried by leaps, for a transform that is late is late for all newer ones."""
+"""Up to this many stamps of a frame are looked up one after the other, newest first; with
+more, steps backwards double: a transform missing at a stamp is missing at all newer ones."""
 
 
 class Transforms:

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Newcomers that were refused: they are not in the scene, and whoever asks has to know."""
+"""New objects that were refused: not in the scene, and therefore reported."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ from obb_collision.node.messages.shape_plans import NO_BODY
 from obb_collision.node.objects.table import NEVER
 
 MAX_UNPLACEABLE = 1000
-"""Refused newcomers remembered, the latest ones: senders can't make the node grow."""
+"""Maximum refused objects stored, the latest ones: bounds the memory that senders can use."""
 
 
 class Unplaceable(dict[Key, str]):
-    """The reasons by key; names that are too long to be kept are shortened."""
+    """The reasons by key; names that are too long are shortened."""
 
     def __init__(self) -> None:
         super().__init__()
         self._expiry: dict[Key, int] = {}
 
     def add(self, key: Key, reason: str, expiry: int = NEVER) -> None:
-        """Remember a newcomer whose lifetime would end at ``expiry`` (ns); no annotations."""
+        """Store a refused object whose lifetime would end at ``expiry`` (ns); not annotations."""
         self.forget(key)
         if reason == NO_BODY:
             return
@@ -45,23 +45,23 @@ class Unplaceable(dict[Key, str]):
             self.forget(next(iter(self)))
 
     def forget(self, key: Key) -> None:
-        """Forget one, if it is there."""
+        """Remove one, if it is stored."""
         key = shortened(key[0]), key[1]
         self.pop(key, None)
         self._expiry.pop(key, None)
 
     def forget_all(self, namespace: str | None) -> None:
-        """Forget all, or those of a namespace."""
+        """Remove all, or those of a namespace."""
         shown = None if namespace is None else shortened(namespace)
         for key in [key for key in self if shown in (None, key[0])]:
             self.forget(key)
 
     def expire(self, now: int) -> None:
-        """Forget those whose lifetime is over."""
+        """Remove those whose lifetime is over."""
         for key in [key for key, expiry in self._expiry.items() if expiry <= now]:
             self.forget(key)
 
     def clock_jumped(self, shift: int) -> None:
-        """Take over a jump of the clock (ns)."""
+        """Shift times by a jump of the clock (ns)."""
         for key in self._expiry:
             self._expiry[key] += shift

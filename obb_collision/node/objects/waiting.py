@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""States that wait for their transform: a short queue per object, kept as one table.
+"""States that wait for their transform: a short queue per object, stored in one table.
 
 The latest state of each object is in the table of objects. Where a newer one comes before that
 could be placed it goes here, so that the newest state that *can* be placed is, as with tf2's
@@ -44,7 +44,7 @@ STATE = np.dtype(
     ]
 )
 MAX_WAITING = 100_000
-"""States kept (15 MB): 10,000 objects at 50 Hz whose transform is 0.2 s late."""
+"""Maximum number of states (15 MB): 10,000 objects at 50 Hz whose transform is 0.2 s late."""
 
 
 def latest_states(table: ObjectTable, slots: Slots) -> States:
@@ -74,7 +74,7 @@ def newest_per_object(states: States) -> npt.NDArray[np.int64]:
 
 
 class WaitingStates:
-    """States that came after one another and could not be placed so far; ``most``: rows kept."""
+    """States that could not be placed so far, in the order of receipt; ``most``: maximum rows."""
 
     def __init__(self, most: int = MAX_WAITING) -> None:
         self._most = most

@@ -14,10 +14,10 @@
 
 """The topics ``collision_status`` and ``in_collision``, and the watchdog behind them.
 
-Both are latched, so a node that stops would leave its last word standing. Hence: what is not known
-any more is said at once, whoever finds it out; a thread of its own says it for a cycle that does
-not come to its end, and repeats the last word where cycles are far apart; and the status is offered
-with a deadline, by which the middleware notifies subscribers of a node that is gone.
+Both are latched, so the last message of a node that stops would remain valid. Hence: an unknown
+state is published immediately, whichever part detects it; a separate thread publishes it while a
+cycle is blocked, and repeats the last message where cycles are far apart; and the status is offered
+with a deadline, by which the middleware notifies subscribers when the node is gone.
 """
 
 from __future__ import annotations
@@ -39,14 +39,14 @@ from obb_collision.node.runtime.guard import Guard
 from obb_collision.scene.effects.settings import OFF
 
 PERIOD = 0.1
-"""Least time (s) between two messages of ``collision_status`` that say the same."""
+"""Minimum time (s) between two equal messages of ``collision_status``."""
 FAREWELL = 0.3
-"""How long (s) a node that ends waits until its last word has arrived."""
+"""Maximum time (s) that an ending node waits for the delivery of its last message."""
 FLAG, STATUS = "in_collision", "collision_status"
 
 
 class CollisionStatus:
-    """Publishes what is known of collisions; may be called from any thread.
+    """Publishes the status of collisions; may be called from any thread.
 
     now: time of the node's clock (ns); steady: seconds. ``start`` begins to watch the cycles.
     """
@@ -95,7 +95,7 @@ class CollisionStatus:
             self._publish(answer, beat=cycle)
 
     def close(self) -> None:
-        """Say that the node ends, and nothing after that."""
+        """Publish that the node ends, and nothing after that."""
         try:
             with self._lock:
                 if not self._closed.is_set():
@@ -103,18 +103,18 @@ class CollisionStatus:
                     self._closed.set()
             for name in (STATUS, FLAG):
                 self._publishers[name].wait_for_all_acked(Duration(seconds=FAREWELL))
-        except Exception:  # the context is gone: nothing more can be said
+        except Exception:  # the context is gone: nothing can be published
             self._closed.set()
         if self._thread is not None and self._thread is not threading.current_thread():
             self._thread.join(FAREWELL)
 
     @property
     def is_off(self) -> bool:
-        """Whether nothing is to be said at all."""
+        """Whether both topics are off."""
         return self._parameters.mode(STATUS) == OFF == self._parameters.mode(FLAG)
 
     def look(self) -> None:
-        """Publish that the cycle is blocked; else repeat the last answer where no cycle does."""
+        """Publish that the cycle is blocked, or repeat the last answer between cycles."""
         with self._lock:
             if self._closed.is_set() or self.is_off:
                 return
@@ -133,13 +133,13 @@ class CollisionStatus:
             except Exception as error:
                 try:
                     self._guard.caught("watchdog", error)
-                except Exception:  # the context is gone: nothing more can be said
+                except Exception:  # the context is gone: nothing can be published
                     return
 
     def _publish(self, answer: Answer, beat: bool = False, keep: bool = True) -> None:
-        """Publish what is called for; keep: as what is known, not in place of it for now.
+        """Publish an answer on the requested topics; keep: store it as the last answer.
 
-        beat: with every call, for the flag, as it is published every cycle while subscribed.
+        beat: publish the flag even if it is unchanged: it is published every cycle.
         """
         with self._lock:
             if self._closed.is_set():

@@ -42,14 +42,14 @@ from obb_collision.node.topics.rows import CheckedState
 from obb_collision.node.topics.topics import COLLISIONS, NAMESPACES, TOPICS
 
 NAMESPACES_RATE = 5e6
-"""Bytes per second at most of the table of namespaces, which is sent whole: 100 kB at 50 Hz."""
+"""Maximum bytes per second of the table of namespaces, sent as a whole: 100 kB at 50 Hz."""
 NAMESPACES_PERIOD = 2.0
 """Seconds after which the table is sent again though it is the same."""
 
 
 @dataclass(frozen=True)
 class Published(CheckedState):
-    """One check to publish, with the objects and the effects called for."""
+    """One check to publish, with the objects and the requested effects."""
 
     objects: Objects
     effects: frozenset[str]
@@ -104,7 +104,7 @@ class Outputs:
         self.namespaces.publish(data)
 
     def publish_report(self, given: Published) -> None:
-        """Publish what is called for, also when it is empty; one output that fails stops no other.
+        """Publish the requested outputs, also empty ones; one that fails does not stop others.
 
         The table of namespaces goes first, so that the rest can be read.
         """

@@ -35,5 +35,5 @@ def allowed_from_text(text: str) -> AllowedPair:
 
 
 def set_allowed(scene: Scene, rules: Sequence[AllowedRule]) -> None:
-    """Let touch what these rules say, of which the last one that fits counts, and nothing else."""
+    """Set the rules of pairs that may touch; the last rule that matches a pair applies."""
     scene.allowed = list(rules)

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The parameters of the node, declared, checked and kept up to date."""
+"""The parameters of the node, declared, validated and updated."""
 
 from __future__ import annotations
 
@@ -93,6 +93,6 @@ def check_parameters(parameters: Sequence[Parameter]) -> SetParametersResult:
             if parameter.value is None:
                 raise ValueError(f"{parameter.name} cannot be removed")
             specs[parameter.name].read(parameter.value)
-        except Exception as error:  # whatever a value makes its reader raise: it is refused
+        except Exception as error:  # whatever the reader raises: the value is refused
             return SetParametersResult(successful=False, reason=str(error))
     return SetParametersResult(successful=True)

@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What keeps the node alive and on time: guard, clock, signals, kernels."""
+"""The process of the node: failures, clock, signals, kernels."""

@@ -16,8 +16,8 @@
 
 Ages and lifetimes are differences of this clock, so that they stand still with a paused simulation.
 Where it jumps (a simulation begins anew, a bag loops, a robot without a battery for its clock gets
-the time from the network) they would be off by the jump, so that whatever holds times must shift
-them.
+the time from the network) they would be off by the jump, so that all stored times must be
+shifted.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ are at most seconds apart, and clocks are slewed by 0.5 ms a second at most."""
 
 
 def boot_time() -> int:
-    """Nanoseconds of a clock that never jumps, and goes on while the machine sleeps."""
+    """Nanoseconds of a clock that never jumps, and continues while the machine is suspended."""
     try:
         return time.clock_gettime_ns(time.CLOCK_BOOTTIME)
     except (AttributeError, OSError):  # Linux only
@@ -62,7 +62,7 @@ class NodeClock:
     def now(self) -> int:
         """Time of the clock (ns)."""
         before, now, steady = self._steady(), self._read(), self._steady()
-        if steady - before > LARGEST_SLEW // 2:  # held up in between: they say nothing together
+        if steady - before > LARGEST_SLEW // 2:  # interrupted in between: the readings do not match
             return now
         simulated = self._is_simulated()
         moved, elapsed = now - self._last, steady - self._last_steady

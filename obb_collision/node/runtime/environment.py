@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What must be there, and what the environment must say, before rclpy is used."""
+"""What must be installed, and set in the environment, before rclpy is used."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
-"""The signals that ask a process to end."""
+"""The signals that end a process."""
 BAD_USAGE = 2
 """Exit code for arguments that can't be used, as argparse has it."""
 
@@ -32,7 +32,7 @@ BAD_USAGE = 2
 def end_at_once_on_signals() -> None:
     """Let a signal end the process at once: for the seconds in which nothing is done but imports.
 
-    KeyboardInterrupt would come out of whatever module is imported just then.
+    KeyboardInterrupt would be raised in whichever module is being imported.
     """
     for number in SIGNALS:
         signal.signal(number, lambda *_: os._exit(0))
@@ -54,14 +54,14 @@ def without_ros_arguments(arguments: Iterable[str]) -> list[str]:
 def set_defaults() -> None:
     """Set AMENT_PREFIX_PATH to this Python's prefix where ROS came by pip and it is unset.
 
-    rclpy's wheels keep the ament index there, and what asks it raises where the variable is unset.
+    rclpy's wheels have the ament index there, and looking it up raises where the variable is unset.
     """
     if (Path(sys.prefix) / "share" / "ament_index").is_dir():
         os.environ.setdefault("AMENT_PREFIX_PATH", sys.prefix)
 
 
 def is_ros_here(program: str) -> bool:
-    """Return whether rclpy and the messages can be imported; if not, say what to do."""
+    """Return whether rclpy and the messages can be imported; if not, print how to install them."""
     missing = [name for name in ("rclpy", "visualization_msgs") if find_spec(name) is None]
     if missing:
         sys.stderr.write(

@@ -12,11 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Python's garbage collector, kept from stopping the cycles of a node's process.
+"""Settings of Python's garbage collector that avoid long pauses of the node's cycles.
 
-A full collection looks at every object that holds others: numba, scipy and rclpy bring some hundred
-thousand of them, and a collection took 0.08 to 0.3 s, once a second where diagnostics are heard.
-What is there when the node is ready stays till its end, so it is put out of the collector's sight.
+A full collection visits all container objects: numba, scipy and rclpy create several hundred
+thousand of them, and a collection took 0.08 to 0.3 s, once per second with diagnostics subscribed.
+Objects that exist when the node is ready live as long as it does, so the collector ignores them.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _settled = False
 
 
 def settle() -> None:
-    """Keep all that is there now out of further collections; for a process that is the node's."""
+    """Exclude all present objects from further collections; only in the node's own process."""
     global _settled
     gc.collect()
     gc.freeze()
@@ -35,6 +35,6 @@ def settle() -> None:
 
 
 def settle_more() -> None:
-    """Keep what was loaded since out, too, where the process has settled; it takes no time."""
+    """Exclude objects loaded since then, too, if ``settle`` was called; takes no time."""
     if _settled:
         gc.freeze()

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What must not end the node: a failure inside it is counted, logged once, and the rest goes on.
+"""Internal failures: each is counted and logged once, and the node continues.
 
 Anything that goes wrong with an item of a message is refused with a reason (``RefusedError``). What
 is caught here was not foreseen: a defect, or no memory left. It is caught at the item, else at the

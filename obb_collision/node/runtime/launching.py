@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What a launch file asks about a node before it starts it."""
+"""Information that a launch file needs about a node before starting it."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ ALONE = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "OFF", "ROS_STATIC_PEERS": ""}
 def initial_parameters(name: str, namespace: str, *files: str) -> dict[str, Any]:
     """Return the parameters that a node would get from parameter files.
 
-    ROS itself reads the files, for its rules of which entries are for which node are many: a node
-    of that name is made, hidden from all others. Raises RuntimeError where one can't be read.
+    A temporary node of that name, not discoverable by others, reads the files, because the rules
+    of ROS for matching entries to nodes are complex. Raises RuntimeError where one can't be read.
     """
     before = {key: os.environ.get(key) for key in ALONE}
     os.environ.update(ALONE)

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A node in a process of its own, until a signal."""
+"""Run a node in its own process until a signal."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ UNUSABLE = (
 
 
 class Signals:
-    """Counts SIGINT and SIGTERM, so that they raise nothing in whatever line runs just then.
+    """Counts SIGINT and SIGTERM, which then raise no exception in the running code.
 
     While the node is made, which may take as long as kernels compile, the first one ends that as
     soon as it can, and the second one ends the process at once.
@@ -78,7 +78,7 @@ class Signals:
 
 @contextmanager
 def on_signals(action: Callable[[], None]) -> Iterator[None]:
-    """Call ``action`` once, in a thread of its own, as soon as a signal has come.
+    """Call ``action`` once, in a separate thread, as soon as a signal arrives.
 
     Python runs its handlers between two of its instructions only, which a main thread that waits
     in rclpy, or computes, may be far from; the byte that a signal writes wakes the thread at once.
@@ -99,7 +99,7 @@ def on_signals(action: Callable[[], None]) -> Iterator[None]:
         yield
     finally:
         signal.set_wakeup_fd(before)
-        os.write(writer, bytes(1))  # lets a thread that still waits end
+        os.write(writer, bytes(1))  # ends a thread that still waits
         thread.join()
         os.close(reader)
         os.close(writer)
@@ -178,7 +178,7 @@ def spin(
 
 
 def init(name: str, context: Context, arguments: list[str] | None) -> bool:
-    """Initialise a context with ROS arguments; say which can't be used, and return False then.
+    """Initialise a context with ROS arguments; print invalid ones and return False.
 
     Without the signal handlers of rclpy: they would take the context away from a node being made.
     """
@@ -191,7 +191,7 @@ def init(name: str, context: Context, arguments: list[str] | None) -> bool:
 
 
 def in_one_line(error: BaseException) -> str:
-    """Return what an exception says, without line breaks and the places in rcl's sources."""
+    """Return the message of an exception, without line breaks and locations in rcl's sources."""
     text = re.sub(r",? at \S+\.c(pp)?:\d+", "", str(error))
     text = text.removeprefix("failed to initialize rcl: ")
     return " ".join(text.split()) or type(error).__name__

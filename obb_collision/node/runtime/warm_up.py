@@ -64,7 +64,7 @@ class WarmUp:
     ) -> None:
         self._info, self._warning, self._stopped = info, warning, stopped
         self._ready: set[str] = set()
-        self._asked: dict[str, float] = {}  # when it may be asked for again
+        self._asked: dict[str, float] = {}  # when it may be requested again
         self._refused: dict[str, str] = {}
         self._queue: SimpleQueue[str | None] = SimpleQueue()
         self._thread: Thread | None = None
@@ -76,7 +76,7 @@ class WarmUp:
     def start(self, things: Iterable[Thing]) -> None:
         """Make ready what every cycle needs, these things, and all that is compiled already.
 
-        A step whose process hangs is refused, as if asked for later, unless every cycle needs it.
+        A step whose process hangs is refused, as one requested later, unless every cycle needs it.
         """
         _kernel_cache.drop_left_places()
         self._load(NODE_STEPS)
@@ -141,7 +141,7 @@ class WarmUp:
                     self._refuse(step, failed.get(step, "it is not in the cache"))
 
     def _next(self) -> list[str]:
-        """Return all steps asked for, at least one; nothing once it is closed."""
+        """Return all requested steps, at least one; an empty list once closed."""
         asked = [self._queue.get()]
         with suppress(Empty):
             while True:

@@ -41,7 +41,7 @@ Record = TypeVar("Record")
 
 RELIABLE = QoSProfile(depth=10)
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-"""The last message reaches late subscribers too, if they ask for transient local."""
+"""The last message reaches late subscribers too, if they request transient local."""
 OPTIONAL_FIELDS = ("accuracy", "undecided")
 """Fields that messages recorded with an earlier version don't have."""
 
