@@ -1,0 +1,62 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Meshes of the zoo in places, and verdicts about them."""
+
+from __future__ import annotations
+
+import numpy as np
+from mesh_zoo import zoo
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
+
+from obb_collision.geometry.trees.obb_tree import MeshTrees
+from obb_collision.queries.meshes.meshes import (
+    PlacedMeshes,
+    mesh_verdicts,
+)
+from obb_collision.queries.verdict.verdict import Verdict
+
+Faces = NDArray[np.int64]
+
+ZOO = zoo()
+NAMES = list(ZOO)
+#: Pairs of bodies in the tests over all meshes.
+PAIRS = 40_000
+
+
+def bodies_of(
+    trees: MeshTrees, count: int, spread: float, seed: int
+) -> tuple[PlacedMeshes, PlacedMeshes]:
+    """Return random meshes at random poses."""
+    rng = np.random.default_rng(seed)
+    sides = []
+    for _ in range(2):
+        meshes = rng.integers(0, len(trees), count)
+        rotations = Rotation.random(count, random_state=rng).as_matrix()
+        sides.append(
+            PlacedMeshes(trees, meshes, rng.uniform(-spread, spread, (count, 3)), rotations)
+        )
+    return sides[0], sides[1]
+
+
+def place(vertices: ArrayLike, faces: ArrayLike, offset: ArrayLike = (0, 0, 0)) -> PlacedMeshes:
+    trees = MeshTrees.build(vertices, faces)
+    return PlacedMeshes(trees, [0], np.asarray(offset)[None], np.eye(3)[None])
+
+
+def verdict_of(a: PlacedMeshes, b: PlacedMeshes, exact: bool = False) -> Verdict:
+    forward, backward = mesh_verdicts(a, b, exact=exact)[0], mesh_verdicts(b, a, exact=exact)[0]
+    assert forward == backward
+    return Verdict(forward)
