@@ -37,7 +37,8 @@ from obb_collision.geometry.validation import (
 )
 from obb_collision.numerics.constants import BOUND_SLACK, BOUND_UNDERFLOW
 from obb_collision.numerics.error_free import two_sum_error
-from obb_collision.typing import Floats
+from obb_collision.numerics.vec3 import dot_abs, rows_at, vector_at
+from obb_collision.typing import Axes, Floats, Vector
 from obb_collision.words import shown
 
 if TYPE_CHECKING:  # of a layer above: only its name
@@ -409,30 +410,36 @@ def world_bounds_kernel(
 ) -> None:
     """Write axis-aligned bounds (n, 3) that certainly contain each box."""
     for n in range(len(centers)):
-        write_world_bounds(centers, rotations, half_extents, n, minimum, maximum)
+        rows, h = rows_at(rotations, n), vector_at(half_extents, n)
+        low, high = world_bounds_of(vector_at(centers, n), rows, h)
+        for k in range(3):
+            minimum[n, k], maximum[n, k] = low[k], high[k]
 
 
 @njit
-def write_world_bounds(
-    centers: Floats, rotations: Floats, half_extents: Floats, n: int, minimum: Floats,
-    maximum: Floats,
-) -> None:  # fmt: skip
-    """Write axis-aligned bounds, row n of (.., 3), that certainly contain a box."""
-    for k in range(3):
-        radius = 0.0
-        aligned = 0
-        for i in range(3):
-            weight = abs(rotations[n, k, i])
-            radius += weight * half_extents[n, i]
-            if weight == 0.0 or weight == 1.0:
-                aligned += 1
-        center = centers[n, k]
-        low = center - radius
-        high = center + radius
-        slack = BOUND_SLACK * (abs(center) + radius) + BOUND_UNDERFLOW
-        if aligned < 3 or two_sum_error(center, -radius) < 0.0:
-            low -= slack
-        if aligned < 3 or two_sum_error(center, radius) > 0.0:
-            high += slack
-        minimum[n, k] = low
-        maximum[n, k] = high
+def world_bounds_of(center: Vector, rows: Axes, half_extents: Vector) -> tuple[Vector, Vector]:
+    """Return axis-aligned bounds that certainly contain a box; rows: of its rotation matrix."""
+    x0, x1 = _bounds_along(center[0], rows[0], half_extents)
+    y0, y1 = _bounds_along(center[1], rows[1], half_extents)
+    z0, z1 = _bounds_along(center[2], rows[2], half_extents)
+    return (x0, y0, z0), (x1, y1, z1)
+
+
+@njit
+def _bounds_along(center: float, row: Vector, half_extents: Vector) -> tuple[float, float]:
+    """Return the bounds along one axis of the world."""
+    radius = dot_abs(half_extents, row)
+    low, high = center - radius, center + radius
+    slack = BOUND_SLACK * (abs(center) + radius) + BOUND_UNDERFLOW
+    if not (_is_plain(row[0]) & _is_plain(row[1]) & _is_plain(row[2])):
+        return low - slack, high + slack
+    return (
+        low - slack if two_sum_error(center, -radius) < 0.0 else low,
+        high + slack if two_sum_error(center, radius) > 0.0 else high,
+    )
+
+
+@njit
+def _is_plain(weight: float) -> bool:
+    """Return whether a product with it is exact."""
+    return (weight == 0.0) | (abs(weight) == 1.0)

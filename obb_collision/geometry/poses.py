@@ -20,20 +20,28 @@ Poses come as arrays (..., 7) and quaternions as (..., 4); leading dimensions br
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from obb_collision._jit import njit
+from obb_collision._threads import run
 from obb_collision.geometry.validation import (
+    UNIT_TOLERANCE,
     as_array,
     as_quaternions,
+    as_shaped,
+    defect_of,
     orthonormal_defect,
     orthonormalize,
 )
-from obb_collision.numerics.constants import ORTHONORMAL_ROUNDING
+from obb_collision.numerics.constants import MAX_MAGNITUDE, ORTHONORMAL_ROUNDING
 from obb_collision.numerics.vec3 import rows_at, vector_at
 from obb_collision.typing import Axes, Floats, Vector
 
+#: Poses below which a second thread does not pay: 40 us.
+FEWEST_POSES = 2048
 #: One pose, or quaternion, as plain numbers.
 Pose = tuple[float, float, float, float, float, float, float]
 Quaternion = tuple[float, float, float, float]
@@ -53,7 +61,16 @@ def as_poses(
     Quaternions are normalised; warn: whether to warn of one far from unit length.
     numbers (n,): row numbers for errors and warnings.
     """
-    poses = as_array(value, name, (None, 7))
+    given = as_shaped(value, name, (None, 7))
+    if given.flags.writeable and len(given):  # no kernel for what is not
+        positions, matrices = np.empty((len(given), 3)), np.empty((len(given), 3, 3))
+        loose = np.zeros(len(given), np.bool_)
+        if all(run(_read_kernel, len(given), FEWEST_POSES, given, positions, matrices, loose)):
+            if loose.any():
+                matrices[loose] = orthonormalize(matrices[loose])
+            return positions, matrices
+    # what is to be refused, or warned of
+    poses = as_array(given, name, (None, 7))
     quaternions = as_quaternions(poses[:, 3:], f"{name} (quaternion)", (None, 4), numbers, warn)
     return np.ascontiguousarray(poses[:, :3]), matrices_from_quaternions(quaternions)
 
@@ -138,6 +155,35 @@ def quaternions_from_matrices(matrices: Floats) -> Floats:
     quaternions = np.empty((len(matrices), 4))
     fill_quaternions(np.ascontiguousarray(matrices), quaternions)
     return quaternions
+
+
+@njit
+def _read_kernel(
+    poses: Floats, positions: Floats, matrices: Floats, loose: np.ndarray, start: int, stop: int
+) -> bool:
+    """Write positions and rotations of poses ``start`` to ``stop``; return whether all are usual.
+
+    loose: set for rotations to be made orthonormal.
+
+    By the steps of ``as_quaternions`` and ``matrices_from_quaternions``, to the same bits.
+    """
+    usual = True
+    for n in range(start, stop):  # without a branch, so that several are done at once
+        for k in range(7):
+            usual &= abs(poses[n, k]) <= MAX_MAGNITUDE  # False for NaN, too
+        x, y, z, w = poses[n, 3], poses[n, 4], poses[n, 5], poses[n, 6]
+        largest = max(max(abs(x), abs(y)), max(abs(z), abs(w)))
+        x, y, z, w = x / largest, y / largest, z / largest, w / largest
+        norm = math.sqrt(x * x + y * y + z * z + w * w)
+        rotation = rotation_of((x / norm, y / norm, z / norm, w / norm))
+        usual &= abs(largest * norm - 1.0) <= UNIT_TOLERANCE  # of no zero quaternion either
+        loose[n] = abs(defect_of(rotation)) > ORTHONORMAL_ROUNDING
+        for k in range(3):
+            positions[n, k] = poses[n, k]
+            matrices[n, 0, k] = rotation[0][k]
+            matrices[n, 1, k] = rotation[1][k]
+            matrices[n, 2, k] = rotation[2][k]
+    return usual
 
 
 @njit

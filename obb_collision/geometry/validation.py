@@ -98,21 +98,31 @@ def as_array(value: ArrayLike, name: str, shape: tuple[int | None, ...]) -> Floa
     Not copied if it already is one. Raises ValueError naming the
     argument and, for arrays with a free first length, the row.
     """
-    given = as_any_array(value, name, f"numbers of shape {_shape_text(shape)}")
+    array = as_shaped(value, name, shape)
+    check_magnitude(array, name, by_row=bool(shape) and shape[0] is None)
+    return array
+
+
+def as_shaped(value: ArrayLike, name: str, shape: tuple[int | None, ...]) -> Floats:
+    """Return what ``as_array`` does, of numbers that need not be finite."""
+    if type(value) is np.ndarray and value.dtype == np.float64 and value.flags.c_contiguous:
+        array = value
+    else:
+        array = _converted(value, name, shape)
+    wanted = array.shape[:1] + shape[1:] if shape and shape[0] is None else shape
+    if array.shape != wanted or array.ndim != len(shape):
+        raise ValueError(f"{name} must have shape {_shape_text(shape)}, got {array.shape}")
+    return array
+
+
+def _converted(value: ArrayLike, name: str, shape: tuple[int | None, ...]) -> Floats:
+    wanted = f"numbers of shape {_shape_text(shape)}"
+    given = as_any_array(value, name, wanted)
     try:
         array = np.ascontiguousarray(given, dtype=np.float64)
     except (TypeError, ValueError, OverflowError) as error:
-        wanted, why = _shape_text(shape), str(error)[:MAX_REASON]
-        raise ValueError(f"{name} must be numbers of shape {wanted}: {why}") from None
-    if given.ndim == 0:
-        array = array.reshape(())
-    fits = array.ndim == len(shape) and all(
-        want is None or want == got for want, got in zip(shape, array.shape, strict=True)
-    )
-    if not fits:
-        raise ValueError(f"{name} must have shape {_shape_text(shape)}, got {array.shape}")
-    check_magnitude(array, name, by_row=bool(shape) and shape[0] is None)
-    return array
+        raise ValueError(f"{name} must be {wanted}: {str(error)[:MAX_REASON]}") from None
+    return array.reshape(given.shape)  # of a number, one element would be made
 
 
 def as_any_array(value: ArrayLike, name: str, what: str) -> NDArray[Any]:
@@ -185,6 +195,8 @@ def as_rows(value: ArrayLike, name: str, count: int) -> NDArray[np.int64]:
 
 def check_magnitude(array: Floats, name: str, by_row: bool) -> None:
     """Raise ValueError unless all of ``array`` is finite and at most MAX_MAGNITUDE."""
+    if array.flags.writeable and _are_within(array.reshape(-1)):  # no kernel for what is not
+        return
     with np.errstate(invalid="ignore"):
         good = np.abs(array) <= MAX_MAGNITUDE  # False for NaN too
     if good.all():
@@ -195,10 +207,19 @@ def check_magnitude(array: Floats, name: str, by_row: bool) -> None:
     raise ValueError(f"{name} must not exceed {MAX_MAGNITUDE:g} in magnitude{where}")
 
 
+@njit
+def _are_within(numbers: Floats) -> bool:
+    good = True
+    for number in numbers:
+        good &= abs(number) <= MAX_MAGNITUDE  # False for NaN, too
+    return good
+
+
 def as_half_extents(value: ArrayLike, name: str, shape: tuple[int | None, ...]) -> Floats:
     """Return non-negative half extents of the shape (zero is legal: flat boxes)."""
     array = as_array(value, name, shape)
-    refuse_where(array < 0.0, f"{name} must not be negative", shape[0] is None)
+    if array.size and array.min() < 0.0:
+        refuse_where(array < 0.0, f"{name} must not be negative", shape[0] is None)
     return array + 0.0  # -0.0 becomes 0.0, so that equal boxes are equal bit for bit
 
 
@@ -279,17 +300,20 @@ def defect_of(matrix: Axes) -> float:
     """Return what ``orthonormal_defect`` does, of one matrix by its rows."""
     a, b, c = matrix
     x, y, z = (a[0], b[0], c[0]), (a[1], b[1], c[1]), (a[2], b[2], c[2])
-    largest = abs(dot(x, x) - 1.0)
-    for error in (
-        abs(dot(x, y)), abs(dot(x, z)), abs(dot(y, y) - 1.0), abs(dot(y, z)), abs(dot(z, z) - 1.0)
-    ):  # fmt: skip
-        largest = error if not error <= largest else largest  # NaN stays
+    largest = _worse(abs(dot(x, y)), abs(dot(x, x) - 1.0))
+    largest = _worse(abs(dot(y, y) - 1.0), _worse(abs(dot(x, z)), largest))
+    largest = _worse(abs(dot(z, z) - 1.0), _worse(abs(dot(y, z)), largest))
     determinant = (
         a[0] * (b[1] * c[2] - b[2] * c[1])
         - a[1] * (b[0] * c[2] - b[2] * c[0])
         + a[2] * (b[0] * c[1] - b[1] * c[0])
     )
     return -largest if determinant < 0.0 else largest
+
+
+@njit
+def _worse(error: float, largest: float) -> float:
+    return error if not error <= largest else largest  # NaN stays
 
 
 def orthonormalize(stack: Floats) -> Floats:

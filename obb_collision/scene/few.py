@@ -19,7 +19,7 @@ from __future__ import annotations
 import numpy as np
 
 from obb_collision._jit import njit
-from obb_collision.queries.verdict.coarse import write_meeting_bounds
+from obb_collision.queries.verdict.coarse import bounds_kernel
 from obb_collision.queries.verdict.pair_frame import box_at
 from obb_collision.queries.verdict.verdict import SEPARATE, box_verdict
 from obb_collision.typing import Floats
@@ -42,8 +42,7 @@ def few_pairs(
     """
     count = len(slots)
     minimum, maximum = np.empty((len(centers), 3)), np.empty((len(centers), 3))
-    for n in range(count):
-        write_meeting_bounds(centers, rotations, half_extents, slots[n], minimum, maximum)
+    bounds_kernel(centers, rotations, half_extents, slots, minimum, maximum, 0, count)
     found, known, before = 0, 0, 0
     for n in range(count):
         i = slots[n]
