@@ -157,7 +157,7 @@ FUNCTIONS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "sweeps": (oc.sweeps, {**BOTH, "tolerance": 1e-4, "contacts": True}),
     "points_inside": (
         oc.points_inside,
-        {"boxes": boxes(), "points": POINTS, "margin": 0.1, "each_point": True, "threads": 1},
+        {"boxes": boxes(), "points": POINTS, "margin": 0.1, "each_point": True},
     ),
     "cast_rays": (
         oc.cast_rays,
