@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 import weakref
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from difflib import get_close_matches
 from time import perf_counter
 from typing import Any
@@ -32,7 +32,7 @@ from obb_collision.geometry.validation import as_array, as_points, as_whole, war
 from obb_collision.obb import OBB
 from obb_collision.scene.checker import Checker
 from obb_collision.scene.effects import EFFECTS
-from obb_collision.scene.effects.base import Before, Cycle, Setting
+from obb_collision.scene.effects.base import Before, Cycle, Outcome, Setting
 from obb_collision.scene.effects.settings import EffectSettings
 from obb_collision.scene.findings import Findings
 from obb_collision.scene.objects import SceneObjects, check_padding, local_box
@@ -137,8 +137,7 @@ class Scene(SceneObjects):
 
     def _forget_report(self) -> None:
         """Make the next check a new one, though nothing has moved."""
-        self._report: weakref.ref[Report] | None = None
-        self._kept: Findings | None = None  # of the last report that lasts
+        self._last = LastCheck()
 
     @property
     def tree_depth(self) -> int:
@@ -344,16 +343,18 @@ class Scene(SceneObjects):
         self._cache.take_built()
         wanted = self._effects.wanted(effects)
         lasting = not wanted or all(EFFECTS[name].lazy for name in wanted)
-        report = self._report() if self._report is not None else None
+        last = self._last
         if self._store.touched or self._checker.behind or not lasting:
-            report, self._kept = None, None
+            last.report = last.found = None
+        report = last.report() if last.report is not None else None
         if report is None:
             report = self._reported(start)
-            self._report = weakref.ref(report)
+            last.report = weakref.ref(report)
         for name in wanted:
             if name not in report.costs:
                 report.compute(name)
-        self._before = None if lasting else report.cycle.as_before()
+        if self._before is not None or not lasting:
+            self._before = None if lasting else report.cycle.as_before()
         if self._budget is not None:
             self._budget.finish()
         return report
@@ -444,20 +445,30 @@ class Scene(SceneObjects):
 
     def _reported(self, start: float) -> Report:
         """Return a report of what collides now: of what is known already where nothing changed."""
-        store, found = self._store, self._kept
+        store, last = self._store, self._last
+        found = last.found
         if found is None:
-            last = self._checker.last
-            found = self._kept = self._find()
-            self._last_outcomes = {} if last is None else last.outcomes
+            before = self._checker.last
+            found = last.found = self._find()
+            last.outcomes_before = {} if before is None else before.outcomes
         stages = {"pairs": perf_counter() - start}
         cycle = Cycle(
             *(store.snapshot(), store.active.copy(), found.pairs, found.verdicts),
-            *(self._checker.pair_filter, found.old, self._last_outcomes),
+            *(self._checker.pair_filter, found.old, last.outcomes_before),
             *(self._obstacle_points, store, self._before),
             limit=None if self._max_pairs is None else NEAR_PER_PAIR * self._max_pairs,
         )
         settings = self._effects.resolved(store.names, store.version)
         return Report(found, store.name_tuple(), stages, cycle, settings)
+
+
+class LastCheck:
+    """What is kept of the last check: for as long as nothing changes, all that is needed."""
+
+    def __init__(self) -> None:
+        self.report: weakref.ref[Report] | None = None
+        self.found: Findings | None = None
+        self.outcomes_before: Mapping[str, Outcome] = {}
 
 
 def _checked_limit(limit: int | None) -> int | None:

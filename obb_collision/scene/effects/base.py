@@ -206,12 +206,11 @@ def pair_rows(
         good, result, failures = isolated(compute_some, pairs, blank)
         rows = rows if len(good) == len(rows) else rows[good]
         return Outcome(result, len(pairs), failures, rows, setting.values)
-    done = known >= 0
-    anew = np.flatnonzero(~done)
+    anew = np.flatnonzero(known < 0)
     good, result, failures = isolated(compute_some, pairs[anew], blank)
-    copied = done.copy()
-    done[anew[good]] = True
-    result = _merged(last.result, known[copied], copied[done], result)
+    done = np.delete(np.arange(len(rows)), np.delete(anew, good))
+    new = np.searchsorted(done, anew[good])
+    result = _merged(last.result, known[done], new, result)
     return Outcome(result, len(anew), failures, rows[done], setting.values)
 
 
@@ -224,15 +223,17 @@ def _known_rows(cycle: Cycle, rows: Rows, setting: Setting, last: Outcome) -> Ro
         return None
     where = np.full(max(int(cycle.old.max(initial=-1)), int(last.rows.max(initial=-1))) + 2, -1)
     where[last.rows] = np.arange(len(last.rows))
-    return where[cycle.old[rows]]  # the last entry, which -1 takes, is -1
+    known = where[cycle.old[rows]]  # the last entry, which -1 takes, is -1
+    return known if known.max() >= 0 else None
 
 
-def _merged(last: R, known: Rows, copied: Mask, new: R) -> R:
-    """Return rows of the last table where copied (m,), rows of a new one elsewhere, in order."""
+def _merged(last: R, known: Rows, places: Rows, new: R) -> R:
+    """Return rows of the last table, known (m,), but rows of a new one in places, where -1 is."""
+    source = np.maximum(known, 0)
     columns = []
     for before, here in zip(vars(last).values(), vars(new).values(), strict=True):
-        column = np.empty((len(copied), *here.shape[1:]), here.dtype)
-        column[copied], column[~copied] = before[known], here
+        column = before.take(source, axis=0)
+        column[places] = here
         columns.append(column)
     return type(new)(*columns)
 
