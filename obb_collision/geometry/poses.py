@@ -231,10 +231,10 @@ def fill_quaternions(matrices: Floats, out: Floats) -> None:
             out[n, j] = m[j, i] + m[i, j]
             out[n, k] = m[k, i] + m[i, k]
             out[n, 3] = m[k, j] - m[j, k]
-        norm = np.sqrt((out[n] * out[n]).sum())
-        if out[n, 3] < 0.0:
-            norm = -norm
-        out[n] /= norm
+        x, y, z, w = out[n]
+        norm = np.sqrt(x * x + y * y + z * z + w * w)
+        norm = -norm if w < 0.0 else norm
+        out[n, 0], out[n, 1], out[n, 2], out[n, 3] = x / norm, y / norm, z / norm, w / norm
 
 
 @njit

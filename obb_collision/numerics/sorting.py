@@ -57,8 +57,8 @@ def sort_by_keys(keys: np.ndarray, values: np.ndarray, bits: int) -> None:
         keys_from, keys_to = keys_to, keys_from
         values_from, values_to = values_to, values_from
         elsewhere = not elsewhere
-    if elsewhere:
-        keys[:], values[:] = keys_from, values_from
+    for n in range(count if elsewhere else 0):  # an assignment of arrays takes a second to compile
+        keys[n], values[n] = keys_from[n], values_from[n]
 
 
 @njit

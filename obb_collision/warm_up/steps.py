@@ -35,6 +35,7 @@ from obb_collision.geometry.poses import quaternions_from_matrices
 from obb_collision.queries.meshes.triangles import triangle_verdicts
 from obb_collision.queries.primitives.capsules import capsule_verdicts
 from obb_collision.queries.primitives.planes import aabb_verdicts
+from obb_collision.scene.broad_phase.broad_phase import find_candidates
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.refinement.budget import ABOVE
 
@@ -45,6 +46,8 @@ TETRAHEDRON_FACES = ((0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3))
 TURNED = (0.0, 0.0, 0.0, 0.0, 0.0, 0.6, 0.8)
 BOXES = "boxes"
 """The step that every check of a scene needs."""
+BOUNDS, TREES = "bounds and fits", "trees and hulls"
+"""Parts of other steps."""
 MESSAGES = "messages"
 """The step that every message of a node needs."""
 
@@ -88,6 +91,7 @@ def _row_of_boxes(count: int = OBJECTS) -> oc.Scene:
 def _boxes() -> None:
     """Run what every check needs, whatever the objects are, and the levels up to "obb"."""
     _row_of_boxes(FEW_OBJECTS).check()
+    oc.separations(_batch(), _batch())  # meanwhile, another process compiles ``_bounds``
     scene = _row_of_boxes()
     for moved in (0, 1, 1, OBJECTS // 2):
         poses = scene.poses_of(range(moved)) + np.array((0.1, 0, 0, 0, 0, 0, 0))
@@ -113,6 +117,14 @@ def _boxes() -> None:
     _crowds()
 
 
+def _bounds() -> None:
+    """Run what else ``_boxes`` needs that takes long to compile, beside it."""
+    low = np.random.default_rng(0).random((OBJECTS, 3))
+    find_candidates(low, low + 0.2)
+    for some in _zoo().values():
+        _ = [shape.local_box for shape in some]
+
+
 def _crowds() -> None:
     """Run what more colliding pairs than a limit need: two places full of boxes."""
     scene = oc.Scene(max_pairs=1)
@@ -133,6 +145,30 @@ def _zoo() -> dict[str, tuple[shapes.Shape, ...]]:
         ),
         "mesh": tuple(shapes.Mesh(TETRAHEDRON, TETRAHEDRON_FACES) for _ in range(2)),
     }
+
+
+def _meshes() -> None:
+    """Run the level "mesh": first what needs no tree to be built; ``_trees`` does that meanwhile."""
+    tree = _triangle_tree()
+    body = oc.PlacedMeshes.from_poses(tree, np.zeros(1, np.int64), [TURNED])
+    oc.mesh_verdicts(body, body)
+    _level(Accuracy.MESH)
+
+
+def _triangle_tree() -> oc.MeshTrees:
+    row, zero = np.array([*(0.0,) * 3, *np.eye(3).ravel(), *(1.0,) * 3, 3.0]), np.zeros(1, np.int64)
+    return oc.MeshTrees.trusted(
+        triangles=np.arange(9.0)[None], faces=zero, counted=zero == 0, nodes=row[None],
+        children=zero - 1, starts=np.array([[0, 1]]), levels=zero, roots=zero, solid=zero == 0,
+        winding=zero == 0, radii=np.array([20.0]), pieces=np.zeros((1, 6, 3)),
+        piece_starts=np.array([0, 1]),
+    )  # fmt: skip
+
+
+def _trees() -> None:
+    """Run what else the level "mesh" needs, beside it: trees and hulls."""
+    oc.MeshTrees.build(np.array(TETRAHEDRON), np.array(TETRAHEDRON_FACES))
+    _level(Accuracy.HULL)
 
 
 def _level(level: Accuracy) -> None:
@@ -246,7 +282,9 @@ def _mesh_queries() -> None:
 STEPS: dict[str, Callable[[], None] | str] = {
     # In this order two processes compile the fewest kernels twice.
     BOXES: _boxes,
-    accuracy_step(Accuracy.MESH): lambda: _level(Accuracy.MESH),
+    BOUNDS: _bounds,
+    accuracy_step(Accuracy.MESH): _meshes,
+    TREES: _trees,
     **{effect_step(name): (lambda name=name: _effect(name)) for name in EFFECTS},  # type: ignore[misc]
     accuracy_step(Accuracy.HULL): lambda: _level(Accuracy.HULL),
     accuracy_step(Accuracy.OBB_TREE): lambda: _level(Accuracy.OBB_TREE),
@@ -261,3 +299,5 @@ STEPS: dict[str, Callable[[], None] | str] = {
 NODE_STEPS = (BOXES, MESSAGES, *map(accuracy_step, ABOVE), *map(effect_step, EFFECTS))
 """Steps of all that a node can switch on."""
 NEEDS_ROS = (MESSAGES,)
+BESIDE = {BOXES: BOUNDS, accuracy_step(Accuracy.MESH): TREES}
+"""A part of the longest steps, for a second process."""

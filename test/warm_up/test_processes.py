@@ -32,6 +32,7 @@ from obb_collision.warm_up import processes
 from obb_collision.warm_up.command import Bar, main
 from obb_collision.warm_up.processes import Progress, compile_steps
 from obb_collision.warm_up.steps import (
+    BESIDE,
     BOXES,
     NEEDS_ROS,
     STEPS,
@@ -153,7 +154,9 @@ def test_it_stops_when_told_to_and_leaves_no_process(monkeypatch: pytest.MonkeyP
     progress = compile_steps([BOXES], stopped=lambda: True)
     assert progress.stopped
     assert progress.failed == {}
-    assert [process.poll() is not None for process in started] == [True]
+    assert progress.steps == (BOXES, BESIDE[BOXES])  # a part for a second process
+    assert started
+    assert all(process.poll() is not None for process in started)
 
 
 def test_a_process_ends_with_the_one_that_started_it(tmp_path: Path) -> None:

@@ -70,7 +70,7 @@ def _build_kernel(
     leaf: int,
 ) -> int:
     """Sort the triangles into a tree, write its nodes; return their number."""
-    work = np.empty((4, 3, 3))
+    work = np.empty((3, 3, 3))
     keys = np.empty(len(triangles))
     stack = np.empty(LEVELS, np.int64)
     stack[0] = 0

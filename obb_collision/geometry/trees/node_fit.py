@@ -51,17 +51,16 @@ EDGE_WEIGHT = 1e-6
 def fit_node(triangles: Floats, first: int, last: int, row: Floats, work: Floats) -> None:
     """Write the box of triangles ``first`` to ``last - 1`` (n, 9) into row (16,).
 
-    work: (4, 3, 3) scratch space.
+    work: (3, 3, 3) scratch space.
     """
-    covariance, frame, other, best = work[0], work[1], work[2], work[3]
+    covariance, frame, other = work[0], work[1], work[2]
     largest = _moments(triangles, first, last, covariance)
     _eigenvectors(covariance, frame)
     _orthonormalize_frame(frame)
     _triangle_frame(triangles, largest, other)
     area = _measure(triangles, first, last, frame, row)
-    best[:] = frame
     if _measure(triangles, first, last, other, row) > area:
-        _measure(triangles, first, last, best, row)
+        _measure(triangles, first, last, frame, row)
 
 
 @njit

@@ -193,7 +193,7 @@ class WarmUp:
                 due = perf_counter() + NEXT_WORD
                 self._info(
                     f"compiling: {len(progress.kernels)} kernels and {len(progress.done)} of "
-                    f"{len(missing)} steps done after {perf_counter() - start:.0f} s, "
+                    f"{len(progress.steps)} steps done after {perf_counter() - start:.0f} s, "
                     f"now {', '.join(progress.running)}"
                 )
 
