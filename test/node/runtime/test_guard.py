@@ -30,6 +30,7 @@ from rig import DOMAIN, NAMESPACE, Rig, cube, pose, sync
 from std_srvs.srv import Trigger
 
 from obb_collision.node.inputs import marker_adder
+from obb_collision.node.messages.names import namespace_number
 from obb_collision.node.objects import many as many_objects
 from obb_collision.node.runtime.guard import INTERNAL_ERROR, Guard
 from obb_collision.node.runtime.running import spin
@@ -54,7 +55,8 @@ def failing(given: Callable[..., Any], fails: Callable[..., bool]) -> Callable[.
 
 def test_an_item_that_fails_is_refused_alone(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
     objects = rig.node.objects
-    fails = failing(many_objects.put_primitives, lambda _, keys, *__: BAD in keys)
+    bad = namespace_number(BAD[0])
+    fails = failing(many_objects.put_primitives, lambda _, numbers, *__: bad in numbers)
     monkeypatch.setattr(marker_adder, "put_primitives", fails)
     rig.send(cube(A), cube(BAD), cube(B, (0.5, 0, 0)))
     assert rig.pairs() == {("a/1", "a/2")}
