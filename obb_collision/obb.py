@@ -281,8 +281,7 @@ class OBB:
         if not (isinstance(i, (int, np.integer)) and 0 <= i <= 5):
             raise ValueError(f"face i must be 0 to 5, got {shown(i)}")
         sign = 1.0 if i % 2 == 0 else -1.0
-        result: Floats = sign * self.rotation[:, i // 2]
-        return result
+        return sign * self.rotation[:, i // 2]
 
     def aabb(self) -> AABB:
         """Return the axis-aligned box around this one, rounded outwards where inexact.

@@ -143,8 +143,7 @@ class AABB:
         >>> oc.AABB([0, 0, 0], [1, 2, 3]).corners()[0].tolist()
         [0.0, 2.0, 3.0]
         """
-        result: Floats = np.where(CORNER_SIGNS > 0.0, self.maximum, self.minimum)
-        return result
+        return np.where(CORNER_SIGNS > 0.0, self.maximum, self.minimum)
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, AABB):

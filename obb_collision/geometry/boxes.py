@@ -249,8 +249,7 @@ class Boxes:
         [-1.0, 2.0, 3.0]
         """
         steps = CORNER_SIGNS * self.half_extents[:, None, :]
-        result: Floats = self.centers[:, None, :] + steps @ self.rotations.transpose(0, 2, 1)
-        return result
+        return self.centers[:, None, :] + steps @ self.rotations.transpose(0, 2, 1)
 
     def aabb(self) -> AABB:
         """Return the axis-aligned box around all of them, rounded outwards where inexact.
@@ -400,8 +399,7 @@ def add_outwards(extents: Floats, margin: Floats) -> Floats:
     total = extents + margin
     back = total - extents
     error = (extents - (total - back)) + (margin - back)
-    result: Floats = np.where(error > 0.0, np.nextafter(total, np.inf), total)
-    return result
+    return np.where(error > 0.0, np.nextafter(total, np.inf), total)
 
 
 @njit

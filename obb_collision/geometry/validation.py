@@ -247,8 +247,7 @@ def as_quaternions(
         where = first_bad_row(far, numbers) if by_row else ""
         length = float((largest * norm)[..., 0].flat[int(np.argmax(far))])
         warn_caller(f"{name} far from unit length{where}: {length:.3g}; taken as normalised")
-    unit: Floats = scaled / norm
-    return unit
+    return scaled / norm
 
 
 def is_far_from_unit(quaternion: Sequence[float]) -> bool:

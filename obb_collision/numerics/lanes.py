@@ -44,8 +44,7 @@ def in_blocks(points: Floats) -> Floats:
     """Return points (n, 3), n >= 1, as blocks (m, 3, LANES), filled up with the last point."""
     count = -(-len(points) // LANES) * LANES
     rows = np.minimum(np.arange(count), len(points) - 1)
-    blocks: Floats = np.ascontiguousarray(points[rows].reshape(-1, LANES, 3).transpose(0, 2, 1))
-    return blocks
+    return np.ascontiguousarray(points[rows].reshape(-1, LANES, 3).transpose(0, 2, 1))
 
 
 @njit

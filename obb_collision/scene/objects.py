@@ -324,8 +324,7 @@ class SceneObjects:
         >>> scene.poses_of([0]).shape
         (1, 7)
         """
-        poses: Floats = self._store.poses[self._store.check_slots(indices)]
-        return poses
+        return self._store.poses[self._store.check_slots(indices)]
 
     def set_twist(self, name: str, twist: ArrayLike) -> None:
         """Say how an object moves: (6,) linear x y z (m/s), angular x y z (rad/s).

@@ -184,8 +184,7 @@ class Report:
     @property
     def depths(self) -> Floats:
         """(m,) metres: how deep each pair overlaps, 0 where only touching."""
-        result: Floats = np.maximum(-self.separations, 0.0)
-        return result
+        return np.maximum(-self.separations, 0.0)
 
     def _column(self, name: str) -> Floats:
         """Return a column of the effect ``separations``, NaN for pairs not selected for it."""
@@ -200,26 +199,22 @@ class Report:
     @property
     def contacts(self) -> Contacts:
         """The contact patches of the colliding pairs that are selected for them."""
-        result: Contacts = self.result("contacts")
-        return result
+        return self.result("contacts")
 
     @property
     def clearances(self) -> Clearances:
         """Distance and closest points of pairs nearer than the limit of the effect."""
-        result: Clearances = self.result("clearance")
-        return result
+        return self.result("clearance")
 
     @property
     def swept(self) -> SweptPairs:
         """What objects passed since the check before, what they will run into, what is unknown."""
-        result: SweptPairs = self.result("sweep")
-        return result
+        return self.result("sweep")
 
     @property
     def points_inside(self) -> PointsInside:
         """Which of ``Scene.obstacle_points`` lie inside which objects."""
-        result: PointsInside = self.result("points")
-        return result
+        return self.result("points")
 
     @property
     def colliding(self) -> NDArray[np.bool_]:

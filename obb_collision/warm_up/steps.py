@@ -65,8 +65,7 @@ def accuracy_step(level: Accuracy) -> str:
 def task_of(step: str) -> Callable[[], None]:
     """Return what a step runs. KeyError for an unknown one."""
     task = STEPS[step]
-    found: Callable[[], None] = resolve_name(task) if isinstance(task, str) else task
-    return found
+    return resolve_name(task) if isinstance(task, str) else task
 
 
 @cache

@@ -64,8 +64,7 @@ class Frame:
     @cached_property
     def rotations(self) -> Floats:
         """Rotation matrices (k, 3, 3) of those that moved."""
-        matrices: Floats = Rotation.from_quat(self.moved[:, 3:]).as_matrix()
-        return matrices
+        return Rotation.from_quat(self.moved[:, 3:]).as_matrix()
 
 
 def _extents(rng: np.random.Generator, n: int) -> Floats:

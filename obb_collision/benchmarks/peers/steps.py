@@ -60,8 +60,7 @@ class OurPairs:
 
     def pairs(self, found: Any) -> Rows:
         """Return what was found."""
-        rows: Rows = found
-        return rows
+        return found
 
 
 class OurScene:
@@ -81,8 +80,7 @@ class OurScene:
 
     def pairs(self, found: Any) -> Rows:
         """Return the pairs of the report."""
-        rows: Rows = found.pairs
-        return rows
+        return found.pairs
 
 
 @dataclass(frozen=True)

@@ -211,8 +211,7 @@ class Session:
                 mutate(message, random)
             except AssertionError:  # rclpy refuses to set it, so it can't be sent
                 continue
-        data: bytes = serialize_message(message)
-        return data
+        return serialize_message(message)
 
     def _decoding(self, data: bytes, topic: str) -> float:
         """Return how long rclpy takes to decode a message (s)."""

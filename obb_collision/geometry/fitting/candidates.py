@@ -59,8 +59,7 @@ def _cross(a: Floats, b: Floats) -> Floats:
 
 def _unit(vector: Floats) -> Floats:
     scaled: Floats = vector / np.abs(vector).max()
-    unit: Floats = scaled / np.sqrt(scaled @ scaled)
-    return unit
+    return scaled / np.sqrt(scaled @ scaled)
 
 
 def _orthogonal_to(a: Floats, vector: Floats) -> Floats | None:
@@ -156,5 +155,4 @@ def box_sizes(points: Floats, frames: Floats, floor: float) -> Floats:
     """
     along = points @ frames.transpose(1, 0, 2).reshape(3, -1)
     extents = np.maximum(along.max(axis=0) - along.min(axis=0), floor).reshape(-1, 3)
-    volumes: Floats = extents.prod(axis=1)
-    return volumes
+    return extents.prod(axis=1)

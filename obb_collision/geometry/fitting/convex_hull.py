@@ -79,11 +79,9 @@ def minimum_rectangle_direction(polygon: Floats) -> Floats:
         # Corner k is extreme between the outward normals of the edges before and after it.
         turned = np.arctan2(directions[:, 0], -directions[:, 1])  # + 90 degrees: along the edge
         corner = np.searchsorted(angles, turned) % len(polygon)
-        result: Floats = np.einsum("ij,ij->i", polygon[corner], directions)
-        return result
+        return np.einsum("ij,ij->i", polygon[corner], directions)
 
     across = np.column_stack([edges[:, 1], -edges[:, 0]])
     length = farthest(edges) + farthest(-edges)
     width = farthest(across) + farthest(-across)
-    direction: Floats = edges[int((length * width).argmin())]
-    return direction
+    return edges[int((length * width).argmin())]

@@ -52,8 +52,7 @@ class Corners:
     def triangles(self) -> Floats:
         """(m, 3, 3) the triangles of the hull."""
         assert self.hull is not None
-        triangles: Floats = self.points[self.hull.simplices]
-        return triangles
+        return self.points[self.hull.simplices]
 
 
 def few_corners(points: Floats, frame: Floats, rank: int) -> Corners:

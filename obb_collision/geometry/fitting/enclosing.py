@@ -140,8 +140,7 @@ def _coordinate_bounds(rotation: Floats, largest: Floats, reach: Floats, exponen
         [[abs(gram[i][j] - one * (i == j)) / one for j in range(3)] for i in range(3)]
     )
     skew = defect + 2.0 * defect @ defect
-    total: Floats = rounding + (1.0 + 16.0 * ROUNDOFF) * (skew @ (reach + rounding))
-    return total
+    return rounding + (1.0 + 16.0 * ROUNDOFF) * (skew @ (reach + rounding))
 
 
 def _exact_reach(points: Floats, center: Floats, frame: ExactFrame, axis: int) -> float:

@@ -90,8 +90,7 @@ def _choose_frame(linear: Floats, rotation: Floats, half_extents: Floats) -> Flo
 
 def _scaled(array: Floats) -> Floats:
     """Return the array scaled by a power of two to a largest entry of about 1."""
-    scaled: Floats = np.ldexp(array, -int(np.frexp(np.abs(array).max())[1]))
-    return scaled
+    return np.ldexp(array, -int(np.frexp(np.abs(array).max())[1]))
 
 
 def _candidates(axes: Floats, sides: Floats, rotation: Floats) -> Iterator[Floats]:

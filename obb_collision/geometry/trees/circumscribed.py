@@ -61,8 +61,7 @@ def outer_points(shape: Shape) -> Floats:
         points = np.concatenate([base, top])
     else:
         raise ValueError(f"there is no hull about a {type(shape).__name__}")
-    result: Floats = points * np.array(shape.scale) * (1.0 + CIRCUMSCRIBED_SLACK)
-    return result
+    return points * np.array(shape.scale) * (1.0 + CIRCUMSCRIBED_SLACK)
 
 
 def geodesic_sphere(rounds: int) -> Floats:
@@ -93,8 +92,7 @@ def _outer_sphere() -> Floats:
     a, b, c = points[_faces(points)].transpose(1, 0, 2)
     normals = np.cross(b - a, c - a)
     depths = np.abs(np.einsum("ij,ij->i", normals, a)) / np.linalg.norm(normals, axis=1)
-    result: Floats = points / depths.min()
-    return result
+    return points / depths.min()
 
 
 def _outer_ring(radius: float, height: float) -> Floats:
@@ -107,5 +105,4 @@ def _outer_ring(radius: float, height: float) -> Floats:
 def _faces(points: Floats) -> Integers:
     hull = convex_hull(points)
     assert hull is not None
-    faces: Integers = hull.simplices.astype(np.int64)
-    return faces
+    return hull.simplices.astype(np.int64)

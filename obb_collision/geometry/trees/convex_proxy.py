@@ -77,8 +77,7 @@ def hull_mesh(shape: Shape) -> tuple[Floats, Integers]:
 
 def box_corners(half_extents: Floats) -> Floats:
     """Return the corners (8, 3) of a box about the origin, with the margin of a hull."""
-    corners: Floats = BOX_CORNERS * (half_extents + HULL_MARGIN * half_extents.max())
-    return corners
+    return BOX_CORNERS * (half_extents + HULL_MARGIN * half_extents.max())
 
 
 def _bounded_hull(points: Floats, margin: float) -> tuple[Floats, Integers] | None:
@@ -120,8 +119,7 @@ def _outer_corners(inner: Floats, points: Floats) -> Floats | None:
     normals, _ = _normals(planes.points[planes.simplices])
     offsets = np.einsum("ij,ij->i", normals, planes.points[planes.simplices[:, 0]])
     sound = offsets != 0.0
-    corners: Floats = middle + half * np.unique(normals[sound] / offsets[sound, None], axis=0)
-    return corners
+    return middle + half * np.unique(normals[sound] / offsets[sound, None], axis=0)
 
 
 def _plane_directions(points: Floats) -> Floats:

@@ -32,8 +32,7 @@ def merged_faces(vertices: Floats, faces: Integers) -> Integers:
     # adding zero makes -0.0 equal to 0.0 bit for bit
     keys = np.ascontiguousarray(vertices + 0.0).view([("", vertices.dtype)] * 3).ravel()
     _, first, inverse = np.unique(keys, return_index=True, return_inverse=True)
-    result: Integers = first[inverse.ravel()][faces]
-    return result
+    return first[inverse.ravel()][faces]
 
 
 def boundary_faces(faces: Integers) -> tuple[Integers, bool]:
@@ -97,8 +96,7 @@ def _edges(faces: Integers) -> Integers:
 
 def _edge_keys(edges: Integers) -> Integers:
     """Return one number (k,) for the two ends (k, 2) of an edge, independent of direction."""
-    keys: Integers = (edges.min(axis=1) << 32) | edges.max(axis=1)
-    return keys
+    return (edges.min(axis=1) << 32) | edges.max(axis=1)
 
 
 def _starts(keys: Integers) -> Integers:

@@ -53,8 +53,7 @@ def shape_from_ros(marker: Marker) -> shapes.Shape:
         built = plan.job.finish(perform(plan.job.message() or {}))
     except BuildError as error:
         raise RefusedError(error.reason, error.detail) from error
-    shape: shapes.Shape = built[0] if isinstance(built, tuple) else built
-    return shape
+    return built[0] if isinstance(built, tuple) else built
 
 
 def shape_to_ros(shape: shapes.Shape) -> Marker:

@@ -150,8 +150,7 @@ class ShapeRequests:
             shape = built
         self._built[signature] = shape
         self._use(signature, shape)
-        result: Shape = shape
-        return result
+        return shape
 
     def _look_at_files(self) -> None:
         """Have files looked at that a marker named again."""

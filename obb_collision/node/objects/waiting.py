@@ -69,8 +69,7 @@ def newest_per_object(states: States) -> npt.NDArray[np.int64]:
     order = np.lexsort((states["number"], states["slot"]))
     slots = states["slot"][order]
     last = np.append(slots[1:] != slots[:-1], True)[: len(slots)]
-    rows: npt.NDArray[np.int64] = order[last]
-    return rows
+    return order[last]
 
 
 class WaitingStates:

@@ -73,8 +73,7 @@ class Ordered(NamedTuple):
 
     def flipped(self, normals: Floats) -> Floats:
         """Return normals (m, 3) of the pairs in the order of the rows, from a to b."""
-        turned: Floats = np.where(self.swapped[:, None], -1.0, 1.0) * normals[self.order]
-        return turned
+        return np.where(self.swapped[:, None], -1.0, 1.0) * normals[self.order]
 
 
 def order_pairs(pairs: npt.NDArray[np.int64], table: ObjectTable) -> Ordered:

@@ -166,5 +166,4 @@ def _range_of(point: Vector, normal: Vector, box: Box) -> Vector:
 
 
 def _verdicts(apart: NDArray[np.bool_], overlap: NDArray[np.bool_]) -> Verdicts:
-    result: Verdicts = np.select([apart, overlap], [SEPARATE, OVERLAP], TOUCHING).astype(np.int8)
-    return result
+    return np.select([apart, overlap], [SEPARATE, OVERLAP], TOUCHING).astype(np.int8)

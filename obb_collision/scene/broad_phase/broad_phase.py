@@ -64,8 +64,7 @@ def find_some_candidates(tree: BoundsTree, most: int) -> Pairs | None:
     """
 
     def search(pairs: Pairs, start: int, stop: int) -> tuple[int, int]:
-        found: tuple[int, int] = _self_overlaps(*tree[2:], most, pairs, start, stop)
-        return found
+        return _self_overlaps(*tree[2:], most, pairs, start, stop)
 
     return _collect(search, tree.leaves, FEWEST_LEAVES, LANES * ROOM_PER_ROW, most)
 
@@ -87,8 +86,7 @@ def find_some_candidates_of(tree: BoundsTree, rows: Rows, most: int) -> Pairs | 
     wanted[rows] = True
 
     def search(pairs: Pairs, start: int, stop: int) -> tuple[int, int]:
-        found: tuple[int, int] = _row_overlaps(*tree, rows, wanted, most, pairs, start, stop)
-        return found
+        return _row_overlaps(*tree, rows, wanted, most, pairs, start, stop)
 
     return _collect(search, len(rows), FEWEST_ROWS, 4 * ROOM_PER_ROW, most)
 
@@ -105,8 +103,7 @@ def find_candidates_between(
     tree = BoundsTree.build(other_minimum, other_maximum)
 
     def search(pairs: Pairs, start: int, stop: int) -> tuple[int, int]:
-        found: tuple[int, int] = _overlaps_between(minimum, maximum, *tree, pairs, start, stop)
-        return found
+        return _overlaps_between(minimum, maximum, *tree, pairs, start, stop)
 
     pairs = _collect(search, len(minimum), FEWEST_ROWS, 2 * ROOM_PER_ROW, UNLIMITED)
     assert pairs is not None

@@ -145,8 +145,7 @@ def colliding_pairs(boxes: Boxes, candidates: Pairs, exact: bool = False) -> tup
     """Return the candidates (m, 2) that are not SEPARATE, sorted, and their verdicts."""
     first, second = columns(candidates)
     verdicts = pair_verdicts(boxes, first, boxes, second, exact)
-    found: tuple[Pairs, Verdicts] = _sorted_kernel(candidates, verdicts, len(boxes))
-    return found
+    return _sorted_kernel(candidates, verdicts, len(boxes))
 
 
 @njit

@@ -136,8 +136,7 @@ class MeshFile:
 
 def body_corners(points: Floats, widths: Floats) -> Floats:
     """Return the corners (8n, 3) of boxes of edge lengths ``widths`` (3,) at points (n, 3)."""
-    corners: Floats = (points[:, None] + CUBE_CORNERS * widths).reshape(-1, 3)
-    return corners
+    return (points[:, None] + CUBE_CORNERS * widths).reshape(-1, 3)
 
 
 def local_box(reply: Message) -> LocalBox:

@@ -114,7 +114,6 @@ def _pair_filter(rules: Sequence[Rule], names: Sequence[str | None]) -> PairFilt
         table[np.outer(in_a, in_b) | np.outer(in_b, in_a)] = not allowed
 
     def pair_filter(first: Rows, second: Rows) -> NDArray[np.bool_]:
-        result: NDArray[np.bool_] = table[groups[first], groups[second]]
-        return result
+        return table[groups[first], groups[second]]
 
     return pair_filter
