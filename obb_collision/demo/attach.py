@@ -20,16 +20,18 @@ import argparse
 import re
 import sys
 from collections.abc import Sequence
-from contextlib import closing
+from contextlib import ExitStack, closing
+from functools import partial
 from math import inf
 from time import monotonic
 from typing import TYPE_CHECKING
 
-from obb_collision.cli import BAD_USAGE, Parser, option, whole
+from obb_collision.cli import Parser, option, whole
 from obb_collision.demo.command import (
     DEFAULT_PORT,
     Interrupts,
     open_view,
+    run_with_ros,
     say,
     scene_file,
 )
@@ -38,8 +40,6 @@ from obb_collision.words import shown
 
 if TYPE_CHECKING:
     from rclpy.context import Context
-
-    from obb_collision.demo.view import View
 
 #: Effects whose topics are subscribed: in mode ``auto`` the node then computes them.
 EFFECTS = ("contacts", "clearance", "sweep", "points")
@@ -54,28 +54,7 @@ def main(args: Sequence[str] | None = None) -> int:
     if not is_ros_here("obb_collision_view"):
         return 1
     set_defaults()
-    from rclpy.context import Context
-
-    from obb_collision.node.runtime.running import UNUSABLE, in_one_line, init
-
-    interrupts, context = Interrupts(), Context()
-    if not init("obb_collision_view", context, arguments):
-        return BAD_USAGE
-    description = options.scene[0] if options.scene else None
-    try:
-        view = open_view(options.port, options.host, description.view if description else None)
-        if view is None:
-            return 1
-        _run(options, context, view, interrupts)
-    except UNUSABLE as error:
-        say(f"obb_collision_view: {in_one_line(error)}", sys.stderr)
-        return 1
-    except KeyboardInterrupt:
-        say("obb_collision_view: interrupted twice", sys.stderr)
-    finally:
-        interrupts.ignore()
-        context.try_shutdown()
-    return 0
+    return run_with_ros("obb_collision_view", arguments, partial(_run, options))
 
 
 def make_parser() -> argparse.ArgumentParser:
@@ -103,30 +82,34 @@ def _node_name(text: str) -> str:
     return text
 
 
-def _run(options: argparse.Namespace, context: Context, view: View, interrupts: Interrupts) -> None:
+def _run(
+    options: argparse.Namespace, context: Context, interrupts: Interrupts, stack: ExitStack
+) -> int:
     from rclpy.executors import SingleThreadedExecutor
 
     from obb_collision.demo.listener import Listener
     from obb_collision.demo.scene import DemoScene
     from obb_collision.demo.view import LiveView
 
+    scene = DemoScene(*options.scene) if options.scene else None
+    view = open_view(options.port, options.host, scene.description.view if scene else None)
+    if view is None:
+        return 1
     namespace, _, name = ("/" + options.node.strip("/")).rpartition("/")
     listener = Listener(lambda line: None, EFFECTS, context=context, namespace=namespace or "/")
+    stack.callback(listener.destroy_node)
     listener.watch_boxes(f"{name}/markers")
     listener.watch_inputs()
-    scene = DemoScene(*options.scene) if options.scene else None
     shapes, zones = (scene.shapes, scene.zones) if scene else ({}, {})
     executor = SingleThreadedExecutor(context=context)
+    stack.callback(executor.shutdown)
     executor.add_node(listener)
     limit = monotonic() + PATIENCE
-    try:
-        with closing(LiveView(view, listener, shapes, zones)):
-            while not interrupts.asked:
-                executor.spin_once(timeout_sec=GLANCE)
-                if listener.boxes.stamp < 0 and monotonic() > limit:
-                    limit = inf
-                    topic = listener.resolve_topic_name(f"{name}/markers")
-                    say(f"nothing received on {topic} yet: is {options.node} running?")
-    finally:
-        executor.shutdown()
-        listener.destroy_node()
+    with closing(LiveView(view, listener, shapes, zones)):
+        while not interrupts.asked:
+            executor.spin_once(timeout_sec=GLANCE)
+            if listener.boxes.stamp < 0 and monotonic() > limit:
+                limit = inf
+                topic = listener.resolve_topic_name(f"{name}/markers")
+                say(f"nothing received on {topic} yet: is {options.node} running?")
+    return 0

@@ -21,7 +21,8 @@ import os
 import signal
 import sys
 from collections.abc import Callable, Sequence
-from contextlib import closing, nullcontext
+from contextlib import ExitStack, closing, nullcontext
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
@@ -62,7 +63,8 @@ def main(args: Sequence[str] | None = None) -> int:
     set_defaults()
     # The demo is for this machine only, unless the environment says otherwise.
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    return _run(options, arguments[len(own) :])
+    ros_arguments = arguments[len(own) :]
+    return run_with_ros("obb_collision_demo", ros_arguments, partial(_run, options))
 
 
 def make_parser() -> argparse.ArgumentParser:
@@ -130,34 +132,44 @@ class Interrupts:
             signal.signal(number, signal.SIG_IGN)
 
 
-def _run(options: argparse.Namespace, ros_arguments: list[str]) -> int:
-    interrupts = Interrupts()
+Work = Callable[["Context", Interrupts, ExitStack], int]
+
+
+def run_with_ros(program: str, ros_arguments: list[str], work: Work) -> int:
+    """Return the exit code of ``work``, which gets a context, and a stack closed at its end."""
+    interrupts, stack = Interrupts(), ExitStack()
     from rclpy.context import Context
 
     from obb_collision.node.runtime.running import UNUSABLE, in_one_line, init
 
     context = Context()
-    if not init("obb_collision_demo", context, ros_arguments):
+    if not init(program, context, ros_arguments):
         return BAD_USAGE
-    demo: Demo | None = None
     try:
-        demo, shown = _make_demo(options, context)
-        with shown:
-            demo.run(lambda: interrupts.asked)
-        for line in demo.summary():
-            say(line)
-        if not options.no_picture:
-            _picture(demo.save_picture, options.picture)
+        return work(context, interrupts, stack)
     except (TimeoutError, *UNUSABLE) as error:
-        say(f"obb_collision_demo: {in_one_line(error)}", sys.stderr)
+        say(f"{program}: {in_one_line(error)}", sys.stderr)
         return 1
     except KeyboardInterrupt:
-        say("obb_collision_demo: interrupted twice", sys.stderr)
+        say(f"{program}: interrupted twice", sys.stderr)
+        return 0
     finally:
         interrupts.ignore()
-        if demo is not None:
-            demo.close()
+        stack.close()
         context.try_shutdown()
+
+
+def _run(
+    options: argparse.Namespace, context: Context, interrupts: Interrupts, stack: ExitStack
+) -> int:
+    demo, shown = _make_demo(options, context)
+    stack.callback(demo.close)
+    with shown:
+        demo.run(lambda: interrupts.asked)
+    for line in demo.summary():
+        say(line)
+    if not options.no_picture:
+        _picture(demo.save_picture, options.picture)
     return 0
 
 
