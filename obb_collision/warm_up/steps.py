@@ -147,7 +147,7 @@ def _zoo() -> dict[str, tuple[shapes.Shape, ...]]:
 
 
 def _meshes() -> None:
-    """Run the level "mesh": first what needs no tree to be built; ``_trees`` does that meanwhile."""
+    """Run the level "mesh", first what needs no tree; ``_trees`` builds them meanwhile."""
     tree = _triangle_tree()
     body = oc.PlacedMeshes.from_poses(tree, np.zeros(1, np.int64), [TURNED])
     oc.mesh_verdicts(body, body)
