@@ -23,24 +23,21 @@ used. All are timed by the processor time of this process, turn by turn, the bes
 
 from __future__ import annotations
 
-import importlib
 import importlib.util
 import json
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from trimesh import creation
 
+from obb_collision.benchmarks.price.peers import MESH_PEERS, Peer, Query
 from obb_collision.benchmarks.price.turns import seconds_of
 from obb_collision.cli import Parser, interruptible, new_file, option, whole
+from obb_collision.geometry.shapes.meshes import Mesh
 from obb_collision.geometry.trees.obb_tree import MeshTrees
 from obb_collision.queries.meshes.meshes import PlacedMeshes, mesh_collisions
-
-Hits = NDArray[np.bool_]
-Maker = Callable[[Any, Any, list[PlacedMeshes]], Callable[[], Hits]]
+from obb_collision.typing import Mask
 
 #: Turns of each side; the best counts, since others use the machine too.
 TURNS = 5
@@ -77,10 +74,14 @@ def compare(first: Any, second: Any, pairs: int, spread: float) -> dict[str, flo
         trees = MeshTrees.build(mesh.vertices, mesh.faces, solid=False)
         bodies.append(PlacedMeshes(trees, np.zeros(pairs, np.int64), center, rotation))
 
-    def collide() -> Hits:
+    def collide() -> Mask:
         return mesh_collisions(bodies[0], bodies[1])
 
-    asked = {name: make(first, second, bodies) for name, make in installed().items()}
+    shapes = [Mesh(mesh.vertices, mesh.faces) for mesh in (first, second)]
+    places = centers.reshape(-1, 3), np.concatenate(rotations)
+    rows = np.arange(2 * pairs)
+    query = Query(rows // pairs, *places, rows[:pairs], rows[pairs:])
+    asked = {name: peer.load(shapes)(query) for name, peer in installed().items()}
     ours = collide()
     theirs = {name: ask() for name, ask in asked.items()}
     runs = [collide, *asked.values()]
@@ -93,60 +94,10 @@ def compare(first: Any, second: Any, pairs: int, spread: float) -> dict[str, flo
     return row
 
 
-def installed() -> dict[str, Maker]:
-    """Return how to call each installed peer, by name."""
-    makers = {"fcl": _fcl, "coal": _coal}
-    return {name: make for name, make in makers.items() if importlib.util.find_spec(name)}
-
-
-def _fcl(first: Any, second: Any, bodies: list[PlacedMeshes]) -> Callable[[], Hits]:
-    fcl = importlib.import_module("fcl")
-    objects, transforms = [], []
-    for mesh, placed in zip((first, second), bodies, strict=True):
-        model = fcl.BVHModel()
-        model.beginModel(len(mesh.vertices), len(mesh.faces))
-        model.addSubModel(np.asarray(mesh.vertices), np.asarray(mesh.faces))
-        model.endModel()
-        objects.append(fcl.CollisionObject(model))
-        places = zip(placed.rotations, placed.centers, strict=True)
-        transforms.append([fcl.Transform(r, c) for r, c in places])
-    a, b = objects
-    request = fcl.CollisionRequest()
-
-    def run() -> Hits:
-        hits = np.empty(len(transforms[0]), np.bool_)
-        for n, (place_a, place_b) in enumerate(zip(*transforms, strict=True)):
-            a.setTransform(place_a)
-            b.setTransform(place_b)
-            hits[n] = fcl.collide(a, b, request, fcl.CollisionResult()) > 0
-        return hits
-
-    return run
-
-
-def _coal(first: Any, second: Any, bodies: list[PlacedMeshes]) -> Callable[[], Hits]:
-    coal = importlib.import_module("coal")
-    models, places = [], []
-    for mesh, placed in zip((first, second), bodies, strict=True):
-        model = coal.BVHModelOBBRSS()
-        model.beginModel(len(mesh.faces), len(mesh.vertices))
-        model.addVertices(np.asarray(mesh.vertices))
-        model.addTriangles(np.asarray(mesh.faces))
-        model.endModel()
-        models.append(model)
-        places.append(list(map(coal.Transform3s, placed.rotations, placed.centers)))
-    a, b = models
-    request, result = coal.CollisionRequest(), coal.CollisionResult()
-    request.enable_contact = False
-
-    def run() -> Hits:
-        hits = np.empty(len(places[0]), np.bool_)
-        for n, (place_a, place_b) in enumerate(zip(*places, strict=True)):
-            hits[n] = coal.collide(a, place_a, b, place_b, request, result) > 0
-            result.clear()  # a full result would end the next search
-        return hits
-
-    return run
+def installed() -> dict[str, Peer]:
+    """Return the installed peers, by module."""
+    peers = {peer.module: peer for peer in MESH_PEERS if peer.shape == "mesh"}
+    return {name: peers[name] for name in ("fcl", "coal") if importlib.util.find_spec(name)}
 
 
 @interruptible("meshes")
