@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -92,6 +93,7 @@ def _hollow(outer: Arrays, shrink: float) -> Arrays:
     return _joined([outer, inner], np.zeros((2, 3)))
 
 
+@cache
 def zoo() -> dict[str, Arrays]:
     """Meshes by name, of size about 1 m; 66 of them."""
     rng = np.random.default_rng(4)
