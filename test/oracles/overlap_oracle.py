@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The volume that two boxes share, exactly: corners of all planes, in rational numbers.
+"""The volume that two boxes share, exactly: corners of all planes, in whole and rational numbers.
 
 Nothing is clipped: every three of the twelve planes that meet in a point within both boxes give a
 corner; the corners on each plane are ordered as a polygon, and polygons make tetrahedra with a
@@ -23,12 +23,16 @@ from __future__ import annotations
 
 from fractions import Fraction
 from itertools import combinations
+from math import gcd, lcm
+from typing import Any
 
 from obb_collision.typing import Floats
 
 Point = tuple[Fraction, Fraction, Fraction]
+Whole = tuple[int, int, int]
+Vector = Point | Whole
 #: Outward normal and offset: inside is n . x <= d.
-Plane = tuple[Fraction, Fraction, Fraction, Fraction]
+Plane = tuple[int, int, int, int]
 Box = tuple[Floats, Floats, Floats]
 
 
@@ -36,12 +40,14 @@ def overlap_volume(a: Box, b: Box) -> Fraction:
     """Return the volume common to two boxes (centre, rotation, half extents)."""
     if not (all(a[2].tolist()) and all(b[2].tolist())):
         return Fraction(0)
-    planes = list(dict.fromkeys([*_planes(a), *_planes(b)]))
+    numbers = [x for box in (a, b) for v in (_point(box[0].tolist()), *_edges(box)) for x in v]
+    scale = lcm(*(x.denominator for x in numbers))  # all are whole in this unit
+    planes = list(dict.fromkeys([*_planes(a, scale), *_planes(b, scale)]))
     corners: set[Point] = set()
     for three in combinations(planes, 3):
-        point = _meet(*three)
-        if point is not None and all(_gap(plane, point) <= 0 for plane in planes):
-            corners.add(point)
+        met = _meet(*three)
+        if met is not None and _is_within(planes, *met):
+            corners.add(_point([Fraction(x, met[1]) for x in met[0]]))
     if not corners:
         return Fraction(0)
     apex = min(corners)
@@ -51,7 +57,7 @@ def overlap_volume(a: Box, b: Box) -> Fraction:
         for k in range(1, len(face) - 1):
             edges = [_minus(p, apex) for p in (face[0], face[k], face[k + 1])]
             volume += abs(_dot(edges[0], _cross(edges[1], edges[2])))
-    return volume / 6
+    return volume / (6 * scale**3)
 
 
 def box_volume(box: Box) -> Fraction:
@@ -70,29 +76,37 @@ def _edges(box: Box) -> list[Point]:
     ]
 
 
-def _planes(box: Box) -> list[Plane]:
-    """Return the six planes of a box, scaled so that equal planes are equal."""
-    center, edges = _point(box[0].tolist()), _edges(box)
+def _planes(box: Box, scale: int) -> list[Plane]:
+    """Return the six planes of a box, divided by what their numbers share: equal ones are equal."""
+    center, *edges = (
+        _whole([int(x * scale) for x in v]) for v in (_point(box[0].tolist()), *_edges(box))
+    )
     planes = []
     for k in range(3):
         normal = _cross(edges[(k + 1) % 3], edges[(k + 2) % 3])
-        scale = max(abs(x) for x in normal)
-        normal = _point([x / scale for x in normal])
         reach = abs(_dot(normal, edges[k]))
-        for side in (normal, _point([-x for x in normal])):
-            planes.append((*side, _dot(side, center) + reach))
+        for side in (normal, _whole([-x for x in normal])):
+            numbers = [*side, _dot(side, center) + reach]
+            shared = gcd(*numbers)
+            nx, ny, nz, offset = (number // shared for number in numbers)
+            planes.append((nx, ny, nz, offset))
     return planes
 
 
-def _meet(p: Plane, q: Plane, r: Plane) -> Point | None:
-    """Return the point of three planes, None if there is no single one (Cramer)."""
+def _meet(p: Plane, q: Plane, r: Plane) -> tuple[Whole, int] | None:
+    """Return the point of three planes and what divides it; None without a single one (Cramer)."""
     qr, rp, pq = (_cross(_normal(u), _normal(v)) for u, v in ((q, r), (r, p), (p, q)))
     determinant = _dot(_normal(p), qr)
     if determinant == 0:
         return None
-    return _point(
-        [(p[3] * x + q[3] * y + r[3] * z) / determinant for x, y, z in zip(qr, rp, pq, strict=True)]
-    )
+    sign = 1 if determinant > 0 else -1
+    top = (p[3] * x + q[3] * y + r[3] * z for x, y, z in zip(qr, rp, pq, strict=True))
+    return _whole([sign * x for x in top]), sign * determinant
+
+
+def _is_within(planes: list[Plane], point: Whole, divisor: int) -> bool:
+    """Return whether a point, divided by a positive number, is outside of no plane."""
+    return all(_dot(_normal(plane), point) <= plane[3] * divisor for plane in planes)
 
 
 def _ordered(points: list[Point], plane: Plane) -> list[Point]:
@@ -118,7 +132,12 @@ def _point(numbers: list[float] | list[Fraction]) -> Point:
     return x, y, z
 
 
-def _normal(plane: Plane) -> Point:
+def _whole(numbers: list[int]) -> Whole:
+    x, y, z = numbers
+    return x, y, z
+
+
+def _normal(plane: Plane) -> Whole:
     return plane[0], plane[1], plane[2]
 
 
@@ -130,11 +149,11 @@ def _minus(p: Point, q: Point) -> Point:
     return p[0] - q[0], p[1] - q[1], p[2] - q[2]
 
 
-def _dot(p: Point, q: Point) -> Fraction:
+def _dot(p: Vector, q: Vector) -> Any:
     return p[0] * q[0] + p[1] * q[1] + p[2] * q[2]
 
 
-def _cross(p: Point, q: Point) -> Point:
+def _cross(p: Vector, q: Vector) -> Any:
     return (
         p[1] * q[2] - p[2] * q[1],
         p[2] * q[0] - p[0] * q[2],

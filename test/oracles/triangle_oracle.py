@@ -16,7 +16,7 @@
 
 A common point is sum l_i p_i = sum m_j q_j with weights >= 0 that sum to one on either side: five
 equations in six unknowns. The vertices of that polytope of weights have linearly independent
-columns, so solving for every subset of columns in fractions finds them all. No separating axes,
+columns, so solving for every subset of columns in whole numbers finds them all. No separating axes,
 no orientations: nothing shared with the library.
 """
 
@@ -24,6 +24,7 @@ from __future__ import annotations
 
 from fractions import Fraction
 from itertools import combinations
+from math import lcm
 from typing import Any
 
 import numpy as np
@@ -39,7 +40,9 @@ def triangle_verdict(a: Any, b: Any) -> int:
     """
     p = [[Fraction(float(x)) for x in row] for row in np.asarray(a)]
     q = [[Fraction(float(x)) for x in row] for row in np.asarray(b)]
-    columns = [[*v, 1, 0] for v in p] + [[*(-x for x in v), 0, 1] for v in q]
+    scale = lcm(*(x.denominator for v in (*p, *q) for x in v))  # changes no weight
+    columns = [[*(int(x * scale) for x in v), 1, 0] for v in p]
+    columns += [[*(int(-x * scale) for x in v), 0, 1] for v in q]
     used: set[int] = set()
     for subset in SUBSETS:
         weights = _solve([columns[k] for k in subset])
@@ -51,25 +54,31 @@ def triangle_verdict(a: Any, b: Any) -> int:
     return 2 if len(used) == 6 and _rank(edges) == 3 else 1
 
 
-def _solve(columns: list[list[Any]]) -> list[Fraction] | None:
-    """Weights with sum of w_k column_k = (0, 0, 0, 1, 1); None if there are none or many."""
+def _solve(columns: list[list[int]]) -> list[int] | None:
+    """Weights with sum of w_k column_k = (0, 0, 0, 1, 1); None if there are none or many.
+
+    They are all multiplied by the same positive number: elimination without fractions (Bareiss
+    1968), in which every division leaves no remainder.
+    """
     target = [0, 0, 0, 1, 1]
-    rows = [[Fraction(c[i]) for c in columns] + [Fraction(target[i])] for i in range(5)]
-    count = len(columns)
+    rows = [[c[i] for c in columns] + [target[i]] for i in range(5)]
+    count, last = len(columns), 1
     for k in range(count):
         pivot = next((r for r in range(k, 5) if rows[r][k] != 0), None)
         if pivot is None:
             return None
         rows[k], rows[pivot] = rows[pivot], rows[k]
-        lead = rows[k][k]
-        rows[k] = [x / lead for x in rows[k]]
+        lead, row = rows[k][k], rows[k]
         for r in range(5):
-            if r != k and rows[r][k] != 0:
+            if r != k:
                 factor = rows[r][k]
-                rows[r] = [x - factor * y for x, y in zip(rows[r], rows[k], strict=True)]
+                rows[r] = [
+                    (lead * x - factor * y) // last for x, y in zip(rows[r], row, strict=True)
+                ]
+        last = lead
     if any(rows[r][count] != 0 for r in range(count, 5)):
         return None
-    return [rows[k][count] for k in range(count)]
+    return [rows[k][count] if last > 0 else -rows[k][count] for k in range(count)]
 
 
 def _rank(vectors: list[list[Fraction]]) -> int:
