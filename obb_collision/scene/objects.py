@@ -16,32 +16,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from obb_collision.accuracy import Accuracy, as_accuracy
-from obb_collision.geometry.boxes import Boxes
-from obb_collision.geometry.kinds import as_flag, check_kind
+from obb_collision.geometry.kinds import check_kind
 from obb_collision.geometry.poses import IDENTITY_POSE
-from obb_collision.geometry.validation import as_any_array, as_array, as_half_extents
+from obb_collision.geometry.validation import as_array, as_half_extents
 from obb_collision.obb import OBB
 from obb_collision.scene.building.shape_cache import ShapeCache
+from obb_collision.scene.states import SceneStates
 from obb_collision.scene.store.kinds import BOX
 from obb_collision.scene.store.store import LocalBox, ObjectStore
 from obb_collision.shapes import Shape
 from obb_collision.typing import Floats
-from obb_collision.words import MAX_OBJECT_NAME, check_name, check_names, shown
+from obb_collision.words import MAX_OBJECT_NAME, check_name, check_names
 
 if TYPE_CHECKING:
     from obb_collision.scene.building.builder import Builder
     from obb_collision.scene.building.outside import OutsideTrees
 
 
-class SceneObjects:
-    """A store of named objects: shapes, poses, twists, padding and accuracy."""
+class SceneObjects(SceneStates):
+    """A store of named objects: shapes, padding and accuracy."""
 
     def __init__(self, padding: float, accuracy: Accuracy | str) -> None:
         self._cache = ShapeCache()
@@ -61,19 +61,18 @@ class SceneObjects:
     ) -> int:
         """Add an object, or replace the one of that name, and return its index.
 
-        name: text that can be printed, of at most 300 characters. shape: a value of
-        ``geometry.shapes`` or an OBB, in the object's own frame; its local box is fitted once.
-        pose (7,): x y z qx qy qz qw, identity if not given. padding, metres, and accuracy: in
-        place of the scene's. Raises ValueError for bad values of any of them.
-
         Parameters
         ----------
         name : str
+            Printable, of at most 300 characters.
         shape : Shape or OBB
+            In the object's own frame; its local box is fitted once.
         pose : (7,) array_like, optional
+            x y z (metres) qx qy qz qw; the identity by default.
         padding : float, optional
-            Metres.
+            Metres; by default the scene's.
         accuracy : Accuracy or str, optional
+            By default the scene's.
 
         Returns
         -------
@@ -118,19 +117,19 @@ class SceneObjects:
     ) -> NDArray[np.int64]:
         """Add boxes, or replace the objects of those names; returns their indices (n,).
 
-        As ``add`` with ``Box(size)`` for each, in a fraction of the time. names: n distinct ones.
-        sizes (n, 3): edge lengths. poses (n, 7). accuracies: (n,), None for the scene's. shapes:
-        (n,), what has that box, None for the box itself. Raises ValueError for bad values; then
-        none is added.
+        As ``add`` with ``Box(size)`` for each, in a fraction of the time.
 
         Parameters
         ----------
         names : sequence of str
+            n distinct ones.
         sizes : (n, 3) array_like
-            Metres.
+            Edge lengths, metres.
         poses : (n, 7) array_like
         accuracies : sequence, optional
+            n levels, None for the scene's.
         shapes : sequence, optional
+            n shapes that have these boxes, None for the box itself.
 
         Raises
         ------
@@ -207,7 +206,7 @@ class SceneObjects:
         self._store.rename(indices, names)
 
     def _forget(self, slots: NDArray[np.int64]) -> None:
-        """Drop what was kept of the objects that slots had."""
+        """Drop what is stored beside the store of the objects that slots had."""
         gone = slots.tolist()
         self._cache.drop_many(gone)
         self._own_padding.difference_update(gone)
@@ -217,169 +216,8 @@ class SceneObjects:
         """Make objects new ones, by index array (n,): nothing relates them to what they were."""
         self._store.renew(self._store.check_slots(indices))
 
-    def move(self, name: str, pose: ArrayLike) -> None:
-        """Give one object a new pose (7,). KeyError for an unknown name.
-
-        Parameters
-        ----------
-        name : str
-        pose : (7,) array_like
-            x y z (metres) qx qy qz qw.
-
-        Raises
-        ------
-        KeyError
-            For an unknown name.
-        ValueError
-            For a bad pose.
-
-        Examples
-        --------
-        >>> scene = oc.Scene()
-        >>> _ = scene.add("cup", oc.shapes.Sphere(0.1))
-        >>> scene.move("cup", [5, 0, 0, 0, 0, 0, 1])
-        >>> scene.pose("cup")[0].item()
-        5.0
-        """
-        slot = self._store.slot(name)
-        self._store.move_indices(np.array([slot]), as_array(pose, "pose", (7,))[None])
-
-    def move_many(self, names: Iterable[str], poses: ArrayLike) -> None:
-        """Give objects new poses (n, 7), by name; all or, on an error, none.
-
-        Parameters
-        ----------
-        names : iterable of str
-        poses : (n, 7) array_like
-            x y z (metres) qx qy qz qw.
-
-        Raises
-        ------
-        KeyError
-            For an unknown name.
-        ValueError
-            For bad poses.
-
-        Examples
-        --------
-        >>> scene = oc.Scene()
-        >>> _ = scene.add("cup", oc.shapes.Sphere(0.1))
-        >>> scene.move_many(["cup"], [[5, 0, 0, 0, 0, 0, 1]])
-        >>> scene.pose("cup")[0].item()
-        5.0
-        """
-        self._store.move_indices(self._store.slots_of(names), poses)
-
-    def move_indices(self, indices: ArrayLike, poses: ArrayLike) -> None:
-        """Give objects new poses (n, 7), by index array (n,); all or, on an error, none.
-
-        Parameters
-        ----------
-        indices : (n,) array_like of int
-            Of objects.
-        poses : (n, 7) array_like
-            x y z (metres) qx qy qz qw.
-
-        Raises
-        ------
-        KeyError
-            For an index without object; then none is changed.
-        ValueError
-            Naming the argument and the row; then none is changed.
-
-        Examples
-        --------
-        >>> scene = oc.Scene()
-        >>> _ = scene.add("cup", oc.shapes.Sphere(0.1))
-        >>> scene.move_indices([0], [[5, 0, 0, 0, 0, 0, 1]])
-        >>> scene.pose("cup")[0].item()
-        5.0
-        """
-        self._store.move_indices(indices, poses)
-
-    def place(self, indices: NDArray[np.int64], poses: Floats) -> None:
-        """Give objects new poses as ``move_indices`` does, but check nothing.
-
-        The indices are in use and distinct, the poses finite, their quaternions not zero.
-        """
-        self._store.place(indices, poses)
-
-    def poses_of(self, indices: ArrayLike) -> Floats:
-        """Return the poses (n, 7) of objects as they were given, by index array (n,).
-
-        Parameters
-        ----------
-        indices : (n,) array_like of int
-            Of objects.
-
-        Raises
-        ------
-        KeyError
-            For an index without object.
-
-        Examples
-        --------
-        >>> scene = oc.Scene()
-        >>> _ = scene.add("cup", oc.shapes.Sphere(0.1))
-        >>> scene.poses_of([0]).shape
-        (1, 7)
-        """
-        return self._store.poses[self._store.check_slots(indices)]
-
-    def set_twist(self, name: str, twist: ArrayLike) -> None:
-        """Say how an object moves: (6,) linear x y z (m/s), angular x y z (rad/s).
-
-        In the frame of the poses, of the point that the pose places. It holds until the next one;
-        the effect ``sweep`` predicts with it. KeyError for an unknown name.
-
-        Parameters
-        ----------
-        name : str
-        twist : (6,) array_like
-
-        Raises
-        ------
-        KeyError
-            For an unknown name.
-        ValueError
-            For a bad twist.
-
-        Examples
-        --------
-        >>> scene = oc.Scene()
-        >>> _ = scene.add("cup", oc.shapes.Sphere(0.1))
-        >>> scene.set_twist("cup", [1, 0, 0, 0, 0, 0])
-        """
-        slot = self._store.slot(name)
-        self._store.twists[slot] = as_array(twist, "twist", (6,))
-
-    def set_twists(self, indices: ArrayLike, twists: ArrayLike) -> None:
-        """Give objects twists (n, 6), by index array (n,); all or, on an error, none.
-
-        Parameters
-        ----------
-        indices : (n,) array_like of int
-            Of objects.
-        twists : (n, 6) array_like
-
-        Raises
-        ------
-        KeyError
-            For an index without object; then none is changed.
-        ValueError
-            Naming the argument and the row; then none is changed.
-
-        Examples
-        --------
-        >>> scene = oc.Scene()
-        >>> _ = scene.add("cup", oc.shapes.Sphere(0.1))
-        >>> scene.set_twists([0], [[1, 0, 0, 0, 0, 0]])
-        """
-        slots = self._store.check_slots(indices)
-        self._store.twists[slots] = as_array(twists, "twists", (len(slots), 6))
-
     def remove(self, name: str) -> None:
-        """Take an object out. KeyError for an unknown name.
+        """Remove an object.
 
         Parameters
         ----------
@@ -404,7 +242,7 @@ class SceneObjects:
         self._cache.drop(slot)
 
     def remove_indices(self, indices: ArrayLike) -> None:
-        """Take objects out, by index array (n,); all or, on a KeyError, none.
+        """Remove objects by index.
 
         Parameters
         ----------
@@ -442,72 +280,11 @@ class SceneObjects:
         return self._cache.outside
 
     def clear(self) -> None:
-        """Take all objects out; what is set stays."""
+        """Remove all objects; settings are retained."""
         self._store = ObjectStore()
         self._cache.clear()
         self._own_padding: set[int] = set()
         self._own_accuracy: set[int] = set()
-
-    def set_enabled(self, name: str, enabled: bool) -> None:
-        """Let an object take part in collisions or not; it keeps its box either way.
-
-        Parameters
-        ----------
-        name : str
-        enabled : bool
-
-        Raises
-        ------
-        KeyError
-            For an unknown name.
-        TypeError
-            For anything but True or False.
-
-        Examples
-        --------
-        >>> scene = oc.Scene()
-        >>> _ = scene.add("cup", oc.shapes.Sphere(0.1))
-        >>> _ = scene.add("plate", oc.shapes.Sphere(0.1))
-        >>> scene.set_enabled("cup", False)
-        >>> len(scene.check())
-        0
-        """
-        slot = self._store.slot(name)
-        if self._store.active[slot] != as_flag(enabled, "enabled"):
-            self._store.active[slot] = enabled
-            self._store.mark(slot)
-
-    def set_enabled_indices(self, indices: ArrayLike, enabled: ArrayLike) -> None:
-        """Let objects take part in collisions or not (n,), by index array (n,).
-
-        Parameters
-        ----------
-        indices : (n,) array_like of int
-            Of objects.
-        enabled : (n,) array_like of bool
-
-        Raises
-        ------
-        KeyError
-            For an index without object; then none is changed.
-        ValueError
-            Naming the argument and the row; then none is changed.
-
-        Examples
-        --------
-        >>> scene = oc.Scene()
-        >>> _ = scene.add("cup", oc.shapes.Sphere(0.1))
-        >>> _ = scene.add("plate", oc.shapes.Sphere(0.1))
-        >>> scene.set_enabled_indices([0], [False])
-        >>> len(scene.check())
-        0
-        """
-        slots = self._store.check_slots(indices)
-        if as_any_array(enabled, "enabled", "True or False for each").dtype != np.bool_:
-            raise TypeError(f"enabled must be True or False for each, got {shown(enabled)}")
-        changed = self._store.active[slots] != enabled
-        self._store.active[slots] = enabled
-        self._store.mark(slots[changed])
 
     @property
     def padding(self) -> float:
@@ -533,7 +310,7 @@ class SceneObjects:
             self._set_accuracy(int(slot), None)
 
     def set_accuracy(self, name: str, accuracy: Accuracy | str | None) -> None:
-        """Give an object a level of its own, or with None the scene's. KeyError, ValueError.
+        """Set the level of one object; None: that of the scene.
 
         Parameters
         ----------
@@ -565,116 +342,6 @@ class SceneObjects:
         if self._store.accuracies[slot] != value:
             self._store.accuracies[slot] = value
             self._store.mark(slot)
-
-    def __len__(self) -> int:
-        return len(self._store)
-
-    def __contains__(self, name: object) -> bool:
-        return name in self._store.slots
-
-    def index(self, name: str) -> int:
-        """Return the index of an object. KeyError for an unknown name.
-
-        Parameters
-        ----------
-        name : str
-
-        Raises
-        ------
-        KeyError
-            For an unknown name.
-
-        Examples
-        --------
-        >>> scene = oc.Scene()
-        >>> _ = scene.add("cup", oc.shapes.Sphere(0.1))
-        >>> scene.index("cup")
-        0
-        """
-        return self._store.slot(name)
-
-    def name(self, index: int) -> str:
-        """Return the name of the object with an index. KeyError for an unknown one.
-
-        Parameters
-        ----------
-        index : int
-
-        Raises
-        ------
-        KeyError
-            For an unknown index.
-
-        Examples
-        --------
-        >>> scene = oc.Scene()
-        >>> _ = scene.add("cup", oc.shapes.Sphere(0.1))
-        >>> scene.name(0)
-        'cup'
-        """
-        return str(self._store.names[self._store.check_slots([index])[0]])
-
-    @property
-    def names(self) -> list[str]:
-        """The names of the objects, in the order of ``indices``."""
-        return [str(self._store.names[slot]) for slot in self.indices]
-
-    @property
-    def indices(self) -> NDArray[np.int64]:
-        """(n,) the indices of the objects, ascending."""
-        return self._store.live()
-
-    @property
-    def boxes(self) -> Boxes:
-        """The world boxes, padding included, in the order of ``indices``."""
-        return self._store.boxes(self.indices)
-
-    def pose(self, name: str) -> Floats:
-        """Return the pose of one object.
-
-        Parameters
-        ----------
-        name : str
-
-        Returns
-        -------
-        (7,) array
-            x y z (metres) qx qy qz qw, as given.
-
-        Raises
-        ------
-        KeyError
-            For an unknown name.
-
-        Examples
-        --------
-        >>> scene = oc.Scene()
-        >>> _ = scene.add("cup", oc.shapes.Sphere(0.1), [1, 2, 3, 0, 0, 0, 1])
-        >>> scene.pose("cup").tolist()
-        [1.0, 2.0, 3.0, 0.0, 0.0, 0.0, 1.0]
-        """
-        return self._store.poses[self._store.slot(name)].copy()
-
-    def obb(self, name: str) -> OBB:
-        """Return the world box of one object, padding included.
-
-        Parameters
-        ----------
-        name : str
-
-        Raises
-        ------
-        KeyError
-            For an unknown name.
-
-        Examples
-        --------
-        >>> scene = oc.Scene()
-        >>> _ = scene.add("cup", oc.shapes.Sphere(0.1))
-        >>> scene.obb("cup").half_extents.tolist()
-        [0.1, 0.1, 0.1]
-        """
-        return self._store.all_boxes()[self._store.slot(name)]
 
 
 def _halves(edges: Floats) -> Floats:
