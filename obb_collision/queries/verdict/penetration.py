@@ -24,7 +24,7 @@ from obb_collision.queries.verdict.careful import careful_gap
 from obb_collision.queries.verdict.gap_bounds import bound_gaps
 from obb_collision.queries.verdict.pair_frame import Box, Pair, along_b, box_at, pair_of
 from obb_collision.queries.verdict.sat import AXES
-from obb_collision.typing import Floats, Vector
+from obb_collision.typing import Axes, Floats, Vector
 
 #: Signed gap, unit axis, number of the axis.
 Witness = tuple[float, Vector, int]
@@ -40,21 +40,31 @@ def box_witness(a: Box, b: Box, most: Floats) -> tuple[Witness, Pair]:
     reverses the axis. Where the centres agree along the axis, its sign carries no meaning.
 
     Only axes that may have the largest gap, by a rough calculation with its error bound, are
-    computed carefully: typically one or two of the 15. The result is that of all 15. ``most``
-    (15,) is work space.
+    computed carefully: typically one or two of the 15; and if all stored axes are equal, only three
+    differ, the first ones: all products are theirs but for signs, to the last bit. The result is
+    that of all 15. ``most`` (15,) is work space.
     """
     pair, size = pair_of(a, b)
     least = bound_gaps(pair, size, most)
     best = -np.inf
     n = 0.0, 0.0, 0.0
     number = -1
-    for axis in range(AXES):
+    different = 3 if _are_equal(a.axes, b.axes) else AXES
+    for axis in range(different):
         if not most[axis] >= least:
             continue
         gap, m = careful_gap(a, b, axis)
         if gap > best or (gap == best and _before(m, n)):
             best, n, number = gap, m, axis
     return (best, n, number), pair
+
+
+@njit
+def _are_equal(a: Axes, b: Axes) -> bool:
+    equal = True
+    for k in range(3):
+        equal &= (a[k][0] == b[k][0]) & (a[k][1] == b[k][1]) & (a[k][2] == b[k][2])
+    return equal
 
 
 @njit

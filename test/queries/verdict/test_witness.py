@@ -24,11 +24,12 @@ from hypothesis import strategies as st
 from support import family, row_of, sizes, stored, witnesses
 
 from obb_collision.benchmarks.cases.families import FAMILIES
+from obb_collision.benchmarks.cases.placement import random_rotations
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.obb import OBB
 from obb_collision.queries.verdict.careful import careful_gap
 from obb_collision.queries.verdict.pair_frame import box_of
-from obb_collision.queries.verdict.penetration import box_witness
+from obb_collision.queries.verdict.penetration import _before, box_witness
 from obb_collision.queries.verdict.sat import AXES
 from obb_collision.queries.verdict.verdict import Verdict, verdicts
 
@@ -100,6 +101,25 @@ def test_axes_left_out_by_a_rough_look_could_not_have_won(name: str) -> None:
         assert gap == max(found[0] for found in every)
         assert all(found[0] <= bound for found, bound in zip(every, most, strict=True))
         assert every[number][1] == axis
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_boxes_with_equal_axes_have_the_witness_of_all_15(turned: bool) -> None:
+    rng = np.random.default_rng(3)
+    count = 300
+    rotations = random_rotations(rng, count) if turned else np.tile(np.eye(3), (count, 1, 1))
+    numbers = rng.integers(-3, 4, (2, count, 3)) * 0.5  # many gaps are equal
+    extents = rng.integers(0, 3, (2, count, 3)) * 0.5
+    a, b = (Boxes(c, rotations, h) for c, h in zip(numbers, extents, strict=True))
+    for row in range(count):
+        boxes = box_of(*row_of(a, row)), box_of(*row_of(b, row))
+        (gap, n, number), _ = box_witness(*boxes, np.empty(AXES))
+        every = [careful_gap(*boxes, k) for k in range(AXES)]
+        first = int(np.argmax([one for one, _ in every]))
+        assert (gap, number) == (every[first][0], first)
+        best = [axis for one, axis in every if one == gap]
+        assert n in best
+        assert not any(_before(other, n) for other in best)
 
 
 @pytest.mark.parametrize("half", [(1.0, 2.0, 3.0), (1.0, 2.0, 0.0), (1.0, 0.0, 0.0), (0.0,) * 3])
