@@ -37,7 +37,7 @@ from obb_collision.geometry.validation import (
     orthonormalize,
 )
 from obb_collision.numerics.constants import MAX_MAGNITUDE, ORTHONORMAL_ROUNDING
-from obb_collision.numerics.vec3 import rows_at, vector_at
+from obb_collision.numerics.vec3 import axes_of, rows_at, vector_at
 from obb_collision.typing import Axes, Floats, Vector
 
 #: Poses below which a second thread does not pay: 40 us.
@@ -265,13 +265,17 @@ def place_box(
     out_centers: Floats, out_rotations: Floats,
 ) -> None:  # fmt: skip
     """Move the local box of a row to the world; rotation: the rows of the pose's matrix."""
+    center = vector_at(local_centers, row)
+    x, y, z = axes_of(local_rotations, row)
     for i in range(3):
-        total = 0.0
-        for k in range(3):
-            total += rotation[i][k] * local_centers[row, k]
-        out_centers[row, i] = position[i] + total
-        for j in range(3):
-            total = 0.0
-            for k in range(3):
-                total += rotation[i][k] * local_rotations[row, k, j]
-            out_rotations[row, i, j] = total
+        across = rotation[i]
+        out_centers[row, i] = position[i] + _sum_of_products(across, center)
+        out_rotations[row, i, 0] = _sum_of_products(across, x)
+        out_rotations[row, i, 1] = _sum_of_products(across, y)
+        out_rotations[row, i, 2] = _sum_of_products(across, z)
+
+
+@njit
+def _sum_of_products(u: Vector, v: Vector) -> float:
+    """Return the scalar product, never -0.0."""
+    return 0.0 + u[0] * v[0] + u[1] * v[1] + u[2] * v[2]

@@ -30,8 +30,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from obb_collision._jit import njit
 from obb_collision.numerics.constants import MAX_MAGNITUDE, ORTHONORMAL_ROUNDING
-from obb_collision.numerics.vec3 import dot, rows_at
-from obb_collision.typing import Axes, Floats
+from obb_collision.numerics.vec3 import components, dot, plus, rows_at
+from obb_collision.typing import Axes, Floats, Vector
 from obb_collision.words import shown
 
 #: Largest whole number accepted where there is no other limit: the largest index.
@@ -44,6 +44,9 @@ ORTHONORMAL_TOLERANCE = 1e-6
 #: is 1 % off. Farther off, the numbers may be angles, for example.
 UNIT_TOLERANCE = 0.1
 
+
+#: Added to numbers, it makes 0.0 of -0.0.
+POSITIVE: Vector = (0.0, 0.0, 0.0)
 
 #: Kinds of numpy's numeric types; objects (O) are converted one by one.
 NUMBERS = "buifO"
@@ -316,13 +319,38 @@ def _worse(error: float, largest: float) -> float:
 
 
 def orthonormalize(stack: Floats) -> Floats:
-    """Return the nearest orthonormal matrices of (n, 3, 3) that already nearly are.
+    """Return the nearest orthonormal matrices of (n, 3, 3) that already nearly are."""
+    result = np.empty_like(stack)
+    _orthonormalize_kernel(np.ascontiguousarray(stack), result)
+    return result
+
+
+@njit
+def _orthonormalize_kernel(stack: Floats, out: Floats) -> None:
+    for n in range(len(stack)):
+        rows = orthonormal_of(rows_at(stack, n))
+        for i in range(3):
+            for j in range(3):
+                out[n, i, j] = rows[i][j]
+
+
+@njit
+def orthonormal_of(matrix: Axes) -> Axes:
+    """Return what ``orthonormalize`` does, of one matrix by its rows.
 
     Newton's iteration for the polar factor, R <- R (3 I - R^T R) / 2 (Higham, Functions of
     Matrices, 8.3): quadratic, so two steps from a defect below 1e-6 reach rounding; a third
     one is a reserve.
     """
     for _ in range(3):
-        product = np.einsum("nki,nkj->nij", stack, stack)
-        stack = np.einsum("nij,njk->nik", stack, 1.5 * np.eye(3) - 0.5 * product)
-    return stack
+        a, b, c = matrix
+        x, y, z = (a[0], b[0], c[0]), (a[1], b[1], c[1]), (a[2], b[2], c[2])
+        xy, xz, yz = -0.5 * dot(x, y), -0.5 * dot(x, z), -0.5 * dot(y, z)
+        factor = (
+            (1.5 - 0.5 * dot(x, x), xy, xz),
+            (xy, 1.5 - 0.5 * dot(y, y), yz),
+            (xz, yz, 1.5 - 0.5 * dot(z, z)),
+        )
+        matrix = components(factor, a), components(factor, b), components(factor, c)
+    a, b, c = matrix
+    return plus(a, POSITIVE), plus(b, POSITIVE), plus(c, POSITIVE)

@@ -29,6 +29,7 @@ from obb_collision.scene.broad_phase.any_collision import find_first
 from obb_collision.scene.broad_phase.bounds_tree import BoundsTree
 from obb_collision.scene.broad_phase.broad_phase import find_candidates_of
 from obb_collision.scene.broad_phase.crowds import ordered_candidates
+from obb_collision.scene.broad_phase.find_pairs import colliding_pairs
 from obb_collision.scene.building.shape_cache import ShapeCache
 from obb_collision.scene.refinement.ladder import decide_pairs, is_plain, needs_spheres
 from obb_collision.scene.store.allowed import PairFilter
@@ -79,7 +80,10 @@ def colliding_with(
     active = np.flatnonzero(store.active)
     row = int(np.searchsorted(active, slot))
     candidates = active[find_candidates_of(*_bounds(store, store.boxes(active)), row)]
-    pairs = decide_pairs(store, cache, candidates, depth, exact)[0][0]
+    if is_plain(store):
+        pairs = colliding_pairs(store.all_boxes(), candidates, exact)[0]
+    else:
+        pairs = decide_pairs(store, cache, candidates, depth, exact)[0][0]
     return np.sort(pairs.sum(axis=1) - slot)
 
 

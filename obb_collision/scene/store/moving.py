@@ -20,7 +20,7 @@ import numpy as np
 
 from obb_collision._jit import njit
 from obb_collision.geometry.poses import Quaternion, place_box, rotation_of
-from obb_collision.geometry.validation import defect_of
+from obb_collision.geometry.validation import defect_of, orthonormal_of
 from obb_collision.numerics.constants import MAX_MAGNITUDE, ORTHONORMAL_ROUNDING
 from obb_collision.typing import Floats
 
@@ -66,13 +66,8 @@ def write_moves(
     rows: np.ndarray, new: Floats, which: np.ndarray, poses: Floats, local_centers: Floats,
     local_rotations: Floats, centers: Floats, rotations: Floats, changed: np.ndarray,
     start: int, stop: int,
-) -> bool:  # fmt: skip
-    """Give rows the new poses that ``which[start:stop]`` names, and place their boxes.
-
-    Returns whether any rotation is not orthonormal to rounding; those are negated in ``which``,
-    minus one.
-    """
-    loose = False
+) -> None:  # fmt: skip
+    """Give rows the new poses that ``which[start:stop]`` names, and place their boxes."""
     for n in range(start, stop):
         number = which[n]
         row = rows[number]
@@ -82,11 +77,9 @@ def write_moves(
         quaternion = new[number, 3], new[number, 4], new[number, 5], new[number, 6]
         rotation = rotation_of(_unit(quaternion))
         if abs(defect_of(rotation)) > ORTHONORMAL_ROUNDING:
-            which[n] = -1 - number
-            loose = True
+            rotation = orthonormal_of(rotation)
         position = new[number, 0], new[number, 1], new[number, 2]
         place_box(position, rotation, local_centers, local_rotations, row, centers, rotations)
-    return loose
 
 
 @njit

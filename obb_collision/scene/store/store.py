@@ -251,9 +251,7 @@ class ObjectStore:
         )
         # a row that is there twice is written by one thread, so that its last pose counts
         least = LEAST_MOVES if ascending else len(which)
-        if any(run(write_moves, len(which), least, *arguments)):
-            loose = -1 - which[which < 0]
-            self._place(rows[loose], *as_poses(new[loose], warn=False))
+        run(write_moves, len(which), least, *arguments)
 
     def _place(self, rows: Rows, positions: Floats, rotations: Floats) -> None:
         if len(rows) == 0:
