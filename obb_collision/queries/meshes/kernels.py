@@ -20,7 +20,7 @@ import numpy as np
 
 from obb_collision._jit import njit
 from obb_collision.geometry.trees.obb_tree import TreeArrays
-from obb_collision.queries.meshes.inside import INSIDE, UNKNOWN, point_side
+from obb_collision.queries.meshes.inside import INSIDE, OUTSIDE, UNKNOWN, outside_box, point_side
 from obb_collision.queries.meshes.tree_boxes import (
     Pose,
     box_gap,
@@ -129,12 +129,18 @@ def _piece_side(
 ) -> int:
     """Return the side of piece k (p, 6, 3) of the one mesh in the other: of its first sure corner.
 
-    back: the pose takes the solid to the piece's frame, not the piece to the solid's.
+    back: the pose takes the solid to the piece's frame, not the piece to the solid's. One corner
+    outside the solid's box is enough, and found without a ray.
     """
-    for n in range(pieces.shape[1]):
-        point = (pieces[k, n, 0], pieces[k, n, 1], pieces[k, n, 2])
+    count, root = pieces.shape[1], trees.roots[mesh]
+    for n in range(2 * count):
+        row = n % count
+        point = pieces[k, row, 0], pieces[k, row, 1], pieces[k, row, 2]
         point = moved_back(pose, point) if back else moved(pose, point)
-        side = point_side(trees, mesh, point, pose.point_bound, stack)
+        if n < count:
+            side = OUTSIDE if outside_box(trees.nodes, root, point, pose.point_bound) else UNKNOWN
+        else:
+            side = point_side(trees, mesh, point, pose.point_bound, stack)
         if side != UNKNOWN:
             return side
     return UNKNOWN
