@@ -33,6 +33,8 @@ from obb_collision.typing import Floats
 AXIS_BITS = 21
 #: Code of what is empty: behind all others.
 BITS = 3 * AXIS_BITS
+#: Bits of a code beyond those that number the boxes: what shares a cell is sorted once more.
+SPARE_BITS = 3
 #: Most boxes of one cell.
 CELL = 8
 #: Sides shorter than this are taken as none: their reciprocals might overflow.
@@ -85,7 +87,7 @@ def _sort_cells(minimum: Floats, maximum: Floats, rows: np.ndarray, codes: np.nd
         side = max(side, high - low[k])
     if len(rows) < 2 or side < SHORTEST:
         return False
-    digits = math.ceil(3.0 * math.log2(len(rows)) / DIGIT_BITS)  # enough for all on one line
+    digits = math.ceil((math.log2(len(rows)) + SPARE_BITS) / DIGIT_BITS)
     bits = min(digits * DIGIT_BITS, BITS)
     last = 2.0**AXIS_BITS - 1.0
     scale = last / side
