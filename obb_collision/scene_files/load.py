@@ -41,9 +41,8 @@ READY = ("tabletop", "warehouse", "lidar_zone")
 def load_scene(path: str | Path) -> SceneDescription:
     r"""Return the description in a YAML file: a scene file, or a MoveIt planning scene.
 
-    Its keys decide which. Raises SceneFileError, a ValueError, that names file, line and key of
-    everything that is wrong with it. What is left out or odd is in the notes of the result; a
-    quaternion far from unit length also gives a warning.
+    Its keys decide which. What is left out or odd is in the notes of the result; a quaternion far
+    from unit length also gives a warning.
 
     Parameters
     ----------
@@ -57,7 +56,7 @@ def load_scene(path: str | Path) -> SceneDescription:
     Raises
     ------
     SceneFileError
-        A ValueError, naming file, line and key.
+        A ValueError, naming file, line and key of everything that is wrong.
 
     Examples
     --------

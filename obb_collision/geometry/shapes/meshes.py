@@ -180,14 +180,12 @@ class Triangulation(Protocol):
 class Mesh(_Cloud):
     """Triangles: vertices (n, 3) metres, faces (m, 3) rows of vertices; no faces: all vertices.
 
-    A single argument may be a ``trimesh.Trimesh``, or anything with ``vertices`` and ``faces``.
-    The local box is that of the triangles; unused vertices are ignored. Raises
-    ValueError for no vertices, numbers that are not finite, faces out of range.
+    The local box is that of the triangles; unused vertices are ignored.
 
     Parameters
     ----------
     vertices : (n, 3) array_like or mesh
-        Metres.
+        Metres, at least one; or a ``trimesh.Trimesh``, or anything with ``vertices`` and ``faces``.
     faces : (m, 3) array_like of int, optional
         Rows of vertices; left out with a mesh.
     scale : (3,) array_like
@@ -246,16 +244,14 @@ class Mesh(_Cloud):
     def from_file(cls, path: str | Path, scale: ArrayLike = NO_SCALE, fit: str = "best") -> Mesh:
         """Return the mesh of a file that trimesh reads: STL, OBJ, PLY, DAE, GLB and others.
 
-        ``path`` may be a path, a file:// or a package:// URI (the latter needs ROS). The parts of
-        a scene are joined, each where the scene puts it. Lengths are metres; a file that names
-        another unit (DAE) is converted. Only the file itself is read: no materials, textures or
-        buffers in other files. Raises ValueError naming the file where it is missing, no regular
-        file, larger than a gigabyte, can't be read or contains no vertices.
+        The parts of a scene are joined, each where the scene places it. Lengths are metres; a file
+        that names another unit (DAE) is converted. Only the file itself is read: no materials,
+        textures or buffers in other files.
 
         Parameters
         ----------
         path : str or path
-            File or URI.
+            A path, a file:// or a package:// URI (the latter needs ROS).
         scale : (3,) array_like
             By which it is stretched along its axes, positive.
         fit : str
@@ -264,7 +260,8 @@ class Mesh(_Cloud):
         Raises
         ------
         ValueError
-            Naming the file.
+            Naming the file, which is missing, no regular file, larger than a gigabyte, unreadable
+            or without vertices.
 
         Examples
         --------

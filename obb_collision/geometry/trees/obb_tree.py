@@ -127,13 +127,7 @@ class MeshTrees:
         leaf: int = LEAF,
         root: LocalBox | None = None,
     ) -> MeshTrees:
-        """Return the tree of one mesh: vertices (n, 3) metres, faces (m, 3), m >= 1.
-
-        solid: whether it is a body or a surface; None: a body if watertight. leaf: maximum number
-        of triangles per leaf, at least 1. root: a box (centre, rotation, half extents) that
-        certainly contains all triangles, for the first node. Raises ValueError for numbers that
-        are not finite, faces out of range or none, ``solid`` for a mesh that is not watertight,
-        and a leaf or root that is not valid.
+        """Return the tree of one mesh.
 
         Parameters
         ----------
@@ -142,16 +136,17 @@ class MeshTrees:
         faces : (m, 3) array_like of int
             Rows of vertices, at least one.
         solid : bool, optional
-            Whether it is a body; by default if watertight.
+            Whether it is a body or a surface; by default a body if it is watertight.
         leaf : int
-            Triangles per leaf at most.
+            Maximum number of triangles per leaf.
         root : tuple, optional
-            A box that contains it: centre, rotation, half extents.
+            A box that certainly contains all triangles, for the first node: centre, rotation, half
+            extents.
 
         Raises
         ------
         ValueError
-            Naming the argument and the row.
+            Naming the argument and the row; for a solid mesh that is not watertight.
 
         References
         ----------
@@ -290,8 +285,6 @@ class MeshTrees:
 
     def boxes(self, index: int, depth: int) -> Boxes:
         """Return the boxes of mesh ``index`` at a depth, at most 2^depth, in the mesh's frame.
-
-        ValueError for an index or depth out of range.
 
         Parameters
         ----------
