@@ -34,7 +34,6 @@ from obb_collision.cli import Parser
 from obb_collision.node.runtime.environment import (
     end_at_once_on_signals,
     is_ros_here,
-    set_defaults,
     without_ros_arguments,
 )
 
@@ -54,7 +53,6 @@ def node(args: Sequence[str] | None = None) -> int:
     ).parse_args(without_ros_arguments(sys.argv[1:] if args is None else args))
     if not is_ros_here("obb_collision_node"):
         return 1
-    set_defaults()
     from obb_collision.node.node import main
 
     return main(args)
@@ -65,7 +63,6 @@ def latency(args: Sequence[str] | None = None) -> int:
     end_at_once_on_signals()
     if not is_ros_here("obb_collision_latency"):
         return 1
-    set_defaults()
     from obb_collision.benchmarks.latency import main
 
     signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -76,7 +73,6 @@ def fuzz(args: Sequence[str] | None = None) -> int:
     """Attack a node with hostile messages; returns the exit code."""
     if not is_ros_here("obb_collision_fuzz"):
         return 1
-    set_defaults()
     from obb_collision.checks.fuzz.command import main
 
     return main(args)

@@ -25,6 +25,7 @@ import argparse
 import json
 import platform
 import sys
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from importlib import import_module
@@ -81,28 +82,22 @@ def count_judge(truth: Verdicts, answers: Answers) -> dict[str, int]:
     }
 
 
-def add_counts(total: dict[str, int], counts: dict[str, int]) -> None:
-    """Add counts to the totals of the same name."""
-    for key, count in counts.items():
-        total[key] = total.get(key, 0) + count
-
-
 def examine(name: str, n: int, seed: int, judges: dict[str, Judge], step: Step) -> Row:
     """Let all judge ``n`` pairs of one family."""
     arrays_a, arrays_b = generate(name, n, seed)
     all_a, all_b = Boxes(*arrays_a), Boxes(*arrays_b)
-    row: Row = {"family": name, "pairs": n, "truth": {}, "own": {}}
-    row["judges"] = {judge: {} for judge in judges}
+    row: Row = {"family": name, "pairs": n, "truth": Counter(), "own": Counter()}
+    row["judges"] = {judge: Counter() for judge in judges}
     for start in range(0, n, CHUNK):
         rows = np.arange(start, min(start + CHUNK, n))
         a, b = all_a[rows], all_b[rows]
         truth = exact_verdicts(a, b)
-        add_counts(row["truth"], {v.name.lower(): int((truth == v).sum()) for v in Verdict})
-        add_counts(row["own"], count_own(truth, verdicts(a, b), verdicts(a, b, exact=True)))
+        row["truth"].update({v.name.lower(): int((truth == v).sum()) for v in Verdict})
+        row["own"].update(count_own(truth, verdicts(a, b), verdicts(a, b, exact=True)))
         stored = [(x.centers, x.rotations, x.half_extents) for x in (a, b)]
         for judge, ask in judges.items():
             with np.errstate(all="ignore"):
-                add_counts(row["judges"][judge], count_judge(truth, ask(*stored)))
+                row["judges"][judge].update(count_judge(truth, ask(*stored)))
         step(len(rows))
     return row
 

@@ -35,7 +35,7 @@ from obb_collision.demo.command import (
     say,
     scene_file,
 )
-from obb_collision.node.runtime.environment import is_ros_here, set_defaults, without_ros_arguments
+from obb_collision.node.runtime.environment import is_ros_here, without_ros_arguments
 from obb_collision.words import shown
 
 if TYPE_CHECKING:
@@ -53,7 +53,6 @@ def main(args: Sequence[str] | None = None) -> int:
     options = make_parser().parse_args(without_ros_arguments(arguments))
     if not is_ros_here("obb_collision_view"):
         return 1
-    set_defaults()
     return run_with_ros("obb_collision_view", arguments, partial(_run, options))
 
 

@@ -28,7 +28,7 @@ from typing import TYPE_CHECKING, Any, TextIO
 
 from obb_collision.cli import BAD_USAGE, MAX_SEED, Parser, new_file, option, real, whole
 from obb_collision.demo.random_scene import DEFAULT_SEED, MIN_OBJECTS, random_scene
-from obb_collision.node.runtime.environment import SIGNALS, is_ros_here, set_defaults
+from obb_collision.node.runtime.environment import SIGNALS, is_ros_here
 from obb_collision.scene_files import (
     READY,
     SceneDescription,
@@ -60,7 +60,6 @@ def main(args: Sequence[str] | None = None) -> int:
     options = make_parser().parse_args(own)
     if not is_ros_here("obb_collision_demo"):
         return 1
-    set_defaults()
     # The demo is for this machine only, unless the environment says otherwise.
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     ros_arguments = arguments[len(own) :]

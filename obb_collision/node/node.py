@@ -90,13 +90,12 @@ class CollisionNode(Node):
     def _set_up(self, frames: FrameSource | None, ending: Callable[[], bool]) -> None:
         """Create all parts, compile the kernels that are needed, and start."""
         start = perf_counter()
-        self.guard = Guard(self._log_error, self.context.ok)
+        self.guard = Guard(self.get_logger().error, self.context.ok)
         self.parameters = Parameters(self)
         scene_file = self._read_scene_file()
         self._make_inputs(frames)
-        self._warm = WarmUp(
-            self._log_info, self._log_warning, lambda: ending() or not self.context.ok()
-        )
+        logger = self.get_logger()
+        self._warm = WarmUp(logger.info, logger.warning, lambda: ending() or not self.context.ok())
         self._make_outputs([] if scene_file is None else scene_file.allowed())
         self._schedule = Schedule(self, self.parameters, self._run_cycle)
         switched_on = [name for name in EFFECTS if self.parameters.mode(name) == ON]
@@ -120,7 +119,7 @@ class CollisionNode(Node):
         """Create the inputs; nothing is subscribed yet."""
         fixed_frame = self.parameters.fixed_frame
         self._frames = frames if frames is not None else make_frames(self, fixed_frame)
-        self._monitors = {topic: InputMonitor(topic, self._log_warning) for topic in INPUTS}
+        self._monitors = {topic: InputMonitor(topic, self.get_logger().warning) for topic in INPUTS}
         self.objects = Objects(fixed_frame, self._frames, self.guard)
         self.inputs = Inputs(
             self.objects,
@@ -171,7 +170,7 @@ class CollisionNode(Node):
         refused = scene_file.add_to(self.objects, self._now())
         if refused:
             count = len(refused)
-            self._log_warning(
+            self.get_logger().warning(
                 f"{self.parameters.scene_file}: {count} objects not checked: {refused[0]}"
             )
 
@@ -208,7 +207,7 @@ class CollisionNode(Node):
             return None
         description = describe_scene(find_scene(self.parameters.scene_file))
         for note in description.notes:
-            self._log_info(f"{self.parameters.scene_file}: {note}")
+            self.get_logger().info(f"{self.parameters.scene_file}: {note}")
         found = SceneFile(description)
         self.parameters.override_defaults(found.parameters())
         return found
@@ -282,15 +281,6 @@ class CollisionNode(Node):
         known = answer(self.objects, ran.report, ran.enabled, ran.failed, self._now(), timeout)
         self.status.update(known, cycle)
 
-    def _log_info(self, text: str) -> None:
-        self.get_logger().info(text)
-
-    def _log_warning(self, text: str) -> None:
-        self.get_logger().warning(text)
-
-    def _log_error(self, text: str) -> None:
-        self.get_logger().error(text)
-
     def _count_notes(self) -> None:
         """Count items that were refused or doubted after they had been stored."""
         now = self._now()
@@ -322,7 +312,7 @@ class CollisionNode(Node):
         self.guard.run("clock jump", lambda: self._take_jump(shift))
 
     def _take_jump(self, shift: int) -> None:
-        self._log_warning(
+        self.get_logger().warning(
             f"the clock jumped by {shift / NANOSECONDS:+.3f} s: ages and lifetimes of "
             f"{len(self.objects.table)} objects continue from the new time; stamps may restart"
         )

@@ -61,11 +61,16 @@ def set_defaults() -> None:
 
 
 def is_ros_here(program: str) -> bool:
-    """Return whether rclpy and the messages can be imported; if not, print how to install them."""
+    """Return whether rclpy and the messages can be imported, and set what they need by default.
+
+    If not, print how to install them.
+    """
     missing = [name for name in ("rclpy", "visualization_msgs") if find_spec(name) is None]
     if missing:
         sys.stderr.write(
             f"{program} needs rclpy and common_interfaces: source a ROS 2 installation, "
             "or install 'obb_collision[ros]' by pip\n"
         )
+    else:
+        set_defaults()
     return not missing
