@@ -32,8 +32,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from obb_collision._threads import set_threads, threads
-from obb_collision.benchmarks.price.turns import seconds_of
+from obb_collision.benchmarks.price.turns import on_threads, seconds_of
 from obb_collision.cli import Parser, interruptible, new_file, option, whole
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.queries.points.points import points_inside
@@ -132,10 +131,8 @@ def compare(name: str, boxes: int, points: int) -> dict[str, float]:
 
 
 def _by_one_thread(placed: Boxes, cloud: Floats) -> None:
-    before = threads()
-    set_threads(1)
-    points_inside(placed, cloud)
-    set_threads(before)
+    with on_threads(1):
+        points_inside(placed, cloud)
 
 
 @interruptible("points")

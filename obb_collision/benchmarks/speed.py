@@ -144,7 +144,7 @@ def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     add("--seconds", type=real(0.001, 1e6), default=2.0, help="minimum time per scene (s)")
     add("--steps", type=whole(1, 10**6), default=STEPS, help="steps per scene, at least")
     add(
-        "--limit", type=real(0.001, 1e6), default=60.0,
+        "--limit", type=real(0.001, 1e6), default=40.0,
         help="who takes longer in a scene is left out (s)",
     )  # fmt: skip
     add("--seed", type=whole(0, MAX_SEED), default=0, help="seed of the random scenes")

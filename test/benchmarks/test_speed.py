@@ -115,14 +115,14 @@ def test_a_broad_phase_of_coal_that_misses_pairs_takes_no_part(
     monkeypatch.setattr(measure, "COAL", (good, bad))
     rows, notes = run_case(Case(boxes=50), [PAIRS, good, bad], [1], QUICK, silent)
     assert [row.name for row in rows] == ["find_pairs", "coal tree"]
-    assert notes[0][0] == "coal SaP is left out, it misses"
+    assert notes[0][0] == "coal SaP is left out where it misses pairs in a trial:"
 
 
 def test_who_would_take_too_long_is_left_out_with_a_note() -> None:
     plan = Plan(seconds=0.0, steps=1, limit=1e-9)
     rows, notes = run_case(Case(boxes=50), [PAIRS, stand_in("slow", OurPairs)], [1], plan, silent)
     assert [row.name for row in rows] == ["find_pairs"]
-    assert notes[0][0] == "slow would take"
+    assert notes[0][0] == "slow would take too long for"
 
 
 def row(name: str, boxes: int, median: float, form: str = "uniform", threads: int = 2) -> Row:
@@ -152,7 +152,7 @@ def test_a_page_gets_its_tables_between_the_marks(tmp_path: Path) -> None:
     page.write_text("a\n<!-- speed: x -->\nold\n<!-- end -->\nb\n<!-- speed: y -->\n<!-- end -->\n")
     for _ in range(2):
         write_into(page, {"x": "new", "z": "nowhere"})
-        text = "a\n<!-- speed: x -->\n\nnew\n\n<!-- end -->\nb\n<!-- speed: y -->\n<!-- end -->\n"
+        text = "a\n<!-- speed: x -->\nnew\n<!-- end -->\nb\n<!-- speed: y -->\n<!-- end -->\n"
         assert page.read_text() == text
 
 

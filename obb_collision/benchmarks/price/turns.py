@@ -21,18 +21,30 @@ ratio of two compares them. Where questions use several threads, time on the wal
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from time import perf_counter, process_time, thread_time
 
 import numpy as np
 
-from obb_collision._threads import threads
+from obb_collision._threads import set_threads, threads
 from obb_collision.typing import Floats
 
 #: Minimum and maximum turns per contestant, whatever the time allowed.
 LEAST_TURNS = 3
 MOST_TURNS = 100
+
+
+@contextmanager
+def on_threads(number: int) -> Iterator[None]:
+    """Let our kernels use that many threads in the block."""
+    before = threads()
+    set_threads(number)
+    try:
+        yield
+    finally:
+        set_threads(before)
 
 
 def seconds_of(run: Callable[[], object]) -> tuple[float, float]:

@@ -129,7 +129,7 @@ class Goals:
         for form in FORMS:
             case = Case(form, FORM_BOXES)
             found = self._run(case, [SEPARATIONS, *COAL])
-            what, best = f"{SEPARATIONS.name}, {form}", best_coal(found.values(), case)
+            what, best = f"{SEPARATIONS.name}, {form}", best_coal(self.rows, case)
             if best is None:
                 yield missing(what, "coal", "not installed")
                 continue

@@ -33,6 +33,7 @@ import numpy as np
 from obb_collision._threads import set_threads, threads
 from obb_collision.benchmarks.cases.forms import Frame, make_frames
 from obb_collision.benchmarks.peers.steps import COAL, OURS, PAIRS, Contestant, Peer
+from obb_collision.benchmarks.price.turns import on_threads
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.queries.verdict.separations import separations
 from obb_collision.typing import Floats, Rows
@@ -41,11 +42,11 @@ from obb_collision.typing import Floats, Rows
 Note = tuple[str, str]
 
 #: Boxes that everybody is tried with first, and how time grows with more, to predict it.
-TRIAL, GROWTH = 2_000, 1.2
+TRIAL, GROWTH = 2_000, 1.1
 #: Steps that are timed at least, unless that takes longer than the limit; then these.
 STEPS, FEWEST = 20, 3
 #: Of the broad phases of coal, this many of those that miss no pair in the trial: the quickest.
-COAL_KEPT = 2
+COAL_KEPT = 3
 
 
 @dataclass(frozen=True)
@@ -86,7 +87,7 @@ class Plan:
     """How long to measure: seconds per case, the limit for one contestant, steps, the seed."""
 
     seconds: float = 2.0
-    limit: float = 60.0
+    limit: float = 40.0
     steps: int = STEPS
     seed: int = 0
 
@@ -113,14 +114,13 @@ class Entry:
 @contextmanager
 def own_settings() -> Iterator[None]:
     """Set the garbage collector and the threads back at the end."""
-    before = threads()
     gc.collect()
     gc.disable()
     try:
-        yield
+        with on_threads(threads()):
+            yield
     finally:
         gc.enable()
-        set_threads(before)
 
 
 def _enter(one: Contestant, number: int, half_extents: Floats, poses: Floats) -> Entry:
@@ -151,10 +151,11 @@ def choose(
         needed = growth * (entry.build_s + plan.steps * min(entry.times))
         missed = len(np.setdiff1d(truth, _codes(entry.peer.pairs(found), count)))
         if one not in OURS and needed > plan.limit:
-            notes.append((f"{one.name} would take", f"{needed:.0f} s of {case.boxes:,} boxes"))
+            what = f"{case.boxes:,} boxes ({case.form}: {needed:.0f} s)"
+            notes.append((f"{one.name} would take too long for", what))
         elif one in COAL and missed:
             what = f"{missed} of {len(truth)} pairs of {count:,} boxes ({case.form})"
-            notes.append((f"{one.name} is left out, it misses", what))
+            notes.append((f"{one.name} is left out where it misses pairs in a trial:", what))
         elif one in COAL:
             coal.append((min(entry.times), one))
         else:

@@ -35,8 +35,6 @@ PEERS: dict[str, tuple[str, Any, str]] = {
     "pybullet": ("0.5", (0, (1, 1)), "D"),
     "trimesh": ("0.65", (0, (3, 1, 1, 1)), "X"),
 }
-#: Minimum ratio between the heights of two labels.
-SPACING = 1.75
 
 
 def best_rows(rows: Sequence[Row]) -> list[Row]:
@@ -65,11 +63,14 @@ def save_plot(rows: Sequence[Row], path: Path) -> None:
     common = max({row.boxes for row in drawn}, key=lambda n: sum(r.boxes == n for r in drawn))
     forms = [row for row in drawn if row.boxes == common]
     both = len({row.form for row in forms}) > 1
-    figure = Figure(figsize=(12.5 if both else 7.5, 5.2), layout="constrained")
-    panels = figure.subplots(1, 2, width_ratios=(1.15, 1.0)) if both else [figure.subplots()]
+    figure = Figure(figsize=(13.0 if both else 9.0, 5.0), layout="constrained")
+    panels = figure.subplots(1, 2, width_ratios=(1.0, 1.05)) if both else [figure.subplots()]
     _draw_sizes(panels[0], sizes)
     if both:
         _draw_forms(panels[1], forms)
+    handles, names = panels[0].get_legend_handles_labels()
+    beside: dict[str, Any] = {"loc": "center left", "bbox_to_anchor": (1.02, 0.5), "frameon": False}
+    panels[-1].legend(handles, names, labelspacing=1.2, **beside)
     figure.suptitle(
         "New poses in, colliding pairs out: milliseconds per step, all boxes moving",
         fontweight="bold",
@@ -91,21 +92,10 @@ def _name(row: Row) -> str:
 
 
 def _draw_sizes(axes: Any, rows: Sequence[Row]) -> None:
-    names = dict.fromkeys(map(_name, rows))
-    ends = []
-    for name in names:
+    for name in dict.fromkeys(map(_name, rows)):
         own = sorted((row for row in rows if _name(row) == name), key=lambda row: row.boxes)
-        axes.loglog([r.boxes for r in own], [r.median_ms for r in own], **_style(own[-1]))
-        ends.append((own[-1].boxes, own[-1].median_ms, name, _style(own[-1])["color"]))
-    lowest: dict[int, float] = {}
-    for boxes, height, name, color in sorted(ends):
-        lowest[boxes] = max(height, lowest.get(boxes, 0.0) * SPACING)  # labels side by side
-        axes.annotate(
-            name, (boxes, lowest[boxes]), xytext=(9, 0), textcoords="offset points", va="center",
-            color=color, weight="bold" if name.startswith("obb") else "normal",
-            annotation_clip=False,
-        )  # fmt: skip
-    axes.set_xlim(right=max(row.boxes for row in rows) * 60)
+        sizes, times = [row.boxes for row in own], [row.median_ms for row in own]
+        axes.loglog(sizes, times, label=name, **_style(own[-1]))
     axes.set_xlabel("boxes, all over a room")
     _finish(axes, axes.yaxis, axes.xaxis)
 
@@ -124,6 +114,6 @@ def _draw_forms(axes: Any, rows: Sequence[Row]) -> None:
 
 def _finish(axes: Any, *scales: Any) -> None:
     for axis in scales:
-        axis.set_major_formatter(lambda value, _: f"{value:,g}")
+        axis.set_major_formatter(lambda value, _: f"{value:,.0f}" if value >= 1 else f"{value:g}")
     axes.grid(which="major", alpha=0.25)
     axes.spines[["top", "right"]].set_visible(False)

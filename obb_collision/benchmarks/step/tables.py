@@ -26,13 +26,15 @@ from pathlib import Path
 
 import numpy as np
 
-from obb_collision.benchmarks.peers.steps import OURS, PEERS, SEPARATIONS
+from obb_collision.benchmarks.peers.steps import OURS, PEERS, SCENE, SEPARATIONS
 from obb_collision.benchmarks.step.measure import Case, Note, Row
 from obb_collision.benchmarks.step.text import as_markdown
 
 Table = list[list[str]]
 OWN = {one.name for one in OURS}
 ORDER = [one.name for one in (*OURS, *PEERS)]
+#: Peers of the small table.
+SMALL = ("MuJoCo", "coal", "python-fcl")
 SHARES = {1.0: "all moving", 0.0: "none moving"}
 
 
@@ -88,16 +90,18 @@ def _grid(rows: Sequence[Row], cases: list[Case], head: Callable[[Case], str]) -
     for row in sorted(own, key=lambda row: (ORDER.index(row.name), row.threads)):
         coal = row.name.startswith("coal ")
         cells = lines.setdefault("coal, best broad phase" if coal else label(row), {})
-        if not coal or row == best_coal(own, row.case):
+        if not coal or row == best_coal(rows, row.case):
             cells[row.case] = _cell(row, own)
     head_line = ["ms per step", *map(head, cases)]
     return [head_line, *([name, *(c.get(case, "") for case in cases)] for name, c in lines.items())]
 
 
-def best_coal(rows: Iterable[Row], case: Case) -> Row | None:
-    """Return the quickest broad phase of coal in a case that misses no pair there."""
-    own = [row for row in rows if row.case == case and row.name.startswith("coal ")]
-    return min((r for r in own if not r.missed), key=lambda row: row.median_ms, default=None)
+def best_coal(rows: Sequence[Row], case: Case) -> Row | None:
+    """Return the quickest broad phase of coal in a case, of those that miss no pair in any."""
+    coal = [row for row in rows if row.name.startswith("coal ")]
+    bad = {row.name for row in coal if row.missed}
+    own = [row for row in coal if row.case == case and row.name not in bad]
+    return min(own, key=lambda row: row.median_ms, default=None)
 
 
 def digits(value: float, count: int = 3) -> str:
@@ -179,8 +183,14 @@ def write_into(page: Path, blocks: dict[str, str]) -> None:
     for name, block in blocks.items():
         start, mark, rest = text.partition(f"<!-- speed: {name} -->\n")
         if mark:
-            text = f"{start}{mark}\n{block}\n\n{rest[rest.index('<!-- end -->') :]}"
+            text = f"{start}{mark}{block}\n{rest[rest.index('<!-- end -->') :]}"
     page.write_text(text, encoding="utf-8")
+
+
+def _small(table: Table, most: int) -> Table:
+    """Return the head, ours with the most threads, and the best-known peers."""
+    wanted = (*(f"{name}, {most} thread" for name in OWN - {SCENE.name}), *SMALL)
+    return [table[0], *(line for line in table[1:] if line[0].startswith(wanted))]
 
 
 def joined(notes: Iterable[Note]) -> list[str]:
@@ -196,6 +206,7 @@ def blocks_of(rows: Sequence[Row], notes: Sequence[str]) -> dict[str, str]:
     blocks: dict[str, str] = {}
     for title, table in tables(rows).items():
         blocks.setdefault(title.split(":")[0], as_markdown(table))
+        blocks.setdefault("small", as_markdown(_small(table, max(row.threads for row in rows))))
     lists = {"slopes": slopes(rows), "notes": [*differences(rows), *notes]}
     blocks |= {name: "\n".join(f"* {x.removeprefix('* ')}" for x in v) for name, v in lists.items()}
     blocks["machine"] = machine_line()
