@@ -58,6 +58,9 @@ logger = logging.getLogger("obb_collision")
 KEPT_FOLDERS = 8
 #: Seconds since its last use for which a folder stays anyway: a running process may still need it.
 IN_USE = 86400.0
+#: Seconds since its last use after which any folder goes, also of kernels that are no more. A
+#: process that finds one gone compiles.
+UNUSED = 90 * 86400.0
 DIGEST_SIZE = 16
 #: How the names of private folders begin, and the name of the file in them that is locked ...
 PRIVATE, LOCK = "obb_collision-kernels-", "lock"
@@ -165,11 +168,28 @@ def _say_once(place: Path | None, text: str) -> None:
 
 
 def _drop_old(home: Path, name: str) -> None:
-    """Remove the folders of a kernel that nobody has used for long."""
-    folders = [(path.stat().st_mtime, path) for path in home.glob(f"{glob.escape(name)}-*")]
-    for used, folder in sorted(folders)[:-KEPT_FOLDERS]:
-        if time() - used > IN_USE:
+    """Remove the folders of a kernel that nobody has used for long, and unused ones of all."""
+    for age, folder in _ages(home, f"{glob.escape(name)}-*")[KEPT_FOLDERS:]:
+        if age > IN_USE:
             shutil.rmtree(folder, ignore_errors=True)
+    _drop_unused(home)
+
+
+@cache
+def _drop_unused(home: Path) -> None:
+    """Remove, once per process, the folders that no process has loaded from for UNUSED seconds."""
+    for age, folder in _ages(home, "*-*"):
+        if age > UNUSED:
+            shutil.rmtree(folder, ignore_errors=True)
+
+
+def _ages(home: Path, pattern: str) -> list[tuple[float, Path]]:
+    """Return seconds since the last use of folders, least first."""
+    ages = []
+    for folder in home.glob(pattern):
+        with suppress(OSError):  # another process has removed it
+            ages.append((time() - folder.stat().st_mtime, folder))
+    return sorted(ages)
 
 
 class KernelCache(FunctionCache):  # type: ignore[misc]  # numba has no types

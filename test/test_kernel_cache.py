@@ -22,6 +22,7 @@ import re
 import shutil
 import subprocess
 import sys
+import time
 from pathlib import Path
 from typing import Any
 
@@ -133,6 +134,19 @@ def use_example() -> list[str]:
     exec(EXAMPLE, names)
     assert names["kernel"](1.5) == 5.0
     return sorted(compiled.names[before:])
+
+
+def test_folders_that_nobody_used_for_long_are_removed(home: Path) -> None:
+    ages = {"example.gone-1": 91, "example.other-1": 89}
+    ages |= {f"example.kernel-{k}": k for k in range(2 * _kernel_cache.KEPT_FOLDERS)}
+    for name, days in ages.items():
+        (home / name).mkdir(parents=True)
+        os.utime(home / name, (0.0, time.time() - 86400.0 * days - 60.0))
+    assert use_example() == NAMES
+    left = {path.name for path in home.iterdir()} & ages.keys()
+    # the one in use is one of those kept
+    kept = {f"example.kernel-{k}" for k in range(_kernel_cache.KEPT_FOLDERS - 1)}
+    assert left == {"example.other-1"} | kept
 
 
 @pytest.mark.parametrize("damage", ["empty", "zeroed", "garbage", "halved"])
