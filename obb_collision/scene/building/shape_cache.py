@@ -129,11 +129,11 @@ class PerShape(Generic[Item]):
 
         With a timer nothing is built while another thread adds an item.
         """
-        missing = np.unique(slots[self.rows(slots) < 0])
+        missing = slots[self.rows(slots) < 0]
         if len(missing) == 0 or not self.pool.lock.acquire(blocking=timer is None):
             return False
         try:
-            for slot in missing.tolist():
+            for slot in np.unique(missing).tolist():
                 if timer is not None and timer.left() <= 0.0:
                     break
                 body = body_of(slot)

@@ -23,6 +23,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from obb_collision._jit import njit
 from obb_collision.accuracy import Accuracy
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.queries.verdict.coarse import bounds_may_collide
@@ -35,8 +36,10 @@ from obb_collision.scene.refinement.mesh_pairs import MeshPairs
 from obb_collision.scene.refinement.refine import Levels, refine
 from obb_collision.scene.store.kinds import BOX, BOXED, ROUND
 from obb_collision.scene.store.store import ObjectStore
-from obb_collision.typing import Rows
+from obb_collision.typing import Floats, Rows
 
+#: The level of boxes, as kernels compare it.
+OBB = int(Accuracy.OBB)
 #: Pairs (m, 2) of slots, sorted, their verdicts (m,) and their levels (m,).
 Found = tuple[Pairs, Verdicts, Levels]
 
@@ -57,12 +60,24 @@ def needs_spheres(store: ObjectStore) -> bool:
 
 def pair_levels(store: ObjectStore, first: Rows, second: Rows) -> Levels:
     """Return the level (m,) int8 that decides each pair of slots."""
-    levels: Levels = np.minimum(store.accuracies[first], store.accuracies[second])
-    kinds = np.stack([store.kinds[first], store.kinds[second]])
-    padded = (store.paddings[first] > 0.0) | (store.paddings[second] > 0.0)
-    boxes_only = (kinds == BOXED).any(axis=0) | (kinds == BOX).all(axis=0)
-    boxes_only |= padded & (kinds.max(axis=0) != ROUND)
-    return np.where(boxes_only, np.minimum(levels, np.int8(Accuracy.OBB)), levels)
+    levels = np.empty(len(first), np.int8)
+    _levels_kernel(store.accuracies, store.kinds, store.paddings, first, second, levels)
+    return levels
+
+
+@njit
+def _levels_kernel(
+    accuracies: np.ndarray, kinds: np.ndarray, paddings: Floats, first: np.ndarray,
+    second: np.ndarray, levels: np.ndarray,
+) -> None:  # fmt: skip
+    for n in range(len(levels)):
+        i, j = first[n], second[n]
+        level = min(accuracies[i], accuracies[j])
+        low, high = min(kinds[i], kinds[j]), max(kinds[i], kinds[j])
+        padded = paddings[i] > 0.0 or paddings[j] > 0.0
+        if low == BOXED or high == BOX or (padded and high != ROUND):  # decided by boxes only
+            level = min(level, OBB)
+        levels[n] = level
 
 
 NONE: Found = np.empty((0, 2), np.int64), np.empty(0, np.int8), np.empty(0, np.int8)
@@ -87,11 +102,13 @@ def decide_pairs(
         first, second, asked = first[kept], second[kept], asked[kept]
     verdicts = _box_verdicts(boxes, first, second, asked, exact)
     met = np.flatnonzero(verdicts != SEPARATE)
-    pairs = np.concatenate([np.stack([first[met], second[met]], axis=1), waiting[0]])
-    verdicts = np.concatenate([verdicts[met], waiting[1]])
-    asked = np.concatenate([asked[met], pair_levels(store, *columns(waiting[0]))])
-    levels = np.concatenate([np.minimum(asked[: len(met)], np.int8(Accuracy.OBB)), waiting[2]])
-
+    pairs = np.column_stack([first[met], second[met]])
+    verdicts, asked = verdicts[met], asked[met]
+    levels = np.minimum(asked, np.int8(Accuracy.OBB))
+    if len(waiting[0]):
+        pairs, verdicts = np.concatenate([pairs, waiting[0]]), np.append(verdicts, waiting[1])
+        asked = np.append(asked, pair_levels(store, *columns(waiting[0])))
+        levels = np.append(levels, waiting[2])
     high = np.flatnonzero(asked > Accuracy.OBB)
     if len(high):
         job = MeshPairs(store, cache, *columns(pairs[high]), depth, exact)
@@ -106,6 +123,8 @@ def decide_pairs(
 
 def _box_verdicts(boxes: Boxes, first: Rows, second: Rows, levels: Levels, exact: bool) -> Verdicts:
     """Return verdicts (m,) on each pair's level, at most on OBB."""
+    if len(levels) == 0 or levels.min() >= Accuracy.OBB:
+        return pair_verdicts(boxes, first, boxes, second, exact)
     result = np.full(len(first), SEPARATE, np.int8)
     for level in (Accuracy.SPHERE, Accuracy.AABB, Accuracy.OBB_FACES):
         rows = np.flatnonzero(levels == level)

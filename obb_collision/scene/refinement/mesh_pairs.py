@@ -83,8 +83,10 @@ class MeshPairs:
     ) -> None:
         self._store, self._cache = store, cache
         self._depth, self._exact = depth, exact
-        self._slots, ends = np.unique(np.concatenate([first, second]), return_inverse=True)
-        self._ends = ends[: len(first)], ends[len(first) :]
+        named = _marked(len(store.names), first, second)
+        self._slots = np.flatnonzero(named)
+        numbers = np.cumsum(named) - 1
+        self._ends = numbers[first], numbers[second]
         kinds = store.kinds[self._slots]
         a, b = kinds[self._ends[0]], kinds[self._ends[1]]
         self._simple = np.maximum(a, b) == ROUND
@@ -95,9 +97,11 @@ class MeshPairs:
         ready = self._simple[rows]
         hulls = self._by_hull(level, rows)
         for hull, these in ((True, hulls), (False, ~hulls & ~ready)):
+            if not these.any():
+                continue
             i, j = self._ends[0][rows[these]], self._ends[1][rows[these]]
-            needed = np.unique(np.concatenate([i, j]))
-            have = np.zeros(len(self._slots), np.bool_)
+            have = _marked(len(self._slots), i, j)
+            needed = np.flatnonzero(have)
             have[needed] = self._cache.build(self._store, self._slots[needed], hull, budget)
             ready[these] = have[i] & have[j]
         return ready
@@ -192,3 +196,10 @@ class MeshPairs:
             store.rotations[slots[boxes]],
         )
         return centers, rotations
+
+
+def _marked(count: int, first: Rows, second: Rows) -> Mask:
+    """Return (count,) which numbers are named by either."""
+    mask = np.zeros(count, np.bool_)
+    mask[first] = mask[second] = True
+    return mask
