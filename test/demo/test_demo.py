@@ -212,11 +212,12 @@ def test_the_listener_waits_for_namespaces_that_it_does_not_know_yet() -> None:
         rows["ns_a"] = rows["ns_b"] = namespace_number("late")
         rows["id_b"], rows["depth"] = 1, 0.5
         message = cloud_to_ros(rows, Header(stamp=stamp_to_ros(5)))
-        listener._take_names(namespaces_to_ros(["early"]))
-        listener._take_pairs(message)
+        take = {one.topic_name.split("/")[-1]: one.callback for one in listener.subscriptions}
+        take["namespaces"](namespaces_to_ros(["early"]))
+        take["collisions"](message)
         assert (listener.cycles, listener.pairs.rows, lines) == (0, [], [])
-        listener._take_names(namespaces_to_ros(["early", "late"]))
-        listener._take_pairs(message)
+        take["namespaces"](namespaces_to_ros(["early", "late"]))
+        take["collisions"](message)
         assert listener.cycles == 1
         assert [row[:3] for row in listener.pairs.rows] == [("late/0", "late/1", 0.5)]
         assert len(lines) == 1

@@ -321,6 +321,11 @@ class Rig(Client):
         """Return what the node has counted of an input."""
         return self.node._monitors[topic]
 
+    @property
+    def frames(self) -> Any:
+        """Frames that the node looks transforms up in."""
+        return self.node._frames
+
     def publisher(self, output: str) -> Any:
         """Return the publisher of an output of the node."""
         return self.node._outputs.publishers[output]

@@ -211,9 +211,8 @@ def test_two_nodes_in_namespaces_do_not_meet() -> None:
 
         other = CollisionNode(context=rig.context, namespace="cell")
         try:
-            assert other._outputs.publishers["collisions"].topic_name == "/cell/collisions"
-            assert other._outputs.publishers["markers"].topic_name == "/cell/obb_collision/markers"
-            assert other._outputs.publishers["diagnostics"].topic_name == "/diagnostics"
-            assert other._monitors["objects"].topic == "/cell/objects"
+            sent = {publisher.topic_name for publisher in other.publishers}
+            assert {"/cell/collisions", "/cell/obb_collision/markers", "/diagnostics"} <= sent
+            assert "/cell/objects" in {taken.topic_name for taken in other.subscriptions}
         finally:
             other.destroy_node()

@@ -98,13 +98,17 @@ def set_transform(rig: Rig, x: float, stamp: int) -> None:
     """Give the node a transform of the frame "robot"."""
     transform = TransformStamped(child_frame_id="robot", transform=transform_to_ros(pose(x)))
     transform.header = Header(stamp=stamp_to_ros(stamp), frame_id=FRAME)
-    frames: Any = rig.node._frames
-    frames._buffer.set_transform(transform, "test")
+    give(rig, transform)
+
+
+def give(rig: Rig, transform: TransformStamped) -> None:
+    """Give the node a transform, as tf2's listener does."""
+    rig.frames._buffer.set_transform(transform, "test")
 
 
 def test_with_tf2_poses_are_placed_at_their_stamp(tf2_ros: Any) -> None:
     with Rig(tf2=True) as rig:
-        assert rig.node._frames.description == "tf2"
+        assert rig.frames.description == "tf2"
         set_transform(rig, 2.0, rig.stamp)
         set_transform(rig, 4.0, rig.stamp + 2_000_000)  # the marker is of the middle
         rig.send(in_frame(cube(A2, (0.5, 0, 0)), "robot"), cube(A1, (3, 0, 0)))
@@ -149,8 +153,7 @@ def test_with_tf2_a_stamp_out_of_reach_and_frames_apart_have_reasons_of_their_ow
         assert rig.refused("object_transform") == {"extrapolation": 1}
         apart = TransformStamped(child_frame_id="b", transform=transform_to_ros(pose(0.0)))
         apart.header = Header(stamp=stamp_to_ros(rig.stamp + 1_000_000), frame_id="a")
-        frames: Any = rig.node._frames
-        frames._buffer.set_transform(apart, "test")
+        give(rig, apart)
         rig.send_poses([1], [pose(1.0)], frame="b")
         rig.until(lambda: rig.refused("object_poses"), "refusal")
         assert rig.refused("object_poses") == {"no transform": 1}
@@ -159,7 +162,7 @@ def test_with_tf2_a_stamp_out_of_reach_and_frames_apart_have_reasons_of_their_ow
 def test_without_tf2_the_node_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(frames_of_node, "tf2_ros", None)
     with Rig(tf2=True) as rig:
-        assert "fixed frame only" in rig.node._frames.description
+        assert "fixed frame only" in rig.frames.description
         rig.send(in_frame(cube(A1), "nowhere"), cube(A2))
         rig.answer()
         assert rig.refused("objects") == {"unknown frame": 1}, "at once: no frame can come later"

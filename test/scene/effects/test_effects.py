@@ -116,24 +116,29 @@ def test_a_report_is_of_its_check_however_late_it_is_read() -> None:
     assert second.depths[0] == 0.75
 
 
+def centers_of(scene: oc.Scene) -> Any:
+    """Return the array itself that a scene has, which reports in use may share."""
+    return scene._store.centers
+
+
 def test_boxes_are_copied_only_for_reports_in_use() -> None:
     scene = row_of_cubes()
     everything = scene.indices
     report = scene.check()
-    held = scene._store.centers
+    held = centers_of(scene)
     scene.move_indices(everything, scene.poses_of(everything) + at(0.125, w=0.0))
-    assert scene._store.centers is not held
-    held = scene._store.centers
+    assert centers_of(scene) is not held
+    held = centers_of(scene)
     del report
     scene.check()
     gc.collect()
     scene.move_indices(everything, scene.poses_of(everything) - at(0.125, w=0.0))
-    assert scene._store.centers is held
+    assert centers_of(scene) is held
 
 
 def test_for_reports_in_use_what_few_objects_were_is_noted() -> None:
     scene = row_of_cubes(100)
-    held = scene._store.centers
+    held = centers_of(scene)
     reports, expected = [], []
     for k in range(60):  # more of them than have notes, and more notes than there is room for
         reports.append(scene.check())
@@ -143,7 +148,7 @@ def test_for_reports_in_use_what_few_objects_were_is_noted() -> None:
                 expected[-1].move(name, at(0.5 + j, 0.01 * j))
         scene.move(f"odd/{1 + 2 * (k % 7)}", at(0.5 + k, 0.01 * k))
         if k == 0:
-            assert scene._store.centers is held
+            assert centers_of(scene) is held
         scene.move(f"even/{50 + 2 * (k % 3)}", at(0.5 + k, 0.01 * k))
     for report, scene in zip(reports, expected, strict=True):
         wanted = scene.check()
