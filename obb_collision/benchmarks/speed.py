@@ -25,10 +25,8 @@ import argparse
 import json
 import os
 import sys
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import asdict
-from functools import partial
 from importlib import import_module
 from importlib.util import find_spec
 from itertools import product
@@ -37,7 +35,8 @@ from obb_collision.benchmarks.cases.forms import FORMS, make_frames
 from obb_collision.benchmarks.certificate import measure_certificate
 from obb_collision.benchmarks.effects import format_effects, run_effects, save_effects_plot
 from obb_collision.benchmarks.peers.steps import OURS, PEERS
-from obb_collision.benchmarks.step.goals import Goal, Goals, NodeGoals, goal_table
+from obb_collision.benchmarks.price.progress import progress
+from obb_collision.benchmarks.step.goals import Goals, NodeGoals, goal_table
 from obb_collision.benchmarks.step.measure import STEPS, Case, Plan, Row, run_case
 from obb_collision.benchmarks.step.plot import save_plot
 from obb_collision.benchmarks.step.tables import (
@@ -51,15 +50,15 @@ from obb_collision.benchmarks.step.tables import (
     write_into,
 )
 from obb_collision.benchmarks.step.text import as_markdown, as_text
-from obb_collision.cli import MAX_SEED, Parser, interruptible, new_file, real, whole
+from obb_collision.cli import MAX_SEED, Parser, interruptible, new_file, option, real, whole
 from obb_collision.geometry.boxes import Boxes
 
 SIZES = (10, 100, 1_000, 10_000, 100_000, 1_000_000)
 SHARES = (0.1, 0.01, 0.0)
 #: Boxes of the pairs on which the certificate's cost is measured.
 CERTIFIED = 10_000
-#: About how many goals there are, for the bar.
-GOALS = 45
+#: About how long a scene takes, and all goals, for the bar.
+SECONDS, GOALS_SECONDS = 40.0, 480.0
 #: Seconds for the effects in all their scenes.
 EFFECTS_SECONDS = 20.0
 
@@ -74,44 +73,16 @@ def cases_of(options: argparse.Namespace) -> list[Case]:
     return cases + [Case(moving=share) for share in SHARES]
 
 
-@contextmanager
-def progress(total: int) -> Iterator[Callable[[int, str], None]]:
-    """Show a bar of that many scenes, or lines where it can't be drawn."""
-    try:
-        bar = import_module("tqdm").tqdm(total=total, unit="scene", disable=None, leave=False)
-    except ImportError:
-        bar = None
-    if bar is not None and not bar.disable:
-        with bar:
-
-            def show(done: int, what: str) -> None:
-                bar.set_description_str(f"{what:48.48}", refresh=False)
-                bar.update(done - bar.n)
-                bar.refresh()
-
-            yield show
-        return
-    last = [""]
-
-    def tell(done: int, what: str) -> None:
-        topic = what.partition(":")[0]
-        if topic != last[0]:
-            print(f"[{done + 1}/{total}] {topic}", file=sys.stderr, flush=True)
-        last[0] = topic
-
-    yield tell
-
-
 def measure(options: argparse.Namespace) -> tuple[list[Row], list[str]]:
     """Return a row per contestant and scene, and notes about those that are left out."""
     wanted = [one for one in PEERS if any(part in one.name for part in options.peers or [""])]
     notes = [("not installed:", one.name) for one in wanted if not one.installed]
     plan = Plan(options.seconds, options.limit, options.steps, options.seed)
     cases, rows = cases_of(options), list[Row]()
-    with progress(len(cases)) as show:
+    with progress(SECONDS * len(cases)) as bar:
         for done, case in enumerate(cases):
-            tell = partial(show, done)
-            found, more = run_case(case, [*OURS, *wanted], options.threads, plan, tell)
+            bar.leave(SECONDS * (len(cases) - done))
+            found, more = run_case(case, [*OURS, *wanted], options.threads, plan, bar.tell)
             rows += found
             notes += more
     return rows, joined(notes)
@@ -134,34 +105,25 @@ def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
         description="Measures the full step beside the installed peers: new poses in, every "
         "colliding pair out.",
     )
-    add = parser.add_argument
+    add, cores = parser.add_argument, sorted({1, os.cpu_count() or 1})
     add("--sizes", type=whole(1, 10**7), nargs="+", help="numbers of boxes")
     add("--forms", choices=list(FORMS), nargs="+", help="forms of the scenes")
     add("--moving", type=real(0.0, 1.0), nargs="+", help="shares of the boxes that move")
-    cores = sorted({1, os.cpu_count() or 1})
     add("--threads", type=whole(1, 1024), nargs="+", default=cores, help="threads of ours, in turn")
     add("--peers", nargs="+", metavar="NAME", help="parts of the names of peers to compare with")
-    add("--seconds", type=real(0.001, 1e6), default=2.0, help="minimum time per scene (s)")
-    add("--steps", type=whole(1, 10**6), default=STEPS, help="steps per scene, at least")
-    add(
-        "--limit", type=real(0.001, 1e6), default=40.0,
-        help="who takes longer in a scene is left out (s)",
-    )  # fmt: skip
-    add("--seed", type=whole(0, MAX_SEED), default=0, help="seed of the random scenes")
-    add("--json", type=new_file(), metavar="FILE", help="write the rows as JSON")
-    add("--plot", type=new_file(".png", ".svg"), metavar="FILE", help="draw the rows, PNG or SVG")
-    add(
-        "--markdown", type=new_file(".md"), metavar="FILE", nargs="+",
-        help="write the tables between the marks of pages",
-    )  # fmt: skip
-    add(
-        "--goals", action="store_true",
-        help="measure what is meant to be reached instead, with the node and empty caches",
-    )  # fmt: skip
-    add(
-        "--effects", action="store_true",
-        help="measure what each effect costs in the scenes that come with the package instead",
-    )  # fmt: skip
+    option(parser, "--seconds", real(0.001, 1e6), 2.0, "minimum time per scene (s)")
+    option(parser, "--steps", whole(1, 10**6), STEPS, "steps per scene, at least")
+    option(parser, "--limit", real(0.001, 1e6), 40.0, "who would take longer is left out (s)")
+    option(parser, "--seed", whole(0, MAX_SEED), 0, "seed of the random scenes")
+    option(parser, "--json", new_file(), text="write the rows to a file")
+    option(parser, "--plot", new_file(".png", ".svg"), text="draw the rows, PNG or SVG")
+    pages = "pages that get the tables between their marks"
+    add("--markdown", type=new_file(".md"), metavar="PAGE", nargs="+", help=pages)
+    instead = parser.add_mutually_exclusive_group()
+    what = "measure what is meant to be reached instead, with the node and empty caches"
+    instead.add_argument("--goals", action="store_true", help=what)
+    what = "measure what each effect costs in the scenes that come with the package instead"
+    instead.add_argument("--effects", action="store_true", help=what)
     return parser.parse_args(arguments)
 
 
@@ -178,14 +140,12 @@ def _run_effects(options: argparse.Namespace) -> None:
 def _run_goals(options: argparse.Namespace) -> None:
     print(machine_line())
     plan = Plan(options.seconds, options.limit, max(STEPS, options.steps), options.seed)
-    goals: list[Goal] = []
-    with progress(GOALS) as show:
+    with progress(GOALS_SECONDS) as bar:
         node: NodeGoals | None = None
         if find_spec("rclpy"):
             node = import_module("obb_collision.benchmarks.node_goals").node_goals
-        run = Goals(plan, lambda text: show(min(len(goals), GOALS - 1), text), node)
-        for goal in run.all():
-            goals.append(goal)
+        run = Goals(plan, bar.tell, node)
+        goals = list(run.all())
     table = goal_table(goals)
     print(as_text(table))
     print("\n".join(["", *slopes(run.rows), *differences(run.rows), *joined(run.notes)]))

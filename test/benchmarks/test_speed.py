@@ -171,7 +171,7 @@ def test_the_command_writes_what_it_measured(
     assert speed.main([*arguments.split(), *end]) == 0
     told = capsys.readouterr()
     assert "forms: 20 boxes, all moving" in told.out
-    assert "[4/4] 20 boxes, line" in told.err
+    assert "20 boxes, line" in told.err
     found = json.loads(files[0].read_text())
     names = {row["name"] for row in found["rows"]}
     assert names >= {one.name for one in OURS}
