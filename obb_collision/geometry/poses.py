@@ -20,19 +20,24 @@ Poses come as arrays (..., 7) and quaternions as (..., 4); leading dimensions br
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from obb_collision._jit import njit
 from obb_collision._threads import run
+from obb_collision.geometry.quaternion_blocks import (
+    BLOCK,
+    OFF_UNIT,
+    ROWS,
+    matrix_in,
+    rotation_of,
+    turn_block,
+)
 from obb_collision.geometry.validation import (
     UNIT_TOLERANCE,
     as_array,
     as_quaternions,
     as_shaped,
-    defect_of,
     orthonormal_defect,
     orthonormalize,
 )
@@ -40,8 +45,8 @@ from obb_collision.numerics.constants import MAX_MAGNITUDE, ORTHONORMAL_ROUNDING
 from obb_collision.numerics.vec3 import axes_of, rows_at, vector_at
 from obb_collision.typing import Axes, Floats, Vector
 
-#: Poses below which a second thread does not pay: 40 us.
-FEWEST_POSES = 2048
+#: Poses below which a second thread does not pay: 40 us of them.
+FEWEST_POSES = 4096
 #: One pose, or quaternion, as plain numbers.
 Pose = tuple[float, float, float, float, float, float, float]
 Quaternion = tuple[float, float, float, float]
@@ -64,10 +69,7 @@ def as_poses(
     given = as_shaped(value, name, (None, 7))
     if given.flags.writeable and len(given):  # no kernel for what is not
         positions, matrices = np.empty((len(given), 3)), np.empty((len(given), 3, 3))
-        loose = np.zeros(len(given), np.bool_)
-        if all(run(_read_kernel, len(given), FEWEST_POSES, given, positions, matrices, loose)):
-            if loose.any():
-                matrices[loose] = orthonormalize(matrices[loose])
+        if all(run(_read_kernel, len(given), FEWEST_POSES, given, positions, matrices)):
             return positions, matrices
     # what is to be refused, or warned of
     poses = as_array(given, name, (None, 7))
@@ -158,32 +160,31 @@ def quaternions_from_matrices(matrices: Floats) -> Floats:
 
 
 @njit
-def _read_kernel(
-    poses: Floats, positions: Floats, matrices: Floats, loose: np.ndarray, start: int, stop: int
-) -> bool:
-    """Write positions and rotations of poses ``start`` to ``stop``; return whether all are usual.
-
-    loose: set for rotations to be made orthonormal.
-
-    By the steps of ``as_quaternions`` and ``matrices_from_quaternions``, to the same bits.
-    """
+def _read_kernel(poses: Floats, positions: Floats, matrices: Floats, start: int, stop: int) -> bool:
+    """Write positions and rotations of poses ``start`` to ``stop``; return if all are usual."""
+    block = np.empty((ROWS, BLOCK))
     usual = True
-    for n in range(start, stop):  # without a branch, so that several are done at once
-        for k in range(7):
-            usual &= abs(poses[n, k]) <= MAX_MAGNITUDE  # False for NaN, too
-        x, y, z, w = poses[n, 3], poses[n, 4], poses[n, 5], poses[n, 6]
-        largest = max(max(abs(x), abs(y)), max(abs(z), abs(w)))
-        x, y, z, w = x / largest, y / largest, z / largest, w / largest
-        norm = math.sqrt(x * x + y * y + z * z + w * w)
-        rotation = rotation_of((x / norm, y / norm, z / norm, w / norm))
-        usual &= abs(largest * norm - 1.0) <= UNIT_TOLERANCE  # of no zero quaternion either
-        loose[n] = abs(defect_of(rotation)) > ORTHONORMAL_ROUNDING
-        for k in range(3):
-            positions[n, k] = poses[n, k]
-            matrices[n, 0, k] = rotation[0][k]
-            matrices[n, 1, k] = rotation[1][k]
-            matrices[n, 2, k] = rotation[2][k]
-    return usual
+    for first in range(start, stop, BLOCK):
+        count = min(BLOCK, stop - first)
+        for n in range(count):
+            for k in range(3):
+                positions[first + n, k] = poses[first + n, k]
+                usual &= abs(poses[first + n, k]) <= MAX_MAGNITUDE  # False for NaN, too
+            for k in range(4):
+                block[k, n] = poses[first + n, 3 + k]
+                usual &= abs(block[k, n]) <= MAX_MAGNITUDE
+        turn_block(block, count)
+        for n in range(count):
+            usual &= block[OFF_UNIT, n] <= UNIT_TOLERANCE  # of no zero quaternion either
+        if not usual:
+            return False
+        for n in range(count):
+            a, b, c = matrix_in(block, n)
+            for k in range(3):
+                matrices[first + n, 0, k] = a[k]
+                matrices[first + n, 1, k] = b[k]
+                matrices[first + n, 2, k] = c[k]
+    return True
 
 
 @njit
@@ -193,17 +194,6 @@ def _fill_matrices(quaternions: Floats, out: Floats) -> None:
         u, v, t = rotation_of((x, y, z, w))
         for k in range(3):
             out[n, 0, k], out[n, 1, k], out[n, 2, k] = u[k], v[k], t[k]
-
-
-@njit
-def rotation_of(quaternion: Quaternion) -> Axes:
-    """Return the rows of the rotation matrix of a unit quaternion."""
-    x, y, z, w = quaternion
-    return (
-        (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)),
-        (2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w)),
-        (2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)),
-    )
 
 
 @njit

@@ -19,9 +19,9 @@ from __future__ import annotations
 import numpy as np
 
 from obb_collision._jit import njit
-from obb_collision.geometry.poses import Quaternion, place_box, rotation_of
-from obb_collision.geometry.validation import defect_of, orthonormal_of
-from obb_collision.numerics.constants import MAX_MAGNITUDE, ORTHONORMAL_ROUNDING
+from obb_collision.geometry.poses import place_box
+from obb_collision.geometry.quaternion_blocks import BLOCK, ROWS, matrix_in, turn_block
+from obb_collision.numerics.constants import MAX_MAGNITUDE
 from obb_collision.typing import Floats
 
 #: Squared lengths of quaternions that need no second look: well within ``UNIT_TOLERANCE``.
@@ -68,24 +68,19 @@ def write_moves(
     start: int, stop: int,
 ) -> None:  # fmt: skip
     """Give rows the new poses that ``which[start:stop]`` names, and place their boxes."""
-    for n in range(start, stop):
-        number = which[n]
-        row = rows[number]
-        for k in range(7):
-            poses[row, k] = new[number, k]
-        changed[row] = True
-        quaternion = new[number, 3], new[number, 4], new[number, 5], new[number, 6]
-        rotation = rotation_of(_unit(quaternion))
-        if abs(defect_of(rotation)) > ORTHONORMAL_ROUNDING:
-            rotation = orthonormal_of(rotation)
-        position = new[number, 0], new[number, 1], new[number, 2]
-        place_box(position, rotation, local_centers, local_rotations, row, centers, rotations)
-
-
-@njit
-def _unit(q: Quaternion) -> Quaternion:
-    """Return a quaternion of unit length, by the steps of ``validation.as_quaternions``."""
-    largest = max(max(abs(q[0]), abs(q[1])), max(abs(q[2]), abs(q[3])))
-    x, y, z, w = q[0] / largest, q[1] / largest, q[2] / largest, q[3] / largest
-    norm = np.sqrt(((x * x + y * y) + z * z) + w * w)
-    return x / norm, y / norm, z / norm, w / norm
+    block = np.empty((ROWS, BLOCK))
+    for first in range(start, stop, BLOCK):
+        count = min(BLOCK, stop - first)
+        for n in range(count):
+            for k in range(4):
+                block[k, n] = new[which[first + n], 3 + k]
+        turn_block(block, count)
+        for n in range(count):
+            number = which[first + n]
+            row = rows[number]
+            for k in range(7):
+                poses[row, k] = new[number, k]
+            changed[row] = True
+            position = new[number, 0], new[number, 1], new[number, 2]
+            rotation = matrix_in(block, n)
+            place_box(position, rotation, local_centers, local_rotations, row, centers, rotations)
