@@ -35,7 +35,7 @@ from obb_collision.scene.report import Report
 
 
 class Cycle:
-    """What a cycle does, and what it took.
+    """Runs cycles, and measures their durations.
 
     collect: reads the queued messages; returns their maximum waiting time (s).
     """

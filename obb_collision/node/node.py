@@ -14,7 +14,7 @@
 
 """The collision node: callbacks store, one cycle computes and publishes.
 
-``main`` is the console script ``obb_collision_node``; ``CollisionNode`` can stand in any process.
+``main`` is the console script ``obb_collision_node``; ``CollisionNode`` can run in any process.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ NODE_NAME = "obb_collision"
 
 
 class CollisionNode(Node):
-    """Keeps the world boxes of a scene up to date and publishes which collide.
+    """Maintains the world boxes of a scene and publishes which collide.
 
     frames: where frames are, by default tf2 where installed. ending: whether a start that compiles
     is to be given up, which raises ExternalShutdownException. All else goes to

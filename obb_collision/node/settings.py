@@ -40,7 +40,7 @@ class SceneSettings:
     def __init__(self, parameters: Parameters, objects: Objects, warm: WarmUp) -> None:
         self._parameters, self._objects, self._warm = parameters, objects, warm
         self.allowed: list[AllowedRule] = []
-        """Rules beside those of the parameters, which come after them."""
+        """Further rules, before those of the parameters."""
         self._allowed: list[AllowedRule] = []
         self._effects: dict[str, Any] = {}
         self._threads: int | None = None

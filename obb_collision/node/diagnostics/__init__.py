@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What the node counts and reports about itself."""
+"""Statistics of the node and its reports about itself."""

@@ -45,12 +45,12 @@ BLOCKED = "cycle blocked"
 
 @dataclass(frozen=True)
 class Answer:
-    """What is known of collisions.
+    """Whether anything collides, as far as it is known.
 
     pairs: colliding ones, of the last check. unknown: why nothing is known at all, "" if something
-    is; seconds: for how long, 0 where that says nothing. missing: objects without a box, so that
-    nothing is known of them. late: objects that take part where they were, while newer states of
-    theirs could not be placed in time. stamp: of the newest state evaluated (ns), 0 for none.
+    is; seconds: since when, 0 if undefined. missing: objects without a box, which are not checked.
+    late: objects that take part where they were, while newer states of theirs could not be placed
+    in time. stamp: of the newest state evaluated (ns), 0 for none.
     """
 
     pairs: int = 0

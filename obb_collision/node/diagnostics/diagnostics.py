@@ -175,7 +175,7 @@ def cycle_status(
 ) -> DiagnosticStatus:
     """Mean and longest duration of the last cycles, whole, by stage and by effect; overruns.
 
-    effects: by name, what becomes of each in words; period: between two cycles (s).
+    effects: state of each by name, in words; period: between two cycles (s).
     """
     overruns_before, failures_before = cycles.reported_overruns, cycles.reported_failures
     delay, age = cycles.delay, cycles.age

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Counting what comes in, what is refused and why, and how long cycles take."""
+"""Statistics of messages received, refused items by reason, and durations of cycles."""
 
 from __future__ import annotations
 

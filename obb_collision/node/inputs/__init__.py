@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What comes in: one module per source, each with what it refuses."""
+"""Inputs: one module per source, each with its reasons of refusal."""

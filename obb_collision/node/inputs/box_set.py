@@ -13,7 +13,7 @@
 # limitations under the License.
 
 
-"""The objects that sets of boxes name: they come, change, and go when a set lacks them."""
+"""The objects of sets of boxes: added, changed, and removed when a set lacks them."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ OWNED = RefusedError("object of another input", "boxes and markers do not share 
 
 
 class BoxSet:
-    """Brings the objects that came by sets of boxes in line with the newest set."""
+    """Updates the objects that were added by sets of boxes to the newest set."""
 
     def __init__(self, objects: Objects, guard: Guard) -> None:
         self._objects, self._guard = objects, guard

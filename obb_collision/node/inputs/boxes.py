@@ -13,7 +13,7 @@
 # limitations under the License.
 
 
-"""The topic ``object_boxes``: each message is the complete set of boxes that come by it.
+"""The topic ``object_boxes``: each message is the complete set of boxes of this topic.
 
 Sets wait until the next cycle, and the newest one that can be placed is applied: it would undo
 those before it anyway.
@@ -52,7 +52,7 @@ from obb_collision.typing import Floats, Integers, Mask, Rows
 
 
 class Given(NamedTuple):
-    """Boxes as they came: keys (n,), poses (n, 7) and sizes (n, 3)."""
+    """Boxes as received: keys (n,), poses (n, 7) and sizes (n, 3)."""
 
     namespaces: Integers | None
     ids: Integers
@@ -92,7 +92,7 @@ class BoxInput:
         self._received = 0
 
     def take(self, message: PointCloud2) -> None:
-        """Let a complete set wait for the next cycle."""
+        """Queue a complete set for the next cycle."""
         now, frame = self._clock(), message.header.frame_id
         self._monitor.received(now)
         try:
@@ -109,7 +109,7 @@ class BoxInput:
         self._monitor.superseded += self.waiting.add(cloud)
 
     def _note_order(self, stamp: int, now: int) -> None:
-        """Take note of the stamp of a set; RefusedError for one that comes too late."""
+        """Store the stamp of a set; RefusedError for one that is too old."""
         states, before = self._objects.states, self._order - stamp
         if stamp and before > 0:
             most = f"{before / NANOSECONDS:.1f} s before the last one"
@@ -127,7 +127,7 @@ class BoxInput:
             self._monitor.superseded += self.waiting.use_newest(now, self._use, self._refuse)
 
     def clock_jumped(self, shift: int) -> None:
-        """Take over a jump of the clock (ns)."""
+        """Shift times by a jump of the clock (ns)."""
         self.waiting.clock_jumped(shift)
         self._order = 0
 

@@ -131,7 +131,7 @@ class MarkerAdder:
             self._each(markers, np.array([row]), lambda one: self._put(markers, int(one[0])))
 
     def _are_old(self, markers: Gathered, rows: Rows, slots: Rows) -> Mask:
-        """Return which states come after newer ones of their objects; they are counted."""
+        """Return which states are older than those their objects have; they are counted."""
         old = self._objects.states.find_late(slots, markers.stamp[rows], markers.received[rows])
         self.refuse(markers, rows[old], RefusedError(OLDER, "a newer state is known"))
         return old

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What markers come to, applied to the objects: some go, and the rest is added or changed."""
+"""Applying the outcome of markers: objects are removed, added or changed."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class MarkerApplication:
         self._adder = MarkerAdder(objects, monitor, guard, now)
 
     def settle(self, markers: Gathered) -> tuple[Faults, Outcome]:
-        """Return what is wrong with markers, which is counted, and what they come to."""
+        """Return the faults of markers, which are counted, and their outcome."""
         faults = find_faults(markers, self._objects.placement.frame_index)
         outcome = settle(markers, faults, self._now, self._objects.states.stamp_tolerance)
         for number, error in enumerate(faults.errors):
@@ -73,7 +73,7 @@ class MarkerApplication:
             objects.shapes.refuse(markers.key(row), error.reason, of_shape, expiry)
 
     def _without_boxes(self, markers: Gathered, outcome: Outcome) -> Outcome:
-        """Leave out what is about objects of sets of boxes, and count it."""
+        """Exclude, and count, markers that name objects of sets of boxes."""
         table = self._objects.table
         slots = self._adder.find_slots(markers, outcome.first)
         owned = (slots >= 0) & table.of_set[slots]

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The markers of several messages, taken together: which of them count in the end.
+"""The markers of several messages combined: which of them take effect.
 
 Actions are applied in order, but of the states of an object only the last one that can be used is
 worth the time: a backlog is worked off at once, however many messages it has. DELETEALL cancels
@@ -46,7 +46,7 @@ MAX_TRIES = 3
 
 
 class Faults:
-    """What is wrong with markers: ``number`` (n,) into ``errors``, GOOD for nothing.
+    """Faults of markers: ``number`` (n,) into ``errors``, GOOD for none.
 
     of_shape: by error, whether it is the shape that can't be used, and not the pose.
     """
@@ -57,7 +57,7 @@ class Faults:
         self.of_shape: list[bool] = []
 
     def note(self, bad: Mask, error: RefusedError, of_shape: bool = False) -> None:
-        """Note what is wrong with markers, of which nothing was known to be wrong so far."""
+        """Add a fault to markers that have none so far."""
         bad = bad & (self.number == GOOD)
         if bad.any():
             self.number[bad] = len(self.errors)
@@ -67,7 +67,7 @@ class Faults:
     def note_names(
         self, rows: Mask, names: Rows, bad: Mapping[int, RefusedError], of_shape: bool = False
     ) -> None:
-        """Note what is wrong with the names of some markers: an error for each reason."""
+        """Add the faults of names: one error per reason."""
         by_reason: dict[str, list[int]] = {}
         for index, error in bad.items():
             by_reason.setdefault(error.reason, []).append(index)
@@ -89,7 +89,7 @@ def _bad_frames(markers: Gathered, index_frame: Callable[[str], int]) -> Mapping
 
 
 def find_faults(markers: Gathered, index_frame: Callable[[str], int]) -> Faults:
-    """Return what is wrong with markers, as far as it can be seen at once.
+    """Return the faults of markers that are found by arrays.
 
     index_frame: returns the index of a frame, or raises RefusedError.
     """
@@ -114,7 +114,7 @@ def find_faults(markers: Gathered, index_frame: Callable[[str], int]) -> Faults:
 
 
 class Outcome(NamedTuple):
-    """What markers come to, k objects, each with one row here; -1 stands for none.
+    """The outcome of markers: k objects, one row each; -1 for none.
 
     first: a marker of the object. winner: the last one that can be used and is not undone. bad: a
     later one that can't be used. removed: whether what was there before is gone; remover: the last
@@ -178,7 +178,7 @@ def _settle(
 
 
 def settle(markers: Gathered, faults: Faults, now: int, tolerance: int) -> Outcome:
-    """Return what the markers come to at time ``now`` (ns).
+    """Return the outcome of markers at time ``now`` (ns).
 
     A stamp further than ``tolerance`` (ns) ahead of the time of receipt orders nothing.
     """
@@ -202,7 +202,7 @@ def settle(markers: Gathered, faults: Faults, now: int, tolerance: int) -> Outco
 
 
 def remaining(markers: Gathered, outcome: Outcome) -> Gathered:
-    """Return the markers that decide what all of them come to."""
+    """Return the markers that determine the outcome of all."""
     deletes = np.flatnonzero(markers.action == Marker.DELETEALL)
     deletes = deletes[~_cancelled(markers, own=False)[deletes]]
     winners = outcome.winner[outcome.winner >= 0]

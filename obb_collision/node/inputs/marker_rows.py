@@ -196,7 +196,7 @@ def join(first: Gathered, second: Gathered) -> Gathered:
 def _names(
     parts: Sequence[Scanned], column: int, same: int, what: str
 ) -> tuple[Rows, list[str], dict[int, RefusedError]]:
-    """Return the indices (n,) of texts, the texts, and what is wrong with some of them."""
+    """Return the indices (n,) of texts, the texts, and the faults of some of them."""
     known: dict[bytes, int] = {}
     indices = []
     for part in parts:

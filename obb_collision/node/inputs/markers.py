@@ -44,7 +44,7 @@ MAX_WAITING_MESSAGES = 1000
 
 
 class MarkerInput:
-    """Takes messages of ``objects``, and applies what they come to."""
+    """Receives messages of ``objects``, and applies their outcome."""
 
     def __init__(
         self,
@@ -60,7 +60,7 @@ class MarkerInput:
         self._messages = 0
 
     def take(self, data: bytes) -> None:
-        """Let a serialised MarkerArray wait for the next cycle."""
+        """Queue a serialised MarkerArray for the next cycle."""
         now = self._clock()
         self._monitor.received(now)
         self._waiting.append((data, now))
@@ -69,14 +69,14 @@ class MarkerInput:
             self._coalesce()
 
     def clock_jumped(self, shift: int) -> None:
-        """Take over a jump of the clock (ns)."""
+        """Shift times by a jump of the clock (ns)."""
         self._waiting = [(data, at + shift) for data, at in self._waiting]
         if self._kept is not None:
             self._kept.received += shift
             self._kept.expiry[self._kept.expiry != NEVER] += shift
 
     def _gather(self) -> Gathered | None:
-        """Return all that waits, and wait for more.
+        """Return all queued messages, and empty the queue.
 
         The newest message is read first: what comes before a DELETEALL is dropped unread.
         """
@@ -99,7 +99,7 @@ class MarkerInput:
         return new if kept is None else join(kept, new)
 
     def _scan(self, data: bytes) -> Scanned | None:
-        """Return what is in a message, None where it is refused."""
+        """Return the markers of a message, None if it is refused."""
         now = self._clock()
         try:
             return scan_markers(data)
@@ -111,7 +111,7 @@ class MarkerInput:
         return None
 
     def _coalesce(self) -> None:
-        """Keep of what waits only what it comes to, or apply that if it is still too much."""
+        """Reduce the queue to its outcome, or apply that if it is still too large."""
         markers = self._gather()
         if markers is None:
             return

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 
-"""Rows are used all at once; where one fails, it takes no other with it."""
+"""Rows are used together; one that fails does not prevent the others."""
 
 from __future__ import annotations
 

@@ -84,7 +84,7 @@ class Obstacles:
         self.stamp = (cloud.stamp if believed else 0) or cloud.received
 
     def note(self, report: Report) -> None:
-        """Take note of what the effect made of the points."""
+        """Record the result of the effect on the points."""
         found: PointsInside | None = report.results.get("points")
         if found is not None and self.stamp:
             self._monitor.ignored = found.ignored
@@ -96,7 +96,7 @@ class Obstacles:
         self.stamp = 0
 
     def clock_jumped(self, shift: int) -> None:
-        """Take over a jump of the clock (ns)."""
+        """Shift times by a jump of the clock (ns)."""
         self.waiting.clock_jumped(shift)
         self.stamp = max(1, self.stamp + shift) if self.stamp else 0
 

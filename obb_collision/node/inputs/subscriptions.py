@@ -33,9 +33,9 @@ from obb_collision.node.diagnostics.qos import overridable
 
 
 class Input(NamedTuple):
-    """An input topic: its messages, how many of them may wait, and whether each must arrive.
+    """An input topic: type and depth of its queue, and whether it is reliable.
 
-    raw: whether they are taken as they are serialised.
+    raw: whether messages are received serialised.
     """
 
     kind: type

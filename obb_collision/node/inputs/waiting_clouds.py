@@ -13,7 +13,7 @@
 # limitations under the License.
 
 
-"""Clouds that wait to be used: the newest one that can be placed counts.
+"""Clouds queued for use: the newest one that can be placed is used.
 
 Those that wait for their transforms are few and bounded.
 """
@@ -36,7 +36,7 @@ MAX_CLOUD_BYTES = 1 << 26
 
 
 class Cloud(NamedTuple):
-    """A cloud that waits: what is in it, its frame, its stamp and when it came (ns), its bytes."""
+    """A queued cloud: content, frame, stamp and time of receipt (ns), size in bytes."""
 
     content: Any
     frame: str
@@ -46,7 +46,7 @@ class Cloud(NamedTuple):
 
 
 class WaitingClouds:
-    """Clouds of one topic in the order in which they came."""
+    """Clouds of one topic in the order of receipt."""
 
     def __init__(
         self, frames: FrameSource, fixed_frame: str, monitor: InputMonitor, guard: Guard
@@ -56,10 +56,10 @@ class WaitingClouds:
         self.clouds: list[Cloud] = []
         """The newest one last."""
         self.timeout = 0.0
-        """How long a cloud may wait for its frame (s)."""
+        """Maximum time that a cloud waits for its frame (s)."""
 
     def add(self, cloud: Cloud) -> int:
-        """Let a cloud wait; returns how many are dropped that were not used."""
+        """Queue a cloud; returns the number of unused clouds that are dropped."""
         before = len(self.clouds)
         if not self._is_elsewhere(cloud):
             self.clouds.clear()
@@ -73,7 +73,7 @@ class WaitingClouds:
         return before + 1 - len(self.clouds)
 
     def clock_jumped(self, shift: int) -> None:
-        """Take over a jump of the clock (ns)."""
+        """Shift times by a jump of the clock (ns)."""
         self.clouds = [c._replace(received=c.received + shift) for c in self.clouds]
 
     def use_newest(

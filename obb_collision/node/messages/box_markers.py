@@ -47,7 +47,7 @@ def edge_points(boxes: Boxes) -> Floats:
 
 
 class Markers:
-    """Writes ``~/markers``: complete each time, with a DELETE for what was there before only."""
+    """Writes ``~/markers``: complete each time, with a DELETE per object that no longer exists."""
 
     def __init__(self, frame: str) -> None:
         self._frame = frame

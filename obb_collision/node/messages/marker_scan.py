@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Marker arrays out of their serialised bytes, without Python message objects.
+"""Parsing serialised MarkerArrays without Python message objects.
 
 rclpy takes 75 us and more to make one Marker of a message, before any callback: 20,000 would stop
 the cycles for seconds. Here the bytes (plain little-endian CDR, OMG DDS-RTPS, 10.5) are walked once
@@ -63,7 +63,7 @@ class Scanned(NamedTuple):
         return len(self.integers)
 
     def text(self, row: int, column: int) -> bytes:
-        """Return a text of a marker as it stands in the message."""
+        """Return the raw bytes of a text of a marker."""
         at, size = self.integers[row, column : column + 2].tolist()
         return self.data[at : at + size]
 
@@ -93,7 +93,7 @@ class Scanned(NamedTuple):
 
 
 def scan_markers(data: bytes) -> Scanned:
-    """Return what stands where in a serialised MarkerArray; RefusedError ("malformed message")."""
+    """Return the parsed layout of a serialised MarkerArray; RefusedError ("malformed message")."""
     if data[:2] != ENCAPSULATION[:2]:
         data = _rewritten(data)
     if len(data) < ORIGIN + 4:

@@ -97,7 +97,7 @@ class NamespaceTable:
         self._unused: dict[int, None] = {}  # the one longest unused first
         self._bytes = 0
         self.named: Callable[[int], None] = lambda number: None
-        """Called when the name of a number becomes known whose objects had a stand-in for it."""
+        """Called when the name of a number is received whose objects had a stand-in."""
 
     def __len__(self) -> int:
         return len(self.names)
@@ -180,7 +180,7 @@ class NamespaceTable:
         return most or self._bytes + size > MAX_NAMESPACE_BYTES
 
     def use(self, number: int, count: int = 1) -> None:
-        """Count objects that came into a namespace that was admitted."""
+        """Count new objects of an admitted namespace."""
         self._used[number] = self._used.get(number, 0) + count
         self._unused.pop(number, None)
 
@@ -192,7 +192,7 @@ class NamespaceTable:
             self._unused[number] = None
 
     def forget_unused(self) -> None:
-        """Forget all namespaces without objects."""
+        """Remove all namespaces without objects."""
         for number in list(self._unused):
             self._forget(number)
 
@@ -203,7 +203,7 @@ class NamespaceTable:
 
 
 class FrameTable:
-    """Frames by index, 0 is the fixed frame; the rest come and go."""
+    """Frames by index; 0 is the fixed frame, others are added and removed."""
 
     def __init__(self, fixed_frame: str) -> None:
         self._names: dict[int, str] = {0: fixed_frame}
@@ -245,7 +245,7 @@ class FrameTable:
         return new
 
     def keep_only(self, used: Iterable[int]) -> None:
-        """Forget the frames that are not in use."""
+        """Remove the frames that are not in use."""
         kept = {0, *used}
         for index in [index for index in self._names if index not in kept]:
             del self._indices[self._names.pop(index)]

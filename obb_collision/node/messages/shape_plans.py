@@ -67,14 +67,14 @@ SCALE_AXES = {
     Marker.LINE_LIST: 1,
     Marker.LINE_STRIP: 1,
 }
-"""How many components of ``scale`` mean something; all three where not named."""
+"""Number of components of ``scale`` that are used; all three where not named."""
 
 NO_BODY = "no body"
 """Reason: a marker is an annotation, which can't collide."""
 ANNOTATIONS = (Marker.TEXT_VIEW_FACING, Marker.ARROW_STRIP)
 
 IMMEDIATE = (Marker.CUBE, Marker.SPHERE, Marker.CYLINDER, Marker.ARROW)
-"""Types whose shape is there at once."""
+"""Types whose shape is created immediately."""
 
 LONGEST_URI = 4096
 """Characters of a URI; no path is longer on Linux."""

@@ -32,7 +32,7 @@ except ImportError:  # not on PyPI; on a robot it comes with ROS
 
 UNKNOWN_FRAME, NO_TRANSFORM, EXTRAPOLATION = "unknown frame", "no transform", "extrapolation"
 """Reasons why a frame can't be placed: no transform names it, nothing connects it with the fixed
-frame, or what is known of it does not reach to the stamp."""
+frame, or its known transforms do not cover the stamp."""
 
 LATER = (UNKNOWN_FRAME, NO_TRANSFORM, EXTRAPOLATION)
 """What may be otherwise later on."""

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Objects that come, stay and go many at a time, without a step in Python for each where it counts.
+"""Adding, extending and removing many objects at a time, by arrays where speed matters.
 
 What these do to one object is what the methods of ``ObjectShapes`` do.
 """
@@ -31,7 +31,7 @@ from obb_collision.shapes import Cylinder, Ellipsoid, Shape
 from obb_collision.typing import Floats
 
 KEPT = ("live", "ns", "id", "kind", "size", "placed", "expiry", "shaped")
-"""Columns that stay where an object goes and comes again with the shape it had."""
+"""Columns that are unchanged if an object is removed and added again with the same shape."""
 
 
 def renew_slots(shapes: ObjectShapes, slots: Slots) -> None:

@@ -50,6 +50,6 @@ class Notes:
         self._notes[note[:3]] = note._replace(total=total)
 
     def take(self) -> list[Note]:
-        """Return the notes, and begin anew."""
+        """Return the notes, and reset them."""
         notes, self._notes = self._notes, {}
         return list(notes.values())

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The objects of the node: they come, get poses, turn stale, expire and go.
+"""The objects of the node: added, moved, stale, expired and removed.
 
 Messages are stored here as they arrive (the latest state of an object wins); once a cycle
 ``update`` brings the scene up to date. An object whose latest state is refused, or that is stale,
@@ -78,7 +78,7 @@ class Objects:
         self._tree_builder.close()
 
     def clear(self) -> int:
-        """Take out all objects, and forget every name; returns how many objects there were."""
+        """Remove all objects and names; returns the number of objects."""
         slots = np.flatnonzero(self.table.live)
         self.shapes.remove(slots)
         self.shapes.unplaceable.forget_all(None)

@@ -74,7 +74,7 @@ class Placement:
         self._count = 0
         self.waiting = WaitingStates()
         self.timeout = 0.0
-        """How long a pose may wait for its frame (s)."""
+        """Maximum time that a pose waits for its frame (s)."""
         self.ignore_stale = False
         """Whether stale objects take no part in collisions (they are still reported)."""
 
@@ -116,11 +116,11 @@ class Placement:
         table.waited_out[slots] = False
 
     def begin(self, slots: Slots | int) -> None:
-        """Begin new objects: what waits for their slots is other ones'."""
+        """Initialise new objects: queued states of their slots belong to earlier objects."""
         self._table.number[slots] = self._table.world_number[slots] = self._count
 
     def place(self, now: int) -> None:
-        """Bring all objects with a new pose, or one that is to be placed anew, to their place."""
+        """Place all objects whose pose is new or must be placed again."""
         table = self._table
         table.pending |= table.live & table.locked
         rows = np.flatnonzero(table.pending & table.live)
@@ -131,14 +131,14 @@ class Placement:
             self._place(rows[~here], now)
 
     def enable(self, slots: Slots) -> None:
-        """Let objects take part in collisions, or not."""
+        """Include objects in collisions or exclude them."""
         table = self._table
         shown = table.placed[slots] & table.shaped[slots]
         shown &= ~(self.ignore_stale & table.stale[slots])
         self._scene.set_enabled_indices(slots, shown)
 
     def clock_jumped(self, shift: int) -> None:
-        """Take over a jump of the clock (ns)."""
+        """Shift times by a jump of the clock (ns)."""
         self._next_retry = 0
         self.waiting.rows["received"] += shift
 
@@ -150,7 +150,7 @@ class Placement:
         self._set_twists(slots, np.zeros((len(slots), 6)))
 
     def _place(self, rows: Slots, now: int) -> None:
-        """Place what is given in other frames: the newest state of each object that can be."""
+        """Place states given in other frames: per object the newest one that can be placed."""
         table = self._table
         if now < self._next_retry:
             rows = rows[~table.waited_out[rows] | table.locked[rows]]
@@ -172,7 +172,7 @@ class Placement:
         self._time_out(latest_states(table, rows[table.pending[rows]]), transforms, now)
 
     def _drop_superseded(self) -> None:
-        """Drop states older than the one placed last, and those of objects that are gone."""
+        """Drop states older than the one placed last, and those of removed objects."""
         table, states = self._table, self.waiting.rows
         slots = states["slot"]
         kept = table.live[slots] & (states["number"] > table.world_number[slots])
@@ -180,7 +180,7 @@ class Placement:
             self.waiting.rows = states[kept]
 
     def _time_out(self, latest: States, transforms: Transforms, now: int) -> None:
-        """Refuse what has waited too long; of the latest states remember that they have."""
+        """Refuse states that waited too long, and mark those that were the latest."""
         table, limit = self._table, int(self.timeout * NANOSECONDS)
         waiting = self.waiting.rows
         late = now - waiting["received"] > limit

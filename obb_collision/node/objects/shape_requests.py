@@ -113,7 +113,7 @@ class ShapeRequests:
             raise RefusedError(error.reason, error.detail) from error
 
     def cancel(self, key: Key) -> None:
-        """Forget what an object waits for."""
+        """Cancel the request of an object."""
         self._builder.cancel(key)
 
     def is_waiting(self, key: Key) -> bool:
@@ -168,7 +168,7 @@ class ShapeRequests:
                 file.asked = True
 
     def _checked(self, signature: Signature, outcome: Outcome) -> Iterator[Given]:
-        """Yield what the objects of a file get: nothing, if it is as it was."""
+        """Yield the results for the objects of a file; none if it is unchanged."""
         if outcome.error is None and outcome.result is None:
             return
         if signature in self._files:

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The shapes of objects: they come with one, get others, and wait for those that take time."""
+"""The shapes of objects: set, changed, and awaited while they are built."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from obb_collision.shapes import Box, Shape
 
 DEFAULT_LIMIT = 1000
 PLACEHOLDER = Box((1.0, 1.0, 1.0))
-"""What an object is while its first shape is being built: it takes part in nothing till then."""
+"""Stands for an object whose first shape is being built; it is not checked until then."""
 NO_SIGNATURE: Signature = ()
 
 
@@ -151,7 +151,7 @@ class ObjectShapes:
             self.table.pose_refused[slot] = True
 
     def remove(self, slots: Slots) -> None:
-        """Take out the objects at slots (n,), all in use and distinct."""
+        """Remove the objects at slots (n,), all in use and distinct."""
         self.cancel_pending(slots)
         self.table.release_many(slots)
         self.scene.remove_indices(slots)

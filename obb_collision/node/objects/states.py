@@ -28,7 +28,7 @@ from obb_collision.node.objects.table import ObjectTable, Slots
 from obb_collision.typing import Floats, Mask
 
 OLDER = "older stamp"
-"""Reason: a state came after one with a newer stamp."""
+"""Reason: a state was received after one with a newer stamp."""
 FAR = "quaternion far from unit length"
 """Doubt: its length is more than 0.1 off 1; it is normalised."""
 AHEAD = "stamp from the future"
@@ -52,7 +52,7 @@ class State:
 
 
 class States:
-    """Stores states in the table; what is wrong with one is noted."""
+    """Stores states in the table, and notes their faults."""
 
     def __init__(self, table: ObjectTable, placement: Placement, notes: Notes) -> None:
         self._table, self._placement, self._notes = table, placement, notes
@@ -124,7 +124,7 @@ class States:
         return late
 
     def _find_old(self, slots: Slots, stamps: Slots, received: Slots, topic: str) -> Mask:
-        """Return which states come too late (n,), and note which senders restarted."""
+        """Return which states are too old (n,), and note which senders restarted."""
         old = self.find_late(slots, stamps, received)
         before = self._table.order[slots] - stamps
         anew = ~old & (before > 0) & (stamps != 0)
@@ -138,7 +138,7 @@ class States:
         self._notes.doubt(topic, reason, name, detail, len(slots))
 
     def lock(self, slots: Slots) -> None:
-        """Place the stored poses anew every cycle, where their frames are then."""
+        """Place the stored poses in every cycle by the current transforms of their frames."""
         self._table.locked[slots] = self._table.frame[slots] != 0
         self._table.stamp[slots] = 0
 
@@ -147,7 +147,7 @@ class States:
         self._table.pose_refused[slots] = True
 
     def mark_doubtful(self, now: int) -> None:
-        """Mark objects whose state is from the future, or older than one that came since."""
+        """Mark objects whose state is from the future, or older than one received before."""
         table = self._table
         table.ahead[:] = table.placed & (table.world_stamp > now + self.stamp_tolerance)
         since = now - table.received

@@ -216,7 +216,7 @@ class ObjectTable:
 
     @property
     def index(self) -> dict[int, int]:
-        """Slots by key in one number, see ``pack``: made anew after many objects came or went."""
+        """Slots by key in one number, see ``pack``; rebuilt after many changes."""
         if self._index is None:
             keys, slots = self._sort()
             self._index = dict(zip(keys.tolist(), slots.tolist(), strict=True))

@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What goes out: publishers, and what of them is computed."""
+"""Outputs: the publishers, and which of them are computed."""

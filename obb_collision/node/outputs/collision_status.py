@@ -74,7 +74,7 @@ class CollisionStatus:
 
     @property
     def answer(self) -> Answer:
-        """What is known now."""
+        """The last answer."""
         return self._answer
 
     def begin(self) -> None:
@@ -88,7 +88,7 @@ class CollisionStatus:
         self._thread.start()
 
     def update(self, answer: Answer, cycle: bool = False) -> None:
-        """Take what is known now; cycle: as a cycle has found that came to its end."""
+        """Publish an answer; cycle: it is that of a completed cycle."""
         with self._lock:
             if cycle:
                 self._alive = self._steady()

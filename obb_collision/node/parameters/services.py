@@ -12,9 +12,9 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The services that set parameters: a value that raises is refused, and ends nothing.
+"""The services that set parameters: a value that raises an exception is refused.
 
-rclpy lets an exception of a callback, or of a type that is none, out of the executor.
+Without this, rclpy raises it, and those of invalid types, from the executor.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ Callback = Callable[[Any, Any], Any]
 
 
 def guard_parameter_services(node: Node) -> None:
-    """Let nothing that is sent to a node's parameter services end it."""
+    """Prevent requests to a node's parameter services from ending it."""
     for service in node.services:
         if service.srv_type is SetParameters:
             service.callback = _one_by_one(node, service.callback)

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Time of the node's clock, and what to do where it jumps.
+"""Time of the node's clock, and detection of its jumps.
 
 Ages and lifetimes are differences of this clock, so that they stand still with a paused simulation.
 Where it jumps (a simulation begins anew, a bag loops, a robot without a battery for its clock gets
@@ -41,7 +41,7 @@ def boot_time() -> int:
 
 
 class NodeClock:
-    """Reads a clock and finds its jumps.
+    """Reads a clock and detects its jumps.
 
     read: the time (ns); is_simulated: whether it is that of /clock. on_jump(shift, now) is called
     with what a jump added (ns), before the new time is used.

@@ -30,7 +30,7 @@ BAD_USAGE = 2
 
 
 def end_at_once_on_signals() -> None:
-    """Let a signal end the process at once: for the seconds in which nothing is done but imports.
+    """Make signals end the process immediately, while it only imports modules.
 
     KeyboardInterrupt would be raised in whichever module is being imported.
     """

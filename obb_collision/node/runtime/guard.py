@@ -33,7 +33,7 @@ MAX_PLACES = 256
 
 
 class Guard:
-    """Counts failures by where they happened; each distinct one is logged once, with its traceback.
+    """Counts failures by location; each distinct one is logged once, with its traceback.
 
     log: takes the text of an error. is_alive: whether the node's context is still there; what
     fails because it is gone is no error of the node, and ends it as it should.

@@ -47,7 +47,7 @@ UNUSABLE = (
     ParameterException,
     InvalidQosOverridesError,
 )
-"""What a parameter, a remapping or an override that can't be used raises as a node is made."""
+"""Exceptions of a node's constructor for invalid parameters, remappings or overrides."""
 
 
 class Signals:
@@ -71,7 +71,7 @@ class Signals:
             os.write(2, b"stopping; a second signal ends the process at once\n")
 
     def ignore(self) -> None:
-        """Take no more signals: what is left to do is to end."""
+        """Ignore further signals: the process is ending."""
         for number in SIGNALS:
             signal.signal(number, signal.SIG_IGN)
 

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Kernels made ready before a cycle needs them: at the start, or beside the cycles.
+"""Kernels compiled before a cycle needs them: at the start, or beside the cycles.
 
 Nothing is compiled in the node's process while it runs: numba compiles under one lock, and the
 cycle would wait for it. Other processes compile into the cache (see ``warm_up``), and a thread
@@ -51,7 +51,7 @@ Thing = Accuracy | str
 
 
 class WarmUp:
-    """What is ready, and a thread for what isn't yet.
+    """Which kernels are ready, and a thread that compiles the others.
 
     info, warning: log a line. stopped: whether the start is to be abandoned.
     """
@@ -213,7 +213,7 @@ class WarmUp:
         return progress
 
     def _private_place(self) -> Path | None:
-        """Return a folder for what the cache does not take, None where it takes all."""
+        """Return a folder for kernels that can't be cached, None if all can."""
         needed = self._is_cache_full or _kernel_cache.why_not_kept()
         return _kernel_cache.private_place() if needed else None
 
@@ -235,7 +235,7 @@ class WarmUp:
 
 
 class _Forward(logging.Handler):
-    """Passes on what the library logs."""
+    """Forwards log records of the library."""
 
     def __init__(self, take: Callable[[str], None]) -> None:
         super().__init__()

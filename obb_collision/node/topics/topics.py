@@ -159,8 +159,8 @@ TOPICS: dict[str, Topic] = {
         name="/diagnostics", description="The state of the node", message=DiagnosticArray
     ),
 }
-"""By what they are switched by, the parameter ``effects.NAME``: an effect of the scene, or what
-only the node has."""
+"""By the name in the parameter ``effects.NAME``: an effect of the scene, or an output of the node
+only."""
 NAMESPACES = Topic(name="namespaces", message=DiagnosticStatus, qos=LATCHED)
 """Without a mode: the clouds cannot be read without it."""
 
