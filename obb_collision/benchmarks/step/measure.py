@@ -195,7 +195,8 @@ def _take_turns(
         entry.step(frames[0])  # what is made once
         entry.times.clear()
     start, turn, done = perf_counter(), 0, False
-    founds: list[Any] = []
+    founds: list[Any] = [None] * len(entries)
+    order = np.random.default_rng(plan.seed)
     while not done:
         turn += 1
         frame = frames[turn % len(frames)]
@@ -204,11 +205,11 @@ def _take_turns(
         done = spent >= plan.seconds and (
             turn > plan.steps or (turn > FEWEST and spent > plan.limit)
         )
-        for entry in entries:
-            found = entry.step(frame)
+        for k in order.permutation(len(entries)).tolist():  # the predecessor matters
+            found = entries[k].step(frame)
             if done:
-                founds.append(found)
-            del found  # a report in use makes a scene copy its boxes
+                founds[k] = found
+            del found  # no report is in use during the next step
         tell(turn)
     return founds, frame
 
