@@ -25,7 +25,7 @@ from __future__ import annotations
 import os
 import threading
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
 from operator import index
 from typing import Any
 
@@ -185,10 +185,15 @@ def run_parts(call: Callable[[int], Any], count: int) -> list[Any]:
             helpers.append(_threads.workers().submit(work))
     except RuntimeError:  # the interpreter ends, or can start no more threads
         pass
+    except BaseException as error:  # an interrupt: no helper may write after the return
+        failed.append(error)
     work()
     for helper in helpers:
-        if not helper.cancel():  # one that has not begun finds nothing left
-            helper.result()
+        while not (helper.cancel() or helper.done()):  # one that has not begun finds nothing left
+            try:
+                wait([helper])
+            except BaseException as error:
+                failed.append(error)
     if failed:
         raise failed[0]
     return results

@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sys
 import threading
@@ -91,6 +92,38 @@ def test_what_a_part_raises_is_raised_by_the_call() -> None:
 
         with pytest.raises(KeyError, match=str(bad)):
             run_parts(call, 6)
+
+
+def test_after_an_interrupt_no_part_runs_any_more() -> None:
+    oc.set_threads(2)
+    first, interrupted, returned, ended = (threading.Event() for _ in range(4))
+    main, late = threading.get_ident(), []
+
+    def interrupt(*_: object) -> None:
+        interrupted.set()
+        raise KeyboardInterrupt
+
+    def call(_: int) -> None:
+        both.wait(60)
+        if threading.get_ident() == main:
+            first.set()
+            return
+        first.wait(60)
+        signal.pthread_kill(main, signal.SIGINT)
+        interrupted.wait(60)
+        late.append(returned.wait(0.2))  # a part that still runs
+        ended.set()
+
+    both = threading.Barrier(2)
+    before = signal.signal(signal.SIGINT, interrupt)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            run_parts(call, 2)
+    finally:
+        signal.signal(signal.SIGINT, before)
+        returned.set()
+    assert ended.wait(60)
+    assert late == [False]
 
 
 def test_a_kernel_is_loaded_in_the_calling_thread_before_others_use_it() -> None:

@@ -234,8 +234,9 @@ class Checker:
         kept = self._bounds
         if kept is None or len(kept[0]) < len(store.names) or self._spheres != layout.spheres:
             shape = store.centers.shape
-            kept = self._bounds = np.full(shape, np.inf), np.full(shape, -np.inf)
-            self._spheres, self._tree, anew = layout.spheres, None, layout.active
+            kept = np.full(shape, np.inf), np.full(shape, -np.inf)
+            self._bounds = self._tree = None  # until all are there, should an interrupt come
+            self._spheres, anew = layout.spheres, layout.active
         elif len(rows) < len(changed):
             kept[0][changed], kept[1][changed] = np.inf, -np.inf  # empty: overlaps nothing
         if layout.spheres:
@@ -243,6 +244,7 @@ class Checker:
         else:
             boxes = store.centers, store.rotations, store.half_extents
             run(bounds_kernel, len(anew), LEAST_BOUNDS, *boxes, anew, *kept)
+        self._bounds = kept
         if self._tree is not None and not self._tree.update(changed):
             self._tree = None
         return rows
