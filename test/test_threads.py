@@ -97,7 +97,8 @@ def test_what_a_part_raises_is_raised_by_the_call() -> None:
 def test_after_an_interrupt_no_part_runs_any_more() -> None:
     oc.set_threads(2)
     first, interrupted, returned, ended = (threading.Event() for _ in range(4))
-    main, late = threading.get_ident(), []
+    main = threading.get_ident()
+    late: list[bool] = []
 
     def interrupt(*_: object) -> None:
         interrupted.set()
