@@ -28,6 +28,15 @@ FEW = 48
 
 
 @njit
+def bits_of(number: int) -> int:
+    """Return how many bits a whole number takes, which is not negative."""
+    bits = 0
+    while number >> bits > 0:
+        bits += 1
+    return bits
+
+
+@njit
 def sort_by_keys(keys: np.ndarray, values: np.ndarray, bits: int) -> None:
     """Sort keys (n,) int64, from 0 to 2^bits - 1, and the values (n,) int64 with them; stable."""
     count = len(keys)

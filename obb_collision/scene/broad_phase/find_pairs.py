@@ -23,7 +23,7 @@ from obb_collision._jit import njit
 from obb_collision.accuracy import Accuracy, as_box_accuracy
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.kinds import as_flag, check_kind
-from obb_collision.numerics.sorting import sort_by_keys
+from obb_collision.numerics.sorting import bits_of, sort_by_keys
 from obb_collision.queries.verdict.coarse import (
     faces_may_collide,
     meeting_bounds,
@@ -153,9 +153,7 @@ def _sorted_kernel(
     pairs: np.ndarray, verdicts: np.ndarray, count: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the pairs (m, 2) of ``count`` rows that are not SEPARATE in order, and verdicts."""
-    bits = 1
-    while count >> bits > 0:
-        bits += 1
+    bits = bits_of(count)
     kept = 0
     for verdict in verdicts:
         kept += verdict != SEPARATE

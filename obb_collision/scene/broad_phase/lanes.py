@@ -90,7 +90,7 @@ def _overlaps_in_lanes(
 
 
 def _lowest_in_python(mask: int) -> int:
-    return (mask & -mask).bit_length() - 1
+    return (int(mask) & -int(mask)).bit_length() - 1
 
 
 def _lowest_in_lanes(context: Any, mask: Any) -> Any:

@@ -21,12 +21,10 @@ a far outlier, or tight clusters far from each other, take nothing from the othe
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from obb_collision._jit import njit
-from obb_collision.numerics.sorting import DIGIT_BITS, sort_by_keys
+from obb_collision.numerics.sorting import DIGIT_BITS, bits_of, sort_by_keys
 from obb_collision.typing import Floats
 
 #: Bits of a cell's number along an axis: three of them in a 64-bit number.
@@ -87,7 +85,7 @@ def _sort_cells(minimum: Floats, maximum: Floats, rows: np.ndarray, codes: np.nd
         side = max(side, high - low[k])
     if len(rows) < 2 or side < SHORTEST:
         return False
-    digits = math.ceil((math.log2(len(rows)) + SPARE_BITS) / DIGIT_BITS)
+    digits = (bits_of(len(rows)) + SPARE_BITS + DIGIT_BITS - 1) // DIGIT_BITS
     bits = min(digits * DIGIT_BITS, BITS)
     last = 2.0**AXIS_BITS - 1.0
     scale = last / side

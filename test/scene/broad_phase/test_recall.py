@@ -16,7 +16,11 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -48,6 +52,7 @@ from obb_collision.scene.broad_phase.morton import morton_order
 from obb_collision.typing import Floats
 
 Bounds = tuple[Floats, Floats]
+PACKAGE = Path(oc.__file__).parent.parent
 #: Around the sizes of blocks, of levels and of ranges for threads.
 COUNTS = (1, 2, 7, 8, 9, 64, 65, 513, 1500)
 FORMS = (
@@ -253,3 +258,24 @@ def test_keys_are_sorted_with_their_values(count: int, bits: int) -> None:
     sort_by_keys(found, values, bits)
     assert (found == keys[order]).all()
     assert (values == order).all()
+
+
+INTERPRETED = """
+import numpy as np
+from obb_collision.scene.broad_phase.broad_phase import find_candidates
+
+minimum, maximum = np.load("bounds.npy")
+np.save("pairs.npy", find_candidates(minimum, maximum))
+"""
+
+
+def test_interpreted_kernels_find_the_same_pairs(tmp_path: Path) -> None:
+    minimum, maximum = bounds_of("uniform", 65)
+    np.save(tmp_path / "bounds.npy", np.stack([minimum, maximum]))
+    subprocess.run(
+        [sys.executable, "-c", INTERPRETED], cwd=tmp_path, check=True, timeout=300,
+        env={**os.environ, "NUMBA_DISABLE_JIT": "1", "PYTHONPATH": str(PACKAGE)},
+    )  # fmt: skip
+    found = np.load(tmp_path / "pairs.npy")
+    assert len(found) > 0
+    assert (found == find_candidates(minimum, maximum)).all()
