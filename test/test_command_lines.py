@@ -46,7 +46,9 @@ OPTIONS: dict[str, dict[str, list[str]]] = {
     },
     "obb_collision_view": {"--port": [*WHOLES, "65536"], "--scene": ["none", "/", "nul\0"]},
     "obb_collision_fuzz": {"--messages": WHOLES, "--bound": REALS, "--log": FILES, **SEED},
-    "obb_collision_latency": {"--objects": WHOLES, "--seconds": REALS, **SEED},
+    "obb_collision_latency": {
+        "--objects": WHOLES, "--new": WHOLES, "--seconds": REALS, **SEED, **JSON,
+    },
     "obb_collision_speed": {
         **dict.fromkeys(("--sizes", "--threads", "--steps"), WHOLES), "--plot": PLOTS,
         **dict.fromkeys(("--moving", "--seconds", "--limit"), REALS), "--forms": ["none such"],

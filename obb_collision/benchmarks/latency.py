@@ -13,17 +13,20 @@
 # limitations under the License.
 
 
-"""Measures the time from the publication of poses to the collisions received, in one process.
+"""Measures the time from the publication of objects to the collisions received, in one process.
 
-The console script ``obb_collision_latency``: moving boxes, real topics, every sample the time from
-just before ``publish`` to the callback that has the pairs of exactly that state.
+The console script ``obb_collision_latency``: boxes that move, by each input for many objects, and
+frames of boxes with other ids each time. Real topics; every sample is the time from just before
+``publish`` to the callback that has the pairs of exactly that state. Markers are serialised before.
 """
 
 from __future__ import annotations
 
+import json
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from time import perf_counter
+from typing import Any, NamedTuple
 
 import numpy as np
 from rclpy.context import Context
@@ -34,14 +37,10 @@ from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
 from visualization_msgs.msg import Marker, MarkerArray
 
-from obb_collision.cli import MAX_SEED, Parser, interruptible, option, real, whole
-from obb_collision.node.messages.bulk_clouds import poses_to_ros
-from obb_collision.node.messages.conversions import (
-    NANOSECONDS,
-    pose_to_ros,
-    stamp_from_ros,
-    stamp_to_ros,
-)
+from obb_collision.cli import MAX_SEED, Parser, interruptible, new_file, option, real, whole
+from obb_collision.node.messages.bulk_clouds import boxes_to_ros, poses_to_ros
+from obb_collision.node.messages.conversions import NANOSECONDS, stamp_from_ros, stamp_to_ros
+from obb_collision.node.messages.marker_writer import MarkerArrayWriter
 from obb_collision.node.messages.names import namespace_number
 from obb_collision.node.node import CollisionNode
 from obb_collision.typing import Floats
@@ -60,12 +59,34 @@ WARM_SAMPLES = 20
 PATIENCE = 10.0
 """Seconds to wait for discovery or for an answer before giving up."""
 LARGEST_DOMAIN = 100
+GLANCE = 0.002
+"""Seconds that an executor waits before the other one gets its turn."""
+FRAME_PERIOD = 0.05
+"""Seconds between two frames of perception; markers with a lifetime live for two."""
+
+
+class Measured(NamedTuple):
+    """What one way of sending took: samples (n,) in seconds, and the mean number of pairs."""
+
+    way: str
+    objects: int
+    samples: Floats
+    pairs: float
+
+    @property
+    def row(self) -> dict[str, Any]:
+        """The figures, times in milliseconds."""
+        median, p95, p99 = np.percentile(1e3 * self.samples, (50, 95, 99)).round(3).tolist()
+        figures = {"median": median, "95 %": p95, "99 %": p99}
+        longest = round(1e3 * float(self.samples.max()), 3)
+        named = {"way": self.way, "objects": self.objects, "pairs": round(self.pairs)}
+        return named | figures | {"longest": longest, "samples": len(self.samples)}
 
 
 class Latency:
-    """A collision node and a client in one context on one executor."""
+    """A collision node and a client in one context, each on an executor of its own."""
 
-    def __init__(self, objects: int, seed: int) -> None:
+    def __init__(self, seed: int = 1) -> None:
         self._random = np.random.default_rng(seed)
         self._context = Context()
         # a domain of its own: another node on this machine must not answer
@@ -78,77 +99,130 @@ class Latency:
         ]
         self._checker = CollisionNode(context=self._context, parameter_overrides=overrides)
         self._client = Node("latency", context=self._context)
-        self._objects = self._client.create_publisher(MarkerArray, "objects", 10)
-        self._poses = self._client.create_publisher(PointCloud2, "object_poses", 10)
+        kinds = {"objects": MarkerArray, "object_poses": PointCloud2, "object_boxes": PointCloud2}
+        self._publishers = {
+            topic: self._client.create_publisher(kind, topic, 10) for topic, kind in kinds.items()
+        }
         self._client.create_subscription(PointCloud2, "collisions", self._take, 10)
-        self._executor = SingleThreadedExecutor(context=self._context)
-        self._executor.add_node(self._checker)
-        self._executor.add_node(self._client)
-        self._answered, self._pairs, self._time = 0, 0, 0.0
-        self._half_extents = self._random.uniform(*HALF_EXTENTS, (objects, 3))
-        side = (ROOM_PER_OBJECT * objects) ** (1.0 / 3.0)
-        self._given = self._random.normal(size=(objects, 7))
-        self._given[:, :3] = self._random.uniform(0.0, side, (objects, 3))
+        # one each, as in processes of their own: an executor looks at all that its nodes have
+        nodes = (self._checker, self._client)
+        self._executors = [SingleThreadedExecutor(context=self._context) for _ in nodes]
+        for executor, node in zip(self._executors, nodes, strict=True):
+            executor.add_node(node)
+        self._number, self._answered, self._pairs, self._time = 0, 0, 0, 0.0
+        self._first = 0  # id of the first box
+        self._poses, self._sizes = np.empty((0, 7)), np.empty((0, 3))
 
     def _take(self, message: PointCloud2) -> None:
         self._time = perf_counter()
         self._answered = stamp_from_ros(message.header.stamp)
         self._pairs = message.width
 
-    def _spin_until(self, reached: object) -> None:
+    def _spin_until(self, reached: Callable[[], object]) -> None:
         limit = perf_counter() + PATIENCE
-        while not reached():  # type: ignore[operator]
+        while not reached():
             if perf_counter() > limit:
                 raise TimeoutError("no answer from the collision node")
-            self._executor.spin_once(timeout_sec=0.1)
+            for executor in self._executors:
+                executor.spin_once(timeout_sec=GLANCE)
 
-    def _add_objects(self) -> None:
-        message = MarkerArray()
-        for number, (pose, half) in enumerate(zip(self._given, self._half_extents, strict=True)):
-            marker = Marker(ns=BOXES, id=number, type=Marker.CUBE, pose=pose_to_ros(pose))
-            marker.header.frame_id = FRAME
-            marker.scale.x, marker.scale.y, marker.scale.z = (2.0 * half).tolist()
-            message.markers.append(marker)
-        self._objects.publish(message)
+    @property
+    def _ids(self) -> range:
+        return range(self._first, self._first + len(self._poses))
 
-    def _sample(self, number: int) -> float:
-        self._given[:, :3] += self._random.uniform(-STEP, STEP, (len(self._given), 3))
-        stamp = number * NANOSECONDS
-        header = Header(stamp=stamp_to_ros(stamp), frame_id=FRAME)
-        ids = np.arange(len(self._given))
-        namespaces = np.full_like(ids, namespace_number(BOXES))
-        message = poses_to_ros(ids, self._given, namespaces, header)
+    def _begin(self, objects: int) -> None:
+        """Make other boxes."""
+        side = (ROOM_PER_OBJECT * objects) ** (1.0 / 3.0)
+        self._sizes = 2.0 * self._random.uniform(*HALF_EXTENTS, (objects, 3))
+        self._poses = self._random.normal(size=(objects, 7))
+        self._poses[:, :3] = self._random.uniform(0.0, side, (objects, 3))
+        self._poses[:, 3:] /= np.linalg.norm(self._poses[:, 3:], axis=1, keepdims=True)
+        self._first = 0
+
+    def _markers(self, deleted: Iterable[tuple[int, int]] = (), lifetime: float = 0.0) -> bytes:
+        """Return all boxes as markers; deleted: ids and actions that come before them."""
+        writer = MarkerArrayWriter(FRAME, self._number * NANOSECONDS, lifetime)
+        for number, action in deleted:
+            writer.add((BOXES, number), Marker.CUBE, action)
+        poses, sizes = self._poses.tolist(), self._sizes.tolist()
+        for number, pose, size in zip(self._ids, poses, sizes, strict=True):
+            writer.add((BOXES, number), Marker.CUBE, Marker.ADD, pose, size)
+        return writer.message()
+
+    def _cloud(self, sized: bool) -> PointCloud2:
+        """Return all boxes as a cloud of poses, or of poses and sizes."""
+        header = Header(stamp=stamp_to_ros(self._number * NANOSECONDS), frame_id=FRAME)
+        ids, numbers = np.array(self._ids), np.full(len(self._poses), namespace_number(BOXES))
+        if sized:
+            return boxes_to_ros(ids, self._poses, self._sizes, numbers, header)
+        return poses_to_ros(ids, self._poses, numbers, header)
+
+    def _message(self, way: str) -> Any:
+        """Return the next message."""
+        if way == "object_poses":
+            return self._cloud(False)
+        if way in ("object_boxes", "object_boxes, other ids"):
+            return self._cloud(True)
+        if way == "objects, other ids by DELETEALL":
+            return self._markers([(0, Marker.DELETEALL)])
+        if way == "objects, other ids by differences":
+            gone = range(self._first - len(self._poses), self._first)
+            return self._markers([(number, Marker.DELETE) for number in gone])
+        return self._markers(lifetime=2.0 * FRAME_PERIOD if "lifetime" in way else 0.0)
+
+    def _sample(self, way: str) -> float:
+        self._number += 1
+        if OTHER_IDS in way:
+            self._first += len(self._poses)
+        self._poses[:, :3] += self._random.uniform(-STEP, STEP, (len(self._poses), 3))
+        message, publisher = self._message(way), self._publishers[way.partition(",")[0]]
+        stamp = self._number * NANOSECONDS
         start = perf_counter()
-        self._poses.publish(message)
+        publisher.publish(message)
         self._spin_until(lambda: self._answered == stamp)
         return self._time - start
 
-    def measure(self, seconds: float) -> tuple[Floats, float]:
-        """Sample for ``seconds``; returns the samples (n,) in seconds and the mean of pairs."""
-        self._spin_until(
-            lambda: (
-                self._client.count_subscribers("object_poses") > 0
-                and self._poses.get_subscription_count() > 0
-                and self._objects.get_subscription_count() > 0
-                and self._client.count_publishers("collisions") > 0
-            )
-        )
-        self._add_objects()
-        self._spin_until(lambda: len(self._checker.objects.table) == len(self._given))
-        samples, pairs, number = [], [], 0
+    def measure(self, way: str, objects: int, seconds: float) -> Measured:
+        """Send boxes for ``seconds`` in one of WAYS; TimeoutError where a state has no answer."""
+        publishers = self._publishers.values()
+        self._spin_until(lambda: all(p.get_subscription_count() for p in publishers))
+        self._spin_until(lambda: self._client.count_publishers("collisions"))
+        self._checker.objects.clear()
+        self._begin(objects)
+        if way == "object_poses":
+            self._sample("objects")
+        samples: list[float] = []
+        pairs: list[int] = []
         limit = perf_counter() + seconds
-        while perf_counter() < limit or number <= WARM_SAMPLES:
-            number += 1
-            samples.append(self._sample(number))
+        while perf_counter() < limit or len(samples) <= WARM_SAMPLES:
+            due = perf_counter() + (FRAME_PERIOD if OTHER_IDS in way else 0.0)
+            samples.append(self._sample(way))
             pairs.append(self._pairs)
-        return np.array(samples[WARM_SAMPLES:]), float(np.mean(pairs[WARM_SAMPLES:]))
+            while perf_counter() < due:
+                self._executors[0].spin_once(timeout_sec=max(0.0, due - perf_counter()))
+        some = np.array(samples[WARM_SAMPLES:])
+        return Measured(way, objects, some, float(np.mean(pairs[WARM_SAMPLES:])))
 
     def close(self) -> None:
         """Take the nodes down."""
-        self._executor.shutdown()
+        for executor in self._executors:
+            executor.shutdown()
         self._client.destroy_node()
         self._checker.destroy_node()
         self._context.try_shutdown()
+
+
+OTHER_IDS = "other ids"
+MOVING = ("object_poses", "object_boxes", "objects")
+"""Inputs, by each of which the same boxes move."""
+NEW = (
+    "object_boxes, other ids",
+    "objects, other ids by DELETEALL",
+    "objects, other ids by differences",
+    "objects, other ids by lifetime",
+)
+"""Ways to send other boxes in every frame, at 20 Hz."""
+WAYS = (*MOVING, *NEW)
 
 
 @interruptible("obb_collision_latency")
@@ -157,19 +231,37 @@ def main(args: Sequence[str] | None = None) -> int:
     parser = Parser(
         prog="obb_collision_latency", description=__doc__.splitlines()[0] if __doc__ else None
     )
-    option(parser, "--objects", whole(1, 20000), 1000, "number of moving boxes")
-    option(parser, "--seconds", real(0.1, 86400.0), 10.0, "duration of the measurement")
+    parser.add_argument(
+        "--objects",
+        type=whole(1, 20000),
+        nargs="+",
+        default=[100, 1000, 10000],
+        metavar="N",
+        help="numbers of moving boxes",
+    )
+    option(parser, "--new", whole(1, 20000), 500, "boxes with other ids in every frame")
+    option(parser, "--seconds", real(0.1, 86400.0), 5.0, "duration of each measurement")
     option(parser, "--seed", whole(0, MAX_SEED), 1, "seed of the random scene")
+    option(parser, "--json", new_file(), None, "write the figures to a file")
     options = parser.parse_args(args)
-    latency = Latency(options.objects, options.seed)
+    rows = [(way, objects) for way in MOVING for objects in options.objects]
+    rows += [(way, options.new) for way in NEW]
+    figures = []
+    print("from publish to collisions received, one process, one thread of Python (ms)")
+    print(f"{'way':36}{'objects':>8}{'pairs':>7}{'median':>9}{'95 %':>9}{'99 %':>9}{'longest':>9}")
+    latency = Latency(options.seed)
     try:
-        samples, pairs = latency.measure(options.seconds)
+        for way, objects in rows:
+            row = latency.measure(way, objects, options.seconds).row
+            figures.append(row)
+            times = "".join(f"{row[key]:9.2f}" for key in ("median", "95 %", "99 %", "longest"))
+            print(f"{way:36}{objects:8}{row['pairs']:7}{times}", flush=True)
     finally:
         latency.close()
-    median, p95, p99 = np.percentile(1e3 * samples, (50, 95, 99))
-    print(
-        f"{options.objects} boxes, all moving, {pairs:.0f} colliding pairs, {len(samples)} cycles"
-    )
-    print("publish object_poses to collisions received, one process (ms):")
-    print(f"  median {median:.2f}  p95 {p95:.2f}  p99 {p99:.2f}  max {1e3 * samples.max():.2f}")
+    if options.json:
+        options.json.write_text(json.dumps(figures, indent=1))
     return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
