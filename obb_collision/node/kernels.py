@@ -22,6 +22,7 @@ from obb_collision.geometry.boxes import Boxes
 from obb_collision.node.inputs.marker_batch import Faults, settle
 from obb_collision.node.inputs.marker_rows import gather
 from obb_collision.node.messages.box_markers import FREE, Markers
+from obb_collision.node.messages.conversions import pose_kinds
 from obb_collision.node.messages.marker_scan import scan_markers
 
 
@@ -31,4 +32,5 @@ def compile_kernels() -> None:
     keys = [("", 1), ("", 2)]
     data = Markers("").write(keys, boxes, np.full(2, FREE), 0, 0.0, None)
     markers = gather([scan_markers(data)], [0])
+    pose_kinds(markers.poses)
     settle(markers, Faults(len(markers)), 0, 0)

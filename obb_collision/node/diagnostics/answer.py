@@ -189,6 +189,8 @@ def _unknown(
 
 
 def _names(objects: Objects, rows: npt.NDArray[np.bool_]) -> tuple[str, ...]:
+    if not rows.any():
+        return ()
     slots = np.flatnonzero(rows)[:MAX_NAMED].tolist()
     return tuple(name_from_key(objects.table.key(slot)) for slot in slots)
 

@@ -32,7 +32,9 @@ from obb_collision.node.inputs.markers import MarkerInput
 from obb_collision.node.messages.bulk_clouds import poses_from_ros
 from obb_collision.node.messages.conversions import (
     LARGEST_COORDINATE,
-    pose_faults,
+    UNUSABLE,
+    ZERO,
+    pose_kinds,
     stamp_from_ros,
     states_from_ros,
     transform_from_ros,
@@ -140,13 +142,13 @@ class Inputs:
         monitor.received(now)
         try:
             namespaces, ids, poses = poses_from_ros(message)
-            if namespaces is not None:
+            slots = table.find(namespaces, ids)
+            if namespaces is not None and (slots < 0).any():
                 known = table.knows(namespaces)
                 if not known.all():
                     first, count = namespaces[int(np.argmin(known))], int(np.sum(~known))
                     monitor.refuse(now, "unknown namespace", f"ns {first}", count=count)
-                    namespaces, ids, poses = namespaces[known], ids[known], poses[known]
-            slots = table.find(namespaces, ids)
+                    slots, ids, poses = slots[known], ids[known], poses[known]
         except RefusedError as error:
             monitor.refuse(now, error.reason, detail=error.detail)
             return
@@ -181,20 +183,19 @@ class Inputs:
     ) -> None:
         """Store the good rows; count the others by reason and mark their objects."""
         monitor, now = self._monitors[topic], self._clock()
-        unknown = slots < 0
-        numbers, quaternions = pose_faults(poses)
-        for reason, bad in (
-            ("unknown object", unknown),
-            ("bad pose", numbers & ~unknown),
-            ("zero quaternion", quaternions & ~unknown),
-        ):
-            if bad.any():
-                item = describe(int(np.argmax(bad)))
-                monitor.refuse(now, reason, item, count=int(np.count_nonzero(bad)))
-        bad = numbers | quaternions
+        unknown, kinds = slots < 0, pose_kinds(poses)
+        bad = (kinds == UNUSABLE) | (kinds == ZERO)
         good = ~(bad | unknown)
         refused = slots[bad & ~unknown]
         if not good.all():
+            for reason, rows in (
+                ("unknown object", unknown),
+                ("bad pose", (kinds == UNUSABLE) & ~unknown),
+                ("zero quaternion", (kinds == ZERO) & ~unknown),
+            ):
+                if rows.any():
+                    item = describe(int(np.argmax(rows)))
+                    monitor.refuse(now, reason, item, count=int(np.count_nonzero(rows)))
             slots, poses = slots[good], poses[good]
             twists = None if twists is None else twists[good]
         try:

@@ -88,16 +88,29 @@ def _dtype_from_ros(message: PointCloud2, names: Collection[str], step: int) -> 
     return np.dtype(layout)
 
 
-def cloud_to_ros(rows: npt.NDArray[Any], header: Header | None = None) -> PointCloud2:
-    """Unordered cloud of a (n,) structured array; fields follow the array's dtype."""
-    message = PointCloud2(header=header) if header is not None else PointCloud2()
-    dtype = rows.dtype
+def fields_to_ros(dtype: np.dtype[Any]) -> list[PointField]:
+    """Return the fields of clouds whose rows are of a structured type."""
     assert dtype.names is not None
     assert dtype.fields is not None
+    fields = []
     for name in dtype.names:
         kind, offset = dtype.fields[name][:2]
         datatype = DATATYPE_OF[kind.newbyteorder("=")]
-        message.fields.append(PointField(name=name, offset=offset, datatype=datatype, count=1))
+        fields.append(PointField(name=name, offset=offset, datatype=datatype, count=1))
+    return fields
+
+
+def cloud_to_ros(
+    rows: npt.NDArray[Any], header: Header | None = None, fields: list[PointField] | None = None
+) -> PointCloud2:
+    """Unordered cloud of a (n,) structured array; fields follow the array's dtype.
+
+    fields: those of the type, where they are made once for many messages.
+    """
+    message = PointCloud2(header=header) if header is not None else PointCloud2()
+    dtype = rows.dtype
+    assert dtype.names is not None
+    message.fields = fields_to_ros(dtype) if fields is None else fields
     message.is_bigendian = any(dtype[name].byteorder == ">" for name in dtype.names)
     message.height, message.width = 1, len(rows)
     message.point_step, message.row_step = dtype.itemsize, dtype.itemsize * len(rows)

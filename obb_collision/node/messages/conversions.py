@@ -31,6 +31,7 @@ from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from geometry_msgs.msg import Pose, Transform, Twist, Vector3
 from sensor_msgs.msg import MultiDOFJointState
 
+from obb_collision._jit import njit
 from obb_collision.geometry.validation import UNIT_TOLERANCE
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.messages.names import namespace_number
@@ -42,6 +43,8 @@ Key = tuple[str, int]
 NANOSECONDS = 1_000_000_000
 LARGEST_COORDINATE = 1e300
 """Magnitudes above this are refused by the library, for sums must not overflow."""
+GOOD, UNUSABLE, ZERO, FAR = range(4)
+"""Kinds of poses from outside, see ``pose_kinds``."""
 SMALLEST_MEANT = float(np.finfo(np.float64).tiny)
 """Sizes and quaternions below this count as zero. rclpy does not check what Python code assigns to
 a float field: an int there arrives as the bits of its object header, a subnormal number."""
@@ -194,14 +197,30 @@ def namespace_table(
 
 def pose_faults(poses: Floats) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
     """Which rows of (n, 7) poses can't be used: (not finite or too large, quaternion zero)."""
-    with np.errstate(invalid="ignore"):
-        usable = np.all(np.abs(poses) <= LARGEST_COORDINATE, axis=1)
-    zero = np.all(np.abs(poses[:, 3:]) < SMALLEST_MEANT, axis=1)
-    return ~usable, zero & usable
+    kinds = pose_kinds(poses)
+    return kinds == UNUSABLE, kinds == ZERO
 
 
-def far_from_unit(poses: Floats) -> npt.NDArray[np.bool_]:
-    """Which quaternions of (n, 7) poses are far from unit length: normalised, but doubtful."""
-    with np.errstate(over="ignore"):
-        lengths = np.sqrt(np.square(poses[:, 3:]).sum(axis=1))
-    return np.abs(lengths - 1.0) > UNIT_TOLERANCE
+def pose_kinds(poses: Floats) -> npt.NDArray[np.int8]:
+    """Return of (n, 7) poses which are GOOD, UNUSABLE, ZERO or FAR (n,).
+
+    UNUSABLE: not finite or too large. ZERO: a quaternion of length zero. FAR: one far from unit
+    length, which is normalised, but doubtful.
+    """
+    kinds = np.empty(len(poses), np.int8)
+    _fill_kinds(np.ascontiguousarray(poses), kinds)
+    return kinds
+
+
+@njit
+def _fill_kinds(poses: Floats, kinds: npt.NDArray[np.int8]) -> None:
+    for row in range(len(poses)):
+        pose, usable = poses[row], True
+        for value in pose:
+            usable &= abs(value) <= LARGEST_COORDINATE
+        zero, squares = True, 0.0
+        for part in pose[3:]:
+            zero &= abs(part) < SMALLEST_MEANT
+            squares += part * part
+        far = abs(np.sqrt(squares) - 1.0) > UNIT_TOLERANCE
+        kinds[row] = (ZERO if zero else FAR if far else GOOD) if usable else UNUSABLE

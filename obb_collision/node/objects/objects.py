@@ -119,6 +119,8 @@ class Objects:
         stale &= now - table.world_received > int(timeout * NANOSECONDS)
         changed = np.flatnonzero(table.live & (stale != table.stale))
         table.stale[:] = stale
+        if len(changed) == 0:
+            return
         gone = changed[stale[changed]]
         table.order[gone] = 0  # a restarted sender may begin anew
         self.placement.stop(gone)  # how they move is not known any more

@@ -152,6 +152,8 @@ class ObjectShapes:
 
     def remove(self, slots: Slots) -> None:
         """Remove the objects at slots (n,), all in use and distinct."""
+        if len(slots) == 0:
+            return
         self.cancel_pending(slots)
         self.table.release_many(slots)
         self.scene.remove_indices(slots)

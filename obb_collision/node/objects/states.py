@@ -21,10 +21,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from obb_collision.geometry.poses import unit_poses
-from obb_collision.node.messages.conversions import NANOSECONDS, far_from_unit, name_from_key
+from obb_collision.node.messages.conversions import FAR as FAR_KIND
+from obb_collision.node.messages.conversions import NANOSECONDS, name_from_key, pose_kinds
 from obb_collision.node.objects.notes import Notes
 from obb_collision.node.objects.placement import Placement
-from obb_collision.node.objects.table import ObjectTable, Slots
+from obb_collision.node.objects.table import ObjectTable, Slots, as_slice
 from obb_collision.typing import Floats, Mask
 
 OLDER = "older stamp"
@@ -86,27 +87,27 @@ class States:
         return old
 
     def _write(self, slots: Slots, poses: Floats, twists: Floats, frame: int, topic: str) -> None:
-        table = self._table
-        table.given[slots], table.twist[slots] = poses, twists
-        table.frame[slots], table.topic[slots] = frame, self._placement.topic_index(topic)
-        table.pending[slots] = True
-        table.outdated[slots] = table.pose_refused[slots] = table.locked[slots] = False
+        table, rows = self._table, as_slice(slots)
+        table.given[rows], table.twist[rows] = poses, twists
+        table.frame[rows], table.topic[rows] = frame, self._placement.topic_index(topic)
+        table.pending[rows] = True
+        table.outdated[rows] = table.pose_refused[rows] = table.locked[rows] = False
 
     def _stamp(self, slots: Slots, stamps: Slots, received: Slots, topic: str) -> None:
         """Store stamps; one that is not believed orders nothing."""
-        table = self._table
-        table.stamp[slots], table.received[slots] = stamps, received
+        table, rows = self._table, as_slice(slots)
+        table.stamp[rows], table.received[rows] = stamps, received
         ahead = stamps - received
         doubted = ahead > self.stamp_tolerance
         if doubted.any():
             most = f"{ahead.max() / NANOSECONDS:.1f} s ahead of the node's clock"
             self._doubt(AHEAD, slots[doubted], topic, most)
         orders = ~doubted & (stamps != 0)
-        table.order[slots[orders]] = stamps[orders]
+        table.order[rows] = np.where(orders, stamps, table.order[rows])
 
     def _unit(self, slots: Slots, poses: Floats, topic: str) -> Floats:
         """Return poses whose quaternions are not far from unit length."""
-        far = far_from_unit(poses)
+        far = pose_kinds(poses) == FAR_KIND
         if not far.any():
             return poses
         self._doubt(FAR, slots[far], topic, "taken as normalised")
@@ -125,8 +126,10 @@ class States:
 
     def _find_old(self, slots: Slots, stamps: Slots, received: Slots, topic: str) -> Mask:
         """Return which states are too old (n,), and note which senders restarted."""
-        old = self.find_late(slots, stamps, received)
         before = self._table.order[slots] - stamps
+        if not (before > 0).any():
+            return np.zeros(len(slots), np.bool_)
+        old = self.find_late(slots, stamps, received)
         anew = ~old & (before > 0) & (stamps != 0)
         if anew.any():
             most = f"{before[anew].max() / NANOSECONDS:.1f} s before the last one"

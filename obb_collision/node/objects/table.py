@@ -47,6 +47,8 @@ ID_OFFSET = 1 << (ID_BITS - 1)
 PRIMITIVES = (Marker.CUBE, Marker.SPHERE, Marker.CYLINDER)
 """Types of markers whose shape is the type and the scale, and nothing more."""
 
+NOTHING = (np.empty(0, np.int64),) * 3
+
 COLUMNS: dict[str, tuple[Any, tuple[int, ...]]] = {
     "live": (np.bool_, ()),
     "ns": (np.int64, ()),  # number of the namespace
@@ -128,6 +130,8 @@ class ObjectTable:
         """Of the shapes that are none of PRIMITIVES, by slot."""
         self._count = 0
         self._sorted: tuple[Slots, Slots] | None = None
+        self._last = NOTHING  # namespaces and ids that were looked for, and slots found
+        self._ranks: Slots | None = None
         self._index: dict[int, int] | None = None
         for name, (dtype, shape) in COLUMNS.items():
             setattr(self, name, np.zeros((FIRST_ROWS, *shape), dtype))
@@ -153,7 +157,7 @@ class ObjectTable:
         if len(slots) == 0:
             return
         self._reach(int(slots.max()))
-        rows = _as_slice(slots)
+        rows = as_slice(slots)
         for column in COLUMNS:
             getattr(self, column)[rows] = 0
         numbers, counts = np.unique(namespaces, return_counts=True)
@@ -185,7 +189,7 @@ class ObjectTable:
         numbers, counts = np.unique(self.ns[slots], return_counts=True)
         for number, count in zip(numbers.tolist(), counts.tolist(), strict=True):
             self.namespaces.leave(number, count)
-        rows = _as_slice(slots)
+        rows = as_slice(slots)
         for column in (self.live, self.pending, self.placed, self.shaped, self.of_set):
             column[rows] = False
         self._count -= len(slots)
@@ -254,6 +258,15 @@ class ObjectTable:
         """Key of the object at a slot."""
         return self.namespaces.names[int(self.ns[slot])], int(self.id[slot])
 
+    @property
+    def ranks(self) -> Slots:
+        """(rows,) places of the objects in the order of their keys; of other rows anything."""
+        known, slots = self._sort()
+        if self._ranks is None or len(self._ranks) != len(self.live):
+            self._ranks = np.zeros(len(self.live), np.int64)
+            self._ranks[slots] = np.arange(len(known))
+        return self._ranks
+
     def order_keys(self, slots: Slots) -> Slots:
         """One int64 per slot that sorts as (ns, id)."""
         return (self.ns[slots] << ID_BITS) + self.id[slots] + ID_OFFSET
@@ -261,6 +274,7 @@ class ObjectTable:
     def _sort(self) -> tuple[Slots, Slots]:
         """Return the keys, rising, and the slots they are at."""
         if self._sorted is None:
+            self._last, self._ranks = NOTHING, None
             slots = np.flatnonzero(self.live)
             keys = self.order_keys(slots)
             order = np.argsort(keys)
@@ -276,6 +290,9 @@ class ObjectTable:
         known, slots = self._sort()
         if len(known) == 0 or len(ids) == 0:
             return np.full(len(ids), -1, np.int64)
+        if namespaces is not None and self._is_as_before(namespaces, ids):
+            return self._last[2].copy()
+        given = namespaces
         if namespaces is None:
             first, last = known[0] >> ID_BITS, known[-1] >> ID_BITS
             if first != last:
@@ -284,7 +301,15 @@ class ObjectTable:
         legal = (ids >= -ID_OFFSET) & (ids < ID_OFFSET) & are_numbers(namespaces)
         wanted = (signed(namespaces) << ID_BITS) + np.where(legal, ids, 0) + ID_OFFSET
         at = np.minimum(np.searchsorted(known, wanted), len(known) - 1)
-        return np.where(legal & (known[at] == wanted), slots[at], -1)
+        found = np.where(legal & (known[at] == wanted), slots[at], -1)
+        if given is not None:
+            self._last = given.copy(), ids.copy(), found.copy()
+        return found
+
+    def _is_as_before(self, namespaces: Slots, ids: Slots) -> bool:
+        """Whether the same keys were looked for last: most senders name them in every message."""
+        same_ids = np.array_equal(ids, self._last[1])
+        return same_ids and np.array_equal(namespaces, self._last[0])
 
     def knows(self, namespaces: Slots) -> Mask:
         """Whether numbers (n,) are those of namespaces in the table."""
@@ -316,8 +341,10 @@ def pack(namespace: int, number: int) -> int:
     return (namespace << ID_BITS) + number + ID_OFFSET
 
 
-def _as_slice(slots: Slots) -> Slots | slice:
+def as_slice(slots: Slots) -> Slots | slice:
     """Return slots (n,) as a slice if they follow one another: columns are written faster so."""
+    if len(slots) == 0:
+        return slots
     first, last = int(slots[0]), int(slots[-1])
     if last - first + 1 == len(slots) and (np.diff(slots) == 1).all():
         return slice(first, last + 1)

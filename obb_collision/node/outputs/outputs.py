@@ -30,6 +30,7 @@ from std_msgs.msg import Header
 
 from obb_collision.node.diagnostics.qos import overridable
 from obb_collision.node.messages.box_markers import COLLIDING, DOUBTFUL, FREE, Markers
+from obb_collision.node.messages.clouds import cloud_to_ros
 from obb_collision.node.messages.conversions import stamp_to_ros
 from obb_collision.node.messages.marker_writer import namespace_bytes
 from obb_collision.node.messages.names import NamespaceTable
@@ -125,13 +126,15 @@ class Outputs:
     def _publish_cloud(self, name: str, cloud: Cloud[Any], result: Any, given: Published) -> None:
         rows = cloud.make_rows(result, given, cloud.dtype)
         stamp = given.cloud_stamp if cloud.of_points else given.stamp
-        self.publishers[name].publish(cloud.to_ros(rows, self._header(stamp)))
+        message = cloud_to_ros(rows, self._header(stamp), cloud.point_fields)
+        self.publishers[name].publish(message)
 
     def _publish_pairs(self, given: Published) -> None:
         header = self._header(given.stamp)
         rows = COLLISIONS.make_rows(given.report, given, COLLISIONS.dtype)
         if "collisions" in given.effects:
-            self.publishers["collisions"].publish(COLLISIONS.to_ros(rows, header))
+            message = cloud_to_ros(rows, header, COLLISIONS.point_fields)
+            self.publishers["collisions"].publish(message)
         if "text" in given.effects:
             names, limit = given.table.namespaces.names, self._parameters.max_text_pairs
             total = (given.report.total, given.report.truncated)

@@ -78,12 +78,12 @@ class Ordered(NamedTuple):
 
 def order_pairs(pairs: npt.NDArray[np.int64], table: ObjectTable) -> Ordered:
     """Sort pairs (m, 2) of slots by the keys of their objects."""
-    keys = table.order_keys(pairs)
-    order = np.lexsort((keys.max(axis=1), keys.min(axis=1)))
-    keys, pairs = keys[order], pairs[order]
-    swapped = keys[:, 0] > keys[:, 1]
-    a, b = np.where(swapped, pairs[:, ::-1].T, pairs.T)
-    return Ordered(order, a, b, swapped)
+    ranks = table.ranks
+    first, second = ranks[pairs[:, 0]], ranks[pairs[:, 1]]
+    order = np.argsort(np.minimum(first, second) * len(ranks) + np.maximum(first, second))
+    swapped = (first > second)[order]
+    one, other = pairs[order, 0], pairs[order, 1]
+    return Ordered(order, np.where(swapped, other, one), np.where(swapped, one, other), swapped)
 
 
 def pair_rows(

@@ -185,6 +185,7 @@ def test_the_same_points_and_files_are_built_once(rig: Rig, tmp_path: Path) -> N
     trimesh.creation.box((1.0, 1.0, 1.0)).export(file)
     keys = [("body", number) for number in range(6)]
     rig.send(*(triangle(key) for key in keys[:3]), *(mesh_marker(file, key) for key in keys[3:]))
+    rig.until(lambda: len(rig.node.objects.shapes.builder) == len(keys), "all to wait")
     gate.open()
     rig.built(*keys)
     assert gate.jobs == ["triangles", "file"]

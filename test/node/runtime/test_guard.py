@@ -29,7 +29,7 @@ from rclpy.node import Node
 from rig import DOMAIN, NAMESPACE, Rig, cube, pose, sync
 from std_srvs.srv import Trigger
 
-from obb_collision.node.inputs import marker_adder
+from obb_collision.node.inputs import box_set, marker_adder
 from obb_collision.node.messages.names import namespace_number
 from obb_collision.node.objects import many as many_objects
 from obb_collision.node.runtime.guard import INTERNAL_ERROR, Guard
@@ -63,6 +63,31 @@ def test_an_item_that_fails_is_refused_alone(rig: Rig, monkeypatch: pytest.Monke
     assert rig.refused("objects") == {INTERNAL_ERROR: 1}
     assert "bad/1" in rig.node.guard.last
     assert BAD in objects.unplaceable
+
+
+def test_a_box_that_fails_is_refused_alone(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+    objects = rig.node.objects
+    fails = failing(many_objects.put_primitives, lambda _, numbers, ids, *__: 3 in ids)
+    monkeypatch.setattr(box_set, "put_primitives", fails)
+    rig.send_boxes([1, 2, 3], [pose(0), pose(0.5), pose(0.2)])
+    assert rig.pairs() == {("boxes/1", "boxes/2")}
+    assert rig.refused("object_boxes") == {INTERNAL_ERROR: 1}
+    assert rig.node.guard.counts == {"input object_boxes": 1}
+    assert objects.unplaceable == {("boxes", 3): INTERNAL_ERROR}
+
+
+def test_a_set_that_fails_is_refused_whole(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+    rig.send_boxes([1, 2], [pose(0), pose(0.5)])
+    rig.answer()
+    fails = failing(rig.node.objects.states.store, lambda *_: True)
+    monkeypatch.setattr(rig.node.objects.states, "store", fails)
+    rig.send_boxes([1, 2], [pose(0), pose(5)])
+    rig.until(lambda: rig.refused("object_boxes") == {INTERNAL_ERROR: 1}, "a refusal")
+    table = rig.node.objects.table
+    assert table.doubtful[[table.slots["boxes", number] for number in (1, 2)]].all()
+    monkeypatch.undo()
+    rig.send_boxes([1, 2], [pose(0), pose(5)])
+    assert rig.pairs() == set()
 
 
 def test_a_message_that_fails_is_refused_whole(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
