@@ -25,7 +25,7 @@ from obb_collision.geometry.aabb import AABB
 from obb_collision.geometry.boxes import Boxes, add_outwards, box_volumes
 from obb_collision.geometry.fitting.fit import fit_clouds, fit_points
 from obb_collision.geometry.fitting.transform import transform_box
-from obb_collision.geometry.kinds import as_flag, check_kind
+from obb_collision.geometry.kinds import ArrayValue, as_flag, check_kind
 from obb_collision.geometry.poses import matrices_from_quaternions, quaternions_from_matrices
 from obb_collision.geometry.validation import (
     as_array,
@@ -50,7 +50,7 @@ class Separation(NamedTuple):
     verdict: Verdict
 
 
-class OBB:
+class OBB(ArrayValue):
     """One oriented box: {center + sum_i t_i half_extents[i] rotation[:, i], abs(t_i) <= 1}.
 
     Equal where all numbers are. Without arguments: the reset box, a point at the origin.
@@ -483,13 +483,6 @@ class OBB:
             f"OBB(center={self.center.tolist()}, rotation={self.rotation.tolist()}, "
             f"half_extents={self.half_extents.tolist()})"
         )
-
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, OBB):
-            return NotImplemented
-        return all(np.array_equal(getattr(self, k), getattr(other, k)) for k in self.__slots__)
-
-    __hash__ = None  # type: ignore[assignment]  # it can be set, and the arrays written to
 
 
 Boxes.single = OBB

@@ -21,13 +21,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from obb_collision.geometry.kinds import check_kind
+from obb_collision.geometry.kinds import ArrayValue, check_kind
 from obb_collision.geometry.validation import as_array, is_single
 from obb_collision.typing import Floats
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class AABB:
+class AABB(ArrayValue):
     """The closed axis-aligned box between two corners. Equal where both corners are.
 
     Parameters
@@ -144,13 +144,6 @@ class AABB:
         [0.0, 2.0, 3.0]
         """
         return np.where(CORNER_SIGNS > 0.0, self.maximum, self.minimum)
-
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, AABB):
-            return NotImplemented
-        return bool((self.minimum == other.minimum).all() and (self.maximum == other.maximum).all())
-
-    __hash__ = None  # type: ignore[assignment]  # the arrays can be written to
 
     def __repr__(self) -> str:
         return f"AABB(minimum={self.minimum.tolist()}, maximum={self.maximum.tolist()})"

@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from obb_collision._jit import njit
 from obb_collision.geometry.aabb import AABB, CORNER_SIGNS
-from obb_collision.geometry.kinds import check_kind, select_rows
+from obb_collision.geometry.kinds import ArrayValue, check_kind, select_rows
 from obb_collision.geometry.poses import as_poses, quaternions_from_matrices
 from obb_collision.geometry.validation import (
     as_any_array,
@@ -49,7 +49,7 @@ keep_freed_memory()
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Boxes:
+class Boxes(ArrayValue):
     """n oriented boxes: box k is centers[k] + sum_i t_i half_extents[k, i] rotations[k, :, i].
 
     ``boxes[k]`` is an ``OBB``; a slice, an index array or a mask gives ``Boxes``. What an ``OBB``
@@ -212,14 +212,6 @@ class Boxes:
 
     def __iter__(self) -> Iterator[OBB]:
         return (self[k] for k in range(len(self)))
-
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, Boxes):
-            return NotImplemented
-        pairs = zip(vars(self).values(), vars(other).values(), strict=True)
-        return all(np.array_equal(mine, theirs) for mine, theirs in pairs)
-
-    __hash__ = None  # type: ignore[assignment]  # the arrays can be written to
 
     def __repr__(self) -> str:
         if len(self) == 0:

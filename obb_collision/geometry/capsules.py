@@ -20,16 +20,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from obb_collision.geometry.kinds import select_rows
+from obb_collision.geometry.kinds import ArrayValue, select_rows
 from obb_collision.geometry.validation import as_array, as_half_extents, check_lengths
 from obb_collision.typing import Floats
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Capsules:
+class Capsules(ArrayValue):
     """n capsules: all points within radii[k] of the segment from starts[k] to ends[k].
 
     ``capsules[rows]`` gives the capsules of a slice, an index array or a mask. Equal where all
@@ -110,14 +109,6 @@ class Capsules:
     def __getitem__(self, rows: slice | Sequence[int] | NDArray[Any]) -> Capsules:
         starts = select_rows(self.starts, rows, "rows", 2)
         return Capsules.trusted(starts, self.ends[rows], self.radii[rows])
-
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, Capsules):
-            return NotImplemented
-        pairs = zip(vars(self).values(), vars(other).values(), strict=True)
-        return all(np.array_equal(mine, theirs) for mine, theirs in pairs)
-
-    __hash__ = None  # type: ignore[assignment]  # the arrays can be written to
 
     def __repr__(self) -> str:
         return f"Capsules({len(self)} {'capsule' if len(self) == 1 else 'capsules'})"

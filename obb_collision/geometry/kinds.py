@@ -24,6 +24,20 @@ from numpy.typing import NDArray
 from obb_collision.words import shown
 
 
+class ArrayValue:
+    """A value made of arrays: equal where all numbers are; not hashable, as arrays are mutable."""
+
+    __slots__ = ()
+
+    def __eq__(self, other: object) -> bool:
+        if type(self) is not type(other):
+            return NotImplemented
+        names = self.__slots__ or vars(self)
+        return all(np.array_equal(getattr(self, name), getattr(other, name)) for name in names)
+
+    __hash__ = None  # type: ignore[assignment]
+
+
 def check_kind(value: Any, kind: Any, name: str, *others: type) -> None:
     """Raise TypeError naming the argument unless a value is an instance of one of the types."""
     if not isinstance(value, (kind, *others)):
