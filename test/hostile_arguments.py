@@ -172,7 +172,7 @@ def calls() -> Iterator[tuple[str, Callable[..., Any], dict[str, Any]]]:
     }  # fmt: skip
     yield "sweeps", oc.sweeps, {"a": moving, "b": boxes, "pairs": pairs, "tolerance": 1e-3}
     yield "points_inside", oc.points_inside, {
-        "boxes": boxes, "points": np.zeros((5, 3)), "margin": 0.1, "each_point": True, "threads": 1
+        "boxes": boxes, "points": np.zeros((5, 3)), "margin": 0.1, "each_point": True
     }  # fmt: skip
     rays = {"origins": np.zeros((2, 3)), "directions": np.ones((2, 3)), "max_distance": 1.0}
     yield "cast_rays", oc.cast_rays, {"boxes": boxes, **rays}
