@@ -91,7 +91,7 @@ def build_grid(
     """
     n = len(bounds)
     cells = np.empty((64, 4), np.int32)
-    cells[0] = 0, n, -1, -1
+    cells[0, START], cells[0, COUNT], cells[0, GRID], cells[0, PARENT] = 0, n, -1, -1
     items = np.arange(max(2 * n, 16)).astype(np.int32)
     frames, numbers = np.empty((1, 9)), np.empty((1, 3), np.int32)
     pairs = np.empty((64, 2), np.int32)
@@ -130,7 +130,9 @@ def build_grid(
 def _doubled(array: np.ndarray) -> np.ndarray:
     """Return a copy with room for twice as many rows."""
     larger = np.empty((2 * len(array), *array.shape[1:]), array.dtype)
-    larger[: len(array)] = array
+    numbers, given = larger.reshape(-1), array.reshape(-1)
+    for k in range(len(given)):  # an assignment of arrays takes seconds to compile
+        numbers[k] = given[k]
     return larger
 
 

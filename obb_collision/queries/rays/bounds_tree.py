@@ -42,7 +42,7 @@ def build_tree(bounds: Floats) -> tuple[Floats, np.ndarray, np.ndarray]:
     order = np.arange(n)
     limits = np.empty((max(2 * n, 1), 6))
     nodes = np.empty((max(2 * n, 1), 3), np.int64)
-    nodes[0] = 0, n, -1
+    _fill(nodes, 0, 0, n)
     used = 1
     node = 0
     while node < used:  # children come after their parents: the array is the queue
@@ -54,14 +54,22 @@ def build_tree(bounds: Floats) -> tuple[Floats, np.ndarray, np.ndarray]:
             for m in range(count):
                 row = rows[m]
                 middles[m] = 0.5 * bounds[row, longest] + 0.5 * bounds[row, 3 + longest]
-            rows[:] = rows[np.argsort(middles, kind="mergesort")]
+            sorted_rows = rows[np.argsort(middles, kind="mergesort")]
+            for m in range(count):
+                rows[m] = sorted_rows[m]
             half = count // 2
             nodes[node, CHILD] = used
-            nodes[used] = start, half, -1
-            nodes[used + 1] = start + half, count - half, -1
+            _fill(nodes, used, start, half)
+            _fill(nodes, used + 1, start + half, count - half)
             used += 2
         node += 1
     return limits[:used], nodes[:used], order
+
+
+@njit
+def _fill(nodes: np.ndarray, node: int, start: int, count: int) -> None:
+    """Write a leaf; an assignment of rows takes two seconds to compile."""
+    nodes[node, START], nodes[node, COUNT], nodes[node, CHILD] = start, count, -1
 
 
 @njit
