@@ -193,26 +193,25 @@ def contacts_kernel(
         depths[n] = max(0.0, -gap)
         counts[n] = 0
         if not (gap > 0.0 and gap > careful_bound(a, b)):
-            counts[n] = _contact_points(
-                a, b, normal, polygon, spare, positions[n], position_depths[n]
-            )
+            counts[n] = _contact_points(a, b, normal, polygon, spare, positions, position_depths, n)
         for k in range(counts[n], position_depths.shape[1]):
-            write_vertex(positions[n], k, (np.nan, np.nan, np.nan))
+            positions[n, k, 0] = positions[n, k, 1] = positions[n, k, 2] = np.nan
             position_depths[n, k] = np.nan
 
 
 @njit
 def _contact_points(
-    a: Box, b: Box, n: Vector, polygon: Floats, spare: Floats, points: Floats, depths: Floats
-) -> int:
-    """Write points (limit, 3) and their depths (limit,), and return how many."""
+    a: Box, b: Box, n: Vector, polygon: Floats, spare: Floats, points: Floats, depths: Floats,
+    row: int,
+) -> int:  # fmt: skip
+    """Write a row of points (m, limit, 3) and of their depths (m, limit), and return how many."""
     h, f = a.half_extents, b.half_extents
     unit = max((h[0] + h[1] + h[2]) + (f[0] + f[1] + f[2]), SMALLEST_PAIR)
     origin = a.center
     a, b = Box((0.0, 0.0, 0.0), a.axes, h), Box(minus(b.center, origin), b.axes, f)
     i, j = facing(n, a.axes), facing(n, b.axes)
     count = overlay_faces(a, i, b, j, n, unit, polygon, spare)
-    count = reduce_patch(polygon, count, len(points), spare)
+    count = reduce_patch(polygon, count, depths.shape[1], spare)
     across = pick_axis(a.axes, i)
     u, v = pick_axis(a.axes, (i + 1) % 3), pick_axis(a.axes, (i + 2) % 3)
     side = pick(h, i) if dot(n, across) >= 0.0 else -pick(h, i)
@@ -227,7 +226,8 @@ def _contact_points(
                 break
         else:
             write_vertex(spare, found, point)
-            write_vertex(points, found, plus(origin, point))
-            depths[found] = max(0.0, -w)
+            point = plus(origin, point)
+            points[row, found, 0], points[row, found, 1], points[row, found, 2] = point
+            depths[row, found] = max(0.0, -w)
             found += 1
     return found

@@ -113,12 +113,14 @@ def _clip_to_rectangle(
         for k in range(count):
             low = min(low, polygon[k, column])
             high = max(high, polygon[k, column])
-        if high > limit + CLIP_SLACK:
+        above, below = high > limit + CLIP_SLACK, low < -limit - CLIP_SLACK
+        if above:
             count = clip(polygon, count, column, 1.0, limit + CLIP_SLACK, spare)
-            for k in range(count):
-                copy_vertex(spare, k, polygon, k)
-        if low < -limit - CLIP_SLACK:
+        if above and below:
+            count = clip(spare, count, column, -1.0, limit + CLIP_SLACK, polygon)
+        elif below:
             count = clip(polygon, count, column, -1.0, limit + CLIP_SLACK, spare)
+        if above != below:
             for k in range(count):
                 copy_vertex(spare, k, polygon, k)
         if high > limit or low < -limit:

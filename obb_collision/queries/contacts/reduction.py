@@ -103,11 +103,12 @@ def _leave_out(polygon: Floats, count: int, limit: int) -> int:
     while count > 1:
         least = math.inf
         for k in range(1, count):
-            least = min(least, _change(polygon, count, k, count > limit))
+            least = min(least, _square_change(polygon, count, k, count > limit))
+        least = math.sqrt(least)
         if least > FEATURE_TIE and count <= limit:
             break
         k = 1
-        while _change(polygon, count, k, count > limit) > least + FEATURE_TIE:
+        while math.sqrt(_square_change(polygon, count, k, count > limit)) > least + FEATURE_TIE:
             k += 1
         for m in range(k, count - 1):
             copy_vertex(polygon, m + 1, polygon, m)
@@ -116,8 +117,8 @@ def _leave_out(polygon: Floats, count: int, limit: int) -> int:
 
 
 @njit
-def _change(polygon: Floats, count: int, k: int, any_turn: bool) -> float:
-    """Return the distance of vertex k from the segment between its neighbours, on the face.
+def _square_change(polygon: Floats, count: int, k: int, any_turn: bool) -> float:
+    """Return the squared distance of vertex k from the segment between its neighbours, on the face.
 
     Zero where the polygon turns only slightly, unless ``any_turn``.
     """
@@ -135,4 +136,4 @@ def _change(polygon: Floats, count: int, k: int, any_turn: bool) -> float:
     change = s * s + t * t
     if not any_turn and change <= SLIGHT * SLIGHT * shorter:
         return 0.0
-    return math.sqrt(change)
+    return change

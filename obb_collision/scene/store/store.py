@@ -243,7 +243,8 @@ class ObjectStore:
     def _write(self, rows: Rows, new: Floats, which: Rows, ascending: bool) -> None:
         """Give rows the poses new (m, 7) that ``which`` names; ascending: whether they are so."""
         if self._lent:
-            self._detach(rows[which])
+            everything = ascending and len(which) == len(self.slots)
+            self._detach(rows if everything else rows[which], everything)
         self.touched = True
         arguments = (
             *(rows, new, which, self.poses, self.local_centers, self.local_rotations),
@@ -338,15 +339,19 @@ class ObjectStore:
             self._extents_lent = True
         return latest
 
-    def _detach(self, rows: Rows) -> None:
-        """Copy on write: have the snapshots in use note rows, or leave the arrays to them."""
+    def _detach(self, rows: Rows, everything: bool = False) -> None:
+        """Copy on write: have the snapshots in use note rows, or leave the arrays to them.
+
+        everything: whether all objects are about to be placed anew, so that nothing is copied.
+        """
         if not self._lent:
             return
         lent = [found for link in self._lent if (found := link()) is not None and found.attached]
         kept = [found for found in lent[-MOST_LENT:] if found.note(rows)]
         left = [found.detach() for found in lent if found not in kept]
         if any(left):
-            self.centers, self.rotations = self.centers.copy(), self.rotations.copy()
+            anew = np.empty_like if everything else np.copy
+            self.centers, self.rotations = anew(self.centers), anew(self.rotations)
         self._lent = [weakref.ref(found) for found in kept]
 
     def slots_of(self, names: Iterable[str]) -> Rows:
