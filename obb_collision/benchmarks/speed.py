@@ -36,7 +36,7 @@ from obb_collision.benchmarks.certificate import measure_certificate
 from obb_collision.benchmarks.effects import format_effects, run_effects, save_effects_plot
 from obb_collision.benchmarks.peers.steps import OURS, PEERS
 from obb_collision.benchmarks.price.progress import progress
-from obb_collision.benchmarks.step.goals import Goals, NodeGoals, goal_table
+from obb_collision.benchmarks.step.goals import Goals, MeasureNode
 from obb_collision.benchmarks.step.measure import STEPS, Case, Plan, Row, run_case
 from obb_collision.benchmarks.step.plot import save_plot
 from obb_collision.benchmarks.step.tables import (
@@ -50,6 +50,7 @@ from obb_collision.benchmarks.step.tables import (
     write_into,
 )
 from obb_collision.benchmarks.step.text import as_markdown, as_text
+from obb_collision.benchmarks.step.wanted import goal_table, node_table
 from obb_collision.cli import MAX_SEED, Parser, interruptible, new_file, option, real, whole
 from obb_collision.geometry.boxes import Boxes
 
@@ -141,9 +142,9 @@ def _run_goals(options: argparse.Namespace) -> None:
     print(machine_line())
     plan = Plan(options.seconds, options.limit, max(STEPS, options.steps), options.seed)
     with progress(GOALS_SECONDS) as bar:
-        node: NodeGoals | None = None
+        node: MeasureNode | None = None
         if find_spec("rclpy"):
-            node = import_module("obb_collision.benchmarks.node_goals").node_goals
+            node = import_module("obb_collision.benchmarks.node_goals").measure_node
         run = Goals(plan, bar.tell, node)
         goals = list(run.all())
     table = goal_table(goals)
@@ -151,10 +152,14 @@ def _run_goals(options: argparse.Namespace) -> None:
     print("\n".join(["", *slopes(run.rows), *differences(run.rows), *joined(run.notes)]))
     if options.json:
         result = {"machine": machine(), "goals": [asdict(goal) for goal in goals]}
+        result["node"] = run.node_rows
         result["rows"] = [asdict(row) for row in run.rows]
         options.json.write_text(json.dumps(result, indent=1) + "\n")
     for page in options.markdown or ():
-        write_into(page, {"goals": as_markdown(table), "goals machine": machine_line()})
+        blocks = {"goals": as_markdown(table)}
+        if run.node_rows:
+            blocks["node"] = as_markdown(node_table(run.node_rows))
+        write_into(page, blocks)
 
 
 @interruptible("obb_collision_speed")

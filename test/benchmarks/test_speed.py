@@ -29,7 +29,7 @@ import obb_collision as oc
 from obb_collision.benchmarks import speed
 from obb_collision.benchmarks.cases.forms import FORMS, make_frames
 from obb_collision.benchmarks.peers.steps import COAL, OURS, PAIRS, PEERS, Contestant, OurPairs
-from obb_collision.benchmarks.step import goals, measure
+from obb_collision.benchmarks.step import goals, measure, wanted
 from obb_collision.benchmarks.step.measure import Case, Plan, Row, run_case
 from obb_collision.benchmarks.step.plot import save_plot
 from obb_collision.benchmarks.step.tables import slopes, tables, write_into
@@ -214,15 +214,38 @@ def test_goals_are_measured_and_one_that_fails_is_said(
     assert "| find_pairs, 20 boxes |" in files[1].read_text()
 
 
-def failing(self: object) -> Iterator[goals.Goal]:
+def failing(self: object) -> Iterator[wanted.Goal]:
     raise RuntimeError("no such thing")
 
 
 def test_a_goal_is_met_by_what_was_measured() -> None:
-    assert goals.ratio("x", "y", 4.0, 1.0, 4.0, "ms").met is True
-    assert goals.ratio("x", "y", 4.0, 1.0, 3.9, "ms").met is False
-    assert goals.below("x", 20.0, 19.9, "µs").met is True
-    assert goals.below("x", 20.0, 20.0, "µs").met is False
+    assert wanted.ratio("x", "y", 4.0, 1.0, 4.0, "ms").met is True
+    assert wanted.ratio("x", "y", 4.0, 1.0, 3.9, "ms").met is False
+    assert wanted.below("x", 20.0, 19.9, "µs").met is True
+    assert wanted.below("x", 20.0, 20.0, "µs").met is False
+
+
+def test_a_goal_of_the_node_needs_an_answer_to_every_frame() -> None:
+    rows = [
+        {"way": way, "objects": objects, "median": 0.5, "95 %": 0.6, "99 %": 5.0, "longest": 9.0}
+        for way, objects, *_ in wanted.NODE
+    ]
+    assert [goal.met for goal in wanted.node_goals(rows)] == [False, *[True] * 5]
+    rows[0]["99 %"] = 2.0
+    del rows[3]["median"]
+    assert [goal.met for goal in wanted.node_goals(rows)] == [True] * 3 + [False] + [True] * 2
+    table = wanted.node_table(rows)
+    assert table[1] == ["object_poses", "1,000", "0.500", "0.600", "2.00", "9.00"]
+    assert table[4][2] == "no answer"
+
+
+def test_the_node_is_measured_in_all_ways_that_have_a_goal() -> None:
+    pytest.importorskip("rclpy")
+    from obb_collision.benchmarks import latency, node_goals
+
+    for way, objects, *_ in wanted.NODE:
+        assert way in latency.WAYS
+        assert objects in (*node_goals.SIZES, node_goals.OTHERS)
 
 
 def test_the_plot_shows_sizes_and_forms(tmp_path: Path) -> None:

@@ -24,7 +24,6 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from time import perf_counter
 from typing import Any
 
@@ -44,11 +43,12 @@ from obb_collision.benchmarks.peers.steps import (
 from obb_collision.benchmarks.price import corpus, scenes
 from obb_collision.benchmarks.step.measure import Case, Note, Plan, Row, own_settings, run_case
 from obb_collision.benchmarks.step.tables import best_coal, digits
+from obb_collision.benchmarks.step.wanted import Goal, below, missing, node_goals, ratio
 from obb_collision.scene.scene import Scene
 
 Tell = Callable[[str], None]
-#: What the node is meant to reach: what, what is wanted, what was measured, whether it is enough.
-NodeGoals = Callable[[Tell], Iterator[tuple[str, str, str, bool]]]
+#: Returns a row per way of sending objects to the node: the way, objects, milliseconds.
+MeasureNode = Callable[[Tell], list[dict[str, Any]]]
 
 #: How many times as fast as MuJoCo, at these sizes.
 SIZES = (1_000, 10_000)
@@ -64,43 +64,15 @@ PER_PAIR = {"mesh": {"python-fcl": 3.0, "coal": 4.0}, "hull": {"python-fcl": 6.0
 PAIR_SECONDS, SHORT_TURNS, BOXES_TURNS = 30.0, 2_000, 100
 
 
-@dataclass(frozen=True)
-class Goal:
-    """One figure: what, beside whom, what is wanted and what was measured; None: not measured."""
-
-    what: str
-    beside: str
-    wanted: str
-    measured: str
-    met: bool | None
-
-
-def ratio(what: str, beside: str, wanted: float, ours: float, theirs: float, unit: str) -> Goal:
-    """Return how many times as fast ours is; times in the unit."""
-    times = theirs / ours
-    told = f"{digits(times)} times: {digits(ours)} and {digits(theirs)} {unit}"
-    return Goal(what, beside, f"{wanted:g} times", told, bool(times >= wanted))
-
-
-def below(what: str, wanted: float, measured: float, unit: str) -> Goal:
-    """Return whether a time is below what is wanted."""
-    told = f"{digits(measured)} {unit}"
-    return Goal(what, "", f"below {wanted:g} {unit}", told, bool(measured < wanted))
-
-
-def missing(what: str, beside: str, why: str) -> Goal:
-    """Return a goal that could not be measured."""
-    return Goal(what, beside, "", f"not measured: {why}", None)
-
-
 class Goals:
     """Measures the goals, and holds the rows and notes of the scenes on the way.
 
     node: what measures the node, which needs ROS; None where it is not installed.
     """
 
-    def __init__(self, plan: Plan, tell: Tell, node: NodeGoals | None) -> None:
+    def __init__(self, plan: Plan, tell: Tell, node: MeasureNode | None) -> None:
         self._node = node
+        self.node_rows: list[dict[str, Any]] = []
         self.rows: list[Row] = []
         self.notes: list[Note] = []
         self._plan, self._tell = plan, tell
@@ -204,8 +176,8 @@ class Goals:
         if self._node is None:
             yield missing("node", "", "ROS is not installed here")
         else:
-            for what, wanted, measured, met in self._node(self._tell):
-                yield Goal(what, "", wanted, measured, met)
+            self.node_rows = self._node(self._tell)
+            yield from node_goals(self.node_rows)
 
     def starts(self) -> Iterator[Goal]:
         """Measure what an empty cache costs."""
@@ -243,10 +215,3 @@ def _microseconds(run: Callable[[], object]) -> float:
             times.append(perf_counter() - start)
             del result
     return 1e6 * float(np.median(times))
-
-
-def goal_table(goals: Sequence[Goal]) -> list[list[str]]:
-    """Return the goals as a table."""
-    words = {True: "met", False: "not met", None: "?"}
-    lines = [["", "beside", "wanted", "measured", ""]]
-    return lines + [[g.what, g.beside, g.wanted, g.measured, words[g.met]] for g in goals]
