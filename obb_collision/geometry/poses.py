@@ -67,7 +67,9 @@ def as_poses(
     numbers (n,): row numbers for errors and warnings.
     """
     given = as_shaped(value, name, (None, 7))
-    if given.flags.writeable and len(given):  # no kernel for what is not
+    if len(given):
+        if not given.flags.writeable:  # a kernel would be compiled once more
+            given = given.copy()
         positions, matrices = np.empty((len(given), 3)), np.empty((len(given), 3, 3))
         if all(run(_read_kernel, len(given), FEWEST_POSES, given, positions, matrices)):
             return positions, matrices

@@ -56,13 +56,9 @@ class BoundsTree(NamedTuple):
     @classmethod
     def build(cls, minimum: Floats, maximum: Floats) -> BoundsTree:
         """Return the tree of bounds; they are not copied."""
-        order = morton_order(minimum, maximum)
-        sizes = [max(1, -(-len(order) // LANES))]
-        while sizes[-1] > 1:
-            sizes.append(-(-sizes[-1] // LANES))
-        starts = np.array([0, *np.cumsum(sizes)])
-        nodes = np.empty((starts[-1], 6, LANES))
-        _threads.run(_fill_boxes, sizes[0], FEWEST_BLOCKS, minimum, maximum, order, nodes)
+        order, nodes, starts = _lay_out(minimum, maximum)
+        count = int(starts[1])
+        _threads.run(_fill_boxes, count, FEWEST_BLOCKS, minimum, maximum, order, nodes)
         _fill_levels(nodes, starts)
         return cls(minimum, maximum, order, nodes, starts)
 
@@ -70,6 +66,19 @@ class BoundsTree(NamedTuple):
     def leaves(self) -> int:
         """How many blocks of boxes there are."""
         return int(self.starts[1])
+
+
+@njit
+def _lay_out(minimum: Floats, maximum: Floats) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the order of a tree, room for its blocks, and where each level starts."""
+    order = morton_order(minimum, maximum)
+    starts = np.zeros(LEVELS + 1, np.int64)
+    levels, size = 0, len(order)
+    while size > 1 or levels == 0:
+        size = max(1, (size + LANES - 1) // LANES)
+        starts[levels + 1] = starts[levels] + size
+        levels += 1
+    return order, np.empty((starts[levels], 6, LANES)), starts[: levels + 1].copy()
 
 
 @njit
