@@ -332,6 +332,8 @@ class ObjectStore:
 
         Nothing is copied now: what changes is noted, or copied, if the snapshot is in use then.
         """
+        while self._lent and self._lent[-1]() is None:
+            self._lent.pop()
         latest = self._lent[-1]() if self._lent else None
         if latest is None or not latest.is_current:
             latest = Snapshot(self.all_boxes())
