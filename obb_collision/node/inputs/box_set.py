@@ -117,18 +117,21 @@ class BoxSet:
         """Make room in the tables for new boxes; those beyond are noted in ``faults``."""
         table, admitted = self._table, []
         new = (slots < 0) & (faults.number == GOOD)
+        most = self._objects.shapes.max_objects
+        surplus = np.flatnonzero(new)[max(0, most - len(table)) :]
+        new[surplus] = False
+        full = RefusedError("too many objects", f"{most} is the limit")
+        faults.note(np.isin(np.arange(len(new)), surplus), full, of_shape=True)
+        refused: dict[str, tuple[RefusedError, list[int]]] = {}
         for number in np.unique(numbers[new]).tolist():
             try:
                 self._admit(number)
                 table.namespaces.use(number)  # so that it stays till its objects are there
                 admitted.append(number)
             except RefusedError as error:
-                faults.note(new & (numbers == number), error, of_shape=True)
-        new &= faults.number == GOOD
-        most = self._objects.shapes.max_objects
-        new[np.flatnonzero(new)[: max(0, most - len(table))]] = False
-        full = RefusedError("too many objects", f"{most} is the limit")
-        faults.note(new, full, of_shape=True)
+                refused.setdefault(error.reason, (error, []))[1].append(number)
+        for reason, several in refused.values():
+            faults.note(new & np.isin(numbers, several), reason, of_shape=True)
         try:
             yield
         finally:

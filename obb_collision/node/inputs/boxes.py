@@ -137,7 +137,7 @@ class BoxInput:
         numbers, ids, poses = given.numbers, given.ids, given.poses
         faults = Faults(len(ids))
         faults.note(~given.are_keys, BAD_KEY)
-        faults.note(_repeated(numbers, ids), REPEATED)
+        faults.note(_repeated(numbers, ids, faults.number == GOOD), REPEATED)
         _note_bad(faults, poses, given.sizes)
         if frame is not None:
             good = faults.number == GOOD
@@ -163,12 +163,13 @@ class BoxInput:
         self._set.refuse(given.numbers[rows], given.ids[rows], error.reason)
 
 
-def _repeated(numbers: Rows, ids: Rows) -> Mask:
-    """Return which rows (n,) name an object that a later one names, too."""
-    keys = (numbers << ID_BITS) + ids
+def _repeated(numbers: Rows, ids: Rows, legal: Mask) -> Mask:
+    """Return which rows (n,) name an object that a later one names, too; others name none."""
+    rows = np.flatnonzero(legal)
+    keys = (numbers[rows] << ID_BITS) + ids[rows]
     order = np.argsort(keys, kind="stable")
-    repeated = np.zeros(len(keys), np.bool_)
-    repeated[order[:-1]] = keys[order[:-1]] == keys[order[1:]]
+    repeated = np.zeros(len(legal), np.bool_)
+    repeated[rows[order[:-1]]] = keys[order[:-1]] == keys[order[1:]]
     return repeated
 
 

@@ -29,6 +29,7 @@ from sensor_msgs.msg import PointCloud2
 from visualization_msgs.msg import Marker
 
 from obb_collision.node import boxes_from_ros, boxes_to_ros, namespace_number
+from obb_collision.node.inputs.boxes import Given, _repeated
 from obb_collision.node.messages.errors import RefusedError
 
 TOPIC = "object_boxes"
@@ -155,6 +156,13 @@ def test_keys_beyond_int32_are_refused(rig: Rig) -> None:
     assert rig.refused(TOPIC) == {"bad key": 1}
 
 
+def test_a_key_that_is_none_is_no_repetition_of_another() -> None:
+    numbers, ids = np.array([6, 5]), np.array([-1, 2**32 - 1])
+    given = Given(numbers, ids, np.zeros((2, 7)), np.ones((2, 3)))
+    assert given.are_keys.tolist() == [True, False]
+    assert not _repeated(numbers, ids, given.are_keys).any()
+
+
 def test_a_set_that_cannot_be_read_changes_nothing_but_marks_the_boxes(rig: Rig) -> None:
     rig.send_boxes([1, 2], in_row(0, 0.5))
     assert rig.pairs() == {("boxes/1", "boxes/2")}
@@ -263,3 +271,14 @@ def test_boxes_can_be_read_back() -> None:
     message.fields = [field for field in message.fields if field.name != "size_x"]
     with pytest.raises(RefusedError, match="no field 'size_x'"):
         boxes_from_ros(message)
+
+
+def test_very_many_namespaces_do_not_hold_up_the_cycles(rig: Rig) -> None:
+    count = 60_000  # the table has 20,000
+    rig.set(max_objects=count)
+    poses = np.zeros((count, 7))
+    poses[:, 0], poses[:, 6] = 2.0 * np.arange(count), 1.0
+    rig.send_boxes(np.arange(count), poses, 1.0, np.arange(count))
+    rig.answer()
+    assert rig.refused(TOPIC) == {"too many namespaces": count - 20_000}
+    assert len(rig.node.objects.table) == 20_000
