@@ -25,6 +25,7 @@ import os
 import time
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -44,6 +45,7 @@ from obb_collision.node import (
     named_pairs,
     namespace_number,
     poses_to_ros,
+    reporting,
 )
 from obb_collision.node.diagnostics.monitors import InputMonitor
 from obb_collision.node.messages.clouds import cloud_to_ros
@@ -67,6 +69,8 @@ NAMESPACE = f"/test_{os.getpid()}"
 FRAME = "map"
 PATIENCE = 30.0
 """Seconds after which a wait has failed: long, for loaded machines; never waited for in success."""
+REPORTS = 0.2
+"""Seconds between two ``/diagnostics``: a test waits for several of them."""
 FIRST_STAMP = 1_000_000_000
 RELIABILITY = "subscription.reliability"
 
@@ -275,12 +279,13 @@ class Rig(Client):
         self.context.init(domain_id=DOMAIN)
         super().__init__(self.context, SingleThreadedExecutor(context=self.context))
         overrides = [Parameter(name, value=value) for name, value in parameters.items()]
-        self.node = CollisionNode(
-            context=self.context,
-            namespace=NAMESPACE,
-            frames=frames,
-            parameter_overrides=overrides,
-        )
+        with patch.object(reporting, "PERIOD", REPORTS):
+            self.node = CollisionNode(
+                context=self.context,
+                namespace=NAMESPACE,
+                frames=frames,
+                parameter_overrides=overrides,
+            )
         self.executor.add_node(self.node)
         if parameters.get("effects.points") == "off":
             self.unmatched.add("points")
