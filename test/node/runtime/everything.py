@@ -137,6 +137,7 @@ class Everything(Rig):
         for single in (True, False):
             poses = [pose(5.0, 5.0, 0.1), pose(6.0 + single, 5.0)]
             self.send_poses([8, 9], poses, [namespace_number("many")] * 2, single=single)
+            self.send_boxes([1, 2 + single], [pose(30), pose(30.5)], 1.0 + single, single=single)
             self.answer()
         for kind in ("<f4", "<f8"):
             for more in ([], [("intensity", kind)]):
