@@ -87,8 +87,8 @@ class Checker:
         else:
             found = self._find_anew(last, depth, exact, budget)
         found.cap = None if budget is None else budget.cap
+        self.last = found  # first: what is changed is so until then, should an interrupt come
         store.settle()
-        self.last = found
         return found
 
     def _find_anew(

@@ -340,8 +340,8 @@ class SceneObjects(SceneStates):
             self._own_accuracy.add(slot)
         value = self._accuracy if own is None else own
         if self._store.accuracies[slot] != value:
-            self._store.accuracies[slot] = value
             self._store.mark(slot)
+            self._store.accuracies[slot] = value
 
 
 def _halves(edges: Floats) -> Floats:

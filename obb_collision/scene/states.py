@@ -221,8 +221,8 @@ class SceneStates:
         """
         slot = self._store.slot(name)
         if self._store.active[slot] != as_flag(enabled, "enabled"):
-            self._store.active[slot] = enabled
             self._store.mark(slot)
+            self._store.active[slot] = enabled
 
     def set_enabled_indices(self, indices: ArrayLike, enabled: ArrayLike) -> None:
         """Include objects in collisions or exclude them, by index.
@@ -253,8 +253,8 @@ class SceneStates:
         if as_any_array(enabled, "enabled", "True or False for each").dtype != np.bool_:
             raise TypeError(f"enabled must be True or False for each, got {shown(enabled)}")
         changed = self._store.active[slots] != enabled
-        self._store.active[slots] = enabled
         self._store.mark(slots[changed])
+        self._store.active[slots] = enabled
 
     def __len__(self) -> int:
         return len(self._store)

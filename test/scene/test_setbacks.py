@@ -24,7 +24,12 @@ from scenes import random_poses
 
 import obb_collision as oc
 from obb_collision.scene import checker
+from obb_collision.scene.store import placed, store
 from obb_collision.shapes import Box
+
+
+def interrupt(*_: Any, **__: Any) -> None:
+    raise KeyboardInterrupt
 
 
 def test_a_check_that_is_interrupted_loses_no_pair_later(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -36,10 +41,7 @@ def test_a_check_that_is_interrupted_loses_no_pair_later(monkeypatch: pytest.Mon
     for k in range(200):  # so many that bounds are made anew
         scene.add(f"far/{k}", Box([0.1, 0.1, 0.1]), [100.0 + k, 0, 0, 0, 0, 0, 1])
 
-    def interrupted(*_: Any) -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(checker, "run", interrupted)
+    monkeypatch.setattr(checker, "run", interrupt)
     with pytest.raises(KeyboardInterrupt):
         scene.check()
     monkeypatch.undo()
@@ -59,3 +61,40 @@ def test_the_last_pose_of_an_object_counts_whatever_its_quaternion() -> None:
     assert (scene.boxes.centers[0] == scene.poses_of([0])[0, :3]).all()
     scene.move_indices([0, 0], poses[::-1])
     assert (scene.boxes.centers[0] == [5, 0, 0]).all()
+
+
+@pytest.mark.parametrize("quaternion", [(0, 0, 0, 1), (0, 0, 0, 2)])
+@pytest.mark.filterwarnings("ignore:poses .quaternion. far from unit length")
+def test_a_move_that_is_interrupted_can_be_made_again(
+    monkeypatch: pytest.MonkeyPatch, quaternion: tuple[float, ...]
+) -> None:
+    scene = oc.Scene()
+    scene.add_boxes(["a", "b"], np.ones((2, 3)), [[0, 0, 0, 0, 0, 0, 1], [5, 0, 0, 0, 0, 0, 1]])
+    assert len(scene.check()) == 0
+    for name in ("run", "place_boxes"):
+        monkeypatch.setattr(placed, name, interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        scene.move("b", [0.5, 0, 0, *quaternion])
+    monkeypatch.undo()
+    scene.move("b", [0.5, 0, 0, *quaternion])
+    assert scene.check().names() == [("a", "b")]
+
+
+def test_what_is_checked_is_kept_before_it_counts_as_checked(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    scene = oc.Scene()
+    scene.add_boxes(["a", "b"], np.ones((2, 3)), [[0, 0, 0, 0, 0, 0, 1], [5, 0, 0, 0, 0, 0, 1]])
+    scene.check()
+    scene.move("b", [0.5, 0, 0, 0, 0, 0, 1])
+    settle = store.ObjectStore.settle
+
+    def settle_and_interrupt(one: store.ObjectStore) -> None:
+        settle(one)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(store.ObjectStore, "settle", settle_and_interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        scene.check()
+    monkeypatch.undo()
+    assert scene.check().names() == [("a", "b")]

@@ -62,7 +62,7 @@ class PlacedBoxes:
         self._extents_lent = False
 
     def mark(self, rows: Rows | int) -> None:
-        """Mark slots as changed in more than their poses."""
+        """Mark slots as changed in more than their poses; before they are, for interrupts."""
         if np.size(rows) == 0:
             return
         self.changed[rows] = True
@@ -119,9 +119,8 @@ class PlacedBoxes:
         numbers = None
         if not moved.all() and len(np.unique(rows)) == len(rows):
             rows, new, numbers = rows[moved], new[moved], np.flatnonzero(moved)
-        positions, rotations = as_poses(new, "poses", numbers)
-        self.poses[rows] = new
-        self._place(rows, positions, rotations)
+        as_poses(new, "poses", numbers)
+        self._write(rows, np.ascontiguousarray(new), np.arange(len(rows)), False)
 
     def place(self, rows: Rows, poses: Floats) -> None:
         """Give slots (m,), all distinct, new poses (m, 7), finite, with quaternions not zero."""
@@ -147,12 +146,11 @@ class PlacedBoxes:
         if len(rows) == 0:
             return
         self._detach(rows)
+        self.changed[rows] = self.touched = True
         place_boxes(
             *(positions, rotations, self.local_centers, self.local_rotations, rows),
             *(self.centers, self.rotations),
         )
-        self.changed[rows] = True
-        self.touched = True
 
     def pad(self, rows: Rows, padding: float) -> None:
         """Grow slots by ``padding`` metres on every side beyond their local box."""
@@ -162,9 +160,9 @@ class PlacedBoxes:
         self._detach(rows)
         if self._extents_lent:
             self.half_extents, self._extents_lent = self.half_extents.copy(), False
+        self.mark(rows)
         self.paddings[rows] = pad
         self.half_extents[rows] = add_outwards(self.local_half_extents[rows], pad)
-        self.mark(rows)
 
     def boxes(self, rows: Rows) -> Boxes:
         """Return the world boxes of slots."""

@@ -170,9 +170,9 @@ class ObjectStore(PlacedBoxes):
         self.version = next(_versions)
         del self.slots[name]
         self.names[slot] = None
+        self.mark(slot)
         self.used[slot] = False
         self.active[slot] = False
-        self.mark(slot)
         heapq.heappush(self._free, slot)
         return slot
 
@@ -186,8 +186,8 @@ class ObjectStore(PlacedBoxes):
             assert name is not None
             del self.slots[name]
             self.names[slot] = None
-        self.used[rows] = self.active[rows] = False
         self.mark(rows)
+        self.used[rows] = self.active[rows] = False
         self._free = sorted([*self._free, *rows.tolist()])  # a sorted list is a heap
 
     def slots_of(self, names: Iterable[str]) -> Rows:
