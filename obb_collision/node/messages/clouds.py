@@ -71,9 +71,12 @@ def _dtype_from_ros(message: PointCloud2, names: Collection[str], step: int) -> 
     order = ">" if message.is_bigendian else "<"
     fields: dict[str, tuple[str, int]] = {}
     for field in message.fields:
-        # count 0 is what some old writers put for a single number
-        if field.datatype not in DATATYPES or field.count > 1 or field.name not in names:
+        if field.name not in names:
             continue
+        # count 0 is what some old writers put for a single number
+        if field.datatype not in DATATYPES or field.count > 1:
+            wrong = f"datatype {field.datatype} and count {field.count}"
+            raise RefusedError("field layout", f"field {field.name!r} has {wrong}: no number")
         code, offset = DATATYPES[field.datatype], int(field.offset)
         if offset < 0 or offset + int(code[1:]) > step:
             raise RefusedError(

@@ -205,6 +205,18 @@ def test_fields_that_nobody_asks_for_may_be_anything() -> None:
     assert read(READERS["poses"], message) == 2
 
 
+@pytest.mark.parametrize("change", [{"datatype": 99}, {"count": 2}], ids=str)
+@pytest.mark.parametrize("name", ["ns", "id", "x"])
+def test_a_field_that_is_no_number_is_named(name: str, change: dict[str, int]) -> None:
+    message = good_poses()  # without its namespaces it would be about other objects
+    (field,) = [field for field in message.fields if field.name == name]
+    for key, value in change.items():
+        setattr(field, key, value)
+    with pytest.raises(RefusedError) as refusal:
+        poses_from_ros(message)
+    assert f"field {name!r} has datatype {field.datatype}" in refusal.value.detail
+
+
 @pytest.mark.parametrize("what", HOSTILE)
 def test_the_node_refuses_hostile_clouds_and_goes_on(rig: Rig, what: str) -> None:
     rig.listen("points_inside")
