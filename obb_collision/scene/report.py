@@ -152,7 +152,8 @@ class Report:
         count = 0
         failures: tuple[str, ...] = ()
         try:
-            outcome = EFFECTS[effect].run(self.cycle, self._settings[effect])
+            with self.cycle.snapshot:
+                outcome = EFFECTS[effect].run(self.cycle, self._settings[effect])
             if self.cycle.notes:
                 outcome = replace(outcome, failures=(*outcome.failures, *self.cycle.notes))
             self._outcomes[effect] = outcome

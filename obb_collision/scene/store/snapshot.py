@@ -16,6 +16,8 @@
 
 from __future__ import annotations
 
+import threading
+
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.typing import Floats, Rows
 
@@ -26,17 +28,28 @@ NOTED_SHARE = 4
 class Snapshot:
     """The world boxes of all slots at one time, over arrays that the store goes on writing to.
 
-    Before the store writes, it either has the rows noted or leaves the arrays to the snapshot.
+    Before the store writes, it either has the rows noted or leaves the arrays to the snapshot: the
+    latter while some thread reads them, which is what ``with snapshot:`` is for.
     """
 
-    __slots__ = ("__weakref__", "_boxes", "_notes", "_room", "attached")
+    __slots__ = ("__weakref__", "_boxes", "_lock", "_notes", "_readers", "_room", "attached")
 
     def __init__(self, boxes: Boxes) -> None:
         self._boxes = boxes
         self._notes: list[tuple[Rows, Floats, Floats]] = []
         self._room = len(boxes) // NOTED_SHARE
+        self._readers = 0
+        self._lock = threading.Lock()
         self.attached = True
         """Whether the arrays are still those of the store."""
+
+    def __enter__(self) -> None:
+        with self._lock:
+            self._readers += 1
+
+    def __exit__(self, *_: object) -> None:
+        with self._lock:
+            self._readers -= 1
 
     @property
     def is_current(self) -> bool:
@@ -45,29 +58,33 @@ class Snapshot:
 
     @property
     def boxes(self) -> Boxes:
-        """The boxes; to be used while the snapshot is."""
-        if self._notes:
-            self._copy()
-        return self._boxes
+        """The boxes; to be used while the snapshot is read."""
+        with self._lock:
+            if self._notes:
+                self._copy()
+            return self._boxes
 
     def note(self, rows: Rows) -> bool:
-        """Note what rows are, which are about to change; False if that is too much to note."""
-        if len(rows) > self._room:
-            return False
-        self._room -= len(rows)
-        boxes = self._boxes
-        self._notes.append((rows.copy(), boxes.centers[rows], boxes.rotations[rows]))
-        return True
+        """Note what rows are, which are about to change; False if that will not do."""
+        with self._lock:
+            if self._readers or len(rows) > self._room:
+                return False
+            self._room -= len(rows)
+            boxes = self._boxes
+            self._notes.append((rows.copy(), boxes.centers[rows], boxes.rotations[rows]))
+            return True
 
     def detach(self) -> bool:
         """Part from the store; return whether that leaves the arrays to the snapshot."""
-        whole = not self._notes
-        if not whole:
-            self._copy()
-        self.attached = False
-        return whole
+        with self._lock:
+            whole = self.attached and not self._notes
+            if not whole:
+                self._copy()
+            self.attached = False
+            return whole
 
     def _copy(self) -> None:
+        """Part from the store by a copy, in which the rows noted are what they were."""
         centers, rotations = self._boxes.centers.copy(), self._boxes.rotations.copy()
         for rows, old_centers, old_rotations in reversed(self._notes):
             centers[rows], rotations[rows] = old_centers, old_rotations

@@ -15,8 +15,10 @@
 """The machinery of effects: nothing is computed that nobody asked for, and reports stay true."""
 
 import gc
+import threading
 import tracemalloc
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
@@ -155,6 +157,31 @@ def test_for_reports_in_use_what_few_objects_were_is_noted() -> None:
         assert report.pairs.tolist() == wanted.pairs.tolist()
         assert report.positions.tobytes() == wanted.positions.tobytes()
         assert report.contacts.positions.tobytes() == wanted.contacts.positions.tobytes()
+
+
+def test_a_report_is_read_while_another_thread_moves_objects(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    reading, moved = threading.Event(), threading.Event()
+
+    def slow(boxes: oc.Boxes, pairs: Any) -> Any:
+        reading.set()
+        assert moved.wait(60.0)
+        return pair_separations(boxes, pairs)
+
+    scene = row_of_cubes(100)
+    held = [scene.check(), scene.check()]
+    wanted = [row_of_cubes(100).check().positions, row_of_cubes(100).check().positions]
+    monkeypatch.setattr(separations, "pair_separations", slow)
+    with ThreadPoolExecutor(1) as pool:
+        found = pool.submit(lambda: held[0].positions)
+        assert reading.wait(60.0)
+        for k in range(3):
+            scene.move(f"even/{2 * k}", at(0.5 + k))
+        moved.set()
+        assert found.result(60.0).tobytes() == wanted[0].tobytes()
+    scene.move("even/0", at(50.0))
+    assert held[1].positions.tobytes() == wanted[1].tobytes()
 
 
 def test_only_objects_that_call_for_an_effect_get_it(calls: list[int]) -> None:
