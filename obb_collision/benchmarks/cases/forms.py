@@ -27,6 +27,7 @@ from functools import cached_property
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from obb_collision.geometry.poses import matrices_from_quaternions
 from obb_collision.typing import Floats, Rows
 
 #: Half extents of ordinary boxes, metres, and their mean.
@@ -64,7 +65,7 @@ class Frame:
     @cached_property
     def rotations(self) -> Floats:
         """Rotation matrices (k, 3, 3) of those that moved."""
-        return Rotation.from_quat(self.moved[:, 3:]).as_matrix()
+        return matrices_from_quaternions(self.moved[:, 3:])
 
 
 def _extents(rng: np.random.Generator, n: int) -> Floats:
@@ -162,7 +163,8 @@ def make_frames(form: str, count: int, moving: float, seed: int) -> tuple[Floats
     for _ in range(FRAMES - 1):
         poses = poses.copy()
         poses[rows, :3] += steps * rng.uniform(-1.0, 1.0, (len(rows), 3))
-        turned = Rotation.from_rotvec(turns * rng.uniform(-1.0, 1.0, (len(rows), 3)))
-        poses[rows, 3:] = (turned * Rotation.from_quat(poses[rows, 3:])).as_quat()
+        if len(rows):  # before 1.15 scipy makes no rotations of none
+            turned = Rotation.from_rotvec(turns * rng.uniform(-1.0, 1.0, (len(rows), 3)))
+            poses[rows, 3:] = (turned * Rotation.from_quat(poses[rows, 3:])).as_quat()
         frames.append(Frame(poses, rows))
     return half_extents, frames + frames[-2:0:-1]  # there and back: no jump at the end
