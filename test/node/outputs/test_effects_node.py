@@ -206,11 +206,15 @@ def test_diagnostics_say_what_is_computed_and_what_it_took() -> None:
     with Rig(given={"effects.contacts": "on", "effects.points": "off"}) as rig:
         rig.listen("/diagnostics")
         scene = Scene(rig)
-        scene.step(3)
-        status = rig.status(": cycle")
+        times = {"effect contacts mean (ms)", "effect contacts max (ms)"}
+        for _ in range(20):  # what it took since the last message, in which nothing may have moved
+            scene.step(3)
+            status = rig.status(": cycle")
+            if times <= set(status):
+                break
         assert status["effect contacts"] == "on, computed"
         assert status["effect contacts ran on"] == "1"
-        assert {"effect contacts mean (ms)", "effect contacts max (ms)"} <= set(status)
+        assert times <= set(status)
         assert status["effect points"] == "off"
         assert status["effect clearance"] == "auto, not requested"
         assert status["effect separations"] == "auto, computed"
