@@ -175,7 +175,8 @@ def _repeated(numbers: Rows, ids: Rows, legal: Mask) -> Mask:
 
 def _note_bad(faults: Faults, poses: Floats, sizes: Floats) -> None:
     """Note which sizes (n, 3) and poses (n, 7) can't be used."""
-    meant: Mask = ((sizes >= SMALLEST_MEANT) & (sizes <= LARGEST_COORDINATE)).all(axis=1)
+    legal = (sizes >= SMALLEST_MEANT) & (sizes <= LARGEST_COORDINATE)
+    meant = legal[:, 0] & legal[:, 1] & legal[:, 2]
     if not meant.all():
         detail = f"{sizes[int(np.argmin(meant))].tolist()} must be finite and positive"
         faults.note(~meant, RefusedError("bad size", detail), of_shape=True)
