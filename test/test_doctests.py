@@ -51,7 +51,7 @@ def public_methods() -> Iterator[tuple[str, Any]]:
             continue
         for method in dir(kind):
             value = getattr(kind, method)
-            if method.startswith("_") or method in INTERNAL or not inspect.isroutine(value):
+            if method.startswith("_") or method in INTERNAL or not callable(value):
                 continue
             if str(getattr(value, "__module__", "")).startswith("obb_collision"):
                 yield f"{name}.{method}", value
