@@ -25,7 +25,6 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from sensor_msgs.msg import PointCloud2
 
 from obb_collision.geometry.poses import compose_poses
 from obb_collision.node.diagnostics.monitors import InputMonitor
@@ -33,6 +32,7 @@ from obb_collision.node.inputs.box_set import BAD_KEY, NAMESPACE, REPEATED, TOPI
 from obb_collision.node.inputs.marker_batch import GOOD, Faults
 from obb_collision.node.inputs.waiting_clouds import Cloud, WaitingClouds
 from obb_collision.node.messages.bulk_clouds import boxes_from_ros
+from obb_collision.node.messages.cdr import cloud_from_bytes
 from obb_collision.node.messages.conversions import (
     LARGEST_COORDINATE,
     NANOSECONDS,
@@ -91,12 +91,13 @@ class BoxInput:
         self._order = 0  # sets with an older stamp are late
         self._received = 0
 
-    def take(self, message: PointCloud2) -> None:
-        """Queue a complete set for the next cycle."""
-        now, frame = self._clock(), message.header.frame_id
+    def take(self, data: bytes) -> None:
+        """Queue a complete set, serialised, for the next cycle."""
+        now = self._clock()
         self._monitor.received(now)
         try:
-            stamp = stamp_from_ros(message.header.stamp)
+            message = cloud_from_bytes(data)
+            frame, stamp = message.header.frame_id, stamp_from_ros(message.header.stamp)
             check_name(frame, "frame")
             given = Given(*boxes_from_ros(message))
             self._note_order(stamp, now)

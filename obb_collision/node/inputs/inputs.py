@@ -20,25 +20,26 @@ Markers are in ``markers``, sets of boxes in ``boxes``.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import TypeVar
 
 import numpy as np
-from geometry_msgs.msg import TransformStamped
-from sensor_msgs.msg import MultiDOFJointState, PointCloud2
 
 from obb_collision.node.diagnostics.monitors import InputMonitor
 from obb_collision.node.inputs.boxes import BoxInput
 from obb_collision.node.inputs.markers import MarkerInput
 from obb_collision.node.messages.bulk_clouds import poses_from_ros
+from obb_collision.node.messages.cdr import (
+    NamedStates,
+    cloud_from_bytes,
+    pose_from_bytes,
+    states_from_bytes,
+)
 from obb_collision.node.messages.conversions import (
     LARGEST_COORDINATE,
     UNUSABLE,
     ZERO,
     pose_kinds,
     stamp_from_ros,
-    states_from_ros,
-    transform_from_ros,
-    twists_from_ros,
 )
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.messages.names import shortened
@@ -48,6 +49,10 @@ from obb_collision.node.objects.states import OLDER, State
 from obb_collision.node.objects.table import Slots
 from obb_collision.node.runtime.guard import INTERNAL_ERROR, Guard
 from obb_collision.typing import Floats
+
+Message = TypeVar("Message")
+LENGTHS_DIFFER = "array lengths differ"
+"""Reason: a message has more names than poses, or twists, or fewer."""
 
 
 class Inputs:
@@ -70,8 +75,8 @@ class Inputs:
         self.markers = MarkerInput(objects, monitors["objects"], clock, guard)
         self.boxes = BoxInput(objects, frames, monitors["object_boxes"], clock, guard)
 
-    def callbacks(self) -> dict[str, Callable[[Any], None]]:
-        """Return the callback per input topic; that of ``objects`` takes serialised messages."""
+    def callbacks(self) -> dict[str, Callable[[bytes], None]]:
+        """Return the callback per input topic; they take serialised messages."""
         return {
             "objects": self.guarded("objects", self.markers.take),
             "object_transform": self.guarded("object_transform", self.take_transform, True),
@@ -81,54 +86,65 @@ class Inputs:
         }
 
     def guarded(
-        self, topic: str, take: Callable[[Any], None], in_order: bool = False
-    ) -> Callable[[Any], None]:
+        self, topic: str, take: Callable[[bytes], None], in_order: bool = False
+    ) -> Callable[[bytes], None]:
         """Return a callback that counts messages on which ``take`` fails.
 
         in_order: whether the markers and boxes that came before are applied first.
         """
 
-        def callback(message: Any) -> None:
+        def callback(data: bytes) -> None:
             try:
                 if in_order:
                     self.markers.apply()
                     self.boxes.apply()
-                take(message)
+                take(data)
             except Exception as error:
                 self._guard.caught(f"input {topic}", error)
                 self._monitors[topic].refuse(self._clock(), INTERNAL_ERROR, "whole message")
 
         return callback
 
-    def take_transform(self, message: TransformStamped) -> None:
+    def take_transform(self, data: bytes) -> None:
         """Store one pose."""
-        pose = transform_from_ros(message.transform)[None]
-        self._take_named("object_transform", [message.child_frame_id], pose, message.header)
+        message = self._read("object_transform", pose_from_bytes, data)
+        if message is not None:
+            self._take_named("object_transform", [message.name], message.pose, message.header)
 
-    def take_states(self, message: MultiDOFJointState) -> None:
+    def take_states(self, data: bytes) -> None:
         """Store poses by name, and twists if there is one for each; else they are counted."""
-        monitor, now = self._monitors["object_states"], self._clock()
-        try:
-            names, poses = states_from_ros(message)
-        except RefusedError as error:
-            monitor.received(now)
-            monitor.refuse(now, error.reason, detail=error.detail)
-            known = [self._slot(name) for name in message.joint_names]
+        message = self._read("object_states", states_from_bytes, data)
+        if message is None:
+            return
+        names, poses = message.names, message.poses
+        if len(names) != len(poses):  # then the pose of a name is ambiguous
+            detail = f"{len(names)} joint_names, {len(poses)} transforms"
+            self._monitors["object_states"].refuse(self._clock(), LENGTHS_DIFFER, detail=detail)
+            known = [self._slot(name) for name in names]
             self._objects.states.refuse(np.array([s for s in known if s >= 0], np.int64))
             return
-        twists = self._twists(message, names)
-        self._take_named("object_states", names, poses, message.header, twists)
+        self._take_named("object_states", names, poses, message.header, self._twists(message))
 
-    def _twists(self, message: MultiDOFJointState, names: list[str]) -> Floats | None:
+    def _read(self, topic: str, read: Callable[[bytes], Message], data: bytes) -> Message | None:
+        """Return a message, None if it is refused."""
+        monitor, now = self._monitors[topic], self._clock()
+        monitor.received(now)
+        try:
+            return read(data)
+        except RefusedError as error:
+            monitor.refuse(now, error.reason, "whole message", error.detail)
+            return None
+
+    def _twists(self, message: NamedStates) -> Floats | None:
         """Return twists (n, 6), zero where they are invalid; None where they are not used."""
-        if not (message.twist and self._wants_twists()):
+        names, twists = message.names, message.twists
+        if not (len(twists) and self._wants_twists()):
             return None
         monitor, now = self._monitors["object_states"], self._clock()
-        if len(message.twist) != len(names):
-            detail = f"{len(message.twist)} twists, {len(names)} names; poses used"
-            monitor.refuse(now, "array lengths differ", "twist", detail)
+        if len(twists) != len(names):
+            detail = f"{len(twists)} twists, {len(names)} names; poses used"
+            monitor.refuse(now, LENGTHS_DIFFER, "twist", detail)
             return None
-        twists = twists_from_ros(message)
         bad = ~(np.abs(twists) <= LARGEST_COORDINATE).all(axis=1)
         if bad.any():
             item, count = _shown(names[int(np.argmax(bad))]), int(np.count_nonzero(bad))
@@ -136,10 +152,12 @@ class Inputs:
             twists[bad] = 0.0
         return twists
 
-    def take_poses(self, message: PointCloud2) -> None:
+    def take_poses(self, data: bytes) -> None:
         """Store bulk poses by namespace number and id."""
         monitor, now, table = self._monitors["object_poses"], self._clock(), self._objects.table
-        monitor.received(now)
+        message = self._read("object_poses", cloud_from_bytes, data)
+        if message is None:
+            return
         try:
             namespaces, ids, poses = poses_from_ros(message)
             slots = table.find(namespaces, ids)
@@ -162,7 +180,6 @@ class Inputs:
         header: object,
         twists: Floats | None = None,
     ) -> None:
-        self._monitors[topic].received(self._clock())
         slots = np.array([self._slot(name) for name in names], np.int64)
         self._store(topic, slots, poses, header, lambda row: _shown(names[row]), twists)
 

@@ -21,11 +21,11 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from sensor_msgs.msg import PointCloud2
 
 from obb_collision.geometry.poses import as_poses
 from obb_collision.node.diagnostics.monitors import InputMonitor
 from obb_collision.node.inputs.waiting_clouds import Cloud, WaitingClouds
+from obb_collision.node.messages.cdr import cloud_from_bytes
 from obb_collision.node.messages.clouds import points_from_ros
 from obb_collision.node.messages.conversions import NANOSECONDS, stamp_from_ros
 from obb_collision.node.messages.errors import RefusedError
@@ -57,11 +57,12 @@ class Obstacles:
         self.stamp_tolerance = NANOSECONDS // 2
         """Stamps further than this ahead of the node's clock (ns) are not published."""
 
-    def take(self, message: PointCloud2) -> None:
-        """Keep a cloud."""
+    def take(self, data: bytes) -> None:
+        """Keep a serialised cloud."""
         now = self._clock()
         self._monitor.received(now)
         try:
+            message = cloud_from_bytes(data)
             stamp = stamp_from_ros(message.header.stamp)
         except RefusedError as error:
             self._monitor.refuse(now, error.reason, detail=error.detail)

@@ -33,21 +33,17 @@ from obb_collision.node.diagnostics.qos import overridable
 
 
 class Input(NamedTuple):
-    """An input topic: type and depth of its queue, and whether it is reliable.
-
-    raw: whether messages are received serialised.
-    """
+    """An input topic: type and depth of its queue, and whether it is reliable."""
 
     kind: type
     depth: int
     reliability: ReliabilityPolicy = ReliabilityPolicy.RELIABLE
-    raw: bool = False
 
 
 INPUTS = {
     # Markers and single poses are for different objects, so more of them wait; the bulk messages
     # overtake themselves.
-    "objects": Input(MarkerArray, 100, raw=True),  # see ``marker_scan``
+    "objects": Input(MarkerArray, 100),
     "object_transform": Input(TransformStamped, 1000),
     "object_states": Input(MultiDOFJointState, 10),
     "object_poses": Input(PointCloud2, 10),
@@ -60,13 +56,15 @@ INPUTS = {
 class Subscriptions:
     """Subscribes to inputs, and unsubscribes from those that are not needed.
 
+    Messages are received serialised: see ``messages/cdr`` and ``messages/marker_scan``.
+
     callbacks: callback per input topic; arrived: called with the topic once a message is stored.
     """
 
     def __init__(
         self,
         node: Node,
-        callbacks: Mapping[str, Callable[[Any], None]],
+        callbacks: Mapping[str, Callable[[bytes], None]],
         monitors: Mapping[str, InputMonitor],
         arrived: Callable[[str], None],
     ) -> None:
@@ -107,16 +105,16 @@ class Subscriptions:
         oldest, self._oldest = self._oldest, 0
         return max(1, time_ns() - oldest) * 1e-9 if oldest else 0.0
 
-    def _take(self, topic: str, message: Any, info: Mapping[str, Any]) -> None:
+    def _take(self, topic: str, message: bytes, info: Mapping[str, Any]) -> None:
         received = info.get("received_timestamp") or 0  # not given by some middlewares
         if received and (received < self._oldest or not self._oldest):
             self._oldest = received
         self._callbacks[topic](message)
 
     def _subscribe(self, topic: str) -> Subscription:
-        kind, depth, reliability, raw = INPUTS[topic]
+        kind, depth, reliability = INPUTS[topic]
 
-        def take(message: Any, info: Any) -> None:
+        def take(message: bytes, info: Any) -> None:
             self._take(topic, message, info)
             self._arrived(topic)
 
@@ -127,7 +125,7 @@ class Subscriptions:
             QoSProfile(depth=depth, reliability=reliability),
             event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),  # see qos.py
             qos_overriding_options=overridable(),
-            raw=raw,
+            raw=True,
         )
         self._monitors[topic].topic = subscription.topic_name
         return subscription

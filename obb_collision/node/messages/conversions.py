@@ -115,33 +115,6 @@ def transform_to_ros(pose: Sequence[float] | Floats) -> Transform:
     return message
 
 
-def states_from_ros(message: MultiDOFJointState) -> tuple[list[str], Floats]:
-    """Names and (n, 7) poses of a MultiDOFJointState.
-
-    Raises RefusedError ("array lengths differ") where the number of names is not the number of
-    transforms: then the pose of a name is ambiguous.
-    """
-    names, transforms = message.joint_names, message.transforms
-    if len(names) != len(transforms):
-        raise RefusedError(
-            "array lengths differ", f"{len(names)} joint_names, {len(transforms)} transforms"
-        )
-    rows = []
-    for transform in transforms:
-        p, q = transform.translation, transform.rotation
-        rows.append((p.x, p.y, p.z, q.x, q.y, q.z, q.w))
-    return list(names), np.array(rows, dtype=np.float64).reshape(-1, 7)
-
-
-def twists_from_ros(message: MultiDOFJointState) -> Floats:
-    """Twists (n, 6) of a MultiDOFJointState: linear x y z (m/s), angular x y z (rad/s)."""
-    rows = []
-    for twist in message.twist:
-        v, w = twist.linear, twist.angular
-        rows.append((v.x, v.y, v.z, w.x, w.y, w.z))
-    return np.array(rows, dtype=np.float64).reshape(-1, 6)
-
-
 def twist_to_ros(twist: Sequence[float] | Floats) -> Twist:
     """Twist of a (6,) array."""
     x, y, z, wx, wy, wz = (float(value) for value in twist)

@@ -23,13 +23,13 @@ rest can't be trusted either.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from rclpy.serialization import deserialize_message, serialize_message
 from visualization_msgs.msg import MarkerArray
 
+from obb_collision.node.messages.cdr import LONGEST_TAIL, MALFORMED, as_plain
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.messages.marker_kernels import (
     CONTENT,
@@ -41,15 +41,10 @@ from obb_collision.node.messages.marker_kernels import (
     POINTS,
     scan,
 )
-from obb_collision.node.messages.marker_writer import ENCAPSULATION
 from obb_collision.typing import Floats
 
-MALFORMED = "malformed message"
-"""Reason: the bytes are no MarkerArray."""
 SMALLEST_MARKER = 180
 """Bytes of a marker whose texts and lists are all empty, at least."""
-LONGEST_TAIL = 7
-"""Bytes that may follow the last marker: payloads are padded, typically to four bytes."""
 
 
 class Scanned(NamedTuple):
@@ -94,8 +89,7 @@ class Scanned(NamedTuple):
 
 def scan_markers(data: bytes) -> Scanned:
     """Return the parsed layout of a serialised MarkerArray; RefusedError ("malformed message")."""
-    if data[:2] != ENCAPSULATION[:2]:
-        data = _rewritten(data)
+    data = as_plain(data, MarkerArray)
     if len(data) < ORIGIN + 4:
         raise RefusedError(MALFORMED, f"{len(data)} bytes")
     count = int.from_bytes(data[ORIGIN : ORIGIN + 4], "little")
@@ -109,15 +103,3 @@ def scan_markers(data: bytes) -> Scanned:
     if len(data) - end > LONGEST_TAIL:
         raise RefusedError(MALFORMED, f"{len(data) - end} bytes behind the last of {count} markers")
     return Scanned(data, integers, bits.view(np.float64))
-
-
-def _rewritten(data: bytes) -> bytes:
-    """Return a message of another encoding in plain little-endian CDR, by way of rclpy."""
-    try:
-        message: Any = deserialize_message(data, MarkerArray)
-        result: bytes = serialize_message(message)
-    except Exception as error:
-        raise RefusedError(MALFORMED, f"encoding {data[:2].hex()!r}: {error}") from error
-    if result[:2] != ENCAPSULATION[:2]:
-        raise RefusedError(MALFORMED, "no little-endian encoding here")
-    return result

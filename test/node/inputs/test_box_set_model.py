@@ -149,11 +149,11 @@ class Real:
         return [row.id for row in given], places, sizes, numbers
 
     def _set(self, given: list[Row], take: Any) -> None:
-        take["object_boxes"](boxes_to_ros(*self._cloud(given)))
+        take["object_boxes"](serialize_message(boxes_to_ros(*self._cloud(given))))
 
     def _poses(self, given: list[Row], take: Any) -> None:
         ids, places, _, numbers = self._cloud(given)
-        take["object_poses"](poses_to_ros(ids, places, numbers))
+        take["object_poses"](serialize_message(poses_to_ros(ids, places, numbers)))
 
     def _markers(self, given: list[Row], take: Any, action: int) -> None:
         markers = [cube(row.key, (row.place, 0, 0), [row.size] * 3, action=action) for row in given]

@@ -24,6 +24,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 from objects_rig import MILLISECOND, START, KnownUntil
+from rclpy.serialization import serialize_message
 from rig import pose
 from std_msgs.msg import Header
 
@@ -61,7 +62,8 @@ class Sets:
         self.now = max(self.now, stamp)
         header = Header(stamp=stamp_to_ros(stamp), frame_id=frame)
         places = [pose(ident) for ident in ids]
-        self.input.take(boxes_to_ros(ids, places, np.ones((len(ids), 3)), header=header))
+        message = boxes_to_ros(ids, places, np.ones((len(ids), 3)), header=header)
+        self.input.take(serialize_message(message))
 
     def cycle(self, time: int) -> dict[int, float]:
         """Run a cycle; returns where which boxes are."""

@@ -33,7 +33,8 @@ from sensor_msgs.msg import CompressedImage
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray, MeshFile, UVCoordinate
 
-from obb_collision.node.messages import marker_scan
+from obb_collision.node.messages import cdr
+from obb_collision.node.messages.cdr import MALFORMED
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.messages.marker_kernels import (
     ACTION,
@@ -53,7 +54,7 @@ from obb_collision.node.messages.marker_kernels import (
     STAMP_SEC,
     TYPE,
 )
-from obb_collision.node.messages.marker_scan import MALFORMED, scan_markers
+from obb_collision.node.messages.marker_scan import scan_markers
 
 int32 = st.integers(-(2**31), 2**31 - 1)
 uint32 = st.integers(0, 2**32 - 1)
@@ -192,5 +193,5 @@ def test_other_encodings_go_by_way_of_rclpy(monkeypatch: pytest.MonkeyPatch) -> 
     data = serialize_message(message)
     with pytest.raises(RefusedError, match=MALFORMED):
         scan_markers(b"\x12\x34" + data[2:])
-    monkeypatch.setattr(marker_scan, "deserialize_message", lambda *_: message)
+    monkeypatch.setattr(cdr, "deserialize_message", lambda *_: message)
     assert scan_markers(b"\0\7" + data[2:]).integers[0, ID] == 7

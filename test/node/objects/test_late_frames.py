@@ -23,6 +23,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 from objects_rig import MILLISECOND, SECOND, START, KnownUntil, ObjectsRig, place
+from rclpy.serialization import serialize_message
 from rig import Rig, cube, pose
 from std_msgs.msg import Header
 
@@ -313,7 +314,7 @@ def test_clouds_that_wait_are_bounded() -> None:
         rows = np.zeros(4, [(name, "<f4") for name in "xyz"])
         for number in range(100):
             header = Header(stamp=stamp_to_ros(number + 1), frame_id="lidar")
-            obstacles.take(cloud_to_ros(rows, header))
+            obstacles.take(serialize_message(cloud_to_ros(rows, header)))
         stamps = [cloud.stamp for cloud in obstacles.waiting.clouds]
         assert len(stamps) <= 16
         assert stamps == sorted(stamps)
