@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The console scripts that need ROS: the node, the demo and the view, latency, fuzz.
+"""The console scripts that need ROS: the node, the demo and the view, latency, fuzz and soak.
 
 They import what takes long, or needs ROS, only after they have read the arguments and found ROS. A
 signal during these imports ends them at once and silently.
@@ -74,6 +74,15 @@ def fuzz(args: Sequence[str] | None = None) -> int:
     if not is_ros_here("obb_collision_fuzz"):
         return 1
     from obb_collision.checks.fuzz.command import main
+
+    return main(args)
+
+
+def soak(args: Sequence[str] | None = None) -> int:
+    """Keep a node busy and check all its answers; returns the exit code."""
+    if not is_ros_here("obb_collision_soak"):
+        return 1
+    from obb_collision.checks.soak.command import main
 
     return main(args)
 

@@ -33,6 +33,8 @@ REALS = ["x", "-1", "", "nan", "inf", "-inf", "1e999", "\ud800"]
 FILES = ["/none/such/file", "/", "x" * 5000 + "/y", "nul\0", "\ud800/x", ""]
 PLOTS = [*FILES, "x.exe"]
 SEED, JSON = {"--seed": WHOLES}, {"--json": FILES}
+NEED_ROS = ("obb_collision_node", "obb_collision_latency", "obb_collision_fuzz",
+            "obb_collision_soak")  # fmt: skip
 OPTIONS: dict[str, dict[str, list[str]]] = {
     "obb_collision_node": {},
     "obb_collision_warm_up": {},
@@ -45,6 +47,10 @@ OPTIONS: dict[str, dict[str, list[str]]] = {
         "--scene": ["none", "/dev/zero", "/", "x" * 5000, "nul\0", "\ud800", "a\nb.yaml"],
     },
     "obb_collision_view": {"--port": [*WHOLES, "65536"], "--scene": ["none", "/", "nul\0"]},
+    "obb_collision_soak": {
+        "--seconds": REALS, "--steps": WHOLES, "--objects": WHOLES, "--warm-up": REALS,
+        "--growth": REALS, "--log": FILES, **SEED, **JSON,
+    },
     "obb_collision_fuzz": {"--messages": WHOLES, "--bound": REALS, "--log": FILES, **SEED},
     "obb_collision_latency": {
         "--objects": WHOLES, "--new": WHOLES, "--seconds": REALS, **SEED, **JSON,
@@ -70,7 +76,7 @@ def test_every_script_is_tried() -> None:
 def test_arguments_that_cannot_be_used_are_refused_in_a_line(
     script: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    if script in ("obb_collision_node", "obb_collision_latency", "obb_collision_fuzz"):
+    if script in NEED_ROS:
         pytest.importorskip("rclpy")
     module, function = {**SCRIPTS, **BENCHMARKS}[script].split(":")
     main = getattr(import_module(module), function)
@@ -78,7 +84,7 @@ def test_arguments_that_cannot_be_used_are_refused_in_a_line(
     cases += [["--nonsense"], ["--nonsense=\ud800\x1b"], *([option] for option in OPTIONS[script])]
     if script == "obb_collision_view":  # takes the name of a node
         cases += [["a b"], ["/"], ["\ud800"], ["a", "b"]]
-    elif script != "obb_collision_fuzz":  # its are for the node
+    elif script not in ("obb_collision_fuzz", "obb_collision_soak"):  # its are for the node
         cases += [["extra"]]
     for arguments in cases:
         with pytest.raises(SystemExit) as ended:

@@ -43,6 +43,11 @@ class Child:
         )
 
     @property
+    def number(self) -> int:
+        """Number of the process."""
+        return self._process.pid
+
+    @property
     def exit_code(self) -> int | None:
         """Exit code, None while it runs; below zero: the signal that ended it."""
         return self._process.poll()
