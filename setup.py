@@ -44,7 +44,12 @@ setup(
     ],
     extras_require={
         # on a robot these come from apt; matplotlib draws the picture of the demo
-        "ros": ["ros-jazzy-rclpy[fastrtps]", "ros-jazzy-common-interfaces", "matplotlib>=3.6.0"],
+        "ros": [
+            "ros-jazzy-rclpy[fastrtps]",
+            "ros-jazzy-common-interfaces",
+            "ros-jazzy-lifecycle-msgs",
+            "matplotlib>=3.6.0",
+        ],
         # the demo, or a running node, live in the browser
         "view": ["viser>=1.1.1"],
         # pytest-xdist: two tests at a time

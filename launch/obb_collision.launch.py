@@ -22,11 +22,15 @@ Arguments that are not given leave params_file as it is.
 from __future__ import annotations
 
 from ament_index_python.packages import PackageNotFoundError, get_package_prefix
-from launch import LaunchContext, LaunchDescription
-from launch.actions import DeclareLaunchArgument, OpaqueFunction
+from launch import Action, LaunchContext, LaunchDescription
+from launch.actions import DeclareLaunchArgument, EmitEvent, OpaqueFunction, RegisterEventHandler
+from launch.events import matches_action
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
-from launch_ros.actions import Node
+from launch_ros.actions import LifecycleNode, Node
+from launch_ros.event_handlers import OnStateTransition
+from launch_ros.events.lifecycle import ChangeState
 from launch_ros.substitutions import FindPackageShare
+from lifecycle_msgs.msg import Transition
 
 from obb_collision.node.runtime.launching import initial_parameters
 
@@ -65,6 +69,13 @@ def generate_launch_description() -> LaunchDescription:
                 description="Use /clock for stamps, ages and RViz. " + as_in_file,
             ),
             DeclareLaunchArgument(
+                "autostart",
+                default_value="",
+                choices=["", "true", "false", "launch"],
+                description="What configures and activates the node. true: itself. launch: launch, "
+                "by events. false: others, a lifecycle manager for example. " + as_in_file,
+            ),
+            DeclareLaunchArgument(
                 "log_level", default_value="info", description="debug, info, warn, error or fatal."
             ),
             DeclareLaunchArgument(
@@ -78,8 +89,8 @@ def generate_launch_description() -> LaunchDescription:
     )
 
 
-def start(context: LaunchContext) -> list[Node]:
-    """Return the node, and RViz if asked."""
+def start(context: LaunchContext) -> list[Action]:
+    """Return the node, what activates it, and RViz if asked."""
 
     def value(name: str) -> str:
         return LaunchConfiguration(name).perform(context)
@@ -87,7 +98,9 @@ def start(context: LaunchContext) -> list[Node]:
     given = {name: text for name in ("scene_file", "fixed_frame") if (text := value(name))}
     if value("use_sim_time"):
         given["use_sim_time"] = value("use_sim_time") == "true"
-    node = Node(
+    if value("autostart"):
+        given["autostart"] = value("autostart") == "true"
+    node = LifecycleNode(
         package="obb_collision",
         executable="obb_collision_node",
         name=NAME,
@@ -96,8 +109,9 @@ def start(context: LaunchContext) -> list[Node]:
         arguments=["--ros-args", "--log-level", value("log_level")],
         output="screen",
     )
+    actions = [node, *(activate(node) if value("autostart") == "launch" else ())]
     if value("rviz") == "false":
-        return [node]
+        return actions
     try:
         get_package_prefix("rviz2")
     except PackageNotFoundError:  # found out later, it would leave the node behind
@@ -106,7 +120,28 @@ def start(context: LaunchContext) -> list[Node]:
             "Install it (apt install ros-jazzy-rviz2), or start without rviz:=true"
         ) from None
     parameters = initial_parameters(NAME, value("namespace"), value("params_file")) | given
-    return [node, rviz(value("namespace"), parameters)]
+    return [*actions, rviz(value("namespace"), parameters)]
+
+
+def activate(node: LifecycleNode) -> list[Action]:
+    """Return what configures a node, and activates it once that is done."""
+
+    def change(transition: int) -> EmitEvent:
+        return EmitEvent(
+            event=ChangeState(lifecycle_node_matcher=matches_action(node), transition_id=transition)
+        )
+
+    return [
+        RegisterEventHandler(
+            OnStateTransition(
+                target_lifecycle_node=node,
+                start_state="configuring",
+                goal_state="inactive",
+                entities=[change(Transition.TRANSITION_ACTIVATE)],
+            )
+        ),
+        change(Transition.TRANSITION_CONFIGURE),
+    ]
 
 
 def rviz(namespace: str, parameters: dict[str, object]) -> Node:

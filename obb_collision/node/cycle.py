@@ -21,6 +21,7 @@ from time import perf_counter
 
 import numpy as np
 
+from obb_collision.node.diagnostics.answer import DISABLED, INACTIVE
 from obb_collision.node.diagnostics.monitors import CycleMonitor
 from obb_collision.node.inputs.points import Obstacles
 from obb_collision.node.messages.conversions import NANOSECONDS
@@ -56,12 +57,17 @@ class Cycle:
         self._effects, self._outputs = effects, outputs
         self._guard, self._collect = guard, collect
         self.monitor = CycleMonitor()
-        self.enabled = True
+        self.enabled, self.active = True, False
         self.report: Report | None = None
         """Of the last check, None where it is not known what collides."""
         self.failed = False
         """Whether the last cycle ended in an internal error: its answer is not known."""
         self._last_stamp = 0
+
+    @property
+    def paused(self) -> str:
+        """Why nothing is checked, "" if it is."""
+        return INACTIVE if not self.active else "" if self.enabled else DISABLED
 
     def run(self, now: int) -> None:
         """Run one cycle at time ``now`` (ns); one that fails is counted, and the next one runs."""
@@ -75,7 +81,7 @@ class Cycle:
         collected = perf_counter()
         self._objects.update(now, self._parameters.object_timeout)
         stages = {"inputs": collected - start, "update": perf_counter() - collected}
-        if self.enabled:
+        if not self.paused:
             stages.update(self._check(now))
             if waited:
                 took = perf_counter() - start

@@ -25,6 +25,7 @@ if __name__ == "__main__":  # first of all: the imports take a second
     end_at_once_on_signals()
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from importlib.metadata import version
 from time import perf_counter
 from typing import Any
@@ -32,16 +33,16 @@ from typing import Any
 from rclpy.clock import JumpThreshold, ROSClock, TimeJump
 from rclpy.duration import Duration
 from rclpy.executors import ExternalShutdownException
-from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
 from obb_collision.node import reporting
 from obb_collision.node.cycle import Cycle
-from obb_collision.node.diagnostics.answer import answer
+from obb_collision.node.diagnostics.answer import UNCONFIGURED, answer
 from obb_collision.node.diagnostics.monitors import InputMonitor
 from obb_collision.node.inputs.inputs import Inputs
 from obb_collision.node.inputs.points import Obstacles
 from obb_collision.node.inputs.subscriptions import INPUTS, Subscriptions
+from obb_collision.node.lifecycle import ManagedNode
 from obb_collision.node.messages.conversions import NANOSECONDS
 from obb_collision.node.objects.frames import FrameSource, make_frames
 from obb_collision.node.objects.objects import Objects
@@ -57,7 +58,7 @@ from obb_collision.node.runtime.running import run
 from obb_collision.node.runtime.warm_up import WarmUp
 from obb_collision.node.scene_file import SceneFile
 from obb_collision.node.schedule import Schedule
-from obb_collision.node.settings import SceneSettings, apply_limits
+from obb_collision.node.settings import SceneSettings, apply_limits, requested_levels
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.effects.settings import OFF, ON
 from obb_collision.scene_files import describe_scene, find_scene
@@ -65,8 +66,11 @@ from obb_collision.scene_files import describe_scene, find_scene
 NODE_NAME = "obb_collision"
 
 
-class CollisionNode(Node):
+class CollisionNode(ManagedNode):
     """Maintains the world boxes of a scene and publishes which collide.
+
+    Unconfigured it has its publishers, the status and compiled kernels; configured its inputs and
+    objects, which are stored; only while it is active they are checked.
 
     frames: where frames are, by default tf2 where installed. ending: whether a start that compiles
     is to be given up, which raises ExternalShutdownException. All else goes to
@@ -88,20 +92,53 @@ class CollisionNode(Node):
             raise
 
     def _set_up(self, frames: FrameSource | None, ending: Callable[[], bool]) -> None:
-        """Create all parts, compile the kernels that are needed, and start."""
-        start = perf_counter()
+        """Create what is there in every state, compile the kernels that are needed, and start."""
+        self._since = perf_counter()
         self.guard = Guard(self.get_logger().error, self.context.ok)
         self.parameters = Parameters(self)
-        scene_file = self._read_scene_file()
-        self._make_inputs(frames)
+        self._configured = ExitStack()
+        autostart = self.parameters.autostart
+        self._scene_file = self._read_scene_file() if autostart else None
+        fixed_frame = self.parameters.fixed_frame
+        self._frames = frames if frames is not None else make_frames(self, fixed_frame)
         logger = self.get_logger()
         self._warm = WarmUp(logger.info, logger.warning, lambda: ending() or not self.context.ok())
-        self._make_outputs([] if scene_file is None else scene_file.allowed())
-        self._schedule = Schedule(self, self.parameters, self._run_cycle)
+        self._make_outputs()
         switched_on = [name for name in EFFECTS if self.parameters.mode(name) == ON]
-        self._warm.start([*self._settings.levels(), *switched_on])
+        self._warm.start([*requested_levels(self.parameters), *switched_on])
         if ending() or not self.context.ok():
             raise ExternalShutdownException
+        if autostart:
+            self.start()
+        else:
+            self.rest("")
+        self.status.start()
+
+    def _make_outputs(self) -> None:
+        """Create the outputs; the status is published from now on."""
+        self._outputs = Outputs(self, self.parameters, self.guard)
+        self._effects = Effects(self.parameters, self._outputs.publishers, self._warm)
+        self.status = CollisionStatus(
+            f"{self.get_fully_qualified_name().lstrip('/')}: collision",
+            self._outputs.publishers,
+            self._effects,
+            self.parameters,
+            self._read_clock,
+            self.guard,
+        )
+        self.status.rest()
+
+    def rest(self, reason: str) -> None:
+        """Report that nothing is configured; reason: what else there is to say."""
+        self.parameters.on_change = lambda: self.status.update(self.status.answer)
+        self.status.rest(UNCONFIGURED + reason)
+        self.get_logger().info(UNCONFIGURED)
+
+    def configure(self) -> None:
+        """Create inputs and objects, and begin to store messages."""
+        scene_file, self._scene_file = self._scene_file or self._read_scene_file(), None
+        self._make_inputs()
+        self._make_cycle([] if scene_file is None else scene_file.allowed())
         self._outputs.publish_namespaces(self.objects.table.namespaces)
         self._apply_parameters()
         if scene_file is not None:
@@ -111,16 +148,39 @@ class CollisionNode(Node):
             f"ready: fixed frame '{self.parameters.fixed_frame}', "
             f"frames by {self._frames.description}; "
             f"trigger {self.parameters.trigger} at {self.parameters.rate:g} Hz; backend numba "
-            f"{version('numba')}, kernels ready in {perf_counter() - start:.1f} s; "
+            f"{version('numba')}, kernels ready in {perf_counter() - self._since:.1f} s; "
             f"in: {_topic_names(self._subscribed.open)}; out: {_topic_names(self._outputs.ends)}"
         )
 
-    def _make_inputs(self, frames: FrameSource | None) -> None:
+    def activate(self) -> None:
+        """Check from the next cycle on."""
+        self.cycle.active = True
+        self.get_logger().info("active")
+
+    def deactivate(self) -> None:
+        """Check nothing any more: nothing is known; messages are still stored."""
+        self.cycle.active = False
+        self._pause()
+        self.get_logger().info(self.cycle.paused)
+
+    def release(self) -> None:
+        """Remove inputs and objects."""
+        self._configured.close()
+        self.parameters.on_change = lambda: None
+        self.parameters.restore_defaults()
+        self._outputs.withdraw(self._read_clock())
+
+    def finish(self) -> None:
+        """Say that nothing will be known any more, and end all processes."""
+        self.status.close()
+        self._warm.close()
+
+    def _make_inputs(self) -> None:
         """Create the inputs; nothing is subscribed yet."""
         fixed_frame = self.parameters.fixed_frame
-        self._frames = frames if frames is not None else make_frames(self, fixed_frame)
         self._monitors = {topic: InputMonitor(topic, self.get_logger().warning) for topic in INPUTS}
         self.objects = Objects(fixed_frame, self._frames, self.guard)
+        self._configured.callback(self.objects.close)
         self.inputs = Inputs(
             self.objects,
             self._monitors,
@@ -139,22 +199,12 @@ class CollisionNode(Node):
         )
         self._time = NodeClock(self._read_clock, self._is_simulated, self._clock_jumped)
         self._subscribed = self._make_subscriptions()
+        self._configured.callback(self._subscribed.close)
 
-    def _make_outputs(self, allowed: list[AllowedRule]) -> None:
-        """Create the check and the outputs; the status is published from now on."""
-        self._outputs = Outputs(self, self.parameters, self.guard)
+    def _make_cycle(self, allowed: list[AllowedRule]) -> None:
+        """Create the check, and what calls it."""
         self._settings = SceneSettings(self.parameters, self.objects, self._warm)
         self._settings.allowed = allowed
-        self._effects = Effects(self.parameters, self._outputs.publishers, self._warm)
-        self.status = CollisionStatus(
-            f"{self.get_fully_qualified_name().lstrip('/')}: collision",
-            self._outputs.publishers,
-            self._effects,
-            self.parameters,
-            self._read_clock,
-            self.guard,
-        )
-        self.status.begin()
         self.cycle = Cycle(
             self.parameters,
             self.objects,
@@ -165,6 +215,8 @@ class CollisionNode(Node):
             self.guard,
             self._collect,
         )
+        self._schedule = Schedule(self, self.parameters, self._run_cycle)
+        self._configured.callback(self._schedule.close)
 
     def _add_objects(self, scene_file: SceneFile) -> None:
         refused = scene_file.add_to(self.objects, self._now())
@@ -180,26 +232,30 @@ class CollisionNode(Node):
             *(self, self._monitors, self._subscribed, self.objects, self.cycle),
             *(self._effects, self._outputs, self.parameters, self.guard, self._now),
         )
-        self.create_timer(
+        timer = self.create_timer(
             reporting.PERIOD,
             lambda: self.guard.run("diagnostics", self._reporting.publish),
             clock=self._schedule.clock,
         )
+        self._configured.callback(self.destroy_timer, timer)
         self._parameters_changed = self._schedule.calm(
             lambda: self.guard.run("parameters", self._apply_parameters)
         )
         self.parameters.on_change = self._parameters_changed
-        self.create_service(Trigger, "~/clear", self._clear)
-        self.create_service(SetBool, "~/enable", self._enable)
+        for service in (
+            self.create_service(Trigger, "~/clear", self._clear),
+            self.create_service(SetBool, "~/enable", self._enable),
+        ):
+            self._configured.callback(self.destroy_service, service)
         self._jump = self.get_clock().create_jump_callback(
             JumpThreshold(
                 min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=True
             ),
             post_callback=self._look_at_clock,
         )
+        self._configured.callback(self._jump.unregister)
         for topic in INPUTS:
             self._subscribed.keep(topic, self._is_wanted(topic))
-        self.status.start()
 
     def _read_scene_file(self) -> SceneFile | None:
         """Read the scene file, if there is one, and take its settings as parameters."""
@@ -278,7 +334,7 @@ class CollisionNode(Node):
         if self.status.is_off:
             return
         ran, timeout = self.cycle, self.parameters.object_timeout
-        known = answer(self.objects, ran.report, ran.enabled, ran.failed, self._now(), timeout)
+        known = answer(self.objects, ran.report, ran.paused, ran.failed, self._now(), timeout)
         self.status.update(known, cycle)
 
     def _count_notes(self) -> None:
@@ -288,6 +344,12 @@ class CollisionNode(Node):
             monitor = self._monitors[note.topic]
             count = monitor.refuse if note.is_refused else monitor.doubt
             count(now, note.reason, note.item, note.detail, note.total)
+
+    def _pause(self) -> None:
+        """Take back what is said about collisions, until the next check."""
+        self.cycle.report = None
+        self.guard.run("output markers", lambda: self._outputs.withdraw(self._now()))
+        self.guard.run("output collision_status", self._update_status)
 
     def _clear(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         try:
@@ -301,8 +363,7 @@ class CollisionNode(Node):
 
     def _enable(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         self.cycle.enabled = request.data
-        self.cycle.report = None
-        self.guard.run("output collision_status", self._update_status)
+        self._pause()
         response.success = True
         response.message = "checking" if request.data else "not checking; states are still stored"
         self.get_logger().info(response.message)
@@ -325,7 +386,7 @@ class CollisionNode(Node):
 
     def destroy_node(self) -> None:
         """Publish the status unknown, and end together with all other processes."""
-        for name in ("status", "_warm", "objects"):
+        for name in ("status", "_warm", "_configured"):
             if hasattr(self, name):  # not where the start failed before
                 getattr(self, name).close()
         super().destroy_node()

@@ -88,7 +88,7 @@ class Reporting:
             ),
             diagnostics.object_status(name, self._objects, parameters.stale_policy, cycle.report),
             diagnostics.cycle_status(
-                name, cycle.monitor, self._effects.states(), cycle.enabled, elapsed, period
+                name, cycle.monitor, self._effects.states(), cycle.paused, elapsed, period
             ),
             diagnostics.guard_status(name, self._guard),
             diagnostics.qos_status(name, self._qos.mismatches),

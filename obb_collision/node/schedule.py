@@ -89,6 +89,12 @@ class Schedule:
         self._timer = node.create_timer(1.0 / parameters.rate, self._cycle, clock=self.clock)
         self._burst_timer = node.create_timer(SHORTEST_TIMER, self._end_burst, clock=self.clock)
         self._burst_timer.cancel()
+        self._timers = [self._timer, self._burst_timer]
+
+    def close(self) -> None:
+        """Make no calls any more."""
+        for timer in self._timers:
+            self._node.destroy_timer(timer)
 
     def calm(self, call: Callable[[], object]) -> Calm:
         """Return a rate limiter of a call."""
@@ -100,6 +106,7 @@ class Schedule:
 
         timer = self._node.create_timer(STORM_PERIOD, end, clock=self.clock)
         timer.cancel()
+        self._timers.append(timer)
 
         def start(seconds: float) -> None:
             timer.timer_period_ns = round(1e9 * max(seconds, SHORTEST_TIMER))

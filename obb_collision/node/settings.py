@@ -47,14 +47,6 @@ class SceneSettings:
         self.waiting = False
         """Whether an accuracy waits for its kernels; until then ``obb`` takes its place."""
 
-    def levels(self) -> list[Accuracy]:
-        """Return the levels that the parameters request."""
-        levels = {level for _, level in self._parameters.accuracy_overrides}
-        levels.add(as_accuracy(self._parameters.accuracy))
-        if self._parameters.time_budget:  # it chooses from all
-            levels |= {level for level in ABOVE if level <= max(levels)}
-        return sorted(levels)
-
     def apply(self) -> None:
         """Apply the parameters to the scene."""
         parameters, scene = self._parameters, self._objects.scene
@@ -85,7 +77,7 @@ class SceneSettings:
     def apply_accuracy(self) -> None:
         """Set the accuracy of all objects, limited to levels whose kernels are compiled."""
         parameters, objects = self._parameters, self._objects
-        ready = [self._warm.is_ready(level) for level in self.levels()]
+        ready = [self._warm.is_ready(level) for level in requested_levels(parameters)]
         self.waiting = not all(ready)
         highest = Accuracy.OBB if self.waiting else Accuracy.MESH
         level = min(as_accuracy(parameters.accuracy), highest)
@@ -94,6 +86,15 @@ class SceneSettings:
         overrides = Overrides(parameters.accuracy_overrides).capped(highest)
         if overrides.overrides != objects.shapes.overrides.overrides:
             objects.set_overrides(overrides)
+
+
+def requested_levels(parameters: Parameters) -> list[Accuracy]:
+    """Return the levels that the parameters request."""
+    levels = {level for _, level in parameters.accuracy_overrides}
+    levels.add(as_accuracy(parameters.accuracy))
+    if parameters.time_budget:  # it chooses from all
+        levels |= {level for level in ABOVE if level <= max(levels)}
+    return sorted(levels)
 
 
 def apply_limits(parameters: Parameters, objects: Objects) -> None:

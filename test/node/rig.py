@@ -156,10 +156,14 @@ class Client:
 
     def wait_matched(self) -> None:
         """Wait until every publisher has the node and ``collisions`` arrive here."""
-        wanted = [p for topic, p in self.pubs.items() if topic not in self.unmatched]
-        self.until(lambda: all(p.get_subscription_count() for p in wanted), "match")
+        self.wait_inputs()
         if "collisions" in self.subscriptions:
             self.until(lambda: "collisions" in self.last, "collisions")
+
+    def wait_inputs(self) -> None:
+        """Wait until every publisher has the node."""
+        wanted = [p for topic, p in self.pubs.items() if topic not in self.unmatched]
+        self.until(lambda: all(p.get_subscription_count() for p in wanted), "match")
 
     def header(self, frame: str = FRAME) -> Header:
         """Return a header with the next stamp."""
@@ -266,9 +270,9 @@ class Rig(Client):
         """Wait until they have met.
 
         frames: what knows other frames; none, unless tf2 is asked for, so that a test finds the
-        same node whether tf2 is installed or not. deaf: the client listens to nothing yet; given:
-        more parameters, of any name. sure_points: points arrive as surely as all else, so that a
-        test need not send them twice.
+        same node whether tf2 is installed or not. deaf: the client listens to nothing yet, nor
+        waits for a node without autostart; given: more parameters, of any name. sure_points: points
+        arrive as surely as all else, so that a test need not send them twice.
         """
         parameters |= given or {}
         if sure_points:
@@ -290,7 +294,8 @@ class Rig(Client):
         if parameters.get("effects.points") == "off":
             self.unmatched.add("points")
         if deaf:
-            self.wait_matched()
+            if parameters.get("autostart", True):
+                self.wait_matched()
             return
         self.listen("collisions", "in_collision", "namespaces")
         self.wait_matched()

@@ -37,6 +37,8 @@ MAX_NAMED = 10
 
 STARTING, STOPPING = "starting", "shutting down"
 DISABLED = "disabled: nothing is checked"
+INACTIVE = "inactive: nothing is checked"
+UNCONFIGURED = "unconfigured: nothing is stored or checked"
 FAILED = "the last cycle failed: internal error"
 UNCHECKED = "not checked yet"
 BLIND = "no state placed"
@@ -141,11 +143,12 @@ def some(names: tuple[str, ...] | list[str], count: int) -> str:
 
 
 def answer(
-    objects: Objects, report: Report | None, enabled: bool, failed: bool, now: int, timeout: float
+    objects: Objects, report: Report | None, paused: str, failed: bool, now: int, timeout: float
 ) -> Answer:
     """Return the answer after a cycle.
 
-    report: of its check, None where there was none; failed: it ended in an internal error; timeout:
+    report: of its check, None where there was none; paused: why nothing is checked, "" if it is;
+    failed: it ended in an internal error; timeout:
     the age (s) at which states are stale, 0 for never.
     """
     table = objects.table
@@ -167,15 +170,15 @@ def answer(
         objects=len(table),
         stamp=objects.newest_stamp(now) if placed.any() else 0,
     )
-    return known.without(*_unknown(objects, report, enabled, failed, now, timeout))
+    return known.without(*_unknown(objects, report, paused, failed, now, timeout))
 
 
 def _unknown(
-    objects: Objects, report: Report | None, enabled: bool, failed: bool, now: int, timeout: float
+    objects: Objects, report: Report | None, paused: str, failed: bool, now: int, timeout: float
 ) -> tuple[str, float]:
     """Return why nothing is known, "" if something is, and since how long (s)."""
-    if not enabled:
-        return DISABLED, 0.0
+    if paused:
+        return paused, 0.0
     if failed:
         return FAILED, 0.0
     if report is None and len(objects.table):

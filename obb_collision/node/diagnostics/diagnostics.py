@@ -169,19 +169,20 @@ def cycle_status(
     node: str,
     cycles: CycleMonitor,
     effects: Mapping[str, str],
-    enabled: bool,
+    paused: str,
     seconds: float,
     period: float,
 ) -> DiagnosticStatus:
     """Mean and longest duration of the last cycles, whole, by stage and by effect; overruns.
 
-    effects: state of each by name, in words; period: between two cycles (s).
+    effects: state of each by name, in words; paused: why nothing is checked, "" if it is; period:
+    between two cycles (s).
     """
     overruns_before, failures_before = cycles.reported_overruns, cycles.reported_failures
     delay, age = cycles.delay, cycles.age
     durations, stages = cycles.take()
     values: list[tuple[str, object]] = [
-        ("enabled", enabled),
+        ("enabled", not paused),
         ("rate (Hz)", f"{len(durations) / seconds:.2f}"),
         ("overruns", cycles.overruns),
         ("cycles", cycles.total),
@@ -205,8 +206,8 @@ def cycle_status(
         faults.append(f"overload: states wait {delay:.2f} s, the newest one is {age:.2f} s old")
     if cycles.failures.total() > failures_before:
         faults.append("effects failed on some pairs")
-    if not enabled:
-        faults.append("disabled: nothing is checked")
+    if paused:
+        faults.append(paused)
     if cycles.overruns > overruns_before:
         faults.append(f"{cycles.overruns - overruns_before} cycles took longer than a period")
     message = "; ".join(faults) or f"{len(durations)} cycles"

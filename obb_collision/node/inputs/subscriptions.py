@@ -81,6 +81,11 @@ class Subscriptions:
         elif not wanted and topic in self.open:
             self._node.destroy_subscription(self.open.pop(topic))
 
+    def close(self) -> None:
+        """Unsubscribe from all."""
+        for topic in [*self.open]:
+            self.keep(topic, False)
+
     def drain(self) -> None:
         """Take all messages that wait, up to the depth of each topic.
 

@@ -51,7 +51,8 @@ class Markers:
 
     def __init__(self, frame: str) -> None:
         self._frame = frame
-        self._shown: dict[Key, int] = {}
+        self.shown: dict[Key, int] = {}
+        """The markers that were written last, with their kinds."""
 
     def write(
         self,
@@ -72,14 +73,22 @@ class Markers:
         else:
             keys = [(LINES_NAMESPACE, int(color)) for color in np.unique(colors)]
             shown = dict.fromkeys(keys, Marker.LINE_LIST)
-        for key, kind in self._shown.items():
+        for key, kind in self.shown.items():
             if key not in shown:
                 writer.add(key, kind, Marker.DELETE)
-        self._shown = shown
+        self.shown = shown
         if line_width is None:
             _write_cubes(writer, keys, boxes, colors)
         else:
             _write_lines(writer, keys, boxes, colors, line_width)
+        return writer.message()
+
+    def clear(self, stamp: int) -> bytes:
+        """Return the serialised MarkerArray that deletes all boxes."""
+        writer = MarkerArrayWriter(self._frame, stamp, 0.0)
+        for key, kind in self.shown.items():
+            writer.add(key, kind, Marker.DELETE)
+        self.shown = {}
         return writer.message()
 
 

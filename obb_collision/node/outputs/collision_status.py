@@ -48,7 +48,8 @@ FLAG, STATUS = "in_collision", "collision_status"
 class CollisionStatus:
     """Publishes the status of collisions; may be called from any thread.
 
-    now: time of the node's clock (ns); steady: seconds. ``start`` begins to watch the cycles.
+    now: time of the node's clock (ns); steady: seconds. ``start`` begins to repeat the last answer,
+    and to watch the cycles from the first one that ends.
     """
 
     def __init__(
@@ -69,6 +70,7 @@ class CollisionStatus:
         self._published: tuple[object, ...] | None = None
         self._flag: bool | None = None
         self._sent = self._alive = steady()
+        self._resting = True  # no cycle runs
         self._closed = threading.Event()
         self._thread: threading.Thread | None = None
 
@@ -77,13 +79,14 @@ class CollisionStatus:
         """The last answer."""
         return self._answer
 
-    def begin(self) -> None:
-        """Say that nothing is known yet."""
-        self._publish(Answer())
+    def rest(self, reason: str = STARTING) -> None:
+        """Say that nothing is known, and expect no cycle until one ends."""
+        with self._lock:
+            self._resting = True
+            self._publish(Answer(unknown=reason))
 
     def start(self) -> None:
-        """Watch over the cycles from now on."""
-        self._alive = self._steady()
+        """Repeat the last answer, and watch over the cycles from now on."""
         self._thread = threading.Thread(target=self._watch, name="collision_status", daemon=True)
         self._thread.start()
 
@@ -91,7 +94,7 @@ class CollisionStatus:
         """Publish an answer; cycle: it is that of a completed cycle."""
         with self._lock:
             if cycle:
-                self._alive = self._steady()
+                self._alive, self._resting = self._steady(), False
             self._publish(answer, beat=cycle)
 
     def close(self) -> None:
@@ -119,9 +122,10 @@ class CollisionStatus:
             if self._closed.is_set() or self.is_off:
                 return
             silent = self._steady() - self._alive
-            blocked = silent > 1.0 / self._parameters.rate + self._parameters.cycle_timeout
+            limit = 1.0 / self._parameters.rate + self._parameters.cycle_timeout
+            blocked = silent > limit and not self._resting
             known = self._answer
-            if blocked and known.unknown != STARTING:
+            if blocked:
                 known = known.without(BLOCKED, silent)
             if blocked or self._steady() - self._sent >= 1.5 * PERIOD:
                 self._publish(known, keep=not blocked)

@@ -89,6 +89,12 @@ class Outputs:
         named = {TOPICS[name].name: publisher for name, publisher in self.publishers.items()}
         return {**named, NAMESPACES.name: self.namespaces}
 
+    def withdraw(self, now: int) -> None:
+        """Delete the boxes shown, and send the table of namespaces anew next time."""
+        self._namespaces_sent, self._next_namespaces = -1, 0.0
+        if self._markers.shown:
+            self.publishers["markers"].publish(self._markers.clear(now))
+
     def publish_namespaces(self, namespaces: NamespaceTable) -> None:
         """Publish the table of namespace numbers if it changed: a large one not at every cycle.
 

@@ -38,6 +38,7 @@ class Parameters:
         self.on_change: Callable[[], object] = lambda: None
         self._node = node
         self._values: dict[str, Any] = {}
+        self._overridden: dict[str, Any] = {}
         for spec in SPECS:
             given = node.declare_parameter(spec.name, spec.default, spec.descriptor()).value
             self._values[spec.name] = spec.read(given)
@@ -71,6 +72,19 @@ class Parameters:
         for result in self._node.set_parameters(new):
             if not result.successful:
                 raise ValueError(result.reason)
+        self._overridden = {parameter.name: self._values[parameter.name] for parameter in new}
+
+    def restore_defaults(self) -> None:
+        """Undo ``override_defaults``, but for what was changed since."""
+        found, self._overridden = self._overridden, {}
+        changed = [spec for spec in SPECS if spec.name in found]
+        self._node.set_parameters(
+            [
+                Parameter(spec.name, value=spec.default)
+                for spec in changed
+                if self._values[spec.name] == found[spec.name]
+            ]
+        )
 
     def _take(self, parameters: Sequence[Parameter]) -> None:
         specs = {spec.name: spec for spec in SPECS}

@@ -167,6 +167,13 @@ GENERAL = (
         "Minimum time between two warnings about one topic for the same reason (s).",
         (0.0, 3600.0),
     ),
+    Spec(
+        "autostart",
+        True,
+        "Whether the node configures and activates itself. false: it stays unconfigured until a "
+        "lifecycle manager, or ros2 lifecycle set, does. Read at the start only.",
+        fixed=True,
+    ),
 )
 
 ACCURACY = (

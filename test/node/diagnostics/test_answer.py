@@ -49,7 +49,7 @@ def test_a_refused_newcomer_is_forgotten_when_its_lifetime_ends() -> None:
 def known(rig: ObjectsRig, **options: Any) -> Answer:
     """Return what is known after a cycle, checked as the node does."""
     rig.cycle()
-    given = {"enabled": True, "failed": False, "timeout": rig.object_timeout} | options
+    given: dict[str, Any] = {"paused": "", "failed": False, "timeout": rig.object_timeout} | options
     report = rig.objects.scene.check()
     return answer(rig.objects, given.pop("report", report), now=rig.now, **given)
 
@@ -145,7 +145,7 @@ def test_objects_that_wait_for_their_transform_are_without_a_box() -> None:
 @pytest.mark.parametrize(
     ("options", "reason"),
     [
-        ({"enabled": False}, answers.DISABLED),
+        ({"paused": answers.DISABLED}, answers.DISABLED),
         ({"failed": True}, answers.FAILED),
         ({"report": None}, answers.UNCHECKED),
     ],

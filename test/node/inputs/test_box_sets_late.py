@@ -79,7 +79,7 @@ class Sets:
 
     def level(self) -> str:
         report = self.objects.scene.check()
-        return answer(self.objects, report, True, False, self.now, 0.0).message
+        return answer(self.objects, report, "", False, self.now, 0.0).message
 
 
 def test_the_newest_set_that_can_be_placed_is_applied() -> None:

@@ -17,7 +17,6 @@
 from __future__ import annotations
 
 import os
-import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -26,35 +25,13 @@ import pytest
 
 pytest.importorskip("rclpy")
 import trimesh
-from rig import PATIENCE, Rig, cube, pose, sync
+from gate import Gate
+from rig import Rig, cube, pose, sync
 from shape_markers import BODY, BOX, OTHER, PAIR, doubtful, mesh_marker, named, triangle
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import Marker
 
 from obb_collision.node.objects import shape_requests
-from obb_collision.scene.building.jobs import perform
-from obb_collision.scene.building.process import Limits
-from obb_collision.scene.building.wire import Message
-
-
-class Gate:
-    """Holds up what is built by a node until it is opened; counts the jobs.
-
-    They are done by the thread that waits for them elsewhere: no process is started.
-    """
-
-    def __init__(self, rig: Rig) -> None:
-        self.opened = threading.Event()
-        self.jobs: list[str] = []
-        rig.node.objects.shapes.builder.process.run = self.run  # type: ignore[method-assign]
-
-    def run(self, message: Message, limits: Limits) -> Message:
-        assert self.opened.wait(PATIENCE)
-        self.jobs.append(message["job"])
-        return perform(message)
-
-    def open(self) -> None:
-        self.opened.set()
 
 
 @pytest.fixture

@@ -78,7 +78,7 @@ class Recorder:
 def test_the_watchdog_says_that_the_cycle_is_blocked_and_until_then_repeats() -> None:
     recorder = Recorder()
     status = recorder.status
-    status.begin()
+    status.rest()
     assert recorder.take() == (["starting"], [True])
     status.update(Answer(unknown=""), cycle=True)
     assert recorder.take() == (["free"], [False])

@@ -1,0 +1,45 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Shapes that are built only when a test says so."""
+
+from __future__ import annotations
+
+import threading
+
+from rig import PATIENCE, Rig
+
+from obb_collision.scene.building.jobs import perform
+from obb_collision.scene.building.process import Limits
+from obb_collision.scene.building.wire import Message
+
+
+class Gate:
+    """Holds up what is built by a node until it is opened; counts the jobs.
+
+    They are done by the thread that waits for them elsewhere: no process is started.
+    """
+
+    def __init__(self, rig: Rig) -> None:
+        self.opened = threading.Event()
+        self.jobs: list[str] = []
+        rig.node.objects.shapes.builder.process.run = self.run  # type: ignore[method-assign]
+
+    def run(self, message: Message, limits: Limits) -> Message:
+        assert self.opened.wait(PATIENCE)
+        self.jobs.append(message["job"])
+        return perform(message)
+
+    def open(self) -> None:
+        self.opened.set()

@@ -1,0 +1,429 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The node's life cycle, by its services: what each state does, and what it never says."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("rclpy")
+from gate import Gate
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState, GetState
+from rclpy.context import Context
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from rig import DOMAIN, NAMESPACE, Rig, cube, pose, sync
+from shape_markers import triangle
+from std_msgs.msg import Bool
+from visualization_msgs.msg import Marker
+
+from obb_collision.node.diagnostics.answer import COLLIDING, FREE, UNKNOWN
+from obb_collision.node.node import CollisionNode
+
+A1, A2, B1 = ("a", 1), ("a", 2), ("b", 1)
+PAIR = (cube(A1), cube(A2, (0.5, 0, 0)))
+NAMED = {("a/1", "a/2")}
+CONFIGURE, ACTIVATE = Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE
+DEACTIVATE, CLEANUP = Transition.TRANSITION_DEACTIVATE, Transition.TRANSITION_CLEANUP
+SHUTDOWN = {
+    "unconfigured": Transition.TRANSITION_UNCONFIGURED_SHUTDOWN,
+    "inactive": Transition.TRANSITION_INACTIVE_SHUTDOWN,
+    "active": Transition.TRANSITION_ACTIVE_SHUTDOWN,
+}
+WAYS = {"unconfigured": (), "inactive": (CONFIGURE,), "active": (CONFIGURE, ACTIVATE)}
+STATUS, MARKERS = "collision_status", "obb_collision/markers"
+SCENE = """
+padding: {padding}
+objects:
+  - {{name: part/1, shape: box, size: [1, 1, 1], position: [0, 0, 0]}}
+"""
+
+
+def managed(*transitions: int, **parameters: Any) -> Rig:
+    """Return a rig with a node that others manage, after some transitions."""
+    rig = Rig(deaf=True, autostart=False, given={"cycle_timeout": 30.0} | parameters)
+    rig.listen("collisions", "in_collision", "namespaces", STATUS)
+    for transition in transitions:
+        assert change(rig, transition)
+    return rig
+
+
+def change(rig: Rig, transition: int, label: str = "") -> bool:
+    """Ask for a transition; returns whether it went through."""
+    request = ChangeState.Request(transition=Transition(id=transition, label=label))
+    return bool(rig.call(ChangeState, "obb_collision/change_state", request).success)
+
+
+def state(rig: Rig) -> str:
+    return str(
+        rig.call(GetState, "obb_collision/get_state", GetState.Request()).current_state.label
+    )
+
+
+def said(rig: Rig, level: bytes, text: str, flag: bool | None = None) -> None:
+    """Wait for a status and a flag."""
+
+    def reached() -> bool:
+        (status,) = rig.last[STATUS].status if STATUS in rig.last else [None]
+        return status is not None and status.level == level and text in status.message
+
+    rig.until(reached, f"{level!r} {text}")
+    if flag is not None:
+        flagged(rig, flag)
+
+
+def flagged(rig: Rig, flag: bool) -> None:
+    """Wait for a flag."""
+
+    def reached() -> bool:
+        return "in_collision" in rig.last and rig.last["in_collision"].data is flag
+
+    rig.until(reached, f"flag {flag}")
+
+
+def count_checks(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """Return a list that grows with each check of the scene."""
+    checks: list[int] = []
+    check = rig.node.objects.scene.check
+
+    def counted(*given: Any) -> Any:
+        checks.append(1)
+        return check(*given)
+
+    monkeypatch.setattr(rig.node.objects.scene, "check", counted)
+    return checks
+
+
+def test_by_default_it_is_active_at_once_and_can_be_managed(rig: Rig) -> None:
+    rig.listen(STATUS)
+    assert state(rig) == "active"
+    rig.send(*PAIR)
+    assert rig.pairs() == NAMED
+    assert change(rig, DEACTIVATE)
+    said(rig, UNKNOWN, "inactive", True)
+    assert change(rig, ACTIVATE)
+    said(rig, COLLIDING, "1 pair", True)
+
+
+def test_unconfigured_it_takes_nothing_in_and_knows_nothing() -> None:
+    with managed() as rig:
+        assert state(rig) == "unconfigured"
+        said(rig, UNKNOWN, "unconfigured", True)
+        inputs = [rig.client.count_subscribers(topic) for topic in rig.pubs]
+        assert not any(inputs)
+        names = dict(rig.client.get_service_names_and_types())
+        assert f"{NAMESPACE}/obb_collision/clear" not in names
+        rig.next(STATUS)  # repeated, so that its deadline holds
+
+
+def test_a_node_that_is_configured_only_stores_and_an_active_one_checks_what_it_stored(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    with managed(CONFIGURE) as rig:
+        assert state(rig) == "inactive"
+        checks = count_checks(rig, monkeypatch)
+        rig.wait_inputs()
+        rig.send(*PAIR)
+        rig.until(lambda: len(rig.node.objects.table) == 2, "objects stored")
+        rig.cycles(3)
+        assert not checks
+        assert "collisions" not in rig.last
+        said(rig, UNKNOWN, "inactive", True)
+        assert change(rig, ACTIVATE)
+        assert rig.pairs() == NAMED
+        said(rig, COLLIDING, "1 pair", True)
+
+
+def test_deactivated_is_not_known_also_for_who_comes_later_and_active_again_is_up_to_date(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    with managed(CONFIGURE, ACTIVATE) as rig:
+        rig.wait_inputs()
+        rig.send(cube(A1), cube(A2, (3, 0, 0)))
+        rig.answer()
+        said(rig, FREE, "free", False)
+        checks = count_checks(rig, monkeypatch)
+        assert change(rig, DEACTIVATE)
+        said(rig, UNKNOWN, "inactive", True)
+        late: list[Any] = []
+        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        rig.client.create_subscription(Bool, "in_collision", late.append, latched)
+        rig.until(lambda: late, "latched")
+        assert late[0].data is True, "no old free"
+        rig.last.pop("collisions", None)
+        checks.clear()
+        rig.send_transform("a/2", pose(0.5))
+        rig.until(lambda: rig.pose_of(A2)[0] == 0.5, "moved")
+        rig.cycles(3)
+        assert not checks
+        assert "collisions" not in rig.last
+        assert change(rig, ACTIVATE)
+        assert rig.pairs() == NAMED
+        said(rig, COLLIDING, "1 pair", True)
+
+
+def test_what_is_not_known_while_inactive_is_no_collision_where_the_user_wants_that() -> None:
+    with managed(CONFIGURE, ACTIVATE, unknown_is_collision=False) as rig:
+        rig.wait_inputs()
+        rig.send(*PAIR)
+        rig.answer()
+        said(rig, COLLIDING, "1 pair", True)
+        assert change(rig, DEACTIVATE)
+        said(rig, UNKNOWN, "inactive", False)
+
+
+@pytest.mark.parametrize("form", ["cubes", "lines"])
+def test_boxes_are_not_shown_any_more_when_nothing_is_known(form: str) -> None:
+    with managed(CONFIGURE, ACTIVATE, marker_lifetime=0.0, marker_form=form) as rig:
+        rig.wait_inputs()
+        rig.listen(MARKERS)
+        rig.send(*PAIR)
+        rig.until(lambda: MARKERS in rig.last and rig.last[MARKERS].markers, "boxes")
+        shown = {(marker.ns, marker.id) for marker in rig.last[MARKERS].markers}
+        assert change(rig, DEACTIVATE)
+
+        def deleted() -> bool:
+            markers = rig.last[MARKERS].markers
+            return {marker.action for marker in markers} == {Marker.DELETE}
+
+        rig.until(deleted, "deleted")
+        assert {(marker.ns, marker.id) for marker in rig.last[MARKERS].markers} == shown
+
+
+def test_cleaned_up_and_configured_again_it_starts_anew(tmp_path: Path) -> None:
+    scene = tmp_path / "scene.yaml"
+    scene.write_text(SCENE.format(padding=0.25))
+    with managed(CONFIGURE, ACTIVATE, scene_file=str(scene)) as rig:
+        rig.wait_inputs()
+        rig.send(*PAIR)
+        assert rig.pairs() >= NAMED
+        rig.set(rate=40.0)
+        rig.node.cycle.enabled = False
+        for transition in (DEACTIVATE, CLEANUP):
+            assert change(rig, transition)
+        said(rig, UNKNOWN, "unconfigured", True)
+        rig.until(lambda: not any(p.get_subscription_count() for p in rig.pubs.values()), "none")
+        assert rig.node.get_parameter("padding").value == 0.0, "the file's, not the user's"
+        scene.write_text(SCENE.format(padding=0.125))
+        for transition in (CONFIGURE, ACTIVATE):
+            assert change(rig, transition)
+        said(rig, FREE, "free", False)
+        assert [rig.node.objects.table.key(slot) for slot in rig.node.objects.scene.indices] == [
+            ("part", 1)
+        ]
+        assert rig.node.objects.scene.padding == 0.125
+        assert rig.node.get_parameter("rate").value == 40.0
+        rig.wait_inputs()
+        assert not any(rig.monitor(topic).messages for topic in rig.pubs)
+        rig.send(*PAIR)
+        assert rig.pairs() >= NAMED
+        assert rig.namespaces("a", "part").keys() == rig.namespaces("a").keys()
+
+
+def test_transitions_while_a_shape_is_built_leave_nothing_behind() -> None:
+    with managed(CONFIGURE, ACTIVATE) as rig:
+        rig.wait_inputs()
+        before = rig.node.objects
+        gate = Gate(rig)
+        rig.send(cube(A1), triangle())
+        sync(rig)
+        assert before.table.shape_pending.any()
+        for transition in (DEACTIVATE, ACTIVATE):
+            assert change(rig, transition)
+        said(rig, UNKNOWN, "body/1", True)
+        for transition in (DEACTIVATE, CLEANUP, CONFIGURE, ACTIVATE):
+            assert change(rig, transition)
+        gate.open()
+        said(rig, FREE, "free", False)
+        assert len(rig.node.objects.table) == 0
+        rig.wait_inputs()
+        rig.send(cube(A1), triangle())
+        rig.built(("body", 1))
+        said(rig, COLLIDING, "1 pair", True)
+        assert before.shapes.builder.process.number is None, "its process has ended"
+
+
+@pytest.mark.parametrize("way", [*WAYS])
+def test_shut_down_it_knows_nothing_for_good_and_its_process_stays(way: str) -> None:
+    with managed(*WAYS[way]) as rig:
+        assert change(rig, SHUTDOWN[way])
+        assert state(rig) == "finalized"
+        said(rig, UNKNOWN, "shutting down", True)
+        assert not change(rig, CONFIGURE)
+        assert all(result.successful for result in rig.set(rate=40.0))
+        assert not any(thread.name == STATUS for thread in threading.enumerate())
+
+
+@pytest.mark.parametrize("way", [*WAYS])
+def test_a_transition_that_is_not_possible_is_refused_and_changes_nothing(way: str) -> None:
+    with managed(*WAYS[way]) as rig:
+        possible = {
+            "unconfigured": {CONFIGURE},
+            "inactive": {ACTIVATE, CLEANUP},
+            "active": {DEACTIVATE},
+        }[way] | {SHUTDOWN[way]}
+        others = {*range(12), 255, *SHUTDOWN.values()} - possible
+        assert not any(change(rig, transition) for transition in others)
+        assert not change(rig, 0, "no such transition")
+        assert state(rig) == way
+
+
+def test_labels_work_as_well_as_numbers() -> None:
+    with managed() as rig:
+        assert change(rig, 0, "configure")
+        assert change(rig, 0, "activate")
+        assert state(rig) == "active"
+
+
+def test_a_scene_file_that_cannot_be_read_is_a_transition_that_failed_with_the_reason(
+    tmp_path: Path,
+) -> None:
+    scene = tmp_path / "scene.yaml"
+    with managed(scene_file=str(scene)) as rig:
+        assert not change(rig, CONFIGURE)
+        assert state(rig) == "unconfigured"
+        said(rig, UNKNOWN, "the last transition failed", True)
+        assert str(scene) in rig.last[STATUS].status[0].message
+        scene.write_text(SCENE.format(padding=0.0))
+        assert change(rig, CONFIGURE)
+        assert change(rig, ACTIVATE)
+        said(rig, FREE, "free", False)
+    with pytest.raises(ValueError, match="missing"):
+        Rig(scene_file=str(tmp_path / "missing.yaml"))
+
+
+@pytest.mark.parametrize(
+    ("part", "way", "transition"),
+    [
+        ("_make_cycle", (), CONFIGURE),
+        ("_begin", (), CONFIGURE),
+        ("activate", (CONFIGURE,), ACTIVATE),
+        ("deactivate", (CONFIGURE, ACTIVATE), DEACTIVATE),
+    ],
+)
+def test_what_fails_in_a_transition_leaves_nothing_configured_and_the_next_one_works(
+    part: str, way: tuple[int, ...], transition: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with managed(*way) as rig:
+
+        def fail(*_: object) -> None:
+            raise KeyError("broken")
+
+        with monkeypatch.context() as patch:
+            patch.setattr(rig.node, part, fail)
+            assert not change(rig, transition)
+        assert state(rig) == "unconfigured"
+        said(rig, UNKNOWN, "broken", True)
+        assert not any(rig.client.count_subscribers(topic) for topic in rig.pubs)
+        assert not [*rig.node.timers], "nothing is called any more"
+        for again in (CONFIGURE, ACTIVATE):
+            assert change(rig, again)
+        rig.wait_inputs()
+        rig.send(*PAIR)
+        assert rig.pairs() == NAMED
+
+
+def test_activated_and_cleaned_up_many_times_it_keeps_nothing(rig: Rig) -> None:
+    def held() -> tuple[int, ...]:
+        node = rig.node
+        kinds = (node.timers, node.services, node.subscriptions, node.publishers)
+        return (*(len([*kind]) for kind in kinds), threading.active_count())
+
+    first = held()
+    for _ in range(5):
+        for transition in (DEACTIVATE, CLEANUP, CONFIGURE, ACTIVATE):
+            assert change(rig, transition)
+    assert held() == first
+
+
+def test_parameters_of_an_unconfigured_node_count_once_it_is_configured() -> None:
+    with managed() as rig:
+        assert all(r.successful for r in rig.set(padding=0.5, unknown_is_collision=False))
+        flagged(rig, False)
+        for transition in (CONFIGURE, ACTIVATE):
+            assert change(rig, transition)
+        rig.wait_inputs()
+        rig.send(cube(A1), cube(A2, (2.0, 0, 0)))
+        assert rig.pairs() == NAMED
+
+
+def test_an_accuracy_whose_kernels_are_missing_does_not_hold_up_configuring(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    with managed() as rig:
+        warm = rig.node._warm
+        missing = {step for step in warm._ready if "mesh" in step}
+        assert missing
+        warm._ready -= missing
+        monkeypatch.setattr(warm, "_work", lambda: None)  # the thread that compiles
+        rig.set(accuracy="mesh")
+        for transition in (CONFIGURE, ACTIVATE):
+            assert change(rig, transition)
+        assert warm._asked.keys() & missing
+        assert rig.node._settings.waiting, "pairs are on obb meanwhile"
+        said(rig, FREE, "free", False)
+
+
+def test_of_two_nodes_in_a_process_one_is_deactivated_and_the_other_goes_on(rig: Rig) -> None:
+    other = CollisionNode(
+        context=rig.context,
+        namespace=f"{NAMESPACE}/cell",
+        cli_args=["--ros-args", "-r", f"{NAMESPACE}/cell/objects:={NAMESPACE}/objects"],
+    )
+    flags: list[Any] = []
+    latched = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    rig.client.create_subscription(Bool, "cell/in_collision", flags.append, latched)
+    rig.listen(STATUS)
+    try:
+        rig.executor.add_node(other)
+        rig.until(lambda: rig.pubs["objects"].get_subscription_count() == 2, "both")
+        rig.until(lambda: flags and flags[-1].data is False, "the other is free")
+        rig.send(*PAIR)
+        assert rig.pairs() == NAMED
+        rig.until(lambda: flags[-1].data is True, "the other collides")
+        assert change(rig, DEACTIVATE)
+        said(rig, UNKNOWN, "inactive", True)
+        assert other.cycle.active
+        rig.send(cube(A2, (3, 0, 0)))
+        rig.until(lambda: flags[-1].data is False, "the other is free again")
+        request = ChangeState.Request(transition=Transition(id=DEACTIVATE))
+        name = "cell/obb_collision/change_state"
+        assert rig.call(ChangeState, name, request).success
+        rig.until(lambda: flags[-1].data is True, "the other is not known")
+        assert change(rig, ACTIVATE)
+        said(rig, FREE, "free", False)
+        assert flags[-1].data is True
+    finally:
+        rig.executor.remove_node(other)
+        other.destroy_node()
+
+
+def test_nothing_is_left_of_a_node_that_cannot_start(tmp_path: Path) -> None:
+    context = Context()
+    context.init(domain_id=DOMAIN)
+    make: Callable[[], CollisionNode] = lambda: CollisionNode(  # noqa: E731
+        context=context,
+        cli_args=["--ros-args", "-p", f"scene_file:={tmp_path}/missing.yaml"],
+    )
+    before = threading.active_count()
+    with pytest.raises(ValueError, match="missing"):
+        make()
+    assert threading.active_count() == before
+    context.shutdown()
