@@ -26,6 +26,7 @@ from obb_collision.node.diagnostics.monitors import CycleMonitor
 from obb_collision.node.inputs.points import Obstacles
 from obb_collision.node.messages.conversions import NANOSECONDS
 from obb_collision.node.objects.objects import Objects
+from obb_collision.node.objects.set_aside import SetAside
 from obb_collision.node.outputs.effects import Effects
 from obb_collision.node.outputs.outputs import Outputs, Published
 from obb_collision.node.parameters.parameters import Parameters
@@ -56,12 +57,15 @@ class Cycle:
         self._objects, self._obstacles = objects, obstacles
         self._effects, self._outputs = effects, outputs
         self._guard, self._collect = guard, collect
+        self._set_aside = SetAside(objects, guard)
         self.monitor = CycleMonitor()
         self.enabled, self.active = True, False
         self.report: Report | None = None
         """Of the last check, None where it is not known what collides."""
         self.failed = False
         """Whether the last cycle ended in an internal error: its answer is not known."""
+        self.delay = 0.0
+        """How long (s) the oldest message that the last cycle answered has waited for that."""
         self._last_stamp = 0
 
     @property
@@ -77,7 +81,7 @@ class Cycle:
 
     def _run(self, now: int) -> None:
         start = perf_counter()
-        waited = self._collect()
+        self.delay = waited = self._collect()
         collected = perf_counter()
         self._objects.update(now, self._parameters.object_timeout)
         stages = {"inputs": collected - start, "update": perf_counter() - collected}
@@ -85,6 +89,7 @@ class Cycle:
             stages.update(self._check(now))
             if waited:
                 took = perf_counter() - start
+                self.delay = waited + took
                 newest = self._objects.newest_stamp(now)
                 self.monitor.add_delay(waited + took, (now - newest) / NANOSECONDS + took)
         else:
@@ -101,7 +106,7 @@ class Cycle:
             self._obstacles.place(now)
         times.append(perf_counter())
         last, known = self.report, () if self.report is None else tuple(self.report.costs)
-        self.report = report = self._objects.scene.check(effects & EFFECTS.keys())
+        self.report = report = self._set_aside.check(effects & EFFECTS.keys())
         self._obstacles.note(report)
         times.append(perf_counter())
         given = self._given(report, effects, now)

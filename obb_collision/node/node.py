@@ -46,7 +46,8 @@ from obb_collision.node.lifecycle import ManagedNode
 from obb_collision.node.messages.conversions import NANOSECONDS
 from obb_collision.node.objects.frames import FrameSource, make_frames
 from obb_collision.node.objects.objects import Objects
-from obb_collision.node.outputs.collision_status import CollisionStatus
+from obb_collision.node.objects.staleness import COLLIDE
+from obb_collision.node.outputs.collision_status import CollisionStatus, allowed_delay
 from obb_collision.node.outputs.effects import Effects
 from obb_collision.node.outputs.outputs import Outputs
 from obb_collision.node.parameters.allowed import AllowedRule
@@ -185,7 +186,7 @@ class CollisionNode(ManagedNode):
             self.objects,
             self._monitors,
             self._now,
-            lambda: self.parameters.mode("sweep") != OFF,
+            lambda: self.parameters.mode("sweep") != OFF or self.parameters.stale_policy == COLLIDE,
             self.guard,
             self._frames,
         )
@@ -287,6 +288,8 @@ class CollisionNode(ManagedNode):
         self.guard.run("inputs", self._subscribed.drain)
         self.guard.run("input objects", self.inputs.markers.apply)
         self.guard.run("input object_boxes", self.inputs.boxes.apply)
+        if self._subscribed.was_heard():
+            self.status.note_input()
         return self._subscribed.take_wait()
 
     def _is_wanted(self, topic: str) -> bool:
@@ -334,7 +337,10 @@ class CollisionNode(ManagedNode):
         if self.status.is_off:
             return
         ran, timeout = self.cycle, self.parameters.object_timeout
-        known = answer(self.objects, ran.report, ran.paused, ran.failed, self._now(), timeout)
+        overdue = ran.delay if ran.delay > allowed_delay(self.parameters) else 0.0
+        known = answer(
+            *(self.objects, ran.report, ran.paused, ran.failed, self._now(), timeout, overdue)
+        )
         self.status.update(known, cycle)
 
     def _count_notes(self) -> None:

@@ -111,4 +111,4 @@ def apply_limits(parameters: Parameters, objects: Objects) -> None:
     objects.placement.timeout = parameters.transform_timeout
     objects.states.stamp_tolerance = int(parameters.stamp_tolerance * NANOSECONDS)
     objects.states.order_timeout = int(parameters.order_timeout * NANOSECONDS)
-    objects.set_ignore_stale(parameters.stale_policy == "ignore")
+    objects.staleness.set(parameters.stale_policy, parameters.stale_speed, parameters.stale_reach)

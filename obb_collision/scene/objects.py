@@ -201,6 +201,27 @@ class SceneObjects(SceneStates):
         """Give boxes with the scene's padding other edge lengths (n, 3); nothing is checked."""
         self._store.shape_boxes(indices, _halves(sizes), self._padding)
 
+    def grow_indices(self, indices: NDArray[np.int64], growths: Floats) -> None:
+        """Grow boxes beyond their padding by (n,) metres on every side; nothing is checked.
+
+        In place of what they were grown by before: zeros take it back.
+        """
+        self._store.set_growths(indices, growths)
+
+    def speeds_of(self, indices: NDArray[np.int64], twists: Floats) -> Floats:
+        """Return the maximum speed (n,) of any point of objects; nothing is checked.
+
+        By twists (n, 6) or those that they have, whichever is faster. A point at a distance of at
+        most r from where the pose places the object moves with at most v + w r.
+        """
+        store = self._store
+        radii = _lengths(store.local_centers[indices]) + _lengths(store.local_half_extents[indices])
+        speeds = [
+            _lengths(twist[:, :3]) + _lengths(twist[:, 3:]) * radii
+            for twist in (twists, store.twists[indices])
+        ]
+        return np.maximum(*speeds)
+
     def rename_indices(self, indices: NDArray[np.int64], names: Sequence[str]) -> None:
         """Give objects other names, which are valid, new and distinct; nothing is checked."""
         self._store.rename(indices, names)
@@ -348,6 +369,12 @@ def _halves(edges: Floats) -> Floats:
     """Return half extents that are not too small for edge lengths."""
     half = 0.5 * edges
     return np.where(half + half < edges, np.nextafter(half, np.inf), half)  # if subnormal
+
+
+def _lengths(vectors: Floats) -> Floats:
+    """Return the lengths (n,) of vectors (n, 3)."""
+    lengths: Floats = np.linalg.norm(vectors, axis=1)
+    return lengths
 
 
 def check_padding(padding: float) -> None:

@@ -457,6 +457,7 @@ class Scene(SceneObjects):
             *(self._checker.pair_filter, found.old, last.outcomes_before),
             *(self._obstacle_points, store, self._before),
             limit=None if self._max_pairs is None else NEAR_PER_PAIR * self._max_pairs,
+            names=store.name_tuple(),
         )
         settings = self._effects.resolved(store.names, store.version)
         return Report(found, store.name_tuple(), stages, cycle, settings)

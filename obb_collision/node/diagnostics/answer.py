@@ -29,6 +29,7 @@ from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
 from obb_collision.node.messages.conversions import NANOSECONDS, name_from_key
 from obb_collision.node.objects.objects import Objects
+from obb_collision.node.runtime.guard import INTERNAL_ERROR
 from obb_collision.scene.report import Report
 
 FREE, COLLIDING, UNKNOWN = DiagnosticStatus.OK, DiagnosticStatus.ERROR, DiagnosticStatus.STALE
@@ -43,6 +44,8 @@ FAILED = "the last cycle failed: internal error"
 UNCHECKED = "not checked yet"
 BLIND = "no state placed"
 BLOCKED = "cycle blocked"
+OVERLOADED = "overload: states wait"
+SILENT = "no input"
 
 
 @dataclass(frozen=True)
@@ -52,7 +55,8 @@ class Answer:
     pairs: colliding ones, of the last check. unknown: why nothing is known at all, "" if something
     is; seconds: since when, 0 if undefined. missing: objects without a box, which are not checked.
     late: objects that take part where they were, while newer states of theirs could not be placed
-    in time. stamp: of the newest state evaluated (ns), 0 for none.
+    in time. lost: stale ones that can be beyond what they are grown by. stamp: of the newest state
+    evaluated (ns), 0 for none.
     """
 
     pairs: int = 0
@@ -64,6 +68,8 @@ class Answer:
     names_late: tuple[str, ...] = ()
     stale: int = 0
     names_stale: tuple[str, ...] = ()
+    lost: int = 0
+    names_lost: tuple[str, ...] = ()
     doubtful: int = 0
     objects: int = 0
     stamp: int = 0
@@ -77,7 +83,7 @@ class Answer:
             return bytes(UNKNOWN)
         if self.pairs:
             return bytes(COLLIDING)
-        return bytes(UNKNOWN if self.missing or self.late else FREE)
+        return bytes(UNKNOWN if self.missing or self.late or self.lost else FREE)
 
     def flag(self, unknown_is_collision: bool) -> bool:
         """Return the value of ``in_collision``."""
@@ -86,7 +92,8 @@ class Answer:
     @property
     def kind(self) -> tuple[object, ...]:
         """The part whose changes are published immediately; all else waits for the next period."""
-        return self.level, self.unknown, bool(self.missing), bool(self.late), bool(self.stale)
+        counts = self.missing, self.late, self.lost, self.stale
+        return self.level, self.unknown, *map(bool, counts)
 
     @property
     def message(self) -> str:
@@ -97,11 +104,12 @@ class Answer:
             last = " at the last check" if self.unknown else ""
             number = f"at least {self.pairs}" if self.more else str(self.pairs)
             parts.append(f"{number} pair{'s collide' if self.pairs > 1 else ' collides'}{last}")
-        elif not (self.unknown or self.missing or self.late):
+        elif not self.unknown and self.level == FREE:
             parts.append("free")
         for count, names, what in (
             (self.missing, self.names_missing, "without a box (not checked)"),
             (self.late, self.names_late, "not placed in time"),
+            (self.lost, self.names_lost, "stale, may be anywhere"),
             (self.stale, self.names_stale, "stale"),
         ):
             if count:
@@ -123,6 +131,7 @@ class Answer:
             ("doubtful", self.doubtful),
             ("unplaceable", self.missing),
             ("not placed in time", self.late),
+            ("may be anywhere", self.lost),
             ("in_collision", self.flag(unknown_is_collision)),
             ("unknown_is_collision", unknown_is_collision),
         ]
@@ -143,46 +152,57 @@ def some(names: tuple[str, ...] | list[str], count: int) -> str:
 
 
 def answer(
-    objects: Objects, report: Report | None, paused: str, failed: bool, now: int, timeout: float
+    objects: Objects,
+    report: Report | None,
+    paused: str,
+    failed: bool,
+    now: int,
+    timeout: float,
+    overdue: float = 0.0,
 ) -> Answer:
     """Return the answer after a cycle.
 
     report: of its check, None where there was none; paused: why nothing is checked, "" if it is;
-    failed: it ended in an internal error; timeout:
-    the age (s) at which states are stale, 0 for never.
+    failed: it ended in an internal error; timeout: the age (s) at which states are stale, 0 for
+    never; overdue: how long (s) states waited for it, if that is too long, else 0.
     """
     table = objects.table
-    placed, waiting = table.visible, table.live & ~table.visible
+    placed, aside = table.visible, table.live & table.set_aside
+    waiting = table.unplaceable & ~aside
     stale = table.live & table.stale
-    missing = int(np.count_nonzero(waiting)) + len(objects.unplaceable)
+    lost = stale & table.lost
+    missing = int(np.count_nonzero(waiting | aside)) + len(objects.unplaceable)
+    failing = (f"{name} ({INTERNAL_ERROR})" for name in _names(objects, aside))
     # a stale object that is ignored takes part in nothing, wherever it is
     late = placed & table.frame_refused & ~(stale & objects.placement.ignore_stale)
     known = Answer(
         pairs=0 if report is None else report.total,
         more=report is not None and report.truncated,
         missing=missing,
-        names_missing=(*_names(objects, waiting), *_unplaceable(objects)),
+        names_missing=(*failing, *_names(objects, waiting), *_unplaceable(objects)),
         late=int(np.count_nonzero(late)),
         names_late=_names(objects, late),
         stale=int(np.count_nonzero(stale)),
         names_stale=_names(objects, stale),
+        lost=int(np.count_nonzero(lost)),
+        names_lost=_names(objects, lost),
         doubtful=int(np.count_nonzero(table.doubtful)),
         objects=len(table),
         stamp=objects.newest_stamp(now) if placed.any() else 0,
     )
-    return known.without(*_unknown(objects, report, paused, failed, now, timeout))
-
-
-def _unknown(
-    objects: Objects, report: Report | None, paused: str, failed: bool, now: int, timeout: float
-) -> tuple[str, float]:
-    """Return why nothing is known, "" if something is, and since how long (s)."""
     if paused:
-        return paused, 0.0
+        return known.without(paused)
     if failed:
-        return FAILED, 0.0
-    if report is None and len(objects.table):
-        return UNCHECKED, 0.0
+        return known.without(FAILED)
+    if report is None and len(table):
+        return known.without(UNCHECKED)
+    if overdue:
+        return known.without(OVERLOADED, overdue)
+    return known.without(*_blind(objects, now, timeout))
+
+
+def _blind(objects: Objects, now: int, timeout: float) -> tuple[str, float]:
+    """Return that no state has been placed and since how long (s), or an empty text."""
     received = objects.table.world_received[objects.table.visible]
     if timeout > 0 and len(received):
         age = (now - int(received.max())) / NANOSECONDS

@@ -33,6 +33,7 @@ from obb_collision.node.runtime.guard import INTERNAL_ERROR, Guard
 from obb_collision.scene.report import Report
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
+STALE_WORDS = {"keep": "last box kept", "ignore": "ignored", "collide": "last box grown"}
 LONGEST_DELAY = 0.2
 """Seconds from a message's receipt to its answer, beyond which overload is reported; two periods
 where those are longer."""
@@ -82,7 +83,8 @@ def _kinds(objects: Objects) -> dict[str, npt.NDArray[np.bool_]]:
     """Return which objects are not as they should be, each under the first label that fits."""
     table, visible = objects.table, objects.table.visible
     left = visible.copy()
-    kinds = {"unplaceable": table.live & ~visible}
+    kinds = {"unplaceable": table.unplaceable}
+    left &= ~table.set_aside
     for label, rows in (
         ("stale", table.stale),
         ("refused", table.refused),
@@ -121,6 +123,7 @@ def object_status(
     reasons = Counter(objects.unplaceable.values())
     reasons["shape being built"] = int(np.count_nonzero(table.live & ~table.shaped))
     reasons["no transform yet"] = int(np.count_nonzero(table.live & table.shaped & ~table.placed))
+    reasons[INTERNAL_ERROR] += int(np.count_nonzero(table.live & table.set_aside))
     values: list[tuple[str, object]] = [
         ("count", len(table)),
         ("colliding", colliding),
@@ -139,7 +142,7 @@ def object_status(
     ]
     kept = "last box kept"
     words = {
-        "stale": f"stale ({'ignored' if policy == 'ignore' else kept})",
+        "stale": f"stale ({STALE_WORDS[policy]})",
         "refused": f"refused ({kept})",
         "new shape being built": f"new shapes being built ({kept})",
         "doubtful stamp": "with a doubtful stamp",

@@ -71,6 +71,7 @@ class Subscriptions:
         self._node, self._callbacks, self._monitors = node, callbacks, monitors
         self._arrived = arrived
         self._oldest = 0
+        self._heard = False
         self.open: dict[str, Subscription] = {}
         """By topic, as the node names it."""
 
@@ -110,7 +111,13 @@ class Subscriptions:
         oldest, self._oldest = self._oldest, 0
         return max(1, time_ns() - oldest) * 1e-9 if oldest else 0.0
 
+    def was_heard(self) -> bool:
+        """Return whether a message about objects was taken since the last time."""
+        heard, self._heard = self._heard, False
+        return heard
+
     def _take(self, topic: str, message: bytes, info: Mapping[str, Any]) -> None:
+        self._heard |= topic != "points"
         received = info.get("received_timestamp") or 0  # not given by some middlewares
         if received and (received < self._oldest or not self._oldest):
             self._oldest = received

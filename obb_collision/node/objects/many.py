@@ -40,13 +40,13 @@ def renew_slots(shapes: ObjectShapes, slots: Slots) -> None:
         return
     table = shapes.table
     shapes.cancel_pending(slots)
-    stale = slots[table.stale[slots]]
+    left_out = slots[table.stale[slots] | table.set_aside[slots]]
     for column in COLUMNS:
         if column not in KEPT:
             getattr(table, column)[slots] = 0
     shapes.placement.begin(slots)
     shapes.scene.renew_indices(slots)
-    shapes.placement.enable(stale)
+    shapes.placement.enable(left_out)
 
 
 def put_primitives(

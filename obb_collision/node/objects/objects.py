@@ -23,11 +23,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from obb_collision.node.messages.conversions import NANOSECONDS, Key, name_from_key
+from obb_collision.node.messages.conversions import Key, name_from_key
 from obb_collision.node.objects.frames import FrameSource
 from obb_collision.node.objects.notes import Notes
 from obb_collision.node.objects.placement import Placement
 from obb_collision.node.objects.shapes import ObjectShapes
+from obb_collision.node.objects.staleness import Staleness
 from obb_collision.node.objects.states import States
 from obb_collision.node.objects.table import NEVER, ObjectTable
 from obb_collision.node.runtime.guard import Guard
@@ -46,6 +47,7 @@ class Objects:
     def __init__(self, fixed_frame: str, frames: FrameSource, guard: Guard) -> None:
         self.scene, self.table, self.notes = Scene(), ObjectTable(), Notes()
         self.placement = Placement(self.scene, self.table, frames, fixed_frame, self.notes, guard)
+        self.staleness = Staleness(self.scene, self.table, self.placement)
         self.states = States(self.table, self.placement, self.notes)
         self.shapes = ObjectShapes(self.scene, self.table, self.placement, self.notes)
         self.table.namespaces.named = self._rename
@@ -109,28 +111,9 @@ class Objects:
         self.shapes.unplaceable.expire(now)
         self.shapes.take_built()
         self.placement.place(now)
-        self._mark_stale(now, timeout)
+        self.staleness.mark(now, timeout)
         table.seen[:] = table.live  # whose lifetime is over has taken part once, at least
         self.states.mark_doubtful(now)
-
-    def _mark_stale(self, now: int, timeout: float) -> None:
-        table = self.table
-        stale = table.live & table.placed & (timeout > 0)
-        stale &= now - table.world_received > int(timeout * NANOSECONDS)
-        changed = np.flatnonzero(table.live & (stale != table.stale))
-        table.stale[:] = stale
-        if len(changed) == 0:
-            return
-        gone = changed[stale[changed]]
-        table.order[gone] = 0  # a restarted sender may begin anew
-        self.placement.stop(gone)  # how they move is not known any more
-        self.placement.enable(changed)
-
-    def set_ignore_stale(self, ignore: bool) -> None:
-        """Whether stale objects take no part in collisions (they are still reported)."""
-        if ignore != self.placement.ignore_stale:
-            self.placement.ignore_stale = ignore
-            self.placement.enable(np.flatnonzero(self.table.live))
 
     def set_overrides(self, overrides: Overrides) -> None:
         """Give objects, those to come too, an accuracy of their own by their names."""

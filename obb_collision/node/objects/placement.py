@@ -45,7 +45,7 @@ from obb_collision.node.objects.waiting import (
 )
 from obb_collision.node.runtime.guard import INTERNAL_ERROR, Guard
 from obb_collision.scene.scene import Scene
-from obb_collision.typing import Floats
+from obb_collision.typing import Floats, Mask
 
 RETRY_PERIOD = NANOSECONDS // 2
 """How often the latest state of an object is tried again once it has waited too long."""
@@ -66,7 +66,7 @@ class Placement:
         notes: Notes,
         guard: Guard,
     ) -> None:
-        self._scene, self._table, self._frames, self._guard = scene, table, frames, guard
+        self._scene, self._table, self._frames, self.guard = scene, table, frames, guard
         self.frame_table = FrameTable(fixed_frame)
         self._notes = notes
         self._topics: list[str] = []
@@ -139,10 +139,13 @@ class Placement:
 
     def enable(self, slots: Slots) -> None:
         """Include objects in collisions or exclude them."""
+        self._scene.set_enabled_indices(slots, self.takes_part(slots))
+
+    def takes_part(self, slots: Slots) -> Mask:
+        """Return which objects (n,) are to be checked."""
         table = self._table
-        shown = table.placed[slots] & table.shaped[slots]
-        shown &= ~(self.ignore_stale & table.stale[slots])
-        self._scene.set_enabled_indices(slots, shown)
+        shown: Mask = table.placed[slots] & table.shaped[slots] & ~table.set_aside[slots]
+        return shown & ~(self.ignore_stale & table.stale[slots])
 
     def clock_jumped(self, shift: int) -> None:
         """Shift times by a jump of the clock (ns)."""
@@ -165,7 +168,7 @@ class Placement:
             self._next_retry = now + RETRY_PERIOD
         self._drop_superseded()
         states = np.concatenate((self.waiting.rows, latest_states(table, rows)))
-        transforms = Transforms(self._frames, self.frame_table.name, self._guard)
+        transforms = Transforms(self._frames, self.frame_table.name, self.guard)
         ready = states[transforms.reach(states)]
         ready = ready[newest_per_object(ready)]
         pairs = np.column_stack((ready["frame"], ready["stamp"]))
@@ -245,7 +248,7 @@ class Placement:
                 return
             slot = int(states["slot"][0])
             name = name_from_key(self._table.key(slot))
-            self._guard.caught("placing objects", error, name)
+            self.guard.caught("placing objects", error, name)
             self._table.pending[slot] &= self._table.number[slot] > states["number"][0]
             self._table.world_number[slot] = states["number"][0]  # it is not tried again
             self._refuse(

@@ -26,6 +26,7 @@ from obb_collision.node.objects.placement import Placement
 from obb_collision.node.objects.shape_requests import Given, ShapeRequests
 from obb_collision.node.objects.table import NEVER, ObjectTable, Slots
 from obb_collision.node.objects.unplaceable import Unplaceable
+from obb_collision.node.runtime.guard import INTERNAL_ERROR
 from obb_collision.scene.building.builder import Builder
 from obb_collision.scene.scene import Scene
 from obb_collision.scene.store.overrides import Overrides
@@ -178,6 +179,9 @@ class ObjectShapes:
                 self._give(key, given.shape, given.signature, None)
             except RefusedError as refused:
                 error = refused
+            except Exception as failure:  # of this object: others get theirs
+                self.placement.guard.caught("shapes", failure, name_from_key(key))
+                error = RefusedError(INTERNAL_ERROR, str(failure))
         if self.requests.is_waiting(key):  # for a newer shape
             return
         slot = self.table.slots[key]

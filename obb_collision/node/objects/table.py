@@ -75,9 +75,12 @@ COLUMNS: dict[str, tuple[Any, tuple[int, ...]]] = {
     "seen": (np.bool_, ()),  # a cycle has looked at it since its last marker
     "locked": (np.bool_, ()),  # frame_locked: placed anew every cycle
     "stale": (np.bool_, ()),
+    "speed": (np.float64, ()),  # of a stale one: the most of any of its points, by its last twist
+    "lost": (np.bool_, ()),  # stale for so long that it can be beyond what it is grown by
     "shaped": (np.bool_, ()),  # has a shape; False while its first one is being built
     "shape_pending": (np.bool_, ()),  # a newer shape is being built
     "shape_refused": (np.bool_, ()),  # the latest shape could not be used: the last one stays
+    "set_aside": (np.bool_, ()),  # checks fail with it: it takes part in none for now
     "pose_refused": (np.bool_, ()),  # the latest pose could not be used: the last one stays
     "frame_refused": (np.bool_, ()),  # poses waited too long for their place since the last placed
     "ahead": (np.bool_, ()),  # the stamp of the state in the scene is from the future
@@ -114,9 +117,12 @@ class ObjectTable:
     seen: Mask
     locked: Mask
     stale: Mask
+    speed: Floats
+    lost: Mask
     shaped: Mask
     shape_pending: Mask
     shape_refused: Mask
+    set_aside: Mask
     pose_refused: Mask
     frame_refused: Mask
     ahead: Mask
@@ -238,6 +244,11 @@ class ObjectTable:
         return self.live & self.placed & self.shaped
 
     @property
+    def unplaceable(self) -> Mask:
+        """(rows,) objects that take part in no check: without a box, or set aside."""
+        return self.live & (self.set_aside | ~(self.placed & self.shaped))
+
+    @property
     def refused(self) -> Mask:
         """(rows,) objects whose latest shape or pose could not be used, or not in time."""
         return self.live & (self.shape_refused | self.pose_refused | self.frame_refused)
@@ -245,7 +256,7 @@ class ObjectTable:
     @property
     def doubtful(self) -> Mask:
         """(rows,) objects whose box is not known to be where it should be: shown grey."""
-        doubts = self.stale | self.ahead | self.held_back | self.shape_pending
+        doubts = self.stale | self.ahead | self.held_back | self.shape_pending | self.set_aside
         return self.refused | (self.live & doubts)
 
     def keys(self, slots: Slots) -> list[Key]:

@@ -15,9 +15,10 @@
 """The topics ``collision_status`` and ``in_collision``, and the watchdog behind them.
 
 Both are latched, so the last message of a node that stops would remain valid. Hence: an unknown
-state is published immediately, whichever part detects it; a separate thread publishes it while a
-cycle is blocked, and repeats the last message where cycles are far apart; and the status is offered
-with a deadline, by which the middleware notifies subscribers when the node is gone.
+state is published immediately, whichever part detects it; a separate thread, by a steady clock of
+its own, publishes it while a cycle is blocked or when input stops, and repeats the last message
+where cycles are far apart; and the status is offered with a deadline, by which the middleware
+notifies subscribers when the node is gone.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ from rclpy.duration import Duration
 from rclpy.publisher import Publisher
 from std_msgs.msg import Bool
 
-from obb_collision.node.diagnostics.answer import BLOCKED, STARTING, STOPPING, Answer
+from obb_collision.node.diagnostics.answer import BLOCKED, SILENT, STARTING, STOPPING, Answer
 from obb_collision.node.messages.conversions import stamp_to_ros
 from obb_collision.node.outputs.effects import Effects
 from obb_collision.node.parameters.parameters import Parameters
@@ -43,6 +44,11 @@ PERIOD = 0.1
 FAREWELL = 0.3
 """Maximum time (s) that an ending node waits for the delivery of its last message."""
 FLAG, STATUS = "in_collision", "collision_status"
+
+
+def allowed_delay(parameters: Parameters) -> float:
+    """Return how long (s) a cycle may take to end, and a state to be answered."""
+    return 1.0 / float(parameters.rate) + float(parameters.cycle_timeout)
 
 
 class CollisionStatus:
@@ -69,7 +75,7 @@ class CollisionStatus:
         self._answer = Answer()
         self._published: tuple[object, ...] | None = None
         self._flag: bool | None = None
-        self._sent = self._alive = steady()
+        self._sent = self._alive = self._heard = steady()
         self._resting = True  # no cycle runs
         self._closed = threading.Event()
         self._thread: threading.Thread | None = None
@@ -94,8 +100,13 @@ class CollisionStatus:
         """Publish an answer; cycle: it is that of a completed cycle."""
         with self._lock:
             if cycle:
+                self._heard = self._steady() if self._resting else self._heard
                 self._alive, self._resting = self._steady(), False
             self._publish(answer, beat=cycle)
+
+    def note_input(self) -> None:
+        """Take note that a message about objects has come."""
+        self._heard = self._steady()
 
     def close(self) -> None:
         """Publish that the node ends, and nothing after that."""
@@ -122,13 +133,18 @@ class CollisionStatus:
             if self._closed.is_set() or self.is_off:
                 return
             silent = self._steady() - self._alive
-            limit = 1.0 / self._parameters.rate + self._parameters.cycle_timeout
-            blocked = silent > limit and not self._resting
+            blocked = silent > allowed_delay(self._parameters) and not self._resting
             known = self._answer
             if blocked:
                 known = known.without(BLOCKED, silent)
-            if blocked or self._steady() - self._sent >= 1.5 * PERIOD:
+            deaf = self._input_age(known) > 0.0
+            if blocked or deaf or self._steady() - self._sent >= 1.5 * PERIOD:
                 self._publish(known, keep=not blocked)
+
+    def _input_age(self, answer: Answer) -> float:
+        """Return for how long (s) there has been no input, where that makes an answer unknown."""
+        age, most = self._steady() - self._heard, float(self._parameters.input_timeout)
+        return age if 0.0 < most < age and not answer.unknown else 0.0
 
     def _watch(self) -> None:
         while not self._closed.wait(PERIOD):
@@ -150,6 +166,8 @@ class CollisionStatus:
                 return
             if keep:
                 self._answer = answer
+            if (age := self._input_age(answer)) > 0.0:
+                answer = answer.without(SILENT, age)
             unknown_counts = self._parameters.unknown_is_collision
             kind = (*answer.kind, unknown_counts)
             changed, self._published = kind != self._published, kind

@@ -61,8 +61,23 @@ GENERAL = (
         "stale_policy",
         "keep",
         "What happens to stale objects. keep: they continue to collide at their last pose. ignore: "
-        "they are in no pair. In both cases they are grey and counted in /diagnostics.",
-        choices=("keep", "ignore"),
+        "they are in no pair. collide: they collide with everything they can have come near to "
+        "since. In all cases they are grey and counted in /diagnostics.",
+        choices=("keep", "ignore", "collide"),
+    ),
+    Spec(
+        "stale_speed",
+        1.6,
+        "With stale_policy collide: maximum speed of any point of an object (m/s), unless its last "
+        "twist was faster. A stale box grows by this times the age of its state.",
+        (0.0, 1000.0),
+    ),
+    Spec(
+        "stale_reach",
+        5.0,
+        "With stale_policy collide: maximum growth of a stale box (m). An object that can have "
+        "moved farther may be anywhere: collision_status is STALE.",
+        (0.0, 1.0e6),
     ),
     Spec(
         "transform_timeout",
@@ -87,10 +102,17 @@ GENERAL = (
         (0.0, 1.0e6),
     ),
     Spec(
+        "input_timeout",
+        0.0,
+        "Input has stopped if no message about objects was received for longer than this, by "
+        "steady time (s): it is then not known what collides. 0: never.",
+        (0.0, 1.0e6),
+    ),
+    Spec(
         "cycle_timeout",
         0.5,
-        "Cycles are blocked if none ends within 1/rate and this (s): it is then not known what "
-        "collides.",
+        "Cycles are blocked if none ends within 1/rate and this (s), and overloaded if a message "
+        "waits longer for its answer: it is then not known what collides.",
         (0.05, 3600.0),
     ),
     Spec(

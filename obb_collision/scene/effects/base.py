@@ -122,6 +122,12 @@ class Cycle:
     """The most pairs that an effect with pairs of its own looks at, None for all."""
     notes: list[str] = field(default_factory=list)
     """What an effect could not do at all; each becomes one of its failures."""
+    names: Sequence[str | None] = ()
+    """Of the objects, by slot."""
+
+    def name(self, slot: int) -> str:
+        """Return the name of an object."""
+        return str(self.names[slot] if slot < len(self.names) else slot)
 
     @property
     def boxes(self) -> Boxes:
@@ -203,11 +209,11 @@ def pair_rows(
     last = cycle.last.get(name)
     known = None if last is None else _known_rows(cycle, rows, setting, last)
     if last is None or known is None:
-        good, result, failures = isolated(compute_some, pairs, blank)
+        good, result, failures = isolated(compute_some, pairs, blank, cycle.name)
         rows = rows if len(good) == len(rows) else rows[good]
         return Outcome(result, len(pairs), failures, rows, setting.values)
     anew = np.flatnonzero(known < 0)
-    good, result, failures = isolated(compute_some, pairs[anew], blank)
+    good, result, failures = isolated(compute_some, pairs[anew], blank, cycle.name)
     done = np.delete(np.arange(len(rows)), np.delete(anew, good))
     new = np.searchsorted(done, anew[good])
     result = _merged(last.result, known[done], new, result)
@@ -239,11 +245,15 @@ def _merged(last: R, known: Rows, places: Rows, new: R) -> R:
 
 
 def isolated(
-    compute: Callable[[Pairs], R], pairs: Pairs, blank: R
+    compute: Callable[[Pairs], R],
+    pairs: Pairs,
+    blank: R,
+    name: Callable[[int], str] = str,
 ) -> tuple[Rows, R, tuple[str, ...]]:
     """Return the rows of pairs (m, 2) that ``compute`` can do, their results, and its failures.
 
-    compute(pairs) returns a row for some or all pairs; blank: the same without one. Without pairs
+    compute(pairs) returns a row for some or all pairs; blank: the same without one. In place of
+    pairs there may be single objects (m,); name: that of an object. Without pairs
     it is not called; where it raises, halves are tried, down to the pairs that fail. After
     MOST_FAILURES of these what raises is left out as it is, so that an effect that always fails is
     called some 2 (MOST_FAILURES + log2 m) times, not 2 m.
@@ -259,7 +269,7 @@ def isolated(
                 half = len(part) // 2
                 waiting += [part[half:], part[:half]]  # the first half is next
             else:
-                failures.append(_failure(pairs[part], error))
+                failures.append(_failure(pairs[part], error, name))
         else:
             rows.append(part)
             tables.append(table)
@@ -268,7 +278,7 @@ def isolated(
     return np.concatenate(rows), join_rows(tables), tuple(failures)
 
 
-def _failure(pairs: Pairs, error: Exception) -> str:
-    first, second = pairs[0].tolist()
+def _failure(pairs: Pairs, error: Exception, name: Callable[[int], str]) -> str:
+    what = ("pair " if pairs.ndim > 1 else "") + ", ".join(map(name, np.ravel(pairs[0]).tolist()))
     more = f" and {len(pairs) - 1} more, not tried alone" if len(pairs) > 1 else ""
-    return f"pair {first}, {second}{more}: {type(error).__name__}: {error}"
+    return f"{what}{more}: {type(error).__name__}: {error}"

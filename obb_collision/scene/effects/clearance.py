@@ -54,7 +54,7 @@ class ClearanceEffect:
         def compute(some: Pairs) -> Clearances:
             return near_pairs(cycle.boxes, some, max_distance)[0]
 
-        _, result, failures = isolated(compute, pairs, BLANK)
+        _, result, failures = isolated(compute, pairs, BLANK, cycle.name)
         return Outcome(result, len(pairs), failures)
 
 

@@ -17,13 +17,28 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from obb_collision.queries.points.points import PointsInside, points_inside
-from obb_collision.scene.effects.base import Cycle, Effect, Option, Outcome, Setting
-from obb_collision.typing import Rows
+from obb_collision.scene.effects.base import Cycle, Effect, Option, Outcome, Setting, isolated
+from obb_collision.typing import Floats, Integers, Rows
+
+
+@dataclass
+class _Held:
+    """The columns of ``PointsInside`` with a row per object."""
+
+    indices: Rows
+    counts: Integers
+    first: Integers
+    nearest: Integers
+    distances: Floats
+
+
+NONE = np.empty(0, np.int64)
+BLANK = _Held(NONE, NONE, NONE, NONE, np.empty(0))
 
 
 class PointsEffect:
@@ -45,8 +60,15 @@ class PointsEffect:
         slots = np.flatnonzero(cycle.active if selected is None else cycle.active & selected)
         if cycle.obstacle_points is None or len(cycle.obstacle_points) == 0 or len(slots) == 0:
             return Outcome(_nothing(slots), 0)
-        found = points_inside(cycle.boxes[slots], cycle.obstacle_points, setting.values["margin"])
-        return Outcome(replace(found, indices=slots), len(cycle.obstacle_points))
+        cloud, ignored = cycle.obstacle_points, [0]
+
+        def compute(some: Rows) -> _Held:
+            found = points_inside(cycle.boxes[some], cloud, setting.values["margin"])
+            ignored[0] = found.ignored
+            return _Held(some, found.counts, found.first, found.nearest, found.distances)
+
+        _, held, failures = isolated(compute, slots, BLANK, cycle.name)
+        return Outcome(PointsInside(**vars(held), ignored=ignored[0]), len(cloud), failures)
 
 
 def _nothing(slots: Rows) -> PointsInside:

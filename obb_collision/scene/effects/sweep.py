@@ -24,7 +24,7 @@ origin of its pose, as the twist says. Pairs of which it is not known whether th
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -108,7 +108,8 @@ def _passed(cycle: Cycle, setting: Setting) -> Outcome:
         return NOTHING
     pairs = meeting_pairs(cycle, slots, *swept_bounds(start, end), selected)
     pairs = _apart(pairs, cycle.pairs, len(cycle.active))
-    found = _swept(MovingBoxes(start, end), pairs, np.searchsorted(slots, pairs), setting)
+    moving, rows = MovingBoxes(start, end), np.searchsorted(slots, pairs)
+    found = _swept(moving, pairs, rows, setting, lambda row: cycle.name(int(slots[row])))
     # the others collided before, and were reported then
     begun = found.result.undecided | (found.result.times > 0.0)
     return replace(found, result=take_rows(found.result, begun))
@@ -129,7 +130,8 @@ def _predicted(cycle: Cycle, setting: Setting) -> Outcome:
         meeting_pairs(cycle, slots, *bounds, selected[slots]), cycle.pairs, len(cycle.active)
     )
     moving = MovingBoxes.from_twists(boxes, twists, horizon, origins=origins)
-    return _swept(moving, pairs, np.searchsorted(slots, pairs), setting)
+    rows = np.searchsorted(slots, pairs)
+    return _swept(moving, pairs, rows, setting, lambda row: cycle.name(int(slots[row])))
 
 
 def _apart(pairs: Pairs, colliding: Pairs, slots: int) -> Pairs:
@@ -138,13 +140,15 @@ def _apart(pairs: Pairs, colliding: Pairs, slots: int) -> Pairs:
     return pairs[~np.isin(keys, known)]
 
 
-def _swept(moving: MovingBoxes, pairs: Pairs, rows: Pairs, setting: Setting) -> Outcome:
+def _swept(
+    moving: MovingBoxes, pairs: Pairs, rows: Pairs, setting: Setting, name: Callable[[int], str]
+) -> Outcome:
     """Return what sweeping rows (k, 2) of boxes finds, by pairs (k, 2) of slots."""
 
     def query(some: Pairs) -> Sweeps:
         return sweeps(moving, moving, some, tolerance=setting.values["tolerance"])
 
-    good, found, failures = isolated(query, rows, BLANK)
+    good, found, failures = isolated(query, rows, BLANK, name)
     kept = found.hits | found.undecided
     return Outcome(replace(take_rows(found, kept), pairs=pairs[good[kept]]), len(rows), failures)
 

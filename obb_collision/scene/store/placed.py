@@ -50,7 +50,9 @@ class PlacedBoxes:
     def _allocate(self, capacity: int) -> None:
         self.used = np.zeros(capacity, np.bool_)
         self.changed = np.zeros(capacity, np.bool_)  # since the last check
-        self.paddings = np.zeros(capacity)
+        self.paddings = np.zeros(capacity)  # with what they are grown by
+        self.own_paddings = np.zeros(capacity)  # without it
+        self.growths = np.zeros(capacity)
         self.poses = np.zeros((capacity, 7))
         self.local_centers = np.zeros((capacity, 3))
         self.local_rotations = np.zeros((capacity, 3, 3))
@@ -157,12 +159,25 @@ class PlacedBoxes:
         pad = as_array(padding, "padding", ())
         if pad < 0.0:
             raise ValueError("padding must not be negative")
+        self.own_paddings[rows] = pad
+        self._extend(rows)
+
+    def set_growths(self, rows: Rows, growths: Floats) -> None:
+        """Grow slots by (n,) metres beyond their padding, in place of what they were grown by."""
+        other = growths != self.growths[rows]
+        if other.any():
+            self.growths[rows] = growths
+            self._extend(rows[other])
+
+    def _extend(self, rows: Rows) -> None:
+        """Write half extents anew."""
         self._detach(rows)
         if self._extents_lent:
             self.half_extents, self._extents_lent = self.half_extents.copy(), False
         self.mark(rows)
-        self.paddings[rows] = pad
-        self.half_extents[rows] = add_outwards(self.local_half_extents[rows], pad)
+        self.paddings[rows] = add_outwards(self.own_paddings[rows], self.growths[rows])
+        extents = self.local_half_extents[rows]
+        self.half_extents[rows] = add_outwards(extents, self.paddings[rows][:, None])
 
     def boxes(self, rows: Rows) -> Boxes:
         """Return the world boxes of slots."""

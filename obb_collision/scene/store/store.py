@@ -101,7 +101,7 @@ class ObjectStore(PlacedBoxes):
             self.names[slot] = name
             self.used[slot] = True
             self.born[slot] = self.version
-            self.twists[slot] = 0.0
+            self.twists[slot] = self.growths[slot] = 0.0
         self.local_centers[slot], self.local_rotations[slot], extents = local_box
         self.local_half_extents[slot] = extents
         self.poses[slot] = pose
@@ -141,7 +141,7 @@ class ObjectStore(PlacedBoxes):
             self.names[slot] = name
         slots = np.array(free, np.int64)
         self.used[slots], self.active[slots], self.born[slots] = True, True, self.version
-        self.twists[slots] = 0.0
+        self.twists[slots] = self.growths[slots] = 0.0
         return slots
 
     def shape_boxes(self, rows: Rows, half_extents: Floats, padding: float) -> None:

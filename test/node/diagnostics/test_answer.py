@@ -57,7 +57,7 @@ def known(rig: ObjectsRig, **options: Any) -> Answer:
 def late(policy: str, object_timeout: float = 0.0) -> ObjectsRig:
     """Return an object that was placed, and a state of it that waits in vain for its frame."""
     rig = ObjectsRig(A1, object_timeout=object_timeout)
-    rig.objects.set_ignore_stale(policy == "ignore")
+    rig.objects.staleness.set(policy, 1.0, 1.0)
     rig.frames.spans["arm"] = (START, START + SECOND)
     rig.send(START + 1, "arm")
     assert known(rig).level == FREE
@@ -148,6 +148,7 @@ def test_objects_that_wait_for_their_transform_are_without_a_box() -> None:
         ({"paused": answers.DISABLED}, answers.DISABLED),
         ({"failed": True}, answers.FAILED),
         ({"report": None}, answers.UNCHECKED),
+        ({"overdue": 0.75}, "overload: states wait for 0.8 s"),
     ],
 )
 def test_what_makes_the_whole_unknown(options: dict[str, Any], reason: str) -> None:

@@ -259,3 +259,30 @@ def test_before_the_first_check_nothing_is_known() -> None:
         finally:
             rig.executor.remove_node(other)
             other.destroy_node()
+
+
+def test_a_stop_of_input_is_stale_while_the_clock_of_the_simulation_stands_still() -> None:
+    with listening(given={"input_timeout": 0.4, "use_sim_time": True}) as rig:
+        rig.send(cube(A1), cube(A2, (3, 0, 0)), stamped=False)
+        wait(rig, UNKNOWN, "no input for", True)
+        assert rig.now() == 0, "no message of /clock"
+
+        def heard() -> bool:
+            rig.send_transform("a/1", pose(0))
+            return said(rig)[0] == FREE
+
+        rig.until(heard, "free")
+        wait(rig, UNKNOWN, "no input for", True)
+
+
+def test_states_that_wait_too_long_for_their_answer_are_an_overload(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    with listening(given={"cycle_timeout": 5.0}) as rig:
+        rig.send(cube(A1))
+        wait(rig, FREE, flag=False)
+        collect = rig.node.cycle._collect
+        monkeypatch.setattr(rig.node.cycle, "_collect", lambda: collect() + 6.0)
+        wait(rig, UNKNOWN, "overload: states wait for 6.0 s", True)
+        monkeypatch.undo()
+        wait(rig, FREE, flag=False)

@@ -43,6 +43,7 @@ class Recorder:
         self.modes = {"collision_status": "auto", "in_collision": "auto"}
         self.subscribed = True
         self.rate, self.cycle_timeout, self.unknown_is_collision = 50.0, 0.5, True
+        self.input_timeout = 0.0
         stands_for: Any = self
         self.status = CollisionStatus(
             "node",
@@ -156,3 +157,32 @@ def test_the_last_word_is_that_it_ends() -> None:
     recorder.status.look()
     recorder.status.close()
     assert recorder.take() == ([], [])
+
+
+def test_the_watchdog_says_that_input_has_stopped_by_its_own_clock() -> None:
+    recorder = Recorder()
+    status = recorder.status
+    recorder.input_timeout = 0.4
+    status.update(Answer(unknown=""), cycle=True)
+    recorder.take()
+    recorder.now = 0.41
+    status.look()  # though no cycle has ended since
+    assert recorder.take() == (["no input for 0.4 s"], [True])
+    recorder.now = 0.6
+    status.update(Answer(unknown="", pairs=1), cycle=True)
+    messages, flags = recorder.take()
+    assert messages == ["no input for 0.6 s; 1 pair collides at the last check"]
+    assert flags == [True]
+    status.note_input()
+    status.update(Answer(unknown=""), cycle=True)
+    assert recorder.take() == (["free"], [False])
+    recorder.now, recorder.input_timeout = 99.0, 0.0
+    status.update(Answer(unknown=""), cycle=True)
+    assert recorder.take()[0] == ["free"], "never, by default"
+
+
+def test_other_reasons_are_not_hidden_by_a_stop_of_input() -> None:
+    recorder = Recorder()
+    recorder.input_timeout, recorder.now = 0.4, 1.0
+    recorder.status.update(Answer(unknown="disabled"), cycle=True)
+    assert recorder.take()[0] == ["disabled"]

@@ -208,7 +208,7 @@ def test_a_pair_that_fails_is_named_and_the_others_are_computed() -> None:
     setting = scene.effect_setting("separations")
     outcome = pair_rows("x", report.cycle, setting, compute, Column(np.empty(0)))
     assert outcome.count == 4
-    assert outcome.failures == ("pair 2, 3: ArithmeticError: no answer",)
+    assert outcome.failures == ("pair even/2, odd/3: ArithmeticError: no answer",)
     assert outcome.rows is not None
     assert outcome.rows.tolist() == [0, 1, 3]
     assert outcome.result.values.tolist() == [1.0, 2.0, 4.0]

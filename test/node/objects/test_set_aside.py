@@ -1,0 +1,315 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Checks that fail with some objects: those are set aside, named, grey, and the rest is checked."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+from objects_rig import START, ObjectsRig
+from rig import Rig, color, cube, pose, sync
+
+from obb_collision.node import namespace_number
+from obb_collision.node.diagnostics.answer import UNKNOWN, answer
+from obb_collision.node.messages.box_markers import COLORS, DOUBTFUL
+from obb_collision.node.objects.set_aside import MAX_TRIES, RETRY_PERIOD, SetAside
+from obb_collision.node.objects.states import State
+from obb_collision.node.runtime.guard import INTERNAL_ERROR, Guard
+from obb_collision.scene import checker
+from obb_collision.scene.broad_phase.find_pairs import find_pairs
+from obb_collision.scene.checker import Checker
+from obb_collision.scene.effects import clearance, contacts, points
+from obb_collision.scene.scene import Scene
+
+A, B, BAD = ("a", 1), ("a", 2), ("bad", 1)
+
+
+class UnforeseenError(Exception):
+    """What nobody thought of."""
+
+
+class Failing:
+    """Makes checks fail while all objects of one of some groups of slots take part."""
+
+    def __init__(self, patch: pytest.MonkeyPatch) -> None:
+        self.groups: list[set[int]] = []
+        self.calls = 0
+        find = Checker.find
+
+        def fail_or_find(checker: Any, *args: Any) -> Any:
+            self.calls += 1
+            active = set(np.flatnonzero(checker._store.active).tolist())
+            if any(group <= active for group in self.groups):
+                raise UnforeseenError("by the test")
+            return find(checker, *args)
+
+        patch.setattr(Checker, "find", fail_or_find)
+
+
+class Checked:
+    """Cubes in a line, each colliding with the next one, and their checks."""
+
+    def __init__(self, count: int, patch: pytest.MonkeyPatch) -> None:
+        self.rig = ObjectsRig(*(("a", number) for number in range(count)))
+        poses = np.zeros((count, 7))
+        poses[:, 0], poses[:, 6] = 0.75 * np.arange(count), 1.0
+        self.rig.objects.states.store(self.rig.slots, poses, State("", 0, START))
+        self.rig.cycle()
+        self.failing = Failing(patch)
+        self.guard = Guard(lambda line: None, lambda: True)
+        self.now = 0.0
+        self.aside = SetAside(self.rig.objects, self.guard, lambda: self.now)
+
+    def check(self, effects: tuple[str, ...] = ()) -> Any:
+        self.failing.calls = 0
+        return self.aside.check(effects)
+
+    def slots_aside(self) -> list[int]:
+        return np.flatnonzero(self.rig.objects.table.set_aside).tolist()
+
+    def pairs_without(self, *bad: int) -> list[list[int]]:
+        """Pairs of all other objects, by a scene of their own."""
+        kept = [slot for slot in self.rig.slots.tolist() if slot not in bad]
+        boxes = self.rig.objects.scene.boxes[np.searchsorted(self.rig.slots, kept)]
+        return np.array(kept)[find_pairs(boxes)].tolist()
+
+
+@pytest.mark.parametrize("count", [5, 100])
+@pytest.mark.parametrize("bad", [[0], [2], [4], [1, 3], [0, 1, 2, 3, 4]])
+def test_objects_that_fail_are_set_aside_and_all_others_checked(
+    count: int, bad: list[int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    checked = Checked(count, monkeypatch)
+    checked.failing.groups = [{slot} for slot in bad]
+    report = checked.check()
+    assert report.pairs.tolist() == checked.pairs_without(*bad)
+    assert checked.slots_aside() == bad
+    assert checked.guard.counts == {"check": len(bad)}
+    assert "(a/" in checked.guard.last
+    assert checked.failing.calls <= MAX_TRIES
+    table = checked.rig.objects.table
+    assert table.doubtful[bad].all()
+    assert np.flatnonzero(table.unplaceable).tolist() == bad
+    found = answer(checked.rig.objects, report, "", False, checked.rig.now, 0.0)
+    assert found.missing == len(bad)
+    assert f"a/{bad[0]} ({INTERNAL_ERROR})" in found.message
+    if not len(report):
+        assert found.level == UNKNOWN
+
+
+def test_of_objects_that_fail_only_together_one_is_set_aside(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    checked = Checked(50, monkeypatch)
+    checked.failing.groups = [{7, 31}, {3, 4, 40}]
+    report = checked.check()
+    aside = checked.slots_aside()
+    assert len(aside) == 2
+    assert all(group & set(aside) for group in checked.failing.groups)
+    assert report.pairs.tolist() == checked.pairs_without(*aside)
+
+
+def test_the_next_checks_cost_nothing_more_and_a_second_later_they_are_tried_again(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    checked = Checked(20, monkeypatch)
+    checked.failing.groups = [{3}, {11}]
+    checked.check()
+    for _ in range(5):
+        checked.check()
+        assert checked.failing.calls <= 1
+    checked.failing.groups = [{11}]
+    assert checked.slots_aside() == [3, 11]
+    checked.now = RETRY_PERIOD
+    assert checked.check().pairs.tolist() == checked.pairs_without(11)
+    assert checked.slots_aside() == [11]
+    checked.failing.groups = []
+    checked.now = 2 * RETRY_PERIOD
+    assert checked.check().pairs.tolist() == checked.pairs_without()
+    assert checked.slots_aside() == []
+    assert not checked.rig.objects.table.doubtful.any()
+
+
+def test_many_that_fail_are_found_over_several_cycles(monkeypatch: pytest.MonkeyPatch) -> None:
+    checked = Checked(400, monkeypatch)
+    bad = list(range(0, 400, 4))
+    checked.failing.groups = [{slot} for slot in bad]
+    cycles = 0
+    while checked.slots_aside() != bad:
+        cycles += 1
+        assert cycles < 20
+        report = checked.check()
+        assert checked.failing.calls <= MAX_TRIES + 4, "no cycle takes long"
+        assert set(map(tuple, report.pairs.tolist())) <= set(map(tuple, checked.pairs_without()))
+    assert cycles > 1
+    assert report.pairs.tolist() == checked.pairs_without(*bad)
+
+
+def test_what_fails_without_any_object_is_no_objects_fault(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    checked = Checked(5, monkeypatch)
+    checked.failing.groups = [set()]
+    with pytest.raises(UnforeseenError):
+        checked.check()
+    assert checked.slots_aside() == []
+    checked.failing.groups = []
+    assert checked.check().pairs.tolist() == checked.pairs_without()
+
+
+def test_no_memory_is_no_objects_fault(monkeypatch: pytest.MonkeyPatch) -> None:
+    checked = Checked(5, monkeypatch)
+
+    def fail(*_: object) -> None:
+        raise MemoryError
+
+    monkeypatch.setattr(Checker, "find", fail)
+    with pytest.raises(MemoryError):
+        checked.check()
+    assert checked.slots_aside() == []
+
+
+def test_one_that_is_removed_or_comes_anew_is_no_longer_set_aside(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    checked = Checked(5, monkeypatch)
+    checked.failing.groups = [{2}]
+    checked.check()
+    checked.failing.groups = []
+    objects = checked.rig.objects
+    objects.shapes.remove(np.array([2]))
+    assert checked.check().pairs.tolist() == [[0, 1], [3, 4]]
+    assert checked.slots_aside() == [2]
+    assert not objects.table.doubtful.any()
+
+
+# What fails in a running node, by stage: what is patched, and where the failure is counted.
+
+
+def in_placing(patch: pytest.MonkeyPatch, bad: Callable[[], int]) -> str:
+    place = Scene.place
+
+    def fail(scene: Any, slots: Any, poses: Any) -> None:
+        if bad() in slots:
+            raise UnforeseenError("by the test")
+        place(scene, slots, poses)
+
+    patch.setattr(Scene, "place", fail)
+    return "placing objects"
+
+
+def in_bounds(patch: pytest.MonkeyPatch, bad: Callable[[], int]) -> str:
+    given: Any = checker
+    run, kernel = given.run, given.bounds_kernel
+
+    def fail(function: Any, *args: Any) -> None:
+        if function is kernel and bad() in args[5]:
+            raise UnforeseenError("by the test")
+        run(function, *args)
+
+    patch.setattr(checker, "FEW", 0)  # a few boxes take none
+    patch.setattr(checker, "run", fail)
+    return "check"
+
+
+def in_verdicts(patch: pytest.MonkeyPatch, bad: Callable[[], int]) -> str:
+    given: Any = checker
+    few = given.few_pairs
+
+    def fail(*args: Any) -> Any:
+        if bad() in args[3]:
+            raise UnforeseenError("by the test")
+        return few(*args)
+
+    patch.setattr(checker, "few_pairs", fail)
+    return "check"
+
+
+@pytest.mark.parametrize("stage", [in_placing, in_bounds, in_verdicts])
+def test_an_object_that_fails_at_any_stage_is_grey_and_unknown_and_the_rest_goes_on(
+    stage: Callable[..., str], rig: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rig.listen("collision_status", "obb_collision/markers", "/diagnostics")
+    rig.send(cube(A), cube(B, (3, 0, 0)), cube(BAD, (6, 0, 0)))
+    assert rig.pairs() == set()
+    table = rig.node.objects.table
+    where = stage(monkeypatch, lambda: table.slots.get(BAD, -1))
+    rig.send_states(["a/2", "bad/1"], [pose(4), pose(7)])
+
+    def unknown() -> bool:
+        (status,) = rig.next("collision_status").status
+        return status.level == UNKNOWN and "bad/1" in status.message
+
+    rig.until(unknown, "a status that names it")
+    assert rig.node.guard.counts[where] >= 1
+    assert "bad/1" in rig.node.guard.last
+    assert "cycle" not in rig.node.guard.counts
+    rig.until(lambda: grey(rig) == ["bad"], "one grey marker")
+    rig.send_states(["a/2"], [pose(0.5)])
+    assert rig.pairs() == {("a/1", "a/2")}
+    kind = "refused" if stage is in_placing else "unplaceable"
+    assert "bad/1" in rig.status(": objects")[f"names {kind}"]
+    monkeypatch.undo()
+    rig.send_states(["bad/1"], [pose(0.7)])
+    rig.until(lambda: len(sync(rig)) == 3, "all pairs, once it is tried again")
+    assert not table.doubtful.any()
+
+
+def grey(rig: Rig) -> list[str]:
+    """Return the namespaces of grey markers."""
+    markers = rig.next("obb_collision/markers").markers
+    return [marker.ns for marker in markers if color(marker) == COLORS[DOUBTFUL]]
+
+
+FAR = 50.0
+"""Where the objects are (m, y) for which effects fail."""
+EFFECTS = {
+    "contacts": (contacts, "pair_contacts", "contacts"),
+    "clearances": (clearance, "near_pairs", "clearance"),
+    "points_inside": (points, "points_inside", "points"),
+}
+
+
+@pytest.mark.parametrize("topic", list(EFFECTS))
+def test_an_effect_that_fails_for_an_object_names_it_and_is_computed_for_the_rest(
+    topic: str, rig: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    module, function, effect = EFFECTS[topic]
+    given = getattr(module, function)
+
+    def fail(boxes: Any, some: Any, *args: Any) -> Any:
+        rows = np.arange(len(boxes)) if effect == "points" else some.ravel()
+        if (boxes.centers[rows, 1] >= FAR).any():
+            raise UnforeseenError("by the test")
+        return given(boxes, some, *args)
+
+    monkeypatch.setattr(module, function, fail)
+    rig.listen(topic, "/diagnostics")
+    rig.send(cube(A), cube(B, (0.5, 0, 0)), cube(BAD, (0, FAR, 0)), cube(("bad", 2), (0.5, FAR, 0)))
+    rig.send_points([[0.0, 0, 0], [0.0, FAR, 0]])
+    if effect != "points":
+        rig.stamp -= 1_000_000  # that of the points is none of the states
+        assert rig.pairs() == {("a/1", "a/2"), ("bad/1", "bad/2")}
+    cloud = rig.until(lambda: (message := rig.next(topic)).width and message, "rows of the others")
+    number = namespace_number("bad").to_bytes(4, "little", signed=True)
+    assert number not in bytes(cloud.data), "left out"
+    assert namespace_number("a").to_bytes(4, "little", signed=True) in bytes(cloud.data)
+    key = f"effect {effect} last failure"
+    assert "bad/" in rig.until(lambda: rig.status("cycle").get(key), "a failure that is named")

@@ -1,0 +1,230 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What is stale, and the policy ``collide``: boxes grow by what objects can have moved."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+from objects_rig import SECOND, START, ObjectsRig
+from rig import Rig, color, cube
+from scipy.spatial.transform import Rotation
+
+from obb_collision.node.diagnostics.answer import COLLIDING, FREE, UNKNOWN, Answer, answer
+from obb_collision.node.messages.box_markers import COLORS, DOUBTFUL
+from obb_collision.node.objects.staleness import COLLIDE, IGNORE, KEEP
+from obb_collision.node.objects.states import State
+from obb_collision.shapes import Box, Mesh, Sphere
+from obb_collision.typing import Floats
+
+A1, A2, B1 = ("a", 1), ("a", 2), ("b", 1)
+SPEED, REACH = 2.0, 3.0
+
+
+def lost_sight(policy: str = COLLIDE, x: float = 4.0) -> ObjectsRig:
+    """Return a cube at the origin whose sender stops, and one at ``x`` whose sender goes on."""
+    rig = ObjectsRig(A1, A2, object_timeout=0.5)
+    rig.objects.staleness.set(policy, SPEED, REACH)
+    send(rig, 0, 0.0)
+    rig.beside = x  # type: ignore[attr-defined]
+    step(rig, 0.0)
+    return rig
+
+
+def send(rig: ObjectsRig, row: int, x: float, stamp: int = 0, twist: Floats | float = 0.0) -> None:
+    poses = np.array([[x, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]])
+    rig.objects.states.store(rig.slots[[row]], poses, State("", stamp, rig.now), twist)
+
+
+def step(rig: ObjectsRig, seconds: float) -> None:
+    """Run a cycle after some time; the second cube gets a new state."""
+    rig.now += round(seconds * SECOND)
+    send(rig, 1, rig.beside)  # type: ignore[attr-defined]
+    rig.cycle()
+
+
+def pairs(rig: ObjectsRig) -> int:
+    return len(rig.objects.scene.check())
+
+
+def known(rig: ObjectsRig) -> Answer:
+    report = rig.objects.scene.check()
+    return answer(rig.objects, report, "", False, rig.now, rig.object_timeout)
+
+
+def half_extents(rig: ObjectsRig, row: int = 0) -> Floats:
+    extents: Floats = rig.objects.scene.obb(f"a/{row + 1}").half_extents
+    return extents
+
+
+def test_a_stale_box_collides_with_all_that_it_can_have_reached() -> None:
+    rig = lost_sight(x=4.0)
+    step(rig, 0.5)
+    assert half_extents(rig).tolist() == [0.5] * 3, "not stale yet"
+    step(rig, 0.5)
+    assert half_extents(rig) == pytest.approx(0.5 + SPEED * 1.0)
+    assert (pairs(rig), known(rig).level) == (0, FREE)
+    step(rig, 0.49)
+    assert pairs(rig) == 0, "0.02 m apart"
+    step(rig, 0.02)
+    assert known(rig).level == COLLIDING
+    assert known(rig).names_stale == ("a/1",)
+    assert rig.is_doubtful()
+    assert half_extents(rig, 1).tolist() == [0.5] * 3, "whose sender goes on"
+
+
+@pytest.mark.parametrize(("policy", "found"), [(KEEP, 0), (IGNORE, 0), (COLLIDE, 1)])
+def test_only_this_policy_grows_boxes(policy: str, found: int) -> None:
+    rig = lost_sight(policy, x=1.5)
+    step(rig, 1.0)
+    assert pairs(rig) == found
+    rig.objects.staleness.set(KEEP, SPEED, REACH)
+    step(rig, 0.01)
+    assert (pairs(rig), half_extents(rig).tolist()) == (0, [0.5] * 3)
+
+
+def test_a_state_ends_the_growth() -> None:
+    rig = lost_sight()
+    step(rig, 1.5)
+    send(rig, 0, 1.0)
+    step(rig, 0.01)
+    assert half_extents(rig).tolist() == [0.5] * 3
+    assert rig.x() == 1.0
+
+
+def test_the_growth_is_bounded_and_then_it_is_not_known_what_collides() -> None:
+    rig = lost_sight(x=100.0)
+    step(rig, 1.5)
+    assert known(rig).level == FREE
+    step(rig, 0.01)
+    assert half_extents(rig).tolist() == [0.5 + REACH] * 3
+    found = known(rig)
+    assert (found.level, found.flag(True)) == (UNKNOWN, True)
+    assert found.message == "1 stale, may be anywhere: a/1; 1 stale: a/1"
+    send(rig, 0, 0.0)
+    step(rig, 0.01)
+    assert known(rig).message == "free"
+
+
+def test_the_age_is_that_of_the_stamp_where_that_is_older() -> None:
+    for stamp, age in ((START - SECOND // 4, 1.25), (START + SECOND // 4, 1.0), (0, 1.0)):
+        rig = lost_sight()
+        send(rig, 0, 0.0, stamp)
+        rig.cycle()
+        step(rig, 1.0)
+        assert half_extents(rig) == pytest.approx(0.5 + SPEED * age)
+
+
+@pytest.mark.parametrize("waits", [False, True])
+def test_a_faster_twist_counts_also_while_its_state_waits(waits: bool) -> None:
+    rig = lost_sight()
+    twist = np.array([[0.0, 2.5, 0.0, 0.0, 0.0, 0.0]])
+    send(rig, 0, 0.0, twist=twist)
+    rig.cycle()
+    if waits:  # for a frame that nobody publishes
+        poses = np.array([[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]])
+        state = State("nowhere", 0, rig.now)
+        rig.objects.states.store(rig.slots[:1], poses, state, 1.1 * twist)
+    step(rig, 1.0)
+    assert half_extents(rig) == pytest.approx(0.5 + (2.75 if waits else 2.5))
+
+
+def test_a_slower_twist_is_no_bound() -> None:
+    rig = lost_sight()
+    send(rig, 0, 0.0, twist=np.array([[0.1, 0.0, 0.0, 0.0, 0.0, 0.0]]))
+    rig.cycle()
+    step(rig, 1.0)
+    assert half_extents(rig) == pytest.approx(0.5 + SPEED)
+
+
+def test_a_grown_box_contains_the_object_however_it_moved_and_turned() -> None:
+    rng = np.random.default_rng(11)
+    for _ in range(200):
+        size, age = rng.uniform(0.1, 3.0, 3), rng.uniform(0.6, 2.0)
+        rig = ObjectsRig(object_timeout=0.5)
+        rig.objects.staleness.set(COLLIDE, 0.0, 1e6)
+        points = rng.uniform(-0.5, 0.5, (30, 3)) * size + rng.uniform(-1.0, 1.0, 3)
+        faces = rng.integers(0, 30, (20, 3))
+        rig.slots = np.array([rig.objects.shapes.put(A1, Mesh(points, faces), (), None)])
+        start = np.append(rng.uniform(-5.0, 5.0, 3), Rotation.random(rng=rng).as_quat())
+        twist = rng.uniform(-2.0, 2.0, 6)
+        rig.objects.states.store(rig.slots, start[None], State("", 0, rig.now), twist[None])
+        rig.cycle()
+        rig.now += round(age * SECOND)
+        rig.cycle()
+        turn = Rotation.from_rotvec(twist[3:] * age) * Rotation.from_quat(start[3:])
+        moved = turn.apply(points) + start[:3] + twist[:3] * age
+        assert np.all(rig.objects.scene.obb("a/1").contains(moved))
+
+
+def test_a_removed_object_leaves_no_growth_to_the_next_one() -> None:
+    rig = lost_sight()
+    step(rig, 1.5)
+    assert half_extents(rig)[0] > 3.0
+    rig.objects.shapes.remove(rig.slots[:1])
+    rig.slots[0] = rig.objects.shapes.put(A1, Box([1.0, 1.0, 1.0]), (), None)
+    send(rig, 0, 0.0)
+    assert half_extents(rig).tolist() == [0.5] * 3
+    step(rig, 0.01)
+    assert half_extents(rig).tolist() == [0.5] * 3
+
+
+def test_a_new_shape_and_padding_keep_the_growth() -> None:
+    rig = lost_sight()
+    step(rig, 1.0)
+    rig.objects.scene.padding = 0.25
+    assert half_extents(rig) == pytest.approx(0.75 + SPEED)
+    rig.objects.shapes.put(A1, Box([2.0, 2.0, 2.0]), (), None)
+    assert half_extents(rig) == pytest.approx(1.25 + SPEED)
+    send(rig, 0, 0.0)
+    step(rig, 0.01)
+    assert half_extents(rig).tolist() == [1.25] * 3
+
+
+@pytest.mark.parametrize("accuracy", ["sphere", "aabb", "obb_faces", "hull", "mesh"])
+def test_every_accuracy_respects_the_growth(accuracy: str) -> None:
+    rig = ObjectsRig(A1, A2, object_timeout=0.5)
+    rig.objects.staleness.set(COLLIDE, SPEED, 10.0)
+    rig.beside = 3.0  # type: ignore[attr-defined]
+    corners = np.array([[0.0, 0, 0], [0.4, 0, 0], [0, 0.4, 0], [0, 0, 0.4]])
+    tetrahedron = Mesh(corners, np.array([[0, 1, 2], [0, 1, 3], [0, 2, 3], [1, 2, 3]]))
+    for key, shape in ((A1, tetrahedron), (A2, Sphere(0.2))):
+        rig.objects.shapes.put(key, shape, (), None)
+    rig.objects.scene.accuracy = accuracy
+    send(rig, 0, 0.0)
+    step(rig, 0.0)
+    assert pairs(rig) == 0
+    step(rig, 1.5)
+    assert pairs(rig) == 1
+
+
+def test_markers_show_the_grown_box_in_grey() -> None:
+    with Rig(object_timeout=0.3, stale_policy="collide", stale_speed=0.5) as rig:
+        rig.listen("obb_collision/markers")
+        rig.send(cube(A1), cube(B1, (0.0, 5.0, 0.0)), stamped=False)
+
+        def shown() -> bool:
+            rig.send(cube(B1, (0.0, 5.0, 0.0)), stamped=False)
+            message = rig.last.get("obb_collision/markers")
+            found = {} if message is None else {m.ns: m for m in message.markers}
+            if not {"a", "b"} <= found.keys() or found["a"].scale.x < 1.5:
+                return False
+            assert color(found["a"]) == COLORS[DOUBTFUL]
+            assert found["b"].scale.x == 1.0
+            return True
+
+        rig.until(shown, "a grown marker")
