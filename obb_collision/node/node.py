@@ -344,8 +344,12 @@ class CollisionNode(ManagedNode):
         self.status.update(known, cycle)
 
     def _count_notes(self) -> None:
-        """Count items that were refused or doubted after they had been stored."""
+        """Count items that were refused, doubted or replaced after they had been stored."""
         now = self._now()
+        superseded = self.objects.states.superseded
+        for topic, number in superseded.items():
+            self._monitors[topic].superseded += number
+        superseded.clear()
         for note in self.objects.notes.take():
             monitor = self._monitors[note.topic]
             count = monitor.refuse if note.is_refused else monitor.doubt

@@ -64,6 +64,7 @@ def input_status(
         ("rejected", monitor.refused.total()),
         ("qos mismatches", monitor.mismatches),
         *([("superseded", monitor.superseded)] if monitor.superseded else ()),
+        *([("lost", monitor.lost)] if monitor.lost else ()),
         *(() if monitor.ignored is None else [("not finite in the last cloud", monitor.ignored)]),
         *((f"rejected: {reason}", count) for reason, count in sorted(monitor.refused.items())),
         *((f"doubtful: {reason}", count) for reason, count in sorted(monitor.doubted.items())),

@@ -66,7 +66,9 @@ class InputMonitor:
     ignored: int | None = None
     """Of the last cloud: points that are not finite; None where it was not used."""
     superseded: int = 0
-    """Complete sets that a newer one replaced before they were used."""
+    """States and complete sets that newer ones replaced before a cycle used them."""
+    lost: int = 0
+    """Messages that the middleware dropped, because more came than its queue holds."""
     mismatches: int = 0
     """Publishers and subscribers seen with incompatible QoS."""
     _seen: tuple[int, int, int] = (0, 0, 0)

@@ -23,6 +23,7 @@ from obb_collision.node.diagnostics.monitors import InputMonitor
 from obb_collision.node.inputs.box_set import OWNED
 from obb_collision.node.inputs.marker_adder import MarkerAdder
 from obb_collision.node.inputs.marker_batch import (
+    GOOD,
     Faults,
     Outcome,
     find_faults,
@@ -55,6 +56,9 @@ class MarkerApplication:
             self._adder.refuse(markers, np.flatnonzero(bad), error)
         late = outcome.late & ~markers.counted
         self._adder.refuse(markers, np.flatnonzero(late), RefusedError(OLDER))
+        new = (markers.action == Marker.ADD) & (faults.number == GOOD) & ~markers.counted
+        new[outcome.winner[outcome.winner >= 0]] = False
+        self._objects.states.superseded["objects"] += int(np.count_nonzero(new & ~outcome.late))
         markers.counted[:] = True
         return faults, outcome
 

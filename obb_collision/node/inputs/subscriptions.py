@@ -30,6 +30,7 @@ from visualization_msgs.msg import MarkerArray
 
 from obb_collision.node.diagnostics.monitors import InputMonitor
 from obb_collision.node.diagnostics.qos import overridable
+from obb_collision.node.inputs.losses import Losses
 
 
 class Input(NamedTuple):
@@ -72,6 +73,7 @@ class Subscriptions:
         self._arrived = arrived
         self._oldest = 0
         self._heard = False
+        self._losses: dict[str, Losses] = {}
         self.open: dict[str, Subscription] = {}
         """By topic, as the node names it."""
 
@@ -118,6 +120,9 @@ class Subscriptions:
 
     def _take(self, topic: str, message: bytes, info: Mapping[str, Any]) -> None:
         self._heard |= topic != "points"
+        self._monitors[topic].lost += self._losses[topic].count(
+            info.get("publication_sequence_number")
+        )
         received = info.get("received_timestamp") or 0  # not given by some middlewares
         if received and (received < self._oldest or not self._oldest):
             self._oldest = received
@@ -140,4 +145,5 @@ class Subscriptions:
             raw=True,
         )
         self._monitors[topic].topic = subscription.topic_name
+        self._losses[topic] = Losses(subscription.get_publisher_count)
         return subscription

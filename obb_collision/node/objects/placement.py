@@ -101,22 +101,26 @@ class Placement:
             self._topics.append(topic)
         return self._topics.index(topic)
 
-    def supersede(self, slots: Slots, frame: int) -> None:
+    def supersede(self, slots: Slots, frame: int) -> int:
         """Make way for newer states of objects, given in a frame: what is not placed is queued.
 
-        Not where both are in the fixed frame, for the newer one does not wait.
+        Not where both are in the fixed frame, for the newer one does not wait; returns how many
+        states are dropped so.
         """
         table = self._table
         rows = as_slice(slots)
-        wait = table.pending[rows]
-        if wait.any():
+        wait = table.pending[rows] & ~table.waited_out[rows]
+        dropped = int(np.count_nonzero(wait))
+        if dropped:
             wait = wait & ((table.frame[rows] != 0) | (frame != 0))
-            wait &= ~(table.waited_out[rows] | table.locked[rows])
+            wait &= ~table.locked[rows]
+            dropped -= int(np.count_nonzero(wait))
         if wait.any():
             self.waiting.add(latest_states(table, np.unique(slots[wait])))
         self._count += 1
         table.number[rows] = self._count
         table.waited_out[rows] = False
+        return dropped
 
     def begin(self, slots: Slots | int) -> None:
         """Initialise new objects: queued states of their slots belong to earlier objects."""

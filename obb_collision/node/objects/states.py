@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
 
 import numpy as np
@@ -57,6 +58,8 @@ class States:
 
     def __init__(self, table: ObjectTable, placement: Placement, notes: Notes) -> None:
         self._table, self._placement, self._notes = table, placement, notes
+        self.superseded: Counter[str] = Counter()
+        """States, by topic, that newer ones replaced before a cycle placed them."""
         self.stamp_tolerance = NANOSECONDS // 2
         """Stamps further than this ahead of the node's clock (ns) are not believed."""
         self.order_timeout = NANOSECONDS
@@ -80,7 +83,7 @@ class States:
             slots, poses, twists = slots[~old], poses[~old], twists[~old]
             stamps, received = stamps[~old], received[~old]
         if len(slots):
-            self._placement.supersede(slots, frame)
+            self.superseded[state.topic] += self._placement.supersede(slots, frame)
             poses = self._unit(slots, poses, state.topic)
             self._write(slots, poses, twists, frame, state.topic)
             self._stamp(slots, stamps, received, state.topic)
