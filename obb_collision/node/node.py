@@ -50,7 +50,6 @@ from obb_collision.node.objects.staleness import COLLIDE
 from obb_collision.node.outputs.collision_status import CollisionStatus, allowed_delay
 from obb_collision.node.outputs.effects import Effects
 from obb_collision.node.outputs.outputs import Outputs
-from obb_collision.node.parameters.allowed import AllowedRule
 from obb_collision.node.parameters.parameters import Parameters
 from obb_collision.node.reporting import Reporting
 from obb_collision.node.runtime.clock import NodeClock
@@ -62,6 +61,7 @@ from obb_collision.node.schedule import Schedule
 from obb_collision.node.settings import SceneSettings, apply_limits, requested_levels
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.effects.settings import OFF, ON
+from obb_collision.scene.store.allowed import Rule
 from obb_collision.scene_files import describe_scene, find_scene
 
 NODE_NAME = "obb_collision"
@@ -202,7 +202,7 @@ class CollisionNode(ManagedNode):
         self._subscribed = self._make_subscriptions()
         self._configured.callback(self._subscribed.close)
 
-    def _make_cycle(self, allowed: list[AllowedRule]) -> None:
+    def _make_cycle(self, allowed: list[Rule]) -> None:
         """Create the check, and what calls it."""
         self._settings = SceneSettings(self.parameters, self.objects, self._warm)
         self._settings.allowed = allowed

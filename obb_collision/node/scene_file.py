@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Sequence
 from itertools import count, product
 from typing import Any
@@ -27,9 +28,9 @@ from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.objects.objects import Objects
 from obb_collision.node.objects.states import State
 from obb_collision.node.objects.table import ID_OFFSET
-from obb_collision.node.parameters.allowed import AllowedRule
 from obb_collision.node.parameters.table import option_name
 from obb_collision.scene.effects import EFFECTS
+from obb_collision.scene.store.allowed import Rule
 from obb_collision.scene.store.patterns import matching
 from obb_collision.scene_files import SceneDescription
 from obb_collision.words import shown
@@ -71,7 +72,9 @@ class SceneFile:
         """
         scene = self._scene
         values: dict[str, Any] = {
+            "groups": self._groups() or [""],
             "padding": float(scene.padding),
+            "padding_overrides": self._paddings() or [""],
             "accuracy": scene.accuracy.name.lower(),
             "accuracy_overrides": self._overrides() or [""],
             "time_budget": float(scene.time_budget or 0.0),
@@ -86,7 +89,7 @@ class SceneFile:
                 values[option_name(effect, key)] = type(default)(value)
         return values
 
-    def allowed(self) -> list[AllowedRule]:
+    def allowed(self) -> list[Rule]:
         """Return the rules of what may touch."""
         return [
             (first, second, rule.allowed)
@@ -101,12 +104,33 @@ class SceneFile:
         refused = []
         for key, thing in zip(self.keys, self._scene.objects, strict=True):
             try:
-                slot = objects.shapes.put(key, thing.shape, (), None, thing.padding)
+                slot = objects.shapes.put(key, thing.shape, (), None)
                 objects.states.store(np.array([slot]), np.array([thing.pose]), State("", 0, now))
             except RefusedError as error:
                 objects.shapes.refuse(key, error.reason, shape=True)
                 refused.append(f"{shown(name_from_key(key))} refused, {error}")
         return refused
+
+    def _groups(self) -> list[str]:
+        """Return entries of ``groups``, one per name or pattern in them.
+
+        A name with a colon cannot be one there; what uses the group has its members anyway.
+        """
+        return [
+            f"{name}: {shlex.quote(pattern)}"
+            for name, patterns in self._scene.groups.items()
+            if ":" not in name and name == name.strip()
+            for pattern in self._patterns(patterns)
+        ]
+
+    def _paddings(self) -> list[str]:
+        """Return entries of ``padding_overrides``."""
+        things = zip(self.keys, self._scene.objects, strict=True)
+        return [
+            f"{name_from_key(key)}: {thing.padding!r}"
+            for key, thing in things
+            if thing.padding is not None
+        ]
 
     def _overrides(self) -> list[str]:
         """Return entries of ``accuracy_overrides``, the objects' own behind those of patterns."""

@@ -22,14 +22,15 @@ from obb_collision._threads import set_threads
 from obb_collision.accuracy import Accuracy, as_accuracy
 from obb_collision.node.messages.conversions import NANOSECONDS
 from obb_collision.node.objects.objects import Objects
-from obb_collision.node.parameters.allowed import AllowedRule, set_allowed
+from obb_collision.node.parameters.groups import Groups
 from obb_collision.node.parameters.parameters import Parameters
 from obb_collision.node.runtime.warm_up import WarmUp
 from obb_collision.scene.building.process import Limits
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.effects.settings import AUTO, OFF
 from obb_collision.scene.refinement.budget import ABOVE
-from obb_collision.scene.store.overrides import Overrides
+from obb_collision.scene.store.allowed import Rule
+from obb_collision.scene.store.overrides import capped
 
 MEGABYTE = 1_000_000
 
@@ -39,9 +40,9 @@ class SceneSettings:
 
     def __init__(self, parameters: Parameters, objects: Objects, warm: WarmUp) -> None:
         self._parameters, self._objects, self._warm = parameters, objects, warm
-        self.allowed: list[AllowedRule] = []
+        self.allowed: list[Rule] = []
         """Further rules, before those of the parameters."""
-        self._allowed: list[AllowedRule] = []
+        self._filters: tuple[object, ...] = ()
         self._effects: dict[str, Any] = {}
         self._threads: int | None = None
         self.waiting = False
@@ -62,17 +63,29 @@ class SceneSettings:
         if (scene.time_budget or 0.0) != parameters.time_budget:
             scene.time_budget = parameters.time_budget or None
         self.apply_accuracy()
-        allowed = [*self.allowed, *((*pair, True) for pair in parameters.allowed_pairs)]
-        if self._allowed != allowed:
-            set_allowed(scene, allowed)
-            self._allowed = allowed
+        groups = Groups(parameters.groups)
+        self._apply_filters(groups)
         for name in EFFECTS:
             # Never "on": the node requests effects per check, once their kernels are compiled.
             mode = OFF if parameters.mode(name) == OFF else AUTO
             setting = {"mode": mode, **parameters.setting(name)}
+            setting["objects"] = groups.all_meant(setting["objects"])
             if self._effects.get(name) != setting:
                 self._effects[name] = setting
                 scene.set_effect(name, **setting)
+
+    def _apply_filters(self, groups: Groups) -> None:
+        """Set which pairs count, and the paddings by name."""
+        parameters, scene = self._parameters, self._objects.scene
+        allowed = [(*groups.sides(pair), True) for pair in parameters.allowed_pairs]
+        only = [groups.sides(pair) for pair in parameters.check_only_pairs]
+        filters = ([*self.allowed, *allowed], only, parameters.allowed_within)
+        if self._filters != filters:
+            scene.allowed, scene.check_only, scene.allowed_within = filters
+            self._filters = filters
+        paddings = groups.overrides(parameters.padding_overrides)
+        if scene.padding_overrides != paddings:
+            scene.padding_overrides = paddings
 
     def apply_accuracy(self) -> None:
         """Set the accuracy of all objects, limited to levels whose kernels are compiled."""
@@ -83,7 +96,8 @@ class SceneSettings:
         level = min(as_accuracy(parameters.accuracy), highest)
         if objects.scene.accuracy != level:
             objects.scene.accuracy = level
-        overrides = Overrides(parameters.accuracy_overrides).capped(highest)
+        given = Groups(parameters.groups).overrides(parameters.accuracy_overrides)
+        overrides = capped(given, highest)
         if overrides.overrides != objects.shapes.overrides.overrides:
             objects.set_overrides(overrides)
 

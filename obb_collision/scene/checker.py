@@ -39,7 +39,8 @@ from obb_collision.scene.limit import find_limited, most_candidates
 from obb_collision.scene.merging import merge_pairs, unchanged_pairs
 from obb_collision.scene.refinement.budget import Budget
 from obb_collision.scene.refinement.ladder import NONE, Found, decide_pairs, pair_levels
-from obb_collision.scene.store.allowed import AllowedPairs, PairFilter
+from obb_collision.scene.store.allowed import AllowedPairs
+from obb_collision.scene.store.pair_table import PairFilter
 from obb_collision.scene.store.store import ObjectStore
 from obb_collision.typing import Floats, Rows
 

@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -30,6 +30,8 @@ from obb_collision.obb import OBB
 from obb_collision.scene.building.shape_cache import ShapeCache
 from obb_collision.scene.states import SceneStates
 from obb_collision.scene.store.kinds import BOX
+from obb_collision.scene.store.overrides import Overrides
+from obb_collision.scene.store.patterns import as_couples, as_patterns
 from obb_collision.scene.store.store import LocalBox, ObjectStore
 from obb_collision.shapes import Shape
 from obb_collision.typing import Floats
@@ -47,6 +49,7 @@ class SceneObjects(SceneStates):
         self._cache = ShapeCache()
         self.clear()
         self._padding = 0.0
+        self._paddings: Overrides[float] = Overrides()
         self.padding = padding
         self._accuracy = as_accuracy(accuracy)
 
@@ -95,7 +98,7 @@ class SceneObjects(SceneStates):
         check_name(name, "name", MAX_OBJECT_NAME)
         check_kind(shape, Shape, "shape", OBB)
         where = IDENTITY_POSE if pose is None else as_array(pose, "pose", (7,))
-        pad = self._padding if padding is None else padding
+        pad = self._padding_of(name) if padding is None else padding
         check_padding(pad)
         level = None if accuracy is None else as_accuracy(accuracy)
         slot = self._store.put(name, local_box(shape), where, pad)
@@ -158,7 +161,7 @@ class SceneObjects(SceneStates):
         lengths = {len(values) for values in given}
         if len(lengths) > 1 or len(set(names)) < len(names):
             raise ValueError("names, sizes, poses, accuracies and shapes must be one per object")
-        slots = self._store.put_boxes(names, _halves(edges), where, self._padding)
+        slots = self._store.put_boxes(names, _halves(edges), where, self._paddings_of(names))
         self._store.kinds[slots] = BOX
         self._forget(slots)
         if levels is None:
@@ -191,6 +194,7 @@ class SceneObjects(SceneStates):
         slots = self._store.begin(names)
         self._store.kinds[slots], self._store.accuracies[slots] = BOX, self._accuracy
         self._store.poses[slots] = np.nan  # none is where it is to be
+        self._store.own_paddings[slots] = self._paddings_of(names)
         self.resize_boxes(slots, sizes)
         self._store.place(slots, poses)
         for slot, level in zip(slots.tolist(), levels or (), strict=False):
@@ -198,8 +202,8 @@ class SceneObjects(SceneStates):
         return slots
 
     def resize_boxes(self, indices: NDArray[np.int64], sizes: Floats) -> None:
-        """Give boxes with the scene's padding other edge lengths (n, 3); nothing is checked."""
-        self._store.shape_boxes(indices, _halves(sizes), self._padding)
+        """Give boxes other edge lengths (n, 3); nothing is checked."""
+        self._store.shape_boxes(indices, _halves(sizes), self._store.own_paddings[indices])
 
     def grow_indices(self, indices: NDArray[np.int64], growths: Floats) -> None:
         """Grow boxes beyond their padding by (n,) metres on every side; nothing is checked.
@@ -225,6 +229,8 @@ class SceneObjects(SceneStates):
     def rename_indices(self, indices: NDArray[np.int64], names: Sequence[str]) -> None:
         """Give objects other names, which are valid, new and distinct; nothing is checked."""
         self._store.rename(indices, names)
+        if self._paddings:
+            self._pad_again()
 
     def _forget(self, slots: NDArray[np.int64]) -> None:
         """Drop what is stored beside the store of the objects that slots had."""
@@ -309,15 +315,84 @@ class SceneObjects(SceneStates):
 
     @property
     def padding(self) -> float:
-        """Metres by which boxes without a padding of their own are grown on every side."""
+        """Metres by which boxes without another padding are grown on every side; may be set."""
         return self._padding
 
     @padding.setter
     def padding(self, value: float) -> None:
         check_padding(value)
         self._padding = float(value)
+        self._pad_again()
+
+    @property
+    def padding_overrides(self) -> list[tuple[str, float]]:
+        """Padding in place of the scene's, by name or pattern: (``gripper/*``, metres); may be set.
+
+        The last one that an object matches counts, also for objects to come. An object's own, as
+        given to ``add`` or ``set_padding``, goes before.
+        """
+        return list(self._paddings.overrides)
+
+    @padding_overrides.setter
+    def padding_overrides(self, overrides: Iterable[tuple[str, float]]) -> None:
+        new: list[tuple[str, float]] = []
+        for pattern, padding in as_couples(overrides, "padding_overrides"):
+            check_padding(padding, "padding_overrides")
+            new += [(one, float(padding)) for one in as_patterns(pattern, "padding_overrides")]
+        self._paddings = Overrides(new)
+        self._pad_again()
+
+    def set_padding(self, name: str, padding: float | None) -> None:
+        """Set the padding of one object; None: that of its override or of the scene.
+
+        Parameters
+        ----------
+        name : str
+        padding : float or None
+            Metres.
+
+        Raises
+        ------
+        KeyError
+            For an unknown name.
+        ValueError
+            For a negative padding.
+
+        Examples
+        --------
+        >>> scene = oc.Scene()
+        >>> _ = scene.add("cup", oc.shapes.Sphere(0.1))
+        >>> scene.set_padding("cup", 0.5)
+        >>> scene.obb("cup").half_extents.round(9).tolist()
+        [0.6, 0.6, 0.6]
+        """
+        slot = self._store.slot(name)
+        if padding is not None:
+            check_padding(padding)
+            self._own_padding.add(slot)
+            self._store.pad(np.array([slot]), padding)
+        else:
+            self._own_padding.discard(slot)
+            self._store.pad(np.array([slot]), self._padding_of(name))
+
+    def _padding_of(self, name: str) -> float:
+        """Return the padding of an object without one of its own."""
+        value = self._paddings.value(name)
+        return self._padding if value is None else value
+
+    def _paddings_of(self, names: Sequence[str]) -> float | Floats:
+        """Return the paddings (n,) of objects without one of their own; one for all, if it is."""
+        if not self._paddings:
+            return self._padding
+        return np.array([self._padding_of(name) for name in names], np.float64)
+
+    def _pad_again(self) -> None:
+        """Give all objects without a padding of their own the one that they have now."""
         rows = np.setdiff1d(self._store.live(), sorted(self._own_padding)).astype(np.int64)
-        self._store.pad(rows, self._padding)
+        wanted = self._paddings_of([str(self._store.names[row]) for row in rows.tolist()])
+        wanted = np.broadcast_to(wanted, rows.shape)
+        other = wanted != self._store.own_paddings[rows]
+        self._store.pad(rows[other], wanted[other])
 
     @property
     def accuracy(self) -> Accuracy:
@@ -377,10 +452,10 @@ def _lengths(vectors: Floats) -> Floats:
     return lengths
 
 
-def check_padding(padding: float) -> None:
+def check_padding(padding: float, name: str = "padding") -> None:
     """Raise ValueError unless a padding is not negative."""
-    if as_array(padding, "padding", ()) < 0.0:
-        raise ValueError("padding must not be negative")
+    if as_array(padding, name, ()) < 0.0:
+        raise ValueError(f"{name} must not be negative")
 
 
 def local_box(shape: Shape | OBB) -> LocalBox:

@@ -32,7 +32,7 @@ from obb_collision.scene.broad_phase.crowds import ordered_candidates
 from obb_collision.scene.broad_phase.find_pairs import colliding_pairs
 from obb_collision.scene.building.shape_cache import ShapeCache
 from obb_collision.scene.refinement.ladder import decide_pairs, is_plain, needs_spheres
-from obb_collision.scene.store.allowed import PairFilter
+from obb_collision.scene.store.pair_table import PairFilter
 from obb_collision.scene.store.store import LocalBox, ObjectStore
 from obb_collision.shapes import Shape
 from obb_collision.typing import Floats, Rows

@@ -40,7 +40,7 @@ from obb_collision.scene.questions import any_collides, body_in, colliding_with
 from obb_collision.scene.refinement.budget import Budget
 from obb_collision.scene.refinement.mesh_pairs import prepare_shapes
 from obb_collision.scene.report import Report
-from obb_collision.scene.store.allowed import AllowedPairs
+from obb_collision.scene.store.allowed import AllowedPairs, Rule, Sides
 from obb_collision.scene.store.patterns import as_patterns, matching
 from obb_collision.shapes import Shape
 from obb_collision.words import shown
@@ -197,7 +197,9 @@ class Scene(SceneObjects):
         """Build the trees and hulls of all shapes now; else the first checks that need them do."""
         prepare_shapes(self._store, self._cache)
 
-    def allow(self, first: str, second: str, allowed: bool = True) -> None:
+    def allow(
+        self, first: Iterable[str] | str, second: Iterable[str] | str, allowed: bool = True
+    ) -> None:
         """Let objects touch: their pairs no longer count; with ``allowed=False`` they do again.
 
         first, second: names or patterns such as ``gripper/*``. Of several rules for a pair the last
@@ -205,10 +207,10 @@ class Scene(SceneObjects):
 
         Parameters
         ----------
-        first : str
-            Name or pattern.
-        second : str
-            Name or pattern.
+        first : str or iterable of str
+            Names or patterns.
+        second : str or iterable of str
+            Names or patterns.
         allowed : bool
 
         Raises
@@ -229,19 +231,46 @@ class Scene(SceneObjects):
         self._store.mark(self._store.live())
 
     @property
-    def allowed(self) -> list[tuple[str, str, bool]]:
+    def allowed(self) -> list[Rule]:
         """The rules of ``allow``, in the order in which they count.
 
         May be set, to rules (first, second, allowed) in place of all before; [] forgets them.
         """
-        return list(self._allowed.rules)
+        return self._allowed.rules
 
     @allowed.setter
-    def allowed(self, rules: Iterable[tuple[str, str, bool]]) -> None:
+    def allowed(self, rules: Iterable[Rule]) -> None:
         before = self._allowed.rules
         self._allowed.replace(rules)
         if self._allowed.rules != before:
             self._store.mark(self._store.live())
+
+    @property
+    def check_only(self) -> list[Sides]:
+        """The only pairs that count, (first, second) as in ``allow``; [], the default, for all.
+
+        May be set. A pair that is allowed does not count here either.
+        """
+        return self._allowed.only
+
+    @check_only.setter
+    def check_only(self, pairs: Iterable[Sides]) -> None:
+        self._allowed.only = pairs
+        self._store.mark(self._store.live())
+
+    @property
+    def allowed_within(self) -> list[str]:
+        """Namespaces, or patterns of them, within which objects may touch; [] for none.
+
+        May be set. The namespace of ``robot/arm/1`` is ``robot/arm``; ``*`` means each one: objects
+        of two namespaces count, those of one do not.
+        """
+        return self._allowed.within
+
+    @allowed_within.setter
+    def allowed_within(self, namespaces: Iterable[str] | str) -> None:
+        self._allowed.within = namespaces
+        self._store.mark(self._store.live())
 
     def set_effect(
         self,

@@ -117,7 +117,7 @@ def _names(table: ObjectTable, namespaces: Slots, ids: Slots) -> list[str]:
 
 def _levels(shapes: ObjectShapes, names: list[str]) -> list[Accuracy | None] | None:
     overrides = shapes.overrides
-    return [overrides.level(name) for name in names] if overrides.overrides else None
+    return [overrides.value(name) for name in names] if overrides else None
 
 
 def _body(kind: int, size: list[float]) -> Shape | None:

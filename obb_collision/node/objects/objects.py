@@ -23,6 +23,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from obb_collision.accuracy import Accuracy
 from obb_collision.node.messages.conversions import Key, name_from_key
 from obb_collision.node.objects.frames import FrameSource
 from obb_collision.node.objects.notes import Notes
@@ -66,8 +67,8 @@ class Objects:
         slots = np.flatnonzero(table.live & (table.ns == namespace))
         names = [name_from_key(key) for key in table.keys(slots)]
         self.scene.rename_indices(slots, names)
-        for name in names if overrides.overrides else ():
-            self.scene.set_accuracy(name, overrides.level(name))
+        for name in names if overrides else ():
+            self.scene.set_accuracy(name, overrides.value(name))
 
     def set_limits(self, limits: Limits, largest_file: int) -> None:
         """Limit what shapes may take to build, and the bytes of a mesh file."""
@@ -115,11 +116,11 @@ class Objects:
         table.seen[:] = table.live  # whose lifetime is over has taken part once, at least
         self.states.mark_doubtful(now)
 
-    def set_overrides(self, overrides: Overrides) -> None:
+    def set_overrides(self, overrides: Overrides[Accuracy]) -> None:
         """Give objects, those to come too, an accuracy of their own by their names."""
         self.shapes.overrides = overrides
         for name in map(name_from_key, self.table.slots):
-            self.scene.set_accuracy(name, overrides.level(name))
+            self.scene.set_accuracy(name, overrides.value(name))
 
     def newest_stamp(self, now: int) -> int:
         """Stamp (ns) of the newest state evaluated; time of receipt where none has one to believe.

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from obb_collision.accuracy import Accuracy
 from obb_collision.node.messages.conversions import Key, name_from_key
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.messages.shape_plans import Plan, Signature
@@ -46,7 +47,7 @@ class ObjectShapes:
     ) -> None:
         self.scene, self.table, self.placement, self._notes = scene, table, placement, notes
         self.unplaceable = Unplaceable()
-        self.overrides = Overrides()
+        self.overrides: Overrides[Accuracy] = Overrides()
         self.max_objects = DEFAULT_LIMIT
         self.builder = Builder()
         """Builds in another process."""
@@ -70,7 +71,7 @@ class ObjectShapes:
             self._admit(key)
         self.requests.request(key, plan)
         if slot is None:
-            slot = self._give(key, PLACEHOLDER, NO_SIGNATURE, None)
+            slot = self._give(key, PLACEHOLDER, NO_SIGNATURE)
             self.table.shaped[slot] = False
             self.placement.enable(np.array([slot]))
         self.table.shape_pending[slot] = True
@@ -83,19 +84,18 @@ class ObjectShapes:
         shape: Shape | None,
         signature: Signature,
         expiry: int | None,
-        padding: float | None = None,
     ) -> int:
         """Add an object, or change its shape (None: unchanged); returns its slot.
 
-        ``expiry`` is when its lifetime ends (ns), None for never; ``padding`` in place of the
-        scene's (m). A new object takes part once it has a pose. Raises RefusedError ("too many
-        objects", "too many namespaces", "namespace number taken", "bad name", "bad shape").
+        ``expiry`` is when its lifetime ends (ns), None for never. A new object takes part once it
+        has a pose. Raises RefusedError ("too many objects", "too many namespaces", "namespace
+        number taken", "bad name", "bad shape").
         """
         slot = self.table.slots.get(key)
         if slot is None:
             self._admit(key)
         if shape is not None:
-            slot = self._give(key, shape, signature, padding)
+            slot = self._give(key, shape, signature)
         assert slot is not None
         self.requests.cancel(key)
         self.table.shape_pending[slot] = False
@@ -108,15 +108,15 @@ class ObjectShapes:
             raise RefusedError("too many objects", f"{self.max_objects} is the limit")
         self.table.namespaces.admit(key[0])
 
-    def _give(self, key: Key, shape: Shape, signature: Signature, padding: float | None) -> int:
+    def _give(self, key: Key, shape: Shape, signature: Signature) -> int:
         table, name = self.table, name_from_key(key)
         slot = table.slots.get(key)
         pose = None
         if slot is not None and table.placed[slot]:
             pose = self.scene.poses_of([slot])[0]
         try:
-            level = self.overrides.level(name)
-            index = self.scene.add(name, shape, pose, padding=padding, accuracy=level)
+            level = self.overrides.value(name)
+            index = self.scene.add(name, shape, pose, accuracy=level)
         except ValueError as error:
             raise RefusedError("bad shape", str(error)) from error
         if slot is None:
@@ -176,7 +176,7 @@ class ObjectShapes:
         error = given.error
         if given.shape is not None:
             try:
-                self._give(key, given.shape, given.signature, None)
+                self._give(key, given.shape, given.signature)
             except RefusedError as refused:
                 error = refused
             except Exception as failure:  # of this object: others get theirs

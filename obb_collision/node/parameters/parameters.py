@@ -23,6 +23,7 @@ from rcl_interfaces.msg import SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from obb_collision.node.parameters.groups import check_words
 from obb_collision.node.parameters.services import guard_parameter_services
 from obb_collision.node.parameters.table import SPECS, option_name
 from obb_collision.scene.effects import EFFECTS
@@ -42,7 +43,8 @@ class Parameters:
         for spec in SPECS:
             given = node.declare_parameter(spec.name, spec.default, spec.descriptor()).value
             self._values[spec.name] = spec.read(given)
-        node.add_on_set_parameters_callback(check_parameters)
+        check_words(self._values)
+        node.add_on_set_parameters_callback(self._check)
         node.add_post_set_parameters_callback(self._take)
         guard_parameter_services(node)
 
@@ -86,13 +88,27 @@ class Parameters:
             ]
         )
 
+    def _check(self, parameters: Sequence[Parameter]) -> SetParametersResult:
+        """Refuse values that are invalid, or that do not fit each other."""
+        result = check_parameters(parameters)
+        if result.successful:
+            try:
+                check_words({**self._values, **_read(parameters)})
+            except ValueError as error:
+                return SetParametersResult(successful=False, reason=str(error))
+        return result
+
     def _take(self, parameters: Sequence[Parameter]) -> None:
-        specs = {spec.name: spec for spec in SPECS}
-        ours = [parameter for parameter in parameters if parameter.name in specs]
-        for parameter in ours:
-            self._values[parameter.name] = specs[parameter.name].read(parameter.value)
+        ours = _read(parameters)
+        self._values.update(ours)
         if ours:  # others are declared while a subscription is made
             self.on_change()
+
+
+def _read(parameters: Sequence[Parameter]) -> dict[str, Any]:
+    """Return the values of those parameters that are in the table."""
+    specs = {spec.name: spec for spec in SPECS}
+    return {one.name: specs[one.name].read(one.value) for one in parameters if one.name in specs}
 
 
 def check_parameters(parameters: Sequence[Parameter]) -> SetParametersResult:

@@ -18,15 +18,24 @@ from __future__ import annotations
 
 from obb_collision._threads import MAX_THREADS
 from obb_collision.accuracy import ALL_LEVELS
-from obb_collision.node.parameters.allowed import allowed_from_text
+from obb_collision.node.parameters.groups import group_from_text, pair_from_text
 from obb_collision.node.parameters.specs import Spec
 from obb_collision.node.topics.topics import describe_mode, mode_names
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.effects.base import Option
 from obb_collision.scene.effects.settings import AUTO, MODES
 from obb_collision.scene.scene import DEFAULT_DEPTH
-from obb_collision.scene.store.overrides import MAX_OVERRIDES, override_from_text
+from obb_collision.scene.store.overrides import (
+    MAX_OVERRIDES,
+    override_from_text,
+    padding_from_text,
+)
 from obb_collision.scene.store.patterns import as_patterns
+
+
+def _pattern(text: str) -> str:
+    return as_patterns(text, "entry")[0]
+
 
 GENERAL = (
     Spec(
@@ -198,6 +207,46 @@ GENERAL = (
     ),
 )
 
+FILTERS = (  # before what uses groups: parameters of a file are set one by one
+    Spec(
+        "groups",
+        [""],
+        "Names for sets of objects: 'gripper: hand/* finger/1', names, patterns or groups before "
+        "it, those with spaces in quotes. Several entries of one name add up.",
+        entry=group_from_text,
+        most=MAX_OVERRIDES,
+    ),
+    Spec(
+        "allowed_pairs",
+        [""],
+        "Pairs of objects that may collide without being reported: 'robot/* table/1', two names, "
+        "patterns or groups each.",
+        entry=pair_from_text,
+    ),
+    Spec(
+        "check_only_pairs",
+        [""],
+        "The only pairs of objects that are checked: 'robot/* table/1', two names, patterns or "
+        "groups each. Without entries, all.",
+        entry=pair_from_text,
+    ),
+    Spec(
+        "allowed_within",
+        [""],
+        "Namespaces, or patterns of them, within which objects may collide without being reported. "
+        "'*': within each.",
+        entry=_pattern,
+    ),
+    Spec(
+        "padding_overrides",
+        [""],
+        "Padding of some objects (m): 'gripper/*: 0.02' by name, pattern or group, or "
+        "'gripper=0.02' by namespace. The last one that matches an object is used.",
+        entry=padding_from_text,
+        most=MAX_OVERRIDES,
+    ),
+)
+
 ACCURACY = (
     Spec(
         "accuracy",
@@ -209,8 +258,8 @@ ACCURACY = (
     Spec(
         "accuracy_overrides",
         [""],
-        "Accuracy of some objects: 'gripper/*: mesh' by name or pattern, or 'gripper=mesh' by "
-        "namespace. The last one that matches an object is used.",
+        "Accuracy of some objects: 'gripper/*: mesh' by name, pattern or group, or 'gripper=mesh' "
+        "by namespace. The last one that matches an object is used.",
         entry=override_from_text,
         most=MAX_OVERRIDES,
     ),
@@ -233,13 +282,6 @@ ACCURACY = (
         "Number of threads that check a large scene. 0: what OBB_COLLISION_THREADS says, else one "
         "per core that the node may use.",
         (0, MAX_THREADS),
-    ),
-    Spec(
-        "allowed_pairs",
-        [""],
-        "Pairs of objects that may collide without being reported: 'robot/* table/1', two names "
-        "or patterns each.",
-        entry=allowed_from_text,
     ),
     Spec(
         "scene_file",
@@ -272,8 +314,8 @@ def _effect_specs() -> tuple[Spec, ...]:
         if name not in EFFECTS:
             continue
         described = (
-            f"Objects selected for {name}, by name or pattern. A pair is computed if at least one "
-            "of its objects is selected."
+            f"Objects selected for {name}, by name, pattern or group. A pair is computed if at "
+            "least one of its objects is selected."
         )
         specs.append(Spec(option_name(name, "objects"), ["*"], described, entry=_pattern))
         for key, option in EFFECTS[name].options.items():
@@ -281,8 +323,4 @@ def _effect_specs() -> tuple[Spec, ...]:
     return tuple(specs)
 
 
-def _pattern(text: str) -> str:
-    return as_patterns(text, "entry")[0]
-
-
-SPECS = (*GENERAL, *ACCURACY, *_effect_specs())
+SPECS = (*GENERAL, *FILTERS, *ACCURACY, *_effect_specs())

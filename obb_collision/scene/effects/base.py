@@ -33,7 +33,7 @@ from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.validation import as_array
 from obb_collision.queries.verdict.verdict import Verdicts
 from obb_collision.scene.broad_phase.broad_phase import Pairs
-from obb_collision.scene.store.allowed import PairFilter
+from obb_collision.scene.store.pair_table import PairFilter
 from obb_collision.scene.store.snapshot import Snapshot
 from obb_collision.scene.store.store import ObjectStore
 from obb_collision.typing import Mask, Rows

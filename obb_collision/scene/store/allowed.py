@@ -12,53 +12,56 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Allowed pairs: objects that may touch, so that their collision is none.
+"""Allowed pairs: pairs of objects whose collision is none.
 
-Rules name pairs of patterns; of several that fit a pair the last one counts, as in an allowed
-collision matrix. Objects that no rule tells apart form a group, so a pair is looked up in a small
-table of groups, however many objects there are.
+Three filters say which pairs count, and a pair counts if each of them lets it: rules, of which the
+last one that fits a pair decides, as in an allowed collision matrix; the pairs that are the only
+ones to check, if any are given; and namespaces within which objects may touch.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from fnmatch import fnmatchcase
+from typing import TypeAlias
 
-import numpy as np
-from numpy.typing import NDArray
+from obb_collision.scene.store.pair_table import PairFilter, PairTable, Patterns
+from obb_collision.scene.store.patterns import as_couples, as_patterns
 
-from obb_collision.geometry.kinds import check_kind
-from obb_collision.scene.store.patterns import as_patterns, matching
-from obb_collision.typing import Rows
-
-Rule = tuple[str, str, bool]
-#: Whether pairs of slots (m,), (m,) count, (m,).
-PairFilter = Callable[[Rows, Rows], NDArray[np.bool_]]
+Side: TypeAlias = str | tuple[str, ...]
+"""One side of a pair: a name or pattern, or several."""
+Rule: TypeAlias = tuple[Side, Side, bool]
+"""Whether objects of two sides may touch."""
+Sides: TypeAlias = tuple[Side, Side]
 
 
 class AllowedPairs:
-    """Rules, and the table they make for the names at hand."""
+    """The filters, and the table they make for the names at hand."""
 
     def __init__(self) -> None:
-        self._rules: dict[tuple[str, ...], Rule] = {}  # by both patterns, sorted
+        self._rules: dict[tuple[Patterns, ...], tuple[Patterns, Patterns, bool]] = {}
+        self._only: list[tuple[Patterns, Patterns]] = []
+        self._within: Patterns = ()
+        self._table: PairTable | None = None
         self._made: tuple[int, PairFilter] | None = None
 
-    def add(self, first: str, second: str, allowed: bool) -> None:
-        """Let objects that match two patterns touch each other, or, with False, no longer.
+    def add(self, first: Iterable[str], second: Iterable[str], allowed: bool) -> None:
+        """Let objects of two sides touch each other, or, with False, no longer.
 
         Raises ValueError for what is no pattern.
         """
-        for value, name in ((first, "first"), (second, "second")):
-            check_kind(value, str, name)
-        a, b = (*as_patterns(first, "first"), *as_patterns(second, "second"))
+        a, b = _side(first, "first"), _side(second, "second")
         key = tuple(sorted((a, b)))
         before = self._rules.pop(key, None)  # the last rule comes last
         if allowed or before is None or self._may_be_allowed(a, b):
             self._rules[key] = a, b, bool(allowed)
-        self._made = None
+        self._renew()
 
-    def _may_be_allowed(self, a: str, b: str) -> bool:
-        """Return whether a rule may let objects touch that match two patterns.
+    def _renew(self) -> None:
+        self._table = self._made = None
+
+    def _may_be_allowed(self, a: Patterns, b: Patterns) -> bool:
+        """Return whether a rule may let objects touch that match two sides.
 
         If none does, a rule that was taken back can be forgotten instead of overruled.
         """
@@ -72,27 +75,66 @@ class AllowedPairs:
         new = AllowedPairs()
         for rule in rules:
             new.add(*rule)
-        self._rules, self._made = new._rules, None
+        self._rules = new._rules
+        self._renew()
 
     @property
     def rules(self) -> list[Rule]:
         """The rules, in the order in which they count."""
-        return list(self._rules.values())
+        return [(_shown(a), _shown(b), allowed) for a, b, allowed in self._rules.values()]
+
+    @property
+    def only(self) -> list[Sides]:
+        """The only pairs that count; all, if there are none."""
+        return [(_shown(a), _shown(b)) for a, b in self._only]
+
+    @only.setter
+    def only(self, pairs: Iterable[Sides]) -> None:
+        sides = as_couples(pairs, "check_only")
+        self._only = [(_side(a, "first"), _side(b, "second")) for a, b in sides]
+        self._renew()
+
+    @property
+    def within(self) -> list[str]:
+        """Patterns of namespaces within which objects may touch."""
+        return list(self._within)
+
+    @within.setter
+    def within(self, namespaces: Iterable[str]) -> None:
+        self._within = as_patterns(namespaces, "allowed_within")
+        self._renew()
 
     def pair_filter(self, names: Sequence[str | None], version: int) -> PairFilter | None:
         """Return which pairs count as collisions if they collide, None for all.
 
         names: by slot; version: a number that changes with them, so that the table can be kept.
         """
-        if not self._rules:
+        if not (self._rules or self._only or self._within):
             return None
+        if self._table is None:
+            self._table = PairTable(list(self._rules.values()), self._only, self._within)
         if self._made is None or self._made[0] != version:
-            self._made = version, _pair_filter(self.rules, names)
+            self._made = version, self._table.pair_filter(names)
         return self._made[1]
 
 
-def _meet(a: str, b: str) -> bool:
-    """Return whether a name may match two patterns; True where that is not easily told."""
+def _side(value: Iterable[str], name: str) -> Patterns:
+    patterns = as_patterns(value, name)
+    if not patterns:
+        raise ValueError(f"{name} must be names or patterns like 'gripper/*', got none")
+    return patterns
+
+
+def _shown(patterns: Patterns) -> Side:
+    return patterns[0] if len(patterns) == 1 else patterns
+
+
+def _meet(a: Patterns, b: Patterns) -> bool:
+    """Return whether a name may match two sides; True where that is not easily told."""
+    return any(_may_match(one, other) for one in a for other in b)
+
+
+def _may_match(a: str, b: str) -> bool:
     if _is_name(a):
         return fnmatchcase(a, b)
     return not _is_name(b) or fnmatchcase(b, a)
@@ -100,20 +142,3 @@ def _meet(a: str, b: str) -> bool:
 
 def _is_name(pattern: str) -> bool:
     return not set(pattern) & set("*?[")
-
-
-def _pair_filter(rules: Sequence[Rule], names: Sequence[str | None]) -> PairFilter:
-    patterns = sorted({pattern for a, b, _ in rules for pattern in (a, b)})
-    columns = np.stack([matching([pattern], names) for pattern in patterns], axis=1)
-    kinds, groups = np.unique(columns, axis=0, return_inverse=True)
-    groups = groups.reshape(-1)  # numpy 2.0 gave it another shape
-    table = np.ones((len(kinds), len(kinds)), np.bool_)
-    numbers = {pattern: number for number, pattern in enumerate(patterns)}
-    for a, b, allowed in rules:
-        in_a, in_b = kinds[:, numbers[a]], kinds[:, numbers[b]]
-        table[np.outer(in_a, in_b) | np.outer(in_b, in_a)] = not allowed
-
-    def pair_filter(first: Rows, second: Rows) -> NDArray[np.bool_]:
-        return table[groups[first], groups[second]]
-
-    return pair_filter

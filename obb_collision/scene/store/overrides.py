@@ -12,19 +12,23 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The ``Accuracy`` of each object: the scene's, or that of the last override it matches."""
+"""Values of single objects, by name or pattern: the last override that an object matches counts."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from fnmatch import translate
+from typing import Generic, TypeVar
 
 from obb_collision.accuracy import Accuracy, as_accuracy
 
 #: Most overrides: one for each object that a node takes unless told otherwise.
 MAX_OVERRIDES = 20000
+#: Largest padding by name, metres.
+MAX_PADDING = 1000.0
 
+Value = TypeVar("Value")
 Override = tuple[str, Accuracy]
 """A pattern of names ``ns/id``, and the level of the objects that match it."""
 
@@ -34,22 +38,39 @@ def override_from_text(text: str) -> Override:
 
     ValueError with the reason.
     """
-    found = re.fullmatch(r"(.*?)\s*([:=])\s*(\w*)", text)
+    return _read(text, "mesh", as_accuracy)
+
+
+def padding_from_text(text: str) -> tuple[str, float]:
+    """Read ``PATTERN: METRES``, or ``NAMESPACE=METRES`` for all of a namespace.
+
+    ValueError with the reason.
+    """
+    return _read(text, "0.02", _as_padding)
+
+
+def _read(text: str, example: str, read: Callable[[str], Value]) -> tuple[str, Value]:
+    found = re.fullmatch(r"(.*?)\s*([:=])\s*([\w.+-]*)", text)
     if found is None:
-        raise ValueError(f"{text!r} is not like 'gripper/*: mesh' or 'gripper=mesh'")
-    where, sign, level = found.groups()
-    if sign == "=":
-        where += "/*"
-    elif "/" not in where and "*" not in where:
-        hint = f"; all of a namespace are '{where}/*' or '{where}='" if where else ""
-        raise ValueError(f"{where!r} in {text!r} is no name like 'gripper/1' or pattern{hint}")
-    return where, as_accuracy(level)
+        raise ValueError(f"{text!r} is not like 'gripper/*: {example}' or 'gripper={example}'")
+    where, sign, value = found.groups()
+    return where + ("/*" if sign == "=" else ""), read(value)
 
 
-class Overrides:
+def _as_padding(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        raise ValueError(f"padding must be a number, got {text!r}") from None
+    if not 0.0 <= value <= MAX_PADDING:
+        raise ValueError(f"padding must be between 0 and {MAX_PADDING:g} m, not {text}")
+    return value
+
+
+class Overrides(Generic[Value]):
     """Overrides, of which the last one that fits a name counts."""
 
-    def __init__(self, overrides: Sequence[Override] = ()) -> None:
+    def __init__(self, overrides: Sequence[tuple[str, Value]] = ()) -> None:
         self.overrides = tuple(overrides)
         numbered = list(enumerate(self.overrides))
         self._names = {where: number for number, (where, _) in numbered if not _is_pattern(where)}
@@ -59,16 +80,20 @@ class Overrides:
             if _is_pattern(where)
         ]
 
-    def level(self, name: str) -> Accuracy | None:
-        """Return the level of an object by its name, None for the scene's."""
+    def __bool__(self) -> bool:
+        return bool(self.overrides)
+
+    def value(self, name: str) -> Value | None:
+        """Return the value for an object by its name, None for the scene's."""
         by_name = self._names.get(name, -1)
         by_pattern = (number for number, match in self._tests if number > by_name and match(name))
         last = next(by_pattern, by_name)
         return None if last < 0 else self.overrides[last][1]
 
-    def capped(self, highest: Accuracy) -> Overrides:
-        """Return the same with no level above ``highest``."""
-        return Overrides([(pattern, min(level, highest)) for pattern, level in self.overrides])
+
+def capped(overrides: Sequence[Override], highest: Accuracy) -> Overrides[Accuracy]:
+    """Return overrides with no level above ``highest``."""
+    return Overrides([(pattern, min(level, highest)) for pattern, level in overrides])
 
 
 def _is_pattern(where: str) -> bool:

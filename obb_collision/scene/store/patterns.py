@@ -42,6 +42,14 @@ def as_patterns(value: Iterable[str] | str, name: str) -> tuple[str, ...]:
     return patterns
 
 
+def as_couples(value: Iterable[tuple[Any, Any]], name: str) -> list[tuple[Any, Any]]:
+    """Return tuples of two; ValueError naming the argument for anything else."""
+    try:
+        return [(first, second) for first, second in value]
+    except (TypeError, ValueError):
+        raise ValueError(f"{name} must be a list of tuples of two, got {shown(value)}") from None
+
+
 def matching(patterns: Collection[str], names: Sequence[str | None]) -> NDArray[np.bool_]:
     """Return (n,) whether each name, None for nothing, matches any of the patterns."""
     whole = {pattern for pattern in patterns if not set(pattern) & set("*?[")}

@@ -154,10 +154,10 @@ class PlacedBoxes:
             *(self.centers, self.rotations),
         )
 
-    def pad(self, rows: Rows, padding: float) -> None:
-        """Grow slots by ``padding`` metres on every side beyond their local box."""
-        pad = as_array(padding, "padding", ())
-        if pad < 0.0:
+    def pad(self, rows: Rows, padding: float | Floats) -> None:
+        """Grow slots by ``padding`` metres, one or (n,), on every side beyond their local box."""
+        pad = as_array(padding, "padding", np.shape(padding))
+        if (pad < 0.0).any():
             raise ValueError("padding must not be negative")
         self.own_paddings[rows] = pad
         self._extend(rows)

@@ -112,7 +112,7 @@ class ObjectStore(PlacedBoxes):
         return slot
 
     def put_boxes(
-        self, names: Sequence[str], half_extents: Floats, poses: Floats, padding: float
+        self, names: Sequence[str], half_extents: Floats, poses: Floats, padding: float | Floats
     ) -> Rows:
         """Add boxes (n,) about their origins, or replace the objects of those names; all distinct.
 
@@ -144,7 +144,7 @@ class ObjectStore(PlacedBoxes):
         self.twists[slots] = self.growths[slots] = 0.0
         return slots
 
-    def shape_boxes(self, rows: Rows, half_extents: Floats, padding: float) -> None:
+    def shape_boxes(self, rows: Rows, half_extents: Floats, padding: float | Floats) -> None:
         """Make objects boxes about their origins; where they are is not computed anew."""
         self.local_centers[rows], self.local_rotations[rows] = 0.0, np.eye(3)
         self.local_half_extents[rows] = half_extents

@@ -190,7 +190,7 @@ def test_overrides_by_name_and_by_pattern_count_in_their_order() -> None:
         entries = [override_from_text(text) for text in texts[:count]]
         for name in names:
             fitting = [level for where, level in entries if fnmatchcase(name, where)]
-            assert Overrides(entries).level(name) == (fitting[-1] if fitting else None)
+            assert Overrides(entries).value(name) == (fitting[-1] if fitting else None)
 
 
 def test_the_file_of_the_package_describes_every_parameter() -> None:
