@@ -40,7 +40,19 @@ kernels: list[Any] = []
 
 def njit(function: F) -> F:
     """Compile a kernel with the options of the project (see the module's docstring)."""
-    compiled: Any = numba.njit(nogil=True, error_model="numpy", fastmath=False)(function)
+    return _compiled(function)
+
+
+def njit_inlined(function: F) -> F:
+    """Compile a kernel as ``njit`` does, but into whatever calls it, however long it is.
+
+    A loop over several numbers at once must not call anything.
+    """
+    return _compiled(function, forceinline=True)
+
+
+def _compiled(function: F, **options: bool) -> F:
+    compiled: Any = numba.njit(nogil=True, error_model="numpy", fastmath=False, **options)(function)
     kernel: F = compiled
     if hasattr(compiled, "_cache"):  # not where numba is disabled
         compiled._cache = KernelCache(compiled)  # in place of numba's own

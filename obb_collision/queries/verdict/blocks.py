@@ -62,8 +62,8 @@ def gather(
 def bound_block(block: Floats, count: int) -> None:
     """Write the largest gap of each pair, not divided by the length of its axis, and its bound."""
     for n in range(count):  # without a branch
-        offset, h, f = _at(block, OFFSET, n), _at(block, EXTENTS_A, n), _at(block, EXTENTS_B, n)
-        pair = in_frame(offset, _axes(block, AXES_A, n), h, _axes(block, AXES_B, n), f)
+        offset, h, f = vector_in(block, OFFSET, n), vector_in(block, EXTENTS_A, n), vector_in(block, EXTENTS_B, n)
+        pair = in_frame(offset, axes_in(block, AXES_A, n), h, axes_in(block, AXES_B, n), f)
         faces = max(max_of(face_gaps_of_a(pair)), max_of(face_gaps_of_b(pair)))
         x, y, z = all_edge_axes(pair)
         edges = max(max_of(edge_gaps(x)), max_of(edge_gaps(y)))
@@ -72,10 +72,18 @@ def bound_block(block: Floats, count: int) -> None:
 
 
 @njit
-def _at(block: Floats, row: int, n: int) -> Vector:
+def vector_in(block: Floats, row: int, n: int) -> Vector:
+    """Return three rows of column n."""
     return block[row, n], block[row + 1, n], block[row + 2, n]
 
 
 @njit
-def _axes(block: Floats, row: int, n: int) -> Axes:
-    return _at(block, row, n), _at(block, row + 3, n), _at(block, row + 6, n)
+def axes_in(block: Floats, row: int, n: int) -> Axes:
+    """Return nine rows of column n as axes."""
+    return vector_in(block, row, n), vector_in(block, row + 3, n), vector_in(block, row + 6, n)
+
+
+@njit
+def write_in(block: Floats, row: int, n: int, vector: Vector) -> None:
+    """Write three rows of column n."""
+    block[row, n], block[row + 1, n], block[row + 2, n] = vector

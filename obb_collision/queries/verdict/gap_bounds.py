@@ -31,11 +31,16 @@ from __future__ import annotations
 
 import math
 
-from obb_collision._jit import njit
+from obb_collision._jit import njit, njit_inlined
 from obb_collision.numerics.constants import FAST_BOUND, SHORT_SQUARE, UNDERFLOW
+from obb_collision.numerics.vec3 import max_of
 from obb_collision.queries.verdict.pair_frame import Pair
 from obb_collision.queries.verdict.sat import edge_axes, edge_gaps, face_gaps_of_a, face_gaps_of_b
-from obb_collision.typing import Floats
+from obb_collision.typing import Floats, Vector
+
+
+#: Of three axes each: faces of a, faces of b, and the edges of a with each edge of b.
+Bounds = tuple[Vector, Vector, Vector, Vector, Vector]
 
 
 @njit
@@ -44,22 +49,38 @@ def bound_gaps(pair: Pair, size: float, most: Floats) -> float:
 
     size: T. The bound is infinite where edges are nearly parallel.
     """
+    least, (p, q, u, v, w) = gap_bounds(pair, size)
+    for k in range(3):
+        most[k], most[3 + k] = p[k], q[k]
+        most[6 + 3 * k], most[7 + 3 * k], most[8 + 3 * k] = u[k], v[k], w[k]
+    return least
+
+
+@njit_inlined
+def gap_bounds(pair: Pair, size: float) -> tuple[float, Bounds]:
+    """Return a lower bound of the largest gap, and upper bounds of all; without a branch."""
     d, (x, y, z), h, f = pair.d, pair.r, pair.h, pair.f
     error = FAST_BOUND * size + UNDERFLOW
-    faces_a, faces_b = face_gaps_of_a(pair), face_gaps_of_b(pair)
-    least = max(max(faces_a[0], faces_a[1], faces_a[2]), max(faces_b[0], faces_b[1], faces_b[2]))
-    least -= error
-    for k in range(3):
-        most[k], most[3 + k] = faces_a[k] + error, faces_b[k] + error
-    for j in range(3):
-        gaps = edge_gaps(edge_axes(d, h, x, y, z, f[1], f[2]))
-        low0, most[6 + j] = _bound_edge(gaps[0], x[1], x[2], error)
-        low1, most[9 + j] = _bound_edge(gaps[1], x[2], x[0], error)
-        low2, most[12 + j] = _bound_edge(gaps[2], x[0], x[1], error)
-        least = max(max(least, low0), max(low1, low2))
-        x, y, z = y, z, x
-        f = f[1], f[2], f[0]
-    return least
+    p, q = face_gaps_of_a(pair), face_gaps_of_b(pair)
+    least = max(max_of(p), max_of(q)) - error
+    low_u, u = _bound_edges(edge_gaps(edge_axes(d, h, x, y, z, f[1], f[2])), x, error)
+    low_v, v = _bound_edges(edge_gaps(edge_axes(d, h, y, z, x, f[2], f[0])), y, error)
+    low_w, w = _bound_edges(edge_gaps(edge_axes(d, h, z, x, y, f[0], f[1])), z, error)
+    least = max(max(least, low_u), max(low_v, low_w))
+    p, q = (p[0] + error, p[1] + error, p[2] + error), (q[0] + error, q[1] + error, q[2] + error)
+    return least, (p, q, u, v, w)
+
+
+@njit
+def _bound_edges(gaps: Vector, x: Vector, error: float) -> tuple[float, Vector]:
+    """Return a lower bound of the largest gap along x crossed with each edge of a, and all bounds.
+
+    gaps: not divided by the lengths of the axes.
+    """
+    low0, most0 = _bound_edge(gaps[0], x[1], x[2], error)
+    low1, most1 = _bound_edge(gaps[1], x[2], x[0], error)
+    low2, most2 = _bound_edge(gaps[2], x[0], x[1], error)
+    return max(max(low0, low1), low2), (most0, most1, most2)
 
 
 @njit
@@ -69,7 +90,7 @@ def _bound_edge(gap: float, p: float, q: float, error: float) -> tuple[float, fl
     gap: not divided by the length of the axis.
     """
     square = p * p + q * q
-    if square < SHORT_SQUARE:
-        return -math.inf, math.inf
-    scale = 1.0 / math.sqrt(square)
-    return (gap - error) * scale, (gap + error) * scale
+    parallel = square < SHORT_SQUARE
+    scale = 1.0 / math.sqrt(square)  # infinite for parallel edges
+    low, most = (gap - error) * scale, (gap + error) * scale
+    return -math.inf if parallel else low, math.inf if parallel else most

@@ -19,10 +19,10 @@ from __future__ import annotations
 import numpy as np
 
 from obb_collision._jit import njit
-from obb_collision.numerics.vec3 import clamped, combined, max_abs, minus, plus, scaled
+from obb_collision.numerics.vec3 import clamped, combined, max_abs, minus, scaled
 from obb_collision.queries.verdict.careful import careful_gap
 from obb_collision.queries.verdict.gap_bounds import bound_gaps
-from obb_collision.queries.verdict.pair_frame import Box, Pair, along_b, box_at, pair_of
+from obb_collision.queries.verdict.pair_frame import Box, Pair, along_b, pair_of
 from obb_collision.queries.verdict.sat import AXES
 from obb_collision.typing import Axes, Floats, Vector
 
@@ -78,29 +78,6 @@ def _before(u: Vector, v: Vector) -> bool:
     if u[1] * u[2] != v[1] * v[2]:
         return u[1] * u[2] > v[1] * v[2]
     return u[0] * u[2] > v[0] * v[2]
-
-
-@njit
-def witness_kernel(
-    centers: Floats,
-    rotations: Floats,
-    half_extents: Floats,
-    pairs: np.ndarray,
-    gaps: Floats,
-    axes: Floats,
-    points: Floats,
-    start: int,
-    stop: int,
-) -> None:
-    """Write gap (m,), axis (m, 3) and a point (m, 3) of the contact of some pairs of (m, 2)."""
-    most = np.empty(AXES)
-    for n in range(start, stop):
-        a = box_at(centers, rotations, half_extents, pairs[n, 0])
-        b = box_at(centers, rotations, half_extents, pairs[n, 1])
-        (gaps[n], axis, _), pair = box_witness(a, b, most)
-        point = plus(a.center, combined(a.axes, common_point(pair)))
-        for k in range(3):
-            axes[n, k], points[n, k] = axis[k], point[k]
 
 
 #: Rounds of alternating projections: each moves the point into one box, then into the other.
