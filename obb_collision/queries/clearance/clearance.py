@@ -47,7 +47,6 @@ from obb_collision.queries.verdict.gap_axes import best_face
 from obb_collision.queries.verdict.pair_frame import Box, Pair, box_at, enter_frame, leave_frame
 from obb_collision.queries.verdict.pair_rows import as_pairs, check_boxes, one_set
 from obb_collision.queries.verdict.penetration import box_witness
-from obb_collision.queries.verdict.sat import AXES
 from obb_collision.queries.verdict.verdict import SEPARATE, TOUCHING, box_verdict
 from obb_collision.typing import Floats, Integers, Mask, Vector
 from obb_collision.words import shown
@@ -158,7 +157,6 @@ def clearance_kernel(
 
     And the distance, points and normal of those that are.
     """
-    most = np.empty(AXES)
     for row in range(start, stop):
         near[row] = False
         a = box_at(centers, rotations, half_extents, pairs[row, 0])
@@ -173,7 +171,7 @@ def clearance_kernel(
         apart, points, n = points_apart(pair, size, face)
         verdict, gap = SEPARATE, 0.0
         if not apart:
-            verdict, gap, points, n = _near_points(a, b, pair, size, scale, most)
+            verdict, gap, points, n = _near_points(a, b, pair, size, scale)
         distance, p, q, n = leave_frame(a, b, points.s, points.t, n, scale)
         if swapped:
             p, q, n = q, p, negated(n)
@@ -204,14 +202,14 @@ def _comes_before(a: Box, b: Box) -> bool:
 
 @njit
 def _near_points(
-    a: Box, b: Box, pair: Pair, size: float, scale: float, most: Floats
+    a: Box, b: Box, pair: Pair, size: float, scale: float
 ) -> tuple[int, float, Points, Vector]:
     """Return verdict, gap (metres), points and axis of boxes that overlap, or do so nearly.
 
     Points of boxes that overlap are those that touch when the depth has been taken back.
     """
     verdict = box_verdict(a, b)
-    (gap, axis, number), _ = box_witness(a, b, most)
+    (gap, axis, number), _ = box_witness(a, b)
     n = components(a.axes, axis)
     back = 0.0 if verdict == SEPARATE else gap * scale
     touching = Pair(minus(pair.d, scaled(n, back)), pair.r, pair.h, pair.f)

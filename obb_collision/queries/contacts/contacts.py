@@ -52,11 +52,11 @@ from obb_collision.queries.contacts.patch import (
     write_vertex,
 )
 from obb_collision.queries.contacts.reduction import reduce_patch
+from obb_collision.queries.verdict.blocks import BLOCK, vector_in
 from obb_collision.queries.verdict.pair_frame import Box, box_at
 from obb_collision.queries.verdict.pair_rows import as_pairs, check_boxes, one_set
-from obb_collision.queries.verdict.penetration import box_witness
-from obb_collision.queries.verdict.sat import AXES
 from obb_collision.queries.verdict.verdict import careful_bound
+from obb_collision.queries.verdict.witness_blocks import GAP, NORMAL, NUMBER, ROWS, witness_block
 from obb_collision.typing import Floats, Integers, Vector
 from obb_collision.words import shown
 
@@ -182,19 +182,24 @@ def contacts_kernel(
     stop: int,
 ) -> None:
     """Write the contacts of pairs ``start`` to ``stop`` of (m, 2), as in ``Contacts``."""
-    most = np.empty(AXES)
-    polygon = np.empty((CAPACITY, 3))
-    spare = np.empty((CAPACITY, 3))
+    block = np.empty((ROWS, BLOCK))
+    polygon, spare = np.empty((CAPACITY, 3)), np.empty((CAPACITY, 3))
     for n in range(start, stop):
+        column = (n - start) % BLOCK
+        if column == 0:
+            count = min(BLOCK, stop - n)
+            witness_block(centers, rotations, half_extents, pairs, n, count, block)
         a = box_at(centers, rotations, half_extents, pairs[n, 0])
         b = box_at(centers, rotations, half_extents, pairs[n, 1])
-        (gap, normal, axes[n]), _ = box_witness(a, b, most)
+        gap, normal = block[GAP, column], vector_in(block, NORMAL, column)
+        axes[n] = int(block[NUMBER, column])
         write_vertex(normals, n, normal)
         depths[n] = max(0.0, -gap)
-        counts[n] = 0
+        found = 0
         if not (gap > 0.0 and gap > careful_bound(a, b)):
-            counts[n] = _contact_points(a, b, normal, polygon, spare, positions, position_depths, n)
-        for k in range(counts[n], position_depths.shape[1]):
+            found = _contact_points(a, b, normal, polygon, spare, positions, position_depths, n)
+        counts[n] = found
+        for k in range(found, position_depths.shape[1]):
             positions[n, k, 0] = positions[n, k, 1] = positions[n, k, 2] = np.nan
             position_depths[n, k] = np.nan
 

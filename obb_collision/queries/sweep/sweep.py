@@ -174,7 +174,7 @@ def sweep_kernel(
     Of pairs ``start`` to ``stop``. Where it is undecided (m,), the time is until when the boxes are
     certainly apart.
     """
-    spans, most, work = np.empty((2, AXES)), np.empty(AXES), np.empty((WORK_ROWS, 3))
+    spans, work = np.empty((2, AXES)), np.empty((WORK_ROWS, 3))
     starts, ends, seconds, turns = motion.starts, motion.ends, motion.seconds, motion.turns
     for n in range(start, stop):
         i, j = pairs[n, 0], pairs[n, 1]
@@ -199,7 +199,7 @@ def sweep_kernel(
             if axis >= 0:
                 point = contact_point(a, Box(offset, b.axes, b.half_extents), normal, axis)
             else:
-                point, normal = _find_contact(motion, i, j, time, offset, most)
+                point, normal = _find_contact(motion, i, j, time, offset)
             point = plus(place_at(starts, ends, seconds, i, time), point)
         for k in range(3):
             normals[n, k], points[n, k] = normal[k], point[k]
@@ -212,17 +212,17 @@ def _turns(turns: Floats, i: int) -> bool:
 
 @njit
 def _find_contact(
-    motion: Motion, i: int, j: int, time: float, offset: Vector, most: Floats
+    motion: Motion, i: int, j: int, time: float, offset: Vector
 ) -> tuple[Vector, Vector]:
     """Return point and normal of boxes that turn, or that overlap at the start.
 
     offset: from i to j, but for their arms; the point is relative to i, but for its arm: so being
-    far from the origin costs nothing. ``most`` (15,) is work space.
+    far from the origin costs nothing.
     """
     swung = swing(motion, i, time)
     offset = plus(offset, minus(swing(motion, j, time), swung))
     a, b = _turned_box(motion, i, time, HERE), _turned_box(motion, j, time, offset)
-    (gap, normal, number), pair = box_witness(a, b, most)
+    (gap, normal, number), pair = box_witness(a, b)
     if gap >= 0.0:
         point = contact_point(a, b, normal, number)
     else:

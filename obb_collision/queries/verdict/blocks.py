@@ -62,7 +62,11 @@ def gather(
 def bound_block(block: Floats, count: int) -> None:
     """Write the largest gap of each pair, not divided by the length of its axis, and its bound."""
     for n in range(count):  # without a branch
-        offset, h, f = vector_in(block, OFFSET, n), vector_in(block, EXTENTS_A, n), vector_in(block, EXTENTS_B, n)
+        offset, h, f = (
+            vector_in(block, OFFSET, n),
+            vector_in(block, EXTENTS_A, n),
+            vector_in(block, EXTENTS_B, n),
+        )
         pair = in_frame(offset, axes_in(block, AXES_A, n), h, axes_in(block, AXES_B, n), f)
         faces = max(max_of(face_gaps_of_a(pair)), max_of(face_gaps_of_b(pair)))
         x, y, z = all_edge_axes(pair)

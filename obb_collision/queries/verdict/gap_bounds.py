@@ -31,34 +31,48 @@ from __future__ import annotations
 
 import math
 
-from obb_collision._jit import njit, njit_inlined
+from obb_collision._jit import njit_inlined
 from obb_collision.numerics.constants import FAST_BOUND, SHORT_SQUARE, UNDERFLOW
 from obb_collision.numerics.vec3 import max_of
 from obb_collision.queries.verdict.pair_frame import Pair
-from obb_collision.queries.verdict.sat import edge_axes, edge_gaps, face_gaps_of_a, face_gaps_of_b
-from obb_collision.typing import Floats, Vector
+from obb_collision.queries.verdict.sat import (
+    edge_axes,
+    edge_gaps,
+    face_gaps_of_a,
+    face_gaps_of_b,
+    rows_of,
+)
+from obb_collision.typing import Vector
 
-
-#: Of three axes each: faces of a, faces of b, and the edges of a with each edge of b.
+#: Of three axes each: faces of a, faces of b, and an edge of a with each edge of b.
 Bounds = tuple[Vector, Vector, Vector, Vector, Vector]
 
 
-@njit
-def bound_gaps(pair: Pair, size: float, most: Floats) -> float:
-    """Write an upper bound of each gap (15,); return a lower bound of their maximum.
+@njit_inlined
+def possible_axes(pair: Pair, size: float) -> float:
+    """Return which axes may have the largest gap: a sum of powers of two; without a branch.
 
-    size: T. The bound is infinite where edges are nearly parallel.
+    size: T.
     """
     least, (p, q, u, v, w) = gap_bounds(pair, size)
-    for k in range(3):
-        most[k], most[3 + k] = p[k], q[k]
-        most[6 + 3 * k], most[7 + 3 * k], most[8 + 3 * k] = u[k], v[k], w[k]
-    return least
+    faces = _powers(p, least, 1.0) + _powers(q, least, 8.0)
+    edges = _powers(u, least, 64.0) + _powers(v, least, 512.0) + _powers(w, least, 4096.0)
+    return faces + edges
+
+
+@njit_inlined
+def _powers(most: Vector, least: float, power: float) -> float:
+    x, y, z = most
+    first, second = power if x >= least else 0.0, 2.0 * power if y >= least else 0.0
+    return first + second + (4.0 * power if z >= least else 0.0)
 
 
 @njit_inlined
 def gap_bounds(pair: Pair, size: float) -> tuple[float, Bounds]:
-    """Return a lower bound of the largest gap, and upper bounds of all; without a branch."""
+    """Return a lower bound of the largest gap, and upper bounds of all.
+
+    Infinite where edges are nearly parallel.
+    """
     d, (x, y, z), h, f = pair.d, pair.r, pair.h, pair.f
     error = FAST_BOUND * size + UNDERFLOW
     p, q = face_gaps_of_a(pair), face_gaps_of_b(pair)
@@ -68,10 +82,10 @@ def gap_bounds(pair: Pair, size: float) -> tuple[float, Bounds]:
     low_w, w = _bound_edges(edge_gaps(edge_axes(d, h, z, x, y, f[0], f[1])), z, error)
     least = max(max(least, low_u), max(low_v, low_w))
     p, q = (p[0] + error, p[1] + error, p[2] + error), (q[0] + error, q[1] + error, q[2] + error)
-    return least, (p, q, u, v, w)
+    return least, (p, q, *rows_of((u, v, w)))
 
 
-@njit
+@njit_inlined
 def _bound_edges(gaps: Vector, x: Vector, error: float) -> tuple[float, Vector]:
     """Return a lower bound of the largest gap along x crossed with each edge of a, and all bounds.
 
@@ -83,7 +97,7 @@ def _bound_edges(gaps: Vector, x: Vector, error: float) -> tuple[float, Vector]:
     return max(max(low0, low1), low2), (most0, most1, most2)
 
 
-@njit
+@njit_inlined
 def _bound_edge(gap: float, p: float, q: float, error: float) -> tuple[float, float]:
     """Return bounds of the gap along a unit edge axis, whose components are p and q but for signs.
 
@@ -91,6 +105,6 @@ def _bound_edge(gap: float, p: float, q: float, error: float) -> tuple[float, fl
     """
     square = p * p + q * q
     parallel = square < SHORT_SQUARE
-    scale = 1.0 / math.sqrt(square)  # infinite for parallel edges
+    scale = 1.0 / math.sqrt(SHORT_SQUARE if parallel else square)
     low, most = (gap - error) * scale, (gap + error) * scale
     return -math.inf if parallel else low, math.inf if parallel else most

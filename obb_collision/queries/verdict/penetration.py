@@ -21,17 +21,17 @@ import numpy as np
 from obb_collision._jit import njit
 from obb_collision.numerics.vec3 import clamped, combined, max_abs, minus, scaled
 from obb_collision.queries.verdict.careful import careful_gap
-from obb_collision.queries.verdict.gap_bounds import bound_gaps
+from obb_collision.queries.verdict.gap_bounds import possible_axes
 from obb_collision.queries.verdict.pair_frame import Box, Pair, along_b, pair_of
 from obb_collision.queries.verdict.sat import AXES
-from obb_collision.typing import Axes, Floats, Vector
+from obb_collision.typing import Axes, Vector
 
 #: Signed gap, unit axis, number of the axis.
 Witness = tuple[float, Vector, int]
 
 
 @njit
-def box_witness(a: Box, b: Box, most: Floats) -> tuple[Witness, Pair]:
+def box_witness(a: Box, b: Box) -> tuple[Witness, Pair]:
     """Return signed gap, unit axis from a towards b, its number; and the boxes in the frame of a.
 
     The largest of the 15 gaps along normalised axes: positive, it proves that the boxes are
@@ -40,23 +40,30 @@ def box_witness(a: Box, b: Box, most: Floats) -> tuple[Witness, Pair]:
     reverses the axis. Where the centres agree along the axis, its sign carries no meaning.
 
     Only axes that may have the largest gap, by a rough calculation with its error bound, are
-    computed carefully: typically one or two of the 15; and if all stored axes are equal, only three
-    differ, the first ones: all products are theirs but for signs, to the last bit. The result is
-    that of all 15. ``most`` (15,) is work space.
+    computed carefully: typically one or two of the 15.
     """
     pair, size = pair_of(a, b)
-    least = bound_gaps(pair, size, most)
+    return largest_gap(a, b, int(possible_axes(pair, size))), pair
+
+
+@njit
+def largest_gap(a: Box, b: Box, axes: int) -> Witness:
+    """Return the witness, which is on one of some axes: a bit for each.
+
+    If all stored axes of both boxes are equal, only three of the 15 differ, the first ones: all
+    products are theirs but for signs, to the last bit.
+    """
     best = -np.inf
     n = 0.0, 0.0, 0.0
     number = -1
     different = 3 if _are_equal(a.axes, b.axes) else AXES
     for axis in range(different):
-        if not most[axis] >= least:
+        if not (axes >> axis) & 1:
             continue
         gap, m = careful_gap(a, b, axis)
         if gap > best or (gap == best and _before(m, n)):
             best, n, number = gap, m, axis
-    return (best, n, number), pair
+    return best, n, number
 
 
 @njit

@@ -24,8 +24,8 @@ from numpy.typing import ArrayLike
 from obb_collision._threads import run
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.queries.verdict.pair_rows import as_pairs, check_boxes, one_set
-from obb_collision.queries.verdict.witness_blocks import witness_kernel
 from obb_collision.queries.verdict.verdict import Verdicts, pair_verdicts
+from obb_collision.queries.verdict.witness_blocks import witness_kernel
 from obb_collision.typing import Floats, Integers
 
 #: Pairs below which a second thread does not pay: 20 us or so.

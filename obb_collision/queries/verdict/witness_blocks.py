@@ -16,7 +16,7 @@
 
 As in ``blocks``: the numbers of a block are gathered first, then the processor computes several
 pairs at once. Bounds of all 15 gaps leave one axis of nearly every pair; its gap is computed
-carefully. Pairs with more than one are left to ``box_witness``: each number is the same bit for
+carefully. Pairs with more than one are left to ``largest_gap``: each number is the same bit for
 bit either way.
 """
 
@@ -27,7 +27,7 @@ import math
 import numpy as np
 
 from obb_collision._jit import njit, njit_inlined
-from obb_collision.numerics.constants import FAST_BOUND, PARALLEL, UNDERFLOW
+from obb_collision.numerics.constants import PARALLEL
 from obb_collision.numerics.vec3 import (
     careful_cross,
     clamped,
@@ -52,19 +52,19 @@ from obb_collision.queries.verdict.blocks import (
     vector_in,
     write_in,
 )
-from obb_collision.queries.verdict.gap_bounds import gap_bounds
+from obb_collision.queries.verdict.gap_bounds import possible_axes
 from obb_collision.queries.verdict.pair_frame import box_at, in_frame, pair_size
 from obb_collision.queries.verdict.penetration import (
     DRAWN_SETTLED,
     PROJECTION_ROUNDS,
-    box_witness,
+    largest_gap,
 )
 from obb_collision.queries.verdict.sat import AXES, FACTORS, projected_radius
-from obb_collision.typing import Floats, Vector
+from obb_collision.typing import Floats
 
 #: Rows beyond those of ``blocks``: the boxes in the frame of a; the two edges whose cross product
-#: is the axis, and its number; how many axes are left; the witness; a common point.
-FRAME_OFFSET, FRAME_AXES, FIRST, SECOND, NUMBER, LEFT, GAP, NORMAL, POINT, ROWS = (
+#: is the axis, and its number; which axes may have the largest gap; the witness; a common point.
+FRAME_OFFSET, FRAME_AXES, FIRST, SECOND, NUMBER, POSSIBLE, GAP, NORMAL, POINT, ROWS = (
     *(27, 30, 39, 42, 45, 46, 47, 48, 51, 54),
 )
 #: Rows of the search for a common point, once the edges are of no use: the point, when it is
@@ -85,12 +85,11 @@ def witness_kernel(
     stop: int,
 ) -> None:
     """Write gap (m,), axis (m, 3) and a point (m, 3) of the contact of some pairs of (m, 2)."""
-    most = np.empty(AXES)
     block = np.empty((ROWS, BLOCK))
     columns = np.empty(BLOCK, np.int64)
     for first in range(start, stop, BLOCK):
         count = min(BLOCK, stop - first)
-        witness_block(centers, rotations, half_extents, pairs, first, count, block, most)
+        witness_block(centers, rotations, half_extents, pairs, first, count, block)
         _common_points(block, count, columns)
         for n in range(count):
             point = combined(axes_in(block, AXES_A, n), vector_in(block, POINT, n))
@@ -103,11 +102,11 @@ def witness_kernel(
 @njit_inlined
 def witness_block(
     centers: Floats, rotations: Floats, half_extents: Floats, pairs: np.ndarray,
-    start: int, count: int, block: Floats, most: Floats,
+    start: int, count: int, block: Floats,
 ) -> None:  # fmt: skip
     """Write gap, unit axis and its number of some pairs of (m, 2), and the boxes in the frame of a.
 
-    block (ROWS, BLOCK); most (15,) is work space.
+    block (ROWS, BLOCK).
     """
     gather(
         centers, rotations, half_extents, pairs[:, 0],
@@ -115,24 +114,28 @@ def witness_block(
     )  # fmt: skip
     _bound_axes(block, count)
     for n in range(count):
-        number = int(block[NUMBER, n])
+        number, axes = 0, int(block[POSSIBLE, n])
+        while number < AXES - 1 and not (axes >> number) & 1:
+            number += 1
+        block[NUMBER, n] = number
         i, j = AXES_A + 3 * FACTORS[number, 0], AXES_A + 3 * FACTORS[number, 1]
         for k in range(3):
             block[FIRST + k, n], block[SECOND + k, n] = block[i + k, n], block[j + k, n]
     _careful_gaps(block, count)
     for n in range(count):
-        if block[LEFT, n] == 1.0 and block[GAP, n] > -np.inf:
+        number, axes = int(block[NUMBER, n]), int(block[POSSIBLE, n])
+        if axes == 1 << number and block[GAP, n] > -np.inf:
             continue
         a = box_at(centers, rotations, half_extents, pairs[start + n, 0])
         b = box_at(centers, rotations, half_extents, pairs[start + n, 1])
-        (block[GAP, n], axis, number), _ = box_witness(a, b, most)
+        block[GAP, n], axis, number = largest_gap(a, b, axes)
         write_in(block, NORMAL, n, axis)
         block[NUMBER, n] = number
 
 
 @njit_inlined
 def _bound_axes(block: Floats, count: int) -> None:
-    """Write the boxes in the frame of a, the first axis that may have the largest gap, how many."""
+    """Write the boxes in the frame of a, and which axes may have the largest gap."""
     for n in range(count):  # without a branch
         offset = vector_in(block, OFFSET, n)
         h, f = vector_in(block, EXTENTS_A, n), vector_in(block, EXTENTS_B, n)
@@ -141,47 +144,27 @@ def _bound_axes(block: Floats, count: int) -> None:
         write_in(block, FRAME_AXES, n, pair.r[0])
         write_in(block, FRAME_AXES + 3, n, pair.r[1])
         write_in(block, FRAME_AXES + 6, n, pair.r[2])
-        least, (p, q, u, v, w) = gap_bounds(pair, pair_size(offset, h, f))
-        left = _count(p, least) + _count(q, least)
-        left += _count(u, least) + _count(v, least) + _count(w, least)
-        number = _first(p, least, 0.0, 1.0, 100.0)
-        number = min(number, _first(q, least, 3.0, 1.0, 100.0))
-        number = min(number, _first(u, least, 6.0, 3.0, 100.0))
-        number = min(number, _first(v, least, 7.0, 3.0, 100.0))
-        number = min(number, _first(w, least, 8.0, 3.0, 14.0))
-        block[NUMBER, n], block[LEFT, n] = number, left
-
-
-@njit
-def _count(most: Vector, least: float) -> float:
-    """Return how many bounds reach ``least``."""
-    x, y, z = most
-    return (1.0 if x >= least else 0.0) + (1.0 if y >= least else 0.0) + (1.0 if z >= least else 0.0)
-
-
-@njit
-def _first(most: Vector, least: float, number: float, step: float, none: float) -> float:
-    """Return the number of the first bound that reaches ``least``, one in each step; or none."""
-    x, y, z = most
-    later = number + step if y >= least else number + 2.0 * step if z >= least else none
-    return number if x >= least else later
+        block[POSSIBLE, n] = possible_axes(pair, pair_size(offset, h, f))
 
 
 @njit_inlined
 def _careful_gaps(block: Floats, count: int) -> None:
-    """Write what ``careful_gap`` returns for one axis of each pair; NaN for equal edges."""
+    """Write what ``careful_gap`` returns for the first possible axis of each pair."""
     for n in range(count):  # without a branch
         offset = vector_in(block, OFFSET, n)
         x, y, z = careful_cross(vector_in(block, FIRST, n), vector_in(block, SECOND, n))
         largest = max_abs((x, y, z))
+        largest = largest if largest > 0.0 else 1.0
         s, t, w = x / largest, y / largest, z / largest
         size = largest * math.sqrt((s * s + t * t) + w * w)
+        parallel = size < PARALLEL
+        size = 1.0 if parallel else size
         m = x / size, y / size, z / size
         along = dot(m, offset)
         a = projected_radius(m, axes_in(block, AXES_A, n), vector_in(block, EXTENTS_A, n))
         b = projected_radius(m, axes_in(block, AXES_B, n), vector_in(block, EXTENTS_B, n))
         gap = abs(along) - (a + b)
-        block[GAP, n] = gap if size >= PARALLEL else -np.inf
+        block[GAP, n] = -np.inf if parallel else gap
         sign = -1.0 if along < 0.0 else 1.0
         write_in(block, NORMAL, n, (sign * m[0], sign * m[1], sign * m[2]))
 
