@@ -58,7 +58,12 @@ from obb_collision.node.runtime.running import run
 from obb_collision.node.runtime.warm_up import WarmUp
 from obb_collision.node.scene_file import SceneFile
 from obb_collision.node.schedule import Schedule
-from obb_collision.node.settings import SceneSettings, apply_limits, requested_levels
+from obb_collision.node.settings import (
+    SceneSettings,
+    apply_limits,
+    mesh_reading,
+    requested_levels,
+)
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.effects.settings import OFF, ON
 from obb_collision.scene.store.allowed import Rule
@@ -262,7 +267,11 @@ class CollisionNode(ManagedNode):
         """Read the scene file, if there is one, and take its settings as parameters."""
         if not self.parameters.scene_file:
             return None
-        description = describe_scene(find_scene(self.parameters.scene_file))
+        meshes = mesh_reading(self.parameters)
+        try:
+            description = describe_scene(find_scene(self.parameters.scene_file), meshes)
+        finally:
+            meshes.close()
         for note in description.notes:
             self.get_logger().info(f"{self.parameters.scene_file}: {note}")
         found = SceneFile(description)
@@ -304,6 +313,7 @@ class CollisionNode(ManagedNode):
         self._obstacles.waiting.timeout = parameters.transform_timeout
         self.inputs.boxes.waiting.timeout = parameters.transform_timeout
         self._obstacles.stamp_tolerance = objects.states.stamp_tolerance
+        self._obstacles.max_points = self.inputs.boxes.max_points = parameters.max_cloud_points
         self._subscribed.keep("points", self._is_wanted("points"))
         if not self._is_wanted("points"):
             self._obstacles.forget()

@@ -22,6 +22,7 @@ from obb_collision._threads import set_threads
 from obb_collision.accuracy import Accuracy, as_accuracy
 from obb_collision.node.messages.conversions import NANOSECONDS
 from obb_collision.node.objects.objects import Objects
+from obb_collision.node.objects.shape_requests import ShapeLimits
 from obb_collision.node.parameters.groups import Groups
 from obb_collision.node.parameters.parameters import Parameters
 from obb_collision.node.runtime.warm_up import WarmUp
@@ -31,6 +32,7 @@ from obb_collision.scene.effects.settings import AUTO, OFF
 from obb_collision.scene.refinement.budget import ABOVE
 from obb_collision.scene.store.allowed import Rule
 from obb_collision.scene.store.overrides import capped
+from obb_collision.scene_files.mesh_files import MeshReading
 
 MEGABYTE = 1_000_000
 
@@ -113,16 +115,36 @@ def requested_levels(parameters: Parameters) -> list[Accuracy]:
 
 def apply_limits(parameters: Parameters, objects: Objects) -> None:
     """Apply the limits of objects and states."""
-    objects.shapes.max_objects = parameters.max_objects
-    objects.set_limits(
-        Limits(
-            parameters.shape_timeout,
-            parameters.shape_memory * MEGABYTE,
-            parameters.shape_queue * MEGABYTE,
-        ),
+    shapes, table = objects.shapes, objects.table
+    shapes.max_objects = parameters.max_objects
+    objects.set_limits(_build_limits(parameters))
+    shapes.requests.limits = ShapeLimits(
         parameters.mesh_file_size * MEGABYTE,
+        parameters.max_triangles,
+        parameters.max_cloud_points,
+        tuple(parameters.mesh_folders),
     )
+    longest = parameters.max_name_length
+    table.namespaces.max_bytes = objects.placement.frame_table.max_bytes = longest
     objects.placement.timeout = parameters.transform_timeout
     objects.states.stamp_tolerance = int(parameters.stamp_tolerance * NANOSECONDS)
     objects.states.order_timeout = int(parameters.order_timeout * NANOSECONDS)
     objects.staleness.set(parameters.stale_policy, parameters.stale_speed, parameters.stale_reach)
+
+
+def _build_limits(parameters: Parameters) -> Limits:
+    return Limits(
+        parameters.shape_timeout,
+        parameters.shape_memory * MEGABYTE,
+        parameters.shape_queue * MEGABYTE,
+    )
+
+
+def mesh_reading(parameters: Parameters) -> MeshReading:
+    """Return how the mesh files of a scene file are read: in another process, within the limits."""
+    return MeshReading(
+        parameters.mesh_folders,
+        _build_limits(parameters),
+        parameters.mesh_file_size * MEGABYTE,
+        parameters.max_triangles,
+    )

@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from importlib.metadata import PackageNotFoundError, files
 from os import PathLike
@@ -28,6 +28,7 @@ from obb_collision.geometry.shapes.files import resolve_path
 from obb_collision.geometry.validation import warn_caller
 from obb_collision.scene_files.description import SceneDescription
 from obb_collision.scene_files.errors import Problem, SceneFileError
+from obb_collision.scene_files.mesh_files import MeshFiles, MeshReading
 from obb_collision.scene_files.moveit import MARKS, read_planning_scene
 from obb_collision.scene_files.native import read_scene
 from obb_collision.scene_files.reading import parse, read_text
@@ -38,7 +39,7 @@ PACKAGE = "obb_collision"
 READY = ("tabletop", "warehouse", "lidar_zone")
 
 
-def load_scene(path: str | Path) -> SceneDescription:
+def load_scene(path: str | Path, mesh_folders: Sequence[str | Path] = ()) -> SceneDescription:
     r"""Return the description in a YAML file: a scene file, or a MoveIt planning scene.
 
     Its keys decide which. What is left out or odd is in the notes of the result; a quaternion far
@@ -47,6 +48,9 @@ def load_scene(path: str | Path) -> SceneDescription:
     Parameters
     ----------
     path : str or path
+    mesh_folders : sequence of paths
+        Folders whose mesh files it may name, besides its own folder, its package and the share
+        folders of installed packages.
 
     Returns
     -------
@@ -69,28 +73,31 @@ def load_scene(path: str | Path) -> SceneDescription:
     ['cup']
     """
     check_kind(path, str, "path", PathLike)
-    description, doubts = _load(Path(path))
+    check_kind(mesh_folders, list, "mesh_folders", tuple)
+    for folder in mesh_folders:
+        check_kind(folder, str, "an entry of mesh_folders", PathLike)
+    description, doubts = _load(Path(path), MeshReading(mesh_folders))
     for doubt in doubts:
         warn_caller(doubt)
     return description
 
 
-def describe_scene(path: str | Path) -> SceneDescription:
+def describe_scene(path: str | Path, meshes: MeshReading | None = None) -> SceneDescription:
     """Return what ``load_scene`` does without a warning: for callers that print all notes."""
     check_kind(path, str, "path", PathLike)
-    return _load(Path(path))[0]
+    return _load(Path(path), meshes or MeshReading())[0]
 
 
-def _load(file: Path) -> tuple[SceneDescription, tuple[str, ...]]:
+def _load(file: Path, meshes: MeshReading) -> tuple[SceneDescription, tuple[str, ...]]:
     top = parse(str(file), read_text(file))
-    return _read(top, file), top.problems.doubts()
+    return _read(top, file, MeshFiles(file, meshes)), top.problems.doubts()
 
 
-def _read(top: Value, file: Path) -> SceneDescription:
+def _read(top: Value, file: Path, meshes: MeshFiles) -> SceneDescription:
     if top.peek("objects") is not None:
-        return read_scene(top, file)
+        return read_scene(top, file, meshes)
     if any(top.peek(mark) is not None for mark in MARKS):
-        return read_planning_scene(top, file)
+        return read_planning_scene(top, file, meshes)
     if top.is_mapping:
         top.refuse("needs objects: (a scene) or world: (a MoveIt planning scene)")
     top.expected("a mapping (key: value)")

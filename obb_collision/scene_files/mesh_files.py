@@ -12,13 +12,24 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The mesh files that a scene file names, each read once."""
+"""The mesh files that a scene file names: where they may be, and how they are read, each once."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
-from obb_collision.geometry.shapes.files import resolve_path
+import numpy as np
+
+from obb_collision.geometry.shapes.files import (
+    LARGEST_FILE,
+    MOST_TRIANGLES,
+    resolve_path,
+    shortened,
+)
+from obb_collision.geometry.shapes.folders import allowed_path, source_folder
+from obb_collision.scene.building.jobs import MeshFile
+from obb_collision.scene.building.process import Limits, WorkerProcess
 from obb_collision.scene_files.description import Triple
 from obb_collision.scene_files.yaml_values import Value
 from obb_collision.shapes import Mesh
@@ -27,11 +38,45 @@ from obb_collision.words import MAX_PATH
 PACKAGE = "package://"
 
 
+class MeshReading:
+    """How mesh files are read: here and at once, or in another process within ``limits``.
+
+    folders: where they may be, besides the folder of the scene file, its package and the shares of
+    installed packages; largest, triangles: the most that one may have, in bytes and in triangles.
+    """
+
+    def __init__(
+        self,
+        folders: Sequence[str | Path] = (),
+        limits: Limits | None = None,
+        largest: int = LARGEST_FILE,
+        triangles: int = MOST_TRIANGLES,
+    ) -> None:
+        self.folders = tuple(folders)
+        self._limits, self._largest, self._triangles = limits, largest, triangles
+        self._process = WorkerProcess()
+
+    def read(self, path: Path, scale: Triple) -> Mesh:
+        """Return a mesh; ValueError with the reason where there is none."""
+        if self._limits is None:
+            return Mesh.from_file(path, scale)
+        job = MeshFile(str(path), np.array(scale), None, self._largest, self._triangles)
+        built = job.finish(self._process.run(job.message(), self._limits))
+        assert built is not None  # for no version of it is known
+        return built[0]
+
+    def close(self) -> None:
+        """End the process."""
+        self._process.stop()
+
+
 class MeshFiles:
     """Mesh files by path, relative to the folder of the scene file, or by URI."""
 
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder
+    def __init__(self, scene_file: Path, reading: MeshReading) -> None:
+        self._folder, self._reading = scene_file.parent, reading
+        file = scene_file.absolute()
+        self._own = source_folder(file) or file.parent
         self._read: dict[tuple[str, Triple], Mesh] = {}
 
     def mesh(self, value: Value, scale: Triple) -> Mesh:
@@ -39,19 +84,30 @@ class MeshFiles:
         file = value.text("a path or a file:// or package:// URI", MAX_PATH)
         if (file, scale) not in self._read:
             with value.reasons():
-                self._read[file, scale] = Mesh.from_file(self._path(file), scale)
+                self._read[file, scale] = self._reading.read(self._path(file), scale)
         return self._read[file, scale]
 
     def _path(self, file: str) -> Path:
-        """Return the path of a file; a package that is not installed may be the scene file's."""
-        if "://" not in file:
-            return self._folder / file
+        """Return where a file is; ValueError where no mesh is read."""
+        path, own = self._found(file)
         try:
-            return resolve_path(file)
+            return allowed_path(path, (own, *self._reading.folders))
+        except ValueError as error:
+            raise ValueError(f"mesh file {shortened(str(path))}: {error}") from error
+
+    def _found(self, file: str) -> tuple[Path, Path]:
+        """Return the path of a file, and the folder of the scene file's package.
+
+        A package that is not installed may be the scene file's.
+        """
+        if "://" not in file:
+            return self._folder / file, self._own
+        try:
+            return resolve_path(file), self._own
         except (ValueError, OSError) as error:  # OSError: no environment of ROS is set
             package, _, inside = file.removeprefix(PACKAGE).partition("/")
             for folder in (self._folder.resolve(), *self._folder.resolve().parents):
                 if file.startswith(PACKAGE) and folder.name == package:
-                    return folder / inside
+                    return folder / inside, folder
             text = str(error)
             raise ValueError(text if file in text else f"mesh file {file}: {text}") from None

@@ -42,18 +42,18 @@ ATTACHED = ("link_name", "object", "touch_links", "detach_posture", "weight")
 MARKS = ("world", "allowed_collision_matrix", "robot_state", "robot_model_name")
 
 
-def read_planning_scene(top: Value, path: Path) -> SceneDescription:
+def read_planning_scene(top: Value, path: Path, files: MeshFiles) -> SceneDescription:
     """Return the description in a planning scene. Raises SceneFileError with all its problems."""
-    return _PlanningScene(top, path).description(path)
+    return _PlanningScene(top, files).description(path)
 
 
 class _PlanningScene:
     """A planning scene that is being read."""
 
-    def __init__(self, top: Value, path: Path) -> None:
+    def __init__(self, top: Value, files: MeshFiles) -> None:
         self._problems = top.problems
         self._fields = top.fields(KEYS)
-        self._files = MeshFiles(path.parent)
+        self._files = files
         self._frames = Frames()
         self._objects: list[SceneObject] = []
         self._matrix: list[AllowedRule] = []

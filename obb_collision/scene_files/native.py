@@ -24,6 +24,7 @@ from types import MappingProxyType
 from obb_collision.accuracy import Accuracy
 from obb_collision.scene_files.description import AllowedRule, SceneDescription, Triple, View
 from obb_collision.scene_files.effects import read_effects
+from obb_collision.scene_files.mesh_files import MeshFiles
 from obb_collision.scene_files.objects import PATTERN_LETTERS, read_accuracy, read_objects
 from obb_collision.scene_files.simulate.lidar import Lidar
 from obb_collision.scene_files.yaml_values import Value
@@ -44,11 +45,11 @@ MAX_PATTERNS, MAX_RULES = 1000, 100_000
 MAX_BUDGET = 1.0
 
 
-def read_scene(top: Value, path: Path) -> SceneDescription:
+def read_scene(top: Value, path: Path, files: MeshFiles) -> SceneDescription:
     """Return the description in a file. Raises SceneFileError with all its problems."""
     problems = top.problems
     fields = top.fields(KEYS, ("objects",))
-    objects, named = read_objects(fields["objects"].items(), path.parent, problems)
+    objects, named = read_objects(fields["objects"].items(), files, problems)
     words = Words(named)
     said: dict[str, object] = {}
     readers: dict[str, Callable[[Value], object]] = {

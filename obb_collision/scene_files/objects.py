@@ -18,7 +18,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 from obb_collision import shapes
 from obb_collision.accuracy import ALL_LEVELS, Accuracy, as_accuracy
@@ -60,7 +59,7 @@ NO_SCALE: Triple = (1.0, 1.0, 1.0)
 
 
 def read_objects(
-    values: list[Value], folder: Path, problems: Problems
+    values: list[Value], files: MeshFiles, problems: Problems
 ) -> tuple[list[SceneObject], dict[str, None]]:
     """Return the objects, and the names of all, in their order, with those that cannot be used.
 
@@ -70,7 +69,6 @@ def read_objects(
     named: dict[str, None] = {}
     lines: dict[str, int] = {}
     motions: dict[str, Value] = {}
-    files = MeshFiles(folder)
     for value in values:
         name = value.peek("name")
         if name is not None and isinstance(name.node.value, str):

@@ -22,6 +22,7 @@ state" is a stamp to wait for and not a number of messages.
 from __future__ import annotations
 
 import os
+import tempfile
 import time
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
@@ -275,6 +276,7 @@ class Rig(Client):
         arrive as surely as all else, so that a test need not send them twice.
         """
         parameters |= given or {}
+        parameters.setdefault("mesh_folders", [tempfile.gettempdir()])
         if sure_points:
             parameters.setdefault(f"qos_overrides.{NAMESPACE}/points.{RELIABILITY}", "reliable")
         if frames is None and not tf2:

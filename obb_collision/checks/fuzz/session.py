@@ -103,6 +103,7 @@ class Session:
     def __init__(self, seed: int, domain: int, folder: Path, bound: float) -> None:
         self._random, self._bound = Random(seed), bound
         self._namespace = f"/fuzz_{domain}"
+        self._folder = folder
         self._messages = Messages(self._random, folder)
         self.result = Result()
         self._context = Context()
@@ -127,7 +128,8 @@ class Session:
 
     def arguments(self) -> list[str]:
         """Return what the node's process is to be started with."""
-        return ["--ros-args", "-r", f"__ns:={self._namespace}"]
+        folders = f"mesh_folders:=[{str(self._folder)!r}]"
+        return ["--ros-args", "-r", f"__ns:={self._namespace}", "-p", folders]
 
     def close(self) -> None:
         """Take the client down."""

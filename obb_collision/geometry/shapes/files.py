@@ -15,12 +15,15 @@
 """Read mesh files into vertices and faces. Only the file itself is read, none that it refers to.
 
 Materials, textures and buffers in other files could be anything, even a pipe that never ends.
+Archives and compressed formats are not read: a few bytes of them can become any number.
 """
 
 from __future__ import annotations
 
+import codecs
 import importlib.util
 import os
+import re
 import stat
 from io import BytesIO
 from pathlib import Path
@@ -42,9 +45,15 @@ LARGEST_FILE = 1 << 30
 PORTION = 1 << 24
 #: Maximum number of characters of a path or message in an error.
 SHOWN = 200
-#: The types that are XML, in which a document type may refer to other files.
-XML_TYPES = ("dae", "xaml")
+#: The types that are read, by the suffix of the name.
+TYPES = ("stl", "stl_ascii", "obj", "ply", "off", "dae", "glb", "gltf")
+#: Maximum number of triangles, and of vertices per triangle: more vertices than that are unused.
+MOST_TRIANGLES, MOST_VERTICES = 100_000_000, 3
+#: In XML a document type may refer to other files, and its entities may grow without bound.
 DOCUMENT_TYPE = "<!DOCTYPE"
+#: Encodings of XML in which a document type is seen.
+ENCODINGS = ("ascii", "us-ascii", "utf-8", "utf-16", "iso-8859-1")
+DECLARED = re.compile(r"""<\?xml[^>]*?encoding\s*=\s*["']([^"']*)""")
 
 
 class NoFiles:
@@ -123,8 +132,9 @@ def read_file(path: Path, largest: int = LARGEST_FILE) -> tuple[bytes, Version]:
     ValueError where it is missing, unreadable or has more than ``largest`` bytes.
     """
     file_version(path)  # before opening: that may have an effect on a device
+    flags = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOFOLLOW", 0)
     try:
-        descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0))
+        descriptor = os.open(os.path.realpath(path), os.O_RDONLY | flags)
         try:
             version = _regular(os.fstat(descriptor))  # the path may mean another file by now
             _check_size(version[1], largest)
@@ -156,19 +166,22 @@ def _reason(error: OSError | ValueError) -> str:
     return (error.strerror if isinstance(error, OSError) else None) or str(error)
 
 
-def read_mesh(data: bytes, name: str) -> tuple[Floats, Triangles]:
+def read_mesh(
+    data: bytes, name: str, most_triangles: int = MOST_TRIANGLES
+) -> tuple[Floats, Triangles]:
     """Return vertices (n, 3) in metres and faces (m, 3) of all parts of a mesh file.
 
     data: content of the file; its type is the suffix of ``name``. ValueError where it can't be
-    read, MemoryError where there is not enough memory.
+    read or has more triangles, MemoryError where there is not enough memory.
     """
     kind = Path(name).suffix.lower()[1:]
-    if not kind:
-        raise ValueError("its name has no suffix, which gives the type")
-    if kind == "dae" and importlib.util.find_spec("collada") is None:
-        raise ValueError("reading DAE needs the package pycollada")
-    if kind in XML_TYPES and _has_document_type(data):
-        raise ValueError(f"it has a {DOCUMENT_TYPE}, which may refer to other files")
+    if kind not in TYPES:
+        what = f"its type {shortened(kind)!r} is" if kind else "its name has no suffix, which is"
+        raise ValueError(f"it can't be read: {what} none of {', '.join(TYPES)}")
+    if kind == "dae":
+        if importlib.util.find_spec("collada") is None:
+            raise ValueError("reading DAE needs the package pycollada")
+        _check_xml(data)
     import trimesh  # here, as it takes half a second
 
     try:
@@ -179,20 +192,56 @@ def read_mesh(data: bytes, name: str) -> tuple[Floats, Triangles]:
             force="scene",
             process=False,
         )
+        _check_count(scene, most_triangles)
         parts = [part for part in scene.dump() if hasattr(part, "vertices")]
         unit = 1.0 if scene.units is None else trimesh.units.unit_conversion(scene.units, "meters")
         return _joined(parts, unit)
-    except MemoryError:
+    except (MemoryError, TooManyError):
         raise
     except Exception as error:  # each of trimesh's readers raises what its parser raises
         text = f"it can't be read: {type(error).__name__}: {error}"
         raise ValueError(shortened(text)) from error
 
 
-def _has_document_type(data: bytes) -> bool:
-    return any(
-        DOCUMENT_TYPE.encode(encoding) in data for encoding in ("ascii", "utf-16-le", "utf-16-be")
-    )
+class TooManyError(ValueError):
+    """A mesh has more triangles than the limit."""
+
+
+def check_triangles(count: int, most: int) -> None:
+    """Raise TooManyError for more triangles than there may be."""
+    if count > most:
+        raise TooManyError(f"it has {count} triangles, {most} is the limit")
+
+
+def _check_count(scene: Any, most: int) -> None:
+    """Raise ValueError for a scene that would have too much once its parts are joined.
+
+    A part counts as often as the scene places it.
+    """
+    triangles = vertices = 0
+    for node in scene.graph.nodes_geometry:
+        part = scene.geometry[scene.graph[node][1]]
+        triangles += len(getattr(part, "faces", ()))
+        vertices += len(getattr(part, "vertices", ()))
+    check_triangles(triangles, most)
+    if vertices > MOST_VERTICES * most:
+        raise TooManyError(f"it has {vertices} vertices, {MOST_VERTICES * most} is the limit")
+
+
+def _check_xml(data: bytes) -> None:
+    """Raise ValueError for XML with a document type, or in an encoding that could hide one."""
+    start = data[:4]
+    wide = start.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE, b"<\0", b"\0<"))
+    if b"\0\0" in start:
+        raise ValueError("it is XML in UTF-32")
+    text = data.decode("latin-1")
+    if wide:  # without its zero bytes, text in UTF-16 is what its ASCII characters say
+        text = text.replace("\0", "")
+    declared = DECLARED.search(text[:SHOWN])
+    if declared is not None and declared[1].lower() not in ENCODINGS:
+        raise ValueError(f"it is XML in {shortened(declared[1])!r}, none of {', '.join(ENCODINGS)}")
+    if DOCUMENT_TYPE in text:
+        raise ValueError(f"it has a {DOCUMENT_TYPE}, which may refer to other files")
 
 
 def _joined(parts: list[Any], unit: float) -> tuple[Floats, Triangles]:

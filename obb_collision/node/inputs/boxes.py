@@ -33,6 +33,7 @@ from obb_collision.node.inputs.marker_batch import GOOD, Faults
 from obb_collision.node.inputs.waiting_clouds import Cloud, WaitingClouds
 from obb_collision.node.messages.bulk_clouds import boxes_from_ros
 from obb_collision.node.messages.cdr import cloud_from_bytes
+from obb_collision.node.messages.clouds import NO_LIMIT
 from obb_collision.node.messages.conversions import (
     LARGEST_COORDINATE,
     NANOSECONDS,
@@ -88,6 +89,8 @@ class BoxInput:
         fixed_frame = objects.placement.frame_table.name(0)
         self.waiting = WaitingClouds(frames, fixed_frame, monitor, guard)
         self._set = BoxSet(objects, guard)
+        self.max_points = NO_LIMIT
+        """Rows of a set."""
         self._order = 0  # sets with an older stamp are late
         self._received = 0
 
@@ -99,7 +102,7 @@ class BoxInput:
             message = cloud_from_bytes(data)
             frame, stamp = message.header.frame_id, stamp_from_ros(message.header.stamp)
             check_name(frame, "frame")
-            given = Given(*boxes_from_ros(message))
+            given = Given(*boxes_from_ros(message, self.max_points))
             self._note_order(stamp, now)
         except RefusedError as error:
             self._monitor.refuse(now, error.reason, "whole message", error.detail)

@@ -159,7 +159,7 @@ class Inputs:
         if message is None:
             return
         try:
-            namespaces, ids, poses = poses_from_ros(message)
+            namespaces, ids, poses = poses_from_ros(message, self.boxes.max_points)
             slots = table.find(namespaces, ids)
             if namespaces is not None and (slots < 0).any():
                 known = table.knows(namespaces)

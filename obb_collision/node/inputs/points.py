@@ -26,7 +26,7 @@ from obb_collision.geometry.poses import as_poses
 from obb_collision.node.diagnostics.monitors import InputMonitor
 from obb_collision.node.inputs.waiting_clouds import Cloud, WaitingClouds
 from obb_collision.node.messages.cdr import cloud_from_bytes
-from obb_collision.node.messages.clouds import points_from_ros
+from obb_collision.node.messages.clouds import NO_LIMIT, points_from_ros
 from obb_collision.node.messages.conversions import NANOSECONDS, stamp_from_ros
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.objects.frames import FrameSource
@@ -54,6 +54,8 @@ class Obstacles:
         self.waiting = WaitingClouds(frames, fixed_frame, monitor, guard)
         self.stamp = 0
         """Of the points in the scene (ns), 0 for none."""
+        self.max_points = NO_LIMIT
+        """Of a cloud."""
         self.stamp_tolerance = NANOSECONDS // 2
         """Stamps further than this ahead of the node's clock (ns) are not published."""
 
@@ -79,7 +81,7 @@ class Obstacles:
 
     def _use(self, cloud: Cloud, frame: Floats | None) -> None:
         """Give the scene a cloud; RefusedError if it can't be used."""
-        points = points_from_ros(cloud.content)
+        points = points_from_ros(cloud.content, self.max_points)
         self._scene.obstacle_points = points if frame is None else placed_points(points, frame)
         believed = cloud.stamp <= cloud.received + self.stamp_tolerance
         self.stamp = (cloud.stamp if believed else 0) or cloud.received

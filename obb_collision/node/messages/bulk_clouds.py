@@ -25,7 +25,7 @@ import numpy.typing as npt
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
 
-from obb_collision.node.messages.clouds import cloud_from_ros, cloud_to_ros
+from obb_collision.node.messages.clouds import NO_LIMIT, cloud_from_ros, cloud_to_ros
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.typing import Floats, Integers
 
@@ -34,29 +34,34 @@ SIZE_FIELDS = ("size_x", "size_y", "size_z")
 KEY_FIELDS = ("ns", "id")
 
 
-def poses_from_ros(message: PointCloud2) -> tuple[Integers | None, Integers, Floats]:
+def poses_from_ros(
+    message: PointCloud2, most: int = NO_LIMIT
+) -> tuple[Integers | None, Integers, Floats]:
     """Bulk poses: namespace numbers (n,) or None without a field ``ns``, ids (n,), poses (n, 7).
 
     Raises RefusedError ("field layout") where a field is missing or of the wrong kind: ``id`` and
-    ``ns`` are integers of any size, the pose fields float32 or float64.
+    ``ns`` are integers of any size, the pose fields float32 or float64. Also ("too many points")
+    for more rows than ``most``.
     """
-    return _rows_from_ros(message, POSE_FIELDS)
+    return _rows_from_ros(message, POSE_FIELDS, most)
 
 
-def boxes_from_ros(message: PointCloud2) -> tuple[Integers | None, Integers, Floats, Floats]:
+def boxes_from_ros(
+    message: PointCloud2, most: int = NO_LIMIT
+) -> tuple[Integers | None, Integers, Floats, Floats]:
     """Boxes of a message of ``object_boxes``: as ``poses_from_ros``, and sizes (n, 3) in metres.
 
-    Raises RefusedError ("field layout").
+    Raises RefusedError ("field layout", "too many points").
     """
-    namespaces, ids, values = _rows_from_ros(message, (*POSE_FIELDS, *SIZE_FIELDS))
+    namespaces, ids, values = _rows_from_ros(message, (*POSE_FIELDS, *SIZE_FIELDS), most)
     return namespaces, ids, values[:, :7], values[:, 7:]
 
 
 def _rows_from_ros(
-    message: PointCloud2, names: tuple[str, ...]
+    message: PointCloud2, names: tuple[str, ...], most: int
 ) -> tuple[Integers | None, Integers, Floats]:
     """Return namespace numbers (n,) or None, ids (n,), and the values of fields (n, k)."""
-    rows = cloud_from_ros(message, (*KEY_FIELDS, *names))
+    rows = cloud_from_ros(message, (*KEY_FIELDS, *names), most)
     fields: Mapping[str, Any] = rows.dtype.fields or {}
     for name in ("id", *names):
         if name not in fields:

@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+import sys
 from array import array
 from collections.abc import Collection, Mapping
 from typing import Any
@@ -27,6 +28,9 @@ from std_msgs.msg import Header
 
 from obb_collision.node.messages.errors import RefusedError
 
+TOO_MANY_POINTS = "too many points"
+"""Reason: a cloud or a marker has more of them than the limit."""
+NO_LIMIT = sys.maxsize
 DATATYPES = {
     PointField.INT8: "i1",
     PointField.UINT8: "u1",
@@ -42,11 +46,14 @@ LARGEST_POINT = 2**31 - 1
 DATATYPE_OF = {np.dtype(code): number for number, code in DATATYPES.items()}
 
 
-def cloud_from_ros(message: PointCloud2, names: Collection[str]) -> npt.NDArray[Any]:
+def cloud_from_ros(
+    message: PointCloud2, names: Collection[str], most: int = NO_LIMIT
+) -> npt.NDArray[Any]:
     """(n,) structured view of the named fields that a cloud has, whatever its layout.
 
     Order of fields, padding and endianness are the message's. No more is copied than the message
-    holds. Raises RefusedError ("field layout") where it contradicts itself.
+    holds. Raises RefusedError ("field layout") where it contradicts itself, and ("too many points")
+    where there are more than ``most``.
     """
     step, width, height = int(message.point_step), int(message.width), int(message.height)
     dtype = _dtype_from_ros(message, names, step)
@@ -60,6 +67,8 @@ def cloud_from_ros(message: PointCloud2, names: Collection[str]) -> npt.NDArray[
             f"{size} bytes of data for {height} rows of {rows} bytes, "
             f"{width} points of {step} bytes each",
         )
+    if width * height > most:
+        raise RefusedError(TOO_MANY_POINTS, f"{width * height}, {most} is the limit")
     grid = np.ndarray((height, width), dtype, memoryview(message.data), 0, (rows, step))
     return grid.reshape(-1)
 
@@ -125,13 +134,13 @@ def cloud_to_ros(
     return message
 
 
-def points_from_ros(message: PointCloud2) -> npt.NDArray[Any]:
+def points_from_ros(message: PointCloud2, most: int = NO_LIMIT) -> npt.NDArray[Any]:
     """Points (n, 3) of a cloud, in its order: float32 if x y z are, float64 otherwise.
 
     Where they stand side by side in the message they are not copied. Raises RefusedError ("field
-    layout") where one of them is missing or no float.
+    layout") where one of them is missing or no float, ("too many points") for more than ``most``.
     """
-    rows = cloud_from_ros(message, ("x", "y", "z"))
+    rows = cloud_from_ros(message, ("x", "y", "z"), most)
     fields: Mapping[str, Any] = rows.dtype.fields or {}
     for name in "xyz":
         if name not in fields:

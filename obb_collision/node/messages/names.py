@@ -68,11 +68,14 @@ def whole_from_text(text: str) -> int | None:
     return int(text)
 
 
-def check_name(name: str, what: str) -> None:
-    """Raise RefusedError ("bad name") for an invalid name; ``what``: the kind of name."""
-    fault = text_fault(name, MAX_NAME_BYTES) if name else None
-    if fault is None and len(name.encode()) > MAX_NAME_BYTES:
-        fault = f"must have at most {MAX_NAME_BYTES} bytes of UTF-8"
+def check_name(name: str, what: str, most: int = MAX_NAME_BYTES) -> None:
+    """Raise RefusedError ("bad name") for an invalid name; ``what``: the kind of name.
+
+    most: bytes of UTF-8.
+    """
+    fault = text_fault(name, most) if name else None
+    if fault is None and len(name.encode()) > most:
+        fault = f"must have at most {most} bytes of UTF-8"
     if fault is not None:
         raise RefusedError("bad name", f"{what} {fault}")
 
@@ -90,6 +93,8 @@ class NamespaceTable:
     """The namespaces by number, and how many objects are in each."""
 
     def __init__(self) -> None:
+        self.max_bytes = MAX_NAME_BYTES
+        """Of a name, in UTF-8."""
         self.names: dict[int, str] = {}
         self.version = 0
         """Changes with ``names``."""
@@ -122,7 +127,7 @@ class NamespaceTable:
         Objects of which only that number was known so far have the name from then on. Raises
         RefusedError ("bad name", "namespace number taken", "too many namespaces").
         """
-        check_name(name, "namespace")
+        check_name(name, "namespace", self.max_bytes)
         number = namespace_number(name)
         known = self.names.get(number)
         if known == name:
@@ -206,6 +211,8 @@ class FrameTable:
     """Frames by index; 0 is the fixed frame, others are added and removed."""
 
     def __init__(self, fixed_frame: str) -> None:
+        self.max_bytes = MAX_NAME_BYTES
+        """Of a name, in UTF-8."""
         self._names: dict[int, str] = {0: fixed_frame}
         self._indices: dict[str, int] = {"": 0, fixed_frame: 0}
 
@@ -236,7 +243,7 @@ class FrameTable:
         found = self._indices.get(frame)
         if found is not None:
             return found
-        check_name(frame, "frame")
+        check_name(frame, "frame", self.max_bytes)
         if self.is_full:
             raise RefusedError("too many frames", f"{MAX_FRAMES} in use is the limit")
         new = next(number for number in range(len(self._names) + 1) if number not in self._names)

@@ -70,10 +70,9 @@ class Objects:
         for name in names if overrides else ():
             self.scene.set_accuracy(name, overrides.value(name))
 
-    def set_limits(self, limits: Limits, largest_file: int) -> None:
-        """Limit what shapes may take to build, and the bytes of a mesh file."""
+    def set_limits(self, limits: Limits) -> None:
+        """Limit what shapes may take to build."""
         self.shapes.builder.limits = self._tree_builder.limits = limits
-        self.shapes.requests.largest_file = largest_file
 
     def close(self) -> None:
         """End the processes that build."""

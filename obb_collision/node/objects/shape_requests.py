@@ -27,13 +27,14 @@ from time import monotonic
 from typing import Any
 from weakref import WeakValueDictionary
 
-from obb_collision.geometry.shapes.files import LARGEST_FILE, Version
+from obb_collision.geometry.shapes.files import LARGEST_FILE, MOST_TRIANGLES, Version
+from obb_collision.node.messages.clouds import TOO_MANY_POINTS
 from obb_collision.node.messages.conversions import Key
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.messages.shape_plans import Plan, Signature
 from obb_collision.scene.building.builder import Builder, Outcome
 from obb_collision.scene.building.errors import BuildError
-from obb_collision.scene.building.jobs import MeshFile
+from obb_collision.scene.building.jobs import TOO_MANY_TRIANGLES, Bodies, Job, MeshFile, Triangles
 from obb_collision.shapes import Shape
 
 CHECK_PERIOD = 1.0
@@ -53,6 +54,33 @@ class Given:
     shape: Shape | None
     error: RefusedError | None
     keys: tuple[Key, ...] | None = None
+
+
+@dataclass(frozen=True)
+class ShapeLimits:
+    """Limits of what objects may request.
+
+    file_size: bytes of a mesh file; triangles, points: of a shape; mesh_folders: where mesh files
+    may be, besides the shares of installed packages.
+    """
+
+    file_size: int = LARGEST_FILE
+    triangles: int = MOST_TRIANGLES
+    points: int = 3 * MOST_TRIANGLES
+    mesh_folders: tuple[str, ...] = ()
+
+    def applied(self, job: Job) -> Job:
+        """Return a job within the limits; RefusedError for one beyond them."""
+        if isinstance(job, MeshFile):
+            return replace(
+                job, largest=self.file_size, triangles=self.triangles, folders=self.mesh_folders
+            )
+        if isinstance(job, Triangles) and len(job.points) > 3 * self.triangles:
+            detail = f"{len(job.points) // 3}, {self.triangles} is the limit"
+            raise RefusedError(TOO_MANY_TRIANGLES, detail)
+        if isinstance(job, (Triangles, Bodies)) and len(job.points) > self.points:
+            raise RefusedError(TOO_MANY_POINTS, f"{len(job.points)}, {self.points} is the limit")
+        return job
 
 
 @dataclass
@@ -75,8 +103,7 @@ class ShapeRequests:
         self._files: dict[Signature, _File] = {}
         self._recent: dict[Signature, Shape] = {}
         self._recent_bytes = 0
-        self.largest_file = LARGEST_FILE
-        """Maximum bytes of a mesh file."""
+        self.limits = ShapeLimits()
 
     def built(self, plan: Plan) -> Shape | None:
         """Return the shape of a plan if it is there already."""
@@ -102,11 +129,12 @@ class ShapeRequests:
             file.asked = True
 
     def request(self, key: Key, plan: Plan) -> None:
-        """Have the shape of a plan built for an object. RefusedError where too many wait."""
-        job = plan.job
-        assert job is not None
-        if isinstance(job, MeshFile):
-            job = replace(job, largest=self.largest_file)
+        """Have the shape of a plan built for an object.
+
+        RefusedError where it exceeds a limit, or too many wait.
+        """
+        assert plan.job is not None
+        job = self.limits.applied(plan.job)
         try:
             self._builder.request(key, plan.signature, job)
         except BuildError as error:

@@ -18,6 +18,8 @@ from __future__ import annotations
 
 from obb_collision._threads import MAX_THREADS
 from obb_collision.accuracy import ALL_LEVELS
+from obb_collision.node.messages.names import MAX_NAME_BYTES
+from obb_collision.node.parameters.folders import folder_from_text
 from obb_collision.node.parameters.groups import group_from_text, pair_from_text
 from obb_collision.node.parameters.specs import Spec
 from obb_collision.node.topics.topics import describe_mode, mode_names
@@ -204,6 +206,34 @@ GENERAL = (
         "Whether the node configures and activates itself. false: it stays unconfigured until a "
         "lifecycle manager, or ros2 lifecycle set, does. Read at the start only.",
         fixed=True,
+    ),
+    Spec(
+        "mesh_folders",
+        [""],
+        "Folders from which mesh files are read, besides the share folders of installed packages: "
+        "absolute paths. Symbolic links count as where they lead. Read at the start only.",
+        fixed=True,
+        entry=folder_from_text,
+    ),
+    Spec(
+        "max_triangles",
+        2000000,
+        "Maximum number of triangles of a shape. Larger ones are refused. Together with the "
+        "vertices, one takes up to 96 bytes of memory once it is read.",
+        (1, 100000000),
+    ),
+    Spec(
+        "max_cloud_points",
+        10000000,
+        "Maximum number of points or rows of a cloud, and of points of a marker. Larger ones are "
+        "refused.",
+        (1, 1000000000),
+    ),
+    Spec(
+        "max_name_length",
+        MAX_NAME_BYTES,
+        "Maximum length of a namespace or frame (bytes of UTF-8). Longer ones are refused.",
+        (1, MAX_NAME_BYTES),
     ),
 )
 

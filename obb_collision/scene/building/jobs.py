@@ -20,13 +20,15 @@ that process. What both sides have already is not sent back.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
 
 from obb_collision.geometry.shapes import files
+from obb_collision.geometry.shapes.folders import allowed_path
 from obb_collision.geometry.shapes.primitives import LocalBox
 from obb_collision.numerics.constants import MAX_MAGNITUDE
 from obb_collision.scene.building.errors import BAD_SHAPE, BuildError
@@ -37,6 +39,7 @@ from obb_collision.typing import Floats
 
 BAD_POINTS = "bad points"
 UNREADABLE = "unreadable mesh"
+TOO_MANY_TRIANGLES = "too many triangles"
 
 #: Corners (8, 3) of the unit cube.
 CUBE_CORNERS = np.array([(x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
@@ -104,13 +107,17 @@ class Bodies:
 class MeshFile:
     """A mesh file by its path or URI, or what one holds (``data``, its type by the suffix of name).
 
-    known: the version that is built already; the result is None if the file still has it.
+    largest, triangles: the most that it may have, in bytes and in triangles; folders: where it may
+    be, besides the shares of installed packages, None: anywhere; known: the version that is built
+    already; the result is None if the file still has it.
     """
 
     name: str
     scale: Floats
     data: bytes | None = None
-    largest: int = 1 << 30
+    largest: int = files.LARGEST_FILE
+    triangles: int = files.MOST_TRIANGLES
+    folders: tuple[str, ...] | None = None
     known: files.Version | None = None
 
     @property
@@ -120,10 +127,11 @@ class MeshFile:
 
     def message(self) -> Message:
         """Return what is sent."""
-        message = {"name": self.name, "scale": self.scale, "largest": self.largest}
+        message = {"name": self.name, "scale": self.scale, "triangles": self.triangles}
         if self.data is not None:
             return message | {"job": "data", "data": np.frombuffer(self.data, np.uint8)}
-        return message | {"job": "file", "known": self.known}
+        place = {"largest": self.largest, "folders": self.folders}
+        return message | place | {"job": "file", "known": self.known}
 
     def finish(self, reply: Message) -> tuple[Mesh, files.Version | None] | None:
         """Return the mesh and, of a file, its version; None if it is the known one."""
@@ -168,30 +176,37 @@ def _checked_points(message: Message) -> Floats:
 
 
 def _data(message: Message) -> Message:
-    try:
-        return _mesh(message["data"].tobytes(), message["name"], message["scale"])
-    except ValueError as error:
-        raise BuildError(UNREADABLE, f"{files.shortened(message['name'])}: {error}") from error
+    name = message["name"]
+    with _refused(name):
+        return _mesh(message, message["data"].tobytes(), name)
 
 
 def _file(message: Message) -> Message:
     name = message["name"]
-    try:
+    with _refused(name):
         path = files.resolve_path(name)
+        if message["folders"] is not None:
+            path = allowed_path(path, message["folders"])
         if message["known"] is not None and files.file_version(path) == tuple(message["known"]):
             return {}
         data, version = files.read_file(path, message["largest"])
-        return _mesh(data, path.name, message["scale"]) | {"version": np.array(version)}
+        return _mesh(message, data, path.name) | {"version": np.array(version)}
+
+
+@contextmanager
+def _refused(name: str) -> Iterator[None]:
+    """Turn the errors of a mesh file into refusals that name it."""
+    try:
+        yield
     except ValueError as error:
         text = str(error)
         known = text.startswith("mesh file ")  # it names the file
-        raise BuildError(
-            UNREADABLE, text if known else f"{files.shortened(name)}: {text}"
-        ) from error
+        reason = TOO_MANY_TRIANGLES if isinstance(error, files.TooManyError) else UNREADABLE
+        raise BuildError(reason, text if known else f"{files.shortened(name)}: {text}") from error
 
 
-def _mesh(data: bytes, name: str, scale: Floats) -> Message:
-    mesh = Mesh(*files.read_mesh(data, name), scale)
+def _mesh(message: Message, data: bytes, name: str) -> Message:
+    mesh = Mesh(*files.read_mesh(data, name, message["triangles"]), message["scale"])
     return {"vertices": mesh.vertices, "faces": mesh.faces} | boxed(mesh)
 
 

@@ -238,3 +238,52 @@ def test_a_scene_file_says_where_it_names_such_a_mesh(tmp_path: Path, what: str)
 def test_a_scene_file_that_cannot_be_there_is_refused(name: str) -> None:
     with pytest.raises(SceneFileError):
         load_scene(find_scene(name))
+
+
+@pytest.mark.parametrize("kind", ["zip", "tar.gz", "bz2", "zae", "3mf", "xaml", "step", "stl.gz"])
+def test_archives_and_other_types_are_not_read(kind: str) -> None:
+    with pytest.raises(ValueError, match=r"its type '\w+' is none of stl"):
+        mesh_files.read_mesh(b"PK\3\4", f"part.{kind}")
+
+
+DAE = '<?xml version="1.0" encoding="{}"?>{}<COLLADA version="1.4.1"/>'
+BOMB = '<!DOCTYPE a [<!ENTITY b "bbbbbbbb"><!ENTITY c "&b;&b;&b;&b;">]>'
+
+
+@pytest.mark.parametrize(
+    ("encoding", "codec", "reason"),
+    [
+        ("utf-8", "utf-8", "DOCTYPE"),
+        ("ascii", "utf-8-sig", "DOCTYPE"),
+        ("utf-16", "utf-16", "DOCTYPE"),
+        ("UTF-16", "utf-16-le", "DOCTYPE"),
+        ("utf-16", "utf-16-be", "DOCTYPE"),
+        ("utf-7", "utf-8", "'utf-7', none of"),
+        ("IBM037", "cp037", "can't be read"),
+        ("utf-32", "utf-32", "UTF-32"),
+        ("utf-32", "utf-32-be", "UTF-32"),
+    ],
+)
+def test_a_document_type_is_seen_in_every_encoding(encoding: str, codec: str, reason: str) -> None:
+    pytest.importorskip("collada")
+    with pytest.raises(ValueError, match=reason):
+        mesh_files.read_mesh(DAE.format(encoding, BOMB).encode(codec), "part.dae")
+
+
+def test_triangles_are_limited_as_often_as_the_scene_places_them() -> None:
+    part = trimesh.creation.box()
+    scene = trimesh.Scene()
+    for number in range(5):
+        matrix = np.eye(4)
+        matrix[0, 3] = number
+        scene.add_geometry(part, geom_name="part", transform=matrix)
+    data = scene.export(file_type="glb")
+    assert isinstance(data, bytes)
+    assert len(mesh_files.read_mesh(data, "part.glb", 60)[1]) == 60
+    with pytest.raises(mesh_files.TooManyError, match="it has 60 triangles, 59 is the limit"):
+        mesh_files.read_mesh(data, "part.glb", 59)
+    unused = trimesh.Trimesh(np.ones((10, 3)), [[0, 1, 2]], process=False).export(file_type="ply")
+    assert isinstance(unused, bytes)
+    assert len(mesh_files.read_mesh(unused, "part.ply", 4)[0]) == 10
+    with pytest.raises(mesh_files.TooManyError, match="it has 10 vertices, 9 is the limit"):
+        mesh_files.read_mesh(unused, "part.ply", 3)

@@ -156,8 +156,8 @@ def test_a_cloud_that_nobody_asks_about_is_kept_but_not_looked_at(
 ) -> None:
     taken: list[Any] = []
 
-    def noted(message: PointCloud2) -> Any:
-        taken.append(points_from_ros(message))
+    def noted(message: PointCloud2, most: int) -> Any:
+        taken.append(points_from_ros(message, most))
         return taken[-1]
 
     monkeypatch.setattr(obstacles, "points_from_ros", noted)

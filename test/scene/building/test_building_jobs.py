@@ -29,6 +29,7 @@ from obb_collision.scene.building.builder import Builder
 from obb_collision.scene.building.errors import BuildError
 from obb_collision.scene.building.jobs import (
     BAD_POINTS,
+    TOO_MANY_TRIANGLES,
     UNREADABLE,
     Bodies,
     Job,
@@ -114,3 +115,20 @@ def test_a_file_that_has_not_changed_is_not_built_again(builder: Builder, tmp_pa
     assert newer != version
     with pytest.raises(BuildError, match="10 is the limit"):
         build(builder, MeshFile(str(file), ONE, largest=10))
+
+
+def test_files_outside_the_allowed_folders_are_refused(builder: Builder, tmp_path: Path) -> None:
+    for folder in ("allowed", "other"):
+        (tmp_path / folder).mkdir()
+        trimesh.creation.box().export(tmp_path / folder / "part.stl")
+    folders = (str(tmp_path / "allowed"),)
+    uri = (tmp_path / "allowed" / "part.stl").as_uri()
+    mesh, _ = build(builder, MeshFile(uri, ONE, folders=folders))
+    assert len(mesh.faces) == 12
+    for name in ("file:///etc/passwd", uri.replace("allowed", "allowed/%2e%2e/other")):
+        with pytest.raises(BuildError, match="is in no folder") as caught:
+            build(builder, MeshFile(name, ONE, folders=folders))
+        assert caught.value.reason == UNREADABLE
+    with pytest.raises(BuildError, match="12 triangles, 11 is the limit") as caught:
+        build(builder, MeshFile(uri, ONE, triangles=11, folders=folders))
+    assert caught.value.reason == TOO_MANY_TRIANGLES
