@@ -25,10 +25,10 @@ from __future__ import annotations
 import os
 import threading
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor, wait
 from operator import index
 from typing import Any
 
+from obb_collision._thread_pool import ThreadPool
 from obb_collision.words import shown
 
 #: The environment variable that sets the number of threads.
@@ -44,7 +44,7 @@ class _Threads:
 
     def __init__(self) -> None:
         self.number: int | None = None
-        self.pool: ThreadPoolExecutor | None = None
+        self.pool: ThreadPool | None = None
         self.lock = threading.Lock()
 
     def forget_pool(self) -> None:
@@ -54,14 +54,15 @@ class _Threads:
     def set(self, number: int) -> None:
         with self.lock:
             if self.pool is not None:
-                self.pool.shutdown(wait=False)  # what it has begun it ends
+                self.pool.close()
             self.number, self.pool = number, None
 
-    def workers(self) -> ThreadPoolExecutor:
-        with self.lock:
-            if self.pool is None:
-                self.pool = ThreadPoolExecutor(threads() - 1, "obb_collision")
-            return self.pool
+    def workers(self) -> ThreadPool:
+        pool = self.pool
+        if pool is None:
+            with self.lock:
+                pool = self.pool = self.pool or ThreadPool(threads() - 1)
+        return pool
 
 
 _threads = _Threads()
@@ -179,21 +180,7 @@ def run_parts(call: Callable[[int], Any], count: int) -> list[Any]:
             if failed:
                 return
 
-    helpers = []
-    try:
-        for _ in range(min(threads(), count) - 1):
-            helpers.append(_threads.workers().submit(work))
-    except RuntimeError:  # the interpreter ends, or can start no more threads
-        pass
-    except BaseException as error:  # an interrupt: no helper may write after the return
-        failed.append(error)
-    work()
-    for helper in helpers:
-        while not (helper.cancel() or helper.done()):  # one that has not begun finds nothing left
-            try:
-                wait([helper])
-            except BaseException as error:
-                failed.append(error)
+    _threads.workers().share(work, min(threads(), count) - 1, failed)
     if failed:
         raise failed[0]
     return results

@@ -37,45 +37,46 @@ def bits_of(number: int) -> int:
 
 
 @njit
-def sort_by_keys(keys: np.ndarray, values: np.ndarray, bits: int) -> None:
-    """Sort keys (n,) int64, from 0 to 2^bits - 1, and the values (n,) int64 with them; stable."""
-    count = len(keys)
+def sort_numbers(numbers: np.ndarray, spare: np.ndarray, low: int, high: int) -> None:
+    """Sort numbers (n,) int64, none negative, by their bits ``low`` to ``high`` - 1; stable.
+
+    spare (n,) int64: room.
+    """
+    count = len(numbers)
     if count <= FEW:
-        _insert(keys, values)
+        _insert(numbers, low)
         return
-    passes = (bits + DIGIT_BITS - 1) // DIGIT_BITS
+    passes = (high - low + DIGIT_BITS - 1) // DIGIT_BITS
     counts = np.zeros((passes, DIGITS), np.int64)
-    for n in range(count):
+    for number in numbers:
         for k in range(passes):
-            counts[k, (keys[n] >> (DIGIT_BITS * k)) & (DIGITS - 1)] += 1
-    keys_from, keys_to = keys, np.empty(count, np.int64)
-    values_from, values_to = values, np.empty(count, np.int64)
+            counts[k, (number >> (low + DIGIT_BITS * k)) & (DIGITS - 1)] += 1
+    here, there = numbers, spare
     elsewhere = False
     for k in range(passes):
-        shift = DIGIT_BITS * k
+        shift = low + DIGIT_BITS * k
         places = counts[k]
-        if places[(keys_from[0] >> shift) & (DIGITS - 1)] == count:
+        if places[(here[0] >> shift) & (DIGITS - 1)] == count:
             continue  # all have the same digit
         place = 0
         for digit in range(DIGITS):
             place, places[digit] = place + places[digit], place
-        for n in range(count):
-            digit = (keys_from[n] >> shift) & (DIGITS - 1)
-            keys_to[places[digit]], values_to[places[digit]] = keys_from[n], values_from[n]
+        for number in here:
+            digit = (number >> shift) & (DIGITS - 1)
+            there[places[digit]] = number
             places[digit] += 1
-        keys_from, keys_to = keys_to, keys_from
-        values_from, values_to = values_to, values_from
+        here, there = there, here
         elsewhere = not elsewhere
     for n in range(count if elsewhere else 0):  # an assignment of arrays takes a second to compile
-        keys[n], values[n] = keys_from[n], values_from[n]
+        numbers[n] = here[n]
 
 
 @njit
-def _insert(keys: np.ndarray, values: np.ndarray) -> None:
-    for n in range(1, len(keys)):
-        key, value = keys[n], values[n]
+def _insert(numbers: np.ndarray, low: int) -> None:
+    for n in range(1, len(numbers)):
+        number = numbers[n]
         k = n
-        while k > 0 and keys[k - 1] > key:
-            keys[k], values[k] = keys[k - 1], values[k - 1]
+        while k > 0 and numbers[k - 1] >> low > number >> low:
+            numbers[k] = numbers[k - 1]
             k -= 1
-        keys[k], values[k] = key, value
+        numbers[k] = number

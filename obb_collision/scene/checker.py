@@ -17,11 +17,12 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from obb_collision._threads import run
 from obb_collision.accuracy import Accuracy
 from obb_collision.queries.verdict.coarse import bounds_kernel, sphere_bounds
-from obb_collision.queries.verdict.verdict import SEPARATE, decide_exactly
+from obb_collision.queries.verdict.verdict import SEPARATE, Verdicts, decide_exactly
 from obb_collision.scene.broad_phase.bounds_tree import BoundsTree
 from obb_collision.scene.broad_phase.broad_phase import (
     NO_PAIRS,
@@ -30,7 +31,12 @@ from obb_collision.scene.broad_phase.broad_phase import (
     find_candidates,
     find_some_candidates,
 )
-from obb_collision.scene.broad_phase.find_pairs import colliding_pairs, columns
+from obb_collision.scene.broad_phase.find_pairs import (
+    colliding_keys,
+    colliding_pairs,
+    columns,
+    pairs_of_keys,
+)
 from obb_collision.scene.broad_phase.kept_tree import KeptTree
 from obb_collision.scene.building.shape_cache import ShapeCache
 from obb_collision.scene.few import FEW, few_pairs
@@ -138,6 +144,9 @@ class Checker:
         self._tree = None
         self._update_bounds()
         active, minimum, maximum = self._active_bounds()
+        if self.limit is None and self._layout.plain:
+            keys = find_candidates(minimum, maximum, self._colliding_keys)
+            return Findings(*self._on_obb(*pairs_of_keys(self._store.all_boxes(), keys, exact)))
         if self.limit is None or len(active) < 2:
             candidates = self._slots(find_candidates(minimum, maximum))
             found, behind = self._decide(candidates, depth, exact, budget)
@@ -190,9 +199,19 @@ class Checker:
         if self.pair_filter is not None:
             candidates = candidates[self.pair_filter(*candidates.T)]  # may not touch
         if self._layout.plain:
-            pairs, verdicts = colliding_pairs(store.all_boxes(), candidates, exact)
-            return (pairs, verdicts, np.full(len(pairs), Accuracy.OBB, np.int8)), False
+            return self._on_obb(*colliding_pairs(store.all_boxes(), candidates, exact)), False
         return decide_pairs(store, self._cache, candidates, depth, exact, budget, waiting, highest)
+
+    def _colliding_keys(self, rows: Pairs) -> NDArray[np.int64]:
+        """Return the ``colliding_keys`` of pairs (m, 2) of rows of active boxes."""
+        pairs = self._slots(rows)
+        if self.pair_filter is not None:
+            pairs = pairs[self.pair_filter(*pairs.T)]
+        return colliding_keys(self._store.all_boxes(), pairs)
+
+    @staticmethod
+    def _on_obb(pairs: Pairs, verdicts: Verdicts) -> Found:
+        return pairs, verdicts, np.full(len(pairs), Accuracy.OBB, np.int8)
 
     def _candidates(self, changed: Rows) -> Pairs | None:
         """Return pairs (m, 2) of changed slots (k,) whose bounds overlap; None: too many."""

@@ -44,6 +44,7 @@ from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.kinds import as_flag
 from obb_collision.numerics.constants import CAREFUL_BOUND, FAST_BOUND, UNDERFLOW
 from obb_collision.numerics.error_free import sum_sorted
+from obb_collision.numerics.prefetch import fetch_box
 from obb_collision.numerics.vec3 import minus, norm
 from obb_collision.queries.verdict.blocks import BLOCK, BOUND, GAP, ROWS, bound_block, gather
 from obb_collision.queries.verdict.careful import careful_gap
@@ -163,21 +164,36 @@ def verdict_kernel(
     """
     block = np.empty((ROWS, BLOCK))
     for first in range(start, stop, BLOCK):
-        count = min(BLOCK, stop - first)
-        gather(
-            centers_a, rotations_a, half_extents_a, rows_a,
-            centers_b, rotations_b, half_extents_b, rows_b, first, count, block,
+        for n in range(first + BLOCK, min(first + 2 * BLOCK, stop)):  # the next ones
+            fetch_box(centers_a, rotations_a, half_extents_a, rows_a[n])
+            fetch_box(centers_b, rotations_b, half_extents_b, rows_b[n])
+        decide_block(
+            centers_a, rotations_a, half_extents_a, rows_a, centers_b, rotations_b, half_extents_b,
+            rows_b, first, min(BLOCK, stop - first), block, out,
         )  # fmt: skip
-        bound_block(block, count)
-        for n in range(first, first + count):
-            gap, bound = block[GAP, n - first], block[BOUND, n - first]
-            if gap > bound:
-                out[n] = SEPARATE
-            elif gap < -bound:
-                out[n] = OVERLAP
-            else:
-                a = box_at(centers_a, rotations_a, half_extents_a, rows_a[n])
-                out[n] = box_verdict(a, box_at(centers_b, rotations_b, half_extents_b, rows_b[n]))
+
+
+@njit
+def decide_block(
+    centers_a: Floats, rotations_a: Floats, half_extents_a: Floats, rows_a: np.ndarray,
+    centers_b: Floats, rotations_b: Floats, half_extents_b: Floats, rows_b: np.ndarray,
+    first: int, count: int, block: Floats, out: np.ndarray,
+) -> None:  # fmt: skip
+    """Write the verdicts of ``count`` pairs of rows from ``first`` on, at most BLOCK."""
+    gather(
+        centers_a, rotations_a, half_extents_a, rows_a,
+        centers_b, rotations_b, half_extents_b, rows_b, first, count, block,
+    )  # fmt: skip
+    bound_block(block, count)
+    for n in range(first, first + count):
+        gap, bound = block[GAP, n - first], block[BOUND, n - first]
+        if gap > bound:
+            out[n] = SEPARATE
+        elif gap < -bound:
+            out[n] = OVERLAP
+        else:
+            a = box_at(centers_a, rotations_a, half_extents_a, rows_a[n])
+            out[n] = box_verdict(a, box_at(centers_b, rotations_b, half_extents_b, rows_b[n]))
 
 
 @njit

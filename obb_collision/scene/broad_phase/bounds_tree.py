@@ -21,6 +21,7 @@ compares all eight at once. Bounds are only ever merged, never rounded.
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -28,6 +29,7 @@ from numpy.typing import NDArray
 
 from obb_collision import _threads
 from obb_collision._jit import njit
+from obb_collision.numerics.prefetch import fetch_row
 from obb_collision.scene.broad_phase.lanes import LANE_BITS, LANES, lowest, overlaps
 from obb_collision.scene.broad_phase.morton import morton_order
 from obb_collision.typing import Floats
@@ -38,6 +40,8 @@ LEVELS = 21
 STACK = LEVELS * LANES
 #: Blocks filled before a second thread pays.
 FEWEST_BLOCKS = 1024
+#: Boxes asked for before they are needed.
+AHEAD = 32
 
 
 class BoundsTree(NamedTuple):
@@ -56,9 +60,11 @@ class BoundsTree(NamedTuple):
     @classmethod
     def build(cls, minimum: Floats, maximum: Floats) -> BoundsTree:
         """Return the tree of bounds; they are not copied."""
-        order, nodes, starts = _lay_out(minimum, maximum)
-        count = int(starts[1])
-        _threads.run(_fill_boxes, count, FEWEST_BLOCKS, minimum, maximum, order, nodes)
+        order, spare = np.empty(len(minimum), np.int64), np.empty(len(minimum), np.int64)
+        morton_order(minimum, maximum, order, spare)
+        starts = _level_starts(len(minimum))
+        nodes = np.empty((starts[-1], 6, LANES))  # not in a kernel: numpy asks for large pages
+        _threads.run(_fill_boxes, int(starts[1]), FEWEST_BLOCKS, minimum, maximum, order, nodes)
         _fill_levels(nodes, starts)
         return cls(minimum, maximum, order, nodes, starts)
 
@@ -68,17 +74,14 @@ class BoundsTree(NamedTuple):
         return int(self.starts[1])
 
 
-@njit
-def _lay_out(minimum: Floats, maximum: Floats) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the order of a tree, room for its blocks, and where each level starts."""
-    order = morton_order(minimum, maximum)
-    starts = np.zeros(LEVELS + 1, np.int64)
-    levels, size = 0, len(order)
-    while size > 1 or levels == 0:
+@lru_cache(64)
+def _level_starts(count: int) -> NDArray[np.int64]:
+    """Return where each level of a tree of ``count`` boxes starts in its blocks, and the end."""
+    starts, size = [0], count
+    while size > 1 or len(starts) == 1:
         size = max(1, (size + LANES - 1) // LANES)
-        starts[levels + 1] = starts[levels] + size
-        levels += 1
-    return order, np.empty((starts[levels], 6, LANES)), starts[: levels + 1].copy()
+        starts.append(starts[-1] + size)
+    return np.array(starts)
 
 
 @njit
@@ -89,6 +92,9 @@ def _fill_boxes(
     for block in range(start, stop):
         for lane in range(LANES):
             place = LANES * block + lane
+            if place + AHEAD < len(order):
+                fetch_row(minimum, order[place + AHEAD], 3)
+                fetch_row(maximum, order[place + AHEAD], 3)
             if place < len(order):
                 for k in range(3):
                     nodes[block, k, lane] = minimum[order[place], k]

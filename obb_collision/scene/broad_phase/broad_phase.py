@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 
 from obb_collision import _threads
 from obb_collision._jit import njit
+from obb_collision.numerics.prefetch import fetch
 from obb_collision.numerics.vec3 import vector_at
 from obb_collision.scene.broad_phase.bounds_tree import STACK, BoundsTree, overlapping
 from obb_collision.scene.broad_phase.lanes import LANE_BITS, LANES, lowest, overlaps
@@ -38,6 +39,9 @@ Pairs = NDArray[np.int64]
 #: Writes pairs of rows from one to another as long as there is room; returns how many there are,
 #: and the first row that is not done.
 Search = Callable[[Pairs, int, int], tuple[int, int]]
+#: What becomes of some of the pairs, in the thread that has found them: an array of a row for each
+#: pair that is kept.
+Each = Callable[[Pairs], NDArray[np.int64]]
 
 #: More pairs than there can be.
 UNLIMITED = 2**62
@@ -46,18 +50,25 @@ NO_PAIRS: Pairs = np.empty((0, 2), np.int64)
 FEWEST_ROWS, FEWEST_LEAVES = 256, 64
 #: Room for pairs: for each row at first, and at most, but for a row with more (16 MB).
 ROOM_PER_ROW, ROOM = 4, 1 << 20
+#: Leaves near one that are looked at together.
+NEAR = 64
+#: Doubles in what memory gives at once.
+LINE = 8
 
 
-def find_candidates(minimum: Floats, maximum: Floats) -> Pairs:
-    """Return (m, 2) all i < j whose closed bounds (n, 3) to (n, 3) overlap, in no special order."""
+def find_candidates(minimum: Floats, maximum: Floats, each: Each | None = None) -> Pairs:
+    """Return (m, 2) all i < j whose closed bounds (n, 3) to (n, 3) overlap, in no special order.
+
+    each: what is returned of them instead.
+    """
     if len(minimum) < 2:
-        return NO_PAIRS
-    pairs = find_some_candidates(BoundsTree.build(minimum, maximum), UNLIMITED)
+        return NO_PAIRS if each is None else each(NO_PAIRS)
+    pairs = find_some_candidates(BoundsTree.build(minimum, maximum), UNLIMITED, each)
     assert pairs is not None
     return pairs
 
 
-def find_some_candidates(tree: BoundsTree, most: int) -> Pairs | None:
+def find_some_candidates(tree: BoundsTree, most: int, each: Each | None = None) -> Pairs | None:
     """Return what ``find_candidates`` does, or None for more than ``most`` pairs.
 
     Whatever there are, memory and time are those of ``most`` pairs at the most.
@@ -66,7 +77,7 @@ def find_some_candidates(tree: BoundsTree, most: int) -> Pairs | None:
     def search(pairs: Pairs, start: int, stop: int) -> tuple[int, int]:
         return _self_overlaps(*tree[2:], most, pairs, start, stop)
 
-    return _collect(search, tree.leaves, FEWEST_LEAVES, LANES * ROOM_PER_ROW, most)
+    return _collect(search, tree.leaves, FEWEST_LEAVES, LANES * ROOM_PER_ROW, most, each)
 
 
 def find_candidates_of(minimum: Floats, maximum: Floats, row: int) -> Pairs:
@@ -110,7 +121,9 @@ def find_candidates_between(
     return pairs
 
 
-def _collect(search: Search, count: int, least: int, room_per_row: int, most: int) -> Pairs | None:
+def _collect(
+    search: Search, count: int, least: int, room_per_row: int, most: int, each: Each | None = None
+) -> Pairs | None:
     """Return the pairs of a search of ``count`` rows, None for more than ``most``."""
     parts = _threads.ranges(count, least)
     totals = [0] * len(parts)
@@ -125,7 +138,7 @@ def _collect(search: Search, count: int, least: int, room_per_row: int, most: in
             if reached == start:  # the pairs of one row are too many
                 room *= 4
                 continue
-            found.append(pairs[:number])
+            found.append(pairs[:number] if each is None else each(pairs[:number]))
             totals[part] += number
             start = reached
         return found
@@ -134,10 +147,12 @@ def _collect(search: Search, count: int, least: int, room_per_row: int, most: in
         chunks = collect(0)
     else:
         search(NO_PAIRS, 0, 0)  # see ``_threads.run``
+        if each is not None:
+            each(NO_PAIRS)
         chunks = [pairs for found in _threads.run_parts(collect, len(parts)) for pairs in found]
     if sum(totals) > most:
         return None
-    return chunks[0] if len(chunks) == 1 else np.concatenate([NO_PAIRS, *chunks])
+    return chunks[0] if len(chunks) == 1 else np.concatenate(chunks or [NO_PAIRS])
 
 
 @njit
@@ -149,11 +164,11 @@ def _self_overlaps(
 
     Ends soon after ``most`` are found. See ``Search``.
     """
-    levels = np.empty(STACK, np.int64)
-    waiting = np.empty(STACK, np.int64)
+    levels, waiting = np.empty(STACK, np.int64), np.empty(STACK, np.int64)
+    near, hits = np.empty((NEAR, 3), np.int64), np.empty((NEAR * LANES, 3), np.int64)
     found = 0
     for leaf in range(start, stop):
-        more = _leaf_overlaps(order, nodes, starts, leaf, levels, waiting, pairs, found)
+        more = _leaf_overlaps(order, nodes, starts, leaf, levels, waiting, near, hits, pairs, found)
         if more < 0:
             return found, leaf
         found = more
@@ -164,69 +179,96 @@ def _self_overlaps(
 
 @njit
 def _leaf_overlaps(
-    order: np.ndarray, nodes: Floats, starts: np.ndarray, leaf: int,
-    levels: np.ndarray, waiting: np.ndarray, pairs: np.ndarray, found: int,
+    order: np.ndarray, nodes: Floats, starts: np.ndarray, leaf: int, levels: np.ndarray,
+    waiting: np.ndarray, near: np.ndarray, hits: np.ndarray, pairs: np.ndarray, found: int,
 ) -> int:  # fmt: skip
-    """Append the pairs of a leaf with those from it on; return the new number, -1 for no room."""
-    if found + LANES**2 > len(pairs):
-        return -1
-    found = _block_pairs(order, nodes, leaf, leaf, (1 << LANES) - 1, pairs, found)
-    if len(starts) == 2:  # it is the root
-        return found
-    parent, lane = starts[1] + (leaf >> LANE_BITS), leaf & (LANES - 1)
-    x0, y0, z0 = nodes[parent, 0, lane], nodes[parent, 1, lane], nodes[parent, 2, lane]
-    x1, y1, z1 = nodes[parent, 3, lane], nodes[parent, 4, lane], nodes[parent, 5, lane]
+    """Append the pairs of a leaf with those from it on; return the new number, -1 for no room.
+
+    near, hits: room. Leaves that overlap it are found first, then boxes, then pairs, all of a kind
+    together: so a processor guesses well what comes next, and memory is asked for in time.
+    """
+    x0, y0, z0, x1, y1, z1 = _leaf_bounds(nodes, starts, leaf)
     levels[0], waiting[0] = len(starts) - 2, 0
-    depth = 1
-    while depth > 0:
+    depth, count = 1, 0
+    if len(starts) == 2:  # it is the root
+        near[0, 0], depth, count = leaf, 0, 1
+    while True:
+        if depth == 0 or count > NEAR - LANES:
+            for k in range(count):
+                child = near[k, 0]
+                near[k, 1] = overlaps(nodes, leaf, *_leaf_bounds(nodes, starts, child))
+                near[k, 2] = overlaps(nodes, child, x0, y0, z0, x1, y1, z1)
+            found = _box_overlaps(order, nodes, leaf, near, count, hits, pairs, found)
+            count = 0
+            if depth == 0 or found < 0:
+                return found
         depth -= 1
         level, block = levels[depth], waiting[depth]
         mask = overlaps(nodes, starts[level] + block, x0, y0, z0, x1, y1, z1)
         # nodes that are all before the leaf have found it, or will
-        first = max((leaf >> (LANE_BITS * (level - 1))) + (level == 1) - LANES * block, 0)
+        first = max((leaf >> (LANE_BITS * (level - 1))) - LANES * block, 0)
         mask = (mask >> first) << first
         while mask != 0:
-            lane = lowest(mask)
+            child = LANES * block + lowest(mask)
             mask &= mask - 1
-            child = LANES * block + lane
             if level > 1:
                 levels[depth], waiting[depth] = level - 1, child
                 depth += 1
-                continue
-            if found + LANES**2 > len(pairs):
-                return -1
-            node = starts[1] + block
-            near = overlaps(
-                *(nodes, leaf, nodes[node, 0, lane], nodes[node, 1, lane], nodes[node, 2, lane]),
-                *(nodes[node, 3, lane], nodes[node, 4, lane], nodes[node, 5, lane]),
-            )
-            found = _block_pairs(order, nodes, leaf, child, near, pairs, found)
-    return found
+            else:
+                for k in range(0, 6 * LANES, LINE):
+                    fetch(nodes, 6 * LANES * child + k)
+                near[count, 0] = child
+                count += 1
 
 
 @njit
-def _block_pairs(
-    order: np.ndarray, nodes: Floats, leaf: int, other: int, near: int, pairs: np.ndarray,
-    found: int,
-) -> int:  # fmt: skip
-    """Append the overlapping pairs of two leaves; return the new number.
+def _leaf_bounds(
+    nodes: Floats, starts: np.ndarray, leaf: int
+) -> tuple[float, float, float, float, float, float]:
+    """Return the bounds of a leaf; anything where it is the root."""
+    node, lane = starts[1] + (leaf >> LANE_BITS), leaf & (LANES - 1)
+    if node == len(nodes):
+        return -np.inf, -np.inf, -np.inf, np.inf, np.inf, np.inf
+    return (
+        nodes[node, 0, lane], nodes[node, 1, lane], nodes[node, 2, lane],
+        nodes[node, 3, lane], nodes[node, 4, lane], nodes[node, 5, lane],
+    )  # fmt: skip
 
-    near: a bit for each box of the first that may have any.
+
+@njit
+def _box_overlaps(
+    order: np.ndarray, nodes: Floats, leaf: int, near: np.ndarray, count: int, hits: np.ndarray,
+    pairs: np.ndarray, found: int,
+) -> int:  # fmt: skip
+    """Append the pairs of a leaf with ``count`` others, or itself; return as ``_leaf_overlaps``.
+
+    near (k, 3): the other leaf, which boxes of the first overlap it, and which of it the first.
     """
-    while near != 0:
-        i = lowest(near)
-        near &= near - 1
-        mask = overlaps(
-            *(nodes, other, nodes[leaf, 0, i], nodes[leaf, 1, i], nodes[leaf, 2, i]),
-            *(nodes[leaf, 3, i], nodes[leaf, 4, i], nodes[leaf, 5, i]),
-        )
-        if leaf == other:
-            mask = (mask >> (i + 1)) << (i + 1)
+    number = 0
+    for k in range(count):
+        other, bits, keep = near[k, 0], near[k, 1], near[k, 2]
+        if keep == 0:
+            continue
+        while bits != 0:
+            i = lowest(bits)
+            bits &= bits - 1
+            mask = keep & overlaps(
+                *(nodes, other, nodes[leaf, 0, i], nodes[leaf, 1, i], nodes[leaf, 2, i]),
+                *(nodes[leaf, 3, i], nodes[leaf, 4, i], nodes[leaf, 5, i]),
+            )
+            if other == leaf:
+                mask = (mask >> (i + 1)) << (i + 1)
+            hits[number, 0], hits[number, 1], hits[number, 2] = i, other, mask
+            number += mask != 0
+    for n in range(number):
+        row, other, mask = order[LANES * leaf + hits[n, 0]], LANES * hits[n, 1], hits[n, 2]
+        if found + LANES > len(pairs):
+            return -1
         while mask != 0:
-            row, partner = order[LANES * leaf + i], order[LANES * other + lowest(mask)]
+            partner = order[other + lowest(mask)]
+            mask &= mask - 1
             pairs[found, 0], pairs[found, 1] = min(row, partner), max(row, partner)
             found += 1
-            mask &= mask - 1
     return found
 
 

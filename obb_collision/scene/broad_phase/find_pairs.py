@@ -20,10 +20,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from obb_collision._jit import njit
+from obb_collision._threads import ranges, run_parts
 from obb_collision.accuracy import Accuracy, as_box_accuracy
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.kinds import as_flag, check_kind
-from obb_collision.numerics.sorting import bits_of, sort_by_keys
+from obb_collision.numerics.prefetch import fetch_box
+from obb_collision.numerics.sorting import bits_of, sort_numbers
+from obb_collision.queries.verdict.blocks import BLOCK, ROWS
 from obb_collision.queries.verdict.coarse import (
     faces_may_collide,
     meeting_bounds,
@@ -31,13 +34,24 @@ from obb_collision.queries.verdict.coarse import (
     spheres_may_collide,
 )
 from obb_collision.queries.verdict.pair_rows import one_set
-from obb_collision.queries.verdict.verdict import SEPARATE, TOUCHING, Verdicts, pair_verdicts
+from obb_collision.queries.verdict.verdict import (
+    FEWEST_PAIRS,
+    SEPARATE,
+    TOUCHING,
+    Verdicts,
+    decide_block,
+    decide_exactly,
+)
 from obb_collision.scene.broad_phase.broad_phase import (
+    NO_PAIRS,
     Pairs,
     find_candidates,
     find_candidates_between,
 )
 from obb_collision.typing import Floats
+
+#: Bits of a pair's key, below those of its rows, that are its verdict.
+VERDICT_BITS = 2
 
 
 def find_pairs(
@@ -98,7 +112,11 @@ def find_pairs_and_verdicts(
     Below "obb" that is TOUCHING, for pairs not proven separate.
     """
     level = as_box_accuracy(accuracy)
-    return _decided(boxes, find_candidates(*_bounds(boxes, level)), exact, level)
+    bounds = _bounds(boxes, level)
+    if level == Accuracy.OBB:
+        keys = find_candidates(*bounds, lambda pairs: colliding_keys(boxes, pairs))
+        return pairs_of_keys(boxes, keys, exact)
+    return _decided(boxes, find_candidates(*bounds), exact, level)
 
 
 def _find_between(a: Boxes, b: Boxes, exact: bool, level: Accuracy) -> Pairs:
@@ -118,11 +136,9 @@ def _decided(
     """Return the candidates (m, 2) that collide on a level, sorted, and their verdicts."""
     if level == Accuracy.OBB:
         return colliding_pairs(boxes, candidates, exact)
-    meet = coarse_meet(boxes, *columns(candidates), level)
-    found: tuple[Pairs, Verdicts] = _sorted_kernel(
-        candidates, np.where(meet, TOUCHING, SEPARATE).astype(np.int8), len(boxes)
-    )
-    return found
+    bits = bits_of(len(boxes))
+    first, second = columns(candidates[coarse_meet(boxes, *columns(candidates), level)])
+    return pairs_of_keys(boxes, (((first << bits) | second) << VERDICT_BITS) | TOUCHING, False)
 
 
 def coarse_meet(
@@ -143,29 +159,68 @@ def columns(pairs: Pairs) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
 
 def colliding_pairs(boxes: Boxes, candidates: Pairs, exact: bool = False) -> tuple[Pairs, Verdicts]:
     """Return the candidates (m, 2) that are not SEPARATE, sorted, and their verdicts."""
-    first, second = columns(candidates)
-    verdicts = pair_verdicts(boxes, first, boxes, second, exact)
-    return _sorted_kernel(candidates, verdicts, len(boxes))
+    parts = ranges(len(candidates), FEWEST_PAIRS)
+    if len(parts) > 1:
+        colliding_keys(boxes, NO_PAIRS)  # see ``_threads.run``
+    keys = run_parts(
+        lambda part: colliding_keys(boxes, candidates[slice(*parts[part])]), len(parts)
+    )
+    return pairs_of_keys(boxes, keys[0] if len(keys) == 1 else np.concatenate(keys), exact)
+
+
+def colliding_keys(boxes: Boxes, candidates: Pairs) -> NDArray[np.int64]:
+    """Return a number for each of the candidates (m, 2) that is not SEPARATE: pair and verdict."""
+    keys = np.empty(len(candidates), np.int64)
+    kept = _keys_kernel(*(boxes.centers, boxes.rotations, boxes.half_extents, candidates, keys))
+    return keys[:kept]
+
+
+def pairs_of_keys(boxes: Boxes, keys: NDArray[np.int64], exact: bool) -> tuple[Pairs, Verdicts]:
+    """Return the pairs of all ``colliding_keys``, sorted, and their verdicts; keys are changed."""
+    pairs, verdicts = np.empty((len(keys), 2), np.int64), np.empty(len(keys), np.int8)
+    _pairs_kernel(len(boxes), keys, np.empty_like(keys), pairs, verdicts)
+    if exact:
+        decide_exactly(boxes, pairs[:, 0], boxes, pairs[:, 1], verdicts)
+        pairs, verdicts = pairs[verdicts != SEPARATE], verdicts[verdicts != SEPARATE]
+    return pairs, verdicts
 
 
 @njit
-def _sorted_kernel(
-    pairs: np.ndarray, verdicts: np.ndarray, count: int
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the pairs (m, 2) of ``count`` rows that are not SEPARATE in order, and verdicts."""
+def _keys_kernel(
+    centers: Floats, rotations: Floats, half_extents: Floats, pairs: np.ndarray, keys: np.ndarray
+) -> int:
+    """Write the keys of pairs (m, 2) of rows that are not SEPARATE; return how many there are."""
+    bits = bits_of(len(centers))
+    block = np.empty((ROWS, BLOCK))
+    first, second = np.empty(BLOCK, np.int64), np.empty(BLOCK, np.int64)
+    verdicts = np.empty(BLOCK, np.int8)
+    kept = 0
+    for start in range(0, len(pairs), BLOCK):
+        count = min(BLOCK, len(pairs) - start)
+        for n in range(count):
+            first[n], second[n] = pairs[start + n, 0], pairs[start + n, 1]
+        for n in range(start + BLOCK, min(start + 2 * BLOCK, len(pairs))):  # the next ones
+            fetch_box(centers, rotations, half_extents, pairs[n, 0])
+            fetch_box(centers, rotations, half_extents, pairs[n, 1])
+        decide_block(
+            centers, rotations, half_extents, first, centers, rotations, half_extents, second,
+            0, count, block, verdicts,
+        )  # fmt: skip
+        for n in range(count):
+            if verdicts[n] != SEPARATE:
+                keys[kept] = (((first[n] << bits) | second[n]) << VERDICT_BITS) | verdicts[n]
+                kept += 1
+    return kept
+
+
+@njit
+def _pairs_kernel(
+    count: int, keys: np.ndarray, spare: np.ndarray, pairs: np.ndarray, verdicts: np.ndarray
+) -> None:
+    """Sort the keys of pairs of ``count`` rows; write what they stand for. spare (m,): room."""
     bits = bits_of(count)
-    kept = 0
-    for verdict in verdicts:
-        kept += verdict != SEPARATE
-    keys, rows = np.empty(kept, np.int64), np.empty(kept, np.int64)
-    kept = 0
-    for n in range(len(pairs)):
-        if verdicts[n] != SEPARATE:
-            keys[kept], rows[kept] = (pairs[n, 0] << bits) | pairs[n, 1], n
-            kept += 1
-    sort_by_keys(keys, rows, 2 * bits)
-    sorted_pairs, sorted_verdicts = np.empty((kept, 2), np.int64), np.empty(kept, np.int8)
-    for n in range(kept):
-        sorted_pairs[n, 0], sorted_pairs[n, 1] = pairs[rows[n], 0], pairs[rows[n], 1]
-        sorted_verdicts[n] = verdicts[rows[n]]
-    return sorted_pairs, sorted_verdicts
+    sort_numbers(keys, spare, VERDICT_BITS, VERDICT_BITS + 2 * bits)
+    for n in range(len(keys)):
+        pair = keys[n] >> VERDICT_BITS
+        pairs[n, 0], pairs[n, 1] = pair >> bits, pair & ((1 << bits) - 1)
+        verdicts[n] = keys[n] & ((1 << VERDICT_BITS) - 1)

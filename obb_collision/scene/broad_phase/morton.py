@@ -24,7 +24,7 @@ from __future__ import annotations
 import numpy as np
 
 from obb_collision._jit import njit
-from obb_collision.numerics.sorting import DIGIT_BITS, bits_of, sort_by_keys
+from obb_collision.numerics.sorting import DIGIT_BITS, bits_of, sort_numbers
 from obb_collision.typing import Floats
 
 #: Bits of a cell's number along an axis: three of them in a 64-bit number.
@@ -40,10 +40,12 @@ SHORTEST = 1e-280
 
 
 @njit
-def morton_order(minimum: Floats, maximum: Floats) -> np.ndarray:
-    """Return (n,) the rows of bounds (n, 3) to (n, 3) along the curve; empty ones are last."""
+def morton_order(minimum: Floats, maximum: Floats, order: np.ndarray, spare: np.ndarray) -> None:
+    """Write the rows of bounds (n, 3) to (n, 3) along the curve to ``order``; empty ones are last.
+
+    order, spare (n,) int64; what is in ``spare`` afterwards means nothing.
+    """
     count = len(minimum)
-    order = np.empty(count, np.int64)
     full, empty = 0, count
     for n in range(count):
         if minimum[n, 0] <= maximum[n, 0]:
@@ -52,7 +54,7 @@ def morton_order(minimum: Floats, maximum: Floats) -> np.ndarray:
         else:
             empty -= 1
             order[empty] = n
-    codes = np.empty(full, np.int64)
+    row_bits = bits_of(count)
     starts = np.empty(full // CELL + 1, np.int64)
     stops = np.empty(full // CELL + 1, np.int64)
     starts[0], stops[0] = 0, full
@@ -60,33 +62,35 @@ def morton_order(minimum: Floats, maximum: Floats) -> np.ndarray:
     while waiting > 0:
         waiting -= 1
         start, stop = starts[waiting], stops[waiting]
-        if not _sort_cells(minimum, maximum, order[start:stop], codes[start:stop]):
+        if not _sort_cells(minimum, maximum, order[start:stop], spare[start:stop], row_bits):
             continue  # all in one place
         first = start
-        for n in range(start + 1, stop + 1):
-            if n == stop or codes[n] != codes[first]:
-                if n - first > CELL:
-                    starts[waiting], stops[waiting] = first, n
+        for n in range(start, stop):  # spare: the codes of the cells
+            if n + 1 == stop or spare[n + 1] != spare[first]:
+                if n + 1 - first > CELL:
+                    starts[waiting], stops[waiting] = first, n + 1
                     waiting += 1
-                first = n
-    return order
+                first = n + 1
 
 
 @njit
-def _sort_cells(minimum: Floats, maximum: Floats, rows: np.ndarray, codes: np.ndarray) -> bool:
-    """Sort rows by the codes of their cells; False, and nothing done, if they have one centre."""
-    low = np.full(3, np.inf)
-    side = 0.0
-    for k in range(3):
-        high = -np.inf
-        for row in rows:
+def _sort_cells(
+    minimum: Floats, maximum: Floats, rows: np.ndarray, spare: np.ndarray, row_bits: int
+) -> bool:
+    """Sort rows by the codes of their cells, which are written to ``spare``.
+
+    False, and nothing done, if they have one centre.
+    """
+    low, high = np.full(3, np.inf), np.full(3, -np.inf)
+    for row in rows:
+        for k in range(3):
             middle = 0.5 * minimum[row, k] + 0.5 * maximum[row, k]
-            low[k], high = min(low[k], middle), max(high, middle)
-        side = max(side, high - low[k])
+            low[k], high[k] = min(low[k], middle), max(high[k], middle)
+    side = max(high[0] - low[0], high[1] - low[1], high[2] - low[2])
     if len(rows) < 2 or side < SHORTEST:
         return False
     digits = (bits_of(len(rows)) + SPARE_BITS + DIGIT_BITS - 1) // DIGIT_BITS
-    bits = min(digits * DIGIT_BITS, BITS)
+    bits = min(digits * DIGIT_BITS, BITS - row_bits)
     last = 2.0**AXIS_BITS - 1.0
     scale = last / side
     for n in range(len(rows)):
@@ -94,8 +98,11 @@ def _sort_cells(minimum: Floats, maximum: Floats, rows: np.ndarray, codes: np.nd
         for k in range(3):
             middle = 0.5 * minimum[rows[n], k] + 0.5 * maximum[rows[n], k]
             code |= _spread_bits(int(min((middle - low[k]) * scale, last))) << k
-        codes[n] = code >> (BITS - bits)
-    sort_by_keys(codes, rows, bits)
+        rows[n] |= code >> (BITS - bits) << row_bits
+    sort_numbers(rows, spare, row_bits, row_bits + bits)
+    for n in range(len(rows)):
+        spare[n] = rows[n] >> row_bits
+        rows[n] &= (1 << row_bits) - 1
     return True
 
 
