@@ -45,10 +45,11 @@ from obb_collision.scene.limit import find_limited, most_candidates
 from obb_collision.scene.merging import merge_pairs, unchanged_pairs
 from obb_collision.scene.refinement.budget import Budget
 from obb_collision.scene.refinement.ladder import NONE, Found, decide_pairs, pair_levels
+from obb_collision.scene.region import Region
 from obb_collision.scene.store.allowed import AllowedPairs
 from obb_collision.scene.store.pair_table import PairFilter
 from obb_collision.scene.store.store import ObjectStore
-from obb_collision.typing import Floats, Rows
+from obb_collision.typing import Floats, Mask, Rows
 
 #: With fewer than one object in this many changed, only pairs of the changed ones are looked at.
 INCREMENTAL_SHARE = 8
@@ -77,6 +78,29 @@ class Checker:
         self.limit: int | None = None
         self.last: Findings | None = None
         self.pair_filter: PairFilter | None = None
+        self.region: Region | None = None
+
+    def set_region(self, region: Region | None) -> None:
+        """Find only the pairs of a region from now on, None: all."""
+        store = self._store
+        self.region, self.last = region, None
+        store.set_near(np.arange(len(store.near)), np.ones(len(store.near), np.bool_))
+        store.mark(store.live())
+
+    def settle_region(self) -> None:
+        """Leave out what has moved away from the region, and take in what has come near.
+
+        What stays away is as if it had not changed: nothing is computed for it.
+        """
+        store = self._store
+        if self.region is None or not store.touched:
+            return
+        rows = np.flatnonzero(store.changed & store.used)
+        before = store.near[rows]
+        near = self.region.near_boxes(store.centers, store.half_extents, rows)
+        store.set_near(rows, near)
+        store.changed[rows[~(before | near)]] = False
+        store.touched = bool(store.changed.any())
 
     @property
     def behind(self) -> bool:
@@ -84,7 +108,10 @@ class Checker:
         return self.last is not None and self.last.behind
 
     def find(self, depth: int, exact: bool, budget: Budget | None = None) -> Findings:
-        """Return what collides. depth: of the boxes on the level "obb_tree"."""
+        """Return what collides. depth: of the boxes on the level "obb_tree".
+
+        Where there is a region, it is settled.
+        """
         store, last = self._store, self.last
         self.pair_filter = self._allowed.pair_filter(store.names, store.version)
         if last is not None and last.total is not None:
@@ -126,12 +153,12 @@ class Checker:
             *(store.changed, NO_PAIRS if last is None else last.pairs, pairs, verdicts, old),
         )
         pairs, verdicts, old = pairs[:found].copy(), verdicts[:found].copy(), old[:found].copy()
-        if exact or self.pair_filter is not None:
-            kept = np.ones(found, np.bool_)
+        if exact or self.pair_filter is not None or self.region is not None:
+            kept = self._own(pairs)
             if exact:
                 boxes = store.all_boxes()
                 decide_exactly(boxes, pairs[:, 0], boxes, pairs[:, 1], verdicts)
-                kept = verdicts != SEPARATE
+                kept &= verdicts != SEPARATE
             if self.pair_filter is not None:
                 kept &= self.pair_filter(*pairs.T)
             pairs, verdicts, old = pairs[kept], verdicts[kept], old[kept]
@@ -196,22 +223,33 @@ class Checker:
         waiting: Found = NONE, highest: Accuracy = Accuracy.MESH,
     ) -> tuple[Found, bool]:  # fmt: skip
         store = self._store
-        if self.pair_filter is not None:
-            candidates = candidates[self.pair_filter(*candidates.T)]  # may not touch
+        candidates = self._counted(candidates)
         if self._layout.plain:
             return self._on_obb(*colliding_pairs(store.all_boxes(), candidates, exact)), False
         return decide_pairs(store, self._cache, candidates, depth, exact, budget, waiting, highest)
 
     def _colliding_keys(self, rows: Pairs) -> NDArray[np.int64]:
         """Return the ``colliding_keys`` of pairs (m, 2) of rows of active boxes."""
-        pairs = self._slots(rows)
+        return colliding_keys(self._store.all_boxes(), self._counted(self._slots(rows)))
+
+    def _counted(self, pairs: Pairs) -> Pairs:
+        """Return those of pairs (m, 2) of slots that may not touch and belong to the region."""
         if self.pair_filter is not None:
             pairs = pairs[self.pair_filter(*pairs.T)]
-        return colliding_keys(self._store.all_boxes(), pairs)
+        return pairs if self.region is None else pairs[self._own(pairs)]
 
     @staticmethod
     def _on_obb(pairs: Pairs, verdicts: Verdicts) -> Found:
         return pairs, verdicts, np.full(len(pairs), Accuracy.OBB, np.int8)
+
+    def _own(self, pairs: Pairs) -> Mask:
+        """Return (m,) which pairs of slots belong to the region."""
+        if self.region is None:
+            return np.ones(len(pairs), np.bool_)
+        if self._bounds is None:
+            self._update_bounds()
+        assert self._bounds is not None
+        return self.region.owns_pairs(self._bounds[0], pairs)
 
     def _candidates(self, changed: Rows) -> Pairs | None:
         """Return pairs (m, 2) of changed slots (k,) whose bounds overlap; None: too many."""

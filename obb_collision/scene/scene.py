@@ -38,7 +38,9 @@ from obb_collision.scene.findings import Findings
 from obb_collision.scene.objects import SceneObjects, check_padding, local_box
 from obb_collision.scene.questions import any_collides, body_in, colliding_with
 from obb_collision.scene.refinement.budget import Budget
+from obb_collision.scene.refinement.ladder import needs_spheres
 from obb_collision.scene.refinement.mesh_pairs import prepare_shapes
+from obb_collision.scene.region import Region
 from obb_collision.scene.report import Report
 from obb_collision.scene.store.allowed import AllowedPairs, Rule, Sides
 from obb_collision.scene.store.patterns import as_patterns, matching
@@ -80,6 +82,8 @@ class Scene(SceneObjects):
     time_budget : float, optional
         Seconds.
     max_pairs : int, optional
+    region : Region, optional
+        Whose pairs are found; see the property.
 
     Raises
     ------
@@ -104,6 +108,7 @@ class Scene(SceneObjects):
         tree_depth: int = DEFAULT_DEPTH,
         time_budget: float | Budget | None = None,
         max_pairs: int | None = None,
+        region: Region | None = None,
     ) -> None:
         self._allowed = AllowedPairs()
         self._effects = EffectSettings(EFFECTS.values())
@@ -113,7 +118,10 @@ class Scene(SceneObjects):
         self._budget: Budget | None = None
         self.time_budget = time_budget
         self._max_pairs = _checked_limit(max_pairs)
+        self._region: Region | None = None
         super().__init__(padding, accuracy)
+        if region is not None:
+            self.region = region
 
     def __repr__(self) -> str:
         return f"Scene({len(self)} objects, accuracy {self._accuracy.name.lower()!r})"
@@ -132,6 +140,7 @@ class Scene(SceneObjects):
         super().clear()
         self._checker = Checker(self._store, self._cache, self._allowed)
         self._checker.limit = self._max_pairs
+        self._checker.set_region(self._region)
         self._forget_report()
         self._before: Before | None = None
 
@@ -167,6 +176,36 @@ class Scene(SceneObjects):
         self._max_pairs = _checked_limit(value)
         self._checker.limit, self._checker.last = self._max_pairs, None
         self._forget_report()
+
+    @property
+    def region(self) -> Region | None:
+        """The region whose pairs are found, None for all; may be set.
+
+        Several scenes with the same objects, and regions that hold all of space, find each pair
+        once together, and all else that effects compute: a pair belongs to the region that has
+        the larger, on each axis, of the lower ends of both bounds; one that is near or will
+        collide, of the bounds in which the effect looks for others; the points of an object to
+        that with the lower corner of its bounds. Objects farther from the region than its halo
+        take no part and cost little. Raises ValueError for a halo smaller than what an effect
+        that is not off looks beyond objects.
+        """
+        return self._region
+
+    @region.setter
+    def region(self, value: Region | None) -> None:
+        check_kind(value, Region, "region", type(None))
+        if value is None or value.is_everything:
+            self._region = None
+        else:
+            check_halo(value.halo, self._effects.reach())
+            self._region = value
+        self._checker.set_region(self._region)
+        self._forget_report()
+
+    @property
+    def indices_near(self) -> NDArray[np.int64]:
+        """(k,) the indices of the objects near to the region at the last check; all without one."""
+        return np.flatnonzero(self._store.used & self._store.near)
 
     @property
     def time_budget(self) -> float | None:
@@ -304,7 +343,14 @@ class Scene(SceneObjects):
         >>> scene.effect_setting("clearance").mode
         'on'
         """
+        before = self._effects[name]
         self._effects.set(name, mode, objects, options)
+        if self._region is not None:
+            try:
+                check_halo(self._region.halo, self._effects.reach())
+            except ValueError:
+                self._effects.set(name, before.mode, before.objects, before.values)
+                raise
         self._forget_report()
 
     def effect_setting(self, name: str) -> Setting:
@@ -370,6 +416,7 @@ class Scene(SceneObjects):
         if self._budget is not None:
             self._budget.start()
         self._cache.take_built()
+        self._checker.settle_region()
         wanted = self._effects.wanted(effects)
         lasting = not wanted or all(EFFECTS[name].lazy for name in wanted)
         last = self._last
@@ -407,6 +454,8 @@ class Scene(SceneObjects):
         last = self._checker.last
         if last is not None and not last.behind and not self._store.touched:
             return len(last.pairs) > 0
+        if self._region is not None:
+            return len(self.check()) > 0
         pair_filter = self._allowed.pair_filter(self._store.names, self._store.version)
         return any_collides(
             *(self._store, self._cache, pair_filter, self._tree_depth, self._exact)
@@ -441,7 +490,8 @@ class Scene(SceneObjects):
         Returns
         -------
         list of str
-            Names, in the order of ``indices``. Objects that are not enabled do not count.
+            Names, in the order of ``indices``. Objects that are not enabled, or not near to the
+            region, do not count.
 
         Raises
         ------
@@ -462,6 +512,7 @@ class Scene(SceneObjects):
         check_padding(padding)
         level = self._accuracy if accuracy is None else as_accuracy(accuracy)
         patterns = as_patterns(ignore, "ignore")
+        self._checker.settle_region()
         body = body_in(self._store, self._cache, shape, local_box(shape), where, padding, level)
         with body as slot:
             found = colliding_with(self._store, self._cache, slot, self._tree_depth, self._exact)
@@ -481,10 +532,14 @@ class Scene(SceneObjects):
             found = last.found = self._find()
             last.outcomes_before = {} if before is None else before.outcomes
         stages = {"pairs": perf_counter() - start}
+        active = store.active.copy()
         cycle = Cycle(
-            *(store.snapshot(), store.active.copy(), found.pairs, found.verdicts),
+            *(store.snapshot(), active, found.pairs, found.verdicts),
             *(self._checker.pair_filter, found.old, last.outcomes_before),
             *(self._obstacle_points, store, self._before),
+            enabled=active if self._region is None else store.enabled.copy(),
+            region=self._region,
+            spheres=self._region is not None and needs_spheres(store),
             limit=None if self._max_pairs is None else NEAR_PER_PAIR * self._max_pairs,
             names=store.name_tuple(),
         )
@@ -503,6 +558,15 @@ class LastCheck:
 
 def _checked_limit(limit: int | None) -> int | None:
     return None if limit is None else as_whole(limit, "max_pairs", 1, MOST_PAIRS)
+
+
+def check_halo(halo: float, reach: float) -> None:
+    """Raise ValueError for a halo (m) of a region that is smaller than what effects look beyond."""
+    if halo < reach:
+        raise ValueError(
+            f"halo of the region must be at least {reach:g}, as far as effects look beyond "
+            f"objects, got {halo:g}"
+        )
 
 
 def is_settable(kind: type, name: str) -> bool:

@@ -220,9 +220,9 @@ class SceneStates:
         0
         """
         slot = self._store.slot(name)
-        if self._store.active[slot] != as_flag(enabled, "enabled"):
+        if self._store.enabled[slot] != as_flag(enabled, "enabled"):
             self._store.mark(slot)
-            self._store.active[slot] = enabled
+            self._store.enable(slot, enabled)
 
     def set_enabled_indices(self, indices: ArrayLike, enabled: ArrayLike) -> None:
         """Include objects in collisions or exclude them, by index.
@@ -252,9 +252,9 @@ class SceneStates:
         slots = self._store.check_slots(indices)
         if as_any_array(enabled, "enabled", "True or False for each").dtype != np.bool_:
             raise TypeError(f"enabled must be True or False for each, got {shown(enabled)}")
-        changed = self._store.active[slots] != enabled
+        changed = self._store.enabled[slots] != enabled
         self._store.mark(slots[changed])
-        self._store.active[slots] = enabled
+        self._store.enable(slots, enabled)
 
     def __len__(self) -> int:
         return len(self._store)

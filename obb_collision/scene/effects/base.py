@@ -31,12 +31,14 @@ from numpy.typing import NDArray
 
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.validation import as_array
+from obb_collision.queries.verdict.coarse import meeting_bounds, sphere_bounds
 from obb_collision.queries.verdict.verdict import Verdicts
 from obb_collision.scene.broad_phase.broad_phase import Pairs
+from obb_collision.scene.region import Region
 from obb_collision.scene.store.pair_table import PairFilter
 from obb_collision.scene.store.snapshot import Snapshot
 from obb_collision.scene.store.store import ObjectStore
-from obb_collision.typing import Mask, Rows
+from obb_collision.typing import Floats, Mask, Rows
 
 R = TypeVar("R")
 """A dataclass of arrays with one row per pair."""
@@ -53,6 +55,8 @@ class Option(NamedTuple):
     high: float
     description: str
     choices: tuple[float, ...] = ()
+    reaches: bool = False
+    """Whether it is a distance (m) beyond objects at which others matter."""
 
     def checked(self, name: str, value: Any) -> float:
         """Return the value if it can be used; ValueError naming it otherwise."""
@@ -75,6 +79,11 @@ class Setting:
     selected: Mask | None = None
     """(slots,) the objects selected for it, None for all."""
 
+    def reach(self, options: Mapping[str, Option]) -> float:
+        """Return how far beyond objects it looks (m)."""
+        far = [self.values[key] for key, option in options.items() if option.reaches]
+        return max(far, default=0.0) if self.mode != "off" else 0.0
+
     def select(self, pairs: Pairs) -> Rows:
         """Return the indices of pairs (m, 2) with at least one object selected for the effect."""
         if self.selected is None:
@@ -86,7 +95,7 @@ class Before(NamedTuple):
     """Where the objects were at the check before; rows of slots."""
 
     snapshot: Snapshot
-    active: Mask
+    enabled: Mask
     born: Rows
 
     @property
@@ -118,6 +127,12 @@ class Cycle:
     obstacle_points: NDArray[Any] | None
     store: ObjectStore
     before: Before | None
+    enabled: Mask
+    """(slots,) which objects take part in this region or elsewhere; ``active`` without a region."""
+    region: Region | None = None
+    """Whose pairs, and objects, count; None for all."""
+    spheres: bool = False
+    """Whether bounds hold spheres, too, wherever their overlap matters."""
     limit: int | None = None
     """The most pairs that an effect with pairs of its own looks at, None for all."""
     notes: list[str] = field(default_factory=list)
@@ -134,15 +149,39 @@ class Cycle:
         """The boxes of all slots."""
         return self.snapshot.boxes
 
-    def without_allowed(self, pairs: Pairs) -> Pairs:
-        """Return those of pairs (k, 2) that may not touch."""
-        if self.pair_filter is None:
-            return pairs
-        return pairs[self.pair_filter(pairs[:, 0], pairs[:, 1])]
+    def counted(self, slots: Rows, minimum: Floats, rows: Pairs) -> Pairs:
+        """Return pairs of slots, of rows (k, 2) of slots (n,): those that count.
+
+        That is: they may not touch, and belong to the region. A pair apart belongs where what the
+        effect looks at does, of whose bounds ``minimum`` (n, 3) are the lower corners.
+        """
+        pairs = slots[rows]
+        counts = np.ones(len(pairs), np.bool_)
+        if self.region is not None and len(pairs):
+            low, high = self.bounds(slots)
+            a, b = rows.T
+            meet = ((low[a] <= high[b]) & (low[b] <= high[a])).all(axis=1)
+            counts = np.where(
+                meet, self.region.owns_pairs(low, rows), self.region.owns_pairs(minimum, rows)
+            )
+        if self.pair_filter is not None:
+            counts &= self.pair_filter(pairs[:, 0], pairs[:, 1])
+        return pairs if counts.all() else pairs[counts]
+
+    def own(self, slots: Rows) -> Rows:
+        """Return those of slots (n,) whose objects belong to the region, each to one."""
+        if self.region is None:
+            return slots
+        return slots[self.region.owns(self.bounds(slots)[0])]
+
+    def bounds(self, slots: Rows) -> tuple[Floats, Floats]:
+        """Return the bounds (n, 3), (n, 3) of slots whose overlap decides where a pair belongs."""
+        boxes = self.boxes[slots]
+        return sphere_bounds(boxes) if self.spheres else meeting_bounds(boxes)
 
     def as_before(self) -> Before:
         """Return what the next check can compare with."""
-        return Before(self.snapshot, self.active, self.store.born.copy())
+        return Before(self.snapshot, self.enabled, self.store.born.copy())
 
 
 @dataclass(frozen=True, eq=False)

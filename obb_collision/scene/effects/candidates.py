@@ -54,22 +54,22 @@ def meeting_pairs(
     else:
         pairs = find_some_candidates(tree, most)
     if pairs is None:
-        return _first_pairs(cycle, slots, tree, selected, most)
+        return _first_pairs(cycle, slots, minimum, tree, selected, most)
     if selected is not None and not some:
         pairs = pairs[selected[pairs].any(axis=1)]
-    pairs = cycle.without_allowed(slots[pairs])
+    pairs = cycle.counted(slots, minimum, pairs)
     return pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]
 
 
 def _first_pairs(
-    cycle: Cycle, slots: Rows, tree: BoundsTree, selected: Mask | None, most: int
+    cycle: Cycle, slots: Rows, minimum: Floats, tree: BoundsTree, selected: Mask | None, most: int
 ) -> Pairs:
     """Return the first ``most`` pairs in lexicographic order, and note that there are more."""
     parts, count = [NO_PAIRS], 0
     for pairs, _ in ordered_candidates(tree, min(most, PIECE)):
         if selected is not None:
             pairs = pairs[selected[pairs].any(axis=1)]
-        parts.append(cycle.without_allowed(slots[pairs]))
+        parts.append(cycle.counted(slots, minimum, pairs))
         count += len(parts[-1])
         if count > most:
             cycle.notes.append(f"more than {most} pairs come near each other: the first are done")

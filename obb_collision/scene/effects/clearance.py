@@ -37,7 +37,9 @@ class ClearanceEffect:
     name = "clearance"
     description = "Distances and closest points of near pairs"
     options: Mapping[str, Option] = {
-        "max_distance": Option(0.1, 0.0, 1e6, "Pairs farther apart than this are left out (m)."),
+        "max_distance": Option(
+            0.1, 0.0, 1e6, "Pairs farther apart than this are left out (m).", reaches=True
+        ),
     }
     lazy = True
 

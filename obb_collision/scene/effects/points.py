@@ -50,14 +50,18 @@ class PointsEffect:
     name = "points"
     description = "Obstacle points in boxes"
     options: Mapping[str, Option] = {
-        "margin": Option(0.0, 0.0, 1e6, "Points this near to a box count as inside (m)."),
+        "margin": Option(
+            0.0, 0.0, 1e6, "Points this near to a box count as inside (m).", reaches=True
+        ),
     }
     lazy = True
 
     def run(self, cycle: Cycle, setting: Setting) -> Outcome:
         """Count the points of all selected objects at once."""
         selected = setting.selected
-        slots = np.flatnonzero(cycle.active if selected is None else cycle.active & selected)
+        slots = cycle.own(
+            np.flatnonzero(cycle.active if selected is None else cycle.active & selected)
+        )
         if cycle.obstacle_points is None or len(cycle.obstacle_points) == 0 or len(slots) == 0:
             return Outcome(_nothing(slots), 0)
         cloud, ignored = cycle.obstacle_points, [0]

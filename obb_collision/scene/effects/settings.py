@@ -77,6 +77,12 @@ class EffectSettings:
         self._always = tuple(key for key, value in self._settings.items() if value.mode == ON)
         self._resolved = None
 
+    def reach(self) -> float:
+        """Return how far beyond objects the effects that are not off look (m)."""
+        return max(
+            self._settings[name].reach(effect.options) for name, effect in self._effects.items()
+        )
+
     def wanted(self, asked: Iterable[str] | str) -> Sequence[str]:
         """Return the effects to compute: those that are on, and those asked for that are not off.
 

@@ -40,6 +40,7 @@ from obb_collision.queries.sweep.sweep import (
 from obb_collision.queries.sweep.twists import twist_bounds
 from obb_collision.scene.broad_phase.broad_phase import NO_PAIRS, Pairs
 from obb_collision.scene.effects.base import (
+    Before,
     Cycle,
     Effect,
     Option,
@@ -49,6 +50,7 @@ from obb_collision.scene.effects.base import (
     take_rows,
 )
 from obb_collision.scene.effects.candidates import meeting_pairs
+from obb_collision.typing import Floats, Mask, Rows
 
 BLANK = Sweeps(NO_PAIRS, *np.empty((2, 0), np.bool_), *np.empty((2, 0)), *np.empty((2, 0, 3)))
 NOTHING = Outcome(BLANK, 0)
@@ -95,11 +97,11 @@ def _passed(cycle: Cycle, setting: Setting) -> Outcome:
     before = cycle.before
     if before is None:
         return NOTHING
-    count = min(len(before.active), len(cycle.active))
-    same = cycle.active[:count] & before.active[:count]
+    count = min(len(before.enabled), len(cycle.enabled))
+    same = cycle.enabled[:count] & before.enabled[:count]
     same &= cycle.store.born[:count] == before.born[:count]
     same &= (cycle.boxes.half_extents[:count] == before.boxes.half_extents[:count]).all(axis=1)
-    slots = np.flatnonzero(same)
+    slots = _passing(cycle, before, np.flatnonzero(same))
     start, end = before.boxes[slots], cycle.boxes[slots]
     selected = sweep_needed(start, end)
     if setting.selected is not None:
@@ -107,7 +109,7 @@ def _passed(cycle: Cycle, setting: Setting) -> Outcome:
     if not selected.any():
         return NOTHING
     pairs = meeting_pairs(cycle, slots, *swept_bounds(start, end), selected)
-    pairs = _apart(pairs, cycle.pairs, len(cycle.active))
+    pairs = _apart(pairs, cycle.pairs, len(cycle.enabled))
     moving, rows = MovingBoxes(start, end), np.searchsorted(slots, pairs)
     found = _swept(moving, pairs, rows, setting, lambda row: cycle.name(int(slots[row])))
     # the others collided before, and were reported then
@@ -117,21 +119,56 @@ def _passed(cycle: Cycle, setting: Setting) -> Outcome:
 
 def _predicted(cycle: Cycle, setting: Setting) -> Outcome:
     horizon = setting.values["horizon"]
-    selected = cycle.active & cycle.store.twists.any(axis=1)
+    moving = cycle.enabled & cycle.store.twists.any(axis=1)
+    if horizon == 0.0 or not moving.any():
+        return NOTHING
+    part = cycle.active | _coming(cycle, moving, horizon)
+    selected = part & moving
     if setting.selected is not None:
         selected &= setting.selected
-    if horizon == 0.0 or not selected.any():
+    if not selected.any():
         return NOTHING
-    slots = np.flatnonzero(cycle.active)
+    slots = np.flatnonzero(part)
     boxes, twists = cycle.boxes[slots], cycle.store.twists[slots]
     origins = cycle.store.poses[slots, :3]
     bounds = twist_bounds(boxes, twists, origins, horizon)
     pairs = _apart(
-        meeting_pairs(cycle, slots, *bounds, selected[slots]), cycle.pairs, len(cycle.active)
+        meeting_pairs(cycle, slots, *bounds, selected[slots]), cycle.pairs, len(cycle.enabled)
     )
-    moving = MovingBoxes.from_twists(boxes, twists, horizon, origins=origins)
+    moved = MovingBoxes.from_twists(boxes, twists, horizon, origins=origins)
     rows = np.searchsorted(slots, pairs)
-    return _swept(moving, pairs, rows, setting, lambda row: cycle.name(int(slots[row])))
+    return _swept(moved, pairs, rows, setting, lambda row: cycle.name(int(slots[row])))
+
+
+def _passing(cycle: Cycle, before: Before, slots: Rows) -> Rows:
+    """Return those of slots (n,) that may have come near to the region on their way."""
+    if cycle.region is None:
+        return slots
+    extents, starts, ends = cycle.boxes.half_extents, before.boxes.centers, cycle.boxes.centers
+    elsewhere = slots[~cycle.active[slots]]
+    middles = 0.5 * starts[elsewhere] + 0.5 * ends[elsewhere]
+    ways = norms(0.5 * ends[elsewhere] - 0.5 * starts[elsewhere])
+    near = cycle.region.reached_by(middles, norms(extents[elsewhere]) + ways)
+    kept = cycle.active.copy()
+    kept[elsewhere[near]] = True
+    return slots[kept[slots]]
+
+
+def _coming(cycle: Cycle, moving: Mask, horizon: float) -> Mask:
+    """Return (slots,) which of the moving objects elsewhere may come near to the region."""
+    coming = np.zeros(len(moving), np.bool_)
+    if cycle.region is not None:
+        slots = np.flatnonzero(moving & ~cycle.active)
+        origins, boxes = cycle.store.poses[slots, :3], cycle.boxes[slots]
+        around = norms(boxes.centers - origins) + norms(boxes.half_extents)
+        ways = horizon * norms(cycle.store.twists[slots, :3])
+        coming[slots] = cycle.region.reached_by(origins, around + ways)
+    return coming
+
+
+def norms(vectors: Floats) -> Floats:
+    """Return the lengths (n,) of vectors (n, 3)."""
+    return np.asarray(np.linalg.norm(vectors, axis=1))
 
 
 def _apart(pairs: Pairs, colliding: Pairs, slots: int) -> Pairs:

@@ -54,8 +54,11 @@ def is_plain(store: ObjectStore) -> bool:
 
 
 def needs_spheres(store: ObjectStore) -> bool:
-    """Return whether the broad phase must look for spheres, too, that overlap."""
-    return bool((store.accuracies[store.active] == Accuracy.SPHERE).any())
+    """Return whether the broad phase must look for spheres, too, that overlap.
+
+    Also for objects far from a region: all that share a scene find the same bounds.
+    """
+    return bool((store.accuracies[store.enabled] == Accuracy.SPHERE).any())
 
 
 def pair_levels(store: ObjectStore, first: Rows, second: Rows) -> Levels:

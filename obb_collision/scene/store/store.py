@@ -25,11 +25,12 @@ from collections.abc import Iterable, Sequence
 from itertools import count
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from obb_collision.accuracy import Accuracy
 from obb_collision.geometry.poses import as_poses
 from obb_collision.scene.store.placed import PlacedBoxes
-from obb_collision.typing import Floats, Rows
+from obb_collision.typing import Floats, Mask, Rows
 from obb_collision.words import shown
 
 LocalBox = tuple[Floats, Floats, Floats]
@@ -51,7 +52,9 @@ class ObjectStore(PlacedBoxes):
     def _allocate(self, capacity: int) -> None:
         super()._allocate(capacity)
         self.names: list[str | None] = [None] * capacity
-        self.active = np.zeros(capacity, np.bool_)  # used and enabled
+        self.enabled = np.zeros(capacity, np.bool_)  # used, and to take part in collisions
+        self.near = np.ones(capacity, np.bool_)  # to the region that is checked
+        self.active = np.zeros(capacity, np.bool_)  # enabled and near: takes part
         self.accuracies = np.full(capacity, Accuracy.OBB, np.int8)
         self.kinds = np.zeros(capacity, np.int8)  # see ``kinds``
         self.twists = np.zeros((capacity, 6))
@@ -84,6 +87,18 @@ class ObjectStore(PlacedBoxes):
             self._name_tuple = self.version, tuple(self.names)
         return self._name_tuple[1]
 
+    def enable(self, rows: Rows | int, enabled: ArrayLike) -> None:
+        """Let objects take part in collisions, or not."""
+        self.enabled[rows] = enabled
+        self.active[rows] = self.enabled[rows] & self.near[rows]
+
+    def set_near(self, rows: Rows, near: Mask) -> None:
+        """Set which objects are near to the region that is checked; the others take no part."""
+        differ = self.near[rows] != near
+        self.mark(rows[differ])
+        self.near[rows] = near
+        self.active[rows] = self.enabled[rows] & near
+
     def live(self) -> Rows:
         """Return the slots in use, ascending."""
         return np.flatnonzero(self.used)
@@ -99,13 +114,13 @@ class ObjectStore(PlacedBoxes):
             slot = heapq.heappop(self._free)
             self.slots[name] = slot
             self.names[slot] = name
-            self.used[slot] = True
+            self.used[slot] = self.near[slot] = True
             self.born[slot] = self.version
             self.twists[slot] = self.growths[slot] = 0.0
         self.local_centers[slot], self.local_rotations[slot], extents = local_box
         self.local_half_extents[slot] = extents
         self.poses[slot] = pose
-        self.active[slot] = True
+        self.enable(slot, True)
         rows = np.array([slot])
         self._place(rows, positions, rotations)
         self.pad(rows, padding)
@@ -121,7 +136,8 @@ class ObjectStore(PlacedBoxes):
         positions, rotations = as_poses(poses)
         self.begin([name for name in names if name not in self.slots])
         slots = np.array([self.slots[name] for name in names], np.int64)
-        self.active[slots], self.poses[slots] = True, poses
+        self.poses[slots] = poses
+        self.enable(slots, True)
         self.shape_boxes(slots, half_extents, padding)
         self._place(slots, positions, rotations)
         return slots
@@ -140,7 +156,8 @@ class ObjectStore(PlacedBoxes):
         for name, slot in zip(names, free, strict=True):
             self.names[slot] = name
         slots = np.array(free, np.int64)
-        self.used[slots], self.active[slots], self.born[slots] = True, True, self.version
+        self.used[slots], self.near[slots], self.born[slots] = True, True, self.version
+        self.enable(slots, True)
         self.twists[slots] = self.growths[slots] = 0.0
         return slots
 
@@ -172,7 +189,7 @@ class ObjectStore(PlacedBoxes):
         self.names[slot] = None
         self.mark(slot)
         self.used[slot] = False
-        self.active[slot] = False
+        self.enable(slot, False)
         heapq.heappush(self._free, slot)
         return slot
 
@@ -187,7 +204,8 @@ class ObjectStore(PlacedBoxes):
             del self.slots[name]
             self.names[slot] = None
         self.mark(rows)
-        self.used[rows] = self.active[rows] = False
+        self.used[rows] = False
+        self.enable(rows, False)
         self._free = sorted([*self._free, *rows.tolist()])  # a sorted list is a heap
 
     def slots_of(self, names: Iterable[str]) -> Rows:

@@ -1,0 +1,264 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""Scenes with a region each find together what one scene finds, each pair and object once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import obb_collision as oc
+
+FAR = 0.5
+"""Largest distance that clearances are computed for (m), and the halo."""
+EFFECTS = ("contacts", "clearance", "sweep", "points", "separations")
+COORDINATES = st.sampled_from([-4.0, -1.5, -1.0, -0.5, 0.0, 0.25, 0.5, 1.0, 1.5, 2.0, 3.0, 40.0])
+"""Few, so that boxes touch borders and each other exactly."""
+SIZES = st.sampled_from([0.0, 0.25, 0.5, 1.0, 3.0, 100.0])
+TURNS = st.sampled_from([(0, 0, 0, 1), (0, 0, 0.6, 0.8), (0.5, 0.5, 0.5, 0.5)])
+SPEEDS = st.sampled_from([-20.0, -1.0, 0.0, 0.0, 0.0, 2.0, 30.0])
+POINTS = np.array(np.meshgrid(*[np.arange(-2.0, 3.0, 0.75)] * 3)).reshape(3, -1).T
+
+poses = st.builds(
+    lambda place, turn: np.array([*place, *turn], np.float64),
+    st.tuples(COORDINATES, COORDINATES, COORDINATES),
+    TURNS,
+)
+boxes = st.tuples(st.tuples(SIZES, SIZES, SIZES), poses)
+moves = st.lists(st.tuples(st.integers(0, 11), poses, st.tuples(*[SPEEDS] * 6)), max_size=6)
+splits = st.tuples(*[st.integers(1, 3)] * 3)
+
+
+def scene_of(given_boxes: Sequence[Any], region: oc.Region | None, **options: Any) -> oc.Scene:
+    """Return a scene with boxes, and everything switched on."""
+    scene = oc.Scene(**options)
+    for name in EFFECTS:
+        scene.set_effect(name, "on")
+    scene.set_effect("clearance", max_distance=FAR)
+    scene.set_effect("points", margin=0.25)
+    scene.obstacle_points = POINTS
+    scene.region = region
+    for number, (size, pose) in enumerate(given_boxes):
+        scene.add(f"box/{number}", oc.shapes.Box(size), pose)
+    return scene
+
+
+def rows(table: Any, count: int) -> list[tuple[Any, ...]]:
+    """Return the rows of a dataclass of arrays, comparable also where there is NaN."""
+    columns = [
+        column for column in vars(table).values() if np.ndim(column) and len(column) == count
+    ]
+    return [tuple(np.asarray(column[n]).tobytes() for column in columns) for n in range(count)]
+
+
+def found(report: oc.Report) -> dict[str, list[Any]]:
+    """Return all that a check found, as rows by what it is."""
+    pairs = [tuple(pair) for pair in report.pairs.tolist()]
+    measured = zip(pairs, report.verdicts.tolist(), report.depths.tolist(), strict=True)
+    swept = report.swept
+    inside = report.points_inside
+    points = [
+        row for row, n in zip(rows(inside, len(inside.counts)), inside.counts, strict=True) if n
+    ]
+    return {
+        "pairs": list(measured),
+        "contacts": rows(report.contacts, len(report.contacts.pairs)),
+        "clearances": rows(report.clearances, len(report.clearances.pairs)),
+        "passed": rows(swept.passed, len(swept.passed)),
+        "predicted": rows(swept.predicted, len(swept.predicted)),
+        "points": points,
+    }
+
+
+def random_poses(random: np.random.Generator, count: int) -> np.ndarray:
+    """Return poses (count, 7) around and beyond a cube of 6 m."""
+    turns = random.normal(size=(count, 4))
+    turns /= np.linalg.norm(turns, axis=1, keepdims=True)
+    return np.hstack([random.uniform(-1, 7, (count, 3)), turns])
+
+
+def check_union(whole: oc.Scene, parts: Sequence[oc.Scene]) -> None:
+    """Check that regions find together what one scene finds, nothing twice."""
+    one = found(whole.check())
+    several = [found(part.check()) for part in parts]
+    for what, expected in one.items():
+        union = sorted(row for some in several for row in some[what])
+        assert union == sorted(expected), what
+
+
+@settings(max_examples=150, deadline=None)
+@given(st.lists(boxes, min_size=2, max_size=12), splits, st.lists(moves, max_size=4), st.booleans())
+def test_regions_find_together_what_one_scene_finds(
+    given_boxes: Any, parts: Any, steps: Any, padded: bool
+) -> None:
+    options = {"padding": 0.75} if padded else {}
+    regions = oc.split_regions([-1.5] * 3, [1.5] * 3, parts, FAR)
+    whole = scene_of(given_boxes, None, **options)
+    scenes = [scene_of(given_boxes, region, **options) for region in regions]
+    check_union(whole, scenes)
+    for step in steps:
+        for scene in (whole, *scenes):
+            for number, pose, twist in step:
+                if number < len(given_boxes):
+                    scene.move(f"box/{number}", pose)
+                    scene.set_twist(f"box/{number}", twist)
+        check_union(whole, scenes)
+
+
+@pytest.mark.parametrize("accuracy", ["sphere", "aabb", "obb", "mesh"])
+@pytest.mark.parametrize("seed", range(4))
+def test_many_objects_that_come_move_and_go(seed: int, accuracy: str) -> None:
+    random = np.random.default_rng(seed)
+    regions = oc.split_regions([0.0] * 3, [6.0] * 3, (2, 2, 1), FAR)
+    scenes = [scene_of([], region, accuracy=accuracy) for region in (None, *regions)]
+    shapes = (oc.shapes.Box([1.0, 0.5, 2.0]), oc.shapes.Sphere(0.5), oc.shapes.Cylinder(0.25, 1.5))
+    names = [f"a/{n}" for n in range(160)]
+    start = random_poses(random, 160)
+    for scene in scenes:
+        for n, name in enumerate(names):
+            scene.add(name, shapes[n % 3], start[n])
+        scene.allow("a/1*", "a/2*")
+    for step in range(6):
+        share = (160, 4, 40, 0, 1, 80)[step]
+        moved = random.choice(160, share, replace=False)
+        poses = random_poses(random, share)
+        gone, name = int(random.integers(160)), f"b/{step}"
+        for scene in scenes:
+            scene.move_many([names[n] for n in moved], poses)
+            scene.set_enabled(names[gone], bool(step % 2))
+            scene.add(name, shapes[step % 3], start[gone])
+            if step > 2:
+                scene.remove(f"b/{step - 2}")
+        check_union(scenes[0], scenes[1:])
+    assert len(scenes[0].check()) > 20
+
+
+def test_a_pair_belongs_to_one_region_though_its_point_is_on_the_border() -> None:
+    cubes = [([2.0, 2.0, 2.0], np.array([x, 0, 0, 0, 0, 0, 1.0])) for x in (0.0, 1.0)]
+    middle = oc.Scene()
+    for n, (size, pose) in enumerate(cubes):
+        middle.add(str(n), oc.shapes.Box(size), pose)
+    border = float(middle.boxes.centers[1, 0] - 1.0)  # about where the second cube begins
+    for cut in (np.nextafter(border, -1.0), border, np.nextafter(border, 1.0)):
+        ends = [-np.inf, cut, np.inf]
+        counts = [
+            len(
+                scene_of(
+                    cubes,
+                    oc.Region([ends[k], -np.inf, -np.inf], [ends[k + 1], np.inf, np.inf], FAR),
+                ).check()
+            )
+            for k in range(2)
+        ]
+        assert sorted(counts) == [0, 1]
+
+
+def test_what_stays_away_takes_no_part_and_what_comes_does() -> None:
+    region = oc.Region([-np.inf] * 3, [0.0, np.inf, np.inf], FAR)
+    scene = scene_of([([1, 1, 1], np.array([x, 0, 0, 0, 0, 0, 1.0])) for x in (-5, 50, 60)], region)
+    report = scene.check()
+    assert scene.indices_near.tolist() == [0]
+    assert report.cycle.active.tolist()[:3] == [True, False, False]
+    scene.move("box/1", [50.25, 0, 0, 0, 0, 0, 1])
+    assert scene.check().cycle.active.tolist()[:3] == [True, False, False]
+    scene.move("box/1", [-5.5, 0, 0, 0, 0, 0, 1])
+    assert scene.check().names() == [("box/0", "box/1")]
+    assert scene.indices_near.tolist() == [0, 1]
+    scene.move("box/1", [50, 0, 0, 0, 0, 0, 1])
+    assert scene.check().names() == []
+    scene.region = None
+    scene.move("box/2", [50.5, 0, 0, 0, 0, 0, 1])
+    assert scene.check().names() == [("box/1", "box/2")]
+    assert scene.indices_near.tolist() == [0, 1, 2]
+
+
+def test_only_objects_far_away_that_move_leave_the_report_as_it_is() -> None:
+    region = oc.Region([-np.inf] * 3, [0.0, np.inf, np.inf], 1.0)
+    scene = oc.Scene(region=region)
+    for n, x in enumerate((-5.0, -5.5, 50.0)):
+        scene.add(str(n), oc.shapes.Box([1, 1, 1]), [x, 0, 0, 0, 0, 0, 1])
+    report = scene.check()
+    scene.move("2", [60, 0, 0, 0, 0, 0, 1])
+    assert scene.check() is report
+    assert scene.any_collision()
+    assert scene.query(oc.shapes.Sphere(1.0), [60, 0, 0, 0, 0, 0, 1]) == []
+    assert scene.query(oc.shapes.Sphere(1.0), [-5, 0, 0, 0, 0, 0, 1]) == ["0", "1"]
+    scene.clear()
+    scene.add("far", oc.shapes.Box([1, 1, 1]), [9, 0, 0, 0, 0, 0, 1])
+    scene.check()
+    assert scene.indices_near.tolist() == []
+
+
+def test_a_halo_smaller_than_what_effects_look_beyond_is_refused() -> None:
+    part = oc.Region([0, 0, 0], [1, 1, 1], 0.05)
+    with pytest.raises(ValueError, match=r"halo .* at least 0\.1"):
+        oc.Scene(region=part)
+    scene = oc.Scene()
+    scene.set_effect("clearance", "off")
+    scene.region = part
+    for effect, options in (("clearance", {"mode": "on"}), ("points", {"margin": 0.06})):
+        before = scene.effect_setting(effect)
+        with pytest.raises(ValueError, match="halo of the region must be at least"):
+            scene.set_effect(effect, **options)
+        assert scene.effect_setting(effect) == before
+    scene.set_effect("points", margin=0.05)
+    scene.region = oc.Region([-np.inf] * 3, [np.inf] * 3)  # of everything: no halo is needed
+    assert scene.region is None
+
+
+@pytest.mark.parametrize("parts", [(1, 1, 1), (3, 1, 1), (2, 3, 4)])
+def test_every_point_is_in_one_region_of_a_split(parts: tuple[int, int, int]) -> None:
+    regions = oc.split_regions([-1, 0, 2], [1, 3, 4], parts)
+    assert len(regions) == np.prod(parts)
+    cuts = np.unique([r.minimum for r in regions] + [r.maximum for r in regions])
+    cuts = cuts[np.isfinite(cuts)]
+    values = np.concatenate([cuts, np.nextafter(cuts, -np.inf), [-1e300, -1.0, 0.0, 7.0, 1e300]])
+    points = np.array(np.meshgrid(values, values, values)).reshape(3, -1).T
+    assert (np.sum([region.holds(points) for region in regions], axis=0) == 1).all()
+    infinite = np.array([[-np.inf, 0.0, 3.0], [np.inf, -np.inf, np.inf]])
+    assert (np.sum([region.owns(infinite) for region in regions], axis=0) == 1).all()
+
+
+@pytest.mark.parametrize(
+    ("given_ends", "reason"),
+    [
+        (([0, 0, 0], [1, 0, 1]), "minimum must be below maximum"),
+        (([0, 0, np.nan], [1, 1, 1]), "minimum must be below maximum"),
+        (([0, 0], [1, 1, 1]), "minimum must have shape"),
+        (([np.inf] * 3, [np.inf] * 3), "minimum must be below"),
+        (([0, 0, 0], [1, 1, 1], -1.0), "halo must not be negative"),
+        (([0, 0, 0], [1, 1, 1], np.inf), "halo"),
+    ],
+)
+def test_what_is_no_region_is_refused(given_ends: Any, reason: str) -> None:
+    with pytest.raises(ValueError, match=reason):
+        oc.Region(*given_ends)
+
+
+@pytest.mark.parametrize(
+    ("parts", "reason"),
+    [([0, 1, 1], "parts"), ([2, 2], "three"), ([5000, 1, 1], "parts"), ([64, 64, 2], "4096")],
+)
+def test_splits_that_make_no_sense_are_refused(parts: Any, reason: str) -> None:
+    with pytest.raises(ValueError, match=reason):
+        oc.split_regions([0, 0, 0], [1, 1, 1], parts)
+    with pytest.raises(ValueError, match="along an axis"):
+        oc.split_regions([0, 0, 0], [0, 1, 1], [2, 1, 1])
+    with pytest.raises(ValueError, match="below maximum"):
+        oc.split_regions([1, 0, 0], [np.nextafter(1, 2), 1, 1], [9, 1, 1])
