@@ -44,9 +44,9 @@ from obb_collision.queries.verdict.separations import separations
 from obb_collision.queries.verdict.verdict import Verdict, verdicts
 from obb_collision.scene.broad_phase.any_collision import any_collision
 from obb_collision.scene.broad_phase.find_pairs import find_pairs
-from obb_collision.scene.region import Region, split_regions
 from obb_collision.scene.report import Report
 from obb_collision.scene.scene import Scene
+from obb_collision.scene.store.region import Region, split_regions
 from obb_collision.scene_files import SceneDescription, load_scene
 
 __all__ = [

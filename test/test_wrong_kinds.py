@@ -75,6 +75,7 @@ def setting(name: str) -> Callable[..., None]:
 
 
 BOX, AROUND = oc.OBB(half_extents=[1, 1, 1]), oc.AABB([-1] * 3, [1] * 3)
+REGION = oc.Region([0] * 3, [1] * 3, 1.0)
 MESHES = {"a": placed(), "b": placed(), "pairs": [[0, 0]]}
 PAIRS = {"pairs": [[0, 1]]}
 BOTH = {"a": boxes(), "b": boxes(), **PAIRS}
@@ -215,12 +216,18 @@ FUNCTIONS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     ),
     "Scene.effect_setting": (scene().effect_setting, {"name": "clearance"}),
     "Scene.check": (scene().check, {"effects": ["contacts"]}),
+    "Region": (oc.Region, {"minimum": [0] * 3, "maximum": [1] * 3, "halo": 1.0}),
+    "Region.holds": (REGION.holds, {"points": POINTS}),
+    "split_regions": (
+        oc.split_regions,
+        {"minimum": [0] * 3, "maximum": [1] * 3, "parts": [2, 1, 1], "halo": 1.0},
+    ),
     "Report.result": (scene().check().result, {"effect": "contacts"}),
     **{
         f"Scene.{name} =": (setting(name), {name: value})
         for name, value in {
             "padding": 0.1, "accuracy": "obb", "tree_depth": 3, "time_budget": 0.1,
-            "obstacle_points": POINTS, "max_pairs": 9
+            "obstacle_points": POINTS, "max_pairs": 9, "region": REGION
         }.items()
     },
 }  # fmt: skip

@@ -45,9 +45,9 @@ from obb_collision.scene.limit import find_limited, most_candidates
 from obb_collision.scene.merging import merge_pairs, unchanged_pairs
 from obb_collision.scene.refinement.budget import Budget
 from obb_collision.scene.refinement.ladder import NONE, Found, decide_pairs, pair_levels
-from obb_collision.scene.region import Region
 from obb_collision.scene.store.allowed import AllowedPairs
 from obb_collision.scene.store.pair_table import PairFilter
+from obb_collision.scene.store.region import Region, boxes_near, owns_pairs
 from obb_collision.scene.store.store import ObjectStore
 from obb_collision.typing import Floats, Mask, Rows
 
@@ -97,7 +97,7 @@ class Checker:
             return
         rows = np.flatnonzero(store.changed & store.used)
         before = store.near[rows]
-        near = self.region.near_boxes(store.centers, store.half_extents, rows)
+        near = boxes_near(self.region, store.centers, store.half_extents, rows)
         store.set_near(rows, near)
         store.changed[rows[~(before | near)]] = False
         store.touched = bool(store.changed.any())
@@ -249,7 +249,7 @@ class Checker:
         if self._bounds is None:
             self._update_bounds()
         assert self._bounds is not None
-        return self.region.owns_pairs(self._bounds[0], pairs)
+        return owns_pairs(self.region, self._bounds[0], pairs)
 
     def _candidates(self, changed: Rows) -> Pairs | None:
         """Return pairs (m, 2) of changed slots (k,) whose bounds overlap; None: too many."""

@@ -40,10 +40,10 @@ from obb_collision.scene.questions import any_collides, body_in, colliding_with
 from obb_collision.scene.refinement.budget import Budget
 from obb_collision.scene.refinement.ladder import needs_spheres
 from obb_collision.scene.refinement.mesh_pairs import prepare_shapes
-from obb_collision.scene.region import Region
 from obb_collision.scene.report import Report
 from obb_collision.scene.store.allowed import AllowedPairs, Rule, Sides
 from obb_collision.scene.store.patterns import as_patterns, matching
+from obb_collision.scene.store.region import Region
 from obb_collision.shapes import Shape
 from obb_collision.words import shown
 

@@ -34,8 +34,8 @@ from obb_collision.geometry.validation import as_array
 from obb_collision.queries.verdict.coarse import meeting_bounds, sphere_bounds
 from obb_collision.queries.verdict.verdict import Verdicts
 from obb_collision.scene.broad_phase.broad_phase import Pairs
-from obb_collision.scene.region import Region
 from obb_collision.scene.store.pair_table import PairFilter
+from obb_collision.scene.store.region import Region, owns, owns_pairs
 from obb_collision.scene.store.snapshot import Snapshot
 from obb_collision.scene.store.store import ObjectStore
 from obb_collision.typing import Floats, Mask, Rows
@@ -162,7 +162,7 @@ class Cycle:
             a, b = rows.T
             meet = ((low[a] <= high[b]) & (low[b] <= high[a])).all(axis=1)
             counts = np.where(
-                meet, self.region.owns_pairs(low, rows), self.region.owns_pairs(minimum, rows)
+                meet, owns_pairs(self.region, low, rows), owns_pairs(self.region, minimum, rows)
             )
         if self.pair_filter is not None:
             counts &= self.pair_filter(pairs[:, 0], pairs[:, 1])
@@ -172,7 +172,7 @@ class Cycle:
         """Return those of slots (n,) whose objects belong to the region, each to one."""
         if self.region is None:
             return slots
-        return slots[self.region.owns(self.bounds(slots)[0])]
+        return slots[owns(self.region, self.bounds(slots)[0])]
 
     def bounds(self, slots: Rows) -> tuple[Floats, Floats]:
         """Return the bounds (n, 3), (n, 3) of slots whose overlap decides where a pair belongs."""

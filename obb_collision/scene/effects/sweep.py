@@ -50,6 +50,7 @@ from obb_collision.scene.effects.base import (
     take_rows,
 )
 from obb_collision.scene.effects.candidates import meeting_pairs
+from obb_collision.scene.store.region import balls_near
 from obb_collision.typing import Floats, Mask, Rows
 
 BLANK = Sweeps(NO_PAIRS, *np.empty((2, 0), np.bool_), *np.empty((2, 0)), *np.empty((2, 0, 3)))
@@ -148,7 +149,7 @@ def _passing(cycle: Cycle, before: Before, slots: Rows) -> Rows:
     elsewhere = slots[~cycle.active[slots]]
     middles = 0.5 * starts[elsewhere] + 0.5 * ends[elsewhere]
     ways = norms(0.5 * ends[elsewhere] - 0.5 * starts[elsewhere])
-    near = cycle.region.reached_by(middles, norms(extents[elsewhere]) + ways)
+    near = balls_near(cycle.region, middles, norms(extents[elsewhere]) + ways)
     kept = cycle.active.copy()
     kept[elsewhere[near]] = True
     return slots[kept[slots]]
@@ -162,7 +163,7 @@ def _coming(cycle: Cycle, moving: Mask, horizon: float) -> Mask:
         origins, boxes = cycle.store.poses[slots, :3], cycle.boxes[slots]
         around = norms(boxes.centers - origins) + norms(boxes.half_extents)
         ways = horizon * norms(cycle.store.twists[slots, :3])
-        coming[slots] = cycle.region.reached_by(origins, around + ways)
+        coming[slots] = balls_near(cycle.region, origins, around + ways)
     return coming
 
 

@@ -33,11 +33,11 @@ from numpy.typing import ArrayLike
 from obb_collision._jit import njit
 from obb_collision._threads import run
 from obb_collision.geometry.kinds import ArrayValue
-from obb_collision.geometry.validation import as_array, as_shaped, as_whole
+from obb_collision.geometry.validation import as_any_array, as_array, as_shaped, as_whole
 from obb_collision.numerics.constants import UNDERFLOW
 from obb_collision.numerics.vec3 import norm, sum_abs, vector_at
-from obb_collision.scene.broad_phase.broad_phase import Pairs
 from obb_collision.typing import Floats, Mask, Rows
+from obb_collision.words import shown
 
 #: Relative growth of what an object reaches: more than the slack of all bounds of boxes and
 #: spheres in use, 2^-38 at the most.
@@ -116,32 +116,7 @@ class Region(ArrayValue):
         >>> oc.Region([0, 0, 0], [1, 1, 1]).holds([[0, 0, 0], [0, 0, 1]]).tolist()
         [True, False]
         """
-        return self.owns(as_array(points, "points", (None, 3)))
-
-    def owns(self, points: Floats) -> Mask:
-        """Return which canonical points (n, 3), possibly infinite, are in it; nothing checked."""
-        above = (points >= self.minimum).all(axis=1)
-        return np.asarray(above & ((points < self.maximum) | (self.maximum == np.inf)).all(axis=1))
-
-    def owns_pairs(self, minimum: Floats, pairs: Pairs) -> Mask:
-        """Return which pairs (m, 2) of rows of bounds, of which ``minimum`` (n, 3), are its own."""
-        return self.owns(np.maximum(minimum[pairs[:, 0]], minimum[pairs[:, 1]]))
-
-    def reached_by(self, centers: Floats, radii: Floats) -> Mask:
-        """Return which balls about (n, 3), radii (n,), may come within the halo of it."""
-        extents = np.zeros((len(radii), 3))
-        extents[:, 0] = radii
-        return self.near_boxes(centers, extents, np.arange(len(radii)))
-
-    def near_boxes(self, centers: Floats, half_extents: Floats, rows: Rows) -> Mask:
-        """Return (m,) which rows of boxes (n, 3), (n, 3) may come within the halo of it.
-
-        By the spheres around them: never False where any bounds in use reach there.
-        """
-        near = np.empty(len(rows), np.bool_)
-        arrays = centers, half_extents, rows, self.minimum, self.maximum
-        run(_reach_kernel, len(rows), FEWEST_BALLS, *arrays, self.halo, near)
-        return near
+        return owns(self, as_array(points, "points", (None, 3)))
 
 
 def split_regions(
@@ -176,9 +151,12 @@ def split_regions(
     [3.0, 6.0, inf]
     """
     low, high = as_array(minimum, "minimum", (3,)), as_array(maximum, "maximum", (3,))
-    counts = [as_whole(count, "parts", 1, MOST_PARTS) for count in parts]
-    if len(counts) != 3 or np.prod(counts, dtype=float) > MOST_PARTS:
-        raise ValueError(f"parts must be three numbers, at most {MOST_PARTS} regions in all")
+    counts = as_any_array(parts, "parts", "three whole numbers").tolist()
+    if not isinstance(counts, list) or len(counts) != 3:
+        raise ValueError(f"parts must be three whole numbers, got {shown(parts)}")
+    counts = [as_whole(count, "parts", 1, MOST_PARTS) for count in counts]
+    if np.prod(counts, dtype=float) > MOST_PARTS:
+        raise ValueError(f"parts must make at most {MOST_PARTS} regions, got {shown(parts)}")
     edges = []
     for start, stop, count in zip(low.tolist(), high.tolist(), counts, strict=True):
         if count > 1 and not start < stop:
@@ -194,6 +172,35 @@ def split_regions(
         )
         for cell in cells
     ]
+
+
+def owns(region: Region, points: Floats) -> Mask:
+    """Return which canonical points (n, 3), possibly infinite, are in it; nothing checked."""
+    above = (points >= region.minimum).all(axis=1)
+    return np.asarray(above & ((points < region.maximum) | (region.maximum == np.inf)).all(axis=1))
+
+
+def owns_pairs(region: Region, minimum: Floats, pairs: Rows) -> Mask:
+    """Return which pairs (m, 2) of rows of bounds, of which ``minimum`` (n, 3), are its own."""
+    return owns(region, np.maximum(minimum[pairs[:, 0]], minimum[pairs[:, 1]]))
+
+
+def balls_near(region: Region, centers: Floats, radii: Floats) -> Mask:
+    """Return which balls about (n, 3), radii (n,), may come within the halo of it."""
+    extents = np.zeros((len(radii), 3))
+    extents[:, 0] = radii
+    return boxes_near(region, centers, extents, np.arange(len(radii)))
+
+
+def boxes_near(region: Region, centers: Floats, half_extents: Floats, rows: Rows) -> Mask:
+    """Return (m,) which rows of boxes (n, 3), (n, 3) may come within the halo of it.
+
+    By the spheres around them: never False where any bounds in use reach there.
+    """
+    near = np.empty(len(rows), np.bool_)
+    arrays = centers, half_extents, rows, region.minimum, region.maximum
+    run(_reach_kernel, len(rows), FEWEST_BALLS, *arrays, region.halo, near)
+    return near
 
 
 @njit
