@@ -31,6 +31,8 @@ from unittest.mock import patch
 import numpy as np
 import pytest
 from geometry_msgs.msg import TransformStamped
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState, GetState
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
@@ -246,6 +248,23 @@ class Client:
         self.last.pop(topic, None)
         return self.until(lambda: self.last.get(topic), topic)
 
+    def call(self, kind: Any, name: str, request: Any) -> Any:
+        """Call a service of the node."""
+        service = self.client.create_client(kind, name)
+        self.until(service.service_is_ready, name)
+        future = service.call_async(request)
+        return self.until(lambda: future.done() and future.result(), name)
+
+    def change(self, transition: int, label: str = "") -> bool:
+        """Ask for a transition of the life cycle; returns whether it went through."""
+        request = ChangeState.Request(transition=Transition(id=transition, label=label))
+        return bool(self.call(ChangeState, "obb_collision/change_state", request).success)
+
+    def state(self) -> str:
+        """Return the state of the life cycle."""
+        answer = self.call(GetState, "obb_collision/get_state", GetState.Request())
+        return str(answer.current_state.label)
+
     def status(self, name: str) -> dict[str, str]:
         """Wait for another ``/diagnostics`` and return the values of one status, by key."""
         message = self.next("/diagnostics")
@@ -345,13 +364,6 @@ class Rig(Client):
     def refused(self, topic: str) -> dict[str, int]:
         """Refused items of an input so far, by reason."""
         return dict(self.monitor(topic).refused)
-
-    def call(self, kind: Any, name: str, request: Any) -> Any:
-        """Call a service of the node."""
-        service = self.client.create_client(kind, name)
-        self.until(service.service_is_ready, name)
-        future = service.call_async(request)
-        return self.until(lambda: future.done() and future.result(), name)
 
     def set(self, **parameters: Any) -> list[Any]:
         """Set parameters of the node as a remote client would; returns the results."""

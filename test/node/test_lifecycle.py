@@ -26,7 +26,7 @@ import pytest
 pytest.importorskip("rclpy")
 from gate import Gate
 from lifecycle_msgs.msg import Transition
-from lifecycle_msgs.srv import ChangeState, GetState
+from lifecycle_msgs.srv import ChangeState
 from rclpy.context import Context
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rig import DOMAIN, NAMESPACE, Rig, cube, pose, sync
@@ -61,20 +61,8 @@ def managed(*transitions: int, **parameters: Any) -> Rig:
     rig = Rig(deaf=True, autostart=False, given={"cycle_timeout": 30.0} | parameters)
     rig.listen("collisions", "in_collision", "namespaces", STATUS)
     for transition in transitions:
-        assert change(rig, transition)
+        assert rig.change(transition)
     return rig
-
-
-def change(rig: Rig, transition: int, label: str = "") -> bool:
-    """Ask for a transition; returns whether it went through."""
-    request = ChangeState.Request(transition=Transition(id=transition, label=label))
-    return bool(rig.call(ChangeState, "obb_collision/change_state", request).success)
-
-
-def state(rig: Rig) -> str:
-    return str(
-        rig.call(GetState, "obb_collision/get_state", GetState.Request()).current_state.label
-    )
 
 
 def said(rig: Rig, level: bytes, text: str, flag: bool | None = None) -> None:
@@ -113,18 +101,18 @@ def count_checks(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> list[int]:
 
 def test_by_default_it_is_active_at_once_and_can_be_managed(rig: Rig) -> None:
     rig.listen(STATUS)
-    assert state(rig) == "active"
+    assert rig.state() == "active"
     rig.send(*PAIR)
     assert rig.pairs() == NAMED
-    assert change(rig, DEACTIVATE)
+    assert rig.change(DEACTIVATE)
     said(rig, UNKNOWN, "inactive", True)
-    assert change(rig, ACTIVATE)
+    assert rig.change(ACTIVATE)
     said(rig, COLLIDING, "1 pair", True)
 
 
 def test_unconfigured_it_takes_nothing_in_and_knows_nothing() -> None:
     with managed() as rig:
-        assert state(rig) == "unconfigured"
+        assert rig.state() == "unconfigured"
         said(rig, UNKNOWN, "unconfigured", True)
         inputs = [rig.client.count_subscribers(topic) for topic in rig.pubs]
         assert not any(inputs)
@@ -137,7 +125,7 @@ def test_a_node_that_is_configured_only_stores_and_an_active_one_checks_what_it_
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     with managed(CONFIGURE) as rig:
-        assert state(rig) == "inactive"
+        assert rig.state() == "inactive"
         checks = count_checks(rig, monkeypatch)
         rig.wait_inputs()
         rig.send(*PAIR)
@@ -146,7 +134,7 @@ def test_a_node_that_is_configured_only_stores_and_an_active_one_checks_what_it_
         assert not checks
         assert "collisions" not in rig.last
         said(rig, UNKNOWN, "inactive", True)
-        assert change(rig, ACTIVATE)
+        assert rig.change(ACTIVATE)
         assert rig.pairs() == NAMED
         said(rig, COLLIDING, "1 pair", True)
 
@@ -160,7 +148,7 @@ def test_deactivated_is_not_known_also_for_who_comes_later_and_active_again_is_u
         rig.answer()
         said(rig, FREE, "free", False)
         checks = count_checks(rig, monkeypatch)
-        assert change(rig, DEACTIVATE)
+        assert rig.change(DEACTIVATE)
         said(rig, UNKNOWN, "inactive", True)
         late: list[Any] = []
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -174,7 +162,7 @@ def test_deactivated_is_not_known_also_for_who_comes_later_and_active_again_is_u
         rig.cycles(3)
         assert not checks
         assert "collisions" not in rig.last
-        assert change(rig, ACTIVATE)
+        assert rig.change(ACTIVATE)
         assert rig.pairs() == NAMED
         said(rig, COLLIDING, "1 pair", True)
 
@@ -185,7 +173,7 @@ def test_what_is_not_known_while_inactive_is_no_collision_where_the_user_wants_t
         rig.send(*PAIR)
         rig.answer()
         said(rig, COLLIDING, "1 pair", True)
-        assert change(rig, DEACTIVATE)
+        assert rig.change(DEACTIVATE)
         said(rig, UNKNOWN, "inactive", False)
 
 
@@ -197,7 +185,7 @@ def test_boxes_are_not_shown_any_more_when_nothing_is_known(form: str) -> None:
         rig.send(*PAIR)
         rig.until(lambda: MARKERS in rig.last and rig.last[MARKERS].markers, "boxes")
         shown = {(marker.ns, marker.id) for marker in rig.last[MARKERS].markers}
-        assert change(rig, DEACTIVATE)
+        assert rig.change(DEACTIVATE)
 
         def deleted() -> bool:
             markers = rig.last[MARKERS].markers
@@ -217,13 +205,13 @@ def test_cleaned_up_and_configured_again_it_starts_anew(tmp_path: Path) -> None:
         rig.set(rate=40.0)
         rig.node.cycle.enabled = False
         for transition in (DEACTIVATE, CLEANUP):
-            assert change(rig, transition)
+            assert rig.change(transition)
         said(rig, UNKNOWN, "unconfigured", True)
         rig.until(lambda: not any(p.get_subscription_count() for p in rig.pubs.values()), "none")
         assert rig.node.get_parameter("padding").value == 0.0, "the file's, not the user's"
         scene.write_text(SCENE.format(padding=0.125))
         for transition in (CONFIGURE, ACTIVATE):
-            assert change(rig, transition)
+            assert rig.change(transition)
         said(rig, FREE, "free", False)
         assert [rig.node.objects.table.key(slot) for slot in rig.node.objects.scene.indices] == [
             ("part", 1)
@@ -246,10 +234,10 @@ def test_transitions_while_a_shape_is_built_leave_nothing_behind() -> None:
         sync(rig)
         assert before.table.shape_pending.any()
         for transition in (DEACTIVATE, ACTIVATE):
-            assert change(rig, transition)
+            assert rig.change(transition)
         said(rig, UNKNOWN, "body/1", True)
         for transition in (DEACTIVATE, CLEANUP, CONFIGURE, ACTIVATE):
-            assert change(rig, transition)
+            assert rig.change(transition)
         gate.open()
         said(rig, FREE, "free", False)
         assert len(rig.node.objects.table) == 0
@@ -263,10 +251,10 @@ def test_transitions_while_a_shape_is_built_leave_nothing_behind() -> None:
 @pytest.mark.parametrize("way", [*WAYS])
 def test_shut_down_it_knows_nothing_for_good_and_its_process_stays(way: str) -> None:
     with managed(*WAYS[way]) as rig:
-        assert change(rig, SHUTDOWN[way])
-        assert state(rig) == "finalized"
+        assert rig.change(SHUTDOWN[way])
+        assert rig.state() == "finalized"
         said(rig, UNKNOWN, "shutting down", True)
-        assert not change(rig, CONFIGURE)
+        assert not rig.change(CONFIGURE)
         assert all(result.successful for result in rig.set(rate=40.0))
         assert not any(thread.name == STATUS for thread in threading.enumerate())
 
@@ -280,16 +268,16 @@ def test_a_transition_that_is_not_possible_is_refused_and_changes_nothing(way: s
             "active": {DEACTIVATE},
         }[way] | {SHUTDOWN[way]}
         others = {*range(12), 255, *SHUTDOWN.values()} - possible
-        assert not any(change(rig, transition) for transition in others)
-        assert not change(rig, 0, "no such transition")
-        assert state(rig) == way
+        assert not any(rig.change(transition) for transition in others)
+        assert not rig.change(0, "no such transition")
+        assert rig.state() == way
 
 
 def test_labels_work_as_well_as_numbers() -> None:
     with managed() as rig:
-        assert change(rig, 0, "configure")
-        assert change(rig, 0, "activate")
-        assert state(rig) == "active"
+        assert rig.change(0, "configure")
+        assert rig.change(0, "activate")
+        assert rig.state() == "active"
 
 
 def test_a_scene_file_that_cannot_be_read_is_a_transition_that_failed_with_the_reason(
@@ -297,13 +285,13 @@ def test_a_scene_file_that_cannot_be_read_is_a_transition_that_failed_with_the_r
 ) -> None:
     scene = tmp_path / "scene.yaml"
     with managed(scene_file=str(scene)) as rig:
-        assert not change(rig, CONFIGURE)
-        assert state(rig) == "unconfigured"
+        assert not rig.change(CONFIGURE)
+        assert rig.state() == "unconfigured"
         said(rig, UNKNOWN, "the last transition failed", True)
         assert str(scene) in rig.last[STATUS].status[0].message
         scene.write_text(SCENE.format(padding=0.0))
-        assert change(rig, CONFIGURE)
-        assert change(rig, ACTIVATE)
+        assert rig.change(CONFIGURE)
+        assert rig.change(ACTIVATE)
         said(rig, FREE, "free", False)
     with pytest.raises(ValueError, match="missing"):
         Rig(scene_file=str(tmp_path / "missing.yaml"))
@@ -328,13 +316,13 @@ def test_what_fails_in_a_transition_leaves_nothing_configured_and_the_next_one_w
 
         with monkeypatch.context() as patch:
             patch.setattr(rig.node, part, fail)
-            assert not change(rig, transition)
-        assert state(rig) == "unconfigured"
+            assert not rig.change(transition)
+        assert rig.state() == "unconfigured"
         said(rig, UNKNOWN, "broken", True)
         assert not any(rig.client.count_subscribers(topic) for topic in rig.pubs)
         assert not [*rig.node.timers], "nothing is called any more"
         for again in (CONFIGURE, ACTIVATE):
-            assert change(rig, again)
+            assert rig.change(again)
         rig.wait_inputs()
         rig.send(*PAIR)
         assert rig.pairs() == NAMED
@@ -349,7 +337,7 @@ def test_activated_and_cleaned_up_many_times_it_keeps_nothing(rig: Rig) -> None:
     first = held()
     for _ in range(5):
         for transition in (DEACTIVATE, CLEANUP, CONFIGURE, ACTIVATE):
-            assert change(rig, transition)
+            assert rig.change(transition)
     assert held() == first
 
 
@@ -358,7 +346,7 @@ def test_parameters_of_an_unconfigured_node_count_once_it_is_configured() -> Non
         assert all(r.successful for r in rig.set(padding=0.5, unknown_is_collision=False))
         flagged(rig, False)
         for transition in (CONFIGURE, ACTIVATE):
-            assert change(rig, transition)
+            assert rig.change(transition)
         rig.wait_inputs()
         rig.send(cube(A1), cube(A2, (2.0, 0, 0)))
         assert rig.pairs() == NAMED
@@ -375,7 +363,7 @@ def test_an_accuracy_whose_kernels_are_missing_does_not_hold_up_configuring(
         monkeypatch.setattr(warm, "_work", lambda: None)  # the thread that compiles
         rig.set(accuracy="mesh")
         for transition in (CONFIGURE, ACTIVATE):
-            assert change(rig, transition)
+            assert rig.change(transition)
         assert warm._asked.keys() & missing
         assert rig.node._settings.waiting, "pairs are on obb meanwhile"
         said(rig, FREE, "free", False)
@@ -398,7 +386,7 @@ def test_of_two_nodes_in_a_process_one_is_deactivated_and_the_other_goes_on(rig:
         rig.send(*PAIR)
         assert rig.pairs() == NAMED
         rig.until(lambda: flags[-1].data is True, "the other collides")
-        assert change(rig, DEACTIVATE)
+        assert rig.change(DEACTIVATE)
         said(rig, UNKNOWN, "inactive", True)
         assert other.cycle.active
         rig.send(cube(A2, (3, 0, 0)))
@@ -407,7 +395,7 @@ def test_of_two_nodes_in_a_process_one_is_deactivated_and_the_other_goes_on(rig:
         name = "cell/obb_collision/change_state"
         assert rig.call(ChangeState, name, request).success
         rig.until(lambda: flags[-1].data is True, "the other is not known")
-        assert change(rig, ACTIVATE)
+        assert rig.change(ACTIVATE)
         said(rig, FREE, "free", False)
         assert flags[-1].data is True
     finally:

@@ -18,8 +18,11 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import subprocess
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +31,11 @@ import pytest
 pytest.importorskip("rclpy")
 import yaml
 from ament_index_python.packages import PackageNotFoundError, get_package_prefix
+from node_process import environment
+from processes import limited
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rig import DOMAIN, NAMESPACE, Client
 
 from obb_collision.node.parameters.parameters import SPECS
 from obb_collision.node.runtime.launching import initial_parameters
@@ -146,20 +154,26 @@ class Launched:
         if package == "obb_collision":
             (prefix / "share" / package / "config").symlink_to(ROOT / "config")
 
-    def run(self, *arguments: str) -> tuple[int, str]:
-        """Launch, to the end; returns exit code and output."""
+    @contextmanager
+    def running(self, *arguments: str) -> Iterator[subprocess.Popen[str]]:
+        """Launch; killed at the end if it still runs."""
         before = os.environ.get("AMENT_PREFIX_PATH", "")
-        done = subprocess.run(
+        process = subprocess.Popen(
             [sys.executable, "-c", LAUNCH, ROOT / "launch/obb_collision.launch.py", *arguments],
-            env=os.environ | {"AMENT_PREFIX_PATH": f"{self._folder / 'prefix'}:{before}"},
+            env=environment(AMENT_PREFIX_PATH=f"{self._folder / 'prefix'}:{before}"),
             cwd=ROOT,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
-            timeout=60,
-            check=False,
         )
-        return done.returncode, done.stdout
+        with limited(process):
+            yield process
+
+    def run(self, *arguments: str) -> tuple[int, str]:
+        """Launch, to the end; returns exit code and output."""
+        with self.running(*arguments) as process:
+            output, _ = process.communicate(timeout=60)
+        return process.returncode, output
 
     def started(self, executable: str) -> tuple[list[str], list[str]] | None:
         """Return arguments and contents of the parameter files of a stand-in, if it was run."""
@@ -174,6 +188,40 @@ class Launched:
         for file, content in zip(files, started[1], strict=True):
             file.write_text(content)
         return initial_parameters("obb_collision", namespace, *map(str, files))
+
+
+REAL = """#!/bin/sh
+exec {python} -c "from obb_collision.commands import node; raise SystemExit(node())" "$@"
+"""
+
+
+@pytest.mark.parametrize(
+    ("who", "state"),
+    [("", "active"), ("true", "active"), ("launch", "active"), ("false", "unconfigured")],
+)
+def test_the_node_is_configured_and_activated_by_whom_launch_is_told(
+    launched: Launched, tmp_path: Path, who: str, state: str
+) -> None:
+    node = tmp_path / "prefix/lib/obb_collision/obb_collision_node"
+    node.write_text(REAL.format(python=sys.executable))
+    context = Context()
+    context.init(domain_id=DOMAIN)
+    other = Client(context, SingleThreadedExecutor(context=context))
+    other.patience = 120.0
+    arguments = (f"namespace:={NAMESPACE}", *([f"autostart:={who}"] if who else ()))
+    with launched.running(*arguments) as process:
+        try:
+            other.until(lambda: other.state() == state, state)
+            process.send_signal(signal.SIGINT)
+            output, _ = process.communicate(timeout=60)
+            assert process.returncode == 0, output
+            assert "Traceback" not in output
+            waited = "unconfigured: nothing is stored" in output
+            assert waited == (who in ("launch", "false")), output
+        finally:
+            other.executor.shutdown()
+            other.client.destroy_node()
+            context.try_shutdown()
 
 
 @pytest.fixture

@@ -31,6 +31,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 from diagnostic_msgs.msg import DiagnosticArray
+from lifecycle_msgs.msg import Transition
 from node_process import running
 from processes import PATIENCE, limited, output_until
 from rclpy.context import Context
@@ -48,8 +49,8 @@ IN_NAMESPACE = ("--ros-args", "-r", f"__ns:={NAMESPACE}")
 
 
 @contextmanager
-def client() -> Iterator[Client]:
-    """Yield a client that has met the node of another process."""
+def client(met: bool = True) -> Iterator[Client]:
+    """Yield a client that has met the node of another process, unless that takes nothing in yet."""
     context = Context()
     context.init(domain_id=DOMAIN)
     executor = SingleThreadedExecutor(context=context)
@@ -57,7 +58,8 @@ def client() -> Iterator[Client]:
     made.listen("collisions", "namespaces", "in_collision")
     made.patience = PATIENCE
     try:
-        made.wait_matched()
+        if met:
+            made.wait_matched()
         yield made
     finally:
         executor.shutdown()
@@ -90,6 +92,38 @@ def test_the_executable_serves_another_process_and_ends_cleanly(number: signal.S
     (ready,) = [line for line in output.splitlines() if "ready:" in line]
     for word in ("/objects", "/collisions", "'map'", "numba", "/obb_collision/markers"):
         assert word in ready
+
+
+def test_another_process_configures_activates_and_deactivates_it() -> None:
+    managed = (*IN_NAMESPACE, "-p", "autostart:=false")
+    with running(*managed) as process, client(met=False) as other:
+        other.listen("collision_status")
+
+        def said(text: str) -> None:
+            def reached() -> bool:
+                last = other.last.get("collision_status")
+                return last is not None and text in last.status[0].message
+
+            other.until(reached, text)
+
+        said("unconfigured")
+        assert other.change(Transition.TRANSITION_CONFIGURE)
+        other.wait_inputs()
+        other.send(cube(("a", 1)), cube(("a", 2), (0.5, 0, 0)))
+        said("inactive")
+        for _ in range(2):
+            assert other.change(Transition.TRANSITION_ACTIVATE)
+            said("1 pair collides")
+            assert not other.change(Transition.TRANSITION_ACTIVATE)
+            assert other.change(Transition.TRANSITION_DEACTIVATE)
+            said("inactive")
+        assert other.change(Transition.TRANSITION_CLEANUP)
+        said("unconfigured")
+        assert other.change(Transition.TRANSITION_UNCONFIGURED_SHUTDOWN)
+        said("shutting down")
+        assert other.state() == "finalized"
+        output = end(process, signal.SIGTERM)
+    assert "ready:" in output
 
 
 def test_signals_that_go_on_until_the_end_change_nothing() -> None:
