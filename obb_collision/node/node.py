@@ -58,6 +58,7 @@ from obb_collision.node.runtime.running import run
 from obb_collision.node.runtime.warm_up import WarmUp
 from obb_collision.node.scene_file import SceneFile
 from obb_collision.node.schedule import Schedule
+from obb_collision.node.self_test.service import SelfTestService
 from obb_collision.node.settings import (
     SceneSettings,
     apply_limits,
@@ -103,6 +104,8 @@ class CollisionNode(ManagedNode):
         self.guard = Guard(self.get_logger().error, self.context.ok)
         self.parameters = Parameters(self)
         self._configured = ExitStack()
+        full_name = self.get_fully_qualified_name().lstrip("/")
+        self._self_test = SelfTestService(self, full_name, self.guard)
         autostart = self.parameters.autostart
         self._scene_file = self._read_scene_file() if autostart else None
         fixed_frame = self.parameters.fixed_frame
@@ -406,7 +409,7 @@ class CollisionNode(ManagedNode):
 
     def destroy_node(self) -> None:
         """Publish the status unknown, and end together with all other processes."""
-        for name in ("status", "_warm", "_configured"):
+        for name in ("status", "_self_test", "_warm", "_configured"):
             if hasattr(self, name):  # not where the start failed before
                 getattr(self, name).close()
         super().destroy_node()
