@@ -149,6 +149,7 @@ def ranges(count: int, least: int) -> list[tuple[int, int]]:
     if count < 2 * least or threads() == 1:
         return [(0, count)]
     parts = min(count // least, RANGES * threads())
+    parts -= parts % threads() if parts > threads() else 0  # the last would be waited for
     return [(count * k // parts, count * (k + 1) // parts) for k in range(parts)]
 
 

@@ -69,3 +69,13 @@ def fetch_box(centers: Any, rotations: Any, half_extents: Any, row: int) -> None
     fetch_row(centers, row, 3)
     fetch_row(rotations, row, 9)
     fetch_row(half_extents, row, 3)
+
+
+@njit
+def fetch_pairs(
+    centers: Any, rotations: Any, half_extents: Any, pairs: Any, start: int, stop: int
+) -> None:
+    """Ask for the boxes of pairs ``start`` to ``stop`` of rows (m, 2), as many as there are."""
+    for n in range(start, min(stop, len(pairs))):
+        fetch_box(centers, rotations, half_extents, pairs[n, 0])
+        fetch_box(centers, rotations, half_extents, pairs[n, 1])

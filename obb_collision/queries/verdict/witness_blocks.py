@@ -28,6 +28,7 @@ import numpy as np
 
 from obb_collision._jit import njit, njit_inlined
 from obb_collision.numerics.constants import PARALLEL
+from obb_collision.numerics.prefetch import fetch_pairs
 from obb_collision.numerics.vec3 import (
     careful_cross,
     clamped,
@@ -112,6 +113,7 @@ def witness_block(
         centers, rotations, half_extents, pairs[:, 0],
         centers, rotations, half_extents, pairs[:, 1], start, count, block,
     )  # fmt: skip
+    fetch_pairs(centers, rotations, half_extents, pairs, start + count, start + 2 * count)
     _bound_axes(block, count)
     for n in range(count):
         number, axes = 0, int(block[POSSIBLE, n])

@@ -47,7 +47,7 @@ Each = Callable[[Pairs], NDArray[np.int64]]
 UNLIMITED = 2**62
 NO_PAIRS: Pairs = np.empty((0, 2), np.int64)
 #: Rows of a search, here and of leaves, below which a second thread does not pay.
-FEWEST_ROWS, FEWEST_LEAVES = 256, 64
+FEWEST_ROWS, FEWEST_LEAVES = 256, 48
 #: Room for pairs: for each row at first, and at most, but for a row with more (16 MB).
 ROOM_PER_ROW, ROOM = 4, 1 << 20
 #: Leaves near one that are looked at together.

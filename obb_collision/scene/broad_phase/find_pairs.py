@@ -24,7 +24,7 @@ from obb_collision._threads import ranges, run_parts
 from obb_collision.accuracy import Accuracy, as_box_accuracy
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.kinds import as_flag, check_kind
-from obb_collision.numerics.prefetch import fetch_box
+from obb_collision.numerics.prefetch import fetch_pairs
 from obb_collision.numerics.sorting import bits_of, sort_numbers
 from obb_collision.queries.verdict.blocks import BLOCK, ROWS
 from obb_collision.queries.verdict.coarse import (
@@ -199,9 +199,7 @@ def _keys_kernel(
         count = min(BLOCK, len(pairs) - start)
         for n in range(count):
             first[n], second[n] = pairs[start + n, 0], pairs[start + n, 1]
-        for n in range(start + BLOCK, min(start + 2 * BLOCK, len(pairs))):  # the next ones
-            fetch_box(centers, rotations, half_extents, pairs[n, 0])
-            fetch_box(centers, rotations, half_extents, pairs[n, 1])
+        fetch_pairs(centers, rotations, half_extents, pairs, start + BLOCK, start + 2 * BLOCK)
         decide_block(
             centers, rotations, half_extents, first, centers, rotations, half_extents, second,
             0, count, block, verdicts,
