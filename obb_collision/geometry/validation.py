@@ -180,12 +180,21 @@ def as_whole(value: object, name: str, minimum: int = 0, maximum: int = MAX_WHOL
     return int(value)  # type: ignore[call-overload]
 
 
+def as_indices(value: ArrayLike, name: str, what: str) -> NDArray[Any]:
+    """Return an array of real numbers that is nobody else's; ValueError as ``as_any_array``.
+
+    Kernels release the interpreter's lock and follow indices unchecked: another thread must not be
+    able to write into them once they are checked.
+    """
+    return np.array(as_any_array(value, name, what), order="C")
+
+
 def as_rows(value: ArrayLike, name: str, count: int) -> NDArray[np.int64]:
-    """Return whole numbers (m,) from 0 to ``count`` - 1 as contiguous int64.
+    """Return whole numbers (m,) from 0 to ``count`` - 1 as contiguous int64, always a copy.
 
     Raises ValueError naming the argument and the row for anything else.
     """
-    array = as_any_array(value, name, "whole numbers of shape (m,)")
+    array = as_indices(value, name, "whole numbers of shape (m,)")
     if array.shape == (0,):
         return np.empty(0, np.int64)
     if array.ndim != 1 or not np.issubdtype(array.dtype, np.integer):
@@ -193,7 +202,7 @@ def as_rows(value: ArrayLike, name: str, count: int) -> NDArray[np.int64]:
             f"{name} must be whole numbers of shape (m,), got {array.dtype} of shape {array.shape}"
         )
     refuse_where((array < 0) | (array >= count), f"{name} must be from 0 to {count - 1}")
-    return np.ascontiguousarray(array, np.int64)
+    return array.astype(np.int64, copy=False)
 
 
 def check_magnitude(array: Floats, name: str, by_row: bool) -> None:

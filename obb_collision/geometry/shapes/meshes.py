@@ -44,7 +44,7 @@ from obb_collision.geometry.shapes.primitives import (
     positive_triple,
     read_only,
 )
-from obb_collision.geometry.validation import as_any_array, as_array, check_magnitude
+from obb_collision.geometry.validation import as_array, as_indices, check_magnitude
 from obb_collision.numerics.constants import ROUNDOFF, SPLITTER
 from obb_collision.typing import Floats
 from obb_collision.words import printable
@@ -302,7 +302,7 @@ def _owned_points(value: Any, name: str) -> Floats:
 
 
 def _checked_faces(value: ArrayLike, vertices: int) -> Triangles:
-    faces = as_any_array(value, "faces", "integers of shape (n, 3)")
+    faces = as_indices(value, "faces", "integers of shape (n, 3)")
     if faces.size == 0:
         faces = np.empty((0, 3), np.int64)
     if faces.ndim != 2 or faces.shape[1] != 3 or faces.dtype.kind not in "iu":
@@ -315,6 +315,6 @@ def _checked_faces(value: ArrayLike, vertices: int) -> Triangles:
         raise ValueError(
             f"faces must name vertices 0 to {vertices - 1} in row {row}, got {faces[row].tolist()}"
         )
-    checked = faces.astype(np.int64)
+    checked = faces.astype(np.int64, copy=False)
     checked.setflags(write=False)
     return checked

@@ -47,8 +47,11 @@ MAX_LEVELS = 100
 
 
 def checked_arrays(given: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
-    """Return the arrays of ``MeshTrees``, by name, contiguous; ValueError naming what is wrong."""
-    arrays = {name: np.asarray(given[name]) for name in KINDS}
+    """Return copies of the arrays of ``MeshTrees`` by name; ValueError naming what is wrong.
+
+    Copies, for what is checked must not change behind our back.
+    """
+    arrays = {name: np.array(given[name], order="C") for name in KINDS}
     sizes: dict[str, int] = {}
     for name, (kind, shape) in KINDS.items():
         array = arrays[name]
@@ -69,7 +72,7 @@ def checked_arrays(given: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
     for name in ("triangles", "nodes", "radii", "pieces"):
         if not np.isfinite(arrays[name]).all():
             raise ValueError(f"{name} must be finite")
-    return {name: np.ascontiguousarray(array) for name, array in arrays.items()}
+    return arrays
 
 
 def _check_nodes(arrays: Arrays, sizes: Mapping[str, int]) -> None:

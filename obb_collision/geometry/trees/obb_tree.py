@@ -21,9 +21,8 @@ its triangles: in exact arithmetic, for the doubles as stored.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, fields
-from functools import cached_property
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -107,16 +106,25 @@ class MeshTrees:
     radii: Floats
     pieces: Floats
     piece_starts: Integers
+    arrays: TreeArrays = field(init=False, repr=False)
+    """All of them, for kernels; the others are views that can't be written."""
 
     def __post_init__(self) -> None:
-        vars(self).update(checked_arrays(vars(self)))
+        self._store(checked_arrays(vars(self)))
 
     @classmethod
     def trusted(cls, **arrays: NDArray[Any]) -> MeshTrees:
         """Return trees of valid arrays by name, neither checked nor copied."""
         trees = object.__new__(cls)
-        vars(trees).update(arrays)
+        trees._store(arrays)
         return trees
+
+    def _store(self, arrays: Mapping[str, NDArray[Any]]) -> None:
+        """Store arrays for kernels, which follow the indices in them, and views to look at them."""
+        shown = {name: array.view() for name, array in arrays.items()}
+        for view in shown.values():
+            view.setflags(write=False)
+        vars(self).update(shown, arrays=TreeArrays(**arrays))
 
     @classmethod
     def build(
@@ -277,11 +285,6 @@ class MeshTrees:
 
     def __len__(self) -> int:
         return len(self.roots)
-
-    @cached_property
-    def arrays(self) -> TreeArrays:
-        """All arrays, for kernels."""
-        return TreeArrays(*(getattr(self, item.name) for item in fields(self)))
 
     def boxes(self, index: int, depth: int) -> Boxes:
         """Return the boxes of mesh ``index`` at a depth, at most 2^depth, in the mesh's frame.

@@ -16,7 +16,6 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
 from threading import Lock
 from typing import Any, ClassVar, Generic, NamedTuple, TypeVar
 
@@ -26,7 +25,7 @@ from numpy.typing import NDArray
 from obb_collision.geometry.shapes.meshes import Mesh
 from obb_collision.geometry.shapes.primitives import Shape
 from obb_collision.geometry.trees.convex_proxy import box_corners, hull_mesh
-from obb_collision.geometry.trees.obb_tree import MeshTrees
+from obb_collision.geometry.trees.obb_tree import MeshTrees, TreeArrays
 from obb_collision.geometry.trees.shape_trees import box_tree, hull_tree, mesh_tree
 from obb_collision.numerics.lanes import in_blocks
 from obb_collision.typing import Floats, Integers
@@ -135,7 +134,7 @@ class Pool(Generic[Item]):
 class TreePool(Pool[MeshTrees]):
     """What ``MeshTrees.join`` makes, tree by tree."""
 
-    names = tuple(item.name for item in fields(MeshTrees))
+    names = TreeArrays._fields
     measure = "triangles"
 
     @staticmethod

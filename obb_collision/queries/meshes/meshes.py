@@ -29,7 +29,7 @@ A box is a mesh too (``MeshTrees.from_half_extents``), exactly.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -95,6 +95,8 @@ class PlacedMeshes:
     meshes: Integers
     centers: Floats
     rotations: Floats
+    arrays: Bodies = field(init=False, repr=False)
+    """All of it, for kernels."""
 
     def __init__(
         self, trees: MeshTrees, meshes: ArrayLike, centers: ArrayLike, rotations: ArrayLike
@@ -105,8 +107,16 @@ class PlacedMeshes:
         c = as_array(centers, "centers", (None, 3))
         r = as_rotations(rotations, "rotations", (None, 3, 3))
         check_lengths(meshes=rows, centers=c, rotations=r)
-        for name, value in (("trees", trees), ("meshes", rows), ("centers", c), ("rotations", r)):
-            object.__setattr__(self, name, value)
+        self._store(trees, rows, c.copy(), r.copy())
+
+    def _store(
+        self, trees: MeshTrees, meshes: Integers, centers: Floats, rotations: Floats
+    ) -> None:
+        """Store arrays for kernels, which follow the rows in them, and a view to look at those."""
+        shown = meshes.view()
+        shown.setflags(write=False)
+        vars(self).update(trees=trees, meshes=shown, centers=centers, rotations=rotations)
+        vars(self)["arrays"] = Bodies(trees.arrays, meshes, centers, rotations)
 
     @classmethod
     def from_poses(cls, trees: MeshTrees, meshes: ArrayLike, poses: ArrayLike) -> PlacedMeshes:
@@ -139,19 +149,11 @@ class PlacedMeshes:
     ) -> PlacedMeshes:
         """Return bodies of arrays that are valid, unchecked and not copied."""
         bodies = object.__new__(cls)
-        for name, value in (
-            ("trees", trees), ("meshes", meshes), ("centers", centers), ("rotations", rotations),
-        ):  # fmt: skip
-            object.__setattr__(bodies, name, value)
+        bodies._store(trees, meshes, centers, rotations)
         return bodies
 
     def __len__(self) -> int:
         return len(self.meshes)
-
-    @property
-    def arrays(self) -> Bodies:
-        """The bodies, for kernels."""
-        return Bodies(self.trees.arrays, self.meshes, self.centers, self.rotations)
 
     def place(self, row: int) -> tuple[Floats, Floats]:
         """Return centre (3,) and rotation (3, 3) of a body."""

@@ -27,7 +27,7 @@ from numpy.typing import ArrayLike
 
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.kinds import check_kind
-from obb_collision.geometry.validation import as_any_array
+from obb_collision.geometry.validation import as_indices
 from obb_collision.typing import Integers, Rows
 
 
@@ -38,14 +38,14 @@ class Sized(Protocol):
 
 
 def as_pairs(a: Sized, b: Sized, pairs: ArrayLike | None) -> Integers:
-    """Return pairs (m, 2) of rows of a and of b as contiguous int64; [] is no pair.
+    """Return pairs (m, 2) of rows of a and of b as contiguous int64, a copy; [] is no pair.
 
     Raises ValueError naming ``pairs`` and the row for anything but whole numbers of rows, and,
     without pairs, for a and b of different lengths.
     """
     if pairs is None:
         return np.repeat(_each_row(a, b), 2).reshape(-1, 2)
-    array = as_any_array(pairs, "pairs", "whole numbers of shape (m, 2)")
+    array = as_indices(pairs, "pairs", "whole numbers of shape (m, 2)")
     if array.size == 0 and array.shape in ((0,), (0, 2)):
         return np.empty((0, 2), np.int64)
     if array.ndim != 2 or array.shape[1] != 2:
@@ -56,7 +56,7 @@ def as_pairs(a: Sized, b: Sized, pairs: ArrayLike | None) -> Integers:
     if wrong.any():
         row, lengths = int(np.argmax(wrong)), f"{len(a)} and {len(b)}"
         raise ValueError(f"pairs must be rows of {lengths}, got {array[row].tolist()} in row {row}")
-    return np.ascontiguousarray(array, np.int64)
+    return array.astype(np.int64, copy=False)
 
 
 def as_sides(a: Sized, b: Sized, pairs: ArrayLike | None) -> tuple[Rows, Rows]:
