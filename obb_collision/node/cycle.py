@@ -78,6 +78,8 @@ class Cycle:
         self.failed = not self._guard.run("cycle", lambda: self._run(now))
         if self.failed:
             self.report = None
+        if self.failed or self.paused:
+            self._outputs.events.pairs.interrupt()
 
     def _run(self, now: int) -> None:
         start = perf_counter()
@@ -128,4 +130,4 @@ class Cycle:
         self._last_stamp = stamp
         cloud_stamp = self._obstacles.stamp or stamp
         table = self._objects.table
-        return Published(report, table, stamp, step, cloud_stamp, self._objects, effects)
+        return Published(report, table, stamp, step, cloud_stamp, now, self._objects, effects)

@@ -404,6 +404,7 @@ class CollisionNode(ManagedNode):
         self.inputs.boxes.clock_jumped(shift)
         self.objects.clock_jumped(shift)
         self._obstacles.clock_jumped(shift)
+        self._outputs.events.pairs.clock_jumped(shift)
         for monitor in self._monitors.values():
             monitor.clock_jumped(shift)
 

@@ -35,7 +35,10 @@ from obb_collision.typing import Floats
 from obb_collision.words import shown
 
 #: Effects of the node only: what it publishes for people and monitors.
-NODE_EFFECTS = ("collisions", "text", "in_collision", "collision_status", "markers", "diagnostics")
+NODE_EFFECTS = (
+    *("collisions", "text", "in_collision", "collision_status", "events"),
+    *("markers", "diagnostics"),
+)
 #: Largest time (s): a century.
 MAX_TIME = 3.2e9
 Triple = tuple[float, float, float]

@@ -105,6 +105,7 @@ def test_the_named_rows_are_those_of_the_readers() -> None:
         "named_pairs": records.NamedPair._fields,
         "named_contacts": records.NamedContact._fields,
         "named_clearances": records.NamedClearance._fields,
+        "named_events": records.NamedEvent._fields,
         "named_predictions": records.NamedPrediction._fields,
         "named_points_inside": records.NamedPoints._fields,
     }

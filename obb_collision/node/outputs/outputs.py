@@ -36,11 +36,12 @@ from obb_collision.node.messages.marker_writer import namespace_bytes
 from obb_collision.node.messages.names import NamespaceTable
 from obb_collision.node.messages.text import text_from_rows
 from obb_collision.node.objects.objects import Objects
+from obb_collision.node.outputs.events import Events
 from obb_collision.node.parameters.parameters import Parameters
 from obb_collision.node.runtime.guard import Guard
 from obb_collision.node.topics.cloud import Cloud, Topic
 from obb_collision.node.topics.rows import CheckedState
-from obb_collision.node.topics.topics import COLLISIONS, NAMESPACES, TOPICS
+from obb_collision.node.topics.topics import COLLISIONS, EVENTS, NAMESPACES, TOPICS
 
 NAMESPACES_RATE = 5e6
 """Maximum bytes per second of the table of namespaces, sent as a whole: 100 kB at 50 Hz."""
@@ -82,6 +83,7 @@ class Outputs:
 
         self.publishers = {name: publisher(topic) for name, topic in TOPICS.items()}
         self.namespaces = publisher(NAMESPACES)
+        self.events = Events(parameters, self.publishers["events"].get_subscription_count)
 
     @property
     def ends(self) -> dict[str, Publisher]:
@@ -117,8 +119,10 @@ class Outputs:
         """
         guard = self._guard
         guard.run("output namespaces", lambda: self.publish_namespaces(given.table.namespaces))
-        if not given.effects.isdisjoint(("collisions", "text")):
+        if not given.effects.isdisjoint(("collisions", "text", "events")):
             guard.run("output collisions", lambda: self._publish_pairs(given))
+        if "events" not in given.effects:
+            self.events.forget()
         results = given.report.results
         for name in results.keys() & given.effects:
             topic = TOPICS.get(name)
@@ -141,6 +145,10 @@ class Outputs:
         if "collisions" in given.effects:
             message = cloud_to_ros(rows, header, COLLISIONS.point_fields)
             self.publishers["collisions"].publish(message)
+        if "events" in given.effects:
+            events = self.events.rows(rows, given, "separations" in given.effects)
+            if events is not None:
+                self._publish_cloud("events", EVENTS, events, given)
         if "text" in given.effects:
             names, limit = given.table.namespaces.names, self._parameters.max_text_pairs
             total = (given.report.total, given.report.truncated)

@@ -63,6 +63,10 @@ class Parameters:
         keys = ("objects", *EFFECTS[effect].options)
         return {key: self._values[option_name(effect, key)] for key in keys}
 
+    def option(self, topic: str, key: str) -> Any:
+        """Return an option of a topic without effect."""
+        return self._values[option_name(topic, key)]
+
     def override_defaults(self, values: Mapping[str, Any]) -> None:
         """Set the parameters that are at their defaults; ValueError for an invalid value."""
         defaults = {spec.name: spec.read(spec.default) for spec in SPECS}

@@ -22,7 +22,7 @@ from obb_collision.node.messages.names import MAX_NAME_BYTES
 from obb_collision.node.parameters.folders import folder_from_text
 from obb_collision.node.parameters.groups import group_from_text, pair_from_text
 from obb_collision.node.parameters.specs import Spec
-from obb_collision.node.topics.topics import describe_mode, mode_names
+from obb_collision.node.topics.topics import TOPICS, describe_mode, mode_names
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.effects.base import Option
 from obb_collision.scene.effects.settings import AUTO, MODES
@@ -342,6 +342,8 @@ def _effect_specs() -> tuple[Spec, ...]:
     for name in mode_names():
         specs.append(Spec(f"effects.{name}", AUTO, describe_mode(name), choices=MODES))
         if name not in EFFECTS:
+            for key, option in TOPICS[name].options.items():
+                specs.append(_option_spec(option_name(name, key), option))
             continue
         described = (
             f"Objects selected for {name}, by name, pattern or group. A pair is computed if at "

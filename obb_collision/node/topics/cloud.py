@@ -32,6 +32,7 @@ from obb_collision.node.messages.clouds import cloud_from_ros, cloud_to_ros, fie
 from obb_collision.node.messages.conversions import name_from_key, namespace_table
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.topics.rows import CheckedState, StructuredRows
+from obb_collision.scene.effects.base import Option
 
 Namespaces: TypeAlias = DiagnosticStatus | Sequence[str] | Mapping[int, str]
 """The latest message of ``namespaces``, names by number (such as those of several nodes, merged),
@@ -52,7 +53,8 @@ class Topic:
 
     name: as given to rclpy. message: its type. description: what it says, the beginning of a
     sentence; of a topic of an effect, the effect has it. note: sentences about its mode. needs:
-    effects of the scene without a topic of their own that its messages are made from.
+    effects of the scene without a topic of their own that its messages are made from. options: of
+    a topic without effect, by name; an effect has its own.
     """
 
     name: str
@@ -61,6 +63,7 @@ class Topic:
     message: type
     qos: QoSProfile = field(default_factory=lambda: RELIABLE)
     needs: Fields = ()
+    options: Mapping[str, Option] = field(default_factory=dict)
 
     @property
     def is_latched(self) -> bool:

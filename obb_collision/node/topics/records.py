@@ -73,6 +73,21 @@ class NamedPrediction(NamedTuple):
         return isnan(self.point[0])
 
 
+class NamedEvent(NamedTuple):
+    """The begin or end of a collision: "begin", "end", or "lasting" for one that began before.
+
+    depth: the greatest so far (m); duration: since the begin (s); reason: why it ended, "apart",
+    "removed" or "not checked"; "" if it did not.
+    """
+
+    a: str
+    b: str
+    event: str
+    depth: float
+    duration: float
+    reason: str
+
+
 class NamedPoints(NamedTuple):
     """One object with points inside: how many, indices in the cloud of the first and the nearest.
 

@@ -42,6 +42,10 @@ PAIR_FIELDS = ("ns_a", "id_a", "ns_b", "id_b")
 POSITION_FIELDS = ("x", "y", "z")
 NORMAL_FIELDS = ("normal_x", "normal_y", "normal_z")
 POINT_FIELDS = ("point_x", "point_y", "point_z")
+END, BEGIN, LASTING = range(3)
+"""What the row of an event says: that a collision ended, that it began, or that it lasts."""
+REMOVED, NOT_CHECKED = 1, 2
+"""Why a collision ended, other than 0, which is that the objects are apart."""
 A_FIELDS, B_FIELDS = ("a_x", "a_y", "a_z"), ("b_x", "b_y", "b_z")
 
 
@@ -50,7 +54,7 @@ class CheckedState:
     """One check to publish.
 
     stamp: of the state (ns). step: seconds between it and that of the check before. cloud_stamp:
-    of the obstacle points.
+    of the obstacle points. now: time of the check (ns).
     """
 
     report: Report
@@ -58,6 +62,7 @@ class CheckedState:
     stamp: int
     step: float
     cloud_stamp: int
+    now: int
 
 
 class Ordered(NamedTuple):
@@ -166,6 +171,11 @@ def prediction_rows(
     rows["time"] = times[found.order]
     rows["passed"], rows["undecided"] = passed[found.order], swept.undecided[found.order]
     return rows
+
+
+def event_rows(events: StructuredRows, state: CheckedState, dtype: np.dtype[Any]) -> StructuredRows:
+    """(k,) rows, which events have from the beginning."""
+    return events
 
 
 def inside_rows(result: PointsInside, state: CheckedState, dtype: np.dtype[Any]) -> StructuredRows:

@@ -29,10 +29,12 @@ from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Bool
 from visualization_msgs.msg import MarkerArray
 
+from obb_collision.node.messages.conversions import namespace_table
 from obb_collision.node.topics.cloud import LATCHED, Cloud, Namespaces, Topic
 from obb_collision.node.topics.records import (
     NamedClearance,
     NamedContact,
+    NamedEvent,
     NamedPair,
     NamedPoints,
     NamedPrediction,
@@ -40,22 +42,28 @@ from obb_collision.node.topics.records import (
 from obb_collision.node.topics.rows import (
     A_FIELDS,
     B_FIELDS,
+    END,
     NORMAL_FIELDS,
     PAIR_FIELDS,
     POINT_FIELDS,
     POSITION_FIELDS,
+    REMOVED,
     clearance_rows,
     collision_rows,
     contact_rows,
+    event_rows,
     inside_rows,
     prediction_rows,
 )
 from obb_collision.queries.verdict.verdict import Verdict
 from obb_collision.scene.effects import EFFECTS
+from obb_collision.scene.effects.base import Option
 
 DEADLINE = 0.5
 """Seconds within which the next ``collision_status`` is promised: five of its periods, for a loaded
 machine."""
+EVENT_WORDS = ("end", "begin", "lasting")
+REASON_WORDS = ("apart", "removed", "not checked")
 
 COLLISIONS = Cloud(
     name="collisions",
@@ -109,6 +117,48 @@ PREDICTIONS = Cloud(
     record=NamedPrediction,
     values=("time", POINT_FIELDS, NORMAL_FIELDS),
 )
+EVENTS = Cloud(
+    name="events",
+    description="When the collision of each pair begins and ends",
+    note="on: also counted while nobody listens.",
+    needs=("separations",),
+    qos=QoSProfile(depth=100),
+    fields=(
+        ("<f4", POSITION_FIELDS),  # where the pair collided last
+        ("<f8", (*NORMAL_FIELDS, "depth", "duration")),  # greatest depth so far (m), s since begin
+        ("<i4", PAIR_FIELDS),
+        # event: 0 end, 1 begin, 2 lasting. reason, of an end: 0 apart, 1 an object was removed,
+        # 2 the pair is not checked any more.
+        ("u1", ("event", "reason")),
+    ),
+    make_rows=event_rows,
+    record=lambda a, b, event, depth, duration, reason: NamedEvent(
+        a, b, EVENT_WORDS[event], depth, duration, "" if event != END else REASON_WORDS[reason]
+    ),
+    values=("event", "depth", "duration", "reason"),
+    options={
+        "begin_distance": Option(
+            0.0, 0.0, 1e6, "A collision begins at this depth (m). More than 0 delays the begin."
+        ),
+        "clear_distance": Option(
+            0.0, 0.0, 1e6, "A collision ends once the boxes are farther apart than this (m)."
+        ),
+        "begin_time": Option(
+            0.0,
+            0.0,
+            3600.0,
+            "A collision begins after it has lasted so long (s), at least "
+            "begin_distance deep. More than 0 delays the begin.",
+        ),
+        "clear_time": Option(
+            0.0,
+            0.0,
+            3600.0,
+            "A collision ends after the objects have been apart so long (s), by "
+            "more than clear_distance.",
+        ),
+    },
+)
 POINTS_INSIDE = Cloud(
     name="points_inside",
     note="off: no subscription to points.",
@@ -154,6 +204,7 @@ TOPICS: dict[str, Topic] = {
     "clearance": CLEARANCES,
     "sweep": PREDICTIONS,
     "points": POINTS_INSIDE,
+    "events": EVENTS,
     "markers": Topic(name="~/markers", description="The world boxes", message=MarkerArray),
     "diagnostics": Topic(
         name="/diagnostics", description="The state of the node", message=DiagnosticArray
@@ -185,7 +236,20 @@ collisions_to_ros, collisions_from_ros = COLLISIONS.to_ros, COLLISIONS.from_ros
 contacts_from_ros, clearances_from_ros = CONTACTS.from_ros, CLEARANCES.from_ros
 predictions_from_ros, points_inside_from_ros = PREDICTIONS.from_ros, POINTS_INSIDE.from_ros
 named_pairs, named_contacts = COLLISIONS.named, CONTACTS.named
+events_from_ros = EVENTS.from_ros
 named_clearances, named_points_inside = CLEARANCES.named, POINTS_INSIDE.named
+
+
+def named_events(message: PointCloud2, namespaces: Namespaces) -> list[NamedEvent]:
+    """Return the begins and ends of collisions, and those that last, with names.
+
+    The table may have forgotten namespaces of objects that were removed: they are ``#NUMBER``.
+    """
+    rows = EVENTS.from_ros(message)
+    removed = rows[rows["reason"] == REMOVED]
+    gone = (number for name in ("ns_a", "ns_b") for number in removed[name].tolist())
+    table = {**{number: f"#{number}" for number in gone}, **namespace_table(namespaces)}
+    return EVENTS.name_rows(rows, table)
 
 
 def named_predictions(message: PointCloud2, namespaces: Namespaces) -> list[NamedPrediction]:

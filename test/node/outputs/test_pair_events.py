@@ -1,0 +1,214 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""Begin and end of collisions with hysteresis, against the whole history of each pair."""
+
+from __future__ import annotations
+
+from itertools import combinations
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+pytest.importorskip("rclpy")
+from obb_collision.node.outputs.pair_events import (
+    BEGIN,
+    END,
+    LASTING,
+    NOT_CHECKED,
+    REMOVED,
+    Limits,
+    PairEvents,
+    Parted,
+)
+from obb_collision.node.topics.topics import COLLISIONS, EVENTS
+
+SECOND = 1_000_000_000
+# numbers of namespaces are any int32, and zeros at the end of a key must count
+OBJECTS = [(-(2**31), 0), (-1, -1), (0, 0), (0, 256), (2**31 - 1, 2**31 - 1)]
+PAIRS: list[Any] = [(*a, *b) for a, b in combinations(OBJECTS, 2)][:6]
+DEEP, SHALLOW, NEAR, APART, GONE, UNCHECKED = range(6)
+
+
+class Step(NamedTuple):
+    """One check: the time since the one before, the state of each pair, and what else happens."""
+
+    elapsed: int
+    states: dict[int, int]
+    whole: bool
+    interrupted: bool
+    shift: int
+
+
+steps = st.lists(
+    st.builds(
+        Step,
+        st.integers(0, 3),
+        st.fixed_dictionaries({n: st.integers(DEEP, UNCHECKED) for n in range(len(PAIRS))}),
+        st.sampled_from([True, True, True, False]),
+        st.sampled_from([False, False, False, True]),
+        st.sampled_from([0, 0, 0, -7, 100]),
+    ),
+    min_size=1,
+    max_size=25,
+)
+
+
+class Oracle:
+    """What each pair should do, from all that was seen of it since its last event."""
+
+    def __init__(self, limits: Limits) -> None:
+        self.limits = limits
+        self.seen: dict[int, list[tuple[int, str]]] = {n: [] for n in range(len(PAIRS))}
+        self.start: dict[int, int] = {}
+
+    def jump(self, shift: int) -> None:
+        for n, history in self.seen.items():
+            self.seen[n] = [(time + shift, what) for time, what in history]
+        self.start = {n: time + shift for n, time in self.start.items()}
+
+    def interrupt(self) -> None:
+        for n in self.start:
+            self.seen[n].append((0, "unknown"))
+
+    def look(self, now: int, n: int, state: int, whole: bool, first: bool) -> Any:
+        """Return (event, reason, duration) or None."""
+        history = self.seen[n]
+        lasts = n in self.start
+        left_out = state > SHALLOW and not whole
+        word = "deep" if state == DEEP else "apart" if state == APART else "other"
+        history.append((now, "unknown" if left_out else word))
+        if lasts and state in (GONE, UNCHECKED):
+            return self.end(now, n, REMOVED if state == GONE else NOT_CHECKED)
+        if lasts:
+            since = self.since(history, "apart", ())
+            if since is not None and now - since >= self.limits.clear_time:
+                return self.end(now, n, 0)
+            return None
+        since = self.since(history, "deep", ("unknown",))
+        long_enough = since is not None and now - since >= self.limits.begin_time
+        if state == DEEP and (first or long_enough):
+            self.start[n], self.seen[n] = now, []
+            return None if first else (BEGIN, 0, 0)
+        return None
+
+    @staticmethod
+    def since(history: list[tuple[int, str]], wanted: str, passed: tuple[str, ...]) -> int | None:
+        """Return the first time of the run of a state that the history ends with."""
+        found = None
+        for time, what in reversed(history):
+            if what == wanted:
+                found = time
+            elif what not in passed:
+                break
+        return found
+
+    def end(self, now: int, n: int, reason: int) -> Any:
+        duration = now - self.start.pop(n)
+        self.seen[n] = []
+        return END, reason, duration
+
+
+def rows_of(states: dict[int, int]) -> Any:
+    """Return the rows of ``collisions`` of the pairs that collide."""
+    found = [n for n, state in states.items() if state <= SHALLOW]
+    rows = np.zeros(len(found), COLLISIONS.dtype)
+    for name, values in zip(
+        ("ns_a", "id_a", "ns_b", "id_b"),
+        np.array([PAIRS[n] for n in found]).reshape(-1, 4).T,
+        strict=True,
+    ):
+        rows[name] = values
+    rows["depth"] = [0.5 if states[n] == DEEP else 0.05 for n in found]
+    return np.sort(rows, order=["ns_a", "id_a", "ns_b", "id_b"])
+
+
+def number(row: Any) -> int:
+    return PAIRS.index(tuple(int(row[name]) for name in ("ns_a", "id_a", "ns_b", "id_b")))
+
+
+@given(
+    steps,
+    st.builds(Limits, st.just(0.1), st.just(0.1), st.integers(0, 4), st.integers(0, 4)),
+)
+def test_events_are_those_of_the_whole_history(given_steps: list[Step], limits: Limits) -> None:
+    pairs, oracle = PairEvents(EVENTS.dtype), Oracle(limits)
+    now = 1000
+    for count, step in enumerate(given_steps):
+        now += step.elapsed + step.shift
+        if step.shift:
+            oracle.jump(step.shift)
+            pairs.clock_jumped(step.shift * SECOND)
+        if step.interrupted:
+            oracle.interrupt()
+            pairs.interrupt()
+
+        def part(rows: Any, states: dict[int, int] = step.states) -> Parted:
+            found = [states[number(row)] for row in rows]
+            reasons = [{GONE: REMOVED, UNCHECKED: NOT_CHECKED}.get(state, 0) for state in found]
+            return Parted(np.array(reasons), np.array([state == APART for state in found]))
+
+        events = pairs.update(now * SECOND, rows_of(step.states), limits, part, step.whole)
+        expected = {
+            n: found
+            for n, state in step.states.items()
+            if (found := oracle.look(now, n, state, step.whole, first=count == 0))
+        }
+        assert {
+            number(row): (row["event"], row["reason"], row["duration"]) for row in events
+        } == expected
+        keys = [tuple(row[["ns_a", "id_a", "ns_b", "id_b"]].tolist()) for row in events]
+        assert keys == sorted(keys)
+        lasting = pairs.lasting(now * SECOND)
+        assert {number(row): row["duration"] for row in lasting} == {
+            n: now - start for n, start in oracle.start.items()
+        }
+        assert (lasting["event"] == LASTING).all()
+
+
+def nothing_parts(rows: Any) -> Parted:
+    return Parted(np.zeros(len(rows), np.int64), np.ones(len(rows), np.bool_))
+
+
+def test_the_greatest_depth_and_the_last_place_are_told() -> None:
+    pairs = PairEvents(EVENTS.dtype)
+    pairs.update(0, rows_of({}), Limits(), nothing_parts)
+    for second, (depth, x) in enumerate([(0.25, 1.0), (0.75, 2.0), (np.nan, np.nan), (0.5, 3.0)]):
+        rows = rows_of({0: DEEP})
+        rows["depth"], rows["x"] = depth, x
+        events = pairs.update(second * SECOND, rows, Limits(), nothing_parts)
+        assert len(events) == (second == 0)
+    (event,) = pairs.update(4 * SECOND, rows_of({}), Limits(), nothing_parts)
+    assert (event["event"], event["depth"], event["x"], event["duration"]) == (END, 0.75, 3.0, 4.0)
+    assert len(pairs.lasting(5 * SECOND)) == 0
+
+
+def test_an_unknown_depth_counts_as_deep() -> None:
+    pairs = PairEvents(EVENTS.dtype)
+    pairs.update(0, rows_of({}), Limits(), nothing_parts)
+    rows = rows_of({0: SHALLOW, 1: SHALLOW})
+    rows["depth"][0] = np.nan
+    events = pairs.update(SECOND, rows, Limits(begin_distance=0.5), nothing_parts)
+    assert [number(row) for row in events] == [number(rows[0])]
+
+
+def test_what_was_not_looked_at_does_not_count_as_apart() -> None:
+    pairs, limits = PairEvents(EVENTS.dtype), Limits(clear_time=3.0)
+    pairs.update(0, rows_of({0: DEEP}), limits, nothing_parts)
+    assert len(pairs.update(SECOND, rows_of({}), limits, nothing_parts)) == 0
+    pairs.interrupt()
+    ends = [len(pairs.update(n * SECOND, rows_of({}), limits, nothing_parts)) for n in (5, 7, 8)]
+    assert ends == [0, 0, 1]
