@@ -284,7 +284,8 @@ class CollisionNode(ManagedNode):
     def _make_subscriptions(self) -> Subscriptions:
         points = self.inputs.guarded("points", self._obstacles.take)
         callbacks = {**self.inputs.callbacks(), "points": points}
-        return Subscriptions(self, callbacks, self._monitors, self._arrived)
+        latched = ("objects",) if self.parameters.latched_objects else ()
+        return Subscriptions(self, callbacks, self._monitors, self._arrived, latched)
 
     def _arrived(self, topic: str) -> None:
         """Start a cycle for a message that requires one."""

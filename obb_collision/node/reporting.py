@@ -68,7 +68,7 @@ class Reporting:
         self._qos.look({**self._subscriptions.open, **self._outputs.ends})
         for topic, monitor in self._monitors.items():
             monitor.flush()
-            monitor.mismatches = self._qos.mismatches.get(topic, 0)
+            monitor.mismatches = len(self._qos.reasons.get(topic, ()))
         if self._effects.is_requested("diagnostics"):
             self._publish(elapsed, now)
             return
@@ -91,6 +91,6 @@ class Reporting:
                 name, cycle.monitor, self._effects.states(), cycle.paused, elapsed, period
             ),
             diagnostics.guard_status(name, self._guard),
-            diagnostics.qos_status(name, self._qos.mismatches),
+            diagnostics.qos_status(name, self._qos.reasons),
         ]
         self._outputs.publishers["diagnostics"].publish(message)

@@ -285,6 +285,7 @@ class Rig(Client):
         given: Mapping[str, Any] | None = None,
         tf2: bool = False,
         sure_points: bool = True,
+        unmatched: Iterable[str] = (),
         **parameters: Any,
     ) -> None:
         """Wait until they have met.
@@ -292,7 +293,8 @@ class Rig(Client):
         frames: what knows other frames; none, unless tf2 is asked for, so that a test finds the
         same node whether tf2 is installed or not. deaf: the client listens to nothing yet, nor
         waits for a node without autostart; given: more parameters, of any name. sure_points: points
-        arrive as surely as all else, so that a test need not send them twice.
+        arrive as surely as all else, so that a test need not send them twice. unmatched: inputs
+        whose publishers here do not fit.
         """
         parameters |= given or {}
         parameters.setdefault("mesh_folders", [tempfile.gettempdir()])
@@ -312,6 +314,7 @@ class Rig(Client):
                 parameter_overrides=overrides,
             )
         self.executor.add_node(self.node)
+        self.unmatched.update(unmatched)
         if parameters.get("effects.points") == "off":
             self.unmatched.add("points")
         if deaf:

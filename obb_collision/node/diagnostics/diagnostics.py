@@ -227,8 +227,11 @@ def guard_status(node: str, guard: Guard) -> DiagnosticStatus:
     return _status(f"{node}: internal errors", ERROR if guard.total else OK, message, values)
 
 
-def qos_status(node: str, mismatches: dict[str, int]) -> DiagnosticStatus:
-    """Name publishers and subscribers that can't be matched, by topic."""
-    found = {topic: count for topic, count in mismatches.items() if count}
+def qos_status(node: str, reasons: Mapping[str, list[str]]) -> DiagnosticStatus:
+    """Name publishers and subscribers that can't be matched, by topic, and why the first can't."""
+    found = {topic: whys for topic, whys in reasons.items() if whys}
     message = "incompatible QoS on " + ", ".join(found) if found else "no mismatch"
-    return _status(f"{node}: qos", WARN if found else OK, message, found.items())
+    values: list[tuple[str, object]] = [(topic, len(whys)) for topic, whys in found.items()]
+    for topic, whys in found.items():
+        values += [(f"{topic}: {number}", why) for number, why in enumerate(whys[:MAX_NAMED], 1)]
+    return _status(f"{node}: qos", WARN if found else OK, message, values)

@@ -60,17 +60,18 @@ class QosWatch:
 
     def __init__(self, node: Node, warn: Callable[[str], None]) -> None:
         self._node, self._warn = node, warn
-        self.mismatches: dict[str, int] = {}
+        self.reasons: dict[str, list[str]] = {}
+        """Why other ends are incompatible, one per end, by topic."""
 
     def look(self, ends: Mapping[str, Publisher | Subscription]) -> None:
         """Compare endpoints, by the node's names of their topics, with the other ends."""
         found = {topic: self._reasons(end) for topic, end in ends.items()}
         for topic, reasons in found.items():
-            if len(reasons) > self.mismatches.get(topic, 0):
+            if len(reasons) > len(self.reasons.get(topic, ())):
                 self._warn(
                     f"{topic}: incompatible QoS or message type, no data exchanged: {reasons[-1]}"
                 )
-        self.mismatches = {topic: len(reasons) for topic, reasons in found.items()}
+        self.reasons = found
 
     def _reasons(self, end: Publisher | Subscription) -> list[str]:
         """Return the reason per other end that is incompatible."""

@@ -16,14 +16,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from time import time_ns
 from typing import Any, NamedTuple
 
 from geometry_msgs.msg import TransformStamped
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
-from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import MultiDOFJointState, PointCloud2
 from visualization_msgs.msg import MarkerArray
@@ -54,12 +54,17 @@ INPUTS = {
 }
 
 
+LATCHED_DEPTH = 1000
+"""Depth of ``objects`` where it is latched: all that publishers keep comes at once."""
+
+
 class Subscriptions:
     """Subscribes to inputs, and unsubscribes from those that are not needed.
 
     Messages are received serialised: see ``messages/cdr`` and ``messages/marker_scan``.
 
     callbacks: callback per input topic; arrived: called with the topic once a message is stored.
+    latched: topics of which publishers keep messages for subscribers that come later.
     """
 
     def __init__(
@@ -68,9 +73,10 @@ class Subscriptions:
         callbacks: Mapping[str, Callable[[bytes], None]],
         monitors: Mapping[str, InputMonitor],
         arrived: Callable[[str], None],
+        latched: Collection[str] = (),
     ) -> None:
         self._node, self._callbacks, self._monitors = node, callbacks, monitors
-        self._arrived = arrived
+        self._arrived, self._latched = arrived, latched
         self._oldest = 0
         self._heard = False
         self._losses: dict[str, Losses] = {}
@@ -97,7 +103,7 @@ class Subscriptions:
         """
         for topic, subscription in self.open.items():
             with subscription.handle:
-                for _ in range(INPUTS[topic].depth):
+                for _ in range(subscription.qos_profile.depth):
                     taken = subscription.handle.take_message(
                         subscription.msg_type, subscription.raw
                     )
@@ -130,6 +136,9 @@ class Subscriptions:
 
     def _subscribe(self, topic: str) -> Subscription:
         kind, depth, reliability = INPUTS[topic]
+        qos = QoSProfile(depth=depth, reliability=reliability)
+        if topic in self._latched:
+            qos.depth, qos.durability = LATCHED_DEPTH, DurabilityPolicy.TRANSIENT_LOCAL
 
         def take(message: bytes, info: Any) -> None:
             self._take(topic, message, info)
@@ -139,7 +148,7 @@ class Subscriptions:
             kind,
             topic,
             take,  # type: ignore[arg-type]  # rclpy gives the information to those that take two
-            QoSProfile(depth=depth, reliability=reliability),
+            qos,
             event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),  # see qos.py
             qos_overriding_options=overridable(),
             raw=True,

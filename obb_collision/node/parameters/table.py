@@ -201,6 +201,14 @@ GENERAL = (
         (0.0, 3600.0),
     ),
     Spec(
+        "latched_objects",
+        False,
+        "Whether objects is subscribed as latched (transient_local): a node that starts after its "
+        "senders receives what they have latched. Senders that do not latch are incompatible then, "
+        "and /diagnostics names them. Read at the start only.",
+        fixed=True,
+    ),
+    Spec(
         "autostart",
         True,
         "Whether the node configures and activates itself. false: it stays unconfigured until a "

@@ -16,6 +16,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -23,13 +25,15 @@ import numpy as np
 import pytest
 
 pytest.importorskip("rclpy")
+from lifecycle_msgs.msg import Transition
 from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_dict_from_yaml_file
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import InvalidQosOverridesError
-from rig import DOMAIN, NAMESPACE, Rig, cube
+from rig import DOMAIN, INPUTS, NAMESPACE, Rig, cube
 from sensor_msgs.msg import PointCloud2
+from visualization_msgs.msg import MarkerArray
 
 from obb_collision.node.node import CollisionNode
 from obb_collision.node.topics.cloud import LATCHED, RELIABLE
@@ -81,6 +85,76 @@ def test_overrides_are_named_by_the_full_topic_of_a_node_in_a_namespace() -> Non
         assert ends["clearances"].durability == DurabilityPolicy.VOLATILE
     assert (RELIABLE.depth, RELIABLE.reliability) == (10, RELIABLY)
     assert (LATCHED.depth, LATCHED.durability) == (1, LATCHING)
+
+
+@contextmanager
+def sender(**policies: Any) -> Iterator[Any]:
+    """Yield a publisher of ``objects`` as of another process, in a context of its own."""
+    context = Context()
+    context.init(domain_id=DOMAIN)
+    node = Node("sender", context=context, namespace=NAMESPACE)
+    try:
+        yield node.create_publisher(MarkerArray, "objects", QoSProfile(**policies))
+    finally:
+        node.destroy_node()
+        context.try_shutdown()
+
+
+def test_all_that_was_latched_before_the_node_started_is_received() -> None:
+    with sender(depth=300, durability=LATCHING) as latched:
+        for number in range(300):  # more than wait where senders do not latch
+            latched.publish(MarkerArray(markers=[cube(("a", number), (2.0 * number, 0, 0))]))
+        latched.publish(MarkerArray(markers=[cube(("a", 299), (2.5, 0, 0))]))
+        with Rig(deaf=True, latched_objects=True, unmatched={"objects"}) as rig:
+            rig.until(lambda: len(rig.node.objects.table) == 299, "all but the oldest")
+            rig.until(lambda: len(rig.node.cycle.report or ()) == 1, "a pair")
+            monitor = rig.monitor("objects")
+            assert (monitor.messages, monitor.lost, monitor.refused.total()) == (300, 0, 0)
+
+
+def test_senders_that_do_not_latch_are_named_where_objects_are_latched() -> None:
+    with sender(depth=1, durability=LATCHING) as latched:
+        latched.publish(MarkerArray(markers=[cube(A1)]))
+        with Rig(deaf=True, latched_objects=True, unmatched={"objects"}) as rig:
+            rig.listen("/diagnostics")
+            rig.until(lambda: rig.status(": qos").get("objects") == "1", "the volatile one")
+            status = rig.status(": qos")
+            assert status["level"] == "01"
+            assert "incompatible QoS on objects" in status["message"]
+            assert "Volatile publisher" in status["objects: 1"]
+            assert "client" in status["objects: 1"], "the node whose publisher does not latch"
+            assert rig.status("input objects")["qos mismatches"] == "1"
+            rig.until(lambda: len(rig.node.objects.table) == 1, "the latched one")
+
+
+def test_objects_latched_before_a_node_was_configured_are_received() -> None:
+    with (
+        sender(depth=1, durability=LATCHING) as latched,
+        Rig(deaf=True, latched_objects=True, autostart=False) as rig,
+    ):
+        latched.publish(MarkerArray(markers=[cube(A1), cube(("a", 2), (0.5, 0, 0))]))
+        for transition in (Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE):
+            assert rig.change(transition)
+        rig.until(lambda: len(rig.node.cycle.report or ()) == 1, "a pair")
+        for transition in (Transition.TRANSITION_DEACTIVATE, Transition.TRANSITION_CLEANUP):
+            assert rig.change(transition)
+        for transition in (Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE):
+            assert rig.change(transition)
+        rig.until(lambda: len(rig.node.cycle.report or ()) == 1, "a pair again")
+
+
+def test_every_input_and_output_takes_overrides(rig: Rig) -> None:
+    declared = set(rig.node._parameters)
+    ends = [
+        *((end.topic_name, "subscription") for end in rig.node._subscribed.open.values()),
+        *((end.topic_name, "publisher") for end in rig.node._outputs.ends.values()),
+    ]
+    assert {name for name, kind in ends if kind == "subscription"} == {
+        f"{NAMESPACE}/{topic}" for topic in INPUTS
+    }
+    for name, kind in ends:
+        for policy in ("depth", "durability", "reliability"):
+            assert f"qos_overrides.{name}.{kind}.{policy}" in declared
 
 
 def test_overrides_in_a_parameter_file_are_those_that_the_node_declares(tmp_path: Path) -> None:
