@@ -20,7 +20,9 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
+from bounds_checks import none_out_of_bounds
 from hypothesis import HealthCheck, settings
+from numba.core import config
 
 # The same examples on every machine and every run; no deadline, since the first call compiles.
 settings.register_profile(
@@ -58,3 +60,10 @@ def rig() -> Iterator[Any]:
 
     with Rig() as made:
         yield made
+
+
+@pytest.fixture(autouse=bool(config.BOUNDSCHECK))
+def within_bounds() -> Iterator[None]:
+    """Let a test fail in which a kernel was out of bounds, whoever caught it."""
+    with none_out_of_bounds():
+        yield

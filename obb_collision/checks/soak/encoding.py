@@ -100,15 +100,26 @@ def marker_of(key: Key, body: Body, header: Header) -> Marker:
 def scenery_of(random: Random, header: Header) -> Marker:
     """Return a shape to be built, or a cube of a short life, in a place of its own."""
     place = random.randrange(PLACES)
-    marker = Marker(header=header, ns=SCENERY, id=place)
-    marker.pose.position.x, marker.pose.position.z = 10.0 * place, -DEEP
-    marker.scale.x = marker.scale.y = marker.scale.z = 1.0
     if random.random() < 0.5:
-        marker.type, marker.lifetime = Marker.CUBE, duration_to_ros(random.uniform(0.02, 1.0))
-        return marker
+        return built_shape(random, header, place)
+    marker = _placed(header, place)
+    marker.type, marker.lifetime = Marker.CUBE, duration_to_ros(random.uniform(0.02, 1.0))
+    return marker
+
+
+def built_shape(random: Random, header: Header, place: int) -> Marker:
+    """Return a shape to be built in a place, another one each time."""
+    marker = _placed(header, place)
     marker.type = random.choice(BUILT)
     spread = random.random
     marker.points = [Point(x=spread(), y=spread(), z=spread()) for _ in range(CORNERS)]
+    return marker
+
+
+def _placed(header: Header, place: int) -> Marker:
+    marker = Marker(header=header, ns=SCENERY, id=place)
+    marker.pose.position.x, marker.pose.position.z = 10.0 * place, -DEEP
+    marker.scale.x = marker.scale.y = marker.scale.z = 1.0
     return marker
 
 

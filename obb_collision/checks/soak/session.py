@@ -28,21 +28,32 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
+from visualization_msgs.msg import Marker, MarkerArray
 
 from obb_collision.checks.fuzz.child import Child
 from obb_collision.checks.fuzz.session import OUTPUTS
 from obb_collision.checks.soak.checker import Checker, found_in
-from obb_collision.checks.soak.encoding import FRAME, KINDS, messages_of, obstacles, scenery_of
+from obb_collision.checks.soak.encoding import (
+    FRAME,
+    KINDS,
+    PLACES,
+    SCENERY,
+    built_shape,
+    messages_of,
+    obstacles,
+    scenery_of,
+)
 from obb_collision.checks.soak.result import Result
 from obb_collision.checks.soak.world import MARKERS, Change, World
 from obb_collision.node.messages.conversions import stamp_to_ros
+from obb_collision.node.objects.shape_requests import KEPT_SHAPES
 from obb_collision.node.topics.topics import collisions_from_ros
 
 STARTING = 300.0
 """Seconds until the node answers first: on a new machine it compiles its kernels."""
 ANSWERING = 20.0
 """Seconds in which a step must be answered."""
-SCENERY, CLOUDS = 0.2, 0.2
+SCENERY_SHARE, CLOUDS = 0.2, 0.2
 """Share of the messages of markers with scenery, and of the steps with a cloud of points."""
 
 
@@ -95,8 +106,32 @@ class Session:
         self._send(self._world.first())
         self._until(child, lambda: self._is_answered, "answer to the first bodies", STARTING)
         self._until(child, self._is_all_computed, "effects, all computed", STARTING)
+        self._fill_cache(child)
         self._checker.end()
         self._is_begun = True
+
+    def _fill_cache(self, child: Child) -> None:
+        """Have as many shapes built as the node keeps: from then on new ones replace old ones."""
+        header = Header(stamp=stamp_to_ros(time.time_ns()), frame_id=FRAME)
+        places = range(PLACES, PLACES + KEPT_SHAPES)
+        shapes = [built_shape(self._random, header, place) for place in places]
+        for markers in (shapes, [Marker(ns=SCENERY, action=Marker.DELETEALL)]):
+            here = markers is shapes
+            self._publishers[MARKERS].publish(MarkerArray(markers=markers))
+
+            def done(here: bool = here) -> bool:
+                counts = self._values("objects")
+                return counts.get("unplaceable") == "0" and here == (
+                    int(counts["count"]) > KEPT_SHAPES
+                )
+
+            self._until(child, done, "shapes, all built", STARTING)
+
+    def _values(self, name: str) -> dict[str, str]:
+        """Return the values of a status in the latest diagnostics."""
+        statuses = () if self._diagnostics is None else self._diagnostics.status
+        found = [status.values for status in statuses if status.name.endswith(f": {name}")]
+        return {pair.key: pair.value for pair in found[0]} if found else {}
 
     def step(self, child: Child) -> None:
         """Change the scene, and wait for the answer that has all of it, or that is wrong."""
@@ -130,7 +165,7 @@ class Session:
             self._stamp = max(self._stamp + 1, time.time_ns())
             header = Header(stamp=stamp_to_ros(self._stamp), frame_id=FRAME)
             scenery = []
-            if topic == MARKERS and self._random.random() < SCENERY:
+            if topic == MARKERS and self._random.random() < SCENERY_SHARE:
                 scenery = [scenery_of(self._random, header)]
             messages += [(topic, one) for one in messages_of(topic, change, header, scenery)]
         if self._random.random() < CLOUDS:
