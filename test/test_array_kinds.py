@@ -254,3 +254,25 @@ def test_indices_may_be_written_by_another_thread_meanwhile(name: str) -> None:
     finally:
         ended.set()
         writer.join()
+
+
+NUMBERS = (np.nan, np.inf, -np.inf, 1e308, -1e308)
+
+
+@pytest.mark.parametrize("number", NUMBERS)
+@pytest.mark.parametrize("name", ["centers", "rotations", "half_extents"])
+def test_boxes_that_are_written_afterwards_lead_nowhere(name: str, number: float) -> None:
+    """The answers mean nothing, but no kernel reads or writes outside of its arrays.
+
+    With numba's checks of bounds, an access outside raises IndexError.
+    """
+    rng = np.random.default_rng(5)
+    poses = np.column_stack([rng.normal(size=(100, 3)), np.tile([0.0, 0.0, 0.6, 0.8], (100, 1))])
+    written = oc.Boxes.from_poses(poses, np.full((100, 3), 0.2))
+    getattr(written, name).reshape(100, -1)[rng.integers(0, 100, 30), 0] = number
+    with np.errstate(all="ignore"):
+        for rows in (oc.find_pairs(written), oc.find_pairs(written, written)):
+            assert ((rows >= 0) & (rows < 100)).all()
+        oc.any_collision(written)
+        found = oc.points_inside(written, rng.normal(size=(1000, 3)))
+        assert ((found.nearest >= -1) & (found.nearest < 1000)).all()

@@ -71,10 +71,10 @@ class Contents(NamedTuple):
 
 @njit
 def find_cell(frames: Floats, numbers: np.ndarray, g: int, x: float, y: float, z: float) -> int:
-    """Return the cell of grid g that the point is in, or nearest to."""
-    i = int(min(max((x - frames[g, 0]) * frames[g, 3], 0.0), frames[g, 6]))
-    j = int(min(max((y - frames[g, 1]) * frames[g, 4], 0.0), frames[g, 7]))
-    k = int(min(max((z - frames[g, 2]) * frames[g, 5], 0.0), frames[g, 8]))
+    """Return the cell of grid g that the point is in, or nearest to; for NaN the first one."""
+    i = int(min(max(0.0, (x - frames[g, 0]) * frames[g, 3]), frames[g, 6]))
+    j = int(min(max(0.0, (y - frames[g, 1]) * frames[g, 4]), frames[g, 7]))
+    k = int(min(max(0.0, (z - frames[g, 2]) * frames[g, 5]), frames[g, 8]))
     return numbers[g, FIRST] + i * numbers[g, STEP_X] + j * numbers[g, STEP_Y] + k
 
 

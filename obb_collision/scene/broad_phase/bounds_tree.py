@@ -38,6 +38,8 @@ from obb_collision.typing import Floats
 LEVELS = 21
 #: Depth-first traversal leaves at most LANES - 1 blocks a level behind.
 STACK = LEVELS * LANES
+#: Bounds of lanes without a box: nothing overlaps them, not even bounds that are infinite.
+NOTHING = np.nan
 #: Blocks filled before a second thread pays.
 FEWEST_BLOCKS = 1024
 #: Boxes asked for before they are needed.
@@ -100,7 +102,7 @@ def _fill_boxes(
                     nodes[block, k, lane] = minimum[order[place], k]
                     nodes[block, 3 + k, lane] = maximum[order[place], k]
             else:
-                nodes[block, :3, lane], nodes[block, 3:, lane] = np.inf, -np.inf
+                nodes[block, :, lane] = NOTHING
 
 
 @njit
@@ -108,8 +110,7 @@ def _fill_levels(nodes: Floats, starts: np.ndarray) -> None:
     """Write all blocks above the boxes."""
     for level in range(1, len(starts) - 1):
         below, first = starts[level - 1], starts[level]
-        nodes[first : starts[level + 1], :3] = np.inf
-        nodes[first : starts[level + 1], 3:] = -np.inf
+        nodes[first : starts[level + 1]] = NOTHING
         for child in range(first - below):
             _merge(nodes, below + child, first + (child >> LANE_BITS), child & (LANES - 1))
 

@@ -79,7 +79,8 @@ def _sort_cells(
 ) -> bool:
     """Sort rows by the codes of their cells, which are written to ``spare``.
 
-    False, and nothing done, if they have one centre.
+    False, and nothing done, if they have one centre, or bounds that are no numbers: arrays that
+    were valid once may have been written since, and a code must be one whatever they hold.
     """
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
     for row in rows:
@@ -87,7 +88,7 @@ def _sort_cells(
             middle = 0.5 * minimum[row, k] + 0.5 * maximum[row, k]
             low[k], high[k] = min(low[k], middle), max(high[k], middle)
     side = max(high[0] - low[0], high[1] - low[1], high[2] - low[2])
-    if len(rows) < 2 or side < SHORTEST:
+    if len(rows) < 2 or not SHORTEST <= side < np.inf:
         return False
     digits = (bits_of(len(rows)) + SPARE_BITS + DIGIT_BITS - 1) // DIGIT_BITS
     bits = min(digits * DIGIT_BITS, BITS - row_bits)
@@ -97,7 +98,7 @@ def _sort_cells(
         code = 0
         for k in range(3):
             middle = 0.5 * minimum[rows[n], k] + 0.5 * maximum[rows[n], k]
-            code |= _spread_bits(int(min((middle - low[k]) * scale, last))) << k
+            code |= _spread_bits(int(min(max(0.0, (middle - low[k]) * scale), last))) << k
         rows[n] |= code >> (BITS - bits) << row_bits
     sort_numbers(rows, spare, row_bits, row_bits + bits)
     for n in range(len(rows)):
