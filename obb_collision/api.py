@@ -44,6 +44,7 @@ from obb_collision.queries.verdict.separations import separations
 from obb_collision.queries.verdict.verdict import Verdict, verdicts
 from obb_collision.scene.broad_phase.any_collision import any_collision
 from obb_collision.scene.broad_phase.find_pairs import find_pairs
+from obb_collision.scene.region_merger import RegionMerger
 from obb_collision.scene.report import Report
 from obb_collision.scene.scene import Scene
 from obb_collision.scene.store.region import Region, split_regions
@@ -59,6 +60,7 @@ __all__ = [
     "MovingBoxes",
     "PlacedMeshes",
     "Region",
+    "RegionMerger",
     "Report",
     "Scene",
     "SceneDescription",

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The console scripts that need ROS: the node, the demo and the view, latency, fuzz and soak.
+"""The console scripts that need ROS: the node and the merger, the demo, latency, checks.
 
 They import what takes long, or needs ROS, only after they have read the arguments and found ROS. A
 signal during these imports ends them at once and silently.
@@ -54,6 +54,25 @@ def node(args: Sequence[str] | None = None) -> int:
     if not is_ros_here("obb_collision_node"):
         return 1
     from obb_collision.node.node import main
+
+    return main(args)
+
+
+def merge(args: Sequence[str] | None = None) -> int:
+    """Join what the nodes of several regions publish, until SIGINT or SIGTERM."""
+    end_at_once_on_signals()
+    Parser(
+        prog="obb_collision_merge",
+        usage="%(prog)s [--help] [--ros-args ...]",
+        description="Joins the topics of collision nodes that share a scene by regions, until "
+        "SIGINT or SIGTERM. Takes ROS arguments only.",
+        epilog="For example: obb_collision_merge --ros-args -p regions:='[west, east]' -p "
+        "timeout:=0.5. docs/scaling.md has the topics and parameters.",
+        allow_abbrev=False,
+    ).parse_args(without_ros_arguments(sys.argv[1:] if args is None else args))
+    if not is_ros_here("obb_collision_merge"):
+        return 1
+    from obb_collision.node.merger import main
 
     return main(args)
 

@@ -217,6 +217,18 @@ FUNCTIONS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "Scene.effect_setting": (scene().effect_setting, {"name": "clearance"}),
     "Scene.check": (scene().check, {"effects": ["contacts"]}),
     "Region": (oc.Region, {"minimum": [0] * 3, "maximum": [1] * 3, "halo": 1.0}),
+    "RegionMerger": (oc.RegionMerger, {"regions": ["west", "east"], "timeout": 0.5}),
+    "RegionMerger.hear": (
+        oc.RegionMerger(["west"]).hear, {"region": "west", "objects": 3, "now": 1.0}
+    ),
+    "RegionMerger.missing": (oc.RegionMerger(["west"]).missing, {"now": 1.0}),
+    "RegionMerger.take": (
+        oc.RegionMerger(["west"]).take,
+        {
+            "region": "west", "stamp": 1, "now": 1.0, "topic": "a",
+            "rows": np.zeros(1, [("ns", "i4"), ("id", "i4")]),
+        },
+    ),
     "Region.holds": (REGION.holds, {"points": POINTS}),
     "split_regions": (
         oc.split_regions,

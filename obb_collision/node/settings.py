@@ -67,14 +67,21 @@ class SceneSettings:
         self.apply_accuracy()
         groups = Groups(parameters.groups)
         self._apply_filters(groups)
-        for name in EFFECTS:
-            # Never "on": the node requests effects per check, once their kernels are compiled.
-            mode = OFF if parameters.mode(name) == OFF else AUTO
-            setting = {"mode": mode, **parameters.setting(name)}
-            setting["objects"] = groups.all_meant(setting["objects"])
-            if self._effects.get(name) != setting:
-                self._effects[name] = setting
-                scene.set_effect(name, **setting)
+        settings = {name: self._effect_setting(name, groups) for name in EFFECTS}
+        if self._effects != settings or scene.region != parameters.share:
+            scene.region = None  # its halo fits the new options, maybe not the old ones
+            for name, setting in settings.items():
+                if self._effects.get(name) != setting:
+                    scene.set_effect(name, **setting)
+            self._effects, scene.region = settings, parameters.share
+
+    def _effect_setting(self, name: str, groups: Groups) -> dict[str, Any]:
+        """Return how an effect is to be set."""
+        # Never "on": the node requests effects per check, once their kernels are compiled.
+        mode = OFF if self._parameters.mode(name) == OFF else AUTO
+        setting = {"mode": mode, **self._parameters.setting(name)}
+        setting["objects"] = groups.all_meant(setting["objects"])
+        return setting
 
     def _apply_filters(self, groups: Groups) -> None:
         """Set which pairs count, and the paddings by name."""

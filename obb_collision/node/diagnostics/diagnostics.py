@@ -29,6 +29,7 @@ from obb_collision.node.diagnostics.answer import MAX_NAMED, some
 from obb_collision.node.diagnostics.monitors import NANOSECONDS_F, CycleMonitor, InputMonitor
 from obb_collision.node.messages.conversions import name_from_key
 from obb_collision.node.objects.objects import Objects
+from obb_collision.node.parameters.regions import text_from_region
 from obb_collision.node.runtime.guard import INTERNAL_ERROR, Guard
 from obb_collision.scene.report import Report
 
@@ -97,6 +98,15 @@ def _kinds(objects: Objects) -> dict[str, npt.NDArray[np.bool_]]:
     return kinds
 
 
+def _shared(objects: Objects) -> list[tuple[str, object]]:
+    """Return the region, and how many objects take part in it; nothing without one."""
+    region = objects.scene.region
+    if region is None:
+        return []
+    found = ", ".join(text_from_region(region))
+    return [("region", found), ("near the region", len(objects.scene.indices_near))]
+
+
 def _prepared(objects: Objects) -> list[tuple[str, object]]:
     """Return the shapes whose trees and hulls are built, or can't be: their pairs are on obb."""
     trees = objects.trees
@@ -128,6 +138,7 @@ def object_status(
     values: list[tuple[str, object]] = [
         ("count", len(table)),
         ("colliding", colliding),
+        *_shared(objects),
         *([("pairs at least", report.total)] if report is not None and report.truncated else ()),
         *((f"pairs on {ALL_LEVELS[level]}", count) for level, count in sorted(levels.items())),
         *(() if cap is None else [("highest accuracy in the time budget", ALL_LEVELS[cap])]),

@@ -24,9 +24,11 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from obb_collision.node.parameters.groups import check_words
+from obb_collision.node.parameters.regions import option_name, region_from
 from obb_collision.node.parameters.services import guard_parameter_services
-from obb_collision.node.parameters.table import SPECS, option_name
+from obb_collision.node.parameters.table import SPECS
 from obb_collision.scene.effects import EFFECTS
+from obb_collision.scene.store.region import Region
 
 __all__ = ["SPECS", "Parameters", "check_parameters"]
 
@@ -43,7 +45,7 @@ class Parameters:
         for spec in SPECS:
             given = node.declare_parameter(spec.name, spec.default, spec.descriptor()).value
             self._values[spec.name] = spec.read(given)
-        check_words(self._values)
+        _check_together(self._values)
         node.add_on_set_parameters_callback(self._check)
         node.add_post_set_parameters_callback(self._take)
         guard_parameter_services(node)
@@ -53,6 +55,11 @@ class Parameters:
             return self.__dict__["_values"][name]
         except KeyError:
             raise AttributeError(f"no parameter {name!r}") from None
+
+    @property
+    def share(self) -> Region | None:
+        """The region, None for everything."""
+        return region_from(self._values)
 
     def mode(self, effect: str) -> str:
         """Return off, auto or on."""
@@ -97,7 +104,7 @@ class Parameters:
         result = check_parameters(parameters)
         if result.successful:
             try:
-                check_words({**self._values, **_read(parameters)})
+                _check_together({**self._values, **_read(parameters)})
             except ValueError as error:
                 return SetParametersResult(successful=False, reason=str(error))
         return result
@@ -107,6 +114,12 @@ class Parameters:
         self._values.update(ours)
         if ours:  # others are declared while a subscription is made
             self.on_change()
+
+
+def _check_together(values: Mapping[str, Any]) -> None:
+    """Raise ValueError for values that do not fit each other."""
+    check_words(values)
+    region_from(values)
 
 
 def _read(parameters: Sequence[Parameter]) -> dict[str, Any]:

@@ -21,6 +21,7 @@ from obb_collision.accuracy import ALL_LEVELS
 from obb_collision.node.messages.names import MAX_NAME_BYTES
 from obb_collision.node.parameters.folders import folder_from_text
 from obb_collision.node.parameters.groups import group_from_text, pair_from_text
+from obb_collision.node.parameters.regions import option_name, range_from_text
 from obb_collision.node.parameters.specs import Spec
 from obb_collision.node.topics.topics import TOPICS, describe_mode, mode_names
 from obb_collision.scene.effects import EFFECTS
@@ -245,6 +246,23 @@ GENERAL = (
     ),
 )
 
+REGION = (
+    Spec(
+        "region",
+        [""],
+        "Part of space whose pairs are found: 'x: -inf to 5.0' for each axis with ends (m, in the "
+        "fixed frame), up to, not including, the second. Without entries, all of space.",
+        entry=range_from_text,
+    ),
+    Spec(
+        "region_halo",
+        1.0,
+        "Objects farther than this from the region take no part (m). At least "
+        "effects.clearance_max_distance and effects.points_margin, unless these effects are off.",
+        (0.0, 1.0e6),
+    ),
+)
+
 FILTERS = (  # before what uses groups: parameters of a file are set one by one
     Spec(
         "groups",
@@ -332,11 +350,6 @@ ACCURACY = (
 )
 
 
-def option_name(effect: str, option: str) -> str:
-    """Return the parameter of an option; ``effects.sweep`` can't be a value and hold more."""
-    return f"effects.{effect}_{option}"
-
-
 def _option_spec(name: str, option: Option) -> Spec:
     whole = bool(option.choices) and all(float(choice).is_integer() for choice in option.choices)
     kind = int if whole else float
@@ -363,4 +376,4 @@ def _effect_specs() -> tuple[Spec, ...]:
     return tuple(specs)
 
 
-SPECS = (*GENERAL, *FILTERS, *ACCURACY, *_effect_specs())
+SPECS = (*GENERAL, *REGION, *FILTERS, *ACCURACY, *_effect_specs())

@@ -48,7 +48,7 @@ FEWEST_BALLS = 4096
 MOST_PARTS = 4096
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(frozen=True, eq=False)
 class Region(ArrayValue):
     """The half-open box from a minimum up to, not including, a maximum, which may be infinite.
 

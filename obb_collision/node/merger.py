@@ -1,0 +1,213 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The merger as a node: joins the clouds of several collision nodes, each with its region.
+
+The console script ``obb_collision_merge``. Region by region it subscribes to the topics of a node
+in the namespace of that name, and publishes what all found together on the same topics.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from copy import copy
+from time import monotonic
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rcl_interfaces.msg import ParameterDescriptor
+from rclpy.node import Node
+from rclpy.subscription import Subscription
+from sensor_msgs.msg import PointCloud2
+from std_msgs.msg import Bool, Header
+
+from obb_collision.node.diagnostics.answer import COLLIDING, FREE, UNKNOWN
+from obb_collision.node.diagnostics.qos import overridable
+from obb_collision.node.messages.clouds import cloud_to_ros
+from obb_collision.node.messages.conversions import stamp_from_ros
+from obb_collision.node.messages.errors import RefusedError
+from obb_collision.node.runtime.running import run
+from obb_collision.node.topics.cloud import Cloud, Topic
+from obb_collision.node.topics.topics import COLLISIONS, NAMESPACES, TOPICS
+from obb_collision.scene.region_merger import RegionMerger
+
+NODE_NAME = "obb_collision_merge"
+PERIOD = 0.1
+"""Seconds between two looks for regions that are missing and for new subscribers."""
+STATUS, FLAG = TOPICS["collision_status"], TOPICS["in_collision"]
+CLOUDS: dict[str, Cloud[Any]] = {
+    topic.name: topic for topic in TOPICS.values() if isinstance(topic, Cloud)
+}
+
+
+class MergerNode(Node):
+    """Joins what the nodes of several regions publish; everything goes to ``rclpy.node.Node``."""
+
+    def __init__(self, **node_options: Any) -> None:
+        super().__init__(NODE_NAME, **node_options)
+        try:
+            self._set_up()
+        except BaseException:
+            self.destroy_node()
+            raise
+
+    def _set_up(self) -> None:
+        def read(name: str, default: Any, description: str) -> Any:
+            descriptor = ParameterDescriptor(description=description, read_only=True)
+            return self.declare_parameter(name, default, descriptor).value
+
+        regions = read("regions", ["region_0"], "Namespaces of the nodes to join.")
+        timeout = read("timeout", 0.5, "A region is missing if silent for longer than this (s).")
+        self._unknown_counts = read(
+            "unknown_is_collision", True, "Whether in_collision is true while it is not known."
+        )
+        self._merger = RegionMerger(regions, timeout)
+        self._statuses: dict[str, DiagnosticStatus] = {}
+        self._names: dict[str, str] = {}
+        self._joined_at, self._pairs = monotonic(), 0
+        self._last: tuple[object, ...] | None = None
+        self._regions = list(regions)
+        self._publishers_of = {
+            topic.name: self.create_publisher(
+                *(topic.message, topic.name, copy(topic.qos)), qos_overriding_options=overridable()
+            )
+            for topic in (*CLOUDS.values(), STATUS, FLAG, NAMESPACES)
+        }
+        self._clouds: dict[str, list[Subscription]] = {}
+        for region in self._regions:
+            self._listen(region, NAMESPACES, lambda message, _: self._take_names(message))
+            self._listen(region, STATUS, self._take_status)
+        self.create_timer(PERIOD, self._look)
+        self._look()
+
+    def _listen(self, region: str, topic: Topic, take: Callable[[Any, str], None]) -> Subscription:
+        def taken(message: Any) -> None:
+            take(message, region)
+
+        name, qos = f"{region}/{topic.name}", copy(topic.qos)
+        return self.create_subscription(topic.message, name, taken, qos)
+
+    def _look(self) -> None:
+        """Subscribe to the clouds that somebody wants, and publish what is known."""
+        for name, cloud in CLOUDS.items():
+            wanted = cloud is COLLISIONS or self._publishers_of[name].get_subscription_count() > 0
+            if wanted and name not in self._clouds:
+                self._clouds[name] = [
+                    self._listen(region, cloud, self._taker(cloud)) for region in self._regions
+                ]
+            elif not wanted and name in self._clouds:
+                for subscription in self._clouds.pop(name):
+                    self.destroy_subscription(subscription)
+        self._publish_status()
+
+    def _take_names(self, message: DiagnosticStatus) -> None:
+        new = {pair.key: pair.value for pair in message.values}
+        if not new.items() <= self._names.items():
+            self._names.update(new)
+            values = [KeyValue(key=key, value=name) for key, name in self._names.items()]
+            merged = DiagnosticStatus(name=message.name, message=message.message, values=values)
+            merged.hardware_id = message.hardware_id
+            self._publishers_of[NAMESPACES.name].publish(merged)
+
+    def _take_status(self, message: DiagnosticArray, region: str) -> None:
+        (status,) = message.status[:1] or [DiagnosticStatus(level=UNKNOWN, message="empty status")]
+        counts = [pair.value for pair in status.values if pair.key == "objects"]
+        if counts and counts[0].isdecimal():
+            self._merger.hear(region, int(counts[0]), monotonic())
+        self._statuses[region] = status
+        self._publish_status(changes_only=True)
+
+    def _taker(self, cloud: Cloud[Any]) -> Callable[[PointCloud2, str], None]:
+        def take(message: PointCloud2, region: str) -> None:
+            try:
+                rows = cloud.from_ros(message)
+                stamp = stamp_from_ros(message.header.stamp)
+                joined = self._merger.take(region, stamp, rows, monotonic(), cloud.name)
+            except (RefusedError, ValueError) as error:
+                self.get_logger().warning(
+                    f"{region}/{cloud.name}: {error}", throttle_duration_sec=5.0
+                )
+                return
+            if joined is not None:
+                self._publish(cloud, joined, message.header)
+
+        return take
+
+    def _publish(self, cloud: Cloud[Any], rows: Any, header: Header) -> None:
+        self._publishers_of[cloud.name].publish(cloud_to_ros(rows, header))
+        if cloud is COLLISIONS:
+            self._joined_at, self._pairs = monotonic(), len(rows)
+            self._publish_status(changes_only=True)
+
+    def _faults(self) -> list[str]:
+        """Return why it is not known whether anything collides."""
+        now = monotonic()
+        missing = self._merger.missing(now)
+        faults = [f"{region}: {reason}" for region, reason in missing.items()]
+        faults += [
+            f"{region}: {status.message}"
+            for region, status in self._statuses.items()
+            if region not in missing and status.level == UNKNOWN
+        ]
+        silent = now - self._joined_at
+        if not faults and silent > self._merger.timeout:
+            faults.append(f"no stamp that all regions have evaluated for {silent:.1f} s")
+        return faults
+
+    def _publish_status(self, changes_only: bool = False) -> None:
+        faults = self._faults()
+        missing = self._merger.missing(monotonic())
+        fresh = monotonic() - self._joined_at <= self._merger.timeout
+        colliding = {
+            region
+            for region, status in self._statuses.items()
+            if region not in missing and status.level == COLLIDING
+        }
+        pairs = self._pairs if fresh else 0
+        level = COLLIDING if pairs or colliding else UNKNOWN if faults else FREE
+        kind = level, tuple(fault.partition(":")[0] for fault in faults)
+        changed, self._last = kind != self._last, kind
+        if changes_only and not changed:
+            return
+        parts = [f"{pairs} pair{'s collide' if pairs > 1 else ' collides'}"] if pairs else []
+        parts += [f"{region}: {self._statuses[region].message}" for region in sorted(colliding)]
+        flag = level == COLLIDING or (level == UNKNOWN and self._unknown_counts)
+        values = {
+            "colliding pairs": pairs if fresh else "not known",
+            "regions": len(self._regions),
+            "missing regions": len(missing),
+            "rows of several regions": self._merger.repeated,
+            "in_collision": flag,
+            "unknown_is_collision": self._unknown_counts,
+        }
+        status = DiagnosticStatus(
+            level=level,
+            name=f"{self.get_fully_qualified_name().lstrip('/')}: collision",
+            message="; ".join([*parts, *faults]) or "free",
+            hardware_id="obb_collision",
+            values=[KeyValue(key=key, value=str(value)) for key, value in values.items()],
+        )
+        message = DiagnosticArray(status=[status])
+        message.header.stamp = self.get_clock().now().to_msg()
+        self._publishers_of[STATUS.name].publish(message)
+        self._publishers_of[FLAG.name].publish(Bool(data=flag))
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the console script ``obb_collision_merge``."""
+    return run(NODE_NAME, lambda context, _: MergerNode(context=context), args)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,90 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""A node with a region: what it publishes then, and which parameters it refuses."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+pytest.importorskip("rclpy")
+from rig import Rig, cube, sync
+
+from obb_collision import Region
+from obb_collision.node.parameters.regions import range_from_text, text_from_region
+
+
+def test_only_pairs_of_the_region_are_published_and_only_what_is_near_is_drawn() -> None:
+    with Rig(region=["x: -inf to 5.0"]) as rig:
+        rig.listen("obb_collision/markers", "/diagnostics", "collision_status")
+        rig.send(*(cube(("a", n), (x, 0, 0)) for n, x in enumerate((0.0, 0.5, 5.75, 6.0, 50.0))))
+        assert rig.pairs() == {("a/0", "a/1")}
+        assert rig.status(": objects")["near the region"] == "4"
+        assert rig.status(": objects")["region"] == "x: -inf to 5.0"
+        drawn = rig.next("obb_collision/markers").markers
+        assert {marker.id for marker in drawn if marker.ns == "a"} == {0, 1, 2, 3}
+        assert rig.set(region=["x: 5.0 to inf"])[0].successful
+        assert sync(rig) == {("a/2", "a/3")}
+        rig.send(cube(("a", 2), (5.25, 0, 0)), cube(("a", 3), (5.0, 0, 0)))
+        assert rig.pairs() == set()  # their common part begins at 4.75
+        assert rig.set(region=[""])[0].successful
+        assert sync(rig) == {("a/0", "a/1"), ("a/2", "a/3")}
+
+
+def test_a_halo_smaller_than_what_effects_look_beyond_is_refused(rig: Rig) -> None:
+    assert rig.set(region=["y: 0 to 1"])[0].successful
+    (result,) = rig.set(**{"effects.clearance_max_distance": 1.5})
+    assert not result.successful
+    assert "region_halo must be at least effects.clearance_max_distance, 1.5 m" in result.reason
+    (result,) = rig.set(region_halo=0.05)
+    assert not result.successful
+    many = {"effects.clearance": "off", "region_halo": 0.05}
+    assert all(one.successful for one in rig.set(**many))
+    (result,) = rig.set(**{"effects.points_margin": 0.06})
+    assert not result.successful
+    region = Region([-math.inf, 0, -math.inf], [math.inf, 1, math.inf], 0.05)
+    rig.until(lambda: rig.node.objects.scene.region == region, "the region")
+    assert rig.node.guard.total == 0
+
+
+def test_a_start_with_a_halo_that_is_too_small_ends_with_the_reason() -> None:
+    with (
+        pytest.raises(ValueError, match="region_halo must be at least"),
+        Rig(region=["z: 0 to inf"], region_halo=0.0),
+    ):
+        pass
+
+
+@pytest.mark.parametrize(
+    "wrong", ["w: 0 to 1", "x: 1 to 1", "x: 0", "x: nan to 1", "x: inf to inf"]
+)
+def test_entries_that_are_no_range_are_refused(rig: Rig, wrong: str) -> None:
+    (result,) = rig.set(region=[wrong])
+    assert not result.successful
+    assert result.reason.startswith("region: ")
+    (result,) = rig.set(region=["x: 0 to 1", "x: 2 to 3"])
+    assert "at most one entry" in result.reason
+
+
+def test_a_region_is_the_same_after_it_was_a_parameter() -> None:
+    region = Region([-math.inf, 0.1, 1 / 3], [0.1 + 0.2, math.inf, 1e300])
+    entries = [range_from_text(text) for text in text_from_region(region)]
+    assert entries == [
+        ("x", -math.inf, 0.1 + 0.2),
+        ("y", 0.1, math.inf),
+        ("z", 1 / 3, 1e300),
+    ]
+    assert text_from_region(Region([-math.inf] * 3, [math.inf] * 3)) == [""]
