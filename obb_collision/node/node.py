@@ -100,7 +100,7 @@ class CollisionNode(ManagedNode):
 
     def _set_up(self, frames: FrameSource | None, ending: Callable[[], bool]) -> None:
         """Create what is there in every state, compile the kernels that are needed, and start."""
-        self._since = perf_counter()
+        start = perf_counter()
         self.guard = Guard(self.get_logger().error, self.context.ok)
         self.parameters = Parameters(self)
         self._configured = ExitStack()
@@ -117,6 +117,7 @@ class CollisionNode(ManagedNode):
         self._warm.start([*requested_levels(self.parameters), *switched_on])
         if ending() or not self.context.ok():
             raise ExternalShutdownException
+        self._warm_up_time = perf_counter() - start
         if autostart:
             self.start()
         else:
@@ -157,7 +158,7 @@ class CollisionNode(ManagedNode):
             f"ready: fixed frame '{self.parameters.fixed_frame}', "
             f"frames by {self._frames.description}; "
             f"trigger {self.parameters.trigger} at {self.parameters.rate:g} Hz; backend numba "
-            f"{version('numba')}, kernels ready in {perf_counter() - self._since:.1f} s; "
+            f"{version('numba')}, kernels ready in {self._warm_up_time:.1f} s; "
             f"in: {_topic_names(self._subscribed.open)}; out: {_topic_names(self._outputs.ends)}"
         )
 
@@ -183,6 +184,7 @@ class CollisionNode(ManagedNode):
         """Say that nothing will be known any more, and end all processes."""
         self.status.close()
         self._warm.close()
+        self.get_logger().info("finalized")
 
     def _make_inputs(self) -> None:
         """Create the inputs; nothing is subscribed yet."""

@@ -28,6 +28,7 @@ from gate import Gate
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rig import DOMAIN, NAMESPACE, Rig, cube, pose, sync
 from shape_markers import triangle
@@ -401,6 +402,43 @@ def test_of_two_nodes_in_a_process_one_is_deactivated_and_the_other_goes_on(rig:
     finally:
         rig.executor.remove_node(other)
         other.destroy_node()
+
+
+def test_two_nodes_on_threads_of_a_process_check_while_one_of_them_changes_its_state() -> None:
+    """They share the caches of kernels and the threads that check, and nothing else."""
+    with managed(CONFIGURE, ACTIVATE) as rig:
+        rig.wait_inputs()
+        other = CollisionNode(
+            context=rig.context,
+            namespace=f"{NAMESPACE}/cell",
+            cli_args=["--ros-args", "-r", f"{NAMESPACE}/cell/objects:={NAMESPACE}/objects"],
+        )
+        executor = SingleThreadedExecutor(context=rig.context)
+        executor.add_node(other)
+        thread = threading.Thread(target=executor.spin)
+        thread.start()
+        try:
+            rig.until(lambda: rig.pubs["objects"].get_subscription_count() == 2, "both")
+            boxes = [cube(("b", number), (0.75 * number, 0, 0)) for number in range(300)]
+            for turn in range(3):
+                boxes[0].pose.position.y = float(5 * (turn % 2))
+                expected = 299 - turn % 2
+                rig.send(*boxes)
+                assert len(rig.pairs()) == expected
+                for transition in (DEACTIVATE, CLEANUP, CONFIGURE, ACTIVATE):
+                    assert rig.change(transition)
+
+                def has_them(expected: int = expected) -> bool:
+                    return len(other.cycle.report or ()) == expected
+
+                rig.until(has_them, "the other's pairs")
+                assert other.status.answer.unknown == ""
+                rig.wait_inputs()
+            assert other.guard.total == rig.node.guard.total == 0
+        finally:
+            executor.shutdown()
+            thread.join()
+            other.destroy_node()
 
 
 def test_nothing_is_left_of_a_node_that_cannot_start(tmp_path: Path) -> None:
