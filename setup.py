@@ -76,6 +76,7 @@ setup(
             "obb_collision_accuracy = obb_collision.benchmarks.accuracy:main",
             "obb_collision_demo = obb_collision.commands:demo",
             "obb_collision_fuzz = obb_collision.commands:fuzz",
+            "obb_collision_known_bugs = obb_collision.benchmarks.known_bugs:main",
             "obb_collision_latency = obb_collision.commands:latency",
             "obb_collision_soak = obb_collision.commands:soak",
             "obb_collision_merge = obb_collision.commands:merge",

@@ -53,6 +53,7 @@ OPTIONS: dict[str, dict[str, list[str]]] = {
         "--growth": REALS, "--log": FILES, **SEED, **JSON,
     },
     "obb_collision_fuzz": {"--messages": WHOLES, "--bound": REALS, "--log": FILES, **SEED},
+    "obb_collision_known_bugs": {"--markdown": PLOTS},
     "obb_collision_latency": {
         "--objects": WHOLES, "--new": WHOLES, "--seconds": REALS, **SEED, **JSON,
     },
