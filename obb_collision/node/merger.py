@@ -25,6 +25,7 @@ from copy import copy
 from time import monotonic
 from typing import Any
 
+import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.node import Node
@@ -145,7 +146,10 @@ class MergerNode(Node):
         return take
 
     def _publish(self, cloud: Cloud[Any], rows: Any, header: Header) -> None:
-        self._publishers_of[cloud.name].publish(cloud_to_ros(rows, header))
+        packed = np.zeros(len(rows), cloud.dtype)  # what is between the fields is 0, too
+        for name in rows.dtype.names:
+            packed[name] = rows[name]
+        self._publishers_of[cloud.name].publish(cloud_to_ros(packed, header, cloud.point_fields))
         if cloud is COLLISIONS:
             self._joined_at, self._pairs = monotonic(), len(rows)
             self._publish_status(changes_only=True)

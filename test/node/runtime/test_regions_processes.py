@@ -1,0 +1,216 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Three processes, a region each, find together what one node finds, also while one restarts."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+from diagnostic_msgs.msg import DiagnosticStatus
+from node_process import running
+from processes import PATIENCE
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter
+from rig import DOMAIN, LATCHED, NAMESPACE, OUTPUTS, Client
+
+from obb_collision import split_regions
+from obb_collision.node import namespace_number
+from obb_collision.node.merger import MergerNode
+from obb_collision.node.messages.conversions import stamp_from_ros
+from obb_collision.node.node import CollisionNode
+from obb_collision.node.objects.frames import FixedFrameOnly
+from obb_collision.node.parameters.regions import text_from_region
+from obb_collision.node.topics.cloud import Cloud
+from obb_collision.node.topics.topics import TOPICS
+
+REGIONS = ("west", "middle", "east")
+SIDE = 6.0
+"""Edge of the cube in which objects move (m)."""
+COUNT = 40
+TIMEOUT = 1.0
+"""Seconds of silence after which a region is missing; tests must not depend on a loaded machine."""
+OK, ERROR, STALE = (
+    int(level[0]) for level in (DiagnosticStatus.OK, DiagnosticStatus.ERROR, DiagnosticStatus.STALE)
+)
+CLOUDS = ("collisions", "contacts", "clearances", "predicted_collisions")
+TRIGGER = {"trigger": "arrival", "min_period": 0.0, "rate": 5.0}
+SHARED = ("objects", "object_transform", "object_states", "object_poses", "object_boxes", "points")
+
+
+def arguments(region: str, number: int) -> list[str]:
+    """Return how the process of a region is started: own outputs, shared inputs."""
+    part = split_regions([0.0] * 3, [SIDE] * 3, (3, 1, 1))[number]
+    values = {**TRIGGER, "region": text_from_region(part), "region_halo": 0.5}
+    words = ["--ros-args", "-r", f"__ns:={NAMESPACE}/{region}"]
+    for name, value in values.items():
+        words += ["-p", f"{name}:={str(value).lower() if value is True else value}"]
+    for topic in SHARED:
+        words += ["-r", f"{topic}:={NAMESPACE}/{topic}"]
+    return words
+
+
+class Shared(Client):
+    """A client of one whole node in its process, and of the merger of three other processes."""
+
+    def __init__(self) -> None:
+        self.context = Context()
+        self.context.init(domain_id=DOMAIN)
+        super().__init__(self.context, SingleThreadedExecutor(context=self.context))
+        self.patience = PATIENCE
+        self.merged: dict[str, Any] = {}
+        self.random = np.random.default_rng(3)
+        whole = [Parameter(name, value=value) for name, value in TRIGGER.items()]
+        self.whole = CollisionNode(
+            context=self.context, namespace=NAMESPACE, parameter_overrides=whole,
+            frames=FixedFrameOnly("map"),
+        )  # fmt: skip
+        given = {"regions": list(REGIONS), "timeout": TIMEOUT}
+        self.merger = MergerNode(
+            context=self.context,
+            namespace=NAMESPACE,
+            parameter_overrides=[Parameter(name, value=value) for name, value in given.items()],
+            cli_args=[
+                "--ros-args",
+                *(
+                    word
+                    for topic in (*CLOUDS, "in_collision", "collision_status", "namespaces")
+                    for word in ("-r", f"{topic}:=merged/{topic}")
+                ),
+            ],
+        )
+        for node in (self.whole, self.merger):
+            self.executor.add_node(node)
+        self.listen(*CLOUDS)
+        for topic in (*CLOUDS, "in_collision", "collision_status"):
+
+            def take(message: Any, topic: str = topic) -> None:
+                self.merged[topic] = message
+
+            self.client.create_subscription(
+                OUTPUTS[topic].message,
+                f"merged/{topic}",
+                take,
+                LATCHED if OUTPUTS[topic].is_latched else 10,
+            )
+
+    def close(self) -> None:
+        """Take all nodes down."""
+        self.executor.shutdown()
+        for node in (self.client, self.merger, self.whole):
+            node.destroy_node()
+        self.context.try_shutdown()
+
+    def step(self) -> None:
+        """Send the next frame: all boxes, some of which cross borders, with twists."""
+        poses = np.zeros((COUNT, 7))
+        poses[:, :3] = self.random.uniform(-0.5, SIDE + 0.5, (COUNT, 3)) * [1, 0.4, 0.4]
+        poses[:, 3:] = self.random.normal(size=(COUNT, 4))
+        poses[:, 3:] /= np.linalg.norm(poses[:, 3:], axis=1, keepdims=True)
+        numbers = np.full(COUNT, namespace_number("boxes"))
+        self.send_boxes(range(COUNT), poses, [1.0, 0.5, 0.75], numbers)
+
+    def joined(self, topic: str) -> bool:
+        """Return whether both the whole node and the merger have the last stamp."""
+        both = self.last.get(topic), self.merged.get(topic)
+        return all(one and stamp_from_ros(one.header.stamp) == self.stamp for one in both)
+
+    def check_same(self, what: str, *topics: str) -> None:
+        """Check that the merger has, row by row, what the whole node has of the last frame."""
+        self.until(lambda: all(map(self.joined, topics)), what)
+        for topic in topics:
+            cloud = next(t for t in TOPICS.values() if t.name == topic)
+            assert isinstance(cloud, Cloud)
+            one, together = cloud.from_ros(self.last[topic]), cloud.from_ros(self.merged[topic])
+            assert len(one) > 0, topic
+            for name in one.dtype.names or ():
+                assert one[name].tobytes() == together[name].tobytes(), (topic, name)
+
+    def level(self) -> int:
+        """Return the level of the merged status."""
+        message = self.merged.get("collision_status")
+        return -1 if message is None else int(message.status[0].level[0])
+
+    def text(self) -> str:
+        """Return the words of the merged status."""
+        return str(self.merged["collision_status"].status[0].message)
+
+    def apart(self) -> None:
+        """Send a frame in which nothing collides."""
+        poses = np.zeros((COUNT, 7))
+        poses[:, 0], poses[:, 6] = np.linspace(-2.0, SIDE + 2.0, COUNT), 1.0
+        self.send_boxes(range(COUNT), poses, 0.01, np.full(COUNT, namespace_number("boxes")))
+
+    def frames_until(self, reached: Callable[[], Any], what: str) -> None:
+        """Send frames, each once the one before is evaluated, until something is reached."""
+        limit = time.monotonic() + PATIENCE
+        while not reached():
+            assert time.monotonic() < limit, f"waited in vain for {what}"
+            self.step()
+            self.answer()
+            self.executor.spin_once(timeout_sec=0.02)
+
+
+@contextmanager
+def shared() -> Iterator[Shared]:
+    """Yield a client, with the whole node and the merger."""
+    made = Shared()
+    try:
+        yield made
+    finally:
+        made.close()
+
+
+def test_three_processes_find_what_one_node_finds_also_while_one_restarts() -> None:
+    with ExitStack() as stack:
+        processes = {
+            region: stack.enter_context(running(*arguments(region, number)))
+            for number, region in enumerate(REGIONS)
+        }
+        client = stack.enter_context(shared())
+        client.frames_until(lambda: client.merged.keys() >= {*CLOUDS}, "all topics of all regions")
+        for _ in range(10):
+            client.step()
+            client.check_same("a frame", *CLOUDS)
+        assert client.level() == ERROR
+
+        killed = time.monotonic()
+        processes["middle"].kill()
+        for topic in CLOUDS:
+            del client.merged[topic]
+        client.frames_until(lambda: "middle: not heard" in client.text(), "the missing region")
+        assert time.monotonic() - killed < TIMEOUT + 3.0  # and 0.1 on a machine that is not loaded
+        assert not client.merged.keys() & {*CLOUDS}
+        client.apart()
+        client.until(lambda: client.level() == STALE, "a status that is not known")
+        client.until(lambda: client.merged["in_collision"].data, "the flag of what is not known")
+
+        stack.enter_context(running(*arguments("middle", 1)))
+        client.frames_until(lambda: client.merged.keys() >= {*CLOUDS}, "all regions again")
+        for _ in range(5):
+            client.step()
+            client.check_same("a frame after the restart", *CLOUDS)
+        client.apart()
+        client.until(lambda: client.level() == OK, "free")
+        client.until(lambda: not client.merged["in_collision"].data, "the flag")
+        assert client.text() == "free"
+        assert client.merger._merger.repeated == 0
