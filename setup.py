@@ -52,6 +52,8 @@ setup(
         ],
         # the demo, or a running node, live in the browser
         "view": ["viser>=1.1.1"],
+        # bags of ROS 2 without a ROS installation: a test replays one
+        "bags": ["rosbags"],
         # pytest-xdist: two tests at a time
         "test": ["pytest>=7.4.0", "pytest-xdist>=3.4.0", "hypothesis>=6.98.0"],
         # the pages of docs/ and the API reference
