@@ -46,17 +46,20 @@ def allowed_path(path: Path, chosen: Iterable[str | Path]) -> Path:
     except (OSError, ValueError) as error:  # a zero byte, or a name that is too long
         raise ValueError(str(error)) from error
     if not any(real.is_relative_to(folder) for folder in NEVER):
-        shares = dict(package_shares())
-        folders = [*map(Path, chosen), *shares.values()]
-        if any(real.is_relative_to(os.path.realpath(folder)) for folder in folders):
+        if any(_is_within(real, folder) for folder in chosen):
             return real
-        if any(_is_installed(path, share, real, name) for name, share in shares.items()):
-            return real
+        for name, share in package_shares():
+            if _is_within(real, share) or _is_installed(path, share, real, name):
+                return real
     leads = "" if real == path else f" leads to {shortened(str(real))}, which"
     raise ValueError(
         f"it{leads} is in no folder from which meshes are read: the shares of installed packages "
         "and mesh_folders"
     )
+
+
+def _is_within(real: Path, folder: str | Path) -> bool:
+    return real.is_relative_to(os.path.realpath(folder))
 
 
 def package_shares() -> Iterator[tuple[str, Path]]:
