@@ -40,7 +40,7 @@ from obb_collision.node.messages.conversions import stamp_from_ros
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.runtime.running import run
 from obb_collision.node.topics.cloud import Cloud, Topic
-from obb_collision.node.topics.topics import COLLISIONS, NAMESPACES, TOPICS
+from obb_collision.node.topics.topics import COLLISIONS, EVENTS, NAMESPACES, TOPICS
 from obb_collision.scene.region_merger import RegionMerger
 
 NODE_NAME = "obb_collision_merge"
@@ -48,7 +48,9 @@ PERIOD = 0.1
 """Seconds between two looks for regions that are missing and for new subscribers."""
 STATUS, FLAG = TOPICS["collision_status"], TOPICS["in_collision"]
 CLOUDS: dict[str, Cloud[Any]] = {
-    topic.name: topic for topic in TOPICS.values() if isinstance(topic, Cloud)
+    topic.name: topic
+    for topic in TOPICS.values()
+    if isinstance(topic, Cloud) and topic is not EVENTS  # which are not of every stamp
 }
 
 

@@ -27,6 +27,7 @@ from obb_collision.node.topics.rows import CheckedState, StructuredRows
 from obb_collision.node.topics.topics import EVENTS
 from obb_collision.queries.verdict.separations import pair_separations
 from obb_collision.scene.effects.settings import OFF
+from obb_collision.scene.store.region import owns
 
 PERIOD = 2.0
 """Seconds after which all lasting collisions are sent again."""
@@ -83,6 +84,9 @@ def _part(rows: StructuredRows, given: CheckedState, distance: float, measured: 
     checked = cycle.active[a] & cycle.active[b]
     if cycle.pair_filter is not None:
         checked &= cycle.pair_filter(a, b)
+    if cycle.region is not None and len(rows):
+        with cycle.snapshot:  # what another region answers for may collide there
+            checked &= owns(cycle.region, np.maximum(cycle.bounds(a)[0], cycle.bounds(b)[0]))
     reasons[(reasons == 0) & ~checked] = NOT_CHECKED
     apart = np.full(len(rows), distance <= 0.0)
     known = np.flatnonzero(reasons == 0)

@@ -211,3 +211,13 @@ def test_times_keep_a_pair_from_chattering(rig: Rig) -> None:
             ("begin", "a/1", "a/2"),
         ]
     )
+
+
+def test_a_pair_that_another_region_answers_for_is_not_said_to_be_apart() -> None:
+    with Rig(region=["x: -inf to 5.0"]) as rig:
+        events = listening(rig)
+        rig.send(cube(A1, (4.0, 0, 0)), cube(A2, (4.5, 0, 0)))
+        events.until([("begin", "a/1", "a/2")])
+        rig.send(cube(A1, (5.75, 0, 0)), cube(A2, (6.0, 0, 0)))  # they begin at 5.25 and 5.5
+        rig.answer()
+        events.until([("begin", "a/1", "a/2"), ("end: not checked", "a/1", "a/2")])
