@@ -24,18 +24,47 @@ import pytest
 pytest.importorskip("rclpy")
 import rig  # noqa: F401 - of this machine only
 
-from obb_collision.checks.fuzz import command
+from obb_collision.checks.fuzz import command, probes
+
+
+def run(*arguments: str) -> int:
+    return command.main([*arguments, "--bound", "20", "--seed", "4"])
 
 
 def test_a_short_attack_finds_nothing(capfd: pytest.CaptureFixture[str]) -> None:
-    arguments = ["--messages", "600", "--seed", "4", "--bound", "20"]
-    code = command.main(arguments)
+    code = run("--messages", "600", "--raw", "400", "--scenes", "40")
     output = capfd.readouterr().out
     assert code == 0, output
-    assert "probes answered right: 6\n" in output
+    assert "scene files: 40 read" in output
+    assert "sent: 10" in output
     assert output.endswith("nothing found\n")
 
 
+def test_a_part_of_an_attack_is_run_again(capfd: pytest.CaptureFixture[str]) -> None:
+    assert run("--only", "raw:17") == 0
+    output = capfd.readouterr().out
+    assert "sent: 1 (" in output
+    assert "probes answered right: 1 (" in output
+
+
+def test_what_is_no_part_of_an_attack_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    for text in ("raw:17-3", "raw", "5", "other:5"):
+        with pytest.raises(SystemExit):
+            run("--only", text)
+        assert "must be like raw:17 or message:0-99" in capsys.readouterr().err
+
+
 def test_a_node_that_ends_is_found(capfd: pytest.CaptureFixture[str]) -> None:
-    assert command.main(["--messages", "100", "--", "--no-such-argument"]) == 1
-    assert "FOUND after 0 messages" in capfd.readouterr().out
+    code = command.main(["--messages", "100", "--scenes", "0", "--", "--no-such-argument"])
+    assert code == 1
+    assert "FOUND: the node ended" in capfd.readouterr().out
+
+
+def test_a_wrong_answer_is_found_with_what_reproduces_it(
+    capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(probes, "right_pairs", lambda poses, sizes: set())
+    assert run("--only", "message:100-299") == 1
+    output = capfd.readouterr().out
+    assert "FOUND: pairs of probe 0" in output
+    assert "again: obb_collision_fuzz --seed 4 --only message:100-199" in output

@@ -12,9 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Mutated messages on every input of a node in another process.
+"""Hostile messages, bytes and files on all inputs of a node in another process.
 
-``messages`` makes valid ones, ``mutations`` spoils them, ``child`` is the node's process,
-``session`` sends, and verifies after every batch that the node still answers correctly and in time;
-``command`` is the console script ``obb_collision_fuzz``.
+``messages`` makes valid ones, ``mutations`` spoils them, ``cases`` has those that chance would not
+make; ``meshes`` and ``scenes`` make files; ``stream`` numbers what is sent. ``child`` is the node's
+process, ``frames`` what runs in it, ``client`` talks to it. ``session`` sends in batches, with
+``services`` and ``probes`` in between, and ``usage`` judges what the node uses. ``command`` is the
+console script ``obb_collision_fuzz``, ``scene_attack`` its part about scene files, ``report`` what
+it prints.
 """

@@ -22,20 +22,33 @@ import subprocess
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import IO
+from typing import IO, NamedTuple
 
 ENDING = 30.0
 """Seconds that the process has to end after SIGINT."""
 
 
-class Child:
-    """A node's process; its output goes to ``log``."""
+class Usage(NamedTuple):
+    """What a process uses: resident memory (bytes), open descriptors, threads."""
 
-    def __init__(self, arguments: Sequence[str], domain: int, log: Path) -> None:
+    memory: int
+    descriptors: int
+    threads: int
+
+
+NODE = "obb_collision.node.node"
+
+
+class Child:
+    """A node's process; its output goes to ``log``. module: what is run."""
+
+    def __init__(
+        self, arguments: Sequence[str], domain: int, log: Path, module: str = NODE
+    ) -> None:
         self.log = log
         self._output: IO[bytes] = log.open("wb")
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "obb_collision.node.node", *arguments],
+            [sys.executable, "-m", module, *arguments],
             env={**os.environ, "ROS_DOMAIN_ID": str(domain)},
             stdin=subprocess.DEVNULL,
             stdout=self._output,
@@ -52,14 +65,26 @@ class Child:
         """Exit code, None while it runs; below zero: the signal that ended it."""
         return self._process.poll()
 
-    def memory(self) -> int:
-        """Resident memory (bytes), 0 where the system does not say."""
+    def usage(self) -> Usage | None:
+        """Return what it uses, None where the system does not say."""
+        folder = Path(f"/proc/{self._process.pid}")
         try:
-            lines = Path(f"/proc/{self._process.pid}/status").read_text().splitlines()
+            lines = (folder / "status").read_text().splitlines()
+            counts = [len(list((folder / name).iterdir())) for name in ("fd", "task")]
         except OSError:
-            return 0
-        found = [line.split()[1] for line in lines if line.startswith("VmRSS:")]
-        return 1024 * int(found[0]) if found else 0
+            return None
+        found = [int(line.split()[1]) for line in lines if line.startswith("VmRSS:")]
+        return Usage(1024 * found[0], *counts) if found else None
+
+    def delays(self) -> dict[str, float]:
+        """Return for how long (s) each thread was ready and got no processor, by its number."""
+        found = {}
+        for file in Path(f"/proc/{self._process.pid}/task").glob("*/schedstat"):
+            try:
+                found[file.parent.name] = int(file.read_text().split()[1]) * 1e-9
+            except OSError:  # it has ended
+                continue
+        return found
 
     def end(self) -> int:
         """End it as Ctrl-C would, else by force; returns its exit code."""

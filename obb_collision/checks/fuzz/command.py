@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import re
 import sys
 import tempfile
 import time
@@ -26,90 +27,168 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from obb_collision.checks.fuzz.child import Child
-from obb_collision.checks.fuzz.session import BATCH, FoundError, Result, Session
+from obb_collision.checks.fuzz.client import Client, FoundError
+from obb_collision.checks.fuzz.report import faults, print_result
+from obb_collision.checks.fuzz.scene_attack import attack_node, attack_reader
+from obb_collision.checks.fuzz.session import Session
+from obb_collision.checks.fuzz.stream import Stream
 from obb_collision.cli import MAX_SEED, Parser, new_file, option, real, whole
+from obb_collision.words import shown
 
 LARGEST_DOMAIN = 100
 PROGRESS = 5.0
 """Seconds between two lines of progress."""
+BATCH = 100
+"""Hostile messages between two probes."""
+MODULE = "obb_collision.checks.fuzz.frames"
+PER_NODE = 200
+"""Scene files that are read for each that a node is started with."""
+ONLY = re.compile(r"(message|raw|scene):(\d{1,9})(?:-(\d{1,9}))?")
+TRANSPORTS = ("FASTDDS_BUILTIN_TRANSPORTS", "LARGE_DATA")
+"""By UDP a message of 28 MB takes the middleware up to a minute on a busy machine, and what is
+behind it waits: that is no fault of the node. This sends by TCP."""
+Part = tuple[str, int, int]
+
+
+def _only(text: str) -> Part:
+    found = ONLY.fullmatch(text)
+    if found is None or int(found[3] or found[2]) < int(found[2]):
+        raise argparse.ArgumentTypeError(f"must be like raw:17 or message:0-99, not {shown(text)}")
+    return found[1], int(found[2]), int(found[3] or found[2]) + 1
 
 
 def _parser() -> argparse.ArgumentParser:
     parser = Parser(
         prog="obb_collision_fuzz",
-        description="Send mutated messages to a node in another process, over real topics, and "
-        "verify after every batch that it is alive, answers correctly and was not blocked.",
+        description="Attack a node in another process, over real topics: mutated and hostile "
+        "messages on every input, raw bytes, requests to its services, scene files. Verify after "
+        "every batch that it is alive, answers correctly, was not blocked and does not grow. "
+        "Descriptions of robots are not attacked: the node takes none.",
         epilog="Arguments behind -- are those of the node: obb_collision_fuzz -- -p accuracy:=mesh",
     )
-    option(parser, "--messages", whole(1, 10**9), 20_000, "number of hostile messages")
+    option(parser, "--messages", whole(0, 10**9), 20_000, "number of hostile messages")
+    option(parser, "--raw", whole(0, 10**9), 2_000, "number of raw byte strings")
+    option(parser, "--scenes", whole(0, 10**9), 200, "number of mutated scene files")
     option(parser, "--seed", whole(0, MAX_SEED), 1, "seed of the random numbers")
-    text = "seconds that the node may be blocked beyond what rclpy takes to decode"
+    text = (
+        "only this of the attack of the seed, one message at a time: message:12, raw:0-99, scene:3"
+    )
+    option(parser, "--only", _only, text=text)
+    text = "seconds that the node may be blocked, with 0.1 more per megabyte of a batch"
     option(parser, "--bound", real(0.0, 3600.0), 0.1, text)
+    text = "megabytes by which its memory may grow after a warm-up of a fifth of the time"
+    option(parser, "--growth", real(0.0, 1e6), 30.0, text)
     option(parser, "--log", new_file(), text="file for the node's output")
     parser.add_argument("node", nargs="*", metavar="NODE_ARGUMENT", help="argument of the node")
     return parser
 
 
+class Attack:
+    """The attack of the options: its parts, one after the other."""
+
+    def __init__(self, options: argparse.Namespace, folder: Path) -> None:
+        self._options, self._folder = options, folder
+        self._log = options.log or folder / "node.log"
+        self._domain = 1 + os.getpid() % LARGEST_DOMAIN
+        self.reached = ""
+        """The batch that was sent last."""
+        self.child: Child | None = None
+        self.found: list[str] = []
+
+    def run(self) -> None:
+        """Run all parts; FoundError for what should not be."""
+        options = self._options
+        everything = [("scene", 0, options.scenes), ("message", 0, options.messages)]
+        parts = [options.only] if options.only else [*everything, ("raw", 0, options.raw)]
+        for _, first, last in (part for part in parts if part[0] == "scene"):
+            self._read_scenes(first, last)
+        rest = [part for part in parts if part[0] != "scene" and part[1] < part[2]]
+        if rest:
+            self._attack_node(rest)
+
+    def _start(self, arguments: list[str]) -> Child:
+        """Start a node."""
+        folders = f"mesh_folders:=[{str(self._folder)!r}]"
+        given = ["--ros-args", "-r", f"__ns:={self._namespace}", "-p", folders]
+        self.child = Child(
+            [*given, *arguments, "--ros-args", *self._options.node], self._domain, self._log, MODULE
+        )
+        return self.child
+
+    @property
+    def _namespace(self) -> str:
+        return f"/fuzz_{self._domain}"
+
+    def _read_scenes(self, first: int, last: int) -> None:
+        seed, folder = self._options.seed, self._folder
+        if first >= last:
+            return
+        refused, longest = attack_reader(folder, seed, first, last)
+        numbers = range(first, last, PER_NODE)
+        taken = sum(attack_node(folder, seed, number, self._start) for number in numbers)
+        print(
+            f"scene files: {last - first} read, {refused} of them refused, the longest took "
+            f"{longest:.2f} s; of {len(numbers)} nodes {taken} took theirs"
+        )
+
+    def _attack_node(self, parts: list[Part]) -> None:
+        options = self._options
+        stream = Stream(options.seed, self._folder)
+        client = Client(self._domain, stream.types)
+        child = self._start([])
+        try:
+            session = Session(options.seed, stream, client, child, options.bound)
+            try:
+                for part in parts:
+                    self._send(session, stream, part)
+                session.end()
+            finally:
+                print_result(session.result)
+            self.found += faults(session.result, options.growth)
+        finally:
+            code = child.end()
+            client.close()
+        if code != 0:
+            raise FoundError(f"the node ended with exit code {code} when asked to end")
+
+    def _send(self, session: Session, stream: Stream, part: Part) -> None:
+        """Send a part in batches."""
+        what, first, last = part
+        make = stream.message if what == "message" else stream.raw
+        start = shown_at = time.monotonic()
+        for number in range(first, last, BATCH):
+            end = min(last, number + BATCH)
+            self.reached = f"{what}:{number}-{end - 1}"
+            session.batch(self.reached, [make(one) for one in range(number, end)])
+            now = time.monotonic()
+            if now - shown_at > PROGRESS:
+                shown_at = now
+                rate = (end - first) / (now - start)
+                longest = session.result.longest
+                sys.stderr.write(
+                    f"{self.reached} of {last}, {rate:.0f} per second, longest time without an "
+                    f"answer {longest:.3f} s\n"
+                )
+
+
 def main(args: Sequence[str] | None = None) -> int:
     """Attack a node; returns 0 only if nothing was found."""
     options = _parser().parse_args(args)
-    domain = 1 + os.getpid() % LARGEST_DOMAIN
+    os.environ.setdefault(*TRANSPORTS)
     with tempfile.TemporaryDirectory() as folder:
-        log = options.log or Path(folder) / "node.log"
-        session = Session(options.seed, domain, Path(folder), options.bound)
-        child = Child([*session.arguments(), *options.node], domain, log)
-        found = ""
+        attack = Attack(options, Path(folder))
         try:
-            _attack(session, child, options.messages)
+            attack.run()
         except FoundError as error:
-            found = str(error)
+            attack.found.insert(0, str(error))
         except KeyboardInterrupt:
-            found = "interrupted"
-        code = child.end()
-        session.close()
-        if not found and code != 0:
-            found = f"the node ended with exit code {code} when asked to end"
-        _print(session.result)
-        if not found and session.result.late:
-            found = "the node was blocked for longer than allowed"
-        if found:
-            sent = session.result.sent.total()
-            print(f"FOUND after {sent} messages of seed {options.seed}: {found}")
-            print("last lines of the node:", *child.lines(), sep="\n  ")
-            return 1
-    print("nothing found")
-    return 0
-
-
-def _attack(session: Session, child: Child, messages: int) -> None:
-    session.begin(child)
-    start = last = time.monotonic()
-    sent = 0
-    while sent < messages:
-        count = min(BATCH, messages - sent)
-        session.batch(child, count)
-        sent += count
-        now = time.monotonic()
-        if now - last > PROGRESS:
-            last = now
-            rate = sent / (now - start)
-            sys.stderr.write(
-                f"{sent} of {messages} messages, {rate:.0f} per second, longest time without an "
-                f"answer {session.result.longest:.3f} s\n"
-            )
-    session.end(child)
-
-
-def _print(result: Result) -> None:
-    sent = ", ".join(f"{topic} {count}" for topic, count in sorted(result.sent.items()))
-    print(f"sent: {result.sent.total()} ({sent}); probes answered right: {result.probes}")
-    print(
-        f"longest time without an answer: {result.longest:.3f} s; "
-        f"{len(result.late)} times longer than allowed"
-    )
-    for sent_then, gap, allowed in result.late[:10]:
-        print(f"  before message {sent_then}: {gap:.3f} s, allowed were {allowed:.3f} s")
-    first, last = (size / 2**20 for size in result.memory)
-    print(f"memory of the node: {first:.0f} MiB after the first batch, {last:.0f} MiB at the end")
-    reasons = ", ".join(f"{reason} {count}" for reason, count in sorted(result.refused.items()))
-    print(f"refused: {reasons or 'nothing was read'}")
+            attack.found.insert(0, "interrupted")
+        if not attack.found:
+            print("nothing found")
+            return 0
+        print(*(f"FOUND: {what}" for what in attack.found), sep="\n")
+        if attack.reached:
+            print(f"again: obb_collision_fuzz --seed {options.seed} --only {attack.reached}")
+        if attack.child is not None:
+            print("last lines of the node:", *attack.child.lines(), sep="\n  ")
+    return 1

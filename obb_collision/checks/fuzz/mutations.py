@@ -24,7 +24,7 @@ from typing import Any
 
 FLOATS = (
     *(math.nan, math.inf, -math.inf, 0.0, -0.0, 1.0, -1.0, 0.5, 1e9, 1e300, -1e300),
-    *(1.7e308, 1e-300, 5e-324, 1e19, 2.0**53 + 1.0),
+    *(1e308, -1e308, 1.7e308, 1e-300, 5e-324, 1e19, 2.0**53 + 1.0),
 )
 TEXTS = (
     *("", "/", "a", "a/1", "map", "odom", "nowhere", "*", "..", "\u00e9\U0001f600", "a\nb", "%00"),
@@ -107,18 +107,45 @@ def _mutate_bytes(values: Any, random: Random) -> None:
         values[start : start + len(fresh)] = array("B", fresh)
 
 
+LENGTHS = (0, 1, 2, 255, 2**16, 2**24, 2**31 - 1, 2**31, 2**32 - 8, 2**32 - 1)
+"""What stands in place of a length."""
+
+
 def damaged(data: bytes, random: Random) -> bytes:
     """Return the bytes of a serialised message with some changed, lost or added."""
     spoiled = bytearray(data)
     for _ in range(random.randint(1, 4)):
         place = random.randrange(min(4, len(spoiled)), len(spoiled) + 1)
         choice = random.random()
-        if choice < 0.5 and place < len(spoiled):
+        if choice < 0.3 and place < len(spoiled):
             spoiled[place] = random.randrange(256)
+        elif choice < 0.5 and place < len(spoiled):
+            spoiled[place] ^= 1 << random.randrange(8)
         elif choice < 0.7:
-            spoiled[place : place + 4] = random.choice((b"\xff" * 4, bytes(4), b"\xff\xff\xff\x7f"))
+            place -= place % 4  # where a length may be
+            spoiled[place : place + 4] = random.choice(LENGTHS).to_bytes(4, "little")
         elif choice < 0.85:
             del spoiled[place:]
         else:
             spoiled[place:place] = random.randbytes(random.randint(1, 16))
     return bytes(spoiled)
+
+
+def raw(data: bytes, other: bytes, random: Random) -> bytes:
+    """Return bytes instead of a serialised message: cut, changed, of another type, or any.
+
+    data: a valid message; other: one of another topic. At least one byte: with none Fast DDS's
+    writer fails, and everything that it sends from then on is lost.
+    """
+    choice = random.random()
+    if choice < 0.2:
+        return data[: random.randint(1, len(data))]
+    if choice < 0.3:
+        return data[:4] + other[4:]
+    if choice < 0.35:
+        return random.randbytes(random.choice((1, 2, 3, 4, 5, 8, 100, 1000)))
+    if choice < 0.4:
+        return data[:4] + random.randbytes(random.randrange(300))
+    if choice < 0.45:  # other encodings, most of which are none
+        return bytes((random.choice((0, 0, 0, 1, 255)), random.randrange(32))) + data[2:]
+    return damaged(data, random)

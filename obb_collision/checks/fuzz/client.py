@@ -1,0 +1,152 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The client of an attacked node: its publishers, what it receives, calls of services."""
+
+from __future__ import annotations
+
+import importlib
+import time
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from sensor_msgs.msg import PointCloud2
+
+from obb_collision.checks.fuzz.child import Child
+from obb_collision.node.topics.topics import TOPICS
+
+STARTING = 300.0
+"""Seconds until the node answers first: on a new machine it compiles its kernels."""
+ANSWERING = 20.0
+"""Seconds in which anything must be answered; longer means that the node is blocked or blind."""
+NODE = "obb_collision"
+READ = ("collisions", "points", "collision_status", "diagnostics")
+OUTPUTS = {
+    topic.name.replace("~", NODE): topic.message
+    for name, topic in TOPICS.items()
+    if name not in READ
+}
+
+
+class FoundError(Exception):
+    """What an attack found."""
+
+
+class Client:
+    """A client of a node in another process. types: of the topics to publish, by topic."""
+
+    def __init__(self, domain: int, types: Mapping[str, type]) -> None:
+        self.namespace = f"/fuzz_{domain}"
+        self.answers: list[tuple[int, PointCloud2]] = []
+        """Messages of ``collisions``, each with the time at which it was published (ns)."""
+        self.points: list[PointCloud2] = []
+        """The last messages of ``points_inside``."""
+        self.diagnostics: DiagnosticArray | None = None
+        self._context = Context()
+        self._context.init(args=[], domain_id=domain)
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self.node = Node("client", context=self._context, namespace=self.namespace)
+        self._executor.add_node(self.node)
+        self.publishers = {
+            topic: self.node.create_publisher(kind, topic, QoSProfile(depth=1000))
+            for topic, kind in types.items()
+        }
+        subscribe: Any = self.node.create_subscription
+        subscribe(PointCloud2, "collisions", self._take, 1000)
+        subscribe(PointCloud2, "points_inside", self._take_points, 10)
+        subscribe(DiagnosticArray, "/diagnostics", self._take_status, 10)
+        # Somebody listens, so that every effect is computed; nobody spins it, which takes time.
+        self._audience = Node("audience", context=self._context, namespace=self.namespace)
+        for topic, kind in OUTPUTS.items():
+            self._audience.create_subscription(kind, topic, lambda message: None, 1, raw=True)
+
+    def close(self) -> None:
+        """Take the client down."""
+        self._executor.shutdown()
+        self.node.destroy_node()
+        self._audience.destroy_node()
+        self._context.try_shutdown()
+
+    def _take(self, message: PointCloud2, info: Any) -> None:
+        self.answers.append((int(info["source_timestamp"]), message))
+
+    def _take_points(self, message: PointCloud2) -> None:
+        self.points = [*self.points[-9:], message]
+
+    def _take_status(self, message: DiagnosticArray) -> None:
+        if message.status and message.status[0].name.startswith(self.namespace[1:]):
+            self.diagnostics = message
+
+    def spin(self, seconds: float = 0.0) -> None:
+        """Take what has arrived."""
+        self._executor.spin_once(timeout_sec=seconds)
+
+    def until(
+        self, child: Child, reached: Callable[[], Any], what: str, limit: float = ANSWERING
+    ) -> Any:
+        """Wait for something of a node, and return it; FoundError where it does not come."""
+        end = time.monotonic() + limit
+        while not (found := reached()):
+            if child.exit_code is not None:
+                raise FoundError(f"the node ended with {child.exit_code} before {what}")
+            if time.monotonic() > end:
+                raise FoundError(f"no {what} within {limit:g} s")
+            self.spin(0.05)
+        return found
+
+    def wait_for_start(self, child: Child) -> None:
+        """Wait until the node answers, with all effects computed."""
+        inputs = [p for topic, p in self.publishers.items() if not topic.startswith("/")]
+
+        def are_heard() -> bool:
+            return all(publisher.get_subscription_count() for publisher in inputs)
+
+        self.until(child, are_heard, "inputs", STARTING)
+        self.until(child, lambda: self.answers, "collisions", STARTING)
+        self.until(child, lambda: self.diagnostics, "diagnostics")
+        self.until(child, self._all_computed, "effects, all computed", STARTING)
+
+    def _all_computed(self) -> bool:
+        """Whether no effect waits for its kernels any more."""
+        assert self.diagnostics is not None
+        values = [pair for status in self.diagnostics.status for pair in status.values]
+        states = [pair.value for pair in values if pair.key.startswith("effect ")]
+        return bool(states) and not any("ready" in state for state in states)
+
+    def services(self) -> dict[str, type]:
+        """Return the types of the node's services, by their names behind that of the node."""
+        head, found = f"{self.namespace}/{NODE}/", {}
+        listed = self.node.get_service_names_and_types_by_node(NODE, self.namespace)
+        for name, kinds in listed:
+            package, _, kind = kinds[0].split("/")
+            if name.startswith(head):
+                found[name.removeprefix(head)] = getattr(
+                    importlib.import_module(f"{package}.srv"), kind
+                )
+        return found
+
+    def call(self, child: Child, kind: Any, name: str, request: Any) -> Any:
+        """Call a service of the node."""
+        client = self.node.create_client(kind, f"{NODE}/{name}")
+        try:
+            self.until(child, client.service_is_ready, f"service {name}")
+            future = client.call_async(request)
+            return self.until(child, lambda: future.done() and future.result(), f"answer {name}")
+        finally:
+            self.node.destroy_client(client)

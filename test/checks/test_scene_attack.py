@@ -1,0 +1,52 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Mutated scene files: the same for the same seed, some good, and a reader that ends is found."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("rclpy")
+from obb_collision.checks.fuzz import scene_attack, scenes
+from obb_collision.checks.fuzz.client import FoundError
+from obb_collision.checks.fuzz.meshes import OBJ
+
+
+def test_scenes_are_good_before_they_are_changed(tmp_path: Path) -> None:
+    (tmp_path / scenes.MESH).write_bytes(OBJ)
+    path = tmp_path / "scene.yaml"
+    for text in scenes.texts():
+        path.write_text(text)
+        assert scenes.read(path) == ""
+    assert scenes.mutated_scene(1, 5) == scenes.mutated_scene(1, 5)
+    assert len({scenes.mutated_scene(1, number) for number in range(50)}) > 30
+
+
+def test_a_process_reads_them_all(tmp_path: Path) -> None:
+    refused, longest = scene_attack.attack_reader(tmp_path, 1, 10, 40)
+    assert 10 < refused < 30
+    assert longest < scene_attack.READING
+
+
+def test_a_reader_that_ends_or_takes_long_is_found(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with pytest.raises(FoundError, match="scene:0 ended its reader"):
+        scene_attack.attack_reader(tmp_path / "none", 1, 0, 3)
+    monkeypatch.setattr(scene_attack, "READING", 0.0)
+    with pytest.raises(FoundError, match=r"scene:\d+ took"):
+        scene_attack.attack_reader(tmp_path, 1, 0, 3)
