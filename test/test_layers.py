@@ -50,7 +50,7 @@ LAYERS: dict[str, set[str]] = {
     "warm_up": LIBRARY | {"cli"},
     "scene_files": LIBRARY,
     "node": LIBRARY | {"cli", "scene_files", "warm_up"},
-    "checks": LIBRARY | {"cli", "node"},
+    "checks": LIBRARY | {"cli", "scene_files", "node"},
     "demo": LIBRARY | {"cli", "scene_files", "node"},
     "benchmarks": LIBRARY | {"cli", "scene_files", "warm_up", "node"},
     "commands": {"cli", "node", "checks", "demo", "benchmarks"},
