@@ -52,7 +52,7 @@ from obb_collision.node.outputs.effects import Effects
 from obb_collision.node.outputs.outputs import Outputs
 from obb_collision.node.parameters.parameters import Parameters
 from obb_collision.node.reporting import Reporting
-from obb_collision.node.runtime.clock import NodeClock
+from obb_collision.node.runtime.clock import NodeClock, refuse_bad_clocks
 from obb_collision.node.runtime.guard import INTERNAL_ERROR, Guard
 from obb_collision.node.runtime.running import run
 from obb_collision.node.runtime.warm_up import WarmUp
@@ -103,6 +103,7 @@ class CollisionNode(ManagedNode):
         start = perf_counter()
         self.guard = Guard(self.get_logger().error, self.context.ok)
         self.parameters = Parameters(self)
+        refuse_bad_clocks(self)
         self._configured = ExitStack()
         full_name = self.get_fully_qualified_name().lstrip("/")
         self._self_test = SelfTestService(self, full_name, self.guard)

@@ -119,12 +119,14 @@ class Services:
         """Switch to simulated time, and have it jump; then back."""
         parameter = Parameter(name=SIM_TIME, value=ParameterValue(type=1, bool_value=True))
         self._call("set_parameters", SetParameters.Request(parameters=[parameter]))
+        clock = self._client.publishers["/clock"]
+        self._client.until(self._child, clock.get_subscription_count, "subscription to /clock")
         now = time.time_ns()
         for _ in range(random.randint(1, 8)):
-            clock = Clock(clock=stamp_to_ros(now + random.randint(-(10**10), 10**10)))
+            message = Clock(clock=stamp_to_ros(now + random.randint(-(10**10), 10**10)))
             if random.random() < 0.5:
-                mutate(clock, random)
-            self._client.publishers["/clock"].publish(serialize_message(clock))
+                mutate(message, random)
+            clock.publish(serialize_message(message))
         self._call("get_parameters", GetParameters.Request(names=[SIM_TIME]))
         self._restore(SIM_TIME)
 

@@ -24,12 +24,20 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from typing import Any
 
-from obb_collision.node.messages.conversions import NANOSECONDS
+from rclpy.node import Node
+from rosgraph_msgs.msg import Clock
+
+from obb_collision.node.messages.conversions import NANOSECONDS, stamp_from_ros
+from obb_collision.node.messages.errors import RefusedError
 
 LARGEST_SLEW = NANOSECONDS // 10
 """The system's clock against steady time: more than this (ns) between two looks is a jump. Looks
 are at most seconds apart, and clocks are slewed by 0.5 ms a second at most."""
+
+WARN_PERIOD = 5.0
+"""Minimum seconds between two warnings about /clock."""
 
 
 def boot_time() -> int:
@@ -38,6 +46,25 @@ def boot_time() -> int:
         return time.clock_gettime_ns(time.CLOCK_BOOTTIME)
     except (AttributeError, OSError):  # Linux only
         return time.monotonic_ns()
+
+
+def refuse_bad_clocks(node: Node) -> None:
+    """Prevent times before 1970 on /clock from raising exceptions in the executor, as in rclpy."""
+    source: Any = node._time_source
+    take = source.clock_callback
+
+    def checked(message: Clock) -> None:
+        try:
+            stamp_from_ros(message.clock)
+        except RefusedError as error:
+            warn = node.get_logger().warning
+            warn(f"/clock: refused {error}", throttle_duration_sec=WARN_PERIOD)
+            return
+        take(message)
+
+    source.clock_callback = checked
+    if source._clock_sub is not None:  # simulated time from the start
+        source._clock_sub.callback = checked
 
 
 class NodeClock:

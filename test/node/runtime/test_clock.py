@@ -22,7 +22,7 @@ import numpy as np
 import pytest
 
 pytest.importorskip("rclpy")
-from builtin_interfaces.msg import Duration
+from builtin_interfaces.msg import Duration, Time
 from objects_rig import SECOND, START, ObjectsRig, place
 from rclpy.qos import QoSProfile
 from rig import Rig, cube
@@ -199,3 +199,22 @@ def test_by_topics_the_time_may_change_to_a_simulations_and_back(
         assert not rig.node.objects.table.doubtful.any()
         rig.send(cube(A2, (3, 0, 0)))
         assert rig.pairs() == set()
+
+
+@pytest.mark.parametrize(("sec", "nanosec"), [(-5, 0), (-(2**31), 2**32 - 1), (3, 10**9)])
+@pytest.mark.parametrize("from_start", [False, True])
+def test_times_that_no_clock_gives_are_refused(
+    capfd: pytest.CaptureFixture[str], from_start: bool, sec: int, nanosec: int
+) -> None:
+    with Rig(use_sim_time=from_start) as rig:
+        if not from_start:
+            rig.set(use_sim_time=True)
+        clock = rig.client.create_publisher(Clock, "/clock", QoSProfile(depth=10))
+        rig.until(lambda: clock.get_subscription_count() > 0, "match")
+        clock.publish(Clock(clock=Time(sec=sec, nanosec=nanosec)))
+        warning = f"/clock: refused bad stamp: sec {sec}"
+        rig.until(lambda: rig.node.guard.total or warning in capfd.readouterr().err, "warning")
+        assert rig.node.guard.total == 0
+        assert rig.now() == 0
+        clock.publish(Clock(clock=stamp_to_ros(7 * SECOND)))
+        rig.until(lambda: rig.now() == 7 * SECOND, "time")
