@@ -88,6 +88,17 @@ def latency(args: Sequence[str] | None = None) -> int:
     return main(args)
 
 
+def regions(args: Sequence[str] | None = None) -> int:
+    """Measure processes that share a scene by regions; returns the exit code."""
+    end_at_once_on_signals()
+    if not is_ros_here("obb_collision_regions"):
+        return 1
+    from obb_collision.benchmarks.regions import main
+
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    return main(args)
+
+
 def fuzz(args: Sequence[str] | None = None) -> int:
     """Attack a node with hostile messages; returns the exit code."""
     if not is_ros_here("obb_collision_fuzz"):

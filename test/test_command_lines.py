@@ -34,10 +34,14 @@ FILES = ["/none/such/file", "/", "x" * 5000 + "/y", "nul\0", "\ud800/x", ""]
 PLOTS = [*FILES, "x.exe"]
 SEED, JSON = {"--seed": WHOLES}, {"--json": FILES}
 NEED_ROS = ("obb_collision_node", "obb_collision_merge", "obb_collision_latency",
-            "obb_collision_fuzz", "obb_collision_soak")  # fmt: skip
+            "obb_collision_regions", "obb_collision_fuzz", "obb_collision_soak")  # fmt: skip
 OPTIONS: dict[str, dict[str, list[str]]] = {
     "obb_collision_node": {},
     "obb_collision_merge": {},
+    "obb_collision_regions": {
+        "--objects": WHOLES, "--processes": WHOLES, "--seconds": REALS, "--halo": REALS, **SEED,
+        **JSON,
+    },
     "obb_collision_warm_up": {},
     "obb_collision_accuracy": {
         **dict.fromkeys(("--seed", "--bodies", "--pairs", "--timed"), WHOLES),

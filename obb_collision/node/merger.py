@@ -40,7 +40,8 @@ from obb_collision.node.messages.conversions import stamp_from_ros
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.runtime.running import run
 from obb_collision.node.topics.cloud import Cloud, Topic
-from obb_collision.node.topics.topics import COLLISIONS, EVENTS, NAMESPACES, TOPICS
+from obb_collision.node.topics.topics import COLLISIONS, NAMESPACES, TOPICS
+from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.region_merger import RegionMerger
 
 NODE_NAME = "obb_collision_merge"
@@ -49,9 +50,10 @@ PERIOD = 0.1
 STATUS, FLAG = TOPICS["collision_status"], TOPICS["in_collision"]
 CLOUDS: dict[str, Cloud[Any]] = {
     topic.name: topic
-    for topic in TOPICS.values()
-    if isinstance(topic, Cloud) and topic is not EVENTS  # which are not of every stamp
+    for name, topic in TOPICS.items()
+    if isinstance(topic, Cloud) and (topic is COLLISIONS or name in EFFECTS)
 }
+"""Published every cycle, so that they can be joined by stamp."""
 
 
 class MergerNode(Node):

@@ -82,6 +82,8 @@ def _part(rows: StructuredRows, given: CheckedState, distance: float, measured: 
     cycle = given.report.cycle
     reasons = np.where((a < 0) | (b < 0), REMOVED, 0)
     checked = cycle.active[a] & cycle.active[b]
+    with cycle.snapshot:
+        checked &= cycle.owned(np.stack((a, b), axis=1))
     if cycle.pair_filter is not None:
         checked &= cycle.pair_filter(a, b)
     if cycle.region is not None and len(rows):

@@ -168,6 +168,13 @@ class Cycle:
             counts &= self.pair_filter(pairs[:, 0], pairs[:, 1])
         return pairs if counts.all() else pairs[counts]
 
+    def owned(self, pairs: Pairs) -> Mask:
+        """Return (m,) which pairs (m, 2) of slots belong to the region where they collide."""
+        if self.region is None:
+            return np.ones(len(pairs), np.bool_)
+        low = [self.bounds(column)[0] for column in pairs.T]
+        return owns(self.region, np.maximum(*low))
+
     def own(self, slots: Rows) -> Rows:
         """Return those of slots (n,) whose objects belong to the region, each to one."""
         if self.region is None:

@@ -42,7 +42,7 @@ from obb_collision.words import shown
 #: Relative growth of what an object reaches: more than the slack of all bounds of boxes and
 #: spheres in use, 2^-38 at the most.
 REACH_SLACK = 2.0**-35
-#: Balls below which a second thread does not pay.
+#: Balls and pairs below which a second thread does not pay.
 FEWEST_BALLS = 4096
 #: Regions of one split at most: far more than there are machines.
 MOST_PARTS = 4096
@@ -182,7 +182,10 @@ def owns(region: Region, points: Floats) -> Mask:
 
 def owns_pairs(region: Region, minimum: Floats, pairs: Rows) -> Mask:
     """Return which pairs (m, 2) of rows of bounds, of which ``minimum`` (n, 3), are its own."""
-    return owns(region, np.maximum(minimum[pairs[:, 0]], minimum[pairs[:, 1]]))
+    owned = np.empty(len(pairs), np.bool_)
+    ends = region.minimum, region.maximum
+    run(_owner_kernel, len(pairs), FEWEST_BALLS, minimum, pairs, *ends, owned)
+    return owned
 
 
 def balls_near(region: Region, centers: Floats, radii: Floats) -> Mask:
@@ -217,3 +220,16 @@ def _reach_kernel(
             near[number] &= (centers[n, k] + reach >= minimum[k]) & (
                 centers[n, k] - reach <= maximum[k]
             )
+
+
+@njit
+def _owner_kernel(
+    lower: Floats, pairs: np.ndarray, minimum: Floats, maximum: Floats, owned: np.ndarray,
+    start: int, stop: int,
+) -> None:  # fmt: skip
+    for n in range(start, stop):
+        i, j = pairs[n, 0], pairs[n, 1]
+        owned[n] = True
+        for k in range(3):
+            place = max(lower[i, k], lower[j, k])
+            owned[n] &= (place >= minimum[k]) & ((place < maximum[k]) | (maximum[k] == np.inf))

@@ -24,6 +24,7 @@ pytest.importorskip("rclpy")
 from rig import Rig, cube, sync
 
 from obb_collision import Region
+from obb_collision.node import named_events
 from obb_collision.node.parameters.regions import range_from_text, text_from_region
 
 
@@ -42,6 +43,22 @@ def test_only_pairs_of_the_region_are_published_and_only_what_is_near_is_drawn()
         assert rig.pairs() == set()  # their common part begins at 4.75
         assert rig.set(region=[""])[0].successful
         assert sync(rig) == {("a/0", "a/1"), ("a/2", "a/3")}
+
+
+def test_a_collision_that_moves_to_another_region_is_not_checked_any_more() -> None:
+    with Rig(region=["x: -inf to 5.0"], given={"effects.events": "on"}) as rig:
+        rig.listen("events")
+        rig.send(cube(("a", 0)), cube(("a", 1), (0.5, 0, 0)))
+        rig.until(lambda: "events" in rig.last and rig.last["events"].width, "the begin")
+        rig.last.pop("events")
+        rig.send(cube(("a", 0), (9, 0, 0)), cube(("a", 1), (9.5, 0, 0)))
+
+        def ended() -> list[str]:
+            message = rig.last.get("events")
+            rows = [] if message is None else named_events(message, ["a"])
+            return [row.reason for row in rows if row.event == "end"]
+
+        assert rig.until(ended, "the end") == ["not checked"]
 
 
 def test_a_halo_smaller_than_what_effects_look_beyond_is_refused(rig: Rig) -> None:

@@ -37,8 +37,13 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rig import DOMAIN, NAMESPACE, Client
 
+from obb_collision.node.inputs.subscriptions import INPUTS
 from obb_collision.node.parameters.parameters import SPECS
-from obb_collision.node.runtime.launching import initial_parameters
+from obb_collision.node.runtime.launching import (
+    initial_parameters,
+    region_parameters,
+    shared_inputs,
+)
 from obb_collision.node.topics.topics import TOPICS
 
 ROOT = Path(__file__).parents[3]
@@ -147,19 +152,22 @@ class Launched:
             (prefix / place).mkdir(parents=True, exist_ok=True)
         (prefix / "share/ament_index/resource_index/packages" / package).touch()
         file = prefix / "lib" / package / executable
-        file.parent.mkdir(parents=True)
+        file.parent.mkdir(parents=True, exist_ok=True)
         record = str(self._folder / executable)
         file.write_text(STAND_IN.format(python=sys.executable, record=record))
         file.chmod(0o755)
-        if package == "obb_collision":
-            (prefix / "share" / package / "config").symlink_to(ROOT / "config")
+        config = prefix / "share" / package / "config"
+        if package == "obb_collision" and not config.exists():
+            config.symlink_to(ROOT / "config")
 
     @contextmanager
-    def running(self, *arguments: str) -> Iterator[subprocess.Popen[str]]:
+    def running(
+        self, *arguments: str, file: str = "obb_collision.launch.py"
+    ) -> Iterator[subprocess.Popen[str]]:
         """Launch; killed at the end if it still runs."""
         before = os.environ.get("AMENT_PREFIX_PATH", "")
         process = subprocess.Popen(
-            [sys.executable, "-c", LAUNCH, ROOT / "launch/obb_collision.launch.py", *arguments],
+            [sys.executable, "-c", LAUNCH, ROOT / "launch" / file, *arguments],
             env=environment(AMENT_PREFIX_PATH=f"{self._folder / 'prefix'}:{before}"),
             cwd=ROOT,
             stdout=subprocess.PIPE,
@@ -169,9 +177,9 @@ class Launched:
         with limited(process):
             yield process
 
-    def run(self, *arguments: str) -> tuple[int, str]:
+    def run(self, *arguments: str, **which: str) -> tuple[int, str]:
         """Launch, to the end; returns exit code and output."""
-        with self.running(*arguments) as process:
+        with self.running(*arguments, **which) as process:
             output, _ = process.communicate(timeout=60)
         return process.returncode, output
 
@@ -271,6 +279,28 @@ def test_what_is_given_to_launch_wins_over_the_users_file(
     found = launched.parameters(tmp_path, "cell")
     assert (found["scene_file"], found["use_sim_time"]) == ("warehouse", False)
     assert (found["fixed_frame"], found["rate"]) == ("world", 30.0)
+
+
+def test_regions_have_the_parameters_of_a_split_and_read_the_same_inputs() -> None:
+    regions = region_parameters("0 0 0", "3 2 1", "3 1 1", "0.5")
+    assert list(regions) == ["region_0", "region_1", "region_2"]
+    assert regions["region_1"] == {"region": ["x: 1.0 to 2.0"], "region_halo": 0.5}
+    assert region_parameters("0 0 0", "1 1 1", "1 1 1", "1")["region_0"]["region"] == [""]
+    assert {name for name, _ in shared_inputs("cell")} == set(INPUTS)
+    assert dict(shared_inputs("cell"))["points"] == "/cell/points"
+    assert dict(shared_inputs(""))["points"] == "/points"
+    with pytest.raises(ValueError, match="parts"):
+        region_parameters("0 0 0", "1 1 1", "0 1 1", "1")
+
+
+def test_launch_of_regions_starts_a_node_per_region_and_the_merger(
+    launched: Launched, tmp_path: Path
+) -> None:
+    launched.install("obb_collision", "obb_collision_merge")
+    code, output = launched.run("parts:=2 1 1", "only:=1", file="regions.launch.py")
+    assert code == 0, output
+    assert launched.parameters(tmp_path, "region_1")["region"] == ["x: 5.0 to inf"]
+    assert launched.started("obb_collision_merge") is not None
 
 
 def test_without_rviz2_nothing_is_started_and_the_reason_is_said(launched: Launched) -> None:
