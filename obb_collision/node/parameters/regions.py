@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The region of a node: how its parameters are read, and whether its halo is large enough."""
+"""The region of a node: its parameters, whether its halo is large enough, and splits of a box."""
 
 from __future__ import annotations
 
@@ -25,12 +25,21 @@ import numpy as np
 
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.effects.settings import OFF
-from obb_collision.scene.store.region import Region
+from obb_collision.scene.store.region import Region, split_regions
 from obb_collision.words import shown
 
 AXES = "xyz"
 RANGE = re.compile(r"\s*([xyz])\s*:\s*(\S+)\s+to\s+(\S+)\s*")
 """An entry of the parameter ``region``."""
+INPUTS = (
+    "objects",
+    "object_transform",
+    "object_states",
+    "object_poses",
+    "object_boxes",
+    "points",
+)
+"""Topics that the nodes of all regions read."""
 Range = tuple[str, float, float]
 
 
@@ -85,3 +94,24 @@ def region_from(values: Mapping[str, Any]) -> Region | None:
                     f"the effect looks beyond objects, got {halo:g}"
                 )
     return Region(low, high, halo)
+
+
+def region_parameters(
+    minimum: str, maximum: str, parts: str, halo: str
+) -> dict[str, dict[str, Any]]:
+    """Return the parameters of the nodes that share a box split into parts, by namespace.
+
+    All as words, with spaces between numbers. Raises ValueError for what is none.
+    """
+    low, high = ([float(word) for word in text.split()] for text in (minimum, maximum))
+    regions = split_regions(low, high, [int(word) for word in parts.split()], float(halo))
+    return {
+        f"region_{number}": {"region": text_from_region(region), "region_halo": region.halo}
+        for number, region in enumerate(regions)
+    }
+
+
+def shared_inputs(namespace: str) -> list[tuple[str, str]]:
+    """Return the remappings by which a node in a namespace of its own reads what all read."""
+    root = "/" + namespace + ("/" if namespace else "")
+    return [(topic, root + topic) for topic in INPUTS]

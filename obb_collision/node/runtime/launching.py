@@ -22,41 +22,8 @@ from typing import Any
 from rclpy.context import Context
 from rclpy.node import Node
 
-from obb_collision.node.parameters.regions import text_from_region
-from obb_collision.scene.store.region import split_regions
-
-INPUTS = (
-    "objects",
-    "object_transform",
-    "object_states",
-    "object_poses",
-    "object_boxes",
-    "points",
-)
-"""Topics that the nodes of all regions read."""
 ALONE = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "OFF", "ROS_STATIC_PEERS": ""}
 """Environment of a node that no other node discovers."""
-
-
-def region_parameters(
-    minimum: str, maximum: str, parts: str, halo: str
-) -> dict[str, dict[str, Any]]:
-    """Return the parameters of the nodes that share a box split into parts, by namespace.
-
-    All as words, with spaces between numbers. Raises ValueError for what is none.
-    """
-    low, high = ([float(word) for word in text.split()] for text in (minimum, maximum))
-    regions = split_regions(low, high, [int(word) for word in parts.split()], float(halo))
-    return {
-        f"region_{number}": {"region": text_from_region(region), "region_halo": region.halo}
-        for number, region in enumerate(regions)
-    }
-
-
-def shared_inputs(namespace: str) -> list[tuple[str, str]]:
-    """Return the remappings by which a node in a namespace of its own reads what all read."""
-    root = "/" + namespace + ("/" if namespace else "")
-    return [(topic, root + topic) for topic in INPUTS]
 
 
 def initial_parameters(name: str, namespace: str, *files: str) -> dict[str, Any]:

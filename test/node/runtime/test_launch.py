@@ -39,11 +39,8 @@ from rig import DOMAIN, NAMESPACE, Client
 
 from obb_collision.node.inputs.subscriptions import INPUTS
 from obb_collision.node.parameters.parameters import SPECS
-from obb_collision.node.runtime.launching import (
-    initial_parameters,
-    region_parameters,
-    shared_inputs,
-)
+from obb_collision.node.parameters.regions import region_parameters, shared_inputs
+from obb_collision.node.runtime.launching import initial_parameters
 from obb_collision.node.topics.topics import TOPICS
 
 ROOT = Path(__file__).parents[3]
