@@ -55,6 +55,7 @@ from obb_collision.node.reporting import Reporting
 from obb_collision.node.runtime.clock import NodeClock, refuse_bad_clocks
 from obb_collision.node.runtime.guard import INTERNAL_ERROR, Guard
 from obb_collision.node.runtime.running import run
+from obb_collision.node.runtime.services import RareServices
 from obb_collision.node.runtime.warm_up import WarmUp
 from obb_collision.node.scene_file import SceneFile
 from obb_collision.node.schedule import Schedule
@@ -104,6 +105,7 @@ class CollisionNode(ManagedNode):
         self.guard = Guard(self.get_logger().error, self.context.ok)
         self.parameters = Parameters(self)
         refuse_bad_clocks(self)
+        self._rare = RareServices(self)
         self._configured = ExitStack()
         full_name = self.get_fully_qualified_name().lstrip("/")
         self._self_test = SelfTestService(self, full_name, self.guard)
@@ -414,7 +416,7 @@ class CollisionNode(ManagedNode):
 
     def destroy_node(self) -> None:
         """Publish the status unknown, and end together with all other processes."""
-        for name in ("status", "_self_test", "_warm", "_configured"):
+        for name in ("status", "_self_test", "_warm", "_configured", "_rare"):
             if hasattr(self, name):  # not where the start failed before
                 getattr(self, name).close()
         super().destroy_node()

@@ -11,6 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
+
 """The topic ``events``: begin and end of collisions as a subscriber gets them."""
 
 from __future__ import annotations

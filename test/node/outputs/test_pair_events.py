@@ -11,6 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
+
 """Begin and end of collisions with hysteresis, against the whole history of each pair."""
 
 from __future__ import annotations

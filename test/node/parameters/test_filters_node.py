@@ -11,6 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
+
 """Filters and paddings by name while the node runs: which pairs count, and boxes drawn larger."""
 
 from __future__ import annotations

@@ -11,6 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
+
 """Filters of pairs and paddings by name, against what each means for one pair or object."""
 
 from __future__ import annotations
