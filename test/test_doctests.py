@@ -32,6 +32,7 @@ import obb_collision as oc
 INTERNAL = {
     "trusted", "row", "take", "local_box", "fitted", "build_outside", "single", "of", "rows",
     "place", "compute", "renew_indices", "begin_boxes", "resize_boxes", "rename_indices",
+    "grow_indices", "speeds_of",
 }  # fmt: skip
 
 

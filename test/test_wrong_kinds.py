@@ -198,6 +198,7 @@ FUNCTIONS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "Scene.set_enabled_indices": (
         scene().set_enabled_indices, {"indices": [0], "enabled": [True]}
     ),
+    "Scene.set_padding": (scene().set_padding, {"name": "a", "padding": 0.1}),
     "Scene.set_accuracy": (scene().set_accuracy, {"name": "a", "accuracy": "obb"}),
     "Scene.remove": (lambda name: scene().remove(name), {"name": "a"}),
     "Scene.remove_indices": (lambda indices: scene().remove_indices(indices), {"indices": [0]}),
@@ -239,7 +240,9 @@ FUNCTIONS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
         f"Scene.{name} =": (setting(name), {name: value})
         for name, value in {
             "padding": 0.1, "accuracy": "obb", "tree_depth": 3, "time_budget": 0.1,
-            "obstacle_points": POINTS, "max_pairs": 9, "region": REGION
+            "obstacle_points": POINTS, "max_pairs": 9, "region": REGION,
+            "allowed": [("a", "b", True)], "check_only": [("a", "b")], "allowed_within": ["a"],
+            "padding_overrides": [("a", 0.1)],
         }.items()
     },
 }  # fmt: skip
@@ -249,7 +252,7 @@ RESULTS = {"Accuracy", "Report", "SceneDescription", "Shape", "Verdict"}
 UNTRIED = {
     "trusted", "prepare", "clear", "corners", "world_bounds", "reset", "set", "counted",
     "renew_indices", "begin_boxes", "resize_boxes", "rename_indices", "any_collision", "single",
-    "place", "rows", "local_box", "aabb", "of",
+    "place", "rows", "local_box", "aabb", "of", "grow_indices", "speeds_of",
     "build_outside",
 }  # fmt: skip
 

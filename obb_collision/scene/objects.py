@@ -31,7 +31,7 @@ from obb_collision.scene.building.shape_cache import ShapeCache
 from obb_collision.scene.states import SceneStates
 from obb_collision.scene.store.kinds import BOX
 from obb_collision.scene.store.overrides import Overrides
-from obb_collision.scene.store.patterns import as_couples, as_patterns
+from obb_collision.scene.store.patterns import as_patterns, as_tuples
 from obb_collision.scene.store.store import LocalBox, ObjectStore
 from obb_collision.shapes import Shape
 from obb_collision.typing import Floats
@@ -336,7 +336,7 @@ class SceneObjects(SceneStates):
     @padding_overrides.setter
     def padding_overrides(self, overrides: Iterable[tuple[str, float]]) -> None:
         new: list[tuple[str, float]] = []
-        for pattern, padding in as_couples(overrides, "padding_overrides"):
+        for pattern, padding in as_tuples(overrides, "padding_overrides", 2):
             check_padding(padding, "padding_overrides")
             new += [(one, float(padding)) for one in as_patterns(pattern, "padding_overrides")]
         self._paddings = Overrides(new)

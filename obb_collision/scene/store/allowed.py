@@ -25,8 +25,9 @@ from collections.abc import Iterable, Sequence
 from fnmatch import fnmatchcase
 from typing import TypeAlias
 
+from obb_collision.geometry.kinds import as_flag
 from obb_collision.scene.store.pair_table import PairFilter, PairTable, Patterns
-from obb_collision.scene.store.patterns import as_couples, as_patterns
+from obb_collision.scene.store.patterns import as_patterns, as_tuples
 
 Side: TypeAlias = str | tuple[str, ...]
 """One side of a pair: a name or pattern, or several."""
@@ -73,8 +74,9 @@ class AllowedPairs:
     def replace(self, rules: Iterable[Rule]) -> None:
         """Put rules in place of all before; on a ValueError those before stay."""
         new = AllowedPairs()
-        for rule in rules:
-            new.add(*rule)
+        for first, second, allowed in as_tuples(rules, "allowed", 3):
+            a, b = _side(first, "allowed"), _side(second, "allowed")
+            new.add(a, b, as_flag(allowed, "allowed"))
         self._rules = new._rules
         self._renew()
 
@@ -90,8 +92,8 @@ class AllowedPairs:
 
     @only.setter
     def only(self, pairs: Iterable[Sides]) -> None:
-        sides = as_couples(pairs, "check_only")
-        self._only = [(_side(a, "first"), _side(b, "second")) for a, b in sides]
+        sides = as_tuples(pairs, "check_only", 2)
+        self._only = [(_side(a, "check_only"), _side(b, "check_only")) for a, b in sides]
         self._renew()
 
     @property

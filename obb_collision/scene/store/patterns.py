@@ -42,12 +42,15 @@ def as_patterns(value: Iterable[str] | str, name: str) -> tuple[str, ...]:
     return patterns
 
 
-def as_couples(value: Iterable[tuple[Any, Any]], name: str) -> list[tuple[Any, Any]]:
-    """Return tuples of two; ValueError naming the argument for anything else."""
+def as_tuples(value: Iterable[Any], name: str, length: int) -> list[tuple[Any, ...]]:
+    """Return tuples of one length; ValueError naming the argument for anything else."""
     try:
-        return [(first, second) for first, second in value]
-    except (TypeError, ValueError):
-        raise ValueError(f"{name} must be a list of tuples of two, got {shown(value)}") from None
+        rows = [() if isinstance(row, str) else tuple(row) for row in value]
+    except TypeError:
+        rows = [()]
+    if any(len(row) != length for row in rows):
+        raise ValueError(f"{name} must be a list of tuples of {length}, got {shown(value)}")
+    return rows
 
 
 def matching(patterns: Collection[str], names: Sequence[str | None]) -> NDArray[np.bool_]:

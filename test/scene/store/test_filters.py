@@ -143,7 +143,7 @@ def test_objects_may_touch_within_their_namespaces() -> None:
         ("check_only", [("", "a")]),
         ("check_only", [("a", ())]),
         ("check_only", [("a", "b", "c")]),
-        ("check_only", ["a"]),
+        ("check_only", ["ab"]),
         ("check_only", 3),
         ("allowed_within", [3]),
         ("allowed_within", "\n"),
@@ -159,7 +159,7 @@ def test_what_is_no_filter_is_refused_and_changes_nothing(name: str, value: Any)
     scene.check_only, scene.allowed_within = [("a/*", "b/*")], ["a"]
     scene.padding_overrides = [("a/*", 0.5)]
     before, boxes = getattr(scene, name), scene.boxes.half_extents
-    with pytest.raises(ValueError, match=name if name != "check_only" else "first|second|check"):
+    with pytest.raises(ValueError, match=name):
         setattr(scene, name, value)
     assert getattr(scene, name) == before
     assert (scene.boxes.half_extents == boxes).all()
