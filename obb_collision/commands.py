@@ -108,6 +108,15 @@ def fuzz(args: Sequence[str] | None = None) -> int:
     return main(args)
 
 
+def faults(args: Sequence[str] | None = None) -> int:
+    """Make faults around a node and see what it does; returns the exit code."""
+    if not is_ros_here("obb_collision_faults"):
+        return 1
+    from obb_collision.checks.faults.command import main
+
+    return main(args)
+
+
 def soak(args: Sequence[str] | None = None) -> int:
     """Keep a node busy and check all its answers; returns the exit code."""
     if not is_ros_here("obb_collision_soak"):

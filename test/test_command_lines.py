@@ -34,7 +34,8 @@ FILES = ["/none/such/file", "/", "x" * 5000 + "/y", "nul\0", "\ud800/x", ""]
 PLOTS = [*FILES, "x.exe"]
 SEED, JSON = {"--seed": WHOLES}, {"--json": FILES}
 NEED_ROS = ("obb_collision_node", "obb_collision_merge", "obb_collision_latency",
-            "obb_collision_regions", "obb_collision_fuzz", "obb_collision_soak")  # fmt: skip
+            "obb_collision_regions", "obb_collision_fuzz", "obb_collision_soak",
+            "obb_collision_faults")  # fmt: skip
 OPTIONS: dict[str, dict[str, list[str]]] = {
     "obb_collision_node": {},
     "obb_collision_merge": {},
@@ -58,6 +59,7 @@ OPTIONS: dict[str, dict[str, list[str]]] = {
     },
     "obb_collision_fuzz": {"--messages": WHOLES, "--bound": REALS, "--log": FILES, **SEED},
     "obb_collision_known_bugs": {"--markdown": PLOTS},
+    "obb_collision_faults": {"--only": ["none such", "", "\ud800"], "--markdown": PLOTS},
     "obb_collision_latency": {
         "--objects": WHOLES, "--new": WHOLES, "--seconds": REALS, **SEED, **JSON,
     },

@@ -229,6 +229,7 @@ class CollisionNode(ManagedNode):
             self.guard,
             self._collect,
         )
+        self._unread = False  # whether an input could not be read in the last cycle
         self._schedule = Schedule(self, self.parameters, self._run_cycle)
         self._configured.callback(self._schedule.close)
 
@@ -303,7 +304,7 @@ class CollisionNode(ManagedNode):
         Parameters first: a message sent after a change is interpreted by the new values.
         """
         self._parameters_changed.settle()
-        self.guard.run("inputs", self._subscribed.drain)
+        self._unread = not self.guard.run("inputs", self._subscribed.drain)
         self.guard.run("input objects", self.inputs.markers.apply)
         self.guard.run("input object_boxes", self.inputs.boxes.apply)
         if self._subscribed.was_heard():
@@ -358,7 +359,8 @@ class CollisionNode(ManagedNode):
         ran, timeout = self.cycle, self.parameters.object_timeout
         overdue = ran.delay if ran.delay > allowed_delay(self.parameters) else 0.0
         known = answer(
-            *(self.objects, ran.report, ran.paused, ran.failed, self._now(), timeout, overdue)
+            *(self.objects, ran.report, ran.paused, ran.failed or self._unread),
+            *(self._now(), timeout, overdue),
         )
         self.status.update(known, cycle)
 

@@ -36,7 +36,9 @@ SETUP = (ROOT / "setup.py").read_text(encoding="utf-8")
 SCRIPTS = dict(re.findall(r'"(obb_collision_\w+) = ([\w.]+:\w+)"', SETUP))
 EXTRAS = set(re.findall(r'^        "(\w+)": \[', SETUP, re.MULTILINE))
 LAUNCH = (ROOT / "launch" / "obb_collision.launch.py").read_text(encoding="utf-8")
-NEED_ROS = {"obb_collision_latency", "obb_collision_fuzz", "obb_collision_soak"}
+NEED_ROS = {
+    "obb_collision_latency", "obb_collision_fuzz", "obb_collision_soak", "obb_collision_faults",
+}  # fmt: skip
 OTHERS = {
     "PIP_BREAK_SYSTEM_PACKAGES=1", "ament_copyright", "ament_flake8", "ament_pep257", "colcon",
     "mypy", "ruff", "source", "sphinx-build",

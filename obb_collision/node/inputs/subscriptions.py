@@ -80,6 +80,7 @@ class Subscriptions:
         self._oldest = 0
         self._heard = False
         self._losses: dict[str, Losses] = {}
+        self._closed: set[str] = set()  # to be subscribed to again
         self.open: dict[str, Subscription] = {}
         """By topic, as the node names it."""
 
@@ -89,10 +90,12 @@ class Subscriptions:
             self.open[topic] = self._subscribe(topic)
         elif not wanted and topic in self.open:
             self._node.destroy_subscription(self.open.pop(topic))
+        elif not wanted:
+            self._closed.discard(topic)
 
     def close(self) -> None:
         """Unsubscribe from all."""
-        for topic in [*self.open]:
+        for topic in [*self.open, *self._closed]:
             self.keep(topic, False)
 
     def drain(self) -> None:
@@ -101,15 +104,35 @@ class Subscriptions:
         The executor takes one of each topic in a round, with a cycle in between where cycles take
         long: a backlog would grow until messages are lost.
         """
-        for topic, subscription in self.open.items():
-            with subscription.handle:
-                for _ in range(subscription.qos_profile.depth):
-                    taken = subscription.handle.take_message(
-                        subscription.msg_type, subscription.raw
-                    )
-                    if taken is None:
-                        break
-                    self._take(topic, *taken)
+        failures = []
+        for topic in (*self.open, *self._closed):
+            try:
+                self._closed.discard(topic)
+                self.keep(topic, True)
+                self._drain(topic, self.open[topic])
+            except Exception as error:
+                failures.append(error)
+                self._give_up(topic)
+        if failures:
+            raise failures[0]
+
+    def _drain(self, topic: str, subscription: Subscription) -> None:
+        with subscription.handle:
+            for _ in range(subscription.qos_profile.depth):
+                taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
+                if taken is None:
+                    break
+                self._take(topic, *taken)
+
+    def _give_up(self, topic: str) -> None:
+        """Drop what waits in a queue, and subscribe anew next time.
+
+        A message that cannot be taken, for which there is no memory, stays at the head of its queue
+        and would hide all after it.
+        """
+        if self._node.context.ok():
+            self.keep(topic, False)
+            self._closed.add(topic)
 
     def take_wait(self) -> float:
         """Return for how long (s) the oldest message has waited that was taken since the last time.
@@ -154,5 +177,5 @@ class Subscriptions:
             raw=True,
         )
         self._monitors[topic].topic = subscription.topic_name
-        self._losses[topic] = Losses(subscription.get_publisher_count)
+        self._losses.setdefault(topic, Losses(lambda: self.open[topic].get_publisher_count()))
         return subscription

@@ -175,6 +175,23 @@ def spin(
             if caught is None:
                 raise
             caught(error)
+            release(executor)
+
+
+def release(executor: SingleThreadedExecutor) -> None:
+    """Let callbacks run again after a message could not be taken.
+
+    rclpy marks what it takes from, and its group, as busy, and leaves it so where that raises: no
+    callback of the node would run any more.
+    """
+    for node in executor.get_nodes():
+        ends = (node.subscriptions, node.timers, node.services, node.clients, node.waitables)
+        for entity in (entity for some in ends for entity in some):
+            if getattr(entity, "_executor_event", False):
+                entity._executor_event = False
+                group = entity.callback_group
+                if getattr(group, "_active_entity", None) is entity:
+                    group.ending_execution(entity)
 
 
 def init(name: str, context: Context, arguments: list[str] | None) -> bool:

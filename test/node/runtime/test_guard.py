@@ -168,6 +168,64 @@ def test_what_the_executor_raises_does_not_end_the_spinning() -> None:
     node.destroy_node()
 
 
+def test_a_message_that_cannot_be_taken_leaves_no_callback_waiting() -> None:
+    context, caught, ticks = Context(), list[Exception](), list[int]()
+    context.init(domain_id=DOMAIN)
+    node = Node("takes", context=context, namespace=NAMESPACE)
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(node)
+    take = executor._take_timer
+
+    def fail_once(timer: Any) -> Any:
+        if not caught:
+            raise MemoryError
+        return take(timer)
+
+    executor._take_timer = fail_once  # type: ignore[method-assign]
+
+    def tick() -> None:
+        ticks.append(1)
+        if len(ticks) == 3:
+            context.try_shutdown()
+
+    node.create_timer(0.001, tick)  # all of a node's callbacks are in one group
+    with suppress(ExternalShutdownException):
+        spin(executor, caught.append)
+    assert (len(caught), len(ticks)) == (1, 3)
+    node.destroy_node()
+
+
+def test_a_queue_that_cannot_be_read_is_unknown_hides_no_other_and_is_opened_again(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rig.listen("collision_status")
+    rig.send(cube(A), cube(B, (3, 0, 0)))
+    rig.answer()
+    subscribed = rig.node._subscribed
+    drain, topic, before = subscribed._drain, "object_states", subscribed.open["object_states"]
+    said: list[str] = []
+
+    def fail_once(name: str, subscription: Any) -> None:
+        if name == topic and subscription is before:
+            raise MemoryError
+        drain(name, subscription)
+
+    monkeypatch.setattr(subscribed, "_drain", fail_once)
+
+    def moved() -> bool:
+        if "collision_status" in rig.last:
+            said.append(rig.last["collision_status"].status[0].message)
+        rig.send_states(["a/2"], [pose(0.5)])
+        return rig.pose_of(B)[0] == 0.5
+
+    rig.until(lambda: subscribed.open.get(topic) not in (None, before), "a new subscription")
+    rig.until(moved, "a state")
+    assert rig.node.guard.counts["inputs"] == 1
+    assert any("the last cycle failed" in message for message in said)
+    rig.send_transform("a/1", pose(5.0))
+    assert rig.pairs() == set()
+
+
 def test_each_failure_is_logged_once_with_its_traceback() -> None:
     lines: list[str] = []
     guard = Guard(lines.append, lambda: True)
