@@ -63,8 +63,8 @@ from obb_collision.words import shown
 #: How many points a pair can be asked for.
 LIMITS = (4, 8)
 
-#: Pairs below which a second thread does not pay: 30 us.
-FEWEST_PAIRS = 64
+#: Pairs below which a second thread does not pay: 100 us or so.
+FEWEST_PAIRS = 256
 #: Least size of a pair, metres: its reciprocal must be finite. Below that a box counts as a point.
 SMALLEST_PAIR = 1e-300
 

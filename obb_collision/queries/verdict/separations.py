@@ -28,8 +28,8 @@ from obb_collision.queries.verdict.verdict import Verdicts, pair_verdicts
 from obb_collision.queries.verdict.witness_blocks import witness_kernel
 from obb_collision.typing import Floats, Integers
 
-#: Pairs below which a second thread does not pay: 20 us or so.
-FEWEST_PAIRS = 128
+#: Pairs below which a second thread does not pay: 50 us or so.
+FEWEST_PAIRS = 512
 
 
 @dataclass(frozen=True, eq=False)
