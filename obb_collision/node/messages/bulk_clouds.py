@@ -25,7 +25,12 @@ import numpy.typing as npt
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
 
-from obb_collision.node.messages.clouds import NO_LIMIT, cloud_from_ros, cloud_to_ros
+from obb_collision.node.messages.clouds import (
+    NO_LIMIT,
+    cloud_from_ros,
+    cloud_to_ros,
+    side_by_side,
+)
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.typing import Floats, Integers
 
@@ -69,13 +74,23 @@ def _rows_from_ros(
     for name in KEY_FIELDS:
         if name in fields and fields[name][0].kind not in "iu":
             raise RefusedError("field layout", f"field {name!r} is not an integer")
-    values = np.empty((len(rows), len(names)))
-    for column, name in enumerate(names):
+    for name in names:
         if fields[name][0].kind != "f":
             raise RefusedError("field layout", f"field {name!r} is not a float")
-        values[:, column] = rows[name]
+    values = _values(rows, names)
     namespaces = rows["ns"].astype(np.int64) if "ns" in fields else None
     return namespaces, rows["id"].astype(np.int64), values
+
+
+def _values(rows: npt.NDArray[Any], names: tuple[str, ...]) -> Floats:
+    """Return fields of rows as numbers (n, k)."""
+    view = side_by_side(rows, names)
+    if view is not None:
+        return view.astype(np.float64)
+    values = np.empty((len(rows), len(names)))
+    for column, name in enumerate(names):
+        values[:, column] = rows[name]
+    return values
 
 
 def poses_to_ros(

@@ -22,9 +22,11 @@ contradicts itself is refused whole. ``marker_scan`` does the same for markers.
 
 from __future__ import annotations
 
+from collections import deque
+from collections.abc import Iterable
 from dataclasses import dataclass
 from struct import Struct
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from geometry_msgs.msg import TransformStamped
@@ -36,6 +38,7 @@ from obb_collision.node.messages.marker_kernels import ORIGIN
 from obb_collision.node.messages.marker_writer import ENCAPSULATION
 from obb_collision.typing import Floats
 
+T = TypeVar("T")
 MALFORMED = "malformed message"
 """Reason: the bytes are no message of the topic's type."""
 LONGEST_TAIL = 7
@@ -44,6 +47,8 @@ MAX_FIELDS = 1000
 """Maximum number of fields of a cloud."""
 SMALLEST_FIELD = 16
 """Bytes of a field of a cloud, at least."""
+KNOWN, LONGEST_KNOWN = 8, 4096
+"""Lists of fields that are remembered, and their maximum bytes."""
 WHOLE, STAMP, SIZE, FIELD = Struct("<I"), Struct("<iI"), Struct("<II"), Struct("<IBxxxI")
 LAYOUT, FLAG = Struct("<BxxxII"), Struct("<B")
 
@@ -127,10 +132,13 @@ def cloud_from_bytes(data: bytes) -> CloudMessage:
     reader = Reader(data, PointCloud2)
     header = reader.header()
     height, width = reader.numbers(SIZE)
-    fields = []
-    for _ in range(_number_of_fields(reader)):
-        name = reader.text()
-        fields.append(Field(name, *reader.numbers(FIELD)))
+    fields = reader.known(_known_fields)
+    if fields is None:
+        start = reader.place
+        fields = [Field(reader.text(), *reader.numbers(FIELD)) for _ in _number_of_fields(reader)]
+        written = reader.since(start)
+        if len(written) <= LONGEST_KNOWN:
+            _known_fields.append((written, fields))
     order, point_step, row_step = reader.numbers(LAYOUT)
     content = reader.content()
     (dense,) = reader.numbers(FLAG, 1)
@@ -140,11 +148,15 @@ def cloud_from_bytes(data: bytes) -> CloudMessage:
     return CloudMessage(header, height, width, fields, bool(order), point_step, row_step, content)
 
 
-def _number_of_fields(reader: Reader) -> int:
+_known_fields: deque[tuple[bytes, list[Field]]] = deque(maxlen=KNOWN)
+"""Fields of the last clouds, and how they are written: a sender's are the same in all messages."""
+
+
+def _number_of_fields(reader: Reader) -> range:
     number = reader.count(SMALLEST_FIELD)
     if number > MAX_FIELDS:
         raise RefusedError("field layout", f"{number} fields, {MAX_FIELDS} is the limit")
-    return number
+    return range(number)
 
 
 def as_plain(data: bytes, kind: type) -> bytes:
@@ -175,6 +187,23 @@ class Reader:
         """Return numbers side by side."""
         start = self._reserve(layout.size, alignment)
         return layout.unpack_from(self._data, start)
+
+    @property
+    def place(self) -> int:
+        """The byte to be read next."""
+        return self._at
+
+    def since(self, start: int) -> bytes:
+        """Return the bytes read since a place."""
+        return bytes(self._data[start : self._at])
+
+    def known(self, several: Iterable[tuple[bytes, T]]) -> T | None:
+        """Go on behind what is written here if it is known; return what it is."""
+        for written, meaning in several:
+            if self._data.startswith(written, self._at):
+                self._at += len(written)
+                return meaning
+        return None
 
     def count(self, item: int = 1) -> int:
         """Return the length of a list whose items have at least so many bytes."""

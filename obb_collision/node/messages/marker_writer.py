@@ -109,13 +109,13 @@ def namespace_bytes(names: Mapping[int, str]) -> bytes:
     """
     head = b"\x00" + bytes(3)  # level OK
     texts = ["namespaces", f"{len(names)} namespaces", ""]
-    parts = [ENCAPSULATION, head, *map(_padded, texts), struct.pack("<I", len(names))]
+    parts = [ENCAPSULATION, head, *map(padded, texts), struct.pack("<I", len(names))]
     for number, name in names.items():
-        parts += _padded(str(number)), _padded(name)
+        parts += padded(str(number)), padded(name)
     return b"".join(parts)
 
 
-def _padded(text: str) -> bytes:
+def padded(text: str) -> bytes:
     """Return a text as it stands where it begins, and the next one does, at a multiple of 4."""
     data = _string(text)
     return data + bytes(-len(data) % 4)

@@ -30,7 +30,7 @@ from std_msgs.msg import Header
 
 from obb_collision.node.diagnostics.qos import overridable
 from obb_collision.node.messages.box_markers import COLLIDING, DOUBTFUL, FREE, Markers
-from obb_collision.node.messages.clouds import cloud_to_ros
+from obb_collision.node.messages.clouds import cloud_to_bytes
 from obb_collision.node.messages.conversions import stamp_to_ros
 from obb_collision.node.messages.marker_writer import namespace_bytes
 from obb_collision.node.messages.names import NamespaceTable
@@ -40,7 +40,7 @@ from obb_collision.node.outputs.events import Events
 from obb_collision.node.parameters.parameters import Parameters
 from obb_collision.node.runtime.guard import Guard
 from obb_collision.node.topics.cloud import Cloud, Topic
-from obb_collision.node.topics.rows import CheckedState
+from obb_collision.node.topics.rows import CheckedState, StructuredRows
 from obb_collision.node.topics.topics import COLLISIONS, EVENTS, NAMESPACES, TOPICS
 
 NAMESPACES_RATE = 5e6
@@ -136,15 +136,16 @@ class Outputs:
     def _publish_cloud(self, name: str, cloud: Cloud[Any], result: Any, given: Published) -> None:
         rows = cloud.make_rows(result, given, cloud.dtype)
         stamp = given.cloud_stamp if cloud.of_points else given.stamp
-        message = cloud_to_ros(rows, self._header(stamp), cloud.point_fields)
-        self.publishers[name].publish(message)
+        self._publish_rows(name, cloud, rows, stamp)
+
+    def _publish_rows(self, name: str, cloud: Cloud[Any], rows: StructuredRows, stamp: int) -> None:
+        data = cloud_to_bytes(rows, stamp, self._parameters.fixed_frame, cloud.field_bytes)
+        self.publishers[name].publish(data)
 
     def _publish_pairs(self, given: Published) -> None:
-        header = self._header(given.stamp)
         rows = COLLISIONS.make_rows(given.report, given, COLLISIONS.dtype)
         if "collisions" in given.effects:
-            message = cloud_to_ros(rows, header, COLLISIONS.point_fields)
-            self.publishers["collisions"].publish(message)
+            self._publish_rows("collisions", COLLISIONS, rows, given.stamp)
         if "events" in given.effects:
             events = self.events.rows(rows, given, "separations" in given.effects)
             if events is not None:
@@ -152,7 +153,7 @@ class Outputs:
         if "text" in given.effects:
             names, limit = given.table.namespaces.names, self._parameters.max_text_pairs
             total = (given.report.total, given.report.truncated)
-            text = text_from_rows(rows, names, header, limit, *total)
+            text = text_from_rows(rows, names, self._header(given.stamp), limit, *total)
             self.publishers["text"].publish(text)
 
     def publish_markers(self, given: Published) -> None:

@@ -33,30 +33,42 @@ from numpy.typing import ArrayLike, NDArray
 from obb_collision._jit import njit
 from obb_collision._threads import run
 from obb_collision.geometry.boxes import Boxes
-from obb_collision.numerics.vec3 import (
-    dot,
-    max_abs,
-    minus,
-    pick,
-    pick_axis,
-    plus,
-    scaled,
-    vector_at,
+from obb_collision.numerics.vec3 import max_abs, minus, plus, vector_at
+from obb_collision.queries.contacts.blocks import (
+    BLOCK,
+    LIMIT,
+    PLACE,
+    QUAD,
+    ROWS,
+    SETTLED,
+    SIZE,
+    VERTEX,
+    lay_faces,
+    place_points,
+    point_at,
 )
 from obb_collision.queries.contacts.inside import move_into_both
 from obb_collision.queries.contacts.patch import (
     CAPACITY,
     FEATURE_TIE,
-    facing,
-    overlay_faces,
+    clip_to_rectangle,
     write_vertex,
 )
 from obb_collision.queries.contacts.reduction import reduce_patch
-from obb_collision.queries.verdict.blocks import BLOCK, vector_in
+from obb_collision.queries.verdict.blocks import (
+    AXES_A,
+    AXES_B,
+    EXTENTS_A,
+    EXTENTS_B,
+    OFFSET,
+    axes_in,
+    vector_in,
+    write_in,
+)
 from obb_collision.queries.verdict.pair_frame import Box, box_at
 from obb_collision.queries.verdict.pair_rows import as_pairs, check_boxes, one_set
 from obb_collision.queries.verdict.verdict import careful_bound
-from obb_collision.queries.verdict.witness_blocks import GAP, NORMAL, NUMBER, ROWS, witness_block
+from obb_collision.queries.verdict.witness_blocks import GAP, NORMAL, NUMBER, witness_block
 from obb_collision.typing import Floats, Integers, Vector
 from obb_collision.words import shown
 
@@ -65,8 +77,6 @@ LIMITS = (4, 8)
 
 #: Pairs below which a second thread does not pay: 100 us or so.
 FEWEST_PAIRS = 256
-#: Least size of a pair, metres: its reciprocal must be finite. Below that a box counts as a point.
-SMALLEST_PAIR = 1e-300
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,57 +192,75 @@ def contacts_kernel(
     stop: int,
 ) -> None:
     """Write the contacts of pairs ``start`` to ``stop`` of (m, 2), as in ``Contacts``."""
-    block = np.empty((ROWS, BLOCK))
+    block = np.zeros((ROWS, BLOCK))
     polygon, spare = np.empty((CAPACITY, 3)), np.empty((CAPACITY, 3))
-    for n in range(start, stop):
-        column = (n - start) % BLOCK
-        if column == 0:
-            count = min(BLOCK, stop - n)
-            witness_block(centers, rotations, half_extents, pairs, n, count, block)
-        a = box_at(centers, rotations, half_extents, pairs[n, 0])
-        b = box_at(centers, rotations, half_extents, pairs[n, 1])
-        gap, normal = block[GAP, column], vector_in(block, NORMAL, column)
-        axes[n] = int(block[NUMBER, column])
-        write_vertex(normals, n, normal)
-        depths[n] = max(0.0, -gap)
-        found = 0
-        if not (gap > 0.0 and gap > careful_bound(a, b)):
-            found = _contact_points(a, b, normal, polygon, spare, positions, position_depths, n)
-        counts[n] = found
-        for k in range(found, position_depths.shape[1]):
-            positions[n, k, 0] = positions[n, k, 1] = positions[n, k, 2] = np.nan
-            position_depths[n, k] = np.nan
+    for first in range(start, stop, BLOCK):
+        count = min(BLOCK, stop - first)
+        witness_block(centers, rotations, half_extents, pairs, first, count, block)
+        lay_faces(block, count)
+        slots = 0
+        for n in range(count):
+            row = first + n
+            gap = block[GAP, n]
+            axes[row] = int(block[NUMBER, n])
+            write_vertex(normals, row, vector_in(block, NORMAL, n))
+            depths[row] = max(0.0, -gap)
+            counts[row] = 0
+            if gap > 0.0:
+                a = box_at(centers, rotations, half_extents, pairs[row, 0])
+                b = box_at(centers, rotations, half_extents, pairs[row, 1])
+                if gap > careful_bound(a, b):
+                    continue
+            counts[row] = _find_vertices(block, n, position_depths.shape[1], polygon, spare)
+            slots = max(slots, counts[row])
+        for slot in range(slots):
+            place_points(block, count, slot)
+        for n in range(count):
+            origin = vector_at(centers, pairs[first + n, 0])
+            found = _write_points(
+                block, n, counts[first + n], origin, positions, position_depths, first + n, spare
+            )
+            counts[first + n] = found
 
 
 @njit
-def _contact_points(
-    a: Box, b: Box, n: Vector, polygon: Floats, spare: Floats, points: Floats, depths: Floats,
-    row: int,
+def _find_vertices(block: Floats, n: int, limit: int, polygon: Floats, spare: Floats) -> int:
+    """Write the vertices of the patch of a pair into its slots, and return how many."""
+    for k in range(4):
+        write_vertex(polygon, k, vector_in(block, QUAD + 3 * k, n))
+    count = clip_to_rectangle(polygon, 4, block[LIMIT, n], block[LIMIT + 1, n], spare)
+    count = reduce_patch(polygon, count, limit, spare)
+    for k in range(count):
+        write_in(block, VERTEX + 3 * k, n, vector_at(polygon, k))
+    return count
+
+
+@njit
+def _write_points(
+    block: Floats, n: int, count: int, origin: Vector, points: Floats, depths: Floats, row: int,
+    spare: Floats,
 ) -> int:  # fmt: skip
     """Write a row of points (m, limit, 3) and of their depths (m, limit), and return how many."""
-    h, f = a.half_extents, b.half_extents
-    unit = max((h[0] + h[1] + h[2]) + (f[0] + f[1] + f[2]), SMALLEST_PAIR)
-    origin = a.center
-    a, b = Box((0.0, 0.0, 0.0), a.axes, h), Box(minus(b.center, origin), b.axes, f)
-    i, j = facing(n, a.axes), facing(n, b.axes)
-    count = overlay_faces(a, i, b, j, n, unit, polygon, spare)
-    count = reduce_patch(polygon, count, depths.shape[1], spare)
-    across = pick_axis(a.axes, i)
-    u, v = pick_axis(a.axes, (i + 1) % 3), pick_axis(a.axes, (i + 2) % 3)
-    side = pick(h, i) if dot(n, across) >= 0.0 else -pick(h, i)
+    size = block[SIZE, n]
     found = 0
     for k in range(count):
-        s, t, w = scaled(vector_at(polygon, k), unit)
-        point = plus(plus(scaled(across, side), scaled(u, s)), scaled(v, t))
-        point = move_into_both(plus(point, scaled(n, 0.5 * w)), a, b, unit)
+        point = vector_in(block, PLACE + 3 * k, n)
+        if block[SETTLED + k, n] == 0.0:
+            a = Box((0.0, 0.0, 0.0), axes_in(block, AXES_A, n), vector_in(block, EXTENTS_A, n))
+            d = vector_in(block, OFFSET, n)
+            b = Box(d, axes_in(block, AXES_B, n), vector_in(block, EXTENTS_B, n))
+            point = move_into_both(point_at(block, VERTEX + 3 * k, n), a, b, size)
         # points that were pulled together count once
         for m in range(found):
-            if max_abs(minus(point, vector_at(spare, m))) <= FEATURE_TIE * unit:
+            if max_abs(minus(point, vector_at(spare, m))) <= FEATURE_TIE * size:
                 break
         else:
             write_vertex(spare, found, point)
             point = plus(origin, point)
             points[row, found, 0], points[row, found, 1], points[row, found, 2] = point
-            depths[row, found] = max(0.0, -w)
+            depths[row, found] = max(0.0, -(block[VERTEX + 3 * k + 2, n] * size))
             found += 1
+    for k in range(found, depths.shape[1]):
+        points[row, k, 0] = points[row, k, 1] = points[row, k, 2] = np.nan
+        depths[row, k] = np.nan
     return found

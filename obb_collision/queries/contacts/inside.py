@@ -54,8 +54,8 @@ def move_into_both(point: Vector, a: Box, b: Box, size: float) -> Vector:
     towards a point that is known to be common.
     """
     for _ in range(PULL_ROUNDS):
-        point, _ = _pull(point, a)
-        point, moved = _pull(minus(point, b.center), b)
+        point, _ = pull(point, a)
+        point, moved = pull(minus(point, b.center), b)
         point = plus(point, b.center)
         if moved <= KEEP * size:
             return point
@@ -68,7 +68,7 @@ def move_into_both(point: Vector, a: Box, b: Box, size: float) -> Vector:
 
 
 @njit
-def _pull(point: Vector, box: Box) -> tuple[Vector, float]:
+def pull(point: Vector, box: Box) -> tuple[Vector, float]:
     """Return the nearest point of a box, and the largest step along an axis; from its centre."""
     along = components(box.axes, point)
     excess = minus(along, clamped(along, box.half_extents))

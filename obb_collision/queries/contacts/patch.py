@@ -34,9 +34,7 @@ import math
 
 from obb_collision._jit import njit
 from obb_collision.numerics.constants import ROUNDOFF
-from obb_collision.numerics.vec3 import components, dot, minus, pick, pick_axis, plus, scaled
-from obb_collision.queries.verdict.pair_frame import Box
-from obb_collision.typing import Axes, Floats, Vector
+from obb_collision.typing import Floats, Vector
 
 #: Rows of a polygon. A quad clipped by four lines has at most eight vertices; where rounding bends
 #: a sliver, each line can add half as many again as there are.
@@ -55,55 +53,7 @@ KEEP = 2.0**-31
 
 
 @njit
-def facing(n: Vector, axes: Axes) -> int:
-    """Return the number of the box axis most nearly parallel to n; of nearly equal ones the first.
-
-    The face across it holds all of the box that is furthest along n.
-    """
-    x, y, z = components(axes, n)
-    x, y, z = abs(x), abs(y), abs(z)
-    enough = max(x, y, z) - FEATURE_TIE
-    if x >= enough:
-        return 0
-    return 1 if y >= enough else 2
-
-
-@njit
-def overlay_faces(
-    a: Box, i: int, b: Box, j: int, n: Vector, size: float, polygon: Floats, spare: Floats
-) -> int:
-    """Write the vertices (count, 3) of what two faces have in common, and return their count.
-
-    The centre of a is the origin; n: the normal; i, j: the axes across the faces.
-    """
-    i1, i2, j1, j2 = (i + 1) % 3, (i + 2) % 3, (j + 1) % 3, (j + 2) % 3
-    across, u, v = pick_axis(a.axes, i), pick_axis(a.axes, i1), pick_axis(a.axes, i2)
-    across_b = pick_axis(b.axes, j)
-    up = dot(n, across)
-    side = math.copysign(pick(a.half_extents, i), up)
-    side_b = -math.copysign(pick(b.half_extents, j), dot(n, across_b))
-    # s, t, w of a vector are its dot products with these three
-    plane = (
-        minus(u, scaled(across, dot(n, u) / up)),
-        minus(v, scaled(across, dot(n, v) / up)),
-        (across[0] / up, across[1] / up, across[2] / up),
-    )
-    middle = minus(plus(b.center, scaled(across_b, side_b)), scaled(across, side))
-    middle = components(plane, middle)
-    edge1 = components(plane, scaled(pick_axis(b.axes, j1), pick(b.half_extents, j1)))
-    edge2 = components(plane, scaled(pick_axis(b.axes, j2), pick(b.half_extents, j2)))
-    scale = 1.0 / size
-    for corner in range(4):
-        p = 1.0 if corner == 1 or corner == 2 else -1.0
-        q = 1.0 if corner >= 2 else -1.0
-        vertex = plus(plus(middle, scaled(edge1, p)), scaled(edge2, q))
-        write_vertex(polygon, corner, scaled(vertex, scale))
-    limit_s, limit_t = pick(a.half_extents, i1) * scale, pick(a.half_extents, i2) * scale
-    return _clip_to_rectangle(polygon, 4, limit_s, limit_t, spare)
-
-
-@njit
-def _clip_to_rectangle(
+def clip_to_rectangle(
     polygon: Floats, count: int, limit_s: float, limit_t: float, spare: Floats
 ) -> int:
     """Clip to abs(s), abs(t) within the limits; return the number of vertices left."""

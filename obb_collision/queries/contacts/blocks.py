@@ -1,0 +1,175 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Contact patches of many pairs, a block of pairs at a time, but for what branches at every vertex.
+
+As in ``verdict.witness_blocks``, on the same blocks: two boxes and their witness in each column.
+"""
+
+from __future__ import annotations
+
+from obb_collision._jit import njit_inlined
+from obb_collision.numerics.vec3 import (
+    components,
+    dot,
+    minus,
+    plus,
+    scaled,
+)
+from obb_collision.queries.contacts.inside import pull
+from obb_collision.queries.contacts.patch import FEATURE_TIE, KEEP
+from obb_collision.queries.verdict.blocks import (
+    AXES_A,
+    AXES_B,
+    EXTENTS_A,
+    EXTENTS_B,
+    OFFSET,
+    axes_in,
+    vector_in,
+    write_in,
+)
+from obb_collision.queries.verdict.pair_frame import Box
+from obb_collision.queries.verdict.sat import rows_of
+from obb_collision.queries.verdict.witness_blocks import NORMAL
+from obb_collision.typing import Axes, Floats, Vector
+
+#: Pairs in a block: their numbers (29 kB) stay in the fastest memory.
+BLOCK = 32
+#: Most points of a pair.
+SLOTS = 8
+#: Least size of a pair, metres: its reciprocal must be finite. Below that a box counts as a point.
+SMALLEST_PAIR = 1e-300
+
+#: Rows of a block, once the witness is there: the incident face laid on the reference face, four
+#: vertices; half extents of the reference face; the size of the pair; from the centre of a to that
+#: of the face, and its two edges; vertices, points, and whether these are in both boxes, per slot.
+QUAD, LIMIT, SIZE, ACROSS, EDGES, VERTEX = 27, 39, 41, 51, 54, 60
+PLACE = VERTEX + 3 * SLOTS
+SETTLED = PLACE + 3 * SLOTS
+#: The same of the slot that is being worked on: rows whose places the compiler knows.
+VERTEX_NOW = SETTLED + SLOTS
+PLACE_NOW, SETTLED_NOW, ROWS = VERTEX_NOW + 3, VERTEX_NOW + 6, VERTEX_NOW + 7
+
+
+@njit_inlined
+def lay_faces(block: Floats, count: int) -> None:
+    """Write the face of b that is turned to a as seen on the face of a that is turned to b.
+
+    Vertices are s, t, w as in ``patch``.
+    """
+    for n in range(count):  # without a branch
+        normal = vector_in(block, NORMAL, n)
+        axes_a, axes_b = axes_in(block, AXES_A, n), axes_in(block, AXES_B, n)
+        h, f = vector_in(block, EXTENTS_A, n), vector_in(block, EXTENTS_B, n)
+        size = max((h[0] + h[1] + h[2]) + (f[0] + f[1] + f[2]), SMALLEST_PAIR)
+        across, u, v, h = _turned(normal, axes_a, h)
+        across_b, u_b, v_b, f = _turned(normal, axes_b, f)
+        up = dot(normal, across)
+        up = up if up != 0.0 else 1.0  # without a normal: such pairs are apart
+        side = h[0] if up >= 0.0 else -h[0]
+        side_b = -f[0] if dot(normal, across_b) >= 0.0 else f[0]
+        # s, t, w of a vector are its dot products with these three
+        plane = (
+            minus(u, scaled(across, dot(normal, u) / up)),
+            minus(v, scaled(across, dot(normal, v) / up)),
+            (across[0] / up, across[1] / up, across[2] / up),
+        )
+        middle = plus(vector_in(block, OFFSET, n), scaled(across_b, side_b))
+        middle = components(plane, minus(middle, scaled(across, side)))
+        edge1 = components(plane, scaled(u_b, f[1]))
+        edge2 = components(plane, scaled(v_b, f[2]))
+        scale = 1.0 / size
+        left, right = minus(middle, edge1), plus(middle, edge1)
+        write_in(block, QUAD, n, scaled(minus(left, edge2), scale))
+        write_in(block, QUAD + 3, n, scaled(minus(right, edge2), scale))
+        write_in(block, QUAD + 6, n, scaled(plus(right, edge2), scale))
+        write_in(block, QUAD + 9, n, scaled(plus(left, edge2), scale))
+        block[LIMIT, n], block[LIMIT + 1, n] = h[1] * scale, h[2] * scale
+        block[SIZE, n] = size
+        write_in(block, ACROSS, n, scaled(across, side))
+        write_in(block, EDGES, n, u)
+        write_in(block, EDGES + 3, n, v)
+
+
+@njit_inlined
+def _turned(normal: Vector, axes: Axes, extents: Vector) -> tuple[Vector, Vector, Vector, Vector]:
+    """Return the three axes of a box and its extents, that first which is along the normal."""
+    x, y, z = components(axes, normal)
+    x, y, z = abs(x), abs(y), abs(z)
+    enough = max(x, y, z) - FEATURE_TIE
+    first, second = x >= enough, y >= enough
+    p, q, r = rows_of(axes)
+    p, q, r = _rolled(first, second, p), _rolled(first, second, q), _rolled(first, second, r)
+    return (*rows_of((p, q, r)), _rolled(first, second, extents))
+
+
+@njit_inlined
+def _rolled(first: bool, second: bool, v: Vector) -> Vector:
+    """Return v from its first component on, from its second or its third, round and round."""
+    return (
+        _chosen(first, second, v),
+        _chosen(first, second, (v[1], v[2], v[0])),
+        _chosen(first, second, (v[2], v[0], v[1])),
+    )
+
+
+@njit_inlined
+def _chosen(first: bool, second: bool, v: Vector) -> float:
+    """Return a component: one number at a time, for LLVM makes branches of more."""
+    later = v[1] if second else v[2]
+    return v[0] if first else later
+
+
+@njit_inlined
+def place_points(block: Floats, count: int, slot: int) -> None:
+    """Write the points of a slot, halfway between the faces, moved into both boxes.
+
+    In two rounds of ``move_into_both``, after which nearly all are settled.
+    """
+    for k in range(3):
+        for n in range(count):
+            block[VERTEX_NOW + k, n] = block[VERTEX + 3 * slot + k, n]
+    _pull_points(block, count)
+    for n in range(count):
+        block[SETTLED + slot, n] = block[SETTLED_NOW, n]
+    for k in range(3):
+        for n in range(count):
+            block[PLACE + 3 * slot + k, n] = block[PLACE_NOW + k, n]
+
+
+@njit_inlined
+def _pull_points(block: Floats, count: int) -> None:
+    for n in range(count):  # without a branch
+        a = Box((0.0, 0.0, 0.0), axes_in(block, AXES_A, n), vector_in(block, EXTENTS_A, n))
+        d = vector_in(block, OFFSET, n)
+        b = Box(d, axes_in(block, AXES_B, n), vector_in(block, EXTENTS_B, n))
+        most = KEEP * block[SIZE, n]
+        point, _ = pull(point_at(block, VERTEX_NOW, n), a)
+        point, moved = pull(minus(point, d), b)
+        first, settled = plus(point, d), moved <= most
+        point, _ = pull(first, a)
+        point, moved = pull(minus(point, d), b)
+        second = plus(point, d)
+        block[SETTLED_NOW, n] = 1.0 if settled or moved <= most else 0.0
+        for k in range(3):
+            block[PLACE_NOW + k, n] = first[k] if settled else second[k]
+
+
+@njit_inlined
+def point_at(block: Floats, vertex: int, n: int) -> Vector:
+    """Return the point of a vertex halfway between the faces, from the centre of a."""
+    s, t, w = scaled(vector_in(block, vertex, n), block[SIZE, n])
+    u, v = vector_in(block, EDGES, n), vector_in(block, EDGES + 3, n)
+    point = plus(plus(vector_in(block, ACROSS, n), scaled(u, s)), scaled(v, t))
+    return plus(point, scaled(vector_in(block, NORMAL, n), 0.5 * w))
