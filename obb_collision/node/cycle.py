@@ -92,8 +92,8 @@ class Cycle:
             if waited:
                 took = perf_counter() - start
                 self.delay = waited + took
-                newest = self._objects.newest_stamp(now)
-                self.monitor.add_delay(waited + took, (now - newest) / NANOSECONDS + took)
+                age = (now - self._last_stamp) / NANOSECONDS
+                self.monitor.add_delay(waited + took, age + took)
         else:
             self._outputs.publish_namespaces(self._objects.table.namespaces)
         self.monitor.add(stages, 1.0 / self._parameters.rate)

@@ -35,7 +35,7 @@ from std_msgs.msg import Bool, Header
 
 from obb_collision.node.diagnostics.answer import COLLIDING, FREE, UNKNOWN
 from obb_collision.node.diagnostics.qos import overridable
-from obb_collision.node.messages.clouds import cloud_to_ros
+from obb_collision.node.messages.clouds import cloud_to_bytes
 from obb_collision.node.messages.conversions import stamp_from_ros
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.runtime.running import run
@@ -153,7 +153,9 @@ class MergerNode(Node):
         packed = np.zeros(len(rows), cloud.dtype)  # what is between the fields is 0, too
         for name in rows.dtype.names:
             packed[name] = rows[name]
-        self._publishers_of[cloud.name].publish(cloud_to_ros(packed, header, cloud.point_fields))
+        stamp, frame = stamp_from_ros(header.stamp), header.frame_id
+        data = cloud_to_bytes(packed, stamp, frame, cloud.field_bytes)
+        self._publishers_of[cloud.name].publish(data)
         if cloud is COLLISIONS:
             self._joined_at, self._pairs = monotonic(), len(rows)
             self._publish_status(changes_only=True)

@@ -59,7 +59,7 @@ def boxes_from_ros(
     Raises RefusedError ("field layout", "too many points").
     """
     namespaces, ids, values = _rows_from_ros(message, (*POSE_FIELDS, *SIZE_FIELDS), most)
-    return namespaces, ids, values[:, :7], values[:, 7:]
+    return namespaces, ids, values[:, :7].copy(), values[:, 7:].copy()
 
 
 def _rows_from_ros(

@@ -75,7 +75,8 @@ def put_primitives(
         slots[other] = _put_bodies(
             shapes, slots[other], namespaces[other], ids[other], kinds[other], sizes[other]
         )
-    shapes.scene.resize_boxes(slots[here], sizes[here])
+    if len(here):
+        shapes.scene.resize_boxes(slots[here], sizes[here])
     fresh = np.flatnonzero(new & cubes)
     if len(fresh):
         names = _names(table, namespaces[fresh], ids[fresh])

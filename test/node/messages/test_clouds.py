@@ -28,12 +28,21 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 pytest.importorskip("rclpy")
+from rclpy.serialization import deserialize_message
 from rig import Rig, cube, pose, sync
 from sensor_msgs.msg import PointCloud2, PointField
+from std_msgs.msg import Header
 
 from obb_collision.node import poses_from_ros, poses_to_ros
 from obb_collision.node.messages.bulk_clouds import POSE_FIELDS
-from obb_collision.node.messages.clouds import DATATYPES, points_from_ros
+from obb_collision.node.messages.clouds import (
+    DATATYPES,
+    cloud_to_bytes,
+    cloud_to_ros,
+    field_bytes,
+    points_from_ros,
+)
+from obb_collision.node.messages.conversions import stamp_to_ros
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.messages.names import namespace_number
 
@@ -231,3 +240,17 @@ def test_the_node_refuses_hostile_clouds_and_goes_on(rig: Rig, what: str) -> Non
     rig.send_poses([0, 1], [pose(5.0), pose(5.0)], [namespace_number("a")] * 2)
     assert rig.pairs() == {("a/0", "a/1")}
     assert sync(rig) == {("a/0", "a/1")}
+
+
+@pytest.mark.parametrize("frame", ["", "map", "a/longer_frame", "\N{GREEK SMALL LETTER MU}"])
+@pytest.mark.parametrize("count", [0, 1, 5])
+def test_clouds_that_are_written_as_bytes_are_the_messages(frame: str, count: int) -> None:
+    layout = [("x", "f4"), ("depth", "f8"), ("ns_a", "i4"), ("verdict", "u1"), ("late", "i2")]
+    rows = np.zeros(count, np.dtype(layout, align=True))
+    rows["x"], rows["depth"], rows["late"] = 0.5, np.arange(count) / 3.0, -7
+    for _ in range(2 if count else 1):
+        stamp = 7_000_000_005
+        message = cloud_to_ros(rows, Header(stamp=stamp_to_ros(stamp), frame_id=frame))
+        data = cloud_to_bytes(rows, stamp, frame, field_bytes(rows.dtype))
+        assert deserialize_message(data, PointCloud2) == message
+        rows["x"][:1] = np.nan  # is_dense
