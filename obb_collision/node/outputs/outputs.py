@@ -147,14 +147,17 @@ class Outputs:
         if "collisions" in given.effects:
             self._publish_rows("collisions", COLLISIONS, rows, given.stamp)
         if "events" in given.effects:
-            events = self.events.rows(rows, given, "separations" in given.effects)
-            if events is not None:
-                self._publish_cloud("events", EVENTS, events, given)
+            self._guard.run("output events", lambda: self._publish_events(rows, given))
         if "text" in given.effects:
             names, limit = given.table.namespaces.names, self._parameters.max_text_pairs
             total = (given.report.total, given.report.truncated)
             text = text_from_rows(rows, names, self._header(given.stamp), limit, *total)
             self.publishers["text"].publish(text)
+
+    def _publish_events(self, found: StructuredRows, given: Published) -> None:
+        rows = self.events.rows(found, given, "separations" in given.effects)
+        if rows is not None:
+            self._publish_cloud("events", EVENTS, rows, given)
 
     def publish_markers(self, given: Published) -> None:
         """Publish the boxes, if it is time to and there are subscribers."""

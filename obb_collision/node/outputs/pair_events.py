@@ -111,8 +111,9 @@ class PairEvents:
         """
         collides, depths = self._merge(found)
         deep = collides & ~(depths < limits.begin_distance)  # NaN: not known, which counts
-        begins = self._begin(now, deep, limits, kept=~collides & (not whole))
+        # ends first: should ``part`` raise, no begin is lost
         ends = self._end(now, collides, limits, part, whole)
+        begins = self._begin(now, deep, limits, kept=~collides & (not whole))
         events = self._rows[begins | ends]
         gone = ends | ((self._since == NEVER) & ~self._begun)
         if gone.any():

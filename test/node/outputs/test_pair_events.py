@@ -213,3 +213,16 @@ def test_what_was_not_looked_at_does_not_count_as_apart() -> None:
     pairs.interrupt()
     ends = [len(pairs.update(n * SECOND, rows_of({}), limits, nothing_parts)) for n in (5, 7, 8)]
     assert ends == [0, 0, 1]
+
+
+def test_no_begin_is_lost_where_parting_fails() -> None:
+    pairs = PairEvents(EVENTS.dtype)
+    pairs.update(0, rows_of({0: DEEP}), Limits(), nothing_parts)
+
+    def fails(rows: Any) -> Parted:
+        raise RuntimeError("not today")
+
+    with pytest.raises(RuntimeError):
+        pairs.update(SECOND, rows_of({1: DEEP}), Limits(), fails)
+    events = pairs.update(2 * SECOND, rows_of({1: DEEP}), Limits(), nothing_parts)
+    assert {number(row): row["event"] for row in events} == {0: END, 1: BEGIN}
