@@ -39,7 +39,7 @@ def resident() -> int:
     return pages * 4096
 
 
-@pytest.mark.slow  # two minutes; test_memory_does_not_grow_with_the_steps shows it for fewer
+@pytest.mark.slow  # minutes; test_memory_does_not_grow_with_the_steps shows it for fewer
 @pytest.mark.skipif(sys.platform != "linux", reason="/proc is of Linux")
 def test_memory_is_reused_for_a_million_steps() -> None:
     rng = np.random.default_rng(1)
