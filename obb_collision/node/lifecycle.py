@@ -87,9 +87,14 @@ class ManagedNode(LifecycleNode):
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Undo all after a transition that failed; the next one may do better."""
-        self.release()
-        self.rest(f"; the last transition failed: {self._reason}")
-        return SUCCESS
+        try:
+            self.release()
+            self.rest(f"; the last transition failed: {self._reason}")
+            return SUCCESS
+        except Exception as error:
+            self.get_logger().error("".join(format_exception(error)))
+            self.finish()
+            return ERROR  # finalized
 
     def destroy_node(self) -> None:
         """Destroy the node and its states, which hold the handle of the node and rclpy leaves."""

@@ -329,6 +329,20 @@ def test_what_fails_in_a_transition_leaves_nothing_configured_and_the_next_one_w
         assert rig.pairs() == NAMED
 
 
+def test_a_node_that_cannot_even_be_released_is_finalized(monkeypatch: pytest.MonkeyPatch) -> None:
+    with managed(CONFIGURE, ACTIVATE) as rig:
+
+        def fail(*_: object) -> None:
+            raise KeyError("broken")
+
+        monkeypatch.setattr(rig.node._outputs, "withdraw", fail)
+        monkeypatch.setattr(rig.node, "deactivate", fail)
+        assert not rig.change(DEACTIVATE)
+        assert rig.state() == "finalized"
+        said(rig, UNKNOWN, "shutting down", True)
+        monkeypatch.undo()
+
+
 def test_activated_and_cleaned_up_many_times_it_keeps_nothing(rig: Rig) -> None:
     def held() -> tuple[int, ...]:
         node = rig.node
