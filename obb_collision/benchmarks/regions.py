@@ -25,7 +25,7 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import ExitStack
 from time import perf_counter
 from typing import Any
@@ -276,12 +276,16 @@ def far_costs(objects: int, seed: int, repeats: int = 15) -> dict[str, Any]:
     }
 
 
-def print_table(rows: Sequence[dict[str, Any]]) -> None:
-    """Print rows as a table of Markdown."""
-    print("| " + " | ".join(rows[0]) + " |")
-    print("|" + "---|" * len(rows[0]))
+def print_table(rows: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Print rows as a table of Markdown, each as soon as it is there; return them."""
+    printed: list[dict[str, Any]] = []
     for row in rows:
+        if not printed:
+            print("| " + " | ".join(row) + " |")
+            print("|" + "---|" * len(row))
         print("| " + " | ".join(str(value) for value in row.values()) + " |", flush=True)
+        printed.append(row)
+    return printed
 
 
 @interruptible("obb_collision_regions")
@@ -298,13 +302,12 @@ def main(args: Sequence[str] | None = None) -> int:
     option(parser, "--json", new_file(), None, "write the figures to a file")
     options = parser.parse_args(args)
     costs = far_costs(options.objects, options.seed)
-    print_table([{"region": name, **row} for name, row in costs.items()])
+    print_table({"region": name, **row} for name, row in costs.items())
     print()
-    rows = [
+    rows = print_table(
         measure(options.objects, count, options.seconds, options.halo, options.seed)
         for count in range(1, options.processes + 1)
-    ]
-    print_table(rows)
+    )
     if options.json:
         options.json.write_text(json.dumps({"check": costs, "processes": rows}, indent=1))
     return 0
