@@ -33,6 +33,7 @@ from obb_collision.checks.fuzz.scene_attack import attack_node, attack_reader
 from obb_collision.checks.fuzz.session import Session
 from obb_collision.checks.fuzz.stream import Stream
 from obb_collision.cli import MAX_SEED, Parser, new_file, option, real, whole
+from obb_collision.node.inputs.subscriptions import INPUTS
 from obb_collision.words import shown
 
 LARGEST_DOMAIN = 100
@@ -41,6 +42,8 @@ PROGRESS = 5.0
 BATCH = 100
 """Hostile messages between two probes."""
 MODULE = "obb_collision.checks.fuzz.frames"
+DEPTH = 1000
+"""Messages that a topic of the node queues."""
 PER_NODE = 200
 """Scene files that are read for each that a node is started with."""
 ONLY = re.compile(r"(message|raw|scene):(\d{1,9})(?:-(\d{1,9}))?")
@@ -83,6 +86,15 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
+def queues(namespace: str) -> list[str]:
+    """Return the arguments of a node whose queues lose nothing that is sent to it."""
+    given = []
+    for topic in INPUTS:
+        start = f"qos_overrides.{namespace}/{topic}.subscription"
+        given += ["-p", f"{start}.depth:={DEPTH}", "-p", f"{start}.reliability:=reliable"]
+    return given
+
+
 class Attack:
     """The attack of the options: its parts, one after the other."""
 
@@ -110,9 +122,8 @@ class Attack:
         """Start a node."""
         folders = f"mesh_folders:=[{str(self._folder)!r}]"
         given = ["--ros-args", "-r", f"__ns:={self._namespace}", "-p", folders]
-        self.child = Child(
-            [*given, *arguments, "--ros-args", *self._options.node], self._domain, self._log, MODULE
-        )
+        given += [*queues(self._namespace), *arguments, "--ros-args", *self._options.node]
+        self.child = Child(given, self._domain, self._log, MODULE)
         return self.child
 
     @property

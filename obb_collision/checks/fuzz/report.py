@@ -28,6 +28,7 @@ MORE = 8
 def print_result(result: Result) -> None:
     """Print what was sent and seen."""
     print(f"sent: {result.sent.total()} ({_listed(result.sent)})")
+    print(f"received by the inputs of the node: {_listed(result.received)}")
     print(f"probes answered right: {result.probes.total()} ({_listed(result.probes)})")
     print(
         f"longest time without an answer: {result.longest:.3f} s; "

@@ -69,6 +69,8 @@ class Result:
     late: list[tuple[str, float, float]] = field(default_factory=list)
     """Where one was longer than allowed: the batch, its length and what is allowed."""
     usages: Usages = field(default_factory=Usages)
+    received: Counter[str] = field(default_factory=Counter)
+    """Messages that the node has received, and those that its queues lost."""
     refused: dict[str, int] = field(default_factory=dict)
 
 
@@ -183,6 +185,8 @@ class Session:
         message = client.until(self._child, lambda: client.diagnostics, "diagnostics")
         for status in message.status:
             for pair in status.values:
+                if pair.key in ("messages", "lost"):
+                    self.result.received[pair.key] += int(pair.value)
                 if pair.key.startswith("rejected: "):
                     reason, refused = pair.key.partition(": ")[2], self.result.refused
                     refused[reason] = refused.get(reason, 0) + int(pair.value)
