@@ -24,7 +24,7 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
+from rclpy.node import Node, NodeNameNonExistentError
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import PointCloud2
 
@@ -36,6 +36,7 @@ STARTING = 300.0
 ANSWERING = 20.0
 """Seconds in which anything must be answered; longer means that the node is blocked or blind."""
 NODE = "obb_collision"
+NEEDED = {"list_parameters", "get_parameters", "set_parameters", "clear", "enable"}
 READ = ("collisions", "points", "collision_status", "diagnostics")
 OUTPUTS = {
     topic.name.replace("~", NODE): topic.message
@@ -130,16 +131,22 @@ class Client:
         return bool(states) and not any("ready" in state for state in states)
 
     def services(self) -> dict[str, type]:
-        """Return the types of the node's services, by their names behind that of the node."""
+        """Return the types of the node's services, by their names behind that of the node.
+
+        None of them, while not all that are needed here are known.
+        """
         head, found = f"{self.namespace}/{NODE}/", {}
-        listed = self.node.get_service_names_and_types_by_node(NODE, self.namespace)
+        try:
+            listed = self.node.get_service_names_and_types_by_node(NODE, self.namespace)
+        except NodeNameNonExistentError:  # not discovered yet
+            return {}
         for name, kinds in listed:
             package, _, kind = kinds[0].split("/")
             if name.startswith(head):
                 found[name.removeprefix(head)] = getattr(
                     importlib.import_module(f"{package}.srv"), kind
                 )
-        return found
+        return found if found.keys() >= NEEDED else {}
 
     def call(self, child: Child, kind: Any, name: str, request: Any) -> Any:
         """Call a service of the node."""

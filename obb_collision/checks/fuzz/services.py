@@ -57,7 +57,7 @@ class Services:
 
     def __init__(self, client: Client, child: Child) -> None:
         self._client, self._child = client, child
-        self._kinds = client.services()
+        self._kinds: dict[str, type] = client.until(child, client.services, "services")
         names = self._call("list_parameters", ListParameters.Request()).result.names
         values = self._call("get_parameters", GetParameters.Request(names=names)).values
         self._given = dict(zip(names, values, strict=True))
