@@ -1,0 +1,103 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Overload: messages come faster than cycles run, or wait while one takes long."""
+
+from __future__ import annotations
+
+import pytest
+
+pytest.importorskip("rclpy")
+from rig import Rig, cube, pose
+from shape_markers import triangle
+
+from obb_collision.accuracy import Accuracy
+from obb_collision.node.messages.conversions import stamp_from_ros
+
+A1, A2 = ("a", 1), ("a", 2)
+FLOOD = 300
+"""Messages of a topic that arrive while nobody reads: more than any queue holds but that of poses
+one by one."""
+
+
+@pytest.mark.parametrize("topic", ["objects", "object_transform", "object_states", "object_poses"])
+def test_the_first_cycle_after_a_flood_has_the_newest_state(topic: str, rig: Rig) -> None:
+    rig.send(cube(A1), cube(A2, (9, 0, 0)))
+    rig.answer()
+    for step in range(FLOOD):  # the executor is at rest: all of them wait, or are lost
+        place = pose(0.5 if step == FLOOD - 1 else 9.0 + step)
+        if topic == "objects":
+            rig.send(cube(A2, place[:3]))
+        elif topic == "object_transform":
+            rig.send_transform("a/2", place)
+        elif topic == "object_states":
+            rig.send_states(["a/2"], [place])
+        else:
+            rig.send_poses([2], [place])
+    cycle, seen = rig.node.cycle, list[int]()
+    run = cycle._check
+
+    def record(now: int) -> dict[str, float]:
+        result = run(now)
+        seen.append(rig.node.objects.newest_stamp(now))
+        return result
+
+    cycle._check = record  # type: ignore[method-assign]
+    rig.until(lambda: rig.stamp in seen, "the newest state")
+    assert seen.index(rig.stamp) <= 1, "no cycle for states between, but one that began before"
+    assert rig.pairs() == {("a/1", "a/2")}
+    assert stamp_from_ros(rig.last["collisions"].header.stamp) == rig.stamp
+    monitor = rig.monitor(topic)
+    sent = FLOOD + (1 if topic == "objects" else 0)
+    assert monitor.messages + monitor.lost <= sent
+    assert monitor.superseded >= monitor.messages - 3, "what was taken and not used is counted"
+
+
+def test_states_that_come_in_a_long_cycle_are_answered_by_the_next(rig: Rig) -> None:
+    rig.send(cube(A1), cube(A2, (9, 0, 0)))
+    rig.answer()
+    cycle, sent = rig.node.cycle, list[int]()
+    run, stamps = cycle._check, list[int]()
+
+    def flood_and_run(now: int) -> dict[str, float]:
+        if not sent:  # as if this cycle took as long as these take to come
+            for step in range(50):
+                rig.send_transform("a/2", pose(0.5 if step == 49 else 9.0))
+            sent.append(rig.stamp)
+        result = run(now)
+        stamps.append(rig.node.objects.newest_stamp(now))
+        return result
+
+    cycle._check = flood_and_run  # type: ignore[method-assign]
+    rig.until(lambda: len(stamps) >= 3, "cycles")
+    assert stamps[0] < sent[0]
+    assert sent[0] in stamps[1:3], "one cycle later, or two where they had not all come yet"
+
+
+def test_accuracy_is_not_lowered_without_a_budget() -> None:
+    with Rig(accuracy="mesh", rate=1000.0) as rig:
+        rig.send(triangle(A1), triangle(A2, x=0.1))
+        rig.built(A1, A2)
+        rig.until(lambda: levels(rig) == {Accuracy.MESH}, "meshes compared")
+        for step in range(FLOOD):
+            rig.send_transform("a/2", pose(0.1 + 1e-6 * step))
+        rig.answer()
+        assert levels(rig) == {Accuracy.MESH}
+        assert rig.node.cycle.report is not None
+        assert rig.node.cycle.report.cap is None
+
+
+def levels(rig: Rig) -> set[int]:
+    report = rig.node.cycle.report
+    return set() if report is None else set(report.accuracies.tolist())
