@@ -114,6 +114,8 @@ def _boxes() -> None:
     scene.remove("at the origin")
     scene.check()
     _crowds()
+    scene.region = oc.Region((-np.inf,) * 3, (1.0, np.inf, np.inf), 1.0)
+    scene.check()
 
 
 def _bounds() -> None:

@@ -25,6 +25,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import obb_collision as oc
+from obb_collision.queries.verdict.coarse import meeting_bounds
 from obb_collision.scene.store.region import owns
 
 FAR = 0.5
@@ -156,7 +157,7 @@ def test_a_pair_belongs_to_one_region_though_its_point_is_on_the_border() -> Non
     middle = oc.Scene()
     for n, (size, pose) in enumerate(cubes):
         middle.add(str(n), oc.shapes.Box(size), pose)
-    border = float(middle.boxes.centers[1, 0] - 1.0)  # about where the second cube begins
+    border = float(meeting_bounds(middle.boxes)[0][1, 0])  # where their common part begins
     for cut in (np.nextafter(border, -1.0), border, np.nextafter(border, 1.0)):
         ends = [-np.inf, cut, np.inf]
         counts = [
@@ -188,6 +189,18 @@ def test_what_stays_away_takes_no_part_and_what_comes_does() -> None:
     scene.move("box/2", [50.5, 0, 0, 0, 0, 0, 1])
     assert scene.check().names() == [("box/1", "box/2")]
     assert scene.indices_near.tolist() == [0, 1, 2]
+
+
+def test_what_comes_by_its_twist_from_far_beyond_the_halo_is_predicted_once() -> None:
+    cubes = [([1, 1, 1], np.array([x, 0, 0, 0, 0, 0, 1.0])) for x in (-1.0, 20.0)]
+    whole = scene_of(cubes, None)
+    scenes = [
+        scene_of(cubes, region) for region in oc.split_regions([-5] * 3, [5] * 3, (2, 1, 1), FAR)
+    ]
+    for scene in (whole, *scenes):
+        scene.set_twist("box/1", [-30.0, 0, 0, 0, 0, 0])
+    check_union(whole, scenes)
+    assert [len(scene.check().swept.predicted) for scene in (whole, *scenes)] == [1, 1, 0]
 
 
 def test_only_objects_far_away_that_move_leave_the_report_as_it_is() -> None:

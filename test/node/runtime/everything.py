@@ -74,6 +74,8 @@ CHANGES: tuple[tuple[str, Any], ...] = (
     ("effects.points_margin", 0.1),
     ("marker_form", "lines"),
     ("stale_policy", "ignore"),
+    ("region", ["x: -inf to 0.5"]),
+    ("region", [""]),
     ("max_pairs", 3),
 )
 
