@@ -309,7 +309,7 @@ def isolated(
     while waiting:
         part = waiting.pop()
         try:
-            table = compute(pairs[part])
+            table = compute(pairs if len(part) == len(pairs) else pairs[part])
         except Exception as error:  # whatever it is, other pairs go on
             if len(part) > 1 and len(failures) < MOST_FAILURES:
                 half = len(part) // 2
