@@ -20,7 +20,7 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import IO, NamedTuple
 
@@ -40,16 +40,21 @@ NODE = "obb_collision.node.node"
 
 
 class Child:
-    """A node's process; its output goes to ``log``. module: what is run."""
+    """A node's process; its output goes to ``log``. module: what is run; more: environment."""
 
     def __init__(
-        self, arguments: Sequence[str], domain: int, log: Path, module: str = NODE
+        self,
+        arguments: Sequence[str],
+        domain: int,
+        log: Path,
+        module: str = NODE,
+        more: Mapping[str, str] | None = None,
     ) -> None:
         self.log = log
         self._output: IO[bytes] = log.open("wb")
         self._process = subprocess.Popen(
             [sys.executable, "-m", module, *arguments],
-            env={**os.environ, "ROS_DOMAIN_ID": str(domain)},
+            env={**os.environ, **(more or {}), "ROS_DOMAIN_ID": str(domain)},
             stdin=subprocess.DEVNULL,
             stdout=self._output,
             stderr=subprocess.STDOUT,

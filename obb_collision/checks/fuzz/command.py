@@ -44,6 +44,14 @@ BATCH = 100
 MODULE = "obb_collision.checks.fuzz.frames"
 DEPTH = 1000
 """Messages that a topic of the node queues."""
+PROFILE = """<?xml version="1.0" encoding="UTF-8" ?>
+<dds xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles"><profiles>
+<data_writer profile_name="writer" is_default_profile="true">
+<historyMemoryPolicy>DYNAMIC</historyMemoryPolicy></data_writer>
+<data_reader profile_name="reader" is_default_profile="true">
+<historyMemoryPolicy>DYNAMIC</historyMemoryPolicy></data_reader>
+</profiles></dds>
+"""
 PER_NODE = 200
 """Scene files that are read for each that a node is started with."""
 ONLY = re.compile(r"(message|raw|scene):(\d{1,9})(?:-(\d{1,9}))?")
@@ -95,6 +103,20 @@ def queues(namespace: str) -> list[str]:
     return given
 
 
+def releasing(folder: Path) -> dict[str, str]:
+    """Return the environment of a node whose middleware releases the memory of messages.
+
+    By default Fast DDS keeps for each place in a queue the memory of the largest message that it
+    had: bounded, but as much as a leak of the node would be.
+    """
+    profile = folder / "middleware.xml"
+    profile.write_text(PROFILE)
+    return {
+        "FASTRTPS_DEFAULT_PROFILES_FILE": str(profile),
+        "RMW_FASTRTPS_USE_QOS_FROM_XML": "1",
+    }
+
+
 class Attack:
     """The attack of the options: its parts, one after the other."""
 
@@ -123,7 +145,7 @@ class Attack:
         folders = f"mesh_folders:=[{str(self._folder)!r}]"
         given = ["--ros-args", "-r", f"__ns:={self._namespace}", "-p", folders]
         given += [*queues(self._namespace), *arguments, "--ros-args", *self._options.node]
-        self.child = Child(given, self._domain, self._log, MODULE)
+        self.child = Child(given, self._domain, self._log, MODULE, releasing(self._folder))
         return self.child
 
     @property
