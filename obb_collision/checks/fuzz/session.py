@@ -15,9 +15,9 @@
 """One attack: hostile messages in batches, and after each batch a probe that must be answered.
 
 The longest time between two answers of the node is read from the times at which it published them,
-and compared with what is allowed: its period, the bound on blocking, a share for each megabyte that
-the batch sent, and for how long its threads were ready meanwhile and got no processor: what the
-machine's other work costs.
+and compared with what is allowed: its period, the bound on blocking, a share for each megabyte of
+this batch and the one before, which may still be on its way, and for how long its threads were
+ready meanwhile and got no processor: what the machine's other work costs.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ from obb_collision.node.topics.topics import collisions_from_ros, points_inside_
 PERIOD = 0.02
 """Seconds between two answers by the node's default rate."""
 PER_MEGABYTE = 0.1
-"""Seconds that the node may be blocked in addition per megabyte that a batch has sent."""
+"""Seconds that the node may be blocked in addition per megabyte of a batch and the one before."""
 WAITING = 2
 """Threads that may wait for a processor one after the other: the cycle for the middleware."""
 LARGE = 1_000_000
@@ -83,6 +83,7 @@ class Session:
         self._seed, self._stream, self._client, self._child = seed, stream, client, child
         self._bound = bound
         self._probes = Probes(stream.messages)
+        self._size = 0  # bytes of the batch before
         self.result = Result()
         client.wait_for_start(child)
         self._services = Services(client, child)
@@ -102,7 +103,8 @@ class Session:
         if random.random() < REQUESTS:
             self.result.sent[f"service {self._services.attack(random)}"] += 1
         self._probe(random, full)
-        self._measure(name, size, before)
+        self._measure(name, size + self._size, before)
+        self._size = size
 
     def _measure(self, name: str, size: int, before: dict[str, float]) -> None:
         """Note how long the node was blocked, and what it uses."""
