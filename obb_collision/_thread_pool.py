@@ -38,6 +38,7 @@ class ThreadPool:
     """
 
     def __init__(self, number: int) -> None:
+        self.size = number
         self._call: Callable[[], None] | None = None
         self._in_use = threading.Lock()
         self._closed = False

@@ -51,17 +51,16 @@ class _Threads:
         """In a forked process: threads are not copied, and the lock may be."""
         self.pool, self.lock = None, threading.Lock()
 
-    def set(self, number: int) -> None:
-        with self.lock:
-            if self.pool is not None:
-                self.pool.close()
-            self.number, self.pool = number, None
-
     def workers(self) -> ThreadPool:
-        pool = self.pool
-        if pool is None:
+        """Return a pool of as many threads as are wanted besides the calling one, or more."""
+        pool, wanted = self.pool, threads() - 1
+        if pool is None or pool.size < wanted:
             with self.lock:
-                pool = self.pool = self.pool or ThreadPool(threads() - 1)
+                pool = self.pool
+                if pool is None or pool.size < wanted:
+                    if pool is not None:
+                        pool.close()
+                    pool = self.pool = ThreadPool(wanted)
         return pool
 
 
@@ -120,7 +119,7 @@ def set_threads(number: int | None) -> int:
     True
     """
     used = _default_number() if number is None else _checked(number, "number")
-    _threads.set(used)
+    _threads.number = used
     return used
 
 

@@ -42,7 +42,7 @@ from obb_collision.scene.building.shape_cache import ShapeCache
 from obb_collision.scene.few import FEW, few_pairs
 from obb_collision.scene.findings import Findings, Layout
 from obb_collision.scene.limit import find_limited, most_candidates
-from obb_collision.scene.merging import merge_pairs, unchanged_pairs
+from obb_collision.scene.merging import merge_pairs
 from obb_collision.scene.refinement.budget import Budget
 from obb_collision.scene.refinement.ladder import NONE, Found, decide_pairs, pair_levels
 from obb_collision.scene.store.allowed import AllowedPairs
@@ -51,6 +51,7 @@ from obb_collision.scene.store.region import Region, boxes_near, owns_pairs
 from obb_collision.scene.store.store import ObjectStore
 from obb_collision.typing import Floats, Mask, Rows
 
+NO_ROWS = np.empty(0, np.bool_)
 #: With fewer than one object in this many changed, only pairs of the changed ones are looked at.
 INCREMENTAL_SHARE = 8
 #: Rows below which a second thread doesn't pay: 20 us of bounds.
@@ -204,19 +205,21 @@ class Checker:
         candidates = self._candidates(self._update_bounds())
         if candidates is None:
             return None
-        kept, waiting = unchanged_pairs(last.pairs, store.changed), NONE
+        again, waiting = NO_ROWS, NONE
         if last.behind:
-            waits = kept & (last.accuracies < pair_levels(store, *columns(last.pairs)))
-            waiting = last.pairs[waits], last.verdicts[waits], last.accuracies[waits]
-            kept &= ~waits
+            again = last.accuracies < pair_levels(store, *columns(last.pairs))
+            again &= ~store.changed[last.pairs].any(axis=1)
+            waiting = last.pairs[again], last.verdicts[again], last.accuracies[again]
         new, behind = self._decide(candidates, depth, exact, budget, waiting)
-        count = np.count_nonzero(kept) + len(new[0])
+        most = len(last.pairs) + len(new[0])
+        pairs, old = np.empty((most, 2), np.int64), np.empty(most, np.int64)
+        verdicts, levels = np.empty(most, np.int8), np.empty(most, np.int8)
+        outputs = pairs, verdicts, levels, old
+        count = merge_pairs(*last.found, store.changed, again, *new, *outputs)
         if self.limit is not None and count > self.limit:
             return None
-        pairs, old = np.empty((count, 2), np.int64), np.empty(count, np.int64)
-        verdicts, levels = np.empty(count, np.int8), np.empty(count, np.int8)
-        merge_pairs(*last.found, kept, *new, pairs, verdicts, levels, old)
-        return Findings(pairs, verdicts, levels, behind, old=old)
+        found = pairs[:count], verdicts[:count], levels[:count]
+        return Findings(*found, behind, old=old[:count])
 
     def _decide(
         self, candidates: Pairs, depth: int, exact: bool, budget: Budget | None,

@@ -19,41 +19,40 @@ from __future__ import annotations
 import numpy as np
 
 from obb_collision._jit import njit
-from obb_collision.typing import Mask
-
-
-@njit
-def unchanged_pairs(pairs: np.ndarray, changed: np.ndarray) -> Mask:
-    """Return (m,) whether neither of the slots of pairs (m, 2) is changed."""
-    same = np.empty(len(pairs), np.bool_)
-    for n in range(len(pairs)):
-        same[n] = not (changed[pairs[n, 0]] or changed[pairs[n, 1]])
-    return same
 
 
 @njit
 def merge_pairs(
-    pairs: np.ndarray, verdicts: np.ndarray, levels: np.ndarray, kept: np.ndarray,
-    new_pairs: np.ndarray, new_verdicts: np.ndarray, new_levels: np.ndarray,
+    pairs: np.ndarray, verdicts: np.ndarray, levels: np.ndarray, changed: np.ndarray,
+    again: np.ndarray, new_pairs: np.ndarray, new_verdicts: np.ndarray, new_levels: np.ndarray,
     out_pairs: np.ndarray, out_verdicts: np.ndarray, out_levels: np.ndarray, old: np.ndarray,
-) -> None:  # fmt: skip
-    """Write the rows that are kept and the new ones in order, both sorted, with no pair in both.
+) -> int:  # fmt: skip
+    """Write the pairs that stay and the new ones in order, both sorted; return how many there are.
 
-    old: the row each pair had, -1 for a new one.
+    Those stay of whose slots neither is changed, and which are not decided again: again (m,), or
+    empty for none. old: the row each pair had, -1 for a new one.
     """
-    before, new = 0, 0
-    for n in range(len(old)):
-        while before < len(pairs) and not kept[before]:
-            before += 1
-        take_old = before < len(pairs)
-        if take_old and new < len(new_pairs):
+    before, new, count = 0, 0, 0
+    while before < len(pairs) or new < len(new_pairs):
+        if before < len(pairs):
             i, j = pairs[before, 0], pairs[before, 1]
-            take_old = i < new_pairs[new, 0] or (i == new_pairs[new, 0] and j < new_pairs[new, 1])
+            if changed[i] | changed[j] or (len(again) > 0 and again[before]):
+                before += 1
+                continue
+            take_old = new == len(new_pairs) or (
+                i < new_pairs[new, 0] or (i == new_pairs[new, 0] and j < new_pairs[new, 1])
+            )
+        else:
+            take_old = False
         if take_old:
-            out_pairs[n, 0], out_pairs[n, 1] = pairs[before, 0], pairs[before, 1]
-            out_verdicts[n], out_levels[n], old[n] = verdicts[before], levels[before], before
+            out_pairs[count, 0], out_pairs[count, 1] = i, j
+            out_verdicts[count], out_levels[count] = verdicts[before], levels[before]
+            old[count] = before
             before += 1
         else:
-            out_pairs[n, 0], out_pairs[n, 1] = new_pairs[new, 0], new_pairs[new, 1]
-            out_verdicts[n], out_levels[n], old[n] = new_verdicts[new], new_levels[new], -1
+            out_pairs[count, 0], out_pairs[count, 1] = new_pairs[new, 0], new_pairs[new, 1]
+            out_verdicts[count], out_levels[count] = new_verdicts[new], new_levels[new]
+            old[count] = -1
             new += 1
+        count += 1
+    return count

@@ -30,6 +30,7 @@ def print_result(result: Result) -> None:
     print(f"sent: {result.sent.total()} ({_listed(result.sent)})")
     print(f"received by the inputs of the node: {_listed(result.received)}")
     print(f"probes answered right: {result.probes.total()} ({_listed(result.probes)})")
+    print(f"sets of boxes sent again, after hostile ones with later stamps: {result.again}")
     print(
         f"longest time without an answer: {result.longest:.3f} s; "
         f"{len(result.late)} times longer than allowed"

@@ -160,12 +160,11 @@ def columns(pairs: Pairs) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
 def colliding_pairs(boxes: Boxes, candidates: Pairs, exact: bool = False) -> tuple[Pairs, Verdicts]:
     """Return the candidates (m, 2) that are not SEPARATE, sorted, and their verdicts."""
     parts = ranges(len(candidates), FEWEST_PAIRS)
-    if len(parts) > 1:
-        colliding_keys(boxes, NO_PAIRS)  # see ``_threads.run``
-    keys = run_parts(
-        lambda part: colliding_keys(boxes, candidates[slice(*parts[part])]), len(parts)
-    )
-    return pairs_of_keys(boxes, keys[0] if len(keys) == 1 else np.concatenate(keys), exact)
+    if len(parts) == 1:
+        return pairs_of_keys(boxes, colliding_keys(boxes, candidates), exact)
+    colliding_keys(boxes, NO_PAIRS)  # see ``_threads.run``
+    keys = run_parts(lambda k: colliding_keys(boxes, candidates[slice(*parts[k])]), len(parts))
+    return pairs_of_keys(boxes, np.concatenate(keys), exact)
 
 
 def colliding_keys(boxes: Boxes, candidates: Pairs) -> NDArray[np.int64]:

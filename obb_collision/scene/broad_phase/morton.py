@@ -32,7 +32,7 @@ AXIS_BITS = 21
 #: Code of what is empty: behind all others.
 BITS = 3 * AXIS_BITS
 #: Bits of a code beyond those that number the boxes: what shares a cell is sorted once more.
-SPARE_BITS = 3
+SPARE_BITS = 2
 #: Most boxes of one cell.
 CELL = 8
 #: Sides shorter than this are taken as none: their reciprocals might overflow.

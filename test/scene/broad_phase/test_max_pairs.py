@@ -190,7 +190,7 @@ def test_a_budget_and_a_limit_together_lose_no_object_that_collides() -> None:
     clock = itertools.count(0.0, 1e-4)
     scene = crowd(3, "mesh", max_pairs=40, time_budget=Budget(0.01, lambda: next(clock)))
     for _ in range(10):
-        scene.padding = scene.padding  # all count as changed
+        scene.padding, scene.padding = 0.5, 0.0  # all count as changed
         report = scene.check()
         assert report.truncated
         assert len(report) == 40

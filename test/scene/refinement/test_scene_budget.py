@@ -101,7 +101,7 @@ def test_a_scene_at_rest_is_refined_until_nothing_is_left_behind(
     scene, move = crowd(60)
     expected = scene.check()
     scene.time_budget = Budget(20 * COSTS[MESH], ticking.clock)
-    scene.padding = scene.padding  # all count as changed
+    scene.padding, scene.padding = 0.5, 0.0  # all count as changed
     counts, levels = [], []
     for _ in range(100):
         report = scene.check()
@@ -130,7 +130,7 @@ def test_a_budget_may_come_and_go(monkeypatch: pytest.MonkeyPatch) -> None:
     assert expected.cap is None
     scene.time_budget = Budget(1e-6, ticking.clock)
     assert scene.time_budget == 1e-6
-    scene.padding = scene.padding  # all count as changed
+    scene.padding, scene.padding = 0.5, 0.0  # all count as changed
     assert (scene.check().accuracies == OBB).all()
     scene.time_budget = None
     report = scene.check()
