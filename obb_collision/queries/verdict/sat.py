@@ -163,7 +163,7 @@ def projected_radius(n: Vector, axes: Axes, extents: Vector) -> float:
 
 @njit
 def unit_axis(pair: Pair, number: int) -> Vector:
-    """Return the unit vector of an axis in the frame of a, from a to b."""
+    """Return the unit vector of an axis in the frame of a, from a to b; NaN of parallel edges."""
     if number < 3:
         n = replaced((0.0, 0.0, 0.0), number, 1.0)
     elif number < 6:
@@ -178,6 +178,8 @@ def unit_axis(pair: Pair, number: int) -> Vector:
         else:
             n = -u[1], u[0], 0.0
         norm = math.sqrt(dot(n, n))
+        if norm == 0.0:
+            return math.nan, math.nan, math.nan
         n = n[0] / norm, n[1] / norm, n[2] / norm
     return negated(n) if dot(n, pair.d) < 0.0 else n
 
