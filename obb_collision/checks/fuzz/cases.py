@@ -112,7 +112,9 @@ def _wide_offset(message: PointCloud2, random: Random) -> None:
 
 
 def _wrong_rows(message: PointCloud2, random: Random) -> None:
-    message.row_step = random.choice((1, message.row_step - 1, message.row_step + 1, LARGEST))
+    message.row_step = random.choice(
+        (1, max(0, message.row_step - 1), message.row_step + 1, LARGEST)
+    )
     message.height = random.choice((1, 2, LARGEST))
 
 
