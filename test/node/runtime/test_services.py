@@ -72,7 +72,8 @@ def test_a_request_that_fails_takes_no_other_with_it(
             raised.append(error)
         return bool(raised) and future.done()
 
-    rig.until(answered, "the other answer")
+    # not rig.until, which would get the error; a turn takes 0.05 s at most
+    assert any(answered() for _ in range(400)), "no other answer"
     result: Any = future.result()
     assert result.available_transitions
 
