@@ -76,7 +76,7 @@ from obb_collision.words import shown
 LIMITS = (4, 8)
 
 #: Pairs below which a second thread does not pay: 100 us or so.
-FEWEST_PAIRS = 256
+FEWEST_PAIRS = 200
 
 
 @dataclass(frozen=True, eq=False)
