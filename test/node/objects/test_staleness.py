@@ -160,7 +160,7 @@ def test_a_grown_box_contains_the_object_however_it_moved_and_turned() -> None:
         points = rng.uniform(-0.5, 0.5, (30, 3)) * size + rng.uniform(-1.0, 1.0, 3)
         faces = rng.integers(0, 30, (20, 3))
         rig.slots = np.array([rig.objects.shapes.put(A1, Mesh(points, faces), (), None)])
-        start = np.append(rng.uniform(-5.0, 5.0, 3), Rotation.random(rng).as_quat())
+        start = np.append(rng.uniform(-5.0, 5.0, 3), Rotation.random(None, rng).as_quat())
         twist = rng.uniform(-2.0, 2.0, 6)
         rig.objects.states.store(rig.slots, start[None], State("", 0, rig.now), twist[None])
         rig.cycle()
