@@ -199,12 +199,13 @@ class Bench:
         return time.monotonic() - start
 
     def probes(self, seconds: float) -> float:
-        """Probe for some time; returns the longest time between two answers of the node."""
+        """Probe for some time; returns the longest time without an answer of the node."""
         self.answers.clear()
+        start = time.time()
         end = time.monotonic() + seconds
         while time.monotonic() < end:
             self.probe()
-        times = [at for at, _ in self.answers]
+        times = [start, *(at for at, _ in self.answers), time.time()]
         return max(after - before for before, after in pairwise(times))
 
     def send(self, markers: Iterable[Marker]) -> None:
