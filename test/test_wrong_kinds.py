@@ -219,8 +219,8 @@ FUNCTIONS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "Scene.check": (scene().check, {"effects": ["contacts"]}),
     "Region": (oc.Region, {"minimum": [0] * 3, "maximum": [1] * 3, "halo": 1.0}),
     "RegionMerger": (oc.RegionMerger, {"regions": ["west", "east"], "timeout": 0.5}),
-    "RegionMerger.hear": (
-        oc.RegionMerger(["west"]).hear, {"region": "west", "objects": 3, "now": 1.0}
+    "RegionMerger.mark_alive": (
+        oc.RegionMerger(["west"]).mark_alive, {"region": "west", "objects": 3, "now": 1.0}
     ),
     "RegionMerger.missing": (oc.RegionMerger(["west"]).missing, {"now": 1.0}),
     "RegionMerger.take": (

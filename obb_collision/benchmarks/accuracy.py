@@ -86,24 +86,24 @@ class Size:
 
 def run(seconds: float, seed: int, size: Size, bar: Progress) -> Result:
     """Measure everything in about ``seconds``."""
-    bar.tell("compiling")
+    bar.show("compiling")
     boxes, generated = box_corpus(size.bodies, seed), generated_corpus(seed)
     _warm_up(generated, seed)
     bar.leave(LEAST_SHARE * seconds)
-    bar.tell("reading real meshes")
+    bar.show("reading real meshes")
     real = real_corpus(SHARES["reading"] * bar.left)
     result = Result()
-    bar.tell("fits")
-    result.fits = measure_fits([generated, real], SHARES["fits"] * bar.left, bar.tell)
+    bar.show("fits")
+    result.fits = measure_fits([generated, real], SHARES["fits"] * bar.left, bar.show)
     sets = pair_sets(boxes, size.bodies, size.hard, seed)
-    result.floats = measure_floats(sets, SHARES["floats"] * bar.left, bar.tell)
+    result.floats = measure_floats(sets, SHARES["floats"] * bar.left, bar.show)
     corpora = [(boxes, SHARES["boxes"]), (generated, 1.0 - SHARES["real"]), (real, 1.0)]
     for corpus, share in corpora:
         if not corpus.shapes:
             result.prices.append(Price(corpus.name, corpus.note, 0, 0))
             continue
         plan = Plan(size.bodies, size.pairs, size.timed, share * bar.left)
-        result.prices.append(measure(corpus, plan, seed, bar.tell))
+        result.prices.append(measure(corpus, plan, seed, bar.show))
     return result
 
 

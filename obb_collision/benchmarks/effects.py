@@ -165,11 +165,11 @@ def _row(
     )
 
 
-def run_effects(seconds: float, tell: Callable[[str], None]) -> list[EffectRow]:
+def run_effects(seconds: float, show: Callable[[str], None]) -> list[EffectRow]:
     """Measure all scenes that come with the package."""
     rows: list[EffectRow] = []
     for name in READY:
-        tell(f"{name} ...")
+        show(f"{name} ...")
         rows += run_scene(name, seconds / len(READY))
     return rows
 

@@ -28,12 +28,12 @@ SIZES, OTHERS = (100, 1_000, 10_000), 500
 SECONDS = 4.0
 
 
-def measure_node(tell: Callable[[str], None]) -> list[dict[str, Any]]:
+def measure_node(show: Callable[[str], None]) -> list[dict[str, Any]]:
     """Return a row per way of sending; one in which a frame has no answer has no times."""
     rows: list[dict[str, Any]] = []
     ways = [(way, objects) for way in MOVING for objects in SIZES]
     for way, objects in [*ways, *((way, OTHERS) for way in NEW)]:
-        tell(f"node: {objects:,} by {way}")
+        show(f"node: {objects:,} by {way}")
         latency = Latency(seed=1)
         try:
             rows.append(latency.measure(way, objects, SECONDS).row)

@@ -166,7 +166,7 @@ class Processes:
         merger = RegionMerger(self._names, timeout=0.5)
         for now in (0.0, 0.25, 0.5):
             for name in self._names:
-                merger.hear(name, len(self._hall.sizes), now)
+                merger.mark_alive(name, len(self._hall.sizes), now)
         start = perf_counter()
         for name in self._names:
             merger.take(name, 1, COLLISIONS.from_ros(self._latest[name]), 0.5)

@@ -83,7 +83,7 @@ def measure(options: argparse.Namespace) -> tuple[list[Row], list[str]]:
     with progress(SECONDS * len(cases)) as bar:
         for done, case in enumerate(cases):
             bar.leave(SECONDS * (len(cases) - done))
-            found, more = run_case(case, [*OURS, *wanted], options.threads, plan, bar.tell)
+            found, more = run_case(case, [*OURS, *wanted], options.threads, plan, bar.show)
             rows += found
             notes += more
     return rows, joined(notes)
@@ -145,7 +145,7 @@ def _run_goals(options: argparse.Namespace) -> None:
         node: MeasureNode | None = None
         if find_spec("rclpy"):
             node = import_module("obb_collision.benchmarks.node_goals").measure_node
-        run = Goals(plan, bar.tell, node)
+        run = Goals(plan, bar.show, node)
         goals = list(run.all())
     table = goal_table(goals)
     print(as_text(table))

@@ -129,7 +129,7 @@ class MergerNode(Node):
         (status,) = message.status[:1] or [DiagnosticStatus(level=UNKNOWN, message="empty status")]
         counts = [pair.value for pair in status.values if pair.key == "objects"]
         if counts and counts[0].isdecimal():
-            self._merger.hear(region, int(counts[0]), monotonic())
+            self._merger.mark_alive(region, int(counts[0]), monotonic())
         self._statuses[region] = status
         self._publish_status(changes_only=True)
 

@@ -307,7 +307,7 @@ class CollisionNode(ManagedNode):
         self._unread = not self.guard.run("inputs", self._subscribed.drain)
         self.guard.run("input objects", self.inputs.markers.apply)
         self.guard.run("input object_boxes", self.inputs.boxes.apply)
-        if self._subscribed.was_heard():
+        if self._subscribed.had_messages():
             self.status.note_input()
         return self._subscribed.take_wait()
 

@@ -33,14 +33,14 @@ MOST_WAITING = 100
 
 
 class Presence:
-    """When a region was heard, and how many objects it held: times in seconds."""
+    """When the last message of a region came, and how many objects it held: times in seconds."""
 
     def __init__(self) -> None:
         self.last = -np.inf
         self.since = np.inf  # has been right since then
         self.counts: list[tuple[float, int]] = []
 
-    def hear(self, objects: int, now: float, timeout: float) -> None:
+    def mark_alive(self, objects: int, now: float, timeout: float) -> None:
         """Note a sign of life."""
         if now - self.last > timeout:
             self.counts.clear()
@@ -74,7 +74,7 @@ class RegionMerger:
     --------
     >>> merger = oc.RegionMerger(["west", "east"], timeout=0.5)
     >>> merger.missing(0.0)
-    {'west': 'never heard', 'east': 'never heard'}
+    {'west': 'no message yet', 'east': 'no message yet'}
     """
 
     def __init__(self, regions: Sequence[str], timeout: float = 0.5) -> None:
@@ -96,7 +96,7 @@ class RegionMerger:
         """How many rows more than one region had, and were left out: their regions overlap."""
         return self._repeated
 
-    def hear(self, region: str, objects: int, now: float) -> None:
+    def mark_alive(self, region: str, objects: int, now: float) -> None:
         """Note that a region is there, and how many objects it has.
 
         Parameters
@@ -116,12 +116,12 @@ class RegionMerger:
         Examples
         --------
         >>> merger = oc.RegionMerger(["west"], timeout=0.5)
-        >>> merger.hear("west", 10, 0.0)
+        >>> merger.mark_alive("west", 10, 0.0)
         >>> merger.missing(0.25)
         {'west': 'back for 0.2 s'}
         """
         number, when = as_whole(objects, "objects"), float(as_array(now, "now", ()))
-        self._presence(region).hear(number, when, self.timeout)
+        self._presence(region).mark_alive(number, when, self.timeout)
         self.missing(when)
 
     def missing(self, now: float) -> dict[str, str]:
@@ -144,9 +144,9 @@ class RegionMerger:
         Examples
         --------
         >>> merger = oc.RegionMerger(["west"], timeout=0.5)
-        >>> merger.hear("west", 10, 0.0)
+        >>> merger.mark_alive("west", 10, 0.0)
         >>> merger.missing(2.0)
-        {'west': 'not heard for 2.0 s'}
+        {'west': 'silent for 2.0 s'}
         """
         when = float(as_array(now, "now", ()))
         found = {name: self._fault(name, when) for name in self._regions}
@@ -185,7 +185,7 @@ class RegionMerger:
         --------
         >>> merger = oc.RegionMerger(["west"], timeout=0.5)
         >>> for now in (0.0, 0.25, 0.5):
-        ...     merger.hear("west", 10, now)
+        ...     merger.mark_alive("west", 10, now)
         >>> rows = np.zeros(1, [("ns", "<i4"), ("id", "<i4")])
         >>> merger.take("west", 1_000_000_000, rows, 0.6).tolist()
         [(0, 0)]
@@ -219,10 +219,10 @@ class RegionMerger:
         """Return why a region is missing, "" if it is not."""
         found = self._regions[region]
         if found.last == -np.inf:
-            return "never heard"
+            return "no message yet"
         if now - found.last > self.timeout:
             found.since = np.inf
-            return f"not heard for {now - found.last:.1f} s"
+            return f"silent for {now - found.last:.1f} s"
         most = max(count for _, count in found.counts)
         others = [
             min(count for _, count in other.counts)

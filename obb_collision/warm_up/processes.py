@@ -155,7 +155,7 @@ class _Worker:
         self._in, self.out = self._process.stdin, self._process.stdout
         self._rest = b""
         self._step: str | None = None
-        self._heard = monotonic()
+        self._last_message = monotonic()
 
     def give(self, waiting: list[str], progress: Progress) -> None:
         """Give the process the next step."""
@@ -170,7 +170,7 @@ class _Worker:
     def take(self, waiting: list[str], progress: Progress) -> bool:
         """Read what the process has written; return whether there may be more."""
         data = os.read(self.out.fileno(), 1 << 16)
-        self._heard = monotonic()
+        self._last_message = monotonic()
         *lines, self._rest = (self._rest + data).split(b"\n")
         for line in lines:
             self._note(json.loads(line), waiting, progress)
@@ -202,7 +202,7 @@ class _Worker:
 
     def hangs(self, patience: float) -> bool:
         """Return whether nothing has come from the process for too long."""
-        return self._step is not None and monotonic() - self._heard > patience
+        return self._step is not None and monotonic() - self._last_message > patience
 
     def give_up(self, patience: float, progress: Progress) -> None:
         """End a process that hangs; its step has failed."""

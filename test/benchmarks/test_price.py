@@ -41,7 +41,7 @@ FEW = Corpus("few", {name: GENERATED.shapes[name] for name in ("table", "washer"
 
 
 def quiet(what: str) -> None:
-    """Tell nobody."""
+    """Show nobody."""
 
 
 @pytest.fixture(scope="module")

@@ -169,9 +169,9 @@ def test_the_command_writes_what_it_measured(
         files.append(tmp_path / "plot.svg")
         end += ["--plot", str(files[-1])]
     assert speed.main([*arguments.split(), *end]) == 0
-    told = capsys.readouterr()
-    assert "forms: 20 boxes, all moving" in told.out
-    assert "20 boxes, line" in told.err
+    text = capsys.readouterr()
+    assert "forms: 20 boxes, all moving" in text.out
+    assert "20 boxes, line" in text.err
     found = json.loads(files[0].read_text())
     names = {row["name"] for row in found["rows"]}
     assert names >= {one.name for one in OURS}
@@ -202,7 +202,7 @@ def test_goals_are_measured_and_one_that_fails_is_said(
     files = [tmp_path / "goals.json", tmp_path / "page.md"]
     arguments = ["--goals", "--seconds", "0.001", "--json", str(files[0])]
     assert speed.main([*arguments, "--markdown", str(files[1])]) == 0
-    told = capsys.readouterr()
+    text = capsys.readouterr()
     found = json.loads(files[0].read_text())["goals"]
     assert len(found) == 6 + 2 + 4 + 1 + 3 + 3
     for goal in found:
@@ -210,7 +210,7 @@ def test_goals_are_measured_and_one_that_fails_is_said(
         absent = "not installed" in goal["measured"]
         assert (goal["met"] is None) == (failed or absent), goal
     assert sum("no such thing" in goal["measured"] for goal in found) == 3
-    assert "10 boxes: move_indices, check, pairs read" in told.out
+    assert "10 boxes: move_indices, check, pairs read" in text.out
     assert "| find_pairs, 20 boxes |" in files[1].read_text()
 
 

@@ -51,7 +51,7 @@ class Run:
         for _ in range(round(seconds / STEP)):
             self.now += STEP
             for name, count in self.objects.items():
-                self.merger.hear(name, count, self.now)
+                self.merger.mark_alive(name, count, self.now)
         return self.merger.missing(self.now)
 
     def take(self, region: str, stamp: int, given: Any, **more: Any) -> Any:
@@ -108,7 +108,7 @@ def test_a_silent_region_is_missing_after_the_timeout_and_back_one_timeout_after
 ) -> None:
     del run.objects["east"]
     assert run.wait(0.4) == {}
-    assert run.wait(0.3) == {"east": "not heard for 0.7 s"}
+    assert run.wait(0.3) == {"east": "silent for 0.7 s"}
     assert run.take("east", 1, rows()) is None
     run.take("west", 1, rows((1, 2)))
     run.objects["east"] = 0
@@ -135,7 +135,7 @@ def test_rows_without_objects_unknown_regions_and_bad_names_are_refused(run: Run
     with pytest.raises(ValueError, match="rows must be"):
         run.merger.take("west", 1, np.zeros(2), run.now)
     with pytest.raises(KeyError, match="no region named 'north'"):
-        run.merger.hear("north", 1, run.now)
+        run.merger.mark_alive("north", 1, run.now)
     for wrong in ([], ["a", "a"], [""]):
         with pytest.raises(ValueError, match="regions"):
             oc.RegionMerger(wrong)

@@ -55,7 +55,7 @@ OURS = {"box": "obb", "hull": "hull", "mesh": "mesh"}
 #: The peer whose triangles are compared with ours.
 SURFACES = "python-fcl mesh"
 
-Tell = Callable[[str], None]
+Show = Callable[[str], None]
 
 
 @dataclass(frozen=True)
@@ -173,28 +173,28 @@ class Contest:
             row.prepare_ms = prepare_ms(level, self.prepared)
 
 
-def measure(corpus: Corpus, plan: Plan, seed: int, tell: Tell) -> Price:
+def measure(corpus: Corpus, plan: Plan, seed: int, show: Show) -> Price:
     """Measure all levels and the installed peers on a corpus, in about ``plan.seconds``."""
     start = perf_counter()
     end = start + plan.seconds
-    corpus, prepared = _prepared(corpus, start + PREPARING * plan.seconds, tell)
-    tell(f"{corpus.name}: what each level and peer reports")
+    corpus, prepared = _prepared(corpus, start + PREPARING * plan.seconds, show)
+    show(f"{corpus.name}: what each level and peer reports")
     contest = Contest(corpus, prepared, plan, seed)
     throw = contest.count(plan.pairs, perf_counter() + ASKING * plan.seconds)
-    tell(f"{corpus.name}: time per pair, in turn")
+    show(f"{corpus.name}: time per pair, in turn")
     contest.time_pairs(throw, plan.timed, TIMING * plan.seconds)
-    tell(f"{corpus.name}: time per step, in turn")
+    show(f"{corpus.name}: time per step, in turn")
     contest.time_steps(end - perf_counter())
     contest.weigh(throw)
     return contest.price
 
 
-def _prepared(corpus: Corpus, end: float, tell: Tell) -> tuple[Corpus, list[Prepared]]:
+def _prepared(corpus: Corpus, end: float, show: Show) -> tuple[Corpus, list[Prepared]]:
     """Return the meshes that were prepared before ``end``, one at least, and their trees."""
     prepared: list[Prepared] = []
     for k, shape in enumerate(corpus.shapes.values()):
         if isinstance(shape, Mesh) and (k == 0 or perf_counter() < end):
-            tell(f"{corpus.name}: trees {k + 1}/{len(corpus.shapes)}")
+            show(f"{corpus.name}: trees {k + 1}/{len(corpus.shapes)}")
             prepared.append(prepare(shape))
     if prepared:
         corpus = replace(corpus, shapes=dict(islice(corpus.shapes.items(), len(prepared))))

@@ -40,7 +40,7 @@ class FitRow:
 
 
 def measure_fits(
-    corpora: Iterable[Corpus], seconds: float, tell: Callable[[str], None]
+    corpora: Iterable[Corpus], seconds: float, show: Callable[[str], None]
 ) -> list[FitRow]:
     """Fit boxes to the meshes of corpora, as many as fit in ``seconds``, at least one."""
     end = perf_counter() + seconds
@@ -51,7 +51,7 @@ def measure_fits(
     for k, mesh in enumerate(meshes):
         if volumes and perf_counter() > end:
             break
-        tell(f"fits {k + 1}/{len(meshes)}")
+        show(f"fits {k + 1}/{len(meshes)}")
         points = mesh._points()
         found = [_fit(points, fit) for fit in FITS]
         if min(volume for volume, _ in found) > 0.0:

@@ -99,11 +99,11 @@ KERNELS: dict[str, tuple[Callable[..., None], type]] = {
 }
 
 
-def measure_floats(sets: list[Set], seconds: float, tell: Callable[[str], None]) -> list[FloatRow]:
+def measure_floats(sets: list[Set], seconds: float, show: Callable[[str], None]) -> list[FloatRow]:
     """Time the three kernels on each set in turn, and count their wrong verdicts."""
     rows = []
     for pairs in sets:
-        tell(f"float64 and float32: {pairs.name}")
+        show(f"float64 and float32: {pairs.name}")
         truth = pair_verdicts(pairs.boxes, pairs.first, pairs.boxes, pairs.second, exact=True)
         out = {name: np.empty(len(truth), np.int8) for name in KERNELS}
         runs = {name: _run(*KERNELS[name], pairs, out[name]) for name in KERNELS}

@@ -44,7 +44,7 @@ class Progress:
         if self._bar is not None:
             self._bar.total = self._seconds
 
-    def tell(self, what: str) -> None:
+    def show(self, what: str) -> None:
         """Report what comes next."""
         if self._bar is None:
             topic = what.rstrip("0123456789/")  # one line for all numbers of a topic

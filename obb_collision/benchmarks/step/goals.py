@@ -46,9 +46,9 @@ from obb_collision.benchmarks.step.tables import best_coal, digits
 from obb_collision.benchmarks.step.wanted import Goal, below, missing, node_goals, ratio
 from obb_collision.scene.scene import Scene
 
-Tell = Callable[[str], None]
+Show = Callable[[str], None]
 #: Returns a row per way of sending objects to the node: the way, objects, milliseconds.
-MeasureNode = Callable[[Tell], list[dict[str, Any]]]
+MeasureNode = Callable[[Show], list[dict[str, Any]]]
 
 #: How many times as fast as MuJoCo, at these sizes.
 SIZES = (1_000, 10_000)
@@ -70,15 +70,15 @@ class Goals:
     node: what measures the node, which needs ROS; None where it is not installed.
     """
 
-    def __init__(self, plan: Plan, tell: Tell, node: MeasureNode | None) -> None:
+    def __init__(self, plan: Plan, show: Show, node: MeasureNode | None) -> None:
         self._node = node
         self.node_rows: list[dict[str, Any]] = []
         self.rows: list[Row] = []
         self.notes: list[Note] = []
-        self._plan, self._tell = plan, tell
+        self._plan, self._show = plan, show
 
     def _run(self, case: Case, contestants: Sequence[Contestant]) -> dict[str, Row]:
-        rows, notes = run_case(case, contestants, [threads()], self._plan, self._tell)
+        rows, notes = run_case(case, contestants, [threads()], self._plan, self._show)
         self.rows += rows
         self.notes += notes
         return {row.name: row for row in rows}
@@ -115,9 +115,9 @@ class Goals:
             for k in (1, 2):
                 a, b = (sizes[j][one.name].median_ms for j in (k - 1, k))
                 what = f"{one.name}, {LARGE[k]:,} boxes"
-                told = f"{b / a:.1f} times: {digits(a)} and {digits(b)} ms"
+                text = f"{b / a:.1f} times: {digits(a)} and {digits(b)} ms"
                 wanted = f"at most {GROWTH:g} times"
-                yield Goal(what, f"{LARGE[k - 1]:,}", wanted, told, b / a <= GROWTH)
+                yield Goal(what, f"{LARGE[k - 1]:,}", wanted, text, b / a <= GROWTH)
 
     def few_move(self) -> Iterator[Goal]:
         """Measure a scene of which 1 % moves, beside one in which all do."""
@@ -160,7 +160,7 @@ class Goals:
         """Measure hulls and meshes per pair, on meshes that trimesh makes."""
         plan = corpus.Plan(2_000, 20_000, 2_000, PAIR_SECONDS)
         made = scenes.generated_corpus(self._plan.seed)
-        price = corpus.measure(made, plan, self._plan.seed, self._tell)
+        price = corpus.measure(made, plan, self._plan.seed, self._show)
         found = {row.name: row for row in price.rows}
         for level, peers in PER_PAIR.items():
             for peer, wanted in peers.items():
@@ -176,14 +176,14 @@ class Goals:
         if self._node is None:
             yield missing("node", "", "ROS is not installed here")
         else:
-            self.node_rows = self._node(self._tell)
+            self.node_rows = self._node(self._show)
             yield from node_goals(self.node_rows)
 
     def starts(self) -> Iterator[Goal]:
         """Measure what an empty cache costs."""
         from obb_collision.benchmarks.step.starts import measure_starts
 
-        for what, wanted, seconds in measure_starts(self._tell):
+        for what, wanted, seconds in measure_starts(self._show):
             yield below(what, wanted, seconds, "s")
 
     def all(self) -> Iterator[Goal]:

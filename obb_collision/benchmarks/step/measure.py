@@ -169,26 +169,26 @@ def run_case(
     contestants: Sequence[Contestant],
     numbers: Sequence[int],
     plan: Plan,
-    tell: Callable[[str], None],
+    show: Callable[[str], None],
 ) -> tuple[list[Row], list[Note]]:
     """Return a row per contestant, ours with each number of threads, and notes."""
     what = f"{case.boxes:,} boxes, {case.form}, {case.moving:.0%} moving"
     with own_settings():
-        tell(f"{what}: trial")
+        show(f"{what}: trial")
         chosen, notes = choose(case, [one for one in contestants if one.installed], plan)
         half_extents, frames = make_frames(case.form, case.boxes, case.moving, plan.seed)
         entries = []
         for one in chosen:
-            tell(f"{what}: {one.name}")
+            show(f"{what}: {one.name}")
             several = numbers if one in OURS else (max(numbers),) if one.threads is None else (1,)
             for number in several:
                 entries.append(_enter(one, number, half_extents, frames[0].poses))
-        founds, frame = _take_turns(entries, frames, plan, lambda n: tell(f"{what}: step {n}"))
+        founds, frame = _take_turns(entries, frames, plan, lambda n: show(f"{what}: step {n}"))
         return _rows(case, entries, founds, frame, half_extents), notes
 
 
 def _take_turns(
-    entries: Sequence[Entry], frames: Sequence[Frame], plan: Plan, tell: Callable[[int], None]
+    entries: Sequence[Entry], frames: Sequence[Frame], plan: Plan, show: Callable[[int], None]
 ) -> tuple[list[Any], Frame]:
     """Let all step until each has enough; return what they found in the last frame, and that."""
     for entry in entries:
@@ -210,7 +210,7 @@ def _take_turns(
             if done:
                 founds[k] = found
             del found  # no report is in use during the next step
-        tell(turn)
+        show(turn)
     return founds, frame
 
 

@@ -40,11 +40,11 @@ READY = "ready: "
 DEFAULT = [BOXES, MESSAGES, "effect separations"]
 
 
-def measure_starts(tell: Callable[[str], None]) -> Iterator[tuple[str, float, float]]:
+def measure_starts(show: Callable[[str], None]) -> Iterator[tuple[str, float, float]]:
     """Yield what, the seconds wanted, and those it took."""
     with TemporaryDirectory() as folder:
         home = Path(folder)
-        tell("empty cache: default start")
+        show("empty cache: default start")
         if find_spec("rclpy"):
             yield "default node ready", NODE, _node(home / "default")
         else:
@@ -52,10 +52,10 @@ def measure_starts(tell: Callable[[str], None]) -> Iterator[tuple[str, float, fl
             yield "kernels of a default scene", NODE, seconds
         for step in NODE_STEPS:
             if step not in DEFAULT and step in possible_steps():
-                tell(f"empty cache: {step}")
+                show(f"empty cache: {step}")
                 shutil.copytree(home / "default", home / step)
                 yield f"{step} switched on late", LATE, _run(home / step, [step])
-        tell("empty cache: everything")
+        show("empty cache: everything")
         start = perf_counter()
         command = [sys.executable, "-m", "obb_collision.warm_up.command", "--quiet"]
         subprocess.run(command, env=_environment(home / "all"), check=True, capture_output=True)

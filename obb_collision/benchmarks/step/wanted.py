@@ -48,14 +48,14 @@ class Goal:
 def ratio(what: str, beside: str, wanted: float, ours: float, theirs: float, unit: str) -> Goal:
     """Return how many times as fast ours is; times in the unit."""
     times = theirs / ours
-    told = f"{digits(times)} times: {digits(ours)} and {digits(theirs)} {unit}"
-    return Goal(what, beside, f"{wanted:g} times", told, bool(times >= wanted))
+    text = f"{digits(times)} times: {digits(ours)} and {digits(theirs)} {unit}"
+    return Goal(what, beside, f"{wanted:g} times", text, bool(times >= wanted))
 
 
 def below(what: str, wanted: float, measured: float, unit: str) -> Goal:
     """Return whether a time is below what is wanted."""
-    told = f"{digits(measured)} {unit}"
-    return Goal(what, "", f"below {wanted:g} {unit}", told, bool(measured < wanted))
+    text = f"{digits(measured)} {unit}"
+    return Goal(what, "", f"below {wanted:g} {unit}", text, bool(measured < wanted))
 
 
 def missing(what: str, beside: str, why: str) -> Goal:
@@ -72,9 +72,9 @@ def node_goals(rows: Sequence[dict[str, Any]]) -> Iterator[Goal]:
         if "median" not in row:
             yield Goal(what, "", wanted, "a frame has no answer", False)
             continue
-        told = f"median {row['median']:.2f} ms, 99 % {row['99 %']:.2f} ms"
+        text = f"median {row['median']:.2f} ms, 99 % {row['99 %']:.2f} ms"
         met = row["median"] < most and (most_99 is None or row["99 %"] < most_99)
-        yield Goal(what, "", wanted, told, met)
+        yield Goal(what, "", wanted, text, met)
 
 
 def node_table(rows: Sequence[dict[str, Any]]) -> list[list[str]]:

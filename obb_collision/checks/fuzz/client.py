@@ -115,10 +115,10 @@ class Client:
         """Wait until the node answers, with all effects computed."""
         inputs = [p for topic, p in self.publishers.items() if not topic.startswith("/")]
 
-        def are_heard() -> bool:
+        def have_subscribers() -> bool:
             return all(publisher.get_subscription_count() for publisher in inputs)
 
-        self.until(child, are_heard, "inputs", STARTING)
+        self.until(child, have_subscribers, "inputs", STARTING)
         self.until(child, lambda: self.answers, "collisions", STARTING)
         self.until(child, lambda: self.diagnostics, "diagnostics")
         self.until(child, self._all_computed, "effects, all computed", STARTING)

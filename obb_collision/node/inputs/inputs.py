@@ -162,7 +162,7 @@ class Inputs:
             namespaces, ids, poses = poses_from_ros(message, self.boxes.max_points)
             slots = table.find(namespaces, ids)
             if namespaces is not None and (slots < 0).any():
-                known = table.knows(namespaces)
+                known = table.has_namespaces(namespaces)
                 if not known.all():
                     first, count = namespaces[int(np.argmin(known))], int(np.sum(~known))
                     monitor.refuse(now, "unknown namespace", f"ns {first}", count=count)

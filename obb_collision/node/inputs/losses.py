@@ -32,7 +32,7 @@ class Losses:
 
     def __init__(self, publishers: Callable[[], int]) -> None:
         self._publishers = publishers
-        self._last: list[int] = []  # of each publisher, the one heard last at the end
+        self._last: list[int] = []  # of each publisher, most recent last
 
     def count(self, number: int | None) -> int:
         """Return how many messages were lost before the one of a number."""

@@ -78,7 +78,7 @@ class Subscriptions:
         self._node, self._callbacks, self._monitors = node, callbacks, monitors
         self._arrived, self._latched = arrived, latched
         self._oldest = 0
-        self._heard = False
+        self._had_messages = False
         self._losses: dict[str, Losses] = {}
         self._closed: set[str] = set()  # to be subscribed to again
         self.open: dict[str, Subscription] = {}
@@ -142,13 +142,13 @@ class Subscriptions:
         oldest, self._oldest = self._oldest, 0
         return max(1, time_ns() - oldest) * 1e-9 if oldest else 0.0
 
-    def was_heard(self) -> bool:
+    def had_messages(self) -> bool:
         """Return whether a message about objects was taken since the last time."""
-        heard, self._heard = self._heard, False
-        return heard
+        had, self._had_messages = self._had_messages, False
+        return had
 
     def _take(self, topic: str, message: bytes, info: Mapping[str, Any]) -> None:
-        self._heard |= topic != "points"
+        self._had_messages |= topic != "points"
         self._monitors[topic].lost += self._losses[topic].count(
             info.get("publication_sequence_number")
         )

@@ -322,7 +322,7 @@ class ObjectTable:
         same_ids = np.array_equal(ids, self._last[1])
         return same_ids and np.array_equal(namespaces, self._last[0])
 
-    def knows(self, namespaces: Slots) -> Mask:
+    def has_namespaces(self, namespaces: Slots) -> Mask:
         """Whether numbers (n,) are those of namespaces in the table."""
         known = np.fromiter(self.namespaces.names, np.int64, len(self.namespaces))
         return are_numbers(namespaces) & np.isin(signed(namespaces), known)

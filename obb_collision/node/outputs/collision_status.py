@@ -75,7 +75,7 @@ class CollisionStatus:
         self._answer = Answer()
         self._published: tuple[object, ...] | None = None
         self._flag: bool | None = None
-        self._sent = self._alive = self._heard = steady()
+        self._sent = self._alive = self._last_input = steady()
         self._resting = True  # no cycle runs
         self._closed = threading.Event()
         self._thread: threading.Thread | None = None
@@ -100,13 +100,13 @@ class CollisionStatus:
         """Publish an answer; cycle: it is that of a completed cycle."""
         with self._lock:
             if cycle:
-                self._heard = self._steady() if self._resting else self._heard
+                self._last_input = self._steady() if self._resting else self._last_input
                 self._alive, self._resting = self._steady(), False
             self._publish(answer, beat=cycle)
 
     def note_input(self) -> None:
         """Take note that a message about objects has come."""
-        self._heard = self._steady()
+        self._last_input = self._steady()
 
     def close(self) -> None:
         """Publish that the node ends, and nothing after that."""
@@ -143,7 +143,7 @@ class CollisionStatus:
 
     def _input_age(self, answer: Answer) -> float:
         """Return for how long (s) there has been no input, where that makes an answer unknown."""
-        age, most = self._steady() - self._heard, float(self._parameters.input_timeout)
+        age, most = self._steady() - self._last_input, float(self._parameters.input_timeout)
         return age if 0.0 < most < age and not answer.unknown else 0.0
 
     def _watch(self) -> None:

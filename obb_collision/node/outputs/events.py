@@ -39,13 +39,13 @@ class Events:
     def __init__(self, parameters: Parameters, listeners: Callable[[], int]) -> None:
         self._parameters, self._listeners = parameters, listeners
         self.pairs = PairEvents(EVENTS.dtype)
-        self._heard = 0  # subscribers that were there at the last message
+        self._subscribers = 0  # subscribers that were there at the last message
         self._next = 0.0  # when all that lasts is due
 
     def forget(self) -> None:
         """Stop counting: nobody asks."""
         self.pairs.forget()
-        self._heard = 0
+        self._subscribers = 0
 
     def rows(
         self, found: StructuredRows, given: CheckedState, measured: bool
@@ -64,9 +64,9 @@ class Events:
             lambda rows: _part(rows, given, limits.clear_distance, measured),
             whole=not given.report.truncated,
         )
-        heard, now = self._listeners(), perf_counter()
-        due = heard > self._heard or now >= self._next
-        self._heard = heard
+        listeners, now = self._listeners(), perf_counter()
+        due = listeners > self._subscribers or now >= self._next
+        self._subscribers = listeners
         if due:
             self._next = now + PERIOD
             rows = np.concatenate((rows, self.pairs.lasting(given.now)))
