@@ -77,6 +77,7 @@ def setting(name: str) -> Callable[..., None]:
 BOX, AROUND = oc.OBB(half_extents=[1, 1, 1]), oc.AABB([-1] * 3, [1] * 3)
 REGION = oc.Region([0] * 3, [1] * 3, 1.0)
 MESHES = {"a": placed(), "b": placed(), "pairs": [[0, 0]]}
+ROCK = '<robot name="rock"><link name="rock"/></robot>'
 PAIRS = {"pairs": [[0, 1]]}
 BOTH = {"a": boxes(), "b": boxes(), **PAIRS}
 POINTS, UNITS = np.zeros((2, 3)), np.ones((2, 3))
@@ -172,6 +173,14 @@ FUNCTIONS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "mesh_collisions": (oc.mesh_collisions, {**MESHES, "depth": 1}),
     "mesh_contacts": (oc.mesh_contacts, {**MESHES, "capacity": 9}),
     "mesh_verdicts": (oc.mesh_verdicts, {**MESHES, "exact": False, "effort": 99}),
+    "Robot.from_urdf": (
+        oc.Robot.from_urdf,
+        {
+            "urdf": ROCK, "srdf": ROCK, "package_dirs": ["."], "move_virtual_joint": False,
+            "read_mesh": Mesh.from_file,
+        },
+    ),
+    "Robot.link_poses": (oc.Robot.from_urdf(ROCK).link_poses, {"states": np.zeros((2, 0))}),
     "load_scene": (oc.load_scene, {"path": "none.yaml"}),
     "SceneDescription.states": (oc.SceneDescription("x", ()).states, {"time": 0.0}),
     "Scene": (
@@ -260,7 +269,10 @@ UNTRIED = {
 def test_every_public_function_is_tried() -> None:
     public = {*oc.__all__, *oc.shapes.__all__} - {"shapes"}
     assert {name.split(".")[0] for name in FUNCTIONS} | RESULTS == public
-    for kind in (oc.OBB, oc.AABB, oc.Boxes, oc.Capsules, oc.Scene, oc.MeshTrees, oc.PlacedMeshes):
+    kinds = (
+        oc.OBB, oc.AABB, oc.Boxes, oc.Capsules, oc.Scene, oc.MeshTrees, oc.PlacedMeshes, oc.Robot
+    )  # fmt: skip
+    for kind in kinds:
         methods = {name for name, _ in inspect.getmembers(kind, callable) if name[0] != "_"}
         tried = {name.split(".")[1] for name in FUNCTIONS if name.startswith(f"{kind.__name__}.")}
         assert methods - tried - UNTRIED == set(), kind

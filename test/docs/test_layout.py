@@ -24,8 +24,8 @@ from pages import ROOT, code_blocks
 
 PACKAGE = ROOT / "obb_collision"
 ORDER = (
-    "numerics", "geometry", "queries", "scene", "warm_up", "scene_files", "node", "checks", "demo",
-    "benchmarks",
+    "numerics", "geometry", "queries", "scene", "robots", "warm_up", "scene_files", "node",
+    "checks", "demo", "benchmarks",
 )  # fmt: skip
 """The layers in the order of their imports; folders within one are sorted by name."""
 WIDTH = 22

@@ -1,0 +1,231 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""XML from anywhere, read within limits, and its values: whatever is wrong is named with its line.
+
+Nothing is fetched and nothing expanded: a document type, which defines entities and may refer to
+other files, is refused.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+from obb_collision.geometry.shapes.files import read_file, shortened
+from obb_collision.numerics.constants import MAX_MAGNITUDE
+from obb_collision.words import MAX_PATH, printable, shown, text_fault
+
+#: Maximum size of a description, bytes: a hundred times the largest of real robots.
+LARGEST = 16_000_000
+#: Maximum levels of elements: a collision's mesh is at the fifth, Gazebo's extensions at the tenth.
+MOST_LEVELS = 60
+#: Maximum number of elements: a hundred times that of the largest robots.
+MOST_ELEMENTS = 400_000
+#: Bytes that are parsed between two looks at the limits.
+PORTION = 1 << 14
+#: The declaration of a text that is decoded already says nothing of use.
+DECLARATION = re.compile(r"\A\s*<\?xml[^>]*\?>")
+#: The namespace of files that are to become XML by the program xacro.
+XACRO = "ros.org/wiki/xacro"
+
+
+class RobotError(ValueError):
+    """A description of a robot that cannot be used: ``FILE:LINE: ELEMENT: REASON``.
+
+    file, line (from 1; 0: the file itself), element (such as ``joint "elbow"``) and reason can be
+    printed and sent whatever is in the file.
+    """
+
+    def __init__(self, file: str, line: int, element: str, reason: str) -> None:
+        place = file if len(file) <= MAX_PATH else f"...{file[-100:]}"
+        self.file, self.line = printable(place), line
+        self.element, self.reason = printable(element), printable(reason)
+        where = f"{self.file}:{line}" if line else self.file
+        super().__init__(": ".join(part for part in (where, self.element, self.reason) if part))
+
+
+class Element:
+    """An element of XML: its attributes as numbers and names, its children by tag."""
+
+    def __init__(self, node: Any, file: str, within: str = "") -> None:
+        self._node, self._file = node, file
+        name = node.get("name")
+        label = f"{node.tag} {shown(name)}" if name is not None else f"{node.tag}"
+        self.tag = str(node.tag)
+        self.label = label if name is not None or not within else f"{label} of {within}"
+
+    def __bool__(self) -> bool:
+        return True
+
+    @property
+    def line(self) -> int:
+        """Its line in the file."""
+        return int(self._node.sourceline or 0)
+
+    def refuse(self, reason: str) -> RobotError:
+        """Return the error that names this element."""
+        return RobotError(self._file, self.line, self.label, reason)
+
+    @contextmanager
+    def reasons(self) -> Iterator[None]:
+        """Name this element in the ValueErrors, and in the MemoryErrors, of the block."""
+        try:
+            yield
+        except RobotError:
+            raise
+        except ValueError as error:
+            raise self.refuse(str(error)) from error
+        except MemoryError as error:
+            raise self.refuse("there is not enough memory") from error
+
+    def children(self, *tags: str) -> list[Element]:
+        """Return the children of some tags, or all, in the order of the file."""
+        return [
+            Element(node, self._file, self.label)
+            for node in self._node
+            if isinstance(node.tag, str) and (not tags or node.tag in tags)
+        ]
+
+    def child(self, tag: str) -> Element | None:
+        """Return the child of a tag, None without one; RobotError for several."""
+        found = self.children(tag)
+        if len(found) > 1:
+            raise found[1].refuse(f"there are {len(found)} of it, one is expected")
+        return found[0] if found else None
+
+    def needed(self, tag: str) -> Element:
+        """Return the child of a tag; RobotError without one."""
+        found = self.child(tag)
+        if found is None:
+            raise self.refuse(f"<{tag}> is missing")
+        return found
+
+    def get(self, key: str) -> str | None:
+        """Return an attribute, None without it."""
+        value = self._node.get(key)
+        return None if value is None else str(value)
+
+    def word(self, key: str, most: int = 255) -> str:
+        """Return an attribute that is a name; RobotError without one."""
+        value = self.get(key)
+        if value is None:
+            raise self.refuse(f"its {key} is missing")
+        fault = text_fault(value, most)
+        if fault is not None:
+            raise self.refuse(f"its {key} {fault}")
+        return value
+
+    def numbers(self, key: str, count: int, default: Sequence[float]) -> tuple[float, ...]:
+        """Return the finite numbers of an attribute."""
+        value = self.get(key)
+        if value is None:
+            return tuple(default)
+        parts = value.split()
+        if len(parts) != count:
+            what = "a number" if count == 1 else f"{count} numbers"
+            raise self.refuse(f"its {key} must be {what}, got {shown(value)}")
+        return tuple(self._number(key, part) for part in parts)
+
+    def number(self, key: str, default: float | None = None) -> float:
+        """Return the finite number of an attribute; RobotError without one and a default."""
+        if default is None and self.get(key) is None:
+            raise self.refuse(f"its {key} is missing")
+        return self.numbers(key, 1, (0.0 if default is None else default,))[0]
+
+    def _number(self, key: str, text: str) -> float:
+        try:
+            # C++ reads neither the underscores nor the other scripts' digits that Python reads
+            number = math.nan if "_" in text or not text.isascii() else float(text)
+        except ValueError:
+            number = math.nan
+        if not abs(number) <= MAX_MAGNITUDE:
+            raise self.refuse(
+                f"its {key} must be of finite numbers up to {MAX_MAGNITUDE:g}, got {shown(text)}"
+            )
+        return number
+
+
+def read_source(source: str | bytes | PathLike[str], what: str) -> tuple[bytes, str, Path | None]:
+    """Return the XML of a file or text, its name in errors, and its path (None: a text).
+
+    A string whose first character, but for white space, is ``<`` is a text.
+    """
+    if isinstance(source, bytes):
+        return source, what, None
+    if isinstance(source, str) and source.lstrip("\ufeff \t\r\n").startswith("<"):
+        text = source.lstrip("\ufeff")
+        blank = DECLARATION.sub(lambda found: "\n" * found[0].count("\n"), text)
+        try:
+            return blank.encode(), what, None
+        except UnicodeEncodeError as error:
+            raise RobotError(what, 0, "", f"no text: {error.reason}") from None
+    try:
+        return read_file(Path(source), LARGEST)[0], str(source), Path(source)
+    except (ValueError, OSError) as error:
+        raise RobotError(shortened(str(source)), 0, what, str(error)) from None
+
+
+def parse(data: bytes, file: str) -> Element:
+    """Return the root of XML; RobotError where it is none, or exceeds a limit."""
+    from lxml import etree  # here, as what needs no robots need not load it
+
+    if len(data) > LARGEST:
+        raise RobotError(file, 0, "", f"it has {len(data)} bytes, {LARGEST} is the limit")
+    parser = etree.XMLPullParser(
+        events=("start", "end"), resolve_entities=False, no_network=True, load_dtd=False,
+        dtd_validation=False, huge_tree=False, remove_comments=True, remove_pis=True,
+    )  # fmt: skip
+    try:
+        limits = _Limits(file)
+        for first in range(0, len(data), PORTION):
+            parser.feed(data[first : first + PORTION])
+            limits.look(parser.read_events())
+        root = parser.close()
+        limits.look(parser.read_events())
+    except etree.XMLSyntaxError as error:
+        reason = f"no XML: {shortened(str(error.msg))}"
+        raise RobotError(file, int(error.lineno or 0), "", reason) from None
+    return Element(root, file)
+
+
+class _Limits:
+    """What has been parsed of a file, against the limits."""
+
+    def __init__(self, file: str) -> None:
+        self._file, self._elements, self._level = file, 0, 0
+
+    def look(self, events: Any) -> None:
+        """Raise RobotError where a limit is exceeded."""
+        for event, node in events:
+            if event == "end":
+                self._level -= 1
+                continue
+            if self._elements == 0 and node.getroottree().docinfo.internalDTD is not None:
+                self._refuse(node, "a document type (<!DOCTYPE) is not read")
+            self._elements, self._level = self._elements + 1, self._level + 1
+            if self._level > MOST_LEVELS:
+                self._refuse(node, f"nested too deeply, more than {MOST_LEVELS} levels")
+            if self._elements > MOST_ELEMENTS:
+                self._refuse(node, f"there are more than {MOST_ELEMENTS} elements")
+            if XACRO in str(node.tag):
+                self._refuse(node, "this is a xacro file: run xacro on it first")
+
+    def _refuse(self, node: Any, reason: str) -> None:
+        raise RobotError(self._file, int(node.sourceline or 0), "", reason)
