@@ -22,10 +22,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from obb_collision._jit import njit
+from obb_collision._jit import njit, njit_inlined
 from obb_collision._threads import run
+from obb_collision.geometry.poses import Quaternion
 from obb_collision.geometry.validation import as_array, is_single, refuse_where
-from obb_collision.typing import Floats, Integers
+from obb_collision.numerics.vec3 import cross, plus, scaled, vector_at
+from obb_collision.typing import Floats, Integers, Vector
 
 #: The kinds of joints, as ``urdf.JointKind`` numbers them.
 FIXED, PRISMATIC, PLANAR, FLOATING = 0, 3, 4, 5
@@ -74,6 +76,8 @@ def checked_states(
 
 def link_poses(tree: Tree, states: Floats) -> Floats:
     """Return the poses (n, links, 7) of links in the frame of the root, of valid states (n, m)."""
+    if not states.flags.writeable:  # the kernel would be compiled once more
+        states = states.copy()
     poses = np.empty((len(states), len(tree.parents), 7))
     run(fill_link_poses, len(states), FEWEST_STATES, tree, states, poses)
     return poses
@@ -83,50 +87,74 @@ def link_poses(tree: Tree, states: Floats) -> Floats:
 def fill_link_poses(tree: Tree, states: Floats, poses: Floats, start: int, stop: int) -> None:
     """Write the poses of all links for states ``start`` to ``stop``."""
     for n in range(start, stop):
-        for link in range(len(tree.parents)):
-            _place_link(tree, states, poses, n, link)
+        place_links(tree, states, n, poses, n)
 
 
-@njit
-def _place_link(tree: Tree, states: Floats, poses: Floats, n: int, link: int) -> None:
-    kind, column, parent = tree.kinds[link], tree.columns[link], tree.parents[link]
-    x, y, z = tree.translations[link]
-    qx, qy, qz, qw = tree.rotations[link]
-    if kind != FIXED:
-        value = tree.multipliers[link] * states[n, column] + tree.offsets[link]
-        if kind == FLOATING:
-            qx, qy, qz, qw = _turned_freely(
-                (qx, qy, qz, qw),
-                (states[n, column + 3], states[n, column + 4], states[n, column + 5],
-                 states[n, column + 6]),
-            )  # fmt: skip
-        elif kind != PRISMATIC:
-            half = 0.5 * (states[n, column + 2] if kind == PLANAR else value)
-            s, c = math.sin(half), math.cos(half)
-            turned = tree.turned[link]
-            qx, qy = c * qx + s * turned[0], c * qy + s * turned[1]
-            qz, qw = c * qz + s * turned[2], c * qw + s * turned[3]
-        if kind >= PRISMATIC:
-            a = tree.directions[link]
-            x, y, z = x + value * a[0], y + value * a[1], z + value * a[2]
+@njit_inlined
+def place_links(tree: Tree, states: Floats, n: int, poses: Floats, m: int) -> None:
+    """Write the poses of all links in state n to ``poses[m]``.
+
+    Part of what calls it: handing a tree to a function takes longer than placing a link.
+    """
+    parents, kinds = tree.parents, tree.kinds
+    for link in range(len(parents)):
+        kind, parent = kinds[link], parents[link]
+        place, turn = vector_at(tree.translations, link), _quaternion_at(tree.rotations, link)
         if kind >= PLANAR:
-            b, value = tree.across[link], states[n, column + 1]
-            x, y, z = x + value * b[0], y + value * b[1], z + value * b[2]
-        if kind == FLOATING:
-            a, b, value = tree.directions[link], tree.across[link], states[n, column + 2]
-            x += value * (a[1] * b[2] - a[2] * b[1])
-            y += value * (a[2] * b[0] - a[0] * b[2])
-            z += value * (a[0] * b[1] - a[1] * b[0])
-    if parent >= 0:
-        _compose(poses[n, parent], (x, y, z), (qx, qy, qz, qw), poses[n, link])
-    else:
-        _compose_with_nothing((x, y, z), (qx, qy, qz, qw), poses[n, link])
+            place, turn = _moved_freely(tree, states, n, link)
+        elif kind != FIXED:
+            value = tree.multipliers[link] * states[n, tree.columns[link]] + tree.offsets[link]
+            if kind == PRISMATIC:
+                place = plus(place, scaled(vector_at(tree.directions, link), value))
+            else:
+                turn = _turned(turn, _quaternion_at(tree.turned, link), value)
+        if parent >= 0:
+            place, turn = _composed(
+                (poses[m, parent, 0], poses[m, parent, 1], poses[m, parent, 2]),
+                (poses[m, parent, 3], poses[m, parent, 4], poses[m, parent, 5],
+                 poses[m, parent, 6]),
+                place, turn,
+            )  # fmt: skip
+        poses[m, link, 0], poses[m, link, 1], poses[m, link, 2] = place
+        poses[m, link, 3], poses[m, link, 4], poses[m, link, 5], poses[m, link, 6] = turn
 
 
 @njit
-def _turned_freely(
-    outer: tuple[float, float, float, float], inner: tuple[float, float, float, float]
-) -> tuple[float, float, float, float]:
+def _quaternion_at(quaternions: Floats, i: int) -> Quaternion:
+    return quaternions[i, 0], quaternions[i, 1], quaternions[i, 2], quaternions[i, 3]
+
+
+@njit
+def _turned(turn: Quaternion, turned: Quaternion, angle: float) -> Quaternion:
+    """Return the origin of a joint turned by an angle; turned: as in ``Tree``."""
+    s, c = math.sin(0.5 * angle), math.cos(0.5 * angle)
+    return (
+        c * turn[0] + s * turned[0],
+        c * turn[1] + s * turned[1],
+        c * turn[2] + s * turned[2],
+        c * turn[3] + s * turned[3],
+    )
+
+
+@njit
+def _moved_freely(tree: Tree, states: Floats, n: int, link: int) -> tuple[Vector, Quaternion]:
+    """Return where a planar or floating joint moves its link, in the parent's frame."""
+    column, kind = tree.columns[link], tree.kinds[link]
+    a, b = vector_at(tree.directions, link), vector_at(tree.across, link)
+    turn = _quaternion_at(tree.rotations, link)
+    place = plus(vector_at(tree.translations, link), scaled(a, states[n, column]))
+    place = plus(place, scaled(b, states[n, column + 1]))
+    if kind == PLANAR:
+        return place, _turned(turn, _quaternion_at(tree.turned, link), states[n, column + 2])
+    place = plus(place, scaled(cross(a, b), states[n, column + 2]))
+    inner = (
+        states[n, column + 3], states[n, column + 4], states[n, column + 5], states[n, column + 6],
+    )  # fmt: skip
+    return place, _turned_freely(turn, inner)
+
+
+@njit
+def _turned_freely(outer: Quaternion, inner: Quaternion) -> Quaternion:
     """Return outer times inner, which is made a unit quaternion."""
     x, y, z, w = inner
     largest = max(max(abs(x), abs(y)), max(abs(z), abs(w)))
@@ -136,9 +164,7 @@ def _turned_freely(
 
 
 @njit
-def _product(
-    a: tuple[float, float, float, float], b: tuple[float, float, float, float]
-) -> tuple[float, float, float, float]:
+def _product(a: Quaternion, b: Quaternion) -> Quaternion:
     ax, ay, az, aw = a
     bx, by, bz, bw = b
     return (
@@ -150,26 +176,19 @@ def _product(
 
 
 @njit
-def _compose_with_nothing(
-    place: tuple[float, float, float], turn: tuple[float, float, float, float], out: Floats
-) -> None:
-    out[0], out[1], out[2] = place
-    out[3], out[4], out[5], out[6] = turn
-
-
-@njit
-def _compose(
-    outer: Floats, place: tuple[float, float, float], turn: tuple[float, float, float, float],
-    out: Floats,
-) -> None:  # fmt: skip
-    """Write the pose that is given in the frame of another one."""
+def _composed(
+    position: Vector, outer: Quaternion, place: Vector, turn: Quaternion
+) -> tuple[Vector, Quaternion]:
+    """Return place and turn, given in the frame of a pose, in the frame of that pose."""
     x, y, z = place
-    ux, uy, uz, w = outer[3], outer[4], outer[5], outer[6]
+    ux, uy, uz, w = outer
     tx, ty, tz = 2.0 * (uy * z - uz * y), 2.0 * (uz * x - ux * z), 2.0 * (ux * y - uy * x)
-    out[0] = outer[0] + x + w * tx + (uy * tz - uz * ty)
-    out[1] = outer[1] + y + w * ty + (uz * tx - ux * tz)
-    out[2] = outer[2] + z + w * tz + (ux * ty - uy * tx)
-    qx, qy, qz, qw = _product((ux, uy, uz, w), turn)
+    moved = (
+        position[0] + x + w * tx + (uy * tz - uz * ty),
+        position[1] + y + w * ty + (uz * tx - ux * tz),
+        position[2] + z + w * tz + (ux * ty - uy * tx),
+    )
+    qx, qy, qz, qw = _product(outer, turn)
     # one step of Newton's, so that roundings of long chains do not add up
     scale = 1.5 - 0.5 * (qx * qx + qy * qy + qz * qz + qw * qw)
-    out[3], out[4], out[5], out[6] = qx * scale, qy * scale, qz * scale, qw * scale
+    return moved, (qx * scale, qy * scale, qz * scale, qw * scale)
