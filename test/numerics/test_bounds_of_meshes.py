@@ -20,6 +20,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from convex_bodies import corners_of, family
 from error_bounds import (
     Moved,
     Record,
@@ -34,6 +35,7 @@ from error_bounds import (
     observed_at_flip,
     taxicab,
 )
+from hull_distances import placed
 from mesh_zoo import zoo
 from scipy.spatial.transform import Rotation
 from support import row_of
@@ -43,6 +45,8 @@ from obb_collision.geometry.trees.node_fit import WIDENING
 from obb_collision.geometry.trees.obb_tree import MeshTrees
 from obb_collision.geometry.trees.pool import HullPool, Hulls
 from obb_collision.numerics.vec3 import vector
+from obb_collision.queries.convex.distance import CONVEX_ROUNDING
+from obb_collision.queries.convex.distances import convex_distances
 from obb_collision.queries.meshes.convex import GAP_BOUND, PlacedHulls, hulls_may_collide
 from obb_collision.queries.meshes.inside import SLAB_SLACK, outside_box
 from obb_collision.queries.meshes.tree_boxes import (
@@ -267,6 +271,25 @@ def test_hulls(record_property: Record) -> None:
         record_property,
         [observed_at_flip(quantity(n, low), quantity(n, high)) for n in range(COUNT)],
     )
+
+
+def test_convex_distances(record_property: Record) -> None:
+    """The gap along the normal returned, exactly, and the lower bound on the distance."""
+    a, b = family("far apart", ("hull", "box"), COUNT, 0)
+    rows = np.arange(COUNT)
+    found = convex_distances(a, b, rows, rows)[0]
+    ratios = []
+    for n in range(COUNT):
+        sides = [placed(corners_of(x, n), x.centers[n], x.rotations[n]) for x in (a, b)]
+        normal = exact(found.normals[n])
+        length = norm(normal)
+        ends = [[dot(normal, list(corner)) for corner in side] for side in sides]
+        gap = (min(ends[1]) - max(ends[0])) / length
+        size = taxicab(difference(exact(b.centers[n]), exact(a.centers[n])))
+        size += Fraction(float(a.hulls.radii[a.rows[n]] + b.sizes[n].sum()))
+        slack = Fraction(CONVEX_ROUNDING) * size
+        ratios.append(abs(gap - slack - Fraction(float(found.lower[n]))) / slack)
+    check_ratios(record_property, ratios)
 
 
 def test_boxes_of_leaves(record_property: Record) -> None:

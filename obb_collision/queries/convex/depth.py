@@ -1,0 +1,293 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""How deep two convex bodies overlap: the least translation that parts them.
+
+The expanding polytope of van den Bergen 2001: within the difference of both cores a polytope grows
+at its face nearest to the origin, until that face is one of the difference. Exact for polytopes;
+with curved cores the polytope grows until it is close. What counts is the reach along the face's
+normal, which is at least the depth however the search went: a translation by it parts the bodies.
+
+The origin may also lie outside of the polytope, as it does at first and where bodies nearly touch:
+then the nearest face is the one farthest on the wrong side.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from obb_collision._jit import njit
+from obb_collision.numerics.vec3 import (
+    cross,
+    dot,
+    minus,
+    negated,
+    norm,
+    replaced,
+    scaled,
+    vector_at,
+)
+from obb_collision.queries.convex.careful_simplex import careful_plane
+from obb_collision.queries.convex.distance import CLOSE, Gap, Search, corner_of, gap_along
+from obb_collision.queries.convex.simplex import Corner, no_simplex
+from obb_collision.queries.convex.support import Core
+from obb_collision.queries.meshes.tree_boxes import Pose
+from obb_collision.queries.primitives.segments import unit_scale
+from obb_collision.typing import Floats, Vector
+
+#: Corners of the polytope at most: hulls take 10 to 40, pairs of ellipsoids up to 150.
+MOST_CORNERS = 256
+MOST_FACES = 2 * MOST_CORNERS
+#: A corner this little beyond a face is on it; sizes are near one.
+ON_FACE = 1e-15
+#: A face of which two edges enclose an angle with a sine below this is computed with twice the
+#: digits.
+SHARP_EDGES = 1e-4
+
+
+class Room(NamedTuple):
+    """What the polytope of one pair is kept in."""
+
+    w: Floats  #: (MOST_CORNERS, 3)
+    p: Floats
+    q: Floats
+    faces: np.ndarray  #: (MOST_FACES, 3) corners, counterclockwise from outside
+    planes: Floats  #: (MOST_FACES, 4) outer unit normals, and distances from the origin
+    edges: np.ndarray  #: (3 MOST_FACES, 2) of the hole that a new corner makes
+
+
+@njit
+def room_for_depth() -> Room:
+    """Return room for one pair after another."""
+    return Room(
+        np.empty((MOST_CORNERS, 3)),
+        np.empty((MOST_CORNERS, 3)),
+        np.empty((MOST_CORNERS, 3)),
+        np.empty((MOST_FACES, 3), np.int64),
+        np.empty((MOST_FACES, 4)),
+        np.empty((3 * MOST_FACES, 2), np.int64),
+    )
+
+
+@njit
+def deepest(a: Core, b: Core, pose: Pose, found: Search, room: Room) -> Search:
+    """Return the direction along which two cores overlap least, and points that touch then.
+
+    found: what a search for their distance found.
+    """
+    unit = unit_scale(pose.size)[0]
+    close = CLOSE * unit * pose.size
+    best, normal, p, q = found.gap, found.normal, found.p, found.q
+    faces = _start(a, b, pose, unit, found.normal, room)
+    corners = 4
+    while faces > 0:
+        nearest = 0
+        for k in range(1, faces):
+            if room.planes[k, 3] < room.planes[nearest, 3]:
+                nearest = k
+        n = vector_at(room.planes, nearest)
+        gap = gap_along(a, b, pose, n)
+        if gap.value >= best:
+            best, normal = gap.value, n
+            p, q = _touching(room, nearest, gap)
+        beyond = -gap.value * unit - room.planes[nearest, 3]
+        if beyond <= close or corners == MOST_CORNERS:
+            break
+        _put(room, corners, corner_of(gap, pose, unit))
+        faces = _grown(room, faces, corners, pose, unit)
+        corners += 1
+    if faces == 0:
+        best, normal, p, q = _flat(a, b, pose, best, normal, p, q, room)
+    return Search(best, normal, 0.0, p, q, no_simplex())
+
+
+@njit
+def _put(room: Room, row: int, corner: Corner) -> None:
+    for k in range(3):
+        room.w[row, k], room.p[row, k], room.q[row, k] = corner.w[k], corner.p[k], corner.q[k]
+
+
+@njit
+def _corner_at(room: Room, row: int) -> Corner:
+    return Corner(vector_at(room.w, row), vector_at(room.p, row), vector_at(room.q, row))
+
+
+@njit
+def _swap(room: Room, i: int, j: int) -> None:
+    first, second = _corner_at(room, i), _corner_at(room, j)
+    _put(room, i, second)
+    _put(room, j, first)
+
+
+@njit
+def _start(a: Core, b: Core, pose: Pose, unit: float, normal: Vector, room: Room) -> int:
+    """Make a tetrahedron of the corners farthest along some directions; return its faces or 0."""
+    n = 0
+    for k in range(4):
+        axis = normal if k == 3 else replaced((0.0, 0.0, 0.0), k, 1.0)
+        for way in (axis, negated(axis)):
+            _put(room, n, corner_of(gap_along(a, b, pose, way), pose, unit))
+            n += 1
+    for k in range(1, 4):
+        far = _farthest_from(room, k, n)
+        if k == 3:
+            height = _height(room, k, far)
+            face = cross(_edge(room, 0, 1), _edge(room, 0, 2))
+            for way in (face, negated(face)):
+                _put(room, n, corner_of(gap_along(a, b, pose, _unit(way)), pose, unit))
+                if _height(room, 3, n) > height:
+                    height, far = _height(room, 3, n), n
+                n += 1
+        if not _height(room, k, far) > ON_FACE:
+            return 0
+        _swap(room, k, far)
+    inward = dot(cross(_edge(room, 0, 1), _edge(room, 0, 2)), _edge(room, 0, 3)) > 0.0
+    if inward:
+        _swap(room, 1, 2)
+    faces = 0
+    for i, j, k in ((0, 1, 2), (0, 3, 1), (0, 2, 3), (1, 3, 2)):
+        _put_face(room, faces, i, j, k, pose, unit)
+        faces += 1
+    return faces
+
+
+@njit
+def _unit(v: Vector) -> Vector:
+    length = norm(v)
+    return scaled(v, 1.0 / length) if length > 0.0 else (1.0, 0.0, 0.0)
+
+
+@njit
+def _edge(room: Room, i: int, j: int) -> Vector:
+    return minus(vector_at(room.w, j), vector_at(room.w, i))
+
+
+@njit
+def _farthest_from(room: Room, k: int, n: int) -> int:
+    """Return which of corners k to n - 1 is farthest from what the first k span."""
+    far = k
+    for row in range(k + 1, n):
+        if _height(room, k, row) > _height(room, k, far):
+            far = row
+    return far
+
+
+@njit
+def _height(room: Room, k: int, row: int) -> float:
+    """Return how far a corner is from what the first k corners span."""
+    v = _edge(room, 0, row)
+    if k == 1:
+        return norm(v)
+    u = _unit(_edge(room, 0, 1))
+    if k == 2:
+        return norm(cross(u, v))
+    return abs(dot(_unit(cross(u, _edge(room, 0, 2))), v))
+
+
+@njit
+def _put_face(room: Room, row: int, i: int, j: int, k: int, pose: Pose, unit: float) -> None:
+    """Write a face and its plane; infinitely far where it has none."""
+    room.faces[row, 0], room.faces[row, 1], room.faces[row, 2] = i, j, k
+    u, v = _edge(room, i, j), _edge(room, i, k)
+    n = cross(u, v)
+    square = dot(n, n)
+    far = 0.0
+    if square > SHARP_EDGES * SHARP_EDGES * dot(u, u) * dot(v, v):
+        n = scaled(n, 1.0 / math.sqrt(square))
+        far = dot(n, vector_at(room.w, i))
+    else:
+        corners = _corner_at(room, i), _corner_at(room, j), _corner_at(room, k)
+        n, far = careful_plane(corners[0], corners[1], corners[2], pose, unit)
+    for x in range(3):
+        room.planes[row, x] = n[x]
+    room.planes[row, 3] = far
+
+
+@njit
+def _grown(room: Room, faces: int, corner: int, pose: Pose, unit: float) -> int:
+    """Replace the faces that a new corner is beyond by those it makes; return how many there are.
+
+    -1 where that cannot be done.
+    """
+    w, edges, row = vector_at(room.w, corner), 0, 0
+    while row < faces:
+        if dot(vector_at(room.planes, row), w) - room.planes[row, 3] > ON_FACE:
+            for k in range(3):
+                edges = _toggled(room, edges, room.faces[row, k], room.faces[row, (k + 1) % 3])
+            faces -= 1
+            room.faces[row], room.planes[row] = room.faces[faces], room.planes[faces]
+        else:
+            row += 1
+    if edges < 3 or faces + edges > MOST_FACES:
+        return -1
+    for e in range(edges):
+        _put_face(room, faces, room.edges[e, 0], room.edges[e, 1], corner, pose, unit)
+        faces += 1
+    return faces
+
+
+@njit
+def _toggled(room: Room, edges: int, i: int, j: int) -> int:
+    """Add an edge to those of the hole, or remove it, if the face on its other side goes, too."""
+    for e in range(edges):
+        if room.edges[e, 0] == j and room.edges[e, 1] == i:
+            room.edges[e] = room.edges[edges - 1]
+            return edges - 1
+    room.edges[edges, 0], room.edges[edges, 1] = i, j
+    return edges + 1
+
+
+@njit
+def _touching(room: Room, face: int, gap: Gap) -> tuple[Vector, Vector]:
+    """Return the points of both cores where a face is nearest to the origin."""
+    i, j, k = room.faces[face, 0], room.faces[face, 1], room.faces[face, 2]
+    u, v, start = _edge(room, i, j), _edge(room, i, k), vector_at(room.w, i)
+    n = cross(u, v)
+    square = dot(n, n)
+    if not square > 0.0:
+        return gap.p, gap.q
+    y = min(max(dot(n, cross(v, start)) / square, 0.0), 1.0)
+    z = min(max(dot(n, cross(start, u)) / square, 0.0), 1.0 - y)
+    return _mixed(room.p, i, j, k, y, z), _mixed(room.q, i, j, k, y, z)
+
+
+@njit
+def _mixed(points: Floats, i: int, j: int, k: int, y: float, z: float) -> Vector:
+    x = 1.0 - y - z
+    return (
+        x * points[i, 0] + y * points[j, 0] + z * points[k, 0],
+        x * points[i, 1] + y * points[j, 1] + z * points[k, 1],
+        x * points[i, 2] + y * points[j, 2] + z * points[k, 2],
+    )
+
+
+@njit
+def _flat(
+    a: Core, b: Core, pose: Pose, best: float, normal: Vector, p: Vector, q: Vector, room: Room
+) -> tuple[float, Vector, Vector, Vector]:
+    """Return the best gap of a flat difference: along its normals."""
+    u, v = _edge(room, 0, 1), _edge(room, 0, 2)
+    first = _unit(cross(u, v))
+    if norm(cross(u, v)) <= ON_FACE * norm(u):  # a line, or a point
+        u = _unit(u)
+        first = (0.0, -u[2], u[1]) if abs(u[0]) < 0.5 else (-u[1], u[0], 0.0)
+        first = _unit(first)
+    for n in (first, cross(_unit(u), first)):
+        for way in (n, negated(n)):
+            gap = gap_along(a, b, pose, _unit(way))
+            if gap.value > best:
+                best, normal, p, q = gap.value, _unit(way), gap.p, gap.q
+    return best, normal, p, q

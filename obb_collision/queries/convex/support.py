@@ -1,0 +1,163 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""Convex bodies as kernels see them: a core, known by its farthest points, and a radius about it.
+
+A body is everything within ``radius`` of its core; the core is the hull of corners, a box, a
+cylinder, a cone, or the sum of an ellipsoid and a segment along z, in a frame of its own. Spheres
+and capsules are cores without volume. Padding is part of the radius and therefore exact.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from obb_collision._jit import njit
+from obb_collision.geometry.trees.pool import Hulls
+from obb_collision.numerics.lanes import farthest
+from obb_collision.numerics.vec3 import norm, sum_abs, vector_at
+from obb_collision.queries.meshes.tree_boxes import Place, place_at
+from obb_collision.typing import Floats, Rows, Vector
+
+#: Kinds of cores; sizes are (x, y, z, half).
+CORNERS = 0  #: corners of a hull; no sizes
+BOX = 1  #: half extents x, y, z
+SEGMENT = 2  #: from -half to half along z; a point, if half is zero
+ROUND = 3  #: an ellipsoid with half axes x, y, z, swept along that segment
+CYLINDER = 4  #: half axes x, y of its ends, at -half and half
+CONE = 5  #: the same of its base, at -half; its apex is at half
+
+
+class Bodies(NamedTuple):
+    """n bodies, for kernels; body i is at centers[i], turned by rotations[i]."""
+
+    kinds: np.ndarray  #: (n,) int8
+    sizes: Floats  #: (n, 4)
+    radii: Floats  #: (n,) about the core
+    hulls: Hulls
+    rows: np.ndarray  #: (n,) of the hull of those with corners
+    centers: Floats
+    rotations: Floats
+
+
+class Core(NamedTuple):
+    """The core of one body, in its own frame."""
+
+    kind: int
+    size: Vector
+    half: float
+    blocks: Floats  #: of all hulls; its own are first to last - 1
+    first: int
+    last: int
+    reach: float  #: no point of the body has a larger sum of magnitudes of its coordinates
+    radius: float
+
+
+#: What stands for the hulls of bodies without corners.
+NO_HULLS = Hulls.of(np.zeros((1, 3)))
+
+
+@dataclass(frozen=True, eq=False)
+class ConvexBodies:
+    """n convex bodies at centers (n, 3), with rotations (n, 3, 3); not checked.
+
+    kinds (n,) int8, sizes (n, 4), radii (n,): as in ``Bodies``; rows (n,): of the hulls.
+    """
+
+    kinds: np.ndarray
+    sizes: Floats
+    radii: Floats
+    hulls: Hulls
+    rows: Rows
+    centers: Floats
+    rotations: Floats
+
+    def __len__(self) -> int:
+        return len(self.kinds)
+
+    @property
+    def arrays(self) -> Bodies:
+        """The same, for kernels."""
+        return Bodies(*vars(self).values())
+
+
+@njit
+def core_at(bodies: Bodies, i: int) -> Core:
+    """Return the core of body i."""
+    kind, x, y, z, half = bodies.kinds[i], *_sizes_at(bodies, i)
+    first = last = 0
+    radius = bodies.radii[i]
+    reach = abs(x) + abs(y) + abs(z) + half + 2.0 * radius
+    if kind == CORNERS:
+        row = bodies.rows[i]
+        first, last = bodies.hulls.starts[row], bodies.hulls.starts[row + 1]
+        reach = bodies.hulls.radii[row] + 2.0 * radius
+    return Core(kind, (x, y, z), half, bodies.hulls.blocks, first, last, reach, radius)
+
+
+@njit
+def _sizes_at(bodies: Bodies, i: int) -> tuple[float, float, float, float]:
+    x, y, z = vector_at(bodies.sizes, i)
+    return x, y, z, bodies.sizes[i, 3]
+
+
+@njit
+def body_place(bodies: Bodies, i: int) -> Place:
+    """Return where body i is."""
+    return place_at(bodies.centers, bodies.rotations, i)
+
+
+@njit
+def support(core: Core, n: Vector) -> Vector:
+    """Return a point of the core that reaches farthest along n, of whatever length."""
+    if core.kind == CORNERS:
+        return farthest(core.blocks, core.first, core.last, n)
+    (x, y, z), half = core.size, math.copysign(core.half, n[2])
+    if core.kind == BOX:
+        return math.copysign(x, n[0]), math.copysign(y, n[1]), math.copysign(z, n[2])
+    if core.kind == SEGMENT:
+        return 0.0, 0.0, half
+    if core.kind == ROUND:
+        u = x * n[0], y * n[1], z * n[2]
+        length = norm(u)
+        if length > 0.0:
+            return x * (u[0] / length), y * (u[1] / length), z * (u[2] / length) + half
+        return 0.0, 0.0, half
+    u = x * n[0], y * n[1], 0.0
+    length = norm(u)
+    rim = (0.0, 0.0, half)
+    if length > 0.0:
+        rim = x * (u[0] / length), y * (u[1] / length), half
+    if core.kind == CYLINDER:
+        return rim
+    if length - core.half * n[2] < core.half * n[2]:
+        return 0.0, 0.0, core.half
+    return rim[0], rim[1], -core.half
+
+
+@njit
+def is_curved(core: Core) -> bool:
+    """Return whether a core has curved faces."""
+    return core.kind >= ROUND
+
+
+@njit
+def inner_size(core: Core) -> float:
+    """Return the reach of the core itself."""
+    if core.kind == CORNERS:
+        return core.reach - 2.0 * core.radius
+    return sum_abs(core.size) + core.half

@@ -1,0 +1,174 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""Distances of convex bodies: never too long, and attained by points of both."""
+
+from __future__ import annotations
+
+from itertools import combinations_with_replacement
+
+import hull_distances
+import numpy as np
+import pytest
+from convex_bodies import FAMILIES, KINDS, Pair, corners_of, family, hulls
+from numpy.typing import NDArray
+
+from obb_collision.queries.convex.distances import ConvexDistances, convex_distances
+from obb_collision.queries.convex.support import (
+    BOX,
+    CONE,
+    CORNERS,
+    CYLINDER,
+    ROUND,
+    SEGMENT,
+    ConvexBodies,
+)
+from obb_collision.typing import Floats
+
+Long = NDArray[np.longdouble]
+KIND_PAIRS = list(combinations_with_replacement(KINDS, 2))
+POLYTOPES = list(combinations_with_replacement(("hull", "box", "capsule"), 2))
+#: Promised: how close the bounds are, relative to the size or the distance of a pair.
+CLOSE = 1e-9
+
+
+def found_of(pair: Pair) -> ConvexDistances:
+    rows = np.arange(len(pair[0]))
+    return convex_distances(*pair, rows, rows)[0]
+
+
+def reach(body: ConvexBodies) -> Floats:
+    corners = np.array([body.hulls.radii[row] for row in body.rows])
+    sizes = np.abs(body.sizes).sum(axis=1)
+    return np.where(body.kinds == CORNERS, corners, sizes) + body.radii
+
+
+@pytest.mark.parametrize("name", FAMILIES)
+@pytest.mark.parametrize("kinds", POLYTOPES)
+def test_distances_of_polytopes_are_those_of_fractions(
+    name: str, kinds: tuple[str, str], pairs: int
+) -> None:
+    a, b = family(name, kinds, max(6, pairs // 1000), 1)
+    found = found_of((a, b))
+    for n in range(len(a)):
+        sides = [
+            hull_distances.placed(corners_of(x, n), x.centers[n], x.rotations[n]) for x in (a, b)
+        ]
+        square = hull_distances.squared_distance(*sides)
+        radius = float(a.radii[n] + b.radii[n])
+        truth = hull_distances.root(square)
+        assert hull_distances.at_most(found.lower[n], square, radius)
+        size = max(truth, float(reach(a)[n] + reach(b)[n]))
+        if truth > radius:
+            assert found.lower[n] >= truth - radius - CLOSE * size
+            assert found.upper[n] <= truth - radius + CLOSE * size + world_rounding((a, b))[n]
+
+
+def world_rounding(pair: Pair) -> Floats:
+    a, b = pair
+    return 1e-15 * (np.abs(a.centers).sum(axis=1) + np.abs(b.centers).sum(axis=1))
+
+
+def exact_reach(body: ConvexBodies, n: Long) -> Long:
+    """Return how far bodies reach along directions n (m, 3), of length one to 64 bits."""
+    rotations, sizes = body.rotations.astype(np.longdouble), body.sizes.astype(np.longdouble)
+    m = np.einsum("nij,ni->nj", rotations, n)
+    x, y, z, half = (sizes[:, k] for k in range(4))
+    rim = np.sqrt((x * m[:, 0]) ** 2 + (y * m[:, 1]) ** 2)
+    kind = int(body.kinds[0])
+    if kind == CORNERS:
+        points = np.array([corners_of(body, i) for i in range(len(m))]).astype(np.longdouble)
+        core = np.einsum("nkj,nj->nk", points, m).max(axis=1)
+    elif kind == BOX:
+        core = (np.abs(m) * sizes[:, :3]).sum(axis=1)
+    elif kind == CYLINDER:
+        core = rim + half * np.abs(m[:, 2])
+    elif kind == CONE:
+        core = np.maximum(half * m[:, 2], rim - half * m[:, 2])
+    else:
+        core = np.sqrt(rim**2 + (z * m[:, 2]) ** 2) + half * np.abs(m[:, 2])
+    return core + body.radii * np.sqrt((n * n).sum(axis=1))
+
+
+def exact_gap(pair: Pair, normals: Floats) -> Long:
+    a, b = pair
+    n = normals.astype(np.longdouble)
+    n /= np.sqrt((n * n).sum(axis=1))[:, None]
+    offset = b.centers.astype(np.longdouble) - a.centers
+    gap: Long = (n * offset).sum(axis=1) - exact_reach(a, n) - exact_reach(b, -n)
+    return gap
+
+
+@pytest.mark.parametrize("name", FAMILIES)
+@pytest.mark.parametrize("kinds", KIND_PAIRS)
+def test_bounds_are_proved_by_the_normal_and_attained_by_the_points(
+    name: str, kinds: tuple[str, str], pairs: int
+) -> None:
+    pair = family(name, kinds, max(100, pairs // 10), 2)
+    found = found_of(pair)
+    assert (found.lower <= exact_gap(pair, found.normals)).all()
+    size = np.maximum(reach(pair[0]) + reach(pair[1]), found.upper)
+    apart = found.lower > 0.0
+    width = np.maximum(found.upper, 0.0) - found.lower
+    assert (width[apart] <= (CLOSE * size + world_rounding(pair))[apart]).all()
+    assert (found.upper[~apart] <= (CLOSE * size + world_rounding(pair))[~apart]).all()
+    if name == "random":
+        assert apart.any()
+        assert not apart.all()
+    slack = 1e-13 * size + world_rounding(pair)
+    for body, points in zip(pair, (found.positions_a, found.positions_b), strict=True):
+        assert (beyond(body, points)[apart] <= slack[apart]).all()
+
+
+def beyond(body: ConvexBodies, points: Floats) -> Floats:
+    """Return how far points (m, 3) are outside of bodies, to first order; not of hulls.
+
+    That those of hulls are right follows from their distances.
+    """
+    p = np.einsum("nij,ni->nj", body.rotations, points - body.centers)
+    sizes, half = body.sizes[:, :3], body.sizes[:, 3]
+    kind = int(body.kinds[0])
+    if kind == CORNERS:
+        return np.zeros(len(p))
+    if kind == BOX:
+        return (np.abs(p) - sizes).max(axis=1)
+    if kind == SEGMENT:
+        p[:, 2] -= np.clip(p[:, 2], -half, half)
+        return np.linalg.norm(p, axis=1) - body.radii
+    thin = np.where(sizes > 0.0, 0.0, np.abs(p)).max(axis=1)
+    if kind == ROUND:
+        return np.maximum(thin, beyond_ellipse(p, sizes))
+    along = np.abs(p[:, 2]) - half
+    if kind == CYLINDER:
+        return np.maximum(along, beyond_ellipse(p[:, :2], sizes[:, :2]))
+    flat = half == 0.0
+    width = np.where(flat, 1.0, (half - p[:, 2]) / np.where(flat, 1.0, 2.0 * half))
+    rim = np.linalg.norm(p[:, :2] / sizes[:, :2], axis=1)
+    steep = 1.0 / np.hypot(1.0 / sizes.max(axis=1), np.where(flat, 0.0, 0.5 / half.clip(1e-300)))
+    return np.maximum(along, (rim - width) * steep)
+
+
+def beyond_ellipse(p: Floats, sizes: Floats) -> Floats:
+    """Return the distance to first order: a function that is 1 on the surface, by its slope."""
+    used = sizes > 0.0
+    u = np.where(used, p / np.where(used, sizes, 1.0), 0.0)
+    length = np.linalg.norm(u, axis=1)
+    slope = np.linalg.norm(np.where(used, u / np.where(used, sizes, 1.0), 0.0), axis=1)
+    return (length - 1.0) * length / np.where(slope > 0.0, slope, 1.0)
+
+
+def test_hulls_are_those_of_their_corners() -> None:
+    _, corners = hulls(np.ones(3))
+    a, _ = family("random", ("hull", "hull"), 5, 0)
+    for i in range(5):
+        assert set(map(tuple, corners_of(a, i))) == set(map(tuple, corners[a.rows[i]]))

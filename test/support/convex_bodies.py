@@ -1,0 +1,174 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""Pairs of convex bodies of all kinds, from random ones to those that are hard for floats."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from itertools import product
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from obb_collision.geometry.trees.pool import HullPool, Hulls
+from obb_collision.queries.convex.distances import convex_distances
+from obb_collision.queries.convex.support import (
+    BOX,
+    CONE,
+    CORNERS,
+    CYLINDER,
+    ROUND,
+    SEGMENT,
+    ConvexBodies,
+)
+from obb_collision.typing import Floats
+
+#: Corners per hull, and how many hulls there are.
+CORNERS_EACH, HULLS = 10, 16
+KINDS = {
+    "hull": CORNERS, "box": BOX, "capsule": SEGMENT, "ellipsoid": ROUND, "cylinder": CYLINDER,
+    "cone": CONE,
+}  # fmt: skip
+BOX_SIGNS = np.array(list(product((-1.0, 1.0), repeat=3)))
+Pair = tuple[ConvexBodies, ConvexBodies]
+
+
+def hulls(scale: Floats, seed: int = 0) -> tuple[Hulls, Floats]:
+    """Return hulls of random corners (HULLS, CORNERS_EACH, 3), these scaled by scale (3,)."""
+    corners = np.random.default_rng(seed).uniform(-1, 1, (HULLS, CORNERS_EACH, 3)) * scale
+    pool = HullPool()
+    for part in corners:
+        pool.append(Hulls.of(part))
+    return pool.all, corners
+
+
+def bodies(
+    kind: int, count: int, rng: np.random.Generator, scale: Floats, radius: float
+) -> ConvexBodies:
+    """Return bodies about the origin; scale (3,): of their sizes along their axes."""
+    sizes, radii = np.zeros((count, 4)), np.zeros(count)
+    sizes[:, :3] = rng.uniform(0.2, 1.0, (count, 3)) * scale
+    sizes[:, 3] = rng.uniform(0.2, 1.0, count) * scale[2]
+    if kind in (CORNERS, SEGMENT):
+        sizes[:, :3] = 0.0
+    if kind in (CORNERS, BOX, ROUND):
+        sizes[:, 3] = 0.0
+    if kind in (CYLINDER, CONE):
+        sizes[:, 2] = 0.0
+    if kind == SEGMENT:
+        radii = rng.uniform(0.2, 1.0, count) * radius
+    rotations = Rotation.random(count, rng).as_matrix()
+    return ConvexBodies(
+        np.full(count, kind, np.int8), sizes, radii, hulls(scale)[0],
+        rng.integers(0, HULLS, count), rng.uniform(-1.5, 1.5, (count, 3)) * scale.max(), rotations,
+    )  # fmt: skip
+
+
+def corners_of(body: ConvexBodies, i: int) -> Floats:
+    """Return the corners (n, 3) of body i in its own frame: of a hull, a box or a segment."""
+    if body.kinds[i] == BOX:
+        return BOX_SIGNS * body.sizes[i, :3]
+    if body.kinds[i] == CORNERS:
+        row = body.rows[i]
+        blocks = body.hulls.blocks[body.hulls.starts[row] : body.hulls.starts[row + 1]]
+        return np.unique(blocks.transpose(0, 2, 1).reshape(-1, 3), axis=0)
+    return np.array([[0.0, 0.0, body.sizes[i, 3]], [0.0, 0.0, -body.sizes[i, 3]]])
+
+
+def moved(body: ConvexBodies, **changes: Floats) -> ConvexBodies:
+    """Return bodies with other arrays."""
+    return ConvexBodies(**(vars(body) | changes))
+
+
+def pair_of(kinds: tuple[str, str], count: int, seed: int, scale: Floats | None = None) -> Pair:
+    """Return bodies of two kinds."""
+    rng = np.random.default_rng(seed)
+    size = np.ones(3) if scale is None else scale
+    a, b = (bodies(KINDS[kind], count, rng, size, 0.5 * size.min()) for kind in kinds)
+    return a, b
+
+
+def near(pair: Pair, seed: int) -> Pair:
+    """Return the pair with b moved towards a, until some 1e-16 to 1e-3 of the size are left."""
+    a, b = pair
+    rng = np.random.default_rng(seed)
+    rows = np.arange(len(a))
+    size = np.abs(a.sizes).sum(axis=1) + np.abs(b.sizes).sum(axis=1)
+    size = np.maximum(size, np.abs(hulls(np.ones(3))[1]).max() * (size == 0.0))
+    gaps = size * 10.0 ** rng.uniform(-16, -3, len(a)) * rng.choice([-1.0, 0.0, 1.0, 1.0], len(a))
+    for _ in range(2):
+        found = convex_distances(a, b, rows, rows)[0]
+        apart = found.lower > 0.0
+        step = np.where(apart, found.upper - gaps, 0.0)
+        b = moved(b, centers=b.centers - step[:, None] * found.normals)
+    return a, b
+
+
+def parallel(pair: Pair, seed: int) -> Pair:
+    """Return the pair with equal rotations, or nearly so, and offsets along an axis of them."""
+    a, b = pair
+    rng = np.random.default_rng(seed)
+    tilt = Rotation.from_rotvec(
+        rng.normal(size=(len(a), 3)) * 10.0 ** rng.uniform(-17, -3, (len(a), 1))
+    )
+    turned = np.where(
+        rng.random(len(a))[:, None, None] < 0.5, a.rotations, a.rotations @ tilt.as_matrix()
+    )
+    offsets = np.zeros((len(a), 3))
+    offsets[np.arange(len(a)), rng.integers(0, 3, len(a))] = 3.0 * np.abs(a.centers).max()
+    centers = a.centers + np.einsum("nij,nj->ni", a.rotations, offsets)
+    return near((a, moved(b, centers=centers, rotations=turned)), seed)
+
+
+def far_away(pair: Pair, seed: int) -> Pair:
+    """Return the pair moved to 1e6 to 1e9 m from the origin."""
+    a, b = near(pair, seed)
+    rng = np.random.default_rng(seed)
+    offset = rng.normal(size=(len(a), 3)) * 10.0 ** rng.uniform(6, 9, (len(a), 1))
+    return moved(a, centers=a.centers + offset), moved(b, centers=b.centers + offset)
+
+
+def far_apart(pair: Pair, seed: int) -> Pair:
+    """Return the pair with b at up to 1e6 times its size."""
+    a, b = pair
+    rng = np.random.default_rng(seed)
+    offset = rng.normal(size=(len(a), 3)) * 10.0 ** rng.uniform(1, 6, (len(a), 1))
+    return a, moved(b, centers=b.centers + offset)
+
+
+def as_they_are(pair: Pair, seed: int) -> Pair:
+    """Return the pair."""
+    return pair
+
+
+#: By name: the scale of bodies along their axes, and what is done to pairs of them.
+FAMILIES: dict[str, tuple[list[float], Callable[[Pair, int], Pair]]] = {
+    "random": ([1.0, 1.0, 1.0], as_they_are),
+    "nearly touching": ([1.0, 1.0, 1.0], near),
+    "parallel": ([1.0, 1.0, 1.0], parallel),
+    "flat": ([1.0, 1.0, 0.0], near),
+    "plates": ([1.0, 1.0, 1e-8], near),
+    "needles": ([1e-8, 1e-8, 1.0], near),
+    "flat and parallel": ([1.0, 1.0, 0.0], parallel),
+    "tiny": ([1e-150, 1e-150, 1e-150], near),
+    "huge": ([1e150, 1e150, 1e150], near),
+    "far away": ([1.0, 1.0, 1.0], far_away),
+    "far apart": ([1.0, 1.0, 1.0], far_apart),
+}
+
+
+def family(name: str, kinds: tuple[str, str], count: int, seed: int) -> Pair:
+    """Return pairs of a family."""
+    scale, change = FAMILIES[name]
+    return change(pair_of(kinds, count, seed, np.array(scale)), seed)
