@@ -103,7 +103,7 @@ def test_a_hundred_thousand_triangles_take_seconds() -> None:
     mesh = creation.icosphere(subdivisions=7).subdivide()
     faces = np.asarray(mesh.faces)[:100_000]
     MeshTrees.build(np.eye(3), [[0, 1, 2]])
-    start = time.perf_counter()
+    start = time.process_time()
     tree = MeshTrees.build(mesh.vertices, faces)
-    assert time.perf_counter() - start < 20.0
+    assert time.process_time() - start < 20.0
     assert tree.levels.max() < 40
