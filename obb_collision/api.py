@@ -27,6 +27,7 @@ from obb_collision.geometry.trees.obb_tree import MeshTrees
 from obb_collision.obb import OBB
 from obb_collision.queries.clearance.clearance import clearances
 from obb_collision.queries.contacts.contacts import contacts
+from obb_collision.queries.meshes.mesh_clearance import mesh_clearances
 from obb_collision.queries.meshes.meshes import (
     PlacedMeshes,
     mesh_collisions,
@@ -76,6 +77,7 @@ __all__ = [
     "find_pairs",
     "iou",
     "load_scene",
+    "mesh_clearances",
     "mesh_collisions",
     "mesh_contacts",
     "mesh_verdicts",

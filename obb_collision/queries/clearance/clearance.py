@@ -119,11 +119,15 @@ def clearances(
     check_boxes(a, b)
     given = as_pairs(a, b, pairs)
     boxes, checked = one_set(a, b, given)
+    found, near = near_pairs(boxes, checked, as_limit(max_distance))
+    return replace(found, pairs=given[near])
+
+
+def as_limit(max_distance: float) -> float:
+    """Return a distance in metres, infinite for none."""
     if not (isinstance(max_distance, REAL) and max_distance >= 0.0):  # NaN too
         raise ValueError(f"max_distance must be a number, at least 0, got {shown(max_distance)}")
-    limit = float(max_distance) if max_distance <= MAX_MAGNITUDE else np.inf
-    found, near = near_pairs(boxes, checked, limit)
-    return replace(found, pairs=given[near])
+    return float(max_distance) if max_distance <= MAX_MAGNITUDE else np.inf
 
 
 def near_pairs(boxes: Boxes, pairs: Integers, limit: float) -> tuple[Clearances, Mask]:

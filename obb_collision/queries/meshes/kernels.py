@@ -58,13 +58,13 @@ def find_kernel(
     found = 0
     for n in range(start, stop):
         body_a, body_b = body_at(a, rows_a[n]), body_at(b, rows_b[n])
-        pose = _pose_of(trees_a, body_a, trees_b, body_b)
+        pose = pose_of(trees_a, body_a, trees_b, body_b)
         out[n] = SEPARATE
-        if _roots_apart(trees_a, body_a, trees_b, body_b, pose):
+        if roots_apart(trees_a, body_a, trees_b, body_b, pose):
             continue
         verdict, found = descend(trees_a, body_a, trees_b, body_b, pose, search, n, found)
         if verdict == SEPARATE:
-            verdict = _nesting(trees_a, body_a, trees_b, body_b, pose, stack)
+            verdict = nesting(trees_a, body_a, trees_b, body_b, pose, stack)[0]
         out[n] = verdict
     return found
 
@@ -79,48 +79,52 @@ def tree_kernel(
     stack = np.empty((STACK, 2), np.int64)
     for n in range(start, stop):
         body_a, body_b = body_at(a, rows_a[n]), body_at(b, rows_b[n])
-        pose = _pose_of(trees_a, body_a, trees_b, body_b)
+        pose = pose_of(trees_a, body_a, trees_b, body_b)
         out[n] = False
-        if _roots_apart(trees_a, body_a, trees_b, body_b, pose):
+        if roots_apart(trees_a, body_a, trees_b, body_b, pose):
             continue
         out[n] = boxes_may_collide(trees_a, body_a, trees_b, body_b, pose, depth, stack) or (
-            _nesting(trees_a, body_a, trees_b, body_b, pose, stack) != SEPARATE
+            nesting(trees_a, body_a, trees_b, body_b, pose, stack)[0] != SEPARATE
         )
 
 
 @njit
-def _pose_of(trees_a: TreeArrays, a: Body, trees_b: TreeArrays, b: Body) -> Pose:
+def pose_of(trees_a: TreeArrays, a: Body, trees_b: TreeArrays, b: Body) -> Pose:
+    """Return the pose of b in the frame of a."""
     return relative_pose(a.place, b.place, trees_a.radii[a.mesh] + trees_b.radii[b.mesh])
 
 
 @njit
-def _roots_apart(trees_a: TreeArrays, a: Body, trees_b: TreeArrays, b: Body, pose: Pose) -> bool:
+def roots_apart(trees_a: TreeArrays, a: Body, trees_b: TreeArrays, b: Body, pose: Pose) -> bool:
+    """Return whether the boxes about two bodies are certainly apart."""
     root_a, root_b = trees_a.roots[a.mesh], trees_b.roots[b.mesh]
     return box_gap(trees_a.nodes, root_a, trees_b.nodes, root_b, pose) == np.inf
 
 
 @njit
-def _nesting(
+def nesting(
     trees_a: TreeArrays, a: Body, trees_b: TreeArrays, b: Body, pose: Pose, stack: np.ndarray
-) -> int:
+) -> tuple[int, int, bool]:  # fmt: skip
     """Return OVERLAP where a piece of one is inside the other, TOUCHING where that is unknown.
 
-    For meshes whose surfaces are apart: then a piece is inside or outside as a whole.
+    And that piece, and whether it is one of a. For meshes whose surfaces are apart: then a
+    piece is inside or outside as a whole.
     """
-    unknown = False
+    unknown, of_a = -1, False
     if trees_a.solid[a.mesh]:
         for k in range(trees_b.piece_starts[b.mesh], trees_b.piece_starts[b.mesh + 1]):
             side = _piece_side(trees_a, a.mesh, trees_b.pieces, k, pose, False, stack)
             if side == INSIDE:
-                return OVERLAP
-            unknown = unknown or side == UNKNOWN
+                return OVERLAP, k, False
+            unknown = k if side == UNKNOWN else unknown
     if trees_b.solid[b.mesh]:
         for k in range(trees_a.piece_starts[a.mesh], trees_a.piece_starts[a.mesh + 1]):
             side = _piece_side(trees_b, b.mesh, trees_a.pieces, k, pose, True, stack)
             if side == INSIDE:
-                return OVERLAP
-            unknown = unknown or side == UNKNOWN
-    return TOUCHING if unknown else SEPARATE
+                return OVERLAP, k, True
+            if side == UNKNOWN:
+                unknown, of_a = k, True
+    return TOUCHING if unknown >= 0 else SEPARATE, unknown, of_a
 
 
 @njit

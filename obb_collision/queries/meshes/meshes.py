@@ -203,7 +203,7 @@ def mesh_verdicts(
     [2]
     """
     as_flag(exact, "exact")
-    i, j = _rows(a, b, pairs)
+    i, j = mesh_rows(a, b, pairs)
     effort = as_whole(effort, "effort")
     result, _, _ = _find(a, b, i, j, OVERLAP, 0, effort)
     if exact:
@@ -259,7 +259,7 @@ def mesh_collisions(
     >>> oc.mesh_collisions(bodies, bodies, [[0, 0], [0, 1]]).tolist()
     [True, False]
     """
-    i, j = _rows(a, b, pairs)
+    i, j = mesh_rows(a, b, pairs)
     if depth is None:
         return _find(a, b, i, j, TOUCHING, 0)[0] != SEPARATE
     result = np.empty(len(i), np.bool_)
@@ -307,7 +307,7 @@ def mesh_contacts(
     >>> faces.tolist(), count
     ([[0, 0, 0, 1]], 1)
     """
-    i, j = _rows(a, b, pairs)
+    i, j = mesh_rows(a, b, pairs)
     if capacity is None:
         contacts = _all_contacts(a, b, i, j)
         count = len(contacts)
@@ -322,7 +322,10 @@ def mesh_contacts(
     return faces, count
 
 
-def _rows(a: PlacedMeshes, b: PlacedMeshes, pairs: ArrayLike | None) -> tuple[Integers, Integers]:
+def mesh_rows(
+    a: PlacedMeshes, b: PlacedMeshes, pairs: ArrayLike | None
+) -> tuple[Integers, Integers]:
+    """Return rows (m,) of a and of b that are asked about."""
     check_kind(a, PlacedMeshes, "a")
     check_kind(b, PlacedMeshes, "b")
     return as_sides(a, b, pairs)

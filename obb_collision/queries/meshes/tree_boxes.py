@@ -116,8 +116,8 @@ def box_gap(nodes_a: Floats, i: int, nodes_b: Floats, j: int, pose: Pose) -> flo
 
     nodes: rows (n, 16). The faces first, those of a one by one: most nodes are apart along these.
     """
-    center, (a0, a1, a2), h = _node(nodes_a, i)
-    c, b, f = _node(nodes_b, j)
+    center, (a0, a1, a2), h = node_at(nodes_a, i)
+    c, b, f = node_at(nodes_b, j)
     d = minus(moved(pose, c), center)
     u, p = components(b, components(pose.axes, a0)), dot(a0, d)
     gap = face_gap(p, h[0], f, u)
@@ -159,7 +159,7 @@ def back_of(pose: Pose) -> Pose:
 @njit
 def moved_node(pose: Pose, nodes: Floats, i: int) -> NodeBox:
     """Return the box of node i of b in the frame of a."""
-    center, (x, y, z), half = _node(nodes, i)
+    center, (x, y, z), half = node_at(nodes, i)
     axes = combined(pose.axes, x), combined(pose.axes, y), combined(pose.axes, z)
     return NodeBox(moved(pose, center), axes, half)
 
@@ -171,7 +171,7 @@ def faces_gap(nodes: Floats, i: int, other: NodeBox, bound: float) -> float:
     The gap is the largest along a face. Without the nine axes of edges, which keep few nodes apart
     and take half of the time of ``box_gap``.
     """
-    center, (a0, a1, a2), h = _node(nodes, i)
+    center, (a0, a1, a2), h = node_at(nodes, i)
     b, f = other.axes, other.half
     d = minus(other.center, center)
     u, v, w = components(b, a0), components(b, a1), components(b, a2)
@@ -189,7 +189,7 @@ def faces_gap(nodes: Floats, i: int, other: NodeBox, bound: float) -> float:
 
 
 @njit
-def _node(nodes: Floats, i: int) -> tuple[Vector, Axes, Vector]:
+def node_at(nodes: Floats, i: int) -> tuple[Vector, Axes, Vector]:
     """Return centre, axes and half extents of the box of a node."""
     x = nodes[i, 3], nodes[i, 6], nodes[i, 9]
     y = nodes[i, 4], nodes[i, 7], nodes[i, 10]
