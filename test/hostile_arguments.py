@@ -197,6 +197,9 @@ def calls() -> Iterator[tuple[str, Callable[..., Any], dict[str, Any]]]:
     sides = {"a": bodies, "b": bodies, "pairs": pairs}
     yield "mesh_verdicts", oc.mesh_verdicts, {**sides, "exact": True, "effort": 100}
     yield "mesh_collisions", oc.mesh_collisions, {**sides, "depth": 2}
+    yield "mesh_clearances", oc.mesh_clearances, {
+        **sides, "max_distance": 1.0, "radii_a": 0.1, "radii_b": [0.1, 0.2]
+    }  # fmt: skip
     yield "mesh_contacts", oc.mesh_contacts, {**sides, "capacity": 4}
     yield "Report", written, {"value": 10**9}
     yield from scene_calls()

@@ -170,6 +170,9 @@ FUNCTIONS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "plane_distances": (
         oc.plane_distances, {"boxes": boxes(), "points": POINTS, "normals": UNITS, **PAIRS}
     ),
+    "mesh_clearances": (
+        oc.mesh_clearances, {**MESHES, "max_distance": 1.0, "radii_a": 0.1, "radii_b": 0.1}
+    ),
     "mesh_collisions": (oc.mesh_collisions, {**MESHES, "depth": 1}),
     "mesh_contacts": (oc.mesh_contacts, {**MESHES, "capacity": 9}),
     "mesh_verdicts": (oc.mesh_verdicts, {**MESHES, "exact": False, "effort": 99}),

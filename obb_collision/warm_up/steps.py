@@ -277,6 +277,7 @@ def _mesh_queries() -> None:
     poses = np.tile(TURNED, (2, 1))
     bodies = oc.PlacedMeshes.from_poses(trees, np.zeros(2, np.int64), poses)
     oc.mesh_contacts(bodies, bodies)
+    oc.mesh_clearances(bodies, bodies)
     oc.mesh_verdicts(bodies, bodies, exact=True)
 
 

@@ -33,6 +33,7 @@ from error_bounds import (
     flips,
     norm,
     observed_at_flip,
+    root,
     taxicab,
 )
 from hull_distances import placed
@@ -49,6 +50,8 @@ from obb_collision.queries.convex.distance import CONVEX_ROUNDING
 from obb_collision.queries.convex.distances import convex_distances
 from obb_collision.queries.meshes.convex import GAP_BOUND, PlacedHulls, hulls_may_collide
 from obb_collision.queries.meshes.inside import SLAB_SLACK, outside_box
+from obb_collision.queries.meshes.mesh_clearance import mesh_clearances
+from obb_collision.queries.meshes.meshes import PlacedMeshes
 from obb_collision.queries.meshes.tree_boxes import (
     POINT_BOUND,
     back_of,
@@ -59,6 +62,7 @@ from obb_collision.queries.meshes.tree_boxes import (
     place_at,
     relative_pose,
 )
+from obb_collision.queries.meshes.tree_distance import DISTANCE_BOUND
 from obb_collision.queries.meshes.triangle_axes import WIDTH, classify_by_axes
 from obb_collision.queries.meshes.triangle_signs import (
     DETERMINANT_ROUNDING,
@@ -101,6 +105,36 @@ def test_corners_in_the_frame_of_the_other_mesh(record_property: Record) -> None
         ]
         error = max(map(abs, difference(exact(found), solved(columns_a, place))))
         ratios.append(error / (Fraction(POINT_BOUND) * Fraction(pose.size)))
+    check_ratios(record_property, ratios)
+
+
+def test_distances_of_meshes(record_property: Record) -> None:
+    """Of points: their distance has no error but that of the pose and its own rounding."""
+    rotations = Moved(4, loose=True).a.rotations
+    triangle = np.array([[0, 1, 2]])
+    ratios = []
+    for i in range(0, len(rotations) - 1, 2):
+        centers, corners = RNG.normal(size=(2, 3)), RNG.normal(size=(2, 3))
+        trees = MeshTrees.join([MeshTrees.build([c] * 3, triangle) for c in corners])
+        a, b = (PlacedMeshes(trees, [k], centers[[k]], rotations[[i + k]]) for k in (0, 1))
+        # as stored: rotations that are loose are made orthonormal on the way in
+        bodies = [
+            PlacedMeshes.trusted(trees, x.meshes, x.centers, rotations[[i + k]])
+            for k, x in enumerate((a, b))
+        ]
+        found = mesh_clearances(bodies[0], bodies[1])
+        places = [
+            [
+                dot(row, exact(corner)) + c
+                for row, c in zip(map(exact, r), exact(center), strict=True)
+            ]
+            for r, corner, center in zip(rotations[i : i + 2], corners, centers, strict=True)
+        ]
+        true = root(sum((x * x for x in difference(*places)), Fraction(0)))
+        size = Fraction(taxicab(difference(*map(exact, centers)))) + sum(map(Fraction, trees.radii))
+        bound = Fraction(DISTANCE_BOUND) * size
+        error = abs(Fraction(found.distances[0]) + bound - true)
+        ratios.append(max(error, abs(Fraction(found.upper[0]) - bound - true)) / bound)
     check_ratios(record_property, ratios)
 
 

@@ -143,15 +143,16 @@ def mesh_clearances(
     limit = as_limit(max_distance)
     first, second = _radii(radii_a, "radii_a", len(a)), _radii(radii_b, "radii_b", len(b))
     near = np.empty(len(i), np.bool_)
-    bounds, vectors = np.empty((2, len(i))), np.empty((3, len(i), 3))
+    lower, upper, vectors = np.empty(len(i)), np.empty(len(i)), np.empty((3, len(i), 3))
     faces = np.empty((len(i), 2), np.int64)
     run(
         *(clearance_kernel, len(i), FEWEST_PAIRS),
         *(a.arrays, i, first, b.arrays, j, second, limit, near),
-        *(bounds[0], bounds[1], vectors[0], vectors[1], vectors[2], faces),
+        *(lower, upper, vectors[0], vectors[1], vectors[2], faces),
     )
     rows = np.stack([i, j], axis=1)[near]
-    return MeshClearances(rows, *bounds[:, near], *vectors[:, near], faces[near])
+    x, y, normals = vectors[:, near]
+    return MeshClearances(rows, lower[near], upper[near], x, y, normals, faces[near])
 
 
 def _radii(given: ArrayLike, name: str, count: int) -> Floats:
@@ -167,6 +168,7 @@ def _radii(given: ArrayLike, name: str, count: int) -> Floats:
 class Apart(NamedTuple):
     """How far apart two meshes are: bounds, points and direction, in the frame of a, metres."""
 
+    collide: bool
     lower: float
     upper: float
     x: Vector  #: of a
@@ -192,9 +194,8 @@ def clearance_kernel(
         reach = radii_a[i] + radii_b[j]
         found = _apart(trees_a, body_a, trees_b, body_b, pose, limit + reach, room)
         bound = DISTANCE_BOUND * (pose.size + reach) + MESH_UNDERFLOW
-        least, most = max(found.lower - reach - bound, 0.0), 0.0
-        if found.upper > 0.0:
-            most = max(found.upper - reach + bound, 0.0)
+        least = max(found.lower - reach - bound, 0.0)
+        most = 0.0 if found.collide else max(found.upper - reach + bound, 0.0)
         near[row] = least <= limit and found.upper < np.inf
         if not near[row]:
             continue
@@ -223,20 +224,20 @@ def _apart(
         if descend(trees_a, a, trees_b, b, pose, search, 0, 0)[0] != SEPARATE:
             s, t = room.contacts[0, 1], room.contacts[0, 2]
             _, x, y = points_of(trees_a, s, trees_b, t, pose, unit)
-            return Apart(0.0, 0.0, scaled(x, back), scaled(y, back), zero, s, t)
+            return Apart(True, 0.0, 0.0, scaled(x, back), scaled(y, back), zero, s, t)
         verdict, k, of_a = nesting(trees_a, a, trees_b, b, pose, room.stack)
         if verdict != SEPARATE:
             point = _piece(trees_a, k) if of_a else moved(pose, _piece(trees_b, k))
-            return Apart(0.0, 0.0, point, point, zero, -1, -1)
+            return Apart(True, 0.0, 0.0, point, point, zero, -1, -1)
     found = nearest_triangles(trees_a, a, trees_b, b, pose, unit, limit * unit + 2.0 * SLACK, room)
     s, t, n = found.s, found.t, found.direction
     if s < 0:
-        return Apart(found.lower * back, np.inf, zero, zero, zero, s, t)
+        return Apart(False, found.lower * back, np.inf, zero, zero, zero, s, t)
     distance, x, y = points_of(trees_a, s, trees_b, t, pose, unit)
     if found.lower <= DISTANCE_BOUND and distance > 0.0:  # along no direction a gap is certain
         n = scaled(minus(x, y), 1.0 / norm(minus(x, y)))
     x, y = scaled(x, back), scaled(y, back)
-    return Apart(found.lower * back, distance * back, x, y, scaled(n, -1.0), s, t)
+    return Apart(False, found.lower * back, distance * back, x, y, scaled(n, -1.0), s, t)
 
 
 @njit

@@ -41,7 +41,7 @@ from obb_collision._jit import njit
 from obb_collision.geometry.trees.node_fit import SIZE
 from obb_collision.geometry.trees.obb_tree import TreeArrays
 from obb_collision.numerics.constants import ROUNDOFF
-from obb_collision.numerics.vec3 import components, dot, minus, scaled
+from obb_collision.numerics.vec3 import components, dot, max_abs, minus, scaled
 from obb_collision.queries.meshes.tree_boxes import (
     BOX_BOUND,
     NodeBox,
@@ -101,6 +101,8 @@ def nearest_triangles(
     stack, bounds, back = room.stack, room.bounds, back_of(pose)
     lower, upper, s, t = limit, limit, -1, -1
     direction = scaled(pose.offset, -unit)
+    if not max_abs(direction) > 0.0:
+        direction = 1.0, 0.0, 0.0
     root_a, root_b = trees_a.roots[a.mesh], trees_b.roots[b.mesh]
     stack[0, 0], stack[0, 1] = root_a, root_b
     bounds[0] = boxes_apart(nodes_a, root_a, moved_node(pose, nodes_b, root_b), unit)

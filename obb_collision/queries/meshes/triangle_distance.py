@@ -34,15 +34,14 @@ import numpy as np
 
 from obb_collision._jit import njit
 from obb_collision.numerics import double_double as dd
-from obb_collision.numerics.constants import ROUNDOFF
 from obb_collision.numerics.simplex import no_simplex, with_corner
 from obb_collision.numerics.vec3 import careful_cross, dot, max_abs, minus, plus, scaled
 from obb_collision.queries.meshes.triangle_signs import Triangle
 from obb_collision.queries.primitives.segments import nearest_of_segments
 from obb_collision.typing import Vector
 
-#: The search ends when both bounds agree to this, relative to coordinates about one,
-AGREED = 64 * ROUNDOFF
+#: The search ends when both bounds agree to this, 7e-15 of coordinates about one,
+AGREED = 2.0**-47
 #: or after this many steps: most pairs take four.
 STEPS = 24
 #: Two points of triangles, and the square of their distance.

@@ -16,108 +16,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from triangle_oracle import triangle_verdict
+from triangle_pairs import FAMILIES, Maker, Pair, coplanar, extreme_sizes
 
 from obb_collision.queries.meshes.triangles import triangle_verdicts
 from obb_collision.queries.verdict.verdict import Verdict
 
-Floats = NDArray[np.floating]
-Pair = tuple[Floats, Floats]
-Maker = Callable[[np.random.Generator], Pair]
-
 PAIRS = 120
-
-
-def _any(rng: np.random.Generator) -> Pair:
-    return rng.normal(size=(3, 3)), rng.normal(size=(3, 3))
-
-
-def _small_grid(rng: np.random.Generator) -> Pair:
-    """Small integers: every kind of touching, coplanar and degenerate pair comes up."""
-    return rng.integers(-1, 2, (3, 3)) * 1.0, rng.integers(-1, 2, (3, 3)) * 1.0
-
-
-def _coplanar(rng: np.random.Generator) -> Pair:
-    a, b = rng.normal(size=(3, 3)), rng.normal(size=(3, 3))
-    a[:, 2] = b[:, 2] = 0.25
-    return a, b
-
-
-def _nearly_coplanar(rng: np.random.Generator) -> Pair:
-    a, b = _coplanar(rng)
-    b[:, 2] += 2.0 ** -float(rng.integers(30, 53)) * rng.integers(-2, 3, 3)
-    return a, b
-
-
-def _tilted_coplanar(rng: np.random.Generator) -> Pair:
-    """In one plane but for the rounding of the coordinates."""
-    u, v, o = rng.normal(size=(3, 3))
-    plane = np.array([u, v])
-    return o + rng.normal(size=(3, 2)) @ plane, o + rng.normal(size=(3, 2)) @ plane
-
-
-def _vertex_on_face(rng: np.random.Generator) -> Pair:
-    a, b = rng.normal(size=(3, 3)), rng.normal(size=(3, 3))
-    weights = rng.dirichlet([1.0, 1.0, 1.0])
-    b[0] = weights @ a + rng.integers(-1, 2) * 1e-16 * rng.normal(size=3)
-    return a, b
-
-
-def _edge_on_edge(rng: np.random.Generator) -> Pair:
-    a, b = rng.normal(size=(3, 3)), rng.normal(size=(3, 3))
-    b += 0.5 * (a[0] + a[1]) - 0.5 * (b[0] + b[1])
-    return a, b
-
-
-def _shared(rng: np.random.Generator) -> Pair:
-    """Share a corner, an edge or all three, as neighbours in a mesh do."""
-    a, b = rng.normal(size=(3, 3)), rng.normal(size=(3, 3))
-    count = rng.integers(1, 4)
-    b[rng.permutation(3)[:count]] = a[rng.permutation(3)[:count]]
-    return a, b
-
-
-def _sliver(rng: np.random.Generator) -> Pair:
-    a, b = rng.normal(size=(3, 3)), rng.normal(size=(3, 3))
-    a[2] = 0.5 * (a[0] + a[1]) + 10.0 ** -float(rng.integers(5, 18)) * rng.normal(size=3)
-    return a, b
-
-
-def _degenerate(rng: np.random.Generator) -> Pair:
-    a, b = _small_grid(rng) if rng.random() < 0.7 else _any(rng)
-    a[1 + rng.integers(2)] = a[0]
-    if rng.random() < 0.5:
-        b[:] = b[0] if rng.random() < 0.5 else np.array([b[0], 0.5 * (b[0] + b[1]), b[1]])
-    return a, b
-
-
-def _far(rng: np.random.Generator) -> Pair:
-    a, b = _small_grid(rng) if rng.random() < 0.5 else _any(rng)
-    offset = rng.choice([1e6, -1e9, 1e12]) * rng.normal(size=3)
-    return a + offset, b + offset
-
-
-def _different_sizes(rng: np.random.Generator) -> Pair:
-    a, b = rng.normal(size=(3, 3)), rng.normal(size=(3, 3))
-    b *= 10.0 ** -float(rng.integers(2, 12))
-    return a, b + rng.dirichlet([1.0, 1.0, 1.0]) @ a
-
-
-def _extreme_sizes(rng: np.random.Generator) -> Pair:
-    a, b = _small_grid(rng) if rng.random() < 0.5 else _any(rng)
-    scale = rng.choice([1e-160, 1e-100, 1e100, 1e155])
-    return a * scale, b * scale
-
-
-FAMILIES: list[Maker] = [
-    _any, _small_grid, _coplanar, _nearly_coplanar, _tilted_coplanar, _vertex_on_face,
-    _edge_on_edge, _shared, _sliver, _degenerate, _far, _different_sizes, _extreme_sizes,
-]  # fmt: skip
 
 
 def _pairs(maker: Maker, count: int) -> Pair:
@@ -142,7 +49,7 @@ def test_exact_verdicts_keep_the_symmetries(maker: Maker) -> None:
     verdicts = triangle_verdicts(a, b, exact=True)
     assert (triangle_verdicts(b, a, exact=True) == verdicts).all()
     assert (triangle_verdicts(a[:, [2, 0, 1]], b[:, [1, 0, 2]], exact=True) == verdicts).all()
-    if maker is not _extreme_sizes:
+    if maker is not extreme_sizes:
         assert (triangle_verdicts(a * 0.25, b * 0.25, exact=True) == verdicts).all()
 
 
@@ -153,7 +60,7 @@ def test_ordinary_pairs_are_all_decided() -> None:
 
 
 def test_apart_in_one_plane_is_separate_without_integers() -> None:
-    a, b = _pairs(_coplanar, 2000)
+    a, b = _pairs(coplanar, 2000)
     certified, truth = triangle_verdicts(a, b), triangle_verdicts(a, b, exact=True)
     assert (certified == truth).all()
     assert set(truth.tolist()) == {Verdict.SEPARATE, Verdict.TOUCHING}
