@@ -74,6 +74,12 @@ def setting(name: str) -> Callable[..., None]:
     return assign
 
 
+def with_cup(name: str) -> None:
+    made = oc.RobotScene(oc.Robot.from_urdf(ROCK))
+    made.attach("cup", Box([1] * 3), "rock")
+    made.detach(name)
+
+
 BOX, AROUND = oc.OBB(half_extents=[1, 1, 1]), oc.AABB([-1] * 3, [1] * 3)
 REGION = oc.Region([0] * 3, [1] * 3, 1.0)
 MESHES = {"a": placed(), "b": placed(), "pairs": [[0, 0]]}
@@ -183,6 +189,25 @@ FUNCTIONS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
             "read_mesh": Mesh.from_file,
         },
     ),
+    "RobotScene": (
+        oc.RobotScene,
+        {
+            "robots": [oc.Robot.from_urdf(ROCK)], "scene": scene(), "accuracy": "hull",
+            "padding": 0.1, "bases": [POSE],
+        },
+    ),
+    "RobotScene.check": (
+        oc.RobotScene(oc.Robot.from_urdf(ROCK)).check,
+        {"configurations": np.zeros((2, 0)), "all_pairs": True},
+    ),
+    "RobotScene.attach": (
+        oc.RobotScene(oc.Robot.from_urdf(ROCK)).attach,
+        {
+            "name": "cup", "shape": Box([1] * 3), "link": "rock", "pose": POSE,
+            "touch_links": ["rock"], "padding": 0.1,
+        },
+    ),
+    "RobotScene.detach": (with_cup, {"name": "cup"}),
     "Robot.link_poses": (oc.Robot.from_urdf(ROCK).link_poses, {"states": np.zeros((2, 0))}),
     "load_scene": (oc.load_scene, {"path": "none.yaml"}),
     "SceneDescription.states": (oc.SceneDescription("x", ()).states, {"time": 0.0}),
@@ -273,7 +298,8 @@ def test_every_public_function_is_tried() -> None:
     public = {*oc.__all__, *oc.shapes.__all__} - {"shapes"}
     assert {name.split(".")[0] for name in FUNCTIONS} | RESULTS == public
     kinds = (
-        oc.OBB, oc.AABB, oc.Boxes, oc.Capsules, oc.Scene, oc.MeshTrees, oc.PlacedMeshes, oc.Robot
+        oc.OBB, oc.AABB, oc.Boxes, oc.Capsules, oc.Scene, oc.MeshTrees, oc.PlacedMeshes, oc.Robot,
+        oc.RobotScene,
     )  # fmt: skip
     for kind in kinds:
         methods = {name for name, _ in inspect.getmembers(kind, callable) if name[0] != "_"}

@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Robots: URDF and SRDF, their kinematics, and pairs of their links."""
+"""Robots: URDF and SRDF, kinematics, and checks of their states in a scene."""

@@ -119,12 +119,12 @@ def place_links(tree: Tree, states: Floats, n: int, poses: Floats, m: int) -> No
         poses[m, link, 3], poses[m, link, 4], poses[m, link, 5], poses[m, link, 6] = turn
 
 
-@njit
+@njit_inlined
 def _quaternion_at(quaternions: Floats, i: int) -> Quaternion:
     return quaternions[i, 0], quaternions[i, 1], quaternions[i, 2], quaternions[i, 3]
 
 
-@njit
+@njit_inlined
 def _turned(turn: Quaternion, turned: Quaternion, angle: float) -> Quaternion:
     """Return the origin of a joint turned by an angle; turned: as in ``Tree``."""
     s, c = math.sin(0.5 * angle), math.cos(0.5 * angle)
@@ -163,7 +163,7 @@ def _turned_freely(outer: Quaternion, inner: Quaternion) -> Quaternion:
     return _product(outer, (x / length, y / length, z / length, w / length))
 
 
-@njit
+@njit_inlined
 def _product(a: Quaternion, b: Quaternion) -> Quaternion:
     ax, ay, az, aw = a
     bx, by, bz, bw = b
@@ -175,7 +175,7 @@ def _product(a: Quaternion, b: Quaternion) -> Quaternion:
     )
 
 
-@njit
+@njit_inlined
 def _composed(
     position: Vector, outer: Quaternion, place: Vector, turn: Quaternion
 ) -> tuple[Vector, Quaternion]:

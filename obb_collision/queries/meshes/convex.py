@@ -26,6 +26,7 @@ apart by more than ``meshes`` can leave undecided.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -49,7 +50,7 @@ from obb_collision.numerics.vec3 import (
 )
 from obb_collision.queries.meshes.tree_boxes import Pose, moved, place_at, relative_pose
 from obb_collision.queries.primitives.segments import unit_scale
-from obb_collision.typing import Floats, Integers
+from obb_collision.typing import Floats, Integers, Vector
 
 #: Least gap that counts, relative to S (derivation above).
 GAP_BOUND = 8192 * ROUNDOFF
@@ -110,7 +111,8 @@ def _meet_kernel(
             place_at(b.centers, b.rotations, j),
             a.hulls.radii[a.rows[i]] + b.hulls.radii[b.rows[j]],
         )
-        out[n] = not _apart(_corners_of(a, i), _corners_of(b, j), pose)
+        # from the one centre to the other: it separates most pairs that are apart
+        out[n] = not apart(_corners_of(a, i), _corners_of(b, j), pose, negated(pose.offset), 0.0)
 
 
 @njit
@@ -120,15 +122,15 @@ def _corners_of(bodies: HullBodies, i: int) -> Corners:
 
 
 @njit
-def _apart(a: Corners, b: Corners, pose: Pose) -> bool:
-    """Return True if a direction certainly separates corners of a from those of b.
+def apart(a: Corners, b: Corners, pose: Pose, first: Vector, reach: float) -> bool:
+    """Return True if corners of a are certainly farther than reach from those of b.
 
-    The simplex is scaled by a power of two that brings sizes near one, so that products of lengths
-    stay within doubles.
+    first: the direction tried first, from b to a in the frame of a. The simplex is scaled by a
+    power of two that brings sizes near one, so that products of lengths stay within doubles.
     """
     bound, unit = GAP_BOUND * pose.size + MESH_UNDERFLOW, unit_scale(pose.size)[0]
-    # from the one centre to the other: it separates most pairs that are apart
-    n, simplex = negated(pose.offset), no_simplex()
+    near = (unit * reach) * (unit * reach)
+    n, simplex = first, no_simplex()
     for _ in range(HULL_DIRECTIONS):
         largest = max_abs(n)
         if not largest > 0.0:
@@ -138,7 +140,7 @@ def _apart(a: Corners, b: Corners, pose: Pose) -> bool:
         m = components(pose.axes, n)  # the direction in the frame of b
         q = farthest(b.blocks, b.first, b.last, m)
         gap = dot(n, p) - dot(m, q) - dot(n, pose.offset)
-        if gap > bound * sum_abs(n):
+        if gap > bound * sum_abs(n) and (reach == 0.0 or gap > beyond(n, bound, reach)):
             return True
         if simplex.size > 0:
             reached = dot(n, simplex.nearest)
@@ -146,6 +148,12 @@ def _apart(a: Corners, b: Corners, pose: Pose) -> bool:
                 return False
         simplex = with_corner(simplex, scaled(minus(p, moved(pose, q)), unit))
         n = simplex.nearest
-        if simplex.size == 4 or not max_abs(n) > 0.0:
+        if simplex.size == 4 or not dot(n, n) > near:
             return False
     return False
+
+
+@njit
+def beyond(n: Vector, bound: float, reach: float) -> float:
+    """Return what a gap along n must exceed if bodies are not within reach."""
+    return bound * sum_abs(n) + reach * (1.0 + 4.0 * ROUNDOFF) * math.sqrt(dot(n, n))

@@ -149,11 +149,11 @@ def _faces_kernel(
     for n in range(len(rows_a)):
         a = box_at(centers, axes, half_extents, rows_a[n])
         b = box_at(centers, axes, half_extents, rows_b[n])
-        out[n] = not _faces_separate(*pair_of(a, b))
+        out[n] = not faces_separate(*pair_of(a, b))
 
 
 @njit
-def _faces_separate(pair: Pair, size: float) -> bool:
+def faces_separate(pair: Pair, size: float) -> bool:
     """Return whether a face normal of one box separates two, as in ``verdict.fast_verdict``."""
     bound = FAST_BOUND * size + UNDERFLOW
     x, y, z = face_gaps_of_a(pair)

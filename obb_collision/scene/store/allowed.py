@@ -43,6 +43,7 @@ class AllowedPairs:
         self._rules: dict[tuple[Patterns, ...], tuple[Patterns, Patterns, bool]] = {}
         self._only: list[tuple[Patterns, Patterns]] = []
         self._within: Patterns = ()
+        self.version = 0  # changes with the filters
         self._table: PairTable | None = None
         self._made: tuple[int, PairFilter] | None = None
 
@@ -59,6 +60,7 @@ class AllowedPairs:
         self._renew()
 
     def _renew(self) -> None:
+        self.version += 1
         self._table = self._made = None
 
     def _may_be_allowed(self, a: Patterns, b: Patterns) -> bool:

@@ -1,0 +1,185 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What checks of states and motions of robots return."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from obb_collision.typing import Floats, Integers, Mask, Rows
+
+
+class StatePairs(NamedTuple):
+    """Every colliding pair of every state, states ascending.
+
+    Attributes
+    ----------
+    states : (m,) numpy.ndarray
+        The state.
+    pairs : (m, 2) numpy.ndarray
+        Rows of the report's ``names``, the smaller first.
+    """
+
+    states: Rows
+    pairs: Integers
+
+
+@dataclass(frozen=True, eq=False)
+class StateReport:
+    """Which states of robots are valid: within limits, and free of collisions.
+
+    Attributes
+    ----------
+    colliding : (n,) numpy.ndarray
+    out_of_limits : (n, joints) numpy.ndarray
+        The joints that are out of their limits.
+    first_pairs : (n, 2) numpy.ndarray
+        A colliding pair per state, as rows of ``names``, the smaller first; -1 for none. Of several
+        pairs it is the first one in the order of tests: always the same one.
+    names : sequence of str
+        Links, what is attached, and the objects of the scene.
+    all_pairs : StatePairs or None
+        Every colliding pair, where they were asked for.
+    """
+
+    out_of_limits: Mask
+    first_pairs: Integers
+    names: Sequence[str]
+    all_pairs: StatePairs | None = None
+
+    @cached_property
+    def colliding(self) -> Mask:
+        """(n,) which states collide."""
+        return np.asarray(self.first_pairs[:, 0] >= 0)
+
+    @cached_property
+    def valid(self) -> Mask:
+        """(n,) which states are within limits and free."""
+        return np.asarray(~(self.colliding | self.out_of_limits.any(axis=1)))
+
+    @cached_property
+    def pairs(self) -> list[tuple[str, str] | None]:
+        """(n,) the names of the first colliding pair of each state, or None."""
+        return [
+            None if a < 0 else (self.names[a], self.names[b]) for a, b in self.first_pairs.tolist()
+        ]
+
+    def pairs_of(self, state: int) -> list[tuple[str, str]]:
+        """Return the names of all colliding pairs of a state, if they were asked for.
+
+        Parameters
+        ----------
+        state : int
+
+        Raises
+        ------
+        ValueError
+            If the check was not asked for all pairs.
+        """
+        if self.all_pairs is None:
+            raise ValueError("check was not asked for all pairs: check(..., all_pairs=True)")
+        states, pairs = self.all_pairs
+        first, last = np.searchsorted(states, [state, state + 1])
+        return [(self.names[a], self.names[b]) for a, b in pairs[first:last].tolist()]
+
+    def __len__(self) -> int:
+        return len(self.first_pairs)
+
+    def __repr__(self) -> str:
+        return f"StateReport({int(self.valid.sum())} of {len(self)} states valid)"
+
+
+@dataclass(frozen=True, eq=False)
+class StateDistances:
+    """The least distance in each state, of all pairs that are checked, and where it is.
+
+    Attributes
+    ----------
+    distances : (n,) numpy.ndarray
+        Metres, at most the true one of the hulls; 0 where they collide, infinite without pairs.
+    pairs : (n, 2) numpy.ndarray
+        Rows of ``names``, the smaller first; -1 without pairs.
+    points : (n, 2, 3) numpy.ndarray
+        The closest points of the two, NaN where they collide.
+    directions : (n, 3) numpy.ndarray
+        Unit vectors from the first to the second of the pair.
+    names : sequence of str
+        As in ``StateReport``.
+    """
+
+    distances: Floats
+    pairs: Integers
+    points: Floats
+    directions: Floats
+    names: Sequence[str]
+
+    def __len__(self) -> int:
+        return len(self.distances)
+
+
+@dataclass(frozen=True, eq=False)
+class MotionReport:
+    """Which motions are valid from start to end, between the two as well.
+
+    Attributes
+    ----------
+    valid : (n,) numpy.ndarray
+        Within limits, and certainly free all the way.
+    parameters : (n,) numpy.ndarray
+        From 0 at the start to 1 at the end: where it collides first, NaN where it does not. Before
+        it the motion is free, except for what its pair does within ``resolution`` of touching.
+    undecided : (n,) numpy.ndarray
+        Motions that count as colliding because the pair comes nearer than ``resolution``.
+    out_of_limits : (n, joints) numpy.ndarray
+        The joints that leave their limits.
+    first_pairs : (n, 2) numpy.ndarray
+        The pair, as in ``StateReport``.
+    names : sequence of str
+        As in ``StateReport``.
+    """
+
+    parameters: Floats
+    undecided: Mask
+    out_of_limits: Mask
+    first_pairs: Integers
+    names: Sequence[str]
+
+    @cached_property
+    def colliding(self) -> Mask:
+        """(n,) which motions collide, or may."""
+        return np.asarray(self.first_pairs[:, 0] >= 0)
+
+    @cached_property
+    def valid(self) -> Mask:
+        """(n,) which motions are within limits and certainly free."""
+        return np.asarray(~(self.colliding | self.out_of_limits.any(axis=1)))
+
+    @cached_property
+    def pairs(self) -> list[tuple[str, str] | None]:
+        """(n,) the names of the pair that each motion collides with first, or None."""
+        return [
+            None if a < 0 else (self.names[a], self.names[b]) for a, b in self.first_pairs.tolist()
+        ]
+
+    def __len__(self) -> int:
+        return len(self.parameters)
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({int(self.valid.sum())} of {len(self)} valid)"

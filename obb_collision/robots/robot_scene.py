@@ -1,0 +1,334 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""RobotScene: are states of robots valid? Self, world and other robots, many states at once."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence, Set
+from dataclasses import replace
+from difflib import get_close_matches
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from obb_collision._threads import run
+from obb_collision.accuracy import Accuracy, as_accuracy
+from obb_collision.geometry.kinds import as_flag, check_kind
+from obb_collision.geometry.poses import IDENTITY_POSE, unit_poses
+from obb_collision.geometry.validation import as_array, is_single
+from obb_collision.obb import OBB
+from obb_collision.robots.model import Arrays, Model
+from obb_collision.robots.reports import StatePairs, StateReport
+from obb_collision.robots.robot import Robot
+from obb_collision.robots.robot_arrays import Attached
+from obb_collision.robots.state_checks import all_pairs_kernel, first_pairs_kernel
+from obb_collision.scene.objects import check_padding
+from obb_collision.scene.scene import Scene
+from obb_collision.shapes import Shape
+from obb_collision.typing import Floats
+from obb_collision.words import MAX_OBJECT_NAME, check_name, shown
+
+#: States below which a second thread does not pay: 0.1 ms of them.
+FEWEST_STATES = 64
+
+
+class RobotScene:
+    """Robots in a scene, whose states are checked against each other, themselves and the scene.
+
+    Parameters
+    ----------
+    robots : Robot, or sequence or mapping of them
+        A state has their joints one after another. In a mapping from names, links are named
+        ``NAME/LINK``; otherwise as in the URDF, and no two may share a name.
+    scene : Scene, optional
+        The world. It may change between checks: each one sees it as it is then. Its rules about
+        pairs (``allow``, ``check_only``, ``allowed_within``) count for links, too.
+    accuracy : Accuracy or str
+        Of all pairs, whatever the objects of the scene have.
+    padding : float or mapping
+        Metres by which links are grown, of all or by name: a ball around each point.
+    bases : (r, 7) array_like, optional
+        The poses of the robots' roots in the scene; the identity by default.
+
+    Raises
+    ------
+    ValueError
+        Naming the argument.
+
+    Examples
+    --------
+    >>> arm = oc.Robot.from_urdf('''<robot name="arm">
+    ...   <link name="base"/>
+    ...   <link name="hand">
+    ...     <collision><geometry><sphere radius="0.1"/></geometry></collision>
+    ...   </link>
+    ...   <joint name="lift" type="prismatic">
+    ...     <parent link="base"/><child link="hand"/><axis xyz="0 0 1"/>
+    ...     <limit lower="0" upper="2" effort="1" velocity="1"/>
+    ...   </joint>
+    ... </robot>''')
+    >>> scene = oc.Scene()
+    >>> _ = scene.add("shelf", oc.shapes.Box([1, 1, 0.1]), [0, 0, 1, 0, 0, 0, 1])
+    >>> checker = oc.RobotScene([arm], scene)
+    >>> report = checker.check([[0.5], [1.0], [2.5]])
+    >>> report.valid.tolist(), report.pairs
+    ([True, False, False], [None, ('hand', 'shelf'), None])
+    """
+
+    def __init__(
+        self,
+        robots: Robot | Sequence[Robot] | Mapping[str, Robot],
+        scene: Scene | None = None,
+        accuracy: Accuracy | str = "hull",
+        *,
+        padding: float | Mapping[str, float] = 0.0,
+        bases: ArrayLike | None = None,
+    ) -> None:
+        several, names = _named(robots)
+        check_kind(scene, Scene, "scene", type(None))
+        poses = np.tile(IDENTITY_POSE, (len(several), 1)) if bases is None else bases
+        checked = as_array(poses, "bases", (len(several), 7))
+        self.accuracy = accuracy
+        self._scene = Scene() if scene is None else scene
+        self._model = Model(several, names, unit_poses(checked))
+        self._joint_count = len(self._model.lower)
+        self.padding = padding
+
+    @property
+    def robots(self) -> tuple[Robot, ...]:
+        """The robots, in the order of their joints in a state."""
+        return self._model.robots
+
+    @property
+    def scene(self) -> Scene:
+        """The world."""
+        return self._scene
+
+    @property
+    def accuracy(self) -> Accuracy:
+        """The level on which pairs are decided; may be set."""
+        return self._accuracy
+
+    @accuracy.setter
+    def accuracy(self, value: Accuracy | str) -> None:
+        level = as_accuracy(value)
+        if level in (Accuracy.OBB_TREE, Accuracy.MESH):
+            raise ValueError(f"accuracy of robots must be one up to obb, or hull, got {level.name}")
+        self._accuracy = level
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """The columns of a state, with the name of the robot in front where robots have names."""
+        return self._model.joint_names
+
+    @property
+    def link_names(self) -> tuple[str, ...]:
+        """All links, in the order of the robots."""
+        return self._model.link_names
+
+    @property
+    def padding(self) -> dict[str, float]:
+        """Metres by which each link is grown; may be set, to a number or some links' by name."""
+        return dict(zip(self._model.link_names, self._model.paddings.tolist(), strict=True))
+
+    @padding.setter
+    def padding(self, value: float | Mapping[str, float]) -> None:
+        paddings = np.zeros(len(self._model.link_names))
+        if isinstance(value, Mapping):
+            for name, metres in value.items():
+                check_padding(metres)
+                paddings[self._link(name, "padding")] = metres
+        else:
+            check_padding(value)
+            paddings[:] = value
+        self._model.set_paddings(paddings)
+
+    @property
+    def attached(self) -> dict[str, str]:
+        """What is attached, and the link that it is attached to, by name."""
+        links = self._model.link_names
+        return {name: links[each.link] for name, each in self._model.attached.items()}
+
+    def attach(
+        self,
+        name: str,
+        shape: Shape | OBB,
+        link: str,
+        pose: ArrayLike | None = None,
+        *,
+        touch_links: Sequence[str] | Set[str] = (),
+        padding: float = 0.0,
+    ) -> None:
+        """Attach an object to a link, or replace the attached one of that name.
+
+        It moves with the link and is checked against the scene and all links but that one, those
+        that never move against it, and ``touch_links``. An object of the same name in the scene
+        stays there: remove it.
+
+        Parameters
+        ----------
+        name : str
+        shape : Shape or OBB
+        link : str
+        pose : (7,) array_like, optional
+            In the frame of the link; the identity by default.
+        touch_links : str, or sequence or set of str
+            Links that it may touch, such as fingers.
+        padding : float
+            Metres, besides that of the link.
+
+        Raises
+        ------
+        ValueError
+            Naming the argument.
+        TypeError
+            For another kind of shape.
+
+        Examples
+        --------
+        >>> arm = oc.Robot.from_urdf('<robot name="arm"><link name="hand"/></robot>')
+        >>> checker = oc.RobotScene([arm])
+        >>> checker.attach("cup", oc.shapes.Sphere(0.1), "hand")
+        >>> checker.attached
+        {'cup': 'hand'}
+        """
+        check_name(name, "name", MAX_OBJECT_NAME)
+        check_kind(shape, Shape, "shape", OBB)
+        if name in self._model.link_names:
+            raise ValueError(f"name must not be that of a link, got {shown(name)}")
+        check_padding(padding)
+        where = as_array(IDENTITY_POSE if pose is None else pose, "pose", (7,))
+        check_kind(touch_links, Sequence, "touch_links", Set)
+        touched = [touch_links] if isinstance(touch_links, str) else list(touch_links)
+        touching = frozenset(self._link(each, "touch_links") for each in touched)
+        each = Attached(shape, self._link(link, "link"), unit_poses(where), touching, padding)
+        self._model.attach(name, each)
+
+    def detach(self, name: str) -> None:
+        """Remove what is attached.
+
+        Parameters
+        ----------
+        name : str
+
+        Raises
+        ------
+        KeyError
+            Naming what is not attached.
+
+        Examples
+        --------
+        >>> arm = oc.Robot.from_urdf('<robot name="arm"><link name="hand"/></robot>')
+        >>> checker = oc.RobotScene([arm])
+        >>> checker.attach("cup", oc.shapes.Sphere(0.1), "hand")
+        >>> checker.detach("cup")
+        """
+        if not isinstance(name, str) or name not in self._model.attached:
+            raise KeyError(f"name must be that of something attached, got {shown(name)}")
+        self._model.detach(name)
+
+    def check(self, configurations: ArrayLike, *, all_pairs: bool = False) -> StateReport:
+        """Return which states are valid, and what collides in those that are not.
+
+        Parameters
+        ----------
+        configurations : (n, joints) or (joints,) array_like
+            States, the columns as in ``joint_names``.
+        all_pairs : bool
+            Find every colliding pair; else a state is done with when one is found.
+
+        Returns
+        -------
+        StateReport
+
+        Raises
+        ------
+        ValueError
+            Naming the row.
+
+        Examples
+        --------
+        >>> arm = oc.Robot.from_urdf('''<robot name="arm"><link name="base"/><link name="hand"/>
+        ...   <joint name="lift" type="prismatic">
+        ...     <parent link="base"/><child link="hand"/>
+        ...     <limit lower="0" upper="2" effort="1" velocity="1"/>
+        ...   </joint>
+        ... </robot>''')
+        >>> oc.RobotScene([arm]).check([[0.5], [2.5]]).out_of_limits.tolist()
+        [[False], [True]]
+        """
+        states = self._states(configurations, "configurations")
+        every = as_flag(all_pairs, "all_pairs")
+        arrays = self._model.arrays(self._scene)
+        checks = (arrays.tree, arrays.bodies, arrays.tests)
+        level = int(self._accuracy)
+        out_of_limits = self._model.out_of_limits(states)
+        first = np.empty((len(states), 2), np.int64)
+        run(first_pairs_kernel, len(states), FEWEST_STATES, *checks, level, states, first)
+        report = StateReport(out_of_limits, arrays.owners_of(first), arrays.names)
+        if every:
+            report = replace(report, all_pairs=_all_pairs(arrays, level, states))
+        return report
+
+    def _states(self, value: ArrayLike, name: str) -> Floats:
+        """Return checked states (n, joints)."""
+        count = self._joint_count
+        single = is_single(value)
+        states = as_array(value, name, (count,) if single else (None, count))
+        states = states[None] if single else states
+        self._model.check_quaternions(states, name)
+        return states if states.flags.writeable else states.copy()  # kernels are for one kind
+
+    def _link(self, name: str, argument: str) -> int:
+        """Return the number of a link; ValueError naming the argument for an unknown one."""
+        row = self._model.link_rows.get(name) if isinstance(name, str) else None
+        if row is None:
+            close = get_close_matches(str(name), self._model.link_names, 1)
+            hint = f"; did you mean {close[0]}?" if close else ""
+            raise ValueError(f"{argument} must name links, got {shown(name)}{hint}")
+        return row
+
+
+def _named(
+    robots: Robot | Sequence[Robot] | Mapping[str, Robot],
+) -> tuple[list[Robot], list[str | None]]:
+    """Return robots and their names, None for those without."""
+    names: list[str | None]
+    if isinstance(robots, Mapping):
+        several, names = list(robots.values()), [check_name(name, "robots") for name in robots]
+    else:
+        check_kind(robots, Robot, "robots", Sequence)
+        several = [robots] if isinstance(robots, Robot) else list(robots)
+        names = [None] * len(several)
+    for robot in several:
+        check_kind(robot, Robot, "robots")
+    if not several:
+        raise ValueError("robots must not be empty")
+    return several, names
+
+
+def _all_pairs(arrays: Arrays, level: int, states: Floats) -> StatePairs:
+    """Return every colliding pair, of links and objects, each once per state."""
+    checks = arrays.tree, arrays.bodies, arrays.tests, level, states
+    counts = np.zeros(len(states), np.int64)
+    none = np.empty((0, 2), np.int64)
+    run(all_pairs_kernel, len(states), FEWEST_STATES, *checks, counts, counts, none)
+    ends = np.cumsum(counts)
+    pairs = np.empty((int(ends[-1]) if len(ends) else 0, 2), np.int64)
+    run(all_pairs_kernel, len(states), FEWEST_STATES, *checks, counts, ends, pairs)
+    owners = arrays.owners_of(pairs)
+    rows = np.column_stack([np.repeat(np.arange(len(states)), counts), owners])
+    unique = np.unique(rows, axis=0)
+    return StatePairs(unique[:, 0], unique[:, 1:])

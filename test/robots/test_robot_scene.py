@@ -1,0 +1,287 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""RobotScene finds what a scene finds in which every shape of every link is an object."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from small_robots import random_arm, random_states, random_world
+
+import obb_collision as oc
+from obb_collision.geometry.poses import compose_poses
+
+LIFT = """<robot name="lift">
+  <link name="base"><collision><geometry><box size="0.2 0.2 0.2"/></geometry></collision></link>
+  <link name="arm"><collision><geometry><box size="0.1 0.1 0.6"/></geometry></collision></link>
+  <link name="hand"><collision><geometry><sphere radius="0.1"/></geometry></collision></link>
+  <joint name="lift" type="prismatic"><parent link="base"/><child link="arm"/>
+    <origin xyz="0.5 0 0"/><axis xyz="0 0 1"/>
+    <limit lower="0" upper="2" velocity="1" effort="1"/></joint>
+  <joint name="out" type="prismatic"><parent link="arm"/><child link="hand"/>
+    <axis xyz="1 0 0"/><limit lower="-1" upper="1" velocity="1" effort="1"/></joint>
+</robot>"""
+IDENTITY = [0, 0, 0, 0, 0, 0, 1]
+
+
+def lift(scene: oc.Scene | None = None, **options: object) -> oc.RobotScene:
+    return oc.RobotScene([oc.Robot.from_urdf(LIFT)], scene, **options)  # type: ignore[arg-type]
+
+
+def brute_force(
+    robot: oc.Robot,
+    world: oc.Scene,
+    state: np.ndarray,
+    accuracy: str,
+    skipped: set[tuple[str, str]],
+) -> set[tuple[str, str]]:
+    """Return the colliding pairs of links and objects, by a scene that has all of them."""
+    scene = oc.Scene(accuracy=accuracy)
+    owner = {}
+    for row, link in enumerate(robot.link_names):
+        for number, (shape, pose) in enumerate(robot.shapes[row]):
+            name = f"{link}#{number}"
+            owner[name] = link
+            scene.add(name, shape, compose_poses(robot.link_poses(state)[row], pose))
+    for index, name in zip(world.indices, world.names, strict=True):
+        given = world._cache._shapes.get(int(index))
+        box = world._store.local_half_extents[index]
+        body = oc.shapes.Box(2 * box) if given is None else given
+        scene.add(name, body, world.poses_of([int(index)])[0])
+        owner[name] = name
+    found = set()
+    for one, other in scene.check().names():
+        a, b = sorted((owner[one], owner[other]))
+        world_only = a in world.names and b in world.names
+        if a != b and not world_only and (a, b) not in skipped:
+            found.add((a, b))
+    return found
+
+
+def rigid_pairs(robot: oc.Robot) -> set[tuple[str, str]]:
+    """Return pairs of links between which no joint moves."""
+    group = list(range(len(robot.link_names)))
+    for row, parent in enumerate(robot.tree.parents.tolist()):
+        if parent >= 0 and robot.tree.kinds[row] == 0:
+            group[row] = group[parent]
+    names = robot.link_names
+    count = range(len(names))
+    return {
+        (min(names[i], names[j]), max(names[i], names[j]))
+        for i in count
+        for j in count
+        if i != j and group[i] == group[j]
+    }
+
+
+@pytest.mark.parametrize("accuracy", ["obb", "hull"])
+@settings(deadline=None, max_examples=25)
+@given(seed=st.integers(0, 10**6), links=st.integers(2, 7), things=st.integers(0, 12))
+def test_all_pairs_are_those_of_brute_force(
+    accuracy: str, seed: int, links: int, things: int
+) -> None:
+    rng = np.random.default_rng(seed)
+    robot = oc.Robot.from_urdf(random_arm(rng, links))
+    world = random_world(rng, things)
+    states = random_states(rng, robot, 4)
+    report = oc.RobotScene([robot], world, accuracy).check(states, all_pairs=True)
+    first = oc.RobotScene([robot], world, accuracy).check(states)
+    assert np.array_equal(first.first_pairs, report.first_pairs)
+    skipped = set(robot.disabled_pairs | robot.adjacent_pairs) | rigid_pairs(robot)
+    for number, state in enumerate(states):
+        wanted = brute_force(robot, world, state, accuracy, skipped)
+        found = {(min(pair), max(pair)) for pair in report.pairs_of(number)}
+        if accuracy == "hull":
+            assert found == wanted
+        else:  # spheres around the shapes' own points cull some pairs of boxes
+            assert found <= wanted
+        assert bool(report.valid[number]) == (not found)
+        pair = report.pairs[number]
+        assert (pair is None) == (not found)
+        assert pair is None or (min(pair), max(pair)) in found
+
+
+@settings(deadline=None, max_examples=15)
+@given(seed=st.integers(0, 10**6))
+def test_a_cheaper_level_never_misses_what_a_dearer_one_reports(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    robot = oc.Robot.from_urdf(random_arm(rng, 5))
+    checker = oc.RobotScene([robot], random_world(rng, 8))
+    states = random_states(rng, robot, 30)
+    before = np.zeros(len(states), np.bool_)
+    for level in ("hull", "obb", "obb_faces", "aabb", "sphere"):
+        checker.accuracy = level
+        now = checker.check(states).colliding
+        assert not (before & ~now).any(), level
+        before = now
+
+
+def test_limits_are_reported_by_joint() -> None:
+    report = lift().check([[1.0, 0.0], [-0.1, 2.0], [0.5, -1.0]])
+    assert report.out_of_limits.tolist() == [[False, False], [True, True], [False, False]]
+    assert report.valid.tolist() == [True, False, True]
+    assert report.pairs == [None, None, None]
+
+
+def test_self_collision_names_the_links() -> None:
+    report = lift().check([[0.0, -0.5], [0.5, 0.0]])
+    assert report.pairs == [("base", "hand"), None]
+    assert repr(report) == "StateReport(1 of 2 states valid)"
+
+
+def test_the_world_may_change_between_checks() -> None:
+    scene = oc.Scene()
+    checker = lift(scene)
+    state = [[1.0, 0.5]]
+    assert checker.check(state).valid[0]
+    scene.add("shelf", oc.shapes.Box([0.2, 0.2, 0.2]), [1.0, 0, 1.0, 0, 0, 0, 1])
+    assert checker.check(state).pairs == [("hand", "shelf")]
+    scene.move("shelf", [1.0, 0, 3.0, 0, 0, 0, 1])
+    assert checker.check(state).valid[0]
+    scene.move("shelf", [1.0, 0, 1.0, 0, 0, 0, 1])
+    assert not checker.check(state).valid[0]
+    scene.allow("hand", "shelf")
+    assert checker.check(state).valid[0]
+    scene.allow("hand", "shelf", allowed=False)
+    assert not checker.check(state).valid[0]
+    scene.remove("shelf")
+    assert checker.check(state).valid[0]
+
+
+def test_rules_of_the_scene_count_for_links_among_themselves() -> None:
+    scene = oc.Scene()
+    scene.allow("hand", "base")
+    assert lift(scene).check([[0.0, -0.5]]).valid[0]
+
+
+def test_padding_is_a_distance() -> None:
+    scene = oc.Scene()
+    scene.add("shelf", oc.shapes.Box([0.2, 0.2, 0.2]), [1.0, 0, 1.0, 0, 0, 0, 1])
+    checker = lift(scene)
+    state = [[1.0, 0.25]]  # 0.05 between hand and shelf
+    assert checker.check(state).valid[0]
+    checker.padding = {"hand": 0.049}
+    assert checker.check(state).valid[0]
+    checker.padding = {"hand": 0.051}
+    assert checker.check(state).pairs == [("hand", "shelf")]
+    assert checker.padding == {"base": 0.0, "arm": 0.0, "hand": 0.051}
+    checker.padding = 0.0
+    assert checker.check(state).valid[0]
+
+
+def test_what_is_attached_moves_along_and_may_touch_some_links() -> None:
+    scene = oc.Scene()
+    scene.add("shelf", oc.shapes.Box([0.2, 0.2, 0.2]), [1.5, 0, 1.0, 0, 0, 0, 1])
+    checker = lift(scene)
+    state = [[1.0, 0.5]]
+    rod = oc.shapes.Box([0.6, 0.02, 0.02])
+    checker.attach("rod", rod, "hand", [0.3, 0, 0, 0, 0, 0, 1])
+    assert checker.attached == {"rod": "hand"}
+    assert checker.check(state).pairs == [("rod", "shelf")]
+    checker.attach("rod", rod, "hand", [-0.3, 0, 0, 0, 0, 0, 1])
+    assert checker.check(state).pairs == [("arm", "rod")]
+    checker.attach("rod", rod, "hand", [-0.3, 0, 0, 0, 0, 0, 1], touch_links="arm")
+    assert checker.check(state).valid[0]
+    checker.detach("rod")
+    assert checker.check(state).valid[0]
+    assert checker.attached == {}
+    with pytest.raises(KeyError, match="'rod'"):
+        checker.detach("rod")
+
+
+def test_robots_are_checked_against_each_other() -> None:
+    robot = oc.Robot.from_urdf(LIFT)
+    bases = np.array([IDENTITY, [1.7, 0, 0, 0, 0, 1, 0]])  # the second one faces the first
+    checker = oc.RobotScene({"a": robot, "b": robot}, bases=bases)
+    assert checker.joint_names == ("a/lift", "a/out", "b/lift", "b/out")
+    report = checker.check([[1, 0.2, 1, 0.2], [1, 0.3, 1.5, 0.3], [1, 0.3, 1, 0.3]])
+    assert report.pairs == [None, None, ("a/hand", "b/hand")]
+
+
+def test_robots_with_links_of_the_same_name_need_names() -> None:
+    robot = oc.Robot.from_urdf(LIFT)
+    with pytest.raises(ValueError, match="distinct names"):
+        oc.RobotScene([robot, robot])
+
+
+def test_far_from_the_origin_nothing_is_lost() -> None:
+    scene = oc.Scene()
+    x = 1e6
+    scene.add("shelf", oc.shapes.Box([0.2, 0.2, 0.2]), [x + 1.0, 0, 1.0, 0, 0, 0, 1])
+    checker = lift(scene, bases=[[x, 0, 0, 0, 0, 0, 1]])
+    report = checker.check([[1.0, 0.3 + 1e-8], [1.0, 0.3 - 1e-8]])
+    assert report.valid.tolist() == [False, True]
+
+
+def test_threads_do_not_change_the_answer() -> None:
+    rng = np.random.default_rng(5)
+    robot = oc.Robot.from_urdf(random_arm(rng, 6))
+    checker = oc.RobotScene([robot], random_world(rng, 10))
+    states = random_states(rng, robot, 500)
+    before = oc.threads()
+    try:
+        reports = [(oc.set_threads(n), checker.check(states, all_pairs=True))[1] for n in (1, 2, 3)]
+    finally:
+        oc.set_threads(before)
+    for report in reports[1:]:
+        assert np.array_equal(report.first_pairs, reports[0].first_pairs)
+        assert report.all_pairs is not None
+        assert reports[0].all_pairs is not None
+        assert np.array_equal(report.all_pairs.pairs, reports[0].all_pairs.pairs)
+        assert np.array_equal(report.all_pairs.states, reports[0].all_pairs.states)
+
+
+def test_a_single_state_and_none_at_all() -> None:
+    assert lift().check([1.0, 0.0]).valid.tolist() == [True]
+    empty = lift().check(np.zeros((0, 2)), all_pairs=True)
+    assert len(empty) == 0
+    assert empty.pairs == []
+
+
+@pytest.mark.parametrize(
+    ("states", "words"),
+    [
+        ([[0.0, np.nan]], "configurations"),
+        ([[0.0, 0.0], [np.inf, 0.0]], "configurations.*1"),
+        ([[0.0]], r"configurations must have shape \(n, 2\)"),
+        ([[[0.0, 0.0]]], "configurations"),
+        ("ab", "configurations"),
+    ],
+)
+def test_bad_states_are_refused_by_name(states: object, words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        lift().check(states)  # type: ignore[arg-type]
+
+
+def test_unknown_links_are_refused_with_a_guess() -> None:
+    checker = lift()
+    with pytest.raises(ValueError, match="padding must name links, got 'hund'; did you mean hand"):
+        checker.padding = {"hund": 0.1}
+    with pytest.raises(ValueError, match="link must name links"):
+        checker.attach("rod", oc.shapes.Sphere(0.1), "nowhere")
+    with pytest.raises(ValueError, match="touch_links must name links"):
+        checker.attach("rod", oc.shapes.Sphere(0.1), "hand", touch_links=["nowhere"])
+    with pytest.raises(ValueError, match="padding must not be negative"):
+        checker.padding = -1.0
+    with pytest.raises(ValueError, match="accuracy"):
+        checker.accuracy = "best"
+    with pytest.raises(TypeError, match="robots"):
+        oc.RobotScene(["no robot"])  # type: ignore[list-item]
+    with pytest.raises(TypeError, match="shape"):
+        checker.attach("rod", "a rod", "hand")  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="not asked for all pairs"):
+        checker.check([[0.0, 0.0]]).pairs_of(0)

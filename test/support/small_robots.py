@@ -1,0 +1,88 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Small robots for tests: arms of primitive shapes, as URDF."""
+
+from __future__ import annotations
+
+import numpy as np
+
+import obb_collision as oc
+
+SHAPES = (
+    '<box size="{a} {b} {c}"/>',
+    '<sphere radius="{a}"/>',
+    '<cylinder radius="{a}" length="{c}"/>',
+    '<capsule radius="{a}" length="{c}"/>',
+)
+KINDS = ("revolute", "continuous", "prismatic", "fixed")
+
+
+def numbers(values: object) -> str:
+    """Return numbers for an attribute."""
+    return " ".join(f"{value:.6f}" for value in np.atleast_1d(np.asarray(values, float)))
+
+
+def random_arm(rng: np.random.Generator, links: int, name: str = "arm") -> str:
+    """Return the URDF of a random tree of links with one to three random shapes each."""
+    parts = [f'<robot name="{name}">']
+    for link in range(links):
+        shapes = []
+        for _ in range(int(rng.integers(1, 4))):
+            a, b, c = rng.uniform(0.03, 0.2, 3)
+            shape = rng.choice(SHAPES).format(a=f"{a:.4f}", b=f"{b:.4f}", c=f"{c:.4f}")
+            origin = f'xyz="{numbers(rng.normal(0, 0.1, 3))}" rpy="{numbers(rng.normal(0, 1, 3))}"'
+            shapes.append(f"<collision><origin {origin}/><geometry>{shape}</geometry></collision>")
+        parts.append(f'<link name="{name}_{link}">{"".join(shapes)}</link>')
+    for link in range(1, links):
+        kind = KINDS[0] if link == 1 else str(rng.choice(KINDS, p=(0.5, 0.2, 0.2, 0.1)))
+        parent = int(rng.integers(max(0, link - 2), link))
+        axis = rng.normal(size=3)
+        parts.append(
+            f'<joint name="{name}_j{link}" type="{kind}"><parent link="{name}_{parent}"/>'
+            f'<child link="{name}_{link}"/><axis xyz="{numbers(axis / np.linalg.norm(axis))}"/>'
+            f'<origin xyz="{numbers(rng.normal(0, 0.25, 3))}" '
+            f'rpy="{numbers(rng.normal(0, 1, 3))}"/>'
+            '<limit lower="-0.5" upper="0.8" velocity="1" effort="1"/></joint>'
+        )
+    return "".join([*parts, "</robot>"])
+
+
+def random_world(rng: np.random.Generator, count: int) -> oc.Scene:
+    """Return a scene of random shapes of all kinds around the origin."""
+    scene = oc.Scene(accuracy="hull")
+    for number in range(count):
+        a, b, c = rng.uniform(0.05, 0.3, 3)
+        shape = (
+            oc.shapes.Box([a, b, c]),
+            oc.shapes.Sphere(a),
+            oc.shapes.Cylinder(a, c),
+            oc.shapes.Capsule(a, c),
+            oc.shapes.Hull(rng.normal(0, 0.15, (12, 3))),
+        )[number % 5]
+        pose = np.append(rng.normal(0, 0.5, 3), rng.normal(size=4))
+        scene.add(f"thing{number}", shape, pose / np.append(np.ones(3), np.full(4, norm(pose[3:]))))
+    return scene
+
+
+def norm(values: np.ndarray) -> float:
+    """Return the length of a vector."""
+    return float(np.linalg.norm(values))
+
+
+def random_states(rng: np.random.Generator, robot: oc.Robot, count: int) -> np.ndarray:
+    """Return states within the limits, a turn where there are none."""
+    low = np.where(np.isfinite(robot.lower), robot.lower, -np.pi)
+    high = np.where(np.isfinite(robot.upper), robot.upper, np.pi)
+    return np.asarray(rng.uniform(low, high, (count, len(low))))
