@@ -21,8 +21,7 @@ import re
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import TypeVar
 
@@ -51,58 +50,53 @@ UNUSABLE = (
 
 
 class Signals:
-    """Counts SIGINT and SIGTERM, which then raise no exception in the running code.
+    """Takes SIGINT and SIGTERM while it is entered; they raise no exception in the running code.
 
     While the node is made, which may take as long as kernels compile, the first one ends that as
-    soon as it can, and the second one ends the process at once.
+    soon as it can, and the second one ends the process at once. Afterwards the first one calls
+    ``action``, once, and the others do nothing.
+
+    A separate thread does so, as soon as a signal arrives: Python runs its handlers between two of
+    its instructions only, which a main thread that waits in rclpy, reads, or computes, may be far
+    from; the byte that a signal writes wakes the thread at once.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, action: Callable[[], None]) -> None:
         self.count = 0
         self.making = True
+        self._action = action
+
+    def __enter__(self) -> Signals:
+        self._reader, self._writer = os.pipe()
+        os.set_blocking(self._writer, False)
+        self._thread = threading.Thread(target=self._wait, name="signals", daemon=True)
+        self._before = signal.set_wakeup_fd(self._writer, warn_on_full_buffer=False)
+        self._thread.start()
         for number in SIGNALS:
-            signal.signal(number, self._take)
+            signal.signal(number, lambda *_: None)  # what has no handler writes no byte
+        return self
 
-    def _take(self, *_: object) -> None:
-        self.count += 1
-        if self.making and self.count > 1:
-            os._exit(0)
-        if self.making:  # not by sys.stderr, which may be in use just then
-            os.write(2, b"stopping; a second signal ends the process at once\n")
-
-    def ignore(self) -> None:
-        """Ignore further signals: the process is ending."""
+    def __exit__(self, *_: object) -> None:
         for number in SIGNALS:
-            signal.signal(number, signal.SIG_IGN)
+            signal.signal(number, signal.SIG_IGN)  # the process is ending
+        signal.set_wakeup_fd(self._before)
+        os.write(self._writer, bytes(1))  # ends a thread that still waits
+        self._thread.join()
+        os.close(self._reader)
+        os.close(self._writer)
 
-
-@contextmanager
-def on_signals(action: Callable[[], None]) -> Iterator[None]:
-    """Call ``action`` once, in a separate thread, as soon as a signal arrives.
-
-    Python runs its handlers between two of its instructions only, which a main thread that waits
-    in rclpy, or computes, may be far from; the byte that a signal writes wakes the thread at once.
-    """
-    reader, writer = os.pipe()
-    os.set_blocking(writer, False)
-
-    def wait() -> None:
-        while number := os.read(reader, 1)[0]:  # other signals come by here, too
-            if number in SIGNALS:
-                action()
+    def _wait(self) -> None:
+        while number := os.read(self._reader, 1)[0]:
+            if number not in SIGNALS:  # other signals come by here, too
+                continue
+            self.count += 1  # before it is asked what is done: the main thread asks in turn
+            if not self.making:
+                self._action()
                 return
-
-    thread = threading.Thread(target=wait, name="signals", daemon=True)
-    before = signal.set_wakeup_fd(writer, warn_on_full_buffer=False)
-    thread.start()
-    try:
-        yield
-    finally:
-        signal.set_wakeup_fd(before)
-        os.write(writer, bytes(1))  # ends a thread that still waits
-        thread.join()
-        os.close(reader)
-        os.close(writer)
+            if self.count > 1:
+                os._exit(0)
+            # not by sys.stderr, which may be in use just then
+            os.write(2, b"stopping; a second signal ends the process at once\n")
 
 
 def run(
@@ -120,11 +114,7 @@ def run(
     caught: takes what the executor raises, such as a MemoryError for a message that rclpy decodes,
     and the node goes on; without it such an exception ends it.
     """
-    signals = Signals()
     context = Context()
-    arguments = None if args is None else list(args)
-    if not init(name, context, arguments):
-        return BAD_USAGE
     node: N | None = None
 
     def end() -> None:
@@ -136,15 +126,17 @@ def run(
             context.try_shutdown()
 
     try:
-        try:
-            node = make_node(context, lambda: signals.count > 0)
-        except UNUSABLE as error:
-            get_logger(name).fatal(in_one_line(error))
-            return 1
-        executor = SingleThreadedExecutor(context=context)
-        executor.add_node(node)
-        garbage.settle()
-        with on_signals(end):
+        with Signals(end) as signals:
+            if not init(name, context, None if args is None else list(args)):
+                return BAD_USAGE
+            try:
+                node = make_node(context, lambda: signals.count > 0)
+            except UNUSABLE as error:
+                get_logger(name).fatal(in_one_line(error))
+                return 1
+            executor = SingleThreadedExecutor(context=context)
+            executor.add_node(node)
+            garbage.settle()
             signals.making = False
             if not signals.count:
                 spin(executor, None if caught is None else partial(caught, node))
@@ -157,7 +149,6 @@ def run(
         if node is not None:
             node.destroy_node()
         try_shutdown(context=context)
-        signals.ignore()
     return 0
 
 

@@ -178,12 +178,15 @@ def test_a_signal_during_the_imports_ends_it_without_a_word(
 
 def test_a_second_signal_ends_a_node_that_takes_long_to_be_made() -> None:
     code = """
-import sys
+import signal, sys, threading
 from obb_collision.node.runtime.running import run
 def make(context, ending):
+    never = threading.Lock()
+    never.acquire()
+    signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM))  # others take them
     sys.stdout.write("making\\n")
     sys.stdout.flush()
-    sys.stdin.read()  # until the pipe is closed, which no one does
+    never.acquire()  # as compiled code: no handler of Python's runs
 run("slow", make, [])
 """
     process = subprocess.Popen(
