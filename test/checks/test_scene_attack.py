@@ -16,14 +16,17 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
 
 pytest.importorskip("rclpy")
-from obb_collision.checks.fuzz import scene_attack, scenes
+from obb_collision.checks.fuzz import robots, scene_attack, scenes
 from obb_collision.checks.fuzz.client import FoundError
 from obb_collision.checks.fuzz.meshes import OBJ
+
+GOOD = tuple("\n".join(text.splitlines()).encode() for text in (robots.urdf(), robots.SRDF))
 
 
 def test_scenes_are_good_before_they_are_changed(tmp_path: Path) -> None:
@@ -37,16 +40,35 @@ def test_scenes_are_good_before_they_are_changed(tmp_path: Path) -> None:
 
 
 def test_a_process_reads_them_all(tmp_path: Path) -> None:
-    refused, longest = scene_attack.attack_reader(tmp_path, 1, 10, 40)
+    refused, longest = scene_attack.attack_reader("scene", tmp_path, 1, 10, 40)
     assert 10 < refused < 30
     assert longest < scene_attack.READING
+    refused, longest = scene_attack.attack_reader("robot", tmp_path, 1, 10, 40)
+    assert 5 < refused < 30
+
+
+def test_robots_are_good_before_they_are_changed(tmp_path: Path) -> None:
+    numbers = [number for number in range(200) if robots.mutated_robot(1, number) == GOOD]
+    assert len(numbers) > 5
+    for number in numbers:
+        assert robots.read_robot(tmp_path, 1, number) == ""
+    assert robots.mutated_robot(1, 3) == robots.mutated_robot(1, 3)
+    assert len({robots.mutated_robot(1, number) for number in range(50)}) > 30
+
+
+def test_mutated_robots_are_read_or_refused_with_the_place(tmp_path: Path) -> None:
+    outcomes = [robots.read_robot(tmp_path, 2, number) for number in range(300)]
+    assert 30 < sum(not reason for reason in outcomes) < 200
+    for reason in filter(None, outcomes):
+        assert re.match(r"RobotError: .*bot\.[us]rdf(:\d+)?: ", reason), reason
+        assert len(reason) < 1000
 
 
 def test_a_reader_that_ends_or_takes_long_is_found(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with pytest.raises(FoundError, match="scene:0 ended its reader"):
-        scene_attack.attack_reader(tmp_path / "none", 1, 0, 3)
+        scene_attack.attack_reader("scene", tmp_path / "none", 1, 0, 3)
     monkeypatch.setattr(scene_attack, "READING", 0.0)
     with pytest.raises(FoundError, match=r"scene:\d+ took"):
-        scene_attack.attack_reader(tmp_path, 1, 0, 3)
+        scene_attack.attack_reader("scene", tmp_path, 1, 0, 3)

@@ -30,6 +30,7 @@ from obb_collision.checks.fuzz.child import Child
 from obb_collision.checks.fuzz.client import Client, FoundError
 from obb_collision.checks.fuzz.report import faults, print_result
 from obb_collision.checks.fuzz.scene_attack import attack_node, attack_reader
+from obb_collision.checks.fuzz.scenes import READERS
 from obb_collision.checks.fuzz.session import Session
 from obb_collision.checks.fuzz.stream import Stream
 from obb_collision.cli import MAX_SEED, Parser, new_file, option, real, whole
@@ -54,7 +55,7 @@ PROFILE = """<?xml version="1.0" encoding="UTF-8" ?>
 """
 PER_NODE = 200
 """Scene files that are read for each that a node is started with."""
-ONLY = re.compile(r"(message|raw|scene):(\d{1,9})(?:-(\d{1,9}))?")
+ONLY = re.compile(r"(message|raw|scene|robot):(\d{1,9})(?:-(\d{1,9}))?")
 TRANSPORTS = ("FASTDDS_BUILTIN_TRANSPORTS", "LARGE_DATA")
 """By UDP a message of 28 MB takes the middleware up to a minute on a busy machine, and what is
 behind it waits: that is no fault of the node. This sends by TCP."""
@@ -72,14 +73,15 @@ def _parser() -> argparse.ArgumentParser:
     parser = Parser(
         prog="obb_collision_fuzz",
         description="Attack a node in another process, over real topics: mutated and hostile "
-        "messages on every input, raw bytes, requests to its services, scene files. Verify after "
-        "every batch that it is alive, answers correctly, was not blocked and does not grow. "
-        "Descriptions of robots are not attacked: the node takes none.",
+        "messages on every input, raw bytes, requests to its services, scene files, descriptions "
+        "of robots. Verify after every batch that it is alive, answers correctly, was not blocked "
+        "and does not grow.",
         epilog="Arguments behind -- are those of the node: obb_collision_fuzz -- -p accuracy:=mesh",
     )
     option(parser, "--messages", whole(0, 10**9), 20_000, "number of hostile messages")
     option(parser, "--raw", whole(0, 10**9), 2_000, "number of raw byte strings")
     option(parser, "--scenes", whole(0, 10**9), 200, "number of mutated scene files")
+    option(parser, "--robots", whole(0, 10**9), 1_000, "number of mutated descriptions of robots")
     option(parser, "--seed", whole(0, MAX_SEED), 1, "seed of the random numbers")
     text = (
         "only this of the attack of the seed, one message at a time: message:12, raw:0-99, scene:3"
@@ -132,11 +134,14 @@ class Attack:
     def run(self) -> None:
         """Run all parts; FoundError for what should not be."""
         options = self._options
-        everything = [("scene", 0, options.scenes), ("message", 0, options.messages)]
+        everything = [
+            ("robot", 0, options.robots), ("scene", 0, options.scenes),
+            ("message", 0, options.messages),
+        ]  # fmt: skip
         parts = [options.only] if options.only else [*everything, ("raw", 0, options.raw)]
-        for _, first, last in (part for part in parts if part[0] == "scene"):
-            self._read_scenes(first, last)
-        rest = [part for part in parts if part[0] != "scene" and part[1] < part[2]]
+        for what, first, last in (part for part in parts if part[0] in READERS):
+            self._read_files(what, first, last)
+        rest = [part for part in parts if part[0] not in READERS and part[1] < part[2]]
         if rest:
             self._attack_node(rest)
 
@@ -152,17 +157,20 @@ class Attack:
     def _namespace(self) -> str:
         return f"/fuzz_{self._domain}"
 
-    def _read_scenes(self, first: int, last: int) -> None:
+    def _read_files(self, what: str, first: int, last: int) -> None:
         seed, folder = self._options.seed, self._folder
         if first >= last:
             return
-        refused, longest = attack_reader(folder, seed, first, last)
+        refused, longest = attack_reader(what, folder, seed, first, last)
+        print(
+            f"{what} files: {last - first} read, {refused} of them refused, the longest took "
+            f"{longest:.2f} s"
+        )
+        if what != "scene":
+            return
         numbers = range(first, last, PER_NODE)
         taken = sum(attack_node(folder, seed, number, self._start) for number in numbers)
-        print(
-            f"scene files: {last - first} read, {refused} of them refused, the longest took "
-            f"{longest:.2f} s; of {len(numbers)} nodes {taken} took theirs"
-        )
+        print(f"of {len(numbers)} nodes {taken} took theirs")
 
     def _attack_node(self, parts: list[Part]) -> None:
         options = self._options

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The attack on scene files: the process that reads them is watched, and a node gets some."""
+"""The attack on files: the process that reads scenes or robots is watched, and a node gets some."""
 
 from __future__ import annotations
 
@@ -28,19 +28,19 @@ from obb_collision.checks.fuzz.client import STARTING, FoundError
 from obb_collision.checks.fuzz.scenes import mutated_scene
 
 READING = 10.0
-"""Seconds that a scene file may take."""
+"""Seconds that a file may take."""
 REFUSED = 1
 """Exit code of a node whose scene file can't be used."""
 READY = "ready: "
 """In the log of a node that has started."""
 
 
-def attack_reader(folder: Path, seed: int, first: int, last: int) -> tuple[int, float]:
-    """Have scene files read; returns how many were refused, and the longest time (s)."""
+def attack_reader(what: str, folder: Path, seed: int, first: int, last: int) -> tuple[int, float]:
+    """Have files read ("scene" or "robot"); returns how many were refused, the longest time (s)."""
     numbers = [str(number) for number in (seed, first, last)]
     module = "obb_collision.checks.fuzz.scenes"
     process = subprocess.Popen(
-        [sys.executable, "-m", module, str(folder), *numbers],
+        [sys.executable, "-m", module, what, str(folder), *numbers],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -48,10 +48,10 @@ def attack_reader(folder: Path, seed: int, first: int, last: int) -> tuple[int, 
     output, errors = process.communicate()
     done = [json.loads(line) for line in output.splitlines()]
     if process.returncode != 0 or len(done) != last - first:
-        raise FoundError(f"scene:{first + len(done)} ended its reader: {errors[-2000:]}")
+        raise FoundError(f"{what}:{first + len(done)} ended its reader: {errors[-2000:]}")
     longest = max(done, key=lambda row: row[1])
     if longest[1] > READING:
-        raise FoundError(f"scene:{longest[0]} took {longest[1]:.1f} s")
+        raise FoundError(f"{what}:{longest[0]} took {longest[1]:.1f} s")
     return sum(bool(refused) for _, _, refused in done), longest[1]
 
 

@@ -14,8 +14,7 @@
 
 """Mutated scene files: read in a process of their own, and given to a node at its start.
 
-The node has no descriptions of robots so far; a reader of them is attacked by a further entry in
-``TEXTS`` and in ``read``.
+That process reads mutated robots as well.
 """
 
 from __future__ import annotations
@@ -28,6 +27,7 @@ from random import Random
 
 from obb_collision.checks.fuzz.meshes import OBJ
 from obb_collision.checks.fuzz.mutations import damaged
+from obb_collision.checks.fuzz.robots import read_robot
 from obb_collision.scene_files import describe_scene, find_scene
 
 OBJECTS = """
@@ -107,19 +107,28 @@ def read(path: Path) -> str:
     try:
         describe_scene(path)
     except ValueError as error:
-        return f"{type(error).__name__}: {error}"[:SHOWN]
+        return f"{type(error).__name__}: {error}"
     return ""
 
 
-def main() -> None:
-    """Read scene files by number, and print a line for each: number, seconds, outcome."""
-    folder, seed, first, last = Path(sys.argv[1]), *(int(text) for text in sys.argv[2:5])
+def read_scene(folder: Path, seed: int, number: int) -> str:
+    """Read the scene file of a number; returns why it was refused, or an empty text."""
     (folder / MESH).write_bytes(OBJ)
+    path = folder / "scene.yaml"
+    path.write_bytes(mutated_scene(seed, number))
+    return read(path)
+
+
+READERS = {"scene": read_scene, "robot": read_robot}
+"""What is read by number, by the word that ``--only`` has for it."""
+
+
+def main() -> None:
+    """Read files by number, and print a line for each: number, seconds, outcome."""
+    what, folder, seed, first, last = sys.argv[1], Path(sys.argv[2]), *map(int, sys.argv[3:6])
     for number in range(first, last):
-        path = folder / "scene.yaml"
-        path.write_bytes(mutated_scene(seed, number))
         start = time.perf_counter()
-        refused = read(path)
+        refused = READERS[what](folder, seed, number)[:SHOWN]
         line = json.dumps([number, time.perf_counter() - start, refused])
         sys.stdout.write(f"{line}\n")
         sys.stdout.flush()
