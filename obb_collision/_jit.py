@@ -34,6 +34,14 @@ from obb_collision._kernel_cache import KernelCache
 F = TypeVar("F", bound=Callable[..., Any])
 types: Any = _types  # numba has no types
 
+#: Of every kernel. No wrapper for callers in C, who do not exist: a tenth of all compiling.
+OPTIONS = {
+    "nogil": True,
+    "error_model": "numpy",
+    "fastmath": False,
+    "no_cfunc_wrapper": True,
+}
+
 kernels: list[Any] = []
 """All kernels that have been defined so far; none where numba is disabled."""
 
@@ -52,7 +60,7 @@ def njit_inlined(function: F) -> F:
 
 
 def _compiled(function: F, **options: bool) -> F:
-    compiled: Any = numba.njit(nogil=True, error_model="numpy", fastmath=False, **options)(function)
+    compiled: Any = numba.njit(**OPTIONS, **options)(function)
     kernel: F = compiled
     if hasattr(compiled, "_cache"):  # not where numba is disabled
         compiled._cache = KernelCache(compiled)  # in place of numba's own

@@ -32,6 +32,7 @@ from obb_collision.scene.broad_phase.broad_phase import (
     find_some_candidates,
 )
 from obb_collision.scene.broad_phase.find_pairs import (
+    all_colliding_keys,
     colliding_keys,
     colliding_pairs,
     columns,
@@ -42,7 +43,7 @@ from obb_collision.scene.building.shape_cache import ShapeCache
 from obb_collision.scene.few import FEW, few_pairs
 from obb_collision.scene.findings import Findings, Layout
 from obb_collision.scene.limit import find_limited, most_candidates
-from obb_collision.scene.merging import merge_pairs
+from obb_collision.scene.merging import merge_keys, merge_pairs
 from obb_collision.scene.refinement.budget import Budget
 from obb_collision.scene.refinement.ladder import NONE, Found, decide_pairs, pair_levels
 from obb_collision.scene.store.allowed import AllowedPairs
@@ -51,9 +52,11 @@ from obb_collision.scene.store.region import Region, boxes_near, owns_pairs
 from obb_collision.scene.store.store import ObjectStore
 from obb_collision.typing import Floats, Mask, Rows
 
-NO_ROWS = np.empty(0, np.bool_)
+NO_ROWS, NO_KEYS = np.empty(0, np.bool_), np.empty(0, np.int64)
 #: With fewer than one object in this many changed, only pairs of the changed ones are looked at.
 INCREMENTAL_SHARE = 8
+#: Changed slots below which all is done in one call of a kernel, by one thread.
+FEW_CHANGES = 512
 #: Rows below which a second thread doesn't pay: 20 us of bounds.
 LEAST_BOUNDS = 2048
 #: Pairs that a few boxes can make.
@@ -135,13 +138,15 @@ class Checker:
             self._layout = Layout.of(store)
         active = self._layout.active
         if self._layout.plain and len(active) <= FEW:
-            found = self._find_few(last, exact)
-            if self.limit is None or len(found.pairs) <= self.limit:
-                return found
-        if last is not None and np.count_nonzero(store.changed & store.active) < len(active):
-            changed = self._find_changed(last, depth, exact, budget)
-            if changed is not None:
-                return changed
+            few = self._find_few(last, exact)
+            if self.limit is None or len(few.pairs) <= self.limit:
+                return few
+        if last is not None:
+            slots = np.flatnonzero(store.changed)
+            if len(slots) < len(active) or np.count_nonzero(store.active[slots]) < len(active):
+                found = self._find_changed(last, slots, depth, exact, budget)
+                if found is not None:
+                    return found
         return self._find_all(depth, exact, budget)
 
     def _find_few(self, last: Findings | None, exact: bool) -> Findings:
@@ -198,28 +203,55 @@ class Checker:
         return Findings(*limited.found, total=limited.total, colliding=limited.colliding)
 
     def _find_changed(
-        self, last: Findings, depth: int, exact: bool, budget: Budget | None
+        self, last: Findings, slots: Rows, depth: int, exact: bool, budget: Budget | None
     ) -> Findings | None:
-        """Decide pairs with a change to them, and those left behind; None: too many for that."""
+        """Decide pairs with a change to them, and those left behind; None: too many for that.
+
+        slots (k,): what has changed.
+        """
         store = self._store
-        candidates = self._candidates(self._update_bounds())
+        candidates = self._few_candidates(slots)
         if candidates is None:
-            return None
-        again, waiting = NO_ROWS, NONE
-        if last.behind:
-            again = last.accuracies < pair_levels(store, *columns(last.pairs))
-            again &= ~store.changed[last.pairs].any(axis=1)
-            waiting = last.pairs[again], last.verdicts[again], last.accuracies[again]
-        new, behind = self._decide(candidates, depth, exact, budget, waiting)
-        most = len(last.pairs) + len(new[0])
+            candidates = self._candidates(self._update_bounds())
+            if candidates is None:
+                return None
+        keys, behind = NO_KEYS, False
+        again, waiting, new = NO_ROWS, NONE, NONE
+        simple = self._layout.plain and not (exact or last.behind)
+        if simple:
+            keys = all_colliding_keys(store.all_boxes(), self._counted(candidates))
+        else:
+            if last.behind:
+                again = last.accuracies < pair_levels(store, *columns(last.pairs))
+                again &= ~store.changed[last.pairs].any(axis=1)
+                waiting = last.pairs[again], last.verdicts[again], last.accuracies[again]
+            new, behind = self._decide(candidates, depth, exact, budget, waiting)
+        most = len(last.pairs) + len(keys) + len(new[0])
         pairs, old = np.empty((most, 2), np.int64), np.empty(most, np.int64)
         verdicts, levels = np.empty(most, np.int8), np.empty(most, np.int8)
         outputs = pairs, verdicts, levels, old
-        count = merge_pairs(*last.found, store.changed, again, *new, *outputs)
+        if simple:
+            count = merge_keys(*last.found, store.changed, keys, np.empty_like(keys), *outputs)
+        else:
+            count = merge_pairs(*last.found, store.changed, again, *new, *outputs)
         if self.limit is not None and count > self.limit:
             return None
         found = pairs[:count], verdicts[:count], levels[:count]
         return Findings(*found, behind, old=old[:count])
+
+    def _few_candidates(self, slots: Rows) -> Pairs | None:
+        """Return ``_candidates`` of a few changed slots (k,), None if not to be had at once."""
+        store, tree, active = self._store, self._tree, self._layout.active
+        if (
+            tree is None
+            or self.limit is not None
+            or self._spheres
+            or self._layout.spheres
+            or len(slots) >= min(FEW_CHANGES, len(active) / INCREMENTAL_SHARE)
+            or tree.size < len(store.names)
+        ):
+            return None
+        return tree.pairs_of_changes(slots, store.changed, store.active, store.all_boxes())
 
     def _decide(
         self, candidates: Pairs, depth: int, exact: bool, budget: Budget | None,

@@ -19,6 +19,33 @@ from __future__ import annotations
 import numpy as np
 
 from obb_collision._jit import njit
+from obb_collision.accuracy import Accuracy
+from obb_collision.scene.broad_phase.find_pairs import pairs_kernel
+
+#: The level of pairs that come as keys.
+OBB = int(Accuracy.OBB)
+#: A pair as one number, which is less for an earlier one: more bits than a row has, and more than
+#: any pair.
+ROW_BITS, NEVER = 31, 2**62
+
+
+@njit
+def merge_keys(
+    pairs: np.ndarray, verdicts: np.ndarray, levels: np.ndarray, changed: np.ndarray,
+    keys: np.ndarray, spare: np.ndarray, out_pairs: np.ndarray, out_verdicts: np.ndarray,
+    out_levels: np.ndarray, old: np.ndarray,
+) -> int:  # fmt: skip
+    """Do ``merge_pairs`` with new pairs that ``colliding_keys`` gave; spare (m,): room for as many.
+
+    As many slots as ``changed`` has.
+    """
+    new_pairs, new_verdicts = np.empty((len(keys), 2), np.int64), np.empty(len(keys), np.int8)
+    pairs_kernel(len(changed), keys, spare, new_pairs, new_verdicts)
+    new_levels, again = np.full(len(keys), OBB, np.int8), np.empty(0, np.bool_)
+    return merge_pairs(
+        pairs, verdicts, levels, changed, again, new_pairs, new_verdicts, new_levels,
+        out_pairs, out_verdicts, out_levels, old,
+    )  # fmt: skip
 
 
 @njit
@@ -32,27 +59,27 @@ def merge_pairs(
     Those stay of whose slots neither is changed, and which are not decided again: again (m,), or
     empty for none. old: the row each pair had, -1 for a new one.
     """
-    before, new, count = 0, 0, 0
-    while before < len(pairs) or new < len(new_pairs):
-        if before < len(pairs):
+    before, count = np.uint64(0), np.uint64(0)  # unsigned: no index is asked whether it is negative
+    last = np.uint64(len(pairs))
+    for new in range(len(new_pairs) + 1):
+        limit = NEVER
+        if new < len(new_pairs):
+            limit = (new_pairs[new, 0] << ROW_BITS) | new_pairs[new, 1]
+        while before < last:
             i, j = pairs[before, 0], pairs[before, 1]
-            if changed[i] | changed[j] or (len(again) > 0 and again[before]):
-                before += 1
-                continue
-            take_old = new == len(new_pairs) or (
-                i < new_pairs[new, 0] or (i == new_pairs[new, 0] and j < new_pairs[new, 1])
-            )
-        else:
-            take_old = False
-        if take_old:
+            if ((i << ROW_BITS) | j) >= limit:
+                break
+            # written in any case, and over it if it goes: a branch would be guessed wrong
             out_pairs[count, 0], out_pairs[count, 1] = i, j
             out_verdicts[count], out_levels[count] = verdicts[before], levels[before]
             old[count] = before
-            before += 1
-        else:
+            goes = changed[np.uint64(i)] | changed[np.uint64(j)]
+            goes |= len(again) > 0 and again[before]
+            count += np.uint64(not goes)
+            before += np.uint64(1)
+        if new < len(new_pairs):
             out_pairs[count, 0], out_pairs[count, 1] = new_pairs[new, 0], new_pairs[new, 1]
             out_verdicts[count], out_levels[count] = new_verdicts[new], new_levels[new]
             old[count] = -1
-            new += 1
-        count += 1
-    return count
+            count += np.uint64(1)
+    return int(count)

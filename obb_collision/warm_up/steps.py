@@ -32,10 +32,12 @@ import obb_collision as oc
 from obb_collision import shapes
 from obb_collision.accuracy import Accuracy
 from obb_collision.geometry.poses import quaternions_from_matrices
+from obb_collision.numerics.dealing import FEWEST_NUMBERS
 from obb_collision.queries.meshes.triangles import triangle_verdicts
 from obb_collision.queries.primitives.capsules import capsule_verdicts
 from obb_collision.queries.primitives.planes import aabb_verdicts
 from obb_collision.scene.broad_phase.broad_phase import find_candidates
+from obb_collision.scene.broad_phase.find_pairs import pairs_of_keys
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.refinement.budget import ABOVE
 
@@ -122,6 +124,10 @@ def _bounds() -> None:
     """Run what else ``_boxes`` needs that takes long to compile, beside it."""
     low = np.random.default_rng(0).random((OBJECTS, 3))
     find_candidates(low, low + 0.2)
+    many = np.arange(2 * FEWEST_NUMBERS)
+    line = np.column_stack([many, many, many]).astype(np.float64)
+    find_candidates(line, line + 0.5)
+    pairs_of_keys(_batch(), 0 * many, False)
     for some in _zoo().values():
         _ = [shape.local_box for shape in some]
 

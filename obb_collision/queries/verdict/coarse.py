@@ -51,7 +51,7 @@ FEWEST_BOXES = 2048
 
 def meeting_bounds(boxes: Boxes) -> tuple[Floats, Floats]:
     """Return minimum and maximum (n, 3) of bounds which overlap for all boxes not SEPARATE."""
-    minimum, maximum = np.empty((2, len(boxes), 3))
+    minimum, maximum = np.empty((len(boxes), 3)), np.empty((len(boxes), 3))
     run(
         *(bounds_kernel, len(boxes), FEWEST_BOXES, boxes.centers, boxes.rotations),
         *(boxes.half_extents, np.arange(len(boxes)), minimum, maximum),

@@ -31,7 +31,7 @@ from obb_collision import _threads
 from obb_collision._jit import njit, njit_inlined
 from obb_collision.numerics.prefetch import fetch_row
 from obb_collision.scene.broad_phase.lanes import LANE_BITS, LANES, lowest, overlaps
-from obb_collision.scene.broad_phase.morton import morton_order
+from obb_collision.scene.broad_phase.morton import morton_order_shared
 from obb_collision.typing import Floats
 
 #: Levels of blocks: enough for 8^21 boxes.
@@ -63,11 +63,14 @@ class BoundsTree(NamedTuple):
     def build(cls, minimum: Floats, maximum: Floats) -> BoundsTree:
         """Return the tree of bounds; they are not copied."""
         order, spare = np.empty(len(minimum), np.int64), np.empty(len(minimum), np.int64)
-        morton_order(minimum, maximum, order, spare)
+        morton_order_shared(minimum, maximum, order, spare)
         starts = _level_starts(len(minimum))
         nodes = np.empty((starts[-1], 6, LANES))  # not in a kernel: numpy asks for large pages
         _threads.run(_fill_boxes, int(starts[1]), FEWEST_BLOCKS, minimum, maximum, order, nodes)
-        _fill_levels(nodes, starts)
+        if len(starts) > 2:
+            given = nodes, int(starts[0]), int(starts[1])
+            _threads.run(_fill_level, int(starts[2] - starts[1]), FEWEST_BLOCKS, *given)
+            _fill_levels(nodes, starts)
         return cls(minimum, maximum, order, nodes, starts)
 
     @property
@@ -107,12 +110,17 @@ def _fill_boxes(
 
 @njit
 def _fill_levels(nodes: Floats, starts: np.ndarray) -> None:
-    """Write all blocks above the boxes."""
-    for level in range(1, len(starts) - 1):
-        below, first = starts[level - 1], starts[level]
-        nodes[first : starts[level + 1]] = NOTHING
-        for child in range(first - below):
-            _merge(nodes, below + child, first + (child >> LANE_BITS), child & (LANES - 1))
+    """Write all blocks above those above the boxes."""
+    for level in range(2, len(starts) - 1):
+        _fill_level(nodes, starts[level - 1], starts[level], 0, starts[level + 1] - starts[level])
+
+
+@njit
+def _fill_level(nodes: Floats, below: int, first: int, start: int, stop: int) -> None:
+    """Write blocks ``start`` to ``stop`` of the level from ``first`` on, from the one below it."""
+    nodes[first + start : first + stop] = NOTHING
+    for child in range(LANES * start, min(LANES * stop, first - below)):
+        _merge(nodes, below + child, first + (child >> LANE_BITS), child & (LANES - 1))
 
 
 @njit

@@ -50,8 +50,8 @@ NO_PAIRS: Pairs = np.empty((0, 2), np.int64)
 FEWEST_ROWS, FEWEST_LEAVES = 256, 48
 #: Room for pairs: for each row at first, and at most, but for a row with more (16 MB).
 ROOM_PER_ROW, ROOM = 4, 1 << 20
-#: Leaves near one that are looked at together.
-NEAR = 64
+#: Leaves near one, and rows, that are looked at together.
+NEAR, TOGETHER = 64, 64
 #: Doubles in what memory gives at once.
 LINE = 8
 
@@ -97,7 +97,7 @@ def find_some_candidates_of(tree: BoundsTree, rows: Rows, most: int) -> Pairs | 
     wanted[rows] = True
 
     def search(pairs: Pairs, start: int, stop: int) -> tuple[int, int]:
-        return _row_overlaps(*tree, rows, wanted, most, pairs, start, stop)
+        return row_overlaps(*tree, rows, wanted, most, pairs, start, stop)
 
     return _collect(search, len(rows), FEWEST_ROWS, 4 * ROOM_PER_ROW, most)
 
@@ -273,29 +273,87 @@ def _box_overlaps(
 
 
 @njit
-def _row_overlaps(
+def row_overlaps(
     minimum: Floats, maximum: Floats, order: np.ndarray, nodes: Floats, starts: np.ndarray,
     rows: np.ndarray, wanted: np.ndarray, most: int, pairs: np.ndarray, start: int, stop: int,
 ) -> tuple[int, int]:  # fmt: skip
     """Write the pairs of wanted rows with all others; between two wanted ones only once.
 
-    Ends soon after ``most`` are found. See ``Search``.
+    Ends soon after ``most`` are found. See ``Search``. Many rows go down the tree together, level
+    by level: so memory is asked for in time.
     """
-    column = np.empty(len(order), np.int64)
-    found = 0
-    for n in range(start, stop):
-        i = rows[n]
-        low, high = vector_at(minimum, i), vector_at(maximum, i)
-        reached = overlapping(minimum, maximum, order, nodes, starts, low, high, 0, column)
-        if found + reached > len(pairs):
-            return found, n
-        for j in column[:reached]:
-            if j != i and not (wanted[j] and j < i):
-                pairs[found, 0], pairs[found, 1] = min(i, j), max(i, j)
-                found += 1
+    here = np.empty((starts[1] + NEAR * LANES, 2), np.int64)  # of one row there is room for all
+    there = np.empty_like(here)
+    found, first, batch = 0, start, TOGETHER
+    while first < stop:
+        last = min(first + batch, stop)
+        count = _leaves_of(minimum, maximum, nodes, starts, rows, first, last, here, there)
+        if count < 0:
+            batch = 1
+            continue
+        batch = TOGETHER
+        done, row_found = first, found
+        for k in range(count):
+            number, leaf = here[k, 0], here[k, 1]
+            if number > done:
+                if found > most:
+                    return found, number
+                done, row_found = number, found
+            if found + LANES > len(pairs):
+                return row_found, number
+            i = rows[number]
+            mask = _overlaps_row(nodes, leaf, minimum, maximum, i)
+            while mask != 0:
+                j = order[LANES * leaf + lowest(mask)]
+                mask &= mask - 1
+                if j != i and not (wanted[j] and j < i):
+                    pairs[found, 0], pairs[found, 1] = min(i, j), max(i, j)
+                    found += 1
         if found > most:
-            return found, n + 1
+            return found, last
+        first = last
     return found, stop
+
+
+@njit
+def _leaves_of(
+    minimum: Floats, maximum: Floats, nodes: Floats, starts: np.ndarray, rows: np.ndarray,
+    first: int, last: int, here: np.ndarray, there: np.ndarray,
+) -> int:  # fmt: skip
+    """Write the leaves that may hold what overlaps ``rows[first:last]``: number of row, and leaf.
+
+    In the order of the rows; returns how many, -1 for no room. there: as large.
+    """
+    count = last - first
+    for k in range(count):
+        here[k, 0], here[k, 1] = first + k, 0
+    for level in range(len(starts) - 2, 0, -1):
+        reached = 0
+        for k in range(count):
+            number, block = here[k, 0], here[k, 1]
+            mask = _overlaps_row(nodes, starts[level] + block, minimum, maximum, rows[number])
+            if reached + LANES > len(there):
+                return -1
+            while mask != 0:
+                child = LANES * block + lowest(mask)
+                mask &= mask - 1
+                for n in range(0, 6 * LANES, LINE):
+                    fetch(nodes, 6 * LANES * (starts[level - 1] + child) + n)
+                there[reached, 0], there[reached, 1] = number, child
+                reached += 1
+        for k in range(reached):
+            here[k, 0], here[k, 1] = there[k, 0], there[k, 1]
+        count = reached
+    return count
+
+
+@njit
+def _overlaps_row(nodes: Floats, block: int, minimum: Floats, maximum: Floats, row: int) -> int:
+    """Return which bounds of a block overlap those of a row, a bit for each."""
+    return overlaps(
+        *(nodes, block, minimum[row, 0], minimum[row, 1], minimum[row, 2]),
+        *(maximum[row, 0], maximum[row, 1], maximum[row, 2]),
+    )
 
 
 @njit

@@ -24,6 +24,7 @@ from obb_collision._threads import ranges, run_parts
 from obb_collision.accuracy import Accuracy, as_box_accuracy
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.kinds import as_flag, check_kind
+from obb_collision.numerics.dealing import BUCKET_BITS, deal, is_dealt, run_buckets
 from obb_collision.numerics.prefetch import fetch_pairs
 from obb_collision.numerics.sorting import bits_of, sort_numbers
 from obb_collision.queries.verdict.blocks import BLOCK, ROWS
@@ -159,12 +160,17 @@ def columns(pairs: Pairs) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
 
 def colliding_pairs(boxes: Boxes, candidates: Pairs, exact: bool = False) -> tuple[Pairs, Verdicts]:
     """Return the candidates (m, 2) that are not SEPARATE, sorted, and their verdicts."""
+    return pairs_of_keys(boxes, all_colliding_keys(boxes, candidates), exact)
+
+
+def all_colliding_keys(boxes: Boxes, candidates: Pairs) -> NDArray[np.int64]:
+    """Return the ``colliding_keys`` of candidates (m, 2), by several threads if they are many."""
     parts = ranges(len(candidates), FEWEST_PAIRS)
     if len(parts) == 1:
-        return pairs_of_keys(boxes, colliding_keys(boxes, candidates), exact)
+        return colliding_keys(boxes, candidates)
     colliding_keys(boxes, NO_PAIRS)  # see ``_threads.run``
     keys = run_parts(lambda k: colliding_keys(boxes, candidates[slice(*parts[k])]), len(parts))
-    return pairs_of_keys(boxes, np.concatenate(keys), exact)
+    return np.concatenate(keys)
 
 
 def colliding_keys(boxes: Boxes, candidates: Pairs) -> NDArray[np.int64]:
@@ -177,7 +183,14 @@ def colliding_keys(boxes: Boxes, candidates: Pairs) -> NDArray[np.int64]:
 def pairs_of_keys(boxes: Boxes, keys: NDArray[np.int64], exact: bool) -> tuple[Pairs, Verdicts]:
     """Return the pairs of all ``colliding_keys``, sorted, and their verdicts; keys are changed."""
     pairs, verdicts = np.empty((len(keys), 2), np.int64), np.empty(len(keys), np.int8)
-    _pairs_kernel(len(boxes), keys, np.empty_like(keys), pairs, verdicts)
+    spare = np.empty_like(keys)
+    if is_dealt(len(keys)):
+        bits = bits_of(len(boxes))
+        starts = deal(keys, spare, VERDICT_BITS + 2 * bits)
+        given = bits, spare, keys, pairs, verdicts, starts
+        run_buckets(lambda first, last: _bucket_kernel(*given, first, last), starts)
+    else:
+        pairs_kernel(len(boxes), keys, spare, pairs, verdicts)
     if exact:
         decide_exactly(boxes, pairs[:, 0], boxes, pairs[:, 1], verdicts)
         pairs, verdicts = pairs[verdicts != SEPARATE], verdicts[verdicts != SEPARATE]
@@ -211,13 +224,32 @@ def _keys_kernel(
 
 
 @njit
-def _pairs_kernel(
+def pairs_kernel(
     count: int, keys: np.ndarray, spare: np.ndarray, pairs: np.ndarray, verdicts: np.ndarray
 ) -> None:
     """Sort the keys of pairs of ``count`` rows; write what they stand for. spare (m,): room."""
     bits = bits_of(count)
     sort_numbers(keys, spare, VERDICT_BITS, VERDICT_BITS + 2 * bits)
+    _part_keys(bits, keys, pairs, verdicts)
+
+
+@njit
+def _part_keys(bits: int, keys: np.ndarray, pairs: np.ndarray, verdicts: np.ndarray) -> None:
+    """Write what keys stand for."""
     for n in range(len(keys)):
         pair = keys[n] >> VERDICT_BITS
         pairs[n, 0], pairs[n, 1] = pair >> bits, pair & ((1 << bits) - 1)
         verdicts[n] = keys[n] & ((1 << VERDICT_BITS) - 1)
+
+
+@njit
+def _bucket_kernel(
+    bits: int, keys: np.ndarray, spare: np.ndarray, pairs: np.ndarray, verdicts: np.ndarray,
+    starts: np.ndarray, first: int, last: int,
+) -> None:  # fmt: skip
+    """Sort buckets ``first`` to ``last`` of keys, and write what they stand for."""
+    for bucket in range(first, last):
+        start, stop = starts[bucket], starts[bucket + 1]
+        part = keys[start:stop]
+        sort_numbers(part, spare[start:stop], VERDICT_BITS, VERDICT_BITS + 2 * bits - BUCKET_BITS)
+        _part_keys(bits, part, pairs[start:stop], verdicts[start:stop])

@@ -18,9 +18,19 @@ from __future__ import annotations
 
 import numpy as np
 
+from obb_collision._jit import njit
+from obb_collision.geometry.boxes import Boxes
+from obb_collision.queries.verdict.coarse import bounds_kernel
 from obb_collision.scene.broad_phase.bounds_tree import BoundsTree, move_kernel
-from obb_collision.scene.broad_phase.broad_phase import Pairs, find_some_candidates_of
-from obb_collision.typing import Floats, Rows
+from obb_collision.scene.broad_phase.broad_phase import (
+    ROOM_PER_ROW,
+    UNLIMITED,
+    Pairs,
+    find_some_candidates_of,
+    row_overlaps,
+)
+from obb_collision.scene.broad_phase.lanes import LANES
+from obb_collision.typing import Floats, Mask, Rows
 
 #: A tree is built anew once so many rows have moved, as a part of all: its blocks have grown then.
 LIFETIME = 0.5
@@ -35,6 +45,11 @@ class KeptTree:
         self._places[self._tree.order] = np.arange(len(minimum))
         self._left = LIFETIME * len(minimum)
 
+    @property
+    def size(self) -> int:
+        """How many rows it was made of."""
+        return len(self._places)
+
     def update(self, rows: Rows) -> bool:
         """Take over the changed bounds of rows (m,); False where a new tree is better."""
         self._left -= len(rows)
@@ -46,3 +61,49 @@ class KeptTree:
     def pairs_of(self, rows: Rows, most: int) -> Pairs | None:
         """Return (k, 2) all i < j with i or j in rows whose bounds overlap, None above ``most``."""
         return find_some_candidates_of(self._tree, rows, most)
+
+    def pairs_of_changes(
+        self, slots: Rows, changed: Mask, active: Mask, boxes: Boxes
+    ) -> Pairs | None:
+        """Do ``update`` and ``pairs_of`` for few slots (m,), and bound them before, in one call.
+
+        changed, active (n,): all that are changed, and take part. None where a new tree is better.
+        """
+        self._left -= len(slots)
+        if self._left < 0.0:
+            return None
+        pairs = np.empty((4 * ROOM_PER_ROW * len(slots) + LANES**2, 2), np.int64)
+        found = _changes_kernel(
+            slots, changed, active, boxes.centers, boxes.rotations, boxes.half_extents,
+            *self._tree, self._places, pairs,
+        )  # fmt: skip
+        if found < 0:  # no room
+            return find_some_candidates_of(self._tree, slots[active[slots]], UNLIMITED)
+        return pairs[:found]
+
+
+@njit
+def _changes_kernel(
+    slots: np.ndarray, changed: np.ndarray, active: np.ndarray, centers: Floats, rotations: Floats,
+    half_extents: Floats, minimum: Floats, maximum: Floats, order: np.ndarray, nodes: Floats,
+    starts: np.ndarray, places: np.ndarray, pairs: np.ndarray,
+) -> int:  # fmt: skip
+    """Bound slots, write that to the tree, and write their pairs; return how many, -1: no room."""
+    rows = np.empty_like(slots)
+    moved = np.empty_like(slots)
+    count = 0
+    for n in range(len(slots)):
+        slot = slots[n]
+        moved[n] = places[slot]
+        if active[slot]:
+            rows[count] = slot
+            count += 1
+        else:
+            for k in range(3):
+                minimum[slot, k], maximum[slot, k] = np.inf, -np.inf
+    bounds_kernel(centers, rotations, half_extents, rows, minimum, maximum, 0, count)
+    move_kernel(minimum, maximum, order, nodes, starts, moved)
+    found, reached = row_overlaps(
+        minimum, maximum, order, nodes, starts, rows, changed, UNLIMITED, pairs, 0, count
+    )
+    return found if reached == count else -1

@@ -22,8 +22,17 @@ a far outlier, or tight clusters far from each other, take nothing from the othe
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from obb_collision._jit import njit
+from obb_collision._threads import run
+from obb_collision.numerics.dealing import (
+    BUCKET_BITS,
+    FEWEST_NUMBERS,
+    deal,
+    is_dealt,
+    run_buckets,
+)
 from obb_collision.numerics.sorting import DIGIT_BITS, bits_of, sort_numbers
 from obb_collision.typing import Floats
 
@@ -37,6 +46,8 @@ SPARE_BITS = 2
 CELL = 8
 #: Sides shorter than this are taken as none: their reciprocals might overflow.
 SHORTEST = 1e-280
+#: The last cell along an axis.
+LAST = 2.0**AXIS_BITS - 1.0
 
 
 @njit
@@ -55,22 +66,38 @@ def morton_order(minimum: Floats, maximum: Floats, order: np.ndarray, spare: np.
             empty -= 1
             order[empty] = n
     row_bits = bits_of(count)
-    starts = np.empty(full // CELL + 1, np.int64)
-    stops = np.empty(full // CELL + 1, np.int64)
-    starts[0], stops[0] = 0, full
-    waiting = 1
+    if _sort_cells(minimum, maximum, order[:full], spare[:full], row_bits):
+        _divide(minimum, maximum, order[:full], spare[:full], row_bits)
+
+
+@njit
+def _divide(
+    minimum: Floats, maximum: Floats, rows: np.ndarray, spare: np.ndarray, row_bits: int
+) -> None:
+    """Sort rows further where more than CELL share a cell; spare: the codes of the cells."""
+    starts = np.empty(len(rows) // CELL + 1, np.int64)
+    stops = np.empty(len(rows) // CELL + 1, np.int64)
+    waiting = _push_cells(spare, 0, len(rows), starts, stops, 0)
     while waiting > 0:
         waiting -= 1
         start, stop = starts[waiting], stops[waiting]
-        if not _sort_cells(minimum, maximum, order[start:stop], spare[start:stop], row_bits):
-            continue  # all in one place
-        first = start
-        for n in range(start, stop):  # spare: the codes of the cells
-            if n + 1 == stop or spare[n + 1] != spare[first]:
-                if n + 1 - first > CELL:
-                    starts[waiting], stops[waiting] = first, n + 1
-                    waiting += 1
-                first = n + 1
+        if _sort_cells(minimum, maximum, rows[start:stop], spare[start:stop], row_bits):
+            waiting = _push_cells(spare, start, stop, starts, stops, waiting)
+
+
+@njit
+def _push_cells(
+    codes: np.ndarray, start: int, stop: int, starts: np.ndarray, stops: np.ndarray, waiting: int
+) -> int:
+    """Append the runs of equal codes that are longer than CELL; return how many wait then."""
+    first = start
+    for n in range(start, stop):
+        if n + 1 == stop or codes[n + 1] != codes[first]:
+            if n + 1 - first > CELL:
+                starts[waiting], stops[waiting] = first, n + 1
+                waiting += 1
+            first = n + 1
+    return waiting
 
 
 @njit
@@ -90,21 +117,41 @@ def _sort_cells(
     side = max(high[0] - low[0], high[1] - low[1], high[2] - low[2])
     if len(rows) < 2 or not SHORTEST <= side < np.inf:
         return False
-    digits = (bits_of(len(rows)) + SPARE_BITS + DIGIT_BITS - 1) // DIGIT_BITS
-    bits = min(digits * DIGIT_BITS, BITS - row_bits)
-    last = 2.0**AXIS_BITS - 1.0
-    scale = last / side
+    bits, scale = code_bits(len(rows), row_bits), LAST / side
     for n in range(len(rows)):
-        code = 0
-        for k in range(3):
-            middle = 0.5 * minimum[rows[n], k] + 0.5 * maximum[rows[n], k]
-            code |= _spread_bits(int(min(max(0.0, (middle - low[k]) * scale), last))) << k
+        code = _code(minimum, maximum, rows[n], low[0], low[1], low[2], scale)
         rows[n] |= code >> (BITS - bits) << row_bits
     sort_numbers(rows, spare, row_bits, row_bits + bits)
-    for n in range(len(rows)):
-        spare[n] = rows[n] >> row_bits
-        rows[n] &= (1 << row_bits) - 1
+    _part(rows, rows, spare, row_bits)
     return True
+
+
+@njit
+def code_bits(count: int, row_bits: int) -> int:
+    """Return how many bits of a code ``count`` rows are sorted by."""
+    digits = (bits_of(count) + SPARE_BITS + DIGIT_BITS - 1) // DIGIT_BITS
+    return min(digits * DIGIT_BITS, BITS - row_bits)
+
+
+@njit
+def _code(
+    minimum: Floats, maximum: Floats, row: int, x: float, y: float, z: float, scale: float
+) -> int:
+    """Return the number of a row's cell along the curve; x, y, z: where cells begin."""
+    code = 0
+    for k, low in enumerate((x, y, z)):
+        middle = 0.5 * minimum[row, k] + 0.5 * maximum[row, k]
+        code |= _spread_bits(int(min(max(0.0, (middle - low) * scale), LAST))) << k
+    return code
+
+
+@njit
+def _part(numbers: np.ndarray, rows: np.ndarray, codes: np.ndarray, row_bits: int) -> None:
+    """Part numbers into rows and codes of their cells."""
+    for n in range(len(numbers)):
+        number = numbers[n]
+        codes[n] = number >> row_bits
+        rows[n] = number & ((1 << row_bits) - 1)
 
 
 @njit
@@ -115,3 +162,68 @@ def _spread_bits(x: int) -> int:
     x = (x | (x << 8)) & 0x100F00F00F00F00F
     x = (x | (x << 4)) & 0x10C30C30C30C30C3
     return (x | (x << 2)) & 0x1249249249249249
+
+
+def morton_order_shared(
+    minimum: Floats, maximum: Floats, order: NDArray[np.int64], spare: NDArray[np.int64]
+) -> None:
+    """Do what ``morton_order`` does, to the bit, by several threads where they pay."""
+    count = len(minimum)
+    if is_dealt(count):
+        ends = np.array(run(_extent_kernel, count, FEWEST_NUMBERS, minimum, maximum))
+        low = ends[:, :3].min(axis=0)
+        side = float((ends[:, 3:6].max(axis=0) - low).max())
+        if ends[:, 6].all() and SHORTEST <= side < np.inf:
+            row_bits = int(count).bit_length()
+            bits = int(code_bits(count, row_bits))
+            where = *low.tolist(), LAST / side
+            run(
+                *(_code_kernel, count, FEWEST_NUMBERS, minimum, maximum, *where),
+                *(bits, row_bits, order),
+            )
+            starts = deal(order, spare, row_bits + bits)
+            given = minimum, maximum, order, spare, starts, bits, row_bits
+            run_buckets(lambda first, last: _bucket_kernel(*given, first, last), starts)
+            return
+    morton_order(minimum, maximum, order, spare)
+
+
+@njit
+def _extent_kernel(
+    minimum: Floats, maximum: Floats, start: int, stop: int
+) -> tuple[float, float, float, float, float, float, bool]:
+    """Return between which numbers the centres are, and whether no bounds are empty or none."""
+    low, high = np.full(3, np.inf), np.full(3, -np.inf)
+    usual = True
+    for n in range(start, stop):
+        usual &= minimum[n, 0] <= maximum[n, 0]
+        for k in range(3):
+            middle = 0.5 * minimum[n, k] + 0.5 * maximum[n, k]
+            usual &= middle == middle
+            low[k], high[k] = min(low[k], middle), max(high[k], middle)
+    return low[0], low[1], low[2], high[0], high[1], high[2], usual
+
+
+@njit
+def _code_kernel(
+    minimum: Floats, maximum: Floats, x: float, y: float, z: float, scale: float, bits: int,
+    row_bits: int, numbers: np.ndarray, start: int, stop: int,
+) -> None:  # fmt: skip
+    """Write rows ``start`` to ``stop``, each with its code before it."""
+    for n in range(start, stop):
+        code = _code(minimum, maximum, n, x, y, z, scale)
+        numbers[n] = n | (code >> (BITS - bits) << row_bits)
+
+
+@njit
+def _bucket_kernel(
+    minimum: Floats, maximum: Floats, order: np.ndarray, spare: np.ndarray, starts: np.ndarray,
+    bits: int, row_bits: int, first: int, last: int,
+) -> None:  # fmt: skip
+    """Write the order of buckets ``first`` to ``last`` of numbers in ``spare``."""
+    for bucket in range(first, last):
+        start, stop = starts[bucket], starts[bucket + 1]
+        rows, numbers = order[start:stop], spare[start:stop]
+        sort_numbers(numbers, rows, row_bits, row_bits + bits - BUCKET_BITS)
+        _part(numbers, rows, numbers, row_bits)
+        _divide(minimum, maximum, rows, numbers, row_bits)

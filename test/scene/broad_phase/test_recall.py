@@ -29,7 +29,10 @@ from hypothesis import strategies as st
 
 import obb_collision as oc
 from obb_collision._jit import njit
+from obb_collision.numerics import dealing
 from obb_collision.numerics.sorting import DIGIT_BITS, FEW, sort_numbers
+from obb_collision.queries.verdict.coarse import meeting_bounds
+from obb_collision.scene.broad_phase import morton
 from obb_collision.scene.broad_phase.bounds_tree import BoundsTree, overlapping
 from obb_collision.scene.broad_phase.broad_phase import (
     UNLIMITED,
@@ -40,6 +43,7 @@ from obb_collision.scene.broad_phase.broad_phase import (
     find_some_candidates,
     find_some_candidates_of,
 )
+from obb_collision.scene.broad_phase.find_pairs import colliding_keys, pairs_of_keys
 from obb_collision.scene.broad_phase.kept_tree import KeptTree
 from obb_collision.scene.broad_phase.lanes import (
     LANES,
@@ -48,7 +52,7 @@ from obb_collision.scene.broad_phase.lanes import (
     lowest,
     overlaps,
 )
-from obb_collision.scene.broad_phase.morton import morton_order
+from obb_collision.scene.broad_phase.morton import morton_order, morton_order_shared
 from obb_collision.typing import Floats
 
 Bounds = tuple[Floats, Floats]
@@ -203,6 +207,40 @@ def test_the_order_has_each_row_once_and_empty_ones_last(form: str) -> None:
     assert sorted(order.tolist()) == list(range(len(minimum)))
     empty = minimum[order, 0] > maximum[order, 0]
     assert (empty[1:] >= empty[:-1]).all()
+
+
+@pytest.mark.parametrize("form", [*FORMS, "not a number"])
+def test_many_are_ordered_by_several_threads_as_few_are(
+    form: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    minimum, maximum = bounds_of(form if form in FORMS else "uniform", 3000)
+    if form == "not a number":
+        minimum[7, 1] = np.nan
+    wanted, order, spare = np.empty((3, len(minimum)), np.int64)
+    morton_order(minimum, maximum, wanted, spare)
+    monkeypatch.setattr(dealing, "FEWEST_NUMBERS", 64)
+    monkeypatch.setattr(morton, "FEWEST_NUMBERS", 64)
+    for number in (1, 2, 5):
+        oc.set_threads(number)
+        morton_order_shared(minimum, maximum, order, spare)
+        assert (order == wanted).all()
+
+
+def test_many_pairs_are_sorted_by_several_threads_as_few_are(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    minimum, maximum = bounds_of("clusters", 1500)
+    rotations = np.tile(np.eye(3), (1500, 1, 1))
+    boxes = oc.Boxes(0.5 * (minimum + maximum), rotations, 0.5 * (maximum - minimum))
+    keys = colliding_keys(boxes, find_candidates(*meeting_bounds(boxes)))
+    wanted, verdicts = pairs_of_keys(boxes, keys.copy(), False)
+    assert len(wanted) > 1500
+    monkeypatch.setattr(dealing, "FEWEST_NUMBERS", 64)
+    for number in (1, 2, 5):
+        oc.set_threads(number)
+        found = pairs_of_keys(boxes, keys.copy(), False)
+        assert (found[0] == wanted).all()
+        assert (found[1] == verdicts).all()
 
 
 def test_a_far_outlier_takes_no_cells_from_the_others() -> None:
