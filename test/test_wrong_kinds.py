@@ -200,6 +200,14 @@ FUNCTIONS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
         oc.RobotScene(oc.Robot.from_urdf(ROCK)).check,
         {"configurations": np.zeros((2, 0)), "all_pairs": True},
     ),
+    "RobotScene.check_motions": (
+        oc.RobotScene(oc.Robot.from_urdf(ROCK)).check_motions,
+        {"starts": np.zeros((2, 0)), "ends": np.zeros((2, 0)), "resolution": 1e-3},
+    ),
+    "RobotScene.check_path": (
+        oc.RobotScene(oc.Robot.from_urdf(ROCK)).check_path,
+        {"configurations": np.zeros((2, 0)), "resolution": 1e-3},
+    ),
     "RobotScene.attach": (
         oc.RobotScene(oc.Robot.from_urdf(ROCK)).attach,
         {

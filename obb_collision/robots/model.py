@@ -24,6 +24,7 @@ import numpy as np
 
 from obb_collision.robots.bodies import enclosing_spheres, joined, merged
 from obb_collision.robots.kinematics import FLOATING, Tree
+from obb_collision.robots.motion_checks import joint_reaches
 from obb_collision.robots.robot import Robot
 from obb_collision.robots.robot_arrays import (
     Attached,
@@ -42,6 +43,9 @@ from obb_collision.scene.scene import Scene
 from obb_collision.scene.store.allowed import AllowedPairs
 from obb_collision.scene.store.pair_table import PairFilter
 from obb_collision.typing import Floats, Integers, Mask, Rows
+
+#: Quaternions whose sum is shorter are opposite: between them, motions have no certain speed.
+OPPOSITE = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,9 +130,31 @@ class Model:
             if len(zero):
                 raise ValueError(f"{name} must have no quaternion of zeros, row {zero[0]}")
 
+    def check_turns(self, starts: Floats, ends: Floats) -> None:
+        """Raise ValueError where a quaternion would move through zero."""
+        for column in self._quaternions:
+            turns = [states[:, column + 3 : column + 7] for states in (starts, ends)]
+            units = [turn / np.linalg.norm(turn, axis=1, keepdims=True) for turn in turns]
+            opposite = np.flatnonzero(np.linalg.norm(units[0] + units[1], axis=1) < OPPOSITE)
+            if len(opposite):
+                raise ValueError(
+                    "ends must not have quaternions opposite to those of starts: which way to turn "
+                    f"is not clear, row {opposite[0]}"
+                )
+
     def out_of_limits(self, states: Floats) -> Mask:
         """Return (n, joints) which joints are out of their limits."""
         return np.asarray((states < self.lower) | (states > self.upper))
+
+    def joint_reaches(self, arrays: Arrays, starts: Floats, ends: Floats) -> Floats:
+        """Return how far each body can be from each joint during motions, as ``Speeds`` has it."""
+        moved = np.zeros(len(self.lower))
+        for states in (starts, ends):
+            moved = np.maximum(moved, np.abs(states).max(axis=0, initial=0.0))
+        count = arrays.tests.first
+        bodies = arrays.bodies
+        extents = np.linalg.norm(bodies.centers[:count], axis=1) + bodies.spheres[:count]
+        return joint_reaches(self.tree, bodies.frames[:count], extents, moved)
 
     def arrays(self, scene: Scene) -> Arrays:
         """Return what kernels take, for a scene as it is now."""

@@ -143,10 +143,11 @@ class MotionReport:
     valid : (n,) numpy.ndarray
         Within limits, and certainly free all the way.
     parameters : (n,) numpy.ndarray
-        From 0 at the start to 1 at the end: where it collides first, NaN where it does not. Before
-        it the motion is free, except for what its pair does within ``resolution`` of touching.
+        From 0 at the start to 1 at the end: up to there the motion is certainly free, and there,
+        or within ``resolution`` of it, it collides; NaN where it does not.
     undecided : (n,) numpy.ndarray
-        Motions that count as colliding because the pair comes nearer than ``resolution``.
+        Motions that count as colliding though no state of theirs was found that does: a pair comes
+        nearer than ``resolution``.
     out_of_limits : (n, joints) numpy.ndarray
         The joints that leave their limits.
     first_pairs : (n, 2) numpy.ndarray
@@ -170,6 +171,12 @@ class MotionReport:
     def valid(self) -> Mask:
         """(n,) which motions are within limits and certainly free."""
         return np.asarray(~(self.colliding | self.out_of_limits.any(axis=1)))
+
+    @property
+    def first_invalid(self) -> int | None:
+        """The first motion that is not valid, None if all are."""
+        rows = np.flatnonzero(~self.valid)
+        return int(rows[0]) if len(rows) else None
 
     @cached_property
     def pairs(self) -> list[tuple[str, str] | None]:

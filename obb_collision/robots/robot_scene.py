@@ -27,10 +27,12 @@ from obb_collision._threads import run
 from obb_collision.accuracy import Accuracy, as_accuracy
 from obb_collision.geometry.kinds import as_flag, check_kind
 from obb_collision.geometry.poses import IDENTITY_POSE, unit_poses
+from obb_collision.geometry.shapes.primitives import positive_number
 from obb_collision.geometry.validation import as_array, is_single
 from obb_collision.obb import OBB
 from obb_collision.robots.model import Arrays, Model
-from obb_collision.robots.reports import StatePairs, StateReport
+from obb_collision.robots.motion_checks import motions_kernel
+from obb_collision.robots.reports import MotionReport, StatePairs, StateReport
 from obb_collision.robots.robot import Robot
 from obb_collision.robots.robot_arrays import Attached
 from obb_collision.robots.state_checks import all_pairs_kernel, first_pairs_kernel
@@ -42,6 +44,10 @@ from obb_collision.words import MAX_OBJECT_NAME, check_name, shown
 
 #: States below which a second thread does not pay: 0.1 ms of them.
 FEWEST_STATES = 64
+#: Motions below which it does not pay: each takes many states.
+FEWEST_MOTIONS = 4
+#: Metres within which a motion may stay undecided.
+DEFAULT_RESOLUTION = 1e-4
 
 
 class RobotScene:
@@ -281,6 +287,104 @@ class RobotScene:
         if every:
             report = replace(report, all_pairs=_all_pairs(arrays, level, states))
         return report
+
+    def check_motions(
+        self, starts: ArrayLike, ends: ArrayLike, *, resolution: float = DEFAULT_RESOLUTION
+    ) -> MotionReport:
+        """Return which motions from state to state are valid, between the two as well.
+
+        All joints move linearly from start to end; a continuous joint turns by the difference of
+        its values, not the shorter way. A motion that is valid is certainly free. One that comes
+        nearer to a collision than ``resolution`` may stay undecided; it counts as colliding.
+
+        Parameters
+        ----------
+        starts, ends : (n, joints) or (joints,) array_like
+            States, row by row.
+        resolution : float
+            Metres, positive: half of it takes up to twice the time of motions that scrape along.
+
+        Returns
+        -------
+        MotionReport
+
+        Raises
+        ------
+        ValueError
+            Naming the argument and the row.
+
+        Examples
+        --------
+        >>> arm = oc.Robot.from_urdf('''<robot name="arm">
+        ...   <link name="base"/>
+        ...   <link name="hand">
+        ...     <collision><geometry><sphere radius="0.1"/></geometry></collision>
+        ...   </link>
+        ...   <joint name="lift" type="prismatic">
+        ...     <parent link="base"/><child link="hand"/><axis xyz="0 0 1"/>
+        ...     <limit lower="0" upper="2" effort="1" velocity="1"/>
+        ...   </joint>
+        ... </robot>''')
+        >>> scene = oc.Scene()
+        >>> _ = scene.add("shelf", oc.shapes.Box([1, 1, 0.1]), [0, 0, 1, 0, 0, 0, 1])
+        >>> report = oc.RobotScene([arm], scene).check_motions([[0], [0]], [[0.8], [2]])
+        >>> report.valid.tolist(), report.parameters.round(3).tolist()
+        ([True, False], [nan, 0.425])
+        """
+        first, last = self._states(starts, "starts"), self._states(ends, "ends")
+        if len(first) != len(last):
+            raise ValueError(f"starts and ends must be as many, got {len(first)} and {len(last)}")
+        self._model.check_turns(first, last)
+        finest = positive_number(resolution, "resolution")
+        arrays = self._model.arrays(self._scene)
+        reaches = self._model.joint_reaches(arrays, first, last)
+        count = len(first)
+        parameters, undecided = np.empty(count), np.empty(count, np.bool_)
+        pairs = np.empty((count, 2), np.int64)
+        run(
+            *(motions_kernel, count, FEWEST_MOTIONS, arrays.tree, arrays.bodies, arrays.tests),
+            *(int(self._accuracy), reaches, first, last, finest, parameters, undecided, pairs),
+        )
+        return MotionReport(
+            parameters, undecided,
+            self._model.out_of_limits(first) | self._model.out_of_limits(last),
+            arrays.owners_of(pairs), arrays.names,
+        )  # fmt: skip
+
+    def check_path(
+        self, configurations: ArrayLike, *, resolution: float = DEFAULT_RESOLUTION
+    ) -> MotionReport:
+        """Return whether a path is valid, between its states as well: the motions between them.
+
+        Parameters
+        ----------
+        configurations : (n, joints) array_like
+            At least one state.
+        resolution : float
+            As in ``check_motions``.
+
+        Returns
+        -------
+        MotionReport
+            Of the n - 1 motions; ``first_invalid`` is the first that is not valid. For one state,
+            of the motion that stays there.
+
+        Raises
+        ------
+        ValueError
+            Naming the argument and the row.
+
+        Examples
+        --------
+        >>> arm = oc.Robot.from_urdf('<robot name="arm"><link name="hand"/></robot>')
+        >>> oc.RobotScene([arm]).check_path(np.zeros((3, 0))).first_invalid is None
+        True
+        """
+        states = self._states(configurations, "configurations")
+        if len(states) == 0:
+            raise ValueError("configurations must have at least one state")
+        ends = states[1:] if len(states) > 1 else states
+        return self.check_motions(states[: len(ends)], ends, resolution=resolution)
 
     def _states(self, value: ArrayLike, name: str) -> Floats:
         """Return checked states (n, joints)."""

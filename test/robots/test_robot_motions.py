@@ -1,0 +1,165 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Motions are checked between their ends: nothing that fine sampling finds is missed."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from small_robots import random_arm, random_states, random_world
+
+import obb_collision as oc
+
+MOBILE = """<robot name="mobile">
+  <link name="world"/>
+  <link name="base"><collision><geometry><box size="0.4 0.2 0.1"/></geometry></collision></link>
+  <link name="drone"><collision><geometry><box size="0.3 0.1 0.05"/></geometry></collision></link>
+  <joint name="drive" type="planar"><parent link="world"/><child link="base"/>
+    <axis xyz="0 0 1"/></joint>
+  <joint name="fly" type="floating"><parent link="base"/><child link="drone"/></joint>
+</robot>"""
+BALL = """<robot name="ball">
+  <link name="world"/>
+  <link name="ball"><collision><geometry><sphere radius="0.1"/></geometry></collision></link>
+  <joint name="x" type="prismatic"><parent link="world"/><child link="ball"/>
+    <axis xyz="1 0 0"/><limit lower="-9" upper="9" velocity="1" effort="1"/></joint>
+</robot>"""
+SAMPLES = 400
+
+
+def ball(gap: float = 0.0, wall: bool = False) -> oc.RobotScene:
+    """Return a ball that slides along a floor at a gap, maybe to a wall at 1."""
+    scene = oc.Scene()
+    scene.add("floor", oc.shapes.Box([30, 1, 1]), [0, 0, -0.6 - gap, 0, 0, 0, 1])
+    if wall:
+        scene.add("wall", oc.shapes.Box([1, 1, 1]), [1.6, 0, 0, 0, 0, 0, 1])
+    return oc.RobotScene([oc.Robot.from_urdf(BALL)], scene)
+
+
+def sampled(checker: oc.RobotScene, starts: np.ndarray, ends: np.ndarray) -> np.ndarray:
+    """Return (n,) where the first of many states of each motion collides, NaN for none."""
+    times = np.linspace(0.0, 1.0, SAMPLES)
+    states = starts[:, None] + times[None, :, None] * (ends - starts)[:, None]
+    found = checker.check(states.reshape(-1, starts.shape[1])).colliding.reshape(-1, SAMPLES)
+    return np.where(found.any(axis=1), times[found.argmax(axis=1)], np.nan)
+
+
+def compare(checker: oc.RobotScene, starts: np.ndarray, ends: np.ndarray) -> int:
+    """Compare with samples; return how many motions collide."""
+    report = checker.check_motions(starts, ends)
+    first = sampled(checker, starts, ends)
+    collides = ~np.isnan(first)
+    assert report.colliding[collides].all()
+    assert (report.parameters[collides] <= first[collides] + 1e-12).all()
+    assert np.array_equal(np.isnan(report.parameters), ~report.colliding)
+    certain = report.colliding & ~report.undecided
+    for row in np.flatnonzero(certain & ~collides):  # between two samples
+        t = report.parameters[row] + np.geomspace(1e-7, 1e-1, 600)
+        near = starts[row] + t[t <= 1.0, None] * (ends[row] - starts[row])
+        assert checker.check(near).colliding.any(), "neither sampled nor near the parameter"
+    return int(collides.sum())
+
+
+@settings(deadline=None, max_examples=20)
+@given(seed=st.integers(0, 10**6))
+def test_no_collision_of_fine_samples_is_missed(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    robot = oc.Robot.from_urdf(random_arm(rng, 5))
+    checker = oc.RobotScene([robot], random_world(rng, 6))
+    starts = random_states(rng, robot, 8)
+    ends = starts + rng.choice((0.05, 1.0)) * (random_states(rng, robot, 8) - starts)
+    compare(checker, starts, ends)
+
+
+def test_planar_and_floating_joints_are_bounded() -> None:
+    rng = np.random.default_rng(2)
+    checker = oc.RobotScene([oc.Robot.from_urdf(MOBILE)], random_world(rng, 6))
+    states = rng.normal(0, 0.7, (2, 80, len(checker.joint_names)))
+    assert 10 < compare(checker, *states) < 80
+
+
+def test_a_quaternion_through_zero_is_refused() -> None:
+    checker = oc.RobotScene([oc.Robot.from_urdf(MOBILE)])
+    start = np.array([0, 0, 0, 0, 0, 1.0, 0, 0, 0, 1])
+    end = start * [1, 1, 1, 1, 1, 1, 1, 1, 1, -1]
+    with pytest.raises(ValueError, match=r"ends must not have quaternions opposite .* row 1"):
+        checker.check_motions([start, start], [start, end])
+
+
+def test_where_a_ball_first_touches_a_wall() -> None:
+    checker = ball(0.5, wall=True)
+    report = checker.check_motions([[0.0], [0.0], [1.5]], [[2.0], [0.9], [0.0]])
+    assert report.pairs == [("ball", "wall"), None, ("ball", "wall")]
+    # the face of the wall is at x = 1.1
+    assert report.parameters[0] == pytest.approx(0.5, abs=1e-4)
+    assert report.parameters[0] <= 0.5
+    assert report.parameters[2] == 0.0
+    assert not report.undecided.any()
+    assert report.first_invalid == 0
+
+
+def test_near_misses_are_undecided_by_the_resolution() -> None:
+    checker = ball(2e-5)
+    loose = checker.check_motions([[0.0]], [[1.0]])
+    assert loose.undecided.tolist() == [True]
+    assert loose.valid.tolist() == [False]
+    assert loose.pairs == [("ball", "floor")]
+    fine = checker.check_motions([[0.0]], [[0.1]], resolution=1e-5)
+    assert fine.valid.tolist() == [True]
+
+
+def test_a_path_names_its_first_bad_motion() -> None:
+    checker = ball(0.5, wall=True)
+    assert checker.check_path([[0.0], [0.5], [0.9]]).first_invalid is None
+    report = checker.check_path([[0.0], [0.5], [2.8], [0.0]])
+    assert report.first_invalid == 1
+    assert report.parameters[1] == pytest.approx((1.0 - 0.5) / 2.3, abs=1e-4)
+    assert checker.check_path([[0.5]]).valid.tolist() == [True]
+    assert checker.check_path([[1.5]]).valid.tolist() == [False]
+
+
+def test_motions_out_of_limits_are_not_valid() -> None:
+    report = ball(0.5).check_motions([[0.0], [0.0]], [[10.0], [1.0]])
+    assert report.out_of_limits.tolist() == [[True], [False]]
+    assert report.colliding.tolist() == [False, False]
+    assert report.valid.tolist() == [False, True]
+
+
+def test_threads_do_not_change_motions() -> None:
+    rng = np.random.default_rng(7)
+    robot = oc.Robot.from_urdf(random_arm(rng, 5))
+    checker = oc.RobotScene([robot], random_world(rng, 6))
+    starts, ends = random_states(rng, robot, 60), random_states(rng, robot, 60)
+    before = oc.threads()
+    try:
+        reports = [(oc.set_threads(n), checker.check_motions(starts, ends))[1] for n in (1, 2)]
+    finally:
+        oc.set_threads(before)
+    assert np.array_equal(reports[0].first_pairs, reports[1].first_pairs)
+    assert np.array_equal(reports[0].parameters, reports[1].parameters, equal_nan=True)
+
+
+def test_bad_motions_are_refused_by_name() -> None:
+    checker = ball()
+    with pytest.raises(ValueError, match="starts and ends"):
+        checker.check_motions([[0.0]], [[0.0], [1.0]])
+    with pytest.raises(ValueError, match="ends"):
+        checker.check_motions([[0.0]], [[np.nan]])
+    with pytest.raises(ValueError, match="resolution must be positive"):
+        checker.check_motions([[0.0]], [[1.0]], resolution=0.0)
+    with pytest.raises(ValueError, match="at least one state"):
+        checker.check_path(np.zeros((0, 1)))
