@@ -24,7 +24,7 @@ import pytest
 pytest.importorskip("rclpy")
 import rig  # noqa: F401 - of this machine only
 
-from obb_collision.checks.fuzz import command, probes
+from obb_collision.checks.fuzz import attack, command, probes
 
 
 def run(*arguments: str) -> int:
@@ -36,6 +36,7 @@ def test_a_short_attack_finds_nothing(capfd: pytest.CaptureFixture[str]) -> None
     output = capfd.readouterr().out
     assert code == 0, output
     assert "scene files: 40 read" in output
+    assert "robot files: 1000 read" in output
     assert "sent: 10" in output
     assert output.endswith("nothing found\n")
 
@@ -45,6 +46,22 @@ def test_a_part_of_an_attack_is_run_again(capfd: pytest.CaptureFixture[str]) -> 
     output = capfd.readouterr().out
     assert "sent: 1 (" in output
     assert "probes answered right: 1 (" in output
+
+
+def test_processes_share_an_attack(capfd: pytest.CaptureFixture[str]) -> None:
+    assert run("--messages", "200", "--raw", "0", "--scenes", "0", "--processes", "2") == 0
+    output = capfd.readouterr().out
+    assert "probes answered right: 2 (" in output
+    assert output.count("memory of the node: ") == 2
+
+
+@pytest.mark.parametrize("part", [("message", 0, 1_000_000), ("raw", 17, 1018), ("raw", 5, 6)])
+def test_shares_are_all_of_a_part_in_whole_batches(part: attack.Part) -> None:
+    what, first, last = part
+    shares = [attack.share(part, index, 3) for index in range(3)]
+    assert [number for _, *ends in shares for number in range(*ends)] == list(range(first, last))
+    assert {name for name, _, _ in shares} == {what}
+    assert all((start - first) % attack.BATCH == 0 or start == last for _, start, _ in shares)
 
 
 def test_what_is_no_part_of_an_attack_is_refused(capsys: pytest.CaptureFixture[str]) -> None:

@@ -20,12 +20,14 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import IO, NamedTuple
 
 ENDING = 30.0
 """Seconds that the process has to end after SIGINT."""
+WAITING = 2
+"""Threads that may wait for a processor one after the other: the cycle for the middleware."""
 
 
 class Usage(NamedTuple):
@@ -40,21 +42,16 @@ NODE = "obb_collision.node.node"
 
 
 class Child:
-    """A node's process; its output goes to ``log``. module: what is run; more: environment."""
+    """A node's process; its output goes to ``log``. module: what is run."""
 
     def __init__(
-        self,
-        arguments: Sequence[str],
-        domain: int,
-        log: Path,
-        module: str = NODE,
-        more: Mapping[str, str] | None = None,
+        self, arguments: Sequence[str], domain: int, log: Path, module: str = NODE
     ) -> None:
         self.log = log
         self._output: IO[bytes] = log.open("wb")
         self._process = subprocess.Popen(
             [sys.executable, "-m", module, *arguments],
-            env={**os.environ, **(more or {}), "ROS_DOMAIN_ID": str(domain)},
+            env={**os.environ, "ROS_DOMAIN_ID": str(domain)},
             stdin=subprocess.DEVNULL,
             stdout=self._output,
             stderr=subprocess.STDOUT,
@@ -91,6 +88,11 @@ class Child:
                 continue
         return found
 
+    def waited(self, before: dict[str, float]) -> float:
+        """Return for how long (s) the threads that waited most did so since ``delays``."""
+        waits = sorted(delay - before.get(name, 0.0) for name, delay in self.delays().items())
+        return sum(waits[-WAITING:])
+
     def end(self) -> int:
         """End it as Ctrl-C would, else by force; returns its exit code."""
         if self.exit_code is None:
@@ -103,6 +105,11 @@ class Child:
         self._output.close()
         return int(self._process.returncode)
 
-    def lines(self, last: int = 20) -> list[str]:
+    def lines(self) -> list[str]:
         """Return the last lines of its output."""
-        return self.log.read_text(errors="replace").splitlines()[-last:]
+        return self.last_lines(self.log)
+
+    @staticmethod
+    def last_lines(log: Path, count: int = 20) -> list[str]:
+        """Return the last lines of the output of a process."""
+        return log.read_text(errors="replace").splitlines()[-count:]

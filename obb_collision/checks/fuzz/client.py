@@ -19,7 +19,7 @@ from __future__ import annotations
 import importlib
 import time
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.context import Context
@@ -49,13 +49,20 @@ class FoundError(Exception):
     """What an attack found."""
 
 
+class Answer(NamedTuple):
+    """A message of ``collisions``: when it was published (ns), and as which one."""
+
+    stamp: int
+    number: int
+    message: PointCloud2
+
+
 class Client:
     """A client of a node in another process. types: of the topics to publish, by topic."""
 
-    def __init__(self, domain: int, types: Mapping[str, type]) -> None:
-        self.namespace = f"/fuzz_{domain}"
-        self.answers: list[tuple[int, PointCloud2]] = []
-        """Messages of ``collisions``, each with the time at which it was published (ns)."""
+    def __init__(self, domain: int, namespace: str, types: Mapping[str, type]) -> None:
+        self.namespace = namespace
+        self.answers: list[Answer] = []
         self.points: list[PointCloud2] = []
         """The last messages of ``points_inside``."""
         self.diagnostics: DiagnosticArray | None = None
@@ -85,7 +92,8 @@ class Client:
         self._context.try_shutdown()
 
     def _take(self, message: PointCloud2, info: Any) -> None:
-        self.answers.append((int(info["source_timestamp"]), message))
+        number = info["publication_sequence_number"] or 0  # not given by some middlewares
+        self.answers.append(Answer(int(info["source_timestamp"]), number, message))
 
     def _take_points(self, message: PointCloud2) -> None:
         self.points = [*self.points[-9:], message]
@@ -101,12 +109,16 @@ class Client:
     def until(
         self, child: Child, reached: Callable[[], Any], what: str, limit: float = ANSWERING
     ) -> Any:
-        """Wait for something of a node, and return it; FoundError where it does not come."""
-        end = time.monotonic() + limit
+        """Wait for something of a node, and return it; FoundError where it does not come.
+
+        limit: seconds, and those for which the node waited for a processor are added.
+        """
+        start, before = time.monotonic(), child.delays()
         while not (found := reached()):
             if child.exit_code is not None:
                 raise FoundError(f"the node ended with {child.exit_code} before {what}")
-            if time.monotonic() > end:
+            spent = time.monotonic() - start
+            if spent > limit and spent > limit + child.waited(before):
                 raise FoundError(f"no {what} within {limit:g} s")
             self.spin(0.05)
         return found

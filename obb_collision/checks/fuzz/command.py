@@ -18,48 +18,15 @@
 from __future__ import annotations
 
 import argparse
-import os
 import re
-import sys
-import tempfile
-import time
 from collections.abc import Sequence
-from pathlib import Path
 
-from obb_collision.checks.fuzz.child import Child
-from obb_collision.checks.fuzz.client import Client, FoundError
-from obb_collision.checks.fuzz.report import faults, print_result
-from obb_collision.checks.fuzz.scene_attack import attack_node, attack_reader
-from obb_collision.checks.fuzz.scenes import READERS
-from obb_collision.checks.fuzz.session import Session
-from obb_collision.checks.fuzz.stream import Stream
+from obb_collision.checks.fuzz.attack import Part, attack
+from obb_collision.checks.fuzz.report import faults, print_results
 from obb_collision.cli import MAX_SEED, Parser, new_file, option, real, whole
-from obb_collision.node.inputs.subscriptions import INPUTS
 from obb_collision.words import shown
 
-LARGEST_DOMAIN = 100
-PROGRESS = 5.0
-"""Seconds between two lines of progress."""
-BATCH = 100
-"""Hostile messages between two probes."""
-MODULE = "obb_collision.checks.fuzz.frames"
-DEPTH = 1000
-"""Messages that a topic of the node queues."""
-PROFILE = """<?xml version="1.0" encoding="UTF-8" ?>
-<dds xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles"><profiles>
-<data_writer profile_name="writer" is_default_profile="true">
-<historyMemoryPolicy>DYNAMIC</historyMemoryPolicy></data_writer>
-<data_reader profile_name="reader" is_default_profile="true">
-<historyMemoryPolicy>DYNAMIC</historyMemoryPolicy></data_reader>
-</profiles></dds>
-"""
-PER_NODE = 200
-"""Scene files that are read for each that a node is started with."""
 ONLY = re.compile(r"(message|raw|scene|robot):(\d{1,9})(?:-(\d{1,9}))?")
-TRANSPORTS = ("FASTDDS_BUILTIN_TRANSPORTS", "LARGE_DATA")
-"""By UDP a message of 28 MB takes the middleware up to a minute on a busy machine, and what is
-behind it waits: that is no fault of the node. This sends by TCP."""
-Part = tuple[str, int, int]
 
 
 def _only(text: str) -> Part:
@@ -82,6 +49,8 @@ def _parser() -> argparse.ArgumentParser:
     option(parser, "--raw", whole(0, 10**9), 2_000, "number of raw byte strings")
     option(parser, "--scenes", whole(0, 10**9), 200, "number of mutated scene files")
     option(parser, "--robots", whole(0, 10**9), 1_000, "number of mutated descriptions of robots")
+    text = "processes that share it, each with a node of its own"
+    option(parser, "--processes", whole(1, 1000), 1, text)
     option(parser, "--seed", whole(0, MAX_SEED), 1, "seed of the random numbers")
     text = (
         "only this of the attack of the seed, one message at a time: message:12, raw:0-99, scene:3"
@@ -96,140 +65,23 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def queues(namespace: str) -> list[str]:
-    """Return the arguments of a node whose queues lose nothing that is sent to it."""
-    given = []
-    for topic in INPUTS:
-        start = f"qos_overrides.{namespace}/{topic}.subscription"
-        given += ["-p", f"{start}.depth:={DEPTH}", "-p", f"{start}.reliability:=reliable"]
-    return given
-
-
-def releasing(folder: Path) -> dict[str, str]:
-    """Return the environment of a node whose middleware releases the memory of messages.
-
-    By default Fast DDS keeps for each place in a queue the memory of the largest message that it
-    had: bounded, but as much as a leak of the node would be.
-    """
-    profile = folder / "middleware.xml"
-    profile.write_text(PROFILE)
-    return {
-        "FASTRTPS_DEFAULT_PROFILES_FILE": str(profile),
-        "RMW_FASTRTPS_USE_QOS_FROM_XML": "1",
-    }
-
-
-class Attack:
-    """The attack of the options: its parts, one after the other."""
-
-    def __init__(self, options: argparse.Namespace, folder: Path) -> None:
-        self._options, self._folder = options, folder
-        self._log = options.log or folder / "node.log"
-        self._domain = 1 + os.getpid() % LARGEST_DOMAIN
-        self.reached = ""
-        """The batch that was sent last."""
-        self.child: Child | None = None
-        self.found: list[str] = []
-
-    def run(self) -> None:
-        """Run all parts; FoundError for what should not be."""
-        options = self._options
-        everything = [
-            ("robot", 0, options.robots), ("scene", 0, options.scenes),
-            ("message", 0, options.messages),
-        ]  # fmt: skip
-        parts = [options.only] if options.only else [*everything, ("raw", 0, options.raw)]
-        for what, first, last in (part for part in parts if part[0] in READERS):
-            self._read_files(what, first, last)
-        rest = [part for part in parts if part[0] not in READERS and part[1] < part[2]]
-        if rest:
-            self._attack_node(rest)
-
-    def _start(self, arguments: list[str]) -> Child:
-        """Start a node."""
-        folders = f"mesh_folders:=[{str(self._folder)!r}]"
-        given = ["--ros-args", "-r", f"__ns:={self._namespace}", "-p", folders]
-        given += [*queues(self._namespace), *arguments, "--ros-args", *self._options.node]
-        self.child = Child(given, self._domain, self._log, MODULE, releasing(self._folder))
-        return self.child
-
-    @property
-    def _namespace(self) -> str:
-        return f"/fuzz_{self._domain}"
-
-    def _read_files(self, what: str, first: int, last: int) -> None:
-        seed, folder = self._options.seed, self._folder
-        if first >= last:
-            return
-        refused, longest = attack_reader(what, folder, seed, first, last)
-        print(
-            f"{what} files: {last - first} read, {refused} of them refused, the longest took "
-            f"{longest:.2f} s"
-        )
-        if what != "scene":
-            return
-        numbers = range(first, last, PER_NODE)
-        taken = sum(attack_node(folder, seed, number, self._start) for number in numbers)
-        print(f"of {len(numbers)} nodes {taken} took theirs")
-
-    def _attack_node(self, parts: list[Part]) -> None:
-        options = self._options
-        stream = Stream(options.seed, self._folder)
-        client = Client(self._domain, stream.types)
-        child = self._start([])
-        try:
-            session = Session(options.seed, stream, client, child, options.bound)
-            try:
-                for part in parts:
-                    self._send(session, stream, part)
-                session.end()
-            finally:
-                print_result(session.result)
-            self.found += faults(session.result, options.growth)
-        finally:
-            code = child.end()
-            client.close()
-        if code != 0:
-            raise FoundError(f"the node ended with exit code {code} when asked to end")
-
-    def _send(self, session: Session, stream: Stream, part: Part) -> None:
-        """Send a part in batches."""
-        what, first, last = part
-        make = stream.message if what == "message" else stream.raw
-        start = shown_at = time.monotonic()
-        for number in range(first, last, BATCH):
-            end = min(last, number + BATCH)
-            self.reached = f"{what}:{number}-{end - 1}"
-            session.batch(self.reached, [make(one) for one in range(number, end)])
-            now = time.monotonic()
-            if now - shown_at > PROGRESS:
-                shown_at = now
-                rate = (end - first) / (now - start)
-                longest = session.result.longest
-                sys.stderr.write(
-                    f"{self.reached} of {last}, {rate:.0f} per second, longest time without an "
-                    f"answer {longest:.3f} s\n"
-                )
-
-
 def main(args: Sequence[str] | None = None) -> int:
     """Attack a node; returns 0 only if nothing was found."""
     options = _parser().parse_args(args)
-    os.environ.setdefault(*TRANSPORTS)
-    with tempfile.TemporaryDirectory() as folder:
-        attack = Attack(options, Path(folder))
-        try:
-            attack.run()
-        except FoundError as error:
-            attack.found.insert(0, str(error))
-        except KeyboardInterrupt:
-            attack.found.insert(0, "interrupted")
-        if not attack.found:
-            print("nothing found")
-            return 0
-        print(*(f"FOUND: {what}" for what in attack.found), sep="\n")
-        if attack.reached:
-            print(f"again: obb_collision_fuzz --seed {options.seed} --only {attack.reached}")
-        if attack.child is not None:
-            print("last lines of the node:", *attack.child.lines(), sep="\n  ")
-    return 1
+    attacks = attack(options)
+    results = [one.result for one in attacks if one.result]
+    if results:
+        print_results(results)
+    found = 0
+    for one in attacks:
+        faulty = one.found + (faults(one.result, options.growth) if one.result else [])
+        found += len(faulty)
+        if not faulty:
+            continue
+        print(*(f"FOUND: {what}" for what in faulty), sep="\n")
+        if one.reached:
+            print(f"again: obb_collision_fuzz --seed {options.seed} --only {one.reached}")
+        if one.last_lines:
+            print("last lines of the node:", *one.last_lines, sep="\n  ")
+    print(*(() if found else ("nothing found",)))
+    return 1 if found else 0

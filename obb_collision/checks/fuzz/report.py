@@ -25,18 +25,34 @@ MORE = 8
 """Descriptors and threads by which a node may grow after warm-up: of what comes and goes."""
 
 
-def print_result(result: Result) -> None:
-    """Print what was sent and seen."""
-    print(f"sent: {result.sent.total()} ({_listed(result.sent)})")
-    print(f"received by the inputs of the node: {_listed(result.received)}")
-    print(f"probes answered right: {result.probes.total()} ({_listed(result.probes)})")
-    print(f"sets of boxes sent again, after hostile ones with later stamps: {result.again}")
+def print_results(results: list[Result]) -> None:
+    """Print what was sent and seen by all sessions together."""
+    sent, received, probes, refused = Counter[str](), Counter[str](), Counter[str](), Counter[str]()
+    for result in results:
+        sent += result.sent
+        received += result.received
+        probes += result.probes
+        refused += result.refused
+    late = [row for result in results for row in result.late]
+    print(f"sent: {sent.total()} ({_listed(sent)})")
+    print(f"received by the inputs of the node: {_listed(received)}")
+    print(f"probes answered right: {probes.total()} ({_listed(probes)})")
+    again = sum(result.again for result in results)
+    print(f"sets of boxes sent again, most after hostile ones with later stamps: {again}")
     print(
-        f"longest time without an answer: {result.longest:.3f} s; "
-        f"{len(result.late)} times longer than allowed"
+        f"longest time without an answer: {max(result.longest for result in results):.3f} s; "
+        f"{len(late)} times longer than allowed, {sum(result.excused for result in results)} times "
+        f"by what other programs took; {sum(result.lost for result in results)} answers lost on "
+        "their way"
     )
-    for batch, gap, allowed in result.late[:10]:
+    for batch, gap, allowed in late[:10]:
         print(f"  during {batch}: {gap:.3f} s, allowed were {allowed:.3f} s")
+    for result in results:
+        _print_usages(result)
+    print(f"refused: {_listed(refused) or 'nothing was read'}")
+
+
+def _print_usages(result: Result) -> None:
     samples, growth = result.usages.samples, result.usages.growth()
     if samples:
         first, last = samples[0], samples[-1]
@@ -49,7 +65,6 @@ def print_result(result: Result) -> None:
             f"after warm-up it grew by {_megabytes(growth.memory)}, {growth.descriptors} "
             f"descriptors, {growth.threads} threads"
         )
-    print(f"refused: {_listed(Counter(result.refused)) or 'nothing was read'}")
 
 
 def faults(result: Result, most: float) -> list[str]:

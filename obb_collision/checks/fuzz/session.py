@@ -16,13 +16,15 @@
 
 The longest time between two answers of the node is read from the times at which it published them,
 and compared with what is allowed: its period, the bound on blocking, a share for each megabyte of
-this batch and the one before, which may still be on its way, and for how long its threads were
-ready meanwhile and got no processor: what the machine's other work costs.
+this batch and the one before, which may still be on its way, and what the machine's other work
+costs: for how long its threads were ready and got no processor, or for how long a process that
+only sleeps stood still in that very time, whichever is more.
 """
 
 from __future__ import annotations
 
 import time
+from argparse import Namespace
 from collections import Counter
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -30,6 +32,7 @@ from random import Random
 
 from rclpy.serialization import serialize_message
 
+from obb_collision.checks.fuzz.canary import Canary
 from obb_collision.checks.fuzz.child import Child
 from obb_collision.checks.fuzz.client import Client, FoundError
 from obb_collision.checks.fuzz.probes import BOXES, MOVES, NUMBERS, Message, Pair, Probe, Probes
@@ -43,8 +46,6 @@ PERIOD = 0.02
 """Seconds between two answers by the node's default rate."""
 PER_MEGABYTE = 0.1
 """Seconds that the node may be blocked in addition per megabyte of a batch and the one before."""
-WAITING = 2
-"""Threads that may wait for a processor one after the other: the cycle for the middleware."""
 LARGE = 1_000_000
 """Bytes of a message behind which there may be as many objects as the node takes."""
 REQUESTS = 0.3
@@ -52,9 +53,8 @@ REQUESTS = 0.3
 CLEAN = 0.2
 """Share of the probes that remove all hostile objects, too."""
 RESENDING = 0.5
-"""Seconds after which points are sent again: that topic is best effort."""
-OVERTAKEN = 2.0
-"""Seconds after which a set of boxes is: longer than a later stamp counts."""
+"""Seconds after which points are sent again, whose topic is best effort, and sets of boxes, which a
+hostile one overtook by a stamp a little ahead: that one counts for a second."""
 
 
 @dataclass
@@ -69,22 +69,31 @@ class Result:
     """Sets of boxes that were sent again, as a hostile one had a later stamp."""
     longest: float = 0.0
     """Longest time between two answers (s)."""
+    lost: int = 0
+    """Answers that the middleware lost on their way; times without them are not judged."""
+    excused: int = 0
+    """Times that were longer than allowed only because the machine had other work."""
     late: list[tuple[str, float, float]] = field(default_factory=list)
     """Where one was longer than allowed: the batch, its length and what is allowed."""
     usages: Usages = field(default_factory=Usages)
     received: Counter[str] = field(default_factory=Counter)
     """Messages that the node has received, and those that its queues lost."""
-    refused: dict[str, int] = field(default_factory=dict)
+    refused: Counter[str] = field(default_factory=Counter)
 
 
 class Session:
     """Attacks a node with the messages of a stream."""
 
     def __init__(
-        self, seed: int, stream: Stream, client: Client, child: Child, bound: float
+        self,
+        options: Namespace,
+        stream: Stream,
+        client: Client,
+        child: Child,
+        canary: Canary,
     ) -> None:
-        self._seed, self._stream, self._client, self._child = seed, stream, client, child
-        self._bound = bound
+        self._seed, self._bound = options.seed, options.bound
+        self._stream, self._client, self._child, self._canary = stream, client, child, canary
         self._probes = Probes(stream.messages)
         self._size = 0  # bytes of the batch before
         self.result = Result()
@@ -111,15 +120,21 @@ class Session:
 
     def _measure(self, name: str, size: int, before: dict[str, float]) -> None:
         """Note how long the node was blocked, and what it uses."""
-        times = [stamp / NANOSECONDS for stamp, _ in self._client.answers]
-        gap = max((after - before for before, after in pairwise(times)), default=0.0)
-        delays = self._child.delays()
-        waited = sorted(delays[thread] - before.get(thread, 0.0) for thread in delays)
-        allowed = PERIOD + self._bound + PER_MEGABYTE * size / 1e6 + sum(waited[-WAITING:])
-        self.result.longest = max(self.result.longest, gap)
-        if gap > allowed:
-            self.result.late.append((name, gap, allowed))
-        self.result.usages.add(self._child.usage())
+        result, waited, stalls = self.result, self._child.waited(before), self._canary.stalls()
+        for first, second in pairwise(self._client.answers):
+            lost = second.number - first.number - 1 if first.number and second.number else 0
+            result.lost += lost
+            if lost:
+                continue
+            start, end = first.stamp / NANOSECONDS, second.stamp / NANOSECONDS
+            still = sum(max(0.0, min(end, b) - max(start, a)) for a, b in stalls)
+            result.longest = max(result.longest, end - start)
+            allowed = PERIOD + self._bound + PER_MEGABYTE * size / 1e6
+            if end - start > allowed + max(waited, still):
+                result.late.append((name, end - start, allowed + max(waited, still)))
+            elif end - start > allowed:
+                result.excused += 1
+        result.usages.add(self._child.usage())
 
     def _probe(self, random: Random, full: bool) -> None:
         """Send boxes and wait for their pairs, all of them and no other."""
@@ -145,15 +160,14 @@ class Session:
         for topic, data in messages:
             self._client.publishers[topic].publish(data)
         what = f"answer to probe {number}, by {probe.kind}"
-        next_time = time.monotonic() + OVERTAKEN
+        next_time = time.monotonic() + RESENDING
 
         def answered() -> set[Pair] | None:
             nonlocal next_time
             if probe.kind == "object_boxes" and time.monotonic() > next_time:
-                # a hostile set may have come with a stamp a little ahead, which counts for a second
                 self._client.publishers[probe.kind].publish(messages[-1][1])
                 self.result.again += 1
-                next_time = time.monotonic() + OVERTAKEN
+                next_time = time.monotonic() + RESENDING
             return self._answer(seen, probe.sure[0], sure)
 
         found: set[Pair] = self._client.until(self._child, answered, what)
@@ -161,8 +175,8 @@ class Session:
 
     def _answer(self, seen: int, first: int, sure: Pair) -> set[Pair] | None:
         """Return the pairs of a probe in the first answer that has its sure pair, else None."""
-        for _, message in self._client.answers[seen:]:
-            rows = collisions_from_ros(message)
+        for answer in self._client.answers[seen:]:
+            rows = collisions_from_ros(answer.message)
             ours = [name in NUMBERS for name in rows["ns_a"].tolist()]
             ids = zip(rows["id_a"][ours].tolist(), rows["id_b"][ours].tolist(), strict=True)
             pairs = {pair for pair in ids if all(first <= one < first + BOXES for one in pair)}
@@ -203,8 +217,7 @@ class Session:
                 if pair.key in ("messages", "lost"):
                     self.result.received[pair.key] += int(pair.value)
                 if pair.key.startswith("rejected: "):
-                    reason, refused = pair.key.partition(": ")[2], self.result.refused
-                    refused[reason] = refused.get(reason, 0) + int(pair.value)
+                    self.result.refused[pair.key.partition(": ")[2]] += int(pair.value)
             if status.name.endswith("internal errors") and status.level != status.OK:
                 counts = "; ".join(f"{pair.key}: {pair.value}" for pair in status.values)
                 raise FoundError(f"the node counted internal errors: {counts}")
