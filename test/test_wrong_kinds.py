@@ -200,6 +200,10 @@ FUNCTIONS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
         oc.RobotScene(oc.Robot.from_urdf(ROCK)).check,
         {"configurations": np.zeros((2, 0)), "all_pairs": True},
     ),
+    "RobotScene.distances": (
+        oc.RobotScene(oc.Robot.from_urdf(ROCK)).distances,
+        {"configurations": np.zeros((2, 0)), "max_distance": 0.1},
+    ),
     "RobotScene.check_motions": (
         oc.RobotScene(oc.Robot.from_urdf(ROCK)).check_motions,
         {"starts": np.zeros((2, 0)), "ends": np.zeros((2, 0)), "resolution": 1e-3},

@@ -113,22 +113,33 @@ class StateDistances:
     Attributes
     ----------
     distances : (n,) numpy.ndarray
-        Metres, at most the true one of the hulls; 0 where they collide, infinite without pairs.
-    pairs : (n, 2) numpy.ndarray
-        Rows of ``names``, the smaller first; -1 without pairs.
+        Metres, certainly not more than that of the hulls; negative where they collide, by the depth
+        of the deepest pair; infinite where no pair is within ``max_distance``.
+    upper_bounds : (n,) numpy.ndarray
+        Certainly not less; 0 where they collide.
+    first_pairs : (n, 2) numpy.ndarray
+        Rows of ``names``, the smaller first; -1 for none.
     points : (n, 2, 3) numpy.ndarray
-        The closest points of the two, NaN where they collide.
+        The closest points of the pair, in the scene; NaN for none.
     directions : (n, 3) numpy.ndarray
-        Unit vectors from the first to the second of the pair.
+        Unit vectors from the first to the second of the pair; NaN for none.
     names : sequence of str
         As in ``StateReport``.
     """
 
     distances: Floats
-    pairs: Integers
+    upper_bounds: Floats
+    first_pairs: Integers
     points: Floats
     directions: Floats
     names: Sequence[str]
+
+    @cached_property
+    def pairs(self) -> list[tuple[str, str] | None]:
+        """(n,) the names of the pair of each state, or None."""
+        return [
+            None if a < 0 else (self.names[a], self.names[b]) for a, b in self.first_pairs.tolist()
+        ]
 
     def __len__(self) -> int:
         return len(self.distances)

@@ -30,9 +30,10 @@ from obb_collision.geometry.poses import IDENTITY_POSE, unit_poses
 from obb_collision.geometry.shapes.primitives import positive_number
 from obb_collision.geometry.validation import as_array, is_single
 from obb_collision.obb import OBB
+from obb_collision.robots.distance_checks import distances_kernel
 from obb_collision.robots.model import Arrays, Model
 from obb_collision.robots.motion_checks import motions_kernel
-from obb_collision.robots.reports import MotionReport, StatePairs, StateReport
+from obb_collision.robots.reports import MotionReport, StateDistances, StatePairs, StateReport
 from obb_collision.robots.robot import Robot
 from obb_collision.robots.robot_arrays import Attached
 from obb_collision.robots.state_checks import all_pairs_kernel, first_pairs_kernel
@@ -44,6 +45,8 @@ from obb_collision.words import MAX_OBJECT_NAME, check_name, shown
 
 #: States below which a second thread does not pay: 0.1 ms of them.
 FEWEST_STATES = 64
+#: States with distances below which it does not pay.
+FEWEST_DISTANCES = 8
 #: Motions below which it does not pay: each takes many states.
 FEWEST_MOTIONS = 4
 #: Metres within which a motion may stay undecided.
@@ -287,6 +290,68 @@ class RobotScene:
         if every:
             report = replace(report, all_pairs=_all_pairs(arrays, level, states))
         return report
+
+    def distances(
+        self, configurations: ArrayLike, *, max_distance: float = np.inf
+    ) -> StateDistances:
+        """Return the least distance in each state, with its pair, points and direction.
+
+        Of all pairs that are checked, at the accuracy "hull" whatever it is here; limits of joints
+        do not matter.
+
+        Parameters
+        ----------
+        configurations : (n, joints) or (joints,) array_like
+            States, the columns as in ``joint_names``.
+        max_distance : float
+            Metres, positive: what is farther apart does not count. Small ones take less time.
+
+        Returns
+        -------
+        StateDistances
+
+        Raises
+        ------
+        ValueError
+            Naming the argument and the row.
+
+        Examples
+        --------
+        >>> arm = oc.Robot.from_urdf('''<robot name="arm">
+        ...   <link name="base"/>
+        ...   <link name="hand">
+        ...     <collision><geometry><sphere radius="0.1"/></geometry></collision>
+        ...   </link>
+        ...   <joint name="lift" type="prismatic">
+        ...     <parent link="base"/><child link="hand"/><axis xyz="0 0 1"/>
+        ...     <limit lower="0" upper="2" effort="1" velocity="1"/>
+        ...   </joint>
+        ... </robot>''')
+        >>> scene = oc.Scene()
+        >>> _ = scene.add("shelf", oc.shapes.Box([1, 1, 0.1]), [0, 0, 1, 0, 0, 0, 1])
+        >>> found = oc.RobotScene([arm], scene).distances([[0.5], [1.0]])
+        >>> found.distances.round(6).tolist(), found.directions[0].round(6).tolist()
+        ([0.35, -0.15], [0.0, 0.0, 1.0])
+        """
+        states = self._states(configurations, "configurations")
+        everything = isinstance(max_distance, float) and max_distance == np.inf
+        limit = max_distance if everything else positive_number(max_distance, "max_distance")
+        arrays = self._model.arrays(self._scene)
+        count = len(states)
+        bounds, bodies = np.empty((count, 2)), np.empty((count, 2), np.int64)
+        vectors = np.full((count, 3, 3), np.nan)
+        run(
+            *(distances_kernel, count, FEWEST_DISTANCES, arrays.tree, arrays.bodies, arrays.tests),
+            *(states, limit, bounds, bodies, vectors),
+        )
+        vectors[:, :2] += self._model.origin
+        swapped = arrays.owners[bodies[:, 0]] > arrays.owners[bodies[:, 1]]
+        vectors[swapped, :2] = vectors[swapped, 1::-1]
+        vectors[swapped, 2] *= -1.0
+        return StateDistances(
+            bounds[:, 0], bounds[:, 1], arrays.owners_of(bodies), vectors[:, :2], vectors[:, 2],
+            arrays.names,
+        )  # fmt: skip
 
     def check_motions(
         self, starts: ArrayLike, ends: ArrayLike, *, resolution: float = DEFAULT_RESOLUTION

@@ -109,7 +109,7 @@ def gather(
                     if ruled and allowed[i, order[child]]:
                         continue
                     center = vector_at(centers, i)
-                    square = _square_distance(b, minus(b.center, center))
+                    square = square_distance(b, minus(b.center, center))
                     reach = spheres[i] + grown[i] + 2.0 * slack_of(bodies, i, center)
                     reach += PLACING * bodies.reaches[j]
                     if square > reach * reach * (1.0 + PLACING):
@@ -160,7 +160,7 @@ def may_collide(bodies: Bodies, placed: Placed, i: int, j: int, grown: float, le
     b = placed_box(bodies, placed, j)
     a = placed_box(bodies, placed, i)
     near = bodies.spheres[j] + grown
-    if _square_distance(a, d) > near * near * (1.0 + PLACING):
+    if square_distance(a, d) > near * near * (1.0 + PLACING):
         return False
     h = a.half_extents
     a = Box(a.center, a.axes, (h[0] + grown, h[1] + grown, h[2] + grown))
@@ -175,7 +175,7 @@ def may_collide(bodies: Bodies, placed: Placed, i: int, j: int, grown: float, le
 
 
 @njit
-def _square_distance(b: Box, d: Vector) -> float:
+def square_distance(b: Box, d: Vector) -> float:
     """Return the square of the distance of a point from a box; d: of the box's centre from it."""
     x, y, z = components(b.axes, d)
     f = b.half_extents
