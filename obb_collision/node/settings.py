@@ -31,7 +31,7 @@ from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.effects.settings import AUTO, OFF
 from obb_collision.scene.refinement.budget import ABOVE
 from obb_collision.scene.store.allowed import Rule
-from obb_collision.scene.store.overrides import capped
+from obb_collision.scene.store.overrides import limited
 from obb_collision.scene_files.mesh_files import MeshReading
 
 MEGABYTE = 1_000_000
@@ -97,16 +97,22 @@ class SceneSettings:
             scene.padding_overrides = paddings
 
     def apply_accuracy(self) -> None:
-        """Set the accuracy of all objects, limited to levels whose kernels are compiled."""
+        """Set the accuracy of all objects, limited to levels whose kernels are compiled.
+
+        While one above obb is missing none above is used, as a budget may choose among them.
+        """
         parameters, objects = self._parameters, self._objects
-        ready = [self._warm.is_ready(level) for level in requested_levels(parameters)]
-        self.waiting = not all(ready)
-        highest = Accuracy.OBB if self.waiting else Accuracy.MESH
-        level = min(as_accuracy(parameters.accuracy), highest)
+        missing = [n for n in requested_levels(parameters) if not self._warm.is_ready(n)]
+        self.waiting = bool(missing)
+        is_low = any(level < Accuracy.OBB for level in missing)
+        is_high = any(level > Accuracy.OBB for level in missing)
+        lowest = Accuracy.OBB if is_low else Accuracy.SPHERE
+        highest = Accuracy.OBB if is_high else Accuracy.MESH
+        level = min(max(as_accuracy(parameters.accuracy), lowest), highest)
         if objects.scene.accuracy != level:
             objects.scene.accuracy = level
         given = Groups(parameters.groups).overrides(parameters.accuracy_overrides)
-        overrides = capped(given, highest)
+        overrides = limited(given, lowest, highest)
         if overrides.overrides != objects.shapes.overrides.overrides:
             objects.set_overrides(overrides)
 

@@ -90,14 +90,14 @@ def compile_steps(
 ) -> Progress:
     """Compile what steps need and the cache lacks, in ``count`` processes; returns at the end.
 
-    The longest steps have a part that is a step of its own, see ``steps.BESIDE``.
+    The longest steps have parts that are steps of their own, see ``steps.BESIDE``.
 
     private: a second folder for kernels. patience: seconds without a sign of life after which a
     process is ended, its step has failed, and a new one takes the steps that are left. look: called
     from time to time, and whenever something has happened. stopped: asked every tenth of a second.
     """
-    wanted = [part for step in steps for part in (step, BESIDE.get(step))]
-    progress = Progress(tuple(dict.fromkeys(step for step in wanted if step is not None)))
+    wanted = [part for step in steps for part in (step, *BESIDE.get(step, ()))]
+    progress = Progress(tuple(dict.fromkeys(wanted)))
     waiting = list(progress.steps)
     if count is None:
         count = min(MOST_PROCESSES, cores())

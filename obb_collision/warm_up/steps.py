@@ -26,29 +26,36 @@ from importlib.util import find_spec
 from pkgutil import resolve_name
 
 import numpy as np
-from numpy.typing import NDArray
 
 import obb_collision as oc
 from obb_collision import shapes
 from obb_collision.accuracy import Accuracy
 from obb_collision.geometry.poses import quaternions_from_matrices
-from obb_collision.numerics.dealing import FEWEST_NUMBERS
 from obb_collision.queries.meshes.triangles import triangle_verdicts
 from obb_collision.queries.primitives.capsules import capsule_verdicts
 from obb_collision.queries.primitives.planes import aabb_verdicts
-from obb_collision.scene.broad_phase.broad_phase import find_candidates
-from obb_collision.scene.broad_phase.find_pairs import pairs_of_keys
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.refinement.budget import ABOVE
+from obb_collision.warm_up import parts
+from obb_collision.warm_up.samples import (
+    FEW_OBJECTS,
+    OBJECTS,
+    TETRAHEDRON,
+    TETRAHEDRON_FACES,
+    TURNED,
+    batch,
+    clouds,
+    row_of_boxes,
+    triangle_tree,
+    zoo,
+)
 
-FEW_OBJECTS, OBJECTS = 8, 256
-"""A few, which have a kernel of their own, and enough for a tree that some of them move in."""
-TETRAHEDRON = ((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-TETRAHEDRON_FACES = ((0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3))
-TURNED = (0.0, 0.0, 0.0, 0.0, 0.0, 0.6, 0.8)
 BOXES = "boxes"
 """The step that every check of a scene needs."""
-BOUNDS, TREES = "bounds and fits", "trees and hulls"
+COARSE = "accuracy below obb"
+"""The step of the levels that look at less than the box."""
+BOUNDS, TREES = "bounds of boxes", "trees and hulls"
+NESTING, LINEAR = "meshes within meshes", "motion without turns"
 """Parts of other steps."""
 MESSAGES = "messages"
 """The step that every message of a node needs."""
@@ -61,7 +68,9 @@ def effect_step(name: str) -> str:
 
 def accuracy_step(level: Accuracy) -> str:
     """Return the name of the step for objects on a level."""
-    return f"accuracy {level.name.lower()}" if level in ABOVE else BOXES
+    if level in ABOVE:
+        return f"accuracy {level.name.lower()}"
+    return BOXES if level == Accuracy.OBB else COARSE
 
 
 def task_of(step: str) -> Callable[[], None]:
@@ -82,37 +91,20 @@ def possible_steps() -> list[str]:
     return [step for step in STEPS if ros or step not in NEEDS_ROS]
 
 
-def _row_of_boxes(count: int = OBJECTS) -> oc.Scene:
-    scene = oc.Scene()
-    poses = [(0.75 * number, 0, 0, 0, 0, 0.6, 0.8) for number in range(count)]
-    scene.add_boxes([str(number) for number in range(count)], np.ones((count, 3)), poses)
-    return scene
-
-
 def _boxes() -> None:
-    """Run what every check needs, whatever the objects are, and the levels up to "obb"."""
-    _row_of_boxes(FEW_OBJECTS).check()
-    oc.separations(_batch(), _batch())  # meanwhile, another process compiles ``_bounds``
-    scene = _row_of_boxes()
+    """Run what every check needs, whatever the objects are, on the level "obb"."""
+    row_of_boxes(FEW_OBJECTS).check()
+    scene = row_of_boxes()  # meanwhile, another process compiles ``parts.bounds``
+    quaternions_from_matrices(scene.boxes.rotations)  # of markers
     for moved in (0, 1, 1, OBJECTS // 2):
         poses = scene.poses_of(range(moved)) + np.array((0.1, 0, 0, 0, 0, 0, 0))
         scene.move_indices(np.arange(moved), poses)
-        report = scene.check(effects=["separations"])
-        _ = report.colliding, report.depths
-    quaternions_from_matrices(scene.boxes.rotations)  # of markers
+        _ = scene.check().colliding
     scene.add("at the origin", oc.OBB((0.0, 0.0, 0.0), np.eye(3), (0.1, 0.1, 0.1)))
-    for kind, some in _zoo().items():
-        for number, shape in enumerate(some):
-            scene.add(f"{kind} {number}", shape)
+    _add_zoo(scene)
     scene.padding = 0.01
     scene.allow("1*", "2*")
-    for level in Accuracy:
-        if level <= Accuracy.OBB:
-            scene.accuracy = level
-            scene.check()
-            scene.move_indices(np.array([1]), np.array([(0.7, 0.0, 0.1 * level, 0, 0, 0, 1)]))
-            scene.check()
-            oc.find_pairs(scene.boxes, accuracy=level)
+    scene.check()
     scene.remove("at the origin")
     scene.check()
     _crowds()
@@ -120,16 +112,23 @@ def _boxes() -> None:
     scene.check()
 
 
-def _bounds() -> None:
-    """Run what else ``_boxes`` needs that takes long to compile, beside it."""
-    low = np.random.default_rng(0).random((OBJECTS, 3))
-    find_candidates(low, low + 0.2)
-    many = np.arange(2 * FEWEST_NUMBERS)
-    line = np.column_stack([many, many, many]).astype(np.float64)
-    find_candidates(line, line + 0.5)
-    pairs_of_keys(_batch(), 0 * many, False)
-    for some in _zoo().values():
-        _ = [shape.local_box for shape in some]
+def _add_zoo(scene: oc.Scene) -> None:
+    for kind, some in zoo().items():
+        for number, shape in enumerate(some):
+            scene.add(f"{kind} {number}", shape)
+
+
+def _coarse() -> None:
+    """Run the levels below "obb"."""
+    scene = row_of_boxes()
+    _add_zoo(scene)
+    for level in Accuracy:
+        if level <= Accuracy.OBB:
+            scene.accuracy = level
+            scene.check()
+            scene.move_indices(np.array([1]), np.array([(0.7, 0.0, 0.1 * level, 0, 0, 0, 1)]))
+            scene.check()
+            oc.find_pairs(scene.boxes, accuracy=level)
 
 
 def _crowds() -> None:
@@ -141,64 +140,56 @@ def _crowds() -> None:
     assert scene.check().truncated
 
 
-def _zoo() -> dict[str, tuple[shapes.Shape, ...]]:
-    """Return shapes of every kind that the levels distinguish."""
-    return {
-        "box": (shapes.Box((0.5, 0.5, 0.5)), shapes.Box((0.5, 0.4, 0.3))),
-        "round": (shapes.Sphere(0.3), shapes.Capsule(0.2, 0.4)),
-        "convex": (
-            *(shapes.Ellipsoid((0.3, 0.2, 0.1)), shapes.Cylinder(0.2, 0.4), shapes.Cone(0.2, 0.4)),
-            shapes.Hull(TETRAHEDRON),
-        ),
-        "mesh": tuple(shapes.Mesh(TETRAHEDRON, TETRAHEDRON_FACES) for _ in range(2)),
-    }
-
-
 def _meshes() -> None:
-    """Run the level "mesh", first what needs no tree; ``_trees`` builds them meanwhile."""
-    tree = _triangle_tree()
-    body = oc.PlacedMeshes.from_poses(tree, np.zeros(1, np.int64), [TURNED])
+    """Run the level "mesh", first what needs no tree to be built."""
+    body = oc.PlacedMeshes.from_poses(triangle_tree(), np.zeros(1, np.int64), [TURNED])
     oc.mesh_verdicts(body, body)
     _level(Accuracy.MESH)
 
 
-def _triangle_tree() -> oc.MeshTrees:
-    row, zero = np.array([*(0.0,) * 3, *np.eye(3).ravel(), *(1.0,) * 3, 3.0]), np.zeros(1, np.int64)
-    return oc.MeshTrees.trusted(
-        triangles=np.arange(9.0)[None], faces=zero, counted=zero == 0, nodes=row[None],
-        children=zero - 1, starts=np.array([[0, 1]]), levels=zero, roots=zero, solid=zero == 0,
-        winding=zero == 0, radii=np.array([20.0]), pieces=np.zeros((1, 6, 3)),
-        piece_starts=np.array([0, 1]),
-    )  # fmt: skip
-
-
-def _trees() -> None:
-    """Run what else the level "mesh" needs, beside it: trees and hulls."""
-    oc.MeshTrees.build(np.array(TETRAHEDRON), np.array(TETRAHEDRON_FACES))
-    _level(Accuracy.HULL)
+def _obb_trees() -> None:
+    """Run the level "obb_tree", first what needs no tree to be built."""
+    body = oc.PlacedMeshes.from_poses(triangle_tree(), np.zeros(1, np.int64), [TURNED])
+    oc.mesh_collisions(body, body, depth=0)
+    _level(Accuracy.OBB_TREE)
 
 
 def _level(level: Accuracy) -> None:
-    """Run a level above "obb" on all kinds of shapes, exactly and within a budget too."""
-    for exact, budget, padding in ((False, None, 0.0), (True, None, 0.0), (False, 1.0, 0.01)):
-        scene = oc.Scene(accuracy=level, exact=exact, time_budget=budget)
-        for number, shape in enumerate(shape for some in _zoo().values() for shape in some):
+    """Run a level above "obb" on all kinds of shapes, exactly too.
+
+    What a budget may take instead are steps of their own.
+    """
+    for exact, padding in ((False, 0.0), (True, 0.0), (False, 0.01)):
+        scene = oc.Scene(accuracy=level, exact=exact)
+        for number, shape in enumerate(shape for some in zoo().values() for shape in some):
             pose = (0.02 * number, 0.01 * number, 0.0, 0.0, 0.0, 0.6, 0.8)
-            scene.add(str(number), shape, pose)
-        scene.add("padded", shapes.Sphere(0.2), padding=padding)
+            scene.add(str(number), shape, pose, padding=padding)
+        scene.add("padded", shapes.Sphere(0.2), padding=0.01)
         scene.check()
         scene.move("0", TURNED)
         scene.check()
-        scene.prepare()
+
+
+def _sweep_boxes() -> None:
+    boxes = batch()
+    moving = oc.MovingBoxes(
+        boxes, oc.Boxes(boxes.centers + 0.1, boxes.rotations, boxes.half_extents)
+    )
+    oc.sweeps(moving, moving)
+
+
+def _separate_boxes() -> None:
+    oc.separations(batch(), batch())
 
 
 def _effect(name: str) -> None:
     """Run an effect on boxes that move, with clouds laid out as they come."""
-    scene = _row_of_boxes()
+    FIRST.get(name, row_of_boxes)()
+    scene = row_of_boxes()
     scene.set_effect(name, "on")
     scene.set_twists(np.arange(OBJECTS), np.full((OBJECTS, 6), 0.1))
-    clouds = _clouds() if name == "points" else [np.zeros((4, 3))] * 4
-    for number, points in enumerate(clouds):
+    given = clouds() if name == "points" else [np.zeros((4, 3))] * 4
+    for number, points in enumerate(given):
         scene.obstacle_points = points
         scene.check()
         poses = np.zeros((OBJECTS, 7))
@@ -215,11 +206,6 @@ def _effect(name: str) -> None:
     scene.check()
 
 
-def _clouds() -> list[NDArray[np.floating]]:
-    """Return points of both kinds, contiguous and not."""
-    return [np.zeros((4, size), kind)[:, :3] for size in (3, 4) for kind in ("f4", "f8")]
-
-
 def _fits() -> None:
     """Fit boxes, and run all queries of single boxes."""
     rng = np.random.default_rng(0)
@@ -230,17 +216,12 @@ def _fits() -> None:
     _ = first.separation(second), second.intersects(third), first.quaternion, first.corners()
     _ = second.contains(np.zeros(3)), second.contains(np.zeros((2, 3)))
     second.transformed(np.diag([1.0, 2.0, 1.0, 1.0]))
-
-
-def _batch() -> oc.Boxes:
-    poses = np.tile((0.0, 0.0, 0.0, 0.0, 0.0, 0.6, 0.8), (4, 1))
-    poses[:, 0] = 0.75 * np.arange(4)
-    return oc.Boxes.from_poses(poses, np.full((4, 3), 0.5))
+    _ = shapes.Hull(TETRAHEDRON).local_box, shapes.Mesh(TETRAHEDRON, TETRAHEDRON_FACES).local_box
 
 
 def _pair_queries() -> None:
     """Run all queries of pairs of boxes."""
-    boxes, pairs = _batch(), np.array([(0, 1), (0, 2), (2, 3)])
+    boxes, pairs = batch(), np.array([(0, 1), (0, 2), (2, 3)])
     again = oc.Boxes(boxes.centers + 0.1, boxes.rotations, boxes.half_extents)
     oc.verdicts(boxes, again, exact=True)
     oc.find_pairs(boxes, exact=True)
@@ -262,7 +243,7 @@ def _pair_queries() -> None:
 
 def _other_queries() -> None:
     """Run the queries of rays, planes, points, capsules and triangles."""
-    boxes, zeros = _batch(), np.zeros((4, 3))
+    boxes, zeros = batch(), np.zeros((4, 3))
     oc.cast_rays(boxes, zeros, zeros + 1.0)
     oc.cast_rays(boxes, zeros[:1], zeros[:1] + 1.0)
     oc.cast_segments(boxes, zeros, zeros + 1.0)
@@ -287,15 +268,21 @@ def _mesh_queries() -> None:
     oc.mesh_verdicts(bodies, bodies, exact=True)
 
 
+FIRST: dict[str, Callable[[], object]] = {"sweep": _sweep_boxes, "separations": _separate_boxes}
+"""What effects take longest for, while another process compiles the rest."""
 STEPS: dict[str, Callable[[], None] | str] = {
     # In this order two processes compile the fewest kernels twice.
     BOXES: _boxes,
-    BOUNDS: _bounds,
+    BOUNDS: parts.bounds,
     accuracy_step(Accuracy.MESH): _meshes,
-    TREES: _trees,
+    NESTING: parts.nesting,
+    TREES: parts.trees,
+    effect_step("sweep"): lambda: _effect("sweep"),
+    LINEAR: parts.linear,
     **{effect_step(name): (lambda name=name: _effect(name)) for name in EFFECTS},  # type: ignore[misc]
     accuracy_step(Accuracy.HULL): lambda: _level(Accuracy.HULL),
-    accuracy_step(Accuracy.OBB_TREE): lambda: _level(Accuracy.OBB_TREE),
+    accuracy_step(Accuracy.OBB_TREE): _obb_trees,
+    COARSE: _coarse,
     "queries of pairs": _pair_queries,
     "queries of rays, planes, points, capsules, triangles": _other_queries,
     "queries of meshes": _mesh_queries,
@@ -304,8 +291,13 @@ STEPS: dict[str, Callable[[], None] | str] = {
     MESSAGES: "obb_collision.node.kernels:compile_kernels",
 }
 """What to run, by its name; the steps of a running node come first."""
-NODE_STEPS = (BOXES, MESSAGES, *map(accuracy_step, ABOVE), *map(effect_step, EFFECTS))
+NODE_STEPS = (BOXES, MESSAGES, COARSE, *map(accuracy_step, ABOVE), *map(effect_step, EFFECTS))
 """Steps of all that a node can switch on."""
 NEEDS_ROS = (MESSAGES,)
-BESIDE = {BOXES: BOUNDS, accuracy_step(Accuracy.MESH): TREES}
-"""A part of the longest steps, for a second process."""
+BESIDE = {
+    BOXES: (BOUNDS,),
+    accuracy_step(Accuracy.OBB_TREE): (TREES,),
+    accuracy_step(Accuracy.MESH): (NESTING, TREES),
+    effect_step("sweep"): (LINEAR,),
+}
+"""Parts of the longest steps, for a second process."""

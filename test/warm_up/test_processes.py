@@ -154,7 +154,7 @@ def test_it_stops_when_told_to_and_leaves_no_process(monkeypatch: pytest.MonkeyP
     progress = compile_steps([BOXES], stopped=lambda: True)
     assert progress.stopped
     assert progress.failed == {}
-    assert progress.steps == (BOXES, BESIDE[BOXES])  # a part for a second process
+    assert progress.steps == (BOXES, *BESIDE[BOXES])  # a part for a second process
     assert started
     assert all(process.poll() is not None for process in started)
 

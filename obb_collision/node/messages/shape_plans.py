@@ -158,7 +158,8 @@ def _arrow(given: MarkerShape, scale: Floats) -> Plan:
         raise RefusedError("array lengths differ", "an arrow has no points or two")
     if len(given.points) == 0:
         from_tail = CUBE_CORNERS + np.array((0.5, 0.0, 0.0))
-        return _simple(given, scale, shapes.Hull(from_tail * scale * ARROW_HEAD))
+        body = shapes.Hull(from_tail * scale * ARROW_HEAD, fit="aabb")  # its best fit, bit for bit
+        return _simple(given, scale, body)
     ends = np.array(given.points[:2], dtype=np.float64)  # RViz looks at no more
     _check_points(ends)
     shape = _between(ends, float(scale[:2].max()))

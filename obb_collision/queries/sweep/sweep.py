@@ -199,7 +199,7 @@ def sweep_kernel(
             if axis >= 0:
                 point = contact_point(a, Box(offset, b.axes, b.half_extents), normal, axis)
             else:
-                point, normal = _find_contact(motion, i, j, time, offset)
+                point, normal = find_contact(motion, i, j, time, offset)
             point = plus(place_at(starts, ends, seconds, i, time), point)
         for k in range(3):
             normals[n, k], points[n, k] = normal[k], point[k]
@@ -211,7 +211,7 @@ def _turns(turns: Floats, i: int) -> bool:
 
 
 @njit
-def _find_contact(
+def find_contact(
     motion: Motion, i: int, j: int, time: float, offset: Vector
 ) -> tuple[Vector, Vector]:
     """Return point and normal of boxes that turn, or that overlap at the start.

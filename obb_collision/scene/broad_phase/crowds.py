@@ -25,6 +25,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from obb_collision._jit import njit
+from obb_collision.numerics.sorting import bits_of, sort_numbers
 from obb_collision.numerics.vec3 import vector_at
 from obb_collision.scene.broad_phase.bounds_tree import BoundsTree, overlapping
 from obb_collision.scene.broad_phase.broad_phase import Pairs
@@ -43,10 +44,10 @@ def ordered_candidates(tree: BoundsTree, room: int) -> Iterator[tuple[Pairs, int
     """
     count = len(tree.order)
     pairs = np.empty((max(room, count), 2), np.int64)
-    column = np.empty(count, np.int64)
+    column, spare = np.empty((2, count), np.int64)
     row = 0
     while row < count:
-        found, row = _rows_kernel(*tree, row, column, pairs)
+        found, row = _rows_kernel(*tree, row, column, spare, pairs)
         yield pairs[:found].copy(), row
 
 
@@ -64,16 +65,16 @@ def partners(tree: BoundsTree, rows: Rows, least: int, skip: int, most: int) -> 
 @njit
 def _rows_kernel(
     minimum: Floats, maximum: Floats, order: np.ndarray, nodes: Floats, starts: np.ndarray,
-    row: int, column: np.ndarray, pairs: np.ndarray,
+    row: int, column: np.ndarray, spare: np.ndarray, pairs: np.ndarray,
 ) -> tuple[int, int]:  # fmt: skip
     """Write the pairs of rows from ``row`` on while they fit; return their number and the next."""
-    found = 0
+    found, bits = 0, bits_of(len(order))
     while row < len(order):
         low, high = vector_at(minimum, row), vector_at(maximum, row)
         more = overlapping(minimum, maximum, order, nodes, starts, low, high, row + 1, column)
         if found + more > len(pairs):
             return found, row
-        column[:more].sort()
+        sort_numbers(column[:more], spare[:more], 0, bits)
         for k in range(more):
             pairs[found + k, 0], pairs[found + k, 1] = row, column[k]
         found += more

@@ -28,12 +28,13 @@ from obb_collision import _kernel_cache
 from obb_collision.scene.building.errors import NO_BUILDER, NO_MEMORY, TOO_SLOW, BuildError
 from obb_collision.scene.building.wire import Message, Pipe
 
-#: Seconds that the process may take to begin: it takes 1 idle.
+#: Seconds that the process may take to begin: it takes 1 idle, 4 where it compiles.
 STARTING = 60.0
 #: It finds the package where this process did, whatever the current folder is.
 CODE = (
     "import json, sys; sys.path[:] = json.loads(sys.argv[1]); "
-    "from obb_collision.scene.building.worker import main; main(int(sys.argv[2]))"
+    "from obb_collision.scene.building.worker import main; "
+    "main(int(sys.argv[2]), json.loads(sys.argv[3]))"
 )
 #: Libraries reserve memory for each thread, and one job is done at a time.
 SINGLE = dict.fromkeys(
@@ -52,6 +53,11 @@ class Limits:
 
 class _KilledError(BuildError):
     """The process was ended by a signal."""
+
+
+def _more_kernels() -> list[str]:
+    """Return the folders of kernels besides the cache."""
+    return [str(place) for place in _kernel_cache.places[1:]]
 
 
 class WorkerProcess:
@@ -85,10 +91,7 @@ class WorkerProcess:
 
     def _ask(self, message: Message, limits: Limits) -> Message:
         pipe = self._started(limits)
-        more = {
-            "seconds": limits.seconds,
-            "kernels": [str(place) for place in _kernel_cache.places[1:]],
-        }
+        more = {"seconds": limits.seconds, "kernels": _more_kernels()}
         try:
             pipe.send(message | more, limits.seconds)
             reply = pipe.receive(limits.seconds)
@@ -118,7 +121,7 @@ class WorkerProcess:
         self._memory = limits.memory
         try:
             self._process = process = subprocess.Popen(
-                [sys.executable, "-c", CODE, path, str(limits.memory)],
+                [sys.executable, "-c", CODE, path, str(limits.memory), json.dumps(_more_kernels())],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 bufsize=0,

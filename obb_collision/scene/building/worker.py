@@ -27,6 +27,7 @@ from obb_collision import _kernel_cache
 from obb_collision.scene.building.errors import NO_BUILDER, NO_MEMORY, BuildError
 from obb_collision.scene.building.jobs import perform
 from obb_collision.scene.building.wire import Message, Pipe
+from obb_collision.shapes import Hull
 
 #: Seconds beyond the time of a job after which the process ends itself.
 GRACE = 5.0
@@ -36,14 +37,18 @@ NICENESS = 5
 SOME = 128
 
 
-def main(memory: int) -> None:
-    """Work. memory: bytes that jobs may take beyond what the process has when it begins."""
+def main(memory: int, kernels: list[str]) -> None:
+    """Work. memory: bytes that jobs may take beyond what the process has when it begins.
+
+    kernels: folders of kernels besides the cache.
+    """
     pipe = Pipe(os.dup(0), os.dup(1))
     # what libraries print must not get among the replies
     for descriptor in (0, 1):
         os.dup2(os.open(os.devnull, os.O_RDWR), descriptor)
     with suppress(OSError):
         os.nice(NICENESS)
+    _look_for_kernels_in(kernels)
     _take_what_all_jobs_need()
     _limit_memory(memory)
     pipe.send({"ready": True})
@@ -63,9 +68,11 @@ def _look_for_kernels_in(folders: list[str]) -> None:
 
 
 def _take_what_all_jobs_need() -> None:
-    """Load what would else be part of the memory of the first job."""
+    """Load what would else be part of the memory of the first job, or of its time."""
     import trimesh  # noqa: F401
 
+    corners = np.vstack([np.zeros(3), np.eye(3)])
+    _ = Hull(corners).local_box  # compiles what fits boxes, where the cache lacks it
     # OpenBLAS ends the process where it can't have its buffer
     np.linalg.svd(np.ones((SOME, SOME)) @ np.ones((SOME, SOME)))
 

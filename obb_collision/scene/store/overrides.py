@@ -91,9 +91,11 @@ class Overrides(Generic[Value]):
         return None if last < 0 else self.overrides[last][1]
 
 
-def capped(overrides: Sequence[Override], highest: Accuracy) -> Overrides[Accuracy]:
-    """Return overrides with no level above ``highest``."""
-    return Overrides([(pattern, min(level, highest)) for pattern, level in overrides])
+def limited(
+    overrides: Sequence[Override], lowest: Accuracy, highest: Accuracy
+) -> Overrides[Accuracy]:
+    """Return overrides with the nearest level from ``lowest`` to ``highest`` each."""
+    return Overrides([(where, min(max(level, lowest), highest)) for where, level in overrides])
 
 
 def _is_pattern(where: str) -> bool:

@@ -26,7 +26,7 @@ from rings import RING, crate, levels, ring
 
 from obb_collision.accuracy import Accuracy
 from obb_collision.node import collisions_from_ros
-from obb_collision.scene.store.overrides import Overrides, capped, override_from_text
+from obb_collision.scene.store.overrides import Overrides, limited, override_from_text
 
 COMPILING = 300.0
 """Seconds that kernels of triangles may take on a loaded machine."""
@@ -106,7 +106,10 @@ def test_the_last_override_that_fits_counts() -> None:
     overrides = Overrides([("*", Accuracy.OBB), ("a/*", Accuracy.MESH), ("a/1", Accuracy.HULL)])
     assert [overrides.value(name) for name in ("b/1", "a/2", "a/1")] == [3, 6, 5]
     assert Overrides().value("a/1") is None
-    assert capped(overrides.overrides, Accuracy.OBB).value("a/1") == Accuracy.OBB
+    at_most = limited(overrides.overrides, Accuracy.SPHERE, Accuracy.HULL)
+    assert [at_most.value(name) for name in ("b/1", "a/2", "a/1")] == [3, 5, 5]
+    at_least = limited(overrides.overrides, Accuracy.HULL, Accuracy.MESH)
+    assert [at_least.value(name) for name in ("b/1", "a/2", "a/1")] == [5, 6, 5]
 
 
 @pytest.mark.parametrize(

@@ -122,7 +122,7 @@ def test_what_is_compiled_already_is_loaded_at_the_start_without_a_word(
 
 
 def test_the_start_compiles_what_is_asked_for_and_nothing_more(cache: Cache, log: Log) -> None:
-    log.warm.start([Accuracy.MESH, Accuracy.AABB])
+    log.warm.start([Accuracy.MESH, Accuracy.OBB])
     assert set(cache.compiled) == {BOXES, MESSAGES, "accuracy mesh", SEPARATIONS}
     assert log.warm.is_ready(Accuracy.MESH)
     assert log.said[0].startswith("compiling kernels for boxes, ")
@@ -280,6 +280,24 @@ def test_pairs_stay_on_obb_and_cycles_go_on_until_an_accuracy_is_ready(late_cach
         assert levels(rig) == ["obb"]
         late_cache.may_go_on.set()
         rig.until(lambda: levels(rig) == [], "mesh")
+
+
+def test_a_level_below_obb_that_is_not_ready_takes_nothing_from_those_above(
+    late_cache: Cache,
+) -> None:
+    late_cache.kept.add("accuracy mesh")
+    with Rig(accuracy="mesh") as rig:
+        rig.patience = 300.0
+        rig.send(ring(), cube(("box", 1), size=(0.5, 0.5, 0.5)))  # in the hole of the ring
+        rig.built(RING)
+        rig.send(cube(("near", 1), (20.0, 0.0, 0.0)), cube(("near", 2), (21.2, 0.0, 0.0)))
+        rig.until(lambda: levels(rig) == [], "mesh")
+        rig.set(accuracy_overrides=["near/*: sphere"])
+        rig.until(late_cache.asked.is_set, "thread")
+        rig.cycles(5)
+        assert rig.pairs() == set()
+        late_cache.may_go_on.set()
+        rig.until(lambda: rig.pairs() == {("near/1", "near/2")}, "spheres")
 
 
 def test_an_effect_is_silent_until_it_is_ready(late_cache: Cache) -> None:

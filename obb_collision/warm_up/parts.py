@@ -1,0 +1,96 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Parts of the longest steps, for a second process; they call kernels that others call in the end.
+
+A step compiles a kernel and all that it calls in one go, from the first call to the last. What a
+part compiles meanwhile, the step finds in the cache when it comes to it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+import obb_collision as oc
+from obb_collision.geometry.trees.pool import Hulls
+from obb_collision.numerics.dealing import FEWEST_NUMBERS
+from obb_collision.queries.meshes.convex import PlacedHulls, hulls_may_collide
+from obb_collision.queries.meshes.kernels import nesting as nesting_kernel
+from obb_collision.queries.meshes.tree_boxes import Place, Pose
+from obb_collision.queries.meshes.tree_descent import STACK, Body
+from obb_collision.queries.primitives.capsules import capsule_verdicts
+from obb_collision.queries.sweep.contact import contact_point
+from obb_collision.queries.sweep.linear import sweep_linear
+from obb_collision.queries.sweep.motion import sweep_needed, swept_bounds
+from obb_collision.queries.sweep.sweep import find_contact
+from obb_collision.queries.sweep.twists import twist_bounds, twist_motion
+from obb_collision.queries.verdict.pair_frame import Box
+from obb_collision.queries.verdict.sat import AXES
+from obb_collision.scene.broad_phase.broad_phase import UNLIMITED, find_candidates
+from obb_collision.scene.broad_phase.find_pairs import pairs_of_keys
+from obb_collision.scene.broad_phase.kept_tree import KeptTree
+from obb_collision.warm_up.samples import (
+    OBJECTS,
+    TETRAHEDRON,
+    TETRAHEDRON_FACES,
+    batch,
+    triangle_tree,
+)
+
+HERE, AXES_OF_BOX = (0.0, 0.0, 0.0), ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+
+
+def bounds() -> None:
+    """Find which bounds overlap, of all boxes and of some that move."""
+    low = np.random.default_rng(0).random((OBJECTS, 3))
+    find_candidates(low, low + 0.2)
+    many = np.arange(2 * FEWEST_NUMBERS)
+    line = np.column_stack([many, many, many]).astype(np.float64)
+    find_candidates(line, line + 0.5)
+    pairs_of_keys(batch(), 0 * many, False)
+    tree = KeptTree(low, low + 0.2)
+    row = np.zeros(1, np.int64)
+    tree.update(row)
+    tree.pairs_of(row, UNLIMITED)
+
+
+def nesting() -> None:
+    """Look for a piece of a mesh in another."""
+    trees, body = triangle_tree().arrays, Body(0, Place(HERE, AXES_OF_BOX))
+    pose = Pose(AXES_OF_BOX, HERE, 1.0, 0.0, 0.0)
+    nesting_kernel(trees, body, trees, body, pose, np.empty((STACK, 2), np.int64))
+
+
+def trees() -> None:
+    """Build a tree, and decide pairs of capsules, boxes and hulls."""
+    oc.MeshTrees.build(np.array(TETRAHEDRON), np.array(TETRAHEDRON_FACES))
+    zeros = np.zeros((4, 3))
+    capsules = oc.Capsules(zeros, zeros + 1.0, np.full(4, 0.1))
+    for other in (batch(), capsules):
+        capsule_verdicts(capsules, other)
+    row = np.zeros(1, np.int64)
+    hull = PlacedHulls(Hulls.of(np.array(TETRAHEDRON)), row, zeros[:1], np.eye(3)[None])
+    hulls_may_collide(hull, hull, row, row)
+
+
+def linear() -> None:
+    """Sweep boxes that do not turn, find contacts of all, and bound what keeps its twist."""
+    box, other = (Box((x, 0.0, 0.0), AXES_OF_BOX, (0.5, 0.5, 0.5)) for x in (0.0, 3.0))
+    _, normal, axis = sweep_linear(box, other, HERE, np.empty((2, AXES)))
+    contact_point(box, other, normal, axis)
+    boxes, twists = batch(), np.full((4, 6), 0.1)
+    sweep_needed(boxes, boxes)
+    swept_bounds(boxes, boxes)
+    find_contact(twist_motion(boxes, twists, boxes.centers, 1.0), 0, 1, 0.0, HERE)
+    twist_bounds(boxes, twists, boxes.centers, 1.0)
