@@ -16,6 +16,8 @@
 
 from __future__ import annotations
 
+from fractions import Fraction
+
 import numpy as np
 from mesh_zoo import zoo
 from numpy.typing import ArrayLike, NDArray
@@ -49,6 +51,23 @@ def bodies_of(
             PlacedMeshes(trees, meshes, rng.uniform(-spread, spread, (count, 3)), rotations)
         )
     return sides[0], sides[1]
+
+
+def exact_corners(bodies: PlacedMeshes, row: int) -> list[list[list[Fraction]]]:
+    """Return the placed corners of the triangles of a body."""
+    trees, mesh = bodies.trees, bodies.meshes[row]
+    root = trees.roots[mesh]
+    first, last = trees.starts[root]
+    axes = [[Fraction(x) for x in r] for r in bodies.rotations[row].tolist()]
+    center = [Fraction(x) for x in bodies.centers[row].tolist()]
+    return [
+        [
+            [c + sum(x * y for x, y in zip(r, map(Fraction, v), strict=True))
+             for c, r in zip(center, axes, strict=True)]
+            for v in corners
+        ]
+        for corners in trees.triangles[first:last].reshape(-1, 3, 3).tolist()
+    ]  # fmt: skip
 
 
 def place(vertices: ArrayLike, faces: ArrayLike, offset: ArrayLike = (0, 0, 0)) -> PlacedMeshes:

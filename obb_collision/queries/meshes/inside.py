@@ -32,7 +32,7 @@ from obb_collision._jit import njit
 from obb_collision.geometry.trees.obb_tree import TreeArrays
 from obb_collision.numerics import exact
 from obb_collision.numerics.constants import ROUNDOFF
-from obb_collision.numerics.vec3 import cross, dot, max_abs, minus
+from obb_collision.numerics.vec3 import cross, dot, max_abs, minus, sum_abs
 from obb_collision.queries.meshes.triangle_signs import corner, determinant_bound
 from obb_collision.typing import Floats, Vector
 
@@ -100,7 +100,7 @@ def _count_crossings(
     while waiting > 0:
         waiting -= 1
         node = stack[waiting, 0]
-        if not _may_hit(nodes, node, point, ray, error):
+        if entry(nodes, node, point, ray, error) == np.inf:
             continue
         if children[node] >= 0:
             stack[waiting, 0], stack[waiting + 1, 0] = children[node], children[node] + 1
@@ -116,24 +116,44 @@ def _count_crossings(
 
 
 @njit
-def _may_hit(nodes: Floats, n: int, p: Vector, w: Vector, error: float) -> bool:
-    """Return False only where the ray from p along w certainly misses the box of a node."""
+def entry(nodes: Floats, n: int, p: Vector, w: Vector, error: float) -> float:
+    """Return a time before the ray from p along w can enter the box of a node; inf: never."""
     dx, dy, dz = p[0] - nodes[n, 0], p[1] - nodes[n, 1], p[2] - nodes[n, 2]
     size = abs(dx) + abs(dy) + abs(dz) + nodes[n, 12] + nodes[n, 13] + nodes[n, 14]
     slack = 2.0 * error + SLAB_SLACK * size
-    enter, leave = 0.0, np.inf
+    enter, leave, slow = 0.0, np.inf, False
     for k in range(3):
         x, y, z = nodes[n, 3 + k], nodes[n, 6 + k], nodes[n, 9 + k]
         start = x * dx + y * dy + z * dz
         speed = x * w[0] + y * w[1] + z * w[2]
         half = nodes[n, 12 + k] + slack
         if abs(speed) < SLOW:
+            slow = slow or abs(start) > half
             continue
         near, far = (-half - start) / speed, (half - start) / speed
         if near > far:
             near, far = far, near
         enter, leave = max(enter, near), min(leave, far)
-    return enter <= leave + TIME_SLACK * abs(leave)
+    latest = leave + TIME_SLACK * abs(leave)
+    if not enter <= latest or (slow and _stays_out(nodes, n, (dx, dy, dz), w, slack, latest)):
+        return np.inf
+    return enter * (1.0 - TIME_SLACK)
+
+
+@njit
+def _stays_out(nodes: Floats, n: int, d: Vector, w: Vector, slack: float, latest: float) -> bool:
+    """Return whether a ray from d, seen from the centre, is out of a slab until it leaves others.
+
+    Of slabs that it is slow across.
+    """
+    for k in range(3):
+        axis = nodes[n, 3 + k], nodes[n, 6 + k], nodes[n, 9 + k]
+        speed = abs(dot(axis, w))
+        # the speed is off by less than 32 roundoffs of the ray's direction
+        way = (speed + SLAB_SLACK * sum_abs(w)) * latest
+        if speed < SLOW and abs(dot(axis, d)) - nodes[n, 12 + k] > way + slack:
+            return True
+    return False
 
 
 @njit

@@ -166,13 +166,34 @@ def _normal(ray: Ray, across: Vector, axis: int) -> Vector:
 @njit
 def _nearest(ray: Ray, boxes: BoxArrays, tree: BoundsTree) -> tuple[int, float, int]:
     """Return the nearest box, its distance and the axis of its face; -1, infinity, -1 for none."""
-    limits, nodes, order, stack, entries = tree
     centers, rotations, half_extents = boxes
     box, best, axis = -1, np.inf, -1
-    depth = 0
-    enter = enters_bounds(limits, 0, ray, ray.reach)
-    if enter < np.inf:
-        stack[0], entries[0], depth = 0, enter, 1
+    leaf, depth = next_leaf(ray, best, tree, start_walk(ray, tree))
+    while leaf >= 0:
+        start, count = tree.nodes[leaf, START], tree.nodes[leaf, COUNT]
+        for m in range(start, start + count):
+            b = tree.order[m]
+            distance, face = hit_box(ray, box_at(centers, rotations, half_extents, b))
+            if distance < best or (distance == best and b < box):
+                box, best, axis = b, distance, face
+        leaf, depth = next_leaf(ray, best, tree, depth)
+    return box, best, axis
+
+
+@njit
+def start_walk(ray: Ray, tree: BoundsTree) -> int:
+    """Put the root on the stack if the ray enters its bounds; return how many nodes are there."""
+    enter = enters_bounds(tree.limits, 0, ray, ray.reach)
+    if enter == np.inf:
+        return 0
+    tree.stack[0], tree.entries[0] = 0, enter
+    return 1
+
+
+@njit
+def next_leaf(ray: Ray, best: float, tree: BoundsTree, depth: int) -> tuple[int, int]:
+    """Return the next leaf that the ray may enter before ``best``, -1 for none, and the depth."""
+    limits, nodes, _, stack, entries = tree
     while depth > 0:
         depth -= 1
         node = stack[depth]
@@ -180,12 +201,7 @@ def _nearest(ray: Ray, boxes: BoxArrays, tree: BoundsTree) -> tuple[int, float, 
             continue
         child = nodes[node, CHILD]
         if child < 0:
-            for m in range(nodes[node, START], nodes[node, START] + nodes[node, COUNT]):
-                b = order[m]
-                distance, face = hit_box(ray, box_at(centers, rotations, half_extents, b))
-                if distance < best or (distance == best and b < box):
-                    box, best, axis = b, distance, face
-            continue
+            return node, depth
         first = enters_bounds(limits, child, ray, min(ray.reach, best))
         second = enters_bounds(limits, child + 1, ray, min(ray.reach, best))
         if first < second:  # the nearer one is on top
@@ -199,4 +215,4 @@ def _nearest(ray: Ray, boxes: BoxArrays, tree: BoundsTree) -> tuple[int, float, 
         if second < np.inf:
             stack[depth], entries[depth] = other, second
             depth += 1
-    return box, best, axis
+    return -1, 0

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Rays and segments against boxes: the nearest hit of each, by slabs and a tree of bounds.
+"""Rays and segments against boxes and meshes: the nearest hit of each, by a tree of bounds.
 
 A box is the common part of three slabs (Kay, Kajiya 1986; Ericson 2005, 5.3.3). No hit is missed:
 along each axis of the box, its half extent is enlarged for the decision by BOUND times the
@@ -22,6 +22,9 @@ orthonormal to 64 unit roundoffs can shift a point of the ray that lies in the b
 that it passes at less than twice that distance. Distances are those to the box as it is, right to
 2^-40 of its size and the origin's distance; of a ray that grazes a face, those to the enlarged box:
 earlier, not later.
+
+Meshes, and hulls as meshes, are hit at their surface, or at once if they are solids and the
+origin is inside; what holds of them is in ``mesh_rays``.
 """
 
 from __future__ import annotations
@@ -32,29 +35,39 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from obb_collision._jit import njit
+from obb_collision._threads import run
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.kinds import check_kind
 from obb_collision.geometry.validation import as_array, check_lengths, refuse_where
 from obb_collision.numerics.error_free import length
+from obb_collision.queries.meshes.meshes import PlacedMeshes
+from obb_collision.queries.meshes.root_boxes import root_boxes
 from obb_collision.queries.rays.bounds_tree import build_tree
 from obb_collision.queries.rays.kernels import rays_kernel
+from obb_collision.queries.rays.mesh_rays import mesh_rays_kernel
 from obb_collision.typing import Floats, Integers
+
+#: Rays below which a second thread does not pay: 0.1 ms.
+FEWEST_RAYS = 64
 
 
 @dataclass(frozen=True, eq=False)
 class RayHits:
-    """The nearest box on each ray.
+    """The nearest box or mesh on each ray.
 
     boxes (m,): its row, the lowest of equally near ones; -1 where nothing is hit. distances (m,)
     metres from the origin, 0 for an origin in the box, infinite where nothing is hit. positions
     (m, 3) of the hits, and normals (m, 3) of the faces entered, outwards, unit; a ray that starts
-    in a box enters no face, its normal is zero. Both are NaN where nothing is hit.
+    in a box or solid enters no face, its normal is zero. Both are NaN where nothing is hit. Of
+    meshes, normals are those of triangles, against the ray, and faces (m,) their numbers, -1 where
+    none is hit; of boxes, faces is None.
     """
 
     boxes: Integers
     distances: Floats
     positions: Floats
     normals: Floats
+    faces: Integers | None = None
 
     @property
     def hits(self) -> NDArray[np.bool_]:
@@ -63,13 +76,16 @@ class RayHits:
 
 
 def cast_rays(
-    boxes: Boxes, origins: ArrayLike, directions: ArrayLike, max_distance: ArrayLike = np.inf
+    boxes: Boxes | PlacedMeshes,
+    origins: ArrayLike,
+    directions: ArrayLike,
+    max_distance: ArrayLike = np.inf,
 ) -> RayHits:
     """Return what each ray hits first.
 
     Parameters
     ----------
-    boxes : Boxes
+    boxes : Boxes or PlacedMeshes
     origins : (m, 3) array_like
         Metres.
     directions : (m, 3) array_like
@@ -81,14 +97,14 @@ def cast_rays(
     -------
     RayHits
         hits (m,) bool; boxes (m,) rows, -1 for none; distances (m,) metres; positions and normals
-        (m, 3).
+        (m, 3); faces (m,) of meshes.
 
     Raises
     ------
     ValueError
         Naming the argument and the row.
     TypeError
-        For anything but boxes.
+        For anything but boxes and placed meshes.
 
     References
     ----------
@@ -101,7 +117,7 @@ def cast_rays(
     >>> found.boxes.tolist(), found.distances.tolist(), found.positions.tolist()
     ([0], [4.0], [[4.0, 0.0, 0.0]])
     """
-    check_kind(boxes, Boxes, "boxes")
+    _check_targets(boxes)
     o = as_array(origins, "origins", (None, 3))
     d = as_array(directions, "directions", (None, 3))
     check_lengths(origins=o, directions=d)
@@ -110,12 +126,12 @@ def cast_rays(
     return _cast(boxes, o, units, _reaches(max_distance, len(o)))
 
 
-def cast_segments(boxes: Boxes, starts: ArrayLike, ends: ArrayLike) -> RayHits:
+def cast_segments(boxes: Boxes | PlacedMeshes, starts: ArrayLike, ends: ArrayLike) -> RayHits:
     """Return what each segment hits first from its start.
 
     Parameters
     ----------
-    boxes : Boxes
+    boxes : Boxes or PlacedMeshes
     starts, ends : (m, 3) array_like
         Metres; equal ones make a point.
 
@@ -123,14 +139,14 @@ def cast_segments(boxes: Boxes, starts: ArrayLike, ends: ArrayLike) -> RayHits:
     -------
     RayHits
         hits (m,) bool; boxes (m,) rows, -1 for none; distances (m,) metres; positions and normals
-        (m, 3).
+        (m, 3); faces (m,) of meshes.
 
     Raises
     ------
     ValueError
         Naming the argument and the row.
     TypeError
-        For anything but boxes.
+        For anything but boxes and placed meshes.
 
     Examples
     --------
@@ -138,13 +154,18 @@ def cast_segments(boxes: Boxes, starts: ArrayLike, ends: ArrayLike) -> RayHits:
     >>> oc.cast_segments(boxes, [[0, 0, 0], [0, 0, 0]], [[4.5, 0, 0], [3, 0, 0]]).hits.tolist()
     [True, False]
     """
-    check_kind(boxes, Boxes, "boxes")
+    _check_targets(boxes)
     p = as_array(starts, "starts", (None, 3))
     q = as_array(ends, "ends", (None, 3))
     check_lengths(starts=p, ends=q)
     units, norms = _units(q - p)
     units[norms == 0.0] = 1.0, 0.0, 0.0
     return _cast(boxes, p, units, norms)
+
+
+def _check_targets(boxes: Boxes | PlacedMeshes) -> None:
+    if not isinstance(boxes, PlacedMeshes):
+        check_kind(boxes, Boxes, "boxes")
 
 
 def _reaches(max_distance: ArrayLike, count: int) -> Floats:
@@ -173,13 +194,24 @@ def _units_kernel(directions: Floats, units: Floats, norms: Floats) -> None:
             units[n, k] = directions[n, k] / norm if norm > 0.0 else 0.0
 
 
-def _cast(boxes: Boxes, origins: Floats, units: Floats, reaches: Floats) -> RayHits:
+def _cast(
+    targets: Boxes | PlacedMeshes, origins: Floats, units: Floats, reaches: Floats
+) -> RayHits:
+    boxes = targets if isinstance(targets, Boxes) else root_boxes(targets)
     limits, nodes, order = build_tree(np.concatenate(boxes.world_bounds(), axis=1))
     hits = np.empty(len(origins), np.int64)
     distances = np.empty(len(origins))
     points, normals = np.empty((2, len(origins), 3))
-    rays_kernel(
-        origins, units, reaches, boxes.centers, boxes.rotations, boxes.half_extents,
-        limits, nodes, order, hits, distances, points, normals,
-    )  # fmt: skip
-    return RayHits(hits, distances, points, normals)
+    if isinstance(targets, Boxes):
+        rays_kernel(
+            origins, units, reaches, boxes.centers, boxes.rotations, boxes.half_extents,
+            limits, nodes, order, hits, distances, points, normals,
+        )  # fmt: skip
+        return RayHits(hits, distances, points, normals)
+    faces = np.empty(len(origins), np.int64)
+    run(
+        *(mesh_rays_kernel, len(origins), FEWEST_RAYS),
+        *(origins, units, reaches, targets.arrays, limits, nodes, order),
+        *(hits, distances, points, normals, faces),
+    )
+    return RayHits(hits, distances, points, normals, faces)

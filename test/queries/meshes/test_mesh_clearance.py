@@ -22,7 +22,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 from mesh_zoo import zoo
-from placed_meshes import bodies_of
+from placed_meshes import bodies_of, exact_corners
 from scipy.spatial.transform import Rotation
 from triangle_distances import squared_distance
 from triangle_pairs import FAMILIES, Floats, Maker
@@ -37,23 +37,6 @@ SHARE = 25
 #: What the bounds may differ by, relative to the size of a pair.
 CLOSE = Fraction(1, 10**9)
 TRIANGLE = np.array([[0, 1, 2]])
-
-
-def exact_corners(bodies: PlacedMeshes, row: int) -> list[list[list[Fraction]]]:
-    """Return the placed corners of the triangles of a body."""
-    trees, mesh = bodies.trees, bodies.meshes[row]
-    root = trees.roots[mesh]
-    first, last = trees.starts[root]
-    axes = [[Fraction(x) for x in r] for r in bodies.rotations[row].tolist()]
-    center = [Fraction(x) for x in bodies.centers[row].tolist()]
-    return [
-        [
-            [c + sum(x * y for x, y in zip(r, map(Fraction, v), strict=True))
-             for c, r in zip(center, axes, strict=True)]
-            for v in corners
-        ]
-        for corners in trees.triangles[first:last].reshape(-1, 3, 3).tolist()
-    ]  # fmt: skip
 
 
 def exact_square(a: PlacedMeshes, i: int, b: PlacedMeshes, j: int, near: float) -> Fraction:
@@ -99,7 +82,7 @@ def check(found: MeshClearances, row: int, square: Fraction, size: Fraction) -> 
 def single(triangles: list[Floats], rng: np.random.Generator) -> PlacedMeshes:
     trees = MeshTrees.join([MeshTrees.build(t, TRIANGLE) for t in triangles])
     count = len(triangles)
-    size = max(np.abs(t).max() for t in triangles)
+    size = np.array([[np.abs(t).max()] for t in triangles])
     centers = np.where(rng.random((count, 1)) < 0.5, 0.0, size * rng.normal(size=(count, 3)))
     still = rng.random(count) < 0.5
     rotations = Rotation.random(count, random_state=rng).as_matrix()

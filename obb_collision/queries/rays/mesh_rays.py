@@ -1,0 +1,240 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Kernels of ``rays`` for meshes: where a ray first hits a surface, down the tree of its boxes.
+
+A triangle is missed only where that is certain, and the distance is never later than the true one:
+a ray that passes an edge within rounding hits it. The ray is moved ahead to where it comes near the
+mesh, so that far origins cost few digits.
+
+Error analysis: the ray is moved ahead in the world frame, off by 6 u of the components of the
+origin from the body's centre; ``AHEAD_BOUND`` is 16 u. With S the components of where it is then
+plus the reach of the mesh, a point of the ray near the body is off by at most 256 u S in the frame
+of the body, as a corner of another mesh would be. So are all corners seen from the ray, by the same
+vector; edges are not. Determinants round as in ``triangle_signs``. The time det(a, u, v) /
+det(w, u, v), u and v edges, is off by their errors over the denominator; where that is not
+certainly away from zero, as for a ray within the plane, the corners bound it: the ray is in none
+before the first.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from obb_collision._jit import njit
+from obb_collision.geometry.trees.obb_tree import TreeArrays
+from obb_collision.numerics.constants import MESH_UNDERFLOW, PRODUCT_UNDERFLOW, ROUNDOFF
+from obb_collision.numerics.vec3 import (
+    combined,
+    components,
+    cross,
+    dot,
+    max_abs,
+    minus,
+    norm,
+    plus,
+    scaled,
+    sum_abs,
+    vector_at,
+)
+from obb_collision.queries.meshes.inside import OUTSIDE, SLAB_SLACK, entry, point_side
+from obb_collision.queries.meshes.tree_boxes import POINT_BOUND
+from obb_collision.queries.meshes.tree_descent import STACK as TREE_STACK
+from obb_collision.queries.meshes.tree_descent import Bodies, Body, body_at
+from obb_collision.queries.meshes.triangle_signs import DETERMINANT_ROUNDING, triangle_at
+from obb_collision.queries.primitives.segments import unit_scale
+from obb_collision.queries.rays.bounds_tree import COUNT, STACK, START
+from obb_collision.queries.rays.kernels import BoundsTree, Ray, next_leaf, start_walk
+from obb_collision.typing import Floats, Vector
+
+#: By how much a ray may be off once it is moved ahead, relative to the origin's offset from the
+#: centre (derivation above).
+AHEAD_BOUND = 16 * ROUNDOFF
+#: Instead of a triangle: none hit, and the origin is inside of a solid.
+NONE, WITHIN = -1, -2
+
+
+class Local(NamedTuple):
+    """A ray in the frame of a body."""
+
+    origin: Vector
+    unit: Vector
+    error: float  #: by how much a component of a point of it may be off
+    scale: float  #: a power of two that brings the reach of the mesh to about one
+
+
+class Work(NamedTuple):
+    """Work space for walking down the tree of a mesh."""
+
+    stack: np.ndarray  #: (TREE_STACK, 2) nodes
+    entries: Floats  #: (TREE_STACK,) when the ray enters them
+
+
+@njit
+def mesh_rays_kernel(
+    origins: Floats, units: Floats, reaches: Floats, bodies: Bodies,
+    limits: Floats, nodes: np.ndarray, order: np.ndarray,
+    hits: np.ndarray, distances: Floats, points: Floats, normals: Floats, faces: np.ndarray,
+    start: int, stop: int,
+) -> None:  # fmt: skip
+    """Write the nearest body, distance, point, normal and face of rays ``start`` to ``stop``."""
+    tree = BoundsTree(limits, nodes, order, np.empty(STACK, np.int64), np.empty(STACK))
+    work = Work(np.empty((TREE_STACK, 2), np.int64), np.empty(TREE_STACK))
+    for n in range(start, stop):
+        ray = Ray(vector_at(origins, n), vector_at(units, n), reaches[n])
+        row, distance, triangle = _nearest(ray, bodies, tree, work)
+        hits[n], distances[n], faces[n] = row, distance, -1
+        point, normal = (np.nan, np.nan, np.nan), (np.nan, np.nan, np.nan)
+        if row >= 0:
+            point, normal = plus(ray.origin, scaled(ray.unit, distance)), (0.0, 0.0, 0.0)
+        if triangle >= 0:
+            faces[n] = bodies.trees.faces[triangle]
+            normal = _normal(ray, bodies.trees, triangle, body_at(bodies, row))
+        for k in range(3):
+            points[n, k], normals[n, k] = point[k], normal[k]
+
+
+@njit
+def _nearest(ray: Ray, bodies: Bodies, tree: BoundsTree, work: Work) -> tuple[int, float, int]:
+    """Return the nearest body, its distance and the triangle; -1, infinity, -1 for none."""
+    row, best, triangle = -1, np.inf, NONE
+    leaf, depth = next_leaf(ray, best, tree, start_walk(ray, tree))
+    while leaf >= 0:
+        start, count = tree.nodes[leaf, START], tree.nodes[leaf, COUNT]
+        for m in range(start, start + count):
+            b = tree.order[m]
+            distance, found = hit_mesh(ray, bodies.trees, body_at(bodies, b), best, work)
+            if distance < best or (distance == best and found != NONE and b < row):
+                row, best, triangle = b, distance, found
+        leaf, depth = next_leaf(ray, best, tree, depth)
+    return row, best, triangle
+
+
+@njit
+def hit_mesh(ray: Ray, trees: TreeArrays, body: Body, best: float, work: Work) -> tuple[float, int]:
+    """Return when a ray first hits a body, at most at ``best`` and within reach, and the triangle.
+
+    Infinity and NONE for a miss, zero and WITHIN for an origin inside of a solid.
+    """
+    d, radius = minus(ray.origin, body.place.center), trees.radii[body.mesh]
+    middle, error = -dot(d, ray.unit), AHEAD_BOUND * sum_abs(d)
+    if middle < -2.0 * radius:
+        return np.inf, NONE
+    ahead = max(middle - 2.0 * radius, 0.0)
+    d = plus(d, scaled(ray.unit, ahead))
+    error += POINT_BOUND * (sum_abs(d) + radius) + MESH_UNDERFLOW
+    o, w = components(body.place.axes, d), components(body.place.axes, ray.unit)
+    if ahead == 0.0 and trees.solid[body.mesh]:  # noqa: SIM102  # a search comes last
+        if point_side(trees, body.mesh, o, error, work.stack) != OUTSIDE:
+            return 0.0, WITHIN
+    limit = min(best, ray.reach) - ahead
+    time, triangle = _first_triangle(
+        trees, trees.roots[body.mesh], Local(o, w, error, unit_scale(radius)[0]), limit, work
+    )
+    return (ahead + time, triangle) if triangle >= 0 else (np.inf, NONE)
+
+
+@njit
+def _first_triangle(
+    trees: TreeArrays, root: int, ray: Local, limit: float, work: Work
+) -> tuple[float, int]:
+    """Return the first triangle hit, at most at ``limit``, and when; NONE without any."""
+    nodes, children, starts = trees.nodes, trees.children, trees.starts
+    stack, entries = work.stack, work.entries
+    p, w, error, _ = ray
+    best, triangle = limit, NONE
+    stack[0, 0], entries[0] = root, entry(nodes, root, p, w, error)
+    waiting = 1
+    while waiting > 0:
+        waiting -= 1
+        if not entries[waiting] <= best or entries[waiting] == np.inf:
+            continue
+        node = stack[waiting, 0]
+        child = children[node]
+        if child < 0:
+            for n in range(starts[node, 0], starts[node, 1]):
+                time = triangle_time(trees.triangles, n, ray)
+                if time < best or (time == best < np.inf and triangle < 0):
+                    best, triangle = time, n
+            continue
+        first = entry(nodes, child, p, w, error)
+        second = entry(nodes, child + 1, p, w, error)
+        one, two = child, child + 1
+        if first < second:
+            one, two, first, second = two, one, second, first
+        stack[waiting, 0], stack[waiting + 1, 0] = one, two
+        entries[waiting], entries[waiting + 1] = first, second
+        waiting += 2
+    return best, triangle
+
+
+@njit
+def triangle_time(triangles: Floats, n: int, ray: Local) -> float:
+    """Return a time before which a ray is certainly not in a triangle, infinity if it never is."""
+    w, unit, error = ray.unit, ray.scale, ray.scale * ray.error
+    p, (a, b, c) = ray.origin, triangle_at(triangles, n)
+    u, v, x = scaled(minus(b, a), unit), scaled(minus(c, b), unit), scaled(minus(a, c), unit)
+    a, b, c = scaled(minus(a, p), unit), scaled(minus(b, p), unit), scaled(minus(c, p), unit)
+    ab, bc, ca = _side(w, a, u, error), _side(w, b, v, error), _side(w, c, x, error)
+    if min(ab, bc, ca) < 0 < max(ab, bc, ca):
+        return np.inf
+    first, second, third = dot(w, a), dot(w, b), dot(w, c)
+    reach = max(max_abs(a), max_abs(b), max_abs(c))
+    slack = SLAB_SLACK * 3.0 * reach + 4.0 * error
+    low, high = min(first, second, third) - slack, max(first, second, third) + slack
+    m = cross(u, v)
+    slope, height = dot(m, w), dot(m, a)
+    edges = max_abs(u) * max_abs(v)
+    doubt = DETERMINANT_ROUNDING * edges * max_abs(w) + PRODUCT_UNDERFLOW
+    if abs(slope) > 2.0 * doubt:
+        time = height / slope
+        off = DETERMINANT_ROUNDING * edges * max_abs(a) + 2.0 * error * sum_abs(m)
+        off = (off + abs(time) * doubt + PRODUCT_UNDERFLOW) / (abs(slope) - doubt)
+        low, high = max(low, time - off), min(high, time + off)
+    if low > high or high < 0.0:
+        return np.inf
+    return max(low, 0.0) / unit
+
+
+@njit
+def _side(w: Vector, a: Vector, edge: Vector, error: float) -> int:
+    """Return on which side of the line through a along an edge the ray passes, 0: too near.
+
+    The error is the same for all corners: it counts for the edge, not for the distance to it.
+    """
+    across = cross(edge, w)
+    value = dot(a, across)
+    bound = DETERMINANT_ROUNDING * max_abs(a) * max_abs(edge) * max_abs(w) + PRODUCT_UNDERFLOW
+    bound += 2.0 * error * sum_abs(across)
+    return 1 if value > bound else (-1 if value < -bound else 0)
+
+
+@njit
+def _normal(ray: Ray, trees: TreeArrays, triangle: int, body: Body) -> Vector:
+    """Return the unit normal of a triangle, against the ray; zero for one without area."""
+    a, b, c = triangle_at(trees.triangles, triangle)
+    n = cross(_direction(minus(b, a)), _direction(minus(c, a)))
+    n = _direction(combined(body.place.axes, n))
+    side = -1.0 if dot(ray.unit, n) > 0.0 else 1.0
+    return side * n[0] + 0.0, side * n[1] + 0.0, side * n[2] + 0.0
+
+
+@njit
+def _direction(v: Vector) -> Vector:
+    length = norm(v)
+    if not length > 0.0:
+        return 0.0, 0.0, 0.0
+    return v[0] / length, v[1] / length, v[2] / length
