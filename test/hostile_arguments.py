@@ -197,6 +197,11 @@ def calls() -> Iterator[tuple[str, Callable[..., Any], dict[str, Any]]]:
     sides = {"a": bodies, "b": bodies, "pairs": pairs}
     yield "mesh_verdicts", oc.mesh_verdicts, {**sides, "exact": True, "effort": 100}
     yield "mesh_collisions", oc.mesh_collisions, {**sides, "depth": 2}
+    yield "cast_rays meshes", oc.cast_rays, {"boxes": bodies, **rays}
+    yield "cast_segments meshes", oc.cast_segments, {"boxes": bodies, **ends}
+    yield "points_inside meshes", oc.points_inside, {
+        "boxes": bodies, "points": np.zeros((5, 3)), "margin": 0.1, "each_point": True
+    }  # fmt: skip
     yield "mesh_clearances", oc.mesh_clearances, {
         **sides, "max_distance": 1.0, "radii_a": 0.1, "radii_b": [0.1, 0.2]
     }  # fmt: skip

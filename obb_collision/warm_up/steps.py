@@ -265,6 +265,8 @@ def _mesh_queries() -> None:
     bodies = oc.PlacedMeshes.from_poses(trees, np.zeros(2, np.int64), poses)
     oc.mesh_contacts(bodies, bodies)
     oc.mesh_clearances(bodies, bodies)
+    oc.cast_rays(bodies, np.zeros((1, 3)), np.ones((1, 3)))
+    oc.points_inside(bodies, np.zeros((1, 3)))
     oc.mesh_verdicts(bodies, bodies, exact=True)
 
 

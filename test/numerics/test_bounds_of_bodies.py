@@ -50,7 +50,8 @@ from obb_collision.queries.primitives.capsule_kernels import FAR_BOUND, NEAR_BOU
 from obb_collision.queries.primitives.capsules import capsule_verdicts
 from obb_collision.queries.primitives.planes import plane_distances
 from obb_collision.queries.rays.kernels import DISTANCE_SLACK, HIT_BOUND, Ray, enters_bounds
-from obb_collision.queries.rays.rays import cast_rays
+from obb_collision.queries.rays.mesh_rays import moved_ahead
+from obb_collision.queries.rays.rays import _units_kernel, cast_rays
 from obb_collision.queries.verdict.verdict import Verdict
 from obb_collision.typing import Floats
 
@@ -262,6 +263,25 @@ def test_rays_that_miss(record_property: Record) -> None:
         record_property,
         [observed_at_flip(quantity(n, low), quantity(n, high)) for n in range(len(boxes))],
     )
+
+
+def test_rays_moved_ahead(record_property: Record) -> None:
+    """How far the point is from the line of the ray, with its direction as it was given."""
+    rng = np.random.default_rng(8)
+    ratios = []
+    for origin, direction, center in rng.normal(size=(200, 3, 3)):
+        start, units = 1e3 * origin, np.empty((1, 3))
+        _units_kernel(direction[None], units, np.empty(1))
+        ray = Ray(vector(start), vector(units[0]), np.inf)
+        found, ahead, bound = moved_ahead(ray, vector(center), 0.5)
+        if ahead <= 0.0:
+            continue
+        offset, line = difference(exact(start), exact(center)), exact(direction)
+        rest = difference(exact(found), offset)
+        share = dot(rest, line) / dot(line, line)
+        ratios.append(norm(difference(rest, [share * x for x in line])) / Fraction(bound))
+    assert len(ratios) > 50
+    check_ratios(record_property, ratios)
 
 
 def test_rays_down_the_tree(record_property: Record) -> None:

@@ -21,8 +21,10 @@ import numpy as np
 from obb_collision._jit import njit
 from obb_collision.numerics.constants import UNDERFLOW
 from obb_collision.numerics.error_free import length
+from obb_collision.queries.meshes.tree_descent import STACK, Bodies
 from obb_collision.queries.points.containment import INSIDE_BOUND, OUTSIDE, place_carefully
 from obb_collision.queries.points.grid import COUNT, GRID, START, find_cell
+from obb_collision.queries.points.mesh_points import body_holds
 from obb_collision.typing import Floats
 
 #: Columns of a box's record: centre (3), rotation (9), half extents (3), then these.
@@ -40,15 +42,19 @@ def lengths_kernel(offsets: Floats, rows: np.ndarray, out: Floats) -> None:
 def points_kernel(
     points: np.ndarray, start: int, end: int,
     whole: Floats, cells: np.ndarray, items: np.ndarray, frames: Floats, numbers: np.ndarray,
-    records: Floats, margin: float, found: np.ndarray, squares: Floats, labels: np.ndarray,
+    records: Floats, margin: float, meshes: Bodies | None,
+    found: np.ndarray, squares: Floats, labels: np.ndarray,
 ) -> int:  # fmt: skip
     """Write what boxes hold of points start to end; return how many are not finite.
+
+    Or the meshes in them, if there are.
 
     found (3, n): counts, first and nearest; squares (n,): of the least scaled distance; labels
     (p,) or (0,): the lowest box of each point.
     """
     ignored = 0
     labelled = len(labels) > 0
+    stack = np.empty((STACK, 2), np.int64)
     for n in range(start, end):
         x, y, z = float(points[n, 0]), float(points[n, 1]), float(points[n, 2])
         label = -1
@@ -64,6 +70,8 @@ def points_kernel(
                 b = items[m]
                 dx, dy, dz = x - records[b, 0], y - records[b, 1], z - records[b, 2]
                 if not _inside(records, b, dx, dy, dz, margin):
+                    continue
+                if meshes is not None and not body_holds(meshes, b, (x, y, z), margin, stack):
                     continue
                 scale = records[b, SCALE]
                 dx, dy, dz = scale * dx, scale * dy, scale * dz

@@ -12,12 +12,13 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Which points of a cloud lie inside which boxes, or within a margin of them.
+"""Which points of a cloud lie inside which boxes or meshes, or within a margin of them.
 
 Closed boxes, as in ``containment``: without a margin the answers are those of ``contains`` point
 by point, in which what doubles leave undecided counts as inside. With a margin a point
 counts if its Euclidean distance to the box is at most the margin, or exceeds it by less than
 2^-44 of the point's distance from the centre, the half extents and the margin.
+Of meshes, hulls among them, see ``mesh_points``.
 
 Clouds are taken as they are: float32 or float64, of any strides, NaN and infinite points among
 them. Parts of the cloud are tested in threads; sums and minima don't depend on how it is
@@ -36,6 +37,8 @@ from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.kinds import as_flag, check_kind
 from obb_collision.geometry.validation import as_array, as_points
 from obb_collision.numerics.constants import ROUNDOFF, UNDERFLOW
+from obb_collision.queries.meshes.meshes import PlacedMeshes
+from obb_collision.queries.meshes.root_boxes import root_boxes
 from obb_collision.queries.points.grid import build_grid
 from obb_collision.queries.points.kernels import lengths_kernel, points_kernel
 from obb_collision.queries.primitives.segments import LARGEST_EXPONENT
@@ -53,7 +56,7 @@ REACH = 8192 * ROUNDOFF
 
 @dataclass(frozen=True, eq=False)
 class PointsInside:
-    """What boxes hold of a cloud, box by box.
+    """What boxes, or meshes, hold of a cloud, one by one; the centre is that of the box of a mesh.
 
     indices (n,): rows of the boxes; in a report, indices of objects.
 
@@ -77,21 +80,22 @@ class PointsInside:
 
 
 def points_inside(
-    boxes: Boxes,
+    boxes: Boxes | PlacedMeshes,
     points: ArrayLike,
     margin: float = 0.0,
     *,
     each_point: bool = False,
 ) -> PointsInside:
-    """Return which points of a cloud lie inside which boxes.
+    """Return which points of a cloud lie inside which boxes or meshes.
 
     Parameters
     ----------
-    boxes : Boxes
+    boxes : Boxes or PlacedMeshes
+        Solids hold what is inside, surfaces what is on them.
     points : (p, 3) array_like
         Metres, float32 or float64; rows that are not finite are ignored and counted.
     margin : float
-        Metres; points this near to a box count, too.
+        Metres; points this near to a box or mesh count, too.
     each_point : bool
         Also say for each point in which box it is.
 
@@ -106,7 +110,7 @@ def points_inside(
     ValueError
         For points of another shape, or a negative margin.
     TypeError
-        For anything but boxes.
+        For anything but boxes and placed meshes.
 
     Examples
     --------
@@ -114,12 +118,15 @@ def points_inside(
     >>> oc.points_inside(zones, [[0.5, 0, 0], [0, 0, 0.75], [9, 9, 9]]).counts.tolist()
     [2, 0]
     """
-    check_kind(boxes, Boxes, "boxes")
+    if not isinstance(boxes, PlacedMeshes):
+        check_kind(boxes, Boxes, "boxes")
     as_flag(each_point, "each_point")
     cloud = as_points(points, "points")
     reach = float(as_array(margin, "margin", ()))
     if reach < 0.0:
         raise ValueError(f"margin must not be negative, got {reach!r}")
+    meshes = boxes.arrays if isinstance(boxes, PlacedMeshes) else None
+    boxes = boxes if isinstance(boxes, Boxes) else root_boxes(boxes)
     size = max(CHUNK, -(-len(cloud) // MOST_CHUNKS))
     starts = range(0, len(cloud), size)
     found = np.zeros((len(starts), 3, len(boxes)), np.int64)
@@ -131,11 +138,11 @@ def points_inside(
     def look(n: int) -> None:
         end = min(starts[n] + size, len(cloud))
         ignored[n] = points_kernel(
-            cloud, starts[n], end, *grid, reach, found[n], squares[n], labels
+            cloud, starts[n], end, *grid, reach, meshes, found[n], squares[n], labels
         )
 
     if len(starts) > 1:  # see ``_threads.run``
-        points_kernel(cloud, 0, 0, *grid, reach, found[0], squares[0], labels)
+        points_kernel(cloud, 0, 0, *grid, reach, meshes, found[0], squares[0], labels)
     run_parts(look, len(starts))
     return _merged(boxes, cloud, found, squares, int(ignored.sum()), labels if each_point else None)
 

@@ -129,12 +129,10 @@ def hit_mesh(ray: Ray, trees: TreeArrays, body: Body, best: float, work: Work) -
 
     Infinity and NONE for a miss, zero and WITHIN for an origin inside of a solid.
     """
-    d, radius = minus(ray.origin, body.place.center), trees.radii[body.mesh]
-    middle, error = -dot(d, ray.unit), AHEAD_BOUND * sum_abs(d)
-    if middle < -2.0 * radius:
+    radius = trees.radii[body.mesh]
+    d, ahead, error = moved_ahead(ray, body.place.center, 2.0 * radius)
+    if ahead < 0.0:
         return np.inf, NONE
-    ahead = max(middle - 2.0 * radius, 0.0)
-    d = plus(d, scaled(ray.unit, ahead))
     error += POINT_BOUND * (sum_abs(d) + radius) + MESH_UNDERFLOW
     o, w = components(body.place.axes, d), components(body.place.axes, ray.unit)
     if ahead == 0.0 and trees.solid[body.mesh]:  # noqa: SIM102  # a search comes last
@@ -145,6 +143,20 @@ def hit_mesh(ray: Ray, trees: TreeArrays, body: Body, best: float, work: Work) -
         trees, trees.roots[body.mesh], Local(o, w, error, unit_scale(radius)[0]), limit, work
     )
     return (ahead + time, triangle) if triangle >= 0 else (np.inf, NONE)
+
+
+@njit
+def moved_ahead(ray: Ray, center: Vector, reach: float) -> tuple[Vector, float, float]:
+    """Return a point of a ray seen from a centre, how far ahead it is, and by how much it is off.
+
+    No point before it is within reach of the centre; -1 ahead where none of the ray is.
+    """
+    d = minus(ray.origin, center)
+    middle = -dot(d, ray.unit)
+    if middle < -reach:
+        return d, -1.0, 0.0
+    ahead = max(middle - reach, 0.0)
+    return plus(d, scaled(ray.unit, ahead)), ahead, AHEAD_BOUND * sum_abs(d)
 
 
 @njit
