@@ -163,7 +163,9 @@ class RegionMerger:
         stamp : int
             Nanoseconds; rows of equal stamps are joined.
         rows : (n,) structured array
-            With the fields ``ns_a id_a ns_b id_b``, or ``ns id``, as the clouds of the node.
+            With the fields ``ns_a id_a ns_b id_b``, or ``ns id``, as the clouds of the node. They
+            replace those of the same region and stamp that are not joined yet, but for what has
+            passed: a node reports that once.
         now : float
             Seconds.
         topic : str
@@ -198,7 +200,7 @@ class RegionMerger:
             return None
         waiting = self._waiting.setdefault(topic, {})
         parts = waiting.setdefault(number, {})
-        parts[region] = rows
+        parts[region] = _with_passed(rows, parts.get(region))
         if len(parts) < len(self._regions):
             if len(waiting) > MOST_WAITING:
                 del waiting[next(iter(waiting))]
@@ -252,6 +254,17 @@ class RegionMerger:
         kept = owners == owners[firsts]
         self._repeated += int(np.count_nonzero(~kept))
         return rows if kept.all() else rows[kept]
+
+
+def _with_passed(rows: NDArray[Any], before: NDArray[Any] | None) -> NDArray[Any]:
+    """Return rows, and those of things that had passed before and are not among them."""
+    if before is None or "passed" not in (rows.dtype.names or ()) or before.dtype != rows.dtype:
+        return rows
+    fields = list(_fields_of(rows))
+    again = set(rows[rows["passed"] != 0][fields].tolist())
+    gone = before[before["passed"] != 0]
+    missed = [thing not in again for thing in gone[fields].tolist()]
+    return np.concatenate([rows, gone[np.array(missed, np.bool_)]])
 
 
 def _fields_of(rows: NDArray[Any]) -> tuple[str, ...]:

@@ -88,6 +88,16 @@ def test_the_last_rows_of_a_stamp_count_and_a_later_stamp_ends_the_wait_for_earl
     assert run.take("west", 2, rows((9, 9))) == [(9, 9)]  # unless time begins anew
 
 
+def test_what_passed_stays_when_a_region_evaluates_a_stamp_again(run: Run) -> None:
+    """With nothing new in between, a node has nothing that passed the second time."""
+    run.take("west", 1, rows((1, 2), (3, 4), (5, 6), passed=[1.0, 1.0, 0.0]))
+    run.take("west", 1, rows((3, 4), (1, 2), passed=[1.0, 0.0]))
+    run.take("west", 1, rows((7, 8), passed=[0.0]))
+    assert run.take("east", 1, rows(passed=[])) == [(1, 2), (3, 4), (7, 8)]
+    run.take("west", 1, rows(passed=[]))
+    assert run.take("east", 1, rows(passed=[])) == []
+
+
 def test_topics_are_joined_each_by_itself(run: Run) -> None:
     run.take("west", 1, rows((1, 2)), topic="contacts")
     assert run.take("east", 1, rows()) is None
