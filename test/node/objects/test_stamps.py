@@ -23,6 +23,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 from builtin_interfaces.msg import Time
+from effect_topics import listening
 from objects_rig import MILLISECOND, SECOND, START, ObjectsRig, place
 from rig import FRAME, Rig, cube, pose, sync
 from std_msgs.msg import Header
@@ -257,8 +258,9 @@ def test_by_topics_a_future_stamp_is_counted_and_never_published(rig: Rig) -> No
 
 
 def test_by_topics_the_points_of_the_future_carry_their_time_of_receipt(rig: Rig) -> None:
+    listening(rig, "points_inside")
     rig.send(cube(A1))
-    rig.listen("points_inside")
+    rig.answer()
     SENDERS["points"](rig, stamp_to_ros(rig.now() + HOUR))
     message = rig.until(lambda: (m := rig.last.get("points_inside")) and m.width and m, "inside")
     assert stamp_from_ros(message.header.stamp) <= rig.now()
