@@ -43,6 +43,7 @@ from obb_collision.queries.sweep.moving import MovingBoxes
 from obb_collision.queries.sweep.sweep import sweeps
 from obb_collision.queries.verdict.separations import separations
 from obb_collision.queries.verdict.verdict import Verdict, verdicts
+from obb_collision.robots.proved_pairs import prove_pairs
 from obb_collision.robots.robot import Robot
 from obb_collision.robots.robot_scene import RobotScene
 from obb_collision.scene.broad_phase.any_collision import any_collision
@@ -86,6 +87,7 @@ __all__ = [
     "overlap_volumes",
     "plane_distances",
     "points_inside",
+    "prove_pairs",
     "separations",
     "set_threads",
     "shapes",

@@ -63,6 +63,9 @@ OPTIONS: dict[str, dict[str, list[str]]] = {
     "obb_collision_latency": {
         "--objects": WHOLES, "--new": WHOLES, "--seconds": REALS, **SEED, **JSON,
     },
+    "obb_collision_srdf": {
+        "--time-limit": [*REALS, "0"], "--output": FILES, "--report": FILES,
+    },
     "obb_collision_speed": {
         **dict.fromkeys(("--sizes", "--threads", "--steps"), WHOLES), "--plot": PLOTS,
         **dict.fromkeys(("--moving", "--seconds", "--limit"), REALS), "--forms": ["none such"],
@@ -94,6 +97,8 @@ def test_arguments_that_cannot_be_used_are_refused_in_a_line(
         cases += [["a b"], ["/"], ["\ud800"], ["a", "b"]]
     elif script not in ("obb_collision_fuzz", "obb_collision_soak"):  # its are for the node
         cases += [["extra"]]
+    if script == "obb_collision_srdf":
+        cases += [["a.urdf", "extra"], []]
     for arguments in cases:
         with pytest.raises(SystemExit) as ended:
             main(arguments)
@@ -103,4 +108,4 @@ def test_arguments_that_cannot_be_used_are_refused_in_a_line(
         assert told.count("\n") == 1, (arguments, told)
         assert told[:-1].isprintable(), (arguments, told)
         assert len(told) < 2000
-        assert arguments[0].split("=")[0] in told or not arguments[0].startswith("-")
+        assert not arguments or arguments[0].split("=")[0] in told or arguments[0][0] != "-"

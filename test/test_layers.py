@@ -46,7 +46,7 @@ LAYERS: dict[str, set[str]] = {
     "queries": GEOMETRY,
     "obb": GEOMETRY | {"queries"},
     "scene": GEOMETRY | {"accuracy", "queries", "obb", "shapes"},
-    "robots": LIBRARY,
+    "robots": LIBRARY | {"cli"},
     "api": LIBRARY | {"robots", "scene_files"},
     "warm_up": LIBRARY | {"cli"},
     "scene_files": LIBRARY | {"robots"},

@@ -61,7 +61,7 @@ SLACK = 1e-9
 #: The same of the depth of two bodies, which is found by a search.
 DEPTH_SLACK = 1e-6
 #: A cell narrower than this in all its variables, radians or metres, is not divided.
-NARROWEST = 1e-4
+NARROWEST = 1e-5
 #: How a search ended, or that it goes on.
 GOES_ON, PROVED, FOUND, UNDECIDED = 0, 1, 2, 3
 #: Steps downhill from where a cell could not be decided, how much farther than to the contact each
@@ -342,26 +342,33 @@ def _widest(
 ) -> int:  # fmt: skip
     """Return the variable that loosens the bound most; -1 if there is none.
 
-    By how fast the nearest points p and q part along n, and by the curvature of their paths.
+    By the curvature of the paths, and where that alone does not prevent a proof, by how fast the
+    nearest points p and q part along n.
     """
+    slopes, curves = np.zeros(len(lower)), np.zeros(len(lower))
+    _add_slopes(a, p, negated(n), 0, work, slopes)
+    _add_slopes(b, q, n, 1, work, slopes)
+    _add_curves(a, 0, work, curves)
+    _add_curves(b, 1, work, curves)
+    gap = dot(n, minus(q, p)) - a.round - b.round
+    for v in range(len(lower)):
+        slopes[v] = 0.5 * abs(slopes[v]) * (upper[v] - lower[v])
+        gap -= slopes[v]
     best, found = 0.0, -1
     for v in range(len(lower)):
-        weight = 0.0
-        for side in range(2):
-            body, point = (a, p) if side == 0 else (b, q)
-            total = 0.0
-            for i in range(len(body.chain.axes)):
-                if not body.chain.slides[i]:
-                    total += work.widths[side, i]
-            for i in range(len(body.chain.axes)):
-                if body.chain.columns[i] != v:
-                    continue
-                axis, arm = (
-                    vector_at(work.axes[side], i),
-                    minus(point, vector_at(work.origins[side], i)),
-                )
-                speed = axis if body.chain.slides[i] else cross(axis, arm)
-                weight += work.widths[side, i] * (abs(dot(n, speed)) + work.far[side, i] * total)
+        weight = curves[v] + (slopes[v] if gap <= 0.0 else 0.0)
         if weight > best and upper[v] > lower[v]:
             best, found = weight, v
     return found
+
+
+@njit
+def _add_curves(body: Moving, side: int, work: Work, curves: Floats) -> None:
+    """Add what each variable has to do with the curvature of the path of a body."""
+    chain = body.chain
+    total = 0.0
+    for i in range(len(chain.axes)):
+        if not chain.slides[i]:
+            total += work.widths[side, i]
+    for i in range(len(chain.axes)):
+        curves[chain.columns[i]] += work.widths[side, i] * work.far[side, i] * total

@@ -22,12 +22,14 @@ with a state in which they do. What is neither proved nor found in time is undec
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
 
+from obb_collision.geometry.kinds import check_kind
+from obb_collision.geometry.shapes.primitives import positive_number
 from obb_collision.numerics.lanes import in_blocks
 from obb_collision.robots.bodies import Body, body_of
 from obb_collision.robots.cells import (
@@ -41,6 +43,8 @@ from obb_collision.robots.cells import (
 )
 from obb_collision.robots.chains import Between, Chain, chains_between
 from obb_collision.robots.robot import Robot
+from obb_collision.robots.robot_arrays import chain_lengths
+from obb_collision.robots.srdf import sorted_pair
 from obb_collision.typing import Floats
 
 NEVER, ALWAYS, ADJACENT, CAN_COLLIDE, UNDECIDED = (
@@ -84,32 +88,62 @@ class PairProof:
 def prove_pairs(
     robot: Robot, time_limit: float = 60.0, progress: Callable[[PairProof], None] | None = None
 ) -> list[PairProof]:
-    """Return what is proved of each pair of links with shapes, in the order of the links.
+    """Return what is proved of each pair of links with shapes, for all states within the limits.
 
-    time_limit: seconds for all pairs. progress: called with each, in the order in which they are
-    done.
+    Bodies are those of accuracy ``hull``. Joints without limits turn once around; where one that
+    slides, or a planar or floating one, has none, a pair is undecided. The SRDF does not matter.
+
+    Parameters
+    ----------
+    robot : Robot
+    time_limit : float
+        Seconds for all pairs; what is not done by then is undecided.
+    progress : callable, optional
+        Called with each ``PairProof`` when it is done.
+
+    Returns
+    -------
+    list of PairProof
+        In the order of the links.
+
+    Raises
+    ------
+    ValueError
+        Naming the argument.
+
+    Examples
+    --------
+    >>> ball = '<collision><geometry><sphere radius="0.1"/></geometry></collision>'
+    >>> links = "".join(f'<link name="{name}">{ball}</link>' for name in "abc")
+    >>> joints = "".join(
+    ...     f'<joint name="{a}{b}" type="revolute"><parent link="{a}"/><child link="{b}"/>'
+    ...     '<origin xyz="0.3 0 0"/><axis xyz="0 0 1"/><limit lower="-1" upper="1"/></joint>'
+    ...     for a, b in ("ab", "bc")
+    ... )
+    >>> robot = oc.Robot.from_urdf(f'<robot name="r">{links}{joints}</robot>')
+    >>> for proof in oc.prove_pairs(robot):
+    ...     print(*proof.links, proof.verdict)
+    a b adjacent
+    a c never
+    b c adjacent
     """
-    end = time.monotonic() + time_limit
-    bodies = {
-        link: [body_of(shape, pose) for shape, pose in shapes]
-        for link, shapes in zip(robot.link_names, robot.shapes, strict=True)
-        if shapes
-    }
-    waiting = []
+    check_kind(robot, Robot, "robot")
+    limit = positive_number(time_limit, "time_limit")
+    bodies = _bodies(robot)
+    order = [sorted_pair(a, b) for a, b in combinations(bodies, 2)]
     done: dict[tuple[str, str], PairProof] = {}
-    for a, b in combinations(bodies, 2):
-        links = (min(a, b), max(a, b))
-        if links in robot.adjacent_pairs:
-            done[links] = PairProof(links, ADJACENT)
-            continue
-        between = chains_between(robot, *links)
-        if between is None:
-            done[links] = PairProof(links, UNDECIDED)
-        else:
+    waiting = []
+    for links in order:
+        between = None if links in robot.adjacent_pairs else chains_between(robot, *links)
+        if between is not None:
             waiting.append(_Pair(robot, links, between, bodies[links[0]], bodies[links[1]]))
-    if progress is not None:
-        for proof in done.values():
-            progress(proof)
+            continue
+        done[links] = PairProof(links, ADJACENT if links in robot.adjacent_pairs else UNDECIDED)
+        if progress is not None:
+            progress(done[links])
+    for pair in waiting[:1]:
+        pair.load_kernels()
+    end = time.monotonic() + limit
     waiting.sort(key=lambda pair: len(pair.between.rows))
     for left, pair in zip(range(len(waiting), 0, -1), waiting, strict=True):
         start = time.monotonic()
@@ -117,8 +151,17 @@ def prove_pairs(
         done[proof.links] = proof
         if progress is not None:
             progress(proof)
-    order = [(min(a, b), max(a, b)) for a, b in combinations(bodies, 2)]
     return [done[links] for links in order]
+
+
+def _bodies(robot: Robot) -> dict[str, list[Body]]:
+    """Return the bodies of all links with shapes, as checks of states have them."""
+    chains = chain_lengths(robot.tree, robot.lower, robot.upper).tolist()
+    return {
+        link: [body_of(shape, pose, chain=chain) for shape, pose in shapes]
+        for link, shapes, chain in zip(robot.link_names, robot.shapes, chains, strict=True)
+        if shapes
+    }
 
 
 class _Pair:
@@ -139,6 +182,14 @@ class _Pair:
         verdict, state = self._decide(end)
         witness = None if state is None else self._whole(state)
         return PairProof(self.links, verdict, witness, self._cells, time.monotonic() - start)
+
+    def load_kernels(self) -> None:
+        """Compile or load the kernels, which takes up to a minute the first time."""
+        a, b = self._bodies[0]
+        count = len(self.between.rows)
+        find_state(a, b, np.empty((0, count)), True)
+        cells, limits = np.empty((1, 2, count)), np.empty((2, count))
+        search_cells(a, b, cells, 0, 0, False, limits, np.empty(count))
 
     def _decide(self, end: float) -> tuple[str, Floats | None]:
         between = self.between
@@ -167,7 +218,8 @@ class _Pair:
         """Search the cells of a pair of bodies until a time."""
         count = len(self.between.rows)
         cells = np.empty((MOST_CELLS + 1, 2, count))
-        limits = cells[0] = np.array([self.between.lower, self.between.upper])
+        limits: Floats = np.array([self.between.lower, self.between.upper])
+        cells[0] = limits
         state, waiting, outcome = np.empty(count), 1, GOES_ON
         while outcome == GOES_ON and time.monotonic() < end:
             outcome, waiting, visited = search_cells(
@@ -188,9 +240,5 @@ class _Pair:
 
 def _moving(body: Body, chain: Chain) -> Moving:
     x, y, z = body.center.tolist()
-    return Moving(chain, in_blocks(body.corners), (x, y, z), body.sphere, body.round, body.reach)
-
-
-def rigid(proofs: list[PairProof]) -> Iterator[PairProof]:
-    """Yield the proofs of pairs that need not be checked."""
-    return (proof for proof in proofs if proof.verdict in (NEVER, ALWAYS, ADJACENT))
+    sphere = max(body.sphere - body.round, 0.0)
+    return Moving(chain, in_blocks(body.corners), (x, y, z), sphere, body.round, body.reach)

@@ -65,7 +65,7 @@ class Element:
     """An element of XML: its attributes as numbers and names, its children by tag."""
 
     def __init__(self, node: Any, file: str, within: str = "") -> None:
-        self._node, self._file = node, file
+        self.node, self._file = node, file
         name = node.get("name")
         label = f"{node.tag} {shown(name)}" if name is not None else f"{node.tag}"
         self.tag = str(node.tag)
@@ -77,7 +77,7 @@ class Element:
     @property
     def line(self) -> int:
         """Its line in the file."""
-        return int(self._node.sourceline or 0)
+        return int(self.node.sourceline or 0)
 
     def refuse(self, reason: str) -> RobotError:
         """Return the error that names this element."""
@@ -99,7 +99,7 @@ class Element:
         """Return the children of some tags, or all, in the order of the file."""
         return [
             Element(node, self._file, self.label)
-            for node in self._node
+            for node in self.node
             if isinstance(node.tag, str) and (not tags or node.tag in tags)
         ]
 
@@ -119,7 +119,7 @@ class Element:
 
     def get(self, key: str) -> str | None:
         """Return an attribute, None without it."""
-        value = self._node.get(key)
+        value = self.node.get(key)
         return None if value is None else str(value)
 
     def word(self, key: str, most: int = 255) -> str:

@@ -289,6 +289,7 @@ STEPS: dict[str, Callable[[], None] | str] = {
     "queries of rays, planes, points, capsules, triangles": _other_queries,
     "queries of meshes": _mesh_queries,
     "fits": _fits,
+    "robots": "obb_collision.warm_up.robots:run",
     # looked up by name, as it is in a layer above
     MESSAGES: "obb_collision.node.kernels:compile_kernels",
 }
