@@ -95,10 +95,10 @@ def test_arguments_that_cannot_be_used_are_refused_in_a_line(
     cases += [["--nonsense"], ["--nonsense=\ud800\x1b"], *([option] for option in OPTIONS[script])]
     if script == "obb_collision_view":  # takes the name of a node
         cases += [["a b"], ["/"], ["\ud800"], ["a", "b"]]
+    elif script == "obb_collision_srdf":
+        cases += [["a.urdf", "extra"], []]
     elif script not in ("obb_collision_fuzz", "obb_collision_soak"):  # its are for the node
         cases += [["extra"]]
-    if script == "obb_collision_srdf":
-        cases += [["a.urdf", "extra"], []]
     for arguments in cases:
         with pytest.raises(SystemExit) as ended:
             main(arguments)

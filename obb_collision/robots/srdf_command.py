@@ -40,7 +40,7 @@ def _parser() -> Parser:
         "up stay checked.",
         epilog=f"For example: {NAME} arm.urdf -o arm.srdf --time-limit 60",
     )
-    parser.add_argument("urdf", type=Path, metavar="URDF", help="file of the robot")
+    parser.add_argument("urdf", type=Path, nargs="?", metavar="URDF", help="file of the robot")
     parser.add_argument(
         "-o", "--output", type=new_file(), metavar="FILE",
         help="file of the SRDF; else it is printed",
@@ -58,7 +58,10 @@ def _parser() -> Parser:
 @interruptible(NAME)
 def main(args: Sequence[str] | None = None) -> int:
     """Prove pairs and write the SRDF; returns the exit code."""
-    options = _parser().parse_args(args)
+    parser = _parser()
+    options = parser.parse_args(args)
+    if options.urdf is None:  # not before unknown options are named
+        parser.error("the file of the robot is missing")
     from obb_collision.robots.proved_pairs import PairProof, prove_pairs
     from obb_collision.robots.robot import Robot
     from obb_collision.robots.srdf_text import report, srdf_text
