@@ -121,6 +121,12 @@ def scene_calls() -> Iterator[tuple[str, Callable[..., Any], dict[str, Any]]]:
             [1.0, 1, 1],
         ),
         "pose": (lambda s, v: s.add("d", Sphere(1.0), v), IDENTITY),
+        "cast_rays": (lambda s, v: s.cast_rays(v, [[1, 0, 0]]), [[0, 0, 0]]),
+        "cast_rays directions": (lambda s, v: s.cast_rays([[0, 0, 0]], v), [[1, 0, 0]]),
+        "cast_rays accuracy": (
+            lambda s, v: s.cast_rays([[0, 0, 0]], [[1, 0, 0]], accuracy=v),
+            "hull",
+        ),
     }
     for name, (change, good) in changes.items():
         yield f"Scene.{name}", checked(change), {"value": good}

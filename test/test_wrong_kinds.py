@@ -262,6 +262,10 @@ FUNCTIONS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
         scene().query,
         {"shape": Sphere(1), "pose": POSE, "padding": 0.1, "accuracy": "hull", "ignore": ["a"]},
     ),
+    "Scene.cast_rays": (
+        scene().cast_rays,
+        {"origins": POINTS, "directions": UNITS, "max_distance": 1.0, "accuracy": "mesh"},
+    ),
     "Scene.obb": (scene().obb, {"name": "a"}),
     "Scene.allow": (scene().allow, {"first": "a", "second": "b", "allowed": True}),
     "Scene.set_effect": (

@@ -30,6 +30,7 @@ from obb_collision.geometry.kinds import as_flag, check_kind
 from obb_collision.geometry.poses import IDENTITY_POSE
 from obb_collision.geometry.validation import as_array, as_points, as_whole, warn_caller
 from obb_collision.obb import OBB
+from obb_collision.queries.rays.rays import RayHits
 from obb_collision.scene.checker import Checker
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.effects.base import Before, Cycle, Outcome, Setting
@@ -37,6 +38,7 @@ from obb_collision.scene.effects.settings import EffectSettings
 from obb_collision.scene.findings import Findings
 from obb_collision.scene.objects import SceneObjects, check_padding, local_box
 from obb_collision.scene.questions import any_collides, body_in, colliding_with
+from obb_collision.scene.ray_questions import cast_at_objects
 from obb_collision.scene.refinement.budget import Budget
 from obb_collision.scene.refinement.ladder import needs_spheres
 from obb_collision.scene.refinement.mesh_pairs import prepare_shapes
@@ -518,6 +520,51 @@ class Scene(SceneObjects):
             found = colliding_with(self._store, self._cache, slot, self._tree_depth, self._exact)
             names = [str(self._store.names[row]) for row in found]
         return [name for name, out in zip(names, matching(patterns, names), strict=True) if not out]
+
+    def cast_rays(
+        self,
+        origins: ArrayLike,
+        directions: ArrayLike,
+        max_distance: ArrayLike = np.inf,
+        *,
+        accuracy: Accuracy | str | None = None,
+    ) -> RayHits:
+        """Return what each ray hits first: for lines of sight, and for simulated sensors.
+
+        Parameters
+        ----------
+        origins : (m, 3) array_like
+            Metres.
+        directions : (m, 3) array_like
+            Of any length but zero.
+        max_distance : float or (m,) array_like
+            Metres, infinity allowed.
+        accuracy : Accuracy or str, optional
+            Of all objects, by default that of each: below "hull" its box, else its hull or its
+            triangles. Round shapes are a convex mesh around them, padded objects their boxes.
+
+        Returns
+        -------
+        RayHits
+            ``boxes`` are indices of objects, -1 for none.
+
+        Raises
+        ------
+        ValueError
+            Naming the argument and the row.
+
+        Examples
+        --------
+        >>> scene = oc.Scene()
+        >>> _ = scene.add("wall", oc.shapes.Box([1, 5, 5]), [4, 0, 0, 0, 0, 0, 1])
+        >>> found = scene.cast_rays([[0, 0, 0]], [[1, 0, 0]])
+        >>> scene.name(found.boxes[0]), found.distances.tolist()
+        ('wall', [3.5])
+        """
+        level = None if accuracy is None else as_accuracy(accuracy)
+        return cast_at_objects(
+            *(self._store, self._cache, level, origins, directions, max_distance)
+        )
 
     def _find(self) -> Findings:
         """Return what collides and nothing more: what a check costs without any effect."""

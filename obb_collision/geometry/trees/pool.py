@@ -159,6 +159,15 @@ class TreePool(Pool[MeshTrees]):
         }
 
 
+class HullTreePool(TreePool):
+    """Trees of convex meshes about shapes: what ``HULL`` is for questions that need surfaces."""
+
+    @staticmethod
+    def built(body: Body) -> MeshTrees:
+        """Return the tree of a box, or of the hull of another shape."""
+        return box_tree(body) if isinstance(body, np.ndarray) else hull_tree(body)
+
+
 class HullPool(Pool[Hulls]):
     """Hulls, one after another."""
 

@@ -29,7 +29,15 @@ from numpy.typing import NDArray
 
 from obb_collision.geometry.shapes.primitives import Box, Shape
 from obb_collision.geometry.trees.obb_tree import MeshTrees
-from obb_collision.geometry.trees.pool import Body, HullPool, Hulls, Item, Pool, TreePool
+from obb_collision.geometry.trees.pool import (
+    Body,
+    HullPool,
+    Hulls,
+    HullTreePool,
+    Item,
+    Pool,
+    TreePool,
+)
 from obb_collision.obb import OBB
 from obb_collision.scene.store.kinds import ROUND, kind_of, round_sizes
 from obb_collision.scene.store.store import ObjectStore
@@ -193,6 +201,7 @@ class ShapeCache:
         self._shapes: dict[int, Shape] = {}
         self._round: dict[int, tuple[float, float]] = {}
         self._trees, self._hulls = PerShape(TreePool), PerShape(HullPool)
+        self._hull_trees = PerShape(HullTreePool)
         self.outside: OutsideTrees | None = None
         """What builds the trees and hulls of large shapes, so that a check does not wait."""
 
@@ -201,7 +210,7 @@ class ShapeCache:
         return self._trees, self._hulls
 
     def __len__(self) -> int:
-        return len(self._trees) + len(self._hulls)
+        return len(self._trees) + len(self._hulls) + len(self._hull_trees)
 
     def put(self, slot: int, shape: Shape | OBB) -> int:
         """Keep the shape of a slot unless it is a box; return its kind."""
@@ -217,7 +226,7 @@ class ShapeCache:
         """Drop the shape of a slot."""
         self._shapes.pop(slot, None)
         self._round.pop(slot, None)
-        for per_shape in self._all:
+        for per_shape in (*self._all, self._hull_trees):
             entry = per_shape.drop(slot)
             if entry is not None and self.outside is not None:
                 self.outside.drop(entry)
@@ -230,8 +239,9 @@ class ShapeCache:
 
     def clear(self) -> None:
         """Drop all shapes."""
-        self.drop_many({*self._shapes, *self._trees.by_slot, *self._hulls.by_slot})
-        for per_shape in self._all:
+        all_of = (*self._all, self._hull_trees)
+        self.drop_many({*self._shapes, *(slot for each in all_of for slot in each.by_slot)})
+        for per_shape in all_of:
             per_shape.clear()
 
     def retain(self, slot: int) -> None:
@@ -264,6 +274,16 @@ class ShapeCache:
         elif per_shape.build(slots, body_of, budget) and per_shape.is_wasteful:
             per_shape.exchange()
         return per_shape.rows(slots) >= 0
+
+    def surfaces(self, slots: Rows, hull: bool) -> tuple[MeshTrees, Rows]:
+        """Return trees of triangles, or of hulls, and the row (k,) of each slot's; built now.
+
+        Slots of shapes that are no boxes.
+        """
+        per_shape = self._hull_trees if hull else self._trees
+        if per_shape.build(slots, self._shapes.__getitem__, None) and per_shape.is_wasteful:
+            per_shape.exchange()
+        return per_shape.pool.all, per_shape.rows(slots)
 
     def take_built(self) -> None:
         """Take the trees and hulls that were built outside since the last time."""
