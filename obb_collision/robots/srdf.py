@@ -18,9 +18,13 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from obb_collision.robots.urdf import Joint, JointKind
+from obb_collision.robots.urdf import Joint, JointKind, check_count
 from obb_collision.robots.xml_values import Element
 
+#: Maximum number of groups, and of what all of them hold: a hundred times that of large robots.
+MOST_GROUPS, MOST_MEMBERS = 1000, 10_000
+#: Doubts that are reported; a file with more has one cause.
+MOST_DOUBTS = 100
 #: Pairs of links, each sorted.
 Pairs = frozenset[tuple[str, str]]
 #: The kinds of virtual joints.
@@ -91,7 +95,8 @@ class _Reader:
 
     def doubt(self, element: Element, reason: str) -> None:
         """Add what is odd but can be used."""
-        self.doubts.append(str(element.refuse(reason)))
+        if len(self.doubts) < MOST_DOUBTS:
+            self.doubts.append(str(element.refuse(reason)))
 
     def link(self, element: Element, key: str) -> str | None:
         """Return the link that an attribute names, None if the robot has none of this name."""
@@ -133,7 +138,11 @@ class _Reader:
     def groups(self) -> dict[str, Group]:
         """Return all groups, with what their subgroups have."""
         elements: dict[str, Element] = {}
-        for element in self._srdf.children("group"):
+        found = self._srdf.children("group")
+        check_count(found, MOST_GROUPS, "groups")
+        parts = [part for element in found for part in element.children()]
+        check_count(parts, MOST_MEMBERS, "parts of groups")
+        for element in found:
             name = element.word("name")
             if name in elements:
                 raise element.refuse("there is another group of this name")

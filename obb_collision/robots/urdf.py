@@ -28,6 +28,10 @@ from typing import NamedTuple
 from obb_collision.geometry.poses import Pose
 from obb_collision.robots.xml_values import Element
 
+#: Maximum number of links, ten times that of humanoids with hands: pairs of them are listed.
+MOST_LINKS = 1000
+#: Maximum number of collision geometries.
+MOST_GEOMETRIES = 10_000
 #: The kinds of geometry, and shape of capsules that URDF has from its version 1.2 on.
 GEOMETRIES = ("box", "sphere", "cylinder", "capsule", "mesh")
 #: The pose of what has no ``<origin>``.
@@ -103,7 +107,13 @@ def read_urdf(robot: Element) -> Description:
     if robot.tag != "robot":
         raise robot.refuse("the root of a URDF is <robot>")
     links: dict[str, tuple[Collision, ...]] = {}
-    for element in robot.children("link"):
+    elements = robot.children("link")
+    check_count(elements, MOST_LINKS, "links")
+    check_count(
+        [one for element in elements for one in element.children("collision")],
+        MOST_GEOMETRIES, "collision geometries",
+    )  # fmt: skip
+    for element in elements:
         name = element.word("name")
         if name in links:
             raise element.refuse("there is another link of this name")
@@ -126,6 +136,12 @@ def read_urdf(robot: Element) -> Description:
             doubts.append(str(joint.element.refuse(reason)))
             joints[joint.name] = replace(joint, mimic=None)
     return Description(robot.word("name"), links, joints, robot, tuple(doubts))
+
+
+def check_count(elements: list[Element], most: int, what: str) -> None:
+    """Raise RobotError, naming the first one too many, for more elements than there may be."""
+    if len(elements) > most:
+        raise elements[most].refuse(f"there are {len(elements)} {what}, {most} is the limit")
 
 
 def _read_collision(element: Element) -> Collision:

@@ -185,6 +185,30 @@ def test_limits_bound_what_is_read(monkeypatch: pytest.MonkeyPatch) -> None:
         oc.Robot.from_urdf(many)
 
 
+def test_there_are_no_more_links_and_shapes_than_can_be_paired() -> None:
+    with pytest.raises(
+        RobotError, match=r"^urdf:1002: link 'l1000': there are 1001 links, 1000 is"
+    ):
+        oc.Robot.from_urdf(urdf(*(link(f"l{k}") for k in range(1001))))
+    many = ['<sphere radius="1"/>'] * 10_001
+    with pytest.raises(
+        RobotError, match="there are 10001 collision geometries, 10000 is the limit"
+    ):
+        oc.Robot.from_urdf(urdf(link("a", *many)))
+
+
+def test_as_many_links_as_there_may_be_are_read_whatever_connects_them() -> None:
+    names = [f"l{k}" for k in range(999)]
+    star = urdf(
+        link("hub"), *(link(name, '<sphere radius="1"/>') for name in names),
+        *(joint(f"j{name}", "fixed", "hub", name, "") for name in names),
+    )  # fmt: skip
+    srdf = urdf(*(f'<disable_default_collisions link="{name}"/>' for name in names))
+    robot = oc.Robot.from_urdf(star, srdf)
+    assert len(robot.adjacent_pairs) == 999 * 998 // 2
+    assert len(robot.disabled_pairs) == 1000 * 999 // 2
+
+
 def test_comments_declarations_and_other_elements_are_no_harm() -> None:
     text = '\ufeff<?xml version="1.0"\n encoding="utf-16"?><!-- <!DOCTYPE --><?pi x?>' + urdf(
         A, '<gazebo reference="a"><mu1>1</mu1></gazebo>', "<transmission/>", "<!-- <link/> -->"

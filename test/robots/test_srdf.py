@@ -122,3 +122,15 @@ def test_an_srdf_is_read_within_the_limits_of_urdfs() -> None:
         oc.Robot.from_urdf(ARM, '<!DOCTYPE r [<!ENTITY a "b">]>\n<robot name="r"/>')
     with pytest.raises(RobotError, match="the root of an SRDF"):
         oc.Robot.from_urdf(ARM, "<sdf/>")
+
+
+def test_groups_and_doubts_have_limits() -> None:
+    with pytest.raises(RobotError, match="there are 1001 groups, 1000 is the limit"):
+        robot(*(f'<group name="g{k}"/>' for k in range(1001)))
+    chains = '<chain base_link="a" tip_link="c"/>' * 10_001
+    with pytest.raises(RobotError, match="there are 10001 parts of groups"):
+        robot(f'<group name="g">{chains}</group>')
+    nested = [f'<group name="g{k}"><group name="g{k + 1}"/></group>' for k in range(1000)]
+    assert len(robot(*nested).groups) == 1000
+    found = robot(*('<disable_collisions link1="x" link2="y"/>' for _ in range(200)))
+    assert len(found.doubts) == 100
