@@ -47,7 +47,6 @@ class StateReport:
 
     Attributes
     ----------
-    colliding : (n,) numpy.ndarray
     out_of_limits : (n, joints) numpy.ndarray
         The joints that are out of their limits.
     first_pairs : (n, 2) numpy.ndarray
@@ -151,8 +150,6 @@ class MotionReport:
 
     Attributes
     ----------
-    valid : (n,) numpy.ndarray
-        Within limits, and certainly free all the way.
     parameters : (n,) numpy.ndarray
         From 0 at the start to 1 at the end: up to there the motion is certainly free, and there,
         or within ``resolution`` of it, it collides; NaN where it does not.

@@ -11,6 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
+
 """How far two sets of points are apart, hulls taken, by fractions alone: nothing of the library.
 
 A point x of the difference of both hulls is the nearest to the origin exactly if no point w of it

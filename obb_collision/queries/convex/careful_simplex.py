@@ -11,6 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
+
 """The point of a simplex nearest to the origin, with twice the digits, by trying all its parts.
 
 For bodies nearly in touch and for needles, where ``simplex`` chooses the wrong part or a direction

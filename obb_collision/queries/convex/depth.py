@@ -11,6 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
+
 """How deep two convex bodies overlap: the least translation that parts them.
 
 The expanding polytope of van den Bergen 2001: within the difference of both cores a polytope grows

@@ -11,6 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
+
 """The distance of two convex bodies: a plane between them below, two of their points above.
 
 The search is that of Gilbert, Johnson and Keerthi 1988, in the frame of a. However it went, the

@@ -11,6 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
+
 """Distances of many pairs of convex bodies, with their closest points.
 
 What is promised: no lower bound is above the truth, and the points, which lie in the bodies, are

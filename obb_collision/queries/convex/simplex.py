@@ -11,6 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
+
 """Points of the difference of two bodies, and what of their hull is nearest to the origin.
 
 As ``numerics.simplex`` (Ericson 2005, 5.1.5 and 5.1.6), with the points of both bodies that each

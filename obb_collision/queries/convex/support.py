@@ -11,6 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
+
 """Convex bodies as kernels see them: a core, known by its farthest points, and a radius about it.
 
 A body is everything within ``radius`` of its core; the core is the hull of corners, a box, a
