@@ -36,6 +36,7 @@ from obb_collision.cli import Parser, interruptible, new_file, option
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.trees.obb_tree import MeshTrees
 from obb_collision.queries.clearance.clearance import clearances
+from obb_collision.queries.meshes.mesh_clearance import mesh_clearances
 from obb_collision.queries.meshes.meshes import PlacedMeshes, mesh_verdicts
 from obb_collision.queries.verdict.verdict import SEPARATE, verdicts
 
@@ -63,7 +64,7 @@ the reports are mended in the versions above, as far as these pairs show.
 
 
 def ours(a: Body, b: Body) -> Answer:
-    """Return the answer of this library: of boxes the exact verdict and the clearance."""
+    """Return the answer of this library: exact verdict and clearance; of meshes no depth."""
     if isinstance(a, PlacedBox) and isinstance(b, PlacedBox):
         one, two = (Boxes([x.center], [x.rotation], [x.half_extents]) for x in (a, b))
         collides = verdicts(one, two, exact=True)[0] != SEPARATE
@@ -74,7 +75,9 @@ def ours(a: Body, b: Body) -> Answer:
     trees = MeshTrees.join([MeshTrees.build(x, outward_faces(x)) for x in (a, b)])
     bodies = PlacedMeshes(trees, [0, 1], np.zeros((2, 3)), [np.eye(3)] * 2)
     verdict = mesh_verdicts(bodies, bodies, [[0, 1]], exact=True)[0]
-    return Answer(bool(verdict != SEPARATE), math.nan)
+    found = mesh_clearances(bodies, bodies, [[0, 1]])
+    collides = bool(verdict != SEPARATE)
+    return Answer(collides, math.nan if collides else float(found.distances[0]))
 
 
 def fault(answer: Answer, distance: float, bug: KnownBug) -> str:

@@ -228,8 +228,7 @@ KNOWN_BUGS = (
         f"{MUJOCO}/issues/3383",
         "Distance exactly 0 for convex meshes that are clearly apart.",
         f"{HULLS} pairs of random convex meshes, each with a plane that proves a least distance: "
-        "the script of the report draws its own. This library has no distance of meshes; it must "
-        "find all of them apart.",
+        "the script of the report draws its own.",
         _HULLS,
         _GAPS,
         least=True,
