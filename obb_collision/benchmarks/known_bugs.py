@@ -75,9 +75,9 @@ def ours(a: Body, b: Body) -> Answer:
     trees = MeshTrees.join([MeshTrees.build(x, outward_faces(x)) for x in (a, b)])
     bodies = PlacedMeshes(trees, [0, 1], np.zeros((2, 3)), [np.eye(3)] * 2)
     verdict = mesh_verdicts(bodies, bodies, [[0, 1]], exact=True)[0]
-    found = mesh_clearances(bodies, bodies, [[0, 1]])
+    distance = float(mesh_clearances(bodies, bodies, [[0, 1]]).distances[0])
     collides = bool(verdict != SEPARATE)
-    return Answer(collides, math.nan if collides else float(found.distances[0]))
+    return Answer(collides, math.nan if collides else distance)
 
 
 def fault(answer: Answer, distance: float, bug: KnownBug) -> str:

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import pytest
 
+from obb_collision.benchmarks.peers import mesh_distances
 from obb_collision.benchmarks.peers.meshes import compare, installed, meshes
 
 
@@ -30,3 +31,16 @@ def test_all_sides_agree_and_are_timed() -> None:
         assert row[f"{peer}_differ"] == 0
         assert f"{peer}_ratio" in row
     assert 0.0 < row["colliding"] < 1.0
+
+
+def test_all_sides_measure_the_same_distances() -> None:
+    peers = mesh_distances.installed()
+    if not peers:
+        pytest.skip("neither python-fcl nor coal is installed")
+    first, second = meshes()["box 12 / box 12"]
+    row = mesh_distances.compare(first, second, 50, 1.6)
+    assert 0.0 < row["colliding"] < 1.0
+    assert row["bounds_m"] < 1e-9
+    for peer in peers:
+        assert row[f"{peer}_differ_m"] < 1e-6
+        assert f"{peer}_ratio" in row
