@@ -28,8 +28,10 @@ from obb_collision.node.parameters.parameters import Parameters
 from obb_collision.node.runtime.warm_up import WarmUp
 from obb_collision.scene.building.process import Limits
 from obb_collision.scene.effects import EFFECTS
+from obb_collision.scene.effects.base import ACCURACY
 from obb_collision.scene.effects.settings import AUTO, OFF
 from obb_collision.scene.refinement.budget import ABOVE
+from obb_collision.scene.refinement.placed_shapes import AS_PAIRS
 from obb_collision.scene.store.allowed import Rule
 from obb_collision.scene.store.overrides import limited
 from obb_collision.scene_files.mesh_files import MeshReading
@@ -67,6 +69,11 @@ class SceneSettings:
         self.apply_accuracy()
         groups = Groups(parameters.groups)
         self._apply_filters(groups)
+        self._apply_effects(groups)
+
+    def _apply_effects(self, groups: Groups) -> None:
+        """Set the effects, and the region, whose halo depends on them."""
+        parameters, scene = self._parameters, self._objects.scene
         settings = {name: self._effect_setting(name, groups) for name in EFFECTS}
         if self._effects != settings or scene.region != parameters.share:
             scene.region = None  # its halo fits the new options, maybe not the old ones
@@ -81,6 +88,8 @@ class SceneSettings:
         mode = OFF if self._parameters.mode(name) == OFF else AUTO
         setting = {"mode": mode, **self._parameters.setting(name)}
         setting["objects"] = groups.all_meant(setting["objects"])
+        if self.waiting and ACCURACY in setting:
+            setting[ACCURACY] = "obb"
         return setting
 
     def _apply_filters(self, groups: Groups) -> None:
@@ -103,7 +112,7 @@ class SceneSettings:
         """
         parameters, objects = self._parameters, self._objects
         missing = [n for n in requested_levels(parameters) if not self._warm.is_ready(n)]
-        self.waiting = bool(missing)
+        waited, self.waiting = self.waiting, bool(missing)
         is_low = any(level < Accuracy.OBB for level in missing)
         is_high = any(level > Accuracy.OBB for level in missing)
         lowest = Accuracy.OBB if is_low else Accuracy.SPHERE
@@ -115,12 +124,18 @@ class SceneSettings:
         overrides = limited(given, lowest, highest)
         if overrides.overrides != objects.shapes.overrides.overrides:
             objects.set_overrides(overrides)
+        if waited and not self.waiting:
+            self._apply_effects(Groups(parameters.groups))
 
 
 def requested_levels(parameters: Parameters) -> list[Accuracy]:
     """Return the levels that the parameters request."""
     levels = {level for _, level in parameters.accuracy_overrides}
     levels.add(as_accuracy(parameters.accuracy))
+    for name, effect in EFFECTS.items():
+        choice = parameters.setting(name).get(ACCURACY, AS_PAIRS)
+        if ACCURACY in effect.options and parameters.mode(name) != OFF and choice != AS_PAIRS:
+            levels.add(as_accuracy(choice))
     if parameters.time_budget:  # it chooses from all
         levels |= {level for level in ABOVE if level <= max(levels)}
     return sorted(levels)

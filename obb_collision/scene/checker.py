@@ -107,6 +107,11 @@ class Checker:
         store.touched = bool(store.changed.any())
 
     @property
+    def plain(self) -> bool:
+        """Whether every pair was decided on OBB."""
+        return self._layout.plain
+
+    @property
     def behind(self) -> bool:
         """Whether the next check may get further though nothing changes."""
         return self.last is not None and self.last.behind

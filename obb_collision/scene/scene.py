@@ -42,6 +42,7 @@ from obb_collision.scene.ray_questions import cast_at_objects
 from obb_collision.scene.refinement.budget import Budget
 from obb_collision.scene.refinement.ladder import needs_spheres
 from obb_collision.scene.refinement.mesh_pairs import prepare_shapes
+from obb_collision.scene.refinement.placed_shapes import PlacedShapes
 from obb_collision.scene.report import Report
 from obb_collision.scene.store.allowed import AllowedPairs, Rule, Sides
 from obb_collision.scene.store.patterns import as_patterns, matching
@@ -318,7 +319,7 @@ class Scene(SceneObjects):
         name: str,
         mode: str | None = None,
         objects: Iterable[str] | str | None = None,
-        **options: float,
+        **options: float | str,
     ) -> None:
         """Set an effect; what is not given stays.
 
@@ -331,7 +332,7 @@ class Scene(SceneObjects):
         name : str
         mode : str, optional
         objects : str or iterable of str, optional
-        **options : float
+        **options : float or str
 
         Raises
         ------
@@ -589,9 +590,16 @@ class Scene(SceneObjects):
             spheres=self._region is not None and needs_spheres(store),
             limit=None if self._max_pairs is None else NEAR_PER_PAIR * self._max_pairs,
             names=store.name_tuple(),
+            shapes=self._placed_shapes(found),
         )
         settings = self._effects.resolved(store.names, store.version)
         return Report(found, store.name_tuple(), stages, cycle, settings)
+
+    def _placed_shapes(self, found: Findings) -> PlacedShapes | None:
+        """Return the shapes for effects above OBB; None where each speaks of boxes."""
+        if self._checker.plain and not self._effects.above_obb:
+            return None
+        return PlacedShapes(self._store, self._cache, found.pairs, found.accuracies, found.cap)
 
 
 class LastCheck:

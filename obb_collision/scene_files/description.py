@@ -78,7 +78,7 @@ class EffectChoice:
 
     mode: str | None = None
     objects: tuple[str, ...] | None = None
-    options: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
+    options: Mapping[str, float | str] = field(default_factory=lambda: MappingProxyType({}))
 
 
 @dataclass(frozen=True)

@@ -45,9 +45,11 @@ def _read_effect(name: str, value: Value, patterns: Patterns) -> EffectChoice:
     fields = value.fields(("mode", *places, *known))
     mode = fields["mode"].choice(MODES) if "mode" in fields else None
     objects = patterns(fields["objects"]) if "objects" in fields else None
-    options: dict[str, float] = {}
+    options: dict[str, float | str] = {}
     for key, option in known.items():
         if key in fields:
             with fields[key].reasons():
-                options[key] = option.checked(key, fields[key].number())
+                entry = fields[key]
+                word = isinstance(option.default, str)
+                options[key] = option.checked(key, entry.text() if word else entry.number())
     return EffectChoice(mode, objects, MappingProxyType(options))

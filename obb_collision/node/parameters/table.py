@@ -351,6 +351,8 @@ ACCURACY = (
 
 
 def _option_spec(name: str, option: Option) -> Spec:
+    if isinstance(option.default, str):
+        return Spec(name, option.default, option.description, choices=option.choices)
     whole = bool(option.choices) and all(float(choice).is_integer() for choice in option.choices)
     kind = int if whole else float
     choices = tuple(kind(choice) for choice in option.choices)

@@ -39,6 +39,7 @@ from obb_collision.geometry.trees.pool import (
     TreePool,
 )
 from obb_collision.obb import OBB
+from obb_collision.queries.convex.shapes import core_of
 from obb_collision.scene.store.kinds import ROUND, kind_of, round_sizes
 from obb_collision.scene.store.store import ObjectStore
 from obb_collision.typing import Mask, Rows
@@ -200,6 +201,7 @@ class ShapeCache:
     def __init__(self) -> None:
         self._shapes: dict[int, Shape] = {}
         self._round: dict[int, tuple[float, float]] = {}
+        self._cores = np.zeros((0, 6))  # by slot, see ``core_of``
         self._trees, self._hulls = PerShape(TreePool), PerShape(HullPool)
         self._hull_trees = PerShape(HullTreePool)
         self.outside: OutsideTrees | None = None
@@ -220,6 +222,12 @@ class ShapeCache:
         kind = kind_of(shape)
         if kind == ROUND:
             self._round[slot] = round_sizes(shape)
+        if isinstance(shape, Shape):
+            short = max(0, slot + 1 - len(self._cores))
+            if short:
+                room = np.zeros((max(short, len(self._cores)), 6))
+                self._cores = np.concatenate([self._cores, room])
+            self._cores[slot] = core_of(shape)
         return kind
 
     def drop(self, slot: int) -> None:
@@ -256,6 +264,19 @@ class ShapeCache:
     def hulls(self, slots: Rows) -> tuple[Hulls, Rows]:
         """Return hulls, and the row (k,) of each slot's among them, -1 for none yet."""
         return self._hulls.pool.all, self._hulls.rows(slots)
+
+    @property
+    def all_hulls(self) -> Hulls:
+        """All hulls; there must be one."""
+        return self._hulls.pool.all
+
+    def hull_rows(self, slots: Rows) -> Rows:
+        """Return the row (k,) of each slot's hull in ``all_hulls``, -1 for none yet."""
+        return self._hulls.rows(slots)
+
+    def cores(self, slots: Rows) -> NDArray[np.float64]:
+        """Return ``core_of`` the shapes (k, 6) of slots, none of them boxes."""
+        return self._cores[slots]
 
     def rounds(self, slots: Rows) -> NDArray[np.float64]:
         """Return the radius and half the length (k, 2) of spheres and capsules, metres."""

@@ -24,42 +24,58 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple, Protocol, TypeVar
+from typing import Any, NamedTuple, Protocol, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from obb_collision.accuracy import Accuracy
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.validation import as_array
 from obb_collision.queries.verdict.coarse import meeting_bounds, sphere_bounds
 from obb_collision.queries.verdict.verdict import Verdicts
 from obb_collision.scene.broad_phase.broad_phase import Pairs
+from obb_collision.scene.refinement.placed_shapes import AS_PAIRS, CHOICES, PlacedShapes
+from obb_collision.scene.refinement.refine import Levels
 from obb_collision.scene.store.pair_table import PairFilter
 from obb_collision.scene.store.region import Region, owns, owns_pairs
 from obb_collision.scene.store.snapshot import Snapshot
 from obb_collision.scene.store.store import ObjectStore
 from obb_collision.typing import Floats, Mask, Rows
+from obb_collision.words import shown
 
 R = TypeVar("R")
 """A dataclass of arrays with one row per pair."""
+ByLevel: TypeAlias = "Mapping[Accuracy, Callable[[Boxes, PlacedShapes, Pairs, Setting], R]]"
+"""What computes the rows of pairs (k, 2) on a level above OBB: as many rows, all columns."""
+#: The level of boxes, as arrays of levels have it.
+OBB = np.int8(Accuracy.OBB)
 
 #: Pairs that fail at one check which are looked for one by one: enough to see what they share.
 MOST_FAILURES = 16
 
 
 class Option(NamedTuple):
-    """A number an effect can be set by: what it means, in which unit, from where to where."""
+    """A number an effect can be set by: what it means, in which unit, from where to where.
 
-    default: float
+    Or a word: one of the choices.
+    """
+
+    default: float | str
     low: float
     high: float
     description: str
-    choices: tuple[float, ...] = ()
+    choices: tuple[float, ...] | tuple[str, ...] = ()
     reaches: bool = False
     """Whether it is a distance (m) beyond objects at which others matter."""
 
-    def checked(self, name: str, value: Any) -> float:
+    def checked(self, name: str, value: Any) -> float | str:
         """Return the value if it can be used; ValueError naming it otherwise."""
+        if isinstance(self.default, str):
+            if not (isinstance(value, str) and value in self.choices):
+                choices = ", ".join(map(str, self.choices))
+                raise ValueError(f"{name} must be one of {choices}, got {shown(value)}")
+            return value
         number = float(as_array(value, name, ()))
         if self.choices and number not in self.choices:
             choices = " or ".join(f"{choice:g}" for choice in self.choices)
@@ -69,13 +85,22 @@ class Option(NamedTuple):
         return number
 
 
+#: The name of the option that says what an effect on pairs is computed on, and the option.
+ACCURACY = "accuracy"
+ACCURACY_OPTION = Option(
+    *(AS_PAIRS, 0.0, 0.0),
+    "What it is computed on: pairs (what decided each pair), obb, hull or mesh.",
+    choices=CHOICES,
+)
+
+
 @dataclass(frozen=True)
 class Setting:
     """How an effect is set: its mode, the objects selected for it (patterns), its options."""
 
     mode: str = "auto"
     objects: tuple[str, ...] = ("*",)
-    values: Mapping[str, float] = field(default_factory=dict)
+    values: Mapping[str, Any] = field(default_factory=dict)
     selected: Mask | None = None
     """(slots,) the objects selected for it, None for all."""
 
@@ -139,6 +164,19 @@ class Cycle:
     """What an effect could not do at all; each becomes one of its failures."""
     names: Sequence[str | None] = ()
     """Of the objects, by slot."""
+    shapes: PlacedShapes | None = None
+    """What stands for objects above OBB; None where every effect speaks of boxes."""
+
+    def levels(self, pairs: Pairs, setting: Setting, highest: Accuracy) -> Levels | None:
+        """Return the level (m,) that an effect on pairs (m, 2) is computed on; None: all on OBB.
+
+        highest: that it has.
+        """
+        if self.shapes is None or len(pairs) == 0 or highest <= Accuracy.OBB:
+            return None
+        levels = self.shapes.levels(pairs, setting.values[ACCURACY])
+        np.minimum(levels, np.int8(highest), out=levels)
+        return levels if (levels > Accuracy.OBB).any() else None
 
     def name(self, slot: int) -> str:
         """Return the name of an object."""
@@ -203,7 +241,9 @@ class Outcome:
     count: int
     failures: tuple[str, ...] = ()
     rows: Rows | None = None
-    values: Mapping[str, float] = field(default_factory=dict)
+    values: Mapping[str, Any] = field(default_factory=dict)
+    accuracies: Levels | None = None
+    """(k,) the level that each row was computed on; None: all on OBB or below."""
 
 
 class Effect(Protocol):
@@ -231,51 +271,78 @@ def join_rows(tables: Sequence[R]) -> R:
     return type(tables[0])(*map(np.concatenate, columns))
 
 
+def refined(table: R, cycle: Cycle, setting: Setting, by_level: ByLevel[R] | None) -> R:
+    """Return a table of pairs of boxes, in which rows of shapes above OBB have been written."""
+    if not by_level:
+        return table
+    pairs = vars(table)["pairs"]
+    levels = cycle.levels(pairs, setting, max(by_level))
+    if levels is None or cycle.shapes is None:
+        return table
+    for level, compute in by_level.items():
+        rows = np.flatnonzero(levels == level)
+        if len(rows):
+            new = compute(cycle.boxes, cycle.shapes, pairs[rows], setting)
+            for key, column in vars(table).items():
+                column[rows] = vars(new)[key]
+    return table
+
+
 def pair_rows(
     name: str,
     cycle: Cycle,
     setting: Setting,
     compute: Callable[[Boxes, Pairs], R],
     blank: R,
+    by_level: ByLevel[R] | None = None,
 ) -> Outcome:
     """Return what an effect gives for the colliding pairs that it is selected for.
 
-    compute(boxes, pairs) returns one row per pair; blank: the same without a row. Rows of pairs
-    that are as they were in the check before are copied. Pairs for which ``compute`` raises are
-    left out, and where there are none it is not called.
+    compute(boxes, pairs) returns one row per pair; blank: the same without a row; by_level: what
+    takes their place above OBB. Rows of pairs that are as they were in the check before are copied.
+    Pairs for which ``compute`` raises are left out, and where there are none it is not called.
     """
     rows = setting.select(cycle.pairs)
     if len(rows) == 0:
         return Outcome(blank, 0, (), rows, setting.values)
+    highest = max(by_level) if by_level else Accuracy.OBB
     pairs = cycle.pairs.copy() if len(rows) == len(cycle.pairs) else cycle.pairs[rows]
 
     def compute_some(some: Pairs) -> R:
-        return compute(cycle.boxes, some)
+        return refined(compute(cycle.boxes, some), cycle, setting, by_level)
 
+    levels = cycle.levels(pairs, setting, highest)
     last = cycle.last.get(name)
-    known = None if last is None else _known_rows(cycle, rows, setting, last)
+    known = None if last is None else _known_rows(cycle, rows, setting, last, levels)
     if last is None or known is None:
         good, result, failures = isolated(compute_some, pairs, blank, cycle.name)
         rows = rows if len(good) == len(rows) else rows[good]
-        return Outcome(result, len(pairs), failures, rows, setting.values)
+        levels = levels if levels is None or len(good) == len(levels) else levels[good]
+        return Outcome(result, len(pairs), failures, rows, setting.values, levels)
     anew = np.flatnonzero(known < 0)
     good, result, failures = isolated(compute_some, pairs[anew], blank, cycle.name)
     done = np.delete(np.arange(len(rows)), np.delete(anew, good))
     new = np.searchsorted(done, anew[good])
     result = _merged(last.result, known[done], new, result)
-    return Outcome(result, len(anew), failures, rows[done], setting.values)
+    levels = None if levels is None else levels[done]
+    return Outcome(result, len(anew), failures, rows[done], setting.values, levels)
 
 
-def _known_rows(cycle: Cycle, rows: Rows, setting: Setting, last: Outcome) -> Rows | None:
+def _known_rows(
+    cycle: Cycle, rows: Rows, setting: Setting, last: Outcome, levels: Levels | None
+) -> Rows | None:
     """Return (k,) the row of each pair in the last result, -1 where it must be computed.
 
-    None where that is everywhere.
+    None where that is everywhere. levels (k,): they are to be computed on.
     """
     if cycle.old is None or last.rows is None or last.values != setting.values:
         return None
     where = np.full(max(int(cycle.old.max(initial=-1)), int(last.rows.max(initial=-1))) + 2, -1)
     where[last.rows] = np.arange(len(last.rows))
     known = where[cycle.old[rows]]  # the last entry, which -1 takes, is -1
+    if levels is not None or last.accuracies is not None:
+        before = np.full(len(last.rows), OBB) if last.accuracies is None else last.accuracies
+        known[np.append(before, OBB)[known] != (OBB if levels is None else levels)] = -1
     return known if known.max() >= 0 else None
 
 

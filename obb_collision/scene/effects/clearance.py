@@ -20,18 +20,35 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from obb_collision.accuracy import Accuracy
+from obb_collision.geometry.boxes import Boxes
 from obb_collision.queries.clearance.clearance import Clearances, near_pairs
+from obb_collision.queries.convex.distances import convex_distances
 from obb_collision.scene.broad_phase.broad_phase import NO_PAIRS, Pairs
-from obb_collision.scene.effects.base import Cycle, Effect, Option, Outcome, Setting, isolated
+from obb_collision.scene.effects.base import (
+    ACCURACY,
+    ACCURACY_OPTION,
+    ByLevel,
+    Cycle,
+    Effect,
+    Option,
+    Outcome,
+    Setting,
+    isolated,
+    refined,
+    take_rows,
+)
 from obb_collision.scene.effects.candidates import meeting_pairs
+from obb_collision.scene.refinement.placed_shapes import PlacedShapes
 
 BLANK = Clearances(NO_PAIRS, np.empty(0), *np.empty((3, 0, 3)))
 
 
 class ClearanceEffect:
-    """The ``Clearances`` of all pairs of boxes at most ``max_distance`` apart, sorted.
+    """The ``Clearances`` of all pairs at most ``max_distance`` apart, sorted.
 
-    Colliding pairs are among them.
+    Colliding pairs are among them. Above OBB distances are certified lower bounds, and the points
+    as far apart as the upper one.
     """
 
     name = "clearance"
@@ -40,6 +57,7 @@ class ClearanceEffect:
         "max_distance": Option(
             0.1, 0.0, 1e6, "Pairs farther apart than this are left out (m).", reaches=True
         ),
+        ACCURACY: ACCURACY_OPTION,
     }
     lazy = True
 
@@ -54,10 +72,24 @@ class ClearanceEffect:
         pairs = meeting_pairs(cycle, slots, low, high, selected)
 
         def compute(some: Pairs) -> Clearances:
-            return near_pairs(cycle.boxes, some, max_distance)[0]
+            found = near_pairs(cycle.boxes, some, max_distance)[0]
+            found = refined(found, cycle, setting, BY_LEVEL)
+            beyond = found.distances > max_distance
+            return take_rows(found, ~beyond) if beyond.any() else found
 
         _, result, failures = isolated(compute, pairs, BLANK, cycle.name)
-        return Outcome(result, len(pairs), failures)
+        levels = cycle.levels(result.pairs, setting, max(BY_LEVEL))
+        return Outcome(result, len(pairs), failures, accuracies=levels)
 
 
+def hull_clearances(
+    boxes: Boxes, shapes: PlacedShapes, pairs: Pairs, setting: Setting
+) -> Clearances:
+    """Return the clearances of pairs on HULL; of those beyond the limit, only that they are."""
+    bodies, i, j = shapes.bodies(boxes, pairs)
+    found, _ = convex_distances(bodies, bodies, i, j, setting.values["max_distance"])
+    return Clearances(pairs, found.lower, found.positions_a, found.positions_b, found.normals)
+
+
+BY_LEVEL: ByLevel[Clearances] = {Accuracy.HULL: hull_clearances}
 EFFECT: Effect = ClearanceEffect()

@@ -18,10 +18,23 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from obb_collision.accuracy import Accuracy
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.queries.contacts.contacts import Contacts, pair_contacts
+from obb_collision.queries.convex.contacts import convex_contacts
 from obb_collision.scene.broad_phase.broad_phase import NO_PAIRS, Pairs
-from obb_collision.scene.effects.base import Cycle, Effect, Option, Outcome, Setting, pair_rows
+from obb_collision.scene.effects.base import (
+    ACCURACY,
+    ACCURACY_OPTION,
+    ByLevel,
+    Cycle,
+    Effect,
+    Option,
+    Outcome,
+    Setting,
+    pair_rows,
+)
+from obb_collision.scene.refinement.placed_shapes import PlacedShapes
 
 
 class ContactsEffect:
@@ -31,6 +44,7 @@ class ContactsEffect:
     description = "Contact points of colliding pairs"
     options: Mapping[str, Option] = {
         "max_points": Option(4, 4, 8, "Maximum number of contact points per pair.", choices=(4, 8)),
+        ACCURACY: ACCURACY_OPTION,
     }
     lazy = True
 
@@ -41,7 +55,15 @@ class ContactsEffect:
         def compute(boxes: Boxes, pairs: Pairs) -> Contacts:
             return pair_contacts(boxes, pairs, max_points)
 
-        return pair_rows(self.name, cycle, setting, compute, Contacts.blank(NO_PAIRS, max_points))
+        blank = Contacts.blank(NO_PAIRS, max_points)
+        return pair_rows(self.name, cycle, setting, compute, blank, BY_LEVEL)
 
 
+def hull_contacts(boxes: Boxes, shapes: PlacedShapes, pairs: Pairs, setting: Setting) -> Contacts:
+    """Return the contacts of pairs on HULL; hulls that are apart have none."""
+    bodies, i, j = shapes.bodies(boxes, pairs)
+    return convex_contacts(bodies, bodies, pairs, i, j, int(setting.values["max_points"]))
+
+
+BY_LEVEL: ByLevel[Contacts] = {Accuracy.HULL: hull_contacts}
 EFFECT: Effect = ContactsEffect()

@@ -18,9 +18,23 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from obb_collision.accuracy import Accuracy
+from obb_collision.geometry.boxes import Boxes
+from obb_collision.queries.convex.distances import convex_distances
 from obb_collision.queries.verdict.separations import Separations, pair_separations
-from obb_collision.scene.broad_phase.broad_phase import NO_PAIRS
-from obb_collision.scene.effects.base import Cycle, Effect, Option, Outcome, Setting, pair_rows
+from obb_collision.scene.broad_phase.broad_phase import NO_PAIRS, Pairs
+from obb_collision.scene.effects.base import (
+    ACCURACY,
+    ACCURACY_OPTION,
+    ByLevel,
+    Cycle,
+    Effect,
+    Option,
+    Outcome,
+    Setting,
+    pair_rows,
+)
+from obb_collision.scene.refinement.placed_shapes import PlacedShapes
 
 BLANK = Separations.blank(NO_PAIRS)
 
@@ -33,12 +47,23 @@ class SeparationsEffect:
         "Depth, normal and position of each pair in collisions and collisions_text, "
         "NaN there without it"
     )
-    options: Mapping[str, Option] = {}
+    options: Mapping[str, Option] = {ACCURACY: ACCURACY_OPTION}
     lazy = True
 
     def run(self, cycle: Cycle, setting: Setting) -> Outcome:
         """Compute what ``Report.separations``, ``normals`` and ``positions`` are read from."""
-        return pair_rows(self.name, cycle, setting, pair_separations, BLANK)
+        return pair_rows(self.name, cycle, setting, pair_separations, BLANK, BY_LEVEL)
 
 
+def hull_separations(
+    boxes: Boxes, shapes: PlacedShapes, pairs: Pairs, setting: Setting
+) -> Separations:
+    """Return the separations of pairs on HULL: minus a depth that certainly parts them."""
+    bodies, i, j = shapes.bodies(boxes, pairs)
+    found, _ = convex_distances(bodies, bodies, i, j)
+    middles = 0.5 * (found.positions_a + found.positions_b)
+    return Separations(pairs, found.lower, found.normals, middles)
+
+
+BY_LEVEL: ByLevel[Separations] = {Accuracy.HULL: hull_separations}
 EFFECT: Effect = SeparationsEffect()

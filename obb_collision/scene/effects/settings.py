@@ -22,7 +22,8 @@ from typing import Any
 
 import numpy as np
 
-from obb_collision.scene.effects.base import Effect, Setting
+from obb_collision.scene.effects.base import ACCURACY, Effect, Setting
+from obb_collision.scene.refinement.placed_shapes import AS_PAIRS
 from obb_collision.scene.store.patterns import as_patterns, matching
 from obb_collision.words import shown
 
@@ -41,6 +42,7 @@ class EffectSettings:
         }
         self._resolved: tuple[int, dict[str, Setting]] | None = None
         self._always: tuple[str, ...] = ()  # those that are on
+        self._above_obb = False
 
     def __getitem__(self, name: str) -> Setting:
         return self._settings[self.check_name(name)]
@@ -75,6 +77,10 @@ class EffectSettings:
             setting, mode=mode or setting.mode, objects=patterns, values=values
         )
         self._always = tuple(key for key, value in self._settings.items() if value.mode == ON)
+        self._above_obb = any(
+            value.mode != OFF and value.values.get(ACCURACY, AS_PAIRS) in ("hull", "mesh")
+            for value in self._settings.values()
+        )
         self._resolved = None
 
     def reach(self) -> float:
@@ -82,6 +88,11 @@ class EffectSettings:
         return max(
             self._settings[name].reach(effect.options) for name, effect in self._effects.items()
         )
+
+    @property
+    def above_obb(self) -> bool:
+        """Whether an effect that is not off is to be computed above OBB, whatever decides pairs."""
+        return self._above_obb
 
     def wanted(self, asked: Iterable[str] | str) -> Sequence[str]:
         """Return the effects to compute: those that are on, and those asked for that are not off.

@@ -22,6 +22,7 @@ and boxes among themselves: meshes don't model it. Else the pair stays on OBB.
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from obb_collision._jit import njit
 from obb_collision.accuracy import Accuracy
@@ -63,8 +64,16 @@ def needs_spheres(store: ObjectStore) -> bool:
 
 def pair_levels(store: ObjectStore, first: Rows, second: Rows) -> Levels:
     """Return the level (m,) int8 that decides each pair of slots."""
+    return levels_of(store.accuracies, store.kinds, store.paddings, first, second)
+
+
+def levels_of(
+    accuracies: NDArray[np.int8], kinds: NDArray[np.int8], paddings: Floats, first: Rows,
+    second: Rows,
+) -> Levels:  # fmt: skip
+    """Return the same of arrays by slot."""
     levels = np.empty(len(first), np.int8)
-    _levels_kernel(store.accuracies, store.kinds, store.paddings, first, second, levels)
+    _levels_kernel(accuracies, kinds, paddings, first, second, levels)
     return levels
 
 

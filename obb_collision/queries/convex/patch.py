@@ -1,0 +1,260 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Where two overlapping convex bodies touch: their supporting features, clipped on each other.
+
+The feature of a body along the normal: its corners that reach farther than the other body's
+nearest plane, in the plane across the normal the polygon about them, or a segment or a point. Of
+ends of cylinders and cones RIM points of the rim stand for it. The overlay of both polygons
+(Sutherland and Hodgman; Ericson 2005, 5.5) has the contacts. Its points in the one body's plane lie
+in that body, in the other's plane in the other one; a contact is halfway between.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from obb_collision._jit import njit
+from obb_collision.numerics.lanes import LANES
+from obb_collision.numerics.vec3 import components, cross, dot, scaled
+from obb_collision.queries.convex.distance import unit_of
+from obb_collision.queries.convex.support import (
+    BOX,
+    CONE,
+    CORNERS,
+    CYLINDER,
+    Core,
+    support,
+)
+from obb_collision.queries.meshes.tree_boxes import Pose, moved
+from obb_collision.typing import Floats, Vector
+
+#: Points that stand for the rim of an end of a cylinder, or of the base of a cone.
+RIM = 16
+#: Corners of a feature at most; of more, as many are taken.
+MOST_POINTS = 128
+#: Corners that are this little lower than the foremost one belong to the feature, relative to S.
+FEATURE_DEPTH = 1e-6
+#: Components of flat points: along both axes across the normal, and how far below the foremost.
+FLAT_POINT = 3
+
+
+class Flat(NamedTuple):
+    """Polygons across the normal: rows (x, y, how far below the foremost corner)."""
+
+    a: Floats  #: (2 MOST_POINTS, 3)
+    b: Floats
+    spare: Floats
+
+
+class Frame(NamedTuple):
+    """Axes across a normal, and the normal, in the frame of a."""
+
+    x: Vector
+    y: Vector
+    n: Vector
+
+
+@njit
+def flat_room() -> Flat:
+    """Return room for one pair after another."""
+    shape = (2 * MOST_POINTS, FLAT_POINT)
+    return Flat(np.empty(shape), np.empty(shape), np.empty(shape))
+
+
+@njit
+def frame_of(n: Vector) -> Frame:
+    """Return axes across a unit vector."""
+    other = (1.0, 0.0, 0.0) if abs(n[0]) < 0.5 else (0.0, 1.0, 0.0)
+    x = unit_of(cross(n, other))[0]
+    return Frame(x, cross(n, x), n)
+
+
+@njit
+def overlay(a: Core, b: Core, pose: Pose, frame: Frame, depth: float, flat: Flat) -> int:
+    """Write the overlay of the features of two cores to ``flat.a``; return its corners.
+
+    depth: of the cores along the normal of the frame.
+    """
+    below = max(depth, 0.0) + FEATURE_DEPTH * pose.size
+    still = Pose(
+        ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)), (0.0, 0.0, 0.0), 0.0, 0.0, 0.0
+    )
+    first = _feature(a, still, frame, below, 1.0, flat.a)
+    second = _feature(b, pose, frame, below, -1.0, flat.b)
+    first = _polygon(flat.a, first, flat.spare)
+    second = _polygon(flat.b, second, flat.spare)
+    if second < 3 <= first:
+        flat.spare[:first] = flat.a[:first]
+        flat.a[:second] = flat.b[:second]
+        flat.b[:first] = flat.spare[:first]
+        first, second = second, first
+    if second < 3:  # two segments, or points: where they are nearest is known
+        return first if first == 1 else 1 if second == 1 and _taken(flat) else 0
+    for k in range(second):
+        first = _clipped(flat, first, flat.b[k], flat.b[(k + 1) % second])
+    return first
+
+
+@njit
+def _taken(flat: Flat) -> bool:
+    flat.a[0] = flat.b[0]
+    return True
+
+
+@njit
+def _feature(core: Core, pose: Pose, frame: Frame, below: float, way: float, out: Floats) -> int:
+    """Write the points of a core near its end along the normal, times ``way``; return their number.
+
+    pose: of the core in the frame of a.
+    """
+    n = scaled(frame.n, way)
+    turned = components(pose.axes, n)
+    foremost = moved(pose, support(core, turned))
+    top, count = dot(n, foremost), 0
+    for k in range(_candidates(core)):
+        p = moved(pose, _candidate(core, turned, k))
+        drop = top - dot(n, p)
+        if drop <= below and count < MOST_POINTS:
+            out[count, 0], out[count, 1] = dot(frame.x, p), dot(frame.y, p)
+            out[count, 2] = max(drop, 0.0)
+            count += 1
+    if count == 0:
+        out[0, 0], out[0, 1], out[0, 2] = dot(frame.x, foremost), dot(frame.y, foremost), 0.0
+        count = 1
+    return count
+
+
+@njit
+def _candidates(core: Core) -> int:
+    """Return how many points may be in a feature of a core."""
+    if core.kind == CORNERS:
+        return (core.last - core.first) * LANES
+    if core.kind == BOX:
+        return 8
+    if core.kind == CYLINDER:
+        return 2 * RIM + 2
+    if core.kind == CONE:
+        return RIM + 2
+    return 2
+
+
+@njit
+def _candidate(core: Core, n: Vector, k: int) -> Vector:
+    """Return the point with number k; n: the normal in the frame of the core."""
+    if core.kind == CORNERS:
+        blocks, block, lane = core.blocks, core.first + k // LANES, k % LANES
+        return blocks[block, 0, lane], blocks[block, 1, lane], blocks[block, 2, lane]
+    (x, y, z), half = core.size, core.half
+    if core.kind == BOX:
+        return (x if k & 1 else -x), (y if k & 2 else -y), (z if k & 4 else -z)
+    if core.kind == CONE and k == RIM + 1:
+        return 0.0, 0.0, half
+    if core.kind == CYLINDER or core.kind == CONE:
+        last = 2 * RIM if core.kind == CYLINDER else RIM
+        if k < last:
+            angle = 2.0 * math.pi * (k % RIM) / RIM
+            height = -half if k < RIM else half
+            return x * math.cos(angle), y * math.sin(angle), height
+        rim = support(core, (n[0], n[1], 0.0))
+        return rim[0], rim[1], -half if k == last else half
+    point = support(core, n)  # of what is swept along a segment, at either end
+    if n[2] >= 0.0:
+        return point[0], point[1], point[2] - (2.0 * half if k else 0.0)
+    return point[0], point[1], point[2] + (2.0 * half if k else 0.0)
+
+
+@njit
+def _polygon(points: Floats, count: int, spare: Floats) -> int:
+    """Make points (count, 3) the polygon about them, counterclockwise (Andrew 1979)."""
+    for i in range(1, count):  # few: sorted by insertion
+        k = i
+        while k > 0 and _is_before(points, k, k - 1):
+            for c in range(FLAT_POINT):
+                points[k, c], points[k - 1, c] = points[k - 1, c], points[k, c]
+            k -= 1
+    size = 0
+    for turn in range(2):
+        start = size
+        for step in range(count):
+            i = step if turn == 0 else count - 1 - step
+            while size >= start + 2 and _side(spare[size - 2], spare[size - 1], points[i]) <= 0.0:
+                size -= 1
+            spare[size] = points[i]
+            size += 1
+        size -= 1  # the last one begins the other half
+    size = max(size, 1)
+    points[:size] = spare[:size]
+    if size == 2 and points[0, 0] == points[1, 0] and points[0, 1] == points[1, 1]:
+        return 1
+    return size
+
+
+@njit
+def _is_before(points: Floats, i: int, k: int) -> bool:
+    if points[i, 0] != points[k, 0]:
+        return points[i, 0] < points[k, 0]
+    return points[i, 1] < points[k, 1]
+
+
+@njit
+def _side(a: Floats, b: Floats, p: Floats) -> float:
+    """Return a number above zero where p is to the left of the line from a to b."""
+    return (b[0] - a[0]) * (p[1] - a[1]) - (b[1] - a[1]) * (p[0] - a[0])
+
+
+@njit
+def _clipped(flat: Flat, count: int, start: Floats, end: Floats) -> int:
+    """Clip the polygon in ``flat.a`` to the left of a line; return its corners."""
+    size = 0
+    for k in range(count):
+        here, there = flat.a[k], flat.a[(k + 1) % count]
+        side, next_side = _side(start, end, here), _side(start, end, there)
+        if side >= 0.0:
+            flat.spare[size] = here
+            size += 1
+        if (side > 0.0 > next_side) or (side < 0.0 < next_side):
+            t = side / (side - next_side)
+            for c in range(FLAT_POINT):
+                flat.spare[size, c] = here[c] + t * (there[c] - here[c])
+            size += 1
+    size = min(size, 2 * MOST_POINTS - 2)
+    flat.a[:size] = flat.spare[:size]
+    return size
+
+
+@njit
+def spread(points: Floats, count: int, limit: int) -> int:
+    """Move at most ``limit`` of count points to the front; return how many.
+
+    The least low one first, then repeatedly the one farthest from those taken (Gonzalez 1985).
+    """
+    limit = min(limit, count)
+    for taken in range(limit):
+        best, far = taken, -1.0
+        for k in range(taken, count):
+            reach = -points[k, 2] if taken == 0 else np.inf
+            for other in range(taken):
+                x, y = points[k, 0] - points[other, 0], points[k, 1] - points[other, 1]
+                reach = min(reach, x * x + y * y)
+            if k == taken or reach > far:
+                best, far = k, reach
+        if taken > 0 and not far > 0.0:
+            return taken
+        for c in range(FLAT_POINT):
+            points[taken, c], points[best, c] = points[best, c], points[taken, c]
+    return limit

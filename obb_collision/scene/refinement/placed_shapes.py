@@ -1,0 +1,136 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The shapes of one check, for effects above OBB: where they were, and what stands for them.
+
+An effect is computed on the level that decided its pair, or on the one that its own ``accuracy``
+says; on boxes where that is OBB or below, where nothing else stands for an object, and until a
+hull is built that is being built elsewhere.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from obb_collision.accuracy import Accuracy
+from obb_collision.geometry.boxes import Boxes
+from obb_collision.geometry.poses import as_poses
+from obb_collision.queries.convex.support import BOX as BOX_CORE
+from obb_collision.queries.convex.support import CORNERS, NO_HULLS, ConvexBodies
+from obb_collision.scene.broad_phase.broad_phase import Pairs
+from obb_collision.scene.building.shape_cache import ShapeCache
+from obb_collision.scene.refinement.ladder import levels_of
+from obb_collision.scene.refinement.refine import Levels
+from obb_collision.scene.store.kinds import BOX, BOXED
+from obb_collision.scene.store.store import ObjectStore
+from obb_collision.typing import Mask, Rows
+
+#: The option of an effect that says on which level it is computed.
+AS_PAIRS = "pairs"
+CHOICES = (AS_PAIRS, "obb", "hull", "mesh")
+
+
+class PlacedShapes:
+    """Shapes as they were at a check; slots of objects that are boxes are not among them.
+
+    pairs (m, 2), sorted, decided on levels (m,); cap: what a budget allowed, None without one.
+    """
+
+    def __init__(
+        self,
+        store: ObjectStore,
+        cache: ShapeCache,
+        pairs: Pairs,
+        levels: Levels,
+        cap: Accuracy | None,
+    ) -> None:
+        self._store, self._cache, self._revision = store, cache, store.revision
+        self._pairs, self._decided, self._cap = pairs, levels, cap
+        self.kinds, self.paddings = store.kinds.copy(), store.paddings.copy()
+        self._accuracies = store.accuracies.copy()
+        self._shaped = np.flatnonzero(store.used & (store.kinds > BOX))
+        self._poses = store.poses[self._shaped]
+        self._cores = cache.cores(self._shaped)
+        self._rows = cache.hull_rows(self._shaped)
+
+    def levels(self, pairs: Pairs, choice: str) -> Levels:
+        """Return the level (m,) that an effect on pairs (m, 2) is computed on: OBB, HULL or MESH.
+
+        choice: of ``CHOICES``.
+        """
+        first, second = np.ascontiguousarray(pairs.T)
+        accuracies = self._accuracies
+        if choice != AS_PAIRS:
+            accuracies = np.full_like(accuracies, Accuracy[choice.upper()])
+        levels = levels_of(accuracies, self.kinds, self.paddings, first, second)
+        if choice == AS_PAIRS:
+            if self._cap is not None:
+                np.minimum(levels, np.int8(self._cap), out=levels)
+            known, rows = self._found(pairs)
+            levels[known] = self._decided[rows]
+        levels[levels < Accuracy.HULL] = Accuracy.OBB
+        high = np.flatnonzero(levels > Accuracy.OBB)
+        if len(high):
+            there = self._have_hulls(pairs[high])
+            levels[high[~there]] = Accuracy.OBB
+        return levels
+
+    def _found(self, pairs: Pairs) -> tuple[Mask, Rows]:
+        """Return which pairs (m, 2) collide, and the rows of those in the pairs of the check."""
+        count = len(self.kinds)
+        keys = self._pairs[:, 0] * count + self._pairs[:, 1]
+        wanted = pairs[:, 0] * count + pairs[:, 1]
+        rows = np.searchsorted(keys, wanted)
+        known = rows < len(keys)
+        known[known] = keys[rows[known]] == wanted[known]
+        return known, rows[known]
+
+    def _have_hulls(self, pairs: Pairs) -> Mask:
+        """Build the hulls that pairs (k, 2) need; return (k,) which have them."""
+        places = np.searchsorted(self._shaped, pairs)
+        shaped = self.kinds[pairs] > BOX
+        needed = np.zeros(len(self._shaped), np.bool_)
+        needed[places[shaped]] = True
+        lacking = np.flatnonzero(needed & (self._cores[:, 0] == CORNERS) & (self._rows < 0))
+        if len(lacking) and self._store.revision == self._revision:
+            slots = self._shaped[lacking]
+            self._cache.build(self._store, slots, True, None)
+            self._rows[lacking] = self._cache.hull_rows(slots)
+        have = np.ones(len(self.kinds), np.bool_)
+        have[self._shaped[(self._cores[:, 0] == CORNERS) & (self._rows < 0)]] = False
+        have &= self.kinds != BOXED
+        return have[pairs].all(axis=1)
+
+    def bodies(self, boxes: Boxes, pairs: Pairs) -> tuple[ConvexBodies, Rows, Rows]:
+        """Return the bodies of pairs (m, 2) of slots, padded, and their rows (m,), (m,) in them.
+
+        boxes: of all slots; objects that are boxes are where these are, with their padding.
+        """
+        slots, ends = np.unique(pairs, return_inverse=True)
+        ends = ends.reshape(-1, 2)
+        kinds = np.full(len(slots), BOX_CORE, np.int8)
+        sizes, radii = np.zeros((len(slots), 4)), np.zeros(len(slots))
+        rows = np.zeros(len(slots), np.int64)
+        centers, rotations = boxes.centers[slots], boxes.rotations[slots]
+        sizes[:, :3] = boxes.half_extents[slots]
+        shaped = np.flatnonzero(self.kinds[slots] > BOX)
+        places = np.searchsorted(self._shaped, slots[shaped])
+        kinds[shaped] = self._cores[places, 0]
+        sizes[shaped] = self._cores[places, 1:5]
+        radii[shaped] = self._cores[places, 5] + self.paddings[slots[shaped]]
+        rows[shaped] = np.maximum(self._rows[places], 0)
+        centers[shaped], rotations[shaped] = as_poses(self._poses[places], warn=False)
+        hulls = self._cache.all_hulls if (kinds == CORNERS).any() else NO_HULLS
+        bodies = ConvexBodies(kinds, sizes, radii, hulls, rows, centers, rotations)
+        return bodies, np.ascontiguousarray(ends[:, 0]), np.ascontiguousarray(ends[:, 1])
