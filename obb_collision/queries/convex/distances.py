@@ -81,6 +81,22 @@ def convex_distances(
     return ConvexDistances(*bounds, *vectors), near
 
 
+def convex_may_collide(a: ConvexBodies, b: ConvexBodies, i: Integers, j: Integers) -> Mask:
+    """Return (m,) whether body ``i[n]`` of a and ``j[n]`` of b are not certainly apart."""
+    out = np.empty(len(i), np.bool_)
+    run(_collision_kernel, len(i), FEWEST_PAIRS, a.arrays, i, b.arrays, j, out)
+    return out
+
+
+@njit
+def _collision_kernel(
+    a: Bodies, rows_a: np.ndarray, b: Bodies, rows_b: np.ndarray, out: np.ndarray, start: int,
+    stop: int,
+) -> None:  # fmt: skip
+    for n in range(start, stop):
+        out[n] = not certainly_apart(a, rows_a[n], b, rows_b[n], NO_START)[0]
+
+
 @njit
 def _distance_kernel(
     a: Bodies, rows_a: np.ndarray, b: Bodies, rows_b: np.ndarray, limit: float, near: np.ndarray,

@@ -30,7 +30,7 @@ import numpy as np
 from obb_collision._jit import njit
 from obb_collision.geometry.trees.pool import Hulls
 from obb_collision.numerics.lanes import farthest
-from obb_collision.numerics.vec3 import norm, sum_abs, vector_at
+from obb_collision.numerics.vec3 import norm, vector_at
 from obb_collision.queries.meshes.tree_boxes import Place, place_at
 from obb_collision.typing import Floats, Rows, Vector
 
@@ -148,17 +148,3 @@ def support(core: Core, n: Vector) -> Vector:
     if length - core.half * n[2] < core.half * n[2]:
         return 0.0, 0.0, core.half
     return rim[0], rim[1], -core.half
-
-
-@njit
-def is_curved(core: Core) -> bool:
-    """Return whether a core has curved faces."""
-    return core.kind >= ROUND
-
-
-@njit
-def inner_size(core: Core) -> float:
-    """Return the reach of the core itself."""
-    if core.kind == CORNERS:
-        return core.reach - 2.0 * core.radius
-    return sum_abs(core.size) + core.half

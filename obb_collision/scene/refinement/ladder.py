@@ -15,8 +15,9 @@
 """Deciding pairs on the levels of ``Accuracy``: which level a pair gets, and its verdict.
 
 A pair is decided on the lower level of its two objects' accuracies. The levels above OBB look only
-at what OBB reports. They need a shape that is no box, and no padding, except on spheres, capsules
-and boxes among themselves: meshes don't model it. Else the pair stays on OBB.
+at what OBB reports. They need a shape that is no box, else the pair stays on OBB. With padding
+HULL is the highest, and OBB_TREE is OBB, except for spheres, capsules and boxes among themselves:
+trees don't model it.
 """
 
 from __future__ import annotations
@@ -41,6 +42,7 @@ from obb_collision.typing import Floats, Rows
 
 #: The level of boxes, as kernels compare it.
 OBB = int(Accuracy.OBB)
+HULL = int(Accuracy.HULL)
 #: Pairs (m, 2) of slots, sorted, their verdicts (m,) and their levels (m,).
 Found = tuple[Pairs, Verdicts, Levels]
 
@@ -87,8 +89,10 @@ def _levels_kernel(
         level = min(accuracies[i], accuracies[j])
         low, high = min(kinds[i], kinds[j]), max(kinds[i], kinds[j])
         padded = paddings[i] > 0.0 or paddings[j] > 0.0
-        if low == BOXED or high == BOX or (padded and high != ROUND):  # decided by boxes only
+        if low == BOXED or high == BOX:  # decided by boxes only
             level = min(level, OBB)
+        elif padded and high != ROUND:  # by padded hulls: the others don't model it
+            level = min(level, HULL if level >= HULL else OBB)
         levels[n] = level
 
 

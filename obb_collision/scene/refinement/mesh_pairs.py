@@ -28,6 +28,9 @@ from obb_collision.accuracy import Accuracy
 from obb_collision.geometry.capsules import Capsules
 from obb_collision.geometry.poses import as_poses
 from obb_collision.numerics.constants import ROUNDOFF
+from obb_collision.queries.convex.distances import convex_may_collide
+from obb_collision.queries.convex.support import BOX as BOX_CORE
+from obb_collision.queries.convex.support import ConvexBodies
 from obb_collision.queries.meshes.convex import PlacedHulls, hulls_may_collide
 from obb_collision.queries.meshes.meshes import (
     UNLIMITED,
@@ -123,9 +126,29 @@ class MeshPairs:
     def _hull_verdicts(self, rows: Rows) -> Verdicts:
         if len(rows) == 0:
             return np.empty(0, np.int8)
+        i, j = self._ends[0][rows], self._ends[1][rows]
+        padded = self._store.paddings[self._slots] > 0.0
+        some = padded[i] | padded[j]
+        met = np.empty(len(rows), np.bool_)
         bodies = PlacedHulls(*self._cache.hulls(self._slots), *self._places)
-        met = hulls_may_collide(bodies, bodies, self._ends[0][rows], self._ends[1][rows])
+        met[~some] = hulls_may_collide(bodies, bodies, i[~some], j[~some])
+        if some.any():
+            met[some] = convex_may_collide(self._bodies, self._bodies, i[some], j[some])
         return np.where(met, np.int8(TOUCHING), np.int8(SEPARATE))
+
+    @cached_property
+    def _bodies(self) -> ConvexBodies:
+        """All bodies with their padding; of boxes it is part of their half extents."""
+        store, slots = self._store, self._slots
+        boxes = store.kinds[slots] == BOX
+        cores = np.zeros((len(slots), 6))
+        cores[~boxes] = self._cache.cores(slots[~boxes])
+        cores[boxes, 0] = BOX_CORE
+        cores[boxes, 1:4] = store.half_extents[slots[boxes]]
+        cores[~boxes, 5] += store.paddings[slots[~boxes]]
+        hulls, rows = self._cache.hulls(slots)
+        kinds, sizes, radii = cores[:, 0].astype(np.int8), cores[:, 1:5].copy(), cores[:, 5].copy()
+        return ConvexBodies(kinds, sizes, radii, hulls, rows, *self._places)
 
     def _tree_verdicts(self, level: Accuracy, rows: Rows) -> Verdicts:
         if len(rows) == 0:
