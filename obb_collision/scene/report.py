@@ -165,16 +165,16 @@ class Report:
 
     @property
     def separations(self) -> Floats:
-        """(m,) metres, signed: negative where the boxes overlap.
+        """(m,) metres, signed: negative where they overlap.
 
-        These, normals, positions and depths are those of the boxes on every level; on the levels
-        below OBB separations may be positive.
+        These, normals, positions and depths are those of the boxes up to OBB_TREE, of convex shapes
+        above; on levels below OBB, and of curved shapes, separations may be positive.
         """
         return self._column("separations")
 
     @property
     def normals(self) -> Floats:
-        """(m, 3) unit vectors from i to j, along which the boxes overlap least."""
+        """(m, 3) unit vectors from i to j, along which they overlap least."""
         return self._column("normals")
 
     @property

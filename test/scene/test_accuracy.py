@@ -230,10 +230,12 @@ def test_points_without_triangles_stay_on_obb() -> None:
     assert scene.check().accuracies.tolist() == [oc.Accuracy.OBB]
 
 
-def test_padding_keeps_a_pair_on_obb() -> None:
+def test_padded_pairs_are_decided_by_padded_hulls() -> None:
     scene = ring_and_rod(accuracy="mesh", padding=0.01)
+    assert scene.check().accuracies.tolist() == [oc.Accuracy.HULL]
+    scene.accuracy = "obb_tree"
     assert scene.check().accuracies.tolist() == [oc.Accuracy.OBB]
-    scene.padding = 0.0
+    scene.accuracy, scene.padding = "mesh", 0.0
     assert len(scene.check()) == 0
 
 
