@@ -1,0 +1,319 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""States of a robot per second beside pinocchio with coal and MuJoCo: ``obb_collision_robots``."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
+from importlib.util import find_spec
+from pathlib import Path
+from time import thread_time
+
+import numpy as np
+
+from obb_collision._threads import set_threads
+from obb_collision.benchmarks.peers.robots import PEERS, TRUTH, Case, CheckStates
+from obb_collision.benchmarks.step.text import as_markdown
+from obb_collision.cli import Parser, interruptible, new_file, option, whole
+from obb_collision.robots.robot import Robot
+from obb_collision.robots.robot_scene import RobotScene
+from obb_collision.scene.scene import Scene
+from obb_collision.scene_files import find_scene, load_scene
+from obb_collision.scene_files.description import SceneObject
+from obb_collision.shapes import Box
+from obb_collision.typing import Floats
+
+OURS = "this library"
+#: Rounds in which all take their turn; the least time of each counts.
+ROUNDS = 5
+#: Boxes keep this far from the axis of the base, metres.
+CLEAR_OF_BASE = 0.35
+#: States after the first collision that a motion is compared at.
+SAMPLES = 200
+
+
+@dataclass(frozen=True)
+class Row:
+    """What one checker does in one world: states per second, and beside the triangles.
+
+    missed, false_alarms: of the states that it calls free and colliding; -1 where not compared.
+    """
+
+    world: str
+    objects: int
+    checker: str
+    states_per_second: float
+    microseconds: float
+    colliding: float
+    compared: int = 0
+    missed: int = -1
+    false_alarms: float = -1.0
+
+
+@dataclass(frozen=True)
+class MotionRow:
+    """Motions between free states: per second, share that is free, what samples find beyond it."""
+
+    world: str
+    objects: int
+    motions_per_second: float
+    microseconds: float
+    free: float
+    undecided: int
+    missed: int
+
+
+def default_robot() -> tuple[Path, Path | None, Path]:
+    """Return URDF, SRDF and folder of packages: the Panda where it is installed, or our arm."""
+    for place in map(Path, sys.path):
+        share = place / "cmeel.prefix/share"
+        panda = share / "example-robot-data/robots/panda_description"
+        if panda.is_dir():
+            return panda / "urdf/panda.urdf", panda / "srdf/panda.srdf", share
+    config = find_scene("tabletop").parent
+    return config / "arm.urdf", config / "arm.srdf", config
+
+
+def random_boxes(count: int, rng: np.random.Generator) -> list[SceneObject]:
+    """Return boxes around a robot, the smaller the more there are."""
+    found: list[SceneObject] = []
+    largest = 0.4 if count <= 10 else 0.3 if count <= 30 else 0.2
+    while len(found) < count:
+        size, turn = rng.uniform(0.25 * largest, largest, 3), rng.normal(size=4)
+        place = rng.uniform((-0.9, -0.9, 0.0), (0.9, 0.9, 1.2))
+        if np.hypot(*place[:2]) > CLEAR_OF_BASE + 0.5 * float(np.linalg.norm(size)):
+            x, y, z = place.tolist()
+            qx, qy, qz, qw = (turn / np.linalg.norm(turn)).tolist()
+            pose = (x, y, z, qx, qy, qz, qw)
+            found.append(SceneObject(f"box{len(found)}", Box(size), pose))
+    return found
+
+
+def worlds(options: argparse.Namespace) -> Iterator[tuple[str, list[SceneObject], Scene]]:
+    """Yield name, objects and scene of all worlds to measure in."""
+    rng = np.random.default_rng(options.seed)
+    for count in options.boxes:
+        objects = random_boxes(count, rng)
+        scene = Scene()
+        for one in objects:
+            scene.add(one.name, one.shape, one.pose)
+        yield f"{count} boxes", objects, scene
+    for file in sorted(options.scenes.glob("*.yaml")) if options.scenes else ():
+        description = load_scene(file)
+        yield file.stem, list(description.objects), description.build()
+
+
+def case_of(robot: Robot, file: str, objects: Sequence[SceneObject], checker: RobotScene) -> Case:
+    """Return what peers get: the pairs that are checked here."""
+    arrays = checker._model.arrays(checker.scene)
+    tests, count = arrays.tests, arrays.tests.first
+    order = [arrays.names[row] for row in arrays.owners[count:-1]]
+    columns = [order.index(one.name) for one in objects]
+    allowed = np.zeros((count, len(objects)), np.bool_)
+    if len(tests.allowed):
+        allowed = tests.allowed[:, columns]
+    return Case(robot, file, objects, tests.pairs, allowed)
+
+
+def random_states(robot: Robot, count: int, rng: np.random.Generator) -> Floats:
+    """Return states within the limits; a turn each way where there are none."""
+    low = np.where(np.isfinite(robot.lower), robot.lower, -np.pi)
+    high = np.where(np.isfinite(robot.upper), robot.upper, np.pi)
+    return np.asarray(rng.uniform(low, high, (count, len(low))))
+
+
+def measure(checkers: dict[str, CheckStates], states: Floats) -> dict[str, float]:
+    """Return the processor time per state of each, seconds, in turns."""
+    best = dict.fromkeys(checkers, np.inf)
+    for check in checkers.values():
+        check(states[:5])
+    for _ in range(ROUNDS):
+        for name, check in checkers.items():
+            start = thread_time()
+            check(states)
+            best[name] = min(best[name], (thread_time() - start) / len(states))
+    return best
+
+
+def compared(
+    name: str, check: CheckStates, states: Floats, truth: np.ndarray | None
+) -> tuple[int, int, float]:
+    """Return how many states were compared with triangles, missed, and the share of false ones."""
+    if truth is None or name == TRUTH:
+        return 0, -1, -1.0
+    found = check(states)
+    return (
+        len(states),
+        int((truth & ~found).sum()),
+        float((found & ~truth).sum() / max(1, found.sum())),
+    )
+
+
+def motion_row(
+    world: str, objects: int, checker: RobotScene, states: Floats, count: int
+) -> MotionRow:
+    """Measure motions between free states, and compare with samples."""
+    free = states[checker.check(states).valid][: 2 * count]
+    starts, ends = free[: len(free) // 2], free[len(free) // 2 : len(free) // 2 * 2]
+    checker.check_motions(starts[:1], ends[:1])
+    begin = thread_time()
+    report = checker.check_motions(starts, ends)
+    time = (thread_time() - begin) / max(1, len(starts))
+    missed = 0
+    for start, end in zip(starts[report.valid], ends[report.valid], strict=True):
+        times = np.linspace(0.0, 1.0, SAMPLES)[:, None]
+        missed += bool(checker.check(start + times * (end - start)).colliding.any())
+    return MotionRow(
+        world, objects, 1.0 / time, 1e6 * time, float(report.valid.mean()),
+        int(report.undecided.sum()), missed,
+    )  # fmt: skip
+
+
+def run(options: argparse.Namespace) -> tuple[list[Row], list[MotionRow]]:
+    """Measure in all worlds; print what is left out, and why."""
+    robot = Robot.from_urdf(options.robot, options.srdf, options.packages)
+    rows, motions = [], []
+    for world, objects, scene in worlds(options):
+        rng = np.random.default_rng(options.seed + 1)
+        checker = RobotScene([robot], scene)
+        case = case_of(robot, str(options.robot), objects, checker)
+        checkers: dict[str, CheckStates] = {OURS: lambda q, c=checker: c.check(q).colliding}  # type: ignore[misc]
+        for name, (make, package) in PEERS.items():
+            if find_spec({"pin": "pinocchio"}.get(package, package)) is None:
+                continue
+            try:
+                checkers[name] = make(case)
+            except Exception as error:  # peers raise any exception
+                print(f"{world}: {name} is left out: {error}")
+        states = random_states(robot, options.states, rng)
+        times = measure(checkers, states)
+        many = random_states(robot, options.compared, rng)
+        truth = checkers[TRUTH](many) if TRUTH in checkers and options.compared else None
+        for name, check in checkers.items():
+            found = compared(name, check, many, truth)
+            share = float(check(states).mean())
+            rows.append(
+                Row(world, len(objects), name, 1 / times[name], 1e6 * times[name], share, *found)
+            )
+        motions.append(motion_row(world, len(objects), checker, many, options.motions))
+    return rows, motions
+
+
+def table(rows: Sequence[Row]) -> list[list[str]]:
+    """Return header and lines, as text cells."""
+    ours = {row.world: row.microseconds for row in rows if row.checker == OURS}
+    header = [
+        "world", "objects", "checker", "us per state", "states per second", "this library is",
+        "colliding", "compared", "missed", "false alarms",
+    ]  # fmt: skip
+    lines = [
+        [
+            row.world, str(row.objects), row.checker, f"{row.microseconds:.2f}",
+            f"{row.states_per_second:,.0f}", f"{row.microseconds / ours[row.world]:.1f} x as fast",
+            f"{100 * row.colliding:.0f} %", f"{row.compared:,}" if row.compared else "",
+            str(row.missed) if row.compared else "",
+            f"{100 * row.false_alarms:.2f} %" if row.compared else "",
+        ]
+        for row in rows
+    ]  # fmt: skip
+    return [header, *lines]
+
+
+def motion_table(rows: Sequence[MotionRow]) -> list[list[str]]:
+    """Return header and lines, as text cells."""
+    header = ["world", "objects", "us per motion", "per second", "free", "undecided", "missed"]
+    lines = [
+        [
+            row.world, str(row.objects), f"{row.microseconds:.0f}",
+            f"{row.motions_per_second:,.0f}", f"{100 * row.free:.0f} %", str(row.undecided),
+            str(row.missed),
+        ]
+        for row in rows
+    ]  # fmt: skip
+    return [header, *lines]
+
+
+def save_plot(rows: Sequence[Row], path: Path) -> None:
+    """Draw states per second by world and checker."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(8.0, 4.0), layout="constrained")
+    axes = figure.subplots()
+    names = list(dict.fromkeys(row.checker for row in rows))
+    places = {world: n for n, world in enumerate(dict.fromkeys(row.world for row in rows))}
+    for name in names:
+        some = [row for row in rows if row.checker == name]
+        axes.plot(
+            [places[row.world] for row in some], [row.states_per_second for row in some], "o-",
+            label=name,
+        )  # fmt: skip
+    axes.set_xticks(list(places.values()), list(places), rotation=30, ha="right")
+    axes.set_yscale("log")
+    axes.set_ylabel("states per second, one core")
+    axes.legend()
+    axes.grid(alpha=0.3)
+    figure.savefig(path)
+
+
+def parser() -> Parser:
+    """Return the parser of the command."""
+    urdf, srdf, packages = default_robot()
+    made = Parser(prog="obb_collision_robots", description=__doc__)
+    option(made, "--robot", Path, urdf, "URDF")
+    option(made, "--srdf", Path, srdf, "SRDF")
+    option(made, "--packages", Path, packages, "folder in which packages of meshes are")
+    boxes = "numbers of random boxes"
+    made.add_argument("--boxes", nargs="*", type=whole(1, 10000), default=[10, 30, 100], help=boxes)
+    option(made, "--scenes", Path, text="folder of scene files (YAML) to measure in, too")
+    option(made, "--states", whole(1, 10**7), 2000, "states that are timed")
+    option(made, "--compared", whole(0, 10**7), 20000, "states compared with triangles")
+    option(made, "--motions", whole(1, 10**6), 200, "motions that are timed")
+    option(made, "--seed", whole(0, 10**6), 0, "of states and boxes")
+    option(made, "--json", new_file(), text="write all figures")
+    option(made, "--plot", new_file(".png", ".svg"), text="draw states per second")
+    return made
+
+
+@interruptible("obb_collision_robots")
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the command."""
+    made = parser()
+    options = made.parse_args(args)
+    if options.srdf is not None and options.robot != made.get_default("robot"):
+        options.srdf = None if options.srdf == made.get_default("srdf") else options.srdf
+    threads = set_threads(1)
+    try:
+        rows, motions = run(options)
+    except (ValueError, OSError) as error:
+        made.error(str(error))
+    finally:
+        set_threads(None if threads == 1 else threads)
+    print(as_markdown(table(rows)))
+    print()
+    print(as_markdown(motion_table(motions)))
+    if options.json:
+        report = {"states": [asdict(row) for row in rows], "motions": [asdict(m) for m in motions]}
+        options.json.write_text(json.dumps(report, indent=1) + "\n")
+    if options.plot:
+        save_plot(rows, options.plot)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
