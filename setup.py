@@ -61,6 +61,8 @@ setup(
         "lint": ["ruff==0.17.5", "mypy==2.4.1"],
         # peers to compare with, and plots
         "bench": ["python-fcl", "coal", "mujoco", "matplotlib>=3.6.0", "tqdm"],
+        # robots to check states of, and a peer that does
+        "robots": ["pin", "example-robot-data", "mujoco", "matplotlib>=3.6.0"],
         # real meshes to measure on: 240 MB to download; pybullet has wheels up to Python 3.11
         "meshes": ["example-robot-data", "pybullet; python_version < '3.12'"],
     },
@@ -80,6 +82,7 @@ setup(
             "obb_collision_fuzz = obb_collision.commands:fuzz",
             "obb_collision_known_bugs = obb_collision.benchmarks.known_bugs:main",
             "obb_collision_latency = obb_collision.commands:latency",
+            "obb_collision_robots = obb_collision.benchmarks.robots:main",
             "obb_collision_soak = obb_collision.commands:soak",
             "obb_collision_merge = obb_collision.commands:merge",
             "obb_collision_regions = obb_collision.commands:regions",

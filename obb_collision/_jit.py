@@ -69,6 +69,15 @@ def _compiled(function: F, **options: bool) -> F:
     return kernel
 
 
+def njit_borrowing(function: F) -> F:
+    """Compile a kernel as ``njit_inlined`` does, for one that makes no arrays.
+
+    It does not count references to those it is given, which takes 5 ns for each it names: as much
+    as a test of two spheres.
+    """
+    return _compiled(function, forceinline=True, _nrt=False)
+
+
 def njit_each_number(function: F) -> F:
     """Compile a kernel as ``njit`` does, but apart for every number written out in a call.
 

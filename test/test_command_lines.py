@@ -59,6 +59,10 @@ OPTIONS: dict[str, dict[str, list[str]]] = {
     },
     "obb_collision_fuzz": {"--messages": WHOLES, "--bound": REALS, "--log": FILES, **SEED},
     "obb_collision_known_bugs": {"--markdown": PLOTS},
+    "obb_collision_robots": {
+        **dict.fromkeys(("--boxes", "--states", "--compared", "--motions"), WHOLES),
+        "--plot": PLOTS, **SEED, **JSON,
+    },
     "obb_collision_faults": {"--only": ["none such", "", "\ud800"], "--markdown": PLOTS},
     "obb_collision_latency": {
         "--objects": WHOLES, "--new": WHOLES, "--seconds": REALS, **SEED, **JSON,

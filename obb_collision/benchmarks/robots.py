@@ -30,7 +30,7 @@ import numpy as np
 from obb_collision._threads import set_threads
 from obb_collision.benchmarks.peers.robots import PEERS, TRUTH, Case, CheckStates
 from obb_collision.benchmarks.step.text import as_markdown
-from obb_collision.cli import Parser, interruptible, new_file, option, whole
+from obb_collision.cli import MAX_SEED, Parser, interruptible, new_file, option, whole
 from obb_collision.robots.robot import Robot
 from obb_collision.robots.robot_scene import RobotScene
 from obb_collision.scene.scene import Scene
@@ -190,7 +190,7 @@ def run(options: argparse.Namespace) -> tuple[list[Row], list[MotionRow]]:
     robot = Robot.from_urdf(options.robot, options.srdf, options.packages)
     rows, motions = [], []
     for world, objects, scene in worlds(options):
-        rng = np.random.default_rng(options.seed + 1)
+        rng = np.random.default_rng([options.seed, 1])
         checker = RobotScene([robot], scene)
         case = case_of(robot, str(options.robot), objects, checker)
         checkers: dict[str, CheckStates] = {OURS: lambda q, c=checker: c.check(q).colliding}  # type: ignore[misc]
@@ -279,12 +279,12 @@ def parser() -> Parser:
     option(made, "--srdf", Path, srdf, "SRDF")
     option(made, "--packages", Path, packages, "folder in which packages of meshes are")
     boxes = "numbers of random boxes"
-    made.add_argument("--boxes", nargs="*", type=whole(1, 10000), default=[10, 30, 100], help=boxes)
+    made.add_argument("--boxes", nargs="+", type=whole(1, 10000), default=[10, 30, 100], help=boxes)
     option(made, "--scenes", Path, text="folder of scene files (YAML) to measure in, too")
     option(made, "--states", whole(1, 10**7), 2000, "states that are timed")
     option(made, "--compared", whole(0, 10**7), 20000, "states compared with triangles")
     option(made, "--motions", whole(1, 10**6), 200, "motions that are timed")
-    option(made, "--seed", whole(0, 10**6), 0, "of states and boxes")
+    option(made, "--seed", whole(0, MAX_SEED), 0, "of states and boxes")
     option(made, "--json", new_file(), text="write all figures")
     option(made, "--plot", new_file(".png", ".svg"), text="draw states per second")
     return made

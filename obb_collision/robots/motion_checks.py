@@ -29,7 +29,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from obb_collision._jit import njit
+from obb_collision._jit import njit, njit_borrowing
 from obb_collision.numerics.vec3 import norm, vector_at
 from obb_collision.robots.kinematics import FIXED, FLOATING, PLANAR, PRISMATIC, Tree
 from obb_collision.robots.state_arrays import Bodies, Placed, Tests, new_placed, place_state
@@ -171,7 +171,7 @@ def motions_kernel(
         pairs[n, 0], pairs[n, 1] = i, j
 
 
-@njit
+@njit_borrowing
 def _first_collision(
     tree: Tree, bodies: Bodies, tests: Tests, level: int, starts: Floats, ends: Floats, n: int,
     resolution: float, room: Room,
@@ -207,7 +207,7 @@ def _first_collision(
     return (np.nan if hit == np.inf else hit), True, one, other
 
 
-@njit
+@njit_borrowing
 def _fastest(speeds: Speeds) -> float:
     """Return the largest speed of any body or pair."""
     fastest = 0.0
@@ -218,7 +218,7 @@ def _fastest(speeds: Speeds) -> float:
     return fastest
 
 
-@njit
+@njit_borrowing
 def _collides_after(
     tree: Tree, bodies: Bodies, tests: Tests, level: int, starts: Floats, ends: Floats, n: int,
     time: float, step: float, room: Room,
@@ -234,7 +234,7 @@ def _collides_after(
     return False
 
 
-@njit
+@njit_borrowing
 def _examined(
     tree: Tree, bodies: Bodies, tests: Tests, level: int, starts: Floats, ends: Floats, n: int,
     time: float, half: float, room: Room,

@@ -18,15 +18,15 @@ A body is a shape of a link, of something attached to one, or of the world. Test
 exact, and each lets through all that the next one reports: spheres, boxes by their separating axes,
 convex hulls by a direction that certainly separates them.
 
-What runs per state is compiled into one kernel (``njit_inlined``): handing the arrays of all bodies
-to a function takes longer than what most of these functions do.
+What runs per state is compiled into one kernel (``njit_borrowing``): handing the arrays of all
+bodies to a function, and counting references to them, takes longer than most of the tests.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from obb_collision._jit import njit, njit_inlined
+from obb_collision._jit import njit, njit_borrowing
 from obb_collision.accuracy import Accuracy
 from obb_collision.numerics.vec3 import (
     components,
@@ -61,7 +61,7 @@ SPHERE, AABB, FACES, HULL = (
 )
 
 
-@njit_inlined
+@njit_borrowing
 def gather(
     bodies: Bodies, tests: Tests, placed: Placed, grown: Floats, grown_pairs: Floats, stop: bool
 ) -> int:
@@ -132,21 +132,17 @@ def gather(
     return count
 
 
-@njit_inlined
-def find_collisions(bodies: Bodies, placed: Placed, count: int, level: int, out: Integers) -> int:
-    """Write candidates that may collide to out (k, 2) until it is full; return their number."""
-    found = 0
+@njit_borrowing
+def find_collision(bodies: Bodies, placed: Placed, count: int, level: int) -> int:
+    """Return the first candidate that may collide, -1 if none does."""
     for n in range(count):
         i, j = placed.candidates[n, 0], placed.candidates[n, 1]
         if may_collide(bodies, placed, i, j, placed.grown[n], level):
-            out[found, 0], out[found, 1] = i, j
-            found += 1
-            if found == len(out):
-                break
-    return found
+            return n
+    return -1
 
 
-@njit_inlined
+@njit_borrowing
 def may_collide(bodies: Bodies, placed: Placed, i: int, j: int, grown: float, level: int) -> bool:
     """Return whether bodies i and j are not certainly farther apart than ``grown`` on a level."""
     center, other = vector_at(placed.centers, i), vector_at(placed.centers, j)
@@ -195,7 +191,7 @@ def _bounds_touch(d: Vector, a: Box, b: Box) -> bool:
     return True
 
 
-@njit_inlined
+@njit_borrowing
 def _hulls_apart(bodies: Bodies, placed: Placed, i: int, j: int, d: Vector, grown: float) -> bool:
     """Return whether a direction certainly separates two hulls; d: from one centre to the other."""
     a = place_at(placed.positions, placed.rotations, bodies.frames[i])
@@ -215,16 +211,22 @@ def first_pairs_kernel(
     """Write the first pair of bodies that may collide in each state to out (n, 2); -1 for none."""
     placed = new_placed(bodies, tests, len(tree.parents))
     grown, grown_pairs = np.zeros(tests.first), np.zeros(len(tests.pairs))
-    pair = np.empty((1, 2), np.int64)
+    _fill_first_pairs(
+        tree, bodies, tests, level, states, placed, grown, grown_pairs, out, start, stop
+    )
+
+
+@njit_borrowing
+def _fill_first_pairs(
+    tree: Tree, bodies: Bodies, tests: Tests, level: int, states: Floats, placed: Placed,
+    grown: Floats, grown_pairs: Floats, out: Integers, start: int, stop: int,
+) -> None:  # fmt: skip
     for n in range(start, stop):
         place_state(tree, bodies, tests, states, n, placed)
         count = gather(bodies, tests, placed, grown, grown_pairs, True)
-        pair[0, 0] = pair[0, 1] = -1
-        if count < 0:
-            pair[0, 0], pair[0, 1] = placed.candidates[0, 0], placed.candidates[0, 1]
-        else:
-            find_collisions(bodies, placed, count, level, pair)
-        out[n, 0], out[n, 1] = pair[0, 0], pair[0, 1]
+        found = 0 if count < 0 else find_collision(bodies, placed, count, level)
+        for k in range(2):
+            out[n, k] = placed.candidates[found, k] if found >= 0 else -1
 
 
 @njit
@@ -238,16 +240,18 @@ def all_pairs_kernel(
     """
     placed = new_placed(bodies, tests, len(tree.parents))
     grown, grown_pairs = np.zeros(tests.first), np.zeros(len(tests.pairs))
-    pairs = np.empty((len(placed.grown) + 1, 2), np.int64)
     for n in range(start, stop):
         if len(out) and counts[n] == 0:
             continue
         place_state(tree, bodies, tests, states, n, placed)
         count = gather(bodies, tests, placed, grown, grown_pairs, False)
-        found = find_collisions(bodies, placed, count, level, pairs)
+        found = 0
+        for m in range(count):
+            i, j = placed.candidates[m, 0], placed.candidates[m, 1]
+            if may_collide(bodies, placed, i, j, 0.0, level):
+                found += 1
+                if len(out):
+                    row = ends[n] - found
+                    out[row, 0], out[row, 1] = i, j
         if len(out) == 0:
             counts[n] = found
-            continue
-        for m in range(found):
-            row = ends[n] - found + m
-            out[row, 0], out[row, 1] = pairs[m, 0], pairs[m, 1]
