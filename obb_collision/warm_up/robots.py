@@ -48,4 +48,5 @@ def run() -> None:
         checker.check(states, all_pairs=True)
         checker.check_motions(states[:2], states[1:])
     checker.check_path(states)
+    checker.distances(states)
     oc.prove_pairs(robot, 1.0)
