@@ -20,12 +20,16 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import IO, NamedTuple
 
 ENDING = 30.0
-"""Seconds that the process has to end after SIGINT."""
+"""Seconds that the process has to end after SIGINT, and those for which it waits for a processor."""
+WATCHING = 1.0
+"""Seconds after which it is seen whether it waited."""
 WAITING = 2
 """Threads that may wait for a processor one after the other: the cycle for the middleware."""
 
@@ -97,11 +101,12 @@ class Child:
         """End it as Ctrl-C would, else by force; returns its exit code."""
         if self.exit_code is None:
             self._process.send_signal(signal.SIGINT)
-        try:
-            self._process.wait(timeout=ENDING)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
+        start, before = time.monotonic(), self.delays()
+        while self.exit_code is None:
+            if time.monotonic() - start > ENDING + self.waited(before):
+                self._process.kill()
+            with suppress(subprocess.TimeoutExpired):
+                self._process.wait(timeout=WATCHING)
         self._output.close()
         return int(self._process.returncode)
 

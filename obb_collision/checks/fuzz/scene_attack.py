@@ -28,7 +28,7 @@ from obb_collision.checks.fuzz.client import STARTING, FoundError
 from obb_collision.checks.fuzz.scenes import mutated_scene
 
 READING = 10.0
-"""Seconds that a file may take."""
+"""Seconds that a file may take, without those for which its reader waits for a processor."""
 REFUSED = 1
 """Exit code of a node whose scene file can't be used."""
 READY = "ready: "
