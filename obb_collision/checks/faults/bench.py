@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Callable, Iterable
 from itertools import pairwise
@@ -67,7 +68,7 @@ class Bench:
 
     def __init__(self, folder: Path, domain: int) -> None:
         self.folder, self.domain = folder, domain
-        self.namespace = f"/faults_{domain}"
+        self.namespace = f"/faults_{os.getpid()}"  # others may have the same domain
         self._context = Context()
         self._context.init(args=[], domain_id=domain)
         self._executor = SingleThreadedExecutor(context=self._context)

@@ -24,6 +24,7 @@ from typing import NamedTuple
 
 from obb_collision.checks.faults import caches, loads, processes, resources, times
 from obb_collision.checks.faults.bench import Bench, FaultError
+from obb_collision.checks.middleware import for_killed_processes
 
 
 class Fault(NamedTuple):
@@ -102,9 +103,15 @@ class Outcome(NamedTuple):
 
 
 def attempt(fault: Fault, domain: int) -> Outcome:
-    """Make a fault, with processes of its own."""
+    """Make a fault, with processes of its own.
+
+    They do without shared memory, if this process has made no participant before.
+    """
     start = time.monotonic()
-    with tempfile.TemporaryDirectory(prefix="obb_collision-faults-") as folder:
+    with (
+        tempfile.TemporaryDirectory(prefix="obb_collision-faults-") as folder,
+        for_killed_processes(Path(folder)),
+    ):
         bench = Bench(Path(folder), domain)
         try:
             seen, held = fault.make(bench), True

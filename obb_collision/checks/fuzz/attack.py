@@ -31,11 +31,11 @@ from pathlib import Path
 from obb_collision.checks.fuzz.canary import Canary
 from obb_collision.checks.fuzz.child import Child
 from obb_collision.checks.fuzz.client import Client, FoundError
-from obb_collision.checks.fuzz.middleware import set_up
 from obb_collision.checks.fuzz.scene_attack import attack_node, attack_reader
 from obb_collision.checks.fuzz.scenes import READERS
 from obb_collision.checks.fuzz.session import Result, Session
 from obb_collision.checks.fuzz.stream import Stream
+from obb_collision.checks.middleware import for_large_messages
 from obb_collision.node.inputs.subscriptions import INPUTS
 
 LARGEST_DOMAIN = 100
@@ -85,7 +85,7 @@ def _take_interrupts() -> None:
 
 def _run(options: Namespace, parts: list[Part], index: int) -> Attack:
     """Run parts in this process. index: among the processes of the attack."""
-    with tempfile.TemporaryDirectory() as folder, set_up(Path(folder)):
+    with tempfile.TemporaryDirectory() as folder, for_large_messages(Path(folder)):
         run = Attack(options, Path(folder), index)
         try:
             run.run(parts)

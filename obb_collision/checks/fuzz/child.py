@@ -27,7 +27,7 @@ from pathlib import Path
 from typing import IO, NamedTuple
 
 ENDING = 30.0
-"""Seconds that the process has to end after SIGINT, and those for which it waits for a processor."""
+"""Seconds that the process has to end after SIGINT, beside those it waits for a processor."""
 WATCHING = 1.0
 """Seconds after which it is seen whether it waited."""
 WAITING = 2
