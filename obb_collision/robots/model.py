@@ -22,8 +22,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from obb_collision.obb import OBB
 from obb_collision.robots.bodies import enclosing_spheres, joined, merged
 from obb_collision.robots.kinematics import FLOATING, Tree
+from obb_collision.robots.mesh_checks import MeshBodies
 from obb_collision.robots.motion_checks import joint_reaches
 from obb_collision.robots.robot import Robot
 from obb_collision.robots.robot_arrays import (
@@ -42,6 +44,7 @@ from obb_collision.robots.world import World, WorldState, world_of
 from obb_collision.scene.scene import Scene
 from obb_collision.scene.store.allowed import AllowedPairs
 from obb_collision.scene.store.pair_table import PairFilter
+from obb_collision.shapes import Shape
 from obb_collision.typing import Floats, Integers, Mask, Rows
 
 #: Quaternions whose sum is shorter are opposite: between them, motions have no certain speed.
@@ -106,22 +109,24 @@ class Model:
         self._chains = chain_lengths(self.tree, self.lower, self.upper)
         self._quaternions = [int(c) for c in self.tree.columns[self.tree.kinds == FLOATING]]
         self._bodies: OwnBodies | None = None
+        self._meshes: MeshBodies | None = None
         self._arrays: tuple[WorldState, Arrays] | None = None
 
     def set_paddings(self, paddings: Floats) -> None:
         """Set by how much each link (links,) is grown."""
-        self.paddings, self._bodies, self._arrays = paddings, None, None
+        self.paddings = paddings
+        self._bodies = self._arrays = self._meshes = None
 
     def attach(self, name: str, attached: Attached) -> None:
         """Attach something, in place of what has its name."""
         attached_body(attached, self._chains, 0.0)  # it fails before anything has changed
         self.attached = {**self.attached, name: attached}
-        self._bodies = self._arrays = None
+        self._bodies = self._arrays = self._meshes = None
 
     def detach(self, name: str) -> None:
         """Remove what is attached."""
         self.attached = {key: each for key, each in self.attached.items() if key != name}
-        self._bodies = self._arrays = None
+        self._bodies = self._arrays = self._meshes = None
 
     def check_quaternions(self, states: Floats, name: str) -> None:
         """Raise ValueError for a floating joint whose quaternion is zero."""
@@ -192,6 +197,24 @@ class Model:
         )  # fmt: skip
         all_owners = np.concatenate([owners, np.arange(len(links), len(names)), [-1]])
         return Arrays(self.tree, merged(own, world.bodies), tests, world, names, all_owners)
+
+    def mesh_bodies(self) -> MeshBodies:
+        """Return the bodies of robots as meshes, in the same order."""
+        if self._meshes is None:
+            placed: list[tuple[Shape | OBB, Sequence[float], int, float]] = [
+                (shape, pose, link, float(self.paddings[link]))
+                for link, each in enumerate(part for robot in self.robots for part in robot.shapes)
+                for shape, pose in each
+            ]
+            for each in self.attached.values():
+                padding = each.padding + float(self.paddings[each.link])
+                placed.append((each.shape, each.pose.tolist(), each.link, padding))
+            placed.sort(key=lambda one: one[2])
+            frames = np.array([link for _, _, link, _ in placed], np.int64)
+            padded = np.array([padding > 0.0 for *_, padding in placed], np.bool_)
+            poses = np.array([pose for _, pose, _, _ in placed]).reshape(-1, 7)
+            self._meshes = MeshBodies([shape for shape, *_ in placed], poses, frames, padded)
+        return self._meshes
 
     def _own_bodies(self) -> OwnBodies:
         bodies, owners = link_bodies(self.robots, self.paddings, self._chains)

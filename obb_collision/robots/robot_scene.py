@@ -31,16 +31,19 @@ from obb_collision.geometry.shapes.primitives import positive_number
 from obb_collision.geometry.validation import as_array, is_single
 from obb_collision.obb import OBB
 from obb_collision.robots.distance_checks import distances_kernel
+from obb_collision.robots.kinematics import Tree
+from obb_collision.robots.mesh_checks import collide_as_meshes
 from obb_collision.robots.model import Arrays, Model
 from obb_collision.robots.motion_checks import motions_kernel
 from obb_collision.robots.reports import MotionReport, StateDistances, StatePairs, StateReport
 from obb_collision.robots.robot import Robot
 from obb_collision.robots.robot_arrays import Attached
+from obb_collision.robots.state_arrays import Bodies, Tests
 from obb_collision.robots.state_checks import all_pairs_kernel, first_pairs_kernel
 from obb_collision.scene.objects import check_padding
 from obb_collision.scene.scene import Scene
 from obb_collision.shapes import Shape
-from obb_collision.typing import Floats
+from obb_collision.typing import Floats, Integers, Rows
 from obb_collision.words import MAX_OBJECT_NAME, check_name, shown
 
 #: States below which a second thread does not pay: 0.1 ms of them.
@@ -65,7 +68,8 @@ class RobotScene:
         The world. It may change between checks: each one sees it as it is then. Its rules about
         pairs (``allow``, ``check_only``, ``allowed_within``) count for links, too.
     accuracy : Accuracy or str
-        Of all pairs, whatever the objects of the scene have.
+        Of all pairs, whatever the objects of the scene have. Pairs that are padded, and all motions
+        and distances, are decided at "hull" also where it is "mesh".
     padding : float or mapping
         Metres by which links are grown, of all or by name: a ball around each point.
     bases : (r, 7) array_like, optional
@@ -132,10 +136,7 @@ class RobotScene:
 
     @accuracy.setter
     def accuracy(self, value: Accuracy | str) -> None:
-        level = as_accuracy(value)
-        if level in (Accuracy.OBB_TREE, Accuracy.MESH):
-            raise ValueError(f"accuracy of robots must be one up to obb, or hull, got {level.name}")
-        self._accuracy = level
+        self._accuracy = as_accuracy(value)
 
     @property
     def joint_names(self) -> tuple[str, ...]:
@@ -287,9 +288,28 @@ class RobotScene:
         first = np.empty((len(states), 2), np.int64)
         run(first_pairs_kernel, len(states), FEWEST_STATES, *checks, level, states, first)
         report = StateReport(out_of_limits, arrays.owners_of(first), arrays.names)
+        if self._accuracy in (Accuracy.OBB_TREE, Accuracy.MESH):
+            found = self._decide_meshes(arrays, states, np.flatnonzero(first[:, 0] >= 0))
+            pairs = np.full_like(first, -1)
+            rows, places = np.unique(found.states, return_index=True)
+            pairs[rows] = found.pairs[places]
+            return replace(report, first_pairs=pairs, all_pairs=found if every else None)
         if every:
-            report = replace(report, all_pairs=_all_pairs(arrays, level, states))
+            report = replace(
+                report, all_pairs=_named_pairs(arrays, *_all_pairs(*checks, level, states))
+            )
         return report
+
+    def _decide_meshes(self, arrays: Arrays, states: Floats, rows: Rows) -> StatePairs:
+        """Return the pairs that collide as meshes, or as trees of boxes, in the states of rows."""
+        checks = arrays.tree, arrays.bodies, arrays.tests
+        some = np.ascontiguousarray(states[rows])
+        numbers, pairs = _all_pairs(*checks, int(self._accuracy), some)
+        kept = collide_as_meshes(
+            self._model.mesh_bodies(), self._scene, arrays.world, arrays.tree, some[numbers],
+            pairs, self._model.origin, self._accuracy,
+        )  # fmt: skip
+        return _named_pairs(arrays, rows[numbers[kept]], pairs[kept])
 
     def distances(
         self, configurations: ArrayLike, *, max_distance: float = np.inf
@@ -488,16 +508,21 @@ def _named(
     return several, names
 
 
-def _all_pairs(arrays: Arrays, level: int, states: Floats) -> StatePairs:
-    """Return every colliding pair, of links and objects, each once per state."""
-    checks = arrays.tree, arrays.bodies, arrays.tests, level, states
+def _all_pairs(
+    tree: Tree, bodies: Bodies, tests: Tests, level: int, states: Floats
+) -> tuple[Rows, Integers]:
+    """Return the states (m,), ascending, of all pairs (m, 2) of bodies that may collide."""
+    checks = tree, bodies, tests, level, states
     counts = np.zeros(len(states), np.int64)
     none = np.empty((0, 2), np.int64)
     run(all_pairs_kernel, len(states), FEWEST_STATES, *checks, counts, counts, none)
     ends = np.cumsum(counts)
     pairs = np.empty((int(ends[-1]) if len(ends) else 0, 2), np.int64)
     run(all_pairs_kernel, len(states), FEWEST_STATES, *checks, counts, ends, pairs)
-    owners = arrays.owners_of(pairs)
-    rows = np.column_stack([np.repeat(np.arange(len(states)), counts), owners])
-    unique = np.unique(rows, axis=0)
+    return np.repeat(np.arange(len(states)), counts), pairs
+
+
+def _named_pairs(arrays: Arrays, states: Rows, pairs: Integers) -> StatePairs:
+    """Return pairs of bodies as those of links and objects, each once per state."""
+    unique = np.unique(np.column_stack([states, arrays.owners_of(pairs)]), axis=0)
     return StatePairs(unique[:, 0], unique[:, 1:])

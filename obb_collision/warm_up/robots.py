@@ -42,7 +42,7 @@ def run() -> None:
     scene.add("pole", oc.shapes.Cylinder(0.1, 1.0), (0.5, 0.0, 0.6, 0.0, 0.0, 0.0, 1.0))
     checker = oc.RobotScene([robot], scene)
     states = np.array([[0.0, 0.0, 0.0], [1.5, 0.5, 1.0], [0.5, 1.9, 1.9]])
-    for accuracy in ("sphere", "aabb", "obb", "hull"):
+    for accuracy in ("sphere", "aabb", "obb", "hull", "mesh"):
         checker.accuracy = accuracy
         checker.check(states)
         checker.check(states, all_pairs=True)

@@ -16,8 +16,11 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
+import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from small_robots import random_arm, random_states, random_world
@@ -123,7 +126,7 @@ def test_a_cheaper_level_never_misses_what_a_dearer_one_reports(seed: int) -> No
     checker = oc.RobotScene([robot], random_world(rng, 8))
     states = random_states(rng, robot, 30)
     before = np.zeros(len(states), np.bool_)
-    for level in ("hull", "obb", "obb_faces", "aabb", "sphere"):
+    for level in ("mesh", "hull", "obb", "obb_faces", "aabb", "sphere"):
         checker.accuracy = level
         now = checker.check(states).colliding
         assert not (before & ~now).any(), level
@@ -285,3 +288,32 @@ def test_unknown_links_are_refused_with_a_guess() -> None:
         checker.attach("rod", "a rod", "hand")  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="not asked for all pairs"):
         checker.check([[0.0, 0.0]]).pairs_of(0)
+
+
+CUP = """<robot name="cup">
+  <link name="world"/>
+  <link name="cup"><collision><geometry><mesh filename="cup.obj"/></geometry></collision></link>
+  <joint name="x" type="prismatic"><parent link="world"/><child link="cup"/>
+    <axis xyz="1 0 0"/><limit lower="-9" upper="9" velocity="1" effort="1"/></joint>
+</robot>"""
+
+
+@pytest.mark.parametrize("accuracy", ["obb_tree", "mesh"])
+def test_what_is_within_a_hull_may_be_outside_of_its_mesh(accuracy: str, tmp_path: Path) -> None:
+    box = trimesh.creation.box((0.2, 1.0, 0.2))
+    arms = [box.copy(), box.copy()]
+    for arm, x in zip(arms, (-0.5, 0.5), strict=True):
+        arm.apply_translation((x, 0.0, 0.0))
+    trimesh.util.concatenate(arms).export(tmp_path / "cup.obj")
+    (tmp_path / "cup.urdf").write_text(CUP)
+    scene = oc.Scene()
+    scene.add("ball", oc.shapes.Sphere(0.2), [10.0, 0, 0, 0, 0, 0, 1])
+    scene.add("pole", oc.shapes.Box([0.2, 0.2, 2.0]), [-10.0, 0, 0, 0, 0, 0, 1])
+    robot = oc.Robot.from_urdf(tmp_path / "cup.urdf")
+    checker = oc.RobotScene([robot], scene, accuracy, bases=[[1.0, 0, 0, 0, 0, 0, 1]])
+    states = [[9.0], [8.7], [-11.0], [-10.6], [0.0]]
+    report = checker.check(states, all_pairs=True)
+    assert report.pairs == [None, ("cup", "ball"), None, ("cup", "pole"), None]
+    assert [report.pairs_of(n) for n in range(2)] == [[], [("cup", "ball")]]
+    checker.accuracy = "hull"
+    assert checker.check(states).colliding.tolist() == [True, True, True, True, False]
