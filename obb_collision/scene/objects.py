@@ -32,7 +32,8 @@ from obb_collision.scene.states import SceneStates
 from obb_collision.scene.store.kinds import BOX
 from obb_collision.scene.store.overrides import Overrides
 from obb_collision.scene.store.patterns import as_patterns, as_tuples
-from obb_collision.scene.store.store import LocalBox, ObjectStore
+from obb_collision.scene.store.placed import as_slice
+from obb_collision.scene.store.store import NO_ROWS, LocalBox, ObjectStore
 from obb_collision.shapes import Shape
 from obb_collision.typing import Floats
 from obb_collision.words import MAX_OBJECT_NAME, check_name, check_names
@@ -185,16 +186,20 @@ class SceneObjects(SceneStates):
         sizes: Floats,
         poses: Floats,
         levels: Sequence[Accuracy | None] | None = None,
+        instead: NDArray[np.int64] = NO_ROWS,
     ) -> NDArray[np.int64]:
         """Add boxes of new names as ``add_boxes`` does, but check nothing; returns their indices.
 
         The names are valid and distinct, sizes and poses finite, sizes not negative, quaternions
-        not zero.
+        not zero. instead: indices of objects to remove, distinct; only as many of them, the first
+        ones, are removed as boxes are added.
         """
-        slots = self._store.begin(names)
-        self._store.kinds[slots], self._store.accuracies[slots] = BOX, self._accuracy
-        self._store.poses[slots] = np.nan  # none is where it is to be
-        self._store.own_paddings[slots] = self._paddings_of(names)
+        self._forget(instead[: len(names)])
+        slots = self._store.begin(names, instead)
+        rows = as_slice(slots)
+        self._store.kinds[rows], self._store.accuracies[rows] = BOX, self._accuracy
+        self._store.poses[rows] = np.nan  # none is where it is to be
+        self._store.own_paddings[rows] = self._paddings_of(names)
         self.resize_boxes(slots, sizes)
         self._store.place(slots, poses)
         for slot, level in zip(slots.tolist(), levels or (), strict=False):
@@ -203,7 +208,7 @@ class SceneObjects(SceneStates):
 
     def resize_boxes(self, indices: NDArray[np.int64], sizes: Floats) -> None:
         """Give boxes other edge lengths (n, 3); nothing is checked."""
-        self._store.shape_boxes(indices, _halves(sizes), self._store.own_paddings[indices])
+        self._store.shape_boxes(indices, _halves(sizes))
 
     def grow_indices(self, indices: NDArray[np.int64], growths: Floats) -> None:
         """Grow boxes beyond their padding by (n,) metres on every side; nothing is checked.

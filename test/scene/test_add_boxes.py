@@ -133,6 +133,47 @@ def test_boxes_that_need_no_check_are_those_that_were_checked() -> None:
     assert state(one) == state(other)
 
 
+@pytest.mark.parametrize(("before", "after"), [(6, 6), (6, 4), (4, 6), (0, 3)])
+def test_boxes_in_place_of_others_are_as_if_these_had_been_removed(before: int, after: int) -> None:
+    one, other = (oc.Scene(padding=0.01, accuracy="hull") for _ in range(2))
+    names, sizes, poses = some(before + 4, 6)
+    for scene in (one, other):
+        for name, pose in zip(names, poses, strict=True):
+            scene.add(name, oc.shapes.Sphere(0.5), pose, padding=0.1, accuracy="mesh")
+        scene.set_enabled(names[0], False)
+        scene.set_twists(range(before), np.ones((before, 6)))
+        scene.grow_indices(np.arange(before), np.full(before, 0.2))
+        scene.check()
+    gone, sizes = np.arange(before), np.resize(sizes, (after, 3))
+    poses = np.resize(poses, (after, 7))
+    come = [f"new/{number}" for number in range(after)]
+    one.remove_indices(gone)
+    slots = one.begin_boxes(come, sizes, poses)
+    assert other.begin_boxes(come, sizes, poses, instead=gone).tolist() == slots.tolist()
+    other.remove_indices(gone[after:])
+    assert state(one) == state(other)
+    assert [other.padding_overrides, other.names] == [one.padding_overrides, one.names]
+    for scene in (one, other):
+        scene.padding = 0.05  # of those that have none of their own
+    assert state(one) == state(other)
+
+
+def test_a_box_in_place_of_another_did_not_pass_from_where_that_was() -> None:
+    scene = oc.Scene()
+    scene.add("wall", oc.shapes.Box([0.1, 9, 9]))
+    slots = scene.add_boxes(["a", "b"], np.ones((2, 3)), [[-2, 0, 0, 0, 0, 0, 1]] * 2)
+    scene.allow("*", "b")
+    scene.set_effect("sweep", "on")
+    scene.check()
+    place = np.array([[2.0, 0, 0, 0, 0, 0, 1]])
+    assert scene.begin_boxes(["c"], np.ones((1, 3)), place, instead=slots[:1]).tolist() == [
+        slots[0]
+    ]
+    assert len(scene.check().swept.passed) == 0
+    scene.move_indices(slots[:1], -place)
+    assert len(scene.check().swept.passed) == 1
+
+
 def test_a_renamed_object_is_the_same_under_its_new_name() -> None:
     scene = oc.Scene()
     slots = scene.add_boxes(["a", "b"], np.ones((2, 3)), [[0, 0, 0, 0, 0, 0, 1]] * 2)

@@ -78,29 +78,43 @@ class BoxSet:
         table = self._table
         slots = table.find(numbers, ids)
         faults.note((slots >= 0) & ~table.of_set[slots], OWNED)
-        gone = table.live & table.of_set
-        gone[slots[slots >= 0]] = False
-        self._objects.shapes.remove(np.flatnonzero(gone))
         self._forget_unplaceable()
-
-        def put(rows: Rows) -> None:
-            self._put(numbers[rows], ids[rows], poses[rows], sizes[rows])
 
         def fail(row: int, error: RefusedError) -> None:
             faults.note(np.arange(len(ids)) == row, error, of_shape=True)
 
-        with self._room(numbers, slots, faults):
+        with self._removed(slots) as left, self._room(numbers, slots, faults):
+
+            def put(rows: Rows) -> None:
+                given = numbers[rows], ids[rows], poses[rows], sizes[rows]
+                slots[rows] = self._put(*given, left[~table.live[left]])
+
             rows = np.flatnonzero(faults.number == GOOD)
             each(rows, put, fail, self._guard, f"input {TOPIC}")
         rows = np.flatnonzero(faults.number == GOOD)
-        slots[rows] = table.find(numbers[rows], ids[rows])
         old = np.zeros(len(ids), np.bool_)
         old[rows] = self._objects.states.store(slots[rows], poses[rows], state)
         self._mark(numbers, ids, slots, faults)
         faults.note(old, RefusedError(OLDER, "a newer pose is known"))
 
-    def _put(self, numbers: Rows, ids: Rows, poses: Floats, sizes: Floats) -> None:
-        """Create boxes, and resize those that have other sizes."""
+    @contextmanager
+    def _removed(self, slots: Rows) -> Iterator[Rows]:
+        """Remove the boxes at other slots than these; yields theirs, which new ones may take."""
+        table, shapes = self._table, self._objects.shapes
+        gone = table.live & table.of_set
+        gone[slots[slots >= 0]] = False
+        left = np.flatnonzero(gone)
+        shapes.release(left)
+        try:
+            yield left
+        finally:
+            shapes.scene.remove_indices(left[~table.live[left]])
+
+    def _put(self, numbers: Rows, ids: Rows, poses: Floats, sizes: Floats, instead: Rows) -> Rows:
+        """Create boxes, and resize those that have other sizes; returns their slots.
+
+        instead: slots of the scene for new ones.
+        """
         table, shapes = self._table, self._objects.shapes
         slots, kinds = table.find(numbers, ids), np.full(len(ids), Marker.CUBE)
         same = (slots >= 0) & have_shapes(table, slots, kinds, sizes)
@@ -109,8 +123,10 @@ class BoxSet:
         rest = np.flatnonzero(~same)
         if len(rest):
             keys = numbers[rest], ids[rest], kinds[rest]
-            slots = put_primitives(shapes, *keys, sizes[rest], poses[rest], never[rest])
-            table.of_set[slots] = True
+            given = sizes[rest], poses[rest], never[rest]
+            slots[rest] = put_primitives(shapes, *keys, *given, instead)
+            table.of_set[slots[rest]] = True
+        return slots
 
     @contextmanager
     def _room(self, numbers: Rows, slots: Rows, faults: Faults) -> Iterator[None]:
@@ -119,9 +135,10 @@ class BoxSet:
         new = (slots < 0) & (faults.number == GOOD)
         most = self._objects.shapes.max_objects
         surplus = np.flatnonzero(new)[max(0, most - len(table)) :]
-        new[surplus] = False
-        full = RefusedError("too many objects", f"{most} is the limit")
-        faults.note(np.isin(np.arange(len(new)), surplus), full, of_shape=True)
+        if len(surplus):
+            new[surplus] = False
+            full = RefusedError("too many objects", f"{most} is the limit")
+            faults.note(np.isin(np.arange(len(new)), surplus), full, of_shape=True)
         refused: dict[str, tuple[RefusedError, list[int]]] = {}
         for number in np.unique(numbers[new]).tolist():
             try:

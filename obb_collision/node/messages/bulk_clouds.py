@@ -18,6 +18,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -26,6 +27,7 @@ from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
 
 from obb_collision.node.messages.clouds import (
+    KNOWN_LAYOUTS,
     NO_LIMIT,
     cloud_from_ros,
     cloud_to_ros,
@@ -67,7 +69,24 @@ def _rows_from_ros(
 ) -> tuple[Integers | None, Integers, Floats]:
     """Return namespace numbers (n,) or None, ids (n,), and the values of fields (n, k)."""
     rows = cloud_from_ros(message, (*KEY_FIELDS, *names), most)
-    fields: Mapping[str, Any] = rows.dtype.fields or {}
+    has_namespaces, together = _layout_of(rows.dtype, names)
+    if together is None:
+        values = np.empty((len(rows), len(names)))
+        for column, name in enumerate(names):
+            values[:, column] = rows[name]
+    else:
+        values = rows.view(together)["all"].astype(np.float64)
+    namespaces = rows["ns"].astype(np.int64) if has_namespaces else None
+    return namespaces, rows["id"].astype(np.int64), values
+
+
+@lru_cache(KNOWN_LAYOUTS)
+def _layout_of(dtype: np.dtype[Any], names: tuple[str, ...]) -> tuple[bool, np.dtype[Any] | None]:
+    """Return whether rows have a field ``ns``, and a type that has the other fields together.
+
+    None for it where they are not side by side. RefusedError ("field layout").
+    """
+    fields: Mapping[str, Any] = dtype.fields or {}
     for name in ("id", *names):
         if name not in fields:
             raise RefusedError("field layout", f"no field {name!r}")
@@ -77,20 +96,7 @@ def _rows_from_ros(
     for name in names:
         if fields[name][0].kind != "f":
             raise RefusedError("field layout", f"field {name!r} is not a float")
-    values = _values(rows, names)
-    namespaces = rows["ns"].astype(np.int64) if "ns" in fields else None
-    return namespaces, rows["id"].astype(np.int64), values
-
-
-def _values(rows: npt.NDArray[Any], names: tuple[str, ...]) -> Floats:
-    """Return fields of rows as numbers (n, k)."""
-    view = side_by_side(rows, names)
-    if view is not None:
-        return view.astype(np.float64)
-    values = np.empty((len(rows), len(names)))
-    for column, name in enumerate(names):
-        values[:, column] = rows[name]
-    return values
+    return "ns" in fields, side_by_side(dtype, names)
 
 
 def poses_to_ros(

@@ -191,25 +191,26 @@ def points_from_ros(message: PointCloud2, most: int = NO_LIMIT) -> npt.NDArray[A
             raise RefusedError("field layout", f"no field {name!r}")
         if fields[name][0].kind != "f":
             raise RefusedError("field layout", f"field {name!r} is not a float")
-    points = side_by_side(rows, ("x", "y", "z"))
-    if points is not None and points.dtype.isnative and points.flags.aligned:
-        return points
+    together = side_by_side(rows.dtype, ("x", "y", "z"))
+    if together is not None:
+        points: npt.NDArray[Any] = rows.view(together)["all"]
+        if points.dtype.isnative and points.flags.aligned:
+            return points
     single = max(fields[name][0].itemsize for name in "xyz") == 4
     return np.stack([rows[name] for name in "xyz"], axis=1, dtype="f4" if single else "f8")
 
 
-def side_by_side(rows: npt.NDArray[Any], names: tuple[str, ...]) -> npt.NDArray[Any] | None:
-    """Return fields of rows as one view (n, k) where they are of one type and stand side by side.
+def side_by_side(dtype: np.dtype[Any], names: tuple[str, ...]) -> np.dtype[Any] | None:
+    """Return a type of rows whose one field "all" is k fields of one type that are side by side.
 
-    None where they do not.
+    None where they are not.
     """
-    fields: Mapping[str, Any] = rows.dtype.fields or {}
+    fields: Mapping[str, Any] = dtype.fields or {}
     kinds, places = zip(*(fields[name][:2] for name in names), strict=True)
     kind, first = kinds[0], places[0]
     expected = range(first, first + len(names) * kind.itemsize, kind.itemsize)
     if places != tuple(expected) or kinds.count(kind) < len(names):
         return None
     layout: Any = {"names": ["all"], "formats": [(kind, len(names))], "offsets": [first]}
-    layout["itemsize"] = rows.dtype.itemsize
-    view: npt.NDArray[Any] = rows.view(np.dtype(layout))["all"]
-    return view
+    layout["itemsize"] = dtype.itemsize
+    return np.dtype(layout)

@@ -27,6 +27,7 @@ from obb_collision.accuracy import Accuracy
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.objects.shapes import ObjectShapes
 from obb_collision.node.objects.table import COLUMNS, ObjectTable, Slots
+from obb_collision.scene.store.store import NO_ROWS
 from obb_collision.shapes import Cylinder, Ellipsoid, Shape
 from obb_collision.typing import Floats
 
@@ -57,13 +58,14 @@ def put_primitives(
     sizes: Floats,
     poses: Floats,
     expiry: Slots,
+    instead: Slots = NO_ROWS,
 ) -> Slots:
     """Add CUBE, SPHERE and CYLINDER of edge lengths (n, 3), or give objects those shapes.
 
     namespaces, ids (n,): keys, all distinct; the namespaces are admitted, and there is room for
     new objects. kinds (n,): types of markers; poses (n, 7), finite, of which new objects get
-    theirs; expiry (n,) as in the table. Returns their slots; all or, on a RefusedError
-    ("bad shape"), none.
+    theirs; expiry (n,) as in the table; instead: slots of the scene that the table has released,
+    for boxes that come. Returns their slots; all or, on a RefusedError ("bad shape"), none.
     """
     table = shapes.table
     slots = table.find(namespaces, ids)
@@ -81,7 +83,7 @@ def put_primitives(
     if len(fresh):
         names = _names(table, namespaces[fresh], ids[fresh])
         levels = _levels(shapes, names)
-        slots[fresh] = shapes.scene.begin_boxes(names, sizes[fresh], poses[fresh], levels)
+        slots[fresh] = shapes.scene.begin_boxes(names, sizes[fresh], poses[fresh], levels, instead)
     begun = slots[new]
     table.claim_many(begun, namespaces[new], ids[new])
     shapes.placement.begin(begun)
@@ -112,6 +114,9 @@ def _put_bodies(
 
 def _names(table: ObjectTable, namespaces: Slots, ids: Slots) -> list[str]:
     texts = table.namespaces.names
+    if (namespaces == namespaces[0]).all():  # as most senders have it: half the time
+        text = texts[int(namespaces[0])]
+        return [f"{text}/{ident}" for ident in ids.tolist()]
     pairs = zip(namespaces.tolist(), ids.tolist(), strict=True)
     return [f"{texts[number]}/{ident}" for number, ident in pairs]
 

@@ -35,7 +35,7 @@ from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.messages.names import FrameTable, check_name
 from obb_collision.node.objects.frames import FrameSource
 from obb_collision.node.objects.notes import Notes
-from obb_collision.node.objects.table import ObjectTable, Slots, as_slice
+from obb_collision.node.objects.table import ObjectTable, Slots
 from obb_collision.node.objects.transforms import Transforms
 from obb_collision.node.objects.waiting import (
     States,
@@ -45,6 +45,7 @@ from obb_collision.node.objects.waiting import (
 )
 from obb_collision.node.runtime.guard import INTERNAL_ERROR, Guard
 from obb_collision.scene.scene import Scene
+from obb_collision.scene.store.placed import as_slice
 from obb_collision.typing import Floats, Mask
 
 RETRY_PERIOD = NANOSECONDS // 2

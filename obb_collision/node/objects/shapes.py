@@ -153,11 +153,17 @@ class ObjectShapes:
 
     def remove(self, slots: Slots) -> None:
         """Remove the objects at slots (n,), all in use and distinct."""
-        if len(slots) == 0:
-            return
+        if len(slots):
+            self.release(slots)
+            self.scene.remove_indices(slots)
+
+    def release(self, slots: Slots) -> None:
+        """Remove the objects at slots (n,), all in use and distinct, but not from the scene.
+
+        What the table has no object for must be removed there, or replaced, before a check.
+        """
         self.cancel_pending(slots)
         self.table.release_many(slots)
-        self.scene.remove_indices(slots)
 
     def take_built(self) -> None:
         """Give objects the shapes that were built since the last cycle."""

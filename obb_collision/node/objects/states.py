@@ -26,7 +26,8 @@ from obb_collision.node.messages.conversions import FAR as FAR_KIND
 from obb_collision.node.messages.conversions import NANOSECONDS, name_from_key, pose_kinds
 from obb_collision.node.objects.notes import Notes
 from obb_collision.node.objects.placement import Placement
-from obb_collision.node.objects.table import ObjectTable, Slots, as_slice
+from obb_collision.node.objects.table import ObjectTable, Slots
+from obb_collision.scene.store.placed import as_slice
 from obb_collision.typing import Floats, Mask
 
 OLDER = "older stamp"

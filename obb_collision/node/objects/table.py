@@ -31,6 +31,7 @@ from obb_collision.node.messages.conversions import Key
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.messages.names import NamespaceTable, whole_from_text
 from obb_collision.node.messages.shape_plans import Signature
+from obb_collision.scene.store.placed import as_slice
 from obb_collision.typing import Floats, Mask, Rows
 
 Slots = Rows
@@ -166,8 +167,7 @@ class ObjectTable:
         rows = as_slice(slots)
         for column in COLUMNS:
             getattr(self, column)[rows] = 0
-        numbers, counts = np.unique(namespaces, return_counts=True)
-        for number, count in zip(numbers.tolist(), counts.tolist(), strict=True):
+        for number, count in _counts(namespaces):
             self.namespaces.use(number, count)
         self.ns[rows], self.id[rows] = namespaces, ids
         self.live[rows], self.expiry[rows] = True, NEVER
@@ -192,8 +192,7 @@ class ObjectTable:
         if self.signatures:
             for slot in slots[self.kind[slots] == 0].tolist():
                 self.signatures.pop(slot, None)
-        numbers, counts = np.unique(self.ns[slots], return_counts=True)
-        for number, count in zip(numbers.tolist(), counts.tolist(), strict=True):
+        for number, count in _counts(self.ns[slots]):
             self.namespaces.leave(number, count)
         rows = as_slice(slots)
         for column in (self.live, self.pending, self.placed, self.shaped, self.of_set):
@@ -352,14 +351,12 @@ def pack(namespace: int, number: int) -> int:
     return (namespace << ID_BITS) + number + ID_OFFSET
 
 
-def as_slice(slots: Slots) -> Slots | slice:
-    """Return slots (n,) as a slice if they follow one another: columns are written faster so."""
-    if len(slots) == 0:
-        return slots
-    first, last = int(slots[0]), int(slots[-1])
-    if last - first + 1 == len(slots) and (np.diff(slots) == 1).all():
-        return slice(first, last + 1)
-    return slots
+def _counts(numbers: Slots) -> list[tuple[int, int]]:
+    """Return the different ones of (n,) numbers, at least one, and how often each is there."""
+    if (numbers == numbers[0]).all():  # most senders have one namespace
+        return [(int(numbers[0]), len(numbers))]
+    different, counts = np.unique(numbers, return_counts=True)
+    return list(zip(different.tolist(), counts.tolist(), strict=True))
 
 
 def are_numbers(namespaces: Slots) -> Mask:

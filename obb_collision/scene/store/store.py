@@ -29,13 +29,14 @@ from numpy.typing import ArrayLike
 
 from obb_collision.accuracy import Accuracy
 from obb_collision.geometry.poses import as_poses
-from obb_collision.scene.store.placed import PlacedBoxes
+from obb_collision.scene.store.placed import PlacedBoxes, as_slice
 from obb_collision.typing import Floats, Mask, Rows
 from obb_collision.words import shown
 
 LocalBox = tuple[Floats, Floats, Floats]
 
 FIRST_CAPACITY = 16
+NO_ROWS: Rows = np.empty(0, np.int64)
 _versions = count(1)
 
 
@@ -142,30 +143,53 @@ class ObjectStore(PlacedBoxes):
         self._place(slots, positions, rotations)
         return slots
 
-    def begin(self, names: Sequence[str]) -> Rows:
-        """Begin objects of new names, all distinct; returns their slots, without box and pose."""
+    def begin(self, names: Sequence[str], instead: Rows = NO_ROWS) -> Rows:
+        """Begin objects of new names, all distinct; returns their slots, without box and pose.
+
+        instead: slots of objects that go: the first ones are used for those that come.
+        """
         if len(names) == 0:
-            return np.empty(0, np.int64)
+            return NO_ROWS
         self.version = next(_versions)
-        while len(self._free) < len(names):
-            self._grow()
-        self._free.sort()  # a sorted list is a heap
-        free = self._free[: len(names)]
-        del self._free[: len(names)]
-        self.slots.update(zip(names, free, strict=True))
-        for name, slot in zip(names, free, strict=True):
+        instead = instead[: len(names)]
+        self.mark(instead)
+        taken = instead.tolist()
+        for slot in taken:
+            del self.slots[self.names[slot]]
+        taken += self._take_free(len(names) - len(taken))
+        self.slots.update(zip(names, taken, strict=True))
+        for name, slot in zip(names, taken, strict=True):
             self.names[slot] = name
-        slots = np.array(free, np.int64)
-        self.used[slots], self.near[slots], self.born[slots] = True, True, self.version
-        self.enable(slots, True)
-        self.twists[slots] = self.growths[slots] = 0.0
+        slots = np.array(taken, np.int64)
+        rows = as_slice(slots)
+        self.used[rows], self.near[rows], self.born[rows] = True, True, self.version
+        self.enabled[rows] = self.active[rows] = True
+        self.twists[rows] = self.growths[rows] = 0.0
         return slots
 
-    def shape_boxes(self, rows: Rows, half_extents: Floats, padding: float | Floats) -> None:
-        """Make objects boxes about their origins; where they are is not computed anew."""
-        self.local_centers[rows], self.local_rotations[rows] = 0.0, np.eye(3)
-        self.local_half_extents[rows] = half_extents
-        self.pad(rows, padding)
+    def _take_free(self, count: int) -> list[int]:
+        """Return slots that are not in use, the lowest first; they are from now on."""
+        while len(self._free) < count:
+            self._grow()
+        self._free.sort()  # a sorted list is a heap
+        free = self._free[:count]
+        del self._free[:count]
+        return free
+
+    def shape_boxes(
+        self, rows: Rows, half_extents: Floats, padding: float | Floats | None = None
+    ) -> None:
+        """Make objects boxes about their origins; where they are is not computed anew.
+
+        padding: None for what they have.
+        """
+        some = as_slice(rows)
+        self.local_centers[some], self.local_rotations[some] = 0.0, np.eye(3)
+        self.local_half_extents[some] = half_extents
+        if padding is None:
+            self._extend(rows)
+        else:
+            self.pad(rows, padding)
 
     def rename(self, rows: Rows, names: Sequence[str]) -> None:
         """Give objects other names, all new and distinct."""

@@ -31,6 +31,7 @@ from visualization_msgs.msg import Marker
 from obb_collision.node import boxes_from_ros, boxes_to_ros, namespace_number
 from obb_collision.node.inputs.boxes import Given, _repeated
 from obb_collision.node.messages.errors import RefusedError
+from obb_collision.node.objects.table import ObjectTable
 
 TOPIC = "object_boxes"
 NUMBER = namespace_number("seen")
@@ -282,3 +283,29 @@ def test_very_many_namespaces_do_not_hold_up_the_cycles(rig: Rig) -> None:
     rig.answer()
     assert rig.refused(TOPIC) == {"too many namespaces": count - 20_000}
     assert len(rig.node.objects.table) == 20_000
+
+
+def test_boxes_that_fail_leave_nothing_of_those_in_whose_place_they_were_to_come(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rig.send_boxes([1, 2, 3], in_row(0, 0.9, 5))
+    assert rig.pairs() == {("boxes/1", "boxes/2")}
+    claim_many = ObjectTable.claim_many
+
+    def fail(table: ObjectTable, slots: Any, namespaces: Any, ids: Any) -> None:
+        if 12 in ids:  # after the scene has it
+            raise ArithmeticError("of this box")
+        claim_many(table, slots, namespaces, ids)
+
+    monkeypatch.setattr(ObjectTable, "claim_many", fail)
+    rig.send_boxes([11, 12, 13], in_row(0, 0.9, 1.8))
+    assert rig.pairs() == set()
+    assert keys(rig) == {("boxes", 11), ("boxes", 13)}
+    assert [name for name in rig.node.objects.scene.names if "boxes/" in name] == [
+        "boxes/11",
+        "boxes/13",
+    ]
+    monkeypatch.undo()
+    rig.send_boxes([12, 13], in_row(0.9, 1.8))
+    assert rig.pairs() == {("boxes/12", "boxes/13")}
+    assert keys(rig) == {("boxes", 12), ("boxes", 13)}
