@@ -38,7 +38,6 @@ from obb_collision.queries.sweep.twists import twist_bounds, twist_motion
 from obb_collision.queries.verdict.pair_frame import Box
 from obb_collision.queries.verdict.sat import AXES
 from obb_collision.scene.broad_phase.broad_phase import UNLIMITED, find_candidates
-from obb_collision.scene.broad_phase.find_pairs import pairs_of_keys
 from obb_collision.scene.broad_phase.kept_tree import KeptTree
 from obb_collision.warm_up.samples import (
     OBJECTS,
@@ -58,7 +57,6 @@ def bounds() -> None:
     many = np.arange(2 * FEWEST_NUMBERS)
     line = np.column_stack([many, many, many]).astype(np.float64)
     find_candidates(line, line + 0.5)
-    pairs_of_keys(batch(), 0 * many, False)
     tree = KeptTree(low, low + 0.2)
     row = np.zeros(1, np.int64)
     tree.update(row)

@@ -31,9 +31,11 @@ import obb_collision as oc
 from obb_collision import shapes
 from obb_collision.accuracy import Accuracy
 from obb_collision.geometry.poses import quaternions_from_matrices
+from obb_collision.numerics.dealing import FEWEST_NUMBERS
 from obb_collision.queries.meshes.triangles import triangle_verdicts
 from obb_collision.queries.primitives.capsules import capsule_verdicts
 from obb_collision.queries.primitives.planes import aabb_verdicts
+from obb_collision.scene.broad_phase.find_pairs import pairs_of_keys
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.refinement.budget import ABOVE
 from obb_collision.warm_up import parts
@@ -108,6 +110,7 @@ def _boxes() -> None:
     scene.remove("at the origin")
     scene.check()
     _crowds()
+    pairs_of_keys(batch(), np.zeros(2 * FEWEST_NUMBERS, np.int64), False)
     scene.region = oc.Region((-np.inf,) * 3, (1.0, np.inf, np.inf), 1.0)
     scene.check()
 

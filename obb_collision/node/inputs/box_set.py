@@ -117,9 +117,11 @@ class BoxSet:
         """
         table, shapes = self._table, self._objects.shapes
         slots, kinds = table.find(numbers, ids), np.full(len(ids), Marker.CUBE)
-        same = (slots >= 0) & have_shapes(table, slots, kinds, sizes)
+        same = slots >= 0
         never = np.full(len(ids), NEVER)
-        touch_slots(shapes, slots[same], never[same])
+        if same.any():
+            same &= have_shapes(table, slots, kinds, sizes)
+            touch_slots(shapes, slots[same], never[same])
         rest = np.flatnonzero(~same)
         if len(rest):
             keys = numbers[rest], ids[rest], kinds[rest]

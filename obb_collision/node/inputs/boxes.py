@@ -171,8 +171,10 @@ def _repeated(numbers: Rows, ids: Rows, legal: Mask) -> Mask:
     """Return which rows (n,) name an object that a later one names, too; others name none."""
     rows = np.flatnonzero(legal)
     keys = (numbers[rows] << ID_BITS) + ids[rows]
-    order = np.argsort(keys, kind="stable")
     repeated = np.zeros(len(legal), np.bool_)
+    if (keys[1:] > keys[:-1]).all():  # as most senders number them
+        return repeated
+    order = np.argsort(keys, kind="stable")
     repeated[rows[order[:-1]]] = keys[order[:-1]] == keys[order[1:]]
     return repeated
 

@@ -107,27 +107,32 @@ class Inputs:
 
     def take_transform(self, data: bytes) -> None:
         """Store one pose."""
-        message = self._read("object_transform", pose_from_bytes, data)
+        now = self._clock()
+        message = self._read("object_transform", pose_from_bytes, data, now)
         if message is not None:
-            self._take_named("object_transform", [message.name], message.pose, message.header)
+            self._take_named("object_transform", [message.name], message.pose, message.header, now)
 
     def take_states(self, data: bytes) -> None:
         """Store poses by name, and twists if there is one for each; else they are counted."""
-        message = self._read("object_states", states_from_bytes, data)
+        monitor, now = self._monitors["object_states"], self._clock()
+        message = self._read("object_states", states_from_bytes, data, now)
         if message is None:
             return
         names, poses = message.names, message.poses
         if len(names) != len(poses):  # then the pose of a name is ambiguous
             detail = f"{len(names)} joint_names, {len(poses)} transforms"
-            self._monitors["object_states"].refuse(self._clock(), LENGTHS_DIFFER, detail=detail)
+            monitor.refuse(now, LENGTHS_DIFFER, detail=detail)
             known = [self._slot(name) for name in names]
             self._objects.states.refuse(np.array([s for s in known if s >= 0], np.int64))
             return
-        self._take_named("object_states", names, poses, message.header, self._twists(message))
+        twists = self._twists(message)
+        self._take_named("object_states", names, poses, message.header, now, twists)
 
-    def _read(self, topic: str, read: Callable[[bytes], Message], data: bytes) -> Message | None:
+    def _read(
+        self, topic: str, read: Callable[[bytes], Message], data: bytes, now: int
+    ) -> Message | None:
         """Return a message, None if it is refused."""
-        monitor, now = self._monitors[topic], self._clock()
+        monitor = self._monitors[topic]
         monitor.received(now)
         try:
             return read(data)
@@ -155,7 +160,7 @@ class Inputs:
     def take_poses(self, data: bytes) -> None:
         """Store bulk poses by namespace number and id."""
         monitor, now, table = self._monitors["object_poses"], self._clock(), self._objects.table
-        message = self._read("object_poses", cloud_from_bytes, data)
+        message = self._read("object_poses", cloud_from_bytes, data, now)
         if message is None:
             return
         try:
@@ -170,7 +175,7 @@ class Inputs:
         except RefusedError as error:
             monitor.refuse(now, error.reason, detail=error.detail)
             return
-        self._store("object_poses", slots, poses, message.header, lambda row: f"id {ids[row]}")
+        self._store("object_poses", slots, poses, message.header, now, lambda row: f"id {ids[row]}")
 
     def _take_named(
         self,
@@ -178,10 +183,11 @@ class Inputs:
         names: list[str],
         poses: Floats,
         header: object,
+        now: int,
         twists: Floats | None = None,
     ) -> None:
         slots = np.array([self._slot(name) for name in names], np.int64)
-        self._store(topic, slots, poses, header, lambda row: _shown(names[row]), twists)
+        self._store(topic, slots, poses, header, now, lambda row: _shown(names[row]), twists)
 
     def _slot(self, name: str) -> int:
         """Slot of a name, -1 for an unknown one; ``5`` means ``/5``, an empty namespace."""
@@ -195,11 +201,12 @@ class Inputs:
         slots: Slots,
         poses: Floats,
         header: object,
+        now: int,
         describe: Callable[[int], str],
         twists: Floats | None = None,
     ) -> None:
         """Store the good rows; count the others by reason and mark their objects."""
-        monitor, now = self._monitors[topic], self._clock()
+        monitor = self._monitors[topic]
         unknown, kinds = slots < 0, pose_kinds(poses)
         bad = (kinds == UNUSABLE) | (kinds == ZERO)
         good = ~(bad | unknown)
