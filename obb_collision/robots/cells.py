@@ -148,6 +148,20 @@ def find_state(a: Moving, b: Moving, states: Floats, collides: bool) -> int:
 
 
 @njit
+def descend_from(
+    a: Moving, b: Moving, states: Floats, limits: Floats, witness: Floats
+) -> bool:  # fmt: skip
+    """Return whether going downhill from one of states (n, v) finds a collision: ``witness``."""
+    work = work_for(a, b)
+    for n in range(len(states)):
+        for v in range(len(witness)):
+            witness[v] = states[n, v]
+        if _descend(a, b, witness, limits, work):
+            return True
+    return False
+
+
+@njit
 def _descend(a: Moving, b: Moving, state: Floats, limits: Floats, work: Work) -> bool:
     """Move a state to where the bodies collide; return whether there is such a place near it."""
     slopes = np.empty(len(state))

@@ -80,21 +80,31 @@ def chains_between(robot: Robot, a: str, b: str) -> Between | None:
     rows = sorted({robot.joint_names.index(name) for name, _, _ in driver.values()})
     lower, upper = robot.lower[rows], robot.upper[rows]
     for column, row in enumerate(rows):
-        if np.isfinite(lower[column]) and np.isfinite(upper[column]):
-            continue
-        # any whole number of turns of the variable turns all that it drives by whole turns
         name = robot.joint_names[row]
-        driven_by = [k for k in moving if driver[k][0] == name]
-        turning = (JointKind.REVOLUTE, JointKind.CONTINUOUS)
-        if not all(
-            steps[k].joint.kind in turning and float(driver[k][1]).is_integer() for k in driven_by
-        ):
+        by = [k for k in moving if driver[k][0] == name]
+        if _whole_turns_are_none([steps[k].joint for k in by], [driver[k][1] for k in by]):
+            lower[column], upper[column] = _one_turn(lower[column], upper[column])
+        elif not np.isfinite([lower[column], upper[column]]).all():
             return None
-        lower[column], upper[column] = -math.pi, math.pi
     middle = moving[len(moving) // 2] if moving else 0
     back = [_Step(step.joint, not step.is_up) for step in steps[:middle]][::-1]
     chains = [_chain(robot, way, names, rows) for way in (back, steps[middle:])]
     return Between(chains[0], chains[1], np.array(rows, np.int64), lower, upper)
+
+
+def _whole_turns_are_none(joints: list[Joint], factors: list[float]) -> bool:
+    """Return whether a variable may be changed by whole turns: all that it drives turns by such."""
+    turning = (JointKind.REVOLUTE, JointKind.CONTINUOUS)
+    return all(joint.kind in turning for joint in joints) and all(
+        float(factor).is_integer() for factor in factors
+    )
+
+
+def _one_turn(lower: float, upper: float) -> tuple[float, float]:
+    """Return limits of one turn within others, or these if they are narrower."""
+    if lower <= -math.pi and upper >= math.pi:
+        return -math.pi, math.pi
+    return lower, min(upper, lower + 2.0 * math.pi)
 
 
 def _way(robot: Robot, a: str, b: str) -> list[_Step]:
