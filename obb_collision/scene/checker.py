@@ -147,7 +147,7 @@ class Checker:
             if self.limit is None or len(few.pairs) <= self.limit:
                 return few
         if last is not None:
-            slots = np.flatnonzero(store.changed)
+            slots = store.changed.nonzero()[0]
             if len(slots) < len(active) or np.count_nonzero(store.active[slots]) < len(active):
                 found = self._find_changed(last, slots, depth, exact, budget)
                 if found is not None:
@@ -236,7 +236,7 @@ class Checker:
         verdicts, levels = np.empty(most, np.int8), np.empty(most, np.int8)
         outputs = pairs, verdicts, levels, old
         if simple:
-            count = merge_keys(*last.found, store.changed, keys, np.empty_like(keys), *outputs)
+            count = merge_keys(*last.found, store.changed, keys, *outputs)
         else:
             count = merge_pairs(*last.found, store.changed, again, *new, *outputs)
         if self.limit is not None and count > self.limit:

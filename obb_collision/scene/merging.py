@@ -32,15 +32,12 @@ ROW_BITS, NEVER = 31, 2**62
 @njit
 def merge_keys(
     pairs: np.ndarray, verdicts: np.ndarray, levels: np.ndarray, changed: np.ndarray,
-    keys: np.ndarray, spare: np.ndarray, out_pairs: np.ndarray, out_verdicts: np.ndarray,
-    out_levels: np.ndarray, old: np.ndarray,
+    keys: np.ndarray, out_pairs: np.ndarray, out_verdicts: np.ndarray, out_levels: np.ndarray,
+    old: np.ndarray,
 ) -> int:  # fmt: skip
-    """Do ``merge_pairs`` with new pairs that ``colliding_keys`` gave; spare (m,): room for as many.
-
-    As many slots as ``changed`` has.
-    """
+    """Do ``merge_pairs`` with new pairs that ``colliding_keys`` gave, which are changed."""
     new_pairs, new_verdicts = np.empty((len(keys), 2), np.int64), np.empty(len(keys), np.int8)
-    pairs_kernel(len(changed), keys, spare, new_pairs, new_verdicts)
+    pairs_kernel(len(changed), keys, np.empty_like(keys), new_pairs, new_verdicts)
     new_levels, again = np.full(len(keys), OBB, np.int8), np.empty(0, np.bool_)
     return merge_pairs(
         pairs, verdicts, levels, changed, again, new_pairs, new_verdicts, new_levels,

@@ -134,6 +134,7 @@ class PlacedBoxes:
 
     def _write(self, rows: Rows, new: Floats, which: Rows, ascending: bool) -> None:
         """Give rows the poses new (m, 7) that ``which`` names; ascending: whether they are so."""
+        self._forget_unused()
         if self._lent:
             everything = ascending and len(which) == np.count_nonzero(self.used)
             self._detach(rows if everything else rows[which], everything)
@@ -196,14 +197,18 @@ class PlacedBoxes:
 
         Nothing is copied now: what changes is noted, or copied, if the snapshot is in use then.
         """
-        while self._lent and self._lent[-1]() is None:
-            self._lent.pop()
+        self._forget_unused()
         latest = self._lent[-1]() if self._lent else None
         if latest is None or not latest.is_current:
             latest = Snapshot(self.all_boxes())
             self._lent.append(weakref.ref(latest))
             self._extents_lent = True
         return latest
+
+    def _forget_unused(self) -> None:
+        """Forget the latest snapshots where nobody has them any more."""
+        while self._lent and self._lent[-1]() is None:
+            self._lent.pop()
 
     def _detach(self, rows: Rows, everything: bool = False) -> None:
         """Copy on write: have the snapshots in use note rows, or leave the arrays to them.
