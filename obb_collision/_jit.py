@@ -30,6 +30,7 @@ from numba.core import types as _types
 
 from obb_collision._compiling import compiled as _  # noqa: F401  # from now on it is said
 from obb_collision._kernel_cache import KernelCache
+from obb_collision._overloads import Overloads, for_kernels
 
 F = TypeVar("F", bound=Callable[..., Any])
 types: Any = _types  # numba has no types
@@ -64,7 +65,9 @@ def _compiled(function: F, **options: bool) -> F:
     kernel: F = compiled
     if hasattr(compiled, "_cache"):  # not where numba is disabled
         compiled._cache = KernelCache(compiled)  # in place of numba's own
-        compiled.get_call_template = partial(_one_template, compiled.get_call_template)
+        Overloads(compiled)
+        get = partial(_one_template, compiled, compiled.get_call_template)
+        compiled.get_call_template = get
         kernels.append(kernel)
     return kernel
 
@@ -88,14 +91,15 @@ def njit_each_number(function: F) -> F:
     return kernel
 
 
-def _one_template(get: Callable[..., Any], args: Any, kws: Any) -> Any:
+def _one_template(kernel: Any, get: Callable[..., Any], args: Any, kws: Any) -> Any:
     """Return what a kernel calls: one version for all numbers that are written out in calls.
 
     Numba compiles ``f(x, 0)``, ``f(x, 1)`` and ``f(x, n)`` apart, a quarter of all compiling;
     LLVM puts such numbers in where it inlines, so that nothing runs faster for it.
     """
     kinds = {name: types.unliteral(kind) for name, kind in kws.items()}
-    return get(tuple(map(types.unliteral, args)), kinds)
+    with for_kernels(kernel):
+        return get(tuple(map(types.unliteral, args)), kinds)
 
 
 def unkept_kernels() -> list[str]:

@@ -40,6 +40,7 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from functools import cache
+from itertools import product
 from pathlib import Path
 from time import time
 from typing import Any
@@ -49,6 +50,7 @@ from numba.core import config as _config
 from numba.core.caching import FunctionCache
 
 from obb_collision._kernel_key import fields_of, kernel_key
+from obb_collision._overloads import is_for_kernels
 
 config: Any = _config  # its attributes are set at run time
 #: Warnings for users: to stderr, where ``logging`` is not set up.
@@ -62,6 +64,8 @@ IN_USE = 86400.0
 #: process that finds one gone compiles.
 UNUSED = 90 * 86400.0
 DIGEST_SIZE = 16
+#: How the names of files begin of what kernels alone can call.
+FOR_KERNELS = "called-"
 #: How the names of private folders begin, and the name of the file in them that is locked ...
 PRIVATE, LOCK = "obb_collision-kernels-", "lock"
 #: ... within so many seconds of their making.
@@ -220,8 +224,11 @@ class KernelCache(FunctionCache):  # type: ignore[misc]  # numba has no types
         target_context.refresh()
         if self._enabled:
             key = self._index_key(sig, target_context.codegen())
-            for place in places:
-                found = self._load(place, key, target_context)
+            names = [self._file(key)]
+            if is_for_kernels(self._kernel):
+                names.append(FOR_KERNELS + names[0])
+            for place, name in product(places, names):
+                found = self._load(place, name, key, target_context)
                 if found is not None:
                     return found
         if getattr(_this_thread, "only_loads", False):
@@ -237,9 +244,12 @@ class KernelCache(FunctionCache):  # type: ignore[misc]  # numba has no types
         key = self._index_key(sig, data.codegen)
         content = numba.core.serialize.dumps((key, data._reduce()))
         content = _digest(content) + content
+        name = self._file(key)
+        if is_for_kernels(self._kernel):
+            name = FOR_KERNELS + name
         for place in places:
             try:
-                self._write(place / self._folder, self._file(key), content)
+                self._write(place / self._folder, name, content)
                 return
             except (OSError, ValueError) as error:
                 reason = getattr(error, "strerror", None) or error
@@ -257,11 +267,11 @@ class KernelCache(FunctionCache):  # type: ignore[misc]  # numba has no types
         """Whether there is a file of the kernel, for whichever arguments."""
         return any(any((place / self._folder).glob("*.kernel")) for place in places)
 
-    def _load(self, place: Path, key: Any, target_context: Any) -> Any:
+    def _load(self, place: Path, name: str, key: Any, target_context: Any) -> Any:
         """Return a kernel from a folder, None where it is not there or can't be used."""
         folder = place / self._folder
         try:
-            content = (folder / self._file(key)).read_bytes()
+            content = (folder / name).read_bytes()
         except FileNotFoundError:
             return None
         except (OSError, ValueError) as error:
