@@ -24,16 +24,17 @@ import pytest
 import obb_collision
 
 ROOT = Path(obb_collision.__file__).parent
-KERNELS = {"_jit", "_kernel_cache", "_kernel_key", "_compiling"}
+KERNELS = {"_jit", "_kernel_cache", "_kernel_key", "_overloads", "_compiling"}
 BASE = KERNELS | {"_threads", "typing", "words"}
 GEOMETRY = BASE | {"numerics", "geometry"}
 LIBRARY = GEOMETRY | {"accuracy", "queries", "obb", "shapes", "scene"}
 #: What each folder, or module beside them, may import besides itself.
 LAYERS: dict[str, set[str]] = {
     "_kernel_key": set(),
-    "_kernel_cache": {"_kernel_key"},
+    "_overloads": set(),
+    "_kernel_cache": {"_kernel_key", "_overloads"},
     "_compiling": {"_kernel_cache"},
-    "_jit": {"_kernel_cache", "_compiling"},
+    "_jit": {"_kernel_cache", "_overloads", "_compiling"},
     "_threads": {"_thread_pool", "words"},
     "_thread_pool": set(),
     "typing": set(),
