@@ -16,10 +16,19 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 from numba.core import config, types
 
+from obb_collision import _kernel_cache
 from obb_collision._jit import njit
+
+
+@pytest.fixture(autouse=True)
+def _empty_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Have everything compiled: what is loaded needs no other kernel."""
+    monkeypatch.setattr(_kernel_cache, "places", [tmp_path])
 
 
 @njit
