@@ -16,6 +16,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
 from obb_collision.geometry.shapes.meshes import Mesh
@@ -39,6 +41,13 @@ def mesh_tree(mesh: Mesh) -> MeshTrees:
 def box_tree(half_extents: Floats) -> MeshTrees:
     """Return the tree of a box (3,) about the origin."""
     return MeshTrees.from_half_extents(half_extents)
+
+
+@lru_cache(maxsize=256)
+def segment_tree(half: float) -> MeshTrees:
+    """Return the tree of a segment from -half to half along z, or of a point, as a triangle."""
+    ends = np.array([[0.0, 0.0, -half], [0.0, 0.0, half], [0.0, 0.0, half]])
+    return MeshTrees.of(ends, np.array([[0, 1, 2]]))
 
 
 def hull_tree(shape: Shape) -> MeshTrees:

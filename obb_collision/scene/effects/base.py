@@ -174,8 +174,7 @@ class Cycle:
         """
         if self.shapes is None or len(pairs) == 0 or highest <= Accuracy.OBB:
             return None
-        levels = self.shapes.levels(pairs, setting.values[ACCURACY])
-        np.minimum(levels, np.int8(highest), out=levels)
+        levels = self.shapes.levels(pairs, setting.values[ACCURACY], highest)
         return levels if (levels > Accuracy.OBB).any() else None
 
     def name(self, slot: int) -> str:

@@ -24,6 +24,7 @@ from obb_collision.accuracy import Accuracy
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.queries.clearance.clearance import Clearances, near_pairs
 from obb_collision.queries.convex.distances import convex_distances
+from obb_collision.queries.meshes.mesh_clearance import mesh_clearances
 from obb_collision.scene.broad_phase.broad_phase import NO_PAIRS, Pairs
 from obb_collision.scene.effects.base import (
     ACCURACY,
@@ -40,6 +41,7 @@ from obb_collision.scene.effects.base import (
 )
 from obb_collision.scene.effects.candidates import meeting_pairs
 from obb_collision.scene.refinement.placed_shapes import PlacedShapes
+from obb_collision.scene.store.kinds import CONVEX, ROUND
 
 BLANK = Clearances(NO_PAIRS, np.empty(0), *np.empty((3, 0, 3)))
 
@@ -91,5 +93,42 @@ def hull_clearances(
     return Clearances(pairs, found.lower, found.positions_a, found.positions_b, found.normals)
 
 
-BY_LEVEL: ByLevel[Clearances] = {Accuracy.HULL: hull_clearances}
+def triangle_clearances(
+    boxes: Boxes, shapes: PlacedShapes, pairs: Pairs, setting: Setting
+) -> Clearances:
+    """Return the clearances of pairs on MESH, with a mesh on at least one side.
+
+    0 where they collide, infinite beyond the limit. Spheres and capsules are exact; cylinders,
+    cones and ellipsoids are meshes around them, or exact against the hull if that is farther.
+    """
+    turned = shapes.kinds[pairs[:, 0]] == ROUND  # round ones come second
+    ends = np.where(turned[:, None], pairs[:, ::-1], pairs)
+    distances, vectors = np.full(len(pairs), np.inf), np.zeros((3, len(pairs), 3))
+    is_round = shapes.kinds[ends[:, 1]] == ROUND
+    for rows in (np.flatnonzero(is_round), np.flatnonzero(~is_round)):
+        if len(rows) == 0:
+            continue
+        a, _ = shapes.meshes(boxes, ends[rows, 0])
+        b, radii = shapes.meshes(boxes, ends[rows, 1])
+        limit = setting.values["max_distance"]
+        found = mesh_clearances(a, b, max_distance=limit, radii_b=radii)
+        near = rows[found.pairs[:, 0]]
+        distances[near] = found.distances
+        vectors[:, near] = found.positions_a, found.positions_b, found.normals
+    vectors[:2, turned] = vectors[1::-1, turned]
+    vectors[2, turned] *= -1.0
+    table = Clearances(pairs, distances, vectors[0], vectors[1], vectors[2])
+    convex = np.flatnonzero((shapes.kinds[pairs] == CONVEX).any(axis=1))
+    if len(convex):
+        hulls = hull_clearances(boxes, shapes, pairs[convex], setting)
+        farther = np.flatnonzero(hulls.distances > distances[convex])
+        for name, column in vars(table).items():
+            column[convex[farther]] = vars(hulls)[name][farther]
+    return table
+
+
+BY_LEVEL: ByLevel[Clearances] = {
+    Accuracy.HULL: hull_clearances,
+    Accuracy.MESH: triangle_clearances,
+}
 EFFECT: Effect = ClearanceEffect()

@@ -26,15 +26,18 @@ import numpy as np
 from obb_collision.accuracy import Accuracy
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.poses import as_poses
+from obb_collision.geometry.trees.obb_tree import MeshTrees
+from obb_collision.geometry.trees.shape_trees import segment_tree
 from obb_collision.queries.convex.support import BOX as BOX_CORE
 from obb_collision.queries.convex.support import CORNERS, NO_HULLS, ConvexBodies
+from obb_collision.queries.meshes.meshes import PlacedMeshes
 from obb_collision.scene.broad_phase.broad_phase import Pairs
 from obb_collision.scene.building.shape_cache import ShapeCache
 from obb_collision.scene.refinement.ladder import levels_of
 from obb_collision.scene.refinement.refine import Levels
-from obb_collision.scene.store.kinds import BOX, BOXED
+from obb_collision.scene.store.kinds import BOX, BOXED, ROUND, TRIANGLES
 from obb_collision.scene.store.store import ObjectStore
-from obb_collision.typing import Mask, Rows
+from obb_collision.typing import Floats, Mask, Rows
 
 #: The option of an effect that says on which level it is computed.
 AS_PAIRS = "pairs"
@@ -63,11 +66,12 @@ class PlacedShapes:
         self._poses = store.poses[self._shaped]
         self._cores = cache.cores(self._shaped)
         self._rows = cache.hull_rows(self._shaped)
+        self._trees: tuple[MeshTrees, Rows] | None = None  # and the row of each slot among them
 
-    def levels(self, pairs: Pairs, choice: str) -> Levels:
+    def levels(self, pairs: Pairs, choice: str, highest: Accuracy) -> Levels:
         """Return the level (m,) that an effect on pairs (m, 2) is computed on: OBB, HULL or MESH.
 
-        choice: of ``CHOICES``.
+        choice: of ``CHOICES``; highest: that the effect has. Pairs without triangles get HULL.
         """
         first, second = np.ascontiguousarray(pairs.T)
         accuracies = self._accuracies
@@ -80,11 +84,47 @@ class PlacedShapes:
             known, rows = self._found(pairs)
             levels[known] = self._decided[rows]
         levels[levels < Accuracy.HULL] = Accuracy.OBB
+        np.minimum(levels, np.int8(highest), out=levels)
+        whole = self.kinds[pairs].max(axis=1) < TRIANGLES
+        levels[whole] = np.minimum(levels[whole], np.int8(Accuracy.HULL))
         high = np.flatnonzero(levels > Accuracy.OBB)
         if len(high):
             there = self._have_hulls(pairs[high])
             levels[high[~there]] = Accuracy.OBB
+        high = np.flatnonzero(levels == Accuracy.MESH)
+        if len(high):
+            levels[high[~self._have_trees(pairs[high])]] = Accuracy.HULL
         return levels
+
+    def _have_trees(self, pairs: Pairs) -> Mask:
+        """Build the trees that pairs (k, 2) need; return (k,) which have them."""
+        slots = np.unique(pairs)
+        slots = slots[self.kinds[slots] != ROUND]
+        unchanged = self._store.revision == self._revision
+        if unchanged and self._cache.build(self._store, slots, False, None).any():
+            self._trees = self._cache.trees(np.arange(len(self.kinds)))
+        if self._trees is None:
+            return np.zeros(len(pairs), np.bool_)
+        have = (self._trees[1] >= 0) | (self.kinds == ROUND)
+        return have[pairs].all(axis=1)
+
+    def meshes(self, boxes: Boxes, slots: Rows) -> tuple[PlacedMeshes, Floats]:
+        """Return the trees of slots (k,) where they are, and their radii (k,).
+
+        Of spheres and capsules those of their segments; either all of them are round or none.
+        """
+        centers, rotations = boxes.centers[slots], boxes.rotations[slots]
+        shaped = np.flatnonzero(self.kinds[slots] > BOX)
+        places = np.searchsorted(self._shaped, slots[shaped])
+        centers[shaped], rotations[shaped] = as_poses(self._poses[places], warn=False)
+        if (self.kinds[slots] == ROUND).any():
+            halves, rows = np.unique(self._cores[places, 4], return_inverse=True)
+            trees = MeshTrees.join([segment_tree(half) for half in halves.tolist()])
+            radii = self._cores[places, 5] + self.paddings[slots]
+            return PlacedMeshes.trusted(trees, rows.ravel(), centers, rotations), radii
+        assert self._trees is not None
+        trees, by_slot = self._trees
+        return PlacedMeshes.trusted(trees, by_slot[slots], centers, rotations), np.zeros(len(slots))
 
     def _found(self, pairs: Pairs) -> tuple[Mask, Rows]:
         """Return which pairs (m, 2) collide, and the rows of those in the pairs of the check."""
