@@ -39,7 +39,9 @@ KEYS = {
     "yaml": "python3-yaml",
 }
 #: From PyPI only: the extras "bench" and "meshes", and "view", without which the demo works, too.
-EXTRAS = {"coal", "example_robot_data", "fcl", "mujoco", "pybullet_data", "tqdm", "viser"}
+EXTRAS = {
+    "coal", "example_robot_data", "fcl", "mujoco", "pinocchio", "pybullet_data", "tqdm", "viser",
+}  # fmt: skip
 
 
 def imported() -> set[str]:
