@@ -103,7 +103,7 @@ def deepest(a: Core, b: Core, pose: Pose, found: Search, room: Room) -> Search:
         gap = gap_along(a, b, pose, n)
         if gap.value >= best:
             best, normal = gap.value, n
-            p, q = _touching(room, nearest, gap)
+            p, q = _touching(room, faces, nearest, close, gap)
         beyond = -gap.value * unit - room.planes[nearest, 3]
         if beyond <= close or corners == MOST_CORNERS:
             break
@@ -252,17 +252,36 @@ def _toggled(room: Room, edges: int, i: int, j: int) -> int:
 
 
 @njit
-def _touching(room: Room, face: int, gap: Gap) -> tuple[Vector, Vector]:
-    """Return the points of both cores where a face is nearest to the origin."""
+def _touching(
+    room: Room, faces: int, nearest: int, close: float, gap: Gap
+) -> tuple[Vector, Vector]:
+    """Return the points of both cores where the polytope is nearest to the origin.
+
+    Of faces in one plane: in that which the foot of the origin lies in.
+    """
+    best, least, y, z = -1, np.inf, 0.0, 0.0
+    for k in range(faces):
+        if room.planes[k, 3] <= room.planes[nearest, 3] + close:
+            u, v = _foot(room, k)
+            outside = max(-u, -v, u + v - 1.0)
+            if outside < least:
+                best, least, y, z = k, outside, u, v
+    if best < 0:
+        return gap.p, gap.q
+    y = min(max(y, 0.0), 1.0)
+    z = min(max(z, 0.0), 1.0 - y)
+    i, j, k = room.faces[best, 0], room.faces[best, 1], room.faces[best, 2]
+    return _mixed(room.p, i, j, k, y, z), _mixed(room.q, i, j, k, y, z)
+
+
+@njit
+def _foot(room: Room, face: int) -> tuple[float, float]:
+    """Return where the origin is over a face, by its two edges; NaN if it has no plane."""
     i, j, k = room.faces[face, 0], room.faces[face, 1], room.faces[face, 2]
     u, v, start = _edge(room, i, j), _edge(room, i, k), vector_at(room.w, i)
     n = cross(u, v)
     square = dot(n, n)
-    if not square > 0.0:
-        return gap.p, gap.q
-    y = min(max(dot(n, cross(v, start)) / square, 0.0), 1.0)
-    z = min(max(dot(n, cross(start, u)) / square, 0.0), 1.0 - y)
-    return _mixed(room.p, i, j, k, y, z), _mixed(room.q, i, j, k, y, z)
+    return dot(n, cross(v, start)) / square, dot(n, cross(start, u)) / square
 
 
 @njit

@@ -88,6 +88,8 @@ def frame_of(n: Vector) -> Frame:
 def overlay(a: Core, b: Core, pose: Pose, frame: Frame, depth: float, flat: Flat) -> int:
     """Write the overlay of the features of two cores to ``flat.a``; return its corners.
 
+    None for two segments or points, and where features do not lie over each other.
+
     depth: of the cores along the normal of the frame.
     """
     below = max(depth, 0.0) + FEATURE_DEPTH * pose.size
@@ -104,16 +106,10 @@ def overlay(a: Core, b: Core, pose: Pose, frame: Frame, depth: float, flat: Flat
         flat.b[:first] = flat.spare[:first]
         first, second = second, first
     if second < 3:  # two segments, or points: where they are nearest is known
-        return first if first == 1 else 1 if second == 1 and _taken(flat) else 0
+        return 0
     for k in range(second):
         first = _clipped(flat, first, flat.b[k], flat.b[(k + 1) % second])
     return first
-
-
-@njit
-def _taken(flat: Flat) -> bool:
-    flat.a[0] = flat.b[0]
-    return True
 
 
 @njit

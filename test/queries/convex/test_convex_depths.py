@@ -1,0 +1,102 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+
+"""Depths of convex bodies: the least translation that parts them, and where they touch."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from convex_bodies import Pair, corners_of, family, moved
+from scipy.spatial import ConvexHull
+
+from obb_collision.queries.convex.contacts import convex_contacts
+from obb_collision.queries.convex.distances import convex_distances, convex_may_collide
+from obb_collision.queries.convex.support import ConvexBodies
+from obb_collision.typing import Floats, Rows
+
+POLYTOPES = [("hull", "hull"), ("hull", "box"), ("box", "box")]
+CURVED = [("cylinder", "cone"), ("ellipsoid", "hull"), ("capsule", "box"), ("capsule", "capsule")]
+
+
+def overlapping(kinds: tuple[str, str], count: int) -> tuple[Pair, Floats]:
+    """Return pairs that overlap, and their depths as found."""
+    pair = family("random", kinds, 8 * count, 5)
+    a, b = pair
+    rows = np.arange(len(a))
+    found = convex_distances(a, b, rows, rows)[0]
+    deep = np.flatnonzero(found.lower < -1e-3)[:count]
+    assert len(deep) > count // 4
+    return (some(a, deep), some(b, deep)), -found.lower[deep]
+
+
+def some(bodies: ConvexBodies, rows: Rows) -> ConvexBodies:
+    """Return some of the bodies."""
+    return ConvexBodies(
+        *(bodies.kinds[rows], bodies.sizes[rows], bodies.radii[rows], bodies.hulls),
+        *(bodies.rows[rows], bodies.centers[rows], bodies.rotations[rows]),
+    )
+
+
+def in_world(body: ConvexBodies, i: int) -> Floats:
+    return corners_of(body, i) @ body.rotations[i].T + body.centers[i]
+
+
+@pytest.mark.parametrize("kinds", POLYTOPES)
+def test_depths_of_polytopes_are_those_of_all_faces_of_their_difference(
+    kinds: tuple[str, str], pairs: int
+) -> None:
+    (a, b), depths = overlapping(kinds, max(40, pairs // 30))
+    for n, depth in enumerate(depths.tolist()):
+        difference = in_world(a, n)[:, None] - in_world(b, n)[None]
+        truth = -ConvexHull(difference.reshape(-1, 3)).equations[:, 3].max()
+        assert depth == pytest.approx(truth, abs=1e-9)
+
+
+@pytest.mark.parametrize("kinds", [*POLYTOPES, *CURVED])
+def test_a_translation_by_the_depth_parts_bodies_and_a_shorter_one_does_not(
+    kinds: tuple[str, str], pairs: int
+) -> None:
+    (a, b), depths = overlapping(kinds, max(100, pairs // 10))
+    rows = np.arange(len(a))
+    normals = convex_distances(a, b, rows, rows)[0].normals
+    for more, collide in ((1e-9, False), (-1e-8, True)):
+        there = moved(b, centers=b.centers + (depths + more)[:, None] * normals)
+        assert (convex_may_collide(a, there, rows, rows) == collide).all()
+
+
+@pytest.mark.parametrize("kinds", [*POLYTOPES, *CURVED])
+def test_contacts_lie_within_half_the_depth_of_both_bodies(
+    kinds: tuple[str, str], pairs: int
+) -> None:
+    (a, b), depths = overlapping(kinds, max(100, pairs // 10))
+    rows = np.arange(len(a))
+    found = convex_contacts(a, b, np.stack([rows, rows], axis=1), rows, rows, 4)
+    assert found.depths.tolist() == depths.tolist()
+    assert (found.counts >= 1).all()
+    assert (found.counts > 1).any() or "capsule" in kinds or "ellipsoid" in kinds
+    for k in range(4):
+        there = np.flatnonzero(found.counts > k)
+        for body in (a, b):
+            spot = point_bodies(found.positions[there, k])
+            few = np.arange(len(there))
+            apart = convex_distances(some(body, there), spot, few, few)[0].upper
+            assert (apart <= 0.5 * depths[there] + 1e-5).all()
+
+
+def point_bodies(points: Floats) -> ConvexBodies:
+    """Return capsules without length and radius."""
+    (a, _) = family("random", ("capsule", "capsule"), len(points), 0)
+    return moved(a, sizes=0.0 * a.sizes, radii=0.0 * a.radii, centers=points)
