@@ -111,6 +111,7 @@ def _boxes() -> None:
     scene.check()
     _crowds()
     pairs_of_keys(batch(), np.zeros(2 * FEWEST_NUMBERS, np.int64), False)
+    parts.bounds()  # in this process, too
     scene.region = oc.Region((-np.inf,) * 3, (1.0, np.inf, np.inf), 1.0)
     scene.check()
 
