@@ -23,13 +23,9 @@ from sensor_msgs.msg import PointCloud2
 
 from obb_collision.node.messages.conversions import stamp_from_ros
 
-COMPILING = 300.0
-"""Seconds that kernels of an effect may take on a loaded machine."""
-
 
 def listening(rig: Rig, topic: str) -> None:
     """Subscribe, and wait until the effect is ready and its messages come."""
-    rig.patience = COMPILING
     rig.listen(topic)
     rig.until(lambda: topic in rig.last, topic)
 

@@ -70,8 +70,8 @@ DOMAIN = 1 + os.getpid() % 100
 NAMESPACE = f"/test_{os.getpid()}"
 """Namespace of all nodes of this run: where two runs share a domain by chance, they don't meet."""
 FRAME = "map"
-PATIENCE = 120.0
-"""Seconds after which a wait has failed: long, for loaded machines; never waited for in success."""
+PATIENCE = 300.0
+"""Seconds after which a wait has failed: long, as on a loaded machine kernels are compiled."""
 REPORTS = 0.2
 """Seconds between two ``/diagnostics``: a test waits for several of them."""
 FIRST_STAMP = 1_000_000_000

@@ -185,7 +185,6 @@ def test_trees_of_large_meshes_are_not_built_by_the_thread_of_the_cycles(
     file = tmp_path / "part.stl"
     trimesh.creation.icosphere(3).export(file)
     with Rig(accuracy="mesh" if at_start else "obb") as rig:
-        rig.patience = 300.0  # kernels may have to be compiled
         for name in ("mesh_tree", "hull_mesh"):
             monkeypatch.setattr(pool, name, build)
         rig.listen("/diagnostics")

@@ -52,8 +52,6 @@ BUILDERS = {
 UNHEARD = ("in_collision", "collision_status", "diagnostics")
 """Topics that say something also where nobody subscribes, or have no rows."""
 RUNNING = tuple(name for name in TOPICS if name not in UNHEARD)
-COMPILING = 300.0
-"""Seconds that kernels of an effect may take on a loaded machine."""
 
 
 @pytest.fixture
@@ -90,7 +88,6 @@ class Scene:
 
     def __init__(self, rig: Rig) -> None:
         self.rig = rig
-        rig.patience = COMPILING
         rig.send(cube(("a", 1)), cube(("a", 2), (0.5, 0, 0)), cube(("b", 1), (2.1, 0, 0)))
         self.number = 0
 
@@ -273,7 +270,6 @@ def test_an_effect_that_fails_is_reported_and_the_cycle_goes_on(
 
 def test_only_objects_that_call_for_an_effect_get_it() -> None:
     with Rig(given={"effects.contacts_objects": ["a/2"]}) as rig:
-        rig.patience = COMPILING
         rig.listen("contacts", "/diagnostics")
         rig.send(*(cube(("a", k), (0.5 * k, 0, 0)) for k in range(4)))
         rig.answer()

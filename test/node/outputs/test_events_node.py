@@ -22,7 +22,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 from rclpy.qos import QoSProfile
-from rig import PATIENCE, Rig, cube
+from rig import Rig, cube
 from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import SetBool, Trigger
 from visualization_msgs.msg import Marker
@@ -72,7 +72,6 @@ class Listener:
 
 
 def listening(rig: Rig) -> Listener:
-    rig.patience = 10 * PATIENCE  # the kernels of separations may have to be compiled
     return Listener(rig)
 
 

@@ -28,9 +28,6 @@ from obb_collision.accuracy import Accuracy
 from obb_collision.node import collisions_from_ros
 from obb_collision.scene.store.overrides import Overrides, limited, override_from_text
 
-COMPILING = 300.0
-"""Seconds that kernels of triangles may take on a loaded machine."""
-
 
 def test_triangles_of_markers_are_looked_at_where_the_accuracy_says_so() -> None:
     with Rig(accuracy="mesh") as rig:
@@ -44,7 +41,6 @@ def test_triangles_of_markers_are_looked_at_where_the_accuracy_says_so() -> None
 
 def test_the_accuracy_changes_at_run_time_and_is_told() -> None:
     with Rig() as rig:
-        rig.patience = COMPILING
         rig.listen("collisions_text", "/diagnostics")
         rig.send(ring(), crate())
         rig.built(RING)

@@ -212,7 +212,6 @@ def test_the_node_is_configured_and_activated_by_whom_launch_is_told(
     context = Context()
     context.init(domain_id=DOMAIN)
     other = Client(context, SingleThreadedExecutor(context=context))
-    other.patience = 120.0
     arguments = (f"namespace:={NAMESPACE}", *([f"autostart:={who}"] if who else ()))
     with launched.running(*arguments) as process:
         try:

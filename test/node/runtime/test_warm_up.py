@@ -270,7 +270,6 @@ def late_cache(cache: Cache) -> Cache:
 
 def test_pairs_stay_on_obb_and_cycles_go_on_until_an_accuracy_is_ready(late_cache: Cache) -> None:
     with Rig() as rig:
-        rig.patience = 300.0  # then the cycle itself compiles, here
         rig.send(ring(), cube(("box", 1), size=(0.5, 0.5, 0.5)))
         rig.built(RING)
         assert sync(rig) == {("mesh/1", "box/1")}
@@ -287,7 +286,6 @@ def test_a_level_below_obb_that_is_not_ready_takes_nothing_from_those_above(
 ) -> None:
     late_cache.kept.add("accuracy mesh")
     with Rig(accuracy="mesh") as rig:
-        rig.patience = 300.0
         rig.send(ring(), cube(("box", 1), size=(0.5, 0.5, 0.5)))  # in the hole of the ring
         rig.built(RING)
         rig.send(cube(("near", 1), (20.0, 0.0, 0.0)), cube(("near", 2), (21.2, 0.0, 0.0)))
@@ -302,7 +300,6 @@ def test_a_level_below_obb_that_is_not_ready_takes_nothing_from_those_above(
 
 def test_an_effect_is_silent_until_it_is_ready(late_cache: Cache) -> None:
     with Rig() as rig:
-        rig.patience = 300.0
         rig.listen("/diagnostics", "contacts")
         rig.until(late_cache.asked.is_set, "thread")
         rig.cycles(5)

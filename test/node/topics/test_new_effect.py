@@ -97,7 +97,6 @@ for name, z in (("a", 0.0), ("b", 0.25), ("c", 9.0)):
 scene.set_effect("heights", floor=0.5)
 found = scene.check(effects=["heights"]).result("heights")
 with Rig() as rig:
-    rig.patience = 120.0
     rig.send(cube(("a", 2)), cube(("a", 1), (0, 0, 0.25)))
     rig.listen("object_heights", "/diagnostics")
     rig.until(lambda: "object_heights" in rig.last and rig.last["object_heights"].width, "rows")
