@@ -147,7 +147,7 @@ def test_a_box_and_its_mesh_are_hit_alike() -> None:
     )
     boxes = Boxes(centers, turns, half_extents)
     meshes = PlacedMeshes(MeshTrees.from_half_extents(half_extents), range(20), centers, turns)
-    origins, ends = rng.uniform(-5.0, 5.0, (2, 2000, 3))
+    origins, ends = rng.uniform(-5.0, 5.0, (2, 600, 3))
     for one, other in (
         (cast_rays(boxes, origins, ends), cast_rays(meshes, origins, ends)),
         (cast_rays(boxes, origins, ends, 3.0), cast_rays(meshes, origins, ends, 3.0)),
@@ -156,7 +156,7 @@ def test_a_box_and_its_mesh_are_hit_alike() -> None:
         np.testing.assert_array_equal(one.boxes, other.boxes)
         np.testing.assert_allclose(one.distances, other.distances, atol=1e-11)
         np.testing.assert_allclose(one.normals, other.normals, atol=1e-11)
-        assert (one.distances == 0.0).sum() > 20  # inside
+        assert (one.distances == 0.0).sum() > 5  # inside
 
 
 def test_a_surface_is_hit_from_inside() -> None:
