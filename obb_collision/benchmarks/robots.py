@@ -28,6 +28,7 @@ from time import thread_time
 import numpy as np
 
 from obb_collision._threads import set_threads
+from obb_collision.accuracy import ALL_LEVELS
 from obb_collision.benchmarks.peers.robots import PEERS, TRUTH, Case, CheckStates
 from obb_collision.benchmarks.step.text import as_markdown
 from obb_collision.cli import MAX_SEED, Parser, interruptible, new_file, option, whole
@@ -191,7 +192,7 @@ def run(options: argparse.Namespace) -> tuple[list[Row], list[MotionRow]]:
     rows, motions = [], []
     for world, objects, scene in worlds(options):
         rng = np.random.default_rng([options.seed, 1])
-        checker = RobotScene([robot], scene)
+        checker = RobotScene([robot], scene, options.accuracy)
         case = case_of(robot, str(options.robot), objects, checker)
         checkers: dict[str, CheckStates] = {OURS: lambda q, c=checker: c.check(q).colliding}  # type: ignore[misc]
         for name, (make, package) in PEERS.items():
@@ -281,6 +282,7 @@ def parser() -> Parser:
     boxes = "numbers of random boxes"
     made.add_argument("--boxes", nargs="+", type=whole(1, 10000), default=[10, 30, 100], help=boxes)
     option(made, "--scenes", Path, text="folder of scene files (YAML) to measure in, too")
+    made.add_argument("--accuracy", choices=ALL_LEVELS, default="hull", help="of this library")
     option(made, "--states", whole(1, 10**7), 2000, "states that are timed")
     option(made, "--compared", whole(0, 10**7), 20000, "states compared with triangles")
     option(made, "--motions", whole(1, 10**6), 200, "motions that are timed")

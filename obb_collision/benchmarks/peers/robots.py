@@ -33,6 +33,8 @@ from obb_collision.scene_files.description import SceneObject
 from obb_collision.shapes import Box, Capsule, Cylinder, Mesh, Shape, Sphere
 from obb_collision.typing import Floats, Integers, Mask
 
+#: Before the names of links in MuJoCo, which has a body "world" of its own.
+LINK = "link "
 #: Whether states (n, joints) collide, (n,).
 CheckStates = Callable[[Floats], Mask]
 
@@ -173,7 +175,7 @@ def mujoco_checker(case: Case) -> CheckStates:
     for row, name in enumerate(names):
         parent = spec.worldbody if row == 0 else bodies[tree.parents[row]]
         body = parent.add_body()
-        body.name, body.pos = name, tree.translations[row]
+        body.name, body.pos = LINK + name, tree.translations[row]
         x, y, z, w = tree.rotations[row]
         body.quat, body.mass, body.inertia = [w, x, y, z], 1.0, [1.0, 1.0, 1.0]
         body.explicitinertial = True
@@ -196,7 +198,7 @@ def mujoco_checker(case: Case) -> CheckStates:
         for j in range(i + 1, len(names)):
             if (i, j) not in checked:
                 exclude = spec.add_exclude()
-                exclude.bodyname1, exclude.bodyname2 = names[i], names[j]
+                exclude.bodyname1, exclude.bodyname2 = LINK + names[i], LINK + names[j]
     model = spec.compile()
     data = mujoco.MjData(model)
 
