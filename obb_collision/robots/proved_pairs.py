@@ -32,12 +32,12 @@ from obb_collision.geometry.kinds import check_kind
 from obb_collision.geometry.shapes.primitives import positive_number
 from obb_collision.numerics.lanes import in_blocks
 from obb_collision.robots.bodies import Body, body_of
+from obb_collision.robots.cell_bounds import Moving
 from obb_collision.robots.cells import (
     FOUND,
     GOES_ON,
     MOST_CELLS,
     PROVED,
-    Moving,
     descend_from,
     find_state,
     search_cells,
