@@ -63,6 +63,7 @@ class Client:
     def __init__(self, domain: int, namespace: str, types: Mapping[str, type]) -> None:
         self.namespace = namespace
         self.answers: list[Answer] = []
+        self._taken = 0
         self.points: list[PointCloud2] = []
         """The last messages of ``points_inside``."""
         self.diagnostics: DiagnosticArray | None = None
@@ -92,19 +93,30 @@ class Client:
         self._context.try_shutdown()
 
     def _take(self, message: PointCloud2, info: Any) -> None:
+        self._taken += 1
         number = info["publication_sequence_number"] or 0  # not given by some middlewares
         self.answers.append(Answer(int(info["source_timestamp"]), number, message))
 
     def _take_points(self, message: PointCloud2) -> None:
+        self._taken += 1
         self.points = [*self.points[-9:], message]
 
     def _take_status(self, message: DiagnosticArray) -> None:
+        self._taken += 1
         if message.status and message.status[0].name.startswith(self.namespace[1:]):
             self.diagnostics = message
 
     def spin(self, seconds: float = 0.0) -> None:
-        """Take what has arrived."""
-        self._executor.spin_once(timeout_sec=seconds)
+        """Take all that has arrived, and wait for something where nothing has.
+
+        All of it: a client that takes less than comes in, on a busy machine, would lag behind by
+        a whole queue from then on.
+        """
+        before = self._taken - 1
+        while self._taken > before:
+            before = self._taken
+            self._executor.spin_once(timeout_sec=seconds)
+            seconds = 0.0
 
     def until(
         self, child: Child, reached: Callable[[], Any], what: str, limit: float = ANSWERING

@@ -34,7 +34,7 @@ from rclpy.serialization import serialize_message
 
 from obb_collision.checks.fuzz.canary import Canary
 from obb_collision.checks.fuzz.child import Child
-from obb_collision.checks.fuzz.client import Client, FoundError
+from obb_collision.checks.fuzz.client import Answer, Client, FoundError
 from obb_collision.checks.fuzz.probes import BOXES, MOVES, NUMBERS, Message, Pair, Probe, Probes
 from obb_collision.checks.fuzz.services import Services
 from obb_collision.checks.fuzz.stream import Sent, Stream
@@ -163,19 +163,20 @@ class Session:
         next_time = time.monotonic() + RESENDING
 
         def answered() -> set[Pair] | None:
-            nonlocal next_time
+            nonlocal next_time, seen
             if probe.kind == "object_boxes" and time.monotonic() > next_time:
                 self._client.publishers[probe.kind].publish(messages[-1][1])
                 self.result.again += 1
                 next_time = time.monotonic() + RESENDING
-            return self._answer(seen, probe.sure[0], sure)
+            fresh, seen = self._client.answers[seen:], len(self._client.answers)
+            return self._answer(fresh, probe.sure[0], sure)
 
         found: set[Pair] = self._client.until(self._child, answered, what)
         return found
 
-    def _answer(self, seen: int, first: int, sure: Pair) -> set[Pair] | None:
+    def _answer(self, answers: list[Answer], first: int, sure: Pair) -> set[Pair] | None:
         """Return the pairs of a probe in the first answer that has its sure pair, else None."""
-        for answer in self._client.answers[seen:]:
+        for answer in answers:
             rows = collisions_from_ros(answer.message)
             ours = [name in NUMBERS for name in rows["ns_a"].tolist()]
             ids = zip(rows["id_a"][ours].tolist(), rows["id_b"][ours].tolist(), strict=True)
