@@ -65,8 +65,13 @@ class PlacedShapes:
         self._shaped = np.flatnonzero(store.used & (store.kinds > BOX))
         self._poses = store.poses[self._shaped]
         self._cores = cache.cores(self._shaped)
-        self._rows = cache.hull_rows(self._shaped)
+        self._take_hulls()
         self._trees: tuple[MeshTrees, Rows] | None = None  # and the row of each slot among them
+
+    def _take_hulls(self) -> None:
+        """Take the hulls there are now, with their rows: both change when a pool is exchanged."""
+        self._rows = self._cache.hull_rows(self._shaped)
+        self._hulls = self._cache.all_hulls if (self._rows >= 0).any() else NO_HULLS
 
     def levels(self, pairs: Pairs, choice: str, highest: Accuracy) -> Levels:
         """Return the level (m,) that an effect on pairs (m, 2) is computed on: OBB, HULL or MESH.
@@ -144,9 +149,8 @@ class PlacedShapes:
         needed[places[shaped]] = True
         lacking = np.flatnonzero(needed & (self._cores[:, 0] == CORNERS) & (self._rows < 0))
         if len(lacking) and self._store.revision == self._revision:
-            slots = self._shaped[lacking]
-            self._cache.build(self._store, slots, True, None)
-            self._rows[lacking] = self._cache.hull_rows(slots)
+            self._cache.build(self._store, self._shaped[lacking], True, None)
+            self._take_hulls()
         have = np.ones(len(self.kinds), np.bool_)
         have[self._shaped[(self._cores[:, 0] == CORNERS) & (self._rows < 0)]] = False
         have &= self.kinds != BOXED
@@ -171,6 +175,5 @@ class PlacedShapes:
         radii[shaped] = self._cores[places, 5] + self.paddings[slots[shaped]]
         rows[shaped] = np.maximum(self._rows[places], 0)
         centers[shaped], rotations[shaped] = as_poses(self._poses[places], warn=False)
-        hulls = self._cache.all_hulls if (kinds == CORNERS).any() else NO_HULLS
-        bodies = ConvexBodies(kinds, sizes, radii, hulls, rows, centers, rotations)
+        bodies = ConvexBodies(kinds, sizes, radii, self._hulls, rows, centers, rotations)
         return bodies, np.ascontiguousarray(ends[:, 0]), np.ascontiguousarray(ends[:, 1])

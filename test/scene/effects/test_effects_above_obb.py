@@ -119,6 +119,21 @@ def test_effects_read_later_are_of_where_the_objects_were() -> None:
     assert report.clearances.distances.tolist() == now.clearances.distances.tolist()
 
 
+def test_effects_read_later_are_of_the_shapes_that_have_gone_since() -> None:
+    """Nearly all hulls go, so that those that stay move up to other rows of a new pool."""
+    scene, other = mixed_scene("hull"), mixed_scene("hull")
+    report = scene.check()
+    for number in range(1, COUNT):
+        scene.remove(str(number))
+    points = np.random.default_rng(4).normal(size=(20, 3))
+    for number in range(2):
+        scene.add(f"new {number}", oc.shapes.Hull(points + number), [0, 0, 0, 0, 0, 0, 1])
+    scene.check(EFFECTS)
+    now = other.check(EFFECTS)
+    assert report.separations.tolist() == now.separations.tolist()
+    assert report.clearances.distances.tolist() == now.clearances.distances.tolist()
+
+
 def test_effects_of_pairs_that_stay_are_those_of_a_new_scene() -> None:
     scene, other = mixed_scene("hull"), mixed_scene("hull")
     scene.set_effect("separations", "on")
