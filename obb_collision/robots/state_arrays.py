@@ -16,8 +16,8 @@
 
 Error analysis, with u = 2^-53: a chain of k joints moves a point by at most 24 k u L from where
 real arithmetic has it, L being the lengths of the chain and the body, summed; rotations are
-orthonormal to 16 u. PLACING is 2^14 u, so that both stay below it for chains of 200 joints, with
-the bounds of ``verdict`` and ``convex`` for bodies that are where they are said to be.
+orthonormal to 16 u. LINK_PLACING is 2^14 u, so that both stay below it for chains of 200 joints,
+with the bounds of ``verdict`` and ``convex`` for bodies that are where they are said to be.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from obb_collision.scene.broad_phase.bounds_tree import STACK
 from obb_collision.typing import Floats, Integers, Mask, Vector
 
 #: Distance within which bodies count as colliding, relative to the lengths of their chains.
-PLACING = 2**14 * ROUNDOFF
+LINK_PLACING = 2**14 * ROUNDOFF
 
 
 class Bodies(NamedTuple):
@@ -143,7 +143,7 @@ def place_state(
 @njit_borrowing
 def slack_of(bodies: Bodies, i: int, center: Vector) -> float:
     """Return what body i may be off from where it is said to be, with its tests, metres."""
-    return PLACING * (bodies.reaches[i] + sum_abs(center)) + MESH_UNDERFLOW
+    return LINK_PLACING * (bodies.reaches[i] + sum_abs(center)) + MESH_UNDERFLOW
 
 
 @njit_borrowing

@@ -44,7 +44,7 @@ from obb_collision.queries.verdict.pair_frame import Box, box_at, pair_of
 from obb_collision.queries.verdict.verdict import SEPARATE, fast_verdict
 from obb_collision.robots.kinematics import Tree
 from obb_collision.robots.state_arrays import (
-    PLACING,
+    LINK_PLACING,
     Bodies,
     Placed,
     Tests,
@@ -111,8 +111,8 @@ def gather(
                     center = vector_at(centers, i)
                     square = square_distance(b, minus(b.center, center))
                     reach = spheres[i] + grown[i] + 2.0 * slack_of(bodies, i, center)
-                    reach += PLACING * bodies.reaches[j]
-                    if square > reach * reach * (1.0 + PLACING):
+                    reach += LINK_PLACING * bodies.reaches[j]
+                    if square > reach * reach * (1.0 + LINK_PLACING):
                         continue
                     candidates[count, 0], candidates[count, 1] = i, j
                     limits[count] = grown[i]
@@ -125,10 +125,10 @@ def gather(
         i, j = pairs[n, 0], pairs[n, 1]
         d = minus(vector_at(centers, j), vector_at(centers, i))
         reach = spheres[i] + spheres[j] + grown_pairs[n]
-        reach += PLACING * (bodies.reaches[i] + bodies.reaches[j])
+        reach += LINK_PLACING * (bodies.reaches[i] + bodies.reaches[j])
         candidates[count, 0], candidates[count, 1] = i, j
         limits[count] = grown_pairs[n]
-        count += dot(d, d) <= reach * reach * (1.0 + PLACING)
+        count += dot(d, d) <= reach * reach * (1.0 + LINK_PLACING)
     return count
 
 
@@ -149,14 +149,14 @@ def may_collide(bodies: Bodies, placed: Placed, i: int, j: int, grown: float, le
     grown += slack_of(bodies, i, center) + slack_of(bodies, j, other)
     d = minus(other, center)
     reach = bodies.spheres[i] + bodies.spheres[j] + grown
-    if dot(d, d) > reach * reach * (1.0 + PLACING):
+    if dot(d, d) > reach * reach * (1.0 + LINK_PLACING):
         return False
     if level == SPHERE:
         return True
     b = placed_box(bodies, placed, j)
     a = placed_box(bodies, placed, i)
     near = bodies.spheres[j] + grown
-    if square_distance(a, d) > near * near * (1.0 + PLACING):
+    if square_distance(a, d) > near * near * (1.0 + LINK_PLACING):
         return False
     h = a.half_extents
     a = Box(a.center, a.axes, (h[0] + grown, h[1] + grown, h[2] + grown))
