@@ -69,7 +69,7 @@ def checked_states(
     given = as_array(states, name, (count,) if single else (None, count))
     checked = given[None] if single else given
     for column in tree.columns[tree.kinds == FLOATING]:
-        zeros = ~checked[:, column + 3 : column + 7].any(axis=1)
+        zeros = ~np.any(checked[:, column + 3 : column + 7], axis=1)
         refuse_where(zeros, f"{name} must have no quaternion of zeros", by_row=not single)
     return checked, single
 

@@ -111,7 +111,7 @@ class PlacedShapes:
         if self._trees is None:
             return np.zeros(len(pairs), np.bool_)
         have = (self._trees[1] >= 0) | (self.kinds == ROUND)
-        return have[pairs].all(axis=1)
+        return np.all(have[pairs], axis=1)
 
     def meshes(self, boxes: Boxes, slots: Rows) -> tuple[PlacedMeshes, Floats]:
         """Return the trees of slots (k,) where they are, and their radii (k,).
@@ -154,7 +154,7 @@ class PlacedShapes:
         have = np.ones(len(self.kinds), np.bool_)
         have[self._shaped[(self._cores[:, 0] == CORNERS) & (self._rows < 0)]] = False
         have &= self.kinds != BOXED
-        return have[pairs].all(axis=1)
+        return np.all(have[pairs], axis=1)
 
     def bodies(self, boxes: Boxes, pairs: Pairs) -> tuple[ConvexBodies, Rows, Rows]:
         """Return the bodies of pairs (m, 2) of slots, padded, and their rows (m,), (m,) in them.
