@@ -49,6 +49,12 @@ def test_what_grows_is_found_and_what_warms_up_is_not() -> None:
     assert faults(Result(usages=warm), 1.0) == []
 
 
+def test_the_course_of_memory_has_a_number_for_each_tenth() -> None:
+    assert grown(Usage(100 * MEGABYTE, 0, 0)).course() == [
+        (10 * tenth + 4.5) * MEGABYTE for tenth in range(10)
+    ]
+
+
 def test_few_samples_say_nothing() -> None:
     assert grown(Usage(10**9, 9, 9), FEWEST - 1).growth() is None
 

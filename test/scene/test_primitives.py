@@ -120,7 +120,7 @@ def test_spheres_in_the_corners_of_boxes_are_free_and_padding_counts() -> None:
     assert scene.check().verdicts.tolist() == [oc.Verdict.TOUCHING]  # rests on it
 
 
-def test_what_is_padded_and_no_sphere_capsule_or_box_stays_on_obb() -> None:
+def test_what_is_padded_and_no_sphere_capsule_or_box_goes_no_higher_than_hulls() -> None:
     for shape in (
         Cylinder(0.2, 0.5),
         Mesh(*ZOO["torus1"]),
@@ -129,7 +129,7 @@ def test_what_is_padded_and_no_sphere_capsule_or_box_stays_on_obb() -> None:
         scene = oc.Scene(accuracy="mesh", padding=0.01)
         scene.add("a", shape)
         scene.add("b", Sphere(0.5))
-        assert scene.check().accuracies.tolist() == [oc.Accuracy.OBB]
+        assert scene.check().accuracies.tolist() == [oc.Accuracy.HULL]
 
 
 @pytest.mark.parametrize("name", FINE)

@@ -154,6 +154,12 @@ class Client:
         states = [pair.value for pair in values if pair.key.startswith("effect ")]
         return bool(states) and not any("ready" in state for state in states)
 
+    def status(self) -> str:
+        """Return what the last diagnostics say, in a line."""
+        found = [] if self.diagnostics is None else self.diagnostics.status
+        values = [f"{pair.key}: {pair.value}" for status in found for pair in status.values]
+        return f"diagnostics: {', '.join([*(status.message for status in found), *values])}"
+
     def services(self) -> dict[str, type]:
         """Return the types of the node's services, by their names behind that of the node.
 

@@ -58,7 +58,8 @@ def _print_usages(result: Result) -> None:
         first, last = samples[0], samples[-1]
         print(
             f"memory of the node: {_megabytes(first.memory)} after the first batch, "
-            f"{_megabytes(last.memory)} at the end"
+            f"{_megabytes(last.memory)} at the end; by tenths of the attack "
+            f"{', '.join(f'{size / 1e6:.0f}' for size in result.usages.course())}"
         )
     if growth is not None:
         print(

@@ -146,9 +146,12 @@ class Session:
         else:
             found = self._ask(number, probe, probe.first + probe.messages, probe.sure)
         if found != probe.pairs:
+            later = self._ask(number, probe, [], probe.sure)
             raise FoundError(
                 f"pairs of probe {number}, by {probe.kind}: missing "
-                f"{sorted(probe.pairs - found)}, wrong {sorted(found - probe.pairs)}"
+                f"{sorted(probe.pairs - found)}, wrong {sorted(found - probe.pairs)}; "
+                f"in the next answer missing {sorted(probe.pairs - later)}, wrong "
+                f"{sorted(later - probe.pairs)}; {self._client.status()}"
             )
         if probe.kind == "markers" and random.random() < 0.5:
             self._probe_points(random, probe)

@@ -49,3 +49,9 @@ class Usages:
         early, late = self.samples[size : 2 * size], self.samples[-size:]
         columns = zip(zip(*early, strict=True), zip(*late, strict=True), strict=True)
         return Usage(*(round(median(after) - median(before)) for before, after in columns))
+
+    def course(self) -> list[float]:
+        """Return the median memory (bytes) of each tenth of the samples, in their order."""
+        size = max(1, len(self.samples) // 10)
+        parts = [self.samples[k : k + size] for k in range(0, len(self.samples), size)]
+        return [median(usage.memory for usage in part) for part in parts]

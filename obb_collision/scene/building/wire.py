@@ -134,9 +134,9 @@ def _end(seconds: float | None) -> float | None:
 
 
 def _wait(descriptor: int, event: int, end: float | None) -> None:
-    """Wait until something can be read or written; TimeoutError if that takes too long."""
+    """Wait until something can be read or written; TimeoutError if the time for that is over."""
     poll = select.poll()
     poll.register(descriptor, event)
     left = None if end is None else max(0.0, 1e3 * (end - monotonic()))
-    if not poll.poll(left):
+    if left == 0.0 or not poll.poll(left):
         raise TimeoutError
