@@ -29,6 +29,7 @@ from multiprocessing import get_context
 from pathlib import Path
 
 from obb_collision.checks.fuzz.canary import Canary
+from obb_collision.checks.fuzz.cases import CASES
 from obb_collision.checks.fuzz.child import Child
 from obb_collision.checks.fuzz.client import Client, FoundError
 from obb_collision.checks.fuzz.scene_attack import attack_node, attack_reader
@@ -66,6 +67,8 @@ def attack(options: Namespace) -> list[Attack]:
     pool = ProcessPoolExecutor(count, get_context("spawn"), _take_interrupts)
     with pool:
         shares = [[share(part, index, count) for part in parts] for index in range(count)]
+        for some in shares[1:] if options.messages else ():
+            some.insert(0, ("message", 0, len(CASES)))  # the largest are part of each warm-up
         runs = [pool.submit(_run, options, some, index) for index, some in enumerate(shares)]
         return [run.result() for run in runs]
 
