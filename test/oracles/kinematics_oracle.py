@@ -46,6 +46,15 @@ def rigid(rotation: Rotation, place: NDArray[np.float64]) -> Matrix:
     return matrix
 
 
+def shortest_turn(axis: Matrix) -> Rotation:
+    """Return the shortest rotation of z to an axis; of opposite ones that about x."""
+    across = np.cross([0.0, 0.0, 1.0], axis)
+    sine = np.linalg.norm(across)
+    if sine == 0.0:
+        return Rotation.from_rotvec([np.pi if axis[2] < 0.0 else 0.0, 0.0, 0.0])
+    return Rotation.from_rotvec(across / sine * np.arctan2(sine, axis[2]))
+
+
 def motion(joint: OracleJoint, values: dict[str, float]) -> Matrix:
     """Return what a joint does for the values of the variables."""
     axis = np.array(joint.axis) / np.linalg.norm(joint.axis)
@@ -53,8 +62,7 @@ def motion(joint: OracleJoint, values: dict[str, float]) -> Matrix:
         return np.eye(4)
     if joint.kind == "planar":
         x, y, theta = (values[f"{joint.name}/{part}"] for part in ("x", "y", "theta"))
-        # in the frame whose z is the axis, by the shortest rotation of z
-        frame, _ = Rotation.align_vectors([axis], [[0.0, 0.0, 1.0]])
+        frame = shortest_turn(axis)
         return rigid(Rotation.from_rotvec(theta * axis), frame.apply([x, y, 0.0]))
     if joint.kind == "floating":
         parts = [values[f"{joint.name}/trans_{part}"] for part in "xyz"]

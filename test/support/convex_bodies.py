@@ -69,7 +69,9 @@ def bodies(
         sizes[:, 2] = 0.0
     if kind == SEGMENT:
         radii = rng.uniform(0.2, 1.0, count) * radius
-    rotations = Rotation.random(count, rng).as_matrix()
+    rotations = np.empty((0, 3, 3))
+    if count:  # scipy 1.11 makes no array of none
+        rotations = Rotation.random(count, rng).as_matrix()
     return ConvexBodies(
         np.full(count, kind, np.int8), sizes, radii, hulls(scale)[0],
         rng.integers(0, HULLS, count), rng.uniform(-1.5, 1.5, (count, 3)) * scale.max(), rotations,
