@@ -221,7 +221,8 @@ class Probes:
     def _set(
         self, random: Random, start: list[Marker], ids: Any, poses: Any, sizes: Any, stamp: int
     ) -> list[Message]:
-        cloud = self._cloud(random, ids, poses, sizes, stamp)
+        last = np.roll(np.arange(BOXES), -2)  # the sure pair: without room for all, it is not there
+        cloud = self._cloud(random, ids[last], poses[last], sizes[last], stamp)
         return [
             ("objects", self._array(random, start, [])),
             ("object_boxes", serialize_message(cloud)),

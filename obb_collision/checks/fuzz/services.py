@@ -62,6 +62,10 @@ class Services:
         values = self._call("get_parameters", GetParameters.Request(names=names)).values
         self._given = dict(zip(names, values, strict=True))
 
+    def given(self, name: str) -> Any:
+        """Return the value that a parameter had at the start, and has between two attacks."""
+        return parameter_value_to_python(self._given[name])
+
     def _call(self, name: str, request: Any) -> Any:
         return self._client.call(self._child, self._kinds[name], name, request)
 
@@ -102,8 +106,7 @@ class Services:
         parameters = [Parameter(name=name, value=self._given[name])]
         back = self._call("set_parameters", SetParameters.Request(parameters=parameters)).results[0]
         if not back.successful:
-            value = parameter_value_to_python(self._given[name])
-            raise FoundError(f"{name} can't be set back to {value!r}: {back.reason}")
+            raise FoundError(f"{name} can't be set back to {self.given(name)!r}: {back.reason}")
 
     def _activate(self) -> None:
         """Bring a managed node back to where it answers."""

@@ -99,6 +99,7 @@ class Session:
         self.result = Result()
         client.wait_for_start(child)
         self._services = Services(client, child)
+        self._most_pairs = self._services.given("max_pairs")
 
     def batch(self, name: str, sent: list[Sent]) -> None:
         """Send hostile messages and a probe; FoundError for what should not be."""
@@ -167,26 +168,15 @@ class Session:
 
         def answered() -> set[Pair] | None:
             nonlocal next_time, seen
-            if probe.kind == "object_boxes" and time.monotonic() > next_time:
+            if messages and probe.kind == "object_boxes" and time.monotonic() > next_time:
                 self._client.publishers[probe.kind].publish(messages[-1][1])
                 self.result.again += 1
                 next_time = time.monotonic() + RESENDING
             fresh, seen = self._client.answers[seen:], len(self._client.answers)
-            return self._answer(fresh, probe.sure[0], sure)
+            return find_answer(fresh, probe.sure[0], sure, self._most_pairs)
 
         found: set[Pair] = self._client.until(self._child, answered, what)
         return found
-
-    def _answer(self, answers: list[Answer], first: int, sure: Pair) -> set[Pair] | None:
-        """Return the pairs of a probe in the first answer that has its sure pair, else None."""
-        for answer in answers:
-            rows = collisions_from_ros(answer.message)
-            ours = [name in NUMBERS for name in rows["ns_a"].tolist()]
-            ids = zip(rows["id_a"][ours].tolist(), rows["id_b"][ours].tolist(), strict=True)
-            pairs = {pair for pair in ids if all(first <= one < first + BOXES for one in pair)}
-            if sure in pairs:
-                return pairs
-        return None
 
     def _probe_points(self, random: Random, probe: Probe) -> None:
         """Send points, good ones among those that are no numbers, and compare the counts."""
@@ -225,3 +215,20 @@ class Session:
             if status.name.endswith("internal errors") and status.level != status.OK:
                 counts = "; ".join(f"{pair.key}: {pair.value}" for pair in status.values)
                 raise FoundError(f"the node counted internal errors: {counts}")
+
+
+def find_answer(answers: list[Answer], first: int, sure: Pair, most: int) -> set[Pair] | None:
+    """Return the pairs of a probe in the first whole answer that has its sure pair, else None.
+
+    most: pairs of an answer; one with so many may lack others, until hostile objects are removed.
+    """
+    for answer in answers:
+        rows = collisions_from_ros(answer.message)
+        if len(rows) >= most:
+            continue
+        ours = [name in NUMBERS for name in rows["ns_a"].tolist()]
+        ids = zip(rows["id_a"][ours].tolist(), rows["id_b"][ours].tolist(), strict=True)
+        pairs = {pair for pair in ids if all(first <= one < first + BOXES for one in pair)}
+        if sure in pairs:
+            return pairs
+    return None
