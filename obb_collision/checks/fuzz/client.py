@@ -35,6 +35,8 @@ STARTING = 300.0
 """Seconds until the node answers first: on a new machine it compiles its kernels."""
 ANSWERING = 20.0
 """Seconds in which anything must be answered; longer means that the node is blocked or blind."""
+ASKING = 4.0
+"""Seconds after which a service is asked again."""
 NODE = "obb_collision"
 NEEDED = {"list_parameters", "get_parameters", "set_parameters", "clear", "enable"}
 READ = ("collisions", "points", "collision_status", "diagnostics")
@@ -64,6 +66,7 @@ class Client:
         self.namespace = namespace
         self.answers: list[Answer] = []
         self._taken = 0
+        self._clients: dict[str, Any] = {}
         self.points: list[PointCloud2] = []
         """The last messages of ``points_inside``."""
         self.diagnostics: DiagnosticArray | None = None
@@ -179,11 +182,20 @@ class Client:
         return found if found.keys() >= NEEDED else {}
 
     def call(self, child: Child, kind: Any, name: str, request: Any) -> Any:
-        """Call a service of the node."""
-        client = self.node.create_client(kind, f"{NODE}/{name}")
-        try:
-            self.until(child, client.service_is_ready, f"service {name}")
-            future = client.call_async(request)
-            return self.until(child, lambda: future.done() and future.result(), f"answer {name}")
-        finally:
-            self.node.destroy_client(client)
+        """Call a service of the node, again where no answer comes.
+
+        The middleware drops an answer while it has not discovered who asked.
+        """
+        if name not in self._clients:
+            self._clients[name] = self.node.create_client(kind, f"{NODE}/{name}")
+        client, futures, next_time = self._clients[name], [], 0.0
+        self.until(child, client.service_is_ready, f"service {name}")
+
+        def answered() -> Any:
+            nonlocal next_time
+            if time.monotonic() > next_time:
+                futures.append(client.call_async(request))
+                next_time = time.monotonic() + ASKING
+            return next((future.result() for future in futures if future.done()), None)
+
+        return self.until(child, answered, f"answer {name}")
