@@ -104,6 +104,8 @@ class Cycle:
         if self._settings.waiting:
             self._settings.apply_accuracy()
         effects = self._effects.of_cycle()
+        if self._effects.on_boxes and self._effects.raised(effects):
+            self._settings.apply_effects()
         if "points" in effects:
             self._obstacles.place(now)
         times.append(perf_counter())

@@ -63,6 +63,7 @@ from obb_collision.node.self_test.service import SelfTestService
 from obb_collision.node.settings import (
     SceneSettings,
     apply_limits,
+    effect_levels,
     mesh_reading,
     requested_levels,
 )
@@ -117,7 +118,8 @@ class CollisionNode(ManagedNode):
         self._warm = WarmUp(logger.info, logger.warning, lambda: ending() or not self.context.ok())
         self._make_outputs()
         switched_on = [name for name in EFFECTS if self.parameters.mode(name) == ON]
-        self._warm.start([*requested_levels(self.parameters), *switched_on])
+        levels = [(n, m) for n in switched_on for m in effect_levels(self.parameters, n)]
+        self._warm.start([*requested_levels(self.parameters), *switched_on, *levels])
         if ending() or not self.context.ok():
             raise ExternalShutdownException
         self._warm_up_time = perf_counter() - start
@@ -217,7 +219,7 @@ class CollisionNode(ManagedNode):
 
     def _make_cycle(self, allowed: list[Rule]) -> None:
         """Create the check, and what calls it."""
-        self._settings = SceneSettings(self.parameters, self.objects, self._warm)
+        self._settings = SceneSettings(self.parameters, self.objects, self._warm, self._effects)
         self._settings.allowed = allowed
         self.cycle = Cycle(
             self.parameters,

@@ -23,11 +23,12 @@ from obb_collision.accuracy import Accuracy, as_accuracy
 from obb_collision.node.messages.conversions import NANOSECONDS
 from obb_collision.node.objects.objects import Objects
 from obb_collision.node.objects.shape_requests import ShapeLimits
+from obb_collision.node.outputs.effects import Effects
 from obb_collision.node.parameters.groups import Groups
 from obb_collision.node.parameters.parameters import Parameters
 from obb_collision.node.runtime.warm_up import WarmUp
 from obb_collision.scene.building.process import Limits
-from obb_collision.scene.effects import EFFECTS
+from obb_collision.scene.effects import EFFECTS, LEVELS
 from obb_collision.scene.effects.base import ACCURACY
 from obb_collision.scene.effects.settings import AUTO, OFF
 from obb_collision.scene.refinement.budget import ABOVE
@@ -42,8 +43,11 @@ MEGABYTE = 1_000_000
 class SceneSettings:
     """Applies parameters to the scene; accuracies wait until their kernels are compiled."""
 
-    def __init__(self, parameters: Parameters, objects: Objects, warm: WarmUp) -> None:
+    def __init__(
+        self, parameters: Parameters, objects: Objects, warm: WarmUp, requested: Effects
+    ) -> None:
         self._parameters, self._objects, self._warm = parameters, objects, warm
+        self._requested = requested
         self.allowed: list[Rule] = []
         """Further rules, before those of the parameters."""
         self._filters: tuple[object, ...] = ()
@@ -69,7 +73,17 @@ class SceneSettings:
         self.apply_accuracy()
         groups = Groups(parameters.groups)
         self._apply_filters(groups)
+        levels = {name: effect_levels(parameters, name) for name in EFFECTS}
+        self._requested.on_boxes = {
+            name: some
+            for name, some in levels.items()
+            if not all(self._warm.has((name, level)) for level in some)
+        }
         self._apply_effects(groups)
+
+    def apply_effects(self) -> None:
+        """Set the effects anew, of which some were on boxes until their kernels were ready."""
+        self._apply_effects(Groups(self._parameters.groups))
 
     def _apply_effects(self, groups: Groups) -> None:
         """Set the effects, and the region, whose halo depends on them."""
@@ -88,7 +102,7 @@ class SceneSettings:
         mode = OFF if self._parameters.mode(name) == OFF else AUTO
         setting = {"mode": mode, **self._parameters.setting(name)}
         setting["objects"] = groups.all_meant(setting["objects"])
-        if self.waiting and ACCURACY in setting:
+        if ACCURACY in setting and (self.waiting or name in self._requested.on_boxes):
             setting[ACCURACY] = "obb"
         return setting
 
@@ -125,7 +139,7 @@ class SceneSettings:
         if overrides.overrides != objects.shapes.overrides.overrides:
             objects.set_overrides(overrides)
         if waited and not self.waiting:
-            self._apply_effects(Groups(parameters.groups))
+            self.apply_effects()
 
 
 def requested_levels(parameters: Parameters) -> list[Accuracy]:
@@ -139,6 +153,17 @@ def requested_levels(parameters: Parameters) -> list[Accuracy]:
     if parameters.time_budget:  # it chooses from all
         levels |= {level for level in ABOVE if level <= max(levels)}
     return sorted(levels)
+
+
+def effect_levels(parameters: Parameters, name: str) -> list[Accuracy]:
+    """Return the levels above OBB that an effect may be computed on, as it is set."""
+    choice = parameters.setting(name).get(ACCURACY, "obb")
+    if choice == AS_PAIRS:
+        levels = {as_accuracy(level) for _, level in parameters.accuracy_overrides}
+        highest = max(levels | {as_accuracy(parameters.accuracy)})
+    else:
+        highest = as_accuracy(choice)
+    return [level for level in LEVELS[name] if level <= highest]
 
 
 def apply_limits(parameters: Parameters, objects: Objects) -> None:

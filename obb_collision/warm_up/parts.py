@@ -25,6 +25,11 @@ import numpy as np
 import obb_collision as oc
 from obb_collision.geometry.trees.pool import Hulls
 from obb_collision.numerics.dealing import FEWEST_NUMBERS
+from obb_collision.queries.convex.depth import deepest, room_for_depth
+from obb_collision.queries.convex.distance import Search, search
+from obb_collision.queries.convex.patch import flat_room, frame_of, overlay, spread
+from obb_collision.queries.convex.simplex import no_simplex
+from obb_collision.queries.convex.support import Core, core_at
 from obb_collision.queries.meshes.convex import PlacedHulls, hulls_may_collide
 from obb_collision.queries.meshes.kernels import nesting as nesting_kernel
 from obb_collision.queries.meshes.tree_boxes import Place, Pose
@@ -44,10 +49,12 @@ from obb_collision.warm_up.samples import (
     TETRAHEDRON,
     TETRAHEDRON_FACES,
     batch,
+    convex_bodies,
     triangle_tree,
 )
 
 HERE, AXES_OF_BOX = (0.0, 0.0, 0.0), ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+SAME_PLACE = Pose(AXES_OF_BOX, HERE, 1.0, 0.0, 0.0)
 
 
 def bounds() -> None:
@@ -66,13 +73,16 @@ def bounds() -> None:
 def nesting() -> None:
     """Look for a piece of a mesh in another."""
     trees, body = triangle_tree().arrays, Body(0, Place(HERE, AXES_OF_BOX))
-    pose = Pose(AXES_OF_BOX, HERE, 1.0, 0.0, 0.0)
-    nesting_kernel(trees, body, trees, body, pose, np.empty((STACK, 2), np.int64))
+    nesting_kernel(trees, body, trees, body, SAME_PLACE, np.empty((STACK, 2), np.int64))
 
 
 def trees() -> None:
-    """Build a tree, and decide pairs of capsules, boxes and hulls."""
+    """Build a tree."""
     oc.MeshTrees.build(np.array(TETRAHEDRON), np.array(TETRAHEDRON_FACES))
+
+
+def hulls() -> None:
+    """Decide pairs of capsules, boxes and hulls."""
     zeros = np.zeros((4, 3))
     capsules = oc.Capsules(zeros, zeros + 1.0, np.full(4, 0.1))
     for other in (batch(), capsules):
@@ -80,6 +90,32 @@ def trees() -> None:
     row = np.zeros(1, np.int64)
     hull = PlacedHulls(Hulls.of(np.array(TETRAHEDRON)), row, zeros[:1], np.eye(3)[None])
     hulls_may_collide(hull, hull, row, row)
+
+
+def nearest() -> None:
+    """Search for the nearest points of two convex bodies."""
+    core = _core()
+    search(core, core, SAME_PLACE, HERE, 0.0)
+
+
+def depths() -> None:
+    """Find how deep two convex bodies overlap."""
+    core, axis = _core(), AXES_OF_BOX[0]
+    found = Search(-0.5, axis, 0.0, HERE, HERE, no_simplex())
+    deepest(core, core, SAME_PLACE, found, room_for_depth())
+
+
+def patches() -> None:
+    """Find where two convex bodies touch."""
+    core, flat = _core(), flat_room()
+    count = overlay(core, core, SAME_PLACE, frame_of(AXES_OF_BOX[0]), 0.5, flat)
+    spread(flat.a, count, len(flat.b))
+
+
+def _core() -> Core:
+    """Return a core whose kind is as bodies have it."""
+    bodies = convex_bodies().arrays
+    return core_at(bodies, 0)._replace(kind=bodies.kinds[0])
 
 
 def linear() -> None:

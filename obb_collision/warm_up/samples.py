@@ -21,6 +21,8 @@ from numpy.typing import NDArray
 
 import obb_collision as oc
 from obb_collision import shapes
+from obb_collision.geometry.trees.pool import Hulls
+from obb_collision.queries.convex.support import BOX, ConvexBodies
 
 FEW_OBJECTS, OBJECTS = 8, 256
 """A few, which have a kernel of their own, and enough for a tree that some of them move in."""
@@ -57,6 +59,14 @@ def zoo() -> dict[str, tuple[shapes.Shape, ...]]:
         ),
         "mesh": tuple(shapes.Mesh.fitted(points, faces, scale, box) for _ in range(2)),
     }
+
+
+def convex_bodies() -> ConvexBodies:
+    """Return one convex body, for which no hull has to be built."""
+    one, place = np.ones(1), np.zeros((1, 3))
+    hulls, row = Hulls.of(np.array(TETRAHEDRON)), np.zeros(1, np.int64)
+    kinds, sizes = np.full(1, BOX, np.int8), np.ones((1, 4))
+    return ConvexBodies(kinds, sizes, one, hulls, row, place, np.eye(3)[None])
 
 
 def triangle_tree() -> oc.MeshTrees:

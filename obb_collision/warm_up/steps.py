@@ -32,11 +32,13 @@ from obb_collision import shapes
 from obb_collision.accuracy import Accuracy
 from obb_collision.geometry.poses import quaternions_from_matrices
 from obb_collision.numerics.dealing import FEWEST_NUMBERS
+from obb_collision.queries.convex.contacts import convex_contacts
+from obb_collision.queries.convex.distances import convex_distances, convex_may_collide
 from obb_collision.queries.meshes.triangles import triangle_verdicts
 from obb_collision.queries.primitives.capsules import capsule_verdicts
 from obb_collision.queries.primitives.planes import aabb_verdicts
 from obb_collision.scene.broad_phase.find_pairs import pairs_of_keys
-from obb_collision.scene.effects import EFFECTS
+from obb_collision.scene.effects import EFFECTS, LEVELS
 from obb_collision.scene.refinement.budget import ABOVE
 from obb_collision.warm_up import parts
 from obb_collision.warm_up.samples import (
@@ -47,6 +49,7 @@ from obb_collision.warm_up.samples import (
     TURNED,
     batch,
     clouds,
+    convex_bodies,
     row_of_boxes,
     triangle_tree,
     zoo,
@@ -56,8 +59,9 @@ BOXES = "boxes"
 """The step that every check of a scene needs."""
 COARSE = "accuracy below obb"
 """The step of the levels that look at less than the box."""
-BOUNDS, TREES = "bounds of boxes", "trees and hulls"
+BOUNDS, TREES, HULLS = "bounds of boxes", "trees", "pairs of capsules and hulls"
 NESTING, LINEAR = "meshes within meshes", "motion without turns"
+NEAREST, DEPTHS = "points of convex bodies", "depths of convex bodies"
 """Parts of other steps."""
 MESSAGES = "messages"
 """The step that every message of a node needs."""
@@ -73,6 +77,11 @@ def accuracy_step(level: Accuracy) -> str:
     if level in ABOVE:
         return f"accuracy {level.name.lower()}"
     return BOXES if level == Accuracy.OBB else COARSE
+
+
+def effect_level_step(name: str, level: Accuracy) -> str:
+    """Return the name of the step of an effect on a level above OBB."""
+    return f"{name} at {level.name.lower()}"
 
 
 def task_of(step: str) -> Callable[[], None]:
@@ -161,17 +170,51 @@ def _obb_trees() -> None:
 def _level(level: Accuracy) -> None:
     """Run a level above "obb" on all kinds of shapes, exactly too.
 
-    What a budget may take instead are steps of their own.
+    What a budget may take instead are steps of their own, and so are effects on the level.
     """
     for exact, padding in ((False, 0.0), (True, 0.0), (False, 0.01)):
         scene = oc.Scene(accuracy=level, exact=exact)
-        for number, shape in enumerate(shape for some in zoo().values() for shape in some):
-            pose = (0.02 * number, 0.01 * number, 0.0, 0.0, 0.0, 0.6, 0.8)
-            scene.add(str(number), shape, pose, padding=padding)
-        scene.add("padded", shapes.Sphere(0.2), padding=0.01)
-        scene.check(("separations", "contacts", "clearance") if level >= Accuracy.HULL else ())
+        _add_crowd(scene, padding)
+        scene.check()
         scene.move("0", TURNED)
         scene.check()
+
+
+def _add_crowd(scene: oc.Scene, padding: float) -> None:
+    """Add shapes of all kinds that overlap."""
+    for number, shape in enumerate(shape for some in zoo().values() for shape in some):
+        pose = (0.02 * number, 0.01 * number, 0.0, 0.0, 0.0, 0.6, 0.8)
+        scene.add(str(number), shape, pose, padding=padding)
+    scene.add("padded", shapes.Sphere(0.2), padding=0.01)
+
+
+def _hulls() -> None:
+    """Run the level "hull", first what takes longest."""
+    bodies, row = convex_bodies(), np.zeros(1, np.int64)
+    convex_may_collide(bodies, bodies, row, row)
+    _level(Accuracy.HULL)
+
+
+def _effect_on(name: str, level: Accuracy) -> None:
+    """Run an effect on a level above "obb", first what takes longest; pairs stay on boxes."""
+    bodies, row = convex_bodies(), np.zeros(1, np.int64)
+    if level == Accuracy.MESH:
+        body = oc.PlacedMeshes.from_poses(triangle_tree(), row, [TURNED])
+        oc.mesh_clearances(body, body)
+    else:
+        parts.depths()  # meanwhile, another process compiles ``parts.nearest``
+    if name == "contacts":
+        parts.patches()
+        convex_contacts(bodies, bodies, np.zeros((1, 2), np.int64), row, row, 4)
+    else:
+        convex_distances(bodies, bodies, row, row)
+    for padding in (0.0, 0.01):
+        scene = oc.Scene()
+        scene.set_effect(name, accuracy=level.name.lower())
+        _add_crowd(scene, padding)
+        scene.check(name)
+        scene.move("0", TURNED)
+        scene.check(name)
 
 
 def _sweep_boxes() -> None:
@@ -274,6 +317,8 @@ def _mesh_queries() -> None:
     oc.mesh_verdicts(bodies, bodies, exact=True)
 
 
+EFFECT_LEVELS = tuple((name, level) for name, levels in LEVELS.items() for level in levels)
+"""Effects, each on a level above OBB."""
 FIRST: dict[str, Callable[[], object]] = {"sweep": _sweep_boxes, "separations": _separate_boxes}
 """What effects take longest for, while another process compiles the rest."""
 STEPS: dict[str, Callable[[], None] | str] = {
@@ -283,10 +328,17 @@ STEPS: dict[str, Callable[[], None] | str] = {
     accuracy_step(Accuracy.MESH): _meshes,
     NESTING: parts.nesting,
     TREES: parts.trees,
+    HULLS: parts.hulls,
     effect_step("sweep"): lambda: _effect("sweep"),
     LINEAR: parts.linear,
     **{effect_step(name): (lambda name=name: _effect(name)) for name in EFFECTS},  # type: ignore[misc]
-    accuracy_step(Accuracy.HULL): lambda: _level(Accuracy.HULL),
+    accuracy_step(Accuracy.HULL): _hulls,
+    **{
+        effect_level_step(*on): (lambda on=on: _effect_on(*on))  # type: ignore[misc]
+        for on in EFFECT_LEVELS
+    },
+    NEAREST: parts.nearest,
+    DEPTHS: parts.depths,
     accuracy_step(Accuracy.OBB_TREE): _obb_trees,
     COARSE: _coarse,
     "queries of pairs": _pair_queries,
@@ -298,13 +350,21 @@ STEPS: dict[str, Callable[[], None] | str] = {
     MESSAGES: "obb_collision.node.kernels:compile_kernels",
 }
 """What to run, by its name; the steps of a running node come first."""
-NODE_STEPS = (BOXES, MESSAGES, COARSE, *map(accuracy_step, ABOVE), *map(effect_step, EFFECTS))
+NODE_STEPS = (
+    *(BOXES, MESSAGES, COARSE, *map(accuracy_step, ABOVE), *map(effect_step, EFFECTS)),
+    *(effect_level_step(*on) for on in EFFECT_LEVELS),
+)
 """Steps of all that a node can switch on."""
 NEEDS_ROS = (MESSAGES,)
 BESIDE = {
     BOXES: (BOUNDS,),
-    accuracy_step(Accuracy.OBB_TREE): (TREES,),
-    accuracy_step(Accuracy.MESH): (NESTING, TREES),
+    accuracy_step(Accuracy.OBB_TREE): (TREES, HULLS),
+    accuracy_step(Accuracy.HULL): (HULLS,),
+    accuracy_step(Accuracy.MESH): (NESTING, TREES, HULLS),
+    effect_level_step("separations", Accuracy.HULL): (NEAREST,),
+    effect_level_step("clearance", Accuracy.HULL): (NEAREST, effect_step("clearance")),
+    effect_level_step("clearance", Accuracy.MESH): (NEAREST, DEPTHS, effect_step("clearance")),
+    effect_level_step("contacts", Accuracy.HULL): (NEAREST, effect_step("contacts")),
     effect_step("sweep"): (LINEAR,),
 }
 """Parts of the longest steps, for a second process."""

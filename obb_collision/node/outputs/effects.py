@@ -24,6 +24,7 @@ from collections.abc import Mapping
 
 from rclpy.publisher import Publisher
 
+from obb_collision.accuracy import Accuracy
 from obb_collision.node.parameters.parameters import Parameters
 from obb_collision.node.runtime.warm_up import WarmUp
 from obb_collision.node.topics.topics import TOPICS, mode_names
@@ -39,6 +40,8 @@ class Effects:
     ) -> None:
         self._parameters, self._publishers, self._warm = parameters, publishers, warm
         self._names = mode_names()
+        self.on_boxes: dict[str, list[Accuracy]] = {}
+        """Effects that are on boxes until kernels of levels above OBB are ready; and the levels."""
 
     def mode(self, name: str) -> str:
         """Return off, auto or on."""
@@ -58,6 +61,17 @@ class Effects:
         requested = filter(self.is_requested, self._names)
         return frozenset(n for n in requested if n not in EFFECTS or self._warm.is_ready(n))
 
+    def raised(self, computed: frozenset[str]) -> bool:
+        """Return whether some of those on boxes need not stay there; request what they wait for."""
+        waiting = {}
+        for name, levels in self.on_boxes.items():
+            wanted = levels if name in computed else ()
+            ready = [self._warm.is_ready((name, level)) for level in wanted]  # requests all
+            if not (ready and all(ready)):
+                waiting[name] = levels
+        raised, self.on_boxes = len(waiting) < len(self.on_boxes), waiting
+        return raised
+
     def states(self) -> dict[str, str]:
         """Return the state of each effect in words, for /diagnostics."""
         computed = self.of_cycle()
@@ -65,6 +79,10 @@ class Effects:
 
     def _state(self, name: str, computed: frozenset[str]) -> str:
         mode = self.mode(name)
-        if mode == OFF or name in computed:
-            return mode if mode == OFF else f"{mode}, computed"
+        if mode == OFF:
+            return mode
+        if name in computed:
+            missing = [n for n in self.on_boxes.get(name, ()) if not self._warm.has((name, n))]
+            why = "".join(f" on obb: {self._warm.why_not((name, n))}" for n in missing[:1])
+            return f"{mode}, computed{why}"
         return f"{mode}, {self._warm.why_not(name) if self.is_requested(name) else 'not requested'}"

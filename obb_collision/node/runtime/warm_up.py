@@ -34,11 +34,18 @@ from obb_collision.accuracy import Accuracy
 from obb_collision.node.runtime import garbage
 from obb_collision.warm_up import steps
 from obb_collision.warm_up.processes import Progress, compile_steps
-from obb_collision.warm_up.steps import BOXES, MESSAGES, NODE_STEPS, accuracy_step, effect_step
+from obb_collision.warm_up.steps import (
+    BOXES,
+    MESSAGES,
+    NODE_STEPS,
+    accuracy_step,
+    effect_level_step,
+    effect_step,
+)
 
 FIRST_WORD, NEXT_WORD = 2.0, 5.0
 """Seconds until the first line about the progress, and between two lines."""
-MEANWHILE = "; effects stay off and pairs on 'obb' meanwhile"
+MEANWHILE = "; effects stay off or on boxes, and pairs on 'obb' meanwhile"
 NICENESS = 5
 """Of what compiles beside the cycles: these come first, but it must not starve."""
 RETRY = 60.0
@@ -46,8 +53,8 @@ RETRY = 60.0
 ENDING = 2.0
 """Seconds that the thread has to end what compiles: it looks every tenth of a second."""
 
-Thing = Accuracy | str
-"""A level of ``Accuracy``, or the name of an effect."""
+Thing = Accuracy | str | tuple[str, Accuracy]
+"""A level of ``Accuracy``, the name of an effect, or an effect on a level above OBB."""
 
 
 class WarmUp:
@@ -96,6 +103,10 @@ class WarmUp:
         needed = [step for step in failed if step not in self._refused]
         if needed:
             self._compile_here(progress.failed.get(needed[0], "it is not in the cache"))
+
+    def has(self, thing: Thing) -> bool:
+        """Return whether a thing is ready, and request nothing."""
+        return _step(thing) in self._ready
 
     def is_ready(self, thing: Thing) -> bool:
         """Return whether a thing is ready; if not, request it."""
@@ -246,4 +257,6 @@ class _Forward(logging.Handler):
 
 
 def _step(thing: Thing) -> str:
+    if isinstance(thing, tuple):
+        return effect_level_step(*thing)
     return accuracy_step(thing) if isinstance(thing, Accuracy) else effect_step(thing)

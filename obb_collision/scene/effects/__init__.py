@@ -16,17 +16,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from importlib import import_module
 from pkgutil import iter_modules
+from types import ModuleType
 
+from obb_collision.accuracy import Accuracy
 from obb_collision.scene.effects.base import Effect
 
 
-def find_effects() -> dict[str, Effect]:
-    """Return the effects of all modules of this folder that have one, by name."""
-    modules = (import_module(f"{__name__}.{found.name}") for found in iter_modules(__path__))
-    found = [module.EFFECT for module in modules if hasattr(module, "EFFECT")]
-    return {effect.name: effect for effect in found}
+def _modules() -> Iterator[ModuleType]:
+    """Yield the modules of this folder that have an effect."""
+    for found in iter_modules(__path__):
+        module = import_module(f"{__name__}.{found.name}")
+        if hasattr(module, "EFFECT"):
+            yield module
 
 
-EFFECTS = find_effects()
+EFFECTS: dict[str, Effect] = {module.EFFECT.name: module.EFFECT for module in _modules()}
+LEVELS: dict[str, tuple[Accuracy, ...]] = {
+    module.EFFECT.name: tuple(getattr(module, "BY_LEVEL", ())) for module in _modules()
+}
+"""Above OBB, which each effect can be computed on."""

@@ -161,6 +161,12 @@ def switch_effect(rig: Everything, effect: str) -> Iterator[str]:
     yield f"effect {effect}, moved"
 
 
+def waiting_effects(rig: Everything) -> set[str]:
+    """Return the effects that wait for kernels of a level."""
+    effects = rig.node._effects
+    return effects.on_boxes.keys() & effects.of_cycle()
+
+
 def switch_everything(rig: Everything) -> Iterator[str]:
     """Ask for one thing after the other; yields what it was once it is answered."""
     rig.send(cube(("alone", 1)))
@@ -179,6 +185,7 @@ def switch_everything(rig: Everything) -> Iterator[str]:
         rig.set(accuracy=level)
         rig.cycles(5)
         rig.until(lambda: not rig.node._settings.waiting, level)
+        rig.until(lambda: not waiting_effects(rig), f"effects on {level}")
         yield f"accuracy {level}"
         rig.move()
         yield f"accuracy {level}, moved"

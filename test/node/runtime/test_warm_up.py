@@ -27,6 +27,7 @@ import pytest
 pytest.importorskip("rclpy")
 from rig import Rig, cube, sync
 from rings import RING, levels, ring
+from visualization_msgs.msg import Marker
 
 from obb_collision import _kernel_cache
 from obb_collision.accuracy import Accuracy
@@ -150,7 +151,7 @@ def test_what_cannot_be_compiled_later_is_refused_with_the_reason_and_tried_agai
     assert "no folder takes kernels" in log.complained[0]
     assert "no folder takes kernels" in log.warm.why_not("sweep")
     assert len(log.said) == 1, "nothing was compiled, so that no number of kernels is logged"
-    assert "effects stay off and pairs on 'obb' meanwhile" in log.said[0]
+    assert "effects stay off or on boxes, and pairs on 'obb' meanwhile" in log.said[0]
     assert not log.warm.is_ready("sweep")
     assert cache.compiled == ["effect sweep"]
     assert cache.here == []
@@ -307,6 +308,39 @@ def test_an_effect_is_silent_until_it_is_ready(late_cache: Cache) -> None:
         assert rig.status(": cycle")["effect contacts"] == "auto, kernels being compiled"
         late_cache.may_go_on.set()
         rig.until(lambda: "contacts" in rig.last, "contacts")
+
+
+def test_an_effect_is_on_boxes_until_it_is_ready_on_the_level_of_its_pairs(
+    late_cache: Cache,
+) -> None:
+    late_cache.kept |= {"accuracy hull", "effect contacts"}
+    with Rig(accuracy="hull") as rig:
+        ball = {"type": Marker.SPHERE}
+        rig.send(cube(("a", 1), **ball), cube(("b", 1), (0.6, 0.6, 0.0), **ball))
+        rig.listen("/diagnostics", "contacts")
+        rig.until(late_cache.asked.is_set, "thread")
+        rig.cycles(5)
+
+        def depths() -> list[float]:
+            report = rig.node.cycle.report
+            assert report is not None
+            return report.contacts.depths.tolist()
+
+        assert depths() == pytest.approx([0.4])
+        wanted = "auto, computed on obb: kernels being compiled"
+        rig.until(lambda: rig.status(": cycle")["effect contacts"] == wanted, "its state")
+        late_cache.may_go_on.set()
+        rig.until(lambda: depths() == pytest.approx([1.0 - 0.6 * 2**0.5]), "shapes")
+        wanted = "auto, computed"
+        rig.until(lambda: rig.status(": cycle")["effect contacts"] == wanted, "its state")
+        assert late_cache.compiled.count("contacts at hull") == 1
+
+
+def test_a_start_compiles_effects_that_are_on_for_the_level_of_the_pairs(cache: Cache) -> None:
+    parameters: dict[str, Any] = {"effects.clearance": "on"}
+    with Rig(accuracy="mesh", **parameters):
+        assert {"effect clearance", "clearance at hull", "clearance at mesh"} <= set(cache.compiled)
+        assert "contacts at hull" not in cache.compiled
 
 
 def test_an_effect_that_cannot_be_compiled_says_why_in_the_diagnostics(late_cache: Cache) -> None:
