@@ -229,7 +229,10 @@ def _grown(room: Room, faces: int, corner: int, pose: Pose, unit: float) -> int:
             for k in range(3):
                 edges = _toggled(room, edges, room.faces[row, k], room.faces[row, (k + 1) % 3])
             faces -= 1
-            room.faces[row], room.planes[row] = room.faces[faces], room.planes[faces]
+            for k in range(3):  # one by one: rows take long to compile
+                room.faces[row, k] = room.faces[faces, k]
+            for k in range(4):
+                room.planes[row, k] = room.planes[faces, k]
         else:
             row += 1
     if edges < 3 or faces + edges > MOST_FACES:
@@ -245,7 +248,8 @@ def _toggled(room: Room, edges: int, i: int, j: int) -> int:
     """Add an edge to those of the hole, or remove it, if the face on its other side goes, too."""
     for e in range(edges):
         if room.edges[e, 0] == j and room.edges[e, 1] == i:
-            room.edges[e] = room.edges[edges - 1]
+            for k in range(2):
+                room.edges[e, k] = room.edges[edges - 1, k]
             return edges - 1
     room.edges[edges, 0], room.edges[edges, 1] = i, j
     return edges + 1

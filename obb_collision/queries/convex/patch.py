@@ -30,7 +30,7 @@ import numpy as np
 
 from obb_collision._jit import njit
 from obb_collision.numerics.lanes import LANES
-from obb_collision.numerics.vec3 import components, cross, dot, scaled
+from obb_collision.numerics.vec3 import components, cross, dot, scaled, vector_at
 from obb_collision.queries.convex.distance import unit_of
 from obb_collision.queries.convex.support import (
     BOX,
@@ -101,14 +101,15 @@ def overlay(a: Core, b: Core, pose: Pose, frame: Frame, depth: float, flat: Flat
     first = _polygon(flat.a, first, flat.spare)
     second = _polygon(flat.b, second, flat.spare)
     if second < 3 <= first:
-        flat.spare[:first] = flat.a[:first]
-        flat.a[:second] = flat.b[:second]
-        flat.b[:first] = flat.spare[:first]
+        for k in range(max(first, second)):
+            here, there = vector_at(flat.a, k), vector_at(flat.b, k)
+            _put(flat.a, k, there)
+            _put(flat.b, k, here)
         first, second = second, first
     if second < 3:  # two segments, or points: where they are nearest is known
         return 0
     for k in range(second):
-        first = _clipped(flat, first, flat.b[k], flat.b[(k + 1) % second])
+        first = _clipped(flat, first, vector_at(flat.b, k), vector_at(flat.b, (k + 1) % second))
     return first
 
 
@@ -188,13 +189,17 @@ def _polygon(points: Floats, count: int, spare: Floats) -> int:
         start = size
         for step in range(count):
             i = step if turn == 0 else count - 1 - step
-            while size >= start + 2 and _side(spare[size - 2], spare[size - 1], points[i]) <= 0.0:
+            p = vector_at(points, i)
+            while size >= start + 2:
+                if not _side(vector_at(spare, size - 2), vector_at(spare, size - 1), p) <= 0.0:
+                    break
                 size -= 1
-            spare[size] = points[i]
+            _put(spare, size, p)
             size += 1
         size -= 1  # the last one begins the other half
     size = max(size, 1)
-    points[:size] = spare[:size]
+    for k in range(size):  # one by one: slices take long to compile
+        _put(points, k, vector_at(spare, k))
     if size == 2 and points[0, 0] == points[1, 0] and points[0, 1] == points[1, 1]:
         return 1
     return size
@@ -208,20 +213,26 @@ def _is_before(points: Floats, i: int, k: int) -> bool:
 
 
 @njit
-def _side(a: Floats, b: Floats, p: Floats) -> float:
+def _put(points: Floats, row: int, p: Vector) -> None:
+    for c in range(FLAT_POINT):
+        points[row, c] = p[c]
+
+
+@njit
+def _side(a: Vector, b: Vector, p: Vector) -> float:
     """Return a number above zero where p is to the left of the line from a to b."""
     return (b[0] - a[0]) * (p[1] - a[1]) - (b[1] - a[1]) * (p[0] - a[0])
 
 
 @njit
-def _clipped(flat: Flat, count: int, start: Floats, end: Floats) -> int:
+def _clipped(flat: Flat, count: int, start: Vector, end: Vector) -> int:
     """Clip the polygon in ``flat.a`` to the left of a line; return its corners."""
     size = 0
     for k in range(count):
-        here, there = flat.a[k], flat.a[(k + 1) % count]
+        here, there = vector_at(flat.a, k), vector_at(flat.a, (k + 1) % count)
         side, next_side = _side(start, end, here), _side(start, end, there)
         if side >= 0.0:
-            flat.spare[size] = here
+            _put(flat.spare, size, here)
             size += 1
         if (side > 0.0 > next_side) or (side < 0.0 < next_side):
             t = side / (side - next_side)
@@ -229,7 +240,8 @@ def _clipped(flat: Flat, count: int, start: Floats, end: Floats) -> int:
                 flat.spare[size, c] = here[c] + t * (there[c] - here[c])
             size += 1
     size = min(size, 2 * MOST_POINTS - 2)
-    flat.a[:size] = flat.spare[:size]
+    for k in range(size):
+        _put(flat.a, k, vector_at(flat.spare, k))
     return size
 
 
