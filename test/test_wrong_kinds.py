@@ -202,7 +202,11 @@ FUNCTIONS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     ),
     "RobotScene.distances": (
         oc.RobotScene(oc.Robot.from_urdf(ROCK)).distances,
-        {"configurations": np.zeros((2, 0)), "max_distance": 0.1},
+        {"configurations": np.zeros((2, 0)), "max_distance": 0.1, "self_pairs": True},
+    ),
+    "RobotScene.displacements": (
+        oc.RobotScene(oc.Robot.from_urdf(ROCK)).displacements,
+        {"states": np.zeros((2, 0)), "deviations": np.zeros((2, 0))},
     ),
     "RobotScene.check_motions": (
         oc.RobotScene(oc.Robot.from_urdf(ROCK)).check_motions,

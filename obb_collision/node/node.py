@@ -26,6 +26,7 @@ if __name__ == "__main__":  # first of all: the imports take a second
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
+from dataclasses import replace
 from importlib.metadata import version
 from time import perf_counter
 from typing import Any
@@ -37,11 +38,11 @@ from std_srvs.srv import SetBool, Trigger
 
 from obb_collision.node import reporting
 from obb_collision.node.cycle import Cycle
-from obb_collision.node.diagnostics.answer import UNCONFIGURED, answer
+from obb_collision.node.diagnostics.answer import UNCONFIGURED, Answer, answer
 from obb_collision.node.diagnostics.monitors import InputMonitor
 from obb_collision.node.inputs.inputs import Inputs
 from obb_collision.node.inputs.points import Obstacles
-from obb_collision.node.inputs.subscriptions import INPUTS, Subscriptions
+from obb_collision.node.inputs.subscriptions import INPUTS, Input, Subscriptions
 from obb_collision.node.lifecycle import ManagedNode
 from obb_collision.node.messages.conversions import NANOSECONDS
 from obb_collision.node.objects.frames import FrameSource, make_frames
@@ -52,6 +53,7 @@ from obb_collision.node.outputs.effects import Effects
 from obb_collision.node.outputs.outputs import Outputs
 from obb_collision.node.parameters.parameters import Parameters
 from obb_collision.node.reporting import Reporting
+from obb_collision.node.robots.robots import Robots, robot_inputs
 from obb_collision.node.runtime.clock import NodeClock, refuse_bad_clocks
 from obb_collision.node.runtime.guard import INTERNAL_ERROR, Guard
 from obb_collision.node.runtime.running import run
@@ -71,6 +73,7 @@ from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.effects.settings import OFF, ON
 from obb_collision.scene.store.allowed import Rule
 from obb_collision.scene_files import describe_scene, find_scene
+from obb_collision.warm_up.steps import ROBOTS
 
 NODE_NAME = "obb_collision"
 
@@ -119,7 +122,8 @@ class CollisionNode(ManagedNode):
         self._make_outputs()
         switched_on = [name for name in EFFECTS if self.parameters.mode(name) == ON]
         levels = [(n, m) for n in switched_on for m in effect_levels(self.parameters, n)]
-        self._warm.start([*requested_levels(self.parameters), *switched_on, *levels])
+        robots = [ROBOTS] if self.parameters.robots else []
+        self._warm.start([*requested_levels(self.parameters), *switched_on, *levels, *robots])
         if ending() or not self.context.ok():
             raise ExternalShutdownException
         self._warm_up_time = perf_counter() - start
@@ -194,14 +198,16 @@ class CollisionNode(ManagedNode):
     def _make_inputs(self) -> None:
         """Create the inputs; nothing is subscribed yet."""
         fixed_frame = self.parameters.fixed_frame
-        self._monitors = {topic: InputMonitor(topic, self.get_logger().warning) for topic in INPUTS}
+        self._topics: dict[str, Input] = {**INPUTS, **robot_inputs(self.parameters)}
+        warn = self.get_logger().warning
+        self._monitors = {topic: InputMonitor(topic, warn) for topic in self._topics}
         self.objects = Objects(fixed_frame, self._frames, self.guard)
         self._configured.callback(self.objects.close)
         self.inputs = Inputs(
             self.objects,
             self._monitors,
             self._now,
-            lambda: self.parameters.mode("sweep") != OFF or self.parameters.stale_policy == COLLIDE,
+            self._wants_twists,
             self.guard,
             self._frames,
         )
@@ -214,13 +220,25 @@ class CollisionNode(ManagedNode):
             self.guard,
         )
         self._time = NodeClock(self._read_clock, self._is_simulated, self._clock_jumped)
+        self.robots = self._make_robots()
         self._subscribed = self._make_subscriptions()
         self._configured.callback(self._subscribed.close)
+
+    def _make_robots(self) -> Robots | None:
+        """Return the robots, None without any: then they cost nothing."""
+        if not self.parameters.robots:
+            return None
+        robots = Robots(
+            *(self, self.parameters, self.objects, self._frames, self._monitors, self._now),
+            *(self._not_known, lambda: mesh_reading(self.parameters)),
+        )
+        self._configured.callback(robots.close)
+        return robots
 
     def _make_cycle(self, allowed: list[Rule]) -> None:
         """Create the check, and what calls it."""
         self._settings = SceneSettings(self.parameters, self.objects, self._warm, self._effects)
-        self._settings.allowed = allowed
+        self._settings.allowed = self._allowed = allowed
         self.cycle = Cycle(
             self.parameters,
             self.objects,
@@ -248,6 +266,7 @@ class CollisionNode(ManagedNode):
         self._reporting = Reporting(
             *(self, self._monitors, self._subscribed, self.objects, self.cycle),
             *(self._effects, self._outputs, self.parameters, self.guard, self._now),
+            () if self.robots is None else self.robots.robots,
         )
         timer = self.create_timer(
             reporting.PERIOD,
@@ -271,12 +290,14 @@ class CollisionNode(ManagedNode):
             post_callback=self._look_at_clock,
         )
         self._configured.callback(self._jump.unregister)
-        for topic in INPUTS:
+        for topic in self._topics:
             self._subscribed.keep(topic, self._is_wanted(topic))
 
     def _read_scene_file(self) -> SceneFile | None:
         """Read the scene file, if there is one, and take its settings as parameters."""
         if not self.parameters.scene_file:
+            if self.parameters.robots:  # boxes around links collide far too often
+                self.parameters.override_defaults({"accuracy": "hull"})
             return None
         meshes = mesh_reading(self.parameters)
         try:
@@ -292,11 +313,15 @@ class CollisionNode(ManagedNode):
     def _make_subscriptions(self) -> Subscriptions:
         points = self.inputs.guarded("points", self._obstacles.take)
         callbacks = {**self.inputs.callbacks(), "points": points}
+        if self.robots is not None:
+            callbacks |= self.robots.callbacks(self.inputs)
         latched = ("objects",) if self.parameters.latched_objects else ()
-        return Subscriptions(self, callbacks, self._monitors, self._arrived, latched)
+        return Subscriptions(self, callbacks, self._monitors, self._arrived, latched, self._topics)
 
     def _arrived(self, topic: str) -> None:
         """Start a cycle for a message that requires one."""
+        if self._topics[topic].is_query:
+            return
         if topic != "points" or self._effects.is_requested("points"):
             self._schedule.arrived()
 
@@ -309,9 +334,22 @@ class CollisionNode(ManagedNode):
         self._unread = not self.guard.run("inputs", self._subscribed.drain)
         self.guard.run("input objects", self.inputs.markers.apply)
         self.guard.run("input object_boxes", self.inputs.boxes.apply)
+        if self.robots is not None:
+            self._unread |= not self.guard.run("input robots", self._apply_robots)
         if self._subscribed.had_messages():
             self.status.note_input()
         return self._subscribed.take_wait()
+
+    def _apply_robots(self) -> None:
+        assert self.robots is not None
+        if self.robots.apply():
+            self._settings.allow([*self._allowed, *self.robots.rules()])
+
+    def _wants_twists(self) -> bool:
+        """Return whether anything depends on how objects move."""
+        parameters = self.parameters
+        wanted = parameters.mode("sweep") != OFF or parameters.stale_policy == COLLIDE
+        return wanted or bool(parameters.robots)
 
     def _is_wanted(self, topic: str) -> bool:
         """Return whether the node subscribes to an input."""
@@ -352,19 +390,37 @@ class CollisionNode(ManagedNode):
     def _run_cycle(self) -> None:
         self.cycle.run(self._now())
         self._count_notes()
+        if self.robots is not None:
+            self.guard.run("output robots", self.robots.publish)
         self.guard.run("output collision_status", lambda: self._update_status(cycle=True))
 
     def _update_status(self, cycle: bool = False) -> None:
         """Publish the current status of collisions; cycle: a cycle has just ended."""
-        if self.status.is_off:
-            return
+        if not self.status.is_off:
+            self.status.update(self._answer(), cycle)
+
+    def _answer(self) -> Answer:
+        """Return what is known of collisions now."""
         ran, timeout = self.cycle, self.parameters.object_timeout
         overdue = ran.delay if ran.delay > allowed_delay(self.parameters) else 0.0
-        known = answer(
+        robots = self.robots
+        found = answer(
             *(self.objects, ran.report, ran.paused, ran.failed or self._unread),
             *(self._now(), timeout, overdue),
+            () if robots is None else robots.faults(),
         )
-        self.status.update(known, cycle)
+        return found if robots is None else replace(found, notes=robots.notes())
+
+    def _not_known(self) -> str:
+        """Return why it is not known what is where, "" if it is."""
+        if self.parameters.share is not None:
+            return "there is a region, and objects beyond it are not checked"
+        known = self.status.heard(self._answer())
+        stale = known.stale and self.parameters.stale_policy != COLLIDE
+        if stale or not known.is_complete:
+            return known.message
+        refused = int(self.objects.table.refused.sum())
+        return f"the latest states of {refused} objects were refused" if refused else ""
 
     def _count_notes(self) -> None:
         """Count items that were refused, doubted or replaced after they had been stored."""
@@ -387,6 +443,8 @@ class CollisionNode(ManagedNode):
     def _clear(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         try:
             count = self.objects.clear()
+            if self.robots is not None:
+                self.robots.cleared()
             self._update_status()
             response.success, response.message = True, f"{count} objects removed"
         except Exception as error:
@@ -414,6 +472,8 @@ class CollisionNode(ManagedNode):
         self.inputs.boxes.clock_jumped(shift)
         self.objects.clock_jumped(shift)
         self._obstacles.clock_jumped(shift)
+        if self.robots is not None:
+            self.robots.clock_jumped(shift)
         self._outputs.events.pairs.clock_jumped(shift)
         for monitor in self._monitors.values():
             monitor.clock_jumped(shift)

@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from time import perf_counter
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -24,6 +24,7 @@ from rclpy.node import Node
 
 from obb_collision.node.cycle import Cycle
 from obb_collision.node.diagnostics import diagnostics
+from obb_collision.node.diagnostics.diagnostics import RobotLike
 from obb_collision.node.diagnostics.monitors import InputMonitor
 from obb_collision.node.diagnostics.qos import QosWatch
 from obb_collision.node.inputs.subscriptions import Subscriptions
@@ -53,7 +54,9 @@ class Reporting:
         parameters: Parameters,
         guard: Guard,
         now: Callable[[], int],
+        robots: Sequence[RobotLike] = (),
     ) -> None:
+        self._robots = robots
         self._name = node.get_fully_qualified_name().lstrip("/")
         self._monitors, self._subscriptions, self._objects = monitors, subscriptions, objects
         self._cycle, self._effects, self._outputs = cycle, effects, outputs
@@ -87,6 +90,7 @@ class Reporting:
                 for topic, monitor in self._monitors.items()
             ),
             diagnostics.object_status(name, self._objects, parameters.stale_policy, cycle.report),
+            *(diagnostics.robot_status(name, robot) for robot in self._robots),
             diagnostics.cycle_status(
                 name, cycle.monitor, self._effects.states(), cycle.paused, elapsed, period
             ),

@@ -85,6 +85,11 @@ class SceneSettings:
         """Set the effects anew, of which some were on boxes until their kernels were ready."""
         self._apply_effects(Groups(self._parameters.groups))
 
+    def allow(self, rules: list[Rule]) -> None:
+        """Set the further rules."""
+        self.allowed = rules
+        self._apply_filters(Groups(self._parameters.groups))
+
     def _apply_effects(self, groups: Groups) -> None:
         """Set the effects, and the region, whose halo depends on them."""
         parameters, scene = self._parameters, self._objects.scene

@@ -24,7 +24,7 @@ import numpy as np
 
 from obb_collision.obb import OBB
 from obb_collision.robots.bodies import enclosing_spheres, joined, merged
-from obb_collision.robots.kinematics import FLOATING, Tree
+from obb_collision.robots.kinematics import FIXED, FLOATING, PRISMATIC, Tree
 from obb_collision.robots.mesh_checks import MeshBodies
 from obb_collision.robots.motion_checks import joint_reaches
 from obb_collision.robots.robot import Robot
@@ -102,6 +102,7 @@ class Model:
         self.tree = one_tree(robots, bases)
         self.paddings = np.zeros(len(self.link_names))
         self.attached: dict[str, Attached] = {}
+        self.link_objects: dict[str, tuple[str, ...]] = {}
         self._groups, self._allowed = (
             rigid_groups(self.tree),
             allowed_links(robots, rigid_groups(self.tree)),
@@ -116,6 +117,11 @@ class Model:
         """Set by how much each link (links,) is grown."""
         self.paddings = paddings
         self._bodies = self._arrays = self._meshes = None
+
+    def set_link_objects(self, names: dict[str, tuple[str, ...]]) -> None:
+        """Set by link which objects of the scene are the link itself."""
+        self.link_objects = names
+        self._arrays = None
 
     def attach(self, name: str, attached: Attached) -> None:
         """Attach something, in place of what has its name."""
@@ -161,6 +167,22 @@ class Model:
         extents = np.linalg.norm(bodies.centers[:count], axis=1) + bodies.spheres[:count]
         return joint_reaches(self.tree, bodies.frames[:count], extents, moved)
 
+    def displacements(self, arrays: Arrays, states: Floats, deviations: Floats) -> Floats:
+        """Return (n,) how far any point of a body moves at most if joints do by deviations (n, j).
+
+        states (m, joints): between which joints are; no joint may be planar or floating.
+        """
+        reaches, tree = self.joint_reaches(arrays, states, states), self.tree
+        moved = np.zeros((len(deviations), len(reaches)))
+        for link, (kind, column) in enumerate(zip(tree.kinds, tree.columns, strict=True)):
+            if kind == FIXED:
+                continue
+            by = np.abs(tree.multipliers[link] * deviations[:, column])[:, None]
+            reach = np.where(kind == PRISMATIC, 1.0, reaches[:, link])
+            moved += np.where(reaches[:, link] >= 0.0, by * reach, 0.0)
+        largest: Floats = moved.max(axis=1, initial=0.0) * (1.0 + 1e-9)
+        return largest
+
     def arrays(self, scene: Scene) -> Arrays:
         """Return what kernels take, for a scene as it is now."""
         last = self._arrays
@@ -175,21 +197,23 @@ class Model:
         of_links = self._bodies
         own, owners = of_links.bodies, of_links.owners
         frame = len(self.link_names)
-        world = world_of(scene._store, scene._cache, frame, self.origin)
+        left_out = {name for each in self.link_objects.values() for name in each}
+        world = world_of(scene._store, scene._cache, frame, self.origin, left_out)
         links = [*self.link_names, *self.attached]
         objects = [str(scene._store.names[slot]) for slot in world.slots]
         names = [*links, *objects]
         allowed = with_attached(self._allowed, self._groups, list(self.attached.values()))
         world_allowed = np.zeros((0, 0), np.bool_)
-        counted = _rules(scene, names)
+        known_as = [self.link_objects.get(link) or (link,) for link in links]
+        count = sum(map(len, known_as))
+        counted = _rules(scene, [*(name for each in known_as for name in each), *objects])
         if counted is not None:
-            first = np.arange(len(links))
-            count = len(links)
-            rows, columns = (each.ravel() for each in np.indices((count, count)))
-            allowed = allowed | ~counted(rows, columns).reshape(count, count)
-            rows = np.repeat(first, len(objects))
-            columns = np.tile(np.arange(len(links), len(names)), len(links))
-            world_allowed = ~counted(rows, columns).reshape(count, len(objects))[owners]
+            rows, columns = (each.ravel() for each in np.indices((count, count + len(objects))))
+            starts = np.cumsum([0, *map(len, known_as)])[:-1]
+            pairs = counted(rows, columns).reshape(count, count + len(objects))
+            pairs = np.logical_or.reduceat(pairs, starts, axis=0)  # any name of a link will do
+            allowed = allowed | ~np.logical_or.reduceat(pairs[:, :count], starts, axis=1)
+            world_allowed = ~pairs[owners, count:]
         tests = Tests(
             of_links.links, of_links.starts, of_links.centers, of_links.spheres,
             body_pairs(owners, allowed), np.ascontiguousarray(world_allowed), len(owners),

@@ -31,7 +31,7 @@ from obb_collision.geometry.shapes.primitives import positive_number
 from obb_collision.geometry.validation import as_array, is_single
 from obb_collision.obb import OBB
 from obb_collision.robots.distance_checks import distances_kernel
-from obb_collision.robots.kinematics import Tree
+from obb_collision.robots.kinematics import PLANAR, Tree
 from obb_collision.robots.mesh_checks import collide_as_meshes
 from obb_collision.robots.model import Arrays, Model
 from obb_collision.robots.motion_checks import motions_kernel
@@ -164,6 +164,26 @@ class RobotScene:
             check_padding(value)
             paddings[:] = value
         self._model.set_paddings(paddings)
+
+    @property
+    def link_objects(self) -> dict[str, tuple[str, ...]]:
+        """The objects of the scene that are links themselves, by link; may be set.
+
+        They are no obstacles, and what the rules of the scene say of them counts for the link.
+        """
+        return dict(self._model.link_objects)
+
+    @link_objects.setter
+    def link_objects(self, value: Mapping[str, Sequence[str]]) -> None:
+        check_kind(value, Mapping, "link_objects")
+        found = {}
+        for link, names in value.items():
+            self._link(link, "link_objects")
+            several = [names] if isinstance(names, str) else list(names)
+            found[link] = tuple(
+                check_name(name, "link_objects", MAX_OBJECT_NAME) for name in several
+            )
+        self._model.set_link_objects(found)
 
     @property
     def attached(self) -> dict[str, str]:
@@ -312,7 +332,11 @@ class RobotScene:
         return _named_pairs(arrays, rows[numbers[kept]], pairs[kept])
 
     def distances(
-        self, configurations: ArrayLike, *, max_distance: float = np.inf
+        self,
+        configurations: ArrayLike,
+        *,
+        max_distance: float = np.inf,
+        self_pairs: bool = True,
     ) -> StateDistances:
         """Return the least distance in each state, with its pair, points and direction.
 
@@ -325,6 +349,8 @@ class RobotScene:
             States, the columns as in ``joint_names``.
         max_distance : float
             Metres, positive: what is farther apart does not count. Small ones take less time.
+        self_pairs : bool
+            Whether pairs of links, of all robots and what is attached, count.
 
         Returns
         -------
@@ -356,12 +382,16 @@ class RobotScene:
         states = self._states(configurations, "configurations")
         everything = isinstance(max_distance, float) and max_distance == np.inf
         limit = max_distance if everything else positive_number(max_distance, "max_distance")
+        with_links = as_flag(self_pairs, "self_pairs")
         arrays = self._model.arrays(self._scene)
+        tests = arrays.tests
+        if not with_links:
+            tests = tests._replace(pairs=np.empty((0, 2), np.int64))
         count = len(states)
         bounds, bodies = np.empty((count, 2)), np.empty((count, 2), np.int64)
         vectors = np.full((count, 3, 3), np.nan)
         run(
-            *(distances_kernel, count, FEWEST_DISTANCES, arrays.tree, arrays.bodies, arrays.tests),
+            *(distances_kernel, count, FEWEST_DISTANCES, arrays.tree, arrays.bodies, tests),
             *(states, limit, bounds, bodies, vectors),
         )
         vectors[:, :2] += self._model.origin
@@ -435,6 +465,47 @@ class RobotScene:
             self._model.out_of_limits(first) | self._model.out_of_limits(last),
             arrays.owners_of(pairs), arrays.names,
         )  # fmt: skip
+
+    def displacements(self, states: ArrayLike, deviations: ArrayLike) -> Floats:
+        """Return how far any point of a link moves at most if its joints do.
+
+        Parameters
+        ----------
+        states : (m, joints) array_like
+            All joints stay within the largest magnitudes of these.
+        deviations : (n, joints) array_like
+            By how much each joint moves at most.
+
+        Returns
+        -------
+        (n,) numpy.ndarray
+            Metres.
+
+        Raises
+        ------
+        ValueError
+            For robots with planar or floating joints.
+
+        Examples
+        --------
+        >>> arm = oc.Robot.from_urdf('''<robot name="arm">
+        ...   <link name="base"/>
+        ...   <link name="hand">
+        ...     <collision><geometry><sphere radius="0.1"/></geometry></collision>
+        ...   </link>
+        ...   <joint name="lift" type="prismatic">
+        ...     <parent link="base"/><child link="hand"/><axis xyz="0 0 1"/>
+        ...     <limit lower="0" upper="2" effort="1" velocity="1"/>
+        ...   </joint>
+        ... </robot>''')
+        >>> oc.RobotScene([arm]).displacements([[0], [1]], [[0.2]]).round(6).tolist()
+        [0.2]
+        """
+        if (self._model.tree.kinds >= PLANAR).any():
+            raise ValueError("robots must have no planar or floating joints")
+        moved = as_array(deviations, "deviations", (None, self._joint_count))
+        given = self._states(states, "states")
+        return self._model.displacements(self._model.arrays(self._scene), given, moved)
 
     def check_path(
         self, configurations: ArrayLike, *, resolution: float = DEFAULT_RESOLUTION

@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from typing import NamedTuple
 
 import numpy as np
@@ -60,9 +61,17 @@ class World(NamedTuple):
     tree: BoundsTree
 
 
-def world_of(store: ObjectStore, cache: ShapeCache, frame: int, origin: Floats) -> World:
-    """Return what a scene holds, relative to an origin (3,); frame: the number of the world's."""
+def world_of(
+    store: ObjectStore, cache: ShapeCache, frame: int, origin: Floats, left_out: Collection[str]
+) -> World:
+    """Return what a scene holds, relative to an origin (3,); frame: the number of the world's.
+
+    left_out: names of objects that do not count.
+    """
     active = np.flatnonzero(store.active)
+    if left_out:
+        kept = [store.names[slot] not in left_out for slot in active.tolist()]
+        active = active[np.array(kept, np.bool_)]
     boxed = np.isin(store.kinds[active], (BOX, BOXED))
     plain, others = active[boxed], active[~boxed]
     slots = np.concatenate([plain, others])

@@ -66,6 +66,9 @@ NEAREST, DEPTHS = "points of convex bodies", "depths of convex bodies"
 MESSAGES = "messages"
 """The step that every message of a node needs."""
 
+ROBOTS = "robots"
+"""The step that robots need."""
+
 
 def effect_step(name: str) -> str:
     """Return the name of the step of an effect."""
@@ -345,7 +348,7 @@ STEPS: dict[str, Callable[[], None] | str] = {
     "queries of rays, planes, points, capsules, triangles": _other_queries,
     "queries of meshes": _mesh_queries,
     "fits": _fits,
-    "robots": "obb_collision.warm_up.robots:run",
+    ROBOTS: "obb_collision.warm_up.robots:run",
     # looked up by name, as it is in a layer above
     MESSAGES: "obb_collision.node.kernels:compile_kernels",
 }

@@ -25,7 +25,7 @@ import os
 import tempfile
 import time
 from collections.abc import Callable, Iterable, Mapping
-from typing import Any
+from typing import Any, TypeVar
 from unittest.mock import patch
 
 import numpy as np
@@ -117,6 +117,9 @@ def cube(
     for name, value in fields.items():
         setattr(marker, name, value)
     return marker
+
+
+AnyRig = TypeVar("AnyRig", bound="Rig")
 
 
 class Client:
@@ -374,7 +377,7 @@ class Rig(Client):
             [Parameter(name, value=value) for name, value in parameters.items()]
         )
 
-    def __enter__(self) -> Rig:
+    def __enter__(self: AnyRig) -> AnyRig:
         return self
 
     def __exit__(self, *_: object) -> None:

@@ -171,6 +171,34 @@ def test_rules_of_the_scene_count_for_links_among_themselves() -> None:
     assert lift(scene).check([[0.0, -0.5]]).valid[0]
 
 
+def test_objects_that_are_links_are_no_obstacles_and_have_their_rules() -> None:
+    scene = oc.Scene()
+    for name in ("hand/0", "hand/1", "crate"):
+        scene.add(name, oc.shapes.Box([0.1, 0.1, 0.1]), [1.0, 0, 0, 0, 0, 0, 1])
+    checker, state = lift(scene), [[0.0, 0.5]]
+    checker.link_objects = {"hand": ["hand/0", "hand/1"]}
+    assert checker.link_objects == {"hand": ("hand/0", "hand/1")}
+    assert checker.check(state, all_pairs=True).pairs_of(0) == [("hand", "crate")]
+    scene.allow("hand/0", "crate")
+    assert checker.check(state).pairs == [("hand", "crate")]  # the other one may not
+    scene.allow("crate", "hand/1")
+    assert checker.check(state).pairs == [None]
+    checker.link_objects = {}
+    assert checker.check(state).colliding.all()
+    with pytest.raises(ValueError, match="link_objects must name links"):
+        checker.link_objects = {"foot": ["hand/0"]}
+
+
+def test_distances_may_leave_out_pairs_of_links() -> None:
+    scene = oc.Scene()
+    scene.add("crate", oc.shapes.Box([0.2, 0.2, 0.2]), [3.0, 0, 0, 0, 0, 0, 1])
+    checker = lift(scene)
+    assert checker.distances([[0.0, 0.0]]).pairs == [("base", "hand")]
+    found = checker.distances([[0.0, 0.0]], self_pairs=False)
+    assert found.pairs == [("hand", "crate")]
+    assert found.distances[0] == pytest.approx(2.3, abs=1e-6)
+
+
 def test_padding_is_a_distance() -> None:
     scene = oc.Scene()
     scene.add("shelf", oc.shapes.Box([0.2, 0.2, 0.2]), [1.0, 0, 1.0, 0, 0, 0, 1])

@@ -75,6 +75,10 @@ class Answer:
     stamp: int = 0
     more: bool = False
     """Whether ``pairs`` is less than there are."""
+    robots: tuple[str, ...] = ()
+    """Why it is not known where robots are, a text each."""
+    notes: tuple[str, ...] = ()
+    """What else is to be said of robots, a text each."""
 
     @property
     def level(self) -> bytes:
@@ -83,7 +87,12 @@ class Answer:
             return bytes(UNKNOWN)
         if self.pairs:
             return bytes(COLLIDING)
-        return bytes(UNKNOWN if self.missing or self.late or self.lost else FREE)
+        return bytes(FREE if self.is_complete else UNKNOWN)
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether nothing is unknown, whatever collides."""
+        return not (self.unknown or self.missing or self.late or self.lost or self.robots)
 
     def flag(self, unknown_is_collision: bool) -> bool:
         """Return the value of ``in_collision``."""
@@ -93,7 +102,7 @@ class Answer:
     def kind(self) -> tuple[object, ...]:
         """The part whose changes are published immediately; all else waits for the next period."""
         counts = self.missing, self.late, self.lost, self.stale
-        return self.level, self.unknown, *map(bool, counts)
+        return self.level, self.unknown, self.robots, self.notes, *map(bool, counts)
 
     @property
     def message(self) -> str:
@@ -106,6 +115,7 @@ class Answer:
             parts.append(f"{number} pair{'s collide' if self.pairs > 1 else ' collides'}{last}")
         elif not self.unknown and self.level == FREE:
             parts.append("free")
+        parts += (*self.robots, *self.notes)
         for count, names, what in (
             (self.missing, self.names_missing, "without a box (not checked)"),
             (self.late, self.names_late, "not placed in time"),
@@ -159,12 +169,14 @@ def answer(
     now: int,
     timeout: float,
     overdue: float = 0.0,
+    robots: tuple[str, ...] = (),
 ) -> Answer:
     """Return the answer after a cycle.
 
     report: of its check, None where there was none; paused: why nothing is checked, "" if it is;
     failed: it ended in an internal error; timeout: the age (s) at which states are stale, 0 for
-    never; overdue: how long (s) states waited for it, if that is too long, else 0.
+    never; overdue: how long (s) states waited for it, if that is too long, else 0; robots: why it
+    is not known where some are.
     """
     table = objects.table
     placed, aside = table.visible, table.live & table.set_aside
@@ -189,6 +201,7 @@ def answer(
         doubtful=int(np.count_nonzero(table.doubtful)),
         objects=len(table),
         stamp=objects.newest_stamp(now) if placed.any() else 0,
+        robots=robots,
     )
     if paused:
         return known.without(paused)

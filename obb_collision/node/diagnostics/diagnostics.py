@@ -19,6 +19,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from itertools import islice
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -227,6 +228,25 @@ def cycle_status(
         faults.append(f"{cycles.overruns - overruns_before} cycles took longer than a period")
     message = "; ".join(faults) or f"{len(durations)} cycles"
     return _status(f"{node}: cycle", WARN if faults else OK, message, values)
+
+
+class RobotLike(Protocol):
+    """A robot of the node, as far as its status is concerned."""
+
+    name: str
+    fault: str
+    """Why it is not known where it is, "" if it is."""
+
+    def describe(self) -> dict[str, object]:
+        """Return what else is to be said."""
+        ...
+
+
+def robot_status(node: str, robot: RobotLike) -> DiagnosticStatus:
+    """Whether it is known where a robot is, or why not."""
+    message = robot.fault or "known"
+    level = WARN if robot.fault else OK
+    return _status(f"{node}: robot {robot.name}", level, message, robot.describe().items())
 
 
 def guard_status(node: str, guard: Guard) -> DiagnosticStatus:

@@ -43,7 +43,7 @@ REPEATED = RefusedError("repeated", "the last row of an object counts")
 BAD_KEY = RefusedError("bad key", "ns and id must be int32")
 UNMARKED = (REPEATED.reason, BAD_KEY.reason)
 """Reasons that do not concern an object: another row has the same key, or the key is invalid."""
-OWNED = RefusedError("object of another input", "boxes and markers do not share objects")
+OWNED = RefusedError("object of another input", "markers, boxes and robots do not share objects")
 
 
 class BoxSet:

@@ -25,10 +25,12 @@ from typing import TypeVar
 import numpy as np
 
 from obb_collision.node.diagnostics.monitors import InputMonitor
+from obb_collision.node.inputs.box_set import OWNED
 from obb_collision.node.inputs.boxes import BoxInput
 from obb_collision.node.inputs.markers import MarkerInput
 from obb_collision.node.messages.bulk_clouds import poses_from_ros
 from obb_collision.node.messages.cdr import (
+    NamedPose,
     NamedStates,
     cloud_from_bytes,
     pose_from_bytes,
@@ -74,6 +76,8 @@ class Inputs:
         self._guard = guard
         self.markers = MarkerInput(objects, monitors["objects"], clock, guard)
         self.boxes = BoxInput(objects, frames, monitors["object_boxes"], clock, guard)
+        self.bases: dict[str, Callable[[NamedPose, int, InputMonitor], None]] = {}
+        """By name of a robot: what takes a pose of its base."""
 
     def callbacks(self) -> dict[str, Callable[[bytes], None]]:
         """Return the callback per input topic; they take serialised messages."""
@@ -109,7 +113,9 @@ class Inputs:
         """Store one pose."""
         now = self._clock()
         message = self._read("object_transform", pose_from_bytes, data, now)
-        if message is not None:
+        if message is not None and message.name in self.bases:
+            self.bases[message.name](message, now, self._monitors["object_transform"])
+        elif message is not None:
             self._take_named("object_transform", [message.name], message.pose, message.header, now)
 
     def take_states(self, data: bytes) -> None:
@@ -209,13 +215,15 @@ class Inputs:
         monitor = self._monitors[topic]
         unknown, kinds = slots < 0, pose_kinds(poses)
         bad = (kinds == UNUSABLE) | (kinds == ZERO)
-        good = ~(bad | unknown)
-        refused = slots[bad & ~unknown]
+        owned = self._objects.table.of_robot[slots] & ~unknown if self.bases else unknown & False
+        good = ~(bad | unknown | owned)
+        refused = slots[bad & ~unknown & ~owned]
         if not good.all():
             for reason, rows in (
                 ("unknown object", unknown),
-                ("bad pose", (kinds == UNUSABLE) & ~unknown),
-                ("zero quaternion", (kinds == ZERO) & ~unknown),
+                (OWNED.reason, owned),
+                ("bad pose", (kinds == UNUSABLE) & ~unknown & ~owned),
+                ("zero quaternion", (kinds == ZERO) & ~unknown & ~owned),
             ):
                 if rows.any():
                     item = describe(int(np.argmax(rows)))

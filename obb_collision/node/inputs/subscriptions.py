@@ -39,6 +39,9 @@ class Input(NamedTuple):
     kind: type
     depth: int
     reliability: ReliabilityPolicy = ReliabilityPolicy.RELIABLE
+    durability: DurabilityPolicy = DurabilityPolicy.VOLATILE
+    is_query: bool = False
+    """Whether its messages ask for something, and say nothing about objects."""
 
 
 INPUTS = {
@@ -74,7 +77,9 @@ class Subscriptions:
         monitors: Mapping[str, InputMonitor],
         arrived: Callable[[str], None],
         latched: Collection[str] = (),
+        inputs: Mapping[str, Input] = INPUTS,
     ) -> None:
+        self._inputs = inputs
         self._node, self._callbacks, self._monitors = node, callbacks, monitors
         self._arrived, self._latched = arrived, latched
         self._oldest = 0
@@ -148,7 +153,7 @@ class Subscriptions:
         return had
 
     def _take(self, topic: str, message: bytes, info: Mapping[str, Any]) -> None:
-        self._had_messages |= topic != "points"
+        self._had_messages |= topic != "points" and not self._inputs[topic].is_query
         self._monitors[topic].lost += self._losses[topic].count(
             info.get("publication_sequence_number")
         )
@@ -158,8 +163,8 @@ class Subscriptions:
         self._callbacks[topic](message)
 
     def _subscribe(self, topic: str) -> Subscription:
-        kind, depth, reliability = INPUTS[topic]
-        qos = QoSProfile(depth=depth, reliability=reliability)
+        kind, depth, reliability, durability, _ = self._inputs[topic]
+        qos = QoSProfile(depth=depth, reliability=reliability, durability=durability)
         if topic in self._latched:
             qos.depth, qos.durability = LATCHED_DEPTH, DurabilityPolicy.TRANSIENT_LOCAL
 

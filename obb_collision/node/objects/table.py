@@ -55,6 +55,7 @@ COLUMNS: dict[str, tuple[Any, tuple[int, ...]]] = {
     "ns": (np.int64, ()),  # number of the namespace
     "id": (np.int64, ()),
     "of_set": (np.bool_, ()),  # came by a complete set of boxes, and goes with the next one
+    "of_robot": (np.bool_, ()),  # belongs to a link of a robot
     "kind": (np.int64, ()),  # of its shape, if that is one of PRIMITIVES, else 0
     "size": (np.float64, (3,)),  # of such a shape: the scale
     "pending": (np.bool_, ()),  # a pose is stored that is not in the scene yet
@@ -97,6 +98,7 @@ class ObjectTable:
     ns: Slots
     id: Slots
     of_set: Mask
+    of_robot: Mask
     kind: Slots
     size: Floats
     pending: Mask
@@ -195,7 +197,14 @@ class ObjectTable:
         for number, count in _counts(self.ns[slots]):
             self.namespaces.leave(number, count)
         rows = as_slice(slots)
-        for column in (self.live, self.pending, self.placed, self.shaped, self.of_set):
+        for column in (
+            self.live,
+            self.pending,
+            self.placed,
+            self.shaped,
+            self.of_set,
+            self.of_robot,
+        ):
             column[rows] = False
         self._count -= len(slots)
         self._sorted = self._index = None

@@ -141,6 +141,11 @@ class CollisionStatus:
             if blocked or deaf or self._steady() - self._sent >= 1.5 * PERIOD:
                 self._publish(known, keep=not blocked)
 
+    def heard(self, answer: Answer) -> Answer:
+        """Return an answer, unknown if there has been no input for too long."""
+        age = self._input_age(answer)
+        return answer.without(SILENT, age) if age > 0.0 else answer
+
     def _input_age(self, answer: Answer) -> float:
         """Return for how long (s) there has been no input, where that makes an answer unknown."""
         age, most = self._steady() - self._last_input, float(self._parameters.input_timeout)
@@ -166,8 +171,7 @@ class CollisionStatus:
                 return
             if keep:
                 self._answer = answer
-            if (age := self._input_age(answer)) > 0.0:
-                answer = answer.without(SILENT, age)
+            answer = self.heard(answer)
             unknown_counts = self._parameters.unknown_is_collision
             kind = (*answer.kind, unknown_counts)
             changed, self._published = kind != self._published, kind

@@ -25,6 +25,7 @@ from rclpy.parameter import Parameter
 
 from obb_collision.node.parameters.groups import check_words
 from obb_collision.node.parameters.regions import option_name, region_from
+from obb_collision.node.parameters.robots import Base, bases_of
 from obb_collision.node.parameters.services import guard_parameter_services
 from obb_collision.node.parameters.table import SPECS
 from obb_collision.scene.effects import EFFECTS
@@ -55,6 +56,11 @@ class Parameters:
             return self.__dict__["_values"][name]
         except KeyError:
             raise AttributeError(f"no parameter {name!r}") from None
+
+    @property
+    def bases(self) -> dict[str, Base]:
+        """Where each robot stands, by its name."""
+        return bases_of(self._values)
 
     @property
     def share(self) -> Region | None:
@@ -120,6 +126,10 @@ def _check_together(values: Mapping[str, Any]) -> None:
     """Raise ValueError for values that do not fit each other."""
     check_words(values)
     region_from(values)
+    bases_of(values)
+    stop, slow = values["speed_stop_distance"], values["speed_slow_distance"]
+    if slow <= stop:
+        raise ValueError(f"speed_slow_distance must exceed speed_stop_distance, {slow} <= {stop}")
 
 
 def _read(parameters: Sequence[Parameter]) -> dict[str, Any]:

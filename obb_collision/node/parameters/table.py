@@ -22,6 +22,7 @@ from obb_collision.node.messages.names import MAX_NAME_BYTES
 from obb_collision.node.parameters.folders import folder_from_text
 from obb_collision.node.parameters.groups import group_from_text, pair_from_text
 from obb_collision.node.parameters.regions import option_name, range_from_text
+from obb_collision.node.parameters.robots import MAX_ROBOTS, base_from_text, robot_from_text
 from obb_collision.node.parameters.specs import Spec
 from obb_collision.node.topics.topics import TOPICS, describe_mode, mode_names
 from obb_collision.scene.effects import EFFECTS
@@ -246,6 +247,75 @@ GENERAL = (
     ),
 )
 
+ROBOTS = (
+    Spec(
+        "robots",
+        [""],
+        "Names of robots: of each, links are objects ROBOT/LINK/0, 1, ... by the topics "
+        "ROBOT/robot_description, ROBOT/robot_description_semantic and ROBOT/joint_states. With "
+        "robots, accuracy is hull where it is left at its default and there is no scene_file. Read "
+        "at the start only.",
+        fixed=True,
+        entry=robot_from_text,
+        most=MAX_ROBOTS,
+    ),
+    Spec(
+        "robot_bases",
+        [""],
+        "Where robots stand: 'arm: 0 0 0.5 0 0 0 1', x y z (m) qx qy qz qw of the root link in the "
+        "fixed frame, 'arm: base_link' by tf, or 'arm: object_transform' by that topic. Without an "
+        "entry, by tf in the frame of the root link. Read at the start only.",
+        fixed=True,
+        entry=base_from_text,
+        most=MAX_ROBOTS,
+    ),
+    Spec(
+        "joint_timeout",
+        0.5,
+        "A joint of a robot without a new state for longer than this is stale (s): where the robot "
+        "is is then not known. 0: never.",
+        (0.0, 1.0e6),
+    ),
+    Spec(
+        "state_validity_distance",
+        0.0,
+        "How far ROBOT/state_validity looks for the distance of each state (m). 0: without "
+        "distances.",
+        (0.0, 1.0e6),
+    ),
+    Spec(
+        "speed_stop_distance",
+        0.05,
+        "Distance of a robot from objects at which its ROBOT/speed_scale is 0 (m).",
+        (0.0, 1.0e6),
+    ),
+    Spec(
+        "speed_slow_distance",
+        0.5,
+        "Distance from which on ROBOT/speed_scale is 1 (m). More than speed_stop_distance.",
+        (0.001, 1.0e6),
+    ),
+    Spec(
+        "speed_reaction_time",
+        0.2,
+        "Both distances grow by how far robot and objects can come nearer in this time (s).",
+        (0.0, 3600.0),
+    ),
+    Spec(
+        "trajectory_start_tolerance",
+        0.01,
+        "How far a joint may be from the first point of a trajectory (rad or m).",
+        (0.0, 1000.0),
+    ),
+    Spec(
+        "trajectory_margin",
+        0.001,
+        "Distance that links keep from everything on a trajectory (m). Smaller ones take more time "
+        "with velocities in the points.",
+        (1.0e-6, 1.0),
+    ),
+)
+
 REGION = (
     Spec(
         "region",
@@ -378,4 +448,4 @@ def _effect_specs() -> tuple[Spec, ...]:
     return tuple(specs)
 
 
-SPECS = (*GENERAL, *REGION, *FILTERS, *ACCURACY, *_effect_specs())
+SPECS = (*GENERAL, *ROBOTS, *REGION, *FILTERS, *ACCURACY, *_effect_specs())

@@ -38,6 +38,7 @@ from obb_collision.warm_up.steps import (
     BOXES,
     MESSAGES,
     NODE_STEPS,
+    ROBOTS,
     accuracy_step,
     effect_level_step,
     effect_step,
@@ -54,7 +55,7 @@ ENDING = 2.0
 """Seconds that the thread has to end what compiles: it looks every tenth of a second."""
 
 Thing = Accuracy | str | tuple[str, Accuracy]
-"""A level of ``Accuracy``, the name of an effect, or an effect on a level above OBB."""
+"""A level of ``Accuracy``, the name of an effect, an effect on a level above OBB, or ROBOTS."""
 
 
 class WarmUp:
@@ -71,6 +72,7 @@ class WarmUp:
     ) -> None:
         self._info, self._warning, self._stopped = info, warning, stopped
         self._ready: set[str] = set()
+        self._steps: tuple[str, ...] = NODE_STEPS
         self._asked: dict[str, float] = {}  # when it may be requested again
         self._refused: dict[str, str] = {}
         self._queue: SimpleQueue[str | None] = SimpleQueue()
@@ -86,14 +88,15 @@ class WarmUp:
         A step whose process hangs is refused, as one requested later, unless every cycle needs it.
         """
         _kernel_cache.drop_left_places()
-        self._load(NODE_STEPS)
         always = {BOXES, MESSAGES, effect_step("separations")}
         wanted = always | set(map(_step, things))
-        missing = [step for step in NODE_STEPS if step in wanted - self._ready]
+        self._steps = (*NODE_STEPS, *sorted(wanted - set(NODE_STEPS)))
+        self._load(self._steps)
+        missing = [step for step in self._steps if step in wanted - self._ready]
         if not missing:
             return
         progress = self._compile(missing, self._stopped, 0)
-        self._load(NODE_STEPS)
+        self._load(self._steps)
         failed = [step for step in missing if step not in self._ready]
         if progress.stopped:
             return
@@ -234,7 +237,7 @@ class WarmUp:
             f"cannot compile kernels in another process: {reason}; everything that may be switched "
             "on later is compiled before the node starts"
         )
-        for step in NODE_STEPS:
+        for step in self._steps:
             if step not in self._ready | self._refused.keys() and not self._stopped():
                 start, before = perf_counter(), len(_compiling.compiled.names)
                 steps.run(step)
@@ -259,4 +262,6 @@ class _Forward(logging.Handler):
 def _step(thing: Thing) -> str:
     if isinstance(thing, tuple):
         return effect_level_step(*thing)
+    if thing == ROBOTS:
+        return ROBOTS
     return accuracy_step(thing) if isinstance(thing, Accuracy) else effect_step(thing)

@@ -1,0 +1,135 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The links of a robot as objects: one per collision shape, ``ROBOT/LINK`` its namespace."""
+
+from __future__ import annotations
+
+from glob import escape
+
+import numpy as np
+
+from obb_collision.geometry.poses import compose_poses, multiply_quaternions
+from obb_collision.node.inputs.box_set import OWNED
+from obb_collision.node.messages.conversions import Key, name_from_key, pose_faults
+from obb_collision.node.messages.errors import RefusedError
+from obb_collision.node.objects.objects import Objects
+from obb_collision.node.objects.states import State
+from obb_collision.robots.robot import Robot
+from obb_collision.robots.robot_arrays import allowed_links, rigid_groups
+from obb_collision.scene.store.allowed import Rule
+from obb_collision.typing import Floats, Rows
+
+TWIST_STEP = 1e-5
+"""Radians or metres of the fastest joint over which twists are differences: an error of 1e-10."""
+
+
+class LinkObjects:
+    """The collision shapes of a robot's links, as objects of the node."""
+
+    def __init__(self, name: str, robot: Robot, objects: Objects) -> None:
+        self.robot = robot
+        self._objects = objects
+        parts = [
+            (link, number, shape, pose)
+            for link, placed in enumerate(robot.shapes)
+            for number, (shape, pose) in enumerate(placed)
+        ]
+        self.keys: list[Key] = [
+            (f"{name}/{robot.link_names[link]}", number) for link, number, _, _ in parts
+        ]
+        self._shapes = [shape for _, _, shape, _ in parts]
+        self._links = np.array([link for link, *_ in parts], np.int64)
+        self._poses = np.array([pose for *_, pose in parts]).reshape(-1, 7)
+        self.slots: Rows = np.empty(0, np.int64)
+        """Of the objects, in the order of the keys."""
+
+    def add(self) -> None:
+        """Add them; RefusedError, and nothing is added, where that is not possible."""
+        shapes, table = self._objects.shapes, self._objects.table
+        taken = [key for key in self.keys if key in table.slots]
+        if taken:
+            raise RefusedError(OWNED.reason, name_from_key(taken[0]))
+        added: list[int] = []
+        try:
+            for key, shape in zip(self.keys, self._shapes, strict=True):
+                added.append(shapes.put(key, shape, (), None))
+                table.of_robot[added[-1]] = True
+        except RefusedError:
+            shapes.remove(np.array(added, np.int64))
+            raise
+        self.slots = np.array(added, np.int64)
+
+    def remove(self) -> None:
+        """Remove them."""
+        self._objects.shapes.remove(self.slots)
+        self.slots = self.slots[:0]
+
+    def refuse(self) -> None:
+        """Mark that where they are is not known any more: the last boxes stay, grey."""
+        self._objects.states.refuse(self.slots)
+
+    def place(self, positions: Floats, velocities: Floats, base: Floats, state: State) -> None:
+        """Store where they are, and how they move; RefusedError for poses that can't be used.
+
+        base: pose (7,) of the root link in the frame of the state.
+        """
+        try:
+            poses = self._poses_at(positions[None], base)[0]
+        except ValueError as error:  # a quaternion of zeros
+            raise RefusedError("bad pose", str(error)) from error
+        if any(fault.any() for fault in pose_faults(poses)):
+            raise RefusedError("bad pose", "of a link: out of range")
+        twists = np.zeros((len(poses), 6))
+        fastest = np.abs(velocities).max(initial=0.0)
+        if fastest > 0.0:
+            time = TWIST_STEP / fastest
+            ends = positions + np.array((-time, time))[:, None] * velocities
+            before, after = self._poses_at(ends, base)
+            twists = _twists_between(before, after, 2.0 * time)
+            twists[~np.isfinite(twists).all(axis=1)] = 0.0
+        self._objects.states.store(self.slots, poses, state, twists)
+
+    def _poses_at(self, states: Floats, base: Floats) -> Floats:
+        """Return the poses (n, m, 7) of the shapes in states (n, joints)."""
+        links = self.robot.link_poses(states)[:, self._links]
+        return compose_poses(base, compose_poses(links, self._poses))
+
+    @property
+    def names(self) -> dict[str, list[str]]:
+        """The names of the objects, by ``ROBOT/LINK``."""
+        found: dict[str, list[str]] = {}
+        for key in self.keys:
+            found.setdefault(key[0], []).append(name_from_key(key))
+        return found
+
+    def rules(self) -> list[Rule]:
+        """Return which of them may touch: of one rigid body, adjacent, or disabled by the SRDF."""
+        allowed = allowed_links([self.robot], rigid_groups(self.robot.tree))
+        names: dict[int, tuple[str, ...]] = {}
+        for link, key in zip(self._links.tolist(), self.keys, strict=True):
+            names[link] = (*names.get(link, ()), escape(name_from_key(key)))
+        rules: list[Rule] = []
+        for link, own in names.items():
+            others = [n for other in names if allowed[link, other] for n in names[other]]
+            rules.append((own, tuple(others), True))
+        return rules
+
+
+def _twists_between(before: Floats, after: Floats, time: float) -> Floats:
+    """Return the twists (n, 6) that lead from poses to poses (n, 7) in a short time (s)."""
+    back = before[:, 3:] * (-1.0, -1.0, -1.0, 1.0)
+    turns = multiply_quaternions(after[:, 3:], back)
+    turns *= np.where(turns[:, 3:] < 0.0, -1.0, 1.0)
+    return np.hstack((after[:, :3] - before[:, :3], 2.0 * turns[:, :3])) / time

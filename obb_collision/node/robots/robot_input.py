@@ -1,0 +1,253 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""One robot of the node: its description and joint states come by topics, its links are objects.
+
+Where its links are is known while it has a description, a state of each joint that is neither
+refused nor stale, and a base. Otherwise the links are grey, and ``fault`` says why.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+
+from obb_collision.geometry.poses import IDENTITY_POSE, unit_poses
+from obb_collision.node.diagnostics.monitors import InputMonitor
+from obb_collision.node.messages.cdr import NamedPose
+from obb_collision.node.messages.conversions import UNUSABLE, ZERO, pose_kinds, stamp_from_ros
+from obb_collision.node.messages.errors import RefusedError
+from obb_collision.node.objects.objects import Objects
+from obb_collision.node.objects.states import OLDER, State
+from obb_collision.node.parameters.robots import BY_TOPIC, Base
+from obb_collision.node.robots.description import DescriptionReader, Read
+from obb_collision.node.robots.joints import Joints, joints_from_bytes, text_from_bytes
+from obb_collision.node.robots.links import LinkObjects
+from obb_collision.robots.robot import Robot
+from obb_collision.typing import Floats
+
+DESCRIPTION, SEMANTIC = "robot_description", "robot_description_semantic"
+JOINT_STATES = "joint_states"
+BAD_DESCRIPTION = "bad description"
+START = "<"
+"""What XML begins with: anything else would be the name of a file."""
+
+
+class RobotInput:
+    """A robot, by its name; base: where it stands; read: makes it of URDF and SRDF."""
+
+    def __init__(
+        self,
+        base: Base,
+        objects: Objects,
+        monitors: Mapping[str, InputMonitor],
+        clock: Callable[[], int],
+        read: Read,
+    ) -> None:
+        self.name, self.base = base.robot, base
+        self._objects, self._clock = objects, clock
+        self._topics = {kind: f"{self.name}/{kind}" for kind in (DESCRIPTION, JOINT_STATES)}
+        self._topics[SEMANTIC] = f"{self.name}/{SEMANTIC}"
+        self._monitors = {kind: monitors[topic] for kind, topic in self._topics.items()}
+        self._reader = DescriptionReader(read)
+        self._urdf = ""
+        self._srdf: str | None = None
+        self._refused = ""  # why the latest description can't be used
+        self._unplaced = ""  # why the latest state could not be
+        self.links: LinkObjects | None = None
+        self.joints: Joints | None = None
+        self._base: tuple[Floats, str, int] | None = None  # pose, frame, stamp
+        if base.pose is not None:
+            self._base = unit_poses(np.array(base.pose)), "", 0
+        self._changed = False
+        self.fault = "no robot_description"
+        """Why it is not known where its links are, "" if it is."""
+
+    def callbacks(self) -> dict[str, Callable[[bytes], None]]:
+        """Return what takes the serialised messages of each topic."""
+        return {
+            self._topics[DESCRIPTION]: self.take_description,
+            self._topics[SEMANTIC]: self.take_semantic,
+            self._topics[JOINT_STATES]: self.take_joints,
+        }
+
+    def take_description(self, data: bytes) -> None:
+        """Begin to read a URDF."""
+        text = self._text(DESCRIPTION, data)
+        if text is not None and (text != self._urdf or self._refused):  # else it is sent again
+            self._urdf = text
+            self._request()
+
+    def take_semantic(self, data: bytes) -> None:
+        """Begin to read an SRDF, with the URDF, if that is there."""
+        text = self._text(SEMANTIC, data)
+        if text is not None and (text != self._srdf or self._refused):
+            self._srdf = text
+            self._request()
+
+    def _text(self, kind: str, data: bytes) -> str | None:
+        """Return the text of a message, None where it is refused; then the robot is in doubt."""
+        now, monitor = self._clock(), self._monitors[kind]
+        monitor.received(now)
+        try:
+            text = text_from_bytes(data)
+            if not text.lstrip("\ufeff \t\r\n").startswith(START):
+                raise RefusedError(BAD_DESCRIPTION, "no XML")
+        except RefusedError as error:
+            monitor.refuse(now, error.reason, "whole message", error.detail)
+            self._refused = f"{kind} refused: {error}"
+            return None
+        return text
+
+    def _request(self) -> None:
+        self._refused = ""
+        if self._urdf:
+            self._reader.request(self._urdf, self._srdf)
+
+    def take_joints(self, data: bytes) -> None:
+        """Store the states of joints; of what comes before there is a robot, nothing is known."""
+        now, monitor = self._clock(), self._monitors[JOINT_STATES]
+        monitor.received(now)
+        try:
+            message = joints_from_bytes(data)
+            if self.joints is not None:
+                self.joints.take(message, now, monitor, self._objects.states)
+                self._changed = True
+        except RefusedError as error:
+            monitor.refuse(now, error.reason, "whole message", error.detail)
+
+    def take_base(self, message: NamedPose, now: int, monitor: InputMonitor) -> None:
+        """Store where the root link is, by ``object_transform``."""
+        try:
+            if self.base.frame != BY_TOPIC:
+                raise RefusedError("object of another input", "its base is not by this topic")
+            if pose_kinds(message.pose)[0] in (UNUSABLE, ZERO):
+                raise RefusedError("bad pose")
+            stamp = stamp_from_ros(message.header.stamp)
+            if self._base is not None and 0 < stamp < self._base[2]:
+                raise RefusedError(OLDER)
+            self._objects.placement.frame_index(message.header.frame_id)
+        except RefusedError as error:
+            monitor.refuse(now, error.reason, repr(self.name), error.detail)
+            return
+        believed = stamp <= now + self._objects.states.stamp_tolerance
+        pose = unit_poses(message.pose[0])
+        self._base = pose, message.header.frame_id, stamp if believed else 0
+        self._changed = True
+
+    def apply(self, now: int, timeout: float) -> bool:
+        """Bring the objects in line with what came; returns whether there are other ones.
+
+        timeout: the age (s) at which joints are stale, 0 for never.
+        """
+        found = self._reader.take()
+        if isinstance(found, str):
+            self._refused = f"{DESCRIPTION} refused: {found}"
+            self._monitors[DESCRIPTION].refuse(now, BAD_DESCRIPTION, "whole message", found)
+        elif found is not None:
+            self._replace(found, now)
+        self.fault = self._find_fault(now, timeout)
+        if self.links is not None:
+            if not self.fault and self._changed:
+                self._place(now)
+            if self.fault:
+                self.links.refuse()
+        return found is not None
+
+    def _find_fault(self, now: int, timeout: float) -> str:
+        if self._refused:
+            return self._refused
+        if self._reader.is_reading:
+            return f"{DESCRIPTION} being read"
+        if self.links is None or self.joints is None:
+            return f"no {DESCRIPTION}"
+        if self.base.frame == BY_TOPIC and self._base is None:
+            return f"no base by {BY_TOPIC}"
+        return self.joints.fault(now, timeout) or ("" if self._changed else self._unplaced)
+
+    def _replace(self, robot: Robot, now: int) -> None:
+        """Take a robot in place of the one before."""
+        self._drop()
+        links = LinkObjects(self.name, robot, self._objects)
+        for doubt in robot.doubts:
+            self._monitors[DESCRIPTION].doubt(now, "odd description", detail=doubt)
+        try:
+            links.add()
+        except RefusedError as error:
+            self._refused = f"{DESCRIPTION} refused: {error}"
+            self._monitors[DESCRIPTION].refuse(now, error.reason, "whole message", error.detail)
+            return
+        self.links, self.joints, self._changed, self._unplaced = links, Joints(robot), True, ""
+
+    def _drop(self) -> None:
+        if self.links is not None:
+            self.links.remove()
+        self.links = self.joints = None
+
+    def _place(self, now: int) -> None:
+        """Store where the links are by the latest joints and base."""
+        assert self.links is not None
+        assert self.joints is not None
+        joints = self.joints
+        pose, frame, stamp = self._base or (IDENTITY_POSE, self.base_frame, 0)
+        stamps = max(joints.stamp, stamp)
+        received = joints.received if len(joints.names) else now
+        state = State(frame, stamps, received, self._topics[JOINT_STATES])
+        self._changed = False
+        try:
+            self.links.place(joints.positions, joints.velocities, pose, state)
+            self._unplaced = ""
+        except RefusedError as error:
+            self._unplaced = self.fault = f"links not placed: {error}"
+            self._monitors[JOINT_STATES].refuse(now, error.reason, "whole state", error.detail)
+
+    @property
+    def base_frame(self) -> str:
+        """The frame in which the root link stands, or that is the root link's."""
+        assert self.links is not None
+        return self.base.frame or self.links.robot.link_names[0]
+
+    @property
+    def where(self) -> tuple[Floats, str] | None:
+        """The pose (7,) of the root link in a frame, and the frame; None where it is not known."""
+        if self.links is None or (self.base.frame == BY_TOPIC and self._base is None):
+            return None
+        pose, frame, _ = self._base or (IDENTITY_POSE, self.base_frame, 0)
+        return pose, frame
+
+    def describe(self) -> dict[str, object]:
+        """Return what ``/diagnostics`` says."""
+        if self.links is None:
+            return {"links": 0}
+        robot = self.links.robot
+        links, shapes = len(robot.link_names), len(self.links.keys)
+        doubts = {"odd": "; ".join(robot.doubts)} if robot.doubts else {}
+        return {"links": links, "shapes": shapes, "joints": len(robot.joint_names), **doubts}
+
+    def cleared(self) -> None:
+        """Read the description again: all objects were removed."""
+        self.links = self.joints = None
+        self._request()
+
+    def clock_jumped(self, shift: int) -> None:
+        """Shift times by a jump of the clock (ns)."""
+        if self.joints is not None:
+            self.joints.clock_jumped(shift)
+        if self._base is not None:
+            self._base = (*self._base[:2], 0)
+
+    def close(self) -> None:
+        """End what is being read."""
+        self._reader.close()

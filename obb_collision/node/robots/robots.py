@@ -1,0 +1,194 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The robots of a node: their topics, their links among the objects, and what is not known."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.event_handler import PublisherEventCallbacks
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from sensor_msgs.msg import JointState, PointCloud2
+from std_msgs.msg import Float64, String
+from trajectory_msgs.msg import JointTrajectory
+
+from obb_collision.node.diagnostics.monitors import InputMonitor
+from obb_collision.node.diagnostics.qos import overridable
+from obb_collision.node.inputs.inputs import Inputs
+from obb_collision.node.inputs.subscriptions import Input
+from obb_collision.node.objects.frames import FrameSource
+from obb_collision.node.objects.objects import Objects
+from obb_collision.node.parameters.parameters import Parameters
+from obb_collision.node.robots.robot_input import DESCRIPTION, JOINT_STATES, SEMANTIC, RobotInput
+from obb_collision.node.robots.speed import SpeedScale
+from obb_collision.node.robots.trajectories import Trajectories
+from obb_collision.node.robots.validity import CheckedRobot, Validity
+from obb_collision.robots.robot import Robot
+from obb_collision.scene.store.allowed import Rule
+from obb_collision.scene_files.mesh_files import MeshReading
+
+LATCHED = DurabilityPolicy.TRANSIENT_LOCAL
+STATES_TO_CHECK, STATE_VALIDITY = "states_to_check", "state_validity"
+SPEED_SCALE = "speed_scale"
+TRAJECTORY_IN, TRAJECTORY_OUT = "trajectory_in", "trajectory_out"
+TRAJECTORY_STATUS = "trajectory_status"
+KINDS = {
+    DESCRIPTION: Input(String, 1, durability=LATCHED),
+    SEMANTIC: Input(String, 1, durability=LATCHED),
+    JOINT_STATES: Input(JointState, 10),
+    STATES_TO_CHECK: Input(PointCloud2, 10, is_query=True),
+    TRAJECTORY_IN: Input(JointTrajectory, 10, is_query=True),
+}
+"""The input topics of each robot, after its name and a slash."""
+OUTPUTS: dict[str, type] = {
+    STATE_VALIDITY: PointCloud2,
+    SPEED_SCALE: Float64,
+    TRAJECTORY_OUT: JointTrajectory,
+    TRAJECTORY_STATUS: DiagnosticStatus,
+}
+"""Its output topics."""
+
+
+def robot_inputs(parameters: Parameters) -> dict[str, Input]:
+    """Return the input topics of all robots."""
+    return {f"{name}/{kind}": given for name in parameters.robots for kind, given in KINDS.items()}
+
+
+class Robots:
+    """The robots that the parameters name.
+
+    not_known: why it is not known what is where, "" if it is; meshes: how mesh files are read.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        parameters: Parameters,
+        objects: Objects,
+        frames: FrameSource,
+        monitors: Mapping[str, InputMonitor],
+        clock: Callable[[], int],
+        not_known: Callable[[], str],
+        meshes: Callable[[], MeshReading],
+    ) -> None:
+        self._meshes = meshes
+        self._node, self._parameters, self._clock = node, parameters, clock
+        self._publishers: dict[str, Publisher] = {}
+        self._validity: dict[str, Validity] = {}
+        self._speeds: list[SpeedScale] = []
+        self._trajectories: dict[str, Trajectories] = {}
+        self.robots: list[RobotInput] = []
+        for base in parameters.bases.values():
+            robot = RobotInput(base, objects, monitors, clock, self._read)
+            self.robots.append(robot)
+            checked = CheckedRobot(robot, objects, frames, not_known)
+            for topic, kind in OUTPUTS.items():
+                self._publishers[f"{robot.name}/{topic}"] = self._publisher(robot.name, topic, kind)
+            topic = f"{robot.name}/{STATES_TO_CHECK}"
+            publisher = self._publishers[f"{robot.name}/{STATE_VALIDITY}"]
+            self._validity[topic] = Validity(
+                checked, objects, publisher, monitors[topic], clock, parameters
+            )
+            topic = f"{robot.name}/{TRAJECTORY_IN}"
+            out, status = (
+                self._publishers[f"{robot.name}/{kind}"]
+                for kind in (TRAJECTORY_OUT, TRAJECTORY_STATUS)
+            )
+            self._trajectories[topic] = Trajectories(
+                robot, checked, (out, status), monitors[topic], clock, parameters
+            )
+            speed = self._publishers[f"{robot.name}/{SPEED_SCALE}"]
+            self._speeds.append(SpeedScale(robot, checked, objects, speed, parameters))
+
+    def _publisher(self, name: str, topic: str, kind: Any) -> Publisher:
+        return self._node.create_publisher(
+            kind,
+            f"{name}/{topic}",
+            QoSProfile(depth=10),
+            event_callbacks=PublisherEventCallbacks(use_default_callbacks=False),
+            qos_overriding_options=overridable(),
+        )
+
+    def callbacks(self, inputs: Inputs) -> dict[str, Callable[[bytes], None]]:
+        """Return the callback per topic, those that fail being counted; bases come by another."""
+        for robot in self.robots:
+            inputs.bases[robot.name] = robot.take_base
+        takes = {topic: take for robot in self.robots for topic, take in robot.callbacks().items()}
+        takes |= {topic: validity.take for topic, validity in self._validity.items()}
+        takes |= {topic: each.take for topic, each in self._trajectories.items()}
+        return {topic: inputs.guarded(topic, take) for topic, take in takes.items()}
+
+    def apply(self) -> bool:
+        """Bring the objects in line with what came; returns whether there are other ones."""
+        now, timeout = self._clock(), self._parameters.joint_timeout
+        changed = [robot.apply(now, timeout) for robot in self.robots]  # all of them
+        return any(changed)
+
+    def publish(self) -> None:
+        """Publish what each cycle publishes; trajectories first, for they may have to stop."""
+        try:
+            for each in self._trajectories.values():
+                each.look()
+        finally:
+            for speed in self._speeds:
+                speed.publish()
+
+    def rules(self) -> list[Rule]:
+        """Return which links may touch."""
+        return [rule for r in self.robots if r.links is not None for rule in r.links.rules()]
+
+    def faults(self) -> tuple[str, ...]:
+        """Return why it is not known where robots are, a text per robot of which it is not."""
+        return tuple(f"robot {robot.name}: {robot.fault}" for robot in self.robots if robot.fault)
+
+    def notes(self) -> tuple[str, ...]:
+        """Return what else is to be said in the status: trajectories that were stopped."""
+        robots = zip(self.robots, self._trajectories.values(), strict=True)
+        return tuple(f"robot {r.name}: {each.stopped}" for r, each in robots if each.stopped)
+
+    def cleared(self) -> None:
+        """Make anew what ``~/clear`` has removed."""
+        for robot in self.robots:
+            robot.cleared()
+
+    def clock_jumped(self, shift: int) -> None:
+        """Shift times by a jump of the clock (ns)."""
+        for robot in self.robots:
+            robot.clock_jumped(shift)
+        for each in self._trajectories.values():
+            each.clock_jumped(shift)
+
+    def close(self) -> None:
+        """End what is being read, and publish no more."""
+        for robot in self.robots:
+            robot.close()
+        for each in self._trajectories.values():
+            each.close()
+        for publisher in self._publishers.values():
+            self._node.destroy_publisher(publisher)
+        self._publishers.clear()
+
+    def _read(self, urdf: str, srdf: str | None) -> Robot:
+        """Return a robot, its meshes read in another process; ValueError with the reason."""
+        meshes = self._meshes()
+        try:
+            folders = list(self._parameters.mesh_folders)
+            return Robot.from_urdf(urdf, srdf, folders, read_mesh=meshes.read)
+        finally:
+            meshes.close()

@@ -1,0 +1,260 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Trajectories that are certainly free are forwarded, and stopped when they are so no longer.
+
+Splines are checked as straight pieces, so short that no point of the robot is farther from where
+the piece has it than a margin, with links grown by that.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+from rclpy.publisher import Publisher
+from trajectory_msgs.msg import JointTrajectory
+
+from obb_collision.node.diagnostics.monitors import InputMonitor
+from obb_collision.node.messages.conversions import NANOSECONDS, stamp_from_ros
+from obb_collision.node.messages.errors import RefusedError
+from obb_collision.node.parameters.parameters import Parameters
+from obb_collision.node.robots.joints import Joints
+from obb_collision.node.robots.robot_input import RobotInput
+from obb_collision.node.robots.trajectory_messages import (
+    BAD_POINT,
+    Trajectory,
+    columns_of,
+    trajectory_from_bytes,
+)
+from obb_collision.node.robots.validity import CheckedRobot
+from obb_collision.node.runtime.guard import INTERNAL_ERROR
+from obb_collision.robots.robot_scene import RobotScene
+from obb_collision.robots.splines import (
+    Pieces,
+    Point,
+    interpolation,
+    segment_between,
+    straight_pieces,
+)
+from obb_collision.typing import Floats
+
+MAX_PIECES = 5000
+"""Most pieces of a trajectory: what is checked at a time must not block the cycles."""
+NOT_FREE, TOO_LONG, ELSEWHERE = "not free", "too many pieces", "not at its start"
+
+
+@dataclass
+class Running:
+    """A trajectory that was forwarded: its pieces, and when it began (ns)."""
+
+    pieces: Pieces
+    begin: int
+    names: list[str]
+    robot: object
+    world: tuple[object, ...]
+    """What it was certified for, and in."""
+
+
+class Trajectories:
+    """The trajectories of one robot. The publishers: of trajectories, and what is said of them."""
+
+    def __init__(
+        self,
+        robot: RobotInput,
+        checked: CheckedRobot,
+        publishers: tuple[Publisher, Publisher],
+        monitor: InputMonitor,
+        clock: Callable[[], int],
+        parameters: Parameters,
+    ) -> None:
+        self._robot, self._checked, self._monitor = robot, checked, monitor
+        self._forward, self._status = publishers
+        self._clock, self._parameters = clock, parameters
+        self._running: Running | None = None
+        self.stopped = ""
+        """Why the last one was stopped, "" if it was not."""
+
+    def take(self, data: bytes) -> None:
+        """Forward a message as it is, or say why not; always one without points: it is a stop."""
+        now = self._clock()
+        self._monitor.received(now)
+        try:
+            trajectory = trajectory_from_bytes(data)
+            if not trajectory.points:
+                self._running = None
+                self._forward.publish(data)
+                self._say(DiagnosticStatus.OK, "forwarded: a stop")
+                return
+            running = self._certified(trajectory, now)
+        except RefusedError as error:
+            self._monitor.refuse(now, error.reason, "whole message", error.detail)
+            values = error.values if isinstance(error, NotFreeError) else {}
+            self._say(DiagnosticStatus.ERROR, f"refused: {error}", values)
+            return
+        self._forward.publish(data)
+        self._running, self.stopped = running, ""
+        first, last = trajectory.points[0], trajectory.points[-1]
+        values = {"interpolation": interpolation(first, last), "pieces": len(running.pieces.begins)}
+        self._say(DiagnosticStatus.OK, "forwarded", values)
+
+    def look(self) -> None:
+        """Check what is left of the one that runs if the scene has changed; stop it if need be."""
+        running, now = self._running, self._clock()
+        if running is None:
+            return
+        left = running.pieces.finishes > (now - running.begin) / NANOSECONDS
+        if not left.any():
+            self._running = None
+            return
+        try:
+            scene = self._checked.scene(self._parameters.trajectory_margin)
+            if self._checked.robot is not running.robot:
+                raise RefusedError("another robot", "its description has changed")
+            world = self._checked.world()
+            if not _same(world, running.world):
+                _check_pieces(scene, running.pieces.take(left))
+                running.world = world
+        except RefusedError as error:
+            self._stop(running, error)
+        except Exception as error:  # not foreseen, and so not known
+            self._stop(running, RefusedError(INTERNAL_ERROR, str(error)))
+            raise
+
+    def close(self) -> None:
+        """Stop what runs: nobody looks after it any more."""
+        if self._running is not None:
+            self._stop(self._running, RefusedError("the node does not check any more"))
+
+    def _stop(self, running: Running, error: RefusedError) -> None:
+        self._running = None
+        self._forward.publish(JointTrajectory(joint_names=running.names))
+        self.stopped = f"trajectory stopped: {error}"
+        values = error.values if isinstance(error, NotFreeError) else {}
+        self._say(DiagnosticStatus.ERROR, f"stopped: {error}", values)
+
+    def clock_jumped(self, shift: int) -> None:
+        """Shift times by a jump of the clock (ns)."""
+        if self._running is not None:
+            self._running.begin += shift
+
+    def _certified(self, trajectory: Trajectory, now: int) -> Running:
+        """Return a trajectory that is free; RefusedError for any other one."""
+        scene = self._checked.scene(self._parameters.trajectory_margin)
+        joints = self._robot.joints
+        assert joints is not None
+        stamp = stamp_from_ros(trajectory.header.stamp)
+        begin = stamp or now
+        tolerance = int(self._parameters.stamp_tolerance * NANOSECONDS)
+        if abs(begin - now) > tolerance:
+            raise RefusedError("bad stamp", f"{(begin - now) / NANOSECONDS:+.1f} s from now")
+        columns = columns_of(trajectory.names, joints.names)
+        points = [_whole(point, columns, joints) for point in trajectory.points]
+        off = np.abs(points[0].positions - joints.positions)
+        if off.max(initial=0.0) > self._parameters.trajectory_start_tolerance:
+            name = joints.names[int(np.argmax(off))]
+            raise RefusedError(ELSEWHERE, f"joint {name} is off by {off.max():.4g}")
+        pieces = self._pieces(scene, _from_here(points, joints))
+        _check_pieces(scene, pieces)
+        robot, world = self._checked.robot, self._checked.world()
+        return Running(pieces, begin, trajectory.names, robot, world)
+
+    def _pieces(self, scene: RobotScene, points: list[Point]) -> Pieces:
+        """Return straight pieces that the trajectory stays near to."""
+        deviations = np.array([segment_between(*pair).deviations() for pair in pairwise(points)])
+        reached = np.array([point.positions for point in points])
+        largest = np.abs(reached).max(axis=0) + deviations.max(axis=0)
+        try:
+            moved = scene.displacements(largest[None], deviations)
+        except ValueError as error:
+            raise RefusedError("bad robot", str(error)) from error
+        counts = np.maximum(1.0, np.ceil(np.sqrt(moved / self._parameters.trajectory_margin)))
+        if not counts.sum() <= MAX_PIECES:
+            raise RefusedError(TOO_LONG, f"{counts.sum():.0f}, {MAX_PIECES} is the limit")
+        return straight_pieces(points, counts.astype(int).tolist())
+
+    def _say(self, level: bytes, message: str, values: dict[str, object] | None = None) -> None:
+        pairs = [KeyValue(key=key, value=str(value)) for key, value in (values or {}).items()]
+        self._status.publish(
+            DiagnosticStatus(
+                level=level,
+                name=f"robot {self._robot.name}: trajectory",
+                message=message,
+                hardware_id="obb_collision",
+                values=pairs,
+            )
+        )
+
+
+class NotFreeError(RefusedError):
+    """A trajectory is not certainly free; values: where and why."""
+
+    def __init__(self, detail: str, values: dict[str, object]) -> None:
+        super().__init__(NOT_FREE, detail)
+        self.values = values
+
+
+def _whole(point: Point, columns: list[int], joints: Joints) -> Point:
+    """Return a point with all joints: others stay where they are."""
+
+    def spread(given: Floats | None) -> Floats | None:
+        if given is None:
+            return None
+        values = np.zeros(len(joints.names))
+        values[columns] = given
+        return values
+
+    positions = joints.positions.copy()
+    positions[columns] = point.positions
+    return Point(point.time, positions, spread(point.velocities), spread(point.accelerations))
+
+
+def _from_here(points: list[Point], joints: Joints) -> list[Point]:
+    """Return the points with the present state before them, from which controllers begin.
+
+    Where the first one is at time 0 the way to it is straight and sudden.
+    """
+    first, here = points[0], joints.positions.copy()
+    if first.time > 0.0:
+        if first.accelerations is not None:  # those of now are not known
+            raise RefusedError(BAD_POINT, "the first one has accelerations, and is not at time 0")
+        return [Point(0.0, here, joints.velocities.copy(), None), *points]
+    step = 1e-9  # what may be between two points of time
+    return [Point(-step, here, None, None), *points]
+
+
+def _check_pieces(scene: RobotScene, pieces: Pieces) -> None:
+    """Raise NotFreeError for the first piece that is not certainly free and within limits."""
+    report = scene.check_motions(pieces.starts, pieces.ends)
+    bad = report.first_invalid
+    if bad is None:
+        return
+    values: dict[str, object] = {"index": int(pieces.segments[bad])}
+    part = report.parameters[bad]
+    if report.colliding[bad]:
+        time = pieces.begins[bad] + part * (pieces.finishes[bad] - pieces.begins[bad])
+        first, second = report.pairs[bad] or ("", "")
+        values |= {"time (s)": f"{max(time, 0.0):.3f}", "first": first, "second": second}
+        raise NotFreeError(f"{first} and {second} at {max(time, 0.0):.3f} s", values)
+    names = scene.joint_names
+    joint = names[int(np.argmax(report.out_of_limits[bad]))]
+    values |= {"time (s)": f"{max(pieces.begins[bad], 0.0):.3f}", "joint": joint}
+    raise NotFreeError(f"joint {joint} out of its limits", values)
+
+
+def _same(one: tuple[object, ...], other: tuple[object, ...]) -> bool:
+    return all(np.array_equal(a, b) for a, b in zip(one, other, strict=True))  # type: ignore[arg-type]

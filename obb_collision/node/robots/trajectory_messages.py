@@ -1,0 +1,97 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Trajectories of joints as messages: read, and checked by themselves."""
+
+from __future__ import annotations
+
+from struct import Struct
+from typing import NamedTuple
+
+import numpy as np
+from trajectory_msgs.msg import JointTrajectory
+
+from obb_collision.node.messages.cdr import Header, Reader
+from obb_collision.node.messages.conversions import LARGEST_COORDINATE, NANOSECONDS
+from obb_collision.node.messages.errors import RefusedError
+from obb_collision.node.messages.names import shortened
+from obb_collision.robots.splines import Point
+from obb_collision.typing import Floats
+
+DURATION = Struct("<iI")
+SMALLEST_POINT = 24
+"""Bytes of a point, at least."""
+BAD_POINT = "bad point"
+
+
+class Trajectory(NamedTuple):
+    """A trajectory_msgs/JointTrajectory; the points have joints in the order of the names."""
+
+    header: Header
+    names: list[str]
+    points: list[Point]
+
+
+def trajectory_from_bytes(data: bytes) -> Trajectory:
+    """Return a serialised JointTrajectory.
+
+    Raises RefusedError: "malformed message", and "bad point" for one that makes no sense.
+    """
+    reader = Reader(data, JointTrajectory)
+    header, names = reader.header(), reader.texts()
+    points = [_point(reader) for _ in range(reader.count(SMALLEST_POINT))]
+    reader.end()
+    for number, point in enumerate(points):
+        _check(point, len(names), f"point {number}")
+        if number and point.time <= points[number - 1].time:
+            raise RefusedError(BAD_POINT, f"point {number}: its time does not rise")
+    return Trajectory(header, names, points)
+
+
+def _point(reader: Reader) -> Point:
+    fields = [reader.doubles(reader.count(8), 1)[:, 0] for _ in range(4)]
+    seconds, rest = reader.numbers(DURATION)
+    positions, velocities, accelerations, _ = (each if len(each) else None for each in fields)
+    time = (seconds * NANOSECONDS + rest) / NANOSECONDS
+    return Point(time, fields[0] if positions is None else positions, velocities, accelerations)
+
+
+def _check(point: Point, count: int, which: str) -> None:
+    """Raise RefusedError for a point without a good value of each joint."""
+    values: list[tuple[str, Floats | None]] = [
+        ("positions", point.positions),
+        ("velocities", point.velocities),
+        ("accelerations", point.accelerations),
+    ]
+    if point.time < 0.0:
+        raise RefusedError(BAD_POINT, f"{which}: its time is negative")
+    if point.accelerations is not None and point.velocities is None:
+        raise RefusedError(BAD_POINT, f"{which}: accelerations without velocities")
+    for what, given in values:
+        if given is None:
+            continue
+        if len(given) != count:
+            raise RefusedError(BAD_POINT, f"{which}: {len(given)} {what} of {count} joints")
+        if not (np.abs(given) <= LARGEST_COORDINATE).all():
+            raise RefusedError(BAD_POINT, f"{which}: {what} are not finite")
+
+
+def columns_of(names: list[str], joints: tuple[str, ...]) -> list[int]:
+    """Return the column of each name; RefusedError for one that is none, or is there twice."""
+    if len(set(names)) < len(names):
+        raise RefusedError("repeated joint")
+    for name in names:
+        if name not in joints:
+            raise RefusedError("unknown joint", repr(shortened(name)))
+    return [joints.index(name) for name in names]

@@ -1,0 +1,226 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Which states of a robot are valid: ``states_to_check`` in, ``state_validity`` out.
+
+States are checked as they come, in the scene as the last cycle has left it. Whatever is not known
+makes them invalid.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+
+import numpy as np
+from rclpy.publisher import Publisher
+
+from obb_collision.accuracy import Accuracy
+from obb_collision.geometry.poses import compose_poses
+from obb_collision.node.diagnostics.monitors import InputMonitor
+from obb_collision.node.messages.cdr import CloudMessage, cloud_from_bytes
+from obb_collision.node.messages.clouds import (
+    cloud_from_ros,
+    cloud_to_bytes,
+    field_bytes,
+)
+from obb_collision.node.messages.conversions import LARGEST_COORDINATE, stamp_from_ros
+from obb_collision.node.messages.errors import RefusedError
+from obb_collision.node.messages.names import namespace_number, shortened
+from obb_collision.node.objects.frames import FrameSource
+from obb_collision.node.objects.objects import Objects
+from obb_collision.node.parameters.parameters import Parameters
+from obb_collision.node.robots.robot_input import RobotInput
+from obb_collision.robots.reports import StateReport
+from obb_collision.robots.robot import Robot
+from obb_collision.robots.robot_scene import RobotScene
+from obb_collision.typing import Floats, Rows
+
+VALID, COLLIDES, OUT_OF_LIMITS, BAD_STATE, NOT_KNOWN = range(5)
+"""Reasons in ``state_validity``."""
+ROWS = np.dtype(
+    [
+        ("distance", "<f8"),
+        ("index", "<u4"),
+        *((name, "<i4") for name in ("ns_a", "id_a", "ns_b", "id_b")),
+        *((name, "u1") for name in ("valid", "reason")),
+    ],
+    align=True,
+)
+FIELDS = field_bytes(ROWS)
+SCENE_NOT_KNOWN = "scene not known"
+
+
+class CheckedRobot:
+    """A robot in the node's scene, without the objects that are its own links.
+
+    frames: where its base is; unknown: why nothing can be said of the scene, "" if that is known.
+    """
+
+    def __init__(
+        self,
+        robot: RobotInput,
+        objects: Objects,
+        frames: FrameSource,
+        unknown: Callable[[], str],
+    ) -> None:
+        self._robot, self._objects, self._frames, self._unknown = robot, objects, frames, unknown
+        self._made: dict[float, tuple[Robot, bytes, RobotScene]] = {}
+
+    @property
+    def robot(self) -> Robot:
+        """The robot; RefusedError without a description."""
+        if self._robot.links is None:
+            raise RefusedError(SCENE_NOT_KNOWN, f"robot {self._robot.name}: {self._robot.fault}")
+        return self._robot.links.robot
+
+    def scene(self, padding: float = 0.0) -> RobotScene:
+        """Return what checks states as things are; RefusedError where that is not known.
+
+        padding: metres by which links are grown.
+        """
+        unknown = self._unknown()
+        if unknown:
+            raise RefusedError(SCENE_NOT_KNOWN, unknown)
+        robot, base = self.robot, self._base()
+        key = base.tobytes()
+        made = self._made.get(padding)
+        if made is None or made[:2] != (robot, key):
+            scene, named = self._objects.scene, {self._robot.name: robot}
+            checker = RobotScene(named, scene, Accuracy.HULL, bases=[base], padding=padding)
+            assert self._robot.links is not None
+            checker.link_objects = self._robot.links.names
+            made = self._made[padding] = robot, key, checker
+        return made[2]
+
+    def world(self) -> tuple[object, ...]:
+        """Return what the other objects and the base are, to see whether they have changed."""
+        assert self._robot.links is not None
+        scene, table = self._objects.scene, self._objects.table
+        others = table.live.copy()
+        others[self._robot.links.slots] = False
+        slots = np.flatnonzero(others)
+        boxes = scene._store.boxes(slots)
+        parts = boxes.centers, boxes.rotations, boxes.half_extents
+        return slots, scene._store.active[slots], scene._allowed.version, self._base(), *parts
+
+    def _base(self) -> Floats:
+        """Return where the root link is (7,), in the fixed frame."""
+        found = self._robot.where
+        if found is None:
+            raise RefusedError(SCENE_NOT_KNOWN, f"robot {self._robot.name}: no base")
+        pose, frame = found
+        if self._objects.placement.frame_table.is_fixed(frame):
+            return pose
+        return compose_poses(self._frames.lookup(frame, 0), pose)
+
+
+class Validity:
+    """Answers the states to check of one robot."""
+
+    def __init__(
+        self,
+        checked: CheckedRobot,
+        objects: Objects,
+        publisher: Publisher,
+        monitor: InputMonitor,
+        clock: Callable[[], int],
+        parameters: Parameters,
+    ) -> None:
+        self._checked, self._table = checked, objects.table
+        self._publisher, self._monitor = publisher, monitor
+        self._clock, self._parameters = clock, parameters
+
+    def take(self, data: bytes) -> None:
+        """Answer a message; one that cannot be read has no answer, and is counted."""
+        now, monitor = self._clock(), self._monitor
+        monitor.received(now)
+        try:
+            message = cloud_from_bytes(data)
+            stamp = stamp_from_ros(message.header.stamp)
+            count = _count(message, self._parameters.max_cloud_points)
+        except RefusedError as error:
+            monitor.refuse(now, error.reason, "whole message", error.detail)
+            return
+        rows = np.zeros(count, ROWS)
+        rows["index"], rows["reason"], rows["distance"] = np.arange(count), NOT_KNOWN, np.nan
+        try:
+            self._fill(rows, message)
+        except RefusedError as error:
+            monitor.refuse(now, error.reason, "whole message", error.detail)
+        except Exception:
+            self._publish(rows, stamp)  # nothing is known: what failed is counted
+            raise
+        self._publish(rows, stamp)
+
+    def _publish(self, rows: np.ndarray, stamp: int) -> None:
+        frame = self._parameters.fixed_frame
+        self._publisher.publish(cloud_to_bytes(rows, stamp, frame, FIELDS))
+
+    def _fill(self, rows: np.ndarray, message: CloudMessage) -> None:
+        """Write what is known of the states; RefusedError where nothing is."""
+        scene = self._checked.scene()
+        states = _states(message, self._checked.robot.joint_names, len(rows))
+        bad = ~(np.abs(states) <= LARGEST_COORDINATE).all(axis=1)
+        good = np.flatnonzero(~bad)
+        try:
+            report = scene.check(states[good])
+        except ValueError as error:
+            raise RefusedError("bad state", str(error)) from error
+        reasons = np.where(report.out_of_limits.any(axis=1), OUT_OF_LIMITS, VALID)
+        reasons[report.colliding] = COLLIDES
+        ids = self._keys(report, len(scene.link_names))
+        distance = self._parameters.state_validity_distance
+        rows["reason"][bad] = BAD_STATE
+        for column, name in enumerate(("ns_a", "id_a", "ns_b", "id_b")):
+            rows[name][good] = ids[:, column]
+        if distance > 0.0:
+            rows["distance"][good] = scene.distances(states[good], max_distance=distance).distances
+        rows["reason"][good] = reasons
+        rows["valid"] = rows["reason"] == VALID
+
+    def _keys(self, report: StateReport, links: int) -> Rows:
+        """Return the keys (n, 4) of the first pairs: namespace number and id, 0 where is none."""
+        keys = np.zeros((len(report.names) + 1, 2), np.int64)
+        for row in np.unique(report.first_pairs).tolist():
+            if 0 <= row < links:
+                keys[row] = namespace_number(report.names[row]), 0
+            elif row >= links:
+                slot = self._table.named(report.names[row])
+                keys[row] = self._table.ns[slot], self._table.id[slot]
+        found: Rows = keys[report.first_pairs].reshape(-1, 4)
+        return found
+
+
+def _count(message: CloudMessage, most: int) -> int:
+    """Return the number of states; RefusedError for one that the data contradict."""
+    return len(cloud_from_ros(message, (), most))
+
+
+def _states(message: CloudMessage, names: Iterable[str], count: int) -> Floats:
+    """Return states (n, joints); RefusedError unless there is a double for each joint only."""
+    names = list(names)
+    given = [field.name for field in message.fields]
+    for what, found in (
+        ("unknown joint", [name for name in given if name not in names]),
+        ("missing joint", [name for name in names if name not in given]),
+    ):
+        if found:
+            raise RefusedError(what, repr(shortened(found[0])))
+    rows = cloud_from_ros(message, names)
+    states = np.empty((count, len(names)))
+    for column, name in enumerate(names):
+        if rows.dtype[name].kind != "f" or rows.dtype[name].itemsize != 8:
+            raise RefusedError("field layout", f"field {name!r} is no float64")
+        states[:, column] = rows[name]
+    return states

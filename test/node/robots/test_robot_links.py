@@ -1,0 +1,339 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Robots in the node: links are objects, and what is not known is never free."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+pytest.importorskip("lxml")
+from diagnostic_msgs.msg import DiagnosticStatus
+from fake_frames import FakeFrames
+from lifecycle_msgs.msg import Transition
+from rig import LATCHED, Rig, cube, pose
+from robot_rig import HERE, SRDF, URDF, RobotRig, box, joint
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
+from visualization_msgs.msg import Marker
+
+from obb_collision.accuracy import Accuracy
+from obb_collision.node import named_clearances, named_predictions
+from obb_collision.node.diagnostics.answer import COLLIDING, FREE, UNKNOWN
+
+STATUS = "collision_status"
+CRATE = ("crate", 1)
+HAND = ("arm/hand", 1)
+
+
+def pairs(rig: Rig) -> set[tuple[str, ...]]:
+    """Return the names of the pairs in the answer to the last state, each sorted."""
+    return {tuple(sorted(pair)) for pair in rig.pairs()}
+
+
+def said(rig: Rig, level: bytes, text: str = "") -> None:
+    """Wait until the status has a level, and a text in its message."""
+    if STATUS not in rig.subscriptions:
+        rig.listen(STATUS)
+
+    def reached() -> bool:
+        status: DiagnosticStatus | None = rig.last[STATUS].status[0] if STATUS in rig.last else None
+        return status is not None and status.level == level and text in status.message
+
+    rig.until(reached, f"{level!r} {text}")
+
+
+def test_links_are_objects_that_joints_move() -> None:
+    with RobotRig() as rig:
+        rig.start_robot()
+        said(rig, FREE)
+        np.testing.assert_allclose(rig.pose_of(HAND), pose(1.0, 0.0, 0.5), atol=1e-12)
+        rig.send(cube(CRATE, (0.0, 1.0, 0.7), (0.1, 0.1, 0.1)))
+        assert pairs(rig) == set()
+        rig.send_joints(lift=0.2, turn=np.pi / 2)
+        assert pairs(rig) == {("arm/hand/1", "crate/1")}
+        said(rig, COLLIDING)
+        rig.send_joints(turn=0.0)  # the other joint stays where it was
+        assert pairs(rig) == set()
+        np.testing.assert_allclose(rig.pose_of(HAND), pose(1.0, 0.0, 0.7), atol=1e-12)
+
+
+def test_adjacent_links_and_those_of_the_srdf_are_not_checked() -> None:
+    bulky = URDF.replace("</link>", f"{box(0.9)}</link>", 1)
+    with RobotRig() as rig:
+        rig.start_robot(bulky, lift=-0.5)
+        rig.send_joints(lift=-0.5)
+        assert pairs(rig) == {("arm/base/1", "arm/hand/0")}
+        rig.semantics.publish(String(data=SRDF))
+        rig.until(lambda: rig.robot.links.robot.disabled_pairs, "the SRDF")
+        rig.send_joints(lift=-0.5, turn=0.0)
+        assert pairs(rig) == set()
+
+
+def test_a_base_is_fixed_by_a_frame_or_by_a_topic() -> None:
+    with RobotRig({"robot_bases": ["arm: 1 2 3 0 0 0 1"]}) as rig:
+        rig.start_robot()
+        np.testing.assert_allclose(rig.pose_of(HAND), pose(2.0, 2.0, 3.5), atol=1e-12)
+    with RobotRig({"robot_bases": ["arm: object_transform"]}) as rig:
+        rig.describe()
+        said(rig, UNKNOWN, "robot arm: no base by object_transform")
+        rig.send_transform("arm", pose(5.0))
+        rig.send_joints(lift=0.0, turn=0.0)
+        rig.answer()
+        said(rig, FREE)
+        np.testing.assert_allclose(rig.pose_of(HAND), pose(6.0, 0.0, 0.5), atol=1e-12)
+        rig.send_transform("arm", pose(7.0))
+        rig.answer()
+        np.testing.assert_allclose(rig.pose_of(HAND), pose(8.0, 0.0, 0.5), atol=1e-12)
+
+
+@pytest.mark.parametrize("base", [[""], ["arm: base"]])
+def test_a_base_by_tf_is_not_known_without_its_transform(base: list[str]) -> None:
+    frames = FakeFrames()
+    with RobotRig({"robot_bases": base}, frames=frames, transform_timeout=0.0) as rig:
+        rig.describe()
+        rig.until(lambda: rig.robot.links is not None, "the robot")
+        rig.send_joints(lift=0.0, turn=0.0)
+        said(rig, UNKNOWN, "without a box (not checked): arm/base/0")
+        frames.known["base"] = pose(3.0)
+        rig.send_joints(lift=0.0, turn=0.0)
+        rig.answer()
+        said(rig, FREE)
+        np.testing.assert_allclose(rig.pose_of(HAND), pose(4.0, 0.0, 0.5), atol=1e-12)
+
+
+def test_joints_that_are_missing_or_refused_are_not_free_and_grey() -> None:
+    with RobotRig() as rig:
+        said(rig, UNKNOWN, "robot arm: no robot_description")
+        rig.describe()
+        said(rig, UNKNOWN, "robot arm: joints without a state: lift, turn")
+        rig.send_joints(lift=0.0)
+        said(rig, UNKNOWN, "robot arm: joints without a state: turn")
+        rig.send_joints(turn=0.0)
+        said(rig, FREE)
+        rig.send(cube(CRATE, (9.0, 0.0, 0.0)))
+        rig.answer()
+        rig.send_joints(lift=float("nan"), turn=0.0)
+        said(rig, UNKNOWN, "robot arm: joints whose state was refused: lift")
+        assert rig.refused("arm/joint_states") == {"bad position": 1}
+        table = rig.node.objects.table
+        doubtful = {key for key, slot in table.slots.items() if table.doubtful[slot]}
+        assert doubtful == set(rig.robot.links.keys)
+        rig.send_joints(lift=0.0)
+        said(rig, FREE)
+        assert not table.doubtful.any()
+        rig.send_joints(lift=0.0, turn=0.0, tail=1.0)
+        rig.answer()
+        assert dict(rig.monitor("arm/joint_states").doubted) == {"unknown joint": 1}
+        said(rig, FREE)
+
+
+def test_stale_joints_are_not_free() -> None:
+    with RobotRig() as rig:
+        rig.start_robot()
+        said(rig, FREE)
+        rig.set(joint_timeout=0.001)
+        said(rig, UNKNOWN, "robot arm: joints with a stale state: lift, turn")
+        rig.listen("/diagnostics")
+        assert rig.status(": robot arm")["message"].startswith("joints with a stale state")
+        rig.set(joint_timeout=0.0)
+        rig.send_joints(lift=0.0, turn=0.0)
+        said(rig, FREE)
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        (URDF.replace('upper="3"', 'upper="-5"', 1), "exceeds its upper"),
+        (URDF.replace("<robot", "<!DOCTYPE robot [<!ENTITY a 'a'>]><robot", 1), "document type"),
+        ("/etc/hostname", "no XML"),
+        ("<robot", "urdf:1"),
+        (URDF.replace('<box size="0.1 0.1 0.1"/>', '<mesh filename="/etc/passwd"/>'), "mesh"),
+    ],
+)
+def test_a_bad_description_is_refused_and_nothing_else_disturbed(text: str, reason: str) -> None:
+    with RobotRig() as rig:
+        rig.start_robot()
+        rig.send(cube(CRATE, (1.0, 0.0, 0.5), (0.1, 0.1, 0.1)))
+        assert pairs(rig) == {("arm/hand/1", "crate/1")}
+        rig.describe(text)
+        said(rig, COLLIDING, "robot arm: robot_description refused")
+        assert reason in rig.last[STATUS].status[0].message
+        rig.send(cube(CRATE, (9.0, 0.0, 0.5), (0.1, 0.1, 0.1)))
+        assert pairs(rig) == set()
+        said(rig, UNKNOWN, reason)
+        assert rig.refused("arm/robot_description") == {"bad description": 1}
+        rig.start_robot()
+        said(rig, FREE)
+
+
+def test_velocities_of_joints_predict_collisions_of_links() -> None:
+    with RobotRig() as rig:
+        rig.start_robot()
+        rig.listen("predicted_collisions", "clearances")
+        rig.send(cube(CRATE, (1.0, 0.0, 1.05), (0.1, 0.1, 0.1)))
+        rig.send_joints({"lift": 0.5}, lift=0.0, turn=0.0)
+        rig.answer()
+
+        def coming() -> list[object]:
+            message = rig.next("predicted_collisions")
+            return list(named_predictions(message, rig.last["namespaces"]))
+
+        (found,) = rig.until(coming, "a prediction")
+        assert {found.a, found.b} == {"arm/hand/1", "crate/1"}
+        assert found.time == pytest.approx(0.8, abs=1e-3)
+        rig.send_joints(lift=0.37, turn=0.0)
+        rig.answer()
+        near = rig.until(
+            lambda: named_clearances(rig.next("clearances"), rig.last["namespaces"]), "clearance"
+        )
+        assert {near[0].a, near[0].b} == {"arm/hand/1", "crate/1"}
+        assert near[0].distance == pytest.approx(0.03, abs=1e-6)
+
+
+def test_twists_are_those_of_the_kinematics() -> None:
+    with RobotRig({"effects.sweep": "on"}) as rig:
+        rig.start_robot()
+        rig.send_joints({"lift": 0.3, "turn": 2.0}, lift=0.1, turn=np.pi / 2)
+        rig.answer()
+        slot = rig.node.objects.table.slots[HAND]
+        twist = rig.node.objects.table.twist[slot]
+        np.testing.assert_allclose(twist, [-2.0, 0.0, 0.3, 0.0, 0.0, 2.0], atol=1e-8)
+
+
+def test_links_are_no_ones_but_the_robots() -> None:
+    with RobotRig() as rig:
+        rig.start_robot()
+        before = rig.pose_of(HAND)
+        rig.send(cube(HAND, (50, 0, 0)), cube(CRATE, (9, 0, 0)))
+        rig.answer()
+        rig.send(Marker(action=Marker.DELETEALL))
+        rig.send_transform("arm/hand/1", pose(40.0))
+        rig.send(cube(CRATE, (9, 0, 0)))
+        rig.answer()
+        np.testing.assert_array_equal(rig.pose_of(HAND), before)
+        assert rig.refused("objects") == {"object of another input": 1}
+        assert rig.refused("object_transform") == {"object of another input": 1}
+        rig.call(Trigger, "obb_collision/clear", Trigger.Request())
+        said(rig, UNKNOWN, "robot arm: joints without a state")
+        rig.send_joints(lift=0.0, turn=0.0)
+        said(rig, FREE)
+        np.testing.assert_array_equal(rig.pose_of(HAND), before)
+
+
+def test_a_robot_without_joints_stands_where_its_base_is() -> None:
+    with RobotRig() as rig:
+        rig.describe(f'<robot name="rock"><link name="rock">{box(1.0)}</link></robot>')
+        rig.until(lambda: rig.robot.links is not None, "the robot")
+        rig.send(cube(CRATE, (0.9, 0, 0)))
+        assert pairs(rig) == {("arm/rock/0", "crate/1")}
+
+
+def test_a_new_description_takes_the_place_of_the_one_before() -> None:
+    with RobotRig() as rig:
+        rig.start_robot()
+        other = f'<robot name="b"><link name="a">{box(1)}</link><link name="c">{box(1)}</link>'
+        rig.describe(other + joint("slide", "prismatic", "a", "c", "3 0 0") + "</robot>")
+        rig.until(lambda: rig.robot.links.keys[0] == ("arm/a", 0), "the new one")
+        said(rig, UNKNOWN, "joints without a state: slide")
+        rig.send_joints(slide=0.0)
+        said(rig, FREE)
+        assert set(rig.node.objects.table.slots) == {("arm/a", 0), ("arm/c", 0)}
+
+
+def test_several_robots_are_obstacles_to_each_other() -> None:
+    bases = [HERE, "leg: 1.15 0 0 0 0 0 1"]
+    with RobotRig({"robots": ["arm", "leg"], "robot_bases": bases}) as rig:
+        rig.start_robot()
+        said(rig, UNKNOWN, "robot leg: no robot_description")
+        create = rig.client.create_publisher
+        rock = f'<robot name="leg"><link name="rock">{box(0.2)}</link></robot>'
+        create(String, "leg/robot_description", LATCHED).publish(String(data=rock))
+        said(rig, FREE)
+        rig.send_joints(lift=-0.5, turn=0.0)
+        assert pairs(rig) == {("arm/hand/1", "leg/rock/0")}
+
+
+def test_joint_states_that_contradict_themselves_are_refused() -> None:
+    with RobotRig() as rig:
+        rig.start_robot()
+        message = JointState(header=rig.header(), name=["lift", "turn"], position=[1.0])
+        rig.joint_states.publish(message)
+        said(rig, UNKNOWN, "joints whose state was refused: lift, turn")
+        message = JointState(name=["lift", "turn"], position=[0.0, 0.0], velocity=[1.0])
+        message.header = rig.header()
+        rig.joint_states.publish(message)
+        rig.answer()
+        said(rig, FREE)
+        assert rig.refused("arm/joint_states") == {"array lengths differ": 2}
+        rig.stamp -= 10**7  # all stamps until now are newer
+        rig.send_joints(lift=1.0, turn=0.0)
+        rig.until(lambda: "older stamp" in rig.refused("arm/joint_states"), "the refusal")
+        np.testing.assert_allclose(rig.pose_of(HAND), pose(1.0, 0.0, 0.5), atol=1e-12)
+
+
+def test_a_node_that_is_configured_again_has_its_robots_again() -> None:
+    with RobotRig() as rig:
+        rig.start_robot()
+        for transition in (
+            Transition.TRANSITION_DEACTIVATE,
+            Transition.TRANSITION_CLEANUP,
+            Transition.TRANSITION_CONFIGURE,
+            Transition.TRANSITION_ACTIVATE,
+        ):
+            assert rig.change(transition)
+        rig.wait_inputs()
+        rig.start_robot()
+        said(rig, FREE)
+        assert rig.node.objects.scene.accuracy == Accuracy.HULL
+
+
+@pytest.mark.parametrize(
+    ("given", "reason"),
+    [
+        ({"robots": ["arm", "arm"]}, "twice"),
+        ({"robots": ["an arm"]}, "letters"),
+        ({"robots": ["arm"], "robot_bases": ["leg: base"]}, "none of robots"),
+        ({"robots": ["arm"], "robot_bases": ["arm: 0 0 0 0 0 0 0"]}, "no pose"),
+        ({"robots": ["arm"], "robot_bases": [HERE, HERE]}, "twice"),
+    ],
+)
+def test_parameters_that_make_no_sense_end_the_start(given: object, reason: str) -> None:
+    with pytest.raises(ValueError, match=reason):
+        Rig(given=given)  # type: ignore[arg-type]
+
+
+def test_without_robots_a_node_has_none(rig: Rig) -> None:
+    assert rig.node.robots is None
+    topics = {name for name, _ in rig.client.get_topic_names_and_types()}
+    assert not [name for name in topics if "joint_states" in name]
+
+
+def test_a_quaternion_of_zeros_is_refused() -> None:
+    floating = joint("fly", "floating", "world", "base", "0 0 0")
+    urdf = URDF.replace("</robot>", f'<link name="world"/>{floating}</robot>')
+    parts = ("trans_x", "trans_y", "trans_z", "rot_x", "rot_y", "rot_z", "rot_w")
+    values = {"lift": 0.0, "turn": 0.0} | {f"fly/{part}": 0.0 for part in parts}
+    with RobotRig() as rig:
+        rig.describe(urdf)
+        said(rig, UNKNOWN, "joints without a state")
+        rig.send_joints(None, **values)
+        said(rig, UNKNOWN, "links not placed: bad pose")
+        rig.send_joints(None, **(values | {"fly/trans_x": 1.0, "fly/rot_w": 1.0}))
+        said(rig, FREE)
+        np.testing.assert_allclose(rig.pose_of(HAND), pose(2.0, 0.0, 0.5), atol=1e-12)
+        assert rig.node.guard.total == 0

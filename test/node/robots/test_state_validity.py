@@ -1,0 +1,211 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""States to check: each is answered, and valid only where everything is known."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+pytest.importorskip("lxml")
+from rig import cube, pose
+from robot_rig import URDF, RobotRig, box
+from sensor_msgs.msg import PointCloud2
+from std_srvs.srv import SetBool
+
+import obb_collision as oc
+from obb_collision.node import namespace_number
+from obb_collision.node.messages.clouds import cloud_from_ros, cloud_to_ros
+from obb_collision.node.messages.conversions import stamp_from_ros
+from obb_collision.node.robots.validity import (
+    BAD_STATE,
+    COLLIDES,
+    NOT_KNOWN,
+    OUT_OF_LIMITS,
+    ROWS,
+    VALID,
+)
+
+CRATE = ("crate", 1)
+
+
+class ValidityRig(RobotRig):
+    """A rig that asks which states are valid."""
+
+    def __init__(self, given: Any = None, **options: Any) -> None:
+        super().__init__(given, **options)
+        self.questions = self.client.create_publisher(PointCloud2, "arm/states_to_check", 10)
+        self.answers: list[PointCloud2] = []
+        self.client.create_subscription(PointCloud2, "arm/state_validity", self.answers.append, 10)
+        self.pubs["questions"] = self.questions
+        self.wait_inputs()
+        assert self.node.robots is not None
+        publisher = self.node.robots._publishers["arm/state_validity"]
+        self.until(publisher.get_subscription_count, "the subscription")
+
+    def ask(
+        self, states: Any, names: Sequence[str] = ("lift", "turn"), kind: str = "<f8"
+    ) -> np.ndarray:
+        """Return the rows of the answer to states (n, joints)."""
+        rows = np.zeros(len(states), [(name, kind) for name in names])
+        for column, name in enumerate(names):
+            rows[name] = np.asarray(states)[:, column]
+        self.answers.clear()
+        message = cloud_to_ros(rows, self.header())
+        self.questions.publish(message)
+        self.until(lambda: self.answers, "the answer")
+        assert stamp_from_ros(self.answers[0].header.stamp) == self.stamp
+        return cloud_from_ros(self.answers[0], ROWS.names or ())
+
+    def reasons(self, states: Any, **options: Any) -> list[int]:
+        """Return why states are not valid; valid and reason must fit."""
+        rows = self.ask(states, **options)
+        assert rows["index"].tolist() == list(range(len(states)))
+        np.testing.assert_array_equal(rows["valid"] == 1, rows["reason"] == VALID)
+        return list(rows["reason"].tolist())
+
+
+def test_each_state_is_valid_or_says_why_not() -> None:
+    with ValidityRig() as rig:
+        rig.start_robot()
+        rig.send(cube(CRATE, (0.0, 1.0, 0.7), (0.1, 0.1, 0.1)))
+        rig.answer()
+        nan = float("nan")
+        states = [[0.0, 0.0], [0.2, np.pi / 2], [5.0, 0.0], [nan, 0.0], [0.2, 0.0]]
+        rows = rig.ask(states)
+        assert rows["reason"].tolist() == [VALID, COLLIDES, OUT_OF_LIMITS, BAD_STATE, VALID]
+        keys = [rows[name][1] for name in ("ns_a", "id_a", "ns_b", "id_b")]
+        assert keys == [namespace_number("arm/hand"), 0, namespace_number("crate"), 1]
+        assert np.isnan(rows["distance"]).all()
+        assert len(rig.ask(np.empty((0, 2)))) == 0
+
+
+def test_answers_are_those_of_the_library() -> None:
+    rng = np.random.default_rng(0)
+    with ValidityRig({"state_validity_distance": 10.0}) as rig:
+        bulky = URDF.replace("</link>", f"{box(0.9)}</link>", 1)
+        rig.start_robot(bulky, lift=0.4)
+        scene, markers = oc.Scene(), []
+        places = rng.uniform(-1.2, 1.2, (30, 3))
+        for number, place in enumerate(places[np.hypot(*places[:, :2].T) > 0.85]):
+            markers.append(cube(("crate", number), place, (0.2, 0.2, 0.2)))
+            scene.add(f"crate/{number}", oc.shapes.Box((0.2, 0.2, 0.2)), pose(*place))
+        rig.send(*markers)
+        rig.answer()
+        robot = oc.Robot.from_urdf(bulky)
+        checker = oc.RobotScene([robot], scene)
+        states = rng.uniform((-1.0, -3.0), (1.5, 3.2), (500, 2))
+        rows, report = rig.ask(states), checker.check(states)
+        np.testing.assert_array_equal(rows["valid"] == 1, report.valid)
+        assert 50 < report.valid.sum() < 450
+        expected = checker.distances(states, max_distance=10.0).distances
+        np.testing.assert_allclose(rows["distance"], expected, atol=1e-9)
+
+
+def test_states_are_where_the_base_is() -> None:
+    with ValidityRig({"robot_bases": ["arm: object_transform"]}) as rig:
+        rig.describe()
+        rig.send_transform("arm", pose(5.0))
+        rig.until(lambda: rig.robot.joints is not None, "the robot")
+        rig.send_joints(lift=0.0, turn=0.0)
+        rig.send(cube(CRATE, (6.0, 0.0, 0.0), (0.1, 0.1, 0.1)))
+        rig.answer()
+        assert rig.reasons([[0.0, 0.0], [-0.5, 0.0]]) == [VALID, COLLIDES]
+        rig.send_transform("arm", pose(9.0))
+        rig.answer()
+        assert rig.reasons([[0.0, 0.0], [-0.5, 0.0]]) == [VALID, VALID]
+
+
+def test_rules_of_objects_count_for_states() -> None:
+    states = [[0.0, np.pi / 2]]
+    for rules, reason in (
+        ({}, COLLIDES),
+        ({"allowed_pairs": ["arm/hand/* crate/1"]}, VALID),
+        ({"allowed_pairs": ["arm/hand/0 crate/*"]}, COLLIDES),
+        ({"check_only_pairs": ["arm/hand/1 crate/1"]}, COLLIDES),
+        ({"allowed_within": ["*"]}, COLLIDES),
+    ):
+        with ValidityRig(rules) as rig:
+            rig.start_robot()
+            rig.send(cube(CRATE, (0.0, 1.0, 0.5), (0.1, 0.1, 0.1)))
+            rig.answer()
+            assert rig.reasons(states) == [reason], rules
+
+
+def test_without_knowing_everything_no_state_is_valid() -> None:
+    state = [[0.0, 0.0]]
+    with ValidityRig() as rig:
+        assert rig.reasons(state) == [NOT_KNOWN]
+        rig.describe()
+        rig.until(lambda: rig.robot.joints is not None, "the robot")
+        assert rig.reasons(state) == [NOT_KNOWN]
+        rig.send_joints(lift=0.0, turn=0.0)
+        rig.answer()
+        assert rig.reasons(state) == [VALID]
+        for names in (("lift",), ("lift", "turn", "tail"), ("lift", "bend")):
+            assert rig.reasons(np.zeros((1, len(names))), names=names) == [NOT_KNOWN]
+        assert rig.reasons(state, kind="<f4") == [NOT_KNOWN]
+        rig.send(cube(CRATE, (9, 0, 0), (0, 1, 1)))
+        rig.send_joints(lift=0.0, turn=0.0)
+        rig.answer()
+        assert rig.reasons(state) == [NOT_KNOWN]
+        rig.send(cube(CRATE, (9, 0, 0)))
+        rig.answer()
+        assert rig.reasons(state) == [VALID]
+        rig.call(SetBool, "obb_collision/enable", SetBool.Request(data=False))
+        assert rig.reasons(state) == [NOT_KNOWN]
+        rig.call(SetBool, "obb_collision/enable", SetBool.Request(data=True))
+        rig.cycles(2)
+        assert rig.reasons(state) == [VALID]
+        rig.send_joints(lift=float("nan"))
+        rig.until(lambda: rig.robot.fault, "the fault")
+        assert rig.reasons(state) == [NOT_KNOWN]
+
+
+def test_objects_beyond_a_region_or_refused_make_states_unknown() -> None:
+    state = [[0.0, 0.0]]
+    with ValidityRig() as rig:
+        rig.start_robot()
+        rig.send(cube(CRATE, (9, 0, 0)))
+        rig.answer()
+        rig.set(region=["x: -5.0 to 5.0"])
+        rig.cycles(2)
+        assert rig.reasons(state) == [NOT_KNOWN]
+        rig.set(region=[""])
+        rig.cycles(2)
+        assert rig.reasons(state) == [VALID]
+        rig.send_transform("crate/1", [float("nan"), *pose(0.0)[1:]])
+        rig.cycles(2)
+        assert rig.reasons(state) == [NOT_KNOWN]
+        rig.send(cube(CRATE, (9, 0, 0)))
+        rig.answer()
+        assert rig.reasons(state) == [VALID]
+
+
+def test_stale_objects_make_states_unknown_unless_they_grow() -> None:
+    state = [[0.0, 0.0]]
+    with ValidityRig({"object_timeout": 1000.0}) as rig:
+        rig.start_robot()
+        rig.send(cube(CRATE, (9, 0, 0)))
+        rig.answer()
+        assert rig.reasons(state) == [VALID]
+        table = rig.node.objects.table
+        table.world_received[table.slots[CRATE]] -= 2000 * 10**9
+        rig.cycles(2)
+        assert rig.reasons(state) == [NOT_KNOWN]

@@ -1,0 +1,249 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Trajectories: forwarded untouched if they are certainly free, and stopped when no longer."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+pytest.importorskip("lxml")
+pytest.importorskip("trajectory_msgs")
+from diagnostic_msgs.msg import DiagnosticStatus
+from lifecycle_msgs.msg import Transition
+from rig import cube
+from robot_rig import URDF, RobotRig
+from std_msgs.msg import Header
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+from obb_collision.node.messages.conversions import duration_to_ros
+
+CRATE = ("crate", 1)
+OK, ERROR = DiagnosticStatus.OK, DiagnosticStatus.ERROR
+BOTH = ("lift", "turn")
+FAR = (9.0, 9.0, 9.0)
+THERE = (0.0, 1.0, 0.5)
+"""Where the hand is at a turn of 90 degrees."""
+QUARTER = [(0.0, [0.0, 0.0]), (2.0, [0.0, np.pi / 2])]
+
+
+class TrajectoryRig(RobotRig):
+    """A rig that sends trajectories to a robot with a crate, far away unless said."""
+
+    def __init__(self, place: Sequence[float] = FAR, **given: Any) -> None:
+        super().__init__(given)
+        create, listen = self.client.create_publisher, self.client.create_subscription
+        self.wanted = create(JointTrajectory, "arm/trajectory_in", 10)
+        self.pubs["wanted"] = self.wanted
+        self.forwarded: list[Any] = []
+        self.said: list[Any] = []
+        listen(JointTrajectory, "arm/trajectory_out", self._take_trajectory, 10)
+        listen(DiagnosticStatus, "arm/trajectory_status", self._take_status, 10)
+        self.wait_inputs()
+        assert self.node.robots is not None
+        ends = self.node.robots._publishers
+        for name in ("arm/trajectory_out", "arm/trajectory_status"):
+            self.until(ends[name].get_subscription_count, name)
+        self.start_robot()
+        self.put(place)
+
+    def _take_trajectory(self, message: Any) -> None:
+        self.forwarded.append(message)
+
+    def _take_status(self, message: Any) -> None:
+        self.said.append(message)
+
+    def put(self, place: Sequence[float]) -> None:
+        """Put the crate somewhere."""
+        self.send(cube(CRATE, place, (0.1, 0.1, 0.1)))
+        self.answer()
+
+    def go(
+        self, points: Sequence[tuple[Any, ...]], names: Sequence[str] = BOTH, stamp: Any = None
+    ) -> tuple[Any, dict[str, str]]:
+        """Send points (time, positions, velocities, accelerations); return what is said of them.
+
+        What is forwarded is what was sent, and nothing else is.
+        """
+        message = JointTrajectory(joint_names=list(names))
+        if stamp is not None:
+            message.header = stamp
+        for time, *values in points:
+            point = JointTrajectoryPoint(time_from_start=duration_to_ros(time))
+            fields = ("positions", "velocities", "accelerations")
+            for field, given in zip(fields, values, strict=False):
+                setattr(point, field, [float(value) for value in given])
+            message.points.append(point)
+        self.said.clear()
+        self.forwarded.clear()
+        self.wanted.publish(message)
+        self.until(lambda: self.said, "what is said of it")
+        status = self.said[0]
+        if status.level == OK:
+            self.until(lambda: self.forwarded, "the trajectory")
+        expected = [message] if status.level == OK else []
+        assert self.forwarded == expected
+        return status, {pair.key: pair.value for pair in status.values}
+
+
+def test_a_free_trajectory_is_forwarded_untouched() -> None:
+    with TrajectoryRig() as rig:
+        status, values = rig.go(QUARTER)
+        assert (status.level, status.message) == (OK, "forwarded")
+        assert values["interpolation"] == "linear"
+
+
+def test_a_trajectory_that_collides_is_refused_with_index_time_and_pair() -> None:
+    with TrajectoryRig(THERE) as rig:
+        half = [(1.0, [0.0, np.pi / 4])]
+        status, values = rig.go([QUARTER[0], *half, *QUARTER[1:]])
+        assert status.level == ERROR
+        assert status.message.startswith("refused: not free: arm/hand and crate/1")
+        assert (values["first"], values["second"]) == ("arm/hand", "crate/1")
+        assert values["index"] == "2"
+        assert 1.5 < float(values["time (s)"]) < 2.0
+        assert rig.refused("arm/trajectory_in") == {"not free": 1}
+        assert rig.go([*QUARTER[:1], *half])[0].level == OK
+
+
+def test_what_lies_between_the_points_counts() -> None:
+    with TrajectoryRig(THERE) as rig:
+        beyond = [QUARTER[0], (2.0, [0.0, 2.5])]
+        assert rig.go(beyond)[0].level == ERROR
+        assert rig.go([QUARTER[0], (1.0, [1.0, 0.0]), (2.0, [1.0, 2.5])])[0].level == OK
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_splines_swing_where_lines_do_not(order: int) -> None:
+    rest, swing = [[0.0, 0.0]] * (order - 1), [0.0, 4.0]
+    still = [(0.0, [0.0, 0.0]), (2.0, [0.0, 0.0])]
+    swings = [(0.0, [0.0, 0.0], swing, *rest), (2.0, [0.0, 0.0], [0.0, -4.0], *rest)]
+    with TrajectoryRig(THERE) as rig:
+        assert rig.go(still)[0].level == OK
+        status, values = rig.go(swings)
+        assert status.message.startswith("refused: not free: arm/hand and crate/1")
+        assert 0.0 < float(values["time (s)"]) < 1.0
+        rig.put(FAR)
+        status, values = rig.go(swings)
+        assert (status.level, values["interpolation"]) == (OK, ("cubic", "quintic")[order - 1])
+        assert int(values["pieces"]) > 10
+
+
+def test_joints_that_are_not_named_stay_where_they_are() -> None:
+    turn = [(0.0, [0.0]), (2.0, [np.pi / 2])]
+    with TrajectoryRig((0.0, 1.0, 0.8)) as rig:
+        assert rig.go(turn, ["turn"])[0].level == OK
+        rig.send_joints(lift=0.3, turn=0.0)
+        rig.answer()
+        assert rig.go(turn, ["turn"])[0].level == ERROR
+
+
+NAN = float("nan")
+
+
+@pytest.mark.parametrize(
+    ("points", "names", "reason"),
+    [
+        ([(0.0, [0.1, 0.0]), *QUARTER[1:]], BOTH, "not at its start"),
+        ([QUARTER[0], (2.0, [0.0, 3.1])], BOTH, "joint arm/turn out of its limits"),
+        ([QUARTER[0], (2.0, [0.0])], BOTH, "bad point"),
+        ([QUARTER[0], (0.0, [0.0, 0.0])], BOTH, "its time does not rise"),
+        ([QUARTER[0], (2.0, [0.0, NAN])], BOTH, "not finite"),
+        (QUARTER, ("lift", "tail"), "unknown joint"),
+        (QUARTER, ("lift", "lift"), "repeated joint"),
+        ([(0.0, [0.0, 0.0], [0.0, 0.0]), (9.0, [0.0, 0.0], [0.0, 1e9])], BOTH, "too many pieces"),
+        ([(1.0, [0.0, 0.0], [0.0, 0.0], [0.0, 0.0])], BOTH, "is not at time 0"),
+    ],
+)
+def test_what_makes_no_sense_is_refused(points: Any, names: Any, reason: str) -> None:
+    with TrajectoryRig() as rig:
+        status, _ = rig.go(points, names)
+        assert status.level == ERROR
+        assert reason in status.message
+
+
+def test_a_stamp_far_from_now_is_refused() -> None:
+    with TrajectoryRig() as rig:
+        header = Header()
+        header.stamp.sec = 5
+        assert "bad stamp" in rig.go(QUARTER, stamp=header)[0].message
+
+
+def test_without_knowing_everything_none_is_forwarded() -> None:
+    with TrajectoryRig() as rig:
+        rig.send_joints(lift=NAN)
+        rig.until(lambda: rig.robot.fault, "the fault")
+        assert "scene not known" in rig.go(QUARTER)[0].message
+
+
+def test_a_trajectory_is_stopped_when_the_scene_changes_so_that_it_collides() -> None:
+    with TrajectoryRig() as rig:
+        rig.listen("collision_status")
+        assert rig.go([QUARTER[0], (1000.0, QUARTER[1][1])])[0].level == OK
+        rig.said.clear()
+        rig.forwarded.clear()
+        rig.put((5.0, 5.0, 5.0))
+        rig.cycles(2)
+        assert not rig.said
+        rig.put(THERE)
+        rig.until(lambda: rig.said, "the stop")
+        assert rig.said[0].message.startswith("stopped: not free: arm/hand and crate/1")
+        rig.until(lambda: rig.forwarded, "an empty trajectory")
+        assert rig.forwarded == [JointTrajectory(joint_names=list(BOTH))]
+        text = "robot arm: trajectory stopped: not free"
+        rig.until(lambda: text in rig.last["collision_status"].status[0].message, text)
+        rig.cycles(2)
+        assert len(rig.said) == 1  # once
+        rig.put(FAR)
+        assert rig.go(QUARTER)[0].level == OK
+        rig.until(lambda: text not in rig.last["collision_status"].status[0].message, "no more")
+
+
+def test_a_trajectory_is_stopped_when_it_is_not_known_any_more() -> None:
+    with TrajectoryRig() as rig:
+        assert rig.go([QUARTER[0], (1000.0, QUARTER[1][1])])[0].level == OK
+        rig.said.clear()
+        rig.send_joints(lift=NAN)
+        rig.until(lambda: rig.said, "the stop")
+        assert rig.said[0].message.startswith("stopped: scene not known")
+
+
+def test_a_trajectory_is_stopped_when_the_robot_or_the_node_goes() -> None:
+    long = [QUARTER[0], (1000.0, QUARTER[1][1])]
+    with TrajectoryRig() as rig:
+        assert rig.go(long)[0].level == OK
+        rig.said.clear()
+        rig.describe(URDF.replace('name="arm"', 'name="other"'))
+        rig.until(lambda: rig.said, "the stop")
+        assert rig.said[0].message.startswith("stopped: ")
+        rig.until(lambda: rig.robot.fault.startswith("joints without"), "the other robot")
+        rig.send_joints(lift=0.0, turn=0.0)
+        rig.answer()
+        assert rig.go(long)[0].level == OK
+        rig.said.clear()
+        assert rig.change(Transition.TRANSITION_DEACTIVATE)
+        rig.until(lambda: rig.said, "the stop")
+        assert "inactive" in rig.said[0].message
+
+
+def test_an_empty_trajectory_is_a_stop_and_always_forwarded() -> None:
+    with TrajectoryRig() as rig:
+        rig.send_joints(lift=NAN)
+        rig.until(lambda: rig.robot.fault, "the fault")
+        assert rig.go([])[0].message == "forwarded: a stop"
