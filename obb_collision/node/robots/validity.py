@@ -104,7 +104,10 @@ class CheckedRobot:
         return made[2]
 
     def world(self) -> tuple[object, ...]:
-        """Return what the other objects and the base are, to see whether they have changed."""
+        """Return what the other objects and the base are, to see whether they have changed.
+
+        The revision of the store is that of shapes: another one may have the same box.
+        """
         assert self._robot.links is not None
         scene, table = self._objects.scene, self._objects.table
         others = table.live.copy()
@@ -112,7 +115,8 @@ class CheckedRobot:
         slots = np.flatnonzero(others)
         boxes = scene._store.boxes(slots)
         parts = boxes.centers, boxes.rotations, boxes.half_extents
-        return slots, scene._store.active[slots], scene._allowed.version, self._base(), *parts
+        versions = scene._store.revision, scene._allowed.version
+        return *versions, slots, scene._store.active[slots], self._base(), *parts
 
     def _base(self) -> Floats:
         """Return where the root link is (7,), in the fixed frame."""

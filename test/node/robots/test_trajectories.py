@@ -31,6 +31,7 @@ from rig import cube
 from robot_rig import URDF, RobotRig
 from std_msgs.msg import Header
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+from visualization_msgs.msg import Marker
 
 from obb_collision.node.messages.conversions import duration_to_ros
 
@@ -213,6 +214,20 @@ def test_a_trajectory_is_stopped_when_the_scene_changes_so_that_it_collides() ->
         rig.put(FAR)
         assert rig.go(QUARTER)[0].level == OK
         rig.until(lambda: text not in rig.last["collision_status"].status[0].message, "no more")
+
+
+def test_a_trajectory_is_stopped_when_another_shape_in_the_same_box_is_in_its_way() -> None:
+    crate = cube(CRATE, (0.0, 1.35, 0.85), (0.6, 0.6, 0.6))
+    with TrajectoryRig() as rig:
+        crate.type = Marker.SPHERE
+        rig.send(crate)
+        rig.answer()
+        assert rig.go([QUARTER[0], (1000.0, QUARTER[1][1])])[0].level == OK
+        rig.said.clear()
+        crate.type = Marker.CUBE
+        rig.send(crate)
+        rig.until(lambda: rig.said, "the stop")
+        assert rig.said[0].message.startswith("stopped: not free: arm/hand and crate/1")
 
 
 def test_a_trajectory_is_stopped_when_it_is_not_known_any_more() -> None:
