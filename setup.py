@@ -87,7 +87,7 @@ setup(
             "obb_collision_merge = obb_collision.commands:merge",
             "obb_collision_regions = obb_collision.commands:regions",
             "obb_collision_faults = obb_collision.commands:faults",
-            "obb_collision_srdf = obb_collision.robots.srdf_command:main",
+            "obb_collision_srdf = obb_collision.robots.proofs.srdf_command:main",
             "obb_collision_speed = obb_collision.benchmarks.speed:main",
             "obb_collision_warm_up = obb_collision.warm_up.command:main",
             "obb_collision_view = obb_collision.commands:view",

@@ -43,9 +43,9 @@ from obb_collision.queries.sweep.moving import MovingBoxes
 from obb_collision.queries.sweep.sweep import sweeps
 from obb_collision.queries.verdict.separations import separations
 from obb_collision.queries.verdict.verdict import Verdict, verdicts
-from obb_collision.robots.proved_pairs import prove_pairs
-from obb_collision.robots.robot import Robot
-from obb_collision.robots.robot_scene import RobotScene
+from obb_collision.robots.checks.robot_scene import RobotScene
+from obb_collision.robots.description.robot import Robot
+from obb_collision.robots.proofs.proved_pairs import prove_pairs
 from obb_collision.scene.broad_phase.any_collision import any_collision
 from obb_collision.scene.broad_phase.find_pairs import find_pairs
 from obb_collision.scene.region_merger import RegionMerger

@@ -22,7 +22,7 @@ from random import Random
 
 from obb_collision.checks.fuzz.meshes import OBJ
 from obb_collision.checks.fuzz.mutations import damaged
-from obb_collision.robots.robot import Robot
+from obb_collision.robots.description.robot import Robot
 
 MESH = "part.obj"
 """The mesh of the robot, in the folder of its URDF."""

@@ -20,7 +20,7 @@ from collections.abc import Callable
 from threading import Lock, Thread
 
 from obb_collision.node.runtime.guard import INTERNAL_ERROR
-from obb_collision.robots.robot import Robot
+from obb_collision.robots.description.robot import Robot
 
 Read = Callable[[str, "str | None"], Robot]
 """Makes a robot of a URDF and an SRDF; ValueError with the reason where that is not possible."""

@@ -35,7 +35,7 @@ from obb_collision.node.parameters.robots import BY_TOPIC, Base
 from obb_collision.node.robots.description import DescriptionReader, Read
 from obb_collision.node.robots.joints import Joints, joints_from_bytes, text_from_bytes
 from obb_collision.node.robots.links import LinkObjects
-from obb_collision.robots.robot import Robot
+from obb_collision.robots.description.robot import Robot
 from obb_collision.typing import Floats
 
 DESCRIPTION, SEMANTIC = "robot_description", "robot_description_semantic"

@@ -39,7 +39,7 @@ from obb_collision.node.robots.robot_input import DESCRIPTION, JOINT_STATES, SEM
 from obb_collision.node.robots.speed import SpeedScale
 from obb_collision.node.robots.trajectories import Trajectories
 from obb_collision.node.robots.validity import CheckedRobot, Validity
-from obb_collision.robots.robot import Robot
+from obb_collision.robots.description.robot import Robot
 from obb_collision.scene.store.allowed import Rule
 from obb_collision.scene_files.mesh_files import MeshReading
 

@@ -43,8 +43,8 @@ from obb_collision.node.robots.trajectory_messages import (
 )
 from obb_collision.node.robots.validity import CheckedRobot
 from obb_collision.node.runtime.guard import INTERNAL_ERROR
-from obb_collision.robots.robot_scene import RobotScene
-from obb_collision.robots.splines import (
+from obb_collision.robots.checks.robot_scene import RobotScene
+from obb_collision.robots.kinematics.splines import (
     Pieces,
     Point,
     interpolation,

@@ -26,7 +26,7 @@ from obb_collision.node.messages.cdr import Header, Reader
 from obb_collision.node.messages.conversions import LARGEST_COORDINATE, NANOSECONDS
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.messages.names import shortened
-from obb_collision.robots.splines import Point
+from obb_collision.robots.kinematics.splines import Point
 from obb_collision.typing import Floats
 
 DURATION = Struct("<iI")

@@ -41,9 +41,9 @@ from obb_collision.node.objects.frames import FrameSource
 from obb_collision.node.objects.objects import Objects
 from obb_collision.node.parameters.parameters import Parameters
 from obb_collision.node.robots.robot_input import RobotInput
-from obb_collision.robots.reports import StateReport
-from obb_collision.robots.robot import Robot
-from obb_collision.robots.robot_scene import RobotScene
+from obb_collision.robots.checks.reports import StateReport
+from obb_collision.robots.checks.robot_scene import RobotScene
+from obb_collision.robots.description.robot import Robot
 from obb_collision.typing import Floats, Rows
 
 VALID, COLLIDES, OUT_OF_LIMITS, BAD_STATE, NOT_KNOWN = range(5)

@@ -1,0 +1,128 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The objects of a scene as convex bodies that do not move, and a tree over their bounds."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from typing import NamedTuple
+
+import numpy as np
+
+from obb_collision.geometry.poses import as_poses
+from obb_collision.geometry.trees.convex_proxy import HULL_MARGIN
+from obb_collision.geometry.trees.obb_tree import BOX_CORNERS
+from obb_collision.numerics.lanes import LANES
+from obb_collision.queries.verdict.coarse import meeting_bounds
+from obb_collision.robots.bodies.bodies import RADIUS_GROWTH, Body, joined, merged, placed_body
+from obb_collision.robots.bodies.state_arrays import Bodies
+from obb_collision.scene.broad_phase.bounds_tree import BoundsTree
+from obb_collision.scene.building.shape_cache import ShapeCache
+from obb_collision.scene.scene import Scene
+from obb_collision.scene.store.kinds import BOX, BOXED, ROUND
+from obb_collision.scene.store.store import ObjectStore
+from obb_collision.typing import Floats, Rows
+
+
+class WorldState:
+    """What a scene was at one time, to see whether it has changed since."""
+
+    def __init__(self, scene: Scene) -> None:
+        store = scene._store
+        self._key = scene._store, store.version, store.revision, scene._allowed.version
+        self._active = store.active.copy()
+        self._snapshot = store.snapshot()
+
+    def is_current(self, scene: Scene) -> bool:
+        """Return whether nothing has changed since that bodies depend on."""
+        store = scene._store
+        key = scene._store, store.version, store.revision, scene._allowed.version
+        same = key == self._key and self._snapshot.is_current
+        return same and np.array_equal(store.active, self._active)
+
+
+class World(NamedTuple):
+    """The objects of a scene: slots (w,), bodies (w,) in the same order, the tree over them."""
+
+    slots: Rows
+    bodies: Bodies
+    tree: BoundsTree
+
+
+def world_of(
+    store: ObjectStore, cache: ShapeCache, frame: int, origin: Floats, left_out: Collection[str]
+) -> World:
+    """Return what a scene holds, relative to an origin (3,); frame: the number of the world's.
+
+    left_out: names of objects that do not count.
+    """
+    active = np.flatnonzero(store.active)
+    if left_out:
+        kept = [store.names[slot] not in left_out for slot in active.tolist()]
+        active = active[np.array(kept, np.bool_)]
+    boxed = np.isin(store.kinds[active], (BOX, BOXED))
+    plain, others = active[boxed], active[~boxed]
+    slots = np.concatenate([plain, others])
+    bodies = merged(
+        _boxes(store, plain, frame, origin), joined(_others(store, cache, others, frame, origin))
+    )
+    boxes = store.boxes(slots)
+    minimum, maximum = meeting_bounds(boxes)
+    return World(slots, bodies, BoundsTree.build(minimum - origin, maximum - origin))
+
+
+def _boxes(store: ObjectStore, slots: Rows, frame: int, origin: Floats) -> Bodies:
+    """Return boxes as bodies, all at once."""
+    count = len(slots)
+    centers, rotations = store.centers[slots] - origin, store.rotations[slots]
+    half_extents = store.half_extents[slots]
+    grown = half_extents + HULL_MARGIN * half_extents.max(axis=1, keepdims=True, initial=0.0)
+    corners = centers[:, None] + np.einsum("nij,nkj->nki", rotations, BOX_CORNERS * grown[:, None])
+    radii = np.abs(corners).sum(axis=2).max(axis=1, initial=0.0)
+    return Bodies(
+        np.full(count, frame), centers, rotations, half_extents,
+        np.linalg.norm(grown, axis=1) * RADIUS_GROWTH, half_extents.min(axis=1, initial=np.inf),
+        np.ones(count, np.bool_), np.zeros(count), radii, radii,
+        np.ascontiguousarray(corners.transpose(0, 2, 1)), np.arange(count + 1),
+    )  # fmt: skip
+
+
+def _others(
+    store: ObjectStore, cache: ShapeCache, slots: Rows, frame: int, origin: Floats
+) -> list[Body]:
+    if len(slots) == 0:
+        return []
+    centers, rotations = as_poses(store.poses[slots], warn=False)
+    boxes = store.boxes(slots)
+    hulls = None
+    if (store.kinds[slots] != ROUND).any():
+        outside, cache.outside = cache.outside, None  # what is needed is built now
+        cache.build(store, slots[store.kinds[slots] != ROUND], True, None)
+        cache.outside = outside
+        hulls, rows = cache.hulls(slots)
+    result = []
+    for n, slot in enumerate(slots.tolist()):
+        radius = float(store.paddings[slot])
+        if store.kinds[slot] == ROUND:
+            ((own, half),) = cache.rounds(slots[n : n + 1])
+            corners, radius = np.array([(0.0, 0.0, -half), (0.0, 0.0, half)]), radius + own
+        else:
+            assert hulls is not None
+            blocks = hulls.blocks[hulls.starts[rows[n]] : hulls.starts[rows[n] + 1]]
+            corners = blocks.transpose(0, 2, 1).reshape(len(blocks) * LANES, 3)
+        corners = corners @ rotations[n].T + (centers[n] - origin)
+        box = boxes.centers[n] - origin, boxes.rotations[n], boxes.half_extents[n]
+        result.append(placed_body(corners, radius, frame, 0.0, box))
+    return result

@@ -1,0 +1,225 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""SRDF: what MoveIt knows of a robot beside its URDF: pairs not to check, groups, virtual joint."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from obb_collision.robots.description.urdf import Joint, JointKind, check_count
+from obb_collision.robots.description.xml_values import Element
+
+#: Maximum number of groups, and of what all of them hold: a hundred times that of large robots.
+MOST_GROUPS, MOST_MEMBERS = 1000, 10_000
+#: Doubts that are reported; a file with more has one cause.
+MOST_DOUBTS = 100
+#: Pairs of links, each sorted.
+Pairs = frozenset[tuple[str, str]]
+#: The kinds of virtual joints.
+VIRTUAL = {"fixed": JointKind.FIXED, "planar": JointKind.PLANAR, "floating": JointKind.FLOATING}
+
+
+class VirtualJoint(NamedTuple):
+    """How the robot stands in the world: the joint between a frame and its root link."""
+
+    name: str
+    kind: JointKind
+    parent_frame: str
+    child_link: str
+
+
+class Group(NamedTuple):
+    """Joints and links that are planned for together, in the order of the tree."""
+
+    joints: tuple[str, ...]
+    links: tuple[str, ...]
+
+
+class Semantics(NamedTuple):
+    """What an SRDF says; doubts: what it names that the robot has not, one line each."""
+
+    virtual_joint: VirtualJoint | None
+    disabled: Pairs
+    enabled: Pairs
+    default_disabled: tuple[str, ...]
+    groups: dict[str, Group]
+    group_states: dict[tuple[str, str], dict[str, tuple[float, ...]]]
+    doubts: tuple[str, ...]
+
+
+NOTHING = Semantics(None, frozenset(), frozenset(), (), {}, {}, ())
+
+
+def sorted_pair(a: str, b: str) -> tuple[str, str]:
+    """Return two names in their order."""
+    return (a, b) if a <= b else (b, a)
+
+
+def read_srdf(srdf: Element, name: str, links: tuple[str, ...], joints: list[Joint]) -> Semantics:
+    """Return what an SRDF says of the robot; RobotError naming file, line and element."""
+    if srdf.tag != "robot":
+        raise srdf.refuse("the root of an SRDF is <robot>")
+    reader = _Reader(srdf, links, joints)
+    if srdf.word("name") != name:
+        reader.doubt(srdf, f"it is of another robot than the URDF, {name!r}")
+    defaults = [reader.link(each, "link") for each in srdf.children("disable_default_collisions")]
+    disabled = reader.pairs("disable_collisions")
+    return Semantics(
+        reader.virtual_joint(), disabled, reader.pairs("enable_collisions"),
+        tuple(dict.fromkeys(link for link in defaults if link is not None)), reader.groups(),
+        reader.group_states(), tuple(reader.doubts),
+    )  # fmt: skip
+
+
+class _Reader:
+    """Reads an SRDF; names that the robot has not are doubts, as in MoveIt, and no errors."""
+
+    def __init__(self, srdf: Element, links: tuple[str, ...], joints: list[Joint]) -> None:
+        self._srdf, self._links, self._joints = srdf, links, joints
+        self._parents = {joint.child: joint for joint in joints}
+        self._by_name = {joint.name: joint for joint in joints}
+        self._is_link = frozenset(links)
+        self.doubts: list[str] = []
+
+    def doubt(self, element: Element, reason: str) -> None:
+        """Add what is odd but can be used."""
+        if len(self.doubts) < MOST_DOUBTS:
+            self.doubts.append(str(element.refuse(reason)))
+
+    def link(self, element: Element, key: str) -> str | None:
+        """Return the link that an attribute names, None if the robot has none of this name."""
+        name = element.word(key)
+        if name in self._is_link:
+            return name
+        self.doubt(element, f"its {key} {name!r} is no link of the robot")
+        return None
+
+    def pairs(self, tag: str) -> Pairs:
+        """Return the pairs of all elements of a tag."""
+        found = set()
+        for element in self._srdf.children(tag):
+            a, b = self.link(element, "link1"), self.link(element, "link2")
+            if a is not None and b is not None:
+                found.add(sorted_pair(a, b))
+        return frozenset(found)
+
+    def virtual_joint(self) -> VirtualJoint | None:
+        """Return the virtual joint of the root; others are doubts."""
+        chosen = None
+        for element in self._srdf.children("virtual_joint"):
+            word, child = element.word("type"), element.word("child_link")
+            if word not in VIRTUAL:
+                raise element.refuse(f"its type must be one of {', '.join(VIRTUAL)}, got {word!r}")
+            joint = VirtualJoint(
+                element.word("name"), VIRTUAL[word], element.word("parent_frame"), child
+            )
+            if joint.name in self._by_name:
+                raise element.refuse("a joint of the URDF has the same name")
+            if child != self._links[0]:
+                self.doubt(element, f"its child_link {child!r} is not the root of the robot")
+            elif chosen is not None:
+                self.doubt(element, "there is another virtual joint of the root")
+            else:
+                chosen = joint
+        return chosen
+
+    def groups(self) -> dict[str, Group]:
+        """Return all groups, with what their subgroups have."""
+        elements: dict[str, Element] = {}
+        found = self._srdf.children("group")
+        check_count(found, MOST_GROUPS, "groups")
+        parts = [part for element in found for part in element.children()]
+        check_count(parts, MOST_MEMBERS, "parts of groups")
+        for element in found:
+            name = element.word("name")
+            if name in elements:
+                raise element.refuse("there is another group of this name")
+            elements[name] = element
+        members = {name: self._members(element) for name, element in elements.items()}
+        return {name: self._group(name, elements, members) for name in elements}
+
+    def _group(
+        self, name: str, elements: dict[str, Element],
+        members: dict[str, tuple[set[str], set[str], list[str]]],
+    ) -> Group:  # fmt: skip
+        """Return a group with all that its subgroups have, and theirs."""
+        seen, waiting = {name}, [name]
+        joints: set[str] = set()
+        links: set[str] = set()
+        while waiting:
+            own_joints, own_links, below = members[waiting.pop()]
+            joints, links = joints | own_joints, links | own_links
+            for other in below:
+                if other == name:
+                    raise elements[name].refuse("it is a part of itself")
+                if other in members and other not in seen:
+                    seen.add(other)
+                    waiting.append(other)
+        return Group(
+            tuple(joint.name for joint in self._joints if joint.name in joints),
+            tuple(link for link in self._links if link in links),
+        )
+
+    def _members(self, group: Element) -> tuple[set[str], set[str], list[str]]:
+        """Return joints, links and the names of subgroups of a group's own elements.
+
+        A joint brings its child link, a link the joint above it.
+        """
+        joints: set[str] = set()
+        links: set[str] = set()
+        below: list[str] = []
+        for element in group.children():
+            if element.tag == "group":
+                below.append(element.word("name"))
+            elif element.tag == "chain":
+                chain = self._chain(element)
+                joints |= {joint.name for joint in chain}
+                links |= {joint.child for joint in chain}
+            elif element.tag == "joint":
+                joint = self._by_name.get(element.word("name"))
+                if joint is None:  # the virtual joint is none of the URDF's
+                    continue
+                joints.add(joint.name)
+                links.add(joint.child)
+            elif element.tag == "link" and (link := self.link(element, "name")) is not None:
+                links.add(link)
+                if link in self._parents:
+                    joints.add(self._parents[link].name)
+        return joints, links, below
+
+    def _chain(self, element: Element) -> list[Joint]:
+        """Return the joints from the base of a chain to its tip."""
+        base, tip = self.link(element, "base_link"), self.link(element, "tip_link")
+        chain: list[Joint] = []
+        while base is not None and tip is not None and tip != base:
+            if tip not in self._parents:
+                self.doubt(element, "its base_link is not above its tip_link")
+                return []
+            chain.append(self._parents[tip])
+            tip = chain[-1].parent
+        return chain
+
+    def group_states(self) -> dict[tuple[str, str], dict[str, tuple[float, ...]]]:
+        """Return the values of joints by the group and the name of the state."""
+        found: dict[tuple[str, str], dict[str, tuple[float, ...]]] = {}
+        for state in self._srdf.children("group_state"):
+            values = {}
+            for element in state.children("joint"):
+                if element.get("value") is None:
+                    raise element.refuse("its value is missing")
+                count = len((element.get("value") or "").split())
+                values[element.word("name")] = element.numbers("value", max(count, 1), ())
+            found[state.word("group"), state.word("name")] = values
+        return found

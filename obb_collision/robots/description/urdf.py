@@ -1,0 +1,241 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""URDF as it is written: links with their collision geometries, joints with their limits.
+
+What it says of appearance, masses and simulation is left alone. Origins become poses here; files
+of meshes are read elsewhere.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from enum import IntEnum
+from typing import NamedTuple
+
+from obb_collision.geometry.poses import Pose
+from obb_collision.robots.description.xml_values import Element
+
+#: Maximum number of links, ten times that of humanoids with hands: pairs of them are listed.
+MOST_LINKS = 1000
+#: Maximum number of collision geometries.
+MOST_GEOMETRIES = 10_000
+#: The kinds of geometry, and shape of capsules that URDF has from its version 1.2 on.
+GEOMETRIES = ("box", "sphere", "cylinder", "capsule", "mesh")
+#: The pose of what has no ``<origin>``.
+NO_ORIGIN: Pose = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+Triple = tuple[float, float, float]
+
+
+class JointKind(IntEnum):
+    """How a joint moves: the types of URDF."""
+
+    FIXED = 0
+    REVOLUTE = 1
+    CONTINUOUS = 2
+    PRISMATIC = 3
+    PLANAR = 4
+    FLOATING = 5
+
+
+class Mimic(NamedTuple):
+    """A joint's value is that of another one times a multiplier, plus an offset."""
+
+    joint: str
+    multiplier: float
+    offset: float
+
+
+class Collision(NamedTuple):
+    """A collision geometry as it is written, in the frame of its link."""
+
+    kind: str
+    element: Element
+    pose: Pose
+
+
+@dataclass(frozen=True)
+class Joint:
+    """A joint; axis: unit vector, None where none is written; limits infinite where none hold."""
+
+    name: str
+    kind: JointKind
+    parent: str
+    child: str
+    pose: Pose
+    axis: Triple | None
+    lower: float
+    upper: float
+    velocity: float
+    mimic: Mimic | None
+    element: Element
+
+    @property
+    def drives(self) -> bool:
+        """Whether it has variables of its own."""
+        return self.kind is not JointKind.FIXED and self.mimic is None
+
+
+@dataclass(frozen=True)
+class Description:
+    """A robot: collision geometries by link, and joints, both in the order of the file.
+
+    doubts: what is odd but can be used, one line each.
+    """
+
+    name: str
+    links: dict[str, tuple[Collision, ...]]
+    joints: dict[str, Joint]
+    element: Element
+    doubts: tuple[str, ...]
+
+
+def read_urdf(robot: Element) -> Description:
+    """Return what a URDF says; RobotError naming file, line and element."""
+    if robot.tag != "robot":
+        raise robot.refuse("the root of a URDF is <robot>")
+    links: dict[str, tuple[Collision, ...]] = {}
+    elements = robot.children("link")
+    check_count(elements, MOST_LINKS, "links")
+    check_count(
+        [one for element in elements for one in element.children("collision")],
+        MOST_GEOMETRIES, "collision geometries",
+    )  # fmt: skip
+    for element in elements:
+        name = element.word("name")
+        if name in links:
+            raise element.refuse("there is another link of this name")
+        links[name] = tuple(_read_collision(each) for each in element.children("collision"))
+    if not links:
+        raise robot.refuse("there are no links")
+    joints: dict[str, Joint] = {}
+    for element in robot.children("joint"):
+        joint = _read_joint(element)
+        if joint.name in joints:
+            raise element.refuse("there is another joint of this name")
+        for role, link in (("parent", joint.parent), ("child", joint.child)):
+            if link not in links:
+                raise element.refuse(f"its {role} {link!r} is no link of this robot")
+        joints[joint.name] = joint
+    doubts = []
+    for joint in joints.values():
+        if joint.mimic is not None and joint.mimic.joint not in joints:  # as MoveIt does
+            reason = f"it mimics {joint.mimic.joint!r}, which is no joint: it moves by itself"
+            doubts.append(str(joint.element.refuse(reason)))
+            joints[joint.name] = replace(joint, mimic=None)
+    return Description(robot.word("name"), links, joints, robot, tuple(doubts))
+
+
+def check_count(elements: list[Element], most: int, what: str) -> None:
+    """Raise RobotError, naming the first one too many, for more elements than there may be."""
+    if len(elements) > most:
+        raise elements[most].refuse(f"there are {len(elements)} {what}, {most} is the limit")
+
+
+def _read_collision(element: Element) -> Collision:
+    geometry = element.needed("geometry")
+    found = geometry.children(*GEOMETRIES)
+    if len(found) != 1:
+        what = "none" if not found else f"{len(found)}"
+        raise geometry.refuse(f"it must hold one of {', '.join(GEOMETRIES)}, got {what}")
+    return Collision(found[0].tag, found[0], _read_origin(element))
+
+
+def _read_joint(element: Element) -> Joint:
+    word = element.word("type")
+    kinds = {kind.name.lower(): kind for kind in JointKind}
+    if word not in kinds:
+        raise element.refuse(f"its type must be one of {', '.join(kinds)}, got {word!r}")
+    kind = kinds[word]
+    lower, upper, velocity = _read_limits(element, kind)
+    return Joint(
+        element.word("name"), kind, element.needed("parent").word("link"),
+        element.needed("child").word("link"), _read_origin(element), _read_axis(element, kind),
+        lower, upper, velocity, _read_mimic(element, kind), element,
+    )  # fmt: skip
+
+
+def _read_origin(element: Element) -> Pose:
+    origin = element.child("origin")
+    if origin is None:
+        return NO_ORIGIN
+    x, y, z = origin.numbers("xyz", 3, (0.0, 0.0, 0.0))
+    if origin.get("quat_xyzw") is None:
+        roll, pitch, yaw = origin.numbers("rpy", 3, (0.0, 0.0, 0.0))
+        return (x, y, z, *quaternion_of_angles(roll, pitch, yaw))
+    if origin.get("rpy") is not None:
+        raise origin.refuse("it has both rpy and quat_xyzw")
+    quaternion = origin.numbers("quat_xyzw", 4, ())
+    length = math.hypot(*quaternion)
+    if not length > 0.0:
+        raise origin.refuse("its quat_xyzw is zero")
+    qx, qy, qz, qw = (part / length for part in quaternion)
+    return x, y, z, qx, qy, qz, qw
+
+
+def quaternion_of_angles(
+    roll: float, pitch: float, yaw: float
+) -> tuple[float, float, float, float]:
+    """Return the rotation by roll about x, then pitch about y, then yaw about z, all fixed axes."""
+    (sr, cr), (sp, cp), (sy, cy) = (
+        (math.sin(angle / 2.0), math.cos(angle / 2.0)) for angle in (roll, pitch, yaw)
+    )
+    return (
+        sr * cp * cy - cr * sp * sy,
+        cr * sp * cy + sr * cp * sy,
+        cr * cp * sy - sr * sp * cy,
+        cr * cp * cy + sr * sp * sy,
+    )
+
+
+def _read_axis(element: Element, kind: JointKind) -> Triple | None:
+    """Return the unit vector; where there is none, zeros are often written."""
+    axis = None if kind in (JointKind.FIXED, JointKind.FLOATING) else element.child("axis")
+    if axis is None or axis.get("xyz") is None:
+        return None
+    numbers = axis.numbers("xyz", 3, ())
+    length = math.hypot(*numbers)
+    if not length > 0.0:
+        raise axis.refuse("its xyz is zero")
+    x, y, z = (part / length for part in numbers)
+    length = math.hypot(x, y, z)  # of tiny numbers the division is not exact
+    return x / length, y / length, z / length
+
+
+def _read_limits(element: Element, kind: JointKind) -> tuple[float, float, float]:
+    limit = element.child("limit")
+    bounded = kind in (JointKind.REVOLUTE, JointKind.PRISMATIC)
+    if limit is None:
+        if bounded:
+            raise element.refuse("<limit> is missing")
+        return -math.inf, math.inf, math.inf
+    velocity = limit.number("velocity", math.inf)
+    if velocity < 0.0:
+        raise limit.refuse(f"its velocity must not be negative, got {velocity}")
+    if not bounded:
+        return -math.inf, math.inf, velocity
+    lower, upper = limit.number("lower", 0.0), limit.number("upper", 0.0)
+    if lower > upper:
+        raise limit.refuse(f"its lower {lower} exceeds its upper {upper}")
+    return lower, upper, velocity
+
+
+def _read_mimic(element: Element, kind: JointKind) -> Mimic | None:
+    mimic = element.child("mimic")
+    if mimic is None or kind is JointKind.FIXED:
+        return None
+    if kind in (JointKind.PLANAR, JointKind.FLOATING):
+        raise mimic.refuse(f"a {kind.name.lower()} joint can't mimic another one")
+    return Mimic(mimic.word("joint"), mimic.number("multiplier", 1.0), mimic.number("offset", 0.0))

@@ -1,0 +1,110 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Splines of joints: what controllers make of points, and how far from chords that is."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from scipy.interpolate import BPoly
+from scipy.spatial.transform import Rotation
+
+import obb_collision as oc
+from obb_collision.robots.kinematics.splines import (
+    CUBIC,
+    LINEAR,
+    QUINTIC,
+    Point,
+    interpolation,
+    segment_between,
+    straight_pieces,
+)
+
+RNG = np.random.default_rng(7)
+
+
+def points(order: int, count: int = 2) -> list[Point]:
+    """Return points with so many derivatives, at rising times."""
+    times = np.cumsum(RNG.uniform(0.1, 2.0, count))
+    rest = 2 - order
+    return [
+        Point(float(time), *RNG.uniform(-2.0, 2.0, (order + 1, 3)), *[None] * rest)
+        for time in times
+    ]
+
+
+@pytest.mark.parametrize(("order", "name"), [(0, LINEAR), (1, CUBIC), (2, QUINTIC)])
+def test_polynomials_are_those_of_scipy_through_the_derivatives(order: int, name: str) -> None:
+    for _ in range(50):
+        first, last = points(order)
+        assert interpolation(first, last) == name
+        given = [list(point[1 : order + 2]) for point in (first, last)]
+        exact = BPoly.from_derivatives([0.0, last.time - first.time], given)
+        times = np.linspace(0.0, last.time - first.time, 21)
+        np.testing.assert_allclose(
+            segment_between(first, last).at(times), exact(times), rtol=1e-9, atol=1e-9
+        )
+
+
+@pytest.mark.parametrize("order", [0, 1, 2])
+def test_no_spline_is_farther_from_its_chords_than_is_said(order: int) -> None:
+    for _ in range(50):
+        some = points(order, 4)
+        segments = [segment_between(*pair) for pair in pairwise(some)]
+        counts = RNG.integers(1, 6, 3).tolist()
+        pieces = straight_pieces(some, counts)
+        assert pieces.segments.tolist() == np.repeat(range(3), counts).tolist()
+        np.testing.assert_array_equal(pieces.starts[1:], pieces.ends[:-1])
+        for n, number in enumerate(pieces.segments.tolist()):
+            parts = np.linspace(0.0, 1.0, 30)[:, None]
+            times = pieces.begins[n] + parts[:, 0] * (pieces.finishes[n] - pieces.begins[n])
+            chord = pieces.starts[n] + parts * (pieces.ends[n] - pieces.starts[n])
+            off = np.abs(segments[number].at(times - some[number].time) - chord).max(axis=0)
+            allowed = segments[number].deviations() / counts[number] ** 2
+            assert (off <= allowed + 1e-9).all()
+
+
+def test_no_point_moves_farther_than_is_said() -> None:
+    joint = '<joint name="{0}{1}" type="{2}"><parent link="{0}"/><child link="{1}"/>'
+    joint += '<origin xyz="0.1 0.2 0.3"/><axis xyz="0 1 1"/><limit lower="-3" upper="3"/></joint>'
+    shape = '<collision><geometry><sphere radius="0.3"/></geometry></collision>'
+    links = "".join(f'<link name="{name}">{shape}</link>' for name in "abcd")
+    kinds = (("a", "b", "revolute"), ("b", "c", "prismatic"), ("c", "d", "revolute"))
+    joints = "".join(joint.format(*kind) for kind in kinds)
+    robot = oc.Robot.from_urdf(f'<robot name="r">{links}{joints}</robot>')
+    checker = oc.RobotScene([robot])
+    points = 0.3 * np.vstack([np.eye(3), -np.eye(3)])
+    for _ in range(200):
+        states = RNG.uniform(-2.0, 2.0, (1, 3))
+        moved = states + RNG.uniform(-0.2, 0.2, (1, 3))
+        largest = np.maximum(np.abs(states), np.abs(moved))
+        (most,) = checker.displacements(largest, np.abs(moved - states))
+        found = []
+        for state in (states, moved):
+            poses = robot.link_poses(state)[0]
+            rotations = Rotation.from_quat(poses[:, 3:]).as_matrix()
+            found.append(poses[:, None, :3] + np.einsum("lij,pj->lpi", rotations, points))
+        assert np.linalg.norm(found[1] - found[0], axis=2).max() <= most
+
+
+def test_robots_that_move_freely_are_refused() -> None:
+    robot = oc.Robot.from_urdf(
+        '<robot name="r"><link name="a"/><link name="b"/><joint name="j" type="planar">'
+        '<parent link="a"/><child link="b"/><axis xyz="0 0 1"/></joint></robot>'
+    )
+    with pytest.raises(ValueError, match="planar or floating"):
+        oc.RobotScene([robot]).displacements(np.zeros((1, 3)), np.zeros((1, 3)))

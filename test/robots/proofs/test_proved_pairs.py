@@ -1,0 +1,235 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What is proved of pairs of links holds: in random states, and for states that show collisions."""
+
+from __future__ import annotations
+
+from itertools import combinations, pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from kinematics_oracle import OracleJoint, link_matrices, value_of
+from urdfs import joint, link, urdf
+
+import obb_collision as oc
+from obb_collision.robots.proofs.proved_pairs import PairProof, prove_pairs
+from obb_collision.robots.proofs.srdf_text import report, srdf_text
+
+CONFIG = Path(__file__).parents[3] / "config"
+RADIUS = 0.15
+BALL = f'<sphere radius="{RADIUS}"/>'
+NUMBER = st.floats(-0.6, 0.6, allow_subnormal=False)
+TRIPLE = st.tuples(NUMBER, NUMBER, NUMBER)
+AXIS = TRIPLE.filter(lambda v: float(np.linalg.norm(v)) > 0.1)
+SAMPLES = 2000
+
+
+@st.composite
+def chains_of_balls(draw: st.DrawFn) -> list[OracleJoint]:
+    """Draw joints of a tree of balls, named by number; the root is 0."""
+    found: list[OracleJoint] = []
+    for child in range(1, draw(st.integers(3, 6))):
+        kind = draw(st.sampled_from(("revolute", "continuous", "prismatic", "fixed")))
+        single = [one.name for one in found if one.kind in ("revolute", "prismatic")]
+        mimic = None
+        if single and kind in ("revolute", "prismatic") and draw(st.integers(0, 3)) == 0:
+            mimic = (draw(st.sampled_from(single)), draw(NUMBER), draw(NUMBER))
+        found.append(
+            OracleJoint(
+                f"j{child}", kind, str(draw(st.integers(max(0, child - 2), child - 1))), str(child),
+                draw(TRIPLE), draw(TRIPLE), draw(AXIS), mimic,
+            )
+        )  # fmt: skip
+    return found
+
+
+def robot_of(joints: list[OracleJoint]) -> oc.Robot:
+    def words(numbers: tuple[float, ...]) -> str:
+        return " ".join(map(repr, numbers))
+
+    lines = [link(str(k), BALL) for k in range(len(joints) + 1)]
+    for one in joints:
+        inner = (
+            f'<origin xyz="{words(one.xyz)}" rpy="{words(one.rpy)}"/>'
+            f'<axis xyz="{words(one.axis)}"/>'
+            '<limit lower="-0.7" upper="1.1" velocity="1" effort="1"/>'
+        )
+        if one.mimic is not None:
+            name, multiplier, offset = one.mimic
+            inner += f'<mimic joint="{name}" multiplier="{multiplier!r}" offset="{offset!r}"/>'
+        lines.append(joint(one.name, one.kind, one.parent, one.child, inner))
+    return oc.Robot.from_urdf(urdf(*lines))
+
+
+def distance(
+    robot: oc.Robot, joints: list[OracleJoint], state: np.ndarray, pair: tuple[str, str]
+) -> float:
+    """Return how far two balls are apart, by 4x4 matrices."""
+    values = dict(zip(robot.joint_names, state.tolist(), strict=True))
+    for one in joints:
+        if one.mimic is not None:
+            values[one.name] = value_of(one, values)
+    places = link_matrices("0", joints, values)
+    a, b = (places[name][:3, 3] for name in pair)
+    return float(np.linalg.norm(a - b)) - 2.0 * RADIUS
+
+
+@given(chains_of_balls(), st.integers(0, 2**32 - 1))
+@settings(max_examples=25, deadline=None)
+def test_no_random_state_contradicts_a_proof(joints: list[OracleJoint], seed: int) -> None:
+    robot = robot_of(joints)
+    proofs = prove_pairs(robot, 2.0)
+    assert [proof.links for proof in proofs] == [
+        (min(a, b), max(a, b)) for a, b in combinations(robot.link_names, 2)
+    ]
+    lower, upper = np.maximum(robot.lower, -np.pi), np.minimum(robot.upper, np.pi)
+    states = np.random.default_rng(seed).uniform(lower, upper, (SAMPLES, len(lower)))
+    poses = robot.link_poses(states)  # equal to the oracle's, see ``test_kinematics``
+    for proof in proofs:
+        a, b = (robot.link_names.index(name) for name in proof.links)
+        gaps = np.linalg.norm(poses[:, a, :3] - poses[:, b, :3], axis=1) - 2.0 * RADIUS
+        if proof.verdict == "never":
+            assert gaps.min() > 0.0
+            assert distance(robot, joints, states[gaps.argmin()], proof.links) > 0.0
+        elif proof.verdict == "always":
+            assert gaps.max() < 0.0
+        elif proof.verdict == "can collide":
+            assert proof.witness is not None
+            assert (proof.witness >= lower).all()
+            assert (proof.witness <= upper).all()
+            assert distance(robot, joints, proof.witness, proof.links) < 1e-9
+        elif proof.verdict == "adjacent":
+            assert proof.links in robot.adjacent_pairs
+
+
+def proved(robot: oc.Robot, time_limit: float = 20.0) -> dict[tuple[str, str], PairProof]:
+    return {proof.links: proof for proof in prove_pairs(robot, time_limit)}
+
+
+def test_the_arm_is_decided_and_its_srdf_has_just_these_pairs() -> None:
+    robot = oc.Robot.from_urdf(CONFIG / "arm.urdf", CONFIG / "arm.srdf")
+    proofs = proved(robot)
+    assert len(proofs) == 36
+    verdicts = {proof.verdict for proof in proofs.values()}
+    assert verdicts == {"adjacent", "never", "can collide"}
+    unchecked = {links for links, proof in proofs.items() if proof.verdict != "can collide"}
+    assert robot.disabled_pairs == unchecked
+    checked = oc.RobotScene([robot])
+    for proof in proofs.values():
+        if proof.witness is not None:
+            found = checked.check(proof.witness[None], all_pairs=True)
+            assert not found.valid[0]
+            assert not found.out_of_limits.any()
+
+
+def test_no_state_of_the_arm_contradicts_its_srdf() -> None:
+    proofs = proved(oc.Robot.from_urdf(CONFIG / "arm.urdf"))
+    others = [proof for proof in proofs.values() if proof.verdict != "never"]
+    elements = ['<disable_collisions link1="{}" link2="{}"/>'.format(*one.links) for one in others]
+    robot = oc.Robot.from_urdf(CONFIG / "arm.urdf", urdf(*elements))
+    states = np.random.default_rng(3).uniform(robot.lower, robot.upper, (100_000, 7))
+    assert oc.RobotScene([robot]).check(states).valid.all()
+
+
+def line_of(*places: float, kind: str = "revolute", inner: str = "") -> oc.Robot:
+    """Return balls in a row along x, joints between them that turn about z."""
+    names = "abcdefgh"[: len(places) + 1]
+    lines = [link(name, BALL) for name in names]
+    for (one, other), place in zip(pairwise(names), places, strict=True):
+        lines.append(
+            joint(
+                one + other, kind, one, other,
+                f'<origin xyz="{place} 0 0"/><axis xyz="0 0 1"/>'
+                f'<limit lower="-0.5" upper="0.5" velocity="1" effort="1"/>{inner}',
+            )
+        )  # fmt: skip
+    return oc.Robot.from_urdf(urdf(*lines))
+
+
+def test_links_that_overlap_in_every_state_collide_always() -> None:
+    proofs = proved(line_of(0.05, 0.05))
+    assert proofs["a", "c"].verdict == "always"
+    assert proved(line_of(0.05, 0.05, kind="fixed"))["a", "c"].verdict == "always"
+
+
+def test_links_that_do_not_move_against_each_other_are_decided_at_once() -> None:
+    proofs = proved(line_of(0.2, 0.2, kind="fixed"))
+    assert proofs["a", "c"].verdict == "never"
+    assert proofs["a", "c"].cells == 1
+
+
+@pytest.mark.parametrize("gap", [1e-2, 1e-4, 1e-6])
+def test_small_gaps_are_proved(gap: float) -> None:
+    """At an angle of the middle one, the outer two of three balls are 0.62 cos(angle / 2) apart."""
+    angle = float(2.0 * np.arccos((2.0 * RADIUS + gap) / 0.62))
+
+    def robot(upper: float) -> oc.Robot:
+        inner = f'<origin xyz="0.31 0 0"/><axis xyz="0 0 1"/><limit upper="{upper!r}"/>'
+        joints = [joint(a + b, "revolute", a, b, inner) for a, b in ("ab", "bc")]
+        return oc.Robot.from_urdf(urdf(*(link(name, BALL) for name in "abc"), *joints))
+
+    proof = proved(robot(angle))["a", "c"]
+    assert proof.verdict == "never"
+    assert proof.cells < 1000
+    assert proved(robot(angle + 8.0 * gap))["a", "c"].verdict == "can collide"
+
+
+def test_what_has_no_bounds_is_undecided() -> None:
+    for kind in ("planar", "floating"):
+        proof = proved(line_of(0.5, 0.5, kind=kind))["a", "c"]
+        assert (proof.verdict, proof.witness) == ("undecided", None)
+
+
+def test_joints_without_limits_turn_once_around() -> None:
+    assert proved(line_of(0.5, 0.15, kind="continuous"))["a", "c"].verdict == "never"
+    assert proved(line_of(0.5, 0.25, kind="continuous"))["a", "c"].verdict == "can collide"
+
+
+def test_time_that_is_up_leaves_pairs_undecided() -> None:
+    robot = oc.Robot.from_urdf(CONFIG / "arm.urdf")
+    verdicts = {proof.verdict for proof in prove_pairs(robot, 1e-9)}
+    assert verdicts <= {"adjacent", "can collide", "undecided"}
+    assert "undecided" in verdicts
+
+
+def test_progress_is_told_once_a_pair() -> None:
+    seen: list[PairProof] = []
+    proofs = prove_pairs(line_of(0.31, 0.31), 5.0, seen.append)
+    assert sorted(proof.links for proof in seen) == [proof.links for proof in proofs]
+
+
+def test_an_srdf_is_written_that_reads_as_it_was_proved() -> None:
+    robot = oc.Robot.from_urdf(CONFIG / "arm.urdf")
+    proofs = prove_pairs(robot, 20.0)
+    unchecked = {proof.links for proof in proofs if proof.verdict in ("never", "adjacent")}
+    again = oc.Robot.from_urdf(CONFIG / "arm.urdf", srdf_text(robot, proofs))
+    assert again.disabled_pairs == unchecked
+    given = (CONFIG / "arm.srdf").read_bytes()
+    kept = oc.Robot.from_urdf(CONFIG / "arm.urdf", srdf_text(robot, proofs[:3], given))
+    assert kept.disabled_pairs == {proof.links for proof in proofs[:3]} & unchecked
+    assert set(kept.groups) == {"arm", "gripper", "all"}
+    assert report(robot, proofs).splitlines()[-1].startswith("36 pairs: 8 adjacent, 16 never, ")
+
+
+def test_names_that_mean_something_in_xml_are_written_as_they_are() -> None:
+    name = "&lt;&quot;&amp;'"
+    text = urdf(link(name, BALL), link("b", BALL), joint("j", "fixed", name, "b", ""))
+    robot = oc.Robot.from_urdf(text)
+    again = oc.Robot.from_urdf(text, srdf_text(robot, prove_pairs(robot, 1.0)))
+    assert again.disabled_pairs == {("<\"&'", "b")}
+    assert again.doubts == ()
