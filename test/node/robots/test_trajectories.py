@@ -196,6 +196,7 @@ def test_without_knowing_everything_none_is_forwarded() -> None:
 def test_a_trajectory_is_stopped_when_the_scene_changes_so_that_it_collides() -> None:
     with TrajectoryRig() as rig:
         rig.listen("collision_status")
+        rig.until(lambda: "collision_status" in rig.last, "a status")
         assert rig.go([QUARTER[0], (1000.0, QUARTER[1][1])])[0].level == OK
         rig.said.clear()
         rig.forwarded.clear()
