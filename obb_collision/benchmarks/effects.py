@@ -33,7 +33,6 @@ from numpy.typing import NDArray
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.report import Report
 from obb_collision.scene.scene import Scene
-from obb_collision.scene.store.patterns import matching
 from obb_collision.scene_files import READY, SceneDescription, find_scene, load_scene
 from obb_collision.typing import Floats
 
@@ -100,17 +99,14 @@ class Pairs(Variant):
 
 def frames_of(description: SceneDescription) -> list[Frame]:
     """Return the states of a scene that all variants go through."""
-    scene, seen = description.build(), np.zeros(len(description.objects), np.bool_)
-    if description.lidar is not None:
-        seen = matching(description.lidar.sees, description.names)
+    scene = description.build()
     frames = []
     for number in range(FRAMES):
         poses, twists = description.states(number / RATE)
         points = None
         if description.lidar is not None:
             scene.move_many(description.names, poses)
-            boxes = scene.boxes[seen]
-            points = description.lidar.scan(boxes, number / RATE)
+            points = description.lidar.scan(scene, number / RATE)
         frames.append(Frame(poses, twists, points))
     return frames
 

@@ -18,14 +18,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
-
 from obb_collision.node.messages.conversions import name_from_key
 from obb_collision.node.scene_file import keys_from_names
-from obb_collision.scene.store.patterns import matching
 from obb_collision.scene_files import SceneDescription
 from obb_collision.scene_files.simulate.lidar import Cloud
-from obb_collision.shapes import Capsule, Cylinder
 from obb_collision.typing import Floats
 
 
@@ -51,10 +47,7 @@ class DemoScene:
         }
         if description.lidar is None:
             return
-        self._scene, sees = description.build(), description.lidar.sees
-        self._visible = np.flatnonzero(matching(sees, description.names))
-        shapes = [description.objects[row].shape for row in self._visible]
-        self._round = [isinstance(shape, (Cylinder, Capsule)) for shape in shapes]
+        self._scene = description.build()
 
     def states(self, time: float) -> tuple[Floats, Floats]:
         """Return poses (n, 7) and twists (n, 6) at a time (s)."""
@@ -65,5 +58,4 @@ class DemoScene:
         if self.description.lidar is None:
             return None
         self._scene.move_many(self.description.names, self.states(time)[0])
-        boxes = self._scene.boxes[self._visible]
-        return self.description.lidar.scan(boxes, time, self._round)
+        return self.description.lidar.scan(self._scene, time)

@@ -12,57 +12,60 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What rays hit in a scene: each object at its accuracy, as a box, a hull or its triangles."""
+"""What rays hit in a scene: each object at its accuracy, as a box, a hull or its triangles.
+
+Round shapes are what they are, and padding is a ball about any shape, above OBB; padded meshes are
+their hulls.
+"""
 
 from __future__ import annotations
-
-from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from obb_collision.accuracy import Accuracy
-from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.poses import as_poses
 from obb_collision.queries.meshes.meshes import PlacedMeshes
-from obb_collision.queries.rays.rays import RayHits, cast_rays
+from obb_collision.queries.rays.rays import RayHits, as_rays, cast_at_bodies, cast_rays
 from obb_collision.scene.building.shape_cache import ShapeCache
-from obb_collision.scene.store.kinds import BOX
+from obb_collision.scene.refinement.ladder import NONE
+from obb_collision.scene.refinement.placed_shapes import AS_PAIRS, PlacedShapes
+from obb_collision.scene.store.kinds import TRIANGLES
 from obb_collision.scene.store.store import ObjectStore
 from obb_collision.typing import Rows
 
 
 def cast_at_objects(
-    store: ObjectStore, cache: ShapeCache, level: Accuracy | None,
+    store: ObjectStore, cache: ShapeCache, slots: Rows, level: Accuracy | None,
     origins: ArrayLike, directions: ArrayLike, max_distance: ArrayLike,
 ) -> RayHits:  # fmt: skip
-    """Return what rays hit first; ``boxes`` are slots. level: of all objects, None for theirs.
+    """Return what rays hit first of objects; ``boxes`` are slots.
 
-    Padded objects are their boxes.
+    level: of all of them, None for theirs.
     """
-    best = None
-    for slots, targets in _targets(store, cache, level):
-        found = cast_rays(targets, origins, directions, max_distance)
-        best = _nearer(best, found, slots)
-    assert best is not None
-    return best
-
-
-def _targets(
-    store: ObjectStore, cache: ShapeCache, level: Accuracy | None
-) -> Iterator[tuple[Rows, Boxes | PlacedMeshes]]:
-    """Yield slots and what stands for them: boxes, hulls, triangles."""
-    slots = np.flatnonzero(store.active)
-    levels = store.accuracies[slots] if level is None else np.full(len(slots), level, np.int8)
-    levels = np.where(store.paddings[slots] > 0.0, np.int8(Accuracy.OBB), levels)
-    shaped = (levels >= Accuracy.HULL) & (store.kinds[slots] > BOX)
-    yield slots[~shaped], store.boxes(slots[~shaped])
+    rays = as_rays(origins, directions, max_distance)
+    levels = np.full(len(slots), Accuracy.OBB, np.int8)
+    shapes = None
+    if (store.accuracies[slots] if level is None else np.int8(level)).max(initial=0) > Accuracy.OBB:
+        shapes = PlacedShapes(store, cache, NONE[0], NONE[2], None)
+        choice = AS_PAIRS if level is None else max(level, Accuracy.OBB).name.lower()
+        levels = shapes.object_levels(slots, choice, Accuracy.HULL)
+    plain = slots[levels == Accuracy.OBB]
+    best = _nearer(None, cast_rays(store.boxes(plain), origins, directions, max_distance), plain)
+    if shapes is None:
+        return best
+    meshes = (store.kinds[slots] == TRIANGLES) & (store.paddings[slots] == 0.0)
     for one in (Accuracy.HULL, Accuracy.MESH):
-        some = slots[shaped & (levels == one)]
+        some = slots[meshes & (levels == one)]
         if len(some):
             trees = cache.surfaces(some, one == Accuracy.HULL)
-            places = as_poses(store.poses[some], warn=False)
-            yield some, PlacedMeshes.trusted(*trees, *places)
+            targets = PlacedMeshes.trusted(*trees, *as_poses(store.poses[some], warn=False))
+            best = _nearer(best, cast_rays(targets, origins, directions, max_distance), some)
+    some = slots[~meshes & (levels > Accuracy.OBB)]
+    if len(some):
+        bodies = shapes.convex_bodies(store.all_boxes(), some)
+        best = _nearer(best, cast_at_bodies(bodies, store.boxes(some), *rays), some)
+    return best
 
 
 def _nearer(best: RayHits | None, found: RayHits, slots: Rows) -> RayHits:

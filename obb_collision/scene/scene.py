@@ -529,6 +529,7 @@ class Scene(SceneObjects):
         max_distance: ArrayLike = np.inf,
         *,
         accuracy: Accuracy | str | None = None,
+        objects: Iterable[str] | str = "*",
     ) -> RayHits:
         """Return what each ray hits first: for lines of sight, and for simulated sensors.
 
@@ -542,7 +543,9 @@ class Scene(SceneObjects):
             Metres, infinity allowed.
         accuracy : Accuracy or str, optional
             Of all objects, by default that of each: below "hull" its box, else its hull or its
-            triangles. Round shapes are a convex mesh around them, padded objects their boxes.
+            triangles. Round shapes are exact, and so is padding; padded meshes are their hulls.
+        objects : str or iterable of str
+            Names and patterns of what rays can hit.
 
         Returns
         -------
@@ -563,8 +566,11 @@ class Scene(SceneObjects):
         ('wall', [3.5])
         """
         level = None if accuracy is None else as_accuracy(accuracy)
+        store, patterns = self._store, as_patterns(objects, "objects")
+        there = store.active if "*" in patterns else store.active & matching(patterns, store.names)
         return cast_at_objects(
-            *(self._store, self._cache, level, origins, directions, max_distance)
+            *(store, self._cache, np.flatnonzero(there), level),
+            *(origins, directions, max_distance),
         )
 
     def _find(self) -> Findings:

@@ -200,6 +200,8 @@ def _hulls() -> None:
 
 def _effect_on(name: str, level: Accuracy) -> None:
     """Run an effect on a level above "obb", first what takes longest; pairs stay on boxes."""
+    if name == "points":
+        return _points_on(level)
     bodies, row = convex_bodies(), np.zeros(1, np.int64)
     if level == Accuracy.MESH:
         body = oc.PlacedMeshes.from_poses(triangle_tree(), row, [TURNED])
@@ -218,6 +220,16 @@ def _effect_on(name: str, level: Accuracy) -> None:
         scene.check(name)
         scene.move("0", TURNED)
         scene.check(name)
+
+
+def _points_on(level: Accuracy) -> None:
+    """Find which points are in shapes, with clouds laid out as they come."""
+    scene = oc.Scene()
+    _add_crowd(scene, 0.0)
+    scene.set_effect("points", "on", accuracy=level.name.lower())
+    for points in clouds():
+        scene.obstacle_points = points
+        scene.check()
 
 
 def _sweep_boxes() -> None:
@@ -318,6 +330,9 @@ def _mesh_queries() -> None:
     oc.cast_rays(bodies, np.zeros((1, 3)), np.ones((1, 3)))
     oc.points_inside(bodies, np.zeros((1, 3)))
     oc.mesh_verdicts(bodies, bodies, exact=True)
+    scene = oc.Scene()
+    _add_crowd(scene, 0.01)
+    scene.cast_rays(np.zeros((1, 3)), np.ones((1, 3)), accuracy="hull")
 
 
 EFFECT_LEVELS = tuple((name, level) for name, levels in LEVELS.items() for level in levels)
@@ -368,6 +383,7 @@ BESIDE = {
     effect_level_step("clearance", Accuracy.HULL): (NEAREST, effect_step("clearance")),
     effect_level_step("clearance", Accuracy.MESH): (NEAREST, DEPTHS, effect_step("clearance")),
     effect_level_step("contacts", Accuracy.HULL): (NEAREST, effect_step("contacts")),
+    effect_level_step("points", Accuracy.HULL): (NEAREST,),
     effect_step("sweep"): (LINEAR,),
 }
 """Parts of the longest steps, for a second process."""

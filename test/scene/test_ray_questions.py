@@ -21,7 +21,7 @@ import pytest
 from mesh_zoo import zoo
 
 import obb_collision as oc
-from obb_collision.shapes import Box, Hull, Mesh, Sphere
+from obb_collision.shapes import Box, Cone, Cylinder, Hull, Mesh, Sphere
 
 AHEAD = [[1.0, 0.0, 0.0]]
 
@@ -68,8 +68,28 @@ def test_objects_that_move_or_go_are_hit_where_they_are() -> None:
     assert scene.cast_rays([[0, 0, 0]], AHEAD).distances[0] == pytest.approx(1.55, abs=0.01)
     scene.move("ball", [3, 0, 0, 0, 0, 0, 1])
     assert scene.cast_rays([[0, 0, 0]], AHEAD).distances[0] == pytest.approx(2.55, abs=0.01)
-    scene.padding = 0.1  # a box from now on
+    scene.padding = 0.1  # a hull and a ball from now on
     assert scene.cast_rays([[0, 0, 0]], AHEAD).distances[0] == pytest.approx(2.45, abs=0.02)
     scene.padding = 0.0
     scene.remove("ball")
     assert not scene.cast_rays([[0, 0, 0]], AHEAD).hits.any()
+
+
+def test_round_shapes_and_padding_are_exact_and_objects_can_be_chosen() -> None:
+    scene = oc.Scene(accuracy="hull")
+    scene.add("ball", Sphere(0.5), [3, 0, 0, 0, 0, 0, 1])
+    scene.add("cone", Cone(1.0, 2.0), [6, 0, 0, 0, 0, 0, 1])
+    scene.add("can", Cylinder(1.0, 2.0), [9, 0, 0, 0, 0, 0, 1], padding=0.25)
+    at = [[0.0, 0.0, 0.0], [0.0, 0.0, 0.75], [0.0, 0.6, 1.2], [0.0, 0.3, 0.0]]
+    found = scene.cast_rays(at, AHEAD * 4)
+    assert [scene.name(row) for row in found.boxes] == ["ball", "cone", "can", "ball"]
+    edge = 9.0 - np.sqrt((1.0 + np.sqrt(0.25**2 - 0.2**2)) ** 2 - 0.6**2)
+    truth = [2.5, 6.0 - 0.125, edge, 2.6]
+    np.testing.assert_allclose(found.distances, truth, atol=1e-8)
+    assert (found.distances <= truth).all()
+    np.testing.assert_allclose(found.normals[0], [-1, 0, 0], atol=1e-9)
+    chosen = scene.cast_rays(at, AHEAD * 4, objects=["c*"])
+    assert [scene.name(row) for row in chosen.boxes] == ["cone", "cone", "can", "cone"]
+    assert not scene.cast_rays(at, AHEAD * 4, objects=[]).hits.any()
+    with pytest.raises(ValueError, match="objects must be names"):
+        scene.cast_rays(at, AHEAD * 4, objects=[3])  # type: ignore[list-item]

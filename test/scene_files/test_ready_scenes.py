@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -65,11 +66,10 @@ def test_the_stop_zone_is_free_at_first_and_then_is_not() -> None:
     description = load_scene(find_scene("lidar_zone"))
     assert description.lidar is not None
     scene = description.build()
-    rows = np.flatnonzero(matching(description.lidar.sees, description.names))
     counts = []
     for time in (0.0, 10.0):
         scene.move_many(description.names, description.states(time)[0])
-        points = description.lidar.scan(scene.boxes[rows], time)
+        points = description.lidar.scan(scene, time)
         counts.append(np.count_nonzero(scene.obb("zone/0").contains(points.astype(float))))
     assert counts[0] == 0
     assert counts[1] > 20
@@ -155,10 +155,13 @@ def test_a_lidar_sees_the_near_sides_of_boxes_and_the_floor() -> None:
     lidar = Lidar(5000, 8.0, (0.0, 0.0, 1.5), seed=3)
     poses = np.array([[3, 0, 1, 0, 0, np.sin(0.46), np.cos(0.46)], [6, 0, 1, 0, 0, 0, 1.0]])
     boxes = oc.Boxes.from_poses(poses, np.tile([0.5, 1.0, 1.0], (2, 1)))
-    points = lidar.scan(boxes, 0.5)
+    scene = oc.Scene()
+    scene.add("near", oc.shapes.Box([1.0, 2.0, 2.0]), poses[0])
+    scene.add("far", oc.shapes.Box([1.0, 2.0, 2.0]), poses[1])
+    points = lidar.scan(scene, 0.5)
     assert points.dtype == np.float32
-    assert np.array_equal(points, lidar.scan(boxes, 0.5))
-    assert not np.array_equal(points, lidar.scan(boxes, 0.6))
+    assert np.array_equal(points, lidar.scan(scene, 0.5))
+    assert not np.array_equal(points, lidar.scan(scene, 0.6))
     local = [(points - c) @ r for c, r in zip(boxes.centers, boxes.rotations, strict=True)]
     inside = [(np.abs(p) <= h).all(axis=1) for p, h in zip(local, boxes.half_extents, strict=True)]
     deep = [
@@ -178,8 +181,11 @@ def test_a_lidar_sees_the_near_sides_of_boxes_and_the_floor() -> None:
 
 def test_a_lidar_sees_cylinders_as_they_are() -> None:
     lidar = Lidar(20000, 8.0, (0.0, 0.0, 1.5))
-    box = oc.Boxes.from_poses(np.array([[3, 0, 1, 0, 0.1, 0, 1.0]]), np.array([[0.5, 0.5, 0.75]]))
-    points = lidar.scan(box, 0.0, [True]).astype(float)
+    scene, pose = oc.Scene(), np.array([3, 0, 1, 0, 0.1, 0, 1.0])
+    scene.add("cylinder", oc.shapes.Cylinder(0.5, 1.5), pose)
+    scene.add("not seen", oc.shapes.Box([0.1, 9.0, 9.0]), [1, 0, 0, 0, 0, 0, 1])
+    box = oc.Boxes.from_poses([pose], [[0.5, 0.5, 0.75]])
+    points = replace(lidar, sees=("cyl*",)).scan(scene, 0.0).astype(float)
     local = (points[points[:, 2] > 0.1] - box.centers[0]) @ box.rotations[0]
     radii, heights = np.hypot(local[:, 0], local[:, 1]), np.abs(local[:, 2])
     assert len(local) > 100
@@ -189,6 +195,11 @@ def test_a_lidar_sees_cylinders_as_they_are() -> None:
 
 def test_a_lidar_in_a_box_or_straight_above_a_face_gives_no_nonsense() -> None:
     lidar = Lidar(1000, 8.0, (0.0, 0.0, 1.0))
-    around = oc.Boxes.from_poses([[0, 0, 1, 0, 0, 0, 1]], [[1, 1, 1]])
-    assert np.isfinite(lidar.scan(around, 0.0)).all()
+    around = oc.Scene()
+    around.add("around", oc.shapes.Box([2, 2, 2]), [0, 0, 1, 0, 0, 0, 1])
+    around.add("too", oc.shapes.Sphere(1.5), [0, 0, 1, 0, 0, 0, 1])
+    points = lidar.scan(around, 0.0)
+    assert np.isfinite(points).all()
+    assert (np.abs(points[:, 2]) < 6 * NOISE).all()  # the floor
+    assert len(points) > 100
     assert len(Lidar(1, 8.0).scan(around, 0.0)) <= 1

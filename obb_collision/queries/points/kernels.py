@@ -21,6 +21,8 @@ import numpy as np
 from obb_collision._jit import njit
 from obb_collision.numerics.constants import UNDERFLOW
 from obb_collision.numerics.error_free import length
+from obb_collision.queries.convex.points import convex_holds
+from obb_collision.queries.convex.support import Bodies as ConvexBodies
 from obb_collision.queries.meshes.tree_descent import STACK, Bodies
 from obb_collision.queries.points.containment import INSIDE_BOUND, OUTSIDE, place_carefully
 from obb_collision.queries.points.grid import COUNT, GRID, START, find_cell
@@ -42,12 +44,13 @@ def lengths_kernel(offsets: Floats, rows: np.ndarray, out: Floats) -> None:
 def points_kernel(
     points: np.ndarray, start: int, end: int,
     whole: Floats, cells: np.ndarray, items: np.ndarray, frames: Floats, numbers: np.ndarray,
-    records: Floats, margin: float, meshes: Bodies | None,
+    records: Floats, margin: float,
+    meshes: Bodies | None, radii: Floats, convex: ConvexBodies | None,
     found: np.ndarray, squares: Floats, labels: np.ndarray,
 ) -> int:  # fmt: skip
     """Write what boxes hold of points start to end; return how many are not finite.
 
-    Or the meshes in them, if there are.
+    Or the meshes in them, with radii about them, or the convex bodies in them, if there are.
 
     found (3, n): counts, first and nearest; squares (n,): of the least scaled distance; labels
     (p,) or (0,): the lowest box of each point.
@@ -71,7 +74,11 @@ def points_kernel(
                 dx, dy, dz = x - records[b, 0], y - records[b, 1], z - records[b, 2]
                 if not _inside(records, b, dx, dy, dz, margin):
                     continue
-                if meshes is not None and not body_holds(meshes, b, (x, y, z), margin, stack):
+                if meshes is not None and not body_holds(
+                    meshes, b, (x, y, z), margin + radii[b], stack
+                ):
+                    continue
+                if convex is not None and not convex_holds(convex, b, (x, y, z), margin):
                     continue
                 scale = records[b, SCALE]
                 dx, dy, dz = scale * dx, scale * dy, scale * dz

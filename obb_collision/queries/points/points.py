@@ -37,6 +37,7 @@ from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.kinds import as_flag, check_kind
 from obb_collision.geometry.validation import as_array, as_points
 from obb_collision.numerics.constants import ROUNDOFF, UNDERFLOW
+from obb_collision.queries.convex.support import ConvexBodies
 from obb_collision.queries.meshes.meshes import PlacedMeshes
 from obb_collision.queries.meshes.root_boxes import root_boxes
 from obb_collision.queries.points.grid import build_grid
@@ -125,8 +126,26 @@ def points_inside(
     reach = float(as_array(margin, "margin", ()))
     if reach < 0.0:
         raise ValueError(f"margin must not be negative, got {reach!r}")
-    meshes = boxes.arrays if isinstance(boxes, PlacedMeshes) else None
-    boxes = boxes if isinstance(boxes, Boxes) else root_boxes(boxes)
+    if isinstance(boxes, Boxes):
+        return points_in_bodies(boxes, None, cloud, reach, each_point=each_point)
+    return points_in_bodies(root_boxes(boxes), boxes, cloud, reach, each_point=each_point)
+
+
+def points_in_bodies(
+    boxes: Boxes,
+    bodies: PlacedMeshes | ConvexBodies | None,
+    cloud: NDArray[np.floating],
+    reach: float,
+    radii: Floats | None = None,
+    each_point: bool = False,
+) -> PointsInside:
+    """Return which points are in boxes, or in the bodies in them; not checked.
+
+    reach: the margin; radii (n,): about meshes, None for none. Convex bodies have their own.
+    """
+    meshes = bodies.arrays if isinstance(bodies, PlacedMeshes) else None
+    convex = bodies.arrays if isinstance(bodies, ConvexBodies) else None
+    radii = np.zeros(len(boxes) if meshes is not None else 0) if radii is None else radii
     size = max(CHUNK, -(-len(cloud) // MOST_CHUNKS))
     starts = range(0, len(cloud), size)
     found = np.zeros((len(starts), 3, len(boxes)), np.int64)
@@ -138,11 +157,14 @@ def points_inside(
     def look(n: int) -> None:
         end = min(starts[n] + size, len(cloud))
         ignored[n] = points_kernel(
-            cloud, starts[n], end, *grid, reach, meshes, found[n], squares[n], labels
+            *(cloud, starts[n], end, *grid, reach, meshes, radii, convex),
+            *(found[n], squares[n], labels),
         )
 
     if len(starts) > 1:  # see ``_threads.run``
-        points_kernel(cloud, 0, 0, *grid, reach, meshes, found[0], squares[0], labels)
+        points_kernel(
+            *(cloud, 0, 0, *grid, reach, meshes, radii, convex, found[0], squares[0], labels)
+        )
     run_parts(look, len(starts))
     return _merged(boxes, cloud, found, squares, int(ignored.sum()), labels if each_point else None)
 

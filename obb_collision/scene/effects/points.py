@@ -12,17 +12,33 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The effect ``points``: which obstacle points lie inside which boxes of a scene."""
+"""The effect ``points``: which obstacle points lie inside which objects of a scene."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 
-from obb_collision.queries.points.points import PointsInside, points_inside
-from obb_collision.scene.effects.base import Cycle, Effect, Option, Outcome, Setting, isolated
+from obb_collision.accuracy import Accuracy
+from obb_collision.geometry.boxes import Boxes
+from obb_collision.queries.convex.support import ConvexBodies
+from obb_collision.queries.meshes.meshes import PlacedMeshes
+from obb_collision.queries.points.points import PointsInside, points_in_bodies
+from obb_collision.scene.effects.base import (
+    ACCURACY,
+    ACCURACY_OPTION,
+    OBB,
+    Cycle,
+    Effect,
+    Option,
+    Outcome,
+    Setting,
+    isolated,
+)
+from obb_collision.scene.refinement.placed_shapes import PlacedShapes
 from obb_collision.typing import Floats, Integers, Rows
 
 
@@ -37,21 +53,26 @@ class _Held:
     distances: Floats
 
 
+Shapes: TypeAlias = "ConvexBodies | PlacedMeshes"
 NONE = np.empty(0, np.int64)
 BLANK = _Held(NONE, NONE, NONE, NONE, np.empty(0))
 
 
 class PointsEffect:
-    """The ``PointsInside`` of ``Scene.obstacle_points``, in boxes or within ``margin`` of them.
+    """The ``PointsInside`` of ``Scene.obstacle_points``, in objects or within ``margin`` of them.
 
-    Nothing to do without a cloud.
+    Each object is its box, or its shape above OBB. Nothing to do without a cloud.
     """
 
     name = "points"
-    description = "Obstacle points in boxes"
+    description = "Obstacle points in objects"
     options: Mapping[str, Option] = {
         "margin": Option(
-            0.0, 0.0, 1e6, "Points this near to a box count as inside (m).", reaches=True
+            0.0, 0.0, 1e6, "Points this near to an object count as inside (m).", reaches=True
+        ),
+        ACCURACY: ACCURACY_OPTION._replace(
+            description="What stands for objects: pairs (by the accuracy of each), obb, hull or "
+            "mesh."
         ),
     }
     lazy = True
@@ -65,14 +86,33 @@ class PointsEffect:
         if cycle.obstacle_points is None or len(cycle.obstacle_points) == 0 or len(slots) == 0:
             return Outcome(_nothing(slots), 0)
         cloud, ignored = cycle.obstacle_points, [0]
+        levels = np.full(len(cycle.active), OBB)
+        if cycle.shapes is not None:
+            levels[slots] = cycle.shapes.object_levels(slots, setting.values[ACCURACY])
 
         def compute(some: Rows) -> _Held:
-            found = points_inside(cycle.boxes[some], cloud, setting.values["margin"])
-            ignored[0] = found.ignored
-            return _Held(some, found.counts, found.first, found.nearest, found.distances)
+            counts, first, nearest = np.zeros((3, len(some)), np.int64)
+            held = _Held(some, counts, first, nearest, np.zeros(len(some)))
+            for level in np.unique(levels[some]):
+                rows = np.flatnonzero(levels[some] == level)
+                boxes = cycle.boxes[some[rows]]
+                bodies: Shapes | None = None
+                radii: Floats | None = None
+                if level > OBB and cycle.shapes is not None:
+                    bodies, radii = BY_LEVEL[level](cycle.boxes, cycle.shapes, some[rows])
+                margin = setting.values["margin"]
+                found = points_in_bodies(boxes, bodies, cloud, margin, radii)
+                ignored[0] = found.ignored
+                for name in ("counts", "first", "nearest", "distances"):
+                    vars(held)[name][rows] = vars(found)[name]
+            return held
 
         _, held, failures = isolated(compute, slots, BLANK, cycle.name)
-        return Outcome(PointsInside(**vars(held), ignored=ignored[0]), len(cloud), failures)
+        high = levels[held.indices]
+        return Outcome(
+            *(PointsInside(**vars(held), ignored=ignored[0]), len(cloud), failures),
+            accuracies=high if (high > OBB).any() else None,
+        )
 
 
 def _nothing(slots: Rows) -> PointsInside:
@@ -80,4 +120,18 @@ def _nothing(slots: Rows) -> PointsInside:
     return PointsInside(slots, count, none, none.copy(), np.full(len(slots), np.inf), 0)
 
 
+def _hulls(boxes: Boxes, shapes: PlacedShapes, slots: Rows) -> tuple[ConvexBodies, None]:
+    return shapes.convex_bodies(boxes, slots), None  # padded
+
+
+def _meshes(boxes: Boxes, shapes: PlacedShapes, slots: Rows) -> tuple[PlacedMeshes, Floats]:
+    meshes, _ = shapes.meshes(boxes, slots)
+    return meshes, shapes.paddings[slots]
+
+
+BY_LEVEL: Mapping[Accuracy, Callable[[Boxes, PlacedShapes, Rows], tuple[Shapes, Floats | None]]] = {
+    Accuracy.HULL: _hulls,
+    Accuracy.MESH: _meshes,
+}
+"""What stands for objects above OBB, and radii about it."""
 EFFECT: Effect = PointsEffect()

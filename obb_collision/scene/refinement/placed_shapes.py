@@ -101,6 +101,33 @@ class PlacedShapes:
             levels[high[~self._have_trees(pairs[high])]] = Accuracy.HULL
         return levels
 
+    def object_levels(self, slots: Rows, choice: str, padded: Accuracy = Accuracy.MESH) -> Levels:
+        """Return the level (k,) that stands for slots (k,) one by one: OBB, HULL or MESH.
+
+        choice: of ``CHOICES``, AS_PAIRS for the accuracy of each; padded: the highest for objects
+        with padding. Only triangles get MESH.
+        """
+        kinds = self.kinds[slots]
+        if choice == AS_PAIRS:
+            levels = self._accuracies[slots]
+            if self._cap is not None:
+                np.minimum(levels, np.int8(self._cap), out=levels)
+        else:
+            levels = np.full(len(slots), Accuracy[choice.upper()], np.int8)
+        levels[(levels < Accuracy.HULL) | (kinds <= BOX)] = Accuracy.OBB
+        whole = kinds < TRIANGLES
+        levels[whole] = np.minimum(levels[whole], np.int8(Accuracy.HULL))
+        thick = self.paddings[slots] > 0.0
+        levels[thick] = np.minimum(levels[thick], np.int8(padded))
+        for level, have, lower in (
+            (Accuracy.MESH, self._have_trees, Accuracy.HULL),
+            (Accuracy.HULL, self._have_hulls, Accuracy.OBB),
+        ):
+            rows = np.flatnonzero(levels == level)
+            if len(rows):
+                levels[rows[~have(slots[rows, None])]] = lower
+        return levels
+
     def _have_trees(self, pairs: Pairs) -> Mask:
         """Build the trees that pairs (k, 2) need; return (k,) which have them."""
         slots = np.unique(pairs)
@@ -162,7 +189,11 @@ class PlacedShapes:
         boxes: of all slots; objects that are boxes are where these are, with their padding.
         """
         slots, ends = np.unique(pairs, return_inverse=True)
-        ends = ends.reshape(-1, 2)
+        first, second = np.ascontiguousarray(ends.reshape(-1, 2).T)
+        return self.convex_bodies(boxes, slots), first, second
+
+    def convex_bodies(self, boxes: Boxes, slots: Rows) -> ConvexBodies:
+        """Return the bodies of slots (k,), padded, all of which have hulls if they need one."""
         kinds = np.full(len(slots), BOX_CORE, np.int8)
         sizes, radii = np.zeros((len(slots), 4)), np.zeros(len(slots))
         rows = np.zeros(len(slots), np.int64)
@@ -173,7 +204,7 @@ class PlacedShapes:
         kinds[shaped] = self._cores[places, 0]
         sizes[shaped] = self._cores[places, 1:5]
         radii[shaped] = self._cores[places, 5] + self.paddings[slots[shaped]]
+        assert (self._rows[places][kinds[shaped] == CORNERS] >= 0).all()
         rows[shaped] = np.maximum(self._rows[places], 0)
         centers[shaped], rotations[shaped] = as_poses(self._poses[places], warn=False)
-        bodies = ConvexBodies(kinds, sizes, radii, self._hulls, rows, centers, rotations)
-        return bodies, np.ascontiguousarray(ends[:, 0]), np.ascontiguousarray(ends[:, 1])
+        return ConvexBodies(kinds, sizes, radii, self._hulls, rows, centers, rotations)

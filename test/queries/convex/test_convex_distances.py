@@ -21,6 +21,7 @@ from itertools import combinations_with_replacement
 import hull_distances
 import numpy as np
 import pytest
+from beyond_bodies import beyond
 from convex_bodies import FAMILIES, KINDS, Pair, corners_of, family, hulls
 from numpy.typing import NDArray
 
@@ -30,8 +31,6 @@ from obb_collision.queries.convex.support import (
     CONE,
     CORNERS,
     CYLINDER,
-    ROUND,
-    SEGMENT,
     ConvexBodies,
 )
 from obb_collision.typing import Floats
@@ -129,43 +128,6 @@ def test_bounds_are_proved_by_the_normal_and_attained_by_the_points(
     slack = 1e-13 * size + world_rounding(pair)
     for body, points in zip(pair, (found.positions_a, found.positions_b), strict=True):
         assert (beyond(body, points)[apart] <= slack[apart]).all()
-
-
-def beyond(body: ConvexBodies, points: Floats) -> Floats:
-    """Return how far points (m, 3) are outside of bodies, to first order; not of hulls.
-
-    That those of hulls are right follows from their distances.
-    """
-    p = np.einsum("nij,ni->nj", body.rotations, points - body.centers)
-    sizes, half = body.sizes[:, :3], body.sizes[:, 3]
-    kind = int(body.kinds[0])
-    if kind == CORNERS:
-        return np.zeros(len(p))
-    if kind == BOX:
-        return (np.abs(p) - sizes).max(axis=1)
-    if kind == SEGMENT:
-        p[:, 2] -= np.clip(p[:, 2], -half, half)
-        return np.linalg.norm(p, axis=1) - body.radii
-    thin = np.where(sizes > 0.0, 0.0, np.abs(p)).max(axis=1)
-    if kind == ROUND:
-        return np.maximum(thin, beyond_ellipse(p, sizes))
-    along = np.abs(p[:, 2]) - half
-    if kind == CYLINDER:
-        return np.maximum(along, beyond_ellipse(p[:, :2], sizes[:, :2]))
-    flat = half == 0.0
-    width = np.where(flat, 1.0, (half - p[:, 2]) / np.where(flat, 1.0, 2.0 * half))
-    rim = np.linalg.norm(p[:, :2] / sizes[:, :2], axis=1)
-    steep = 1.0 / np.hypot(1.0 / sizes.max(axis=1), np.where(flat, 0.0, 0.5 / half.clip(1e-300)))
-    return np.maximum(along, (rim - width) * steep)
-
-
-def beyond_ellipse(p: Floats, sizes: Floats) -> Floats:
-    """Return the distance to first order: a function that is 1 on the surface, by its slope."""
-    used = sizes > 0.0
-    u = np.where(used, p / np.where(used, sizes, 1.0), 0.0)
-    length = np.linalg.norm(u, axis=1)
-    slope = np.linalg.norm(np.where(used, u / np.where(used, sizes, 1.0), 0.0), axis=1)
-    return (length - 1.0) * length / np.where(slope > 0.0, slope, 1.0)
 
 
 def test_hulls_are_those_of_their_corners() -> None:

@@ -55,13 +55,14 @@ def test_margin_callers_and_disabled_objects() -> None:
 
 def test_a_new_cloud_is_looked_at_and_none_costs_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     calls: list[int] = []
-    query = module.points_inside  # type: ignore[attr-defined]
+    query = module.points_in_bodies  # type: ignore[attr-defined]
 
-    def counted(boxes: Any, points: Any, margin: float) -> Any:
+    def counted(boxes: Any, bodies: Any, points: Any, *rest: Any) -> Any:
         calls.append(len(points))
-        return query(boxes, points, margin)
+        assert bodies is None
+        return query(boxes, bodies, points, *rest)
 
-    monkeypatch.setattr(module, "points_inside", counted)
+    monkeypatch.setattr(module, "points_in_bodies", counted)
     scene = oc.Scene()
     scene.add("zone", oc.shapes.Box([1, 1, 1]))
     scene.set_effect("points", "on")

@@ -1,0 +1,109 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Whether a point is inside a convex body, or within a margin of it.
+
+What doubles cannot tell from the surface counts as inside: no point of a body is ever outside.
+Cores with a formula are decided by it, up to rounding; radii, margins and hulls by the distance of
+a point, up to 1e-9 of S, the offset of the point and the reach of the body.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from obb_collision._jit import njit
+from obb_collision.numerics.constants import MESH_UNDERFLOW, ROUNDOFF
+from obb_collision.numerics.vec3 import components, minus, sum_abs
+from obb_collision.queries.convex.distance import rounding, search
+from obb_collision.queries.convex.support import (
+    BOX,
+    CONE,
+    CORNERS,
+    CYLINDER,
+    SEGMENT,
+    Bodies,
+    Core,
+    body_place,
+    core_at,
+)
+from obb_collision.queries.meshes.tree_boxes import POINT_BOUND, Pose
+from obb_collision.typing import Axes, Vector
+
+NOWHERE = 0.0, 0.0, 0.0
+SAME_AXES: Axes = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+#: Relative slack of a formula: quotients, squares and their sum are off by 6 roundoffs.
+FORMULA_ROUNDING = 16 * ROUNDOFF
+
+
+@njit
+def convex_holds(bodies: Bodies, i: int, point: Vector, margin: float) -> bool:
+    """Return whether a point is inside body i, or not certainly farther from it than a margin."""
+    core, place = core_at(bodies, i), body_place(bodies, i)
+    d = minus(point, place.center)
+    return core_holds(core, components(place.axes, d), sum_abs(d), margin)
+
+
+@njit
+def core_holds(core: Core, p: Vector, offset: float, margin: float) -> bool:
+    """Return the same of a point in the frame of the body.
+
+    offset: the sum of the magnitudes of its coordinates, without rounding of the rotation.
+    """
+    pose = point_pose(p, offset, core.reach + margin)
+    if core.kind != CORNERS:
+        if _by_formula(core, p, POINT_BOUND * pose.size + MESH_UNDERFLOW):
+            return True
+        if core.radius + margin == 0.0 and core.kind != SEGMENT:
+            return False
+    needed = core.radius + margin + rounding(pose)
+    return not search(core, point_core(core), pose, NOWHERE, needed).gap > needed
+
+
+@njit
+def point_core(like: Core) -> Core:
+    """Return the core of a point, in numba's eyes of the same type as that of a body."""
+    kind: int = np.int8(SEGMENT)  # type: ignore[assignment]
+    return Core(kind, NOWHERE, 0.0, like.blocks, like.first, like.last, 0.0, 0.0)
+
+
+@njit
+def point_pose(p: Vector, offset: float, reach: float) -> Pose:
+    """Return the pose of a point in the frame of a body."""
+    return Pose(SAME_AXES, p, offset + reach, 0.0, 0.0)
+
+
+@njit
+def _by_formula(core: Core, p: Vector, error: float) -> bool:
+    """Return whether a point is in a core that has a formula, or may be but for an error."""
+    x, y = max(abs(p[0]) - error, 0.0), max(abs(p[1]) - error, 0.0)
+    z = max(abs(p[2]) - core.half - error, 0.0)
+    a, b, c = core.size
+    if core.kind == BOX:
+        return x <= a and y <= b and z <= c
+    share = 1.0
+    if core.kind == CONE:
+        share = min((core.half - p[2] + error) / (2.0 * core.half), 1.0) if core.half > 0.0 else 1.0
+    if core.kind == CONE or core.kind == CYLINDER or core.kind == SEGMENT:
+        c = 0.0
+    x, y, z = _of(x, a), _of(y, b), _of(z, c)
+    return x * x + y * y + z * z <= share * share * (1.0 + FORMULA_ROUNDING) and share >= 0.0
+
+
+@njit
+def _of(x: float, half: float) -> float:
+    """Return a coordinate by a half axis; infinity beyond one that is zero."""
+    if half > 0.0:
+        return x / half
+    return 0.0 if x == 0.0 else 1e300
