@@ -30,7 +30,7 @@ from numba.core import types as _types
 
 from obb_collision._compiling import compiled as _  # noqa: F401  # from now on it is said
 from obb_collision._kernel_cache import KernelCache
-from obb_collision._overloads import Overloads, for_kernels
+from obb_collision._overloads import Overloads, Pipeline, for_kernels
 
 F = TypeVar("F", bound=Callable[..., Any])
 types: Any = _types  # numba has no types
@@ -61,7 +61,7 @@ def njit_inlined(function: F) -> F:
 
 
 def _compiled(function: F, **options: bool) -> F:
-    compiled: Any = numba.njit(**OPTIONS, **options)(function)
+    compiled: Any = numba.njit(**OPTIONS, **options, pipeline_class=Pipeline)(function)
     kernel: F = compiled
     if hasattr(compiled, "_cache"):  # not where numba is disabled
         compiled._cache = KernelCache(compiled)  # in place of numba's own

@@ -48,9 +48,10 @@ from typing import Any
 import numba
 from numba.core import config as _config
 from numba.core.caching import FunctionCache
+from numba.core.compiler import CompileResult
 
 from obb_collision._kernel_key import fields_of, kernel_key
-from obb_collision._overloads import is_for_kernels
+from obb_collision._overloads import is_for_kernels, rebuilt
 
 config: Any = _config  # its attributes are set at run time
 #: Warnings for users: to stderr, where ``logging`` is not set up.
@@ -65,7 +66,7 @@ IN_USE = 86400.0
 UNUSED = 90 * 86400.0
 DIGEST_SIZE = 16
 #: How the names of files begin of what kernels alone can call.
-FOR_KERNELS = "called-"
+FOR_KERNELS = "inner-"
 #: How the names of private folders begin, and the name of the file in them that is locked ...
 PRIVATE, LOCK = "obb_collision-kernels-", "lock"
 #: ... within so many seconds of their making.
@@ -285,7 +286,8 @@ class KernelCache(FunctionCache):  # type: ignore[misc]  # numba has no types
             known, reduced = pickle.loads(data)
             if known != key:
                 return None
-            result = numba.core.compiler.CompileResult._rebuild(target_context, *reduced)
+            rebuild = rebuilt if name.startswith(FOR_KERNELS) else CompileResult._rebuild
+            result = rebuild(target_context, *reduced)
         except Exception:  # whatever a damaged or foreign file makes pickle and numba raise
             _say_once(place, f"kernels in {place} are damaged: these are compiled anew")
             return None

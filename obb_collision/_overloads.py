@@ -12,10 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Kernels for kernels: compiled without the function of C by which Python would call them.
+"""Kernels for kernels: compiled without machine code and the function by which Python calls it.
 
-That is an eighth of all compiling, and most kernels are called by others only. One that Python
-calls as well is compiled, or loaded, once more then.
+Both are a third of all compiling, and most kernels are called by others only, which include what
+they call: of these LLVM's code suffices. One that Python calls as well is compiled, or loaded, once
+more then.
 """
 
 from __future__ import annotations
@@ -25,7 +26,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
+from llvmlite.binding import parse_bitcode
 from numba.core import sigutils
+from numba.core.codegen import JITCodeLibrary
+from numba.core.compiler import Compiler, CompileResult
 from numba.core.compiler_lock import global_compiler_lock
 
 _this_thread = threading.local()
@@ -79,3 +83,60 @@ class Overloads:
         if is_for_kernels(self._kernel):
             flags.no_cpython_wrapper = True
         return flags
+
+
+class Inner(JITCodeLibrary):  # type: ignore[misc]  # numba has no types
+    """What is compiled of a kernel for kernels alone; its place among numba's is a library."""
+
+    def _finalize_final_module(self) -> None:
+        """Leave out what makes machine code of it."""
+        self._finalize_dynamic_globals()
+        self._verify_declare_only_symbols()
+        self._finalized = True
+
+    @property
+    def codegen(self) -> Inner:
+        """What would set the environment that Python code gives to machine code."""
+        return self
+
+    def set_env(self, name: str, environment: Any) -> None:
+        """Do nothing: it has no place yet."""
+
+    def serialize_using_object_code(self) -> tuple[str, str, bytes]:
+        """Return what ``rebuilt`` takes."""
+        return self.name, "bitcode", self._get_module_for_linking().as_bitcode()
+
+
+class Pipeline(Compiler):  # type: ignore[misc]
+    """Numba's compiler, which makes no machine code of what only kernels call."""
+
+    def compile_extra(self, function: Any) -> Any:
+        """Compile a function."""
+        if self.state.flags.no_cpython_wrapper:
+            self.state.library = Inner(self.state.targetctx.codegen(), function.__qualname__)
+        return super().compile_extra(function)
+
+
+class _Target:
+    """A target that makes kernels for kernels alone of what is loaded."""
+
+    def __init__(self, target: Any) -> None:
+        self._target = target
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._target, name)
+
+    def codegen(self) -> _Target:
+        return self
+
+    def unserialize_library(self, kept: tuple[str, str, bytes]) -> Inner:
+        name, _, code = kept
+        library = Inner(self._target.codegen(), name)
+        library._final_module = parse_bitcode(code)
+        library._finalize_final_module()
+        return library
+
+
+def rebuilt(target: Any, *kept: Any) -> Any:
+    """Return a kernel for kernels alone that was kept."""
+    return CompileResult._rebuild(_Target(target), *kept)._replace(target_context=target)

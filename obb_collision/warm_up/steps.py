@@ -307,7 +307,6 @@ def _other_queries() -> None:
     """Run the queries of rays, planes, points, capsules and triangles."""
     boxes, zeros = batch(), np.zeros((4, 3))
     oc.cast_rays(boxes, zeros, zeros + 1.0)
-    oc.cast_rays(boxes, zeros[:1], zeros[:1] + 1.0)
     oc.cast_segments(boxes, zeros, zeros + 1.0)
     oc.plane_distances(boxes, zeros, zeros + 1.0)
     aabb_verdicts(boxes, zeros, zeros + 1.0)
@@ -381,7 +380,9 @@ BESIDE = {
     accuracy_step(Accuracy.MESH): (NESTING, TREES, HULLS),
     effect_level_step("separations", Accuracy.HULL): (NEAREST,),
     effect_level_step("clearance", Accuracy.HULL): (NEAREST, effect_step("clearance")),
-    effect_level_step("clearance", Accuracy.MESH): (NEAREST, DEPTHS, effect_step("clearance")),
+    effect_level_step("clearance", Accuracy.MESH): (
+        *(NEAREST, DEPTHS, TREES, effect_step("clearance")),
+    ),
     effect_level_step("contacts", Accuracy.HULL): (NEAREST, effect_step("contacts")),
     effect_level_step("points", Accuracy.HULL): (NEAREST,),
     effect_step("sweep"): (LINEAR,),

@@ -162,7 +162,7 @@ def _radii(given: ArrayLike, name: str, count: int) -> Floats:
     except (TypeError, ValueError, OverflowError):
         raise ValueError(f"{name} must be one number or one for each body") from None
     refuse_where(~((radii >= 0.0) & (radii < np.inf)), f"{name} must be finite and not negative")
-    return np.ascontiguousarray(radii)
+    return radii.copy()  # of one body, too: read-only, it would need a kernel of its own
 
 
 class Apart(NamedTuple):

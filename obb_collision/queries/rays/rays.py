@@ -201,7 +201,7 @@ def _reaches(max_distance: ArrayLike, count: int) -> Floats:
     except (TypeError, ValueError, OverflowError):
         raise ValueError("max_distance must be one number or one for each ray") from None
     refuse_where(~(reaches >= 0.0), "max_distance must not be negative or NaN")
-    return np.ascontiguousarray(reaches)
+    return reaches.copy()  # of one ray, too: read-only, it would need a kernel of its own
 
 
 def _units(directions: Floats) -> tuple[Floats, Floats]:
