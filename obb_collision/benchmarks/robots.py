@@ -27,7 +27,7 @@ from time import thread_time
 
 import numpy as np
 
-from obb_collision._threads import set_threads
+from obb_collision._threads import set_threads, threads
 from obb_collision.accuracy import ALL_LEVELS
 from obb_collision.benchmarks.peers.robots import PEERS, TRUTH, Case, CheckStates
 from obb_collision.benchmarks.step.text import as_markdown
@@ -299,13 +299,14 @@ def main(args: Sequence[str] | None = None) -> int:
     options = made.parse_args(args)
     if options.srdf is not None and options.robot != made.get_default("robot"):
         options.srdf = None if options.srdf == made.get_default("srdf") else options.srdf
-    threads = set_threads(1)
+    before = threads()
+    set_threads(1)
     try:
         rows, motions = run(options)
     except (ValueError, OSError) as error:
         made.error(str(error))
     finally:
-        set_threads(None if threads == 1 else threads)
+        set_threads(before)
     print(as_markdown(table(rows)))
     print()
     print(as_markdown(motion_table(motions)))
