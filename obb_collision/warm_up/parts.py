@@ -36,6 +36,8 @@ from obb_collision.queries.meshes.tree_boxes import Place, Pose
 from obb_collision.queries.meshes.tree_descent import STACK, Body
 from obb_collision.queries.primitives.capsules import capsule_verdicts
 from obb_collision.queries.sweep.contact import contact_point
+from obb_collision.queries.sweep.convex import convex_sweeps
+from obb_collision.queries.sweep.course import BodyMotion
 from obb_collision.queries.sweep.linear import sweep_linear
 from obb_collision.queries.sweep.motion import sweep_needed, swept_bounds
 from obb_collision.queries.sweep.sweep import find_contact
@@ -116,6 +118,13 @@ def _core() -> Core:
     """Return a core whose kind is as bodies have it."""
     bodies = convex_bodies().arrays
     return core_at(bodies, 0)._replace(kind=bodies.kinds[0])
+
+
+def swept_hulls() -> None:
+    """Sweep two convex bodies."""
+    bodies, row = convex_bodies(), np.zeros((1, 3))
+    motion = BodyMotion(*(row, row, 1.0), np.eye(3)[None], *(row, row), *np.ones((2, 1)))
+    convex_sweeps(bodies, motion, np.zeros((1, 2), np.int64), np.zeros(1), 1e-4)
 
 
 def linear() -> None:

@@ -202,6 +202,8 @@ def _effect_on(name: str, level: Accuracy) -> None:
     """Run an effect on a level above "obb", first what takes longest; pairs stay on boxes."""
     if name == "points":
         return _points_on(level)
+    if name == "sweep":
+        return _sweep_on(level)
     bodies, row = convex_bodies(), np.zeros(1, np.int64)
     if level == Accuracy.MESH:
         body = oc.PlacedMeshes.from_poses(triangle_tree(), row, [TURNED])
@@ -334,6 +336,20 @@ def _mesh_queries() -> None:
     scene.cast_rays(np.zeros((1, 3)), np.ones((1, 3)), accuracy="hull")
 
 
+def _sweep_on(level: Accuracy) -> None:
+    """Sweep shapes on a level above "obb", first what takes longest; pairs stay on boxes."""
+    parts.swept_hulls()
+    scene = oc.Scene()
+    scene.set_effect("sweep", "on", accuracy=level.name.lower())
+    _add_crowd(scene, 0.01)
+    scene.add("far", shapes.Cone(0.2, 0.4), (9.0, 0.0, 0.0, 0.0, 0.0, 0.6, 0.8))
+    scene.check()
+    for x in (-9.0, 9.0):
+        scene.move("far", (x, 0.0, 0.0, 0.0, 0.6, 0.0, 0.8))
+        scene.set_twists(np.array([scene.index("far")]), np.array([(-x, 0.0, 0.0, 0.1, 0.1, 0.1)]))
+        assert scene.check().swept.passed.pairs.size
+
+
 EFFECT_LEVELS = tuple((name, level) for name, levels in LEVELS.items() for level in levels)
 """Effects, each on a level above OBB."""
 FIRST: dict[str, Callable[[], object]] = {"sweep": _sweep_boxes, "separations": _separate_boxes}
@@ -385,6 +401,7 @@ BESIDE = {
     ),
     effect_level_step("contacts", Accuracy.HULL): (NEAREST, effect_step("contacts")),
     effect_level_step("points", Accuracy.HULL): (NEAREST,),
+    effect_level_step("sweep", Accuracy.HULL): (effect_step("sweep"), LINEAR),
     effect_step("sweep"): (LINEAR,),
 }
 """Parts of the longest steps, for a second process."""

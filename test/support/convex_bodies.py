@@ -18,8 +18,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from itertools import product
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from obb_collision.geometry.trees.pool import HullPool, Hulls
@@ -89,7 +91,7 @@ def corners_of(body: ConvexBodies, i: int) -> Floats:
     return np.array([[0.0, 0.0, body.sizes[i, 3]], [0.0, 0.0, -body.sizes[i, 3]]])
 
 
-def moved(body: ConvexBodies, **changes: Floats) -> ConvexBodies:
+def moved(body: ConvexBodies, **changes: NDArray[Any]) -> ConvexBodies:
     """Return bodies with other arrays."""
     return ConvexBodies(**(vars(body) | changes))
 

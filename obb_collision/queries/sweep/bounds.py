@@ -194,7 +194,7 @@ def _first_root(axis: MovingAxis, horizon: float) -> float:
         for m in range(2):
             for k in range(3):
                 slope -= _growth(axis.values[m][k], axis.slopes[m][k], left)
-        ahead = _parabola_root(at_left, slope, axis.bend)
+        ahead = parabola_root(at_left, slope, axis.bend)
         right = min(right, left + ahead)
         at_right = _bound(axis, right)
         if at_right >= 0.0:
@@ -226,7 +226,7 @@ def _bound(axis: MovingAxis, time: float) -> float:
 
 
 @njit
-def _parabola_root(value: float, slope: float, bend: float) -> float:
+def parabola_root(value: float, slope: float, bend: float) -> float:
     """Return the positive root of value + slope t - bend t^2 / 2; infinity if there is none."""
     root = math.sqrt(slope * slope + 2.0 * bend * value)
     if slope <= 0.0:

@@ -113,7 +113,7 @@ def sweep_rigid(
     wa, wb = norm(vector_at(motion.turns, i)), norm(vector_at(motion.turns, j))
     reach_a, reach_b = motion.reaches[i], motion.reaches[j]
     pivot = plus(minus(p, vector_at(motion.arms, j)), vector_at(motion.arms, i))
-    time, last = _meeting_window(pivot, way, reach_a + reach_b)
+    time, last = meeting_window(pivot, way, reach_a + reach_b)
     if way[0] == 0.0 and way[1] == 0.0 and way[2] == 0.0 and (wa == 0.0 or wb == 0.0):
         last = min(last, time + TURN / max(wa, wb))
     if time > last:
@@ -237,7 +237,7 @@ def _touch(motion: Motion, i: int, j: int) -> bool:
 
 
 @njit
-def _meeting_window(p: Vector, way: Vector, reach: float) -> tuple[float, float]:
+def meeting_window(p: Vector, way: Vector, reach: float) -> tuple[float, float]:
     """Return first and last time in [0, 1] that an offset is no longer than ``reach``.
 
     It is p at time 0. Rounded outwards; first > last if there is none.

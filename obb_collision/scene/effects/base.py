@@ -122,6 +122,8 @@ class Before(NamedTuple):
     snapshot: Snapshot
     enabled: Mask
     born: Rows
+    pairs: Pairs
+    """What collided."""
 
     @property
     def boxes(self) -> Boxes:
@@ -225,7 +227,7 @@ class Cycle:
 
     def as_before(self) -> Before:
         """Return what the next check can compare with."""
-        return Before(self.snapshot, self.enabled, self.store.born.copy())
+        return Before(self.snapshot, self.enabled, self.store.born.copy(), self.pairs)
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,15 +20,19 @@ it over the horizon, the others stay; pairs that meet by then are *predicted*. W
 is in the report itself. Between checks the centre of a box goes straight; ahead it goes round the
 origin of its pose, as the twist says. Pairs of which it is not known whether they meet are
 *undecided*: whoever must not miss a collision treats them as colliding from then on.
+
+Above OBB it is the shapes that meet (``sweep_levels``), fixed to boxes that move like that. Thin
+shapes are in thick boxes, so there every motion is swept, however short.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from obb_collision.geometry.boxes import Boxes
 from obb_collision.queries.sweep.motion import sweep_needed, swept_bounds
 from obb_collision.queries.sweep.moving import MovingBoxes
 from obb_collision.queries.sweep.sweep import (
@@ -40,6 +44,9 @@ from obb_collision.queries.sweep.sweep import (
 from obb_collision.queries.sweep.twists import twist_bounds
 from obb_collision.scene.broad_phase.broad_phase import NO_PAIRS, Pairs
 from obb_collision.scene.effects.base import (
+    ACCURACY,
+    ACCURACY_OPTION,
+    OBB,
     Before,
     Cycle,
     Effect,
@@ -50,6 +57,7 @@ from obb_collision.scene.effects.base import (
     take_rows,
 )
 from obb_collision.scene.effects.candidates import meeting_pairs
+from obb_collision.scene.effects.sweep_levels import BY_LEVEL, Ride, refined_sweeps
 from obb_collision.scene.store.region import balls_near
 from obb_collision.typing import Floats, Mask, Rows
 
@@ -84,6 +92,7 @@ class SweepEffect:
             1.0,
             "Turning boxes closer than this fraction of the smaller radius count as touching.",
         ),
+        ACCURACY: ACCURACY_OPTION,
     }
     lazy = False
 
@@ -104,18 +113,25 @@ def _passed(cycle: Cycle, setting: Setting) -> Outcome:
     same &= (cycle.boxes.half_extents[:count] == before.boxes.half_extents[:count]).all(axis=1)
     slots = _passing(cycle, before, np.flatnonzero(same))
     start, end = before.boxes[slots], cycle.boxes[slots]
-    selected = sweep_needed(start, end)
+    needed = sweep_needed(start, end)
+    selected = needed if cycle.shapes is None else moved_between(start, end)
     if setting.selected is not None:
         selected &= setting.selected[slots]
     if not selected.any():
         return NOTHING
     pairs = meeting_pairs(cycle, slots, *swept_bounds(start, end), selected)
     pairs = _apart(pairs, cycle.pairs, len(cycle.enabled))
-    moving, rows = MovingBoxes(start, end), np.searchsorted(slots, pairs)
-    found = _swept(moving, pairs, rows, setting, lambda row: cycle.name(int(slots[row])))
+    ride = Ride(slots, MovingBoxes(start, end), end, start.centers)
+    found = _swept(cycle, ride, pairs, setting)
+    result = found.result
+    begun = result.undecided | (result.times > 0.0)
+    far = needed[np.searchsorted(slots, result.pairs)].any(axis=1)
+    levels = cycle.levels(result.pairs, setting, max(BY_LEVEL))
+    if levels is not None:  # shapes may have been near enough, but apart
+        far |= levels > OBB
+        begun |= (levels > OBB) & ~_among(result.pairs, before.pairs, len(cycle.enabled))
     # the others collided before, and were reported then
-    begun = found.result.undecided | (found.result.times > 0.0)
-    return replace(found, result=take_rows(found.result, begun))
+    return replace(found, result=take_rows(result, begun & far))
 
 
 def _predicted(cycle: Cycle, setting: Setting) -> Outcome:
@@ -137,8 +153,7 @@ def _predicted(cycle: Cycle, setting: Setting) -> Outcome:
         meeting_pairs(cycle, slots, *bounds, selected[slots]), cycle.pairs, len(cycle.enabled)
     )
     moved = MovingBoxes.from_twists(boxes, twists, horizon, origins=origins)
-    rows = np.searchsorted(slots, pairs)
-    return _swept(moved, pairs, rows, setting, lambda row: cycle.name(int(slots[row])))
+    return _swept(cycle, Ride(slots, moved, boxes, origins), pairs, setting)
 
 
 def _passing(cycle: Cycle, before: Before, slots: Rows) -> Rows:
@@ -172,23 +187,38 @@ def norms(vectors: Floats) -> Floats:
     return np.asarray(np.linalg.norm(vectors, axis=1))
 
 
+def moved_between(start: Boxes, end: Boxes) -> Mask:
+    """Return (n,) which boxes moved or turned at all."""
+    turned = (start.rotations != end.rotations).any(axis=(1, 2))
+    return np.asarray(turned | (start.centers != end.centers).any(axis=1))
+
+
 def _apart(pairs: Pairs, colliding: Pairs, slots: int) -> Pairs:
     """Return those of pairs (k, 2) that do not collide now."""
-    keys, known = (p[:, 0] * slots + p[:, 1] for p in (pairs, colliding))
-    return pairs[~np.isin(keys, known)]
+    return pairs[~_among(pairs, colliding, slots)]
 
 
-def _swept(
-    moving: MovingBoxes, pairs: Pairs, rows: Pairs, setting: Setting, name: Callable[[int], str]
-) -> Outcome:
-    """Return what sweeping rows (k, 2) of boxes finds, by pairs (k, 2) of slots."""
+def _among(pairs: Pairs, others: Pairs, slots: int) -> Mask:
+    """Return (k,) which pairs (k, 2) are among others."""
+    keys, known = (p[:, 0] * slots + p[:, 1] for p in (pairs, others))
+    return np.isin(keys, known)
+
+
+def _swept(cycle: Cycle, ride: Ride, pairs: Pairs, setting: Setting) -> Outcome:
+    """Return what sweeping pairs (k, 2) of slots finds."""
+    rows = np.searchsorted(ride.slots, pairs)
 
     def query(some: Pairs) -> Sweeps:
-        return sweeps(moving, moving, some, tolerance=setting.values["tolerance"])
+        found = sweeps(ride.moving, ride.moving, some, tolerance=setting.values["tolerance"])
+        return refined_sweeps(found, cycle, ride, ride.slots[some], setting)
+
+    def name(row: int) -> str:
+        return cycle.name(int(ride.slots[row]))
 
     good, found, failures = isolated(query, rows, BLANK, name)
     kept = found.hits | found.undecided
-    return Outcome(replace(take_rows(found, kept), pairs=pairs[good[kept]]), len(rows), failures)
+    result = replace(take_rows(found, kept), pairs=pairs[good[kept]])
+    return Outcome(result, len(rows), failures)
 
 
 EFFECT: Effect = SweepEffect()

@@ -23,19 +23,15 @@ import numpy as np
 import pytest
 from beyond_bodies import beyond
 from convex_bodies import FAMILIES, KINDS, Pair, corners_of, family, hulls
-from numpy.typing import NDArray
+from convex_planes import exact_gap
 
 from obb_collision.queries.convex.distances import ConvexDistances, convex_distances
 from obb_collision.queries.convex.support import (
-    BOX,
-    CONE,
     CORNERS,
-    CYLINDER,
     ConvexBodies,
 )
 from obb_collision.typing import Floats
 
-Long = NDArray[np.longdouble]
 KIND_PAIRS = list(combinations_with_replacement(KINDS, 2))
 POLYTOPES = list(combinations_with_replacement(("hull", "box", "capsule"), 2))
 #: Promised: how close the bounds are, relative to the size or the distance of a pair.
@@ -77,36 +73,6 @@ def test_distances_of_polytopes_are_those_of_fractions(
 def world_rounding(pair: Pair) -> Floats:
     a, b = pair
     return 1e-15 * (np.abs(a.centers).sum(axis=1) + np.abs(b.centers).sum(axis=1))
-
-
-def exact_reach(body: ConvexBodies, n: Long) -> Long:
-    """Return how far bodies reach along directions n (m, 3), of length one to 64 bits."""
-    rotations, sizes = body.rotations.astype(np.longdouble), body.sizes.astype(np.longdouble)
-    m = np.einsum("nij,ni->nj", rotations, n)
-    x, y, z, half = (sizes[:, k] for k in range(4))
-    rim = np.sqrt((x * m[:, 0]) ** 2 + (y * m[:, 1]) ** 2)
-    kind = int(body.kinds[0])
-    if kind == CORNERS:
-        points = np.array([corners_of(body, i) for i in range(len(m))]).astype(np.longdouble)
-        core = np.einsum("nkj,nj->nk", points, m).max(axis=1)
-    elif kind == BOX:
-        core = (np.abs(m) * sizes[:, :3]).sum(axis=1)
-    elif kind == CYLINDER:
-        core = rim + half * np.abs(m[:, 2])
-    elif kind == CONE:
-        core = np.maximum(half * m[:, 2], rim - half * m[:, 2])
-    else:
-        core = np.sqrt(rim**2 + (z * m[:, 2]) ** 2) + half * np.abs(m[:, 2])
-    return core + body.radii * np.sqrt((n * n).sum(axis=1))
-
-
-def exact_gap(pair: Pair, normals: Floats) -> Long:
-    a, b = pair
-    n = normals.astype(np.longdouble)
-    n /= np.sqrt((n * n).sum(axis=1))[:, None]
-    offset = b.centers.astype(np.longdouble) - a.centers
-    gap: Long = (n * offset).sum(axis=1) - exact_reach(a, n) - exact_reach(b, -n)
-    return gap
 
 
 @pytest.mark.parametrize("name", FAMILIES)

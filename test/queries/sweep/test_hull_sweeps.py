@@ -1,0 +1,217 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Sweeps of convex bodies: never late, none missed, and no earlier than the tolerance."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from itertools import combinations_with_replacement
+from typing import Any
+
+import hull_distances
+import numpy as np
+import pytest
+from convex_bodies import FAMILIES, KINDS, corners_of, moved
+from convex_planes import exact_gap
+from hypothesis import given
+from hypothesis import strategies as st
+from moving_bodies import moving, places_at
+from scipy.optimize import linprog
+
+from obb_collision.queries.convex.distances import convex_distances
+from obb_collision.queries.convex.support import BOX, ConvexBodies
+from obb_collision.queries.sweep.convex import convex_sweeps
+from obb_collision.queries.sweep.course import MAX_STEPS, BodyMotion
+from obb_collision.queries.sweep.sweep import TOLERANCE, Sweeps
+from obb_collision.typing import Floats, Integers
+
+KIND_PAIRS = list(combinations_with_replacement(KINDS, 2))
+POLYTOPES = list(combinations_with_replacement(("hull", "box", "capsule"), 2))
+#: Families whose sizes differ so much from their offsets that doubles have too few digits.
+TOO_FEW_DIGITS = ("tiny", "far apart")
+#: The share of pairs that may be undecided: a point beside the face of a disk that spins is.
+MOST_UNDECIDED = {"straight": 0.0, "turning": 0.01, "fast": 0.2}
+#: What a plane found in doubles may fall short of the best, relative to size and offset.
+PLANE = 1e-9
+
+
+def found_of(bodies: ConvexBodies, motion: BodyMotion, pairs: Integers) -> Sweeps:
+    return convex_sweeps(bodies, motion, pairs, np.zeros(len(pairs)), TOLERANCE)
+
+
+def near_of(motion: BodyMotion, pairs: Integers) -> Floats:
+    radii = motion.radii[pairs]
+    return np.maximum(TOLERANCE * radii.min(axis=1), 2e-6 * radii.max(axis=1))
+
+
+def shifted(points: list[Any], way: list[Fraction], time: Fraction) -> list[Any]:
+    return [tuple(x + w * time for x, w in zip(p, way, strict=True)) for p in points]
+
+
+@pytest.mark.parametrize("name", FAMILIES)
+@pytest.mark.parametrize("kinds", POLYTOPES)
+def test_polytopes_that_do_not_turn_are_apart_until_then_in_fractions(
+    name: str, kinds: tuple[str, str], pairs: int
+) -> None:
+    """What the one sweeps, seen from the other, is the hull of its corners at both ends."""
+    bodies, motion, rows = moving(name, kinds, max(6, pairs // 1000), 3, "straight")
+    found, near = found_of(bodies, motion, rows), near_of(motion, rows)
+    for n, (i, j) in enumerate(rows.tolist()):
+        a, b = (
+            hull_distances.placed(corners_of(bodies, k), motion.starts[k], bodies.rotations[k])
+            for k in (i, j)
+        )
+        ends = motion.ends[[i, j]].tolist()
+        way = [Fraction(y) - Fraction(x) for x, y in zip(*ends, strict=True)]
+        time = Fraction(min(found.free_until[n], 1.0))
+        then, radius = shifted(b, way, time), Fraction(bodies.radii[i]) + Fraction(bodies.radii[j])
+        if time > 0:
+            assert hull_distances.squared_distance(a, b + then) >= radius * radius
+        if found.hits[n]:
+            assert hull_distances.squared_distance(a, then) <= (radius + Fraction(near[n])) ** 2
+
+
+@pytest.mark.parametrize("name", FAMILIES)
+@pytest.mark.parametrize("kinds", KIND_PAIRS)
+@pytest.mark.parametrize("way", ["straight", "turning", "fast"])
+def test_a_plane_parts_the_bodies_until_then_and_they_are_near_at_last(
+    name: str, kinds: tuple[str, str], way: str, pairs: int
+) -> None:
+    bodies, motion, rows = moving(name, kinds, max(30, pairs // 10), 4, way)
+    found, near = found_of(bodies, motion, rows), near_of(motion, rows)
+    until = np.minimum(found.free_until, 1.0)
+    assert np.isnan(found.times[found.undecided]).all()
+    for share in (0.1, 0.5, 0.9, 0.99, 0.9999, 1.0):
+        gaps, upper, size = gaps_at(bodies, motion, rows, share * until)
+        moving_on = until > 0.0
+        assert (gaps[moving_on] >= -(PLANE * size)[moving_on]).all()
+    assert (upper[found.hits] <= (near + PLANE * size)[found.hits]).all()
+    if motion.radii.any():  # not of points
+        assert found.hits.any()
+        assert name in TOO_FEW_DIGITS or found.undecided.mean() <= MOST_UNDECIDED[way]
+
+
+def gaps_at(
+    bodies: ConvexBodies, motion: BodyMotion, rows: Integers, times: Floats
+) -> tuple[Floats, Floats, Floats]:
+    """Return gaps along planes that part bodies at times (m,), distances of points, and sizes."""
+    (p, r), (q, s) = (places_at(motion, column, times) for column in rows.T)
+    here = []
+    for column, centers, rotations in ((rows[:, 0], 0 * p, r), (rows[:, 1], q - p, s)):
+        columns = {key: x if key == "hulls" else x[column] for key, x in vars(bodies).items()}
+        placed = ConvexBodies(**(columns | {"centers": centers, "rotations": rotations}))
+        here.append(placed)
+    doubles = [
+        moved(x, centers=x.centers.astype(float), rotations=x.rotations.astype(float)) for x in here
+    ]
+    each = np.arange(len(rows))
+    planes = convex_distances(doubles[0], doubles[1], each, each)[0]
+    size = motion.reaches[rows].sum(axis=1) + np.abs(doubles[1].centers).sum(axis=1)
+    return exact_gap((here[0], here[1]), planes.normals).astype(float), planes.upper, size
+
+
+@pytest.mark.parametrize("kinds", [("hull", "hull"), ("hull", "box"), ("box", "capsule")])
+def test_times_are_those_of_linear_programs(kinds: tuple[str, str], pairs: int) -> None:
+    """Weights of corners that bring a point of both together, at the earliest time."""
+    bodies, motion, rows = moving("random", kinds, max(30, pairs // 100), 5, "straight")
+    bodies.radii[:] = 0.0
+    found, hits = found_of(bodies, motion, rows), 0
+    for n, (i, j) in enumerate(rows.tolist()):
+        a, b = (corners_of(bodies, k) @ bodies.rotations[k].T + motion.starts[k] for k in (i, j))
+        way = motion.ends[j] - motion.ends[i]
+        cost = np.zeros(len(a) + len(b) + 1)
+        cost[-1] = 1.0
+        equal = np.zeros((5, len(cost)))
+        equal[:3] = np.column_stack([a.T, -b.T, -way])
+        equal[3, : len(a)] = equal[4, len(a) : -1] = 1.0
+        bounds = [(0.0, None)] * (len(cost) - 1) + [(0.0, 1.0)]
+        truth = linprog(cost, A_eq=equal, b_eq=[0, 0, 0, 1, 1], bounds=bounds)
+        if truth.status == 0:
+            hits += 1
+            assert found.hits[n]
+            assert found.times[n] <= truth.x[-1] + 1e-7
+            assert found.times[n] >= truth.x[-1] - 1e-5
+    assert hits > 5
+
+
+def ball_and_plate(**changes: Any) -> tuple[ConvexBodies, BodyMotion]:
+    """Return a plate at 1, and a ball at the origin that moves by 2 along x."""
+    kinds, sizes = np.array([2, BOX], np.int8), np.array([[0, 0, 0, 0], [0.1, 1.0, 1.0, 0.0]])
+    bodies, _, _ = moving("random", ("hull", "hull"), 1, 0, "straight")
+    starts, radii = np.array([[0.0, 0, 0], [1.0, 0, 0]]), np.array([0.25, 0.0])
+    bodies = moved(bodies, kinds=kinds, sizes=sizes * 1.0, radii=radii, centers=starts)
+    rotations = np.tile(np.eye(3), (2, 1, 1))
+    ends = np.array([[2.0, 0, 0], [0, 0, 0]])
+    motion = BodyMotion(
+        *(starts, ends, 1.0, rotations, np.zeros((2, 3)), np.zeros((2, 3))),
+        *(np.array([0.25, 1.5]), np.array([0.25, 1.5])),
+    )
+    return bodies, motion._replace(**changes)
+
+
+PAIR = np.array([[0, 1]])
+
+
+def test_what_is_hit_when_and_where() -> None:
+    found = found_of(*ball_and_plate(), PAIR)
+    assert found.times[0] == pytest.approx(0.325, abs=1e-7)
+    assert found.times[0] <= 0.325
+    assert found.positions[0] == pytest.approx([0.9, 0, 0], abs=1e-6)
+    assert found.normals[0] == pytest.approx([1, 0, 0], abs=1e-9)
+
+
+def test_no_motion_and_overlap_at_the_start() -> None:
+    bodies, motion = ball_and_plate(ends=np.zeros((2, 3)))
+    assert found_of(bodies, motion, PAIR).free_until.tolist() == [np.inf]
+    starts = np.array([[0.9, 0, 0], [1.0, 0, 0]])
+    found = found_of(bodies, motion._replace(starts=starts), PAIR)
+    assert (found.hits.tolist(), found.times.tolist()) == ([True], [0.0])
+
+
+@given(st.floats(0.25, 0.4), st.floats(-200.0, 200.0))
+def test_a_plate_that_spins_about_the_way_of_a_ball_meets_it_at_the_same_time(
+    size: float, angle: float
+) -> None:
+    turns = np.array([[0.0, 0, 0], [angle, 0, 0]])
+    bodies, motion = ball_and_plate(turns=turns)
+    bodies.radii[0] = size
+    found = found_of(bodies, motion, PAIR)
+    truth = 0.45 - 0.5 * size
+    assert found.hits[0]
+    assert truth - TOLERANCE <= found.times[0] <= truth
+
+
+@given(st.floats(0.0, 1.0), st.floats(0.001, 0.2))
+def test_a_ball_that_passes_a_spinning_rod_out_of_its_reach_is_decided(
+    begin: float, room: float
+) -> None:
+    """The boxes of a wheel would touch all along: by its own shape it does not."""
+    bodies, motion = ball_and_plate(turns=np.array([[0.0, 0, 0], [0, 300.0, 0]]))
+    sizes = np.array([[0.0, 0, 0, 0], [1.0, 1.0, 0, 0.1]])
+    bodies = moved(bodies, kinds=np.array([2, 4], np.int8), sizes=sizes)
+    starts = np.array([[-1.0, 1.25 + room, 0], [0.0, 0, 0]])
+    motion = motion._replace(starts=starts, turns=np.array([[0.0, 0, 0], [0, 0, 30.0]]))
+    found = convex_sweeps(bodies, motion, PAIR, np.array([begin]), TOLERANCE)
+    assert found.free_until.tolist() == [np.inf]
+    assert MAX_STEPS == 1000  # docs/effects.md
+
+
+def test_one_thread_or_many_alone_or_in_a_batch_is_the_same() -> None:
+    bodies, motion, rows = moving("random", ("hull", "cylinder"), 200, 6, "turning")
+    whole = found_of(bodies, motion, rows)
+    for n in range(0, 200, 37):
+        alone = found_of(bodies, motion, rows[n : n + 1])
+        assert np.array_equal(alone.times, whole.times[n : n + 1], equal_nan=True)
+        assert np.array_equal(alone.positions, whole.positions[n : n + 1], equal_nan=True)
