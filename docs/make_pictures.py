@@ -14,11 +14,12 @@
 
 """Makes the pictures in this folder anew: all, or those that are named.
 
-    python docs/make_pictures.py [accuracy] [effects] [separating_axis] [demo]
+    python docs/make_pictures.py [accuracy] [effects] [separating_axis] [demo] [arm_cell]
 
 The plots are drawn from the tables on the pages, so that both say the same; the commands beside the
 tables measure anew. `speed.svg` is drawn by its command. ``demo`` makes ``view.png`` and
-``demo.png``: it needs the extras ``ros`` and ``view``, and Chromium or Chrome.
+``demo.png``, ``arm_cell`` that of the tutorial: they need the extra ``ros``,
+``demo`` the extra ``view`` and Chromium or Chrome, too.
 """
 
 from __future__ import annotations
@@ -36,6 +37,8 @@ import numpy as np
 FOLDER = Path(__file__).parent
 #: When vehicles collide in the scene, seconds.
 TIME = 28.0
+#: When the arm grazes a board in its cell, seconds.
+ARM_TIME = 10.0
 #: Pixels of the browser's window, and where it warns of a software renderer: painted over.
 WINDOW, WARNING = (1640, 740), (0, 0, 345, 190)
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
@@ -198,11 +201,34 @@ def draw_demo() -> None:
         context.try_shutdown()
 
 
+def draw_arm_cell() -> None:
+    """Run the demo of the arm up to where it collides, and draw that state."""
+    from rclpy.context import Context
+
+    from obb_collision.demo.command import scene_file
+    from obb_collision.demo.run import Demo
+    from obb_collision.demo.scene import DemoScene
+    from obb_collision.node.runtime.environment import set_defaults
+
+    set_defaults()
+    context = Context()
+    context.init()
+    demo = Demo(context, DemoScene(*scene_file("arm_cell")), rate=30.0, seconds=1.0, report=print)
+    try:
+        demo.begin()
+        demo.settle(ARM_TIME)
+        demo.save_picture(FOLDER / "tutorials" / "arm_cell.png")
+    finally:
+        demo.close()
+        context.try_shutdown()
+
+
 PICTURES = {
     "accuracy": draw_accuracy,
     "effects": draw_effects,
     "separating_axis": draw_separating_axis,
     "demo": draw_demo,
+    "arm_cell": draw_arm_cell,
 }
 
 

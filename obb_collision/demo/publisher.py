@@ -21,8 +21,8 @@ from typing import Any
 import numpy as np
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from sensor_msgs.msg import MultiDOFJointState, PointCloud2
-from std_msgs.msg import Header
+from sensor_msgs.msg import JointState, MultiDOFJointState, PointCloud2
+from std_msgs.msg import Header, String
 from visualization_msgs.msg import MarkerArray
 
 from obb_collision.demo.scene import DemoScene
@@ -31,12 +31,14 @@ from obb_collision.node.messages.clouds import cloud_to_ros
 from obb_collision.node.messages.conversions import pose_to_ros, stamp_to_ros, states_to_ros
 from obb_collision.node.messages.marker_shapes import shape_to_ros
 from obb_collision.node.messages.names import namespace_number
+from obb_collision.robots.description.urdf_text import description_text
 
 FRAME = "map"
 #: Scans of the lidar per second, Hz.
 SCAN_RATE = 10.0
 #: A point of ``points``.
 POINT_DTYPE = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4")])
+DESCRIPTIONS = ("robot_description", "robot_description_semantic")
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
@@ -60,13 +62,23 @@ class ScenePublisher(Node):
         else:
             self._objects = self.create_publisher(MarkerArray, "objects", LATCHED)
             self._motion = self.create_publisher(PointCloud2, "object_poses", depth)
+        self._joints = {
+            robot.name: self.create_publisher(JointState, f"{robot.name}/joint_states", depth)
+            for robot in scene.robots
+        }
+        self._descriptions = {
+            (robot.name, kind): self.create_publisher(String, f"{robot.name}/{kind}", LATCHED)
+            for robot in scene.robots
+            for kind in DESCRIPTIONS
+        }
         if scene.description.lidar is not None:
             self._points = self.create_publisher(PointCloud2, "points", QoSProfile(depth=2))
 
     @property
     def matched(self) -> bool:
         """Whether the topics of the objects have subscribers."""
-        used = [publisher for publisher in (self._objects, self._motion) if publisher is not None]
+        used: list[Any] = [self._motion, *self._joints.values(), *self._descriptions.values()]
+        used += [] if self._objects is None else [self._objects]
         return all(publisher.get_subscription_count() > 0 for publisher in used)
 
     def publish_all(self, time: float) -> int:
@@ -74,8 +86,27 @@ class ScenePublisher(Node):
         rows = list(range(len(self.scene.names)))
         return self._publish_states(rows, time) if self.scene.file else self._publish_markers(time)
 
-    def publish_motion(self, time: float) -> int | None:
-        """Publish what moves as it is at a time; returns the stamp (ns), None if nothing does."""
+    def publish_descriptions(self) -> None:
+        """Publish URDF and SRDF of the robots."""
+        for robot in self.scene.robots:
+            texts = description_text(robot.urdf), robot.srdf and robot.srdf.read_text("utf-8")
+            for kind, text in zip(DESCRIPTIONS, texts, strict=True):
+                if text is not None:
+                    self._descriptions[robot.name, kind].publish(String(data=text))
+
+    def publish_joints(self, time: float) -> int | None:
+        """Publish the joints of the robots at a time; returns the stamp (ns), None if none."""
+        stamp, header = self._header()
+        for robot in self.scene.robots:
+            values, velocities = (part.tolist() for part in robot.joints(time))
+            names = list(robot.robot.joint_names)
+            self._joints[robot.name].publish(
+                JointState(header=header, name=names, position=values, velocity=velocities)
+            )
+        return stamp if self.scene.robots else None
+
+    def publish_objects(self, time: float) -> int | None:
+        """Publish objects that move as they are at a time; returns the stamp (ns), or None."""
         rows = self.scene.moving
         if not rows:
             return None
@@ -83,7 +114,8 @@ class ScenePublisher(Node):
 
     def publish_step(self, time: float) -> None:
         """Publish what moves, and the lidar's points when a scan is due."""
-        self.publish_motion(time)
+        self.publish_objects(time)
+        self.publish_joints(time)
         if time >= self._next_scan:
             self._next_scan = time + 1.0 / SCAN_RATE
             self.publish_points(time)

@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -33,6 +33,7 @@ from obb_collision.demo.scene import DemoScene
 from obb_collision.demo.snapshot import Snapshot, take_snapshot
 from obb_collision.node.node import NODE_NAME, CollisionNode
 from obb_collision.node.topics.topics import TOPICS
+from obb_collision.scene_files.description import SceneRobot
 
 #: Everything of the demo is in this namespace: it must not disturb a robot.
 NAMESPACE = "/obb_collision_demo"
@@ -40,8 +41,22 @@ NAMESPACE = "/obb_collision_demo"
 PATIENCE = 300.0
 #: Seconds between two checks whether it is time to stop.
 GLANCE = 0.05
+#: Seconds from one message of joints to the next while the node reads a description.
+JOINTS_AGAIN = 0.2
 #: Stamp (ns) that makes all times 0 s: the demo's clock starts with the motion.
 NOT_YET = 2**63 - 1
+
+
+def robot_parameters(robots: Sequence[SceneRobot]) -> dict[str, Any]:
+    """Return the parameters of a node for the robots of a scene file, which may stand still."""
+    bases = [f"{robot.name}: {' '.join(map(repr, robot.pose))}" for robot in robots]
+    folders = {str(robot.urdf.resolve().parent): None for robot in robots}
+    return {
+        "robots": [robot.name for robot in robots],
+        "robot_bases": bases,
+        "mesh_folders": list(folders),
+        "joint_timeout": 0.0,
+    }
 
 
 class Demo:
@@ -74,9 +89,12 @@ class Demo:
         }
         if scene.file is not None:
             values["scene_file"] = str(scene.file.resolve())
+        if scene.robots:
+            values |= robot_parameters(scene.robots)
         inputs = ["object_states"] if scene.file is not None else ["objects", "object_poses"]
         topics = [
             *inputs,
+            *(f"{robot.name}/joint_states" for robot in scene.robots),
             "collisions",
             *(TOPICS[name].name for name in effects),
             f"{NODE_NAME}/markers",
@@ -91,8 +109,9 @@ class Demo:
         where["start_parameter_services"] = False  # six services less to wait for, each time
         self.publisher = ScenePublisher(scene, **where)
         self.listener = Listener(report, effects, **where)
-        if live:
+        if live or scene.robots:
             self.listener.watch_boxes(f"{NODE_NAME}/markers")
+        if live:
             self.listener.watch_inputs()
         self._executor = SingleThreadedExecutor(context=context)
         for node in (self._checker, self.publisher, self.listener):
@@ -117,19 +136,40 @@ class Demo:
         self.listener.start = self.publisher.publish_all(0.0)
         self.listener.epoch = NOT_YET
         self.spin_until(lambda: self.listener.cycles > 0)
+        self._begin_robots()
         self.publisher.publish_points(0.0)
         stamps = self.listener.effect_stamps
         self.spin_until(lambda: min(stamps.values(), default=0) >= 0)
 
+    def _begin_robots(self) -> None:
+        """Publish descriptions, and joints until all links are placed: descriptions take time."""
+        if not self.scene.robots:
+            return
+        self.publisher.publish_descriptions()
+        timer = self.publisher.create_timer(
+            JOINTS_AGAIN, lambda: self.publisher.publish_joints(0.0)
+        )
+        shown = self.listener
+        self.spin_until(
+            lambda: (
+                len(shown.boxes.names) == len(self.scene.shapes) and not shown.boxes.doubtful.any()
+            )
+        )
+        self.publisher.destroy_timer(timer)
+
     def settle(self, time: float) -> None:
         """Publish the state of a time and wait: what the listener has is then of that state."""
         self.time = time
-        stamp = self.publisher.publish_motion(time)
-        if stamp is not None:
-            self.spin_until(lambda: self.listener.stamp >= stamp)
+        for publish in (self.publisher.publish_objects, self.publisher.publish_joints):
+            stamp = publish(time)
+            if stamp is not None:
+                self._wait_for(stamp)
         self.publisher.publish_points(time)
         last, stamps = self.listener.stamp, self.listener.effect_stamps
         self.spin_until(lambda: min(stamps.values(), default=last) >= last)
+
+    def _wait_for(self, stamp: int) -> None:
+        self.spin_until(lambda: self.listener.stamp >= stamp)
 
     def spin_until(self, reached: Callable[[], bool], patience: float = PATIENCE) -> None:
         """Spin until something is reached. Raises TimeoutError after ``patience`` seconds."""
@@ -147,7 +187,7 @@ class Demo:
         """Return the lines at the end."""
         listener = self.listener
         lines = [
-            f"{self.time:.1f} s, {len(self.scene.names)} objects, {len(self.scene.moving)} "
+            f"{self.time:.1f} s, {len(self.scene.shapes)} objects, {self.scene.moving_count} "
             f"moving, {listener.cycles} cycles",
         ]
         if listener.latencies:
@@ -158,7 +198,7 @@ class Demo:
 
     def snapshot(self) -> Snapshot:
         """Return what the node published about the latest state."""
-        listener, names = self.listener, self.scene.names
+        listener, names = self.listener, self.scene.shapes
         if listener.boxes.stamp < 0:
             listener.watch_boxes(f"{NODE_NAME}/markers")
         self.spin_until(

@@ -22,6 +22,7 @@ from obb_collision.node.messages.conversions import name_from_key
 from obb_collision.node.scene_file import keys_from_names
 from obb_collision.scene_files import SceneDescription
 from obb_collision.scene_files.simulate.lidar import Cloud
+from obb_collision.shapes import Shape
 from obb_collision.typing import Floats
 
 
@@ -30,7 +31,8 @@ class DemoScene:
 
     file: where the description was read from, for the node to read it too; None where its objects
     are to be published. keys and names are those on the topics, shapes by name. moving: rows of the
-    objects that move. zones: colour of each region, that is of each object with an opacity below 1.
+    objects that move. robots: those of the file, whose links are among the shapes. zones: colour of
+    each region, that is of each object with an opacity below 1.
     """
 
     def __init__(self, description: SceneDescription, file: Path | None = None) -> None:
@@ -38,7 +40,14 @@ class DemoScene:
         self.keys = keys_from_names(description.names)
         self.names = [name_from_key(key) for key in self.keys]
         objects = dict(zip(self.names, description.objects, strict=True))
-        self.shapes = {name: thing.shape for name, thing in objects.items()}
+        self.robots = description.robots
+        self.shapes: dict[str, Shape] = {name: thing.shape for name, thing in objects.items()}
+        self.shapes |= {
+            f"{each.name}/{link}/{number}": shape
+            for each in self.robots
+            for link, placed in zip(each.robot.link_names, each.robot.shapes, strict=True)
+            for number, (shape, _) in enumerate(placed)
+        }
         self.moving = description.moving()
         self.zones = {
             name: thing.color[:3]
@@ -48,6 +57,16 @@ class DemoScene:
         if description.lidar is None:
             return
         self._scene = description.build()
+
+    @property
+    def moving_count(self) -> int:
+        """How many objects move, the links of robots that move included."""
+        return len(self.moving) + sum(
+            len(placed)
+            for each in self.robots
+            if each.motion is not None
+            for placed in each.robot.shapes
+        )
 
     def states(self, time: float) -> tuple[Floats, Floats]:
         """Return poses (n, 7) and twists (n, 6) at a time (s)."""

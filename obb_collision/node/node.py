@@ -306,6 +306,12 @@ class CollisionNode(ManagedNode):
             meshes.close()
         for note in description.notes:
             self.get_logger().info(f"{self.parameters.scene_file}: {note}")
+        for robot in description.robots:
+            if robot.name not in self.parameters.robots:
+                self.get_logger().warning(
+                    f"{self.parameters.scene_file}: robot {robot.name} is not checked: it needs "
+                    f"the parameter robots: ['{robot.name}']"
+                )
         found = SceneFile(description)
         self.parameters.override_defaults(found.parameters())
         return found

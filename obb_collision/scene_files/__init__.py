@@ -22,6 +22,7 @@ from obb_collision.scene_files.description import (
     EffectChoice,
     SceneDescription,
     SceneObject,
+    SceneRobot,
 )
 from obb_collision.scene_files.errors import SceneFileError
 from obb_collision.scene_files.load import READY, describe_scene, find_scene, load_scene
@@ -33,6 +34,7 @@ __all__ = [
     "SceneDescription",
     "SceneFileError",
     "SceneObject",
+    "SceneRobot",
     "describe_scene",
     "find_scene",
     "load_scene",

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
@@ -25,9 +26,11 @@ import numpy as np
 
 from obb_collision.accuracy import Accuracy
 from obb_collision.geometry.poses import Pose
+from obb_collision.robots.description.robot import Robot
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.scene import Scene
 from obb_collision.scene.store.patterns import matching
+from obb_collision.scene_files.simulate.joints import JointLoop
 from obb_collision.scene_files.simulate.lidar import Lidar
 from obb_collision.scene_files.simulate.motion import Motion, states_at
 from obb_collision.shapes import Shape
@@ -64,6 +67,29 @@ class SceneObject:
 
 
 @dataclass(frozen=True)
+class SceneRobot:
+    """One robot: its name, the files of its URDF and SRDF, what is in them, and where it stands.
+
+    pose: of the root link (x y z qx qy qz qw); state: values of ``robot.joint_names`` at the start;
+    motion: for demos and measurements, None for a robot at rest.
+    """
+
+    name: str
+    urdf: Path
+    srdf: Path | None
+    robot: Robot
+    pose: Pose
+    state: tuple[float, ...]
+    motion: JointLoop | None = None
+
+    def joints(self, time: float) -> tuple[Floats, Floats]:
+        """Return values and velocities of the joints at a time (s)."""
+        if self.motion is None:
+            return np.array(self.state), np.zeros(len(self.state))
+        return self.motion.at(time)
+
+
+@dataclass(frozen=True)
 class AllowedRule:
     """Whether objects that match two patterns may touch; of several rules the last one counts."""
 
@@ -94,8 +120,8 @@ class SceneDescription:
     """A scene file: everything that is needed to make the scene, drive it and draw it.
 
     groups: patterns by name; accuracies: patterns and their accuracy, of several the last one
-    counts; time_budget: seconds per check, None for no budget; notes: what in the file is left
-    out or odd, as text.
+    counts; time_budget: seconds per check, None for no budget; robots: not in the scene that
+    ``build`` makes, but for ``RobotScene``; notes: what in the file is left out or odd, as text.
 
     Examples
     --------
@@ -114,6 +140,7 @@ class SceneDescription:
     time_budget: float | None = None
     effects: Mapping[str, EffectChoice] = field(default_factory=lambda: MappingProxyType({}))
     lidar: Lidar | None = None
+    robots: tuple[SceneRobot, ...] = ()
     view: View | None = None
     notes: tuple[str, ...] = ()
 

@@ -36,7 +36,7 @@ from obb_collision.scene_files.yaml_values import Value
 
 PACKAGE = "obb_collision"
 #: Names of the scenes in the folder ``config`` of the package.
-READY = ("tabletop", "warehouse", "lidar_zone")
+READY = ("tabletop", "warehouse", "lidar_zone", "arm_cell")
 
 
 def load_scene(path: str | Path, mesh_folders: Sequence[str | Path] = ()) -> SceneDescription:

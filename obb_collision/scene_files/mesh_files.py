@@ -36,6 +36,7 @@ from obb_collision.shapes import Mesh
 from obb_collision.words import MAX_PATH
 
 PACKAGE = "package://"
+A_FILE = "a path or a file:// or package:// URI"
 
 
 class MeshReading:
@@ -81,14 +82,30 @@ class MeshFiles:
 
     def mesh(self, value: Value, scale: Triple) -> Mesh:
         """Return the mesh that a value names. Raises SceneFileError that names the value."""
-        file = value.text("a path or a file:// or package:// URI", MAX_PATH)
+        file = value.text(A_FILE, MAX_PATH)
         if (file, scale) not in self._read:
             with value.reasons():
                 self._read[file, scale] = self._reading.read(self._path(file), scale)
         return self._read[file, scale]
 
+    def path(self, value: Value) -> Path:
+        """Return where the file is that a value names. Raises SceneFileError for none to read."""
+        file = value.text(A_FILE, MAX_PATH)
+        with value.reasons():
+            return self._path(file)
+        raise AssertionError  # for the type checker: what is within does not go on
+
+    @property
+    def folders(self) -> tuple[str | Path, ...]:
+        """Where mesh files may be besides the folder and the package of the scene file."""
+        return self._reading.folders
+
+    def read(self, path: Path, scale: Triple) -> Mesh:
+        """Return a mesh that a description names; ValueError with the reason."""
+        return self._reading.read(path, scale)
+
     def _path(self, file: str) -> Path:
-        """Return where a file is; ValueError where no mesh is read."""
+        """Return where a file is; ValueError where none is read."""
         path, own = self._found(file)
         try:
             return allowed_path(path, (own, *self._reading.folders))

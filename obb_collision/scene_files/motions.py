@@ -51,7 +51,7 @@ def read_motion(value: Value, turn: Quaternion) -> Motion:
     for key in fields:
         if key not in KINDS[kind]:
             fields[key].refuse(f"a motion by {kind} has no {key}")
-    period = _read_period(fields["period"]) if "period" in fields else None
+    period = read_period(fields["period"]) if "period" in fields else None
     if kind == "twist":
         x, y, z, about_x, about_y, about_z = _within(fields["twist"], 6)
         return Steady((x, y, z, about_x, about_y, about_z), period)
@@ -73,21 +73,25 @@ def _read_loop(value: Value, turn: Quaternion, period: float) -> Loop:
     if len(points) < 2:
         value.expected("at least 2 waypoints")
     read = [_read_waypoint(point, turn) for point in points]
-    given = [time for _, time in read if time is not None]
-    if not given:
-        times = [period * k / len(read) for k in range(len(read))]
-    elif len(given) < len(read):
-        value.refuse("all waypoints need a time, or none")
-    else:
-        times = given
-    ascending = all(a < b for a, b in pairwise([*times, period]))
-    if times[0] != 0.0 or not ascending:
-        value.refuse(f"times must ascend from 0 and stay below the period {period:g}, got {times}")
-    loop = Loop(tuple(pose for pose, _ in read), tuple(times), period)
+    times = read_times(value, [time for _, time in read], period)
+    loop = Loop(tuple(pose for pose, _ in read), times, period)
     for time, speed in zip(times, np.abs(loop.twists).max(axis=1), strict=True):
         if not speed <= MAX_MOVING:
             value.refuse(f"from {time:g} s on it moves at more than {MAX_MOVING:g} m/s or rad/s")
     return loop
+
+
+def read_times(value: Value, given: Sequence[float | None], period: float) -> tuple[float, ...]:
+    """Return the times of waypoints, evenly spaced where none are given."""
+    times = [time for time in given if time is not None]
+    if not times:
+        times = [period * k / len(given) for k in range(len(given))]
+    elif len(times) < len(given):
+        value.refuse("all waypoints need a time, or none")
+    ascending = all(a < b for a, b in pairwise([*times, period]))
+    if times[0] != 0.0 or not ascending:
+        value.refuse(f"times must ascend from 0 and stay below the period {period:g}, got {times}")
+    return tuple(times)
 
 
 def _read_waypoint(value: Value, turn: Quaternion) -> tuple[Pose, float | None]:
@@ -107,7 +111,8 @@ def _read_waypoint(value: Value, turn: Quaternion) -> tuple[Pose, float | None]:
     return (x, y, z, *unit(turn)), None
 
 
-def _read_period(value: Value) -> float:
+def read_period(value: Value) -> float:
+    """Return the seconds of one round."""
     return value.number(
         f"seconds from {MIN_PERIOD:g} to {MAX_PERIOD:g}", lambda x: MIN_PERIOD <= x <= MAX_PERIOD
     )

@@ -26,13 +26,14 @@ from obb_collision.scene_files.description import AllowedRule, SceneDescription,
 from obb_collision.scene_files.effects import read_effects
 from obb_collision.scene_files.mesh_files import MeshFiles
 from obb_collision.scene_files.objects import PATTERN_LETTERS, read_accuracy, read_objects
+from obb_collision.scene_files.robots import read_robots
 from obb_collision.scene_files.simulate.lidar import Lidar
 from obb_collision.scene_files.yaml_values import Value
 from obb_collision.words import printable
 
 KEYS = (
     *("name", "description", "objects", "groups", "allowed", "accuracy", "padding"),
-    *("time_budget", "effects", "lidar", "view"),
+    *("time_budget", "effects", "lidar", "robots", "view"),
 )
 #: Key of the accuracy of all objects that no other entry matches.
 DEFAULT = "default"
@@ -61,6 +62,7 @@ def read_scene(top: Value, path: Path, files: MeshFiles) -> SceneDescription:
         "time_budget": _read_budget,
         "effects": lambda value: MappingProxyType(read_effects(value, words.patterns)),
         "lidar": lambda value: _read_lidar(value, words),
+        "robots": lambda value: read_robots(value.items(), files, problems),
         "view": _read_view,
     }
     for key, read in readers.items():

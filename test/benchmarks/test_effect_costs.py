@@ -19,7 +19,6 @@ from pathlib import Path
 import pytest
 
 from obb_collision.benchmarks import effects
-from obb_collision.scene_files import READY
 
 
 @pytest.fixture(scope="module")
@@ -28,14 +27,14 @@ def rows() -> list[effects.EffectRow]:
 
 
 def test_every_scene_has_its_effects_alone_and_together(rows: list[effects.EffectRow]) -> None:
-    for name in READY:
+    for name in effects.SCENES:
         own = {row.variant: row for row in rows if row.scene == name}
         assert list(own)[:3] == [effects.PAIRS, effects.OFF, "separations"]
         assert list(own)[-1] == effects.ALL
         assert own[effects.OFF].count == own[effects.PAIRS].count == 0.0
         assert own[effects.OFF].ratio == 1.0
     table = effects.format_effects(rows)
-    assert all(f"{name}: effects off / pairs alone" in table for name in READY)
+    assert all(f"{name}: effects off / pairs alone" in table for name in effects.SCENES)
 
 
 def test_the_effects_of_the_ready_scenes_have_something_to_do(

@@ -24,13 +24,12 @@ import pytest
 pytest.importorskip("rclpy")
 from obb_collision.checks.fuzz import robots, scene_attack, scenes
 from obb_collision.checks.fuzz.client import FoundError
-from obb_collision.checks.fuzz.meshes import OBJ
 
 GOOD = tuple("\n".join(text.splitlines()).encode() for text in (robots.urdf(), robots.SRDF))
 
 
 def test_scenes_are_good_before_they_are_changed(tmp_path: Path) -> None:
-    (tmp_path / scenes.MESH).write_bytes(OBJ)
+    scenes.place_files(tmp_path)
     path = tmp_path / "scene.yaml"
     for text in scenes.texts():
         path.write_text(text)

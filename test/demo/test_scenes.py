@@ -188,4 +188,4 @@ def test_scenes_of_the_package_are_found_by_name(capsys: pytest.CaptureFixture[s
     assert make_parser().parse_args(["--scene", "tabletop"]).scene[0].name == "tabletop"
     with pytest.raises(SystemExit):
         make_parser().parse_args(["--scene", "kitchen"])
-    assert "tabletop, warehouse, lidar_zone" in capsys.readouterr().err
+    assert "tabletop, warehouse, lidar_zone, arm_cell" in capsys.readouterr().err

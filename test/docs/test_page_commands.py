@@ -167,6 +167,8 @@ def test_console_scripts_have_modules() -> None:
 def test_yaml_blocks_are_scenes_or_parameters(tmp_path: Path) -> None:
     (tmp_path / "meshes").mkdir()
     trimesh.creation.box().export(tmp_path / "meshes" / "hand.stl")
+    for name in ("arm.urdf", "arm.srdf", "arm_finger.obj"):
+        (tmp_path / name).write_bytes((ROOT / "config" / name).read_bytes())
     scenes: list[SceneDescription] = []
     parameters: list[str] = []
     for page in PAGES:

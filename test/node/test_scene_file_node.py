@@ -31,7 +31,7 @@ from obb_collision.commands import node as run_node
 from obb_collision.node import collisions_from_ros
 from obb_collision.node.node import CollisionNode
 from obb_collision.node.scene_file import SceneFile, keys_from_names
-from obb_collision.scene_files import find_scene, load_scene
+from obb_collision.scene_files import READY, find_scene, load_scene
 
 ROOT = Path(__file__).parents[2]
 SCENE = """
@@ -93,7 +93,7 @@ def test_objects_of_a_file_move_change_and_go_like_all_others(scene_file: Path) 
         rig.until(lambda: len(collisions_from_ros(rig.next("collisions"))) == 0, "floor gone")
 
 
-@pytest.mark.parametrize("name", ["tabletop", "warehouse", "lidar_zone"])
+@pytest.mark.parametrize("name", READY)
 def test_ready_scenes_start_by_name(name: str) -> None:
     context = Context()
     context.init(domain_id=DOMAIN)

@@ -59,7 +59,7 @@ def test_ready_scenes_build_and_collide_only_later(ready: SceneDescription) -> N
     for time in TIMES:
         scene.move_many(ready.names, ready.states(float(time))[0])
         seen.update(scene.check().names())
-    assert seen or ready.lidar is not None
+    assert seen or ready.lidar is not None or ready.robots
 
 
 def test_the_stop_zone_is_free_at_first_and_then_is_not() -> None:
@@ -78,9 +78,10 @@ def test_the_stop_zone_is_free_at_first_and_then_is_not() -> None:
 def test_their_patterns_are_about_something(ready: SceneDescription) -> None:
     rules = [pattern for rule in ready.allowed for pattern in (rule.first, rule.second)]
     effects = [pattern for choice in ready.effects.values() for pattern in choice.objects or ()]
+    links = [f"{r.name}/{link}/0" for r in ready.robots for link in r.robot.link_names]
     groups = [pattern for patterns in ready.groups.values() for pattern in patterns]
     for pattern in (*rules, *effects, *groups, *(pattern for pattern, _ in ready.accuracies)):
-        assert matching([pattern], ready.names).any(), pattern
+        assert matching([pattern], [*ready.names, *links]).any(), pattern
 
 
 def test_each_calls_for_the_effects_it_is_there_for() -> None:
@@ -95,6 +96,7 @@ def test_each_calls_for_the_effects_it_is_there_for() -> None:
     assert called["tabletop"] == {"contacts", "clearance"}
     assert called["warehouse"] == {"sweep", "clearance", "contacts"}
     assert called["lidar_zone"] == {"points", "clearance"}
+    assert called["arm_cell"] == {"contacts", "clearance"}
 
 
 def test_a_name_that_is_none_is_refused_with_those_there_are() -> None:

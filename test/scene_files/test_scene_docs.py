@@ -23,7 +23,15 @@ import pytest
 import trimesh
 
 from obb_collision.scene.effects import EFFECTS
-from obb_collision.scene_files import READY, SceneFileError, load_scene, moveit, native, objects
+from obb_collision.scene_files import (
+    READY,
+    SceneFileError,
+    load_scene,
+    moveit,
+    native,
+    objects,
+    robots,
+)
 from obb_collision.scene_files.description import NODE_EFFECTS
 from obb_collision.scene_files.motions import KINDS
 
@@ -47,6 +55,7 @@ def test_keys_are_those_of_the_code() -> None:
     kinds = {key for keys in KINDS.values() for key in keys}
     sizes = {key for keys in objects.SIZES.values() for key in keys}
     assert words("## Keys of an object") == {*objects.KEYS, *sizes, *kinds}
+    assert words("## Robots") == set(robots.KEYS)
     assert words("## Effects") == {*EFFECTS, *NODE_EFFECTS}
     parts = words("## MoveIt planning scenes")
     assert {part for part in parts if part != "is_diff"} <= set(moveit.KEYS)
@@ -65,12 +74,16 @@ def test_ready_scenes_are_listed() -> None:
 def test_the_example_loads_and_the_snippet_runs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    (example,) = re.findall(r"```yaml\n(.*?)```", DOCS, re.DOTALL)
+    example, robots = re.findall(r"```yaml\n(.*?)```", DOCS, re.DOTALL)
     (tmp_path / "meshes").mkdir()
     trimesh.creation.box().export(tmp_path / "meshes" / "hand.stl")
     path = tmp_path / "cell.yaml"
     path.write_text(example)
     assert load_scene(path).names == ["table/0", "cup/0", "gripper/0"]
+    for name in ("arm.urdf", "arm.srdf", "arm_finger.obj"):
+        (tmp_path / name).write_bytes((ROOT / "config" / name).read_bytes())
+    path.write_text(robots)
+    assert load_scene(path).robots[0].motion is not None
 
     (code,) = re.findall(r"```python\n(.*?)```", DOCS, re.DOTALL)
     monkeypatch.chdir(ROOT)

@@ -28,7 +28,7 @@ from random import Random
 from obb_collision.checks.fuzz.meshes import OBJ
 from obb_collision.checks.fuzz.mutations import damaged
 from obb_collision.checks.fuzz.robots import read_robot
-from obb_collision.scene_files import describe_scene, find_scene
+from obb_collision.scene_files import READY, describe_scene, find_scene
 
 OBJECTS = """
 name: cell
@@ -60,13 +60,22 @@ SCALARS = (
 )
 BOMB = "a: &a [x, x]\nb: &b [*a, *a, *a, *a]\nc: &c [*b, *b, *b, *b]\nd: [*c, *c, *c, *c]\n"
 MESH = "part.obj"
+ARM = ("arm.urdf", "arm.srdf", "arm_finger.obj")
+"""The files of the robot of a scene of the package."""
 SHOWN = 300
 
 
 def texts() -> list[str]:
     """Return the scenes from which mutations start."""
-    ready = [find_scene(name).read_text() for name in ("tabletop", "warehouse", "lidar_zone")]
+    ready = [find_scene(name).read_text() for name in READY]
     return [OBJECTS, MOVEIT, *ready]
+
+
+def place_files(folder: Path) -> None:
+    """Write the files that the scenes name."""
+    (folder / MESH).write_bytes(OBJ)
+    for file in ARM:
+        (folder / file).write_bytes(find_scene("arm_cell").with_name(file).read_bytes())
 
 
 def mutated_scene(seed: int, number: int) -> bytes:
@@ -113,7 +122,7 @@ def read(path: Path) -> str:
 
 def read_scene(folder: Path, seed: int, number: int) -> str:
     """Read the scene file of a number; returns why it was refused, or an empty text."""
-    (folder / MESH).write_bytes(OBJ)
+    place_files(folder)
     path = folder / "scene.yaml"
     path.write_bytes(mutated_scene(seed, number))
     return read(path)

@@ -16,17 +16,15 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from obb_collision.node.messages.conversions import UNUSABLE, ZERO, pose_kinds
+from obb_collision.scene_files.robots import ROBOT_NAME
 from obb_collision.words import shown
 
-NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
-"""What a robot may be called: a part of names of topics."""
 MAX_ROBOTS = 100
 """Most robots of a node."""
 BY_TOPIC = "object_transform"
@@ -46,7 +44,7 @@ class Base(NamedTuple):
 
 def robot_from_text(text: str) -> str:
     """Read the name of a robot; ValueError for one that can be no part of a topic."""
-    if not NAME.fullmatch(text):
+    if not ROBOT_NAME.fullmatch(text):
         raise ValueError(f"{shown(text)} must be letters, digits and _, and begin with a letter")
     return text
 

@@ -1,0 +1,151 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Robots in scene files: what is read, what is refused, and how their joints move."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import obb_collision as oc
+from obb_collision.robots.description.urdf_text import description_text
+from obb_collision.scene_files import SceneDescription, SceneFileError, find_scene, load_scene
+
+CONFIG = find_scene("arm_cell").parent
+FILE = """\
+objects: [{name: floor/0, shape: box, size: [1, 1, 1]}]
+robots:
+  - name: left
+    urdf: arm.urdf
+    position: [1, 2, 3]
+    rpy: [0, 0, 0.5]
+"""
+
+
+@pytest.fixture
+def cell() -> SceneDescription:
+    return load_scene(find_scene("arm_cell"))
+
+
+def read(folder: Path, text: str) -> SceneDescription:
+    """Return the description in a text beside the arm of the package."""
+    for name in ("arm.urdf", "arm.srdf", "arm_finger.obj"):
+        (folder / name).write_bytes((CONFIG / name).read_bytes())
+    (folder / "cell.yaml").write_text(text)
+    return load_scene(folder / "cell.yaml")
+
+
+def test_a_robot_at_rest_stands_where_the_file_says(tmp_path: Path) -> None:
+    (robot,) = read(tmp_path, FILE + "    joints: {turn: 0.5}\n").robots
+    assert (robot.name, robot.robot.name, robot.srdf) == ("left", "arm", None)
+    np.testing.assert_allclose(robot.pose, [1, 2, 3, 0, 0, np.sin(0.25), np.cos(0.25)])
+    values, velocities = robot.joints(7.0)
+    assert values.tolist() == [0.5, 0, 0, 0, 0, 0, 0]
+    assert not velocities.any()
+
+
+def test_joints_pass_the_waypoints_at_their_times_and_keep_what_is_not_named(
+    cell: SceneDescription,
+) -> None:
+    (arm,) = cell.robots
+    rows = {name: row for row, name in enumerate(arm.robot.joint_names)}
+    assert arm.joints(0.0)[0][rows["elbow"]] == 1.56
+    assert arm.joints(1.5)[0][rows["elbow"]] == 1.62
+    assert arm.joints(0.75)[0][rows["elbow"]] == pytest.approx(1.59)
+    assert arm.joints(0.75)[1][rows["elbow"]] == pytest.approx(0.04)
+    assert arm.joints(5.0)[0][rows["grip"]] == 0.01
+    assert arm.joints(14.0 + 1.5)[0][rows["elbow"]] == arm.joints(1.5)[0][rows["elbow"]]
+    last, first = arm.joints(14.0 - 1e-9)[0], arm.joints(0.0)[0]
+    np.testing.assert_allclose(last, first, atol=1e-8)
+
+
+def test_velocities_are_how_the_joints_change_and_all_is_within_the_limits(
+    cell: SceneDescription,
+) -> None:
+    (arm,) = cell.robots
+    for time in np.arange(0.013, 14.0, 0.37):
+        (before, velocities), (after, _) = arm.joints(time), arm.joints(time + 1e-6)
+        np.testing.assert_allclose((after - before) * 1e6, velocities, atol=1e-6)
+        assert ((arm.robot.lower <= before) & (before <= arm.robot.upper)).all()
+        assert (np.abs(velocities) <= arm.robot.velocity_limits).all()
+
+
+def test_the_arm_of_the_cell_collides_only_with_a_board_on_its_way_out(
+    cell: SceneDescription,
+) -> None:
+    (arm,) = cell.robots
+    scene = oc.RobotScene({arm.name: arm.robot}, cell.build(), bases=[arm.pose])
+    times = np.arange(0.0, 14.0, 0.1)
+    report = scene.check(np.array([arm.joints(time)[0] for time in times]))
+    assert {pair for pair in report.pairs if pair} == {
+        ("arm/hand", "shelf/3"), ("arm/right_finger", "shelf/3")
+    }  # fmt: skip
+    assert not report.out_of_limits.any()
+    assert set(times[~report.valid].round(1)) <= set(np.arange(9.0, 11.0, 0.1).round(1))
+
+
+@pytest.mark.parametrize(
+    ("line", "reason"),
+    [
+        ("joints: {turn: 9}", "cell.yaml:7: robots[0].joints.turn: must be a number within the"),
+        ("joints: {turn: .nan}", "must be a number within the joint's limits, -3.1 to 3.1"),
+        ("joints: {tune: 0}", "no joint of the robot moves so; did you mean turn?"),
+        ("joints: {grip_right: 0}", "no joint of the robot moves so"),
+        ("motion: {period: 2.0}", "needs waypoints"),
+        ("motion: {waypoints: [{joints: {}}], period: 2.0}", "at least 2 waypoints"),
+        ("motion: {waypoints: [{joints: {}}, {}], period: 2.0}", "needs joints"),
+        (
+            "motion: {waypoints: [{joints: {}, time: 0}, {joints: {}, time: 3}], period: 2.0}",
+            "times must ascend from 0 and stay below the period 2",
+        ),
+        ("srdf: none.srdf", "none.srdf"),
+        ("srdf: arm_finger.obj", "arm_finger.obj"),
+        ("srdf: ../../../../etc/passwd", "/etc/passwd, which is in no folder from which"),
+        ("color: red", "unknown key"),
+    ],
+)
+def test_what_cannot_be_used_is_refused_with_its_line(
+    tmp_path: Path, line: str, reason: str
+) -> None:
+    with pytest.raises(SceneFileError) as error:
+        read(tmp_path, f"{FILE}    {line}\n")
+    assert reason in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "reason"),
+    [
+        ("name: left", "name: left/1", "must be letters, digits and _, the first a letter"),
+        ("urdf: arm.urdf", "urdf: arm.srdf", "arm.srdf"),
+        ("  - name: left", "  - {name: left, urdf: arm.urdf}\n  - name: left", "stands twice"),
+    ],
+)
+def test_bad_names_and_descriptions_are_refused(
+    tmp_path: Path, old: str, new: str, reason: str
+) -> None:
+    with pytest.raises(SceneFileError, match="robots") as error:
+        read(tmp_path, FILE.replace(old, new))
+    assert reason in str(error.value)
+
+
+def test_a_description_that_is_published_has_its_meshes_by_absolute_uris() -> None:
+    text = description_text(CONFIG / "arm.urdf")
+    assert text.count((CONFIG / "arm_finger.obj").as_uri()) == 2
+    robot = oc.Robot.from_urdf(text, package_dirs=[CONFIG])
+    known = oc.Robot.from_urdf(CONFIG / "arm.urdf")
+    assert robot.joint_names == known.joint_names
+    assert [len(placed) for placed in robot.shapes] == [len(placed) for placed in known.shapes]
