@@ -223,6 +223,10 @@ FUNCTIONS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
             "touch_links": ["rock"], "padding": 0.1,
         },
     ),
+    "RobotScene.attach_object": (
+        oc.RobotScene(oc.Robot.from_urdf(ROCK), scene()).attach_object,
+        {"name": "a", "link": "rock", "pose": POSE, "touch_links": ["rock"]},
+    ),
     "RobotScene.detach": (with_cup, {"name": "cup"}),
     "prove_pairs": (
         oc.prove_pairs,
@@ -271,6 +275,7 @@ FUNCTIONS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
         {"origins": POINTS, "directions": UNITS, "max_distance": 1.0, "accuracy": "mesh"},
     ),
     "Scene.obb": (scene().obb, {"name": "a"}),
+    "Scene.shape_of": (scene().shape_of, {"name": "a"}),
     "Scene.allow": (scene().allow, {"first": "a", "second": "b", "allowed": True}),
     "Scene.set_effect": (
         scene().set_effect,
@@ -314,7 +319,7 @@ UNTRIED = {
     "trusted", "prepare", "clear", "corners", "world_bounds", "reset", "set", "counted",
     "renew_indices", "begin_boxes", "resize_boxes", "rename_indices", "any_collision", "single",
     "place", "rows", "local_box", "aabb", "of", "grow_indices", "speeds_of",
-    "build_outside",
+    "build_outside", "world_state",
 }  # fmt: skip
 
 

@@ -53,6 +53,7 @@ from obb_collision.node.outputs.effects import Effects
 from obb_collision.node.outputs.outputs import Outputs
 from obb_collision.node.parameters.parameters import Parameters
 from obb_collision.node.reporting import Reporting
+from obb_collision.node.robots.attached import LinkFrames
 from obb_collision.node.robots.robots import Robots, robot_inputs
 from obb_collision.node.runtime.clock import NodeClock, refuse_bad_clocks
 from obb_collision.node.runtime.guard import INTERNAL_ERROR, Guard
@@ -201,7 +202,10 @@ class CollisionNode(ManagedNode):
         self._topics: dict[str, Input] = {**INPUTS, **robot_inputs(self.parameters)}
         warn = self.get_logger().warning
         self._monitors = {topic: InputMonitor(topic, warn) for topic in self._topics}
-        self.objects = Objects(fixed_frame, self._frames, self.guard)
+        names = self.parameters.robots
+        self._link_frames = LinkFrames(self._frames, fixed_frame, names)
+        frames = self._link_frames if names else self._frames
+        self.objects = Objects(fixed_frame, frames, self.guard)
         self._configured.callback(self.objects.close)
         self.inputs = Inputs(
             self.objects,
@@ -229,7 +233,7 @@ class CollisionNode(ManagedNode):
         if not self.parameters.robots:
             return None
         robots = Robots(
-            *(self, self.parameters, self.objects, self._frames, self._monitors, self._now),
+            *(self, self.parameters, self.objects, self._link_frames, self._monitors, self._now),
             *(self._not_known, lambda: mesh_reading(self.parameters)),
         )
         self._configured.callback(robots.close)

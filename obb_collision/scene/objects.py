@@ -380,6 +380,34 @@ class SceneObjects(SceneStates):
             self._own_padding.discard(slot)
             self._store.pad(np.array([slot]), self._padding_of(name))
 
+    @property
+    def shape_revision(self) -> int:
+        """A number that changes with shapes, sizes and paddings, and not with poses."""
+        return self._store.revision
+
+    def shape_of(self, name: str) -> Shape | OBB:
+        """Return the shape of an object, an OBB where it is a box.
+
+        Parameters
+        ----------
+        name : str
+
+        Raises
+        ------
+        KeyError
+            For an unknown name.
+
+        Examples
+        --------
+        >>> scene = oc.Scene()
+        >>> _ = scene.add("cup", oc.shapes.Sphere(0.1))
+        >>> scene.shape_of("cup").radius
+        0.1
+        """
+        store, slot = self._store, self._store.slot(name)
+        box = store.local_centers, store.local_rotations, store.local_half_extents
+        return self._cache.shape(slot) or OBB(*(each[slot] for each in box))
+
     def _padding_of(self, name: str) -> float:
         """Return the padding of an object without one of its own."""
         value = self._paddings.value(name)

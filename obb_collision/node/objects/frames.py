@@ -34,6 +34,9 @@ UNKNOWN_FRAME, NO_TRANSFORM, EXTRAPOLATION = "unknown frame", "no transform", "e
 """Reasons why a frame can't be placed: no transform names it, nothing connects it with the fixed
 frame, or its known transforms do not cover the stamp."""
 
+LINK_NOT_KNOWN = "link not known"
+"""Reason: a frame is that of a link, and its robot is not known (yet)."""
+
 LATER = (UNKNOWN_FRAME, NO_TRANSFORM, EXTRAPOLATION)
 """What may be otherwise later on."""
 

@@ -33,7 +33,7 @@ from obb_collision.node.messages.conversions import (
 )
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.messages.names import FrameTable, check_name
-from obb_collision.node.objects.frames import FrameSource
+from obb_collision.node.objects.frames import LINK_NOT_KNOWN, FrameSource
 from obb_collision.node.objects.notes import Notes
 from obb_collision.node.objects.table import ObjectTable, Slots
 from obb_collision.node.objects.transforms import Transforms
@@ -86,7 +86,11 @@ class Placement:
         """
         if not (self._frames.waits or self.frame_table.is_fixed(frame)):
             check_name(frame, "frame")
-            self._frames.lookup(frame, 0)
+            try:
+                self._frames.lookup(frame, 0)
+            except RefusedError as error:
+                if error.reason != LINK_NOT_KNOWN:  # which may be known later
+                    raise
         if self.frame_table.is_full and frame not in self.frame_table:
             self.forget_unused_frames()
         return self.frame_table.index(frame)

@@ -63,6 +63,11 @@ class Parameters:
         return bases_of(self._values)
 
     @property
+    def touch_links(self) -> list[tuple[str, str]]:
+        """Patterns of links to which something is attached, and of links that it may touch."""
+        return [pair for pairs in self._values["robot_touch_links"] for pair in pairs]
+
+    @property
     def share(self) -> Region | None:
         """The region, None for everything."""
         return region_from(self._values)

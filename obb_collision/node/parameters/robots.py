@@ -67,6 +67,14 @@ def base_from_text(text: str) -> Base:
     return Base(robot, pose)
 
 
+def touches_from_text(text: str) -> list[tuple[str, str]]:
+    """Read ``ROBOT/LINK: ROBOT/LINK ...``, patterns of links, as pairs; ValueError else."""
+    link, _, others = text.partition(":")
+    if len(link.split()) != 1 or not others.split():
+        raise ValueError(f"{shown(text)} is not like 'arm/hand: arm/finger_left arm/finger_right'")
+    return [(link.strip(), other) for other in others.split()]
+
+
 def bases_of(values: Mapping[str, Any]) -> dict[str, Base]:
     """Return where each robot stands, by name; ValueError for what does not fit together."""
     names: list[str] = values["robots"]

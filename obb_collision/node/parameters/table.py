@@ -22,7 +22,12 @@ from obb_collision.node.messages.names import MAX_NAME_BYTES
 from obb_collision.node.parameters.folders import folder_from_text
 from obb_collision.node.parameters.groups import group_from_text, pair_from_text
 from obb_collision.node.parameters.regions import option_name, range_from_text
-from obb_collision.node.parameters.robots import MAX_ROBOTS, base_from_text, robot_from_text
+from obb_collision.node.parameters.robots import (
+    MAX_ROBOTS,
+    base_from_text,
+    robot_from_text,
+    touches_from_text,
+)
 from obb_collision.node.parameters.specs import Spec
 from obb_collision.node.topics.topics import TOPICS, describe_mode, mode_names
 from obb_collision.scene.effects import EFFECTS
@@ -313,6 +318,14 @@ ROBOTS = (
         "Distance that links keep from everything on a trajectory (m). Smaller ones take more time "
         "with velocities in the points.",
         (1.0e-6, 1.0),
+    ),
+    Spec(
+        "robot_touch_links",
+        [""],
+        "Links that may be touched by what is attached to a link: 'arm/hand: arm/finger_*', names "
+        "or patterns. Besides the link itself, those that never move against it, and the end "
+        "effector of the SRDF.",
+        entry=touches_from_text,
     ),
 )
 

@@ -16,11 +16,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from fnmatch import fnmatchcase
 from glob import escape
+from typing import NamedTuple
 
 import numpy as np
 
-from obb_collision.geometry.poses import compose_poses, multiply_quaternions
+from obb_collision.geometry.poses import (
+    IDENTITY_POSE,
+    compose_poses,
+    multiply_quaternions,
+    rotate_vectors,
+)
 from obb_collision.node.inputs.box_set import OWNED
 from obb_collision.node.messages.conversions import Key, name_from_key, pose_faults
 from obb_collision.node.messages.errors import RefusedError
@@ -35,11 +43,22 @@ TWIST_STEP = 1e-5
 """Radians or metres of the fastest joint over which twists are differences: an error of 1e-10."""
 
 
+class AttachedObjects(NamedTuple):
+    """Slots (n,) of objects, and the rows (n,) of the links that they are attached to."""
+
+    slots: Rows
+    links: Rows
+
+
+NOTHING = AttachedObjects(np.empty(0, np.int64), np.empty(0, np.int64))
+
+
 class LinkObjects:
     """The collision shapes of a robot's links, as objects of the node."""
 
     def __init__(self, name: str, robot: Robot, objects: Objects) -> None:
-        self.robot = robot
+        self.name, self.robot = name, robot
+        self.rows = {link: row for row, link in enumerate(robot.link_names)}
         self._objects = objects
         parts = [
             (link, number, shape, pose)
@@ -91,20 +110,41 @@ class LinkObjects:
             raise RefusedError("bad pose", str(error)) from error
         if any(fault.any() for fault in pose_faults(poses)):
             raise RefusedError("bad pose", "of a link: out of range")
-        twists = np.zeros((len(poses), 6))
+        own = self._links, self._poses
+        twists = self._twists(*own, positions, velocities, base)
+        self._objects.states.store(self.slots, poses, state, twists)
+
+    def _twists(
+        self, links: Rows, places: Floats, positions: Floats, velocities: Floats, base: Floats
+    ) -> Floats:
+        """Return the twists (n, 6) of what is at places (n, 7) in the frames of links (n,)."""
+        twists = np.zeros((len(links), 6))
         fastest = np.abs(velocities).max(initial=0.0)
         if fastest > 0.0:
             time = TWIST_STEP / fastest
             ends = positions + np.array((-time, time))[:, None] * velocities
-            before, after = self._poses_at(ends, base)
+            at_links = self.robot.link_poses(ends)[:, links]
+            before, after = compose_poses(base, compose_poses(at_links, places))
             twists = _twists_between(before, after, 2.0 * time)
             twists[~np.isfinite(twists).all(axis=1)] = 0.0
-        self._objects.states.store(self.slots, poses, state, twists)
+        return twists
 
     def _poses_at(self, states: Floats, base: Floats) -> Floats:
         """Return the poses (n, m, 7) of the shapes in states (n, joints)."""
         links = self.robot.link_poses(states)[:, self._links]
         return compose_poses(base, compose_poses(links, self._poses))
+
+    def set_twists(
+        self, attached: AttachedObjects, positions: Floats, velocities: Floats, poses: Floats
+    ) -> None:
+        """Store how what is attached moves, in the frames of its links, which are at poses."""
+        table, (slots, links) = self._objects.table, attached
+        if len(slots) and (velocities.any() or table.twist[slots].any()):
+            given = table.given[slots]
+            twists = self._twists(links, given, positions, velocities, IDENTITY_POSE)
+            back = poses[links, 3:] * (-1.0, -1.0, -1.0, 1.0)
+            parts = (rotate_vectors(back, twists[:, k : k + 3]) for k in (0, 3))
+            table.twist[slots] = np.hstack(list(parts))
 
     @property
     def names(self) -> dict[str, list[str]]:
@@ -114,9 +154,33 @@ class LinkObjects:
             found.setdefault(key[0], []).append(name_from_key(key))
         return found
 
-    def rules(self) -> list[Rule]:
-        """Return which of them may touch: of one rigid body, adjacent, or disabled by the SRDF."""
-        allowed = allowed_links([self.robot], rigid_groups(self.robot.tree))
+    def touched_by(self, link: int, touch_links: Iterable[tuple[str, str]]) -> set[int]:
+        """Return the rows of links that what is attached to a link may touch.
+
+        Those that never move against it, of an end effector with one of these, and of
+        ``touch_links``: pairs of patterns of names ``ROBOT/LINK``.
+        """
+        groups, names = rigid_groups(self.robot.tree), self.robot.link_names
+        rows = set(np.flatnonzero(groups == groups[link]).tolist())
+        own, touched = {names[row] for row in rows}, set(rows)
+        for group in map(self.robot.groups.get, self.robot.end_effectors.values()):
+            if group is not None and own & set(group.links):
+                touched |= {self.rows[each] for each in group.links}
+        for one, other in touch_links:
+            if fnmatchcase(f"{self.name}/{names[link]}", one):
+                matching = (fnmatchcase(f"{self.name}/{name}", other) for name in names)
+                touched |= {row for row, matches in enumerate(matching) if matches}
+        return touched
+
+    def rules(
+        self, attached: AttachedObjects, touch_links: Iterable[tuple[str, str]]
+    ) -> list[Rule]:
+        """Return which of them, and of what is attached, may touch.
+
+        Links of one rigid body, adjacent ones, and those disabled by the SRDF.
+        """
+        groups = rigid_groups(self.robot.tree)
+        allowed = allowed_links([self.robot], groups)
         names: dict[int, tuple[str, ...]] = {}
         for link, key in zip(self._links.tolist(), self.keys, strict=True):
             names[link] = (*names.get(link, ()), escape(name_from_key(key)))
@@ -124,6 +188,13 @@ class LinkObjects:
         for link, own in names.items():
             others = [n for other in names if allowed[link, other] for n in names[other]]
             rules.append((own, tuple(others), True))
+        held = [escape(name_from_key(key)) for key in self._objects.table.keys(attached.slots)]
+        for name, link in zip(held, attached.links.tolist(), strict=True):
+            touched = self.touched_by(link, touch_links)
+            others = [n for other in touched for n in names.get(other, ())]
+            same = groups[attached.links] == groups[link]
+            others += [each for each, one in zip(held, same.tolist(), strict=True) if one]
+            rules.append(((name,), tuple(others), True))
         return rules
 
 

@@ -34,7 +34,7 @@ from obb_collision.node.objects.states import OLDER, State
 from obb_collision.node.parameters.robots import BY_TOPIC, Base
 from obb_collision.node.robots.description import DescriptionReader, Read
 from obb_collision.node.robots.joints import Joints, joints_from_bytes, text_from_bytes
-from obb_collision.node.robots.links import LinkObjects
+from obb_collision.node.robots.links import NOTHING, AttachedObjects, LinkObjects
 from obb_collision.robots.description.robot import Robot
 from obb_collision.typing import Floats
 
@@ -72,6 +72,9 @@ class RobotInput:
         if base.pose is not None:
             self._base = unit_poses(np.array(base.pose)), "", 0
         self._changed = False
+        self._link_poses: Floats | None = None
+        self.attached = NOTHING
+        """The objects attached to its links."""
         self.fault = "no robot_description"
         """Why it is not known where its links are, "" if it is."""
 
@@ -124,7 +127,7 @@ class RobotInput:
             message = joints_from_bytes(data)
             if self.joints is not None:
                 self.joints.take(message, now, monitor, self._objects.states)
-                self._changed = True
+                self._changed, self._link_poses = True, None
         except RefusedError as error:
             monitor.refuse(now, error.reason, "whole message", error.detail)
 
@@ -190,6 +193,7 @@ class RobotInput:
             self._monitors[DESCRIPTION].refuse(now, error.reason, "whole message", error.detail)
             return
         self.links, self.joints, self._changed, self._unplaced = links, Joints(robot), True, ""
+        self._link_poses = None
 
     def _drop(self) -> None:
         if self.links is not None:
@@ -226,6 +230,38 @@ class RobotInput:
             return None
         pose, frame, _ = self._base or (IDENTITY_POSE, self.base_frame, 0)
         return pose, frame
+
+    @property
+    def stands_in(self) -> str:
+        """The frame in which the root link stands, "" where that is not by tf."""
+        if self.base.pose is not None or self.base.frame == BY_TOPIC:
+            return ""
+        return self.base.frame if self.links is None else self.base_frame
+
+    @property
+    def link_poses(self) -> Floats:
+        """The poses (n, 7) of all links in the frame of the root, by the latest joints."""
+        assert self.links is not None
+        assert self.joints is not None
+        if self._link_poses is None:
+            self._link_poses = self.links.robot.link_poses(self.joints.positions)
+        return self._link_poses
+
+    def set_attached(self, attached: AttachedObjects) -> bool:
+        """Set what is attached, and how it moves; returns whether it is something else.
+
+        It is as old as the joints, for it moves with them.
+        """
+        same = all(np.array_equal(a, b) for a, b in zip(attached, self.attached, strict=True))
+        self.attached = attached
+        if len(attached.slots) and not self.fault:
+            assert self.links is not None
+            assert self.joints is not None
+            joints, received = self.joints, self._objects.table.received
+            received[attached.slots] = np.maximum(received[attached.slots], joints.received)
+            here = joints.positions, joints.velocities, self.link_poses
+            self.links.set_twists(attached, *here)
+        return not same
 
     def describe(self) -> dict[str, object]:
         """Return what ``/diagnostics`` says."""

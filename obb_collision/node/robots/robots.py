@@ -32,13 +32,15 @@ from obb_collision.node.diagnostics.monitors import InputMonitor
 from obb_collision.node.diagnostics.qos import overridable
 from obb_collision.node.inputs.inputs import Inputs
 from obb_collision.node.inputs.subscriptions import Input
-from obb_collision.node.objects.frames import FrameSource
 from obb_collision.node.objects.objects import Objects
 from obb_collision.node.parameters.parameters import Parameters
+from obb_collision.node.robots.attached import LinkFrames, find_attached
+from obb_collision.node.robots.checked_robot import CheckedRobot
+from obb_collision.node.robots.links import NOTHING
 from obb_collision.node.robots.robot_input import DESCRIPTION, JOINT_STATES, SEMANTIC, RobotInput
 from obb_collision.node.robots.speed import SpeedScale
 from obb_collision.node.robots.trajectories import Trajectories
-from obb_collision.node.robots.validity import CheckedRobot, Validity
+from obb_collision.node.robots.validity import Validity
 from obb_collision.robots.description.robot import Robot
 from obb_collision.scene.store.allowed import Rule
 from obb_collision.scene_files.mesh_files import MeshReading
@@ -81,7 +83,7 @@ class Robots:
         node: Node,
         parameters: Parameters,
         objects: Objects,
-        frames: FrameSource,
+        frames: LinkFrames,
         monitors: Mapping[str, InputMonitor],
         clock: Callable[[], int],
         not_known: Callable[[], str],
@@ -92,12 +94,17 @@ class Robots:
         self._publishers: dict[str, Publisher] = {}
         self._validity: dict[str, Validity] = {}
         self._speeds: list[SpeedScale] = []
+        self._touch_links: list[tuple[str, str]] = []
         self._trajectories: dict[str, Trajectories] = {}
+        self._objects, self._frames = objects, frames
         self.robots: list[RobotInput] = []
+        frames.robots = self.robots
         for base in parameters.bases.values():
             robot = RobotInput(base, objects, monitors, clock, self._read)
             self.robots.append(robot)
-            checked = CheckedRobot(robot, objects, frames, not_known)
+            checked = CheckedRobot(
+                robot, objects, frames, not_known, lambda: self._parameters.touch_links
+            )
             for topic, kind in OUTPUTS.items():
                 self._publishers[f"{robot.name}/{topic}"] = self._publisher(robot.name, topic, kind)
             topic = f"{robot.name}/{STATES_TO_CHECK}"
@@ -138,6 +145,11 @@ class Robots:
         """Bring the objects in line with what came; returns whether there are other ones."""
         now, timeout = self._clock(), self._parameters.joint_timeout
         changed = [robot.apply(now, timeout) for robot in self.robots]  # all of them
+        attached = find_attached(self._objects, self._frames)
+        changed += [robot.set_attached(attached.get(robot.name, NOTHING)) for robot in self.robots]
+        touch_links = self._parameters.touch_links
+        changed.append(touch_links != self._touch_links)
+        self._touch_links = touch_links
         return any(changed)
 
     def publish(self) -> None:
@@ -151,7 +163,14 @@ class Robots:
 
     def rules(self) -> list[Rule]:
         """Return which links may touch."""
-        return [rule for r in self.robots if r.links is not None for rule in r.links.rules()]
+        touch_links = self._parameters.touch_links
+        described = [(robot.links, robot.attached) for robot in self.robots]
+        return [
+            rule
+            for links, attached in described
+            if links is not None
+            for rule in links.rules(attached, touch_links)
+        ]
 
     def faults(self) -> tuple[str, ...]:
         """Return why it is not known where robots are, a text per robot of which it is not."""

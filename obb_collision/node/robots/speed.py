@@ -25,8 +25,8 @@ from std_msgs.msg import Float64
 
 from obb_collision.node.objects.objects import Objects
 from obb_collision.node.parameters.parameters import Parameters
+from obb_collision.node.robots.checked_robot import CheckedRobot
 from obb_collision.node.robots.robot_input import RobotInput
-from obb_collision.node.robots.validity import CheckedRobot
 
 
 class SpeedScale:
@@ -78,7 +78,8 @@ class SpeedScale:
     def _closing_speed(self) -> float:
         """Return at least how fast any point of the robot and any object near each other (m/s)."""
         assert self._robot.links is not None
-        table, own = self._objects.table, self._robot.links.slots
+        table = self._objects.table
+        own = np.concatenate([self._robot.links.slots, self._robot.attached.slots])
         others = table.moving & table.visible
         others[own] = False
         speeds = [

@@ -33,6 +33,7 @@ from obb_collision.node.diagnostics.monitors import InputMonitor
 from obb_collision.node.messages.conversions import NANOSECONDS, stamp_from_ros
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.parameters.parameters import Parameters
+from obb_collision.node.robots.checked_robot import CheckedRobot
 from obb_collision.node.robots.joints import Joints
 from obb_collision.node.robots.robot_input import RobotInput
 from obb_collision.node.robots.trajectory_messages import (
@@ -41,7 +42,6 @@ from obb_collision.node.robots.trajectory_messages import (
     columns_of,
     trajectory_from_bytes,
 )
-from obb_collision.node.robots.validity import CheckedRobot
 from obb_collision.node.runtime.guard import INTERNAL_ERROR
 from obb_collision.robots.checks.robot_scene import RobotScene
 from obb_collision.robots.kinematics.splines import (
@@ -125,10 +125,9 @@ class Trajectories:
             scene = self._checked.scene(self._parameters.trajectory_margin)
             if self._checked.robot is not running.robot:
                 raise RefusedError("another robot", "its description has changed")
-            world = self._checked.world()
-            if not _same(world, running.world):
+            if not self._checked.is_world(running.world):
                 _check_pieces(scene, running.pieces.take(left))
-                running.world = world
+                running.world = self._checked.world(scene)
         except RefusedError as error:
             self._stop(running, error)
         except Exception as error:  # not foreseen, and so not known
@@ -170,7 +169,7 @@ class Trajectories:
             raise RefusedError(ELSEWHERE, f"joint {name} is off by {off.max():.4g}")
         pieces = self._pieces(scene, _from_here(points, joints))
         _check_pieces(scene, pieces)
-        robot, world = self._checked.robot, self._checked.world()
+        robot, world = self._checked.robot, self._checked.world(scene)
         return Running(pieces, begin, trajectory.names, robot, world)
 
     def _pieces(self, scene: RobotScene, points: list[Point]) -> Pieces:
@@ -254,7 +253,3 @@ def _check_pieces(scene: RobotScene, pieces: Pieces) -> None:
     joint = names[int(np.argmax(report.out_of_limits[bad]))]
     values |= {"time (s)": f"{max(pieces.begins[bad], 0.0):.3f}", "joint": joint}
     raise NotFreeError(f"joint {joint} out of its limits", values)
-
-
-def _same(one: tuple[object, ...], other: tuple[object, ...]) -> bool:
-    return all(np.array_equal(a, b) for a, b in zip(one, other, strict=True))  # type: ignore[arg-type]

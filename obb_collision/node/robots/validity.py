@@ -25,8 +25,6 @@ from collections.abc import Callable, Iterable
 import numpy as np
 from rclpy.publisher import Publisher
 
-from obb_collision.accuracy import Accuracy
-from obb_collision.geometry.poses import compose_poses
 from obb_collision.node.diagnostics.monitors import InputMonitor
 from obb_collision.node.messages.cdr import CloudMessage, cloud_from_bytes
 from obb_collision.node.messages.clouds import (
@@ -37,13 +35,10 @@ from obb_collision.node.messages.clouds import (
 from obb_collision.node.messages.conversions import LARGEST_COORDINATE, stamp_from_ros
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.messages.names import namespace_number, shortened
-from obb_collision.node.objects.frames import FrameSource
 from obb_collision.node.objects.objects import Objects
 from obb_collision.node.parameters.parameters import Parameters
-from obb_collision.node.robots.robot_input import RobotInput
+from obb_collision.node.robots.checked_robot import CheckedRobot
 from obb_collision.robots.checks.reports import StateReport
-from obb_collision.robots.checks.robot_scene import RobotScene
-from obb_collision.robots.description.robot import Robot
 from obb_collision.typing import Floats, Rows
 
 VALID, COLLIDES, OUT_OF_LIMITS, BAD_STATE, NOT_KNOWN = range(5)
@@ -58,75 +53,6 @@ ROWS = np.dtype(
     align=True,
 )
 FIELDS = field_bytes(ROWS)
-SCENE_NOT_KNOWN = "scene not known"
-
-
-class CheckedRobot:
-    """A robot in the node's scene, without the objects that are its own links.
-
-    frames: where its base is; unknown: why nothing can be said of the scene, "" if that is known.
-    """
-
-    def __init__(
-        self,
-        robot: RobotInput,
-        objects: Objects,
-        frames: FrameSource,
-        unknown: Callable[[], str],
-    ) -> None:
-        self._robot, self._objects, self._frames, self._unknown = robot, objects, frames, unknown
-        self._made: dict[float, tuple[Robot, bytes, RobotScene]] = {}
-
-    @property
-    def robot(self) -> Robot:
-        """The robot; RefusedError without a description."""
-        if self._robot.links is None:
-            raise RefusedError(SCENE_NOT_KNOWN, f"robot {self._robot.name}: {self._robot.fault}")
-        return self._robot.links.robot
-
-    def scene(self, padding: float = 0.0) -> RobotScene:
-        """Return what checks states as things are; RefusedError where that is not known.
-
-        padding: metres by which links are grown.
-        """
-        unknown = self._unknown()
-        if unknown:
-            raise RefusedError(SCENE_NOT_KNOWN, unknown)
-        robot, base = self.robot, self._base()
-        key = base.tobytes()
-        made = self._made.get(padding)
-        if made is None or made[:2] != (robot, key):
-            scene, named = self._objects.scene, {self._robot.name: robot}
-            checker = RobotScene(named, scene, Accuracy.HULL, bases=[base], padding=padding)
-            assert self._robot.links is not None
-            checker.link_objects = self._robot.links.names
-            made = self._made[padding] = robot, key, checker
-        return made[2]
-
-    def world(self) -> tuple[object, ...]:
-        """Return what the other objects and the base are, to see whether they have changed.
-
-        The revision of the store is that of shapes: another one may have the same box.
-        """
-        assert self._robot.links is not None
-        scene, table = self._objects.scene, self._objects.table
-        others = table.live.copy()
-        others[self._robot.links.slots] = False
-        slots = np.flatnonzero(others)
-        boxes = scene._store.boxes(slots)
-        parts = boxes.centers, boxes.rotations, boxes.half_extents
-        versions = scene._store.revision, scene._allowed.version
-        return *versions, slots, scene._store.active[slots], self._base(), *parts
-
-    def _base(self) -> Floats:
-        """Return where the root link is (7,), in the fixed frame."""
-        found = self._robot.where
-        if found is None:
-            raise RefusedError(SCENE_NOT_KNOWN, f"robot {self._robot.name}: no base")
-        pose, frame = found
-        if self._objects.placement.frame_table.is_fixed(frame):
-            return pose
-        return compose_poses(self._frames.lookup(frame, 0), pose)
 
 
 class Validity:

@@ -37,13 +37,17 @@ from obb_collision.typing import Floats, Integers, Mask, Rows
 
 @dataclass(frozen=True, eq=False)
 class Attached:
-    """Something attached to a link, at a pose in its frame; it may touch links."""
+    """Something attached to a link, at a pose in its frame; it may touch links.
+
+    of_scene: it is an object of the scene, which is no obstacle meanwhile.
+    """
 
     shape: Shape | OBB
     link: int
     pose: Floats
     touch_links: frozenset[int]
     padding: float
+    of_scene: bool = False
 
 
 def one_tree(robots: Sequence[Robot], bases: Floats) -> Tree:

@@ -37,20 +37,50 @@ from obb_collision.typing import Floats, Rows
 
 
 class WorldState:
-    """What a scene was at one time, to see whether it has changed since."""
+    """What a scene was at one time, to see whether it has changed since.
 
-    def __init__(self, scene: Scene) -> None:
-        store = scene._store
-        self._key = scene._store, store.version, store.revision, scene._allowed.version
-        self._active = store.active.copy()
-        self._snapshot = store.snapshot()
+    left_out: names of objects that do not count.
+    """
+
+    def __init__(self, scene: Scene, left_out: Collection[str] = ()) -> None:
+        self._left_out = left_out
+        self._note(scene)
+        self._world = self._others(scene)
+
+    def _note(self, scene: Scene) -> None:
+        self._key, self._snapshot = _key(scene), scene._store.snapshot()
+        self._active = scene._store.active.copy()
+
+    def _others(self, scene: Scene) -> tuple[Floats | Rows, ...]:
+        """Return the slots of what counts, and the boxes there."""
+        slots = world_slots(scene._store, self._left_out)
+        boxes = scene._store.boxes(slots)
+        return slots, boxes.centers, boxes.rotations, boxes.half_extents
 
     def is_current(self, scene: Scene) -> bool:
         """Return whether nothing has changed since that bodies depend on."""
-        store = scene._store
-        key = scene._store, store.version, store.revision, scene._allowed.version
-        same = key == self._key and self._snapshot.is_current
-        return same and np.array_equal(store.active, self._active)
+        if _key(scene) != self._key:
+            return False
+        if self._snapshot.is_current and np.array_equal(scene._store.active, self._active):
+            return True
+        others = self._others(scene)
+        if not all(np.array_equal(a, b) for a, b in zip(others, self._world, strict=True)):
+            return False
+        self._note(scene)  # something else has moved
+        return True
+
+
+def _key(scene: Scene) -> tuple[object, ...]:
+    """Return what changes with the names, shapes and rules of a scene."""
+    store = scene._store
+    return store, store.version, store.revision, scene._allowed.version
+
+
+def world_slots(store: ObjectStore, left_out: Collection[str]) -> Rows:
+    """Return the slots that count, ascending."""
+    counted = store.active.copy()
+    counted[[store.slots[name] for name in left_out if name in store.slots]] = False
+    return np.flatnonzero(counted)
 
 
 class World(NamedTuple):
@@ -68,10 +98,7 @@ def world_of(
 
     left_out: names of objects that do not count.
     """
-    active = np.flatnonzero(store.active)
-    if left_out:
-        kept = [store.names[slot] not in left_out for slot in active.tolist()]
-        active = active[np.array(kept, np.bool_)]
+    active = world_slots(store, left_out)
     boxed = np.isin(store.kinds[active], (BOX, BOXED))
     plain, others = active[boxed], active[~boxed]
     slots = np.concatenate([plain, others])

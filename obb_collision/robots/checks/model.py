@@ -84,9 +84,6 @@ class Model:
 
     def __init__(self, robots: Sequence[Robot], names: Sequence[str | None], bases: Floats) -> None:
         self.robots = tuple(robots)
-        self.origin = bases[0, :3].copy()
-        bases = bases.copy()
-        bases[:, :3] -= self.origin
         self.link_names = prefixed(names, [robot.link_names for robot in robots])
         self.joint_names = prefixed(names, [robot.joint_names for robot in robots])
         self.link_rows = {name: row for row, name in enumerate(self.link_names)}
@@ -99,7 +96,11 @@ class Model:
             )
         self.lower = np.concatenate([robot.lower for robot in robots])
         self.upper = np.concatenate([robot.upper for robot in robots])
-        self.tree = one_tree(robots, bases)
+        self._bodies: OwnBodies | None = None
+        self._meshes: MeshBodies | None = None
+        self._arrays: tuple[WorldState, Arrays] | None = None
+        self._chains: Floats = np.empty(0)
+        self.set_bases(bases)
         self.paddings = np.zeros(len(self.link_names))
         self.attached: dict[str, Attached] = {}
         self.link_objects: dict[str, tuple[str, ...]] = {}
@@ -107,11 +108,17 @@ class Model:
             rigid_groups(self.tree),
             allowed_links(robots, rigid_groups(self.tree)),
         )
-        self._chains = chain_lengths(self.tree, self.lower, self.upper)
         self._quaternions = [int(c) for c in self.tree.columns[self.tree.kinds == FLOATING]]
-        self._bodies: OwnBodies | None = None
-        self._meshes: MeshBodies | None = None
-        self._arrays: tuple[WorldState, Arrays] | None = None
+
+    def set_bases(self, bases: Floats) -> None:
+        """Set where the robots stand, by poses (r, 7); bodies are relative to the first of them."""
+        self.bases, self.origin = bases, bases[0, :3].copy()
+        relative = bases.copy()
+        relative[:, :3] -= self.origin
+        self.tree = one_tree(self.robots, relative)
+        chains, self._arrays = chain_lengths(self.tree, self.lower, self.upper), None
+        if not np.array_equal(chains, self._chains):  # one robot's do not depend on its base
+            self._chains, self._bodies = chains, None
 
     def set_paddings(self, paddings: Floats) -> None:
         """Set by how much each link (links,) is grown."""
@@ -187,9 +194,15 @@ class Model:
         """Return what kernels take, for a scene as it is now."""
         last = self._arrays
         if last is None or not last[0].is_current(scene):
-            state = WorldState(scene)
+            state = WorldState(scene, self.left_out)
             last = self._arrays = state, self._made(scene)
         return last[1]
+
+    @property
+    def left_out(self) -> frozenset[str]:
+        """The objects of the scene that are links, or attached."""
+        links = (name for names in self.link_objects.values() for name in names)
+        return frozenset(links) | {name for name, each in self.attached.items() if each.of_scene}
 
     def _made(self, scene: Scene) -> Arrays:
         if self._bodies is None:
@@ -197,8 +210,7 @@ class Model:
         of_links = self._bodies
         own, owners = of_links.bodies, of_links.owners
         frame = len(self.link_names)
-        left_out = {name for each in self.link_objects.values() for name in each}
-        world = world_of(scene._store, scene._cache, frame, self.origin, left_out)
+        world = world_of(scene._store, scene._cache, frame, self.origin, self.left_out)
         links = [*self.link_names, *self.attached]
         objects = [str(scene._store.names[slot]) for slot in world.slots]
         names = [*links, *objects]

@@ -32,6 +32,7 @@ from obb_collision.geometry.validation import as_array, is_single
 from obb_collision.obb import OBB
 from obb_collision.robots.bodies.robot_arrays import Attached
 from obb_collision.robots.bodies.state_arrays import Bodies, Tests
+from obb_collision.robots.bodies.world import WorldState
 from obb_collision.robots.checks.distances import distances_kernel
 from obb_collision.robots.checks.meshes import collide_as_meshes
 from obb_collision.robots.checks.model import Arrays, Model
@@ -171,6 +172,24 @@ class RobotScene:
         self._model.set_paddings(paddings)
 
     @property
+    def bases(self) -> Floats:
+        """The poses (r, 7) of the robots' roots in the scene; may be set."""
+        return self._model.bases.copy()
+
+    @bases.setter
+    def bases(self, value: ArrayLike) -> None:
+        given = unit_poses(as_array(value, "bases", (len(self._model.robots), 7)))
+        if not np.array_equal(given, self._model.bases):
+            self._model.set_bases(given)
+
+    def world_state(self) -> WorldState:
+        """Return what its checks depend on in the scene as it is, to see whether that changes.
+
+        Not the objects that are links or attached. Its ``is_current`` says whether it is the same.
+        """
+        return WorldState(self._scene, self._model.left_out)
+
+    @property
     def link_objects(self) -> dict[str, tuple[str, ...]]:
         """The objects of the scene that are links themselves, by link; may be set.
 
@@ -241,14 +260,64 @@ class RobotScene:
         """
         check_name(name, "name", MAX_OBJECT_NAME)
         check_kind(shape, Shape, "shape", OBB)
+        check_padding(padding)
+        self._attach(name, shape, link, pose, touch_links, padding, of_scene=False)
+
+    def attach_object(
+        self,
+        name: str,
+        link: str,
+        pose: ArrayLike | None = None,
+        *,
+        touch_links: Sequence[str] | Set[str] = (),
+    ) -> None:
+        """Attach an object of the scene, with the shape and padding that it has there now.
+
+        While it is attached it is no obstacle, wherever it is in the scene. Else as ``attach``.
+
+        Parameters
+        ----------
+        name : str
+            Of the object.
+        link : str
+        pose : (7,) array_like, optional
+            In the frame of the link; the identity by default.
+        touch_links : str, or sequence or set of str
+            Links that it may touch, such as fingers.
+
+        Raises
+        ------
+        KeyError
+            For an unknown object.
+        ValueError
+            Naming the argument.
+
+        Examples
+        --------
+        >>> arm = oc.Robot.from_urdf('<robot name="arm"><link name="hand"/></robot>')
+        >>> scene = oc.Scene()
+        >>> _ = scene.add("cup", oc.shapes.Sphere(0.1))
+        >>> checker = oc.RobotScene([arm], scene)
+        >>> checker.attach_object("cup", "hand")
+        >>> checker.attached
+        {'cup': 'hand'}
+        """
+        shape = self._scene.shape_of(name)
+        padding = float(self._scene._store.paddings[self._scene._store.slot(name)])
+        self._attach(name, shape, link, pose, touch_links, padding, of_scene=True)
+
+    def _attach(
+        self, name: str, shape: Shape | OBB, link: str, pose: ArrayLike | None,
+        touch_links: Sequence[str] | Set[str], padding: float, of_scene: bool,
+    ) -> None:  # fmt: skip
         if name in self._model.link_names:
             raise ValueError(f"name must not be that of a link, got {shown(name)}")
-        check_padding(padding)
         where = as_array(IDENTITY_POSE if pose is None else pose, "pose", (7,))
         check_kind(touch_links, Sequence, "touch_links", Set)
         touched = [touch_links] if isinstance(touch_links, str) else list(touch_links)
         touching = frozenset(self._link(each, "touch_links") for each in touched)
-        each = Attached(shape, self._link(link, "link"), unit_poses(where), touching, padding)
+        row = self._link(link, "link")
+        each = Attached(shape, row, unit_poses(where), touching, padding, of_scene)
         self._model.attach(name, each)
 
     def detach(self, name: str) -> None:

@@ -83,6 +83,8 @@ class Robot:
         Joints and links of each group of the SRDF.
     group_states : dict
         By (group, state): the values of joints.
+    end_effectors : dict
+        The group of each end effector of the SRDF.
     virtual_joint : VirtualJoint or None
         How the SRDF says that the robot stands in the world.
     doubts : tuple of str
@@ -179,6 +181,7 @@ class Robot:
         self.virtual_joint: VirtualJoint | None = semantics.virtual_joint
         self.groups: dict[str, Group] = semantics.groups
         self.group_states = semantics.group_states
+        self.end_effectors = semantics.end_effectors
         self.default_disabled = semantics.default_disabled
         self.doubts = self._doubts + semantics.doubts
         defaults = {

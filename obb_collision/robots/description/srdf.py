@@ -56,10 +56,11 @@ class Semantics(NamedTuple):
     default_disabled: tuple[str, ...]
     groups: dict[str, Group]
     group_states: dict[tuple[str, str], dict[str, tuple[float, ...]]]
+    end_effectors: dict[str, str]
     doubts: tuple[str, ...]
 
 
-NOTHING = Semantics(None, frozenset(), frozenset(), (), {}, {}, ())
+NOTHING = Semantics(None, frozenset(), frozenset(), (), {}, {}, {}, ())
 
 
 def sorted_pair(a: str, b: str) -> tuple[str, str]:
@@ -79,7 +80,7 @@ def read_srdf(srdf: Element, name: str, links: tuple[str, ...], joints: list[Joi
     return Semantics(
         reader.virtual_joint(), disabled, reader.pairs("enable_collisions"),
         tuple(dict.fromkeys(link for link in defaults if link is not None)), reader.groups(),
-        reader.group_states(), tuple(reader.doubts),
+        reader.group_states(), reader.end_effectors(), tuple(reader.doubts),
     )  # fmt: skip
 
 
@@ -210,6 +211,12 @@ class _Reader:
             chain.append(self._parents[tip])
             tip = chain[-1].parent
         return chain
+
+    def end_effectors(self) -> dict[str, str]:
+        """Return the group of each end effector, by its name."""
+        found = self._srdf.children("end_effector")
+        check_count(found, MOST_GROUPS, "end effectors")
+        return {element.word("name"): element.word("group") for element in found}
 
     def group_states(self) -> dict[tuple[str, str], dict[str, tuple[float, ...]]]:
         """Return the values of joints by the group and the name of the state."""

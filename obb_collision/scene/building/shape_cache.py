@@ -230,6 +230,10 @@ class ShapeCache:
             self._cores[slot] = core_of(shape)
         return kind
 
+    def shape(self, slot: int) -> Shape | None:
+        """Return the shape of a slot, None for a box."""
+        return self._shapes.get(slot)
+
     def drop(self, slot: int) -> None:
         """Drop the shape of a slot."""
         self._shapes.pop(slot, None)

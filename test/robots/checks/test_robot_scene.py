@@ -345,3 +345,66 @@ def test_what_is_within_a_hull_may_be_outside_of_its_mesh(accuracy: str, tmp_pat
     assert [report.pairs_of(n) for n in range(2)] == [[], [("cup", "ball")]]
     checker.accuracy = "hull"
     assert checker.check(states).colliding.tolist() == [True, True, True, True, False]
+
+
+def test_an_object_of_the_scene_is_no_obstacle_while_it_is_attached() -> None:
+    rng = np.random.default_rng(11)
+    robot = oc.Robot.from_urdf(random_arm(rng, 3))
+    scene, states = random_world(rng, 5), random_states(rng, robot, 300)
+    checker, expected = oc.RobotScene([robot], scene), oc.RobotScene([robot])
+    link, pose = robot.link_names[-1], [0.0, 0.0, 0.6, 0.0, 0.0, 0.0, 1.0]
+    before = checker.check(states)
+    places = scene.poses_of(range(5))
+    for number in range(5):
+        name = f"thing{number}"
+        checker.attach_object(name, link, pose)
+        expected.attach(name, scene.shape_of(name), link, pose)
+    found = checker.check(states)
+    assert found.pairs == expected.check(states).pairs
+    assert found.pairs != before.pairs
+    scene.move("thing3", [0, 0, 0, 0, 0, 0, 1])  # it is no part of the world
+    assert checker.check(states).pairs == found.pairs
+    for number in range(5):
+        checker.detach(f"thing{number}")
+    scene.move("thing3", places[3])
+    assert checker.check(states).pairs == before.pairs
+    with pytest.raises(KeyError, match="nothing"):
+        checker.attach_object("nothing", link)
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_bases_that_are_set_are_as_those_of_a_new_one(count: int) -> None:
+    rng = np.random.default_rng(count)
+    robot = oc.Robot.from_urdf(random_arm(rng, 5))
+    scene = random_world(rng, 10)
+    robots = {f"r{number}": robot for number in range(count)}
+    states = np.hstack([random_states(rng, robot, 200) for _ in robots])
+    checker = oc.RobotScene(robots, scene)
+    kept = set()
+    for _ in range(4):
+        bases = np.hstack([rng.normal(0, 0.5, (count, 3)), rng.normal(size=(count, 4))])
+        checker.bases = bases
+        report = checker.check(states)
+        new = oc.RobotScene(robots, scene, bases=bases).check(states)
+        np.testing.assert_array_equal(report.valid, new.valid)
+        assert report.pairs == new.pairs
+        kept.add(str(report.pairs))
+    assert len(kept) == 4
+    with pytest.raises(ValueError, match="bases"):
+        checker.bases = np.zeros((count, 6))
+
+
+def test_only_what_counts_of_the_scene_makes_the_world_anew() -> None:
+    rng = np.random.default_rng(3)
+    robot = oc.Robot.from_urdf(random_arm(rng, 3))
+    scene = random_world(rng, 5)
+    scene.add("own", oc.shapes.Box((0.1, 0.1, 0.1)))
+    checker = oc.RobotScene([robot], scene)
+    checker.link_objects = {robot.link_names[0]: ["own"]}
+    state, first = checker.world_state(), checker._model.arrays(scene)
+    scene.move("own", [5, 0, 0, 0, 0, 0, 1])
+    assert state.is_current(scene)
+    assert checker._model.arrays(scene) is first
+    scene.move("thing2", [5, 0, 0, 0, 0, 0, 1])
+    assert not state.is_current(scene)
+    assert checker._model.arrays(scene) is not first

@@ -75,6 +75,11 @@ def test_states_of_groups_have_values_by_joint() -> None:
     assert found.group_states == {("g", "home"): {"ab": (1.5,)}}
 
 
+def test_end_effectors_have_a_group() -> None:
+    found = robot('<end_effector name="tool" parent_link="a" group="g"/>')
+    assert found.end_effectors == {"tool": "g"}
+
+
 DOUBTS = {
     '<disable_collisions link1="a" link2="x"/>': "its link2 'x' is no link of the robot",
     '<disable_default_collisions link="x"/>': "its link 'x' is no link",

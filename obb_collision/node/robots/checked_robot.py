@@ -1,0 +1,136 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What checks states of a robot in the node's scene as things are."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import NamedTuple
+
+from obb_collision.accuracy import Accuracy
+from obb_collision.node.messages.conversions import name_from_key
+from obb_collision.node.messages.errors import RefusedError
+from obb_collision.node.objects.objects import Objects
+from obb_collision.node.robots.attached import LinkFrames
+from obb_collision.node.robots.robot_input import RobotInput
+from obb_collision.robots.bodies.world import WorldState
+from obb_collision.robots.checks.robot_scene import RobotScene
+from obb_collision.robots.description.robot import Robot
+from obb_collision.typing import Floats
+
+SCENE_NOT_KNOWN = "scene not known"
+
+
+class Held(NamedTuple):
+    """All that an attached object depends on."""
+
+    slot: int
+    link: str
+    pose: tuple[float, ...]
+    touch_links: tuple[str, ...]
+    revision: int
+
+
+class CheckedRobot:
+    """A robot in the node's scene, without the objects that are its own links.
+
+    frames: where its base is; unknown: why nothing can be said of the scene, "" if that is known;
+    touch_links: as ``LinkObjects.touched_by`` takes them.
+    """
+
+    def __init__(
+        self,
+        robot: RobotInput,
+        objects: Objects,
+        frames: LinkFrames,
+        unknown: Callable[[], str],
+        touch_links: Callable[[], Iterable[tuple[str, str]]],
+    ) -> None:
+        self._robot, self._objects, self._frames, self._unknown = robot, objects, frames, unknown
+        self._touch_links = touch_links
+        self._made: dict[float, tuple[Robot, dict[str, Held], RobotScene]] = {}
+
+    @property
+    def robot(self) -> Robot:
+        """The robot; RefusedError without a description."""
+        if self._robot.links is None:
+            raise RefusedError(SCENE_NOT_KNOWN, f"robot {self._robot.name}: {self._robot.fault}")
+        return self._robot.links.robot
+
+    def scene(self, padding: float = 0.0) -> RobotScene:
+        """Return what checks states as things are; RefusedError where that is not known.
+
+        padding: metres by which links are grown.
+        """
+        unknown = self._unknown()
+        if unknown:
+            raise RefusedError(SCENE_NOT_KNOWN, unknown)
+        robot, base = self.robot, self._base()
+        made = self._made.get(padding)
+        if made is None or made[0] is not robot:
+            scene, named = self._objects.scene, {self._robot.name: robot}
+            checker = RobotScene(named, scene, Accuracy.HULL, bases=[base], padding=padding)
+            assert self._robot.links is not None
+            checker.link_objects = self._robot.links.names
+            made = self._made[padding] = robot, {}, checker
+        checker = made[2]
+        checker.bases = base[None]
+        self._attach(checker, made[1])
+        return checker
+
+    def _attach(self, checker: RobotScene, held: dict[str, Held]) -> None:
+        """Bring what is attached in line with what ``held`` says that it is."""
+        wanted = self._held()
+        for name in [name for name in held if name not in wanted]:
+            checker.detach(name)
+            del held[name]
+        for name, each in wanted.items():
+            if held.get(name) != each:
+                given = name, each.link, each.pose
+                checker.attach_object(*given, touch_links=each.touch_links)
+                held[name] = each
+
+    def _held(self) -> dict[str, Held]:
+        links, objects = self._robot.links, self._objects
+        assert links is not None
+        slots, rows = self._robot.attached
+        table, revision = objects.table, objects.scene.shape_revision
+        found = {}
+        for slot, row in zip(slots.tolist(), rows.tolist(), strict=True):
+            touched = sorted(links.touched_by(row, self._touch_links()))
+            names = [f"{links.name}/{links.robot.link_names[each]}" for each in (row, *touched)]
+            pose = tuple(table.given[slot].tolist())
+            held = Held(slot, names[0], pose, tuple(names[1:]), revision)
+            found[name_from_key(table.key(slot))] = held
+        return found
+
+    def world(self, checker: RobotScene) -> tuple[object, ...]:
+        """Return what certifies: the rest of the scene, the base and what is attached."""
+        return checker.world_state(), self._base().tobytes(), self._held()
+
+    def is_world(self, world: tuple[object, ...]) -> bool:
+        """Return whether that is as it was."""
+        state, base, held = world
+        assert isinstance(state, WorldState)
+        if not state.is_current(self._objects.scene):
+            return False
+        return base == self._base().tobytes() and held == self._held()
+
+    def _base(self) -> Floats:
+        """Return where the root link is (7,), in the fixed frame."""
+        try:
+            return self._frames.base(self._robot)
+        except RefusedError as error:
+            raise RefusedError(SCENE_NOT_KNOWN, error.detail) from error
