@@ -212,9 +212,9 @@ def _effect_on(name: str, level: Accuracy) -> None:
         parts.depths()  # meanwhile, another process compiles ``parts.nearest``
     if name == "contacts":
         parts.patches()
-        convex_contacts(bodies, bodies, np.zeros((1, 2), np.int64), row, row, 4)
-    else:
-        convex_distances(bodies, bodies, row, row)
+    found, _ = convex_distances(bodies, bodies, row, row)
+    if name == "contacts":
+        convex_contacts(bodies, bodies, np.zeros((1, 2), np.int64), row, row, 4, found)
     for padding in (0.0, 0.01):
         scene = oc.Scene()
         scene.set_effect(name, accuracy=level.name.lower())

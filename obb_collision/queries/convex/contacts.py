@@ -22,8 +22,7 @@ from obb_collision._jit import njit
 from obb_collision._threads import run
 from obb_collision.numerics.vec3 import dot, plus, scaled, vector_at
 from obb_collision.queries.contacts.contacts import Contacts
-from obb_collision.queries.convex.depth import room_for_depth
-from obb_collision.queries.convex.distances import NO_START, body_distance, in_world, turned_back
+from obb_collision.queries.convex.distances import ConvexDistances, in_world, turned_back
 from obb_collision.queries.convex.patch import Flat, flat_room, frame_of, overlay, spread
 from obb_collision.queries.convex.support import Bodies, ConvexBodies, body_place, core_at
 from obb_collision.queries.meshes.tree_boxes import relative_pose
@@ -36,36 +35,40 @@ NO_AXIS = -1
 
 
 def convex_contacts(
-    a: ConvexBodies, b: ConvexBodies, pairs: Integers, i: Integers, j: Integers, max_points: int
-) -> Contacts:
-    """Return the contacts of bodies ``i[n]`` of a and ``j[n]`` of b; pairs (m, 2): their names."""
+    a: ConvexBodies, b: ConvexBodies, pairs: Integers, i: Integers, j: Integers, max_points: int,
+    distances: ConvexDistances,
+) -> Contacts:  # fmt: skip
+    """Return the contacts of bodies ``i[n]`` of a and ``j[n]`` of b; pairs (m, 2): their names.
+
+    distances: of these pairs, without a limit.
+    """
     found = Contacts.blank(pairs, max_points)
     found.axes[:] = NO_AXIS
+    found.normals[:] = distances.normals
     run(
         *(_contact_kernel, len(i), FEWEST_PAIRS, a.arrays, i, b.arrays, j),
-        *(found.normals, found.depths, found.counts, found.positions, found.position_depths),
+        *(distances.lower, distances.positions_a, distances.positions_b, found.normals),
+        *(found.depths, found.counts, found.positions, found.position_depths),
     )
     return found
 
 
 @njit
 def _contact_kernel(
-    a: Bodies, rows_a: np.ndarray, b: Bodies, rows_b: np.ndarray, normals: Floats, depths: Floats,
-    counts: np.ndarray, positions: Floats, position_depths: Floats, start: int, stop: int,
+    a: Bodies, rows_a: np.ndarray, b: Bodies, rows_b: np.ndarray, lower: Floats, nearest_a: Floats,
+    nearest_b: Floats, normals: Floats, depths: Floats, counts: np.ndarray, positions: Floats,
+    position_depths: Floats, start: int, stop: int,
 ) -> None:  # fmt: skip
-    room, flat = room_for_depth(), flat_room()
+    flat = flat_room()
     for row in range(start, stop):
         positions[row], position_depths[row] = np.nan, np.nan
         counts[row] = 0
-        found = body_distance(a, rows_a[row], b, rows_b[row], NO_START, np.inf, room)
-        depths[row] = max(-found.lower, 0.0)
-        for k in range(3):
-            normals[row, k] = found.normal[k]
-        if found.lower > 0.0:
+        depths[row] = max(-lower[row], 0.0)
+        if lower[row] > 0.0:
             continue
-        middle = scaled(plus(found.a, found.b), 0.5)
+        middle = scaled(plus(vector_at(nearest_a, row), vector_at(nearest_b, row)), 0.5)
         counts[row] = _write_patch(
-            *(a, rows_a[row], b, rows_b[row], found.normal, depths[row], middle, flat),
+            *(a, rows_a[row], b, rows_b[row], vector_at(normals, row), depths[row], middle, flat),
             *(positions[row], position_depths[row]),
         )
 

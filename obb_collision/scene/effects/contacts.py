@@ -61,8 +61,8 @@ class ContactsEffect:
 
 def hull_contacts(boxes: Boxes, shapes: PlacedShapes, pairs: Pairs, setting: Setting) -> Contacts:
     """Return the contacts of pairs on HULL; hulls that are apart have none."""
-    bodies, i, j = shapes.bodies(boxes, pairs)
-    return convex_contacts(bodies, bodies, pairs, i, j, int(setting.values["max_points"]))
+    bodies, i, j, found = shapes.distances(boxes, pairs)
+    return convex_contacts(bodies, bodies, pairs, i, j, int(setting.values["max_points"]), found)
 
 
 BY_LEVEL: ByLevel[Contacts] = {Accuracy.HULL: hull_contacts}

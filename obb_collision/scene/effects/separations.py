@@ -20,7 +20,6 @@ from collections.abc import Mapping
 
 from obb_collision.accuracy import Accuracy
 from obb_collision.geometry.boxes import Boxes
-from obb_collision.queries.convex.distances import convex_distances
 from obb_collision.queries.verdict.separations import Separations, pair_separations
 from obb_collision.scene.broad_phase.broad_phase import NO_PAIRS, Pairs
 from obb_collision.scene.effects.base import (
@@ -59,10 +58,9 @@ def hull_separations(
     boxes: Boxes, shapes: PlacedShapes, pairs: Pairs, setting: Setting
 ) -> Separations:
     """Return the separations of pairs on HULL: minus a depth that certainly parts them."""
-    bodies, i, j = shapes.bodies(boxes, pairs)
-    found, _ = convex_distances(bodies, bodies, i, j)
+    found = shapes.distances(boxes, pairs).found
     middles = 0.5 * (found.positions_a + found.positions_b)
-    return Separations(pairs, found.lower, found.normals, middles)
+    return Separations(pairs, found.lower.copy(), found.normals.copy(), middles)
 
 
 BY_LEVEL: ByLevel[Separations] = {Accuracy.HULL: hull_separations}

@@ -21,6 +21,8 @@ hull is built that is being built elsewhere.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from obb_collision.accuracy import Accuracy
@@ -28,6 +30,7 @@ from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.poses import as_poses
 from obb_collision.geometry.trees.obb_tree import MeshTrees
 from obb_collision.geometry.trees.shape_trees import segment_tree
+from obb_collision.queries.convex.distances import ConvexDistances, convex_distances
 from obb_collision.queries.convex.support import BOX as BOX_CORE
 from obb_collision.queries.convex.support import CORNERS, NO_HULLS, ConvexBodies
 from obb_collision.queries.meshes.meshes import PlacedMeshes
@@ -42,6 +45,15 @@ from obb_collision.typing import Floats, Mask, Rows
 #: The option of an effect that says on which level it is computed.
 AS_PAIRS = "pairs"
 CHOICES = (AS_PAIRS, "obb", "hull", "mesh")
+
+
+class BodyDistances(NamedTuple):
+    """Bodies of pairs (m, 2), their rows (m,), (m,) in them, and how far they are apart."""
+
+    bodies: ConvexBodies
+    first: Rows
+    second: Rows
+    found: ConvexDistances
 
 
 class PlacedShapes:
@@ -67,6 +79,7 @@ class PlacedShapes:
         self._cores = cache.cores(self._shaped)
         self._take_hulls()
         self._trees: tuple[MeshTrees, Rows] | None = None  # and the row of each slot among them
+        self._distances: tuple[Pairs, BodyDistances] | None = None  # those computed last
 
     def _take_hulls(self) -> None:
         """Take the hulls there are now, with their rows: both change when a pool is exchanged."""
@@ -191,6 +204,17 @@ class PlacedShapes:
         slots, ends = np.unique(pairs, return_inverse=True)
         first, second = np.ascontiguousarray(ends.reshape(-1, 2).T)
         return self.convex_bodies(boxes, slots), first, second
+
+    def distances(self, boxes: Boxes, pairs: Pairs) -> BodyDistances:
+        """Return how far apart the bodies of pairs (m, 2) of slots are, without a limit.
+
+        Boxes as in ``bodies``. Separations and contacts of the same pairs compute them once.
+        """
+        if self._distances is None or not np.array_equal(self._distances[0], pairs):
+            bodies, first, second = self.bodies(boxes, pairs)
+            found, _ = convex_distances(bodies, bodies, first, second)
+            self._distances = pairs, BodyDistances(bodies, first, second, found)
+        return self._distances[1]
 
     def convex_bodies(self, boxes: Boxes, slots: Rows) -> ConvexBodies:
         """Return the bodies of slots (k,), padded, all of which have hulls if they need one."""

@@ -83,7 +83,8 @@ def test_contacts_lie_within_half_the_depth_of_both_bodies(
 ) -> None:
     (a, b), depths = overlapping(kinds, max(100, pairs // 10))
     rows = np.arange(len(a))
-    found = convex_contacts(a, b, np.stack([rows, rows], axis=1), rows, rows, 4)
+    distances, _ = convex_distances(a, b, rows, rows)
+    found = convex_contacts(a, b, np.stack([rows, rows], axis=1), rows, rows, 4, distances)
     assert found.depths.tolist() == depths.tolist()
     assert (found.counts >= 1).all()
     assert (found.counts > 1).any() or "capsule" in kinds or "ellipsoid" in kinds

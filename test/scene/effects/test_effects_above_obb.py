@@ -17,12 +17,16 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 import obb_collision as oc
 from obb_collision.accuracy import Accuracy
+from obb_collision.queries.convex.distances import convex_distances
+from obb_collision.scene.refinement import placed_shapes
 
 EFFECTS = ("separations", "contacts", "clearance")
 COUNT = 24
@@ -97,6 +101,25 @@ def test_contacts_agree_with_separations_and_lie_between_the_shapes() -> None:
     assert (contacts.axes[high] == -1).all()
     apart = np.nan_to_num(contacts.position_depths, nan=0.0)
     assert (apart <= contacts.depths[:, None])[high].all()
+
+
+def test_separations_and_contacts_of_the_same_pairs_compute_their_distances_once(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    calls: list[int] = []
+
+    def counting(*args: Any) -> Any:
+        calls.append(len(args[2]))
+        return convex_distances(*args)
+
+    monkeypatch.setattr(placed_shapes, "convex_distances", counting)
+    together = mixed_scene("hull").check(("separations", "contacts"))
+    assert together.depths.tolist() == mixed_scene("hull").check("separations").depths.tolist()
+    assert len(calls) == 2
+    alone = mixed_scene("hull").check("contacts").contacts
+    assert len(calls) == 3
+    for name, column in vars(together.contacts).items():
+        assert np.array_equal(column, vars(alone)[name], equal_nan=True), name
 
 
 def test_an_effect_of_its_own_accuracy() -> None:
