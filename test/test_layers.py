@@ -61,8 +61,8 @@ LAYERS: dict[str, set[str]] = {
 ABOVE = {"node", "checks", "demo", "benchmarks"}
 ROS = {
     "ament_index_python", "builtin_interfaces", "diagnostic_msgs", "geometry_msgs", "launch",
-    "rcl_interfaces", "rclpy", "sensor_msgs", "std_msgs", "std_srvs", "tf2_ros",
-    "trajectory_msgs", "visualization_msgs",
+    "moveit_msgs", "rcl_interfaces", "rclpy", "sensor_msgs", "std_msgs", "std_srvs", "tf2_ros",
+    "trajectory_msgs", "vision_msgs", "visualization_msgs",
 }  # fmt: skip
 #: Allowed below the node: resolving a package:// mesh path, where ROS is there.
 OPTIONAL = {("geometry", "ament_index_python")}

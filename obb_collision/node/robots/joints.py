@@ -149,6 +149,10 @@ class Joints:
             monitor.refuse(now, BAD_VELOCITY, name, "position used", count)
         return np.where(bad, 0.0, found)
 
+    def row(self, name: str) -> int | None:
+        """Return the row of a joint, -1 for one that follows others, None if there is none."""
+        return self._rows.get(name, -1 if name in self._others else None)
+
     @property
     def stamp(self) -> int:
         """The newest stamp of a joint (ns), 0 for none."""

@@ -39,6 +39,7 @@ from obb_collision.node.robots.checked_robot import CheckedRobot
 from obb_collision.node.robots.links import NOTHING
 from obb_collision.node.robots.robot_input import DESCRIPTION, JOINT_STATES, SEMANTIC, RobotInput
 from obb_collision.node.robots.speed import SpeedScale
+from obb_collision.node.robots.state_service import SERVICE, ServiceType, StateService
 from obb_collision.node.robots.trajectories import Trajectories
 from obb_collision.node.robots.validity import Validity
 from obb_collision.robots.description.robot import Robot
@@ -92,6 +93,7 @@ class Robots:
         self._meshes = meshes
         self._node, self._parameters, self._clock = node, parameters, clock
         self._publishers: dict[str, Publisher] = {}
+        self._services: list[Any] = []
         self._validity: dict[str, Validity] = {}
         self._speeds: list[SpeedScale] = []
         self._touch_links: list[tuple[str, str]] = []
@@ -112,6 +114,11 @@ class Robots:
             self._validity[topic] = Validity(
                 checked, objects, publisher, monitors[topic], clock, parameters
             )
+            if ServiceType is not None:
+                frame, about = parameters.fixed_frame, monitors[topic]
+                service = StateService(robot, checked, about, clock, frame)
+                name = f"{robot.name}/{SERVICE}"
+                self._services.append(node.create_service(ServiceType, name, service.answer))
             topic = f"{robot.name}/{TRAJECTORY_IN}"
             out, status = (
                 self._publishers[f"{robot.name}/{kind}"]
@@ -202,6 +209,9 @@ class Robots:
         for publisher in self._publishers.values():
             self._node.destroy_publisher(publisher)
         self._publishers.clear()
+        for service in self._services:
+            self._node.destroy_service(service)
+        self._services.clear()
 
     def _read(self, urdf: str, srdf: str | None) -> Robot:
         """Return a robot, its meshes read in another process; ValueError with the reason."""
