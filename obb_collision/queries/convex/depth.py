@@ -144,6 +144,15 @@ def _start(a: Core, b: Core, pose: Pose, unit: float, normal: Vector, room: Room
             n += 1
     for k in range(1, 4):
         far = _farthest_from(room, k, n)
+        if k == 2 and not _height(room, k, far) > ON_FACE:
+            # not yet flat: of a box, opposite directions may all have given the same two corners
+            line = _unit(_edge(room, 0, 1))
+            first = _across(line)
+            for way in (first, cross(line, first)):
+                for side in (way, negated(way)):
+                    _put(room, n, corner_of(gap_along(a, b, pose, side), pose, unit))
+                    n += 1
+            far = _farthest_from(room, k, n)
         if k == 3:
             height = _height(room, k, far)
             face = cross(_edge(room, 0, 1), _edge(room, 0, 2))
@@ -169,6 +178,12 @@ def _start(a: Core, b: Core, pose: Pose, unit: float, normal: Vector, room: Room
 def _unit(v: Vector) -> Vector:
     length = norm(v)
     return scaled(v, 1.0 / length) if length > 0.0 else (1.0, 0.0, 0.0)
+
+
+@njit
+def _across(u: Vector) -> Vector:
+    """Return a unit vector orthogonal to a unit vector."""
+    return _unit((0.0, -u[2], u[1]) if abs(u[0]) < 0.5 else (-u[1], u[0], 0.0))
 
 
 @njit
@@ -306,9 +321,7 @@ def _flat(
     u, v = _edge(room, 0, 1), _edge(room, 0, 2)
     first = _unit(cross(u, v))
     if norm(cross(u, v)) <= ON_FACE * norm(u):  # a line, or a point
-        u = _unit(u)
-        first = (0.0, -u[2], u[1]) if abs(u[0]) < 0.5 else (-u[1], u[0], 0.0)
-        first = _unit(first)
+        first = _across(_unit(u))
     for n in (first, cross(_unit(u), first)):
         for way in (n, negated(n)):
             gap = gap_along(a, b, pose, _unit(way))

@@ -36,6 +36,7 @@ from obb_collision._jit import njit
 from obb_collision.numerics.constants import MESH_UNDERFLOW, ROUNDOFF
 from obb_collision.numerics.vec3 import (
     components,
+    cross,
     dot,
     max_abs,
     minus,
@@ -64,6 +65,9 @@ DIRECTIONS = 60
 CAREFUL_DIRECTIONS = 100
 #: The search in plain doubles ends when a corner brings it nearer by less than this fraction.
 STALLED = 1e-13
+#: Six times the volume that the origin makes with each face of a tetrahedron that it is certainly
+#: in; sizes are near one, and volumes off by 1e-15.
+INSIDE = 1e-10
 
 
 class Gap(NamedTuple):
@@ -128,6 +132,36 @@ def search(a: Core, b: Core, pose: Pose, start: Vector, stop: float) -> Search:
 
 
 @njit
+def overlaps(a: Core, b: Core, pose: Pose, start: Vector, needed: float, near: float) -> int:
+    """Return 1 for two cores nearer than ``near``, 0 where a gap is more than ``needed``, else -1.
+
+    The directions are those of ``search``, but those that decide are the last; -1 is for it.
+    """
+    unit = unit_scale(pose.size)[0]
+    n = pose.offset if is_zero(start) else start
+    n = unit_of((1.0, 0.0, 0.0) if is_zero(n) else n)[0]
+    best, simplex, reached = -np.inf, no_simplex(), np.inf
+    for _ in range(DIRECTIONS):
+        gap = gap_along(a, b, pose, n)
+        if gap.value > needed:
+            return 0
+        best = max(best, gap.value)
+        if reached - unit * best <= CLOSE * unit * pose.size:
+            return -1
+        if simplex.size > 0 and not reached - unit * gap.value > STALLED * reached:
+            return -1
+        simplex = with_corner(simplex, corner_of(gap, pose, unit))
+        if simplex.size == 4:
+            return 1 if _weights_inside(simplex)[3] > 0.0 else -1
+        if is_zero(simplex.nearest):
+            return -1
+        n, reached = unit_of(negated(simplex.nearest))
+        if reached < unit * near:
+            return 1
+    return -1
+
+
+@njit
 def unit_of(v: Vector) -> tuple[Vector, float]:
     """Return the unit vector along v, which is not zero, and its length."""
     largest = max_abs(v)
@@ -154,7 +188,28 @@ def _finished(a: Core, b: Core, pose: Pose, unit: float, stop: float, found: Sea
         if norm(minus(point, simplex.nearest)) <= room:  # not so for needles
             p, q = _weighted(s.p, t.p, u.p, u.p, weights), _weighted(s.q, t.q, u.q, u.q, weights)
             return Search(found.gap, found.normal, reached / unit, p, q, simplex)
+    if simplex.size == 4:
+        weights = _weights_inside(simplex)
+        if weights[3] > 0.0:
+            s, t, u, v = simplex.a, simplex.b, simplex.c, simplex.d
+            p, q = _weighted(s.p, t.p, u.p, v.p, weights), _weighted(s.q, t.q, u.q, v.q, weights)
+            return Search(found.gap, found.normal, 0.0, p, q, simplex)
     return _careful_search(a, b, pose, unit, stop, found)
+
+
+@njit
+def _weights_inside(simplex: Simplex) -> Weights:
+    """Return weights of the origin where it is certainly in the tetrahedron, else zero."""
+    a, b, c, d = simplex.a.w, simplex.b.w, simplex.c.w, simplex.d.w
+    across, other = cross(c, d), cross(a, b)
+    x, y = dot(b, across), -dot(a, across)
+    z, w = dot(d, other), -dot(c, other)
+    total = x + y + z + w
+    if total < 0.0:
+        x, y, z, w, total = -x, -y, -z, -w, -total
+    if min(min(x, y), min(z, w)) > INSIDE:
+        return x / total, y / total, z / total, w / total
+    return 0.0, 0.0, 0.0, 0.0
 
 
 @njit

@@ -29,7 +29,7 @@ from obb_collision._jit import njit
 from obb_collision._threads import run
 from obb_collision.numerics.vec3 import combined, minus, norm, plus, scaled
 from obb_collision.queries.convex.depth import Room, deepest, room_for_depth
-from obb_collision.queries.convex.distance import CLOSE, rounding, search
+from obb_collision.queries.convex.distance import CLOSE, overlaps, rounding, search
 from obb_collision.queries.convex.support import Bodies, ConvexBodies, body_place, core_at
 from obb_collision.queries.meshes.tree_boxes import Place, relative_pose
 from obb_collision.typing import Floats, Integers, Mask, Vector
@@ -94,7 +94,7 @@ def _collision_kernel(
     stop: int,
 ) -> None:  # fmt: skip
     for n in range(start, stop):
-        out[n] = not certainly_apart(a, rows_a[n], b, rows_b[n], NO_START)[0]
+        out[n] = may_collide(a, rows_a[n], b, rows_b[n])
 
 
 @njit
@@ -139,6 +139,19 @@ def body_distance(
         p, q = plus(p, scaled(way, core_a.radius)), minus(q, scaled(way, core_b.radius))
     upper = norm(minus(q, p)) if found.distance > radii else 0.0
     return Distance(found.gap - radii - slack, upper, p, q, normal)
+
+
+@njit
+def may_collide(a: Bodies, i: int, b: Bodies, j: int) -> bool:
+    """Return whether body i of a and body j of b are not certainly apart, as below, but sooner."""
+    core_a, core_b = core_at(a, i), core_at(b, j)
+    pose = relative_pose(body_place(a, i), body_place(b, j), core_a.reach + core_b.reach)
+    radii = core_a.radius + core_b.radius
+    needed = radii + rounding(pose)
+    known = overlaps(core_a, core_b, pose, NO_START, needed, radii - CLOSE * pose.size)
+    if known < 0:
+        return not search(core_a, core_b, pose, NO_START, needed).gap > needed
+    return known == 1
 
 
 @njit

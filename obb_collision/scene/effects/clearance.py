@@ -90,7 +90,8 @@ def hull_clearances(
     """Return the clearances of pairs on HULL; of those beyond the limit, only that they are."""
     bodies, i, j = shapes.bodies(boxes, pairs)
     found, _ = convex_distances(bodies, bodies, i, j, setting.values["max_distance"])
-    return Clearances(pairs, found.lower, found.positions_a, found.positions_b, found.normals)
+    lower = shapes.parted(found.lower, pairs, Accuracy.HULL)
+    return Clearances(pairs, lower, found.positions_a, found.positions_b, found.normals)
 
 
 def triangle_clearances(
@@ -124,6 +125,7 @@ def triangle_clearances(
         farther = np.flatnonzero(hulls.distances > distances[convex])
         for name, column in vars(table).items():
             column[convex[farther]] = vars(hulls)[name][farther]
+    table.distances[:] = shapes.parted(table.distances, pairs, Accuracy.MESH)
     return table
 
 

@@ -60,7 +60,8 @@ def hull_separations(
     """Return the separations of pairs on HULL: minus a depth that certainly parts them."""
     found = shapes.distances(boxes, pairs).found
     middles = 0.5 * (found.positions_a + found.positions_b)
-    return Separations(pairs, found.lower.copy(), found.normals.copy(), middles)
+    lower = shapes.parted(found.lower, pairs, Accuracy.HULL)
+    return Separations(pairs, lower, found.normals.copy(), middles)
 
 
 BY_LEVEL: ByLevel[Separations] = {Accuracy.HULL: hull_separations}

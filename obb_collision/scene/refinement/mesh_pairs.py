@@ -15,7 +15,9 @@
 """Pairs of one check above OBB: what stands for them on a level, where it is, and the verdicts.
 
 Spheres and capsules against each other and boxes are decided on their exact shapes, other pairs of
-convex shapes on their hulls, whatever the level; with a mesh on either side the level decides.
+convex shapes on these or their hulls, whatever the level; with a mesh on either side the level
+decides. Where trees stand for round shapes, which are larger, the hull of the mesh beside the exact
+shape is tried as well: what HULL finds apart is apart on MESH.
 """
 
 from __future__ import annotations
@@ -23,6 +25,7 @@ from __future__ import annotations
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from obb_collision.accuracy import Accuracy
 from obb_collision.geometry.capsules import Capsules
@@ -30,7 +33,7 @@ from obb_collision.geometry.poses import as_poses
 from obb_collision.numerics.constants import ROUNDOFF
 from obb_collision.queries.convex.distances import convex_may_collide
 from obb_collision.queries.convex.support import BOX as BOX_CORE
-from obb_collision.queries.convex.support import ConvexBodies
+from obb_collision.queries.convex.support import CORNERS, ConvexBodies
 from obb_collision.queries.meshes.convex import PlacedHulls, hulls_may_collide
 from obb_collision.queries.meshes.meshes import (
     UNLIMITED,
@@ -99,14 +102,16 @@ class MeshPairs:
         """Build what pairs need while there is time; return (k,) which have it."""
         ready = self._simple[rows]
         hulls = self._by_hull(level, rows)
-        for hull, these in ((True, hulls), (False, ~hulls & ~ready)):
+        both = ~hulls & ~ready & (level == Accuracy.MESH) & self._curved(rows)
+        ready[:] = True
+        for hull, these in ((True, hulls | both), (False, ~hulls & ~self._simple[rows])):
             if not these.any():
                 continue
             i, j = self._ends[0][rows[these]], self._ends[1][rows[these]]
             have = _marked(len(self._slots), i, j)
             needed = np.flatnonzero(have)
             have[needed] = self._cache.build(self._store, self._slots[needed], hull, budget)
-            ready[these] = have[i] & have[j]
+            ready[these] &= have[i] & have[j]
         return ready
 
     def decide(self, level: Accuracy, rows: Rows) -> Verdicts:
@@ -117,7 +122,23 @@ class MeshPairs:
         result[hulls] = self._hull_verdicts(rows[hulls])
         rest = ~(simple | hulls)
         result[rest] = self._tree_verdicts(level, rows[rest])
-        return result if level == Accuracy.MESH else np.minimum(result, np.int8(TOUCHING))
+        if level != Accuracy.MESH:
+            return np.minimum(result, np.int8(TOUCHING))
+        met = np.flatnonzero(rest & (result != SEPARATE) & self._curved(rows))
+        if len(met):
+            result[met[~self._may_collide(rows[met])]] = SEPARATE
+        return result
+
+    def _curved(self, rows: Rows) -> Mask:
+        """Return (k,) which pairs have a shape whose hull or tree is larger than it is."""
+        kinds = self._cores[0]
+        curved = (kinds != CORNERS) & (kinds != BOX_CORE)
+        return np.asarray(curved[self._ends[0][rows]] | curved[self._ends[1][rows]])
+
+    def _may_collide(self, rows: Rows) -> Mask:
+        """Return (k,) which pairs of convex shapes, padded, are not certainly apart."""
+        i, j = self._ends[0][rows], self._ends[1][rows]
+        return convex_may_collide(self._bodies, self._bodies, i, j)
 
     def _by_hull(self, level: Accuracy, rows: Rows) -> Mask:
         """Return (k,) which pairs a level decides on their hulls."""
@@ -128,17 +149,24 @@ class MeshPairs:
             return np.empty(0, np.int8)
         i, j = self._ends[0][rows], self._ends[1][rows]
         padded = self._store.paddings[self._slots] > 0.0
-        some = padded[i] | padded[j]
+        some = padded[i] | padded[j] | self._curved(rows)
         met = np.empty(len(rows), np.bool_)
         bodies = PlacedHulls(*self._cache.hulls(self._slots), *self._places)
         met[~some] = hulls_may_collide(bodies, bodies, i[~some], j[~some])
         if some.any():
-            met[some] = convex_may_collide(self._bodies, self._bodies, i[some], j[some])
+            met[some] = self._may_collide(rows[some])
         return np.where(met, np.int8(TOUCHING), np.int8(SEPARATE))
 
-    @cached_property
+    @property
     def _bodies(self) -> ConvexBodies:
-        """All bodies with their padding; of boxes it is part of their half extents."""
+        """All bodies, with the hulls that there are by now."""
+        kinds, sizes, radii = self._cores
+        hulls, rows = self._cache.hulls(self._slots)
+        return ConvexBodies(kinds, sizes, radii, hulls, rows, *self._places)
+
+    @cached_property
+    def _cores(self) -> tuple[NDArray[np.int8], Floats, Floats]:
+        """Kinds, sizes and radii of all bodies with padding, which is part of boxes as such."""
         store, slots = self._store, self._slots
         boxes = store.kinds[slots] == BOX
         cores = np.zeros((len(slots), 6))
@@ -146,9 +174,7 @@ class MeshPairs:
         cores[boxes, 0] = BOX_CORE
         cores[boxes, 1:4] = store.half_extents[slots[boxes]]
         cores[~boxes, 5] += store.paddings[slots[~boxes]]
-        hulls, rows = self._cache.hulls(slots)
-        kinds, sizes, radii = cores[:, 0].astype(np.int8), cores[:, 1:5].copy(), cores[:, 5].copy()
-        return ConvexBodies(kinds, sizes, radii, hulls, rows, *self._places)
+        return cores[:, 0].astype(np.int8), cores[:, 1:5].copy(), cores[:, 5].copy()
 
     def _tree_verdicts(self, level: Accuracy, rows: Rows) -> Verdicts:
         if len(rows) == 0:

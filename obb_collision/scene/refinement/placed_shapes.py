@@ -171,6 +171,15 @@ class PlacedShapes:
         trees, by_slot = self._trees
         return PlacedMeshes.trusted(trees, by_slot[slots], centers, rotations), np.zeros(len(slots))
 
+    def parted(self, distances: Floats, pairs: Pairs, level: Accuracy) -> Floats:
+        """Return distances (m,), at most zero for pairs (m, 2) that collide on a level.
+
+        Both are certified, a verdict less closely: rounding must not make them contradict.
+        """
+        known, rows = self._found(pairs)
+        known[known] = self._decided[rows] == level
+        return np.where(known, np.minimum(distances, 0.0), distances)
+
     def _found(self, pairs: Pairs) -> tuple[Mask, Rows]:
         """Return which pairs (m, 2) collide, and the rows of those in the pairs of the check."""
         count = len(self.kinds)

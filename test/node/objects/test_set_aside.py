@@ -283,7 +283,7 @@ FAR = 50.0
 EFFECTS = {
     "contacts": (contacts, "pair_contacts", "contacts"),
     "clearances": (clearance, "near_pairs", "clearance"),
-    "points_inside": (points, "points_inside", "points"),
+    "points_inside": (points, "points_in_bodies", "points"),
 }
 
 

@@ -39,7 +39,7 @@ KERNELS = {
     "contacts": [(contacts, "pair_contacts")],
     "clearance": [(clearance, "near_pairs")],
     "sweep": [(sweep, "sweeps")],
-    "points": [(points, "points_inside")],
+    "points": [(points, "points_in_bodies")],
 }
 """What an effect of the scene calls to compute."""
 BUILDERS = {

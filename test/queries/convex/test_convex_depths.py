@@ -101,3 +101,21 @@ def point_bodies(points: Floats) -> ConvexBodies:
     """Return capsules without length and radius."""
     (a, _) = family("random", ("capsule", "capsule"), len(points), 0)
     return moved(a, sizes=0.0 * a.sizes, radii=0.0 * a.radii, centers=points)
+
+
+@pytest.mark.parametrize("thin", [1.0, 0.01])
+def test_the_depth_of_a_ball_in_a_box_is_that_to_the_nearest_face(thin: float, pairs: int) -> None:
+    """Corners of boxes are the farthest along many directions: two of them may seem to be all."""
+    count = max(300, pairs // 3)
+    rng = np.random.default_rng(9)
+    box, ball = family("random", ("box", "capsule"), count, 9)
+    half = box.sizes[:, :3] * [thin, 1.0, 1.0]
+    at = rng.uniform(-1.0, 1.0, (count, 3)) * half
+    centers = box.centers + np.einsum("nij,nj->ni", box.rotations, at)
+    sizes = np.concatenate([half, np.zeros((count, 1))], axis=1)
+    rows = np.arange(count)
+    ball = moved(ball, sizes=0.0 * ball.sizes, centers=centers)
+    found = convex_distances(moved(box, sizes=sizes), ball, rows, rows)[0]
+    truth = (half - np.abs(at)).min(axis=1) + ball.radii
+    assert (-found.lower >= truth - 1e-13).all()
+    np.testing.assert_allclose(-found.lower, truth, atol=1e-9)
