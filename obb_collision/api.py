@@ -39,6 +39,7 @@ from obb_collision.queries.points.points import points_inside
 from obb_collision.queries.primitives.capsules import capsule_distances
 from obb_collision.queries.primitives.planes import plane_distances
 from obb_collision.queries.rays.rays import cast_rays, cast_segments
+from obb_collision.queries.sweep.meshes import mesh_sweeps
 from obb_collision.queries.sweep.moving import MovingBoxes
 from obb_collision.queries.sweep.sweep import sweeps
 from obb_collision.queries.verdict.separations import separations
@@ -83,6 +84,7 @@ __all__ = [
     "mesh_clearances",
     "mesh_collisions",
     "mesh_contacts",
+    "mesh_sweeps",
     "mesh_verdicts",
     "overlap_volumes",
     "plane_distances",

@@ -61,6 +61,7 @@ COARSE = "accuracy below obb"
 """The step of the levels that look at less than the box."""
 BOUNDS, TREES, HULLS = "bounds of boxes", "trees", "pairs of capsules and hulls"
 NESTING, LINEAR = "meshes within meshes", "motion without turns"
+SWEPT = "motion of convex bodies"
 NEAREST, DEPTHS = "points of convex bodies", "depths of convex bodies"
 """Parts of other steps."""
 MESSAGES = "messages"
@@ -328,6 +329,7 @@ def _mesh_queries() -> None:
     bodies = oc.PlacedMeshes.from_poses(trees, np.zeros(2, np.int64), poses)
     oc.mesh_contacts(bodies, bodies)
     oc.mesh_clearances(bodies, bodies)
+    oc.mesh_sweeps(bodies, bodies, duration=1.0)
     oc.cast_rays(bodies, np.zeros((1, 3)), np.ones((1, 3)))
     oc.points_inside(bodies, np.zeros((1, 3)))
     oc.mesh_verdicts(bodies, bodies, exact=True)
@@ -338,7 +340,11 @@ def _mesh_queries() -> None:
 
 def _sweep_on(level: Accuracy) -> None:
     """Sweep shapes on a level above "obb", first what takes longest; pairs stay on boxes."""
-    parts.swept_hulls()
+    if level == Accuracy.MESH:
+        body = oc.PlacedMeshes.from_poses(triangle_tree(), np.zeros(1, np.int64), [TURNED])
+        oc.mesh_sweeps(body, body, duration=1.0)
+    else:
+        parts.swept_hulls()
     scene = oc.Scene()
     scene.set_effect("sweep", "on", accuracy=level.name.lower())
     _add_crowd(scene, 0.01)
@@ -370,6 +376,7 @@ STEPS: dict[str, Callable[[], None] | str] = {
         effect_level_step(*on): (lambda on=on: _effect_on(*on))  # type: ignore[misc]
         for on in EFFECT_LEVELS
     },
+    SWEPT: parts.swept_hulls,
     NEAREST: parts.nearest,
     DEPTHS: parts.depths,
     accuracy_step(Accuracy.OBB_TREE): _obb_trees,
@@ -402,6 +409,7 @@ BESIDE = {
     effect_level_step("contacts", Accuracy.HULL): (NEAREST, effect_step("contacts")),
     effect_level_step("points", Accuracy.HULL): (NEAREST,),
     effect_level_step("sweep", Accuracy.HULL): (effect_step("sweep"), LINEAR),
+    effect_level_step("sweep", Accuracy.MESH): (SWEPT, effect_step("sweep"), LINEAR),
     effect_step("sweep"): (LINEAR,),
 }
 """Parts of the longest steps, for a second process."""

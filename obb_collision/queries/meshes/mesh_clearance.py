@@ -141,7 +141,7 @@ def mesh_clearances(
     """
     i, j = mesh_rows(a, b, pairs)
     limit = as_limit(max_distance)
-    first, second = _radii(radii_a, "radii_a", len(a)), _radii(radii_b, "radii_b", len(b))
+    first, second = as_radii(radii_a, "radii_a", len(a)), as_radii(radii_b, "radii_b", len(b))
     near = np.empty(len(i), np.bool_)
     lower, upper, vectors = np.empty(len(i)), np.empty(len(i)), np.empty((3, len(i), 3))
     faces = np.empty((len(i), 2), np.int64)
@@ -155,7 +155,7 @@ def mesh_clearances(
     return MeshClearances(rows, lower[near], upper[near], x, y, normals, faces[near])
 
 
-def _radii(given: ArrayLike, name: str, count: int) -> Floats:
+def as_radii(given: ArrayLike, name: str, count: int) -> Floats:
     """Return the radius (n,) of each body."""
     try:
         radii = np.broadcast_to(np.asarray(given, np.float64), (count,))
@@ -192,7 +192,7 @@ def clearance_kernel(
         body_a, body_b = body_at(a, i), body_at(b, j)
         pose = pose_of(trees_a, body_a, trees_b, body_b)
         reach = radii_a[i] + radii_b[j]
-        found = _apart(trees_a, body_a, trees_b, body_b, pose, limit + reach, room)
+        found = surfaces_apart(trees_a, body_a, trees_b, body_b, pose, limit + reach, room)
         bound = DISTANCE_BOUND * (pose.size + reach) + MESH_UNDERFLOW
         least = max(found.lower - reach - bound, 0.0)
         most = 0.0 if found.collide else max(found.upper - reach + bound, 0.0)
@@ -213,7 +213,7 @@ def clearance_kernel(
 
 
 @njit
-def _apart(
+def surfaces_apart(
     trees_a: TreeArrays, a: Body, trees_b: TreeArrays, b: Body, pose: Pose, limit: float, room: Room
 ) -> Apart:  # fmt: skip
     """Return how far apart two meshes are, the bounds but for rounding; infinite past a limit."""

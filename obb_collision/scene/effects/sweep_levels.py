@@ -31,12 +31,14 @@ from obb_collision.geometry.boxes import Boxes
 from obb_collision.numerics.constants import ROUNDOFF
 from obb_collision.queries.sweep.convex import convex_sweeps
 from obb_collision.queries.sweep.course import BodyMotion
-from obb_collision.queries.sweep.motion import OUTWARD
+from obb_collision.queries.sweep.meshes import join_motions, swept_meshes
+from obb_collision.queries.sweep.motion import OUTWARD, bounding_radii
 from obb_collision.queries.sweep.moving import MovingBoxes
 from obb_collision.queries.sweep.sweep import Sweeps
 from obb_collision.scene.broad_phase.broad_phase import Pairs
 from obb_collision.scene.effects.base import Cycle, Setting, take_rows
 from obb_collision.scene.refinement.placed_shapes import PlacedShapes
+from obb_collision.scene.store.kinds import ROUND
 from obb_collision.typing import Floats, Rows
 
 
@@ -91,7 +93,7 @@ def motion_of(bodies: Boxes, rows: Rows, ride: Ride) -> BodyMotion:
         back = motion.rotations[rows] @ ride.now.rotations[rows].transpose(0, 2, 1)
         arms, rotations = np.einsum("nij,nj->ni", back, arms), back @ rotations
     boxes = motion.starts[rows] - ride.pivots[rows]
-    reaches = motion.radii[rows] + np.linalg.norm(boxes, axis=1)
+    reaches = motion.radii[rows] + bounding_radii(boxes)
     return BodyMotion(
         ride.pivots[rows], motion.ends[rows], motion.seconds, rotations, motion.turns[rows],
         arms + boxes, motion.radii[rows], reaches * OUTWARD,
@@ -109,4 +111,41 @@ def hull_sweeps(
     return convex_sweeps(bodies, motion, np.column_stack([i, j]), begin, tolerance)
 
 
-BY_LEVEL: Mapping[Accuracy, Swept] = {Accuracy.HULL: hull_sweeps}
+def triangle_sweeps(
+    shapes: PlacedShapes, cycle: Cycle, ride: Ride, pairs: Pairs, begin: Floats, tolerance: float
+) -> Sweeps:
+    """Return the sweeps of pairs on MESH, with a mesh on at least one side.
+
+    Spheres and capsules are exact; cylinders, cones and ellipsoids are meshes around them.
+    """
+    turned = shapes.kinds[pairs[:, 0]] == ROUND  # round ones come second
+    ends = np.where(turned[:, None], pairs[:, ::-1], pairs)
+    table = take_rows(NO_SWEEPS, np.zeros(len(pairs), np.int64))
+    is_round = shapes.kinds[ends[:, 1]] == ROUND
+    for rows in (np.flatnonzero(is_round), np.flatnonzero(~is_round)):
+        if len(rows) == 0:
+            continue
+        a, radii_a = shapes.meshes(cycle.boxes, ends[rows, 0])
+        b, radii_b = shapes.meshes(cycle.boxes, ends[rows, 1])
+        motions = [
+            motion_of(
+                Boxes.trusted(body.centers, body.rotations, body.centers),
+                np.searchsorted(ride.slots, slots),
+                ride,
+            )
+            for body, slots in ((a, ends[rows, 0]), (b, ends[rows, 1]))
+        ]
+        found = swept_meshes(a, radii_a, b, radii_b, join_motions(*motions), begin[rows], tolerance)
+        for key, column in vars(table).items():
+            column[rows] = vars(found)[key]
+    table.normals[turned] *= -1.0
+    return table
+
+
+NO_SWEEPS = Sweeps(
+    np.zeros((1, 2), np.int64), *np.zeros((2, 1), np.bool_), *np.zeros((2, 1)), *np.zeros((2, 1, 3))
+)
+BY_LEVEL: Mapping[Accuracy, Swept] = {
+    Accuracy.HULL: hull_sweeps,
+    Accuracy.MESH: triangle_sweeps,
+}

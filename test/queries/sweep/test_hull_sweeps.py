@@ -78,7 +78,7 @@ def test_polytopes_that_do_not_turn_are_apart_until_then_in_fractions(
         time = Fraction(min(found.free_until[n], 1.0))
         then, radius = shifted(b, way, time), Fraction(bodies.radii[i]) + Fraction(bodies.radii[j])
         if time > 0:
-            assert hull_distances.squared_distance(a, b + then) >= radius * radius
+            assert hull_distances.squared_distance(a, b + then) > radius * radius
         if found.hits[n]:
             assert hull_distances.squared_distance(a, then) <= (radius + Fraction(near[n])) ** 2
 
