@@ -211,6 +211,10 @@ def calls() -> Iterator[tuple[str, Callable[..., Any], dict[str, Any]]]:
     yield "mesh_clearances", oc.mesh_clearances, {
         **sides, "max_distance": 1.0, "radii_a": 0.1, "radii_b": [0.1, 0.2]
     }  # fmt: skip
+    yield "mesh_sweeps", oc.mesh_sweeps, {
+        **sides, "duration": 1.0, "twists_a": 0.1, "twists_b": [0.1] * 6, "radii_a": 0.1,
+        "radii_b": [0.1, 0.2], "tolerance": 1e-4,
+    }  # fmt: skip
     yield "mesh_contacts", oc.mesh_contacts, {**sides, "capacity": 4}
     yield "Report", written, {"value": 10**9}
     yield from scene_calls()

@@ -181,6 +181,13 @@ FUNCTIONS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     ),
     "mesh_collisions": (oc.mesh_collisions, {**MESHES, "depth": 1}),
     "mesh_contacts": (oc.mesh_contacts, {**MESHES, "capacity": 9}),
+    "mesh_sweeps": (
+        oc.mesh_sweeps,
+        {
+            **MESHES, "duration": 1.0, "twists_a": 0.1, "twists_b": 0.1, "radii_a": 0.1,
+            "radii_b": 0.1, "tolerance": 1e-4,
+        },
+    ),
     "mesh_verdicts": (oc.mesh_verdicts, {**MESHES, "exact": False, "effort": 99}),
     "Robot.from_urdf": (
         oc.Robot.from_urdf,
