@@ -102,7 +102,7 @@ def _in_tetrahedron(a: Vector, b: Vector, c: Vector, d: Vector) -> Simplex:
     best, zero = np.inf, (0.0, 0.0, 0.0)
     part = Simplex(4, a, b, c, zero)
     for _ in range(4):
-        if _outside(b, c, d, a):
+        if outside(b, c, d, a):
             face = _on_triangle(b, c, d)
             square = dot(face.nearest, face.nearest)
             if square < best:
@@ -112,7 +112,7 @@ def _in_tetrahedron(a: Vector, b: Vector, c: Vector, d: Vector) -> Simplex:
 
 
 @njit
-def _outside(a: Vector, b: Vector, c: Vector, other: Vector) -> bool:
+def outside(a: Vector, b: Vector, c: Vector, other: Vector) -> bool:
     """Return whether the plane of a, b and c has the origin and the other corner on two sides."""
     normal = cross(minus(b, a), minus(c, a))
     return -dot(normal, a) * dot(normal, minus(other, a)) <= 0.0

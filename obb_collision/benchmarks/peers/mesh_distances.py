@@ -24,17 +24,16 @@ turn, the best of several turns.
 from __future__ import annotations
 
 import importlib.util
-import json
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from obb_collision.benchmarks.peers.meshes import SPREADS, TURNS, meshes
+from obb_collision.benchmarks.peers.meshes import TURNS, print_table
 from obb_collision.benchmarks.price.peers import coal_mesh, fcl_mesh
 from obb_collision.benchmarks.price.turns import on_threads, seconds_of
-from obb_collision.cli import Parser, interruptible, new_file, option, whole
+from obb_collision.cli import Parser, interruptible, option, whole
 from obb_collision.geometry.shapes.meshes import Mesh
 from obb_collision.geometry.trees.obb_tree import MeshTrees
 from obb_collision.queries.meshes.mesh_clearance import mesh_clearances
@@ -139,25 +138,8 @@ def main(arguments: list[str] | None = None) -> None:
     """Print the table; ``--json FILE`` writes it too."""
     parser = Parser(description="distances of meshes beside python-fcl and coal")
     option(parser, "--pairs", whole(1, 10**8), 200, "pairs of poses a row")
-    option(parser, "--json", new_file(), text="write the figures to a file")
-    options = parser.parse_args(arguments)
-    rows, peers = {}, installed()
-    heads = "".join(f"{name + ' µs':>10}{'ratio':>7}{'differ':>9}" for name in peers)
-    print(f"{'triangles':28}{'poses':>7}{'hits':>7}{'ours µs':>9}{'bounds':>9}{heads}")
-    for name, (first, second) in meshes().items():
-        for label, spread in SPREADS.items():
-            row = rows[f"{name}, {label}"] = compare(first, second, options.pairs, spread)
-            cells = "".join(
-                f"{row[f'{peer}_us']:10.2f}{row[f'{peer}_ratio']:7.1f}{row[f'{peer}_differ_m']:9.0e}"
-                for peer in peers
-            )
-            ours = f"{row['ours_us']:9.2f}{row['bounds_m']:9.0e}"
-            print(f"{name:28}{label:>7}{row['colliding']:7.0%}{ours}{cells}")
-    for peer in peers:
-        ratios = np.array([row[f"{peer}_ratio"] for row in rows.values()])
-        print(f"{peer} / ours: least {ratios.min():.1f}, median {np.median(ratios):.1f}")
-    if options.json:
-        options.json.write_text(json.dumps(rows, indent=1))
+    own, difference = {"bounds_m": ".0e"}, ("differ_m", ".0e")
+    print_table(parser, arguments, compare, installed(), own, difference)
 
 
 if __name__ == "__main__":

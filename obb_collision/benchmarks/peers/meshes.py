@@ -25,6 +25,7 @@ from __future__ import annotations
 
 import importlib.util
 import json
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -105,19 +106,36 @@ def main(arguments: list[str] | None = None) -> None:
     """Print the table; ``--json FILE`` writes it too."""
     parser = Parser(description="mesh against mesh beside python-fcl and coal")
     option(parser, "--pairs", whole(1, 10**8), 1000, "pairs of poses a row")
+    print_table(parser, arguments, compare, list(installed()), {}, ("differ", ".0f"))
+
+
+def print_table(
+    parser: Parser,
+    arguments: list[str] | None,
+    compare: Callable[[Any, Any, int, float], dict[str, float]],
+    peers: list[str],
+    own: Mapping[str, str],
+    difference: tuple[str, str],
+) -> None:
+    """Print what ``compare`` returns for all pairs of meshes, a row per spread of the poses.
+
+    own: further columns of ours, by head, with their formats; difference: a column of each peer.
+    """
     option(parser, "--json", new_file(), text="write the figures to a file")
     options = parser.parse_args(arguments)
-    rows, peers = {}, list(installed())
-    heads = "".join(f"{name + ' µs':>10}{'ratio':>7}{'differ':>8}" for name in peers)
-    print(f"{'triangles':28}{'poses':>7}{'hits':>7}{'ours µs':>9}{heads}")
+    rows, (what, kind) = {}, difference
+    heads = "".join(f"{head:>9}" for head in ("ours µs", *own))
+    heads += "".join(f"{name + ' µs':>10}{'ratio':>7}{'differ':>9}" for name in peers)
+    print(f"{'triangles':28}{'poses':>7}{'hits':>7}{heads}")
     for name, (first, second) in meshes().items():
         for label, spread in SPREADS.items():
             row = rows[f"{name}, {label}"] = compare(first, second, options.pairs, spread)
-            cells = "".join(
-                f"{row[f'{peer}_us']:10.2f}{row[f'{peer}_ratio']:7.1f}{row[f'{peer}_differ']:8.0f}"
+            cells = f"{row['ours_us']:9.2f}" + "".join(f"{row[k]:9{own[k]}}" for k in own)
+            cells += "".join(
+                f"{row[f'{peer}_us']:10.2f}{row[f'{peer}_ratio']:7.1f}{row[f'{peer}_{what}']:9{kind}}"
                 for peer in peers
             )
-            print(f"{name:28}{label:>7}{row['colliding']:7.0%}{row['ours_us']:9.2f}{cells}")
+            print(f"{name:28}{label:>7}{row['colliding']:7.0%}{cells}")
     for peer in peers:
         ratios = np.array([row[f"{peer}_ratio"] for row in rows.values()])
         print(f"{peer} / ours: least {ratios.min():.1f}, median {np.median(ratios):.1f}")

@@ -25,6 +25,7 @@ from typing import NamedTuple
 import numpy as np
 
 from obb_collision._jit import njit
+from obb_collision.numerics.simplex import outside
 from obb_collision.numerics.vec3 import cross, dot, minus, plus, scaled
 from obb_collision.typing import Vector
 
@@ -129,17 +130,10 @@ def _in_tetrahedron(a: Corner, b: Corner, c: Corner, d: Corner) -> Simplex:
     best, zero = np.inf, (0.0, 0.0, 0.0)
     part = Simplex(4, a, b, c, d, zero, zero)
     for _ in range(4):
-        if _outside(b.w, c.w, d.w, a.w):
+        if outside(b.w, c.w, d.w, a.w):
             face = on_triangle(b, c, d)
             square = dot(face.nearest, face.nearest)
             if square < best:
                 best, part = square, face
         a, b, c, d = b, c, d, a
     return part
-
-
-@njit
-def _outside(a: Vector, b: Vector, c: Vector, other: Vector) -> bool:
-    """Return whether the plane of a, b and c has the origin and the other corner on two sides."""
-    normal = cross(minus(b, a), minus(c, a))
-    return -dot(normal, a) * dot(normal, minus(other, a)) <= 0.0
