@@ -40,6 +40,7 @@ from obb_collision.node import reporting
 from obb_collision.node.cycle import Cycle
 from obb_collision.node.diagnostics.answer import UNCONFIGURED, Answer, answer
 from obb_collision.node.diagnostics.monitors import InputMonitor
+from obb_collision.node.inputs import detections
 from obb_collision.node.inputs.inputs import Inputs
 from obb_collision.node.inputs.points import Obstacles
 from obb_collision.node.inputs.subscriptions import INPUTS, Input, Subscriptions
@@ -199,7 +200,11 @@ class CollisionNode(ManagedNode):
     def _make_inputs(self) -> None:
         """Create the inputs; nothing is subscribed yet."""
         fixed_frame = self.parameters.fixed_frame
-        self._topics: dict[str, Input] = {**INPUTS, **robot_inputs(self.parameters)}
+        self._topics: dict[str, Input] = {
+            **INPUTS,
+            **detections.INPUTS,
+            **robot_inputs(self.parameters),
+        }
         warn = self.get_logger().warning
         self._monitors = {topic: InputMonitor(topic, warn) for topic in self._topics}
         names = self.parameters.robots
@@ -343,7 +348,8 @@ class CollisionNode(ManagedNode):
         self._parameters_changed.settle()
         self._unread = not self.guard.run("inputs", self._subscribed.drain)
         self.guard.run("input objects", self.inputs.markers.apply)
-        self.guard.run("input object_boxes", self.inputs.boxes.apply)
+        for each in self.inputs.sets:
+            self.guard.run(f"input {each.source.topic}", each.apply)
         if self.robots is not None:
             self._unread |= not self.guard.run("input robots", self._apply_robots)
         if self._subscribed.had_messages():
@@ -371,9 +377,11 @@ class CollisionNode(ManagedNode):
         self._settings.apply()
         apply_limits(parameters, objects)
         self._obstacles.waiting.timeout = parameters.transform_timeout
-        self.inputs.boxes.waiting.timeout = parameters.transform_timeout
+        for each in self.inputs.sets:
+            each.waiting.timeout = parameters.transform_timeout
+            each.max_points = parameters.max_cloud_points
         self._obstacles.stamp_tolerance = objects.states.stamp_tolerance
-        self._obstacles.max_points = self.inputs.boxes.max_points = parameters.max_cloud_points
+        self._obstacles.max_points = parameters.max_cloud_points
         self._subscribed.keep("points", self._is_wanted("points"))
         if not self._is_wanted("points"):
             self._obstacles.forget()
@@ -479,7 +487,8 @@ class CollisionNode(ManagedNode):
             f"{len(self.objects.table)} objects continue from the new time; stamps may restart"
         )
         self.inputs.markers.clock_jumped(shift)
-        self.inputs.boxes.clock_jumped(shift)
+        for each in self.inputs.sets:
+            each.clock_jumped(shift)
         self.objects.clock_jumped(shift)
         self._obstacles.clock_jumped(shift)
         if self.robots is not None:

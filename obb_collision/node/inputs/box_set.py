@@ -19,6 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import NamedTuple
 
 import numpy as np
 from visualization_msgs.msg import Marker
@@ -34,11 +35,18 @@ from obb_collision.node.objects.states import OLDER, State
 from obb_collision.node.objects.table import NEVER
 from obb_collision.node.objects.unplaceable import MAX_UNPLACEABLE
 from obb_collision.node.runtime.guard import Guard
-from obb_collision.typing import Floats, Rows
+from obb_collision.typing import Floats, Mask, Rows
 
-TOPIC = "object_boxes"
-NAMESPACE = "boxes"
-"""Of boxes in clouds without a field ``ns``."""
+
+class Source(NamedTuple):
+    """An input of complete sets: its topic, the namespace of boxes without one, its number."""
+
+    topic: str
+    namespace: str
+    number: int
+
+
+BOXES = Source("object_boxes", "boxes", 1)
 REPEATED = RefusedError("repeated", "the last row of an object counts")
 BAD_KEY = RefusedError("bad key", "ns and id must be int32")
 UNMARKED = (REPEATED.reason, BAD_KEY.reason)
@@ -49,8 +57,8 @@ OWNED = RefusedError("object of another input", "markers, boxes and robots do no
 class BoxSet:
     """Updates the objects that were added by sets of boxes to the newest set."""
 
-    def __init__(self, objects: Objects, guard: Guard) -> None:
-        self._objects, self._guard = objects, guard
+    def __init__(self, objects: Objects, guard: Guard, source: Source = BOXES) -> None:
+        self._objects, self._guard, self._source = objects, guard, source
         self._table = objects.table
         self._unplaceable: list[Key] = []  # new objects of the last set that were refused
 
@@ -58,9 +66,14 @@ class BoxSet:
         """Key of a box, by the number of its namespace, and its id."""
         return self._table.namespaces.names.get(number, stand_in(number)), ident
 
+    @property
+    def _own(self) -> Mask:
+        """(rows,) the objects of these sets."""
+        return np.asarray(self._table.live & (self._table.of_set == self._source.number))
+
     def doubt(self) -> None:
         """Mark that a newer set could not be used: the boxes of the last one stay."""
-        self._table.pose_refused |= self._table.live & self._table.of_set
+        self._table.pose_refused |= self._own
 
     def refuse(self, numbers: Rows, ids: Rows, reason: str) -> None:
         """Mark that a set could not be used, with the boxes in it that are not known yet."""
@@ -77,7 +90,7 @@ class BoxSet:
         """
         table = self._table
         slots = table.find(numbers, ids)
-        faults.note((slots >= 0) & ~table.of_set[slots], OWNED)
+        faults.note((slots >= 0) & ~self._own[slots], OWNED)
         self._forget_unplaceable()
 
         def fail(row: int, error: RefusedError) -> None:
@@ -90,7 +103,7 @@ class BoxSet:
                 slots[rows] = self._put(*given, left[~table.live[left]])
 
             rows = np.flatnonzero(faults.number == GOOD)
-            each(rows, put, fail, self._guard, f"input {TOPIC}")
+            each(rows, put, fail, self._guard, f"input {self._source.topic}")
         rows = np.flatnonzero(faults.number == GOOD)
         old = np.zeros(len(ids), np.bool_)
         old[rows] = self._objects.states.store(slots[rows], poses[rows], state)
@@ -101,7 +114,7 @@ class BoxSet:
     def _removed(self, slots: Rows) -> Iterator[Rows]:
         """Remove the boxes at other slots than these; yields theirs, which new ones may take."""
         table, shapes = self._table, self._objects.shapes
-        gone = table.live & table.of_set
+        gone = self._own
         gone[slots[slots >= 0]] = False
         left = np.flatnonzero(gone)
         shapes.release(left)
@@ -127,7 +140,7 @@ class BoxSet:
             keys = numbers[rest], ids[rest], kinds[rest]
             given = sizes[rest], poses[rest], never[rest]
             slots[rest] = put_primitives(shapes, *keys, *given, instead)
-            table.of_set[slots[rest]] = True
+            table.of_set[slots[rest]] = self._source.number
         return slots
 
     @contextmanager
@@ -158,8 +171,8 @@ class BoxSet:
                 table.namespaces.leave(number)
 
     def _admit(self, number: int) -> None:
-        if number == namespace_number(NAMESPACE):
-            self._table.namespaces.admit(NAMESPACE)
+        if number == namespace_number(self._source.namespace):
+            self._table.namespaces.admit(self._source.namespace)
         else:
             self._table.namespaces.admit_number(number)
 
@@ -170,7 +183,7 @@ class BoxSet:
             if error.reason in UNMARKED:
                 continue
             known = slots[rows] >= 0
-            known[known] = self._table.of_set[slots[rows[known]]]
+            known[known] = self._own[slots[rows[known]]]
             column = (
                 self._table.shape_refused if faults.of_shape[index] else (self._table.pose_refused)
             )

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 
-"""The topic ``object_boxes``: each message is the complete set of boxes of this topic.
+"""The topic ``object_boxes``, and others alike: each message is its complete set of boxes.
 
 Sets wait until the next cycle, and the newest one that can be placed is applied: it would undo
 those before it anyway.
@@ -28,7 +28,7 @@ import numpy as np
 
 from obb_collision.geometry.poses import compose_poses
 from obb_collision.node.diagnostics.monitors import InputMonitor
-from obb_collision.node.inputs.box_set import BAD_KEY, NAMESPACE, REPEATED, TOPIC, BoxSet
+from obb_collision.node.inputs.box_set import BAD_KEY, BOXES, REPEATED, BoxSet, Source
 from obb_collision.node.inputs.marker_batch import GOOD, Faults
 from obb_collision.node.inputs.waiting_clouds import Cloud, WaitingClouds
 from obb_collision.node.messages.bulk_clouds import boxes_from_ros
@@ -59,12 +59,13 @@ class Given(NamedTuple):
     ids: Integers
     poses: Floats
     sizes: Floats
+    namespace: str = BOXES.namespace
 
     @property
     def numbers(self) -> Rows:
         """(n,) numbers of the namespaces."""
         if self.namespaces is None:
-            return np.full(len(self.ids), namespace_number(NAMESPACE))
+            return np.full(len(self.ids), namespace_number(self.namespace))
         return signed(self.namespaces)
 
     @property
@@ -74,8 +75,27 @@ class Given(NamedTuple):
         return legal if self.namespaces is None else legal & are_numbers(self.namespaces)
 
 
+class Message(NamedTuple):
+    """What a message says: frame, stamp (ns), boxes, and its size in bytes."""
+
+    frame: str
+    stamp: int
+    given: Given
+    size: int
+
+
+def read_boxes(data: bytes, most: int) -> Message:
+    """Return a serialised message of ``object_boxes``; RefusedError."""
+    message = cloud_from_bytes(data)
+    frame, stamp = message.header.frame_id, stamp_from_ros(message.header.stamp)
+    return Message(frame, stamp, Given(*boxes_from_ros(message, most)), len(message.data))
+
+
 class BoxInput:
-    """Takes messages of ``object_boxes``, and applies the newest of them."""
+    """Takes messages that are complete sets, and applies the newest of them.
+
+    read: makes boxes of the bytes of a message, and of the most rows that it may have.
+    """
 
     def __init__(
         self,
@@ -84,11 +104,14 @@ class BoxInput:
         monitor: InputMonitor,
         clock: Callable[[], int],
         guard: Guard,
+        source: Source = BOXES,
+        read: Callable[[bytes, int], Message] = read_boxes,
     ) -> None:
         self._objects, self._monitor, self._clock = objects, monitor, clock
+        self.source, self._read = source, read
         fixed_frame = objects.placement.frame_table.name(0)
         self.waiting = WaitingClouds(frames, fixed_frame, monitor, guard)
-        self._set = BoxSet(objects, guard)
+        self._set = BoxSet(objects, guard, source)
         self.max_points = NO_LIMIT
         """Rows of a set."""
         self._order = 0  # sets with an older stamp are late
@@ -99,17 +122,15 @@ class BoxInput:
         now = self._clock()
         self._monitor.received(now)
         try:
-            message = cloud_from_bytes(data)
-            frame, stamp = message.header.frame_id, stamp_from_ros(message.header.stamp)
+            frame, stamp, given, size = self._read(data, self.max_points)
             check_name(frame, "frame")
-            given = Given(*boxes_from_ros(message, self.max_points))
             self._note_order(stamp, now)
         except RefusedError as error:
             self._monitor.refuse(now, error.reason, "whole message", error.detail)
             if error.reason != OLDER:
                 self._set.doubt()
             return
-        cloud = Cloud(given, frame, stamp, now, len(message.data))
+        cloud = Cloud(given, frame, stamp, now, size)
         self._monitor.superseded += self.waiting.add(cloud)
 
     def _note_order(self, stamp: int, now: int) -> None:
@@ -149,7 +170,7 @@ class BoxInput:
             poses[good] = compose_poses(frame, poses[good])
             bad = np.any(pose_faults(poses), axis=0)
             faults.note(bad, RefusedError("bad pose", "out of range once placed"))
-        state = State("", cloud.stamp, cloud.received, TOPIC)
+        state = State("", cloud.stamp, cloud.received, self.source.topic)
         self._set.apply(numbers, ids, poses, given.sizes, faults, state)
         self._count(numbers, ids, faults)
 

@@ -27,6 +27,7 @@ import numpy as np
 from obb_collision.node.diagnostics.monitors import InputMonitor
 from obb_collision.node.inputs.box_set import OWNED
 from obb_collision.node.inputs.boxes import BoxInput
+from obb_collision.node.inputs.detections import DETECTIONS, read_detections
 from obb_collision.node.inputs.markers import MarkerInput
 from obb_collision.node.messages.bulk_clouds import poses_from_ros
 from obb_collision.node.messages.cdr import (
@@ -76,6 +77,12 @@ class Inputs:
         self._guard = guard
         self.markers = MarkerInput(objects, monitors["objects"], clock, guard)
         self.boxes = BoxInput(objects, frames, monitors["object_boxes"], clock, guard)
+        self.sets = [self.boxes]
+        """All inputs whose messages are complete sets of boxes."""
+        if DETECTIONS.topic in monitors:
+            monitor = monitors[DETECTIONS.topic]
+            given = objects, frames, monitor, clock, guard
+            self.sets.append(BoxInput(*given, DETECTIONS, read_detections))
         self.bases: dict[str, Callable[[NamedPose, int, InputMonitor], None]] = {}
         """By name of a robot: what takes a pose of its base."""
 
@@ -86,7 +93,7 @@ class Inputs:
             "object_transform": self.guarded("object_transform", self.take_transform, True),
             "object_states": self.guarded("object_states", self.take_states, True),
             "object_poses": self.guarded("object_poses", self.take_poses, True),
-            "object_boxes": self.guarded("object_boxes", self.boxes.take),
+            **{each.source.topic: self.guarded(each.source.topic, each.take) for each in self.sets},
         }
 
     def guarded(
@@ -101,7 +108,8 @@ class Inputs:
             try:
                 if in_order:
                     self.markers.apply()
-                    self.boxes.apply()
+                    for each in self.sets:
+                        each.apply()
                 take(data)
             except Exception as error:
                 self._guard.caught(f"input {topic}", error)

@@ -80,7 +80,7 @@ class MarkerApplication:
         """Exclude, and count, markers that name objects of sets of boxes, or links of robots."""
         table = self._objects.table
         slots = self._adder.find_slots(markers, outcome.first)
-        owned = (slots >= 0) & (table.of_set[slots] | table.of_robot[slots])
+        owned = (slots >= 0) & ((table.of_set[slots] > 0) | table.of_robot[slots])
         if not owned.any():
             return outcome
         winner, removed = outcome.winner[owned], outcome.removed[owned]
@@ -132,4 +132,4 @@ class MarkerApplication:
                 doomed |= table.live
             elif index not in markers.bad_namespaces:
                 doomed |= table.live & (table.ns == self._adder.number_of(name))
-        return doomed & ~(table.of_set | table.of_robot)
+        return doomed & ~((table.of_set > 0) | table.of_robot)

@@ -54,7 +54,7 @@ COLUMNS: dict[str, tuple[Any, tuple[int, ...]]] = {
     "live": (np.bool_, ()),
     "ns": (np.int64, ()),  # number of the namespace
     "id": (np.int64, ()),
-    "of_set": (np.bool_, ()),  # came by a complete set of boxes, and goes with the next one
+    "of_set": (np.int64, ()),  # number of the input of complete sets by which it came; 0: none
     "of_robot": (np.bool_, ()),  # belongs to a link of a robot
     "kind": (np.int64, ()),  # of its shape, if that is one of PRIMITIVES, else 0
     "size": (np.float64, (3,)),  # of such a shape: the scale
@@ -97,7 +97,7 @@ class ObjectTable:
     live: Mask
     ns: Slots
     id: Slots
-    of_set: Mask
+    of_set: Slots
     of_robot: Mask
     kind: Slots
     size: Floats
@@ -202,10 +202,10 @@ class ObjectTable:
             self.pending,
             self.placed,
             self.shaped,
-            self.of_set,
             self.of_robot,
         ):
             column[rows] = False
+        self.of_set[rows] = 0
         self._count -= len(slots)
         self._sorted = self._index = None
 

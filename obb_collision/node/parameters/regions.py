@@ -37,6 +37,7 @@ INPUTS = (
     "object_states",
     "object_poses",
     "object_boxes",
+    "detections",
     "points",
 )
 """Topics that the nodes of all regions read."""

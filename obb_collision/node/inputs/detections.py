@@ -1,0 +1,122 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The topic ``detections``, where vision_msgs is installed: boxes of a detector.
+
+Each vision_msgs/Detection3DArray is the complete set of boxes that are detected: ``boxes`` applies
+it. Every detection is an object, whatever its id, class and score.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+from zlib import crc32
+
+import numpy as np
+
+from obb_collision.node.inputs.box_set import Source
+from obb_collision.node.inputs.boxes import Given, Message
+from obb_collision.node.inputs.subscriptions import Input
+from obb_collision.node.messages.cdr import Header, Reader
+from obb_collision.node.messages.conversions import stamp_from_ros
+from obb_collision.node.messages.errors import RefusedError
+from obb_collision.node.messages.names import whole_from_text
+from obb_collision.node.objects.table import ID_OFFSET
+from obb_collision.typing import Floats, Rows
+
+try:
+    from vision_msgs.msg import Detection3DArray
+except ImportError:  # not on PyPI
+    Detection3DArray = None
+MessageType: Any = Detection3DArray
+"""None where vision_msgs is not installed."""
+
+DETECTIONS = Source("detections", "detections", 2)
+INPUTS = {} if MessageType is None else {DETECTIONS.topic: Input(MessageType, 10)}
+"""The topic, where there is the type of its messages."""
+SMALLEST = 100
+"""Bytes of a detection, at least."""
+RESULT = 44
+"""Numbers of a result: a score, and a pose with its covariance."""
+
+
+class Detections(NamedTuple):
+    """Detections: ids as texts, poses (n, 7) and sizes (n, 3) of their boxes, their frames."""
+
+    header: Header
+    ids: list[str]
+    poses: Floats
+    sizes: Floats
+    frames: list[str]
+
+
+def detections_from_bytes(data: bytes, most: int) -> Detections:
+    """Return a serialised Detection3DArray.
+
+    RefusedError ("malformed message", "too many points" for more than ``most``).
+    """
+    reader = Reader(data, MessageType)
+    header, count = reader.header(), reader.count(SMALLEST)
+    if count > most:
+        raise RefusedError("too many points", f"{count} detections, {most} is the limit")
+    ids, frames, boxes = [], [], np.empty((count, 10))
+    for row in range(count):
+        frames.append(reader.header().frame_id)
+        for _ in range(reader.count(8 * RESULT)):
+            reader.text()  # class
+            reader.doubles(1, RESULT)
+        boxes[row] = reader.doubles(1, 10)
+        ids.append(reader.text())
+    reader.end()
+    return Detections(header, ids, boxes[:, :7].copy(), boxes[:, 7:].copy(), frames)
+
+
+def read_detections(data: bytes, most: int) -> Message:
+    """Return the boxes of a message of ``detections``; RefusedError."""
+    found = detections_from_bytes(data, most)
+    frame, stamp = found.header.frame_id, stamp_from_ros(found.header.stamp)
+    others = {each for each in found.frames if each} - {frame}
+    if not frame and len(others) == 1:
+        frame = others.pop()
+    if others:
+        raise RefusedError("several frames", f"{sorted({frame, *others})[:2]}")
+    given = Given(None, numbers_of(found.ids), found.poses, found.sizes, DETECTIONS.namespace)
+    return Message(frame, stamp, given, len(data))
+
+
+def numbers_of(texts: list[str]) -> Rows:
+    """Return different ids of objects (n,) for ids of detections.
+
+    Whole numbers are taken as they are, other texts by their CRC-32; what has no id, or that of one
+    before it, gets one that is free, from 0 on.
+    """
+    numbers = np.full(len(texts), -1, np.int64)
+    taken: set[int] = set()
+    waiting = []
+    for row, text in enumerate(texts):
+        number = whole_from_text(text)
+        if number is None and text:
+            number = crc32(text.encode("utf-8", "replace")) - ID_OFFSET
+        if number is None or number in taken or not -ID_OFFSET <= number < ID_OFFSET:
+            waiting.append(row)
+        else:
+            numbers[row] = number
+            taken.add(number)
+    free = 0
+    for row in waiting:
+        while free in taken:
+            free += 1
+        numbers[row] = free
+        taken.add(free)
+    return numbers
