@@ -27,6 +27,8 @@ from obb_collision.geometry.trees.obb_tree import MeshTrees
 from obb_collision.obb import OBB
 from obb_collision.queries.clearance.clearance import clearances
 from obb_collision.queries.contacts.contacts import contacts
+from obb_collision.queries.mesh_contacts.mesh_patches import mesh_patches
+from obb_collision.queries.mesh_contacts.mesh_separations import mesh_separations
 from obb_collision.queries.meshes.mesh_clearance import mesh_clearances
 from obb_collision.queries.meshes.meshes import (
     PlacedMeshes,
@@ -84,6 +86,8 @@ __all__ = [
     "mesh_clearances",
     "mesh_collisions",
     "mesh_contacts",
+    "mesh_patches",
+    "mesh_separations",
     "mesh_sweeps",
     "mesh_verdicts",
     "overlap_volumes",

@@ -215,6 +215,9 @@ def calls() -> Iterator[tuple[str, Callable[..., Any], dict[str, Any]]]:
         **sides, "duration": 1.0, "twists_a": 0.1, "twists_b": [0.1] * 6, "radii_a": 0.1,
         "radii_b": [0.1, 0.2], "tolerance": 1e-4,
     }  # fmt: skip
+    radii = {"radii_a": 0.1, "radii_b": [0.1, 0.2]}
+    yield "mesh_separations", oc.mesh_separations, {**sides, **radii}
+    yield "mesh_patches", oc.mesh_patches, {**sides, **radii, "max_points": 8}
     yield "mesh_contacts", oc.mesh_contacts, {**sides, "capacity": 4}
     yield "Report", written, {"value": 10**9}
     yield from scene_calls()

@@ -188,6 +188,10 @@ FUNCTIONS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
             "radii_b": 0.1, "tolerance": 1e-4,
         },
     ),
+    "mesh_patches": (
+        oc.mesh_patches, {**MESHES, "max_points": 4, "radii_a": 0.1, "radii_b": 0.1}
+    ),
+    "mesh_separations": (oc.mesh_separations, {**MESHES, "radii_a": 0.1, "radii_b": 0.1}),
     "mesh_verdicts": (oc.mesh_verdicts, {**MESHES, "exact": False, "effort": 99}),
     "Robot.from_urdf": (
         oc.Robot.from_urdf,

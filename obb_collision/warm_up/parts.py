@@ -50,6 +50,7 @@ from obb_collision.warm_up.samples import (
     OBJECTS,
     TETRAHEDRON,
     TETRAHEDRON_FACES,
+    TURNED,
     batch,
     convex_bodies,
     triangle_tree,
@@ -76,6 +77,12 @@ def nesting() -> None:
     """Look for a piece of a mesh in another."""
     trees, body = triangle_tree().arrays, Body(0, Place(HERE, AXES_OF_BOX))
     nesting_kernel(trees, body, trees, body, SAME_PLACE, np.empty((STACK, 2), np.int64))
+
+
+def surfaces() -> None:
+    """Find how far apart two meshes are."""
+    bodies = oc.PlacedMeshes.from_poses(triangle_tree(), np.zeros(1, np.int64), [TURNED])
+    oc.mesh_clearances(bodies, bodies)
 
 
 def trees() -> None:

@@ -63,6 +63,7 @@ BOUNDS, TREES, HULLS = "bounds of boxes", "trees", "pairs of capsules and hulls"
 NESTING, LINEAR = "meshes within meshes", "motion without turns"
 SWEPT = "motion of convex bodies"
 NEAREST, DEPTHS = "points of convex bodies", "depths of convex bodies"
+SURFACES = "distances of meshes"
 """Parts of other steps."""
 MESSAGES = "messages"
 """The step that every message of a node needs."""
@@ -208,7 +209,7 @@ def _effect_on(name: str, level: Accuracy) -> None:
     bodies, row = convex_bodies(), np.zeros(1, np.int64)
     if level == Accuracy.MESH:
         body = oc.PlacedMeshes.from_poses(triangle_tree(), row, [TURNED])
-        oc.mesh_clearances(body, body)
+        FIRST_OF_MESHES[name](body, body)
     else:
         parts.depths()  # meanwhile, another process compiles ``parts.nearest``
     if name == "contacts":
@@ -330,6 +331,7 @@ def _mesh_queries() -> None:
     oc.mesh_contacts(bodies, bodies)
     oc.mesh_clearances(bodies, bodies)
     oc.mesh_sweeps(bodies, bodies, duration=1.0)
+    oc.mesh_patches(bodies, bodies)
     oc.cast_rays(bodies, np.zeros((1, 3)), np.ones((1, 3)))
     oc.points_inside(bodies, np.zeros((1, 3)))
     oc.mesh_verdicts(bodies, bodies, exact=True)
@@ -360,6 +362,12 @@ EFFECT_LEVELS = tuple((name, level) for name, levels in LEVELS.items() for level
 """Effects, each on a level above OBB."""
 FIRST: dict[str, Callable[[], object]] = {"sweep": _sweep_boxes, "separations": _separate_boxes}
 """What effects take longest for, while another process compiles the rest."""
+FIRST_OF_MESHES: dict[str, Callable[..., object]] = {
+    "clearance": oc.mesh_clearances,
+    "separations": oc.mesh_separations,
+    "contacts": oc.mesh_patches,
+}
+"""What effects on meshes take longest for."""
 STEPS: dict[str, Callable[[], None] | str] = {
     # In this order two processes compile the fewest kernels twice.
     BOXES: _boxes,
@@ -379,6 +387,7 @@ STEPS: dict[str, Callable[[], None] | str] = {
     SWEPT: parts.swept_hulls,
     NEAREST: parts.nearest,
     DEPTHS: parts.depths,
+    SURFACES: parts.surfaces,
     accuracy_step(Accuracy.OBB_TREE): _obb_trees,
     COARSE: _coarse,
     "queries of pairs": _pair_queries,
@@ -400,7 +409,7 @@ BESIDE = {
     BOXES: (BOUNDS,),
     accuracy_step(Accuracy.OBB_TREE): (TREES, HULLS),
     accuracy_step(Accuracy.HULL): (HULLS,),
-    accuracy_step(Accuracy.MESH): (NESTING, TREES, HULLS),
+    accuracy_step(Accuracy.MESH): (SURFACES, NESTING, TREES, HULLS),
     effect_level_step("separations", Accuracy.HULL): (NEAREST,),
     effect_level_step("clearance", Accuracy.HULL): (NEAREST, effect_step("clearance")),
     effect_level_step("clearance", Accuracy.MESH): (
@@ -410,6 +419,10 @@ BESIDE = {
     effect_level_step("points", Accuracy.HULL): (NEAREST,),
     effect_level_step("sweep", Accuracy.HULL): (effect_step("sweep"), LINEAR),
     effect_level_step("sweep", Accuracy.MESH): (SWEPT, effect_step("sweep"), LINEAR),
+    effect_level_step("separations", Accuracy.MESH): (SURFACES, NEAREST, DEPTHS),
+    effect_level_step("contacts", Accuracy.MESH): (
+        *(SURFACES, NEAREST, DEPTHS, effect_step("contacts")),
+    ),
     effect_step("sweep"): (LINEAR,),
 }
 """Parts of the longest steps, for a second process."""

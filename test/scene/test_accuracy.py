@@ -230,13 +230,18 @@ def test_points_without_triangles_stay_on_obb() -> None:
     assert scene.check().accuracies.tolist() == [oc.Accuracy.OBB]
 
 
-def test_padded_pairs_are_decided_by_padded_hulls() -> None:
-    scene = ring_and_rod(accuracy="mesh", padding=0.01)
-    assert scene.check().accuracies.tolist() == [oc.Accuracy.HULL]
+def test_padded_meshes_are_decided_by_their_distance() -> None:
+    scene = ring_and_rod()
+    scene.set_effect("clearance", accuracy="mesh", max_distance=1.0)
+    gap = float(scene.check("clearance").clearances.distances[0])
+    assert 0.25 < gap < 0.3
+    for padding, levels in ((0.49 * gap, []), (0.51 * gap, [oc.Accuracy.MESH])):
+        scene.accuracy, scene.padding = "mesh", padding
+        assert scene.check().accuracies.tolist() == levels
     scene.accuracy = "obb_tree"
     assert scene.check().accuracies.tolist() == [oc.Accuracy.OBB]
-    scene.accuracy, scene.padding = "mesh", 0.0
-    assert len(scene.check()) == 0
+    scene.accuracy = "hull"
+    assert scene.check().accuracies.tolist() == [oc.Accuracy.HULL]
 
 
 def test_spheres_reach_further_than_boxes() -> None:

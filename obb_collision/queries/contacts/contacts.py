@@ -157,11 +157,17 @@ def contacts(
     ([0.25], [[0.0, 0.0, 1.0]], [4])
     """
     check_boxes(a, b)
-    if not isinstance(max_points, (int, np.integer)) or max_points not in LIMITS:
-        raise ValueError(f"max_points must be 4 or 8, got {shown(max_points)}")
+    limit = as_max_points(max_points)
     given = as_pairs(a, b, pairs)
     boxes, rows = one_set(a, b, given)
-    return replace(pair_contacts(boxes, rows, int(max_points)), pairs=given)
+    return replace(pair_contacts(boxes, rows, limit), pairs=given)
+
+
+def as_max_points(value: int) -> int:
+    """Return how many points a pair is asked for; ValueError for anything but ``LIMITS``."""
+    if not isinstance(value, (int, np.integer)) or value not in LIMITS:
+        raise ValueError(f"max_points must be 4 or 8, got {shown(value)}")
+    return int(value)
 
 
 def pair_contacts(boxes: Boxes, pairs: Integers, max_points: int) -> Contacts:

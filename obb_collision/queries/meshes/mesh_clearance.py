@@ -60,7 +60,7 @@ from obb_collision.queries.meshes.tree_distance import (
 )
 from obb_collision.queries.meshes.triangle_signs import SEPARATE, TOUCHING
 from obb_collision.queries.primitives.segments import unit_scale
-from obb_collision.typing import Floats, Integers, Vector
+from obb_collision.typing import Floats, Integers, Mask, Vector
 
 #: Pairs below which a second thread does not pay: 0.2 ms.
 FEWEST_PAIRS = 16
@@ -142,17 +142,28 @@ def mesh_clearances(
     i, j = mesh_rows(a, b, pairs)
     limit = as_limit(max_distance)
     first, second = as_radii(radii_a, "radii_a", len(a)), as_radii(radii_b, "radii_b", len(b))
+    found, near = clearances_of(a, first, b, second, i, j, limit)
+    return found if near.all() else MeshClearances(*(x[near] for x in vars(found).values()))
+
+
+def clearances_of(
+    a: PlacedMeshes, radii_a: Floats, b: PlacedMeshes, radii_b: Floats, i: Integers, j: Integers,
+    limit: float,
+) -> tuple[MeshClearances, Mask]:  # fmt: skip
+    """Return the clearances of pairs i (m,) of a and j (m,) of b, and which are within a limit.
+
+    Rows of the others are not written to.
+    """
     near = np.empty(len(i), np.bool_)
     lower, upper, vectors = np.empty(len(i)), np.empty(len(i)), np.empty((3, len(i), 3))
     faces = np.empty((len(i), 2), np.int64)
     run(
         *(clearance_kernel, len(i), FEWEST_PAIRS),
-        *(a.arrays, i, first, b.arrays, j, second, limit, near),
+        *(a.arrays, i, radii_a, b.arrays, j, radii_b, limit, near),
         *(lower, upper, vectors[0], vectors[1], vectors[2], faces),
     )
-    rows = np.stack([i, j], axis=1)[near]
-    x, y, normals = vectors[:, near]
-    return MeshClearances(rows, lower[near], upper[near], x, y, normals, faces[near])
+    x, y, normals = vectors
+    return MeshClearances(np.stack([i, j], axis=1), lower, upper, x, y, normals, faces), near
 
 
 def as_radii(given: ArrayLike, name: str, count: int) -> Floats:

@@ -162,9 +162,9 @@ def closest_points(p: Triangle, q: Triangle) -> Points:
             q = q[1], q[2], q[0]
         p = p[1], p[2], p[0]
     for _ in range(3):
-        for y in (q[0], _crossing(q[0], q[1], p)):
+        for y in (q[0], crossing(q[0], q[1], p)):
             best = _nearer(best, foot(y, p), y)
-        for x in (p[0], _crossing(p[0], p[1], q)):
+        for x in (p[0], crossing(p[0], p[1], q)):
             best = _nearer(best, x, foot(x, q))
         p, q = (p[1], p[2], p[0]), (q[1], q[2], q[0])
     return best
@@ -178,7 +178,7 @@ def _nearer(best: Points, x: Vector, y: Vector) -> Points:
 
 
 @njit
-def _crossing(start: Vector, end: Vector, t: Triangle) -> Vector:
+def crossing(start: Vector, end: Vector, t: Triangle) -> Vector:
     """Return where an edge runs through the plane of a triangle, its start if it does not."""
     n = careful_cross(minus(t[1], t[0]), minus(t[2], t[0]))
     x, y = dot(n, minus(start, t[0])), dot(n, minus(end, t[0]))

@@ -41,7 +41,7 @@ from obb_collision.scene.effects.base import (
 )
 from obb_collision.scene.effects.candidates import meeting_pairs
 from obb_collision.scene.refinement.placed_shapes import PlacedShapes
-from obb_collision.scene.store.kinds import CONVEX, ROUND
+from obb_collision.scene.store.kinds import CONVEX
 
 BLANK = Clearances(NO_PAIRS, np.empty(0), *np.empty((3, 0, 3)))
 
@@ -102,22 +102,14 @@ def triangle_clearances(
     0 where they collide, infinite beyond the limit. Spheres and capsules are exact; cylinders,
     cones and ellipsoids are meshes around them, or exact against the hull if that is farther.
     """
-    turned = shapes.kinds[pairs[:, 0]] == ROUND  # round ones come second
-    ends = np.where(turned[:, None], pairs[:, ::-1], pairs)
     distances, vectors = np.full(len(pairs), np.inf), np.zeros((3, len(pairs), 3))
-    is_round = shapes.kinds[ends[:, 1]] == ROUND
-    for rows in (np.flatnonzero(is_round), np.flatnonzero(~is_round)):
-        if len(rows) == 0:
-            continue
-        a, _ = shapes.meshes(boxes, ends[rows, 0])
-        b, radii = shapes.meshes(boxes, ends[rows, 1])
-        limit = setting.values["max_distance"]
-        found = mesh_clearances(a, b, max_distance=limit, radii_b=radii)
-        near = rows[found.pairs[:, 0]]
+    limit = setting.values["max_distance"]
+    for rows, turned, a, radii_a, b, radii_b in shapes.sides(boxes, pairs):
+        found = mesh_clearances(a, b, max_distance=limit, radii_a=radii_a, radii_b=radii_b)
+        near, back = rows[found.pairs[:, 0]], turned[found.pairs[:, 0], None]
+        x, y, n = found.positions_a, found.positions_b, found.normals
         distances[near] = found.distances
-        vectors[:, near] = found.positions_a, found.positions_b, found.normals
-    vectors[:2, turned] = vectors[1::-1, turned]
-    vectors[2, turned] *= -1.0
+        vectors[:, near] = np.where(back, y, x), np.where(back, x, y), np.where(back, -n, n)
     table = Clearances(pairs, distances, vectors[0], vectors[1], vectors[2])
     convex = np.flatnonzero((shapes.kinds[pairs] == CONVEX).any(axis=1))
     if len(convex):

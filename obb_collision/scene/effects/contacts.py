@@ -34,6 +34,7 @@ from obb_collision.scene.effects.base import (
     Setting,
     pair_rows,
 )
+from obb_collision.scene.effects.surfaces import triangle_contacts
 from obb_collision.scene.refinement.placed_shapes import PlacedShapes
 
 
@@ -65,5 +66,5 @@ def hull_contacts(boxes: Boxes, shapes: PlacedShapes, pairs: Pairs, setting: Set
     return convex_contacts(bodies, bodies, pairs, i, j, int(setting.values["max_points"]), found)
 
 
-BY_LEVEL: ByLevel[Contacts] = {Accuracy.HULL: hull_contacts}
+BY_LEVEL: ByLevel[Contacts] = {Accuracy.HULL: hull_contacts, Accuracy.MESH: triangle_contacts}
 EFFECT: Effect = ContactsEffect()

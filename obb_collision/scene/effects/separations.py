@@ -19,9 +19,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from obb_collision.accuracy import Accuracy
-from obb_collision.geometry.boxes import Boxes
 from obb_collision.queries.verdict.separations import Separations, pair_separations
-from obb_collision.scene.broad_phase.broad_phase import NO_PAIRS, Pairs
+from obb_collision.scene.broad_phase.broad_phase import NO_PAIRS
 from obb_collision.scene.effects.base import (
     ACCURACY,
     ACCURACY_OPTION,
@@ -33,7 +32,7 @@ from obb_collision.scene.effects.base import (
     Setting,
     pair_rows,
 )
-from obb_collision.scene.refinement.placed_shapes import PlacedShapes
+from obb_collision.scene.effects.surfaces import hull_separations, triangle_separations
 
 BLANK = Separations.blank(NO_PAIRS)
 
@@ -54,15 +53,8 @@ class SeparationsEffect:
         return pair_rows(self.name, cycle, setting, pair_separations, BLANK, BY_LEVEL)
 
 
-def hull_separations(
-    boxes: Boxes, shapes: PlacedShapes, pairs: Pairs, setting: Setting
-) -> Separations:
-    """Return the separations of pairs on HULL: minus a depth that certainly parts them."""
-    found = shapes.distances(boxes, pairs).found
-    middles = 0.5 * (found.positions_a + found.positions_b)
-    lower = shapes.parted(found.lower, pairs, Accuracy.HULL)
-    return Separations(pairs, lower, found.normals.copy(), middles)
-
-
-BY_LEVEL: ByLevel[Separations] = {Accuracy.HULL: hull_separations}
+BY_LEVEL: ByLevel[Separations] = {
+    Accuracy.HULL: hull_separations,
+    Accuracy.MESH: triangle_separations,
+}
 EFFECT: Effect = SeparationsEffect()

@@ -16,8 +16,8 @@
 
 A pair is decided on the lower level of its two objects' accuracies. The levels above OBB look only
 at what OBB reports. They need a shape that is no box, else the pair stays on OBB. With padding
-HULL is the highest, and OBB_TREE is OBB, except for spheres, capsules and boxes among themselves:
-trees don't model it.
+OBB_TREE is OBB, except for spheres, capsules and boxes among themselves: trees of boxes don't model
+it. MESH is HULL then for pairs without a mesh.
 """
 
 from __future__ import annotations
@@ -36,13 +36,14 @@ from obb_collision.scene.building.shape_cache import ShapeCache
 from obb_collision.scene.refinement.budget import Budget
 from obb_collision.scene.refinement.mesh_pairs import MeshPairs
 from obb_collision.scene.refinement.refine import Levels, refine
-from obb_collision.scene.store.kinds import BOX, BOXED, ROUND
+from obb_collision.scene.store.kinds import BOX, BOXED, ROUND, TRIANGLES
 from obb_collision.scene.store.store import ObjectStore
 from obb_collision.typing import Floats, Rows
 
 #: The level of boxes, as kernels compare it.
 OBB = int(Accuracy.OBB)
 HULL = int(Accuracy.HULL)
+MESH = int(Accuracy.MESH)
 #: Pairs (m, 2) of slots, sorted, their verdicts (m,) and their levels (m,).
 Found = tuple[Pairs, Verdicts, Levels]
 
@@ -91,8 +92,8 @@ def _levels_kernel(
         padded = paddings[i] > 0.0 or paddings[j] > 0.0
         if low == BOXED or high == BOX:  # decided by boxes only
             level = min(level, OBB)
-        elif padded and high != ROUND:  # by padded hulls: the others don't model it
-            level = min(level, HULL if level >= HULL else OBB)
+        elif padded and high != ROUND:  # trees of boxes don't model it
+            level = min(level, OBB if level < HULL else MESH if high == TRIANGLES else HULL)
         levels[n] = level
 
 

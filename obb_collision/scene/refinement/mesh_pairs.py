@@ -35,6 +35,7 @@ from obb_collision.queries.convex.distances import convex_may_collide
 from obb_collision.queries.convex.support import BOX as BOX_CORE
 from obb_collision.queries.convex.support import CORNERS, ConvexBodies
 from obb_collision.queries.meshes.convex import PlacedHulls, hulls_may_collide
+from obb_collision.queries.meshes.mesh_clearance import clearances_of
 from obb_collision.queries.meshes.meshes import (
     UNLIMITED,
     PlacedMeshes,
@@ -186,7 +187,17 @@ class MeshPairs:
             met = mesh_collisions(bodies, bodies, pairs, depth=self._depth)
             return np.where(met, np.int8(TOUCHING), np.int8(SEPARATE))
         effort = UNLIMITED if self._exact else EFFORT
-        verdicts = mesh_verdicts(bodies, bodies, pairs, exact=self._exact, effort=effort)
+        radii = self._store.paddings[self._slots]
+        bare = (radii[i] == 0.0) & (radii[j] == 0.0)
+        verdicts = np.empty(len(rows), np.int8)
+        verdicts[bare] = mesh_verdicts(
+            bodies, bodies, pairs[bare], exact=self._exact, effort=effort
+        )
+        if not bare.all():
+            some = i[~bare], j[~bare]
+            found, near = clearances_of(bodies, radii, bodies, radii, *some, 0.0)
+            certain = np.where(found.upper == 0.0, np.int8(OVERLAP), np.int8(TOUCHING))
+            verdicts[~bare] = np.where(near, certain, np.int8(SEPARATE))
         kinds = self._store.kinds[self._slots]
         outer = (kinds == CONVEX) | (kinds == ROUND)  # what stands for them is larger
         return np.where(outer[i] | outer[j], np.minimum(verdicts, np.int8(TOUCHING)), verdicts)

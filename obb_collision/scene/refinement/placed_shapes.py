@@ -21,6 +21,7 @@ hull is built that is being built elsewhere.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -34,6 +35,7 @@ from obb_collision.queries.convex.distances import ConvexDistances, convex_dista
 from obb_collision.queries.convex.support import BOX as BOX_CORE
 from obb_collision.queries.convex.support import CORNERS, NO_HULLS, ConvexBodies
 from obb_collision.queries.meshes.meshes import PlacedMeshes
+from obb_collision.queries.verdict.separations import Separations
 from obb_collision.scene.broad_phase.broad_phase import Pairs
 from obb_collision.scene.building.shape_cache import ShapeCache
 from obb_collision.scene.refinement.ladder import levels_of
@@ -54,6 +56,17 @@ class BodyDistances(NamedTuple):
     first: Rows
     second: Rows
     found: ConvexDistances
+
+
+class Sides(NamedTuple):
+    """Meshes of some pairs: row k of a and row k of b, each with a radius about it."""
+
+    rows: Rows  #: (k,) of the pairs
+    turned: Mask  #: (k,) whether a is the second of the pair; round ones are b
+    a: PlacedMeshes
+    radii_a: Floats
+    b: PlacedMeshes
+    radii_b: Floats
 
 
 class PlacedShapes:
@@ -80,6 +93,8 @@ class PlacedShapes:
         self._take_hulls()
         self._trees: tuple[MeshTrees, Rows] | None = None  # and the row of each slot among them
         self._distances: tuple[Pairs, BodyDistances] | None = None  # those computed last
+        self.depths: tuple[Pairs, Separations] | None = None
+        """What an effect found on MESH, for others of the same pairs."""
 
     def _take_hulls(self) -> None:
         """Take the hulls there are now, with their rows: both change when a pool is exchanged."""
@@ -153,10 +168,22 @@ class PlacedShapes:
         have = (self._trees[1] >= 0) | (self.kinds == ROUND)
         return np.all(have[pairs], axis=1)
 
+    def sides(self, boxes: Boxes, pairs: Pairs) -> Iterator[Sides]:
+        """Yield the meshes of pairs (m, 2) of slots with a mesh on at least one side."""
+        turned = self.kinds[pairs[:, 0]] == ROUND
+        ends = np.where(turned[:, None], pairs[:, ::-1], pairs)
+        is_round = self.kinds[ends[:, 1]] == ROUND
+        for rows in (np.flatnonzero(is_round), np.flatnonzero(~is_round)):
+            if len(rows):
+                a, radii_a = self.meshes(boxes, ends[rows, 0])
+                b, radii_b = self.meshes(boxes, ends[rows, 1])
+                yield Sides(rows, turned[rows], a, radii_a, b, radii_b)
+
     def meshes(self, boxes: Boxes, slots: Rows) -> tuple[PlacedMeshes, Floats]:
         """Return the trees of slots (k,) where they are, and their radii (k,).
 
-        Of spheres and capsules those of their segments; either all of them are round or none.
+        The radii have the padding. Of spheres and capsules the trees are those of their segments;
+        either all of them are round or none.
         """
         centers, rotations = boxes.centers[slots], boxes.rotations[slots]
         shaped = np.flatnonzero(self.kinds[slots] > BOX)
@@ -169,7 +196,7 @@ class PlacedShapes:
             return PlacedMeshes.trusted(trees, rows.ravel(), centers, rotations), radii
         assert self._trees is not None
         trees, by_slot = self._trees
-        return PlacedMeshes.trusted(trees, by_slot[slots], centers, rotations), np.zeros(len(slots))
+        return PlacedMeshes.trusted(trees, by_slot[slots], centers, rotations), self.paddings[slots]
 
     def parted(self, distances: Floats, pairs: Pairs, level: Accuracy) -> Floats:
         """Return distances (m,), at most zero for pairs (m, 2) that collide on a level.

@@ -1,0 +1,255 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Depths of meshes: they part them, are at most those of hulls, and least for convex meshes."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from mesh_zoo import zoo
+from placed_meshes import bodies_of, exact_corners
+from triangle_distances import squared_distance
+from triangle_pairs import FAMILIES, Floats, Maker
+
+from obb_collision.geometry.trees.obb_tree import BOX_CORNERS, BOX_FACES, MeshTrees
+from obb_collision.queries.convex.distances import ConvexDistances, convex_distances
+from obb_collision.queries.mesh_contacts.mesh_separations import hulls_of, mesh_separations
+from obb_collision.queries.meshes.mesh_clearance import mesh_clearances
+from obb_collision.queries.meshes.meshes import PlacedMeshes, mesh_verdicts
+from obb_collision.queries.verdict.separations import Separations
+from obb_collision.queries.verdict.verdict import SEPARATE
+
+#: By how much a depth may exceed that of the hulls, relative to the size of a pair.
+CLOSE = 1e-9
+TREES = MeshTrees.join([MeshTrees.build(*mesh) for mesh in zoo().values()])
+CONVEX = MeshTrees.join(
+    [MeshTrees.build(*zoo()[f"{name}{n}"]) for name in ("hull", "box", "sphere") for n in range(3)]
+)
+TRIANGLE = np.array([[0, 1, 2]])
+
+
+def sizes_of(a: PlacedMeshes, b: PlacedMeshes) -> Floats:
+    reach = a.trees.radii[a.meshes] + b.trees.radii[b.meshes]
+    return np.abs(a.centers - b.centers).sum(axis=1) + reach
+
+
+def hulls(a: PlacedMeshes, b: PlacedMeshes) -> ConvexDistances:
+    rows, zeros = np.arange(len(a)), np.zeros(len(a))
+    return convex_distances(hulls_of(a, rows, zeros), hulls_of(b, rows, zeros), rows, rows)[0]
+
+
+def parted(b: PlacedMeshes, found: Separations, share: Floats | float = 1.0) -> PlacedMeshes:
+    """Return b moved along the normals by a share of the depths."""
+    ways = (share * np.maximum(-found.separations, 0.0))[:, None] * found.normals
+    return PlacedMeshes(b.trees, b.meshes, b.centers + ways, b.rotations)
+
+
+def check(a: PlacedMeshes, b: PlacedMeshes) -> Separations:
+    """Assert what is promised of all pairs."""
+    found, outer, size = mesh_separations(a, b), hulls(a, b), sizes_of(a, b)
+    collide = mesh_verdicts(a, b) != SEPARATE
+    assert (found.separations <= 0.0)[collide].all()
+    assert (found.separations >= 0.0)[~collide].all()
+    np.testing.assert_allclose(np.linalg.norm(found.normals, axis=1), 1.0, atol=1e-12)
+    assert (-found.separations <= np.maximum(-outer.lower, 0.0) + CLOSE * size)[collide].all()
+    assert (mesh_verdicts(a, parted(b, found), exact=True) == SEPARATE).all()
+    return found
+
+
+@pytest.mark.parametrize("spread", [0.2, 0.5, 1.0])
+def test_depths_part_meshes_of_all_kinds(spread: float) -> None:
+    a, b = bodies_of(TREES, 150, spread, 7)
+    found = check(a, b)
+    outer = hulls(a, b)
+    assert (found.separations > outer.lower + 0.01).sum() > 10  # better than hulls
+
+
+def test_none_is_shorter_along_the_same_normal() -> None:
+    """But for bodies within each other, which are pushed by their distance."""
+    a, b = bodies_of(TREES, 150, 0.4, 8)
+    found, size = mesh_separations(a, b), sizes_of(a, b)
+    faces = mesh_clearances(a, b).faces[:, 0]
+    deep = (found.separations < -1e-3 * size) & (faces >= 0)
+    assert deep.sum() > 60
+    for share in np.linspace(0.0, 1.0 - 1e-4, 12):
+        collide = mesh_verdicts(a, parted(b, found, share)) != SEPARATE
+        # a body may be within a solid on the way, as where the push passes a cavity
+        assert collide[deep].all()
+
+
+def test_convex_meshes_have_the_least_depth() -> None:
+    a, b = bodies_of(CONVEX, 200, 0.3, 9)
+    found, outer, size = check(a, b), hulls(a, b), sizes_of(a, b)
+    deep = outer.lower < 0.0
+    assert deep.sum() > 50
+    np.testing.assert_array_less(
+        np.abs(found.separations - outer.lower)[deep], (CLOSE * size)[deep]
+    )
+
+
+def test_apart_it_is_the_distance() -> None:
+    a, b = bodies_of(TREES, 60, 2.0, 10)
+    found, near = mesh_separations(a, b), mesh_clearances(a, b)
+    apart = near.distances > 0.0
+    assert apart.sum() > 40
+    np.testing.assert_allclose(found.separations[apart], near.distances[apart], atol=1e-9)
+    middles = 0.5 * (near.positions_a + near.positions_b)
+    assert np.abs(found.positions - middles)[apart].max() < 10.0
+
+
+def test_exact_arithmetic_finds_nothing_that_touches() -> None:
+    """All triangles of the one against all of the other, after the push by exact numbers."""
+    names = ["box0", "star0", "cone1", "triangle", "crumbs0"]
+    trees = MeshTrees.join([MeshTrees.build(*zoo()[name]) for name in names])
+    a, b = bodies_of(trees, 12, 0.3, 4)
+    found = mesh_separations(a, b)
+    deep = np.flatnonzero(found.separations < 0.0)
+    assert len(deep) >= 6
+    for n in deep[:6].tolist():
+        way = [Fraction(x) * Fraction(-found.separations[n]) for x in found.normals[n].tolist()]
+        second = [[[x + y for x, y in zip(v, way, strict=True)] for v in t]
+                  for t in exact_corners(b, n)]  # fmt: skip
+        first = exact_corners(a, n)
+        floats = [np.array([[[float(x) for x in v] for v in t] for t in side])
+                  for side in (first, second)]  # fmt: skip
+        low, high = [c.min(axis=1) for c in floats], [c.max(axis=1) for c in floats]
+        (p, r), (q, s) = zip(low, high, strict=True)
+        gaps = np.maximum(p[:, None] - s, q - r[:, None]).max(axis=2)
+        rows = np.argwhere(gaps <= 1e-6)
+        assert all(squared_distance(first[k], second[m]) > 0 for k, m in rows)
+
+
+@pytest.mark.parametrize("make", FAMILIES, ids=lambda make: make.__name__.strip("_"))
+def test_hostile_triangles_are_parted(make: Maker, pairs: int) -> None:
+    rng = np.random.default_rng(12)
+    drawn = [make(rng) for _ in range(max(pairs // 25, 8))]
+    count = len(drawn)
+    sides = []
+    for side in range(2):
+        trees = MeshTrees.join([MeshTrees.build(pair[side], TRIANGLE) for pair in drawn])
+        still = np.zeros((count, 3)), np.tile(np.eye(3), (count, 1, 1))
+        sides.append(PlacedMeshes(trees, np.arange(count), *still))
+    a, b = sides
+    found, size = mesh_separations(a, b), sizes_of(a, b)
+    collide = mesh_verdicts(a, b) != SEPARATE
+    assert (found.separations <= 0.0)[collide].all()
+    assert (found.separations >= 0.0)[~collide].all()
+    np.testing.assert_allclose(np.linalg.norm(found.normals, axis=1), 1.0, atol=1e-12)
+    outer = hulls(a, b)
+    assert (-found.separations <= np.maximum(-outer.lower, 0.0) + CLOSE * size)[collide].all()
+    for n in np.flatnonzero(collide).tolist():
+        way = [Fraction(x) * Fraction(-found.separations[n]) for x in found.normals[n].tolist()]
+        (p,), (q,) = exact_corners(a, n), exact_corners(b, n)
+        moved = [[x + y for x, y in zip(v, way, strict=True)] for v in q]
+        assert squared_distance(p, moved) > 0 or found.separations[n] == outer.lower[n]
+
+
+@given(seed=st.integers(0, 2**32), power=st.sampled_from([-300, -100, 0, 100, 300]))
+@settings(max_examples=30, deadline=None)
+def test_scaled_by_a_power_of_two_it_is_the_same(seed: int, power: int) -> None:
+    rng = np.random.default_rng(seed)
+    p, q = rng.normal(size=(2, 8, 3))
+    scale = 2.0**power
+    found = []
+    for factor in (1.0, scale):
+        trees = MeshTrees.join([MeshTrees.build(factor * x, BOX_FACES) for x in (p, q)])
+        still = np.zeros((1, 3)), np.eye(3)[None]
+        found.append(
+            mesh_separations(PlacedMeshes(trees, [0], *still), PlacedMeshes(trees, [1], *still))
+        )
+    one, other = found
+    assert other.separations[0] == pytest.approx(scale * one.separations[0], rel=1e-6)
+    np.testing.assert_allclose(other.normals, one.normals, atol=1e-6)
+
+
+def boxes_at(*offsets: list[float], solid: bool = True) -> tuple[PlacedMeshes, PlacedMeshes]:
+    """Return cubes from -1 to 1 in one place, and others at offsets."""
+    tree = MeshTrees.build(BOX_CORNERS, BOX_FACES, solid=solid)
+    count, turn = len(offsets), np.tile(np.eye(3), (len(offsets), 1, 1))
+    rows = np.zeros(count, np.int64)
+    a = PlacedMeshes(tree, rows, np.zeros((count, 3)), turn)
+    return a, PlacedMeshes(tree, rows, np.array(offsets), turn)
+
+
+def test_cubes_that_rest_on_each_other_or_are_one() -> None:
+    a, b = boxes_at([0, 0, 2], [0, 0, 1.75], [0.5, 0, -1.9], [0, 0, 0], [2, 2, 2])
+    found = mesh_separations(a, b)
+    np.testing.assert_allclose(found.separations, [0, -0.25, -0.1, -2, 0], atol=1e-8)
+    np.testing.assert_allclose(found.normals[:3], [[0, 0, 1], [0, 0, 1], [0, 0, -1]], atol=1e-9)
+    assert (mesh_verdicts(a, parted(b, found), exact=True) == SEPARATE).all()
+
+
+def test_open_cubes_part_as_soon_as_their_surfaces_do() -> None:
+    ball = MeshTrees.build(*zoo()["sphere1"])
+    tree = MeshTrees.build(2.0 * BOX_CORNERS, BOX_FACES, solid=False)
+    still = np.zeros((1, 3)), np.eye(3)[None]
+    hollow = PlacedMeshes(tree, [0], *still)
+    inner = PlacedMeshes(ball, [0], [[1.6, 0, 0]], still[1])  # 0.05 past the inside of a wall
+    found = mesh_separations(hollow, inner)
+    assert -0.06 < found.separations[0] < -0.01
+    assert found.normals[0, 0] < -0.9  # back inside, as that is nearer
+
+
+def test_one_inside_the_other() -> None:
+    tree = MeshTrees.join([MeshTrees.build(size * BOX_CORNERS, BOX_FACES) for size in (2.0, 0.25)])
+    still = np.eye(3)[None]
+    outer = PlacedMeshes(tree, [0], np.zeros((1, 3)), still)
+    inner = PlacedMeshes(tree, [1], [[0.0, 0.0, 1.25]], still)
+    for a, b, sign in ((outer, inner, 1.0), (inner, outer, -1.0)):
+        found = check(a, b)
+        assert found.separations[0] == pytest.approx(-1.0, abs=1e-8)
+        np.testing.assert_allclose(found.normals, [[0, 0, sign]], atol=1e-9)
+
+
+def test_a_box_in_a_corner_of_a_room_leaves_by_the_nearest_way() -> None:
+    """The hull of the room is full: only its triangles leave room for the box."""
+    floor, wall = zoo()["box0"], zoo()["box0"]
+    half = np.abs(floor[0]).max(axis=0)
+    floor = floor[0] / half * [4, 4, 0.5] - [0, 0, 0.5], floor[1]
+    wall = wall[0] / half * [0.5, 4, 4] + [-4.5, 0, 4], wall[1]
+    corners = np.concatenate([floor[0], wall[0]])
+    room = MeshTrees.build(corners, np.concatenate([floor[1], wall[1] + len(floor[0])]))
+    crate = MeshTrees.build(BOX_CORNERS, BOX_FACES)
+    still = np.eye(3)[None]
+    a = PlacedMeshes(room, [0], np.zeros((1, 3)), still)
+    for place, depth in (([0, 0, 0.99], 0.01), ([-3.02, 0, 2.0], 0.02)):
+        b = PlacedMeshes(crate, [0], [place], still)
+        assert -mesh_separations(a, b).separations[0] == pytest.approx(depth, abs=1e-8)
+        assert -hulls(a, b).lower[0] > 0.5
+    b = PlacedMeshes(crate, [0], [[-3.02, 0, 0.98]], still)  # in both
+    assert 0.02 <= -mesh_separations(a, b).separations[0] < 0.04
+
+
+def test_radii_are_added() -> None:
+    """Rounded cubes: as far apart as their radii leave, and pushed on by them."""
+    a, b = boxes_at([0, 0, 3], [0, 0, 2.25], [0, 0, 1.75], [2.2, 2.2, 0.3])
+    found = mesh_separations(a, b, radii_a=0.25, radii_b=0.25)
+    corner = 0.5 - 0.2 * np.sqrt(2.0)
+    np.testing.assert_allclose(found.separations, [0.5, -0.25, -0.75, -corner], atol=1e-8)
+    away = parted(b, found)
+    np.testing.assert_array_less(0.5, mesh_clearances(a, away).upper + 1e-12)
+
+
+def test_one_thread_or_many_is_the_same_bit_for_bit() -> None:
+    a, b = bodies_of(TREES, 40, 0.4, 13)
+    every = mesh_separations(a, b)
+    for n in (0, 17, 39):
+        alone = mesh_separations(a, b, [[n, n]])
+        assert alone.separations[0] == every.separations[n]
+        assert alone.normals[0].tolist() == every.normals[n].tolist()

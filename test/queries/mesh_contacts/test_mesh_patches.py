@@ -1,0 +1,180 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Contacts of meshes: points on both surfaces, the deepest first, where peers see contacts, too."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+import pytest
+from mesh_zoo import zoo
+from placed_meshes import bodies_of, exact_corners
+from triangle_distances import squared_distance
+from triangle_pairs import FAMILIES, Floats, Maker
+
+from obb_collision.geometry.trees.obb_tree import BOX_CORNERS, BOX_FACES, MeshTrees
+from obb_collision.queries.mesh_contacts.mesh_patches import mesh_patches
+from obb_collision.queries.mesh_contacts.mesh_separations import mesh_separations
+from obb_collision.queries.meshes.meshes import PlacedMeshes, mesh_contacts, mesh_verdicts
+from obb_collision.queries.verdict.verdict import OVERLAP, SEPARATE
+
+TREES = MeshTrees.join([MeshTrees.build(*mesh) for mesh in zoo().values()])
+TRIANGLE = np.array([[0, 1, 2]])
+#: How far a point may be from either surface, relative to the size of a pair.
+ON_SURFACE = Fraction(1, 10**12)
+
+
+def distance_square(point: Floats, triangles: list[list[list[Fraction]]]) -> Fraction:
+    """Return the squared distance of a point from the nearest of triangles that are near it."""
+    p, reach = [Fraction(x) for x in point.tolist()], Fraction(1, 10**6)
+    boxes = [([min(c) for c in zip(*t, strict=True)], [max(c) for c in zip(*t, strict=True)])
+             for t in triangles]  # fmt: skip
+    near = [
+        t
+        for t, (low, high) in zip(triangles, boxes, strict=True)
+        if all(x - reach <= y <= z + reach for x, y, z in zip(low, p, high, strict=True))
+    ]
+    return min((squared_distance([p, p, p], t) for t in near), default=Fraction(10**9))
+
+
+@pytest.mark.parametrize("make", FAMILIES, ids=lambda make: make.__name__.strip("_"))
+def test_points_of_triangles_are_on_both_exactly(make: Maker, pairs: int) -> None:
+    rng = np.random.default_rng(21)
+    drawn = [make(rng) for _ in range(max(pairs // 25, 8))]
+    count, checked = len(drawn), 0
+    sides = []
+    for side in range(2):
+        trees = MeshTrees.join([MeshTrees.build(pair[side], TRIANGLE) for pair in drawn])
+        still = np.zeros((count, 3)), np.tile(np.eye(3), (count, 1, 1))
+        sides.append(PlacedMeshes(trees, np.arange(count), *still))
+    a, b = sides
+    found = mesh_patches(a, b, max_points=8)
+    collide = mesh_verdicts(a, b) != SEPARATE
+    assert (found.counts[collide] >= 1).all()
+    for n in np.flatnonzero(collide).tolist():
+        (p,), (q,) = exact_corners(a, n), exact_corners(b, n)
+        size = Fraction(a.trees.radii[a.meshes[n]]) + Fraction(b.trees.radii[b.meshes[n]])
+        for point in found.positions[n, : found.counts[n]]:
+            x = [Fraction(c) for c in point.tolist()]
+            for triangle in (p, q):
+                assert squared_distance([x, x, x], triangle) <= (ON_SURFACE * size) ** 2
+            checked += 1
+    assert checked > 0 or not collide.any()
+
+
+def test_points_of_meshes_are_on_both_exactly() -> None:
+    names = ["box0", "star0", "cone1", "triangle", "open_sphere0"]
+    trees = MeshTrees.join([MeshTrees.build(*zoo()[name]) for name in names])
+    a, b = bodies_of(trees, 16, 0.3, 4)
+    found, checked = mesh_patches(a, b), 0
+    crossing = np.unique(mesh_contacts(a, b)[0][:, 0])
+    for n in crossing[:8].tolist():
+        for bodies in (a, b):
+            corners = exact_corners(bodies, n)
+            for point in found.positions[n, : found.counts[n]]:
+                assert distance_square(point, corners) <= (3 * ON_SURFACE) ** 2
+                checked += 1
+    assert checked > 30
+
+
+@pytest.mark.parametrize("max_points", [4, 8])
+def test_tables_are_as_promised(max_points: int) -> None:
+    a, b = bodies_of(TREES, 200, 0.6, 14)
+    found, apart = mesh_patches(a, b, max_points=max_points), mesh_separations(a, b)
+    assert found.depths.tolist() == np.maximum(-apart.separations, 0.0).tolist()
+    assert found.normals.tolist() == apart.normals.tolist()
+    assert ((found.counts > 0) == (apart.separations <= 0.0)).all()
+    assert found.counts.max() == max_points
+    assert (found.axes == -1).all()
+    there = np.arange(max_points) < found.counts[:, None]
+    assert np.isfinite(found.positions[there]).all()
+    assert np.isnan(found.positions[~there]).all()
+    assert np.isnan(found.position_depths[~there]).all()
+    deepest = found.position_depths[:, :1]
+    ordered = np.where(there, found.position_depths, -1.0)
+    assert (ordered <= deepest + 1e-6)[found.counts > 0].all()
+    assert (ordered <= found.depths[:, None]).all()
+    assert (found.position_depths[there] >= 0.0).all()
+
+
+def test_a_crate_on_a_shelf_has_its_four_corners() -> None:
+    shelf, crate = (
+        MeshTrees.build(4.0 * BOX_CORNERS, BOX_FACES),
+        MeshTrees.build(BOX_CORNERS, BOX_FACES),
+    )
+    still = np.eye(3)[None]
+    a = PlacedMeshes(shelf, [0], np.zeros((1, 3)), still)
+    for height in (4.99, 5.0):  # sunk in, and resting: then edges lie in the plane
+        b = PlacedMeshes(crate, [0], [[0.3, 0.2, height]], still)
+        found = mesh_patches(a, b)
+        assert found.counts[0] == 4
+        flat = found.positions[0] - [0.3, 0.2, 4.0]
+        np.testing.assert_allclose(np.abs(flat[:, 2]), 0.0, atol=1e-12)
+        assert len(np.unique(np.sign(flat[:, :2]), axis=0)) == 4
+        np.testing.assert_allclose(np.abs(flat[:, :2]), 1.0, atol=1e-12)
+        assert found.depths[0] == pytest.approx(5.0 - height, abs=1e-8)
+
+
+def test_one_point_where_no_surfaces_cross() -> None:
+    tree = MeshTrees.join([MeshTrees.build(s * BOX_CORNERS, BOX_FACES) for s in (2.0, 0.25)])
+    still = np.eye(3)[None]
+    outer = PlacedMeshes(tree, [0], np.zeros((1, 3)), still)
+    inner = PlacedMeshes(tree, [1], [[0.0, 0.0, 1.5]], still)
+    found = mesh_patches(outer, inner)
+    assert found.counts.tolist() == [1]
+    assert 1.25 <= found.positions[0, 0, 2] <= 2.0  # between the lowest of the one and the wall
+    beside = PlacedMeshes(tree, [1], [[0.0, 0.0, 2.5]], still)
+    found = mesh_patches(outer, beside, radii_a=0.5)
+    assert found.counts.tolist() == [1]
+    assert found.depths[0] == pytest.approx(0.25, abs=1e-8)
+
+
+def faces_of_fcl(
+    fcl: Any, a: PlacedMeshes, b: PlacedMeshes, n: int, names: list[str]
+) -> set[tuple[int, int]]:
+    """Return which faces fcl finds in contact."""
+    sides = []
+    for bodies in (a, b):
+        vertices, faces = zoo()[names[bodies.meshes[n]]]
+        model = fcl.BVHModel()
+        model.beginModel(len(vertices), len(faces))
+        model.addSubModel(vertices, faces)
+        model.endModel()
+        place = fcl.Transform(bodies.rotations[n], bodies.centers[n])
+        sides.append(fcl.CollisionObject(model, place))
+    request = fcl.CollisionRequest(num_max_contacts=100000, enable_contact=True)
+    result = fcl.CollisionResult()
+    fcl.collide(*sides, request, result)
+    return {(contact.b1, contact.b2) for contact in result.contacts}
+
+
+def test_contacts_are_those_of_fcl() -> None:
+    """Each pair of triangles that certainly pierce each other, and none that are apart."""
+    fcl = pytest.importorskip("fcl")
+    names = ["torus1", "star1", "bumpy1", "open_sphere1", "sheet2", "cone1"]
+    trees = MeshTrees.join([MeshTrees.build(*zoo()[name], solid=False) for name in names])
+    a, b = bodies_of(trees, 60, 0.3, 17)
+    faces, _ = mesh_contacts(a, b)
+    seen = 0
+    for n in range(len(a)):
+        own = faces[faces[:, 0] == n]
+        certain = {(int(s), int(t)) for _, s, t, verdict in own if verdict == OVERLAP}
+        every = {(int(s), int(t)) for _, s, t, _ in own}
+        theirs = faces_of_fcl(fcl, a, b, n, names)
+        assert certain <= theirs <= every
+        seen += len(theirs)
+    assert seen > 1000
