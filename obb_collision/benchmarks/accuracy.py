@@ -16,7 +16,8 @@
 
 For every level, from spheres to triangles: the time per pair and per step, memory, preparation, and
 how many of its reports are false, relative to the triangles; beside the installed peers, on the
-same pairs in the same run. Then the fits of a box, and what certainty costs. All take turns, so the
+same pairs in the same run. Then the effects on each level, the fits of a box, and what certainty
+costs. All take turns, so the
 ratios hold even on a noisy machine; absolute times are this machine's.
 """
 
@@ -32,6 +33,7 @@ from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 from obb_collision.benchmarks.price.corpus import Plan, measure
+from obb_collision.benchmarks.price.effects import EffectRow, measure_effects
 from obb_collision.benchmarks.price.fits import FitRow, measure_fits
 from obb_collision.benchmarks.price.floats import FloatRow, measure_floats, pair_sets
 from obb_collision.benchmarks.price.peers import BOX_PEERS, MESH_PEERS
@@ -56,7 +58,11 @@ BODIES, PAIRS, TIMED = 2_000, 60_000, 3_000
 #: Pairs per hard family that the kernels decide.
 HARD_PAIRS = 1_000
 #: Shares of the parts in the time that is left when they begin: real meshes take the most.
-SHARES = {"boxes": 0.15, "fits": 0.15, "floats": 0.1, "reading": 0.1, "real": 0.6}
+SHARES = {
+    "boxes": 0.15, "fits": 0.15, "floats": 0.1, "reading": 0.1, "effects": 0.15, "real": 0.6,
+}  # fmt: skip
+#: Pairs per effect.
+EFFECT_PAIRS = 600
 
 
 @dataclass
@@ -66,11 +72,13 @@ class Result:
     prices: list[Price] = field(default_factory=list)
     fits: list[FitRow] = field(default_factory=list)
     floats: list[FloatRow] = field(default_factory=list)
+    effects: list[EffectRow] = field(default_factory=list)
 
     @property
     def missed(self) -> int:
-        """Collisions that our levels miss: none, or there is a defect."""
-        wrong = sum(r.false + r.missed for r in self.floats if r.kernel.startswith("certified"))
+        """Collisions that our levels miss, and unsafe effects: none, or there is a defect."""
+        wrong = sum(row.unsafe for row in self.effects)
+        wrong += sum(r.false + r.missed for r in self.floats if r.kernel.startswith("certified"))
         return sum(price.missed for price in self.prices) + wrong
 
 
@@ -97,6 +105,10 @@ def run(seconds: float, seed: int, size: Size, bar: Progress) -> Result:
     result.fits = measure_fits([generated, real], SHARES["fits"] * bar.left, bar.show)
     sets = pair_sets(boxes, size.bodies, size.hard, seed)
     result.floats = measure_floats(sets, SHARES["floats"] * bar.left, bar.show)
+    result.effects = measure_effects(
+        real if real.shapes else generated, min(EFFECT_PAIRS, size.pairs),
+        SHARES["effects"] * bar.left, seed, bar.show,
+    )  # fmt: skip
     corpora = [(boxes, SHARES["boxes"]), (generated, 1.0 - SHARES["real"]), (real, 1.0)]
     for corpus, share in corpora:
         if not corpus.shapes:
@@ -110,6 +122,7 @@ def run(seconds: float, seed: int, size: Size, bar: Progress) -> Result:
 def _warm_up(generated: Corpus, seed: int) -> None:
     """Compile what is measured, on very few pairs."""
     few = Corpus("", dict(list(generated.shapes.items())[:3]))
+    measure_effects(few, 30, 0.0, seed, lambda what: None)
     for corpus in (box_corpus(20, seed), few):
         measure(corpus, Plan(20, 1, 10, 0.0), seed, lambda what: None)
     measure_fits([few], 0.0, lambda what: None)
@@ -139,6 +152,7 @@ def as_json(result: Result, options: argparse.Namespace) -> dict[str, Any]:
         "corpora": prices,
         "fits": [asdict(row) for row in result.fits],
         "floats": [asdict(row) for row in result.floats],
+        "effects": [asdict(row) for row in result.effects],
         "claims": claims(result.prices),
         "missed": result.missed,
     }
@@ -168,11 +182,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     size = Size(options.bodies, options.pairs, options.timed, min(HARD_PAIRS, options.pairs))
     with progress(options.seconds) as bar:
         result = run(options.seconds, options.seed, size, bar)
-    print(format_result(result.prices, result.fits, result.floats))
+    print(format_result(result.prices, result.fits, result.floats, result.effects))
     if options.json:
         options.json.write_text(json.dumps(as_json(result, options), indent=1) + "\n")
     if options.plot:
-        save_plot(result.prices, options.plot)
+        save_plot(result.prices, result.effects, options.plot)
     if result.missed:
         print(f"\nDEFECT: {result.missed} collisions missed", file=sys.stderr)
     return int(result.missed > 0)

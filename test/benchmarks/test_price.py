@@ -26,6 +26,7 @@ from obb_collision.benchmarks import accuracy
 from obb_collision.benchmarks.price import corpus as corpus_module
 from obb_collision.benchmarks.price import levels, upkeep
 from obb_collision.benchmarks.price.corpus import Plan, measure
+from obb_collision.benchmarks.price.effects import EffectRow, measure_effects
 from obb_collision.benchmarks.price.fits import measure_fits
 from obb_collision.benchmarks.price.floats import measure_floats, pair_sets
 from obb_collision.benchmarks.price.rows import Price, Row
@@ -35,6 +36,7 @@ from obb_collision.geometry.fitting.fit import FITS
 from obb_collision.geometry.representations import memory_table
 from obb_collision.geometry.shapes.meshes import Mesh
 from obb_collision.geometry.trees.obb_tree import MeshTrees
+from obb_collision.scene.effects import LEVELS
 
 GENERATED = generated_corpus(0)
 FEW = Corpus("few", {name: GENERATED.shapes[name] for name in ("table", "washer", "bumpy ball")})
@@ -159,6 +161,33 @@ def test_certified_verdicts_are_never_wrong_and_float32_is() -> None:
     assert single.missed > found["plain float64", "hard pairs"].missed == 0
 
 
+def test_effects_on_finer_levels_are_nearer_to_the_finest_and_never_unsafe() -> None:
+    rows = measure_effects(FEW, 60, 0.0, 4, quiet)
+    ours = {(row.effect, row.name): row for row in rows if not row.peer}
+    assert {effect for effect, _ in ours} == {"clearance", "contacts", "sweep"}
+    assert all(row.unsafe == 0 for row in ours.values())
+    for effect, levels_above in LEVELS.items():
+        if (effect, "obb") not in ours:
+            continue
+        assert {name for one, name in ours if one == effect} == {
+            "obb", *(level.name.lower() for level in levels_above)
+        }  # fmt: skip
+        assert ours[effect, "obb"].pairs > 10
+        assert ours[effect, "obb"].mean_error >= ours[effect, "hull"].mean_error
+        assert ours[effect, max(levels_above).name.lower()].worst_error == 0.0
+
+
+@pytest.mark.parametrize(("peer", "close"), [("coal", 1e-5), ("python-fcl", 1e-5)])
+def test_distances_of_meshes_are_those_of_peers(peer: str, close: float) -> None:
+    """Of hulls theirs end at a tolerance, and at times far from it (docs/accuracy.md)."""
+    pytest.importorskip({"coal": "coal", "python-fcl": "fcl"}[peer])
+    rows = measure_effects(FEW, 60, 0.0, 5, quiet)
+    found = {row.name: row for row in rows if row.effect == "clearance"}
+    differ = found[f"{peer} mesh"].differ
+    assert differ is not None
+    assert differ < close
+
+
 def test_ratios_are_medians_of_turns() -> None:
     times = Times({"a": np.array([1.0, 2.0, 9.0]), "b": np.array([3.0, 4.0, 9.0])})
     assert times.best("a") == 1.0
@@ -189,13 +218,19 @@ def test_the_picture_names_every_point(tmp_path: Path, price: Price, suffix: str
     crowd = [Row(f"coal mesh {k}", peer=True, pair_ns=1e4 + 10.0 * k) for k in range(3)]
     crowded = Price("few", "", 3, 40, pairs=100, rows=[*price.rows, *crowd])
     file = tmp_path / f"picture{suffix}"
-    save_plot([crowded, Price("real meshes", "none", 0, 0)], file)
+    effects = [
+        EffectRow("contacts", "obb", False, 9, 1e3, 0.1),
+        EffectRow("contacts", "hull", False, 9, 1e4),
+    ]
+    effects.append(EffectRow("contacts", "MuJoCo hull", True, 9, 5e3, 0.01))
+    save_plot([crowded, Price("real meshes", "none", 0, 0)], effects, file)
     assert 10_000 < file.stat().st_size < 200_000
     if suffix == ".svg":
         text = file.read_text()
         for row in crowded.rows:
             assert f"<!-- {row.name}" in text or row.name.startswith("obb_tree")
         assert "<!-- 6 -->" in text
+        assert "<!-- MuJoCo hull, contacts" in text
 
 
 @pytest.mark.parametrize(

@@ -19,6 +19,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from obb_collision.benchmarks.price.effects import EffectRow
 from obb_collision.benchmarks.price.fits import FitRow
 from obb_collision.benchmarks.price.floats import FloatRow
 from obb_collision.benchmarks.price.rows import Price, Row
@@ -26,11 +27,19 @@ from obb_collision.benchmarks.price.upkeep import compact_numbers
 
 
 def format_result(
-    prices: Sequence[Price], fits: Sequence[FitRow], floats: Sequence[FloatRow]
+    prices: Sequence[Price],
+    fits: Sequence[FitRow],
+    floats: Sequence[FloatRow],
+    effects: Sequence[EffectRow],
 ) -> str:
     """Return everything as text."""
     parts = [format_price(price) for price in prices]
-    parts += [format_fits(fits), format_floats(floats), "\n".join(format_claims(prices))]
+    parts += [
+        format_effects(effects),
+        format_fits(fits),
+        format_floats(floats),
+        "\n".join(format_claims(prices)),
+    ]
     return "\n\n".join(part for part in parts if part)
 
 
@@ -67,6 +76,25 @@ def _line(row: Row, base: float) -> str:
 def _or_dash(value: float | None, form: str) -> str:
     width = int(form.split(".")[0].rstrip(","))
     return f"{'-':>{width}}" if value is None else f"{value:{form}}"
+
+
+def format_effects(rows: Sequence[EffectRow]) -> str:
+    """Return the table of the effects on each level."""
+    if not rows:
+        return ""
+    lines = [
+        "Effects: errors in mm, to the finest level; shapes measure 1 m across; of times the way",
+        f"{'':28}{'pairs':>7}{'a pair, ns':>12}{'mean':>10}{'worst':>10}{'unsafe':>8}"
+        f"{'peer to ours, mm':>18}",
+    ]
+    for row in rows:
+        differ = "" if row.differ is None else f"{1e3 * row.differ:18.3g}"
+        unsafe = "" if row.peer else str(row.unsafe)
+        lines.append(
+            f"{row.effect + ' ' + row.name:28}{row.pairs:7}{row.pair_ns:12,.0f}"
+            f"{1e3 * row.mean_error:10.3g}{1e3 * row.worst_error:10.3g}{unsafe:>8}{differ}"
+        )
+    return "\n".join(lines)
 
 
 def format_fits(rows: Sequence[FitRow]) -> str:
