@@ -177,15 +177,22 @@ def test_effects_on_finer_levels_are_nearer_to_the_finest_and_never_unsafe() -> 
         assert ours[effect, max(levels_above).name.lower()].worst_error == 0.0
 
 
-@pytest.mark.parametrize(("peer", "close"), [("coal", 1e-5), ("python-fcl", 1e-5)])
-def test_distances_of_meshes_are_those_of_peers(peer: str, close: float) -> None:
-    """Of hulls theirs end at a tolerance, and at times far from it (docs/accuracy.md)."""
-    pytest.importorskip({"coal": "coal", "python-fcl": "fcl"}[peer])
-    rows = measure_effects(FEW, 60, 0.0, 5, quiet)
-    found = {row.name: row for row in rows if row.effect == "clearance"}
-    differ = found[f"{peer} mesh"].differ
-    assert differ is not None
-    assert differ < close
+#: Shapes of which hulls have few corners: those of many are simplified, which peers do not.
+POINTED = Corpus("pointed", {name: GENERATED.shapes[name] for name in ("table", "jack", "chip")})
+
+
+@pytest.mark.parametrize("peer", ["coal", "python-fcl", "MuJoCo"])
+def test_effects_at_hull_and_mesh_are_those_of_peers(peer: str) -> None:
+    """Within their tolerances; not depths of python-fcl, which are not least (docs/accuracy.md)."""
+    pytest.importorskip({"coal": "coal", "python-fcl": "fcl", "MuJoCo": "mujoco"}[peer])
+    rows = measure_effects(POINTED, 150, 0.0, 5, quiet)
+    found = {(row.effect, row.name): row.differ for row in rows if row.name.startswith(peer)}
+    for (effect, _), differ in found.items():
+        if (peer, effect) == ("python-fcl", "contacts"):
+            continue
+        assert differ is not None
+        assert differ < 1e-6
+    assert len(found) == {"coal": 3, "python-fcl": 3, "MuJoCo": 2}[peer]
 
 
 def test_ratios_are_medians_of_turns() -> None:
@@ -230,7 +237,7 @@ def test_the_picture_names_every_point(tmp_path: Path, price: Price, suffix: str
         for row in crowded.rows:
             assert f"<!-- {row.name}" in text or row.name.startswith("obb_tree")
         assert "<!-- 6 -->" in text
-        assert "<!-- MuJoCo hull, contacts" in text
+        assert "<!-- MuJoCo hull" in text
 
 
 @pytest.mark.parametrize(

@@ -119,8 +119,12 @@ def _measure(
     stage = _stage(scene, effect, levels)
     found = {level: stage.run(level) for level in levels}
     common = sorted(set.intersection(*(set(values) for values in found.values())))
-    if effect == "clearance":
-        common = [pair for pair in common if found[levels[-1]][pair] > 0.0]
+    common = [
+        pair
+        for pair in common
+        if np.isfinite([found[level][pair] for level in levels]).all()  # decided
+        and (effect != "clearance" or found[levels[-1]][pair] > 0.0)
+    ]
     values = {level: np.array([found[level][pair] for pair in common]) for level in levels}
     kept = np.array(common, np.int64).reshape(-1, 2)
     query = PlacedPairs(shapes, chosen.ravel()[kept], *as_poses(poses), kept)
@@ -140,8 +144,10 @@ def _measure(
             errors = np.abs(value - truth)
             row.mean_error, row.worst_error = float(errors.mean()), float(errors.max())
         if row.peer:
-            same = name.split()[-1]
-            row.differ = float(np.abs(value - values[same]).max()) if same in values else None
+            same = values.get(name.split()[-1])
+            if same is not None:  # clearance: depths are compared as those of contacts
+                apart = (same > 0.0) | (effect != "clearance")
+                row.differ = float(np.abs(value - same)[apart].max(initial=0.0))
         else:
             row.unsafe = int((sign * (value - truth) > 1e-9).sum())
         rows.append(row)
