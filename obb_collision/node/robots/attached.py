@@ -25,6 +25,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from obb_collision.geometry.poses import compose_poses
+from obb_collision.node.messages.conversions import pose_faults
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.objects.frames import LINK_NOT_KNOWN, FrameSource
 from obb_collision.node.objects.objects import Objects
@@ -87,7 +88,10 @@ class LinkFrames:
         pose, frame = robot.where
         if frame in ("", self._fixed_frame):
             return pose
-        return compose_poses(self._inner.lookup(frame, 0), pose)
+        found = self._inner.lookup(frame, 0)
+        if any(fault.any() for fault in pose_faults(found[None])):
+            raise RefusedError(LINK_NOT_KNOWN, f"robot {robot.name}: bad pose of its base")
+        return compose_poses(found, pose)
 
 
 def find_attached(objects: Objects, frames: LinkFrames) -> dict[str, AttachedObjects]:

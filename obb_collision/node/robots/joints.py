@@ -38,7 +38,7 @@ from obb_collision.typing import Floats, Mask, Rows
 
 LENGTHS_DIFFER = "array lengths differ"
 BAD_POSITION, BAD_VELOCITY = "bad position", "bad velocity"
-UNKNOWN_JOINT = "unknown joint"
+UNKNOWN_JOINT, REPEATED_JOINT = "unknown joint", "repeated joint"
 
 
 class JointMessage(NamedTuple):
@@ -89,10 +89,15 @@ class Joints:
         """
         stamp = stamp_from_ros(message.header.stamp)
         rows = np.array([self._rows.get(name, -1) for name in message.names], np.int64)
+        ours = rows[rows >= 0]
         if len(message.positions) != len(rows):
-            self.bad[rows[rows >= 0]] = True
+            self.bad[ours] = True
             detail = f"{len(rows)} names, {len(message.positions)} positions"
             raise RefusedError(LENGTHS_DIFFER, detail)
+        repeated = np.bincount(ours, minlength=len(self.names)) > 1
+        if repeated.any():  # which of its values counts?
+            self.bad[ours] = True
+            raise RefusedError(REPEATED_JOINT, repr(self.names[int(np.argmax(repeated))]))
         strange = [
             name
             for name, row in zip(message.names, rows.tolist(), strict=True)

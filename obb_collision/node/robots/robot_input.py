@@ -35,6 +35,7 @@ from obb_collision.node.parameters.robots import BY_TOPIC, Base
 from obb_collision.node.robots.description import DescriptionReader, Read
 from obb_collision.node.robots.joints import Joints, joints_from_bytes, text_from_bytes
 from obb_collision.node.robots.links import NOTHING, AttachedObjects, LinkObjects
+from obb_collision.node.runtime.guard import INTERNAL_ERROR
 from obb_collision.robots.description.robot import Robot
 from obb_collision.typing import Floats
 
@@ -216,6 +217,10 @@ class RobotInput:
         except RefusedError as error:
             self._unplaced = self.fault = f"links not placed: {error}"
             self._monitors[JOINT_STATES].refuse(now, error.reason, "whole state", error.detail)
+        except Exception as error:  # not foreseen, and so not known
+            self._unplaced = self.fault = f"links not placed: {INTERNAL_ERROR}: {error}"
+            self.links.refuse()
+            raise
 
     @property
     def base_frame(self) -> str:

@@ -38,6 +38,8 @@ from obb_collision.node.robots.joints import Joints
 from obb_collision.node.robots.robot_input import RobotInput
 from obb_collision.node.robots.trajectory_messages import (
     BAD_POINT,
+    MAX_PIECES,
+    TOO_LONG,
     Trajectory,
     columns_of,
     trajectory_from_bytes,
@@ -53,9 +55,7 @@ from obb_collision.robots.kinematics.splines import (
 )
 from obb_collision.typing import Floats
 
-MAX_PIECES = 5000
-"""Most pieces of a trajectory: what is checked at a time must not block the cycles."""
-NOT_FREE, TOO_LONG, ELSEWHERE = "not free", "too many pieces", "not at its start"
+NOT_FREE, ELSEWHERE = "not free", "not at its start"
 
 
 @dataclass

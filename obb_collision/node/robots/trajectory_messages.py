@@ -32,7 +32,9 @@ from obb_collision.typing import Floats
 DURATION = Struct("<iI")
 SMALLEST_POINT = 24
 """Bytes of a point, at least."""
-BAD_POINT = "bad point"
+BAD_POINT, TOO_LONG = "bad point", "too many pieces"
+MAX_PIECES = 5000
+"""Most pieces of a trajectory: what is checked at a time must not block the cycles."""
 
 
 class Trajectory(NamedTuple):
@@ -46,11 +48,15 @@ class Trajectory(NamedTuple):
 def trajectory_from_bytes(data: bytes) -> Trajectory:
     """Return a serialised JointTrajectory.
 
-    Raises RefusedError: "malformed message", and "bad point" for one that makes no sense.
+    Raises RefusedError: "malformed message", "too many pieces" for more points than pieces are
+    checked, and "bad point" for one that makes no sense.
     """
     reader = Reader(data, JointTrajectory)
     header, names = reader.header(), reader.texts()
-    points = [_point(reader) for _ in range(reader.count(SMALLEST_POINT))]
+    count = reader.count(SMALLEST_POINT)
+    if count > MAX_PIECES:  # at least one per point: reading them all would block the node
+        raise RefusedError(TOO_LONG, f"{count} points, {MAX_PIECES} is the limit")
+    points = [_point(reader) for _ in range(count)]
     reader.end()
     for number, point in enumerate(points):
         _check(point, len(names), f"point {number}")
