@@ -27,6 +27,7 @@ pytest.importorskip("rclpy")
 from effect_topics import answer, listening
 from rig import FIRST_STAMP, Rig, cube, pose
 from sensor_msgs.msg import PointField
+from visualization_msgs.msg import Marker
 
 from obb_collision.node import (
     clearances_from_ros,
@@ -151,6 +152,28 @@ def test_what_passes_through_a_wall_between_two_states_is_told_once(rig: Rig) ->
     assert normal == pytest.approx((-1.0, 0.0, 0.0))
     assert predictions_from_ros(message)["passed"].tolist() == [1]
     rig.until(lambda: rig.next("predicted_collisions").width == 0, "over")
+
+
+def test_predictions_are_of_shapes_where_these_decide_the_pairs() -> None:
+    """Two balls whose boxes meet, but not they; and one that meets later than its box."""
+    with Rig(given={"accuracy": "hull", "effects.sweep_horizon": 10.0}) as rig:
+        listening(rig, "predicted_collisions")
+        posts = cube(("post", 1), (3.0, 0.9, 0.9)), cube(("post", 2), (6.0, 0.6, 0.0))
+        balls = [*posts, cube(("ball", 1))]
+        for ball in balls:
+            ball.type = Marker.SPHERE
+        rig.send(*balls)
+        rig.answer()
+        rig.send_states(["ball/1"], [pose(0.0)], twists=[[1.0, 0, 0, 0, 0, 0]])
+        table = rig.namespaces("post", "ball")
+
+        def found() -> list[tuple[str, float]]:
+            rows = named_predictions(rig.next("predicted_collisions"), table)
+            return sorted((row.a, round(row.time, 6)) for row in rows)
+
+        rig.until(lambda: found() == [("post/2", 5.2)], "balls")
+        assert rig.set(**{"effects.sweep_accuracy": "obb"})[0].successful
+        rig.until(lambda: found() == [("post/1", 2.0), ("post/2", 5.0)], "boxes")
 
 
 def test_what_is_not_known_is_told_with_the_time_until_which_it_is_free(rig: Rig) -> None:
