@@ -120,16 +120,18 @@ def test_spheres_in_the_corners_of_boxes_are_free_and_padding_counts() -> None:
     assert scene.check().verdicts.tolist() == [oc.Verdict.TOUCHING]  # rests on it
 
 
-def test_what_is_padded_and_no_sphere_capsule_or_box_goes_no_higher_than_hulls() -> None:
-    for shape in (
-        Cylinder(0.2, 0.5),
-        Mesh(*ZOO["torus1"]),
-        Hull(ZOO["hull1"][0]),
+def test_what_is_padded_and_no_sphere_capsule_or_box_goes_to_hulls_and_meshes_to_triangles() -> (
+    None
+):
+    for shape, level in (
+        (Cylinder(0.2, 0.5), oc.Accuracy.HULL),
+        (Mesh(*ZOO["torus1"]), oc.Accuracy.MESH),
+        (Hull(ZOO["hull1"][0]), oc.Accuracy.HULL),
     ):
         scene = oc.Scene(accuracy="mesh", padding=0.01)
         scene.add("a", shape)
         scene.add("b", Sphere(0.5))
-        assert scene.check().accuracies.tolist() == [oc.Accuracy.HULL]
+        assert scene.check().accuracies.tolist() == [level]
 
 
 @pytest.mark.parametrize("name", FINE)
