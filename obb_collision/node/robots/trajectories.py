@@ -55,6 +55,10 @@ from obb_collision.robots.kinematics.splines import (
 )
 from obb_collision.typing import Floats
 
+SHARE = 500
+"""Pieces that are checked in a cycle before a trajectory is forwarded."""
+DECISION_TIME = 2 * NANOSECONDS
+"""After so long (ns) a trajectory that is not decided yet, for the scene changes, is refused."""
 NOT_FREE, ELSEWHERE = "not free", "not at its start"
 
 
@@ -68,6 +72,21 @@ class Running:
     robot: object
     world: tuple[object, ...]
     """What it was certified for, and in."""
+
+
+@dataclass
+class Deciding:
+    """A trajectory that is being checked: what it would be when it runs, and how far that is done.
+
+    fresh: whether nothing has happened since it came.
+    """
+
+    data: bytes
+    trajectory: Trajectory
+    running: Running
+    received: int
+    done: int = 0
+    fresh: bool = True
 
 
 class Trajectories:
@@ -86,13 +105,20 @@ class Trajectories:
         self._forward, self._status = publishers
         self._clock, self._parameters = clock, parameters
         self._running: Running | None = None
+        self._deciding: Deciding | None = None
         self.stopped = ""
         """Why the last one was stopped, "" if it was not."""
 
     def take(self, data: bytes) -> None:
-        """Forward a message as it is, or say why not; always one without points: it is a stop."""
+        """Forward a message as it is, or say why not; always one without points: it is a stop.
+
+        One with many pieces is decided in the next cycles, and waits for that.
+        """
         now = self._clock()
         self._monitor.received(now)
+        before, self._deciding = self._deciding, None
+        if before is not None:
+            self._refuse(RefusedError("superseded", "another one came before it was decided"))
         try:
             trajectory = trajectory_from_bytes(data)
             if not trajectory.points:
@@ -100,19 +126,70 @@ class Trajectories:
                 self._forward.publish(data)
                 self._say(DiagnosticStatus.OK, "forwarded: a stop")
                 return
-            running = self._certified(trajectory, now)
+            running = self._planned(trajectory, now)
         except RefusedError as error:
-            self._monitor.refuse(now, error.reason, "whole message", error.detail)
-            values = error.values if isinstance(error, NotFreeError) else {}
-            self._say(DiagnosticStatus.ERROR, f"refused: {error}", values)
+            self._refuse(error)
             return
-        self._forward.publish(data)
+        self._deciding = Deciding(data, trajectory, running, now)
+        self._decide()
+
+    def _refuse(self, error: RefusedError) -> None:
+        self._monitor.refuse(self._clock(), error.reason, "whole message", error.detail)
+        values = error.values if isinstance(error, NotFreeError) else {}
+        self._say(DiagnosticStatus.ERROR, f"refused: {error}", values)
+
+    def _decide(self) -> None:
+        """Check a share of the one that is not decided yet; forward it if it was the last."""
+        deciding, self._deciding = self._deciding, None  # whatever fails, it is not forwarded
+        if deciding is None:
+            return
+        try:
+            running = self._checked_share(deciding)
+        except RefusedError as error:
+            self._refuse(error)
+            return
+        if running is None:
+            self._deciding, deciding.fresh = deciding, False
+            return
+        self._forward.publish(deciding.data)
         self._running, self.stopped = running, ""
-        first, last = trajectory.points[0], trajectory.points[-1]
+        first, last = deciding.trajectory.points[0], deciding.trajectory.points[-1]
         values = {"interpolation": interpolation(first, last), "pieces": len(running.pieces.begins)}
         self._say(DiagnosticStatus.OK, "forwarded", values)
 
+    def _checked_share(self, deciding: Deciding) -> Running | None:
+        """Return the trajectory if it is certified now, None if there is more to check.
+
+        All of it in one scene: where that changes, what was checked is checked again.
+        """
+        now, running = self._clock(), deciding.running
+        scene = self._checked.scene(self._parameters.trajectory_margin)
+        if self._checked.robot is not running.robot:
+            raise RefusedError("another robot", "its description has changed")
+        if not self._checked.is_world(running.world):
+            running.world, deciding.done = self._checked.world(scene), 0
+        if now - deciding.received > DECISION_TIME:
+            raise RefusedError("not decided", "the scene changes too fast for so many pieces")
+        numbers = np.arange(len(running.pieces.begins))
+        share = (numbers >= deciding.done) & (numbers < deciding.done + SHARE)
+        _check_pieces(scene, running.pieces.take(share))
+        deciding.done += SHARE
+        if deciding.done < len(numbers):
+            return None
+        if deciding.fresh:
+            return running
+        again = self._planned(deciding.trajectory, now)  # from where the joints are by now
+        _check_pieces(scene, again.pieces.take(again.pieces.segments == 0))
+        return again
+
     def look(self) -> None:
+        """Look after the one that runs, and check a share of the one that is not decided yet."""
+        try:
+            self._look_after()
+        finally:
+            self._decide()
+
+    def _look_after(self) -> None:
         """Check what is left of the one that runs if the scene has changed; stop it if need be."""
         running, now = self._running, self._clock()
         if running is None:
@@ -136,6 +213,7 @@ class Trajectories:
 
     def close(self) -> None:
         """Stop what runs: nobody looks after it any more."""
+        self._deciding = None
         if self._running is not None:
             self._stop(self._running, RefusedError("the node does not check any more"))
 
@@ -150,9 +228,11 @@ class Trajectories:
         """Shift times by a jump of the clock (ns)."""
         if self._running is not None:
             self._running.begin += shift
+        if self._deciding is not None:
+            self._deciding.received += shift
 
-    def _certified(self, trajectory: Trajectory, now: int) -> Running:
-        """Return a trajectory that is free; RefusedError for any other one."""
+    def _planned(self, trajectory: Trajectory, now: int) -> Running:
+        """Return what a trajectory would be from now on; RefusedError if it cannot be used."""
         scene = self._checked.scene(self._parameters.trajectory_margin)
         joints = self._robot.joints
         assert joints is not None
@@ -168,7 +248,6 @@ class Trajectories:
             name = joints.names[int(np.argmax(off))]
             raise RefusedError(ELSEWHERE, f"joint {name} is off by {off.max():.4g}")
         pieces = self._pieces(scene, _from_here(points, joints))
-        _check_pieces(scene, pieces)
         robot, world = self._checked.robot, self._checked.world(scene)
         return Running(pieces, begin, trajectory.names, robot, world)
 

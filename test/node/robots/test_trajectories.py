@@ -82,6 +82,21 @@ class TrajectoryRig(RobotRig):
 
         What is forwarded is what was sent, and nothing else is.
         """
+        self.said.clear()
+        self.forwarded.clear()
+        message = self.publish(points, names, stamp)
+        self.until(lambda: self.said, "what is said of it")
+        status = self.said[0]
+        if status.level == OK:
+            self.until(lambda: self.forwarded, "the trajectory")
+        expected = [message] if status.level == OK else []
+        assert self.forwarded == expected
+        return status, {pair.key: pair.value for pair in status.values}
+
+    def publish(
+        self, points: Sequence[tuple[Any, ...]], names: Sequence[str] = BOTH, stamp: Any = None
+    ) -> JointTrajectory:
+        """Send points, and return the message."""
         message = JointTrajectory(joint_names=list(names))
         if stamp is not None:
             message.header = stamp
@@ -91,16 +106,8 @@ class TrajectoryRig(RobotRig):
             for field, given in zip(fields, values, strict=False):
                 setattr(point, field, [float(value) for value in given])
             message.points.append(point)
-        self.said.clear()
-        self.forwarded.clear()
         self.wanted.publish(message)
-        self.until(lambda: self.said, "what is said of it")
-        status = self.said[0]
-        if status.level == OK:
-            self.until(lambda: self.forwarded, "the trajectory")
-        expected = [message] if status.level == OK else []
-        assert self.forwarded == expected
-        return status, {pair.key: pair.value for pair in status.values}
+        return message
 
 
 def test_a_free_trajectory_is_forwarded_untouched() -> None:
@@ -263,3 +270,79 @@ def test_an_empty_trajectory_is_a_stop_and_always_forwarded() -> None:
         rig.send_joints(lift=NAN)
         rig.until(lambda: rig.robot.fault, "the fault")
         assert rig.go([])[0].message == "forwarded: a stop"
+
+
+LONG = [(0.0, [0.0, 0.0], [0.0, 0.0]), (1000.0, [0.0, 2.9], [0.0, 0.0])]
+"""With velocities, and a small margin, it has thousands of pieces."""
+
+
+def decider(rig: TrajectoryRig) -> Any:
+    """Return what decides trajectories of the robot."""
+    assert rig.node.robots is not None
+    return rig.node.robots._trajectories["arm/trajectory_in"]
+
+
+def shares(rig: TrajectoryRig) -> int:
+    """Return how many shares of 500 pieces the trajectory has that runs."""
+    running = decider(rig)._running
+    return -(-len(running.pieces.begins) // 500)
+
+
+def test_one_with_many_pieces_is_decided_over_some_cycles() -> None:
+    with TrajectoryRig() as rig:
+        rig.set(trajectory_margin=1e-6)
+        start = rig.node.cycle.monitor.total
+        assert rig.go(LONG)[0].message == "forwarded"
+        assert shares(rig) >= 3
+        assert rig.node.cycle.monitor.total - start >= shares(rig) - 1
+
+
+def test_it_is_refused_where_its_last_share_collides() -> None:
+    with TrajectoryRig((-0.97, 0.24, 0.5)) as rig:
+        rig.set(trajectory_margin=1e-6)
+        status, _ = rig.go(LONG)
+        assert status.message.startswith("refused: not free: arm/hand and crate/1")
+
+
+def test_what_happens_while_it_is_decided_counts(monkeypatch: pytest.MonkeyPatch) -> None:
+    from obb_collision.node.robots import trajectories
+
+    monkeypatch.setattr(trajectories, "SHARE", 1)
+    monkeypatch.setattr(trajectories, "DECISION_TIME", 10**12)
+    with TrajectoryRig() as rig:
+        rig.set(trajectory_margin=1e-6)
+        rig.said.clear()
+        rig.forwarded.clear()
+        rig.publish(LONG)
+        found = decider(rig)
+        rig.until(lambda: found._deciding is not None and found._deciding.done > 2, "some shares")
+        rig.put((0.0, 1.0, 9.0))  # another scene, in which it is checked from the start
+        rig.until(lambda: found._deciding.done > 2, "some shares")
+        rig.put((0.99, 0.1, 0.5))
+        rig.until(lambda: rig.said, "the refusal")
+        assert rig.said[0].message.startswith("refused: not free: arm/hand and crate/1")
+        assert not rig.forwarded
+        rig.put(FAR)
+        rig.said.clear()
+        rig.publish(LONG)
+        rig.until(lambda: found._deciding is not None, "the next")
+        rig.publish([])
+        rig.until(lambda: len(rig.said) == 2, "a stop")
+        texts = [status.message.partition(":")[0] for status in rig.said]
+        assert texts == ["refused", "forwarded"]
+        assert found._deciding is None
+        assert [len(message.points) for message in rig.forwarded] == [0]
+        rig.said.clear()
+        rig.publish(LONG)
+        rig.until(lambda: found._deciding, "the next").received -= trajectories.DECISION_TIME
+        rig.until(lambda: rig.said, "the refusal")
+        assert rig.said[0].message.startswith("refused: not decided")
+        rig.said.clear()
+        rig.publish(LONG)
+        waiting = rig.until(lambda: found._deciding, "the next")
+        rig.send_joints(lift=0.5)
+        rig.until(lambda: 0.5 in rig.robot.joints.positions, "the joints")
+        waiting.done = 10_000
+        rig.until(lambda: rig.said, "the refusal")
+        assert "not at its start" in rig.said[0].message
+        assert found._running is None
