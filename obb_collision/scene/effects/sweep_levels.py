@@ -38,7 +38,6 @@ from obb_collision.queries.sweep.sweep import Sweeps
 from obb_collision.scene.broad_phase.broad_phase import Pairs
 from obb_collision.scene.effects.base import Cycle, Setting, take_rows
 from obb_collision.scene.refinement.placed_shapes import PlacedShapes
-from obb_collision.scene.store.kinds import ROUND
 from obb_collision.typing import Floats, Rows
 
 
@@ -118,27 +117,22 @@ def triangle_sweeps(
 
     Spheres and capsules are exact; cylinders, cones and ellipsoids are meshes around them.
     """
-    turned = shapes.kinds[pairs[:, 0]] == ROUND  # round ones come second
-    ends = np.where(turned[:, None], pairs[:, ::-1], pairs)
     table = take_rows(NO_SWEEPS, np.zeros(len(pairs), np.int64))
-    is_round = shapes.kinds[ends[:, 1]] == ROUND
-    for rows in (np.flatnonzero(is_round), np.flatnonzero(~is_round)):
-        if len(rows) == 0:
-            continue
-        a, radii_a = shapes.meshes(cycle.boxes, ends[rows, 0])
-        b, radii_b = shapes.meshes(cycle.boxes, ends[rows, 1])
-        motions = [
+    for rows, turned, a, radii_a, b, radii_b in shapes.sides(cycle.boxes, pairs):
+        ends = np.where(turned[:, None], pairs[rows, ::-1], pairs[rows])
+        first, second = (
             motion_of(
                 Boxes.trusted(body.centers, body.rotations, body.centers),
                 np.searchsorted(ride.slots, slots),
                 ride,
             )
-            for body, slots in ((a, ends[rows, 0]), (b, ends[rows, 1]))
-        ]
-        found = swept_meshes(a, radii_a, b, radii_b, join_motions(*motions), begin[rows], tolerance)
+            for body, slots in zip((a, b), ends.T, strict=True)
+        )
+        motion = join_motions(first, second)
+        found = swept_meshes(a, radii_a, b, radii_b, motion, begin[rows], tolerance)
+        found.normals[turned] *= -1.0
         for key, column in vars(table).items():
             column[rows] = vars(found)[key]
-    table.normals[turned] *= -1.0
     return table
 
 
