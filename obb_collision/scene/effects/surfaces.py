@@ -67,7 +67,7 @@ def triangle_contacts(
     """Return the contacts of pairs on MESH, with a mesh on at least one side."""
     max_points = int(setting.values["max_points"])
     table = triangle_separations(boxes, shapes, pairs, setting)
-    result = Contacts.blank(pairs, max_points)
+    result = Contacts.blank(pairs.copy(), max_points)  # pairs are the key of what is kept
     for some in shapes.sides(boxes, pairs):
         seen = _seen_from(table, some)
         each = np.ascontiguousarray(seen.pairs[:, 0])

@@ -57,6 +57,7 @@ def test_a_coarser_level_is_never_less_deep(padding: float) -> None:
     high = reports[2].accuracies == Accuracy.MESH
     assert high.sum() > 10
     contacts = reports[2].contacts
+    assert contacts.pairs.tolist() == reports[2].pairs.tolist()
     assert contacts.depths[high].tolist() == reports[2].depths[high].tolist()
     assert (contacts.counts[high] >= 1).all()
     assert (contacts.axes[high] == -1).all()
