@@ -41,7 +41,7 @@ NARROWER = 1.0 - 2.0**-10
 
 
 class Body(NamedTuple):
-    """One body: as a row of ``Bodies``, with its corners (k, 3)."""
+    """One body: as a row of ``Bodies``, with its corners (k, 3), also in ``blocks``."""
 
     frame: int
     center: Floats
@@ -52,6 +52,8 @@ class Body(NamedTuple):
     round: float
     reach: float
     corners: Floats
+    radius: float
+    blocks: Floats
 
 
 def body_of(
@@ -81,8 +83,11 @@ def placed_body(
     """
     center, rotation, half_extents = box
     sphere = (float(np.linalg.norm(corners - center, axis=1).max()) + radius) * RADIUS_GROWTH
-    reach = chain + float(np.abs(corners).sum(axis=1).max()) + radius
-    return Body(frame, center, rotation, half_extents, sphere, inner, radius, reach, corners)
+    farthest = float(np.abs(corners).sum(axis=1).max())
+    return Body(
+        frame, center, rotation, half_extents, sphere, inner, radius, chain + farthest + radius,
+        corners, farthest, in_blocks(corners),
+    )  # fmt: skip
 
 
 def _core(shape: Shape | OBB) -> tuple[Floats, float, float]:
@@ -112,8 +117,7 @@ def _core(shape: Shape | OBB) -> tuple[Floats, float, float]:
 
 def joined(bodies: Sequence[Body]) -> Bodies:
     """Return bodies as arrays."""
-    blocks = [in_blocks(body.corners) for body in bodies]
-    radii = [float(np.abs(body.corners).sum(axis=1).max()) for body in bodies]
+    blocks = [body.blocks for body in bodies]
 
     def column(values: Iterable[object], *shape: int) -> Floats:
         return np.array(list(values), np.float64).reshape(len(bodies), *shape)
@@ -127,7 +131,7 @@ def joined(bodies: Sequence[Body]) -> Bodies:
         column(body.inner for body in bodies),
         np.zeros(len(bodies), np.bool_),
         column(body.round for body in bodies),
-        column(radii),
+        column(body.radius for body in bodies),
         column(body.reach for body in bodies),
         np.concatenate([np.empty((0, 3, 8)), *blocks]),
         np.cumsum([0, *map(len, blocks)]),

@@ -83,6 +83,10 @@ def world_slots(store: ObjectStore, left_out: Collection[str]) -> Rows:
     return np.flatnonzero(counted)
 
 
+Kept = dict[int, tuple[object, Body]]
+"""By slot: a body, and all that it depends on."""
+
+
 class World(NamedTuple):
     """The objects of a scene: slots (w,), bodies (w,) in the same order, the tree over them."""
 
@@ -92,18 +96,20 @@ class World(NamedTuple):
 
 
 def world_of(
-    store: ObjectStore, cache: ShapeCache, frame: int, origin: Floats, left_out: Collection[str]
-) -> World:
+    store: ObjectStore, cache: ShapeCache, frame: int, origin: Floats, left_out: Collection[str],
+    kept: Kept,
+) -> World:  # fmt: skip
     """Return what a scene holds, relative to an origin (3,); frame: the number of the world's.
 
-    left_out: names of objects that do not count.
+    left_out: names of objects that do not count; kept: those that need not be made anew.
     """
     active = world_slots(store, left_out)
     boxed = np.isin(store.kinds[active], (BOX, BOXED))
     plain, others = active[boxed], active[~boxed]
     slots = np.concatenate([plain, others])
     bodies = merged(
-        _boxes(store, plain, frame, origin), joined(_others(store, cache, others, frame, origin))
+        _boxes(store, plain, frame, origin),
+        joined(_others(store, cache, others, frame, origin, kept)),
     )
     boxes = store.boxes(slots)
     minimum, maximum = meeting_bounds(boxes)
@@ -127,6 +133,21 @@ def _boxes(store: ObjectStore, slots: Rows, frame: int, origin: Floats) -> Bodie
 
 
 def _others(
+    store: ObjectStore, cache: ShapeCache, slots: Rows, frame: int, origin: Floats, kept: Kept
+) -> list[Body]:
+    """Return objects that are no boxes, and keep them for the next time."""
+    state = store, store.version, store.revision, frame, origin.tobytes()
+    keys = [(state, pose.tobytes()) for pose in store.poses[slots]]
+    known = [kept.get(slot, (None, None))[0] for slot in slots.tolist()]
+    new = slots[[one != other for one, other in zip(keys, known, strict=True)]]
+    made = dict(zip(new.tolist(), _made(store, cache, new, frame, origin), strict=True))
+    bodies = [made[slot] if slot in made else kept[slot][1] for slot in slots.tolist()]
+    kept.clear()
+    kept.update(zip(slots.tolist(), zip(keys, bodies, strict=True), strict=True))
+    return bodies
+
+
+def _made(
     store: ObjectStore, cache: ShapeCache, slots: Rows, frame: int, origin: Floats
 ) -> list[Body]:
     if len(slots) == 0:

@@ -36,7 +36,7 @@ from obb_collision.robots.bodies.robot_arrays import (
     with_attached,
 )
 from obb_collision.robots.bodies.state_arrays import Bodies, Tests
-from obb_collision.robots.bodies.world import World, WorldState, world_of
+from obb_collision.robots.bodies.world import Kept, World, WorldState, world_of
 from obb_collision.robots.checks.meshes import MeshBodies
 from obb_collision.robots.checks.motions import joint_reaches
 from obb_collision.robots.description.robot import Robot
@@ -99,6 +99,7 @@ class Model:
         self._bodies: OwnBodies | None = None
         self._meshes: MeshBodies | None = None
         self._arrays: tuple[WorldState, Arrays] | None = None
+        self._kept: Kept = {}
         self._chains: Floats = np.empty(0)
         self.set_bases(bases)
         self.paddings = np.zeros(len(self.link_names))
@@ -210,7 +211,7 @@ class Model:
         of_links = self._bodies
         own, owners = of_links.bodies, of_links.owners
         frame = len(self.link_names)
-        world = world_of(scene._store, scene._cache, frame, self.origin, self.left_out)
+        world = world_of(scene._store, scene._cache, frame, self.origin, self.left_out, self._kept)
         links = [*self.link_names, *self.attached]
         objects = [str(scene._store.names[slot]) for slot in world.slots]
         names = [*links, *objects]

@@ -408,3 +408,25 @@ def test_only_what_counts_of_the_scene_makes_the_world_anew() -> None:
     scene.move("thing2", [5, 0, 0, 0, 0, 0, 1])
     assert not state.is_current(scene)
     assert checker._model.arrays(scene) is not first
+
+
+def test_a_world_of_which_parts_change_is_as_a_new_one() -> None:
+    rng = np.random.default_rng(8)
+    robot = oc.Robot.from_urdf(random_arm(rng, 4))
+    scene, states = random_world(rng, 15), random_states(rng, robot, 60)
+    checker, seen = oc.RobotScene([robot], scene), set()
+    for step in range(40):
+        name = f"thing{rng.integers(15)}"
+        pose = [*rng.normal(0, 0.5, 3), 0.0, 0.0, 0.6, 0.8]
+        if step % 4 == 0:
+            shapes = oc.shapes.Sphere(0.2), oc.shapes.Capsule(0.1, 0.3), oc.shapes.Cone(0.2, 0.2)
+            scene.add(name, shapes[step // 4 % 3], pose)
+        elif step % 4 == 1 and name in scene.names:
+            scene.remove(name)
+        elif name in scene.names:
+            scene.move(name, pose)
+            scene.set_padding(name, float(rng.uniform(0.0, 0.1)))
+        found = checker.check(states).pairs
+        assert found == oc.RobotScene([robot], scene).check(states).pairs
+        seen.add(str(found))
+    assert len(seen) > 10
