@@ -149,6 +149,7 @@ def test_the_parameter_file_of_the_package_starts_a_node_with_the_defaults() -> 
             "objects": ["*"],
             "horizon": 1.0,
             "tolerance": 1e-4,
+            "accuracy": "pairs",
         }
     finally:
         node.destroy_node()
