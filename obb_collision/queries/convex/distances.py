@@ -155,20 +155,6 @@ def may_collide(a: Bodies, i: int, b: Bodies, j: int) -> bool:
 
 
 @njit
-def certainly_apart(a: Bodies, i: int, b: Bodies, j: int, start: Vector) -> tuple[bool, Vector]:
-    """Return whether body i of a and body j of b have no common point, and a direction.
-
-    start: as in ``body_distance``. The direction, world frame, is the one to start from next time.
-    """
-    core_a, core_b = core_at(a, i), core_at(b, j)
-    place_a, place_b = body_place(a, i), body_place(b, j)
-    pose = relative_pose(place_a, place_b, core_a.reach + core_b.reach)
-    needed = core_a.radius + core_b.radius + rounding(pose)
-    found = search(core_a, core_b, pose, turned_back(place_a, start), needed)
-    return found.gap > needed, combined(place_a.axes, found.normal)
-
-
-@njit
 def in_world(place: Place, p: Vector) -> Vector:
     """Return a point of a body in the world frame."""
     return plus(combined(place.axes, p), place.center)
