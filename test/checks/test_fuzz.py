@@ -41,6 +41,15 @@ def test_a_short_attack_finds_nothing(capfd: pytest.CaptureFixture[str]) -> None
     assert output.endswith("nothing found\n")
 
 
+def test_an_attack_on_a_robot_finds_nothing(capfd: pytest.CaptureFixture[str]) -> None:
+    files = ("--scenes", "0", "--robots", "0")
+    assert run("--messages", "300", "--raw", "100", "--robot-share", "0.5", *files) == 0
+    output = capfd.readouterr().out
+    assert "bot/joint_states" in output
+    assert "bot/trajectory_in" in output
+    assert "states of a robot, " in output
+
+
 def test_a_part_of_an_attack_is_run_again(capfd: pytest.CaptureFixture[str]) -> None:
     assert run("--only", "raw:17") == 0
     output = capfd.readouterr().out

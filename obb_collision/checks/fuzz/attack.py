@@ -32,6 +32,7 @@ from obb_collision.checks.fuzz.canary import Canary
 from obb_collision.checks.fuzz.cases import CASES
 from obb_collision.checks.fuzz.child import Child
 from obb_collision.checks.fuzz.client import Client, FoundError
+from obb_collision.checks.fuzz.robot_messages import ARGUMENTS, LATCHED, ROBOT
 from obb_collision.checks.fuzz.scene_attack import attack_node, attack_reader
 from obb_collision.checks.fuzz.scenes import READERS
 from obb_collision.checks.fuzz.session import Result, Session
@@ -162,9 +163,10 @@ class Attack:
         print(f"of {len(numbers)} nodes {taken} took theirs", flush=True)
 
     def _attack_node(self, parts: list[Part]) -> None:
-        stream = Stream(self._options.seed, self._folder)
-        client = Client(self._domain, self._namespace, stream.types)
-        child, canary = self._start([]), Canary()
+        stream = Stream(self._options.seed, self._folder, self._options.robot_share)
+        robot = ROBOT if stream.robot else ""
+        client = Client(self._domain, self._namespace, stream.types, LATCHED, robot)
+        child, canary = self._start([*ARGUMENTS] if robot else []), Canary()
         try:
             session = Session(self._options, stream, client, child, canary)
             self.result = session.result

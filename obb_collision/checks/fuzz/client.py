@@ -18,19 +18,20 @@ from __future__ import annotations
 
 import importlib
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from typing import Any, NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node, NodeNameNonExistentError
-from rclpy.qos import QoSProfile
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import PointCloud2
 
 from obb_collision.checks.fuzz.child import Child
 from obb_collision.node.topics.topics import TOPICS
 
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 STARTING = 300.0
 """Seconds until the node answers first: on a new machine it compiles its kernels."""
 ANSWERING = 20.0
@@ -60,9 +61,20 @@ class Answer(NamedTuple):
 
 
 class Client:
-    """A client of a node in another process. types: of the topics to publish, by topic."""
+    """A client of a node in another process.
 
-    def __init__(self, domain: int, namespace: str, types: Mapping[str, type]) -> None:
+    types: of the topics to publish, by topic; latched: those of them that are; robot: whose answers
+    about states are taken.
+    """
+
+    def __init__(
+        self,
+        domain: int,
+        namespace: str,
+        types: Mapping[str, type],
+        latched: Collection[str] = (),
+        robot: str = "",
+    ) -> None:
         self.namespace = namespace
         self.answers: list[Answer] = []
         self._taken = 0
@@ -76,12 +88,16 @@ class Client:
         self.node = Node("client", context=self._context, namespace=self.namespace)
         self._executor.add_node(self.node)
         self.publishers = {
-            topic: self.node.create_publisher(kind, topic, QoSProfile(depth=1000))
+            topic: self.node.create_publisher(kind, topic, LATCHED if topic in latched else 1000)
             for topic, kind in types.items()
         }
         subscribe: Any = self.node.create_subscription
         subscribe(PointCloud2, "collisions", self._take, 1000)
         subscribe(PointCloud2, "points_inside", self._take_points, 10)
+        self.validity: list[PointCloud2] = []
+        """The last messages of ``state_validity``."""
+        if robot:
+            subscribe(PointCloud2, f"{robot}/state_validity", self._take_validity, 1000)
         subscribe(DiagnosticArray, "/diagnostics", self._take_status, 10)
         # Somebody listens, so that every effect is computed; nobody spins it, which takes time.
         self._audience = Node("audience", context=self._context, namespace=self.namespace)
@@ -103,6 +119,14 @@ class Client:
     def _take_points(self, message: PointCloud2) -> None:
         self._taken += 1
         self.points = [*self.points[-9:], message]
+
+    def _take_validity(self, message: PointCloud2) -> None:
+        self._taken += 1
+        self.validity = [*self.validity[-99:], message]
+
+    def answer_at(self, stamp: Any) -> PointCloud2 | None:
+        """Return the answer to the states with a stamp, None while there is none."""
+        return next((one for one in self.validity if one.header.stamp == stamp), None)
 
     def _take_status(self, message: DiagnosticArray) -> None:
         self._taken += 1

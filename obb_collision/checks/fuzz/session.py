@@ -27,19 +27,26 @@ import time
 from argparse import Namespace
 from collections import Counter
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import pairwise
 from random import Random
 
+import numpy as np
 from rclpy.serialization import serialize_message
+from std_msgs.msg import Header
+from std_srvs.srv import Trigger
 
 from obb_collision.checks.fuzz.canary import Canary
 from obb_collision.checks.fuzz.child import Child
 from obb_collision.checks.fuzz.client import Answer, Client, FoundError
 from obb_collision.checks.fuzz.probes import BOXES, MOVES, NUMBERS, Message, Pair, Probe, Probes
+from obb_collision.checks.fuzz.robot_messages import RobotMessages
 from obb_collision.checks.fuzz.services import Services
 from obb_collision.checks.fuzz.stream import Sent, Stream
 from obb_collision.checks.fuzz.usage import Usages
-from obb_collision.node.messages.conversions import NANOSECONDS
+from obb_collision.node.messages.clouds import cloud_from_ros
+from obb_collision.node.messages.conversions import NANOSECONDS, stamp_to_ros
+from obb_collision.node.robots.validity import NOT_KNOWN
 from obb_collision.node.topics.topics import collisions_from_ros, points_inside_from_ros
 
 PERIOD = 0.02
@@ -52,6 +59,10 @@ REQUESTS = 0.3
 """Share of the batches behind which a service gets a hostile request."""
 CLEAN = 0.2
 """Share of the probes that remove all hostile objects, too."""
+ASKED = 0.3
+"""Share of the batches behind which states of the robot are asked for."""
+KNOWN = 20.0
+"""Seconds to wait until the robot is known: a process begins that reads its meshes."""
 RESENDING = 0.5
 """Seconds after which points are sent again, whose topic is best effort, and sets of boxes, which a
 hostile one overtook by a stamp a little ahead: that one counts for a second."""
@@ -116,6 +127,8 @@ class Session:
         if random.random() < REQUESTS:
             self.result.sent[f"service {self._services.attack(random)}"] += 1
         self._probe(random, full)
+        if self._stream.robot is not None and random.random() < ASKED:
+            self._probe_robot(self._stream.robot)
         self._measure(name, size + self._size, before)
         self._size = size
 
@@ -200,6 +213,26 @@ class Session:
         if found != {ident: count for ident, count in right.items() if count}:
             raise FoundError(f"points inside are {found}, right is {right}")
         self.result.probes["points"] += 1
+
+    def _probe_robot(self, robot: RobotMessages) -> None:
+        """Remove all objects and ask for states of the robot: valid are those that can be."""
+        self._client.call(self._child, Trigger, "clear", Trigger.Request())
+        limit, known = time.monotonic() + KNOWN, False
+        while not known and time.monotonic() < limit:
+            stamp = stamp_to_ros(time.time_ns())
+            question = robot.question(Header(stamp=stamp, frame_id="map"))
+            for topic, message in question.messages:
+                self._client.publishers[topic].publish(message)
+            answer = self._client.until(
+                self._child, partial(self._client.answer_at, stamp), "states answered"
+            )
+            rows = cloud_from_ros(answer, ("valid", "reason"))
+            self._client.spin(0.1)
+            known = bool((rows["reason"] != NOT_KNOWN).all()) and len(rows) > 0
+            wanted = question.possible if known else np.zeros_like(question.possible)
+            if rows["valid"].astype(bool).tolist() != wanted.tolist():
+                raise FoundError(f"of states of the robot valid are {rows}, right is {wanted}")
+        self.result.probes[f"states of a robot, {'known' if known else 'not known'}"] += 1
 
     def end(self) -> None:
         """Read the last diagnostics; FoundError where the node counted internal errors."""

@@ -29,6 +29,7 @@ from rclpy.serialization import serialize_message
 from obb_collision.checks.fuzz.cases import CASES, Made
 from obb_collision.checks.fuzz.messages import Messages
 from obb_collision.checks.fuzz.mutations import damaged, mutate, raw
+from obb_collision.checks.fuzz.robot_messages import RobotMessages
 
 CASE_SHARE = 0.002
 """Share of the messages that are a named case; the first ones are all cases once."""
@@ -50,15 +51,23 @@ class Sent(NamedTuple):
 
 
 class Stream:
-    """Makes messages by number; ``folder`` gets mesh files."""
+    """Makes messages by number; ``folder`` gets mesh files.
 
-    def __init__(self, seed: int, folder: Path) -> None:
-        self._seed = seed
+    robots: share of the messages on the topics of a robot.
+    """
+
+    def __init__(self, seed: int, folder: Path, robots: float = 0.0) -> None:
+        self._seed, self._share = seed, robots
         self.messages = Messages(Random(seed), folder)
-        self.types = {topic: kind for topic, (kind, _) in self.messages.makers.items()}
+        self.robot = RobotMessages(self.messages, folder) if robots else None
+        self._makers = dict(self.messages.makers)
+        self.types = {topic: kind for topic, (kind, _) in self._makers.items()}
         """Type by topic."""
         self._own = [topic for topic in self.types if not topic.startswith("/")]
         self._others = [topic for topic in self.types if topic.startswith("/")]
+        if self.robot is not None:
+            self._makers |= self.robot.makers
+            self.types |= {topic: kind for topic, (kind, _) in self.robot.makers.items()}
 
     def _start(self, what: str, number: int) -> Random:
         random = Random(f"{self._seed} {what} {number}")
@@ -67,6 +76,8 @@ class Stream:
 
     def _topic(self, random: Random) -> str:
         """Choose a topic."""
+        if self.robot is not None and random.random() < self._share:
+            return random.choice(list(self.robot.makers))
         if random.random() < CLOCK_SHARE * len(self._others):
             return random.choice(self._others)
         return random.choice(self._own)
@@ -79,7 +90,7 @@ class Stream:
             name = names[number] if number < len(names) else random.choice(names)
             return self._sent(CASES[name](random, self.messages), name)
         topic = self._topic(random)
-        message = self.messages.makers[topic][1]()
+        message = self._makers[topic][1]()
         for _ in range(random.choice((0, 1, 1, 2, 5))):
             try:
                 mutate(message, random)
@@ -95,8 +106,7 @@ class Stream:
         random = self._start("raw", number)
         topic = self._topic(random)
         data, other = (
-            serialize_message(self.messages.makers[one][1]())
-            for one in (topic, random.choice(self._own))
+            serialize_message(self._makers[one][1]()) for one in (topic, random.choice(self._own))
         )
         return Sent(topic, _sendable(topic, raw(data, other, random)), "raw")
 
