@@ -37,6 +37,7 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rig import DOMAIN, NAMESPACE, Client
 
+from obb_collision.node.inputs.detections import DETECTIONS
 from obb_collision.node.inputs.subscriptions import INPUTS
 from obb_collision.node.parameters.parameters import SPECS
 from obb_collision.node.parameters.regions import region_parameters, shared_inputs
@@ -282,7 +283,8 @@ def test_regions_have_the_parameters_of_a_split_and_read_the_same_inputs() -> No
     assert list(regions) == ["region_0", "region_1", "region_2"]
     assert regions["region_1"] == {"region": ["x: 1.0 to 2.0"], "region_halo": 0.5}
     assert region_parameters("0 0 0", "1 1 1", "1 1 1", "1")["region_0"]["region"] == [""]
-    assert {name for name, _ in shared_inputs("cell")} == set(INPUTS)
+    names = {name for name, _ in shared_inputs("cell")}
+    assert names == {*INPUTS, DETECTIONS.topic}  # the latter where vision_msgs is installed
     assert dict(shared_inputs("cell"))["points"] == "/cell/points"
     assert dict(shared_inputs(""))["points"] == "/points"
     with pytest.raises(ValueError, match="parts"):
