@@ -14,7 +14,7 @@
 
 """Makes the pictures in this folder anew: all, or those that are named.
 
-    python docs/make_pictures.py [accuracy] [effects] [separating_axis] [demo] [arm_cell]
+    python docs/make_pictures.py [accuracy] [effects] [separating_axis] [demo] [arm_cell] [robots]
 
 The plots are drawn from the tables on the pages, so that both say the same; the commands beside the
 tables measure anew. `speed.svg` is drawn by its command. ``demo`` makes ``view.png`` and
@@ -30,6 +30,7 @@ import subprocess
 import sys
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -223,12 +224,26 @@ def draw_arm_cell() -> None:
         context.try_shutdown()
 
 
+def draw_robots() -> None:
+    """Draw the states per second of each checker in each world."""
+    from obb_collision.benchmarks.robots import save_plot
+
+    rows: list[Any] = [
+        SimpleNamespace(
+            world=world, checker=checker, states_per_second=float(rate.replace(",", ""))
+        )
+        for world, _, checker, _, rate, *_ in table("robots.md", "| world | objects | checker |")
+    ]
+    save_plot(rows, FOLDER / "robots.svg")
+
+
 PICTURES = {
     "accuracy": draw_accuracy,
     "effects": draw_effects,
     "separating_axis": draw_separating_axis,
     "demo": draw_demo,
     "arm_cell": draw_arm_cell,
+    "robots": draw_robots,
 }
 
 
