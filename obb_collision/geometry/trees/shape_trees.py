@@ -24,7 +24,7 @@ from obb_collision.geometry.shapes.meshes import Mesh
 from obb_collision.geometry.shapes.primitives import Shape
 from obb_collision.geometry.trees.convex_proxy import hull_mesh
 from obb_collision.geometry.trees.obb_tree import MeshTrees
-from obb_collision.typing import Floats
+from obb_collision.typing import Floats, Rows
 
 
 def mesh_tree(mesh: Mesh) -> MeshTrees:
@@ -48,6 +48,12 @@ def segment_tree(half: float) -> MeshTrees:
     """Return the tree of a segment from -half to half along z, or of a point, as a triangle."""
     ends = np.array([[0.0, 0.0, -half], [0.0, 0.0, half], [0.0, 0.0, half]])
     return MeshTrees.of(ends, np.array([[0, 1, 2]]))
+
+
+def segment_trees(halves: Floats) -> tuple[MeshTrees, Rows]:
+    """Return ``segment_tree`` of half lengths (n,), each once, and the row (n,) of each."""
+    each, rows = np.unique(halves, return_inverse=True)
+    return MeshTrees.join([segment_tree(half) for half in each.tolist()]), rows.ravel()
 
 
 def hull_tree(shape: Shape) -> MeshTrees:

@@ -16,8 +16,9 @@
 
 Spheres and capsules against each other and boxes are decided on their exact shapes, other pairs of
 convex shapes on these or their hulls, whatever the level; with a mesh on either side the level
-decides. Where trees stand for round shapes, which are larger, the hull of the mesh beside the exact
-shape is tried as well: what HULL finds apart is apart on MESH.
+decides. On MESH spheres and capsules are segments with a radius, exactly. Where trees stand for
+cylinders, cones and ellipsoids, which are larger, the hull of the mesh beside the exact shape is
+tried as well: what HULL finds apart is apart on MESH.
 """
 
 from __future__ import annotations
@@ -30,6 +31,7 @@ from numpy.typing import NDArray
 from obb_collision.accuracy import Accuracy
 from obb_collision.geometry.capsules import Capsules
 from obb_collision.geometry.poses import as_poses
+from obb_collision.geometry.trees.shape_trees import segment_trees
 from obb_collision.numerics.constants import ROUNDOFF
 from obb_collision.queries.convex.distances import convex_may_collide
 from obb_collision.queries.convex.support import BOX as BOX_CORE
@@ -110,7 +112,8 @@ class MeshPairs:
                 continue
             i, j = self._ends[0][rows[these]], self._ends[1][rows[these]]
             have = _marked(len(self._slots), i, j)
-            needed = np.flatnonzero(have)
+            bare = have & (self._store.kinds[self._slots] == ROUND) & (level == Accuracy.MESH)
+            needed = np.flatnonzero(have & ~bare)  # segments take no time
             have[needed] = self._cache.build(self._store, self._slots[needed], hull, budget)
             ready[these] &= have[i] & have[j]
         return ready
@@ -187,20 +190,25 @@ class MeshPairs:
             met = mesh_collisions(bodies, bodies, pairs, depth=self._depth)
             return np.where(met, np.int8(TOUCHING), np.int8(SEPARATE))
         effort = UNLIMITED if self._exact else EFFORT
-        radii = self._store.paddings[self._slots]
-        bare = (radii[i] == 0.0) & (radii[j] == 0.0)
+        kinds, radii = self._store.kinds[self._slots], self._store.paddings[self._slots]
+        thin = (kinds == ROUND)[pairs].any(axis=1)
+        bare = ~thin & (radii[pairs] == 0.0).all(axis=1)
+        padded = ~thin & ~bare
         verdicts = np.empty(len(rows), np.int8)
         verdicts[bare] = mesh_verdicts(
             bodies, bodies, pairs[bare], exact=self._exact, effort=effort
         )
-        if not bare.all():
-            some = i[~bare], j[~bare]
-            found, near = clearances_of(bodies, radii, bodies, radii, *some, 0.0)
-            certain = np.where(found.upper == 0.0, np.int8(OVERLAP), np.int8(TOUCHING))
-            verdicts[~bare] = np.where(near, certain, np.int8(SEPARATE))
-        kinds = self._store.kinds[self._slots]
-        outer = (kinds == CONVEX) | (kinds == ROUND)  # what stands for them is larger
-        return np.where(outer[i] | outer[j], np.minimum(verdicts, np.int8(TOUCHING)), verdicts)
+        if padded.any():
+            verdicts[padded] = _verdicts_within(bodies, radii, bodies, radii, i[padded], j[padded])
+        if thin.any():
+            turned = kinds[i[thin]] == ROUND
+            mesh, other = np.where(turned, pairs[thin, ::-1].T, pairs[thin].T)
+            segments, reach = self._segments
+            verdicts[thin] = _verdicts_within(
+                bodies, radii, segments, reach, mesh, self._capsule_rows[other]
+            )
+        outer = (kinds == CONVEX)[pairs].any(axis=1)  # what stands for them is larger
+        return np.where(outer, np.minimum(verdicts, np.int8(TOUCHING)), verdicts)
 
     def _round_verdicts(self, rows: Rows) -> Verdicts:
         """Return verdicts of spheres and capsules among themselves and against boxes."""
@@ -222,6 +230,15 @@ class MeshPairs:
 
         outer, inner = verdicts(self._capsules(1.0)), verdicts(self._capsules(-1.0))
         return np.where(inner == OVERLAP, inner, np.minimum(outer, np.int8(TOUCHING)))
+
+    @cached_property
+    def _segments(self) -> tuple[PlacedMeshes, Floats]:
+        """Spheres and capsules as segments, and the radii about these with padding."""
+        rows = self._round_slots
+        radii, halves = self._cache.rounds(self._slots[rows]).T
+        centers, rotations = self._places
+        bodies = PlacedMeshes.trusted(*segment_trees(halves), centers[rows], rotations[rows])
+        return bodies, radii + self._store.paddings[self._slots[rows]]
 
     @cached_property
     def _round_slots(self) -> Rows:
@@ -256,6 +273,15 @@ class MeshPairs:
             store.rotations[slots[boxes]],
         )
         return centers, rotations
+
+
+def _verdicts_within(
+    a: PlacedMeshes, radii_a: Floats, b: PlacedMeshes, radii_b: Floats, i: Rows, j: Rows
+) -> Verdicts:
+    """Return verdicts (k,) of rows of two meshes, each with a radius about it."""
+    found, near = clearances_of(a, radii_a, b, radii_b, i, j, 0.0)
+    certain = np.where(found.upper == 0.0, np.int8(OVERLAP), np.int8(TOUCHING))
+    return np.where(near, certain, np.int8(SEPARATE))
 
 
 def _marked(count: int, first: Rows, second: Rows) -> Mask:

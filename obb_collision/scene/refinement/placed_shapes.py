@@ -30,7 +30,7 @@ from obb_collision.accuracy import Accuracy
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.poses import as_poses
 from obb_collision.geometry.trees.obb_tree import MeshTrees
-from obb_collision.geometry.trees.shape_trees import segment_tree
+from obb_collision.geometry.trees.shape_trees import segment_trees
 from obb_collision.queries.convex.distances import ConvexDistances, convex_distances
 from obb_collision.queries.convex.support import BOX as BOX_CORE
 from obb_collision.queries.convex.support import CORNERS, NO_HULLS, ConvexBodies
@@ -190,10 +190,9 @@ class PlacedShapes:
         places = np.searchsorted(self._shaped, slots[shaped])
         centers[shaped], rotations[shaped] = as_poses(self._poses[places], warn=False)
         if (self.kinds[slots] == ROUND).any():
-            halves, rows = np.unique(self._cores[places, 4], return_inverse=True)
-            trees = MeshTrees.join([segment_tree(half) for half in halves.tolist()])
+            trees, rows = segment_trees(self._cores[places, 4])
             radii = self._cores[places, 5] + self.paddings[slots]
-            return PlacedMeshes.trusted(trees, rows.ravel(), centers, rotations), radii
+            return PlacedMeshes.trusted(trees, rows, centers, rotations), radii
         assert self._trees is not None
         trees, by_slot = self._trees
         return PlacedMeshes.trusted(trees, by_slot[slots], centers, rotations), self.paddings[slots]
