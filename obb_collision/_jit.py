@@ -81,6 +81,14 @@ def njit_borrowing(function: F) -> F:
     return _compiled(function, forceinline=True, _nrt=False)
 
 
+def njit_reading(function: F) -> F:
+    """Compile a kernel as ``njit_borrowing`` does, but into its callers only where LLVM likes to.
+
+    For larger ones that are called in loops, and return no arrays.
+    """
+    return _compiled(function, _nrt=False)
+
+
 def njit_each_number(function: F) -> F:
     """Compile a kernel as ``njit`` does, but apart for every number written out in a call.
 

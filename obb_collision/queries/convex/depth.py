@@ -30,7 +30,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from obb_collision._jit import njit
+from obb_collision._jit import njit, njit_reading
 from obb_collision.numerics.vec3 import (
     cross,
     dot,
@@ -83,7 +83,7 @@ def room_for_depth() -> Room:
     )
 
 
-@njit
+@njit_reading
 def deepest(a: Core, b: Core, pose: Pose, found: Search, room: Room) -> Search:
     """Return the direction along which two cores overlap least, and points that touch then.
 
@@ -115,25 +115,25 @@ def deepest(a: Core, b: Core, pose: Pose, found: Search, room: Room) -> Search:
     return Search(best, normal, 0.0, p, q, no_simplex())
 
 
-@njit
+@njit_reading
 def _put(room: Room, row: int, corner: Corner) -> None:
     for k in range(3):
         room.w[row, k], room.p[row, k], room.q[row, k] = corner.w[k], corner.p[k], corner.q[k]
 
 
-@njit
+@njit_reading
 def _corner_at(room: Room, row: int) -> Corner:
     return Corner(vector_at(room.w, row), vector_at(room.p, row), vector_at(room.q, row))
 
 
-@njit
+@njit_reading
 def _swap(room: Room, i: int, j: int) -> None:
     first, second = _corner_at(room, i), _corner_at(room, j)
     _put(room, i, second)
     _put(room, j, first)
 
 
-@njit
+@njit_reading
 def _start(a: Core, b: Core, pose: Pose, unit: float, normal: Vector, room: Room) -> int:
     """Make a tetrahedron of the corners farthest along some directions; return its faces or 0."""
     n = 0
@@ -174,24 +174,24 @@ def _start(a: Core, b: Core, pose: Pose, unit: float, normal: Vector, room: Room
     return faces
 
 
-@njit
+@njit_reading
 def _unit(v: Vector) -> Vector:
     length = norm(v)
     return scaled(v, 1.0 / length) if length > 0.0 else (1.0, 0.0, 0.0)
 
 
-@njit
+@njit_reading
 def _across(u: Vector) -> Vector:
     """Return a unit vector orthogonal to a unit vector."""
     return _unit((0.0, -u[2], u[1]) if abs(u[0]) < 0.5 else (-u[1], u[0], 0.0))
 
 
-@njit
+@njit_reading
 def _edge(room: Room, i: int, j: int) -> Vector:
     return minus(vector_at(room.w, j), vector_at(room.w, i))
 
 
-@njit
+@njit_reading
 def _farthest_from(room: Room, k: int, n: int) -> int:
     """Return which of corners k to n - 1 is farthest from what the first k span."""
     far = k
@@ -201,7 +201,7 @@ def _farthest_from(room: Room, k: int, n: int) -> int:
     return far
 
 
-@njit
+@njit_reading
 def _height(room: Room, k: int, row: int) -> float:
     """Return how far a corner is from what the first k corners span."""
     v = _edge(room, 0, row)
@@ -213,7 +213,7 @@ def _height(room: Room, k: int, row: int) -> float:
     return abs(dot(_unit(cross(u, _edge(room, 0, 2))), v))
 
 
-@njit
+@njit_reading
 def _put_face(room: Room, row: int, i: int, j: int, k: int, pose: Pose, unit: float) -> None:
     """Write a face and its plane; infinitely far where it has none."""
     room.faces[row, 0], room.faces[row, 1], room.faces[row, 2] = i, j, k
@@ -232,7 +232,7 @@ def _put_face(room: Room, row: int, i: int, j: int, k: int, pose: Pose, unit: fl
     room.planes[row, 3] = far
 
 
-@njit
+@njit_reading
 def _grown(room: Room, faces: int, corner: int, pose: Pose, unit: float) -> int:
     """Replace the faces that a new corner is beyond by those it makes; return how many there are.
 
@@ -258,7 +258,7 @@ def _grown(room: Room, faces: int, corner: int, pose: Pose, unit: float) -> int:
     return faces
 
 
-@njit
+@njit_reading
 def _toggled(room: Room, edges: int, i: int, j: int) -> int:
     """Add an edge to those of the hole, or remove it, if the face on its other side goes, too."""
     for e in range(edges):
@@ -270,7 +270,7 @@ def _toggled(room: Room, edges: int, i: int, j: int) -> int:
     return edges + 1
 
 
-@njit
+@njit_reading
 def _touching(
     room: Room, faces: int, nearest: int, close: float, gap: Gap
 ) -> tuple[Vector, Vector]:
@@ -293,7 +293,7 @@ def _touching(
     return _mixed(room.p, i, j, k, y, z), _mixed(room.q, i, j, k, y, z)
 
 
-@njit
+@njit_reading
 def _foot(room: Room, face: int) -> tuple[float, float]:
     """Return where the origin is over a face, by its two edges; NaN if it has no plane."""
     i, j, k = room.faces[face, 0], room.faces[face, 1], room.faces[face, 2]
@@ -303,7 +303,7 @@ def _foot(room: Room, face: int) -> tuple[float, float]:
     return dot(n, cross(v, start)) / square, dot(n, cross(start, u)) / square
 
 
-@njit
+@njit_reading
 def _mixed(points: Floats, i: int, j: int, k: int, y: float, z: float) -> Vector:
     x = 1.0 - y - z
     return (
@@ -313,7 +313,7 @@ def _mixed(points: Floats, i: int, j: int, k: int, y: float, z: float) -> Vector
     )
 
 
-@njit
+@njit_reading
 def _flat(
     a: Core, b: Core, pose: Pose, best: float, normal: Vector, p: Vector, q: Vector, room: Room
 ) -> tuple[float, Vector, Vector, Vector]:

@@ -32,7 +32,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from obb_collision._jit import njit
+from obb_collision._jit import njit, njit_reading
 from obb_collision.numerics.constants import MESH_UNDERFLOW, ROUNDOFF
 from obb_collision.numerics.vec3 import (
     components,
@@ -89,7 +89,7 @@ class Search(NamedTuple):
     simplex: Simplex  #: what was nearest; the origin inside of size 4, or (nearly) on it
 
 
-@njit
+@njit_reading
 def gap_along(a: Core, b: Core, pose: Pose, n: Vector) -> Gap:
     """Return the gap of two cores along n, unit, from a to b."""
     m = components(pose.axes, n)
@@ -103,7 +103,7 @@ def rounding(pose: Pose) -> float:
     return CONVEX_ROUNDING * pose.size + MESH_UNDERFLOW
 
 
-@njit
+@njit_reading
 def search(a: Core, b: Core, pose: Pose, start: Vector, stop: float) -> Search:
     """Return the distance of two cores, or whatever shows a gap larger than ``stop``.
 
@@ -131,7 +131,7 @@ def search(a: Core, b: Core, pose: Pose, start: Vector, stop: float) -> Search:
     return _finished(a, b, pose, unit, stop, Search(best, normal, 0.0, n, n, simplex))
 
 
-@njit
+@njit_reading
 def overlaps(a: Core, b: Core, pose: Pose, start: Vector, needed: float, near: float) -> int:
     """Return 1 for two cores nearer than ``near``, 0 where a gap is more than ``needed``, else -1.
 
@@ -176,7 +176,7 @@ def corner_of(gap: Gap, pose: Pose, unit: float) -> Corner:
     return Corner(scaled(minus(gap.p, moved(pose, gap.q)), unit), gap.p, gap.q)
 
 
-@njit
+@njit_reading
 def _finished(a: Core, b: Core, pose: Pose, unit: float, stop: float, found: Search) -> Search:
     """Return a search with its points; with twice the digits where it is not close enough."""
     simplex = found.simplex
@@ -212,7 +212,7 @@ def _weights_inside(simplex: Simplex) -> Weights:
     return 0.0, 0.0, 0.0, 0.0
 
 
-@njit
+@njit_reading
 def _careful_search(
     a: Core, b: Core, pose: Pose, unit: float, stop: float, found: Search
 ) -> Search:

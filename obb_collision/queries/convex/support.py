@@ -27,7 +27,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from obb_collision._jit import njit
+from obb_collision._jit import njit, njit_reading
 from obb_collision.geometry.trees.pool import Hulls
 from obb_collision.numerics.lanes import farthest
 from obb_collision.numerics.vec3 import norm, vector_at
@@ -122,7 +122,7 @@ def body_place(bodies: Bodies, i: int) -> Place:
     return place_at(bodies.centers, bodies.rotations, i)
 
 
-@njit
+@njit_reading
 def support(core: Core, n: Vector) -> Vector:
     """Return a point of the core that reaches farthest along n, of whatever length."""
     if core.kind == CORNERS:
