@@ -46,7 +46,8 @@ from obb_collision.numerics.vec3 import (
     scaled,
 )
 from obb_collision.queries.convex.careful_simplex import careful_nearest, is_known, is_zero
-from obb_collision.queries.convex.simplex import Corner, Simplex, no_simplex, with_corner
+from obb_collision.queries.convex.curvature import is_curved, steeper
+from obb_collision.queries.convex.simplex import Corner, Simplex, no_simplex, on_corner, with_corner
 from obb_collision.queries.convex.support import Core, support
 from obb_collision.queries.meshes.tree_boxes import Pose, moved
 from obb_collision.queries.primitives.segments import unit_scale
@@ -114,11 +115,20 @@ def search(a: Core, b: Core, pose: Pose, start: Vector, stop: float) -> Search:
     n = pose.offset if is_zero(start) else start
     n = unit_of((1.0, 0.0, 0.0) if is_zero(n) else n)[0]
     best, normal, simplex, reached = -np.inf, n, no_simplex(), np.inf
+    room, climbs = CLOSE * pose.size, is_curved(a) or is_curved(b)
     for _ in range(DIRECTIONS):
         gap = gap_along(a, b, pose, n)
+        climbs = climbs and gap.value > max(best, room)
         if gap.value > best:
             best, normal = gap.value, n
-        if best > stop or reached - unit * best <= CLOSE * unit * pose.size:
+        if climbs and not best > stop:
+            w = minus(moved(pose, gap.q), gap.p)
+            if norm(w) - best > room:
+                n = steeper(a, b, pose, n, w, best)
+                continue
+            simplex = on_corner(corner_of(gap, pose, unit))
+            break
+        if best > stop or reached - unit * best <= unit * room:
             if simplex.size == 0:
                 return Search(best, normal, np.inf, gap.p, gap.q, simplex)
             break
