@@ -43,10 +43,11 @@ def is_curved(core: Core) -> bool:
 
 
 @njit_reading
-def steeper(a: Core, b: Core, pose: Pose, n: Vector, w: Vector, gap: float) -> Vector:
+def steeper(a: Core, b: Core, pose: Pose, n: Vector, w: Vector, unit: float, gap: float) -> Vector:
     """Return a unit vector along which the gap is probably larger, or n.
 
-    w: from the foremost point of a along n to that of b; gap: along n, clearly positive.
+    w: from the foremost point of a along n to that of b, times unit; gap: along n, clearly
+    positive.
     """
     first, second = _bend(a, n), _bend(b, negated(components(pose.axes, n)))
     u = (0.0, -n[2], n[1]) if abs(n[0]) < 0.5 else (-n[1], n[0], 0.0)
@@ -56,7 +57,8 @@ def steeper(a: Core, b: Core, pose: Pose, n: Vector, w: Vector, gap: float) -> V
     x = _along(first, u, u) + _along(second, s, s) + gap
     y = _along(first, v, v) + _along(second, t, t) + gap
     z = _along(first, u, v) + _along(second, s, t)
-    x, y, z, g, h = x / gap, y / gap, z / gap, dot(w, u) / gap, dot(w, v) / gap
+    x, y, z, far = x / gap, y / gap, z / gap, unit * gap
+    g, h = dot(w, u) / far, dot(w, v) / far
     square = x * y - z * z
     if not 0.0 < square < np.inf:
         return n

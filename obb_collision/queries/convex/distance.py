@@ -122,12 +122,12 @@ def search(a: Core, b: Core, pose: Pose, start: Vector, stop: float) -> Search:
         if gap.value > best:
             best, normal = gap.value, n
         if climbs and not best > stop:
-            w = minus(moved(pose, gap.q), gap.p)
-            if norm(w) - best > room:
-                n = steeper(a, b, pose, n, w, best)
-                continue
             simplex = on_corner(corner_of(gap, pose, unit))
-            break
+            reached = norm(simplex.nearest)
+            if reached - unit * best <= unit * room:
+                break
+            n = steeper(a, b, pose, n, negated(simplex.nearest), unit, best)
+            continue
         if best > stop or reached - unit * best <= unit * room:
             if simplex.size == 0:
                 return Search(best, normal, np.inf, gap.p, gap.q, simplex)
