@@ -45,7 +45,7 @@ from obb_collision.queries.convex.careful_simplex import careful_plane
 from obb_collision.queries.convex.distance import CLOSE, Gap, Search, corner_of, gap_along
 from obb_collision.queries.convex.simplex import Corner, no_simplex
 from obb_collision.queries.convex.support import Core
-from obb_collision.queries.meshes.tree_boxes import Pose
+from obb_collision.queries.meshes.tree_boxes import Pose, moved
 from obb_collision.queries.primitives.segments import unit_scale
 from obb_collision.typing import Floats, Vector
 
@@ -103,15 +103,17 @@ def deepest(a: Core, b: Core, pose: Pose, found: Search, room: Room) -> Search:
         gap = gap_along(a, b, pose, n)
         if gap.value >= best:
             best, normal = gap.value, n
-            p, q = _touching(room, faces, nearest, close, gap)
         beyond = -gap.value * unit - room.planes[nearest, 3]
         if beyond <= close or corners == MOST_CORNERS:
+            p, q = _touching(room, faces, nearest, close, gap)
+            if norm(minus(p, moved(pose, q))) > close / unit - best:  # needles: it has no plane
+                p, q = found.p, found.q
             break
         _put(room, corners, corner_of(gap, pose, unit))
         faces = _grown(room, faces, corners, pose, unit)
         corners += 1
     if faces == 0:
-        best, normal, p, q = _flat(a, b, pose, best, normal, p, q, room)
+        best, normal = _flat(a, b, pose, best, normal, room)
     return Search(best, normal, 0.0, p, q, no_simplex())
 
 
@@ -315,8 +317,8 @@ def _mixed(points: Floats, i: int, j: int, k: int, y: float, z: float) -> Vector
 
 @njit_reading
 def _flat(
-    a: Core, b: Core, pose: Pose, best: float, normal: Vector, p: Vector, q: Vector, room: Room
-) -> tuple[float, Vector, Vector, Vector]:
+    a: Core, b: Core, pose: Pose, best: float, normal: Vector, room: Room
+) -> tuple[float, Vector]:
     """Return the best gap of a flat difference: along its normals."""
     u, v = _edge(room, 0, 1), _edge(room, 0, 2)
     first = _unit(cross(u, v))
@@ -326,5 +328,5 @@ def _flat(
         for way in (n, negated(n)):
             gap = gap_along(a, b, pose, _unit(way))
             if gap.value > best:
-                best, normal, p, q = gap.value, _unit(way), gap.p, gap.q
-    return best, normal, p, q
+                best, normal = gap.value, _unit(way)
+    return best, normal

@@ -47,8 +47,9 @@ from obb_collision.typing import Floats, Vector
 RIM = 16
 #: Corners of a feature at most; of more, as many are taken.
 MOST_POINTS = 128
-#: Corners that are this little lower than the foremost one belong to the feature, relative to S.
-FEATURE_DEPTH = 1e-6
+#: Corners that are this little lower than the foremost one belong to the feature, relative to S:
+#: as in contacts of boxes.
+FEATURE_DEPTH = 2.0**-31
 #: Components of flat points: along both axes across the normal, and how far below the foremost.
 FLAT_POINT = 3
 
@@ -170,9 +171,8 @@ def _candidate(core: Core, n: Vector, k: int) -> Vector:
         rim = support(core, (n[0], n[1], 0.0))
         return rim[0], rim[1], -half if k == last else half
     point = support(core, n)  # of what is swept along a segment, at either end
-    if n[2] >= 0.0:
-        return point[0], point[1], point[2] - (2.0 * half if k else 0.0)
-    return point[0], point[1], point[2] + (2.0 * half if k else 0.0)
+    back = math.copysign(2.0 * half, n[2]) if k else 0.0  # as the support: -0.0 is below
+    return point[0], point[1], point[2] - back
 
 
 @njit

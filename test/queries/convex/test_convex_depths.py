@@ -19,15 +19,16 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from convex_bodies import Pair, corners_of, family, moved
+from convex_bodies import Pair, corners_of, family, moved, pair_of
 from scipy.spatial import ConvexHull
 
 from obb_collision.queries.convex.contacts import convex_contacts
 from obb_collision.queries.convex.distances import convex_distances, convex_may_collide
-from obb_collision.queries.convex.support import ConvexBodies
+from obb_collision.queries.convex.support import CORNERS, ConvexBodies
 from obb_collision.typing import Floats, Rows
 
 POLYTOPES = [("hull", "hull"), ("hull", "box"), ("box", "box")]
+THIN = ["flat", "plates", "needles", "flat and parallel"]
 CURVED = [("cylinder", "cone"), ("ellipsoid", "hull"), ("capsule", "box"), ("capsule", "capsule")]
 
 
@@ -94,7 +95,74 @@ def test_contacts_lie_within_half_the_depth_of_both_bodies(
             spot = point_bodies(found.positions[there, k])
             few = np.arange(len(there))
             apart = convex_distances(some(body, there), spot, few, few)[0].upper
-            assert (apart <= 0.5 * depths[there] + 1e-5).all()
+            assert (apart <= 0.5 * depths[there] + 1e-9).all()
+
+
+@pytest.mark.parametrize("kinds", [*POLYTOPES, *CURVED, ("box", "cylinder"), ("cone", "ellipsoid")])
+@pytest.mark.parametrize("name", ["nearly touching", "parallel", *THIN])
+def test_contacts_of_bodies_that_hardly_overlap_lie_on_both(
+    name: str, kinds: tuple[str, str], pairs: int
+) -> None:
+    a, b = family(name, kinds, max(300, pairs // 10), 5)
+    rows = np.arange(len(a))
+    distances, _ = convex_distances(a, b, rows, rows)
+    found = convex_contacts(a, b, np.stack([rows, rows], axis=1), rows, rows, 8, distances)
+    assert (found.counts > 0).sum() > len(a) // 10
+    size = reach_of(a) + reach_of(b) + np.abs(a.centers - b.centers).sum(axis=1)
+    for k in range(8):
+        there = np.flatnonzero(found.counts > k)
+        for body in (a, b):
+            spot, few = point_bodies(found.positions[there, k]), np.arange(len(there))
+            apart = convex_distances(some(body, there), spot, few, few)[0].upper
+            most = 0.5 * found.depths[there] + 1e-9 * size[there]
+            assert (apart <= most + 1e-15).all()  # rounding of world coordinates
+
+
+def reach_of(body: ConvexBodies) -> Floats:
+    own = np.abs(body.sizes).sum(axis=1) + body.radii
+    return np.where(body.kinds == CORNERS, body.hulls.radii[body.rows], own)
+
+
+def test_the_contact_of_two_edges_is_theirs_where_a_face_within_has_their_normal() -> None:
+    """The polytope has the direction of least depth long before it has the face."""
+    a, b = pair_of(("box", "box"), 1, 0)
+    a = moved(
+        a,
+        sizes=np.array([[0.39746654249226876, 0.8067830888186329, 0.42308853036021327, 0.0]]),
+        centers=np.array([[-1.2180093890693944, -1.31046648610414, 1.3732194026899385]]),
+        rotations=np.array(
+            [
+                [
+                    [-0.5297297578830422, 0.5360728951715992, 0.6572763761733058],
+                    [-0.7989397819628827, -0.5755408974464511, -0.17449326681461058],
+                    [0.284748324683877, -0.6175585206511793, 0.7331711022407061],
+                ]
+            ]
+        ),
+    )
+    b = moved(
+        b,
+        sizes=np.array([[0.9314529648428795, 0.6754005313662517, 0.35931563985887993, 0.0]]),
+        centers=np.array([[-0.9472081874986527, -0.3565425220106673, 0.3272099179841583]]),
+        rotations=np.array(
+            [
+                [
+                    [-0.5505899883856743, -0.01399185298791167, -0.8346585485930328],
+                    [-0.7244956089625285, -0.4886730128661592, 0.48611192033350314],
+                    [-0.4146767141804305, 0.8723548100092506, 0.25892143242737975],
+                ]
+            ]
+        ),
+    )
+    row = np.zeros(1, np.int64)
+    distances, _ = convex_distances(a, b, row, row)
+    apart = np.linalg.norm(distances.positions_b - distances.positions_a)
+    assert apart == pytest.approx(-distances.lower[0], abs=1e-12)
+    found = convex_contacts(a, b, np.stack([row, row], axis=1), row, row, 4, distances)
+    assert found.counts.tolist() == [1]
+    for body in (a, b):
+        local = (found.positions[0, 0] - body.centers[0]) @ body.rotations[0]
+        assert (np.abs(local) <= body.sizes[0, :3] + 0.5 * found.depths[0]).all()
 
 
 def point_bodies(points: Floats) -> ConvexBodies:
