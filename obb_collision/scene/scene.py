@@ -605,7 +605,10 @@ class Scene(SceneObjects):
         """Return the shapes for effects above OBB; None where each speaks of boxes."""
         if self._checker.plain and not self._effects.above_obb:
             return None
-        return PlacedShapes(self._store, self._cache, found.pairs, found.accuracies, found.cap)
+        return PlacedShapes(
+            *(self._store, self._cache, found.pairs, found.accuracies, found.cap),
+            *(self._tree_depth, self._exact),
+        )
 
 
 class LastCheck:

@@ -123,7 +123,9 @@ class Before(NamedTuple):
     enabled: Mask
     born: Rows
     pairs: Pairs
-    """What collided."""
+    """What collided, in a region the pairs that it owned."""
+    poses: Floats | None
+    """Of the objects; None unless a region has effects above OBB."""
 
     @property
     def boxes(self) -> Boxes:
@@ -227,7 +229,9 @@ class Cycle:
 
     def as_before(self) -> Before:
         """Return what the next check can compare with."""
-        return Before(self.snapshot, self.enabled, self.store.born.copy(), self.pairs)
+        needed = self.region is not None and self.shapes is not None
+        poses = self.store.poses.copy() if needed else None
+        return Before(self.snapshot, self.enabled, self.store.born.copy(), self.pairs, poses)
 
 
 @dataclass(frozen=True, eq=False)

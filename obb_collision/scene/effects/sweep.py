@@ -129,9 +129,17 @@ def _passed(cycle: Cycle, setting: Setting) -> Outcome:
     levels = cycle.levels(result.pairs, setting, max(BY_LEVEL))
     if levels is not None:  # shapes may have been near enough, but apart
         far |= levels > OBB
-        begun |= (levels > OBB) & ~_among(result.pairs, before.pairs, len(cycle.enabled))
+        begun |= (levels > OBB) & ~_collided(cycle, before, result.pairs)
     # the others collided before, and were reported then
     return replace(found, result=take_rows(result, begun & far))
+
+
+def _collided(cycle: Cycle, before: Before, pairs: Pairs) -> Mask:
+    """Return (k,) which pairs (k, 2) collided at the check before, in whatever region that was."""
+    found = before.pairs
+    if before.poses is not None and cycle.shapes is not None:
+        found = cycle.shapes.colliding_at(before.boxes, before.poses, pairs)
+    return _among(pairs, found, len(cycle.enabled))
 
 
 def _predicted(cycle: Cycle, setting: Setting) -> Outcome:

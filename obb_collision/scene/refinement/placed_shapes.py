@@ -22,6 +22,7 @@ hull is built that is being built elsewhere.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from copy import copy
 from typing import NamedTuple
 
 import numpy as np
@@ -38,7 +39,7 @@ from obb_collision.queries.meshes.meshes import PlacedMeshes
 from obb_collision.queries.verdict.separations import Separations
 from obb_collision.scene.broad_phase.broad_phase import Pairs
 from obb_collision.scene.building.shape_cache import ShapeCache
-from obb_collision.scene.refinement.ladder import levels_of
+from obb_collision.scene.refinement.ladder import decide_pairs, levels_of
 from obb_collision.scene.refinement.refine import Levels
 from obb_collision.scene.store.kinds import BOX, BOXED, ROUND, TRIANGLES
 from obb_collision.scene.store.store import ObjectStore
@@ -72,7 +73,8 @@ class Sides(NamedTuple):
 class PlacedShapes:
     """Shapes as they were at a check; slots of objects that are boxes are not among them.
 
-    pairs (m, 2), sorted, decided on levels (m,); cap: what a budget allowed, None without one.
+    pairs (m, 2), sorted, decided on levels (m,); cap: what a budget allowed, None without one;
+    depth, exact: as for ``decide_pairs``.
     """
 
     def __init__(
@@ -82,9 +84,12 @@ class PlacedShapes:
         pairs: Pairs,
         levels: Levels,
         cap: Accuracy | None,
+        depth: int = 0,
+        exact: bool = False,
     ) -> None:
         self._store, self._cache, self._revision = store, cache, store.revision
         self._pairs, self._decided, self._cap = pairs, levels, cap
+        self._depth, self._exact = depth, exact
         self.kinds, self.paddings = store.kinds.copy(), store.paddings.copy()
         self._accuracies = store.accuracies.copy()
         self._shaped = np.flatnonzero(store.used & (store.kinds > BOX))
@@ -205,6 +210,17 @@ class PlacedShapes:
         known, rows = self._found(pairs)
         known[known] = self._decided[rows] == level
         return np.where(known, np.minimum(distances, 0.0), distances)
+
+    def colliding_at(self, boxes: Boxes, poses: Floats, pairs: Pairs) -> Pairs:
+        """Return those of pairs (m, 2) of slots that collide at other places, on their own levels.
+
+        boxes, poses: of slots at that time, when the objects had the sizes that they have now. Only
+        during the check itself.
+        """
+        there = copy(self._store)
+        there.centers, there.rotations = boxes.centers, boxes.rotations
+        there.half_extents, there.poses = boxes.half_extents, poses
+        return decide_pairs(there, self._cache, pairs, self._depth, self._exact)[0][0]
 
     def _found(self, pairs: Pairs) -> tuple[Mask, Rows]:
         """Return which pairs (m, 2) collide, and the rows of those in the pairs of the check."""
