@@ -60,8 +60,8 @@ OPTIONS: dict[str, dict[str, list[str]]] = {
     "obb_collision_fuzz": {"--messages": WHOLES, "--bound": REALS, "--log": FILES, **SEED},
     "obb_collision_known_bugs": {"--markdown": PLOTS},
     "obb_collision_robots": {
-        **dict.fromkeys(("--boxes", "--states", "--compared", "--motions"), WHOLES),
-        "--plot": PLOTS, **SEED, **JSON,
+        **dict.fromkeys(("--boxes", "--states", "--motions", "--latency"), WHOLES),
+        **dict.fromkeys(("--plot", "--markdown"), PLOTS), "--compared": WHOLES, **SEED, **JSON,
     },
     "obb_collision_faults": {"--only": ["none such", "", "\ud800"], "--markdown": PLOTS},
     "obb_collision_latency": {

@@ -134,12 +134,13 @@ def test_folders_import_in_one_direction() -> None:
 
 def test_benchmarks_need_ros_only_to_measure_the_node() -> None:
     names = {path.stem for path in MODULES if path.is_relative_to(ROOT / "benchmarks")}
+    of_the_node = {"latency", "regions", "robot_latency"}
     for path in MODULES:
-        if path.is_relative_to(ROOT / "benchmarks") and path.stem not in ("latency", "regions"):
+        if path.is_relative_to(ROOT / "benchmarks") and path.stem not in of_the_node:
             tops = {name.partition(".")[0] for name in imported(path)}
             assert not tops & ROS, path
             assert not any(name.startswith("obb_collision.node") for name in imported(path)), path
-    assert {"latency", "regions"} <= names
+    assert of_the_node <= names
 
 
 def test_every_layer_is_known() -> None:

@@ -18,18 +18,27 @@ from __future__ import annotations
 
 import argparse
 import json
+import re
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from time import thread_time
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from obb_collision._threads import set_threads, threads
 from obb_collision.accuracy import ALL_LEVELS
-from obb_collision.benchmarks.peers.robots import PEERS, TRUTH, Case, CheckStates
+from obb_collision.benchmarks.peers.robots import (
+    PEERS,
+    TRUTH,
+    Case,
+    CheckStates,
+    pinocchio_kinematics,
+)
+from obb_collision.benchmarks.step.tables import write_into
 from obb_collision.benchmarks.step.text import as_markdown
 from obb_collision.cli import MAX_SEED, Parser, interruptible, new_file, option, whole
 from obb_collision.robots.checks.robot_scene import RobotScene
@@ -40,11 +49,20 @@ from obb_collision.scene_files.description import SceneObject
 from obb_collision.shapes import Box
 from obb_collision.typing import Floats
 
+if TYPE_CHECKING:
+    from obb_collision.benchmarks.robot_latency import ChunkRow
+
 OURS = "this library"
 #: Rounds in which all take their turn; the least time of each counts.
 ROUNDS = 5
 #: Boxes keep this far from the axis of the base, metres.
 CLEAR_OF_BASE = 0.35
+#: Tables of text cells by name, and all figures.
+Measured = tuple[dict[str, list[list[str]]], dict[str, Any]]
+#: Before the path of a mesh file beside the URDF.
+RELATIVE = re.compile(r'filename="(?!/|\w+://)')
+#: Boxes around the robot of a node.
+BOXES_OF_CHUNKS = 30
 #: States after the first collision that a motion is compared at.
 SAMPLES = 200
 
@@ -78,6 +96,15 @@ class MotionRow:
     free: float
     undecided: int
     missed: int
+
+
+@dataclass(frozen=True)
+class KinematicsRow:
+    """The poses of all links, or with pinocchio of all joints: states per second."""
+
+    checker: str
+    states_per_second: float
+    microseconds: float
 
 
 def default_robot() -> tuple[Path, Path | None, Path]:
@@ -139,7 +166,7 @@ def random_states(robot: Robot, count: int, rng: np.random.Generator) -> Floats:
     return np.asarray(rng.uniform(low, high, (count, len(low))))
 
 
-def measure(checkers: dict[str, CheckStates], states: Floats) -> dict[str, float]:
+def measure(checkers: Mapping[str, Callable[[Floats], object]], states: Floats) -> dict[str, float]:
     """Return the processor time per state of each, seconds, in turns."""
     best = dict.fromkeys(checkers, np.inf)
     for check in checkers.values():
@@ -184,6 +211,40 @@ def motion_row(
         world, objects, 1.0 / time, 1e6 * time, float(report.valid.mean()),
         int(report.undecided.sum()), missed,
     )  # fmt: skip
+
+
+def kinematics_rows(options: argparse.Namespace) -> list[KinematicsRow]:
+    """Measure kinematics, beside pinocchio's where that is installed."""
+    robot = Robot.from_urdf(options.robot, options.srdf, options.packages)
+    ways: dict[str, Callable[[Floats], object]] = {OURS: robot.link_poses}
+    if find_spec("pinocchio") is not None:
+        nothing = Case(
+            robot, str(options.robot), [], np.empty((0, 2), np.int64), np.empty((0, 0), np.bool_)
+        )
+        ways["pinocchio"] = pinocchio_kinematics(nothing)
+    states = random_states(robot, options.states, np.random.default_rng(options.seed))
+    times = measure(ways, states)
+    return [KinematicsRow(name, 1 / time, 1e6 * time) for name, time in times.items()]
+
+
+def chunk_row(options: argparse.Namespace) -> ChunkRow:
+    """Measure chunks of states through a node; TimeoutError where it does not answer."""
+    from obb_collision.benchmarks import robot_latency as node
+
+    robot = Robot.from_urdf(options.robot, options.srdf, options.packages)
+    rng = np.random.default_rng(options.seed)
+    boxes = random_boxes(BOXES_OF_CHUNKS, rng)
+    states = random_states(robot, node.CHUNK * (options.latency + node.WARM_CHUNKS), rng)
+    here = f'filename="{options.robot.resolve().parent}/'  # a topic has no folder
+    urdf = RELATIVE.sub(here, options.robot.read_text(encoding="utf-8"))
+    srdf = None if options.srdf is None else options.srdf.read_text(encoding="utf-8")
+    return node.measure_chunks(
+        robot,
+        (urdf, srdf),
+        options.packages,
+        boxes,
+        states.reshape(-1, node.CHUNK, states.shape[1]),
+    )
 
 
 def run(options: argparse.Namespace) -> tuple[list[Row], list[MotionRow]]:
@@ -250,6 +311,22 @@ def motion_table(rows: Sequence[MotionRow]) -> list[list[str]]:
     return [header, *lines]
 
 
+def kinematics_table(rows: Sequence[KinematicsRow]) -> list[list[str]]:
+    """Return header and lines, as text cells."""
+    lines = [
+        [row.checker, f"{row.microseconds:.2f}", f"{row.states_per_second:,.0f}"] for row in rows
+    ]
+    return [["kinematics", "us per state", "states per second"], *lines]
+
+
+def chunk_table(row: ChunkRow) -> list[list[str]]:
+    """Return header and line, as text cells."""
+    header = ["world", "states", "chunks", "median (ms)", "99 % (ms)", "longest (ms)", "valid"]
+    times = (f"{time:.2f}" for time in (row.median, row.p99, row.longest))
+    counts = str(row.states), f"{row.chunks:,}"
+    return [header, [row.world, *counts, *times, f"{100 * row.valid:.0f} %"]]
+
+
 def save_plot(rows: Sequence[Row], path: Path) -> None:
     """Draw states per second by world and checker."""
     from matplotlib.figure import Figure
@@ -287,9 +364,37 @@ def parser() -> Parser:
     option(made, "--compared", whole(0, 10**7), 20000, "states compared with triangles")
     option(made, "--motions", whole(1, 10**6), 200, "motions that are timed")
     option(made, "--seed", whole(0, MAX_SEED), 0, "of states and boxes")
+    text = "measure a node instead: by as many chunks of 50 states, among 30 boxes"
+    option(made, "--latency", whole(1, 10**6), text=text)
     option(made, "--json", new_file(), text="write all figures")
+    option(made, "--markdown", new_file(".md"), text="page whose tables are written anew")
     option(made, "--plot", new_file(".png", ".svg"), text="draw states per second")
     return made
+
+
+def measure_node(options: argparse.Namespace) -> Measured:
+    """Measure the node; return tables and all figures."""
+    row = chunk_row(options)
+    return {"latency": chunk_table(row)}, {"latency": asdict(row)}
+
+
+def measure_library(options: argparse.Namespace) -> Measured:
+    """Measure the library beside others; return tables and all figures, and draw them."""
+    kinematics = kinematics_rows(options)
+    rows, motions = run(options)
+    if options.plot:
+        save_plot(rows, options.plot)
+    tables = {
+        "states": table(rows),
+        "motions": motion_table(motions),
+        "kinematics": kinematics_table(kinematics),
+    }
+    figures = {
+        "states": [asdict(row) for row in rows],
+        "motions": [asdict(row) for row in motions],
+        "kinematics": [asdict(row) for row in kinematics],
+    }
+    return tables, figures
 
 
 @interruptible("obb_collision_robots")
@@ -299,22 +404,22 @@ def main(args: Sequence[str] | None = None) -> int:
     options = made.parse_args(args)
     if options.srdf is not None and options.robot != made.get_default("robot"):
         options.srdf = None if options.srdf == made.get_default("srdf") else options.srdf
+    if options.latency and find_spec("rclpy") is None:
+        made.error("--latency needs ROS 2: source its setup file, or install the wheels")
     before = threads()
     set_threads(1)
     try:
-        rows, motions = run(options)
-    except (ValueError, OSError) as error:
+        tables, report = measure_node(options) if options.latency else measure_library(options)
+    except (ValueError, OSError) as error:  # TimeoutError, too
         made.error(str(error))
     finally:
         set_threads(before)
-    print(as_markdown(table(rows)))
-    print()
-    print(as_markdown(motion_table(motions)))
+    blocks = {f"robots {name}": f"\n{as_markdown(lines)}\n" for name, lines in tables.items()}
+    print(*(block.strip() for block in blocks.values()), sep="\n\n")
     if options.json:
-        report = {"states": [asdict(row) for row in rows], "motions": [asdict(m) for m in motions]}
         options.json.write_text(json.dumps(report, indent=1) + "\n")
-    if options.plot:
-        save_plot(rows, options.plot)
+    if options.markdown:
+        write_into(options.markdown, blocks)
     return 0
 
 

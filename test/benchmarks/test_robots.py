@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 import json
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -34,7 +35,8 @@ ARM = ["--robot", str(CONFIG / "arm.urdf"), "--srdf", str(CONFIG / "arm.srdf")]
 
 def test_it_writes_what_it_prints(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "robots.json"
-    options = ["--packages", str(CONFIG), "--json", str(file)]
+    page = tmp_path / "page.md"
+    options = ["--packages", str(CONFIG), "--json", str(file), "--markdown", str(page)]
     oc.set_threads(3)
     try:
         assert robots.main([*SMALL, *ARM, *options]) == 0
@@ -48,6 +50,10 @@ def test_it_writes_what_it_prints(tmp_path: Path, capsys: pytest.CaptureFixture[
     assert rows["this library"]["states_per_second"] > 0
     assert 0 <= rows["this library"]["colliding"] <= 1
     assert report["motions"][0]["missed"] == 0
+    kinematics = {row["checker"]: row["states_per_second"] for row in report["kinematics"]}
+    assert kinematics["this library"] > 0
+    assert ("pinocchio" in kinematics) == (find_spec("pinocchio") is not None)
+    assert all(line in page.read_text() for line in printed.splitlines())
 
 
 def test_what_cannot_be_read_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
@@ -72,3 +78,17 @@ def test_peers_agree_where_they_are_there(name: str) -> None:
     assert not (theirs & ~ours).any()
     assert (ours != theirs).mean() < 0.02  # cylinders are prisms of many sides here
     assert 0.02 < ours.mean() < 0.98
+
+
+def test_a_node_answers_chunks_of_states(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("rclpy")
+    file = tmp_path / "latency.json"
+    options = ["--packages", str(CONFIG), "--latency", "10", "--json", str(file)]
+    assert robots.main([*ARM, *options]) == 0
+    row = json.loads(file.read_text())["latency"]
+    assert (row["world"], row["states"], row["chunks"]) == ("30 boxes", 50, 10)
+    assert 0.0 < row["median"] <= row["p99"] <= row["longest"]
+    assert 0.0 < row["valid"] < 1.0
+    assert "| 30 boxes | 50 | 10 |" in capsys.readouterr().out

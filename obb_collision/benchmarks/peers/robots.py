@@ -75,6 +75,33 @@ def vertices_of(mesh: Mesh) -> Floats:
     return np.asarray(mesh.vertices * np.array(mesh.scale))
 
 
+def configurations(model: Any, case: Case, states: Floats) -> Floats:
+    """Return states as pinocchio has them, for a model of its own of the same robot."""
+    rows = np.zeros((len(states), model.nq))
+    for name, values in case.joint_values(states).items():
+        joint = model.getJointId(name)
+        first = model.idx_qs[joint]
+        if model.nqs[joint] == 2:  # pinocchio has cosine and sine of continuous joints
+            rows[:, first], rows[:, first + 1] = np.cos(values), np.sin(values)
+        else:
+            rows[:, first] = values
+    return rows
+
+
+def pinocchio_kinematics(case: Case) -> Callable[[Floats], None]:
+    """Return pinocchio's kinematics of states, one after the other: the poses of the joints."""
+    import pinocchio as pin
+
+    model = pin.buildModelFromUrdf(case.file)
+    data = model.createData()
+
+    def compute(states: Floats) -> None:
+        for row in configurations(model, case, states):
+            pin.forwardKinematics(model, data, row)
+
+    return compute
+
+
 def coal_checker(case: Case, triangles: bool) -> CheckStates:
     """Return pinocchio's check with a broad phase that stops at the first pair."""
     import coal
@@ -128,14 +155,7 @@ def coal_checker(case: Case, triangles: bool) -> CheckStates:
 
     def check(states: Floats) -> Mask:
         assert kept
-        rows = np.zeros((len(states), model.nq))
-        for name, values in case.joint_values(states).items():
-            joint = model.getJointId(name)
-            first = model.idx_qs[joint]
-            if model.nqs[joint] == 2:  # pinocchio has cosine and sine of continuous joints
-                rows[:, first], rows[:, first + 1] = np.cos(values), np.sin(values)
-            else:
-                rows[:, first] = values
+        rows = configurations(model, case, states)
         return np.array([pin.computeCollisions(model, data, manager, row, True) for row in rows])
 
     return check
