@@ -88,11 +88,17 @@ class MeshFiles:
                 self._read[file, scale] = self._reading.read(self._path(file), scale)
         return self._read[file, scale]
 
-    def path(self, value: Value) -> Path:
-        """Return where the file is that a value names. Raises SceneFileError for none to read."""
+    def path(self, value: Value, what: str) -> Path:
+        """Return where the file is that a value names. Raises SceneFileError for none to read.
+
+        what: kind of file, as messages call it.
+        """
         file = value.text(A_FILE, MAX_PATH)
         with value.reasons():
-            return self._path(file)
+            try:
+                return self._path(file)
+            except ValueError as error:
+                raise ValueError(f"{what} {str(error).removeprefix('mesh file ')}") from None
         raise AssertionError  # for the type checker: what is within does not go on
 
     @property

@@ -54,8 +54,8 @@ def _read_robot(value: Value, files: MeshFiles) -> SceneRobot:
     name = fields["name"].text("a name")
     if not ROBOT_NAME.fullmatch(name):
         fields["name"].expected("letters, digits and _, the first a letter")
-    urdf = files.path(fields["urdf"])
-    srdf = files.path(fields["srdf"]) if "srdf" in fields else None
+    urdf = files.path(fields["urdf"], "URDF")
+    srdf = files.path(fields["srdf"], "SRDF") if "srdf" in fields else None
     x, y, z = fields["position"].numbers(3) if "position" in fields else (0.0, 0.0, 0.0)
     with fields["urdf"].reasons():
         robot = Robot.from_urdf(urdf, srdf, files.folders, read_mesh=files.read)

@@ -58,6 +58,23 @@ def test_a_robot_at_rest_stands_where_the_file_says(tmp_path: Path) -> None:
     assert not velocities.any()
 
 
+@pytest.mark.parametrize("kind", ["urdf", "srdf"])
+@pytest.mark.parametrize("file", ["../arm.xml", "http://x/arm.xml", "package://nobody/arm.xml"])
+def test_a_description_elsewhere_is_refused_as_what_it_is(
+    tmp_path: Path, kind: str, file: str
+) -> None:
+    folder = tmp_path / "scenes"
+    folder.mkdir()
+    (tmp_path / "arm.xml").write_bytes((CONFIG / f"arm.{kind}").read_bytes())
+    line = f"    {kind}: {file}\n"
+    text = FILE.replace("    urdf: arm.urdf\n", line) if kind == "urdf" else FILE + line
+    with pytest.raises(SceneFileError) as refused:
+        read(folder, text)
+    assert f"robots[0].{kind}: {kind.upper()} " in str(refused.value)
+    assert "arm.xml" in str(refused.value)
+    assert "mesh file" not in str(refused.value)
+
+
 def test_joints_pass_the_waypoints_at_their_times_and_keep_what_is_not_named(
     cell: SceneDescription,
 ) -> None:
