@@ -70,7 +70,8 @@ def text_from_bytes(data: bytes) -> str:
 class Joints:
     """The values of ``robot.joint_names``, each with when it came.
 
-    known: which joints have a value; bad: those whose latest value could not be used.
+    known: which joints have a value; bad: those whose latest value could not be used; unclear:
+    those whose latest velocity could not be, which is zero then.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -80,6 +81,7 @@ class Joints:
         count = len(self.names)
         self.positions, self.velocities = np.zeros(count), np.zeros(count)
         self.known, self.bad = np.zeros(count, np.bool_), np.zeros(count, np.bool_)
+        self.unclear = np.zeros(count, np.bool_)
         self._stamps, self._received = np.zeros(count, np.int64), np.zeros(count, np.int64)
 
     def take(self, message: JointMessage, now: int, monitor: InputMonitor, states: States) -> None:
@@ -113,8 +115,9 @@ class Joints:
         finite = np.abs(message.positions[known]) <= LARGEST_COORDINATE
         self._refuse(message, known[~finite], rows, now, monitor)
         known = known[finite]
-        velocities = self._velocities(message, known, now, monitor)
+        velocities, unclear = self._velocities(message, known, now, monitor)
         kept = rows[known]
+        self.unclear[kept] = unclear
         self.positions[kept], self.velocities[kept] = message.positions[known], velocities
         self.known[kept], self.bad[kept], self._received[kept] = True, False, now
         believed = stamp <= now + states.stamp_tolerance
@@ -138,21 +141,25 @@ class Joints:
 
     def _velocities(
         self, message: JointMessage, items: Rows, now: int, monitor: InputMonitor
-    ) -> Floats:
-        """Return the velocities of items, zero where there are none that can be used."""
+    ) -> tuple[Floats, Mask]:
+        """Return the velocities of items, zero where none can be used, and where it could not.
+
+        A message without any is of joints that rest.
+        """
+        nothing = np.zeros(len(items))
         if len(message.velocities) == 0:
-            return np.zeros(len(items))
+            return nothing, nothing > 0.0
         if len(message.velocities) != len(message.names):
             detail = f"{len(message.velocities)} velocities, {len(message.names)} names"
             monitor.refuse(now, LENGTHS_DIFFER, "velocity", f"{detail}; positions used")
-            return np.zeros(len(items))
+            return nothing, nothing == 0.0
         found = message.velocities[items]
         bad = ~(np.abs(found) <= LARGEST_COORDINATE)
         if bad.any():
             name = repr(shortened(message.names[items[np.argmax(bad)]]))
             count = int(np.count_nonzero(bad))
             monitor.refuse(now, BAD_VELOCITY, name, "position used", count)
-        return np.where(bad, 0.0, found)
+        return np.where(bad, 0.0, found), bad
 
     def row(self, name: str) -> int | None:
         """Return the row of a joint, -1 for one that follows others, None if there is none."""

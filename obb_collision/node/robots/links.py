@@ -82,6 +82,8 @@ class LinkObjects:
         self._poses = np.array([pose for *_, pose in parts]).reshape(-1, 7)
         self.slots: Rows = np.empty(0, np.int64)
         """Of the objects, in the order of the keys."""
+        self.are_speeds_known = True
+        """Whether all twists are those of the velocities, none being out of range."""
 
     def add(self) -> None:
         """Add them; RefusedError, and nothing is added, where that is not possible."""
@@ -122,6 +124,7 @@ class LinkObjects:
         if any(fault.any() for fault in pose_faults(poses)):
             raise RefusedError("bad pose", "of a link: out of range")
         own = self._links, self._poses
+        self.are_speeds_known = True
         twists = self._twists(*own, positions, velocities, base)
         self._objects.states.store(self.slots, poses, state, twists)
 
@@ -137,7 +140,9 @@ class LinkObjects:
             at_links = self.robot.link_poses(ends)[:, links]
             before, after = compose_poses(base, compose_poses(at_links, places))
             twists = _twists_between(before, after, 2.0 * time)
-            twists[~(np.abs(twists) <= LARGEST_COORDINATE).all(axis=1)] = 0.0
+            bad = ~(np.abs(twists) <= LARGEST_COORDINATE).all(axis=1)
+            twists[bad] = 0.0
+            self.are_speeds_known &= not bad.any()
         return twists
 
     def _poses_at(self, states: Floats, base: Floats) -> Floats:

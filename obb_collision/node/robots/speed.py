@@ -64,6 +64,9 @@ class SpeedScale:
         parameters, robot = self._parameters, self._robot
         scene = self._checked.scene()
         assert robot.joints is not None
+        assert robot.links is not None
+        if robot.joints.unclear.any() or not robot.links.are_speeds_known:
+            return 0.0
         stop, slow = parameters.speed_stop_distance, parameters.speed_slow_distance
         come = self._closing_speed() * parameters.speed_reaction_time
         if not np.isfinite(come):

@@ -85,6 +85,16 @@ def test_the_scale_is_zero_while_anything_is_not_known() -> None:
         rig.until(lambda: rig.scales[-1] == 0.0, "a stop")
 
 
+@pytest.mark.parametrize("velocity", [1e300, 1e301, float("nan"), float("inf")])
+def test_the_scale_is_zero_while_a_velocity_cannot_be_used(velocity: float) -> None:
+    with SpeedRig(speed_reaction_time=0.5) as rig:
+        rig.start()
+        rig.send_joints({"turn": velocity}, lift=0.0, turn=0.0)
+        assert rig.scale() == 0.0
+        rig.send_joints({"turn": 0.0}, lift=0.0, turn=0.0)
+        assert rig.scale() == pytest.approx(0.5, abs=1e-6)
+
+
 def test_the_scale_is_zero_where_links_collide() -> None:
     with SpeedRig() as rig:
         rig.start_robot(URDF.replace("</link>", f"{box(0.9)}</link>", 1), lift=-0.5)
