@@ -63,6 +63,8 @@ ASKED = 0.3
 """Share of the batches behind which states of the robot are asked for."""
 KNOWN = 20.0
 """Seconds to wait until the robot is known: a process begins that reads its meshes."""
+CLEARING = 6.0
+"""Seconds after which objects are removed again; each time the robot is read anew."""
 RESENDING = 0.5
 """Seconds after which points are sent again, whose topic is best effort, and sets of boxes, which a
 hostile one overtook by a stamp a little ahead: that one counts for a second."""
@@ -215,10 +217,15 @@ class Session:
         self.result.probes["points"] += 1
 
     def _probe_robot(self, robot: RobotMessages) -> None:
-        """Remove all objects and ask for states of the robot: valid are those that can be."""
-        self._client.call(self._child, Trigger, "clear", Trigger.Request())
-        limit, known = time.monotonic() + KNOWN, False
+        """Remove all objects and ask for states of the robot: valid are those that can be.
+
+        Hostile objects that waited in a queue come after they were removed, and are removed again.
+        """
+        limit, known, next_time = time.monotonic() + KNOWN, False, 0.0
         while not known and time.monotonic() < limit:
+            if time.monotonic() > next_time:
+                self._client.call(self._child, Trigger, "clear", Trigger.Request())
+                next_time = time.monotonic() + CLEARING
             stamp = stamp_to_ros(time.time_ns())
             question = robot.question(Header(stamp=stamp, frame_id="map"))
             for topic, message in question.messages:
