@@ -69,6 +69,8 @@ STALLED = 1e-13
 #: Six times the volume that the origin makes with each face of a tetrahedron that it is certainly
 #: in; sizes are near one, and volumes off by 1e-15.
 INSIDE = 1e-10
+#: Squares of a length below this may have lost digits.
+LEAST_SQUARE = 1e-280
 
 
 class Gap(NamedTuple):
@@ -174,6 +176,10 @@ def overlaps(a: Core, b: Core, pose: Pose, start: Vector, needed: float, near: f
 @njit
 def unit_of(v: Vector) -> tuple[Vector, float]:
     """Return the unit vector along v, which is not zero, and its length."""
+    square = dot(v, v)
+    if LEAST_SQUARE < square < np.inf:
+        length = math.sqrt(square)
+        return scaled(v, 1.0 / length), length
     largest = max_abs(v)
     v = scaled(v, 1.0 / largest)
     length = math.sqrt(dot(v, v))
