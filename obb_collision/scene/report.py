@@ -24,6 +24,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from obb_collision.accuracy import Accuracy
 from obb_collision.geometry.kinds import check_kind
 from obb_collision.queries.clearance.clearance import Clearances
 from obb_collision.queries.contacts.contacts import Contacts
@@ -34,6 +35,7 @@ from obb_collision.scene.effects.base import Cycle, Setting
 from obb_collision.scene.effects.settings import OFF
 from obb_collision.scene.effects.sweep import SweptPairs
 from obb_collision.scene.findings import Findings
+from obb_collision.scene.refinement.refine import Levels
 from obb_collision.typing import Floats
 from obb_collision.words import shown
 
@@ -142,6 +144,37 @@ class Report:
             raise RuntimeError(f"the effect {effect!r} failed: {self.costs[effect].failures[0]}")
         return self._outcomes[effect].result
 
+    def accuracies_of(self, effect: str) -> Levels:
+        """Return the ``Accuracy`` (k,) int8 that each row of the result of an effect is of.
+
+        Of "sweep" the rows are those of ``passed``, then those of ``predicted``. Boxes are
+        ``Accuracy.OBB``. A time budget lowers these like ``accuracies``.
+
+        Parameters
+        ----------
+        effect : str
+            Its name.
+
+        Raises
+        ------
+        ValueError
+            As ``result``.
+
+        Examples
+        --------
+        >>> scene = oc.Scene(accuracy="hull")
+        >>> _ = scene.add("cup", oc.shapes.Sphere(0.1))
+        >>> _ = scene.add("plate", oc.shapes.Sphere(0.1), [0, 0, 0.25, 0, 0, 0, 1])
+        >>> [oc.Accuracy(level).name for level in scene.check().accuracies_of("clearance")]
+        ['HULL']
+        """
+        result = self.result(effect)
+        levels = self._outcomes[effect].accuracies
+        if levels is None:
+            parts = (result.passed, result.predicted) if effect == "sweep" else (result,)
+            levels = np.full(sum(map(_rows_of, parts)), Accuracy.OBB, np.int8)
+        return _read_only(levels)
+
     def compute(self, effect: str) -> None:
         """Compute an effect and note what it took, and why it failed if it did."""
         start = perf_counter()
@@ -229,6 +262,11 @@ class Report:
     def names(self) -> list[tuple[str, str]]:
         """Return the pairs by name, in the order of ``pairs``."""
         return [(str(self.slot_names[i]), str(self.slot_names[j])) for i, j in self.pairs.tolist()]
+
+
+def _rows_of(table: Any) -> int:
+    """Return how many rows a dataclass of arrays has."""
+    return len(next(iter(vars(table).values())))
 
 
 def _read_only(array: NDArray[Any]) -> NDArray[Any]:

@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from itertools import islice
 from typing import Protocol
 
@@ -119,6 +119,14 @@ def _prepared(objects: Objects) -> list[tuple[str, object]]:
     return values
 
 
+def _effect_levels(report: Report | None) -> Iterator[tuple[str, object]]:
+    """Yield how many rows of each effect computed so far are of which accuracy."""
+    for name in () if report is None else sorted(report.results):
+        assert report is not None
+        levels = Counter(report.accuracies_of(name).tolist())
+        yield from ((f"{name} on {ALL_LEVELS[level]}", n) for level, n in sorted(levels.items()))
+
+
 def object_status(
     node: str, objects: Objects, policy: str, report: Report | None
 ) -> DiagnosticStatus:
@@ -142,6 +150,7 @@ def object_status(
         *_shared(objects),
         *([("pairs at least", report.total)] if report is not None and report.truncated else ()),
         *((f"pairs on {ALL_LEVELS[level]}", count) for level, count in sorted(levels.items())),
+        *_effect_levels(report),
         *(() if cap is None else [("highest accuracy in the time budget", ALL_LEVELS[cap])]),
         ("stale policy", policy),
         *_prepared(objects),

@@ -100,7 +100,11 @@ class SweepEffect:
         """Sweep both ways, each only for objects that move far enough to need it."""
         behind, ahead = _passed(cycle, setting), _predicted(cycle, setting)
         result = SweptPairs(behind.result, ahead.result)
-        return Outcome(result, behind.count + ahead.count, behind.failures + ahead.failures)
+        pairs = np.concatenate([behind.result.pairs, ahead.result.pairs])
+        return Outcome(
+            *(result, behind.count + ahead.count, behind.failures + ahead.failures),
+            accuracies=cycle.levels(pairs, setting, max(BY_LEVEL)),
+        )
 
 
 def _passed(cycle: Cycle, setting: Setting) -> Outcome:

@@ -164,9 +164,14 @@ class Budget:
             self.cap = fitting
         elif loads.get(self.cap, 0.0) > 1.0:
             self._fall(fitting)
+        elif not any(counts.values()) and self.cap > Accuracy.OBB and self._room() <= 0.0:
+            self._fall(Accuracy(self.cap - 1))  # effects come after, and may take less time there
+            self._after.clear()
         elif ready and max(ready) > self.cap:
             self.cap = max(ready)
             self._risen = self.cycle
+            if not any(counts.values()):
+                self._after.clear()  # of effects on a lower level
         return self.cap
 
     def _fall(self, cap: Accuracy) -> None:
@@ -178,6 +183,10 @@ class Budget:
                 self._roomy[level] = 0
         self.cap = cap
 
+    def _room(self) -> float:
+        """Return the seconds that a cycle has for deciding pairs; may be negative."""
+        return PLANNED * self.seconds - _median(self._before) - _median(self._after)
+
     def _load(self, cap: Accuracy, counts: Counts) -> float:
         """Return the share of the time for pairs that a cap needs; infinite if not measured yet."""
         needed = 0.0
@@ -187,9 +196,9 @@ class Budget:
                 if cost is None:
                     return float("inf")
                 needed += count * cost + self.overhead(min(asked, cap))
-        room = PLANNED * self.seconds - _median(self._before) - _median(self._after)
         if needed == 0.0:
             return 0.0
+        room = self._room()
         return needed / room if room > 0.0 else float("inf")
 
 

@@ -127,7 +127,7 @@ def decide_pairs(
         asked = np.append(asked, pair_levels(store, *columns(waiting[0])))
         levels = np.append(levels, waiting[2])
     high = np.flatnonzero(asked > Accuracy.OBB)
-    if len(high):
+    if len(high) or budget is not None:  # which allows effects a level though nothing collides
         job = MeshPairs(store, cache, *columns(pairs[high]), depth, exact)
         state = levels[high], verdicts[high]
         refine(job, asked[high], high >= len(met), *state, budget)

@@ -57,6 +57,34 @@ def test_the_accuracy_changes_at_run_time_and_is_told() -> None:
         assert rig.status(": objects")["pairs on sphere"] == "1"
 
 
+def test_diagnostics_say_what_effects_are_computed_on_and_that_a_budget_lowers_them() -> None:
+    given = {"effects.clearance": "on", "effects.clearance_max_distance": 5.0}
+    with Rig(accuracy="mesh", given=given) as rig:
+        rig.listen("/diagnostics")
+        rig.send(ring(), crate())
+        rig.built(RING)
+        seen = said(rig, "clearance on mesh")
+        assert seen["clearance on mesh"] == "1"
+        assert "highest accuracy in the time budget" not in seen
+        rig.set(time_budget=1e-9)
+        for step in range(20):  # what it has time for is measured first
+            rig.send_transform("box/1", pose(1e-4 * step))
+            rig.answer()
+        seen = said(rig, "clearance on obb")
+        assert seen["clearance on obb"] == "1"
+        assert "clearance on mesh" not in seen
+        assert seen["highest accuracy in the time budget"] == "obb"
+
+
+def said(rig: Rig, key: str) -> dict[str, str]:
+    """Return the status of the objects once it has a key."""
+    for _ in range(50):
+        status = rig.status(": objects")
+        if key in status:
+            return status
+    raise AssertionError(f"no {key!r} in {status}")
+
+
 def test_overrides_are_for_names_and_namespaces_also_of_objects_to_come() -> None:
     with Rig(accuracy_overrides=["*: sphere", "box=obb", "mesh/1: obb"]) as rig:
         rig.send(cube(("box", 1)), cube(("box", 2), (0.5, 0, 0)), cube(("a", 1), (9.0, 0.0, 0.0)))

@@ -28,6 +28,7 @@ from scipy.spatial.transform import Rotation
 import obb_collision as oc
 from obb_collision.accuracy import Accuracy
 from obb_collision.queries.verdict.verdict import Verdicts
+from obb_collision.scene.effects import clearance
 from obb_collision.scene.refinement.budget import ABOVE, Budget
 from obb_collision.scene.refinement.mesh_pairs import MeshPairs
 from obb_collision.typing import Rows
@@ -121,6 +122,46 @@ def test_a_scene_at_rest_is_refined_until_nothing_is_left_behind(
     assert (
         moved.accuracies[~touched] == expected.accuracies[(expected.pairs >= 2).all(axis=1)]
     ).all()
+
+
+def test_effects_are_lowered_where_nothing_collides(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What they take counts, and their levels are reported."""
+    ticking = Ticking(monkeypatch)
+    for level, compute in dict(clearance.BY_LEVEL).items():
+
+        def timed(
+            boxes: Any, shapes: Any, pairs: Any, setting: Any,
+            level: Accuracy = level, compute: Any = compute,
+        ) -> Any:  # fmt: skip
+            ticking.now += COSTS[level] * len(pairs)
+            return compute(boxes, shapes, pairs, setting)
+
+        monkeypatch.setitem(clearance.BY_LEVEL, level, timed)
+    scene = oc.Scene(accuracy="mesh")
+    scene.set_effect("clearance", "on", max_distance=100.0)
+    ring = oc.shapes.Mesh(*ZOO["torus0"])
+    for k in range(10):
+        scene.add(f"{k}", ring, [5.0 * k, 0, 0, 0, 0, 0, 1])
+    count = len(scene.check().clearances)
+    assert count == 45
+    assert set(scene.check().accuracies_of("clearance").tolist()) == {MESH}
+    budget = 10.0 * count * COSTS[HULL]
+    assert budget < count * COSTS[MESH]
+    scene.time_budget = Budget(budget, ticking.clock)
+    levels, late = [], 0
+    for cycle in range(60):
+        scene.move("0", [0, 0, 0.01 * (cycle + 1), 0, 0, 0, 1])
+        start = ticking.now
+        report = scene.check()
+        late += ticking.now - start > budget
+        levels.append(set(report.accuracies_of("clearance").tolist()))
+        assert len(report) == 0
+        assert levels[-1] == {report.cap}
+    assert levels[10:25] == [{HULL}] * 15
+    assert late < 10
+    scene.time_budget = 10.0 * count * COSTS[MESH]
+    scene.move("0", [0, 0, 0, 0, 0, 0, 1])
+    assert set(scene.check().accuracies_of("clearance").tolist()) == {MESH}
 
 
 def test_a_budget_may_come_and_go(monkeypatch: pytest.MonkeyPatch) -> None:
