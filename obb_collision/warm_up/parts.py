@@ -23,17 +23,23 @@ from __future__ import annotations
 import numpy as np
 
 import obb_collision as oc
+from obb_collision.accuracy import Accuracy
 from obb_collision.geometry.trees.pool import Hulls
 from obb_collision.numerics.dealing import FEWEST_NUMBERS
+from obb_collision.queries.convex.contacts import convex_contacts
 from obb_collision.queries.convex.depth import deepest, room_for_depth
 from obb_collision.queries.convex.distance import Search, search
+from obb_collision.queries.convex.distances import convex_distances
 from obb_collision.queries.convex.patch import flat_room, frame_of, overlay, spread
+from obb_collision.queries.convex.points import convex_holds
 from obb_collision.queries.convex.simplex import no_simplex
 from obb_collision.queries.convex.support import Core, core_at
+from obb_collision.queries.mesh_contacts.mesh_separations import within
 from obb_collision.queries.meshes.convex import PlacedHulls, hulls_may_collide
 from obb_collision.queries.meshes.kernels import nesting as nesting_kernel
 from obb_collision.queries.meshes.tree_boxes import Place, Pose
 from obb_collision.queries.meshes.tree_descent import STACK, Body
+from obb_collision.queries.points.mesh_points import body_holds
 from obb_collision.queries.primitives.capsules import capsule_verdicts
 from obb_collision.queries.sweep.contact import contact_point
 from obb_collision.queries.sweep.convex import convex_sweeps
@@ -44,6 +50,7 @@ from obb_collision.queries.sweep.sweep import find_contact
 from obb_collision.queries.sweep.twists import twist_bounds, twist_motion
 from obb_collision.queries.verdict.pair_frame import Box
 from obb_collision.queries.verdict.sat import AXES
+from obb_collision.queries.verdict.separations import Separations
 from obb_collision.scene.broad_phase.broad_phase import UNLIMITED, find_candidates
 from obb_collision.scene.broad_phase.kept_tree import KeptTree
 from obb_collision.warm_up.samples import (
@@ -85,6 +92,14 @@ def surfaces() -> None:
     oc.mesh_clearances(bodies, bodies)
 
 
+def mesh_depths() -> None:
+    """Find how deep two meshes overlap, whatever contains them."""
+    body = oc.PlacedMeshes.from_poses(triangle_tree(), np.zeros(1, np.int64), [TURNED])
+    pairs, along = np.zeros((1, 2), np.int64), np.array([AXES_OF_BOX[0]])
+    outer = Separations(pairs, np.full(1, -1.0), along, along.copy())
+    within(outer, body, np.zeros(1), body, np.zeros(1))
+
+
 def trees() -> None:
     """Build a tree."""
     oc.MeshTrees.build(np.array(TETRAHEDRON), np.array(TETRAHEDRON_FACES))
@@ -107,6 +122,14 @@ def nearest() -> None:
     search(core, core, SAME_PLACE, HERE, 0.0)
 
 
+def held(level: Accuracy) -> None:
+    """Ask whether a point is in a convex body, and on MESH in a mesh."""
+    convex_holds(convex_bodies().arrays, 0, HERE, 0.0)
+    if level == Accuracy.MESH:
+        body = oc.PlacedMeshes.from_poses(triangle_tree(), np.zeros(1, np.int64), [TURNED])
+        body_holds(body.arrays, 0, HERE, 0.0, np.empty((STACK, 2), np.int64))
+
+
 def depths() -> None:
     """Find how deep two convex bodies overlap."""
     core, axis = _core(), AXES_OF_BOX[0]
@@ -119,6 +142,15 @@ def patches() -> None:
     core, flat = _core(), flat_room()
     count = overlay(core, core, SAME_PLACE, frame_of(AXES_OF_BOX[0]), 0.5, flat)
     spread(flat.a, count, len(flat.b))
+
+
+def convex_pairs() -> None:
+    """Find how far apart two convex bodies are, or how deep they overlap and where."""
+    depths()
+    patches()
+    bodies, row = convex_bodies(), np.zeros(1, np.int64)
+    found, _ = convex_distances(bodies, bodies, row, row)
+    convex_contacts(bodies, bodies, np.zeros((1, 2), np.int64), row, row, 4, found)
 
 
 def _core() -> Core:

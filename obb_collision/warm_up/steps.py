@@ -32,7 +32,6 @@ from obb_collision import shapes
 from obb_collision.accuracy import Accuracy
 from obb_collision.geometry.poses import quaternions_from_matrices
 from obb_collision.numerics.dealing import FEWEST_NUMBERS
-from obb_collision.queries.convex.contacts import convex_contacts
 from obb_collision.queries.convex.distances import convex_distances, convex_may_collide
 from obb_collision.queries.meshes.triangles import triangle_verdicts
 from obb_collision.queries.primitives.capsules import capsule_verdicts
@@ -63,7 +62,7 @@ BOUNDS, TREES, HULLS = "bounds of boxes", "trees", "pairs of capsules and hulls"
 NESTING, LINEAR = "meshes within meshes", "motion without turns"
 SWEPT = "motion of convex bodies"
 NEAREST, DEPTHS = "points of convex bodies", "depths of convex bodies"
-SURFACES = "distances of meshes"
+SURFACES, CONVEX_PAIRS = "distances of meshes", "pairs of convex bodies"
 """Parts of other steps."""
 MESSAGES = "messages"
 """The step that every message of a node needs."""
@@ -207,16 +206,18 @@ def _effect_on(name: str, level: Accuracy) -> None:
     if name == "sweep":
         return _sweep_on(level)
     bodies, row = convex_bodies(), np.zeros(1, np.int64)
-    if level == Accuracy.MESH:
-        body = oc.PlacedMeshes.from_poses(triangle_tree(), row, [TURNED])
-        FIRST_OF_MESHES[name](body, body)
-    else:
+    if level == Accuracy.HULL:
         parts.depths()  # meanwhile, another process compiles ``parts.nearest``
+    elif name == "clearance":
+        parts.surfaces()
+    elif name == "contacts":
+        parts.mesh_depths()  # meanwhile, another process compiles ``parts.convex_pairs``
     if name == "contacts":
-        parts.patches()
-    found, _ = convex_distances(bodies, bodies, row, row)
-    if name == "contacts":
-        convex_contacts(bodies, bodies, np.zeros((1, 2), np.int64), row, row, 4, found)
+        parts.convex_pairs()
+    convex_distances(bodies, bodies, row, row)
+    if level == Accuracy.MESH and name == "contacts":
+        body = oc.PlacedMeshes.from_poses(triangle_tree(), row, [TURNED])
+        oc.mesh_patches(body, body)  # meanwhile, another process compiles ``parts.trees``
     for padding in (0.0, 0.01):
         scene = oc.Scene()
         scene.set_effect(name, accuracy=level.name.lower())
@@ -227,7 +228,11 @@ def _effect_on(name: str, level: Accuracy) -> None:
 
 
 def _points_on(level: Accuracy) -> None:
-    """Find which points are in shapes, with clouds laid out as they come."""
+    """Find which points are in shapes, with clouds laid out as they come.
+
+    First in shapes alone, while another process compiles the grid over their boxes.
+    """
+    parts.held(level)
     scene = oc.Scene()
     _add_crowd(scene, 0.0)
     scene.set_effect("points", "on", accuracy=level.name.lower())
@@ -362,12 +367,6 @@ EFFECT_LEVELS = tuple((name, level) for name, levels in LEVELS.items() for level
 """Effects, each on a level above OBB."""
 FIRST: dict[str, Callable[[], object]] = {"sweep": _sweep_boxes, "separations": _separate_boxes}
 """What effects take longest for, while another process compiles the rest."""
-FIRST_OF_MESHES: dict[str, Callable[..., object]] = {
-    "clearance": oc.mesh_clearances,
-    "separations": oc.mesh_separations,
-    "contacts": oc.mesh_patches,
-}
-"""What effects on meshes take longest for."""
 STEPS: dict[str, Callable[[], None] | str] = {
     # In this order two processes compile the fewest kernels twice.
     BOXES: _boxes,
@@ -388,6 +387,7 @@ STEPS: dict[str, Callable[[], None] | str] = {
     NEAREST: parts.nearest,
     DEPTHS: parts.depths,
     SURFACES: parts.surfaces,
+    CONVEX_PAIRS: parts.convex_pairs,
     accuracy_step(Accuracy.OBB_TREE): _obb_trees,
     COARSE: _coarse,
     "queries of pairs": _pair_queries,
@@ -416,12 +416,13 @@ BESIDE = {
         *(NEAREST, DEPTHS, TREES, effect_step("clearance")),
     ),
     effect_level_step("contacts", Accuracy.HULL): (NEAREST, effect_step("contacts")),
-    effect_level_step("points", Accuracy.HULL): (NEAREST,),
+    effect_level_step("points", Accuracy.HULL): (effect_step("points"),),
+    effect_level_step("points", Accuracy.MESH): (effect_step("points"), TREES),
     effect_level_step("sweep", Accuracy.HULL): (effect_step("sweep"), LINEAR),
     effect_level_step("sweep", Accuracy.MESH): (SWEPT, effect_step("sweep"), LINEAR),
-    effect_level_step("separations", Accuracy.MESH): (SURFACES, NEAREST, DEPTHS),
+    effect_level_step("separations", Accuracy.MESH): (SURFACES, TREES),
     effect_level_step("contacts", Accuracy.MESH): (
-        *(SURFACES, NEAREST, DEPTHS, effect_step("contacts")),
+        *(CONVEX_PAIRS, effect_step("contacts"), TREES),
     ),
     effect_step("sweep"): (LINEAR,),
 }
