@@ -16,16 +16,16 @@
 
 The longest time between two answers of the node is read from the times at which it published them,
 and compared with what is allowed: its period, the bound on blocking, a share for each megabyte of
-this batch and the one before, which may still be on its way, and what the machine's other work
-costs: for how long its threads were ready and got no processor, or for how long a process that
-only sleeps stood still in that very time, whichever is more.
+this batch, the one before and those of the last second, which may still be on their way, and what
+the machine's other work costs: for how long its threads were ready and got no processor, or for
+how long a process that only sleeps stood still in that very time, whichever is more.
 """
 
 from __future__ import annotations
 
 import time
 from argparse import Namespace
-from collections import Counter
+from collections import Counter, deque
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import pairwise
@@ -52,7 +52,9 @@ from obb_collision.node.topics.topics import collisions_from_ros, points_inside_
 PERIOD = 0.02
 """Seconds between two answers by the node's default rate."""
 PER_MEGABYTE = 0.1
-"""Seconds that the node may be blocked in addition per megabyte of a batch and the one before."""
+"""Seconds that the node may be blocked in addition per megabyte of what may just have arrived."""
+ON_ITS_WAY = 1.0
+"""Seconds for which a large message may be on its way; small ones that come later overtake it."""
 LARGE = 1_000_000
 """Bytes of a message behind which there may be as many objects as the node takes."""
 REQUESTS = 0.3
@@ -108,7 +110,7 @@ class Session:
         self._seed, self._bound = options.seed, options.bound
         self._stream, self._client, self._child, self._canary = stream, client, child, canary
         self._probes = Probes(stream.messages)
-        self._size = 0  # bytes of the batch before
+        self._recent: deque[tuple[float, int]] = deque()  # when batches began, and their bytes
         self.result = Result()
         client.wait_for_start(child)
         self._services = Services(client, child)
@@ -118,7 +120,7 @@ class Session:
         """Send hostile messages and a probe; FoundError for what should not be."""
         client, random = self._client, Random(f"{self._seed} batch {name}")
         client.answers = client.answers[-1:]
-        before = self._child.delays()
+        began, before = time.monotonic(), self._child.delays()
         for number, message in enumerate(sent):
             client.publishers[message.topic].publish(message.data)
             self.result.sent[message.topic] += 1
@@ -131,8 +133,10 @@ class Session:
         self._probe(random, full)
         if self._stream.robot is not None and random.random() < ASKED:
             self._probe_robot(self._stream.robot)
-        self._measure(name, size + self._size, before)
-        self._size = size
+        self._recent.append((began, size))
+        while len(self._recent) > 2 and self._recent[0][0] < began - ON_ITS_WAY:
+            self._recent.popleft()
+        self._measure(name, sum(size for _, size in self._recent), before)
 
     def _measure(self, name: str, size: int, before: dict[str, float]) -> None:
         """Note how long the node was blocked, and what it uses."""
