@@ -113,7 +113,7 @@ class Pipeline(Compiler):  # type: ignore[misc]
     def compile_extra(self, function: Any) -> Any:
         """Compile a function."""
         if self.state.flags.no_cpython_wrapper:
-            self.state.library = Inner(self.state.targetctx.codegen(), function.__qualname__)
+            self.state["library"] = Inner(self.state.targetctx.codegen(), function.__qualname__)
         return super().compile_extra(function)
 
 

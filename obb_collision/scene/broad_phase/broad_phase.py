@@ -46,8 +46,8 @@ Each = Callable[[Pairs], NDArray[np.int64]]
 #: More pairs than there can be.
 UNLIMITED = 2**62
 NO_PAIRS: Pairs = np.empty((0, 2), np.int64)
-#: Rows of a search, here and of leaves, below which a second thread does not pay: for 1,000 boxes,
-#: 125 leaves, it gains a tenth where its core is awake, and loses a third where it is not.
+#: Rows of a search, here and of leaves, below which a second thread does not pay: with 1,000 boxes,
+#: 125 leaves, it gains a tenth at best.
 FEWEST_ROWS, FEWEST_LEAVES = 256, 96
 #: Room for pairs: for each row at first, and at most, but for a row with more (16 MB).
 ROOM_PER_ROW, ROOM = 4, 1 << 20
