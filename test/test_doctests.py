@@ -77,12 +77,23 @@ def arguments(value: Any) -> set[str]:
 
 @pytest.mark.parametrize("name", DOCUMENTED)
 def test_examples_run(name: str) -> None:
-    text = inspect.getdoc(DOCUMENTED[name]) or ""
-    found = doctest.DocTestParser().get_doctest(text, {"oc": oc, "np": np}, name, None, 0)
+    known: dict[str, Any] = {"oc": oc, "np": np}
     said: list[str] = []
     runner = doctest.DocTestRunner(optionflags=doctest.ELLIPSIS)
-    runner.run(found, out=said.append)
+    for example in examples_of(name):
+        found = doctest.DocTestParser().get_doctest(example, known, name, None, 0)
+        runner.run(found, out=said.append, clear_globs=False)
+        known = found.globs
     assert runner.failures == 0, "".join(said)
+
+
+def examples_of(name: str) -> list[str]:
+    """Return the docstring of a name, after that of its class where it goes on with its example."""
+    text = inspect.getdoc(DOCUMENTED[name]) or ""
+    owner = name.rpartition(".")[0]
+    if f"as in the example of ``{owner}``" not in text:
+        return [text]
+    return [inspect.getdoc(OBJECTS[owner]) or "", text]
 
 
 @pytest.mark.parametrize("name", OBJECTS)

@@ -41,8 +41,22 @@ class StatePairs(NamedTuple):
     pairs: Integers
 
 
+class FirstPairs:
+    """A pair of links or objects per row, as rows of ``names``; -1 for none."""
+
+    first_pairs: Integers
+    names: Sequence[str]
+
+    @cached_property
+    def pairs(self) -> list[tuple[str, str] | None]:
+        """(n,) the names of the first pair of each row, or None."""
+        return [
+            None if a < 0 else (self.names[a], self.names[b]) for a, b in self.first_pairs.tolist()
+        ]
+
+
 @dataclass(frozen=True, eq=False)
-class StateReport:
+class StateReport(FirstPairs):
     """Which states of robots are valid: within limits, and free of collisions.
 
     Attributes
@@ -73,13 +87,6 @@ class StateReport:
         """(n,) which states are within limits and free."""
         return np.asarray(~(self.colliding | self.out_of_limits.any(axis=1)))
 
-    @cached_property
-    def pairs(self) -> list[tuple[str, str] | None]:
-        """(n,) the names of the first colliding pair of each state, or None."""
-        return [
-            None if a < 0 else (self.names[a], self.names[b]) for a, b in self.first_pairs.tolist()
-        ]
-
     def pairs_of(self, state: int) -> list[tuple[str, str]]:
         """Return the names of all colliding pairs of a state, if they were asked for.
 
@@ -106,7 +113,7 @@ class StateReport:
 
 
 @dataclass(frozen=True, eq=False)
-class StateDistances:
+class StateDistances(FirstPairs):
     """The least distance in each state, of all pairs that are checked, and where it is.
 
     Attributes
@@ -133,19 +140,12 @@ class StateDistances:
     directions: Floats
     names: Sequence[str]
 
-    @cached_property
-    def pairs(self) -> list[tuple[str, str] | None]:
-        """(n,) the names of the pair of each state, or None."""
-        return [
-            None if a < 0 else (self.names[a], self.names[b]) for a, b in self.first_pairs.tolist()
-        ]
-
     def __len__(self) -> int:
         return len(self.distances)
 
 
 @dataclass(frozen=True, eq=False)
-class MotionReport:
+class MotionReport(FirstPairs):
     """Which motions are valid from start to end, between the two as well.
 
     Attributes
@@ -185,13 +185,6 @@ class MotionReport:
         """The first motion that is not valid, None if all are."""
         rows = np.flatnonzero(~self.valid)
         return int(rows[0]) if len(rows) else None
-
-    @cached_property
-    def pairs(self) -> list[tuple[str, str] | None]:
-        """(n,) the names of the pair that each motion collides with first, or None."""
-        return [
-            None if a < 0 else (self.names[a], self.names[b]) for a, b in self.first_pairs.tolist()
-        ]
 
     def __len__(self) -> int:
         return len(self.parameters)
