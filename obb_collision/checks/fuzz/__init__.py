@@ -14,10 +14,8 @@
 
 """Hostile messages, bytes and files on all inputs of a node in another process.
 
-``messages`` makes valid ones, ``mutations`` spoils them, ``cases`` has those that chance would not
-make; ``meshes`` and ``scenes`` make files; ``stream`` numbers what is sent. ``child`` is the node's
-process, ``frames`` what runs in it, ``client`` talks to it. ``session`` sends in batches, with
-``services`` and ``probes`` in between, and ``usage`` judges what the node uses. ``command`` is the
-console script ``obb_collision_fuzz``, ``scene_attack`` its part about scene files, ``report`` what
-it prints.
+``mutations`` spoils messages and bytes, ``files`` and ``messages`` make what is sent. ``process``
+is the node's process, ``session`` an attack on it, ``attack`` all parts of an attack, one after the
+other or in several processes, ``file_attack`` its part about files. ``command`` is the console
+script ``obb_collision_fuzz``, ``report`` what it prints.
 """

@@ -28,15 +28,16 @@ from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
 
-from obb_collision.checks.fuzz.canary import Canary
-from obb_collision.checks.fuzz.cases import CASES
-from obb_collision.checks.fuzz.child import Child
-from obb_collision.checks.fuzz.client import Client, FoundError
-from obb_collision.checks.fuzz.robot_messages import ARGUMENTS, LATCHED, ROBOT
-from obb_collision.checks.fuzz.scene_attack import attack_node, attack_reader
-from obb_collision.checks.fuzz.scenes import READERS
-from obb_collision.checks.fuzz.session import Result, Session
-from obb_collision.checks.fuzz.stream import Stream
+from obb_collision.checks.fuzz.file_attack import attack_node, attack_reader
+from obb_collision.checks.fuzz.files.scenes import READERS
+from obb_collision.checks.fuzz.messages.cases import CASES
+from obb_collision.checks.fuzz.messages.robot_messages import ARGUMENTS, LATCHED, ROBOT
+from obb_collision.checks.fuzz.messages.stream import Stream
+from obb_collision.checks.fuzz.process.canary import Canary
+from obb_collision.checks.fuzz.process.child import Child
+from obb_collision.checks.fuzz.session.client import Client, FoundError
+from obb_collision.checks.fuzz.session.result import Result
+from obb_collision.checks.fuzz.session.session import Session
 from obb_collision.checks.middleware import for_large_messages
 from obb_collision.node.inputs.subscriptions import INPUTS
 
@@ -45,7 +46,7 @@ PROGRESS = 5.0
 """Seconds between two lines of progress."""
 BATCH = 100
 """Hostile messages between two probes."""
-MODULE = "obb_collision.checks.fuzz.frames"
+MODULE = "obb_collision.checks.fuzz.process.frames"
 DEPTH = 1000
 """Messages that a topic of the node queues."""
 PER_NODE = 200

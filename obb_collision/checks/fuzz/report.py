@@ -19,7 +19,7 @@ from __future__ import annotations
 
 from collections import Counter
 
-from obb_collision.checks.fuzz.session import Result
+from obb_collision.checks.fuzz.session.result import Result
 
 MORE = 8
 """Descriptors and threads by which a node may grow after warm-up: of what comes and goes."""

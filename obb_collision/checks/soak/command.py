@@ -25,7 +25,7 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from obb_collision.checks.fuzz.child import Child
+from obb_collision.checks.fuzz.process.child import Child
 from obb_collision.checks.progress import Bar
 from obb_collision.checks.soak.result import Result
 from obb_collision.checks.soak.session import LostError, Session

@@ -30,8 +30,8 @@ from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
 from visualization_msgs.msg import Marker, MarkerArray
 
-from obb_collision.checks.fuzz.child import Child
-from obb_collision.checks.fuzz.client import OUTPUTS
+from obb_collision.checks.fuzz.process.child import Child
+from obb_collision.checks.fuzz.session.client import OUTPUTS
 from obb_collision.checks.soak.checker import Checker, found_in
 from obb_collision.checks.soak.encoding import (
     FRAME,

@@ -26,10 +26,11 @@ from typing import NamedTuple
 
 from rclpy.serialization import serialize_message
 
-from obb_collision.checks.fuzz.cases import CASES, Made
-from obb_collision.checks.fuzz.messages import Messages
-from obb_collision.checks.fuzz.mutations import damaged, mutate, raw
-from obb_collision.checks.fuzz.robot_messages import RobotMessages
+from obb_collision.checks.fuzz.messages.cases import CASES, Made
+from obb_collision.checks.fuzz.messages.messages import Messages
+from obb_collision.checks.fuzz.messages.robot_messages import RobotMessages
+from obb_collision.checks.fuzz.mutations.data import damaged, raw
+from obb_collision.checks.fuzz.mutations.fields import mutate
 
 CASE_SHARE = 0.002
 """Share of the messages that are a named case; the first ones are all cases once."""

@@ -23,9 +23,9 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from obb_collision.checks.fuzz.child import Child
-from obb_collision.checks.fuzz.client import STARTING, FoundError
-from obb_collision.checks.fuzz.scenes import mutated_scene
+from obb_collision.checks.fuzz.files.scenes import mutated_scene
+from obb_collision.checks.fuzz.process.child import Child
+from obb_collision.checks.fuzz.session.client import STARTING, FoundError
 
 READING = 10.0
 """Seconds that a file may take, without those for which its reader waits for a processor."""
@@ -38,7 +38,7 @@ READY = "ready: "
 def attack_reader(what: str, folder: Path, seed: int, first: int, last: int) -> tuple[int, float]:
     """Have files read ("scene" or "robot"); returns how many were refused, the longest time (s)."""
     numbers = [str(number) for number in (seed, first, last)]
-    module = "obb_collision.checks.fuzz.scenes"
+    module = "obb_collision.checks.fuzz.files.scenes"
     process = subprocess.Popen(
         [sys.executable, "-m", module, what, str(folder), *numbers],
         stdout=subprocess.PIPE,

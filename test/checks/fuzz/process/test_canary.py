@@ -22,7 +22,7 @@ import time
 
 import pytest
 
-from obb_collision.checks.fuzz import canary
+from obb_collision.checks.fuzz.process import canary
 
 
 class EndError(Exception):

@@ -20,8 +20,8 @@ import re
 from pathlib import Path
 from random import Random
 
-from obb_collision.checks.fuzz.meshes import OBJ
-from obb_collision.checks.fuzz.mutations import damaged
+from obb_collision.checks.fuzz.files.meshes import OBJ
+from obb_collision.checks.fuzz.mutations.data import damaged
 from obb_collision.robots.description.robot import Robot
 
 MESH = "part.obj"

@@ -25,8 +25,7 @@ from __future__ import annotations
 
 import time
 from argparse import Namespace
-from collections import Counter, deque
-from dataclasses import dataclass, field
+from collections import deque
 from functools import partial
 from itertools import pairwise
 from random import Random
@@ -36,14 +35,22 @@ from rclpy.serialization import serialize_message
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
-from obb_collision.checks.fuzz.canary import Canary
-from obb_collision.checks.fuzz.child import Child
-from obb_collision.checks.fuzz.client import Answer, Client, FoundError
-from obb_collision.checks.fuzz.probes import BOXES, MOVES, NUMBERS, Message, Pair, Probe, Probes
-from obb_collision.checks.fuzz.robot_messages import RobotMessages
-from obb_collision.checks.fuzz.services import Services
-from obb_collision.checks.fuzz.stream import Sent, Stream
-from obb_collision.checks.fuzz.usage import Usages
+from obb_collision.checks.fuzz.messages.robot_messages import RobotMessages
+from obb_collision.checks.fuzz.messages.stream import Sent, Stream
+from obb_collision.checks.fuzz.process.canary import Canary
+from obb_collision.checks.fuzz.process.child import Child
+from obb_collision.checks.fuzz.session.client import Answer, Client, FoundError
+from obb_collision.checks.fuzz.session.probes import (
+    BOXES,
+    MOVES,
+    NUMBERS,
+    Message,
+    Pair,
+    Probe,
+    Probes,
+)
+from obb_collision.checks.fuzz.session.result import Result
+from obb_collision.checks.fuzz.session.services import Services
 from obb_collision.node.messages.clouds import cloud_from_ros
 from obb_collision.node.messages.conversions import NANOSECONDS, stamp_to_ros
 from obb_collision.node.robots.validity import NOT_KNOWN
@@ -70,30 +77,6 @@ CLEARING = 6.0
 RESENDING = 0.5
 """Seconds after which points are sent again, whose topic is best effort, and sets of boxes, which a
 hostile one overtook by a stamp a little ahead: that one counts for a second."""
-
-
-@dataclass
-class Result:
-    """What was sent and seen."""
-
-    sent: Counter[str] = field(default_factory=Counter)
-    """Messages and requests by topic and service."""
-    probes: Counter[str] = field(default_factory=Counter)
-    """Answered probes by the way in which their boxes came."""
-    again: int = 0
-    """Sets of boxes that were sent again, as a hostile one had a later stamp."""
-    longest: float = 0.0
-    """Longest time between two answers (s)."""
-    lost: int = 0
-    """Answers that the middleware lost on their way; times without them are not judged."""
-    excused: int = 0
-    """Times that were longer than allowed only because the machine had other work."""
-    late: list[tuple[str, float, float]] = field(default_factory=list)
-    """Where one was longer than allowed: the batch, its length and what is allowed."""
-    usages: Usages = field(default_factory=Usages)
-    received: Counter[str] = field(default_factory=Counter)
-    """Messages that the node has received, and those that its queues lost."""
-    refused: Counter[str] = field(default_factory=Counter)
 
 
 class Session:

@@ -29,9 +29,9 @@ from rclpy.serialization import serialize_message
 from rosgraph_msgs.msg import Clock
 from std_srvs.srv import SetBool
 
-from obb_collision.checks.fuzz.child import Child
-from obb_collision.checks.fuzz.client import Client, FoundError
-from obb_collision.checks.fuzz.mutations import hostile_value, mutate
+from obb_collision.checks.fuzz.mutations.fields import hostile_value, mutate
+from obb_collision.checks.fuzz.process.child import Child
+from obb_collision.checks.fuzz.session.client import Client, FoundError
 from obb_collision.node.messages.conversions import stamp_to_ros
 
 TEXTS = ("* *", "a/* b/*", "a/1: mesh", "*: hull", "a=sphere", "", "a", "[", "file:///dev/zero")

@@ -26,9 +26,9 @@ from sensor_msgs.msg import JointState, PointCloud2
 from std_msgs.msg import Header, String
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from obb_collision.checks.fuzz.meshes import OBJ
-from obb_collision.checks.fuzz.messages import Messages
-from obb_collision.checks.fuzz.robots import MESH, SRDF, mutated_robot, urdf
+from obb_collision.checks.fuzz.files.meshes import OBJ
+from obb_collision.checks.fuzz.files.robots import MESH, SRDF, mutated_robot, urdf
+from obb_collision.checks.fuzz.messages.messages import Messages
 from obb_collision.node.messages.clouds import cloud_to_ros
 from obb_collision.node.messages.conversions import duration_to_ros
 from obb_collision.robots.checks.robot_scene import RobotScene

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from statistics import median
 
-from obb_collision.checks.fuzz.child import Usage
+from obb_collision.checks.fuzz.process.child import Usage
 
 WARM_UP = 0.2
 """Share of the samples before the first one that counts."""

@@ -24,8 +24,9 @@ import pytest
 pytest.importorskip("rclpy")
 from rclpy.serialization import deserialize_message, serialize_message
 
-from obb_collision.checks.fuzz.messages import Messages
-from obb_collision.checks.fuzz.mutations import damaged, hostile_value, mutate, raw
+from obb_collision.checks.fuzz.messages.messages import Messages
+from obb_collision.checks.fuzz.mutations.data import damaged, raw
+from obb_collision.checks.fuzz.mutations.fields import hostile_value, mutate
 
 TOPICS = (
     *("objects", "object_transform", "object_states", "object_poses", "object_boxes", "points"),

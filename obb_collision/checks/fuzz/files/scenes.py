@@ -25,9 +25,9 @@ import time
 from pathlib import Path
 from random import Random
 
-from obb_collision.checks.fuzz.meshes import OBJ
-from obb_collision.checks.fuzz.mutations import damaged
-from obb_collision.checks.fuzz.robots import read_robot
+from obb_collision.checks.fuzz.files.meshes import OBJ
+from obb_collision.checks.fuzz.files.robots import read_robot
+from obb_collision.checks.fuzz.mutations.data import damaged
 from obb_collision.scene_files import READY, describe_scene, find_scene
 
 OBJECTS = """

@@ -34,8 +34,8 @@ from sensor_msgs.msg import PointCloud2
 from visualization_msgs.msg import Marker
 
 import obb_collision as oc
-from obb_collision.checks.fuzz.messages import Messages
-from obb_collision.checks.fuzz.mutations import FLOATS, mutate
+from obb_collision.checks.fuzz.messages.messages import Messages
+from obb_collision.checks.fuzz.mutations.fields import FLOATS, mutate
 from obb_collision.node.messages.clouds import cloud_to_ros
 from obb_collision.node.messages.conversions import (
     name_from_key,

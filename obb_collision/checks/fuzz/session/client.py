@@ -28,7 +28,7 @@ from rclpy.node import Node, NodeNameNonExistentError
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import PointCloud2
 
-from obb_collision.checks.fuzz.child import Child
+from obb_collision.checks.fuzz.process.child import Child
 from obb_collision.node.topics.topics import TOPICS
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)

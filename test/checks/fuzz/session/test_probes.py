@@ -23,10 +23,10 @@ import numpy as np
 import pytest
 
 pytest.importorskip("rclpy")
-from obb_collision.checks.fuzz.client import Answer
-from obb_collision.checks.fuzz.messages import Messages
-from obb_collision.checks.fuzz.probes import BOXES, SETS, Pair, Probes
-from obb_collision.checks.fuzz.session import find_answer
+from obb_collision.checks.fuzz.messages.messages import Messages
+from obb_collision.checks.fuzz.session.client import Answer
+from obb_collision.checks.fuzz.session.probes import BOXES, SETS, Pair, Probes
+from obb_collision.checks.fuzz.session.session import find_answer
 from obb_collision.node import namespace_number
 from obb_collision.node.diagnostics.monitors import InputMonitor
 from obb_collision.node.inputs.inputs import Inputs

@@ -14,8 +14,8 @@
 
 """When this machine stood still: a process that only sleeps, and says how late it woke.
 
-``python -m obb_collision.checks.fuzz.canary`` prints when it should have woken and when it did (s
-since 1970). Whatever keeps it from running keeps others from it, too: other programs, a
+``python -m obb_collision.checks.fuzz.process.canary`` prints when it should have woken and when it
+did (s since 1970). Whatever keeps it from running keeps others from it, too: other programs, a
 hypervisor that gives the processor away, memory that is being freed.
 """
 

@@ -24,7 +24,8 @@ import pytest
 pytest.importorskip("rclpy")
 import rig  # noqa: F401 - of this machine only
 
-from obb_collision.checks.fuzz import attack, command, probes
+from obb_collision.checks.fuzz import attack, command
+from obb_collision.checks.fuzz.session import probes
 
 
 def run(*arguments: str) -> int:

@@ -22,8 +22,9 @@ from pathlib import Path
 import pytest
 
 pytest.importorskip("rclpy")
-from obb_collision.checks.fuzz import robots, scene_attack, scenes
-from obb_collision.checks.fuzz.client import FoundError
+from obb_collision.checks.fuzz import file_attack
+from obb_collision.checks.fuzz.files import robots, scenes
+from obb_collision.checks.fuzz.session.client import FoundError
 
 GOOD = tuple("\n".join(text.splitlines()).encode() for text in (robots.urdf(), robots.SRDF))
 
@@ -39,10 +40,10 @@ def test_scenes_are_good_before_they_are_changed(tmp_path: Path) -> None:
 
 
 def test_a_process_reads_them_all(tmp_path: Path) -> None:
-    refused, longest = scene_attack.attack_reader("scene", tmp_path, 1, 10, 40)
+    refused, longest = file_attack.attack_reader("scene", tmp_path, 1, 10, 40)
     assert 10 < refused < 30
-    assert longest < scene_attack.READING
-    refused, longest = scene_attack.attack_reader("robot", tmp_path, 1, 10, 40)
+    assert longest < file_attack.READING
+    refused, longest = file_attack.attack_reader("robot", tmp_path, 1, 10, 40)
     assert 5 < refused < 30
 
 
@@ -67,7 +68,7 @@ def test_a_reader_that_ends_or_takes_long_is_found(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with pytest.raises(FoundError, match="scene:0 ended its reader"):
-        scene_attack.attack_reader("scene", tmp_path / "none", 1, 0, 3)
-    monkeypatch.setattr(scene_attack, "READING", 0.0)
+        file_attack.attack_reader("scene", tmp_path / "none", 1, 0, 3)
+    monkeypatch.setattr(file_attack, "READING", 0.0)
     with pytest.raises(FoundError, match=r"scene:\d+ took"):
-        scene_attack.attack_reader("scene", tmp_path, 1, 0, 3)
+        file_attack.attack_reader("scene", tmp_path, 1, 0, 3)

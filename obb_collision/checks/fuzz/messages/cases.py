@@ -29,7 +29,7 @@ import numpy as np
 from sensor_msgs.msg import PointCloud2, PointField
 from visualization_msgs.msg import Marker
 
-from obb_collision.checks.fuzz.messages import Messages
+from obb_collision.checks.fuzz.messages.messages import Messages
 from obb_collision.node.messages.bulk_clouds import boxes_to_ros, poses_to_ros
 from obb_collision.node.messages.marker_writer import ENCAPSULATION, MarkerArrayWriter
 from obb_collision.node.messages.names import namespace_number

@@ -23,7 +23,7 @@ from random import Random
 import numpy as np
 import trimesh
 
-from obb_collision.checks.fuzz.mutations import damaged
+from obb_collision.checks.fuzz.mutations.data import damaged
 
 OBJ = b"mtllib pipe.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf 1 2 4\nf 2 3 4\nf 1 3 4\n"
 STL = b"""solid a
