@@ -70,6 +70,10 @@ class MeshReading:
         """End the process."""
         self._process.stop()
 
+    def abandon(self) -> None:
+        """End the process from another thread: the one that reads gets a ValueError."""
+        self._process.close()
+
 
 class MeshFiles:
     """Mesh files by path, relative to the folder of the scene file, or by URI."""

@@ -18,21 +18,34 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from threading import Lock, Thread
+from typing import Protocol
 
 from obb_collision.node.runtime.guard import INTERNAL_ERROR
 from obb_collision.robots.description.robot import Robot
 
-Read = Callable[[str, "str | None"], Robot]
-"""Makes a robot of a URDF and an SRDF; ValueError with the reason where that is not possible."""
 ENDING = 2.0
 """Seconds to wait at the end for the thread."""
 
 
-class DescriptionReader:
-    """Makes robots in a thread, the newest description only: meshes may take seconds to read."""
+class Reading(Protocol):
+    """One description being read."""
 
-    def __init__(self, read: Read) -> None:
-        self._read = read
+    def read(self, urdf: str, srdf: str | None) -> Robot:
+        """Return the robot; ValueError with the reason where there is none."""
+
+    def abandon(self) -> None:
+        """Let ``read`` end soon, whatever it returns or raises; at once, from any thread."""
+
+
+Begin = Callable[[], Reading]
+
+
+class DescriptionReader:
+    """Makes robots in a thread, the newest description only: meshes may take minutes to read."""
+
+    def __init__(self, begin: Begin) -> None:
+        self._begin = begin
+        self._reading: Reading | None = None
         self._lock = Lock()
         self._wanted: tuple[str, str | None] | None = None
         self._found: Robot | str | None = None
@@ -45,9 +58,11 @@ class DescriptionReader:
             return self._thread is not None or self._found is not None
 
     def request(self, urdf: str, srdf: str | None) -> None:
-        """Read a description, in place of one that waits."""
+        """Read a description, in place of one that waits or is being read."""
         with self._lock:
             self._wanted, self._found = (urdf, srdf), None
+            if self._reading is not None:
+                self._reading.abandon()
             if self._thread is None:
                 self._thread = Thread(target=self._work, name="robot_description", daemon=True)
                 self._thread.start()
@@ -59,9 +74,11 @@ class DescriptionReader:
             return found
 
     def close(self) -> None:
-        """Wait for the end of what is being read."""
+        """End what is being read."""
         with self._lock:
             self._wanted, thread = None, self._thread
+            if self._reading is not None:
+                self._reading.abandon()
         if thread is not None:
             thread.join(ENDING)
 
@@ -72,13 +89,15 @@ class DescriptionReader:
                 if wanted is None:
                     self._thread = None
                     return
+                reading = self._reading = self._begin()
             found: Robot | str
             try:
-                found = self._read(*wanted)
+                found = reading.read(*wanted)
             except ValueError as error:
                 found = str(error)
             except Exception as error:
                 found = f"{INTERNAL_ERROR}: {type(error).__name__}: {error}"
             with self._lock:
+                self._reading = None
                 if self._wanted is None:
                     self._found = found

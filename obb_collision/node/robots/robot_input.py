@@ -32,7 +32,7 @@ from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.objects.objects import Objects
 from obb_collision.node.objects.states import OLDER, State
 from obb_collision.node.parameters.robots import BY_TOPIC, Base
-from obb_collision.node.robots.description import DescriptionReader, Read
+from obb_collision.node.robots.description import Begin, DescriptionReader
 from obb_collision.node.robots.joints import Joints, joints_from_bytes, text_from_bytes
 from obb_collision.node.robots.links import NOTHING, AttachedObjects, LinkObjects
 from obb_collision.node.runtime.guard import INTERNAL_ERROR
@@ -47,7 +47,7 @@ START = "<"
 
 
 class RobotInput:
-    """A robot, by its name; base: where it stands; read: makes it of URDF and SRDF."""
+    """A robot, by its name; base: where it stands; begin: what reads its URDF and SRDF."""
 
     def __init__(
         self,
@@ -55,14 +55,14 @@ class RobotInput:
         objects: Objects,
         monitors: Mapping[str, InputMonitor],
         clock: Callable[[], int],
-        read: Read,
+        begin: Begin,
     ) -> None:
         self.name, self.base = base.robot, base
         self._objects, self._clock = objects, clock
         self._topics = {kind: f"{self.name}/{kind}" for kind in (DESCRIPTION, JOINT_STATES)}
         self._topics[SEMANTIC] = f"{self.name}/{SEMANTIC}"
         self._monitors = {kind: monitors[topic] for kind, topic in self._topics.items()}
-        self._reader = DescriptionReader(read)
+        self._reader = DescriptionReader(begin)
         self._urdf = ""
         self._srdf: str | None = None
         self._refused = ""  # why the latest description can't be used

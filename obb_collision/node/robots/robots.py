@@ -102,7 +102,7 @@ class Robots:
         self.robots: list[RobotInput] = []
         frames.robots = self.robots
         for base in parameters.bases.values():
-            robot = RobotInput(base, objects, monitors, clock, self._read)
+            robot = RobotInput(base, objects, monitors, clock, self._begin_reading)
             self.robots.append(robot)
             checked = CheckedRobot(
                 robot, objects, frames, not_known, lambda: self._parameters.touch_links
@@ -213,11 +213,24 @@ class Robots:
             self._node.destroy_service(service)
         self._services.clear()
 
-    def _read(self, urdf: str, srdf: str | None) -> Robot:
-        """Return a robot, its meshes read in another process; ValueError with the reason."""
-        meshes = self._meshes()
+    def _begin_reading(self) -> RobotReading:
+        return RobotReading(self._meshes())
+
+
+class RobotReading:
+    """A robot being made of its description, the meshes read in another process."""
+
+    def __init__(self, meshes: MeshReading) -> None:
+        self._meshes = meshes
+
+    def read(self, urdf: str, srdf: str | None) -> Robot:
+        """Return the robot; ValueError with the reason where there is none."""
         try:
-            folders = list(self._parameters.mesh_folders)
-            return Robot.from_urdf(urdf, srdf, folders, read_mesh=meshes.read)
+            folders = list(self._meshes.folders)
+            return Robot.from_urdf(urdf, srdf, folders, read_mesh=self._meshes.read)
         finally:
-            meshes.close()
+            self._meshes.close()
+
+    def abandon(self) -> None:
+        """End the process: a mesh that is being read is none."""
+        self._meshes.abandon()

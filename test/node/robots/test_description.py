@@ -1,0 +1,98 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""A description that is replaced while its meshes are read holds up nothing."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from threading import Event
+
+import pytest
+
+pytest.importorskip("rclpy")
+pytest.importorskip("lxml")
+from robot_rig import URDF, RobotRig
+
+import obb_collision as oc
+from obb_collision.node.robots.description import DescriptionReader
+from obb_collision.scene.building import process
+
+ROCK = '<robot name="{}"><link name="rock"/></robot>'
+#: More than any test takes: what is not abandoned ends by this.
+LONG = 60.0
+
+
+class SlowReading:
+    """Reads for ever what is called slow, unless it is abandoned."""
+
+    def __init__(self) -> None:
+        self.begun, self.abandoned = Event(), Event()
+
+    def read(self, urdf: str, srdf: str | None) -> oc.Robot:
+        self.begun.set()
+        if "slow" in urdf and not self.abandoned.wait(LONG):
+            raise AssertionError("not abandoned")
+        return oc.Robot.from_urdf(urdf, srdf)
+
+    def abandon(self) -> None:
+        self.abandoned.set()
+
+
+def test_a_newer_description_ends_the_reading_of_one_before() -> None:
+    readings = [SlowReading() for _ in range(2)]
+    begun = iter(readings)
+    reader = DescriptionReader(lambda: next(begun))
+    reader.request(ROCK.format("slow"), None)
+    assert readings[0].begun.wait(LONG)
+    reader.request(ROCK.format("quick"), None)
+    assert readings[1].begun.wait(LONG)
+    thread = reader._thread
+    if thread is not None:
+        thread.join(LONG)
+    found = reader.take()
+    assert isinstance(found, oc.Robot)
+    assert found.name == "quick"
+    assert not readings[1].abandoned.is_set()
+    assert not reader.is_reading
+
+
+def test_closing_ends_what_is_being_read() -> None:
+    reading = SlowReading()
+    reader = DescriptionReader(lambda: reading)
+    reader.request(ROCK.format("slow"), None)
+    thread = reader._thread
+    assert thread is not None
+    assert reading.begun.wait(LONG)
+    reader.close()
+    assert not thread.is_alive()
+
+
+def test_a_mesh_that_takes_for_ever_gives_way_to_a_newer_description(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "part.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    mesh = f'<mesh filename="file://{tmp_path}/part.obj"/>'
+    with RobotRig({"mesh_folders": [str(tmp_path)]}) as rig:
+        with monkeypatch.context() as patch:
+            patch.setattr(process, "CODE", "import time; time.sleep(1e6)")
+            rig.describe(URDF.replace('<box size="0.1 0.1 0.1"/>', mesh))
+            rig.until(lambda: "being read" in rig.robot.fault, "the reading")
+            reading = rig.robot._reader._reading
+            rig.until(lambda: reading._meshes._process.number is not None, "its process")
+            worker = reading._meshes._process._process
+        rig.describe()
+        rig.until(lambda: rig.robot.links is not None, "the robot")
+        assert "refused" not in rig.robot.fault
+        assert worker.poll() is not None
