@@ -66,6 +66,9 @@ class RobotInput:
         self._urdf = ""
         self._srdf: str | None = None
         self._refused = ""  # why the latest description can't be used
+        self._robot: Robot | None = None  # of the latest one that can be
+        self._unadded = ""  # why its links could not be added
+        self._renewed = False  # whether there are other objects than at the last ``apply``
         self._unplaced = ""  # why the latest state could not be
         self.links: LinkObjects | None = None
         self.joints: Joints | None = None
@@ -90,14 +93,15 @@ class RobotInput:
     def take_description(self, data: bytes) -> None:
         """Begin to read a URDF."""
         text = self._text(DESCRIPTION, data)
-        if text is not None and (text != self._urdf or self._refused):  # else it is sent again
+        if text is not None and (text != self._urdf or self._refused or self._unadded):
+            # else it is sent again
             self._urdf = text
             self._request()
 
     def take_semantic(self, data: bytes) -> None:
         """Begin to read an SRDF, with the URDF, if that is there."""
         text = self._text(SEMANTIC, data)
-        if text is not None and (text != self._srdf or self._refused):
+        if text is not None and (text != self._srdf or self._refused or self._unadded):
             self._srdf = text
             self._request()
 
@@ -161,6 +165,9 @@ class RobotInput:
             self._refused = f"{DESCRIPTION} refused: {found}"
             self._monitors[DESCRIPTION].refuse(now, BAD_DESCRIPTION, "whole message", found)
         elif found is not None:
+            self._robot = found
+            for doubt in found.doubts:
+                self._monitors[DESCRIPTION].doubt(now, "odd description", detail=doubt)
             self._replace(found, now)
         self.fault = self._find_fault(now, timeout)
         if self.links is not None:
@@ -168,13 +175,16 @@ class RobotInput:
                 self._place(now)
             if self.fault:
                 self.links.refuse()
-        return found is not None
+        renewed, self._renewed = self._renewed or found is not None, False
+        return renewed
 
     def _find_fault(self, now: int, timeout: float) -> str:
         if self._refused:
             return self._refused
         if self._reader.is_reading:
             return f"{DESCRIPTION} being read"
+        if self._unadded:
+            return self._unadded
         if self.links is None or self.joints is None:
             return f"no {DESCRIPTION}"
         if self.base.frame == BY_TOPIC and self._base is None:
@@ -184,13 +194,12 @@ class RobotInput:
     def _replace(self, robot: Robot, now: int) -> None:
         """Take a robot in place of the one before."""
         self._drop()
+        self._unadded = ""
         links = LinkObjects(self.name, robot, self._objects)
-        for doubt in robot.doubts:
-            self._monitors[DESCRIPTION].doubt(now, "odd description", detail=doubt)
         try:
             links.add()
         except RefusedError as error:
-            self._refused = f"{DESCRIPTION} refused: {error}"
+            self._unadded = f"{DESCRIPTION} refused: {error}"
             self._monitors[DESCRIPTION].refuse(now, error.reason, "whole message", error.detail)
             return
         self.links, self.joints, self._changed, self._unplaced = links, Joints(robot), True, ""
@@ -277,10 +286,12 @@ class RobotInput:
         doubts = {"odd": "; ".join(robot.doubts)} if robot.doubts else {}
         return {"links": links, "shapes": shapes, "joints": len(robot.joint_names), **doubts}
 
-    def cleared(self) -> None:
-        """Read the description again: all objects were removed."""
+    def cleared(self, now: int) -> None:
+        """Add the links again, whose joints are not known: all objects were removed."""
         self.links = self.joints = None
-        self._request()
+        self._renewed = True
+        if self._robot is not None:
+            self._replace(self._robot, now)
 
     def clock_jumped(self, shift: int) -> None:
         """Shift times by a jump of the clock (ns)."""

@@ -190,8 +190,9 @@ class Robots:
 
     def cleared(self) -> None:
         """Make anew what ``~/clear`` has removed."""
+        now = self._clock()
         for robot in self.robots:
-            robot.cleared()
+            robot.cleared(now)
 
     def clock_jumped(self, shift: int) -> None:
         """Shift times by a jump of the clock (ns)."""

@@ -12,18 +12,22 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A description that is replaced while its meshes are read holds up nothing."""
+"""A description is read once, and holds up nothing where another replaces it meanwhile."""
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from threading import Event
 
+import numpy as np
 import pytest
 
 pytest.importorskip("rclpy")
 pytest.importorskip("lxml")
+from rig import cube
 from robot_rig import URDF, RobotRig
+from std_srvs.srv import Trigger
 
 import obb_collision as oc
 from obb_collision.node.robots.description import DescriptionReader
@@ -66,6 +70,41 @@ def test_a_newer_description_ends_the_reading_of_one_before() -> None:
     assert found.name == "quick"
     assert not readings[1].abandoned.is_set()
     assert not reader.is_reading
+
+
+@pytest.mark.parametrize("speed", [1e300, math.inf, math.nan])
+def test_neither_absurd_speeds_nor_clear_read_the_description_again(
+    speed: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with RobotRig() as rig:
+        rig.start_robot()
+        robot = rig.robot.links.robot
+        place = rig.pose_of(("arm/hand", 0))
+        monkeypatch.setattr(rig.robot._reader, "request", None)
+        rig.send_joints({"lift": speed}, lift=0.0, turn=0.0)
+        rig.answer()
+        assert rig.robot.fault == ""
+        assert rig.call(Trigger, "obb_collision/clear", Trigger.Request()).success
+        rig.cycles(1)
+        assert rig.robot.fault.startswith("joints without a state")
+        rig.send_joints(lift=0.0, turn=0.0)
+        rig.answer()
+        assert rig.robot.fault == ""
+        assert rig.robot.links.robot is robot
+        np.testing.assert_array_equal(rig.pose_of(("arm/hand", 0)), place)
+        assert rig.node.guard.total == 0, rig.node.guard.last
+
+
+def test_what_is_in_the_way_of_links_is_gone_after_clear() -> None:
+    with RobotRig() as rig:
+        rig.send(cube(("arm/hand", 1), (0, 0, 0)))
+        rig.answer()
+        rig.describe()
+        rig.until(lambda: "refused" in rig.robot.fault, "the refusal")
+        assert rig.call(Trigger, "obb_collision/clear", Trigger.Request()).success
+        rig.send_joints(lift=0.0, turn=0.0)
+        rig.answer()
+        assert rig.robot.fault == ""
 
 
 def test_closing_ends_what_is_being_read() -> None:
