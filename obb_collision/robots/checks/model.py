@@ -102,7 +102,7 @@ class Model:
         self._kept: Kept = {}
         self._chains: Floats = np.empty(0)
         self.set_bases(bases)
-        self.paddings = np.zeros(len(self.link_names))
+        self.paddings = self._grown = np.zeros(len(self.link_names))
         self.attached: dict[str, Attached] = {}
         self.link_objects: dict[str, tuple[str, ...]] = {}
         self._groups, self._allowed = (
@@ -205,7 +205,18 @@ class Model:
         links = (name for names in self.link_objects.values() for name in names)
         return frozenset(links) | {name for name, each in self.attached.items() if each.of_scene}
 
+    def _paddings_in(self, scene: Scene) -> Floats:
+        """Return by how much each link is grown with what the objects that it is are padded by."""
+        store, paddings = scene._store, self.paddings.copy()
+        for link, names in self.link_objects.items():
+            slots = [store.slots[name] for name in names if name in store.slots]
+            paddings[self.link_rows[link]] += store.own_paddings[slots].max(initial=0.0)
+        return paddings
+
     def _made(self, scene: Scene) -> Arrays:
+        grown = self._paddings_in(scene)
+        if not np.array_equal(grown, self._grown):
+            self._grown, self._bodies, self._meshes = grown, None, None
         if self._bodies is None:
             self._bodies = self._own_bodies()
         of_links = self._bodies
@@ -239,7 +250,7 @@ class Model:
         """Return the bodies of robots as meshes, in the same order."""
         if self._meshes is None:
             placed: list[tuple[Shape | OBB, Sequence[float], int, float]] = [
-                (shape, pose, link, float(self.paddings[link]))
+                (shape, pose, link, float(self._grown[link]))
                 for link, each in enumerate(part for robot in self.robots for part in robot.shapes)
                 for shape, pose in each
             ]
@@ -254,7 +265,7 @@ class Model:
         return self._meshes
 
     def _own_bodies(self) -> OwnBodies:
-        bodies, owners = link_bodies(self.robots, self.paddings, self._chains)
+        bodies, owners = link_bodies(self.robots, self._grown, self._chains)
         for row, each in enumerate(self.attached.values(), start=len(self.link_names)):
             bodies.append(attached_body(each, self._chains, float(self.paddings[each.link])))
             owners.append(row)

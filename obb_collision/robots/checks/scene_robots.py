@@ -128,7 +128,8 @@ class SceneRobots:
     def link_objects(self) -> dict[str, tuple[str, ...]]:
         """The objects of the scene that are links themselves, by link; may be set.
 
-        They are no obstacles, and what the rules of the scene say of them counts for the link.
+        They are no obstacles. What the rules of the scene say of them counts for the link, and so
+        does the largest of their paddings, besides its own.
         """
         return dict(self._model.link_objects)
 

@@ -118,6 +118,20 @@ def test_answers_are_those_of_the_library() -> None:
         np.testing.assert_allclose(rows["distance"], expected, atol=1e-9)
 
 
+@pytest.mark.parametrize("padded", ["arm/*", "arm/hand/1", "crate/*"])
+def test_the_padding_of_links_counts_as_that_of_objects_does(padded: str) -> None:
+    with ValidityRig() as rig:
+        rig.start_robot()
+        rig.send(cube(CRATE, (0.0, 1.2, 0.5), (0.1, 0.1, 0.1)))  # 0.05 m beyond the hand
+        rig.answer()
+        there = [[0.0, np.pi / 2]]
+        assert rig.reasons(there) == [VALID]
+        rig.set(padding_overrides=[f"{padded}: 0.06"])
+        rig.send_joints(lift=0.0, turn=np.pi / 2)
+        assert set(map(frozenset, rig.pairs())) == {frozenset(("arm/hand/1", "crate/1"))}
+        assert rig.reasons(there) == [COLLIDES]
+
+
 def test_states_are_where_the_base_is() -> None:
     with ValidityRig({"robot_bases": ["arm: object_transform"]}) as rig:
         rig.describe()

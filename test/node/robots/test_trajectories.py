@@ -238,6 +238,15 @@ def test_a_trajectory_is_stopped_when_another_shape_in_the_same_box_is_in_its_wa
         assert rig.said[0].message.startswith("stopped: not free: arm/hand and crate/1")
 
 
+def test_a_trajectory_is_stopped_when_links_are_padded_so_that_it_collides() -> None:
+    with TrajectoryRig((0.0, 1.2, 0.5)) as rig:
+        assert rig.go([QUARTER[0], (1000.0, QUARTER[1][1])])[0].level == OK
+        rig.said.clear()
+        rig.set(padding_overrides=["arm/*: 0.06"])
+        rig.until(lambda: rig.said, "the stop")
+        assert rig.said[0].message.startswith("stopped: not free: arm/hand and crate/1")
+
+
 def test_a_trajectory_is_stopped_when_it_is_not_known_any_more() -> None:
     with TrajectoryRig() as rig:
         assert rig.go([QUARTER[0], (1000.0, QUARTER[1][1])])[0].level == OK

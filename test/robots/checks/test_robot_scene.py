@@ -189,6 +189,25 @@ def test_objects_that_are_links_are_no_obstacles_and_have_their_rules() -> None:
         checker.link_objects = {"foot": ["hand/0"]}
 
 
+def test_the_padding_of_objects_that_are_links_counts_for_them() -> None:
+    scene = oc.Scene()
+    checker, state = lift(scene), [[0.0, 0.5]]
+    for name, x in (("hand/0", 1.0), ("crate", 2.0)):
+        scene.add(name, oc.shapes.Box([0.1, 0.1, 0.1]), [x, 0, 0.5, 0, 0, 0, 1])
+    checker.link_objects = {"hand": ["hand/0", "gone"]}
+    assert checker.check(state).valid[0]
+    room = checker.distances(state, max_distance=9.0, self_pairs=False).distances[0]
+    scene.padding_overrides = [("hand/*", 0.1)]
+    padded = checker.distances(state, max_distance=9.0, self_pairs=False).distances[0]
+    assert padded == pytest.approx(room - 0.1, abs=1e-6)
+    scene.padding_overrides = [("hand/*", room + 1e-3)]
+    assert checker.check(state).pairs == [("hand", "crate")]
+    assert not checker.check_motions(state, state).valid[0]
+    checker.link_objects = {}
+    scene.remove("hand/0")
+    assert checker.check(state).valid[0]
+
+
 def test_distances_may_leave_out_pairs_of_links() -> None:
     scene = oc.Scene()
     scene.add("crate", oc.shapes.Box([0.2, 0.2, 0.2]), [3.0, 0, 0, 0, 0, 0, 1])
