@@ -309,7 +309,8 @@ ROBOTS = (
     Spec(
         "trajectory_start_tolerance",
         0.01,
-        "How far a joint may be from the first point of a trajectory (rad or m).",
+        "How far a joint may be from a trajectory, at its start and where it has come past, and "
+        "from where it is to stay (rad or m).",
         (0.0, 1000.0),
     ),
     Spec(

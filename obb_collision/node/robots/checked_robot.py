@@ -87,7 +87,10 @@ class CheckedRobot:
             made = self._made[padding] = robot, {}, checker
         checker = made[2]
         checker.bases = base[None]
-        self._attach(checker, made[1])
+        try:
+            self._attach(checker, made[1])
+        except ValueError as error:  # it has the name of a link
+            raise RefusedError(SCENE_NOT_KNOWN, f"not attached: {error}") from error
         return checker
 
     def _attach(self, checker: RobotScene, held: dict[str, Held]) -> None:

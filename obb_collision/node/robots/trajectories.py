@@ -27,7 +27,7 @@ from itertools import pairwise
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from rclpy.publisher import Publisher
-from trajectory_msgs.msg import JointTrajectory
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from obb_collision.node.diagnostics.monitors import InputMonitor
 from obb_collision.node.messages.conversions import NANOSECONDS, stamp_from_ros
@@ -49,9 +49,11 @@ from obb_collision.robots.checks.robot_scene import RobotScene
 from obb_collision.robots.kinematics.splines import (
     Pieces,
     Point,
+    distances_from,
     interpolation,
     segment_between,
     straight_pieces,
+    with_jump,
 )
 from obb_collision.typing import Floats
 
@@ -60,6 +62,7 @@ SHARE = 500
 DECISION_TIME = 2 * NANOSECONDS
 """After so long (ns) a trajectory that is not decided yet, for the scene changes, is refused."""
 NOT_FREE, ELSEWHERE = "not free", "not at its start"
+MOVED = "a joint that it does not name has moved"
 
 
 @dataclass
@@ -69,9 +72,44 @@ class Running:
     pieces: Pieces
     begin: int
     names: list[str]
+    joints: Joints
+    columns: list[int]
+    """The joints that it moves, in the order of the names."""
+    present: Floats
+    """All joints when it was planned: the others are to stay there."""
     robot: object
     world: tuple[object, ...]
     """What it was certified for, and in."""
+    passed: float = -np.inf
+    """The time of the trajectory at which the robot was, at least."""
+
+    def find_moved(self, tolerance: float) -> str:
+        """Return the name of a joint that was to stay and has not, "" for none."""
+        off = np.abs(self.joints.positions - self.present)
+        off[self.columns] = 0.0
+        return self.joints.names[int(np.argmax(off))] if off.max(initial=0.0) > tolerance else ""
+
+    def advance(self, elapsed: float, tolerance: float) -> None:
+        """Note how far the robot is, by the joints: controllers can be slower than planned.
+
+        It is at the first piece from the last one on that the joints are near to.
+        """
+        pieces, here = self.pieces, self.joints.positions
+        ahead = np.flatnonzero((pieces.finishes > self.passed) & (pieces.begins <= elapsed))
+        near = ahead[distances_from(pieces.take(ahead), here) <= tolerance]
+        if len(near):
+            self.passed = float(pieces.begins[near[0]])
+        last = pieces.finishes.max()
+        there = np.abs(pieces.ends[np.argmax(pieces.finishes)] - here).max(initial=0.0)
+        if elapsed >= last and there <= tolerance:
+            self.passed = float(last)
+
+    def hold(self) -> JointTrajectory:
+        """Return a trajectory that stays where the joints are."""
+        positions = self.joints.positions[self.columns].tolist()
+        return JointTrajectory(
+            joint_names=self.names, points=[JointTrajectoryPoint(positions=positions)]
+        )
 
 
 @dataclass
@@ -122,7 +160,9 @@ class Trajectories:
         try:
             trajectory = trajectory_from_bytes(data)
             if not trajectory.points:
-                self._running = None
+                running, self._running = self._running, None
+                if running is not None:
+                    self._forward.publish(running.hold())
                 self._forward.publish(data)
                 self._say(DiagnosticStatus.OK, "forwarded: a stop")
                 return
@@ -168,6 +208,9 @@ class Trajectories:
             raise RefusedError("another robot", "its description has changed")
         if not self._checked.is_world(running.world):
             running.world, deciding.done = self._checked.world(scene), 0
+        moved = running.find_moved(self._parameters.trajectory_start_tolerance)
+        if moved:
+            raise RefusedError(MOVED, moved)
         if now - deciding.received > DECISION_TIME:
             raise RefusedError("not decided", "the scene changes too fast for so many pieces")
         numbers = np.arange(len(running.pieces.begins))
@@ -194,7 +237,9 @@ class Trajectories:
         running, now = self._running, self._clock()
         if running is None:
             return
-        left = running.pieces.finishes > (now - running.begin) / NANOSECONDS
+        tolerance = self._parameters.trajectory_start_tolerance
+        running.advance((now - running.begin) / NANOSECONDS, tolerance)
+        left = running.pieces.finishes > running.passed
         if not left.any():
             self._running = None
             return
@@ -202,6 +247,9 @@ class Trajectories:
             scene = self._checked.scene(self._parameters.trajectory_margin)
             if self._checked.robot is not running.robot:
                 raise RefusedError("another robot", "its description has changed")
+            moved = running.find_moved(tolerance)
+            if moved:
+                raise RefusedError(MOVED, moved)
             if not self._checked.is_world(running.world):
                 _check_pieces(scene, running.pieces.take(left))
                 running.world = self._checked.world(scene)
@@ -218,7 +266,9 @@ class Trajectories:
             self._stop(self._running, RefusedError("the node does not check any more"))
 
     def _stop(self, running: Running, error: RefusedError) -> None:
+        """Stop the robot: ``joint_trajectory_controller`` refuses trajectories without points."""
         self._running = None
+        self._forward.publish(running.hold())
         self._forward.publish(JointTrajectory(joint_names=running.names))
         self.stopped = f"trajectory stopped: {error}"
         values = error.values if isinstance(error, NotFreeError) else {}
@@ -247,9 +297,14 @@ class Trajectories:
         if off.max(initial=0.0) > self._parameters.trajectory_start_tolerance:
             name = joints.names[int(np.argmax(off))]
             raise RefusedError(ELSEWHERE, f"joint {name} is off by {off.max():.4g}")
-        pieces = self._pieces(scene, _from_here(points, joints))
-        robot, world = self._checked.robot, self._checked.world(scene)
-        return Running(pieces, begin, trajectory.names, robot, world)
+        since = (now - begin) / NANOSECONDS
+        pieces = self._pieces(scene, _from_here(points, joints, since))
+        if since > points[0].time:
+            pieces = with_jump(pieces, joints.positions, points, since)
+        return Running(
+            *(pieces, begin, trajectory.names, joints, columns, joints.positions.copy()),
+            *(self._checked.robot, self._checked.world(scene)),
+        )
 
     def _pieces(self, scene: RobotScene, points: list[Point]) -> Pieces:
         """Return straight pieces that the trajectory stays near to."""
@@ -301,18 +356,22 @@ def _whole(point: Point, columns: list[int], joints: Joints) -> Point:
     return Point(point.time, positions, spread(point.velocities), spread(point.accelerations))
 
 
-def _from_here(points: list[Point], joints: Joints) -> list[Point]:
+def _from_here(points: list[Point], joints: Joints, since: float) -> list[Point]:
     """Return the points with the present state before them, from which controllers begin.
 
-    Where the first one is at time 0 the way to it is straight and sudden.
+    since: the time of the trajectory that it is now (s). Where that of the first point has come,
+    the way to it is straight and sudden.
     """
     first, here = points[0], joints.positions.copy()
-    if first.time > 0.0:
+    if first.time > since:
         if first.accelerations is not None:  # those of now are not known
             raise RefusedError(BAD_POINT, "the first one has accelerations, and is not at time 0")
-        return [Point(0.0, here, joints.velocities.copy(), None), *points]
+        if first.velocities is not None and joints.unclear.any():
+            name = joints.names[int(np.argmax(joints.unclear))]
+            raise RefusedError(ELSEWHERE, f"the velocity of joint {name} is not known")
+        return [Point(since, here, joints.velocities.copy(), None), *points]
     step = 1e-9  # what may be between two points of time
-    return [Point(-step, here, None, None), *points]
+    return [Point(first.time - step, here, None, None), *points]
 
 
 def _check_pieces(scene: RobotScene, pieces: Pieces) -> None:

@@ -22,11 +22,12 @@ whose second derivative is at most m deviates from the chord of an interval h by
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
-from obb_collision.typing import Floats, Integers, Mask
+from obb_collision.typing import Floats, Integers, Mask, Rows
 
 LINEAR, CUBIC, QUINTIC = "linear", "cubic", "quintic"
 DEVIATION_GROWTH = 1.0 + 1e-6
@@ -51,7 +52,7 @@ class Pieces(NamedTuple):
     finishes: Floats
     segments: Integers
 
-    def take(self, rows: Mask) -> Pieces:
+    def take(self, rows: Mask | Rows) -> Pieces:
         """Return some of them."""
         starts, ends, begins, finishes, segments = self
         return Pieces(starts[rows], ends[rows], begins[rows], finishes[rows], segments[rows])
@@ -127,3 +128,31 @@ def straight_pieces(points: Sequence[Point], counts: Sequence[int]) -> Pieces:
         finishes.append(first.time + times[1:])
         segments.append(np.full(count, number))
     return Pieces(*(np.concatenate(part) for part in (starts, ends, begins, finishes, segments)))
+
+
+def state_at(points: Sequence[Point], time: float) -> Floats:
+    """Return the joints (j,) at a time not before the first point; those of the last after it."""
+    for first, last in pairwise(points):
+        if time < last.time:
+            return segment_between(first, last).at(np.array([time - first.time]))[0]
+    return points[-1].positions
+
+
+def with_jump(pieces: Pieces, here: Floats, points: Sequence[Point], time: float) -> Pieces:
+    """Return pieces with a jump at a time: from joints that are here to where the points are."""
+    times, segment = np.array([time]), np.array([0])
+    jump = Pieces(here[None], state_at(points, time)[None], times, times, segment)
+    return Pieces(*(np.concatenate(pair) for pair in zip(pieces, jump, strict=True)))
+
+
+def distances_from(pieces: Pieces, state: Floats) -> Floats:
+    """Return how far the joints of a state (j,) are from each piece (p,): the farthest of them.
+
+    From the point of the piece that is nearest by the sum of squares.
+    """
+    ways = pieces.ends - pieces.starts
+    lengths = (ways * ways).sum(axis=1)
+    along = ((state - pieces.starts) * ways).sum(axis=1) / np.where(lengths > 0.0, lengths, 1.0)
+    nearest = pieces.starts + np.clip(along, 0.0, 1.0)[:, None] * ways
+    distances: Floats = np.abs(nearest - state).max(axis=1, initial=0.0)
+    return distances

@@ -213,6 +213,5 @@ def test_trajectories_are_refused_and_stopped_for_what_is_attached() -> None:
         assert rig.go(slow)[0].message == "forwarded"
         rig.said.clear()
         rig.send(held())
-        rig.until(lambda: rig.said, "the stop")
-        assert rig.said[0].message.startswith(f"stopped: not free: {NAME} and crate/1")
+        assert rig.stopped().startswith(f"stopped: not free: {NAME} and crate/1")
         assert rig.go(slow)[0].message.startswith(f"refused: not free: {NAME} and crate/1")

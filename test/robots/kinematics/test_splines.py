@@ -29,9 +29,12 @@ from obb_collision.robots.kinematics.splines import (
     LINEAR,
     QUINTIC,
     Point,
+    distances_from,
     interpolation,
     segment_between,
+    state_at,
     straight_pieces,
+    with_jump,
 )
 
 RNG = np.random.default_rng(7)
@@ -108,3 +111,37 @@ def test_robots_that_move_freely_are_refused() -> None:
     )
     with pytest.raises(ValueError, match="planar or floating"):
         oc.RobotScene([robot]).displacements(np.zeros((1, 3)), np.zeros((1, 3)))
+
+
+def test_the_state_at_a_time_is_on_the_splines_and_at_their_ends() -> None:
+    some = points(2, 4)
+    for first, last in pairwise(some):
+        middle = (first.time + last.time) / 2.0
+        expected = segment_between(first, last).at(np.array([middle - first.time]))[0]
+        np.testing.assert_array_equal(state_at(some, middle), expected)
+        np.testing.assert_allclose(state_at(some, first.time), first.positions, atol=1e-12)
+    np.testing.assert_array_equal(state_at(some, 1e9), some[-1].positions)
+
+
+def test_a_jump_is_a_piece_of_its_own_of_the_first_segment() -> None:
+    some = points(1, 3)
+    pieces = straight_pieces(some, [2, 3])
+    here = some[0].positions + 1.0
+    jumping = with_jump(pieces, here, some, some[1].time)
+    assert len(jumping.begins) == len(pieces.begins) + 1
+    jump = jumping.take(np.array([len(pieces.begins)]))
+    np.testing.assert_array_equal(jump.starts[0], here)
+    np.testing.assert_array_equal(jump.ends[0], some[1].positions)
+    assert (jump.begins[0], jump.finishes[0], jump.segments[0]) == (some[1].time, some[1].time, 0)
+
+
+def test_distances_from_pieces_are_those_of_the_nearest_point() -> None:
+    rng = np.random.default_rng(0)
+    pieces = straight_pieces([Point(float(t), rng.normal(size=3)) for t in range(5)], [1, 1, 1, 4])
+    pieces.ends[0] = pieces.starts[0]  # one that stays
+    state = rng.normal(size=3)
+    shares = np.linspace(0.0, 1.0, 20001)[:, None, None]
+    off = pieces.starts + shares * (pieces.ends - pieces.starts) - state
+    nearest = np.square(off).sum(axis=2).argmin(axis=0)
+    expected = np.abs(off[nearest, np.arange(len(nearest))]).max(axis=1)
+    np.testing.assert_allclose(distances_from(pieces, state), expected, atol=1e-3)
