@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Families of triangle pairs: ordinary, touching, coplanar, thin, far, tiny and huge ones."""
+"""Families of triangle pairs: ordinary, touching, parallel, thin, far, tiny and huge ones."""
 
 from __future__ import annotations
 
@@ -23,6 +23,8 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.floating]
 Pair = tuple[Floats, Floats]
+#: Of all ``--pairs`` one in so many, per family: as many in all, and exact arithmetic takes time.
+SHARE = 12
 Maker = Callable[[np.random.Generator], Pair]
 
 
@@ -81,6 +83,29 @@ def _sliver(rng: np.random.Generator) -> Pair:
     return a, b
 
 
+def _parallel(rng: np.random.Generator) -> Pair:
+    """Face to face, near or not, with parallel edges in half of the pairs."""
+    a, b = coplanar(rng)
+    if rng.random() < 0.5:
+        b[1] = b[0] + rng.choice([-2.0, 0.5, 1.0]) * (a[1] - a[0])
+    b[:, 2] += rng.choice([1e-12, 1e-8, 1e-4, 1.0])
+    axes = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    return a @ axes, b @ axes
+
+
+def _needle(rng: np.random.Generator) -> Pair:
+    """Long and thin, up to 1e-12 of their length, and crossing in half of the pairs."""
+    sides = [
+        np.outer(rng.normal(size=3), rng.normal(size=3))
+        + 10.0 ** -float(rng.integers(3, 13)) * rng.normal(size=(3, 3))
+        for _ in range(2)
+    ]
+    a, b = sides
+    if rng.random() < 0.5:
+        b += rng.dirichlet([1.0, 1.0, 1.0]) @ a - rng.dirichlet([1.0, 1.0, 1.0]) @ b
+    return a, b
+
+
 def _degenerate(rng: np.random.Generator) -> Pair:
     a, b = _small_grid(rng) if rng.random() < 0.7 else _any(rng)
     a[1 + rng.integers(2)] = a[0]
@@ -109,5 +134,6 @@ def extreme_sizes(rng: np.random.Generator) -> Pair:
 
 FAMILIES: list[Maker] = [
     _any, _small_grid, coplanar, _nearly_coplanar, _tilted_coplanar, _vertex_on_face,
-    _edge_on_edge, _shared, _sliver, _degenerate, _far, _different_sizes, extreme_sizes,
+    _edge_on_edge, _shared, _parallel, _sliver, _needle, _degenerate, _far, _different_sizes,
+    extreme_sizes,
 ]  # fmt: skip

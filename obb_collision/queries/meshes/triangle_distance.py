@@ -55,14 +55,15 @@ def triangle_bounds(
     """Return a lower and an upper bound of the distance, and the unit direction of the lower.
 
     n: a direction from q to p to begin with. The search ends once the lower bound is ``enough``;
-    then the upper one may be infinite.
+    then the upper one may be infinite, and where rounding puts the origin in the simplex or on it:
+    flat ones seem to hold it while triangles are apart.
     """
     lower, upper, best = 0.0, np.inf, n
     simplex = no_simplex()
     for _ in range(STEPS):
         square = dot(n, n)
         if not square > 0.0:
-            return lower, 0.0, best
+            break
         n = scaled(n, 1.0 / math.sqrt(square))
         first, low = _lowest(p, n)
         second, high = _highest(q, n)
@@ -74,8 +75,7 @@ def triangle_bounds(
         simplex = with_corner(simplex, minus(first, second))
         n = simplex.nearest
         reached = math.sqrt(dot(n, n))
-        if simplex.size == 4 or reached >= upper:
-            upper = 0.0 if simplex.size == 4 else upper
+        if simplex.size == 4 or not 0.0 < reached < upper:
             break
         upper = reached
     return lower, upper, best

@@ -25,7 +25,7 @@ from hypothesis import strategies as st
 from mesh_zoo import zoo
 from placed_meshes import bodies_of, exact_corners
 from triangle_distances import squared_distance
-from triangle_pairs import FAMILIES, Floats, Maker
+from triangle_pairs import FAMILIES, SHARE, Floats, Maker
 
 from obb_collision.geometry.trees.obb_tree import BOX_CORNERS, BOX_FACES, MeshTrees
 from obb_collision.queries.convex.distances import ConvexDistances, convex_distances
@@ -138,7 +138,7 @@ def test_exact_arithmetic_finds_nothing_that_touches() -> None:
 @pytest.mark.parametrize("make", FAMILIES, ids=lambda make: make.__name__.strip("_"))
 def test_hostile_triangles_are_parted(make: Maker, pairs: int) -> None:
     rng = np.random.default_rng(12)
-    drawn = [make(rng) for _ in range(max(pairs // 25, 8))]
+    drawn = [make(rng) for _ in range(max(pairs // SHARE, 8))]
     count = len(drawn)
     sides = []
     for side in range(2):

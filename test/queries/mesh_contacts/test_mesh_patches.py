@@ -23,8 +23,8 @@ import numpy as np
 import pytest
 from mesh_zoo import zoo
 from placed_meshes import bodies_of, exact_corners
-from triangle_distances import squared_distance
-from triangle_pairs import FAMILIES, Floats, Maker
+from triangle_distances import squared_distance_of_point
+from triangle_pairs import FAMILIES, SHARE, Floats, Maker
 
 from obb_collision.geometry.trees.obb_tree import BOX_CORNERS, BOX_FACES, MeshTrees
 from obb_collision.queries.mesh_contacts.mesh_patches import mesh_patches
@@ -48,13 +48,13 @@ def distance_square(point: Floats, triangles: list[list[list[Fraction]]]) -> Fra
         for t, (low, high) in zip(triangles, boxes, strict=True)
         if all(x - reach <= y <= z + reach for x, y, z in zip(low, p, high, strict=True))
     ]
-    return min((squared_distance([p, p, p], t) for t in near), default=Fraction(10**9))
+    return min((squared_distance_of_point(p, t) for t in near), default=Fraction(10**9))
 
 
 @pytest.mark.parametrize("make", FAMILIES, ids=lambda make: make.__name__.strip("_"))
 def test_points_of_triangles_are_on_both_exactly(make: Maker, pairs: int) -> None:
     rng = np.random.default_rng(21)
-    drawn = [make(rng) for _ in range(max(pairs // 25, 8))]
+    drawn = [make(rng) for _ in range(max(pairs // SHARE, 8))]
     count, checked = len(drawn), 0
     sides = []
     for side in range(2):
@@ -71,7 +71,7 @@ def test_points_of_triangles_are_on_both_exactly(make: Maker, pairs: int) -> Non
         for point in found.positions[n, : found.counts[n]]:
             x = [Fraction(c) for c in point.tolist()]
             for triangle in (p, q):
-                assert squared_distance([x, x, x], triangle) <= (ON_SURFACE * size) ** 2
+                assert squared_distance_of_point(x, triangle) <= (ON_SURFACE * size) ** 2
             checked += 1
     assert checked > 0 or not collide.any()
 

@@ -25,15 +25,13 @@ from mesh_zoo import zoo
 from placed_meshes import bodies_of, exact_corners
 from scipy.spatial.transform import Rotation
 from triangle_distances import squared_distance
-from triangle_pairs import FAMILIES, Floats, Maker
+from triangle_pairs import FAMILIES, SHARE, Floats, Maker
 
 from obb_collision.geometry.trees.obb_tree import BOX_CORNERS, BOX_FACES, MeshTrees
 from obb_collision.queries.meshes.mesh_clearance import MeshClearances, mesh_clearances
 from obb_collision.queries.meshes.meshes import PlacedMeshes, mesh_verdicts
 from obb_collision.queries.verdict.verdict import SEPARATE
 
-#: Of all ``--pairs`` one in so many: exact arithmetic takes a millisecond a pair.
-SHARE = 25
 #: What the bounds may differ by, relative to the size of a pair.
 CLOSE = Fraction(1, 10**9)
 TRIANGLE = np.array([[0, 1, 2]])
@@ -115,6 +113,24 @@ def test_triangles_against_exact_arithmetic(make: Maker, pairs: int) -> None:
         else:
             assert square <= (size / 10**20) ** 2
             assert found.distances[n] == found.upper[n] == 0.0
+
+
+def test_bounds_are_close_where_simplices_are_flat() -> None:
+    """One of a thousand seemed to hold the origin, most of parallel faces: the distance was 0."""
+    parallel = next(make for make in FAMILIES if make.__name__ == "_parallel")
+    rng = np.random.default_rng(11)
+    drawn = [parallel(rng) for _ in range(2000)]
+    rows, turns = np.arange(len(drawn)), np.tile(np.eye(3), (len(drawn), 1, 1))
+    a, b = (
+        PlacedMeshes(
+            MeshTrees.join([MeshTrees.build(pair[side], TRIANGLE) for pair in drawn]),
+            *(rows, np.zeros((len(drawn), 3)), turns),
+        )
+        for side in (0, 1)
+    )
+    found = mesh_clearances(a, b)
+    assert (found.distances > 0.0).any()
+    assert (found.upper - found.distances <= 1e-9 * (a.trees.radii + b.trees.radii)).all()
 
 
 def test_meshes_against_exact_arithmetic() -> None:

@@ -23,7 +23,8 @@ import pytest
 from mesh_zoo import zoo
 from placed_meshes import bodies_of, exact_corners
 from scipy.spatial.transform import Rotation
-from triangle_distances import squared_distance
+from triangle_distances import squared_distance_of_point
+from triangle_pairs import FAMILIES, SHARE, Maker
 
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.trees.obb_tree import MeshTrees
@@ -126,7 +127,7 @@ def test_margins_against_fractions(name: str) -> None:
         point = rng.dirichlet([1.0, 1.0, 1.0]) @ face + away
         held = points_inside(body, point[None], margin).counts[0] == 1
         p = [Fraction(x) for x in point.tolist()]
-        square = min(squared_distance([p, p, p], t) for t in triangles)
+        square = min(squared_distance_of_point(p, t) for t in triangles)
         if square <= Fraction(margin) ** 2:
             assert held, n
         elif held:
@@ -135,3 +136,58 @@ def test_margins_against_fractions(name: str) -> None:
         else:
             decided += 1
     assert 0 < decided < 40
+
+
+def tetrahedron_holds(point: list[Fraction], corners: list[list[Fraction]]) -> bool:
+    """Return whether a point is in a tetrahedron that is not flat, closed; exactly."""
+    sides = []
+    for k in range(4):
+        a, b, c = (corners[(k + n) % 4] for n in (1, 2, 3))
+        signs = [orientation(a, b, c, p) for p in (corners[k], point)]
+        sides.append(signs[0] * signs[1] >= 0)
+    return all(sides)
+
+
+def orientation(a: list[Fraction], b: list[Fraction], c: list[Fraction], p: list[Fraction]) -> int:
+    u, v, w = ([x - y for x, y in zip(q, p, strict=True)] for q in (a, b, c))
+    total = sum(u[k] * (v[k - 2] * w[k - 1] - v[k - 1] * w[k - 2]) for k in range(3))
+    return (total > 0) - (total < 0)
+
+
+@pytest.mark.parametrize("make", FAMILIES, ids=lambda make: make.__name__.strip("_"))
+def test_tetrahedra_of_all_kinds_against_fractions(make: Maker, pairs: int) -> None:
+    """Points on corners, edges and faces, inside, outside, and a rounding off all these."""
+    rng = np.random.default_rng(47)
+    faces = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])
+    weights = np.array(
+        [[1, 0, 0, 0], [0.5, 0.5, 0, 0], [0.25, 0.5, 0.25, 0], [0.25] * 4, [0.5, 0.5, -0.25, 0.25]]
+    )
+    held_ones = 0
+    for n in range(max(pairs // SHARE // len(weights), 12)):
+        first, second = make(rng)
+        corners = np.concatenate([first, second[:1]])[rng.permutation(4)]
+        turn = Rotation.random(random_state=rng).as_matrix() if n % 2 else np.eye(3)
+        center = rng.normal(size=3) * np.abs(corners).max() if n % 4 > 1 else np.zeros(3)
+        margin = rng.choice([0.0, 0.01]) * np.abs(corners).max()
+        body = PlacedMeshes(MeshTrees.build(corners, faces), [0], center[None], turn[None])
+        points = weights @ corners @ turn.T + center
+        points *= 1.0 + rng.choice([0.0, 1e-16, 1e-13, 1e-9]) * rng.normal(size=points.shape)
+        triangles = exact_corners(body, 0)
+        # one after another: corners of the tetrahedron are among those of its faces
+        whole = list({tuple(v): v for t in triangles for v in t}.values())
+        flat = len(whole) < 4 or orientation(*whole) == 0
+        held = [points_inside(body, p[None], margin).counts[0] == 1 for p in points]
+        size = Fraction(body.trees.radii[0]) + max(abs(Fraction(x)) for x in center)
+        for point, inside in zip(points.tolist(), held, strict=True):
+            p = [Fraction(x) for x in point]
+            if not flat and tetrahedron_holds(p, whole):
+                assert inside
+                continue
+            square = min(squared_distance_of_point(p, t) for t in triangles)
+            reach = size + sum(abs(x) for x in p)
+            if square <= Fraction(margin) ** 2:
+                assert inside
+            elif inside:
+                assert square <= (Fraction(margin) + DOUBT * reach) ** 2
+        held_ones += sum(held)
+    assert held_ones > 10

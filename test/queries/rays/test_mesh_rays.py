@@ -25,7 +25,7 @@ from placed_meshes import bodies_of, exact_corners
 from ray_hits import first_hit
 from scipy.spatial.transform import Rotation
 from triangle_distances import squared_distance
-from triangle_pairs import FAMILIES, Maker
+from triangle_pairs import FAMILIES, SHARE, Maker
 
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.trees.obb_tree import MeshTrees
@@ -34,7 +34,6 @@ from obb_collision.queries.rays.rays import RayHits, cast_rays, cast_segments
 from obb_collision.typing import Floats
 
 TRIANGLE = np.array([[0, 1, 2]])
-RAYS = 60
 #: By how much a ray may pass what it is said to hit, relative to the size of ray and mesh.
 DOUBT = Fraction(1, 10**12)
 
@@ -80,10 +79,10 @@ def aimed(corners: Floats, rng: np.random.Generator) -> tuple[Floats, Floats]:
 
 
 @pytest.mark.parametrize("make", FAMILIES, ids=lambda make: make.__name__.strip("_"))
-def test_triangles_against_fractions(make: Maker) -> None:
+def test_triangles_against_fractions(make: Maker, pairs: int) -> None:
     rng = np.random.default_rng(21)
     hits = 0
-    for n in range(RAYS):
+    for n in range(max(pairs // SHARE, 60)):
         corners = make(rng)[0]
         tree = MeshTrees.build(corners, TRIANGLE)
         turn = Rotation.random(random_state=rng).as_matrix() if n % 2 else np.eye(3)

@@ -27,7 +27,7 @@ from hypothesis import strategies as st
 from mesh_zoo import zoo
 from placed_meshes import bodies_of, exact_corners, place
 from scipy.spatial.transform import Rotation
-from triangle_pairs import FAMILIES, Floats, Maker
+from triangle_pairs import FAMILIES, SHARE, Floats, Maker
 
 import obb_collision as oc
 from obb_collision.geometry.trees.obb_tree import MeshTrees
@@ -37,8 +37,6 @@ from obb_collision.queries.sweep.meshes import mesh_sweeps
 from obb_collision.queries.sweep.sweep import TOLERANCE
 from obb_collision.queries.verdict.verdict import OVERLAP
 
-#: Of all ``--pairs`` one in so many: exact arithmetic takes milliseconds a pair.
-SHARE = 50
 TRIANGLE = np.array([[0, 1, 2]])
 #: Families whose sizes differ so much from each other or their offset that doubles have too few
 #: digits for the tolerance.
