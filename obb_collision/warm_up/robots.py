@@ -47,6 +47,6 @@ def run() -> None:
         checker.check(states)
         checker.check(states, all_pairs=True)
         checker.check_motions(states[:2], states[1:])
+        checker.distances(states)
     checker.check_path(states)
-    checker.distances(states)
     oc.prove_pairs(robot, 1.0)

@@ -16,7 +16,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from pathlib import Path
+
 import numpy as np
+import trimesh
 
 import obb_collision as oc
 
@@ -34,17 +38,27 @@ def numbers(values: object) -> str:
     return " ".join(f"{value:.6f}" for value in np.atleast_1d(np.asarray(values, float)))
 
 
-def random_arm(rng: np.random.Generator, links: int, name: str = "arm") -> str:
+def cup(folder: Path) -> str:
+    """Write the mesh of two bars with a gap between them, and return its geometry."""
+    box = trimesh.creation.box((0.05, 0.4, 0.1))
+    bars = [box.copy().apply_translation((x, 0.0, 0.0)) for x in (-0.15, 0.15)]
+    trimesh.util.concatenate(bars).export(folder / "cup.obj")
+    return f'<mesh filename="{folder}/cup.obj"/>'
+
+
+def random_arm(
+    rng: np.random.Generator, links: int, name: str = "arm", shapes: Sequence[str] = SHAPES
+) -> str:
     """Return the URDF of a random tree of links with one to three random shapes each."""
     parts = [f'<robot name="{name}">']
     for link in range(links):
-        shapes = []
+        bodies = []
         for _ in range(int(rng.integers(1, 4))):
             a, b, c = rng.uniform(0.03, 0.2, 3)
-            shape = rng.choice(SHAPES).format(a=f"{a:.4f}", b=f"{b:.4f}", c=f"{c:.4f}")
+            shape = rng.choice(shapes).format(a=f"{a:.4f}", b=f"{b:.4f}", c=f"{c:.4f}")
             origin = f'xyz="{numbers(rng.normal(0, 0.1, 3))}" rpy="{numbers(rng.normal(0, 1, 3))}"'
-            shapes.append(f"<collision><origin {origin}/><geometry>{shape}</geometry></collision>")
-        parts.append(f'<link name="{name}_{link}">{"".join(shapes)}</link>')
+            bodies.append(f"<collision><origin {origin}/><geometry>{shape}</geometry></collision>")
+        parts.append(f'<link name="{name}_{link}">{"".join(bodies)}</link>')
     for link in range(1, links):
         kind = KINDS[0] if link == 1 else str(rng.choice(KINDS, p=(0.5, 0.2, 0.2, 0.1)))
         parent = int(rng.integers(max(0, link - 2), link))

@@ -37,7 +37,7 @@ from obb_collision.robots.bodies.robot_arrays import (
 )
 from obb_collision.robots.bodies.state_arrays import Bodies, Tests
 from obb_collision.robots.bodies.world import Kept, World, WorldState, world_of
-from obb_collision.robots.checks.meshes import MeshBodies
+from obb_collision.robots.checks.mesh_bodies import MeshBodies
 from obb_collision.robots.checks.motions import joint_reaches
 from obb_collision.robots.description.robot import Robot
 from obb_collision.robots.kinematics.kinematics import FIXED, FLOATING, PRISMATIC, Tree
@@ -259,9 +259,9 @@ class Model:
                 placed.append((each.shape, each.pose.tolist(), each.link, padding))
             placed.sort(key=lambda one: one[2])
             frames = np.array([link for _, _, link, _ in placed], np.int64)
-            padded = np.array([padding > 0.0 for *_, padding in placed], np.bool_)
+            paddings = np.array([padding for *_, padding in placed])
             poses = np.array([pose for _, pose, _, _ in placed]).reshape(-1, 7)
-            self._meshes = MeshBodies([shape for shape, *_ in placed], poses, frames, padded)
+            self._meshes = MeshBodies([shape for shape, *_ in placed], poses, frames, paddings)
         return self._meshes
 
     def _own_bodies(self) -> OwnBodies:

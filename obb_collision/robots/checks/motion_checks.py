@@ -20,6 +20,7 @@ import numpy as np
 
 from obb_collision._threads import run
 from obb_collision.accuracy import Accuracy
+from obb_collision.robots.checks.mesh_motions import MeshMotions
 from obb_collision.robots.checks.model import Model
 from obb_collision.robots.checks.motions import motions_kernel
 from obb_collision.robots.checks.reports import MotionReport
@@ -35,14 +36,21 @@ def check_motions(
 ) -> MotionReport:
     """Return which motions from starts to ends (n, joints) are valid."""
     arrays = model.arrays(scene)
-    reaches = model.joint_reaches(arrays, starts, ends)
     count = len(starts)
     parameters, undecided = np.empty(count), np.empty(count, np.bool_)
     pairs = np.empty((count, 2), np.int64)
+    reaches = model.joint_reaches(arrays, starts, ends)
     run(
         *(motions_kernel, count, FEWEST_MOTIONS, arrays.tree, arrays.bodies, arrays.tests),
         *(int(accuracy), reaches, starts, ends, resolution, parameters, undecided, pairs),
     )
+    if accuracy == Accuracy.MESH:
+        rows = np.flatnonzero(pairs[:, 0] >= 0)
+        moves = MeshMotions(model, scene, reaches, starts[rows], ends[rows], parameters[rows])
+        moves.advance(resolution)
+        pairs[rows], free = moves.pairs, moves.pairs[:, 0] < 0
+        undecided[rows] = ~free & ~moves.collide
+        parameters[rows] = np.where(free, np.nan, moves.times)
     return MotionReport(
         parameters, undecided, model.out_of_limits(starts) | model.out_of_limits(ends),
         arrays.owners_of(pairs), arrays.names,

@@ -106,6 +106,18 @@ def _set_speeds(tree: Tree, tests: Tests, starts: Floats, ends: Floats, n: int, 
 
 
 @njit
+def speeds_kernel(
+    tree: Tree, tests: Tests, reaches: Floats, starts: Floats, ends: Floats, bodies: Floats,
+    pairs: Floats, start: int, stop: int,
+) -> None:  # fmt: skip
+    """Write the speeds of bodies (n, b) and of pairs (n, p) in each motion."""
+    links = len(tree.parents)
+    for n in range(start, stop):
+        speeds = Speeds(reaches, np.empty((links, 2)), bodies[n], pairs[n])
+        _set_speeds(tree, tests, starts, ends, n, speeds)
+
+
+@njit
 def _speed(s: Speeds, i: int, other: int) -> float:
     """Return the speed of body i by the joints above it that are not above another one."""
     total = 0.0

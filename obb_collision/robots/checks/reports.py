@@ -119,8 +119,9 @@ class StateDistances(FirstPairs):
     Attributes
     ----------
     distances : (n,) numpy.ndarray
-        Metres, certainly not more than that of the hulls; negative where they collide, by the depth
-        of the deepest pair; infinite where no pair is within ``max_distance``.
+        Metres, certainly not more than that of the boxes, hulls or meshes, by the accuracy;
+        negative where they collide, by the depth of the deepest pair; infinite where no pair is
+        within ``max_distance``.
     upper_bounds : (n,) numpy.ndarray
         Certainly not less; 0 where they collide.
     first_pairs : (n, 2) numpy.ndarray

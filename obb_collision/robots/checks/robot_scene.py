@@ -46,8 +46,8 @@ class RobotScene(SceneRobots):
         The world. It may change between checks: each one sees it as it is then. Its rules about
         pairs (``allow``, ``check_only``, ``allowed_within``) count for links, too.
     accuracy : Accuracy or str
-        Of all pairs, whatever the objects of the scene have. Pairs that are padded, and all motions
-        and distances, are decided at "hull" also where it is "mesh".
+        Of all pairs, whatever the objects of the scene have. At "obb_tree" motions and distances
+        are those of boxes.
     padding : float or mapping
         Metres by which links are grown, of all or by name: a ball around each point.
     bases : (r, 7) array_like, optional
@@ -117,8 +117,8 @@ class RobotScene(SceneRobots):
     ) -> StateDistances:
         """Return the least distance in each state, with its pair, points and direction.
 
-        Of all pairs that are checked, at the accuracy "hull" whatever it is here; limits of joints
-        do not matter.
+        Of all pairs that are checked: of their triangles at the accuracy "mesh", their hulls at
+        "hull", and their boxes at what is below. Limits of joints do not matter.
 
         Parameters
         ----------
@@ -150,7 +150,7 @@ class RobotScene(SceneRobots):
         everything = isinstance(max_distance, float) and max_distance == np.inf
         limit = max_distance if everything else positive_number(max_distance, "max_distance")
         with_links = as_flag(self_pairs, "self_pairs")
-        return least_distances(self._model, self._scene, states, limit, with_links)
+        return least_distances(self._model, self._scene, self._accuracy, states, limit, with_links)
 
     def check_motions(
         self, starts: ArrayLike, ends: ArrayLike, *, resolution: float = DEFAULT_RESOLUTION

@@ -51,7 +51,7 @@ def check_states(
         pairs[rows] = found.pairs[places]
         return replace(report, first_pairs=pairs, all_pairs=found if every else None)
     if every:
-        found = _named_pairs(arrays, *_all_pairs(arrays, accuracy, states))
+        found = _named_pairs(arrays, *all_pairs(arrays, accuracy, states))
         report = replace(report, all_pairs=found)
     return report
 
@@ -61,17 +61,24 @@ def _decide_meshes(
 ) -> StatePairs:
     """Return the pairs that collide as meshes, or as trees of boxes, in the states of rows."""
     arrays, some = model.arrays(scene), np.ascontiguousarray(states[rows])
-    numbers, pairs = _all_pairs(arrays, accuracy, some)
-    kept = collide_as_meshes(
-        model.mesh_bodies(), scene, arrays.world, arrays.tree, some[numbers], pairs, model.origin,
-        accuracy,
-    )  # fmt: skip
+    numbers, pairs = all_pairs(arrays, accuracy, some)
+    kept = collide_as_meshes(model, scene, accuracy, some[numbers], pairs)
     return _named_pairs(arrays, rows[numbers[kept]], pairs[kept])
 
 
-def _all_pairs(arrays: Arrays, accuracy: Accuracy, states: Floats) -> tuple[Rows, Integers]:
-    """Return the states (m,), ascending, of all pairs (m, 2) of bodies that may collide."""
-    checks = arrays.tree, arrays.bodies, arrays.tests, int(accuracy), states
+def all_pairs(
+    arrays: Arrays, accuracy: Accuracy, states: Floats, grown: Floats | None = None,
+    grown_pairs: Floats | None = None,
+) -> tuple[Rows, Integers]:  # fmt: skip
+    """Return the states (m,), ascending, of all pairs (m, 2) of bodies that may collide.
+
+    grown (n, robots' bodies), grown_pairs (n, p): distances (m) within which a body and the world,
+    or a pair, count as colliding; zero by default.
+    """
+    if grown is None or grown_pairs is None:
+        grown = np.zeros((1, arrays.tests.first))
+        grown_pairs = np.zeros((1, len(arrays.tests.pairs)))
+    checks = arrays.tree, arrays.bodies, arrays.tests, int(accuracy), states, grown, grown_pairs
     counts = np.zeros(len(states), np.int64)
     none = np.empty((0, 2), np.int64)
     run(all_pairs_kernel, len(states), FEWEST_STATES, *checks, counts, counts, none)

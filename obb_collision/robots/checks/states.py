@@ -231,24 +231,25 @@ def _fill_first_pairs(
 
 @njit
 def all_pairs_kernel(
-    tree: Tree, bodies: Bodies, tests: Tests, level: int, states: Floats, counts: Integers,
-    ends: Integers, out: Integers, start: int, stop: int,
+    tree: Tree, bodies: Bodies, tests: Tests, level: int, states: Floats, grown: Floats,
+    grown_pairs: Floats, counts: Integers, ends: Integers, out: Integers, start: int, stop: int,
 ) -> None:  # fmt: skip
     """Write every pair that may collide to out (m, 2), that of state n up to row ``ends[n]``.
 
-    Without room in out, only their numbers to counts (n,).
+    Without room in out, only their numbers to counts (n,). grown (k, robots' bodies), grown_pairs
+    (k, p): as for ``gather``, of each state, or one for all.
     """
     placed = new_placed(bodies, tests, len(tree.parents))
-    grown, grown_pairs = np.zeros(tests.first), np.zeros(len(tests.pairs))
     for n in range(start, stop):
+        row = n if len(grown) > 1 else 0
         if len(out) and counts[n] == 0:
             continue
         place_state(tree, bodies, tests, states, n, placed)
-        count = gather(bodies, tests, placed, grown, grown_pairs, False)
+        count = gather(bodies, tests, placed, grown[row], grown_pairs[row], False)
         found = 0
         for m in range(count):
             i, j = placed.candidates[m, 0], placed.candidates[m, 1]
-            if may_collide(bodies, placed, i, j, 0.0, level):
+            if may_collide(bodies, placed, i, j, placed.grown[m], level):
                 found += 1
                 if len(out):
                     row = ends[n] - found

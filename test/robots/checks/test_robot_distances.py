@@ -16,13 +16,16 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from small_robots import random_arm, random_states, random_world
+from small_robots import SHAPES, cup, random_arm, random_states, random_world
 
 import obb_collision as oc
+from obb_collision.geometry.poses import compose_poses
 
 BALL = """<robot name="ball">
   <link name="world"/>
@@ -92,3 +95,54 @@ def test_distances_are_those_between_links_and_things(seed: int) -> None:
         checker.padding = distance * (1.0 + 1e-6)
         assert checker.check(states[row]).colliding[0]
     checker.padding = 0.0
+
+
+@settings(deadline=None, max_examples=10, suppress_health_check=[*HealthCheck])
+@given(seed=st.integers(0, 10**6))
+def test_distances_of_meshes_are_those_of_brute_force(seed: int, tmp_path: Path) -> None:
+    rng = np.random.default_rng(seed)
+    text = random_arm(rng, 3, shapes=(*SHAPES, *[cup(tmp_path)] * 4))
+    (tmp_path / "arm.urdf").write_text(text)
+    robot = oc.Robot.from_urdf(tmp_path / "arm.urdf")
+    world = random_world(rng, 4)
+    checker = oc.RobotScene([robot], world, "mesh")
+    states = random_states(rng, robot, 6)
+    hulls = oc.RobotScene([robot], world).distances(states)
+    found = checker.distances(states)
+    assert (found.distances >= hulls.distances - 1e-9).all()
+    assert (found.upper_bounds >= found.distances - 1e-12).all()
+    assert np.array_equal(found.distances <= 0.0, checker.check(states).colliding)
+    for limit in (0.01, 0.1):
+        near = checker.distances(states, max_distance=limit).distances
+        beyond = found.distances > limit
+        assert np.isinf(near[beyond]).all()
+        np.testing.assert_allclose(near[~beyond], found.distances[~beyond], atol=1e-9)
+    for row in np.flatnonzero(found.distances > 1e-6):
+        a, b = found.points[row]
+        np.testing.assert_allclose(b - a, found.distances[row] * found.directions[row], atol=1e-7)
+        # nothing is nearer: padded by half of it links do not touch, by more than that they do
+        checker.padding = 0.5 * found.distances[row] * (1.0 - 1e-6)
+        assert not checker.check(states[row]).colliding[0]
+        checker.padding = found.distances[row] * (1.0 + 1e-6)
+        assert checker.check(states[row]).colliding[0]
+    checker.padding = 0.0
+
+
+@pytest.mark.parametrize("accuracy", ["sphere", "aabb", "obb_faces", "obb", "obb_tree"])
+def test_below_hull_distances_are_those_of_boxes(accuracy: str) -> None:
+    rng = np.random.default_rng(3)
+    robot = oc.Robot.from_urdf(random_arm(rng, 4))
+    world, states = random_world(rng, 5), random_states(rng, robot, 20)
+    checker = oc.RobotScene([robot], world, accuracy)
+    found = checker.distances(states, self_pairs=False)
+    hulls = oc.RobotScene([robot], world).distances(states, self_pairs=False)
+    assert (found.distances <= hulls.distances + 1e-9).all()
+    for state, distance in zip(states, found.distances, strict=True):
+        links = robot.link_poses(state[None])[0]
+        own = oc.Scene()
+        for link, placed in zip(links, robot.shapes, strict=True):
+            for shape, pose in placed:
+                own.add(f"shape{len(own)}", shape, compose_poses(link, pose))
+        pairs = list(np.ndindex(len(own), len(world)))
+        expected = oc.clearances(own.boxes, world.boxes, pairs).distances.min()
+        assert distance == pytest.approx(expected, abs=1e-8)

@@ -16,11 +16,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from small_robots import random_arm, random_states, random_world
+from small_robots import SHAPES, cup, random_arm, random_states, random_world
 
 import obb_collision as oc
 
@@ -83,6 +85,43 @@ def test_no_collision_of_fine_samples_is_missed(seed: int) -> None:
     starts = random_states(rng, robot, 8)
     ends = starts + rng.choice((0.05, 1.0)) * (random_states(rng, robot, 8) - starts)
     compare(checker, starts, ends)
+
+
+@settings(deadline=None, max_examples=6, suppress_health_check=[*HealthCheck])
+@given(seed=st.integers(0, 10**6))
+def test_no_collision_of_meshes_is_missed(seed: int, tmp_path: Path) -> None:
+    rng = np.random.default_rng(seed)
+    text = random_arm(rng, 3, shapes=(*SHAPES, cup(tmp_path)))
+    (tmp_path / "arm.urdf").write_text(text)
+    checker = oc.RobotScene([oc.Robot.from_urdf(tmp_path / "arm.urdf")], random_world(rng, 4))
+    starts, ends = (random_states(rng, checker.robots[0], 8) for _ in range(2))
+    hulls = checker.check_motions(starts, ends)
+    checker.accuracy = "mesh"
+    compare(checker, starts, ends)
+    found = checker.check_motions(starts, ends)
+    assert not (found.colliding & ~hulls.colliding).any()
+    both = found.colliding
+    assert (found.parameters[both] >= hulls.parameters[both] - 1e-9).all()
+
+
+def test_a_pole_passes_between_bars_that_their_hull_joins(tmp_path: Path) -> None:
+    scene = oc.Scene()
+    scene.add("pole", oc.shapes.Cylinder(0.05, 1.0), [0, 2, 0, 0, 0, 0, 1])
+    bars = f"<collision><geometry>{cup(tmp_path)}</geometry></collision>"
+    text = BALL.replace('<collision><geometry><sphere radius="0.1"/></geometry></collision>', bars)
+    (tmp_path / "cup.urdf").write_text(text.replace('xyz="1 0 0"', 'xyz="0 1 0"'))
+    checker = oc.RobotScene([oc.Robot.from_urdf(tmp_path / "cup.urdf")], scene, "hull")
+    assert not checker.check_motions([[0.0]], [[4.0]]).valid[0]
+    checker.accuracy = "mesh"
+    assert checker.check_motions([[0.0]], [[4.0]]).valid[0]
+    checker.padding = 0.07  # the pole, a prism of many sides, is 0.074 from either bar
+    assert checker.check_motions([[0.0]], [[4.0]]).valid[0]
+    checker.padding = 0.08
+    report = checker.check_motions([[0.0]], [[4.0]])
+    assert report.pairs == [("ball", "pole")]
+    assert not report.undecided[0]
+    # where a corner at x = 0.125, y = 0.2 is 0.13 from the middle of the pole
+    assert 1.755 < 4.0 * report.parameters[0] <= 1.8 - np.sqrt(0.13**2 - 0.125**2)
 
 
 def test_planar_and_floating_joints_are_bounded() -> None:
