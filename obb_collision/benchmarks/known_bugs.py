@@ -36,7 +36,7 @@ from obb_collision.cli import Parser, interruptible, new_file, option
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.trees.obb_tree import MeshTrees
 from obb_collision.queries.clearance.clearance import clearances
-from obb_collision.queries.meshes.mesh_clearance import mesh_clearances
+from obb_collision.queries.mesh_contacts.mesh_separations import mesh_separations
 from obb_collision.queries.meshes.meshes import PlacedMeshes, mesh_verdicts
 from obb_collision.queries.verdict.verdict import SEPARATE, verdicts
 
@@ -64,7 +64,7 @@ the reports are mended in the versions above, as far as these pairs show.
 
 
 def ours(a: Body, b: Body) -> Answer:
-    """Return the answer of this library: exact verdict and clearance; of meshes no depth."""
+    """Return the answer of this library: exact verdict, and distance or depth."""
     if isinstance(a, PlacedBox) and isinstance(b, PlacedBox):
         one, two = (Boxes([x.center], [x.rotation], [x.half_extents]) for x in (a, b))
         collides = verdicts(one, two, exact=True)[0] != SEPARATE
@@ -75,9 +75,8 @@ def ours(a: Body, b: Body) -> Answer:
     trees = MeshTrees.join([MeshTrees.build(x, outward_faces(x)) for x in (a, b)])
     bodies = PlacedMeshes(trees, [0, 1], np.zeros((2, 3)), [np.eye(3)] * 2)
     verdict = mesh_verdicts(bodies, bodies, [[0, 1]], exact=True)[0]
-    distance = float(mesh_clearances(bodies, bodies, [[0, 1]]).distances[0])
-    collides = bool(verdict != SEPARATE)
-    return Answer(collides, math.nan if collides else distance)
+    apart = mesh_separations(bodies, bodies, [[0, 1]]).separations[0]
+    return Answer(bool(verdict != SEPARATE), float(apart))
 
 
 def fault(answer: Answer, distance: float, bug: KnownBug) -> str:

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""States of a robot per second beside pinocchio with coal and MuJoCo: ``obb_collision_robots``."""
+"""Measures states of a robot per second beside pinocchio with coal, and MuJoCo."""
 
 from __future__ import annotations
 
@@ -352,7 +352,9 @@ def save_plot(rows: Sequence[Row], path: Path) -> None:
 def parser() -> Parser:
     """Return the parser of the command."""
     urdf, srdf, packages = default_robot()
-    made = Parser(prog="obb_collision_robots", description=__doc__)
+    made = Parser(
+        prog="obb_collision_robots", description=__doc__.splitlines()[0] if __doc__ else None
+    )
     option(made, "--robot", Path, urdf, "URDF")
     option(made, "--srdf", Path, srdf, "SRDF")
     option(made, "--packages", Path, packages, "folder in which packages of meshes are")

@@ -62,6 +62,8 @@ DOT, SPECK = 0.007, 0.0015
 GAMMA = 2.2
 #: Height of the field of view at first, radians.
 FIELD = 0.65
+#: What the panel says while there is nothing to draw.
+WAITING = "Waiting for the node. Its first start compiles kernels: see its log for the progress."
 CUBE = triangles_of(Box((1.0, 1.0, 1.0)))
 
 
@@ -81,7 +83,7 @@ class View:
             self._server = viser.ViserServer(host, port, label="obb_collision", verbose=False)
         self._server.gui.configure_theme(show_logo=False, show_share_button=False)
         self._server.gui.main_panel.dock_right()
-        self.panel = self._server.gui.add_html("")
+        self.panel = self._server.gui.add_html(_in_panel(WAITING))
         self._view = view
         self._size, self._next_panel = 0.0, 0.0
         self.handles: dict[str, tuple[Any, Any]] = {}  # with what they were made from
@@ -127,6 +129,7 @@ class View:
         """Set camera, floor and sizes by the first boxes."""
         if self._size:
             return
+        self.panel.content = ""
         low, high = boxes.world_bounds()
         low, high = low.min(axis=0), high.max(axis=0)
         self._size = max(float(np.linalg.norm(high - low)), 1e-6)
@@ -237,9 +240,13 @@ class View:
         if len(snapshot.notes) > NOTES:
             notes.append((f"{len(snapshot.notes) - NOTES} more", OUTSIDE_COLOR))
         content = "<hr>".join("".join(_line(*line) for line in part) for part in (lines, notes))
-        content = f"<div style='padding: 0 1em; font-size: 85%'>{content}</div>"
+        content = _in_panel(content)
         if content != self.panel.content:
             self.panel.content = content
+
+
+def _in_panel(content: str) -> str:
+    return f"<div style='padding: 0 1em; font-size: 85%'>{content}</div>"
 
 
 def _line(text: str, color: Color) -> str:

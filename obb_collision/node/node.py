@@ -38,7 +38,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from obb_collision.node import reporting
 from obb_collision.node.cycle import Cycle
-from obb_collision.node.diagnostics.answer import UNCONFIGURED, Answer, answer
+from obb_collision.node.diagnostics.answer import STARTING, UNCONFIGURED, Answer, answer
 from obb_collision.node.diagnostics.monitors import InputMonitor
 from obb_collision.node.inputs import detections
 from obb_collision.node.inputs.inputs import Inputs
@@ -60,7 +60,7 @@ from obb_collision.node.runtime.clock import NodeClock, refuse_bad_clocks
 from obb_collision.node.runtime.guard import INTERNAL_ERROR, Guard
 from obb_collision.node.runtime.running import run
 from obb_collision.node.runtime.services import RareServices
-from obb_collision.node.runtime.warm_up import WarmUp
+from obb_collision.node.runtime.warm_up import Thing, WarmUp
 from obb_collision.node.scene_file import SceneFile
 from obb_collision.node.schedule import Schedule
 from obb_collision.node.self_test.service import SelfTestService
@@ -125,7 +125,8 @@ class CollisionNode(ManagedNode):
         switched_on = [name for name in EFFECTS if self.parameters.mode(name) == ON]
         levels = [(n, m) for n in switched_on for m in effect_levels(self.parameters, n)]
         robots = [ROBOTS] if self.parameters.robots else []
-        self._warm.start([*requested_levels(self.parameters), *switched_on, *levels, *robots])
+        needed: list[Thing] = [*requested_levels(self.parameters), *switched_on, *levels, *robots]
+        self._warm.start(needed, self._report_start)
         if ending() or not self.context.ok():
             raise ExternalShutdownException
         self._warm_up_time = perf_counter() - start
@@ -148,6 +149,11 @@ class CollisionNode(ManagedNode):
             self.guard,
         )
         self.status.rest()
+
+    def _report_start(self, text: str) -> None:
+        """Report what the start waits for, unless it is to be abandoned."""
+        if self.context.ok():
+            self.guard.run("status", lambda: self.status.rest(f"{STARTING}, {text}"))
 
     def rest(self, reason: str) -> None:
         """Report that nothing is configured; reason: what else there is to say."""

@@ -98,6 +98,7 @@ def test_the_depth_of_the_cubes_is_that_of_boxes() -> None:
     bug = BUGS["coal#823"]
     ((a, b),) = bug.pairs
     assert known_bugs.ours(a, b).collides
+    assert known_bugs.ours(a, b).distance == pytest.approx(-0.5, abs=1e-8)
     one, two = (oc.OBB.from_points(x, fit="aabb") for x in (a, b))
     assert one.separation(two)[0] == bug.distances[0] == -0.5
 

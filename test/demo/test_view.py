@@ -39,7 +39,7 @@ from obb_collision.demo.marker_boxes import boxes_from_bytes  # noqa: E402
 from obb_collision.demo.run import NAMESPACE, Demo  # noqa: E402
 from obb_collision.demo.scene import DemoScene  # noqa: E402
 from obb_collision.demo.snapshot import FREE  # noqa: E402
-from obb_collision.demo.view import LiveView, View  # noqa: E402
+from obb_collision.demo.view import WAITING, LiveView, View  # noqa: E402
 from obb_collision.geometry.boxes import Boxes  # noqa: E402
 from obb_collision.node.messages.box_markers import COLORS, Markers  # noqa: E402
 from obb_collision.node.messages.errors import RefusedError  # noqa: E402
@@ -75,6 +75,7 @@ def test_the_view_shows_what_the_node_published(demo: Demo) -> None:
     demo.begin()
     states = []
     with closing(View(port=0)) as view:
+        assert WAITING in view.panel.content
         for time in (0.0, 4.0):
             demo.settle(time)
             snapshot = demo.snapshot()
@@ -151,5 +152,7 @@ def test_edges_of_many_boxes_are_shown(demo: Demo) -> None:
     pytest.importorskip("viser")
     with closing(View(port=0)) as view:
         ends = np.random.default_rng(1).normal(size=(48, 3))
+        assert WAITING in view.panel.content
         view.show_lines([(ends, (0.1, 0.8, 0.2)), (ends[:24], (0.9, 0.1, 0.1))])
         assert view.handles["edges of boxes"][0] == 36
+        assert view.panel.content == ""

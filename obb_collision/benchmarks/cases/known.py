@@ -277,8 +277,7 @@ KNOWN_BUGS = (
         f"{COAL}/issues/823",
         "Wrong closest points of convex meshes that penetrate.",
         "Two cubes as convex meshes, of which the depth is exact; the report has the meshes of a "
-        "robot, without their files. This library has no depth of meshes; it must find them "
-        "colliding, and the depth of the cubes as boxes.",
+        "robot, without their files.",
         ((CUBE, SHIFTED),),
         (-0.5,),
     ),

@@ -82,10 +82,13 @@ class WarmUp:
         self._handler = _Forward(warning)
         _kernel_cache.logger.addHandler(self._handler)
 
-    def start(self, things: Iterable[Thing]) -> None:
+    def start(
+        self, things: Iterable[Thing], report: Callable[[str], None] = lambda text: None
+    ) -> None:
         """Make ready what every cycle needs, these things, and all that is compiled already.
 
         A step whose process hangs is refused, as one requested later, unless every cycle needs it.
+        report: takes how far compiling is.
         """
         _kernel_cache.drop_left_places()
         always = {BOXES, MESSAGES, effect_step("separations")}
@@ -95,7 +98,7 @@ class WarmUp:
         missing = [step for step in self._steps if step in wanted - self._ready]
         if not missing:
             return
-        progress = self._compile(missing, self._stopped, 0)
+        progress = self._compile(missing, self._stopped, 0, report)
         self._load(self._steps)
         failed = [step for step in missing if step not in self._ready]
         if progress.stopped:
@@ -143,7 +146,7 @@ class WarmUp:
             missing = [step for step in asked if step not in self._ready]
             failed: dict[str, str] = {}
             if missing:
-                progress = self._compile(missing, self._closed.is_set, NICENESS)
+                progress = self._compile(missing, self._closed.is_set, NICENESS, lambda text: None)
                 if progress.stopped:
                     return
                 failed = progress.failed
@@ -186,13 +189,20 @@ class WarmUp:
                 self._warning(f"kernels for {step}: {type(error).__name__}: {error}")
                 self._ready.add(step)
 
-    def _compile(self, missing: list[str], stopped: Callable[[], bool], niceness: int) -> Progress:
+    def _compile(
+        self,
+        missing: list[str],
+        stopped: Callable[[], bool],
+        niceness: int,
+        report: Callable[[str], None],
+    ) -> Progress:
         """Compile in other processes, and log the progress."""
         kept = f"cached in {_kernel_cache.places[0]}" if _kernel_cache.places else "not cached"
         self._info(
             f"compiling kernels for {', '.join(missing)} (up to a minute on first use), {kept}"
             f"{MEANWHILE if niceness else ''}; obb_collision_warm_up compiles all beforehand"
         )
+        report("compiling kernels (up to a minute on first use)")
         start = perf_counter()
         due, noted, done = start + FIRST_WORD, 0, 0
 
@@ -205,11 +215,13 @@ class WarmUp:
             noted = len(progress.notes)
             if perf_counter() >= due:
                 due = perf_counter() + NEXT_WORD
-                self._info(
+                text = (
                     f"compiling: {len(progress.kernels)} kernels and {len(progress.done)} of "
                     f"{len(progress.steps)} steps done after {perf_counter() - start:.0f} s, "
                     f"now {', '.join(progress.running)}"
                 )
+                self._info(text)
+                report(text)
 
         progress = compile_steps(
             missing,

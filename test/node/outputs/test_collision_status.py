@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
@@ -38,6 +38,7 @@ from obb_collision.node.diagnostics.answer import COLLIDING, FREE, UNKNOWN
 from obb_collision.node.messages.conversions import stamp_from_ros
 from obb_collision.node.node import CollisionNode
 from obb_collision.node.outputs.collision_status import PERIOD
+from obb_collision.node.runtime.warm_up import WarmUp
 from obb_collision.node.topics.topics import DEADLINE
 
 A1, A2, B1 = ("a", 1), ("a", 2), ("b", 1)
@@ -259,6 +260,26 @@ def test_before_the_first_check_nothing_is_known() -> None:
         finally:
             rig.executor.remove_node(other)
             other.destroy_node()
+
+
+def test_a_start_that_compiles_says_so_in_the_status(monkeypatch: pytest.MonkeyPatch) -> None:
+    with Rig() as rig:
+        status: list[Any] = []
+        qos = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        topic, kind = f"/cell/{STATUS}", OUTPUTS[STATUS].message
+        rig.client.create_subscription(kind, topic, status.append, qos)
+        start = WarmUp.start
+
+        def compiling(warm: WarmUp, things: Any, report: Callable[[str], None]) -> None:
+            report("compiling: 3 kernels")
+            reason = "starting, compiling: 3 kernels"
+            rig.until(lambda: status and status[-1].status[0].message == reason, "the reason")
+            assert {message.status[0].level for message in status} == {UNKNOWN}
+            start(warm, things, report)
+
+        monkeypatch.setattr(WarmUp, "start", compiling)
+        CollisionNode(context=rig.context, namespace="cell").destroy_node()
+        assert status
 
 
 def test_a_stop_of_input_is_stale_while_the_clock_of_the_simulation_stands_still() -> None:

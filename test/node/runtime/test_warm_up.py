@@ -123,7 +123,9 @@ def test_what_is_compiled_already_is_loaded_at_the_start_without_a_word(
 
 
 def test_the_start_compiles_what_is_asked_for_and_nothing_more(cache: Cache, log: Log) -> None:
-    log.warm.start([Accuracy.MESH, Accuracy.OBB])
+    reports: list[str] = []
+    log.warm.start([Accuracy.MESH, Accuracy.OBB], reports.append)
+    assert reports[0] == "compiling kernels (up to a minute on first use)"
     assert set(cache.compiled) == {BOXES, MESSAGES, "accuracy mesh", SEPARATIONS}
     assert log.warm.is_ready(Accuracy.MESH)
     assert log.said[0].startswith("compiling kernels for boxes, ")
