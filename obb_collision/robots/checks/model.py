@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -47,6 +47,9 @@ from obb_collision.scene.store.pair_table import PairFilter
 from obb_collision.shapes import Shape
 from obb_collision.typing import Floats, Integers, Mask, Rows
 
+#: Metres along each axis within which the first robot moves without the world, which is relative
+#: to where that robot was, being placed again; farther away roundings would grow.
+NEAR = 2.0
 #: Quaternions whose sum is shorter are opposite: between them, motions have no certain speed.
 OPPOSITE = 1e-6
 
@@ -101,6 +104,8 @@ class Model:
         self._arrays: tuple[WorldState, Arrays] | None = None
         self._kept: Kept = {}
         self._chains: Floats = np.empty(0)
+        self._offsets = np.full(len(robots), -1.0)  # allowed for from the origin to the roots
+        self.origin = np.full(3, np.inf)
         self.set_bases(bases)
         self.paddings = self._grown = np.zeros(len(self.link_names))
         self.attached: dict[str, Attached] = {}
@@ -112,14 +117,34 @@ class Model:
         self._quaternions = [int(c) for c in self.tree.columns[self.tree.kinds == FLOATING]]
 
     def set_bases(self, bases: Floats) -> None:
-        """Set where the robots stand, by poses (r, 7); bodies are relative to the first of them."""
-        self.bases, self.origin = bases, bases[0, :3].copy()
+        """Set where the robots stand, by poses (r, 7); bodies are relative to a place nearby."""
+        self.bases = bases
+        if not (np.abs(bases[0, :3] - self.origin) <= NEAR).all():
+            self.origin, self._arrays = bases[0, :3].copy(), None
         relative = bases.copy()
         relative[:, :3] -= self.origin
         self.tree = one_tree(self.robots, relative)
-        chains, self._arrays = chain_lengths(self.tree, self.lower, self.upper), None
-        if not np.array_equal(chains, self._chains):  # one robot's do not depend on its base
-            self._chains, self._bodies = chains, None
+        if self._set_chains():
+            self._bodies = self._arrays = None
+        if self._arrays is not None:
+            state, arrays = self._arrays
+            self._arrays = state, replace(arrays, tree=self.tree)
+
+    def _set_chains(self) -> bool:
+        """Set lengths of chains that are enough for the tree; return whether they have changed.
+
+        A robot that moves gets room to move on.
+        """
+        offsets = np.abs(self.tree.translations[self.tree.parents < 0]).sum(axis=1)
+        farther = offsets > self._offsets
+        if not farther.any():
+            return False
+        room = 3.0 * NEAR if len(self._chains) else 0.0
+        self._offsets[farther] = offsets[farther] + room
+        lengths = chain_lengths(self.tree, self.lower, self.upper)
+        counts = [len(robot.link_names) for robot in self.robots]
+        self._chains = lengths + np.repeat(self._offsets - offsets, counts)
+        return True
 
     def set_paddings(self, paddings: Floats) -> None:
         """Set by how much each link (links,) is grown."""

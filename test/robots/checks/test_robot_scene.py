@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -275,6 +276,25 @@ def test_far_from_the_origin_nothing_is_lost() -> None:
     checker = lift(scene, bases=[[x, 0, 0, 0, 0, 0, 1]])
     report = checker.check([[1.0, 0.3 + 1e-8], [1.0, 0.3 - 1e-8]])
     assert report.valid.tolist() == [False, True]
+
+
+def test_a_base_that_moves_a_little_leaves_the_world_where_it_is() -> None:
+    scene = oc.Scene()
+    x = 1e6
+    scene.add("shelf", oc.shapes.Box([0.2, 0.2, 0.2]), [x + 1.0, 0, 1.0, 0, 0, 0, 1])
+    checker = lift(scene, bases=[[x, 0, 0, 0, 0, 0, 1]])
+    worlds = []
+    for step in (0.0, 0.25, -0.5, 1.75, 2.5, 3.0, -40.0, -41.5):
+        checker.bases = [[x + step, 0, 0, 0, 0, 0, 1]]
+        out = 0.3 - step
+        report = checker.check([[1.0, out + 1e-8], [1.0, out - 1e-8]])
+        assert report.colliding.tolist() == [True, False], step
+        distance = checker.distances([[1.0, out - 0.0625]], self_pairs=False).distances
+        np.testing.assert_allclose(distance, [0.0625], atol=1e-9)
+        worlds.append(checker._model.arrays(scene).world)
+    moved = [one is not other for one, other in pairwise(worlds)]
+    assert moved[3:] == [True, False, True, False]
+    assert moved[1:3] == [False, False]
 
 
 def test_threads_do_not_change_the_answer() -> None:
