@@ -39,6 +39,7 @@ from obb_collision.checks.fuzz.session.client import Client, FoundError
 from obb_collision.checks.fuzz.session.result import Result
 from obb_collision.checks.fuzz.session.session import Session
 from obb_collision.checks.middleware import for_large_messages
+from obb_collision.node.inputs.detections import DETECTIONS
 from obb_collision.node.inputs.subscriptions import INPUTS
 
 LARGEST_DOMAIN = 100
@@ -106,7 +107,7 @@ def _run(options: Namespace, parts: list[Part], index: int) -> Attack:
 def queues(namespace: str) -> Iterator[str]:
     """Yield the arguments of a node whose queues lose nothing that is sent to it or by it."""
     yield from ("-p", f"qos_overrides.{namespace}/collisions.publisher.depth:={DEPTH}")
-    for topic in INPUTS:
+    for topic in (*INPUTS, DETECTIONS.topic):
         start = f"qos_overrides.{namespace}/{topic}.subscription"
         yield from ("-p", f"{start}.depth:={DEPTH}", "-p", f"{start}.reliability:=reliable")
 

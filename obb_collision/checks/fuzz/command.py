@@ -50,7 +50,7 @@ def _parser() -> argparse.ArgumentParser:
     option(parser, "--scenes", whole(0, 10**9), 200, "number of mutated scene files")
     option(parser, "--robots", whole(0, 10**9), 1_000, "number of mutated descriptions of robots")
     text = "share of the messages that are on the topics of a robot; 0: the node has none"
-    option(parser, "--robot-share", real(0.0, 1.0), 0.0, text)
+    option(parser, "--robot-share", real(0.0, 1.0), 0.05, text)
     text = "processes that share it, each with a node of its own"
     option(parser, "--processes", whole(1, 1000), 1, text)
     option(parser, "--seed", whole(0, MAX_SEED), 1, "seed of the random numbers")

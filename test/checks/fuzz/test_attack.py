@@ -39,6 +39,8 @@ def test_a_short_attack_finds_nothing(capfd: pytest.CaptureFixture[str]) -> None
     assert "scene files: 40 read" in output
     assert "robot files: 1000 read" in output
     assert "sent: 10" in output
+    assert "detections " in output
+    assert "bot/joint_states " in output  # a small share without being asked for
     assert output.endswith("nothing found\n")
 
 
@@ -48,7 +50,7 @@ def test_an_attack_on_a_robot_finds_nothing(capfd: pytest.CaptureFixture[str]) -
     output = capfd.readouterr().out
     assert "bot/joint_states" in output
     assert "bot/trajectory_in" in output
-    assert "states of a robot, " in output
+    assert "states of a robot " in output
 
 
 def test_a_part_of_an_attack_is_run_again(capfd: pytest.CaptureFixture[str]) -> None:

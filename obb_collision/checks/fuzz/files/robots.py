@@ -78,10 +78,11 @@ def urdf() -> str:
 def mutated_robot(seed: int, number: int) -> tuple[bytes, bytes]:
     """Return a URDF and an SRDF of which one was changed, or both, by their number."""
     random = Random(f"{seed} robot {number}")
-    return _mutated(urdf(), random), _mutated(SRDF, random)
+    return mutated(urdf(), random), mutated(SRDF, random)
 
 
-def _mutated(text: str, random: Random) -> bytes:
+def mutated(text: str, random: Random) -> bytes:
+    """Return a description with some lines changed, or none."""
     lines = text.splitlines()
     for _ in range(random.choice((0, 0, 1, 1, 2, 4))):
         row = random.randrange(len(lines))

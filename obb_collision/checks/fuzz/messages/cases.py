@@ -27,8 +27,10 @@ from typing import Any
 
 import numpy as np
 from sensor_msgs.msg import PointCloud2, PointField
+from std_msgs.msg import Header
 from visualization_msgs.msg import Marker
 
+from obb_collision.checks.fuzz.messages.look_alikes import Box, Detection
 from obb_collision.checks.fuzz.messages.messages import Messages
 from obb_collision.node.messages.bulk_clouds import boxes_to_ros, poses_to_ros
 from obb_collision.node.messages.marker_writer import ENCAPSULATION, MarkerArrayWriter
@@ -148,6 +150,33 @@ def _many_states(random: Random, messages: Messages) -> Made:
     return "object_states", data + _grid(MANY).tobytes() + bytes(8)
 
 
+def _many_detections(random: Random, messages: Messages) -> Made:
+    names = ("stamp", "length", "frame", "results", "box", "size", "id")
+    kinds = ("u8", "u4", "S4", "u4", "10f8", "u4", "S8")
+    # 112 bytes each, the first at byte 20: all numbers aligned
+    rows = np.zeros(MANY, list(zip(names, kinds, strict=True)))
+    rows["length"], rows["frame"], rows["size"] = 4, b"map", 8
+    rows["box"][:, :7], rows["box"][:, 7:] = _grid(MANY), 0.5
+    rows["id"] = np.arange(5_000_000, 5_000_000 + MANY).astype("S7")
+    head = ENCAPSULATION + bytes(8) + b"\4\0\0\0map\0" + MANY.to_bytes(4, "little")
+    return "detections", head + rows.tobytes()
+
+
+def _claimed_detections(random: Random, messages: Messages) -> Made:
+    data = bytearray(_many_detections(random, messages)[1][: 1000 * random.randint(1, 9)])
+    at, claimed = random.choice(((20, LARGEST), (20, 10**7), (40, LARGEST), (40, 10**6)))
+    data[at : at + 4] = claimed.to_bytes(4, "little")  # detections, or results of the first one
+    return "detections", bytes(data)
+
+
+def _detections_in_frames(random: Random, messages: Messages) -> Made:
+    message = messages.detections()
+    message.detections = [
+        Detection(Header(frame_id=frame), [], Box(), frame) for frame in ("map", "odom", "", LONG)
+    ]
+    return "detections", message
+
+
 def _every_number(random: Random, messages: Messages) -> Made:
     """Markers with each hostile number in each field of pose and scale."""
     markers = []
@@ -221,4 +250,7 @@ CASES: dict[str, Case] = {
     "100,000 boxes": lambda random, messages: ("object_boxes", _boxes(random, messages, MANY)),
     "100,000 poses": lambda random, messages: ("object_poses", _poses(random, messages, MANY)),
     "100,000 states": _many_states,
+    "100,000 detections": _many_detections,
+    "detections and results claimed": _claimed_detections,
+    "detections in several frames": _detections_in_frames,
 }

@@ -31,6 +31,14 @@ from std_msgs.msg import Header
 from visualization_msgs.msg import Marker, MarkerArray
 
 from obb_collision.checks.fuzz.files.meshes import OBJ, STL, Meshes
+from obb_collision.checks.fuzz.messages.look_alikes import (
+    TYPE,
+    Box,
+    Detection,
+    Detections,
+    Hypothesis,
+    Result,
+)
 from obb_collision.node.messages.bulk_clouds import boxes_to_ros, poses_to_ros
 from obb_collision.node.messages.clouds import cloud_to_ros
 from obb_collision.node.messages.conversions import (
@@ -53,6 +61,8 @@ MOST_ID = 40
 """Ids of hostile objects lie below; those of probes above."""
 ROOM = 4.0
 """Edge of the room in which objects are (m): many of them collide."""
+LOCKED, ATTACHED = 0.1, 0.7
+"""Shares of the markers that are locked to their frame: any, and that of a link."""
 BODIES = (1, 1, 1, 2, 3, 0, 4, 5, 6, 7, 8, 10, 11)
 """Marker types, cubes most often; 9, a text, is no body."""
 
@@ -73,12 +83,15 @@ class Messages:
     def __init__(self, random: Random, folder: Path) -> None:
         self.random = random
         self._meshes = Meshes(folder)
+        self.links: tuple[str, ...] = ()
+        """Frames of the links of robots."""
         self.makers: dict[str, tuple[type, Callable[[], Any]]] = {
             "objects": (MarkerArray, self.markers),
             "object_transform": (TransformStamped, self.transform),
             "object_states": (MultiDOFJointState, self.states),
             "object_poses": (PointCloud2, self.poses),
             "object_boxes": (PointCloud2, self.boxes),
+            "detections": (TYPE, self.detections),
             "points": (PointCloud2, self.points),
             "/tf": tf_maker(self.frame),
             "/tf_static": tf_maker(self.frame),
@@ -90,7 +103,8 @@ class Messages:
         """Return a header of any time and frame."""
         shift = self.random.choice((0, 0, 0, 0, None, -NANOSECONDS, 3600 * NANOSECONDS))
         stamp = 0 if shift is None else time.time_ns() + shift
-        return Header(stamp=stamp_to_ros(stamp), frame_id=self.random.choice(FRAMES))
+        frame = self.random.choice((*FRAMES, *self.links))
+        return Header(stamp=stamp_to_ros(stamp), frame_id=frame)
 
     def _pose(self) -> list[float]:
         place = [self.random.uniform(0.0, ROOM) for _ in range(3)]
@@ -114,7 +128,9 @@ class Messages:
         edges = [random.uniform(0.05, 1.0) for _ in range(3)]
         marker.scale.x, marker.scale.y, marker.scale.z = edges
         marker.lifetime = duration_to_ros(random.choice((0.0, 0.0, 0.05, 10.0)))
-        marker.frame_locked = random.random() < 0.1
+        marker.frame_locked = random.random() < (
+            ATTACHED if marker.header.frame_id in self.links else LOCKED
+        )
         if marker.type in (4, 5, 6, 7, 8, 11):
             large = random.random() < 0.02
             marker.points = self._corners(3 * random.choice((1, 4, 20)) * (50 if large else 1))
@@ -164,6 +180,18 @@ class Messages:
         sizes = np.array([[self.random.uniform(0.05, 1.0) for _ in "xyz"] for _ in ids])
         single = self.random.random() < 0.5
         return boxes_to_ros(ids, poses, sizes, namespaces, self.header(), single)
+
+    def detections(self) -> Detections:
+        """Return a complete set of detections."""
+        header, some = self.header(), []
+        for _ in range(self.random.choice((0, 1, 5, 50))):
+            ident = self.random.choice(("", "track-a", str(self.random.randrange(MOST_ID))))
+            box = Box(center=pose_to_ros(self._pose()))
+            edges = [self.random.uniform(0.05, 1.0) for _ in range(3)]
+            box.size.x, box.size.y, box.size.z = edges
+            results = [Result(Hypothesis("cup", 0.5)) for _ in range(self.random.choice((0, 2)))]
+            some.append(Detection(header, results, box, ident))
+        return Detections(header, some)
 
     def _bulk(self) -> tuple[Any, Any, Any]:
         """Return ids, poses and the numbers of namespaces, or None for these."""

@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 from random import Random
@@ -25,14 +26,16 @@ import numpy as np
 from sensor_msgs.msg import JointState, PointCloud2
 from std_msgs.msg import Header, String
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+from visualization_msgs.msg import Marker, MarkerArray
 
 from obb_collision.checks.fuzz.files.meshes import OBJ
-from obb_collision.checks.fuzz.files.robots import MESH, SRDF, mutated_robot, urdf
+from obb_collision.checks.fuzz.files.robots import MESH, SRDF, mutated, urdf
 from obb_collision.checks.fuzz.messages.messages import Messages
 from obb_collision.node.messages.clouds import cloud_to_ros
-from obb_collision.node.messages.conversions import duration_to_ros
+from obb_collision.node.messages.conversions import duration_to_ros, pose_to_ros
 from obb_collision.robots.checks.robot_scene import RobotScene
 from obb_collision.robots.description.robot import Robot
+from obb_collision.shapes import Box
 from obb_collision.typing import Floats, Mask
 
 ROBOT = "bot"
@@ -48,6 +51,13 @@ SMALLER = (
     ('robot_part.obj"/>', 'robot_part.obj" scale="0.02 0.02 0.02"/>'),
 )
 """What is made smaller, so that some states collide and others do not."""
+MESH_SHAPE = re.compile(r"<mesh [^>]*/>")
+MESHES = 0.05
+"""Share of the descriptions with meshes: the node starts a process to read them, for a second."""
+BOX, LINK, PLACE = ("attached", 1), 3, (0.1, 0.0, 0.05, 0.0, 0.0, 0.0, 1.0)
+"""A good box that is attached: its key, to which link, and where."""
+EDGE = 0.3
+"""Its edges (m)."""
 GOOD = 0.5
 """Share of the descriptions that are as they should be."""
 STATES = 20
@@ -55,10 +65,14 @@ STATES = 20
 
 
 class Question(NamedTuple):
-    """Messages that make the robot known and ask for states, and which of these may be valid."""
+    """Messages that make the robot known, attach a box to it and ask for states.
+
+    possible, alone: which of the states are valid, and which would be without the box.
+    """
 
     messages: list[tuple[str, Any]]
     possible: Mask
+    alone: Mask
 
 
 class RobotMessages:
@@ -75,8 +89,13 @@ class RobotMessages:
         text = self._with_mesh(urdf()).replace("package://bot/part.obj", mesh.as_uri())
         for large, small in SMALLER:
             text = text.replace(large, small)
-        self._urdf = text
-        self._robot = Robot.from_urdf(self._urdf, SRDF, [folder])
+        self._with_meshes = text
+        self._urdf = MESH_SHAPE.sub('<box size="0.04 0.03 0.02"/>', text)
+        self._robot = Robot.from_urdf(self._urdf, SRDF)
+        self._alone, self._holding = RobotScene(self._robot), RobotScene(self._robot)
+        links = self._robot.link_names
+        self._holding.attach("box", Box([EDGE] * 3), links[LINK], PLACE)
+        messages.links = (f"{ROBOT}/{links[LINK]}", links[-1], f"{ROBOT}/none", ROBOT)
         makers: dict[str, tuple[type, Callable[[], Any]]] = {
             "robot_description": (String, lambda: self._description(0)),
             "robot_description_semantic": (String, lambda: self._description(1)),
@@ -94,11 +113,12 @@ class RobotMessages:
         return self._messages.random
 
     def _description(self, which: int) -> String:
+        urdf = self._with_meshes if self._random.random() < MESHES else self._urdf
+        text = (urdf, SRDF)[which]
         if self._random.random() < GOOD:
-            return String(data=(self._urdf, SRDF)[which])
-        data = mutated_robot(self._random.randrange(2**31), self._random.randrange(2**31))[which]
-        text = data.decode("utf-8", "replace").replace("\0", " ")
-        return String(data=self._with_mesh(text))
+            return String(data=text)
+        spoiled = mutated(text, self._random).decode("utf-8", "replace").replace("\0", " ")
+        return String(data=self._with_mesh(spoiled))
 
     def _values(self, count: int) -> Floats:
         """Return states (count, joints), some beyond the limits."""
@@ -132,15 +152,22 @@ class RobotMessages:
             message.points.append(point)
         return message
 
-    def question(self, header: Header) -> Question:
-        """Return good messages, the last of which asks for states."""
+    def question(self, number: int, header: Header) -> Question:
+        """Return good messages by a number, the last of which asks for states."""
+        self._messages.random = Random(number)
         states = self._values(STATES)
         joints = JointState(header=header, name=list(self._robot.joint_names))
         joints.position = self._values(1)[0].tolist()
+        box = Marker(ns=BOX[0], id=BOX[1], type=Marker.CUBE, pose=pose_to_ros(PLACE))
+        box.header.frame_id = f"{ROBOT}/{self._robot.link_names[LINK]}"
+        box.scale.x = box.scale.y = box.scale.z = EDGE
+        box.frame_locked = True
         messages = [
+            ("objects", MarkerArray(markers=[box])),
             (LATCHED[0], String(data=self._urdf)),
             (LATCHED[1], String(data=SRDF)),
             (f"{ROBOT}/joint_states", joints),
             (f"{ROBOT}/states_to_check", self._states(states, header)),
         ]
-        return Question(messages, RobotScene(self._robot).check(states).valid)
+        possible, alone = (one.check(states).valid for one in (self._holding, self._alone))
+        return Question(messages, possible, alone)

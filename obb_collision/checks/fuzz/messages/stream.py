@@ -24,9 +24,8 @@ from pathlib import Path
 from random import Random
 from typing import NamedTuple
 
-from rclpy.serialization import serialize_message
-
 from obb_collision.checks.fuzz.messages.cases import CASES, Made
+from obb_collision.checks.fuzz.messages.look_alikes import serialised
 from obb_collision.checks.fuzz.messages.messages import Messages
 from obb_collision.checks.fuzz.messages.robot_messages import RobotMessages
 from obb_collision.checks.fuzz.mutations.data import damaged, raw
@@ -97,7 +96,7 @@ class Stream:
                 mutate(message, random)
             except AssertionError:  # rclpy refuses to set it, so it can't be sent
                 continue
-        data = serialize_message(message)
+        data = serialised(message)
         if random.random() < DAMAGED:
             return Sent(topic, _sendable(topic, damaged(data, random)), "damaged")
         return Sent(topic, data, "mutated")
@@ -107,13 +106,13 @@ class Stream:
         random = self._start("raw", number)
         topic = self._topic(random)
         data, other = (
-            serialize_message(self._makers[one][1]()) for one in (topic, random.choice(self._own))
+            serialised(self._makers[one][1]()) for one in (topic, random.choice(self._own))
         )
         return Sent(topic, _sendable(topic, raw(data, other, random)), "raw")
 
     def _sent(self, made: Made, name: str) -> Sent:
         topic, message = made
-        data = message if isinstance(message, bytes) else serialize_message(message)
+        data = message if isinstance(message, bytes) else serialised(message)
         return Sent(topic, data, name)
 
 

@@ -12,9 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The node's process of an attack, with a stand-in for tf2 where that is not installed.
+"""The node's process of an attack, with stand-ins for tf2 and vision_msgs where not installed.
 
-It stores what it is given, as tf2 would not: what is no number comes to the node's own checks.
+That for tf2 stores what it is given, as tf2 would not: what is no number comes to the node's own
+checks. Detections come as bytes that are said to be of another type.
 """
 
 from __future__ import annotations
@@ -28,7 +29,10 @@ from geometry_msgs.msg import TransformStamped
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
+from obb_collision.checks.fuzz.messages.look_alikes import TYPE
 from obb_collision.node import node as node_module
+from obb_collision.node.inputs import detections
+from obb_collision.node.inputs.subscriptions import Input
 from obb_collision.node.messages.conversions import NANOSECONDS, transform_from_ros
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.objects.frames import EXTRAPOLATION, UNKNOWN_FRAME
@@ -70,6 +74,9 @@ class StandInFrames:
 
 def main() -> int:
     """Run the node until SIGINT or SIGTERM."""
+    if detections.MessageType is None:
+        detections.MessageType = TYPE
+        detections.INPUTS = {detections.DETECTIONS.topic: Input(TYPE, 10)}
     if find_spec("tf2_ros") is None:
         replaced: Any = node_module
         replaced.make_frames = StandInFrames

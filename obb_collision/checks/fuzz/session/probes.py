@@ -28,14 +28,17 @@ from random import Random
 from typing import Any, NamedTuple
 
 import numpy as np
-from geometry_msgs.msg import TransformStamped
+from geometry_msgs.msg import TransformStamped, Vector3
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import PointCloud2
+from std_msgs.msg import Header
 from visualization_msgs.msg import Marker
 
 import obb_collision as oc
+from obb_collision.checks.fuzz.messages.look_alikes import Box, Detection, Detections, serialised
 from obb_collision.checks.fuzz.messages.messages import Messages
 from obb_collision.checks.fuzz.mutations.fields import FLOATS, mutate
+from obb_collision.node.inputs.detections import DETECTIONS
 from obb_collision.node.messages.clouds import cloud_to_ros
 from obb_collision.node.messages.conversions import (
     name_from_key,
@@ -48,13 +51,15 @@ from obb_collision.node.messages.names import namespace_number
 from obb_collision.typing import Floats
 
 NAMESPACE, SETS = "probe", "probe set"
-"""Namespaces of the probes: of markers, and of sets of boxes."""
-NUMBERS = {namespace_number(name) for name in (NAMESPACE, SETS)}
+"""Namespaces of the probes: of markers, and of sets of boxes; detections have their own."""
+NUMBERS = {namespace_number(name) for name in (NAMESPACE, SETS, DETECTIONS.namespace)}
 FIRST_ID, BOXES = 1_000_000, 6
 FAR = 1000.0
 """Distance (m) at which boxes wait that are moved by the probe."""
 MOVES = ("object_transform", "object_states", "object_poses")
 """Topics that move what is there already."""
+COMPLETE = ("object_boxes", "detections")
+"""Topics whose messages replace the one before."""
 HOSTILE = 6
 """Hostile items among the good ones of a message, at most."""
 
@@ -104,6 +109,7 @@ class Probes:
             "object_states": self._states,
             "object_poses": self._poses,
             "object_boxes": self._set,
+            "detections": self._detections,
         }
 
     def make(self, number: int, random: Random, stamp: int, everything: bool, full: bool) -> Probe:
@@ -118,9 +124,11 @@ class Probes:
         kind = "object_boxes" if full else random.choice(list(self._makers))
         start = [Marker(action=Marker.DELETEALL, ns="" if everything else NAMESPACE)]
         first: list[Message] = []
-        if everything and kind != "object_boxes":
+        if everything:
             empty = self._cloud(random, ids[:0], poses[:0], sizes[:0], stamp)
-            first.append(("object_boxes", serialize_message(empty)))
+            none = Detections(header_at(stamp))
+            sets = {"object_boxes": serialised(empty), "detections": serialised(none)}
+            first += [(topic, data) for topic, data in sets.items() if topic != kind]
         if kind in MOVES:
             first.append(self._waiting(random, start, ids, sizes, stamp))
             start = []
@@ -228,6 +236,22 @@ class Probes:
             ("object_boxes", serialize_message(cloud)),
         ]
 
+    def _detections(
+        self, random: Random, start: list[Marker], ids: Any, poses: Any, sizes: Any, stamp: int
+    ) -> list[Message]:
+        some = []
+        for row in np.roll(np.arange(BOXES), -2).tolist():  # the sure pair last
+            box = Box(pose_to_ros(poses[row]), vector_to_ros(sizes[row]))
+            some.append(Detection(header_at(stamp), [], box, str(ids[row])))
+        for _ in range(random.randint(0, HOSTILE)):
+            box = Box(pose_to_ros(self._bad_pose(random)), vector_to_ros(sizes[0]))
+            bad = Detection(header_at(stamp), [], box, random.choice(("", "7", "nobody")))
+            some.insert(random.randint(0, len(some)), bad)
+        return [
+            ("objects", self._array(random, start, [])),
+            ("detections", serialised(Detections(header_at(stamp), some))),
+        ]
+
     def _cloud(
         self, random: Random, ids: Any, poses: Floats, sizes: Floats | None, stamp: int
     ) -> PointCloud2:
@@ -279,6 +303,17 @@ class Probes:
         message = cloud_to_ros(rows[order])
         message.header.frame_id, message.header.stamp = "map", stamp_to_ros(stamp)
         return message, right
+
+
+def header_at(stamp: int) -> Header:
+    """Return a header in the fixed frame."""
+    return Header(stamp=stamp_to_ros(stamp), frame_id="map")
+
+
+def vector_to_ros(values: Any) -> Vector3:
+    """Return a vector."""
+    x, y, z = (float(one) for one in values)
+    return Vector3(x=x, y=y, z=z)
 
 
 def rows_before(rows: list[Any], name: str) -> int:

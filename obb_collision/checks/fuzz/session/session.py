@@ -26,22 +26,18 @@ from __future__ import annotations
 import time
 from argparse import Namespace
 from collections import deque
-from functools import partial
 from itertools import pairwise
 from random import Random
 
-import numpy as np
 from rclpy.serialization import serialize_message
-from std_msgs.msg import Header
-from std_srvs.srv import Trigger
 
-from obb_collision.checks.fuzz.messages.robot_messages import RobotMessages
 from obb_collision.checks.fuzz.messages.stream import Sent, Stream
 from obb_collision.checks.fuzz.process.canary import Canary
 from obb_collision.checks.fuzz.process.child import Child
 from obb_collision.checks.fuzz.session.client import Answer, Client, FoundError
 from obb_collision.checks.fuzz.session.probes import (
     BOXES,
+    COMPLETE,
     MOVES,
     NUMBERS,
     Message,
@@ -50,10 +46,9 @@ from obb_collision.checks.fuzz.session.probes import (
     Probes,
 )
 from obb_collision.checks.fuzz.session.result import Result
+from obb_collision.checks.fuzz.session.robot_probe import ask_robot
 from obb_collision.checks.fuzz.session.services import Services
-from obb_collision.node.messages.clouds import cloud_from_ros
-from obb_collision.node.messages.conversions import NANOSECONDS, stamp_to_ros
-from obb_collision.node.robots.validity import NOT_KNOWN
+from obb_collision.node.messages.conversions import NANOSECONDS
 from obb_collision.node.topics.topics import collisions_from_ros, points_inside_from_ros
 
 PERIOD = 0.02
@@ -70,10 +65,6 @@ CLEAN = 0.2
 """Share of the probes that remove all hostile objects, too."""
 ASKED = 0.3
 """Share of the batches behind which states of the robot are asked for."""
-KNOWN = 20.0
-"""Seconds to wait until the robot is known: a process begins that reads its meshes."""
-CLEARING = 6.0
-"""Seconds after which objects are removed again; each time the robot is read anew."""
 RESENDING = 0.5
 """Seconds after which points are sent again, whose topic is best effort, and sets of boxes, which a
 hostile one overtook by a stamp a little ahead: that one counts for a second."""
@@ -115,7 +106,8 @@ class Session:
             self.result.sent[f"service {self._services.attack(random)}"] += 1
         self._probe(random, full)
         if self._stream.robot is not None and random.random() < ASKED:
-            self._probe_robot(self._stream.robot)
+            ask_robot(self._stream.robot, random, client, self._child)
+            self.result.probes["states of a robot"] += 1
         self._recent.append((began, size))
         while len(self._recent) > 2 and self._recent[0][0] < began - ON_ITS_WAY:
             self._recent.popleft()
@@ -170,8 +162,10 @@ class Session:
 
         def answered() -> set[Pair] | None:
             nonlocal next_time, seen
-            if messages and probe.kind == "object_boxes" and time.monotonic() > next_time:
-                self._client.publishers[probe.kind].publish(messages[-1][1])
+            if messages and probe.kind in COMPLETE and time.monotonic() > next_time:
+                for topic, data in messages:
+                    if topic in COMPLETE:
+                        self._client.publishers[topic].publish(data)
                 self.result.again += 1
                 next_time = time.monotonic() + RESENDING
             fresh, seen = self._client.answers[seen:], len(self._client.answers)
@@ -202,31 +196,6 @@ class Session:
         if found != {ident: count for ident, count in right.items() if count}:
             raise FoundError(f"points inside are {found}, right is {right}")
         self.result.probes["points"] += 1
-
-    def _probe_robot(self, robot: RobotMessages) -> None:
-        """Remove all objects and ask for states of the robot: valid are those that can be.
-
-        Hostile objects that waited in a queue come after they were removed, and are removed again.
-        """
-        limit, known, next_time = time.monotonic() + KNOWN, False, 0.0
-        while not known and time.monotonic() < limit:
-            if time.monotonic() > next_time:
-                self._client.call(self._child, Trigger, "clear", Trigger.Request())
-                next_time = time.monotonic() + CLEARING
-            stamp = stamp_to_ros(time.time_ns())
-            question = robot.question(Header(stamp=stamp, frame_id="map"))
-            for topic, message in question.messages:
-                self._client.publishers[topic].publish(message)
-            answer = self._client.until(
-                self._child, partial(self._client.answer_at, stamp), "states answered"
-            )
-            rows = cloud_from_ros(answer, ("valid", "reason"))
-            self._client.spin(0.1)
-            known = bool((rows["reason"] != NOT_KNOWN).all()) and len(rows) > 0
-            wanted = question.possible if known else np.zeros_like(question.possible)
-            if rows["valid"].astype(bool).tolist() != wanted.tolist():
-                raise FoundError(f"of states of the robot valid are {rows}, right is {wanted}")
-        self.result.probes[f"states of a robot, {'known' if known else 'not known'}"] += 1
 
     def end(self) -> None:
         """Read the last diagnostics; FoundError where the node counted internal errors."""

@@ -31,6 +31,7 @@ from obb_collision.checks.fuzz.messages.cases import CASES, MANY
 from obb_collision.checks.fuzz.messages.messages import Messages
 from obb_collision.checks.fuzz.messages.stream import Sent, Stream
 from obb_collision.checks.fuzz.session.probes import BOXES, Probes, right_pairs
+from obb_collision.node.inputs.detections import detections_from_bytes
 from obb_collision.node.messages.cdr import cloud_from_bytes, states_from_bytes
 from obb_collision.node.messages.errors import RefusedError
 
@@ -45,6 +46,8 @@ def content(sent: Sent, stream: Stream) -> object:
     """Return what is sent, without the bytes between fields: rclpy puts there what it likes."""
     if sent.kind in ("damaged", "raw"):
         return sent.topic, sent.kind, len(sent.data)
+    if sent.topic == "detections":
+        return sent.topic, sent.kind, sent.data
     return sent.topic, sent.kind, repr(deserialize_message(sent.data, stream.types[sent.topic]))
 
 
@@ -69,6 +72,13 @@ def test_each_case_comes_once_at_first(tmp_path: Path) -> None:
     by_kind = {one.kind: one.data for one in sent}
     assert len(states_from_bytes(by_kind["100,000 states"]).poses) == MANY
     assert cloud_from_bytes(by_kind["100,000 boxes"]).width == MANY
+    detections = detections_from_bytes(by_kind["100,000 detections"], MANY)
+    assert len(set(detections.ids)) == MANY
+    np.testing.assert_array_equal(detections.sizes, np.full((MANY, 3), 0.5))
+    assert set(detections.frames) == {"map"}
+    for kind in ("detections and results claimed",):
+        with pytest.raises(RefusedError, match="malformed message"):
+            detections_from_bytes(by_kind[kind], 2**40)
     assert len(by_kind["texts of 1 MB"]) > 1_000_000
     with pytest.raises(RefusedError, match=r"1000\d\d fields"):
         cloud_from_bytes(by_kind["100,000 fields"])
@@ -108,5 +118,5 @@ def test_probes_have_their_sure_pair_and_hostile_items(tmp_path: Path) -> None:
             elif topic == "object_states":
                 states = states_from_bytes(data)
                 hostile += int(np.sum(~(np.abs(states.poses) <= 1e300).all(axis=1)))
-    assert len(kinds) == 5
+    assert len(kinds) == 6
     assert hostile > 300

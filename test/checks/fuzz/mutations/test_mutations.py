@@ -22,19 +22,21 @@ from random import Random
 import pytest
 
 pytest.importorskip("rclpy")
-from rclpy.serialization import deserialize_message, serialize_message
+from rclpy.serialization import deserialize_message
 
+from obb_collision.checks.fuzz.messages.look_alikes import serialised
 from obb_collision.checks.fuzz.messages.messages import Messages
 from obb_collision.checks.fuzz.mutations.data import damaged, raw
 from obb_collision.checks.fuzz.mutations.fields import hostile_value, mutate
+from obb_collision.node.inputs.detections import detections_from_bytes
 
 TOPICS = (
     *("objects", "object_transform", "object_states", "object_poses", "object_boxes", "points"),
-    *("/tf", "/tf_static", "/clock", "/parameter_events"),
+    *("/tf", "/tf_static", "/clock", "/parameter_events", "detections"),
 )
 
 
-def serialised(folder: Path, seed: int, topic: str, mutations: int) -> list[bytes]:
+def some(folder: Path, seed: int, topic: str, mutations: int) -> list[bytes]:
     random = Random(seed)
     messages = Messages(random, folder)
     found = []
@@ -45,16 +47,19 @@ def serialised(folder: Path, seed: int, topic: str, mutations: int) -> list[byte
                 mutate(message, random)
             except AssertionError:  # what rclpy refuses to set
                 continue
-        found.append(bytes(serialize_message(message)))
+        found.append(serialised(message))
     return found
 
 
 @pytest.mark.parametrize("topic", TOPICS)
 def test_messages_and_their_mutations_can_be_sent_and_read(tmp_path: Path, topic: str) -> None:
     kind = Messages(Random(0), tmp_path).makers[topic][0]
-    valid, spoiled = (serialised(tmp_path, 7, topic, mutations) for mutations in (0, 4))
+    valid, spoiled = (some(tmp_path, 7, topic, mutations) for mutations in (0, 4))
     for data in valid + spoiled:
-        assert isinstance(deserialize_message(data, kind), kind)
+        if topic == "detections":
+            assert detections_from_bytes(data, 10**5).header is not None
+        else:
+            assert isinstance(deserialize_message(data, kind), kind)
     if topic != "/parameter_events":
         assert len(set(valid)) > 50
     assert len(set(spoiled)) > 50
