@@ -33,7 +33,12 @@ MAX_ENTRIES = MAX_PATTERNS = 1000
 #: Most characters of an entry: two names and what stands between.
 MAX_ENTRY = 2 * MAX_OBJECT_NAME + 10
 #: How the types of values are called in a reason.
-KINDS = {float: "a decimal number such as 5.0", int: "a whole number", str: "a text"}
+KINDS = {
+    float: "a decimal number such as 5.0",
+    int: "a whole number",
+    str: "a text",
+    bool: "true or false",
+}
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,8 @@ from obb_collision.accuracy import Accuracy
 from obb_collision.node.messages.conversions import name_from_key
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.objects.objects import Objects
-from obb_collision.node.robots.attached import LinkFrames
+from obb_collision.node.robots.attached import LinkFrames, find_attached
+from obb_collision.node.robots.links import NOTHING
 from obb_collision.node.robots.robot_input import RobotInput
 from obb_collision.robots.bodies.world import WorldState
 from obb_collision.robots.checks.robot_scene import RobotScene
@@ -108,7 +109,8 @@ class CheckedRobot:
     def _held(self) -> dict[str, Held]:
         links, objects = self._robot.links, self._objects
         assert links is not None
-        slots, rows = self._robot.attached
+        # not what the last cycle found: a pose that came since applies the markers before it
+        slots, rows = find_attached(objects, self._frames).get(self._robot.name, NOTHING)
         table, revision = objects.table, objects.scene.shape_revision
         found = {}
         for slot, row in zip(slots.tolist(), rows.tolist(), strict=True):

@@ -24,12 +24,14 @@ import pytest
 pytest.importorskip("rclpy")
 pytest.importorskip("lxml")
 from fake_frames import FakeFrames
+from geometry_msgs.msg import TransformStamped
+from rclpy.serialization import serialize_message
 from rig import cube
 from robot_rig import SRDF, URDF
 from std_msgs.msg import String
 from test_state_validity import ValidityRig
 from test_trajectories import QUARTER, TrajectoryRig
-from visualization_msgs.msg import Marker
+from visualization_msgs.msg import Marker, MarkerArray
 
 from obb_collision.node.robots.validity import COLLIDES, NOT_KNOWN, VALID
 
@@ -132,6 +134,20 @@ def test_it_can_be_exchanged_moved_and_detached() -> None:
         assert rig.reasons(there) == [VALID]
         put(rig, held(), cube(TOOL, (0.0, -1.0, 0.5), EDGES))  # put down where the hand may be
         assert rig.reasons([*there, [0.0, -np.pi / 2]]) == [VALID, COLLIDES]
+
+
+def test_it_is_detached_at_once_by_markers_that_are_applied_between_two_cycles() -> None:
+    """A pose applies the markers that came before it; a question may come right behind it."""
+    with ValidityRig() as rig:
+        rig.start_robot()
+        put(rig, held())
+        assert rig.node.robots is not None
+        checked = rig.node.robots._validity["arm/states_to_check"]._checked
+        assert checked.scene().attached == {NAME: HAND}
+        takes = rig.node.inputs.callbacks()
+        takes["objects"](serialize_message(MarkerArray(markers=[held(action=Marker.DELETE)])))
+        takes["object_transform"](serialize_message(TransformStamped(child_frame_id="nobody/1")))
+        assert checked.scene().attached == {}
 
 
 def test_without_knowing_the_joints_it_is_grey_and_no_state_valid() -> None:
