@@ -61,7 +61,8 @@ def test_a_part_of_an_attack_is_run_again(capfd: pytest.CaptureFixture[str]) -> 
 
 
 def test_processes_share_an_attack(capfd: pytest.CaptureFixture[str]) -> None:
-    assert run("--messages", "200", "--raw", "0", "--scenes", "0", "--processes", "2") == 0
+    share = ("--processes", "2", "--robot-share", "0", "--robots", "0")
+    assert run("--messages", "200", "--raw", "0", "--scenes", "0", *share) == 0
     output = capfd.readouterr().out
     assert "probes answered right: 3 (" in output  # the cases come to both nodes first
     assert output.count("memory of the node: ") == 2

@@ -146,6 +146,13 @@ def test_a_change_that_cannot_be_applied_is_told_and_ends_nothing(rig: Rig) -> N
     check_usable(rig)
 
 
+def test_a_parameter_without_a_value_is_refused_with_the_reason() -> None:
+    for spec in SPECS:
+        if not isinstance(spec.default, list):
+            with pytest.raises(ValueError, match=f"^{spec.name} must be "):
+                spec.read(None)
+
+
 @pytest.mark.parametrize("value", [3, 0, True, False, 0.0, b"a", {"a": 1}, [b"a"], [["a"]], object])
 def test_lists_are_lists_of_texts_or_refused(value: Any) -> None:
     for spec in SPECS:
