@@ -503,6 +503,15 @@ class CollisionNode(ManagedNode):
         for monitor in self._monitors.values():
             monitor.clock_jumped(shift)
 
+    def say_farewell(self) -> None:
+        """Stop robots, and publish the status unknown: a signal waits, in another thread."""
+        try:
+            robots: Robots | None = getattr(self, "robots", None)  # none before it is configured
+            if robots is not None:
+                robots.stop()
+        finally:
+            self.status.close()
+
     def destroy_node(self) -> None:
         """Publish the status unknown, and end together with all other processes."""
         for name in ("status", "_self_test", "_warm", "_configured", "_rare"):
@@ -521,7 +530,7 @@ def main(args: Sequence[str] | None = None) -> int:
         NODE_NAME,
         lambda context, ending: CollisionNode(context=context, ending=ending),
         args,
-        farewell=lambda node: node.status.close(),
+        farewell=lambda node: node.say_farewell(),
         caught=lambda node, error: node.guard.caught("executor", error),
     )
 

@@ -201,12 +201,16 @@ class Robots:
         for each in self._trajectories.values():
             each.clock_jumped(shift)
 
+    def stop(self) -> None:
+        """Stop what runs, and forward no more; also from another thread, and again."""
+        for each in self._trajectories.values():
+            each.close()
+
     def close(self) -> None:
         """End what is being read, and publish no more."""
         for robot in self.robots:
             robot.close()
-        for each in self._trajectories.values():
-            each.close()
+        self.stop()
         for publisher in self._publishers.values():
             self._node.destroy_publisher(publisher)
         self._publishers.clear()

@@ -27,7 +27,7 @@ from itertools import pairwise
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from rclpy.publisher import Publisher
-from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+from trajectory_msgs.msg import JointTrajectory
 
 from obb_collision.node.diagnostics.monitors import InputMonitor
 from obb_collision.node.messages.conversions import NANOSECONDS, stamp_from_ros
@@ -36,6 +36,7 @@ from obb_collision.node.parameters.parameters import Parameters
 from obb_collision.node.robots.checked_robot import CheckedRobot
 from obb_collision.node.robots.joints import Joints
 from obb_collision.node.robots.robot_input import RobotInput
+from obb_collision.node.robots.running_trajectory import Running
 from obb_collision.node.robots.trajectory_messages import (
     BAD_POINT,
     MAX_PIECES,
@@ -49,7 +50,6 @@ from obb_collision.robots.checks.robot_scene import RobotScene
 from obb_collision.robots.kinematics.splines import (
     Pieces,
     Point,
-    distances_from,
     interpolation,
     segment_between,
     straight_pieces,
@@ -63,53 +63,6 @@ DECISION_TIME = 2 * NANOSECONDS
 """After so long (ns) a trajectory that is not decided yet, for the scene changes, is refused."""
 NOT_FREE, ELSEWHERE = "not free", "not at its start"
 MOVED = "a joint that it does not name has moved"
-
-
-@dataclass
-class Running:
-    """A trajectory that was forwarded: its pieces, and when it began (ns)."""
-
-    pieces: Pieces
-    begin: int
-    names: list[str]
-    joints: Joints
-    columns: list[int]
-    """The joints that it moves, in the order of the names."""
-    present: Floats
-    """All joints when it was planned: the others are to stay there."""
-    robot: object
-    world: tuple[object, ...]
-    """What it was certified for, and in."""
-    passed: float = -np.inf
-    """The time of the trajectory at which the robot was, at least."""
-
-    def find_moved(self, tolerance: float) -> str:
-        """Return the name of a joint that was to stay and has not, "" for none."""
-        off = np.abs(self.joints.positions - self.present)
-        off[self.columns] = 0.0
-        return self.joints.names[int(np.argmax(off))] if off.max(initial=0.0) > tolerance else ""
-
-    def advance(self, elapsed: float, tolerance: float) -> None:
-        """Note how far the robot is, by the joints: controllers can be slower than planned.
-
-        It is at the first piece from the last one on that the joints are near to.
-        """
-        pieces, here = self.pieces, self.joints.positions
-        ahead = np.flatnonzero((pieces.finishes > self.passed) & (pieces.begins <= elapsed))
-        near = ahead[distances_from(pieces.take(ahead), here) <= tolerance]
-        if len(near):
-            self.passed = float(pieces.begins[near[0]])
-        last = pieces.finishes.max()
-        there = np.abs(pieces.ends[np.argmax(pieces.finishes)] - here).max(initial=0.0)
-        if elapsed >= last and there <= tolerance:
-            self.passed = float(last)
-
-    def hold(self) -> JointTrajectory:
-        """Return a trajectory that stays where the joints are."""
-        positions = self.joints.positions[self.columns].tolist()
-        return JointTrajectory(
-            joint_names=self.names, points=[JointTrajectoryPoint(positions=positions)]
-        )
 
 
 @dataclass
@@ -144,6 +97,7 @@ class Trajectories:
         self._clock, self._parameters = clock, parameters
         self._running: Running | None = None
         self._deciding: Deciding | None = None
+        self._closed = False
         self.stopped = ""
         """Why the last one was stopped, "" if it was not."""
 
@@ -185,6 +139,8 @@ class Trajectories:
             return
         try:
             running = self._checked_share(deciding)
+            if self._closed:
+                raise RefusedError("not decided", "the node does not check any more")
         except RefusedError as error:
             self._refuse(error)
             return
@@ -260,8 +216,8 @@ class Trajectories:
             raise
 
     def close(self) -> None:
-        """Stop what runs: nobody looks after it any more."""
-        self._deciding = None
+        """Stop what runs: nobody looks after it any more. Also from another thread, and again."""
+        self._closed, self._deciding = True, None
         if self._running is not None:
             self._stop(self._running, RefusedError("the node does not check any more"))
 

@@ -341,6 +341,16 @@ def test_a_trajectory_is_stopped_when_the_robot_or_the_node_goes() -> None:
         assert "inactive" in rig.stopped()
 
 
+def test_a_trajectory_is_stopped_when_a_signal_ends_the_node() -> None:
+    with TrajectoryRig() as rig:
+        assert rig.go([QUARTER[0], (1000.0, QUARTER[1][1])])[0].level == OK
+        rig.said.clear()
+        rig.node.say_farewell()
+        assert "the node does not check any more" in rig.stopped()
+        assert rig.go(QUARTER)[0].message.endswith("the node does not check any more")
+        rig.node.say_farewell()  # nothing runs any more
+
+
 SHORT = [(0.0, [0.0, 0.0]), (0.001, [0.0, np.pi / 2]), (0.002, [0.5, np.pi / 2])]
 """Long past when a test goes on: a robot that is behind goes slower than planned."""
 
