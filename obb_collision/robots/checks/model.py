@@ -18,19 +18,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 
-from obb_collision.obb import OBB
-from obb_collision.robots.bodies.bodies import enclosing_spheres, joined, merged
+from obb_collision.robots.bodies.bodies import merged
 from obb_collision.robots.bodies.robot_arrays import (
     Attached,
     allowed_links,
     attached_body,
     body_pairs,
     chain_lengths,
-    link_bodies,
     one_tree,
     rigid_groups,
     with_attached,
@@ -39,12 +36,12 @@ from obb_collision.robots.bodies.state_arrays import Bodies, Tests
 from obb_collision.robots.bodies.world import Kept, World, WorldState, world_of
 from obb_collision.robots.checks.mesh_bodies import MeshBodies
 from obb_collision.robots.checks.motions import joint_reaches
+from obb_collision.robots.checks.own_bodies import OwnBodies, mesh_bodies, own_bodies
 from obb_collision.robots.description.robot import Robot
 from obb_collision.robots.kinematics.kinematics import FIXED, FLOATING, PRISMATIC, Tree
 from obb_collision.scene.scene import Scene
 from obb_collision.scene.store.allowed import AllowedPairs
 from obb_collision.scene.store.pair_table import PairFilter
-from obb_collision.shapes import Shape
 from obb_collision.typing import Floats, Integers, Mask, Rows
 
 #: Metres along each axis within which the first robot moves without the world, which is relative
@@ -69,17 +66,6 @@ class Arrays:
     def owners_of(self, bodies: Integers) -> Integers:
         """Return pairs of rows of ``names``, the smaller first, for pairs of bodies (m, 2)."""
         return np.sort(self.owners[bodies], axis=1)
-
-
-class OwnBodies(NamedTuple):
-    """The bodies of links and what is attached, those of a link in a row; see ``Tests``."""
-
-    bodies: Bodies
-    owners: Rows
-    links: Rows
-    starts: Integers
-    centers: Floats
-    spheres: Floats
 
 
 class Model:
@@ -243,7 +229,10 @@ class Model:
         if not np.array_equal(grown, self._grown):
             self._grown, self._bodies, self._meshes = grown, None, None
         if self._bodies is None:
-            self._bodies = self._own_bodies()
+            attached = list(self.attached.values())
+            self._bodies = own_bodies(
+                self.robots, self._grown, attached, self.paddings, self._chains
+            )
         of_links = self._bodies
         own, owners = of_links.bodies, of_links.owners
         frame = len(self.link_names)
@@ -274,35 +263,10 @@ class Model:
     def mesh_bodies(self) -> MeshBodies:
         """Return the bodies of robots as meshes, in the same order."""
         if self._meshes is None:
-            placed: list[tuple[Shape | OBB, Sequence[float], int, float]] = [
-                (shape, pose, link, float(self._grown[link]))
-                for link, each in enumerate(part for robot in self.robots for part in robot.shapes)
-                for shape, pose in each
-            ]
-            for each in self.attached.values():
-                padding = each.padding + float(self.paddings[each.link])
-                placed.append((each.shape, each.pose.tolist(), each.link, padding))
-            placed.sort(key=lambda one: one[2])
-            frames = np.array([link for _, _, link, _ in placed], np.int64)
-            paddings = np.array([padding for *_, padding in placed])
-            poses = np.array([pose for _, pose, _, _ in placed]).reshape(-1, 7)
-            self._meshes = MeshBodies([shape for shape, *_ in placed], poses, frames, paddings)
+            self._meshes = mesh_bodies(
+                self.robots, self._grown, list(self.attached.values()), self.paddings
+            )
         return self._meshes
-
-    def _own_bodies(self) -> OwnBodies:
-        bodies, owners = link_bodies(self.robots, self._grown, self._chains)
-        for row, each in enumerate(self.attached.values(), start=len(self.link_names)):
-            bodies.append(attached_body(each, self._chains, float(self.paddings[each.link])))
-            owners.append(row)
-        order = np.argsort([body.frame for body in bodies], kind="stable")
-        bodies = [bodies[n] for n in order]
-        frames = np.array([body.frame for body in bodies], np.int64)
-        links, starts = np.unique(frames, return_index=True)
-        starts = np.append(starts, len(bodies)).astype(np.int64)
-        return OwnBodies(
-            joined(bodies), np.array(owners, np.int64)[order], links, starts,
-            *enclosing_spheres(bodies, starts),
-        )  # fmt: skip
 
 
 def prefixed(names: Sequence[str | None], parts: Sequence[tuple[str, ...]]) -> tuple[str, ...]:
