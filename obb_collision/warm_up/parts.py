@@ -30,6 +30,7 @@ from obb_collision.queries.convex.contacts import convex_contacts
 from obb_collision.queries.convex.depth import deepest, room_for_depth
 from obb_collision.queries.convex.distance import Search, search
 from obb_collision.queries.convex.distances import convex_distances
+from obb_collision.queries.convex.mesh_distances import mesh_body_distances
 from obb_collision.queries.convex.patch import flat_room, frame_of, overlay, spread
 from obb_collision.queries.convex.points import convex_holds
 from obb_collision.queries.convex.simplex import no_simplex
@@ -87,9 +88,11 @@ def nesting() -> None:
 
 
 def surfaces() -> None:
-    """Find how far apart two meshes are."""
-    bodies = oc.PlacedMeshes.from_poses(triangle_tree(), np.zeros(1, np.int64), [TURNED])
+    """Find how far a mesh is from another, and from a round shape."""
+    row = np.zeros(1, np.int64)
+    bodies = oc.PlacedMeshes.from_poses(triangle_tree(), row, [TURNED])
     oc.mesh_clearances(bodies, bodies)
+    mesh_body_distances(bodies, np.zeros(1), convex_bodies(), row, row)
 
 
 def mesh_depths() -> None:

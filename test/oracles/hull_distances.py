@@ -27,9 +27,13 @@ from collections.abc import Iterator, Sequence
 from fractions import Fraction
 from itertools import combinations
 
+from triangle_distances import Integers, dot, minus, nearest_weights, whole
+
 from obb_collision.typing import Floats
 
 Vector = tuple[Fraction, Fraction, Fraction]
+#: A numerator and a denominator, positive.
+Point = tuple[Integers, int]
 
 
 def placed(points: Floats, center: Floats, rotation: Floats) -> list[Vector]:
@@ -49,12 +53,14 @@ def placed(points: Floats, center: Floats, rotation: Floats) -> list[Vector]:
 
 def squared_distance(a: Sequence[Vector], b: Sequence[Vector]) -> Fraction:
     """Return the exact squared distance of the hulls of two sets of points; 0 if they collide."""
-    corners = [_minus(a[0], b[0])]
+    unit = math.lcm(*(x.denominator for v in (*a, *b) for x in v))
+    first, second = whole(a, unit), whole(b, unit)
+    corners = [minus(first[0], second[0])]
     while True:
-        x, corners = _nearest(corners)
-        w = _minus(min(a, key=lambda p: _dot(p, x)), max(b, key=lambda q: _dot(q, x)))
-        if _dot(w, x) >= _dot(x, x):
-            return _dot(x, x)
+        (x, low), corners = _nearest(corners)
+        w = minus(min(first, key=lambda p: dot(p, x)), max(second, key=lambda q: dot(q, x)))
+        if dot(w, x) * low >= dot(x, x):
+            return Fraction(dot(x, x), (low * unit) ** 2)
         corners.append(w)
 
 
@@ -64,12 +70,16 @@ def at_most(value: float, square: Fraction, radius: float = 0.0) -> bool:
     return total <= 0 or total * total <= square
 
 
-def _nearest(corners: list[Vector]) -> tuple[Vector, list[Vector]]:
+def _nearest(corners: list[Integers]) -> tuple[Point, list[Integers]]:
     """Return the point of the hull of up to four corners nearest to the origin, and its part."""
-    return min(_candidates(corners), key=lambda found: _dot(found[0], found[0]))
+    return min(_candidates(corners), key=lambda found: _square(found[0]))
 
 
-def _candidates(corners: list[Vector]) -> Iterator[tuple[Vector, list[Vector]]]:
+def _square(point: Point) -> Fraction:
+    return Fraction(dot(point[0], point[0]), point[1] ** 2)
+
+
+def _candidates(corners: list[Integers]) -> Iterator[tuple[Point, list[Integers]]]:
     for count in range(1, len(corners) + 1):
         for part in combinations(corners, count):
             point = _projection(part)
@@ -77,45 +87,19 @@ def _candidates(corners: list[Vector]) -> Iterator[tuple[Vector, list[Vector]]]:
                 yield point, list(part)
 
 
-def _projection(part: Sequence[Vector]) -> Vector | None:
+def _projection(part: Sequence[Integers]) -> Point | None:
     """Return the point nearest to the origin of what corners span; None if it is not among them.
 
     Also None where they depend on each other: another part has the point then.
     """
-    a, edges = part[0], [_minus(p, part[0]) for p in part[1:]]
-    if not edges:
-        return a
-    rows = [[_dot(e, f) for f in edges] + [-_dot(e, a)] for e in edges]
-    weights = _solved(rows)
-    if weights is None or min(weights) < 0 or sum(weights) > 1:
+    a, edges = part[0], [minus(p, part[0]) for p in part[1:]]
+    tops, low = nearest_weights(edges, minus((0, 0, 0), a))
+    if low == 0 or min(tops, default=0) < 0 or sum(tops) > low:
         return None
     x, y, z = (
-        c + sum(t * e[k] for t, e in zip(weights, edges, strict=True)) for k, c in enumerate(a)
+        low * c + sum(t * e[k] for t, e in zip(tops, edges, strict=True)) for k, c in enumerate(a)
     )
-    return x, y, z
-
-
-def _solved(rows: list[list[Fraction]]) -> list[Fraction] | None:
-    """Return the solution of a regular system of equations, else None."""
-    n = len(rows)
-    for k in range(n):
-        pivot = next((i for i in range(k, n) if rows[i][k]), None)
-        if pivot is None:
-            return None
-        rows[k], rows[pivot] = rows[pivot], rows[k]
-        for i in range(n):
-            if i != k and rows[i][k]:
-                factor = rows[i][k] / rows[k][k]
-                rows[i] = [x - factor * y for x, y in zip(rows[i], rows[k], strict=True)]
-    return [rows[k][n] / rows[k][k] for k in range(n)]
-
-
-def _minus(a: Vector, b: Vector) -> Vector:
-    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
-
-
-def _dot(a: Vector, b: Vector) -> Fraction:
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+    return (x, y, z), low
 
 
 def root(square: Fraction) -> float:

@@ -24,7 +24,7 @@ fractions.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from fractions import Fraction
 from itertools import combinations
 
@@ -46,7 +46,7 @@ def squared_distance_of_point(point: Vector, triangle: list[Vector]) -> Fraction
 def _least(p: list[Vector], q: list[Vector], features: list[tuple[int, ...]]) -> Fraction:
     """Return the least squared distance of features of p and those of q."""
     unit = math.lcm(*(x.denominator for v in (*p, *q) for x in v))
-    first, second = _whole(p, unit), _whole(q, unit)
+    first, second = whole(p, unit), whole(q, unit)
     found = (
         _square([first[k] for k in mine], [second[k] for k in theirs])
         for mine in features
@@ -56,16 +56,16 @@ def _least(p: list[Vector], q: list[Vector], features: list[tuple[int, ...]]) ->
     return min(Fraction(top, low**2) for top, low in found if low) / unit**2
 
 
-def _whole(corners: Iterable[Vector], unit: int) -> list[Integers]:
+def whole(corners: Iterable[Sequence[Fraction]], unit: int) -> list[Integers]:
     """Return corners times a unit, which makes them whole."""
     return [tuple(x.numerator * (unit // x.denominator) for x in v) for v in corners]  # type: ignore[misc]
 
 
 def _square(p: list[Integers], q: list[Integers]) -> tuple[int, int]:
     """Return n and d, n / d^2 the squared distance of the nearest points; 0, 0 if not within."""
-    ways = [_minus(v, p[0]) for v in p[1:]] + [_minus(q[0], v) for v in q[1:]]
-    start = _minus(q[0], p[0])
-    tops, low = _solved(ways, start)
+    ways = [minus(v, p[0]) for v in p[1:]] + [minus(q[0], v) for v in q[1:]]
+    start = minus(q[0], p[0])
+    tops, low = nearest_weights(ways, start)
     of_p, of_q = tops[: len(p) - 1], tops[len(p) - 1 :]
     if low == 0 or min(tops, default=0) < 0 or sum(of_p) > low or sum(of_q) > low:
         return 0, 0
@@ -76,15 +76,15 @@ def _square(p: list[Integers], q: list[Integers]) -> tuple[int, int]:
     return sum(x * x for x in rest), low
 
 
-def _solved(ways: list[Integers], start: Integers) -> tuple[list[int], int]:
+def nearest_weights(ways: list[Integers], start: Integers) -> tuple[list[int], int]:
     """Return the weights of ways, up to three, that come nearest to start, times the second."""
     if not ways:
         return [], 1
     if len(ways) == 1:
-        return [_dot(ways[0], start)], _dot(ways[0], ways[0])
+        return [dot(ways[0], start)], dot(ways[0], ways[0])
     if len(ways) == 2:
         u, v = ways
-        a, b, c, x, y = _dot(u, u), _dot(u, v), _dot(v, v), _dot(u, start), _dot(v, start)
+        a, b, c, x, y = dot(u, u), dot(u, v), dot(v, v), dot(u, start), dot(v, start)
         return [x * c - y * b, y * a - x * b], a * c - b * b
     u, v, w = ways
     low = _det(u, v, w)
@@ -92,11 +92,11 @@ def _solved(ways: list[Integers], start: Integers) -> tuple[list[int], int]:
     return (tops, low) if low >= 0 else ([-x for x in tops], -low)
 
 
-def _minus(u: Integers, v: Integers) -> Integers:
+def minus(u: Integers, v: Integers) -> Integers:
     return u[0] - v[0], u[1] - v[1], u[2] - v[2]
 
 
-def _dot(u: Integers, v: Integers) -> int:
+def dot(u: Integers, v: Integers) -> int:
     return u[0] * v[0] + u[1] * v[1] + u[2] * v[2]
 
 

@@ -68,6 +68,8 @@ class Core(NamedTuple):
     radius: float
 
 
+#: Those that are neither polytopes nor segments.
+CURVED = (ROUND, CYLINDER, CONE)
 #: What stands for the hulls of bodies without corners.
 NO_HULLS = Hulls.of(np.zeros((1, 3)))
 

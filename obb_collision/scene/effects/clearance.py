@@ -23,8 +23,9 @@ import numpy as np
 from obb_collision.accuracy import Accuracy
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.queries.clearance.clearance import Clearances, near_pairs
-from obb_collision.queries.convex.distances import convex_distances
-from obb_collision.queries.meshes.mesh_clearance import mesh_clearances
+from obb_collision.queries.convex.distances import ConvexDistances, convex_distances
+from obb_collision.queries.convex.mesh_distances import mesh_body_distances
+from obb_collision.queries.meshes.mesh_clearance import MeshClearances, mesh_clearances
 from obb_collision.scene.broad_phase.broad_phase import NO_PAIRS, Pairs
 from obb_collision.scene.effects.base import (
     ACCURACY,
@@ -41,7 +42,7 @@ from obb_collision.scene.effects.base import (
 )
 from obb_collision.scene.effects.candidates import meeting_pairs
 from obb_collision.scene.refinement.placed_shapes import PlacedShapes
-from obb_collision.scene.store.kinds import CONVEX
+from obb_collision.typing import Floats, Mask, Rows
 
 BLANK = Clearances(NO_PAIRS, np.empty(0), *np.empty((3, 0, 3)))
 
@@ -99,26 +100,37 @@ def triangle_clearances(
 ) -> Clearances:
     """Return the clearances of pairs on MESH, with a mesh on at least one side.
 
-    0 where they collide, infinite beyond the limit. Spheres and capsules are exact; cylinders,
-    cones and ellipsoids are meshes around them, or exact against the hull if that is farther.
+    0 where they collide, infinite beyond the limit. Round shapes are exact.
     """
-    distances, vectors = np.full(len(pairs), np.inf), np.zeros((3, len(pairs), 3))
-    limit = setting.values["max_distance"]
-    for rows, turned, a, radii_a, b, radii_b in shapes.sides(boxes, pairs):
+    table = Clearances(pairs, np.full(len(pairs), np.inf), *np.zeros((3, len(pairs), 3)))
+    limit, curved = setting.values["max_distance"], shapes.curved(pairs)
+    plain = np.flatnonzero(~curved.any(axis=1))
+    for rows, turned, a, radii_a, b, radii_b in shapes.sides(boxes, pairs[plain]):
         found = mesh_clearances(a, b, max_distance=limit, radii_a=radii_a, radii_b=radii_b)
-        near, back = rows[found.pairs[:, 0]], turned[found.pairs[:, 0], None]
-        x, y, n = found.positions_a, found.positions_b, found.normals
-        distances[near] = found.distances
-        vectors[:, near] = np.where(back, y, x), np.where(back, x, y), np.where(back, -n, n)
-    table = Clearances(pairs, distances, vectors[0], vectors[1], vectors[2])
-    convex = np.flatnonzero((shapes.kinds[pairs] == CONVEX).any(axis=1))
-    if len(convex):
-        hulls = hull_clearances(boxes, shapes, pairs[convex], setting)
-        farther = np.flatnonzero(hulls.distances > distances[convex])
-        for name, column in vars(table).items():
-            column[convex[farther]] = vars(hulls)[name][farther]
+        near = found.pairs[:, 0]
+        _fill(table, plain[rows[near]], turned[near], found.distances, found)
+    rows = np.flatnonzero(curved.any(axis=1))
+    if len(rows):
+        turned, each = curved[rows, 0], np.arange(len(rows))
+        ends = np.where(turned[:, None], pairs[rows, ::-1], pairs[rows])
+        meshes, radii = shapes.meshes(boxes, ends[:, 0])
+        bodies = shapes.convex_bodies(boxes, ends[:, 1])
+        every, beside = mesh_body_distances(meshes, radii, bodies, each, each, limit)
+        some = take_rows(every, beside)
+        _fill(table, rows[beside], turned[beside], some.lower, some)
     table.distances[:] = shapes.parted(table.distances, pairs, Accuracy.MESH)
     return table
+
+
+def _fill(
+    table: Clearances, rows: Rows, turned: Mask, distances: Floats,
+    found: MeshClearances | ConvexDistances,
+) -> None:  # fmt: skip
+    """Write rows (k,) of a table; turned (k,): where a was the second of the pair."""
+    x, y, n, back = found.positions_a, found.positions_b, found.normals, turned[:, None]
+    table.distances[rows] = distances
+    table.positions_a[rows], table.positions_b[rows] = np.where(back, y, x), np.where(back, x, y)
+    table.normals[rows] = np.where(back, -n, n)
 
 
 BY_LEVEL: ByLevel[Clearances] = {

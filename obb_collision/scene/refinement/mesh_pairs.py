@@ -16,9 +16,9 @@
 
 Spheres and capsules against each other and boxes are decided on their exact shapes, other pairs of
 convex shapes on these or their hulls, whatever the level; with a mesh on either side the level
-decides. On MESH spheres and capsules are segments with a radius, exactly. Where trees stand for
-cylinders, cones and ellipsoids, which are larger, the hull of the mesh beside the exact shape is
-tried as well: what HULL finds apart is apart on MESH.
+decides. On MESH spheres and capsules are segments with a radius, exactly, and cylinders, cones and
+ellipsoids their exact shapes. The hull of the mesh beside these is tried as well, so that rounding
+does not make MESH find what HULL does not.
 """
 
 from __future__ import annotations
@@ -34,8 +34,9 @@ from obb_collision.geometry.poses import as_poses
 from obb_collision.geometry.trees.shape_trees import segment_trees
 from obb_collision.numerics.constants import ROUNDOFF
 from obb_collision.queries.convex.distances import convex_may_collide
+from obb_collision.queries.convex.mesh_distances import mesh_body_distances
 from obb_collision.queries.convex.support import BOX as BOX_CORE
-from obb_collision.queries.convex.support import CORNERS, ConvexBodies
+from obb_collision.queries.convex.support import CORNERS, CURVED, ConvexBodies
 from obb_collision.queries.meshes.convex import PlacedHulls, hulls_may_collide
 from obb_collision.queries.meshes.mesh_clearance import clearances_of
 from obb_collision.queries.meshes.meshes import (
@@ -192,8 +193,10 @@ class MeshPairs:
         effort = UNLIMITED if self._exact else EFFORT
         kinds, radii = self._store.kinds[self._slots], self._store.paddings[self._slots]
         thin = (kinds == ROUND)[pairs].any(axis=1)
-        bare = ~thin & (radii[pairs] == 0.0).all(axis=1)
-        padded = ~thin & ~bare
+        curved = np.isin(self._cores[0], CURVED)[pairs]
+        round_one = curved.any(axis=1)
+        bare = ~thin & ~round_one & (radii[pairs] == 0.0).all(axis=1)
+        padded = ~thin & ~round_one & ~bare
         verdicts = np.empty(len(rows), np.int8)
         verdicts[bare] = mesh_verdicts(
             bodies, bodies, pairs[bare], exact=self._exact, effort=effort
@@ -207,6 +210,11 @@ class MeshPairs:
             verdicts[thin] = _verdicts_within(
                 bodies, radii, segments, reach, mesh, self._capsule_rows[other]
             )
+        if round_one.any():
+            turned = curved[round_one, 0]
+            mesh, other = np.where(turned, pairs[round_one, ::-1].T, pairs[round_one].T)
+            _, near = mesh_body_distances(bodies, radii, self._bodies, mesh, other, 0.0)
+            verdicts[round_one] = np.where(near, np.int8(TOUCHING), np.int8(SEPARATE))
         outer = (kinds == CONVEX)[pairs].any(axis=1)  # what stands for them is larger
         return np.where(outer, np.minimum(verdicts, np.int8(TOUCHING)), verdicts)
 

@@ -34,7 +34,7 @@ from obb_collision.geometry.trees.obb_tree import MeshTrees
 from obb_collision.geometry.trees.shape_trees import segment_trees
 from obb_collision.queries.convex.distances import ConvexDistances, convex_distances
 from obb_collision.queries.convex.support import BOX as BOX_CORE
-from obb_collision.queries.convex.support import CORNERS, NO_HULLS, ConvexBodies
+from obb_collision.queries.convex.support import CORNERS, CURVED, NO_HULLS, ConvexBodies
 from obb_collision.queries.meshes.meshes import PlacedMeshes
 from obb_collision.queries.verdict.separations import Separations
 from obb_collision.scene.broad_phase.broad_phase import Pairs
@@ -172,6 +172,12 @@ class PlacedShapes:
             return np.zeros(len(pairs), np.bool_)
         have = (self._trees[1] >= 0) | (self.kinds == ROUND)
         return np.all(have[pairs], axis=1)
+
+    def curved(self, pairs: Pairs) -> Mask:
+        """Return (m, 2) which slots of pairs are cylinders, cones or ellipsoids."""
+        mask = np.zeros(len(self.kinds), np.bool_)
+        mask[self._shaped] = np.isin(self._cores[:, 0], CURVED)
+        return np.asarray(mask[pairs])
 
     def sides(self, boxes: Boxes, pairs: Pairs) -> Iterator[Sides]:
         """Yield the meshes of pairs (m, 2) of slots with a mesh on at least one side."""

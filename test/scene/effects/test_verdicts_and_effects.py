@@ -25,7 +25,7 @@ import obb_collision as oc
 from obb_collision.accuracy import Accuracy
 from obb_collision.queries.verdict.verdict import Verdict
 from obb_collision.scene.refinement.placed_shapes import PlacedShapes
-from obb_collision.shapes import Box, Capsule, Cylinder, Mesh, Shape, Sphere
+from obb_collision.shapes import Box, Capsule, Cone, Cylinder, Ellipsoid, Mesh, Shape, Sphere
 from obb_collision.typing import Floats
 
 MESHES = ["star1", "bumpy1", "torus1", "open_sphere1", "fine_box0"]
@@ -34,6 +34,8 @@ SHAPES: list[Shape] = [
     Capsule(0.15, 0.4),
     Box([0.3, 0.4, 0.5]),
     Cylinder(0.2, 0.4),
+    Cone(0.2, 0.4),
+    Ellipsoid((0.1, 0.2, 0.3)),
 ]
 UPRIGHT = [0.0, 0.0, 0.0, 1.0]
 #: How near to touching pairs are put, m; certain in doubles at this size from 1e-9 on.
