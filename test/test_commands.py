@@ -78,6 +78,7 @@ def test_without_ros_they_say_what_is_missing(
     [
         ("rate:=-1.0", "rate out of range"),
         ("rate:=5", "expecting type 'DOUBLE'"),
+        ("rate:=5", "write it with a decimal point, as in rate:=50.0"),
         ("trigger:=never", "trigger must be one of timer, arrival, not 'never'"),
         ("fixed_frame:=''", "fixed_frame must not be empty"),
         ("qos_overrides./objects.subscription.depth:=-3", "depth must be 1 to 100000, not -3"),
@@ -91,6 +92,15 @@ def test_parameters_that_cannot_be_used_end_the_node_with_the_reason(
     error = capfd.readouterr().err
     assert reason in error
     assert "Traceback" not in error
+
+
+def test_parameters_that_look_misspelt_are_named(capfd: pytest.CaptureFixture[str]) -> None:
+    given = ("acuracy:=mesh", "max_velocity:=1.0", "scene_file:=nowhere")  # the last one ends it
+    words = [word for one in given for word in ("-p", one)]
+    assert commands.node(["--ros-args", *words]) == 1
+    error = capfd.readouterr().err
+    assert "there is no parameter acuracy; did you mean accuracy?" in error
+    assert "max_velocity" not in error
 
 
 COMMANDS = {

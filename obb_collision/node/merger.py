@@ -81,7 +81,7 @@ class MergerNode(Node):
         self._statuses: dict[str, DiagnosticStatus] = {}
         self._names: dict[str, str] = {}
         self._joined_at, self._pairs = monotonic(), 0
-        self._last: tuple[object, ...] | None = None
+        self._last: tuple[bytes, tuple[str, ...]] | None = None
         self._regions = list(regions)
         self._publishers_of = {
             topic.name: self.create_publisher(
@@ -186,7 +186,10 @@ class MergerNode(Node):
         }
         pairs = self._pairs if fresh else 0
         level = COLLIDING if pairs or colliding else UNKNOWN if faults else FREE
-        kind = level, tuple(fault.partition(":")[0] for fault in faults)
+        kind = level, tuple(fault.partition(":")[0].partition(" for ")[0] for fault in faults)
+        if self._last is None or self._last[1] != kind[1]:
+            known = "all regions answer" if not faults else f"not known: {'; '.join(faults)}"
+            self.get_logger().info(known)
         changed, self._last = kind != self._last, kind
         if changes_only and not changed:
             return

@@ -16,10 +16,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from difflib import get_close_matches
 from typing import Any
 
 from rcl_interfaces.msg import SetParametersResult
+from rclpy.exceptions import InvalidParameterTypeException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
@@ -27,11 +29,16 @@ from obb_collision.node.parameters.groups import check_words
 from obb_collision.node.parameters.regions import option_name, region_from
 from obb_collision.node.parameters.robots import Base, bases_of
 from obb_collision.node.parameters.services import guard_parameter_services
+from obb_collision.node.parameters.specs import Spec
 from obb_collision.node.parameters.table import SPECS
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.store.region import Region
 
 __all__ = ["SPECS", "Parameters", "check_parameters"]
+
+#: How alike a name must be to one of ours to be called misspelt: files with parameters for several
+#: nodes have names of others.
+ALIKE = 0.8
 
 
 class Parameters:
@@ -44,9 +51,10 @@ class Parameters:
         self._values: dict[str, Any] = {}
         self._overridden: dict[str, Any] = {}
         for spec in SPECS:
-            given = node.declare_parameter(spec.name, spec.default, spec.descriptor()).value
-            self._values[spec.name] = spec.read(given)
+            self._values[spec.name] = spec.read(_declare(node, spec))
         _check_together(self._values)
+        for hint in misspelt(getattr(node, "_parameter_overrides", {})):
+            node.get_logger().warning(hint)
         node.add_on_set_parameters_callback(self._check)
         node.add_post_set_parameters_callback(self._take)
         guard_parameter_services(node)
@@ -125,6 +133,30 @@ class Parameters:
         self._values.update(ours)
         if ours:  # others are declared while a subscription is made
             self.on_change()
+
+
+def _declare(node: Node, spec: Spec) -> Any:
+    """Declare a parameter, and return its value; ValueError for an integer in place of a float."""
+    try:
+        return node.declare_parameter(spec.name, spec.default, spec.descriptor()).value
+    except InvalidParameterTypeException as error:
+        if not isinstance(spec.default, float):
+            raise
+        hint = f"write it with a decimal point, as in {spec.name}:={spec.default}"
+        raise ValueError(f"{error}; {hint}") from error
+
+
+def misspelt(names: Iterable[str]) -> list[str]:
+    """Return a hint for each name that looks like one of SPECS; ROS ignores it without a word."""
+    known = [spec.name for spec in SPECS]
+    found = [
+        (name, get_close_matches(name, known, 1, ALIKE))
+        for name in names
+        if name not in known and not name.startswith("qos_overrides.")
+    ]
+    return [
+        f"there is no parameter {name}; did you mean {close[0]}?" for name, close in found if close
+    ]
 
 
 def _check_together(values: Mapping[str, Any]) -> None:
