@@ -138,6 +138,7 @@ def run_with_ros(program: str, ros_arguments: list[str], work: Work) -> int:
     """Return the exit code of ``work``, which gets a context, and a stack closed at its end."""
     interrupts, stack = Interrupts(), ExitStack()
     from rclpy.context import Context
+    from rclpy.executors import ExternalShutdownException
 
     from obb_collision.node.runtime.running import UNUSABLE, in_one_line, init
 
@@ -149,6 +150,9 @@ def run_with_ros(program: str, ros_arguments: list[str], work: Work) -> int:
     except (TimeoutError, *UNUSABLE) as error:
         say(f"{program}: {in_one_line(error)}", sys.stderr)
         return 1
+    except ExternalShutdownException:
+        say(f"{program}: interrupted", sys.stderr)
+        return 0
     except KeyboardInterrupt:
         say(f"{program}: interrupted twice", sys.stderr)
         return 0
@@ -161,10 +165,10 @@ def run_with_ros(program: str, ros_arguments: list[str], work: Work) -> int:
 def _run(
     options: argparse.Namespace, context: Context, interrupts: Interrupts, stack: ExitStack
 ) -> int:
-    demo, shown = _make_demo(options, context)
+    demo, shown = _make_demo(options, context, interrupts)
     stack.callback(demo.close)
     with shown:
-        demo.run(lambda: interrupts.asked)
+        demo.run()
     for line in demo.summary():
         say(line)
     if not options.no_picture:
@@ -172,7 +176,9 @@ def _run(
     return 0
 
 
-def _make_demo(options: argparse.Namespace, context: Context) -> tuple[Demo, Any]:
+def _make_demo(
+    options: argparse.Namespace, context: Context, interrupts: Interrupts
+) -> tuple[Demo, Any]:
     """Return the demo asked for, and its live view; prints what is shown, and what is left out."""
     from obb_collision.demo.run import Demo
     from obb_collision.demo.scene import DemoScene
@@ -187,7 +193,15 @@ def _make_demo(options: argparse.Namespace, context: Context) -> tuple[Demo, Any
         say(f"note: {note}")
     view = open_view(options.view, view=description.view) if options.view is not None else None
     seconds = options.seconds or (DEFAULT_SECONDS if view is None else MAX_SECONDS)
-    demo = Demo(context, scene, options.rate, seconds, say, live=view is not None)
+    demo = Demo(
+        context,
+        scene,
+        options.rate,
+        seconds,
+        say,
+        live=view is not None,
+        stopped=lambda: interrupts.asked,
+    )
     if view is None:
         return demo, nullcontext()
     from obb_collision.demo.view import LiveView

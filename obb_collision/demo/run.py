@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.parameter import Parameter
 
 from obb_collision.demo.listener import Listener
@@ -63,8 +63,9 @@ class Demo:
     """The three nodes and their executor, for a scene.
 
     rate: publications of what moves, Hz. report gets each line to print. live: whether the boxes
-    are published at that rate, too, for a view. Raises TimeoutError where the nodes don't find each
-    other.
+    are published at that rate, too, for a view. stopped: whether to end; what waits for kernels or
+    answers then raises ExternalShutdownException, until the scene moves. Raises TimeoutError where
+    the nodes don't find each other.
     """
 
     def __init__(
@@ -75,8 +76,10 @@ class Demo:
         seconds: float,
         report: Callable[[str], None],
         live: bool = False,
+        stopped: Callable[[], bool] = lambda: False,
     ) -> None:
         self.scene, self.time = scene, 0.0
+        self._stopped, self._has_begun = stopped, False
         self._rate, self._seconds = rate, seconds
         choices = scene.description.effects
         effects = [name for name in NARRATORS if name in choices and choices[name].mode != "off"]
@@ -104,6 +107,7 @@ class Demo:
         self._checker = CollisionNode(
             parameter_overrides=[Parameter(name, value=value) for name, value in values.items()],
             cli_args=["--ros-args", "-r", "/diagnostics:=diagnostics"],
+            ending=stopped,
             **where,
         )
         where["start_parameter_services"] = False  # six services less to wait for, each time
@@ -117,18 +121,19 @@ class Demo:
         for node in (self._checker, self.publisher, self.listener):
             self._executor.add_node(node)
 
-    def run(self, stopped: Callable[[], bool] = lambda: False) -> None:
-        """Move the scene for the time given or until ``stopped``, then bring it to rest."""
+    def run(self) -> None:
+        """Move the scene for the time given or until stopped, then bring it to rest."""
         self.begin()
+        self._has_begun = True
         start = perf_counter()
         self.listener.epoch = self.listener.get_clock().now().nanoseconds
         timer = self.publisher.create_timer(
             1.0 / self._rate, lambda: self._step(perf_counter() - start)
         )
-        self.spin_until(lambda: stopped() or perf_counter() - start >= self._seconds, np.inf)
+        self.spin_until(lambda: self._stopped() or perf_counter() - start >= self._seconds, np.inf)
         timer.cancel()
         # exactly the end, so that equal commands end alike
-        self.settle(self.time if stopped() else self._seconds)
+        self.settle(self.time if self._stopped() else self._seconds)
 
     def begin(self) -> None:
         """Wait for the match of the nodes and publish all objects."""
@@ -175,6 +180,8 @@ class Demo:
         """Spin until something is reached. Raises TimeoutError after ``patience`` seconds."""
         limit = perf_counter() + patience
         while not reached():
+            if self._stopped() and not self._has_begun:
+                raise ExternalShutdownException
             if perf_counter() > limit:
                 raise TimeoutError("no answer on the demo's topics in time")
             self._executor.spin_once(timeout_sec=GLANCE)

@@ -28,6 +28,7 @@ from time import perf_counter
 
 import numpy as np
 import pytest
+from processes import limited, output_until
 
 import obb_collision as oc
 from obb_collision.demo.command import main, make_parser
@@ -36,6 +37,7 @@ from obb_collision.geometry.poses import as_poses
 
 rclpy_context = pytest.importorskip("rclpy.context")
 
+from rclpy.executors import ExternalShutdownException  # noqa: E402
 from std_msgs.msg import Header  # noqa: E402 - needs ROS
 
 from obb_collision.demo.listener import Listener  # noqa: E402
@@ -200,6 +202,39 @@ def test_ctrl_c_ends_it_with_its_summary() -> None:
     assert received[0].startswith("scene random: 20 objects")
     assert received[1].startswith("topics to watch: ")
     assert " pairs in all, " in rest
+
+
+def test_ctrl_c_ends_it_while_kernels_compile(tmp_path: Path) -> None:
+    cache = {"NUMBA_CACHE_DIR": str(tmp_path)}
+    code = "from obb_collision.commands import demo; raise SystemExit(demo())"
+    process = subprocess.Popen(
+        [sys.executable, "-c", code, "--no-picture"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        env=os.environ | {"ROS_DOMAIN_ID": str(DOMAIN + 1)} | cache,
+    )
+    with limited(process):
+        output_until(process, "steps done")
+        process.send_signal(signal.SIGINT)
+        rest, _ = process.communicate(timeout=PATIENCE)
+    assert process.returncode == 0
+    assert rest.splitlines()[-1] == "obb_collision_demo: interrupted"
+
+
+def test_it_ends_while_it_waits_for_effects() -> None:
+    context = rclpy_context.Context()
+    context.init(domain_id=DOMAIN)
+    asked: list[bool] = []
+    scene = DemoScene(random_scene(OBJECTS, 7))
+    running = Demo(context, scene, 20.0, 1.0, lambda line: None, stopped=lambda: bool(asked))
+    asked.append(True)
+    try:
+        with pytest.raises(ExternalShutdownException):
+            running.begin()
+    finally:
+        running.close()
+        context.try_shutdown()
 
 
 def test_the_listener_waits_for_namespaces_that_it_does_not_know_yet() -> None:
