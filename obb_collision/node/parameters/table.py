@@ -33,7 +33,7 @@ from obb_collision.node.topics.topics import TOPICS, describe_mode, mode_names
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.effects.base import Option
 from obb_collision.scene.effects.settings import AUTO, MODES
-from obb_collision.scene.scene import DEFAULT_DEPTH
+from obb_collision.scene.settings import DEFAULT_DEPTH
 from obb_collision.scene.store.overrides import (
     MAX_OVERRIDES,
     override_from_text,
