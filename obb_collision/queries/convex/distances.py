@@ -25,12 +25,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from obb_collision._jit import njit
+from obb_collision._jit import njit, njit_reading
 from obb_collision._threads import run
 from obb_collision.numerics.vec3 import combined, minus, norm, plus, scaled
 from obb_collision.queries.convex.depth import Room, deepest, room_for_depth
 from obb_collision.queries.convex.distance import CLOSE, overlaps, rounding, search
-from obb_collision.queries.convex.support import Bodies, ConvexBodies, body_place, core_at
+from obb_collision.queries.convex.support import Bodies, ConvexBodies, body_place, borrowed_core
 from obb_collision.queries.meshes.tree_boxes import Place, relative_pose
 from obb_collision.typing import Floats, Integers, Mask, Vector
 
@@ -103,7 +103,16 @@ def _distance_kernel(
     lower: Floats, upper: Floats, positions_a: Floats, positions_b: Floats, normals: Floats,
     start: int, stop: int,
 ) -> None:  # fmt: skip
-    room = room_for_depth()
+    rows = near, lower, upper, positions_a, positions_b, normals
+    _write_distances(a, rows_a, b, rows_b, limit, room_for_depth(), rows, start, stop)
+
+
+@njit_reading
+def _write_distances(
+    a: Bodies, rows_a: np.ndarray, b: Bodies, rows_b: np.ndarray, limit: float, room: Room,
+    rows: tuple[np.ndarray, Floats, Floats, Floats, Floats, Floats], start: int, stop: int,
+) -> None:  # fmt: skip
+    near, lower, upper, positions_a, positions_b, normals = rows
     for n in range(start, stop):
         found = body_distance(a, rows_a[n], b, rows_b[n], NO_START, limit, room)
         near[n] = found.lower <= limit
@@ -113,7 +122,7 @@ def _distance_kernel(
             normals[n, k] = found.normal[k]
 
 
-@njit
+@njit_reading
 def body_distance(
     a: Bodies, i: int, b: Bodies, j: int, start: Vector, limit: float, room: Room
 ) -> Distance:
@@ -123,7 +132,7 @@ def body_distance(
 
     start: unit, world frame: the direction to try first, from a to b; zero for that of the centres.
     """
-    core_a, core_b = core_at(a, i), core_at(b, j)
+    core_a, core_b = borrowed_core(a, i), borrowed_core(b, j)
     place_a, place_b = body_place(a, i), body_place(b, j)
     pose = relative_pose(place_a, place_b, core_a.reach + core_b.reach)
     radii, slack = core_a.radius + core_b.radius, rounding(pose)
@@ -141,10 +150,10 @@ def body_distance(
     return Distance(found.gap - radii - slack, upper, p, q, normal)
 
 
-@njit
+@njit_reading
 def may_collide(a: Bodies, i: int, b: Bodies, j: int) -> bool:
     """Return whether body i of a and body j of b are not certainly apart, as below, but sooner."""
-    core_a, core_b = core_at(a, i), core_at(b, j)
+    core_a, core_b = borrowed_core(a, i), borrowed_core(b, j)
     pose = relative_pose(body_place(a, i), body_place(b, j), core_a.reach + core_b.reach)
     radii = core_a.radius + core_b.radius
     needed = radii + rounding(pose)

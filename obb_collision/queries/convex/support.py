@@ -27,10 +27,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from obb_collision._jit import njit, njit_reading
+from obb_collision._jit import njit, njit_borrowing, njit_reading
 from obb_collision.geometry.trees.pool import Hulls
 from obb_collision.numerics.lanes import farthest
-from obb_collision.numerics.vec3 import norm, vector_at
+from obb_collision.numerics.vec3 import norm, sum_abs, vector_at
 from obb_collision.queries.meshes.tree_boxes import Place, place_at
 from obb_collision.typing import Floats, Rows, Vector
 
@@ -101,24 +101,32 @@ class ConvexBodies:
 @njit
 def core_at(bodies: Bodies, i: int) -> Core:
     """Return the core of body i."""
-    kind, x, y, z, half = bodies.kinds[i], *_sizes_at(bodies, i)
+    kind, size, half, first, last, reach, radius = _numbers_at(bodies, i)
+    return Core(kind, size, half, bodies.hulls.blocks, first, last, reach, radius)
+
+
+@njit_borrowing
+def borrowed_core(bodies: Bodies, i: int) -> Core:
+    """Return the core of body i, for kernels that count no references either."""
+    kind, size, half, first, last, reach, radius = _numbers_at(bodies, i)
+    return Core(kind, size, half, bodies.hulls.blocks, first, last, reach, radius)
+
+
+@njit_borrowing
+def _numbers_at(bodies: Bodies, i: int) -> tuple[int, Vector, float, int, int, float, float]:
+    """Return what a core has besides the corners of all hulls."""
+    kind, size, half = bodies.kinds[i], vector_at(bodies.sizes, i), bodies.sizes[i, 3]
     first = last = 0
     radius = bodies.radii[i]
-    reach = abs(x) + abs(y) + abs(z) + half + 2.0 * radius
+    reach = sum_abs(size) + half + 2.0 * radius
     if kind == CORNERS:
         row = bodies.rows[i]
         first, last = bodies.hulls.starts[row], bodies.hulls.starts[row + 1]
         reach = bodies.hulls.radii[row] + 2.0 * radius
-    return Core(kind, (x, y, z), half, bodies.hulls.blocks, first, last, reach, radius)
+    return kind, size, half, first, last, reach, radius
 
 
-@njit
-def _sizes_at(bodies: Bodies, i: int) -> tuple[float, float, float, float]:
-    x, y, z = vector_at(bodies.sizes, i)
-    return x, y, z, bodies.sizes[i, 3]
-
-
-@njit
+@njit_borrowing
 def body_place(bodies: Bodies, i: int) -> Place:
     """Return where body i is."""
     return place_at(bodies.centers, bodies.rotations, i)
