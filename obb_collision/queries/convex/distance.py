@@ -32,7 +32,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from obb_collision._jit import njit, njit_reading
+from obb_collision._jit import njit, njit_borrowing, njit_inlined, njit_reading
 from obb_collision.numerics.constants import MESH_UNDERFLOW, ROUNDOFF
 from obb_collision.numerics.vec3 import (
     components,
@@ -92,7 +92,7 @@ class Search(NamedTuple):
     simplex: Simplex  #: what was nearest; the origin inside of size 4, or (nearly) on it
 
 
-@njit_reading
+@njit_borrowing
 def gap_along(a: Core, b: Core, pose: Pose, n: Vector) -> Gap:
     """Return the gap of two cores along n, unit, from a to b."""
     m = components(pose.axes, n)
@@ -125,7 +125,7 @@ def search(a: Core, b: Core, pose: Pose, start: Vector, stop: float) -> Search:
             best, normal = gap.value, n
         if climbs and not best > stop:
             simplex = on_corner(corner_of(gap, pose, unit))
-            reached = norm(simplex.nearest)
+            reached = length_of(simplex.nearest)
             if reached - unit * best <= unit * room:
                 break
             n = steeper(a, b, pose, n, negated(simplex.nearest), unit, best)
@@ -173,7 +173,7 @@ def overlaps(a: Core, b: Core, pose: Pose, start: Vector, needed: float, near: f
     return -1
 
 
-@njit
+@njit_inlined
 def unit_of(v: Vector) -> tuple[Vector, float]:
     """Return the unit vector along v, which is not zero, and its length."""
     square = dot(v, v)
@@ -186,7 +186,14 @@ def unit_of(v: Vector) -> tuple[Vector, float]:
     return scaled(v, 1.0 / length), largest * length
 
 
-@njit
+@njit_inlined
+def length_of(v: Vector) -> float:
+    """Return the length of a vector; without quotients where its square can be trusted."""
+    square = dot(v, v)
+    return math.sqrt(square) if LEAST_SQUARE < square < np.inf else norm(v)
+
+
+@njit_inlined
 def corner_of(gap: Gap, pose: Pose, unit: float) -> Corner:
     """Return the foremost point of the difference along a direction, scaled."""
     return Corner(scaled(minus(gap.p, moved(pose, gap.q)), unit), gap.p, gap.q)
@@ -196,12 +203,12 @@ def corner_of(gap: Gap, pose: Pose, unit: float) -> Corner:
 def _finished(a: Core, b: Core, pose: Pose, unit: float, stop: float, found: Search) -> Search:
     """Return a search with its points; with twice the digits where it is not close enough."""
     simplex = found.simplex
-    reached, room = norm(simplex.nearest), CLOSE * unit * pose.size
+    reached, room = length_of(simplex.nearest), CLOSE * unit * pose.size
     if simplex.size < 4 and (reached - unit * found.gap <= room or found.gap > stop):
         x, y, z = simplex.weights
         weights, (s, t, u) = (x, y, z, 0.0), (simplex.a, simplex.b, simplex.c)
         point = _weighted(s.w, t.w, u.w, u.w, weights)
-        if norm(minus(point, simplex.nearest)) <= room:  # not so for needles
+        if length_of(minus(point, simplex.nearest)) <= room:  # not so for needles
             p, q = _weighted(s.p, t.p, u.p, u.p, weights), _weighted(s.q, t.q, u.q, u.q, weights)
             return Search(found.gap, found.normal, reached / unit, p, q, simplex)
     if simplex.size == 4:

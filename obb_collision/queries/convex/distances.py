@@ -27,9 +27,17 @@ import numpy as np
 
 from obb_collision._jit import njit, njit_reading
 from obb_collision._threads import run
-from obb_collision.numerics.vec3 import combined, minus, norm, plus, scaled
+from obb_collision.numerics.vec3 import combined, minus, plus, scaled
 from obb_collision.queries.convex.depth import Room, deepest, room_for_depth
-from obb_collision.queries.convex.distance import CLOSE, overlaps, rounding, search
+from obb_collision.queries.convex.distance import (
+    CLOSE,
+    length_of,
+    overlaps,
+    rounding,
+    search,
+    unit_of,
+)
+from obb_collision.queries.convex.careful_simplex import is_zero
 from obb_collision.queries.convex.support import Bodies, ConvexBodies, body_place, borrowed_core
 from obb_collision.queries.meshes.tree_boxes import Place, relative_pose
 from obb_collision.typing import Floats, Integers, Mask, Vector
@@ -146,7 +154,7 @@ def body_distance(
     if radii > 0.0:
         way = towards(p, q, normal) if found.distance > 0.0 else normal
         p, q = plus(p, scaled(way, core_a.radius)), minus(q, scaled(way, core_b.radius))
-    upper = norm(minus(q, p)) if found.distance > radii else 0.0
+    upper = length_of(minus(q, p)) if found.distance > radii else 0.0
     return Distance(found.gap - radii - slack, upper, p, q, normal)
 
 
@@ -173,8 +181,7 @@ def in_world(place: Place, p: Vector) -> Vector:
 def towards(p: Vector, q: Vector, n: Vector) -> Vector:
     """Return the unit vector from p to q; n where they agree."""
     v = minus(q, p)
-    length = norm(v)
-    return scaled(v, 1.0 / length) if length > 0.0 else n
+    return n if is_zero(v) else unit_of(v)[0]
 
 
 @njit

@@ -24,7 +24,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from obb_collision._jit import njit
+from obb_collision._jit import njit, njit_inlined
 from obb_collision.numerics.simplex import outside
 from obb_collision.numerics.vec3 import cross, dot, minus, plus, scaled
 from obb_collision.typing import Vector
@@ -50,7 +50,7 @@ class Simplex(NamedTuple):
     nearest: Vector
 
 
-@njit
+@njit_inlined
 def no_simplex() -> Simplex:
     """Return a simplex without corners."""
     zero = 0.0, 0.0, 0.0
@@ -58,7 +58,7 @@ def no_simplex() -> Simplex:
     return Simplex(0, none, none, none, none, zero, zero)
 
 
-@njit
+@njit_inlined
 def with_corner(simplex: Simplex, new: Corner) -> Simplex:
     """Return the simplex with another corner, without those that the nearest point needs not."""
     if simplex.size == 0:
@@ -70,13 +70,13 @@ def with_corner(simplex: Simplex, new: Corner) -> Simplex:
     return _in_tetrahedron(simplex.a, simplex.b, simplex.c, new)
 
 
-@njit
+@njit_inlined
 def on_corner(a: Corner) -> Simplex:
     """Return the simplex of one corner."""
     return Simplex(1, a, a, a, a, (1.0, 0.0, 0.0), a.w)
 
 
-@njit
+@njit_inlined
 def on_segment(a: Corner, b: Corner) -> Simplex:
     """Return what two corners need."""
     edge = minus(b.w, a.w)
@@ -111,7 +111,7 @@ def on_triangle(a: Corner, b: Corner, c: Corner) -> Simplex:
     return Simplex(3, a, b, c, c, (1.0 - y - z, y, z), _above(a.w, u, v, y, z))
 
 
-@njit
+@njit_inlined
 def _above(a: Vector, u: Vector, v: Vector, y: float, z: float) -> Vector:
     """Return the point of a plane nearest to the origin: along its normal, not by weights.
 
