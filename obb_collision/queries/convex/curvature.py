@@ -26,14 +26,16 @@ import math
 
 import numpy as np
 
-from obb_collision._jit import njit, njit_reading
-from obb_collision.numerics.vec3 import components, cross, dot, negated, norm, plus, scaled
+from obb_collision._jit import njit_borrowing, njit_inlined, njit_reading
+from obb_collision.numerics.vec3 import components, cross, dot, minus, negated, norm, plus, scaled
+from obb_collision.queries.convex.simplex import Corner, Simplex, with_corner
 from obb_collision.queries.convex.support import CONE, CYLINDER, ROUND, Core
-from obb_collision.queries.meshes.tree_boxes import Pose
+from obb_collision.queries.meshes.tree_boxes import Pose, moved
 from obb_collision.typing import Vector
 
-Bend = tuple[Vector, Vector, float]
-"""Half axes, the foremost point and the length that divides: second derivatives of a reach."""
+Bend = tuple[float, Vector, Vector]
+"""What a second derivative is multiplied by, half axes, and the foremost point about their centre.
+"""
 
 
 @njit_reading
@@ -42,49 +44,110 @@ def is_curved(core: Core) -> bool:
     return core.kind == ROUND or core.kind == CYLINDER or core.kind == CONE
 
 
-@njit_reading
-def steeper(a: Core, b: Core, pose: Pose, n: Vector, w: Vector, unit: float, gap: float) -> Vector:
+@njit_borrowing
+def turned_to(
+    a: Core, b: Core, pose: Pose, n: Vector, unit: float, simplex: Simplex, new: Corner
+) -> Simplex:
+    """Return the simplex of the same features with their foremost points along n, and of ``new``.
+
+    Features are corners, ends of segments, rims, apexes and smooth surfaces; new: foremost along n.
+    """
+    m = negated(components(pose.axes, n))
+    count, s, t, u = 0, new, new, new
+    for k in range(min(simplex.size, 3)):
+        old = simplex.a if k == 0 else simplex.b if k == 1 else simplex.c
+        p, q = _on_feature(a, old.p, n, new.p), _on_feature(b, old.q, m, new.q)
+        if p != new.p or q != new.q:
+            corner = Corner(scaled(minus(p, moved(pose, q)), unit), p, q)
+            if count == 0:
+                s = corner
+            elif count == 1:
+                t = corner
+            else:
+                u = corner
+            count += 1
+    return with_corner(Simplex(count, s, t, u, u, simplex.weights, simplex.nearest), new)
+
+
+@njit_inlined
+def _on_feature(core: Core, old: Vector, n: Vector, new: Vector) -> Vector:
+    """Return the foremost point along n of the feature of an old one; new: that of the core."""
+    if core.kind == ROUND:
+        return new
+    if core.kind == CYLINDER or (core.kind == CONE and old[2] < 0.0):
+        if core.kind == CYLINDER or new[2] < 0.0:
+            return new[0], new[1], old[2]
+        x, y, _ = core.size
+        u, v = x * n[0], y * n[1]
+        length = norm((u, v, 0.0))
+        if length > 0.0:
+            return x * (u / length), y * (v / length), old[2]
+    return old
+
+
+@njit_borrowing
+def steeper(
+    a: Core, b: Core, pose: Pose, n: Vector, simplex: Simplex, unit: float, gap: float
+) -> Vector:
     """Return a unit vector along which the gap is probably larger, or n.
 
-    w: from the foremost point of a along n to that of b, times unit; gap: along n, clearly
-    positive.
+    simplex: of one or two features, with their foremost points along n; gap: along n, positive.
+    Two have the same gap along what is returned, as nearly as their curvatures say.
     """
-    first, second = _bend(a, n), _bend(b, negated(components(pose.axes, n)))
+    first, second, weights = simplex.a, simplex.b, simplex.weights
     u = (0.0, -n[2], n[1]) if abs(n[0]) < 0.5 else (-n[1], n[0], 0.0)
-    u = scaled(u, 1.0 / norm(u))
+    u = scaled(u, 1.0 / math.sqrt(dot(u, u)))
     v = cross(n, u)
-    s, t = components(pose.axes, u), components(pose.axes, v)
-    x = _along(first, u, u) + _along(second, s, s) + gap
-    y = _along(first, v, v) + _along(second, t, t) + gap
-    z = _along(first, u, v) + _along(second, s, t)
-    x, y, z, far = x / gap, y / gap, z / gap, unit * gap
-    g, h = dot(w, u) / far, dot(w, v) / far
+    x, y, z = 1.0, 1.0, 0.0
+    bend = _bend(a, first.p, second.p, weights, n, gap)
+    if bend[0] > 0.0:
+        x, y, z = _bent(x, y, z, bend, u, v)
+    m = negated(components(pose.axes, n))
+    bend = _bend(b, first.q, second.q, weights, m, gap)
+    if bend[0] > 0.0:
+        x, y, z = _bent(x, y, z, bend, components(pose.axes, u), components(pose.axes, v))
+    near = 1.0 / (unit * gap)
+    g, h = -dot(simplex.nearest, u) * near, -dot(simplex.nearest, v) * near
     square = x * y - z * z
+    if simplex.size == 2:
+        edge = scaled(minus(first.w, second.w), near)
+        c, d = dot(edge, u), dot(edge, v)
+        # along the edge the step ends where both gaps agree
+        push = dot(edge, n) * square + c * (y * g - z * h) + d * (x * h - z * g)
+        push /= y * c * c - 2.0 * z * c * d + x * d * d
+        g, h = g - push * c, h - push * d
     if not 0.0 < square < np.inf:
         return n
-    step = plus(scaled(u, (y * g - z * h) / square), scaled(v, (x * h - z * g) / square))
-    n = plus(n, step)
+    square = 1.0 / square
+    n = plus(n, plus(scaled(u, (y * g - z * h) * square), scaled(v, (x * h - z * g) * square)))
     return scaled(n, 1.0 / math.sqrt(dot(n, n)))
 
 
-@njit_reading
-def _bend(core: Core, n: Vector) -> Bend:
-    (x, y, z), zero = core.size, (0.0, 0.0, 0.0)
-    if not is_curved(core):
-        return zero, zero, 1.0
-    if core.kind != ROUND:
-        z = 0.0
-    u = x * n[0], y * n[1], z * n[2]
-    length = norm(u)
-    apex = core.kind == CONE and length - core.half * n[2] < core.half * n[2]
-    if apex or not length > 0.0:
-        return zero, zero, 1.0
-    return (x, y, z), (x * (u[0] / length), y * (u[1] / length), z * (u[2] / length)), length
+@njit_inlined
+def _bend(core: Core, p: Vector, q: Vector, weights: Vector, n: Vector, gap: float) -> Bend:
+    """Return the bend of the features of p and q, foremost along n, relative to the gap."""
+    (x, y, z), e, weight = core.size, p, 1.0
+    if core.kind == ROUND:
+        e = p[0], p[1], p[2] - math.copysign(core.half, n[2])
+    elif core.kind == CYLINDER or core.kind == CONE:
+        if core.kind == CONE:
+            weight = (weights[0] if p[2] < 0.0 else 0.0) + (weights[1] if q[2] < 0.0 else 0.0)
+            e = p if p[2] < 0.0 else q
+        e, z = (e[0], e[1], 0.0), 0.0
+    else:
+        weight = 0.0
+    length = dot(n, e) * gap
+    return weight / length if length > 0.0 else 0.0, (x, y, z), e
 
 
-@njit
-def _along(bend: Bend, u: Vector, v: Vector) -> float:
-    """Return the second derivative along u and v."""
-    (x, y, z), foremost, length = bend
-    whole = dot((x * u[0], y * u[1], z * u[2]), (x * v[0], y * v[1], z * v[2]))
-    return (whole - dot(foremost, u) * dot(foremost, v)) / length
+@njit_inlined
+def _bent(x: float, y: float, z: float, bend: Bend, u: Vector, v: Vector) -> Vector:
+    """Return second derivatives along u, v and both, with those of a bend."""
+    scale, (a, b, c), e = bend
+    s, t = (a * u[0], b * u[1], c * u[2]), (a * v[0], b * v[1], c * v[2])
+    k, m = dot(e, u), dot(e, v)
+    return (
+        x + scale * (dot(s, s) - k * k),
+        y + scale * (dot(t, t) - m * m),
+        z + scale * (dot(s, t) - k * m),
+    )

@@ -46,8 +46,8 @@ from obb_collision.numerics.vec3 import (
     scaled,
 )
 from obb_collision.queries.convex.careful_simplex import careful_nearest, is_known, is_zero
-from obb_collision.queries.convex.curvature import is_curved, steeper
-from obb_collision.queries.convex.simplex import Corner, Simplex, no_simplex, on_corner, with_corner
+from obb_collision.queries.convex.curvature import is_curved, steeper, turned_to
+from obb_collision.queries.convex.simplex import Corner, Simplex, no_simplex, with_corner
 from obb_collision.queries.convex.support import Core, support
 from obb_collision.queries.meshes.tree_boxes import Pose, moved
 from obb_collision.queries.primitives.segments import unit_scale
@@ -62,6 +62,8 @@ CONVEX_ROUNDING = 512 * ROUNDOFF
 CLOSE = 1e-10
 #: Directions tried in plain doubles: hulls take 3 to 10, cylinders and ellipsoids up to 40.
 DIRECTIONS = 60
+#: The climb by curvature ends when that many directions showed no larger gap.
+LAPSES = 3
 #: ... and with twice the digits.
 CAREFUL_DIRECTIONS = 100
 #: The search in plain doubles ends when a corner brings it nearer by less than this fraction.
@@ -117,18 +119,20 @@ def search(a: Core, b: Core, pose: Pose, start: Vector, stop: float) -> Search:
     n = pose.offset if is_zero(start) else start
     n = unit_of((1.0, 0.0, 0.0) if is_zero(n) else n)[0]
     best, normal, simplex, reached = -np.inf, n, no_simplex(), np.inf
-    room, climbs = CLOSE * pose.size, is_curved(a) or is_curved(b)
+    room, lapses = CLOSE * pose.size, 0 if is_curved(a) or is_curved(b) else LAPSES
     for _ in range(DIRECTIONS):
         gap = gap_along(a, b, pose, n)
-        climbs = climbs and gap.value > max(best, room)
+        lapses += 0 if gap.value > max(best, room) else 1 if gap.value > room else LAPSES
         if gap.value > best:
             best, normal = gap.value, n
-        if climbs and not best > stop:
-            simplex = on_corner(corner_of(gap, pose, unit))
-            reached = length_of(simplex.nearest)
+        if lapses < LAPSES and not best > stop:
+            simplex = turned_to(a, b, pose, n, unit, simplex, corner_of(gap, pose, unit))
+            if simplex.size == 4 or is_zero(simplex.nearest):
+                break
+            towards, reached = unit_of(negated(simplex.nearest))
             if reached - unit * best <= unit * room:
                 break
-            n = steeper(a, b, pose, n, negated(simplex.nearest), unit, best)
+            n = towards if simplex.size == 3 else steeper(a, b, pose, n, simplex, unit, gap.value)
             continue
         if best > stop or reached - unit * best <= unit * room:
             if simplex.size == 0:
