@@ -28,6 +28,7 @@ import numpy as np
 from obb_collision._jit import njit, njit_reading
 from obb_collision._threads import run
 from obb_collision.numerics.vec3 import combined, minus, plus, scaled
+from obb_collision.queries.convex.careful_simplex import is_zero
 from obb_collision.queries.convex.depth import Room, deepest, room_for_depth
 from obb_collision.queries.convex.distance import (
     CLOSE,
@@ -37,7 +38,6 @@ from obb_collision.queries.convex.distance import (
     search,
     unit_of,
 )
-from obb_collision.queries.convex.careful_simplex import is_zero
 from obb_collision.queries.convex.support import Bodies, ConvexBodies, body_place, borrowed_core
 from obb_collision.queries.meshes.tree_boxes import Place, relative_pose
 from obb_collision.typing import Floats, Integers, Mask, Vector
