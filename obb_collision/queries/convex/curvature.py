@@ -27,7 +27,7 @@ import math
 import numpy as np
 
 from obb_collision._jit import njit_borrowing, njit_inlined, njit_reading
-from obb_collision.numerics.vec3 import components, cross, dot, minus, negated, norm, plus, scaled
+from obb_collision.numerics.vec3 import components, cross, dot, fast_norm, minus, negated, plus, scaled
 from obb_collision.queries.convex.simplex import Corner, Simplex, with_corner
 from obb_collision.queries.convex.support import CONE, CYLINDER, ROUND, Core
 from obb_collision.queries.meshes.tree_boxes import Pose, moved
@@ -79,7 +79,7 @@ def _on_feature(core: Core, old: Vector, n: Vector, new: Vector) -> Vector:
             return new[0], new[1], old[2]
         x, y, _ = core.size
         u, v = x * n[0], y * n[1]
-        length = norm((u, v, 0.0))
+        length = fast_norm((u, v, 0.0))
         if length > 0.0:
             return x * (u / length), y * (v / length), old[2]
     return old

@@ -35,9 +35,12 @@ import numpy as np
 from obb_collision._jit import njit, njit_borrowing, njit_inlined, njit_reading
 from obb_collision.numerics.constants import MESH_UNDERFLOW, ROUNDOFF
 from obb_collision.numerics.vec3 import (
+    LEAST_SQUARE,
+    clamp,
     components,
     cross,
     dot,
+    fast_norm,
     max_abs,
     minus,
     negated,
@@ -48,7 +51,7 @@ from obb_collision.numerics.vec3 import (
 from obb_collision.queries.convex.careful_simplex import careful_nearest, is_known, is_zero
 from obb_collision.queries.convex.curvature import is_curved, steeper, turned_to
 from obb_collision.queries.convex.simplex import Corner, Simplex, no_simplex, with_corner
-from obb_collision.queries.convex.support import Core, support
+from obb_collision.queries.convex.support import SEGMENT, Core, support
 from obb_collision.queries.meshes.tree_boxes import Pose, moved
 from obb_collision.queries.primitives.segments import unit_scale
 from obb_collision.typing import Vector
@@ -71,8 +74,6 @@ STALLED = 1e-13
 #: Six times the volume that the origin makes with each face of a tetrahedron that it is certainly
 #: in; sizes are near one, and volumes off by 1e-15.
 INSIDE = 1e-10
-#: Squares of a length below this may have lost digits.
-LEAST_SQUARE = 1e-280
 
 
 class Gap(NamedTuple):
@@ -119,6 +120,10 @@ def search(a: Core, b: Core, pose: Pose, start: Vector, stop: float) -> Search:
     n = pose.offset if is_zero(start) else start
     n = unit_of((1.0, 0.0, 0.0) if is_zero(n) else n)[0]
     best, normal, simplex, reached = -np.inf, n, no_simplex(), np.inf
+    if a.kind == SEGMENT and b.kind == SEGMENT:
+        found = _of_segments(a, b, pose)
+        if found.distance - found.gap <= CLOSE * pose.size:
+            return found
     room, lapses = CLOSE * pose.size, 0 if is_curved(a) or is_curved(b) else LAPSES
     for _ in range(DIRECTIONS):
         gap = gap_along(a, b, pose, n)
@@ -145,6 +150,22 @@ def search(a: Core, b: Core, pose: Pose, start: Vector, stop: float) -> Search:
             break
         n, reached = unit_of(negated(simplex.nearest))
     return _finished(a, b, pose, unit, stop, Search(best, normal, 0.0, n, n, simplex))
+
+
+@njit_borrowing
+def _of_segments(a: Core, b: Core, pose: Pose) -> Search:
+    """Return what the nearest points of two segments along z show (Ericson 2005, 5.1.9)."""
+    axis, offset = pose.axes[2], pose.offset
+    c, far = axis[2], dot(axis, offset)
+    square = 1.0 - c * c
+    s = clamp((offset[2] - c * far) / square, a.half) if square > 0.0 else 0.0
+    t = clamp(s * c - far, b.half)
+    p, q = (0.0, 0.0, clamp(offset[2] + t * c, a.half)), (0.0, 0.0, t)
+    v = minus(moved(pose, q), p)
+    if is_zero(v):
+        return Search(-np.inf, v, np.inf, p, q, no_simplex())
+    n, length = unit_of(v)
+    return Search(gap_along(a, b, pose, n).value, n, length, p, q, no_simplex())
 
 
 @njit_reading
@@ -191,13 +212,6 @@ def unit_of(v: Vector) -> tuple[Vector, float]:
 
 
 @njit_inlined
-def length_of(v: Vector) -> float:
-    """Return the length of a vector; without quotients where its square can be trusted."""
-    square = dot(v, v)
-    return math.sqrt(square) if LEAST_SQUARE < square < np.inf else norm(v)
-
-
-@njit_inlined
 def corner_of(gap: Gap, pose: Pose, unit: float) -> Corner:
     """Return the foremost point of the difference along a direction, scaled."""
     return Corner(scaled(minus(gap.p, moved(pose, gap.q)), unit), gap.p, gap.q)
@@ -207,12 +221,12 @@ def corner_of(gap: Gap, pose: Pose, unit: float) -> Corner:
 def _finished(a: Core, b: Core, pose: Pose, unit: float, stop: float, found: Search) -> Search:
     """Return a search with its points; with twice the digits where it is not close enough."""
     simplex = found.simplex
-    reached, room = length_of(simplex.nearest), CLOSE * unit * pose.size
+    reached, room = fast_norm(simplex.nearest), CLOSE * unit * pose.size
     if simplex.size < 4 and (reached - unit * found.gap <= room or found.gap > stop):
         x, y, z = simplex.weights
         weights, (s, t, u) = (x, y, z, 0.0), (simplex.a, simplex.b, simplex.c)
         point = _weighted(s.w, t.w, u.w, u.w, weights)
-        if length_of(minus(point, simplex.nearest)) <= room:  # not so for needles
+        if fast_norm(minus(point, simplex.nearest)) <= room:  # not so for needles
             p, q = _weighted(s.p, t.p, u.p, u.p, weights), _weighted(s.q, t.q, u.q, u.q, weights)
             return Search(found.gap, found.normal, reached / unit, p, q, simplex)
     if simplex.size == 4:

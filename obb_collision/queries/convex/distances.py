@@ -27,12 +27,11 @@ import numpy as np
 
 from obb_collision._jit import njit, njit_reading
 from obb_collision._threads import run
-from obb_collision.numerics.vec3 import combined, minus, plus, scaled
+from obb_collision.numerics.vec3 import combined, fast_norm, minus, plus, scaled
 from obb_collision.queries.convex.careful_simplex import is_zero
 from obb_collision.queries.convex.depth import Room, deepest, room_for_depth
 from obb_collision.queries.convex.distance import (
     CLOSE,
-    length_of,
     overlaps,
     rounding,
     search,
@@ -154,7 +153,7 @@ def body_distance(
     if radii > 0.0:
         way = towards(p, q, normal) if found.distance > 0.0 else normal
         p, q = plus(p, scaled(way, core_a.radius)), minus(q, scaled(way, core_b.radius))
-    upper = length_of(minus(q, p)) if found.distance > radii else 0.0
+    upper = fast_norm(minus(q, p)) if found.distance > radii else 0.0
     return Distance(found.gap - radii - slack, upper, p, q, normal)
 
 

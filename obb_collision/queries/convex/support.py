@@ -30,7 +30,7 @@ import numpy as np
 from obb_collision._jit import njit, njit_borrowing, njit_reading
 from obb_collision.geometry.trees.pool import Hulls
 from obb_collision.numerics.lanes import farthest
-from obb_collision.numerics.vec3 import norm, sum_abs, vector_at
+from obb_collision.numerics.vec3 import fast_norm, sum_abs, vector_at
 from obb_collision.queries.meshes.tree_boxes import Place, place_at
 from obb_collision.typing import Floats, Rows, Vector
 
@@ -144,12 +144,12 @@ def support(core: Core, n: Vector) -> Vector:
         return 0.0, 0.0, half
     if core.kind == ROUND:
         u = x * n[0], y * n[1], z * n[2]
-        length = norm(u)
+        length = fast_norm(u)
         if length > 0.0:
             return x * (u[0] / length), y * (u[1] / length), z * (u[2] / length) + half
         return 0.0, 0.0, half
     u = x * n[0], y * n[1], 0.0
-    length = norm(u)
+    length = fast_norm(u)
     rim = (0.0, 0.0, half)
     if length > 0.0:
         rim = x * (u[0] / length), y * (u[1] / length), half
