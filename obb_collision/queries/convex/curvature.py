@@ -27,7 +27,16 @@ import math
 import numpy as np
 
 from obb_collision._jit import njit_borrowing, njit_inlined, njit_reading
-from obb_collision.numerics.vec3 import components, cross, dot, fast_norm, minus, negated, plus, scaled
+from obb_collision.numerics.vec3 import (
+    components,
+    cross,
+    dot,
+    fast_norm,
+    minus,
+    negated,
+    plus,
+    scaled,
+)
 from obb_collision.queries.convex.simplex import Corner, Simplex, with_corner
 from obb_collision.queries.convex.support import CONE, CYLINDER, ROUND, Core
 from obb_collision.queries.meshes.tree_boxes import Pose, moved

@@ -95,9 +95,15 @@ class Search(NamedTuple):
     simplex: Simplex  #: what was nearest; the origin inside of size 4, or (nearly) on it
 
 
-@njit_borrowing
+@njit_reading
 def gap_along(a: Core, b: Core, pose: Pose, n: Vector) -> Gap:
     """Return the gap of two cores along n, unit, from a to b."""
+    return _gap_here(a, b, pose, n)
+
+
+@njit_borrowing
+def _gap_here(a: Core, b: Core, pose: Pose, n: Vector) -> Gap:
+    """Return the same, compiled into the loop that asks."""
     m = components(pose.axes, n)
     p, q = support(a, n), support(b, negated(m))
     return Gap(dot(m, q) + dot(n, pose.offset) - dot(n, p), p, q)
@@ -126,7 +132,7 @@ def search(a: Core, b: Core, pose: Pose, start: Vector, stop: float) -> Search:
             return found
     room, lapses = CLOSE * pose.size, 0 if is_curved(a) or is_curved(b) else LAPSES
     for _ in range(DIRECTIONS):
-        gap = gap_along(a, b, pose, n)
+        gap = _gap_here(a, b, pose, n)
         lapses += 0 if gap.value > max(best, room) else 1 if gap.value > room else LAPSES
         if gap.value > best:
             best, normal = gap.value, n
