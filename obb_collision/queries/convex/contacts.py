@@ -24,7 +24,7 @@ from obb_collision.numerics.vec3 import dot, plus, scaled, vector_at
 from obb_collision.queries.contacts.contacts import Contacts
 from obb_collision.queries.convex.distances import ConvexDistances, in_world, turned_back
 from obb_collision.queries.convex.patch import Flat, flat_room, frame_of, overlay, spread
-from obb_collision.queries.convex.support import Bodies, ConvexBodies, body_place, core_at
+from obb_collision.queries.convex.support import Bodies, ConvexBodies, body_place, core_at, support
 from obb_collision.queries.meshes.tree_boxes import relative_pose
 from obb_collision.typing import Floats, Integers, Vector
 
@@ -91,7 +91,8 @@ def _write_patch(
             positions[0, k] = middle[k]
         position_depths[0] = depth
         return 1
-    height = dot(normal, middle) - dot(normal, place.center)
+    # halfway between both foremost planes; points of flat bodies may be deepest and not foremost
+    height = dot(frame.n, support(core_a, frame.n)) + core_a.radius - 0.5 * depth
     for n in range(count):
         x, y, low = vector_at(flat.a, n)
         p = plus(plus(scaled(frame.x, x), scaled(frame.y, y)), scaled(frame.n, height))
