@@ -17,7 +17,6 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -25,66 +24,31 @@ import pytest
 
 pytest.importorskip("rclpy")
 from gate import Gate
-from lifecycle_msgs.msg import Transition
-from lifecycle_msgs.srv import ChangeState
-from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
+from lifecycle_rig import (
+    A1,
+    A2,
+    ACTIVATE,
+    CLEANUP,
+    CONFIGURE,
+    DEACTIVATE,
+    MARKERS,
+    NAMED,
+    PAIR,
+    SCENE,
+    SHUTDOWN,
+    STATUS,
+    WAYS,
+    flagged,
+    managed,
+    said,
+)
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from rig import DOMAIN, NAMESPACE, Rig, cube, pose, sync
+from rig import NAMESPACE, Rig, cube, pose, sync
 from shape_markers import triangle
 from std_msgs.msg import Bool
 from visualization_msgs.msg import Marker
 
 from obb_collision.node.diagnostics.answer import COLLIDING, FREE, UNKNOWN
-from obb_collision.node.node import CollisionNode
-
-A1, A2, B1 = ("a", 1), ("a", 2), ("b", 1)
-PAIR = (cube(A1), cube(A2, (0.5, 0, 0)))
-NAMED = {("a/1", "a/2")}
-CONFIGURE, ACTIVATE = Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE
-DEACTIVATE, CLEANUP = Transition.TRANSITION_DEACTIVATE, Transition.TRANSITION_CLEANUP
-SHUTDOWN = {
-    "unconfigured": Transition.TRANSITION_UNCONFIGURED_SHUTDOWN,
-    "inactive": Transition.TRANSITION_INACTIVE_SHUTDOWN,
-    "active": Transition.TRANSITION_ACTIVE_SHUTDOWN,
-}
-WAYS = {"unconfigured": (), "inactive": (CONFIGURE,), "active": (CONFIGURE, ACTIVATE)}
-STATUS, MARKERS = "collision_status", "obb_collision/markers"
-SCENE = """
-padding: {padding}
-objects:
-  - {{name: part/1, shape: box, size: [1, 1, 1], position: [0, 0, 0]}}
-"""
-
-
-def managed(*transitions: int, **parameters: Any) -> Rig:
-    """Return a rig with a node that others manage, after some transitions."""
-    rig = Rig(deaf=True, autostart=False, given={"cycle_timeout": 30.0} | parameters)
-    rig.listen("collisions", "in_collision", "namespaces", STATUS)
-    for transition in transitions:
-        assert rig.change(transition)
-    return rig
-
-
-def said(rig: Rig, level: bytes, text: str, flag: bool | None = None) -> None:
-    """Wait for a status and a flag."""
-
-    def reached() -> bool:
-        (status,) = rig.last[STATUS].status if STATUS in rig.last else [None]
-        return status is not None and status.level == level and text in status.message
-
-    rig.until(reached, f"{level!r} {text}")
-    if flag is not None:
-        flagged(rig, flag)
-
-
-def flagged(rig: Rig, flag: bool) -> None:
-    """Wait for a flag."""
-
-    def reached() -> bool:
-        return "in_collision" in rig.last and rig.last["in_collision"].data is flag
-
-    rig.until(reached, f"flag {flag}")
 
 
 def count_checks(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> list[int]:
@@ -260,87 +224,11 @@ def test_shut_down_it_knows_nothing_for_good_and_its_process_stays(way: str) -> 
         assert not any(thread.name == STATUS for thread in threading.enumerate())
 
 
-@pytest.mark.parametrize("way", [*WAYS])
-def test_a_transition_that_is_not_possible_is_refused_and_changes_nothing(way: str) -> None:
-    with managed(*WAYS[way]) as rig:
-        possible = {
-            "unconfigured": {CONFIGURE},
-            "inactive": {ACTIVATE, CLEANUP},
-            "active": {DEACTIVATE},
-        }[way] | {SHUTDOWN[way]}
-        others = {*range(12), 255, *SHUTDOWN.values()} - possible
-        assert not any(rig.change(transition) for transition in others)
-        assert not rig.change(0, "no such transition")
-        assert rig.state() == way
-
-
 def test_labels_work_as_well_as_numbers() -> None:
     with managed() as rig:
         assert rig.change(0, "configure")
         assert rig.change(0, "activate")
         assert rig.state() == "active"
-
-
-def test_a_scene_file_that_cannot_be_read_is_a_transition_that_failed_with_the_reason(
-    tmp_path: Path,
-) -> None:
-    scene = tmp_path / "scene.yaml"
-    with managed(scene_file=str(scene)) as rig:
-        assert not rig.change(CONFIGURE)
-        assert rig.state() == "unconfigured"
-        said(rig, UNKNOWN, "the last transition failed", True)
-        assert str(scene) in rig.last[STATUS].status[0].message
-        scene.write_text(SCENE.format(padding=0.0))
-        assert rig.change(CONFIGURE)
-        assert rig.change(ACTIVATE)
-        said(rig, FREE, "free", False)
-    with pytest.raises(ValueError, match="missing"):
-        Rig(scene_file=str(tmp_path / "missing.yaml"))
-
-
-@pytest.mark.parametrize(
-    ("part", "way", "transition"),
-    [
-        ("_make_cycle", (), CONFIGURE),
-        ("_begin", (), CONFIGURE),
-        ("activate", (CONFIGURE,), ACTIVATE),
-        ("deactivate", (CONFIGURE, ACTIVATE), DEACTIVATE),
-    ],
-)
-def test_what_fails_in_a_transition_leaves_nothing_configured_and_the_next_one_works(
-    part: str, way: tuple[int, ...], transition: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    with managed(*way) as rig:
-
-        def fail(*_: object) -> None:
-            raise KeyError("broken")
-
-        with monkeypatch.context() as patch:
-            patch.setattr(rig.node, part, fail)
-            assert not rig.change(transition)
-        assert rig.state() == "unconfigured"
-        said(rig, UNKNOWN, "broken", True)
-        assert not any(rig.client.count_subscribers(topic) for topic in rig.pubs)
-        assert not [*rig.node.timers], "nothing is called any more"
-        for again in (CONFIGURE, ACTIVATE):
-            assert rig.change(again)
-        rig.wait_inputs()
-        rig.send(*PAIR)
-        assert rig.pairs() == NAMED
-
-
-def test_a_node_that_cannot_even_be_released_is_finalized(monkeypatch: pytest.MonkeyPatch) -> None:
-    with managed(CONFIGURE, ACTIVATE) as rig:
-
-        def fail(*_: object) -> None:
-            raise KeyError("broken")
-
-        monkeypatch.setattr(rig.node._outputs, "withdraw", fail)
-        monkeypatch.setattr(rig.node, "deactivate", fail)
-        assert not rig.change(DEACTIVATE)
-        assert rig.state() == "finalized"
-        said(rig, UNKNOWN, "shutting down", True)
-        monkeypatch.undo()
 
 
 def test_activated_and_cleaned_up_many_times_it_keeps_nothing(rig: Rig) -> None:
@@ -382,88 +270,3 @@ def test_an_accuracy_whose_kernels_are_missing_does_not_hold_up_configuring(
         assert warm._asked.keys() & missing
         assert rig.node._settings.waiting, "pairs are on obb meanwhile"
         said(rig, FREE, "free", False)
-
-
-def test_of_two_nodes_in_a_process_one_is_deactivated_and_the_other_goes_on(rig: Rig) -> None:
-    other = CollisionNode(
-        context=rig.context,
-        namespace=f"{NAMESPACE}/cell",
-        cli_args=["--ros-args", "-r", f"{NAMESPACE}/cell/objects:={NAMESPACE}/objects"],
-    )
-    flags: list[Any] = []
-    latched = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-    rig.client.create_subscription(Bool, "cell/in_collision", flags.append, latched)
-    rig.listen(STATUS)
-    try:
-        rig.executor.add_node(other)
-        rig.until(lambda: rig.pubs["objects"].get_subscription_count() == 2, "both")
-        rig.until(lambda: flags and flags[-1].data is False, "the other is free")
-        rig.send(*PAIR)
-        assert rig.pairs() == NAMED
-        rig.until(lambda: flags[-1].data is True, "the other collides")
-        assert rig.change(DEACTIVATE)
-        said(rig, UNKNOWN, "inactive", True)
-        assert other.cycle.active
-        rig.send(cube(A2, (3, 0, 0)))
-        rig.until(lambda: flags[-1].data is False, "the other is free again")
-        request = ChangeState.Request(transition=Transition(id=DEACTIVATE))
-        name = "cell/obb_collision/change_state"
-        assert rig.call(ChangeState, name, request).success
-        rig.until(lambda: flags[-1].data is True, "the other is not known")
-        assert rig.change(ACTIVATE)
-        said(rig, FREE, "free", False)
-        assert flags[-1].data is True
-    finally:
-        rig.executor.remove_node(other)
-        other.destroy_node()
-
-
-def test_two_nodes_on_threads_of_a_process_check_while_one_of_them_changes_its_state() -> None:
-    """They share the caches of kernels and the threads that check, and nothing else."""
-    with managed(CONFIGURE, ACTIVATE) as rig:
-        rig.wait_inputs()
-        other = CollisionNode(
-            context=rig.context,
-            namespace=f"{NAMESPACE}/cell",
-            cli_args=["--ros-args", "-r", f"{NAMESPACE}/cell/objects:={NAMESPACE}/objects"],
-        )
-        executor = SingleThreadedExecutor(context=rig.context)
-        executor.add_node(other)
-        thread = threading.Thread(target=executor.spin)
-        thread.start()
-        try:
-            rig.until(lambda: rig.pubs["objects"].get_subscription_count() == 2, "both")
-            boxes = [cube(("b", number), (0.75 * number, 0, 0)) for number in range(300)]
-            for turn in range(3):
-                boxes[0].pose.position.y = float(5 * (turn % 2))
-                expected = 299 - turn % 2
-                rig.send(*boxes)
-                assert len(rig.pairs()) == expected
-                for transition in (DEACTIVATE, CLEANUP, CONFIGURE, ACTIVATE):
-                    assert rig.change(transition)
-
-                def has_them(expected: int = expected) -> bool:
-                    return len(other.cycle.report or ()) == expected
-
-                rig.until(has_them, "the other's pairs")
-                assert other.status.answer.unknown == ""
-                rig.wait_inputs()
-            assert other.guard.total == rig.node.guard.total == 0
-        finally:
-            executor.shutdown()
-            thread.join()
-            other.destroy_node()
-
-
-def test_nothing_is_left_of_a_node_that_cannot_start(tmp_path: Path) -> None:
-    context = Context()
-    context.init(domain_id=DOMAIN)
-    make: Callable[[], CollisionNode] = lambda: CollisionNode(  # noqa: E731
-        context=context,
-        cli_args=["--ros-args", "-p", f"scene_file:={tmp_path}/missing.yaml"],
-    )
-    before = threading.active_count()
-    with pytest.raises(ValueError, match="missing"):
-        make()
-    assert threading.active_count() == before
-    context.shutdown()
