@@ -106,7 +106,8 @@ class StateService:
         """Return the state (1, joints); what is not given is as it is now, as for MoveIt."""
         joints, message = self._robot.joints, given.joint_state
         assert joints is not None
-        if len(given.multi_dof_joint_state.joint_names):
+        several = given.multi_dof_joint_state
+        if len(several.joint_names) or len(several.transforms):  # these may be there without names
             raise RefusedError(NOT_EVALUATED, "multi_dof_joint_state")
         if len(given.attached_collision_objects):
             raise RefusedError(NOT_EVALUATED, "attached_collision_objects")

@@ -54,7 +54,7 @@ def request_of(values: Mapping[str, float], group: str = "") -> Any:
     joints = plain(name=list(values), position=list(values.values()))
     state = plain(
         joint_state=joints,
-        multi_dof_joint_state=plain(joint_names=[]),
+        multi_dof_joint_state=plain(joint_names=[], transforms=[]),
         attached_collision_objects=[],
     )
     kinds = ("joint", "position", "orientation", "visibility")
@@ -154,6 +154,8 @@ def spoil(request: Any, what: str) -> None:
         request.constraints.joint_constraints.append(plain())
     elif what == "multi_dof_joint_state":
         state.multi_dof_joint_state.joint_names.append("world")
+    elif what == "transforms":
+        state.multi_dof_joint_state.transforms.append(plain())
     else:
         state.attached_collision_objects.append(plain())
 
@@ -168,6 +170,7 @@ def spoil(request: Any, what: str) -> None:
         ("unknown group", "unknown group"),
         ("constraints", "not evaluated"),
         ("multi_dof_joint_state", "not evaluated"),
+        ("transforms", "not evaluated"),
         ("attached", "not evaluated"),
     ],
 )
