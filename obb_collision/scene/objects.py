@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -28,10 +28,8 @@ from obb_collision.geometry.poses import IDENTITY_POSE
 from obb_collision.geometry.validation import as_array, as_half_extents
 from obb_collision.obb import OBB
 from obb_collision.scene.building.shape_cache import ShapeCache
-from obb_collision.scene.states import SceneStates
+from obb_collision.scene.object_settings import ObjectSettings, check_padding
 from obb_collision.scene.store.kinds import BOX
-from obb_collision.scene.store.overrides import Overrides
-from obb_collision.scene.store.patterns import as_patterns, as_tuples
 from obb_collision.scene.store.placed import as_slice
 from obb_collision.scene.store.store import NO_ROWS, LocalBox, ObjectStore
 from obb_collision.shapes import Shape
@@ -43,16 +41,13 @@ if TYPE_CHECKING:
     from obb_collision.scene.building.outside import OutsideTrees
 
 
-class SceneObjects(SceneStates):
-    """A store of named objects: shapes, padding and accuracy."""
+class SceneObjects(ObjectSettings):
+    """A store of named objects that come and go, with their shapes."""
 
     def __init__(self, padding: float, accuracy: Accuracy | str) -> None:
         self._cache = ShapeCache()
         self.clear()
-        self._padding = 0.0
-        self._paddings: Overrides[float] = Overrides()
-        self.padding = padding
-        self._accuracy = as_accuracy(accuracy)
+        super().__init__(padding, accuracy)
 
     def add(
         self,
@@ -315,70 +310,7 @@ class SceneObjects(SceneStates):
         """Remove all objects; settings are retained."""
         self._store = ObjectStore()
         self._cache.clear()
-        self._own_padding: set[int] = set()
-        self._own_accuracy: set[int] = set()
-
-    @property
-    def padding(self) -> float:
-        """Metres by which boxes without another padding are grown on every side; may be set."""
-        return self._padding
-
-    @padding.setter
-    def padding(self, value: float) -> None:
-        check_padding(value)
-        self._padding = float(value)
-        self._pad_again()
-
-    @property
-    def padding_overrides(self) -> list[tuple[str, float]]:
-        """Padding in place of the scene's, by name or pattern: (``gripper/*``, metres); may be set.
-
-        The last one that an object matches counts, also for objects to come. An object's own, as
-        given to ``add`` or ``set_padding``, goes before.
-        """
-        return list(self._paddings.overrides)
-
-    @padding_overrides.setter
-    def padding_overrides(self, overrides: Iterable[tuple[str, float]]) -> None:
-        new: list[tuple[str, float]] = []
-        for pattern, padding in as_tuples(overrides, "padding_overrides", 2):
-            check_padding(padding, "padding_overrides")
-            new += [(one, float(padding)) for one in as_patterns(pattern, "padding_overrides")]
-        self._paddings = Overrides(new)
-        self._pad_again()
-
-    def set_padding(self, name: str, padding: float | None) -> None:
-        """Set the padding of one object; None: that of its override or of the scene.
-
-        Parameters
-        ----------
-        name : str
-        padding : float or None
-            Metres.
-
-        Raises
-        ------
-        KeyError
-            For an unknown name.
-        ValueError
-            For a negative padding.
-
-        Examples
-        --------
-        >>> scene = oc.Scene()
-        >>> _ = scene.add("cup", oc.shapes.Sphere(0.1))
-        >>> scene.set_padding("cup", 0.5)
-        >>> scene.obb("cup").half_extents.round(9).tolist()
-        [0.6, 0.6, 0.6]
-        """
-        slot = self._store.slot(name)
-        if padding is not None:
-            check_padding(padding)
-            self._own_padding.add(slot)
-            self._store.pad(np.array([slot]), padding)
-        else:
-            self._own_padding.discard(slot)
-            self._store.pad(np.array([slot]), self._padding_of(name))
+        super().clear()
 
     @property
     def shape_revision(self) -> int:
@@ -408,70 +340,6 @@ class SceneObjects(SceneStates):
         box = store.local_centers, store.local_rotations, store.local_half_extents
         return self._cache.shape(slot) or OBB(*(each[slot] for each in box))
 
-    def _padding_of(self, name: str) -> float:
-        """Return the padding of an object without one of its own."""
-        value = self._paddings.value(name)
-        return self._padding if value is None else value
-
-    def _paddings_of(self, names: Sequence[str]) -> float | Floats:
-        """Return the paddings (n,) of objects without one of their own; one for all, if it is."""
-        if not self._paddings:
-            return self._padding
-        return np.array([self._padding_of(name) for name in names], np.float64)
-
-    def _pad_again(self) -> None:
-        """Give all objects without a padding of their own the one that they have now."""
-        rows = np.setdiff1d(self._store.live(), sorted(self._own_padding)).astype(np.int64)
-        wanted = self._paddings_of([str(self._store.names[row]) for row in rows.tolist()])
-        wanted = np.broadcast_to(wanted, rows.shape)
-        other = wanted != self._store.own_paddings[rows]
-        self._store.pad(rows[other], wanted[other])
-
-    @property
-    def accuracy(self) -> Accuracy:
-        """The level of the objects without one of their own; may be set, also by name."""
-        return self._accuracy
-
-    @accuracy.setter
-    def accuracy(self, value: Accuracy | str) -> None:
-        self._accuracy = as_accuracy(value)
-        for slot in np.setdiff1d(self._store.live(), sorted(self._own_accuracy)).tolist():
-            self._set_accuracy(int(slot), None)
-
-    def set_accuracy(self, name: str, accuracy: Accuracy | str | None) -> None:
-        """Set the level of one object; None: that of the scene.
-
-        Parameters
-        ----------
-        name : str
-        accuracy : Accuracy, str or None
-
-        Raises
-        ------
-        KeyError
-            For an unknown name.
-        ValueError
-            For an unknown accuracy.
-
-        Examples
-        --------
-        >>> scene = oc.Scene()
-        >>> _ = scene.add("cup", oc.shapes.Sphere(0.1))
-        >>> scene.set_accuracy("cup", "mesh")
-        """
-        level = None if accuracy is None else as_accuracy(accuracy)
-        self._set_accuracy(self._store.slot(name), level)
-
-    def _set_accuracy(self, slot: int, own: Accuracy | None) -> None:
-        if own is None:
-            self._own_accuracy.discard(slot)
-        else:
-            self._own_accuracy.add(slot)
-        value = self._accuracy if own is None else own
-        if self._store.accuracies[slot] != value:
-            self._store.mark(slot)
-            self._store.accuracies[slot] = value
-
 
 def _halves(edges: Floats) -> Floats:
     """Return half extents that are not too small for edge lengths."""
@@ -483,12 +351,6 @@ def _lengths(vectors: Floats) -> Floats:
     """Return the lengths (n,) of vectors (n, 3)."""
     lengths: Floats = np.linalg.norm(vectors, axis=1)
     return lengths
-
-
-def check_padding(padding: float, name: str = "padding") -> None:
-    """Raise ValueError unless a padding is not negative."""
-    if as_array(padding, name, ()) < 0.0:
-        raise ValueError(f"{name} must not be negative")
 
 
 def local_box(shape: Shape | OBB) -> LocalBox:

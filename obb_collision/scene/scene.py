@@ -33,7 +33,8 @@ from obb_collision.queries.rays.rays import RayHits
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.effects.base import Cycle
 from obb_collision.scene.findings import Findings
-from obb_collision.scene.objects import check_padding, local_box
+from obb_collision.scene.object_settings import check_padding
+from obb_collision.scene.objects import local_box
 from obb_collision.scene.questions import any_collides, body_in, colliding_with
 from obb_collision.scene.ray_questions import cast_at_objects
 from obb_collision.scene.refinement.ladder import needs_spheres

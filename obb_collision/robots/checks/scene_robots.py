@@ -31,7 +31,7 @@ from obb_collision.robots.bodies.robot_arrays import Attached
 from obb_collision.robots.bodies.world import WorldState
 from obb_collision.robots.checks.model import Model
 from obb_collision.robots.description.robot import Robot
-from obb_collision.scene.objects import check_padding
+from obb_collision.scene.object_settings import check_padding
 from obb_collision.scene.scene import Scene
 from obb_collision.shapes import Shape
 from obb_collision.typing import Floats
