@@ -100,22 +100,25 @@ def _spread(builder: Any, kind: Any, number: Any) -> Any:
 
 def _first_of_largest(builder: Any, best: Any, where: Any) -> Any:
     """Return the least row among those of the lanes with the largest value."""
-    index = ir.IntType(64)
-    top = row = None
+    index, rows = ir.IntType(64), []
     for k in range(LANES):
         lane = ir.Constant(ir.IntType(32), k)
-        value = builder.extract_element(best, lane)
-        block = builder.extract_element(where, lane)
-        own = builder.add(builder.mul(block, ir.Constant(index, LANES)), ir.Constant(index, k))
-        if top is None:
-            top, row = value, own
-            continue
-        sooner = builder.and_(
-            builder.fcmp_ordered("==", value, top), builder.icmp_signed("<", own, row)
-        )
-        better = builder.or_(builder.fcmp_ordered(">", value, top), sooner)
-        top, row = builder.select(better, value, top), builder.select(better, own, row)
-    return row
+        block = builder.mul(builder.extract_element(where, lane), ir.Constant(index, LANES))
+        own = builder.add(block, ir.Constant(index, k))
+        rows.append((builder.extract_element(best, lane), own))
+    while len(rows) > 1:  # two by two: each comparison waits for three others, not for seven
+        rows = [_better(builder, *rows[k : k + 2]) for k in range(0, len(rows), 2)]
+    return rows[0][1]
+
+
+def _better(builder: Any, first: tuple[Any, Any], second: tuple[Any, Any]) -> tuple[Any, Any]:
+    """Return the one of two values and rows with the larger value; of equal ones the lesser row."""
+    more = builder.fcmp_ordered(">", second[0], first[0])
+    same = builder.fcmp_ordered("==", second[0], first[0])
+    sooner = builder.and_(same, builder.icmp_signed("<", second[1], first[1]))
+    chosen = builder.or_(more, sooner)
+    value, row = (builder.select(chosen, y, x) for x, y in zip(first, second, strict=True))
+    return value, row
 
 
 _farthest_row: Any = _row_in_python if config.DISABLE_JIT else intrinsic(_row_in_lanes)
