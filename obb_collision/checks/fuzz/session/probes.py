@@ -73,7 +73,7 @@ class Probe(NamedTuple):
     kind: how the boxes come. first: what must have arrived before the messages are sent, if there
     is anything: topics overtake one another. known, sure: pairs that are only there once the first
     ones, and once all have been used. poses (n, 7), sizes (n, 3): of the boxes, whose ids begin
-    with that of the sure pair.
+    with that of the sure pair. others: what removes hostile objects, all where the boxes are a set.
     """
 
     kind: str
@@ -84,6 +84,7 @@ class Probe(NamedTuple):
     sure: Pair
     poses: Floats
     sizes: Floats
+    others: list[Message]
 
 
 def right_pairs(poses: Floats, sizes: Floats) -> set[Pair]:
@@ -124,18 +125,21 @@ class Probes:
         kind = "object_boxes" if full else random.choice(list(self._makers))
         start = [Marker(action=Marker.DELETEALL, ns="" if everything else NAMESPACE)]
         first: list[Message] = []
-        if everything:
-            empty = self._cloud(random, ids[:0], poses[:0], sizes[:0], stamp)
-            none = Detections(header_at(stamp))
-            sets = {"object_boxes": serialised(empty), "detections": serialised(none)}
-            first += [(topic, data) for topic, data in sets.items() if topic != kind]
+        empty = self._cloud(random, ids[:0], poses[:0], sizes[:0], stamp)
+        none = Detections(header_at(stamp))
+        sets = {"object_boxes": serialised(empty), "detections": serialised(none)}
+        others = [(topic, data) for topic, data in sets.items() if topic != kind]
+        first += others if everything else ()
+        if kind in COMPLETE:
+            array = self._messages.array([Marker(action=Marker.DELETEALL)])
+            others.append(("objects", serialised(array)))
         if kind in MOVES:
             first.append(self._waiting(random, start, ids, sizes, stamp))
             start = []
         messages = self._makers[kind](random, start, ids, poses, sizes, stamp)
         pairs = {(int(ids[i]), int(ids[j])) for i, j in right_pairs(poses, sizes)}
         known, sure = (int(ids[2]), int(ids[3])), (int(ids[0]), int(ids[1]))
-        return Probe(kind, first, messages, pairs, known, sure, poses, sizes)
+        return Probe(kind, first, messages, pairs, known, sure, poses, sizes, others)
 
     def _boxes(self, random: Random) -> tuple[Floats, Floats]:
         """Return poses and sizes, multiples of 1/8 where boxes are not turned; 0 and 1 collide."""

@@ -162,13 +162,14 @@ class Session:
 
         def answered() -> set[Pair] | None:
             nonlocal next_time, seen
-            if messages and probe.kind in COMPLETE and time.monotonic() > next_time:
-                for topic, data in messages:
-                    if topic in COMPLETE:
-                        self._client.publishers[topic].publish(data)
+            fresh, seen = self._client.answers[seen:], len(self._client.answers)
+            crowded = any(one.message.width >= self._most_pairs for one in fresh)
+            if time.monotonic() > next_time and (crowded or (messages and probe.kind in COMPLETE)):
+                again = [one for one in messages if probe.kind in COMPLETE and one[0] in COMPLETE]
+                for topic, data in [*(probe.others if crowded else ()), *again]:
+                    self._client.publishers[topic].publish(data)
                 self.result.again += 1
                 next_time = time.monotonic() + RESENDING
-            fresh, seen = self._client.answers[seen:], len(self._client.answers)
             return find_answer(fresh, probe.sure[0], sure, self._most_pairs)
 
         found: set[Pair] = self._client.until(self._child, answered, what)
