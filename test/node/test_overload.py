@@ -16,6 +16,8 @@
 
 from __future__ import annotations
 
+from itertools import count
+
 import pytest
 
 pytest.importorskip("rclpy")
@@ -23,6 +25,7 @@ from rig import Rig, cube, pose
 from shape_markers import triangle
 
 from obb_collision.accuracy import Accuracy
+from obb_collision.node.inputs import subscriptions
 from obb_collision.node.messages.conversions import stamp_from_ros
 
 A1, A2 = ("a", 1), ("a", 2)
@@ -62,6 +65,22 @@ def test_the_first_cycle_after_a_flood_has_the_newest_state(topic: str, rig: Rig
     sent = FLOOD + (1 if topic == "objects" else 0)
     assert monitor.messages + monitor.lost <= sent
     assert monitor.superseded >= monitor.messages - 3, "what was taken and not used is counted"
+
+
+def test_of_messages_that_take_long_no_more_than_one_delays_a_cycle(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rig.send(cube(A1), cube(A2, (9, 0, 0)))
+    rig.answer()
+    seconds, monitor = count(), rig.monitor("object_states")
+    monkeypatch.setattr(subscriptions, "monotonic", lambda: float(next(seconds)))
+    for step in range(3):
+        rig.send_states(["a/2"], [pose(9.0 + step)])
+    taken = []
+    for _ in range(4):
+        rig.node._subscribed.drain()
+        taken.append(monitor.messages)
+    assert taken == [1, 2, 3, 3]
 
 
 def test_states_that_come_in_a_long_cycle_are_answered_by_the_next(rig: Rig) -> None:

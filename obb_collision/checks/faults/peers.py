@@ -32,6 +32,7 @@ from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.srv import SetParameters
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
 from visualization_msgs.msg import Marker, MarkerArray
@@ -120,8 +121,12 @@ KINDS = {"sender": send, "reader": read, "setter": set_parameters}
 
 
 def main(kind: str, namespace: str) -> None:
-    """Work until the process ends."""
-    rclpy.init(args=[])
+    """Work until the process is interrupted.
+
+    By Python, between two calls: rclpy's handler ends the context in the middle of a step, which
+    then raises, or not.
+    """
+    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
     step = KINDS[kind](rclpy.create_node(kind, namespace=namespace))
     step()
     sys.stdout.write(f"{READY}\n")

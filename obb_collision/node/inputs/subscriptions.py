@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
-from time import time_ns
+from time import monotonic, time_ns
 from typing import Any, NamedTuple
 
 from geometry_msgs.msg import TransformStamped
@@ -57,6 +57,8 @@ INPUTS = {
 }
 
 
+LONGEST = 0.5
+"""Time (s) after which no more messages of a topic are taken before a cycle."""
 LATCHED_DEPTH = 1000
 """Depth of ``objects`` where it is latched: all that publishers keep comes at once."""
 
@@ -107,7 +109,8 @@ class Subscriptions:
         """Take all messages that wait, up to the depth of each topic.
 
         The executor takes one of each topic in a round, with a cycle in between where cycles take
-        long: a backlog would grow until messages are lost.
+        long: a backlog would grow until messages are lost. Of a topic whose messages take long
+        themselves, what still waits after LONGEST comes behind the next cycle.
         """
         failures = []
         for topic in (*self.open, *self._closed):
@@ -122,12 +125,15 @@ class Subscriptions:
             raise failures[0]
 
     def _drain(self, topic: str, subscription: Subscription) -> None:
+        end = monotonic() + LONGEST
         with subscription.handle:
             for _ in range(subscription.qos_profile.depth):
                 taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
                 if taken is None:
                     break
                 self._take(topic, *taken)
+                if monotonic() > end:
+                    break
 
     def _give_up(self, topic: str) -> None:
         """Drop what waits in a queue, and subscribe anew next time.
