@@ -26,7 +26,10 @@ SETUP = (Path(__file__).parents[1] / "setup.py").read_text()
 SCRIPTS = dict(re.findall(r'"(obb_collision_\w+) = ([\w.]+:\w+)"', SETUP))
 BENCHMARKS = {
     name: f"obb_collision.benchmarks.{name}:main"
-    for name in ("budget", "peers.sweeps", "peers.meshes", "peers.mesh_distances", "points")
+    for name in (
+        *("budget", "peers.convex_distances", "peers.sweeps", "peers.meshes"),
+        *("peers.mesh_distances", "points"),
+    )
 }
 WHOLES = ["x", "-1", "1.5", "", "nan", "9" * 5000, "9" * 400, "\ud800", "1\n2"]
 REALS = ["x", "-1", "", "nan", "inf", "-inf", "1e999", "\ud800"]
@@ -77,6 +80,7 @@ OPTIONS: dict[str, dict[str, list[str]]] = {
     },
     "obb_collision_wrong_answers": {"--pairs": WHOLES, "--family": ["none such"], **SEED, **JSON},
     "budget": {"--meshes": WHOLES, "--cycles": WHOLES, "--times": REALS, **JSON},
+    "peers.convex_distances": {"--pairs": WHOLES, **JSON},
     "peers.sweeps": {"--pairs": WHOLES, **JSON},
     "peers.meshes": {"--pairs": WHOLES, **JSON},
     "peers.mesh_distances": {"--pairs": WHOLES, **JSON},

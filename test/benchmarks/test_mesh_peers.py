@@ -12,13 +12,13 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The comparison of meshes runs, and all sides agree."""
+"""The comparisons of meshes and of convex shapes run, and all sides agree."""
 
 from __future__ import annotations
 
 import pytest
 
-from obb_collision.benchmarks.peers import mesh_distances
+from obb_collision.benchmarks.peers import convex_distances, mesh_distances
 from obb_collision.benchmarks.peers.meshes import compare, installed, meshes
 
 
@@ -44,3 +44,16 @@ def test_all_sides_measure_the_same_distances() -> None:
     for peer in peers:
         assert row[f"{peer}_differ_m"] < 1e-6
         assert f"{peer}_ratio" in row
+
+
+@pytest.mark.parametrize("kinds", convex_distances.PAIRS, ids=" ".join)
+def test_coal_measures_the_same_distances_and_depths_of_convex_shapes(
+    kinds: tuple[str, str],
+) -> None:
+    pytest.importorskip("coal")
+    rows = convex_distances.compare(kinds, 50)
+    assert set(rows) == {"apart", "overlapping"}
+    for row in rows.values():
+        assert row["bounds_m"] < 1e-8
+        assert row["coal_differs_m"] < 1e-5
+        assert row["coal_ratio"] > 0.0
