@@ -43,6 +43,9 @@ class Usage(NamedTuple):
 
 
 NODE = "obb_collision.node.node"
+ALLOCATOR = {"MALLOC_MMAP_THRESHOLD_": str(2**20)}
+"""Blocks of a MiB and more are returned to the system. By default glibc keeps ever larger ones, up
+to 32 MB: memory grows in steps where large messages come, which would hide what is lost."""
 
 
 class Child:
@@ -55,7 +58,7 @@ class Child:
         self._output: IO[bytes] = log.open("wb")
         self._process = subprocess.Popen(
             [sys.executable, "-m", module, *arguments],
-            env={**os.environ, "ROS_DOMAIN_ID": str(domain)},
+            env={**ALLOCATOR, **os.environ, "ROS_DOMAIN_ID": str(domain)},
             stdin=subprocess.DEVNULL,
             stdout=self._output,
             stderr=subprocess.STDOUT,
