@@ -57,7 +57,7 @@ NEAR = 15.0
 #: Margin around a point and a piece of line without labels, pixels at 100 dots per inch.
 POINT_ROOM = 4.0
 #: How many times longer than the longest time the panels reach, for labels.
-ROOM, ROOM_BELOW = 5.0, 60.0
+ROOM, ROOM_BELOW = 5.0, 300.0
 #: How far labels may extend beyond the axes to the right and above.
 MARGIN = 12.0
 

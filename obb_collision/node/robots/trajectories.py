@@ -23,6 +23,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
+from time import monotonic
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
@@ -61,6 +62,9 @@ SHARE = 500
 """Pieces that are checked in a cycle before a trajectory is forwarded."""
 DECISION_TIME = 2 * NANOSECONDS
 """After so long (ns) a trajectory that is not decided yet, for the scene changes, is refused."""
+LONGEST_CHECK, QUICK, FEW = 0.5, 0.005, 4
+"""Seconds for which a cycle may wait for all pieces of a trajectory. They are checked a few at a
+time, and more after what was quick: one of a joint that turns a million times takes up to 30 ms."""
 NOT_FREE, ELSEWHERE = "not free", "not at its start"
 MOVED = "a joint that it does not name has moved"
 
@@ -69,7 +73,7 @@ MOVED = "a joint that it does not name has moved"
 class Deciding:
     """A trajectory that is being checked: what it would be when it runs, and how far that is done.
 
-    fresh: whether nothing has happened since it came.
+    spent: seconds. fresh: whether nothing has happened since it came.
     """
 
     data: bytes
@@ -77,6 +81,7 @@ class Deciding:
     running: Running
     received: int
     done: int = 0
+    spent: float = 0.0
     fresh: bool = True
 
 
@@ -163,7 +168,7 @@ class Trajectories:
         if self._checked.robot is not running.robot:
             raise RefusedError("another robot", "its description has changed")
         if not self._checked.is_world(running.world):
-            running.world, deciding.done = self._checked.world(scene), 0
+            running.world, deciding.done, deciding.spent = self._checked.world(scene), 0, 0.0
         moved = running.find_moved(self._parameters.trajectory_start_tolerance)
         if moved:
             raise RefusedError(MOVED, moved)
@@ -171,7 +176,7 @@ class Trajectories:
             raise RefusedError("not decided", "the scene changes too fast for so many pieces")
         numbers = np.arange(len(running.pieces.begins))
         share = (numbers >= deciding.done) & (numbers < deciding.done + SHARE)
-        _check_pieces(scene, running.pieces.take(share))
+        deciding.spent += _check_pieces(scene, running.pieces.take(share), deciding.spent)
         deciding.done += SHARE
         if deciding.done < len(numbers):
             return None
@@ -330,7 +335,26 @@ def _from_here(points: list[Point], joints: Joints, since: float) -> list[Point]
     return [Point(first.time - step, here, None, None), *points]
 
 
-def _check_pieces(scene: RobotScene, pieces: Pieces) -> None:
+def _check_pieces(scene: RobotScene, pieces: Pieces, spent: float = 0.0) -> float:
+    """Raise NotFreeError for the first piece that is not certainly free and within limits.
+
+    spent: seconds spent on others of the trajectory; RefusedError ("not decided") if all take too
+    long to be checked in one cycle. Returns the seconds that these took.
+    """
+    begin, start, size, count = monotonic(), 0, FEW, len(pieces.begins)
+    while start < count:
+        before = monotonic()
+        _check_some(scene, pieces.take(np.arange(start, min(start + size, count))))
+        start += size
+        now = monotonic()
+        if start < count and spent + now - begin > LONGEST_CHECK:
+            detail = f"to check it takes longer than {LONGEST_CHECK:g} s"
+            raise RefusedError("not decided", detail)
+        size = 2 * size if now - before < QUICK else max(size // 2, FEW)
+    return monotonic() - begin
+
+
+def _check_some(scene: RobotScene, pieces: Pieces) -> None:
     """Raise NotFreeError for the first piece that is not certainly free and within limits."""
     report = scene.check_motions(pieces.starts, pieces.ends)
     bad = report.first_invalid

@@ -37,6 +37,8 @@ from obb_collision.typing import Floats, Integers, Mask, Rows
 FIRST_HORIZON = 0.125
 #: A horizon over the time that was found free before.
 GROWTH = 4.0
+#: Rounds after which what is not free is undecided.
+MOST_STEPS = 2000
 #: What is left of a time when it is rounded.
 SHORTER = 1.0 - 1e-9
 #: Motions below which a second thread does not pay for speeds.
@@ -68,14 +70,17 @@ class MeshMotions:
 
     def advance(self, resolution: float) -> None:
         """Set how far motions are free, and the pairs that end those that are not all the way."""
-        rows = np.arange(len(self.times))
+        rows, steps = np.arange(len(self.times)), 0
         while len(rows):
-            rows = self._step(rows, resolution)
+            rows, steps = self._step(rows, resolution, steps >= MOST_STEPS), steps + 1
         stopped = np.flatnonzero((self.pairs[:, 0] >= 0) & ~self.collide)
         self.collide[stopped] = self._collide_after(stopped, resolution)
 
-    def _step(self, rows: Rows, resolution: float) -> Rows:
-        """Go on with motions (k,); return those that neither ended nor are free."""
+    def _step(self, rows: Rows, resolution: float, is_last: bool) -> Rows:
+        """Go on with motions (k,); return those that neither ended nor are free.
+
+        is_last: whether those end, too, that something is near to.
+        """
         times = self.times[rows]
         spans = np.minimum(self._horizons[rows], 1.0 - times)
         numbers, pairs, lower, speeds = self._near(rows, spans)
@@ -89,7 +94,7 @@ class MeshMotions:
         clear = steps >= spans
         late = np.where(clear, times + spans, times + steps)
         ended = np.zeros(len(rows), np.bool_)
-        ended[found] = lower[first] <= resolution
+        ended[found] = is_last | (lower[first] <= resolution)
         ended |= late <= times  # it moves too fast for any time to be free
         ended &= ~clear
         stop = ended[found]

@@ -20,6 +20,7 @@ from its axis (Schwarzer, Saha and Latombe 2005). So a state whose bodies are fa
 pair moves within a time is proof that the motion is free for as long, before and after. Where a
 state is no such proof, its interval is halved, the earlier half first, until the pair moves less
 than the resolution in it: that is undecided. A state that collides cuts off what comes after it.
+What takes more than MOST_STATES, as a joint that turns a million times, is undecided, too.
 """
 
 from __future__ import annotations
@@ -40,6 +41,8 @@ from obb_collision.typing import Floats, Integers, Mask
 BOUND_GROWTH = 1.0 + 1e-9
 #: Halvings after which an interval has no doubles left to be halved at.
 DEPTH = 64
+#: States of one motion; what is open after so many is undecided. Usual motions take some hundred.
+MOST_STATES = 20_000
 #: States tried after an undecided interval, each twice as far away as the one before.
 PROBES = 12
 #: What is found in an interval: its state proves it free, collides, or neither.
@@ -191,9 +194,10 @@ def _first_collision(
     """Return up to where motion n is free, whether that is certain to be all, and the pair."""
     stack, placed = room.stack, room.placed
     stack[0, 0], stack[0, 1] = 0.0, 1.0
-    depth, hit, one, other = 1, np.inf, -1, -1
+    depth, hit, one, other, tried = 1, np.inf, -1, -1, 0
     while depth > 0:
         depth -= 1
+        tried += 1
         first, last = stack[depth, 0], stack[depth, 1]
         middle, half = 0.5 * (first + last), 0.5 * (last - first) * BOUND_GROWTH
         found, kind = _examined(tree, bodies, tests, level, starts, ends, n, middle, half, room)
@@ -205,9 +209,10 @@ def _first_collision(
         if kind == COLLIDING:
             hit, one, other, depth = middle, i, j, 1  # what is waiting comes later
             stack[0, 0], stack[0, 1] = first, middle
-            if last_of_all or half * _fastest(room.speeds) <= resolution:
+            enough = last_of_all or tried >= MOST_STATES
+            if enough or half * _fastest(room.speeds) <= resolution:
                 return first, True, i, j
-        elif last_of_all or near <= resolution:
+        elif last_of_all or near <= resolution or tried >= MOST_STATES:
             certain = hit < np.inf or _collides_after(
                 tree, bodies, tests, level, starts, ends, n, last, last - first, room
             )

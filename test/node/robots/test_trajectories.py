@@ -441,6 +441,26 @@ def test_it_is_refused_where_its_last_share_collides() -> None:
         assert status.message.startswith("refused: not free: arm/hand and crate/1")
 
 
+def test_joints_that_turn_millions_of_times_do_not_block_the_node() -> None:
+    spins = [(0.0, [0.0, 0.0]), *((float(n), [0.0, n * 1e12]) for n in range(1, 50))]
+    with TrajectoryRig() as rig:
+        for points in (spins, [spins[0], (1.0, [0.0, 1e299])]):
+            status, values = rig.go(points)
+            assert status.message.startswith("refused: not free")
+            assert values["index"] == "1"
+
+
+def test_what_takes_long_to_check_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    from obb_collision.node.robots import trajectories
+
+    monkeypatch.setattr(trajectories, "LONGEST_CHECK", 0.0)
+    with TrajectoryRig() as rig:
+        rig.set(trajectory_margin=1e-6)
+        status, _ = rig.go(LONG)
+        assert status.message == "refused: not decided: to check it takes longer than 0 s"
+        assert rig.go(QUARTER)[0].level == OK  # one piece
+
+
 def test_what_happens_while_it_is_decided_counts(monkeypatch: pytest.MonkeyPatch) -> None:
     from obb_collision.node.robots import trajectories
 

@@ -40,6 +40,13 @@ BALL = """<robot name="ball">
   <joint name="x" type="prismatic"><parent link="world"/><child link="ball"/>
     <axis xyz="1 0 0"/><limit lower="-9" upper="9" velocity="1" effort="1"/></joint>
 </robot>"""
+ROTOR = """<robot name="rotor">
+  <link name="world"/>
+  <link name="blade"><collision><origin xyz="0.5 0 0"/>
+    <geometry><box size="1 0.1 0.1"/></geometry></collision></link>
+  <joint name="turn" type="continuous"><parent link="world"/><child link="blade"/>
+    <axis xyz="0 0 1"/></joint>
+</robot>"""
 SAMPLES = 400
 
 
@@ -159,6 +166,18 @@ def test_near_misses_are_undecided_by_the_resolution() -> None:
     assert loose.pairs == [("ball", "floor")]
     fine = checker.check_motions([[0.0]], [[0.1]], resolution=1e-5)
     assert fine.valid.tolist() == [True]
+
+
+@pytest.mark.parametrize("accuracy", ["hull", "mesh"])
+@pytest.mark.parametrize("turns", [1e7, 1e12, 1e300])
+def test_what_turns_too_often_beside_something_is_undecided(accuracy: str, turns: float) -> None:
+    scene = oc.Scene()
+    scene.add("wall", oc.shapes.Box([1, 1, 1]), [1.6, 0, 0, 0, 0, 0, 1])
+    checker = oc.RobotScene([oc.Robot.from_urdf(ROTOR)], scene, accuracy)
+    report = checker.check_motions([[0.0], [0.0]], [[turns], [7.0]])
+    assert report.valid.tolist() == [False, True]
+    assert report.undecided.tolist() == [True, False]
+    assert report.pairs[0] == ("blade", "wall")
 
 
 def test_a_path_names_its_first_bad_motion() -> None:

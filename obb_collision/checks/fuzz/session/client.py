@@ -181,6 +181,12 @@ class Client:
         states = [pair.value for pair in values if pair.key.startswith("effect ")]
         return bool(states) and not any("ready" in state for state in states)
 
+    def refused(self, reason: str) -> int:
+        """Return how much was refused for a reason, by the last diagnostics."""
+        found = [] if self.diagnostics is None else self.diagnostics.status
+        values = [pair for status in found for pair in status.values]
+        return sum(int(pair.value) for pair in values if pair.key == f"rejected: {reason}")
+
     def status(self) -> str:
         """Return what the last diagnostics say, in a line."""
         found = [] if self.diagnostics is None else self.diagnostics.status

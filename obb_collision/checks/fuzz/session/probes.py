@@ -73,7 +73,8 @@ class Probe(NamedTuple):
     kind: how the boxes come. first: what must have arrived before the messages are sent, if there
     is anything: topics overtake one another. known, sure: pairs that are only there once the first
     ones, and once all have been used. poses (n, 7), sizes (n, 3): of the boxes, whose ids begin
-    with that of the sure pair. others: what removes hostile objects, all where the boxes are a set.
+    with that of the sure pair. others: what replaces hostile sets. room: what removes all objects
+    but the set that the boxes are.
     """
 
     kind: str
@@ -85,6 +86,7 @@ class Probe(NamedTuple):
     poses: Floats
     sizes: Floats
     others: list[Message]
+    room: list[Message]
 
 
 def right_pairs(poses: Floats, sizes: Floats) -> set[Pair]:
@@ -130,16 +132,15 @@ class Probes:
         sets = {"object_boxes": serialised(empty), "detections": serialised(none)}
         others = [(topic, data) for topic, data in sets.items() if topic != kind]
         first += others if everything else ()
-        if kind in COMPLETE:
-            array = self._messages.array([Marker(action=Marker.DELETEALL)])
-            others.append(("objects", serialised(array)))
+        array = self._messages.array([Marker(action=Marker.DELETEALL)])
+        room = [*others, ("objects", serialised(array))]
         if kind in MOVES:
             first.append(self._waiting(random, start, ids, sizes, stamp))
             start = []
         messages = self._makers[kind](random, start, ids, poses, sizes, stamp)
         pairs = {(int(ids[i]), int(ids[j])) for i, j in right_pairs(poses, sizes)}
         known, sure = (int(ids[2]), int(ids[3])), (int(ids[0]), int(ids[1]))
-        return Probe(kind, first, messages, pairs, known, sure, poses, sizes, others)
+        return Probe(kind, first, messages, pairs, known, sure, poses, sizes, others, room)
 
     def _boxes(self, random: Random) -> tuple[Floats, Floats]:
         """Return poses and sizes, multiples of 1/8 where boxes are not turned; 0 and 1 collide."""

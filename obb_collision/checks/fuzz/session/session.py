@@ -65,6 +65,8 @@ CLEAN = 0.2
 """Share of the probes that remove all hostile objects, too."""
 ASKED = 0.3
 """Share of the batches behind which states of the robot are asked for."""
+FULL = "too many objects"
+"""Why objects are refused that a node has no room for."""
 RESENDING = 0.5
 """Seconds after which points are sent again, whose topic is best effort, and sets of boxes, which a
 hostile one overtook by a stamp a little ahead: that one counts for a second."""
@@ -153,23 +155,30 @@ class Session:
         self.result.probes[probe.kind] += 1
 
     def _ask(self, number: int, probe: Probe, messages: list[Message], sure: Pair) -> set[Pair]:
-        """Send messages of a probe; returns its pairs in the first answer with the sure one."""
-        seen = len(self._client.answers)
+        """Send messages of a probe; returns its pairs in the first answer with the sure one.
+
+        Where hostile objects leave no room for its own, or for their pairs, they are removed again.
+        """
+        client, seen, no_room = self._client, len(self._client.answers), self._client.refused(FULL)
         for topic, data in messages:
-            self._client.publishers[topic].publish(data)
+            client.publishers[topic].publish(data)
         what = f"answer to probe {number}, by {probe.kind}"
         next_time = time.monotonic() + RESENDING
+        is_set = probe.kind in COMPLETE
+        adds = not is_set and any(topic == "objects" for topic, _ in messages)
 
         def answered() -> set[Pair] | None:
-            nonlocal next_time, seen
-            fresh, seen = self._client.answers[seen:], len(self._client.answers)
+            nonlocal next_time, seen, no_room
+            fresh, seen = client.answers[seen:], len(client.answers)
             crowded = any(one.message.width >= self._most_pairs for one in fresh)
-            if time.monotonic() > next_time and (crowded or (messages and probe.kind in COMPLETE)):
-                again = [one for one in messages if probe.kind in COMPLETE and one[0] in COMPLETE]
-                for topic, data in [*(probe.others if crowded else ()), *again]:
-                    self._client.publishers[topic].publish(data)
+            full = adds and client.refused(FULL) > no_room
+            if time.monotonic() > next_time and (crowded or full or (messages and is_set)):
+                again = [one for one in messages if adds or (is_set and one[0] in COMPLETE)]
+                removed = probe.room if adds or is_set else probe.others
+                for topic, data in [*(removed if crowded or full else ()), *again]:
+                    client.publishers[topic].publish(data)
                 self.result.again += 1
-                next_time = time.monotonic() + RESENDING
+                next_time, no_room = time.monotonic() + RESENDING, client.refused(FULL)
             return find_answer(fresh, probe.sure[0], sure, self._most_pairs)
 
         found: set[Pair] = self._client.until(self._child, answered, what)
