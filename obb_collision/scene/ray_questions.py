@@ -14,8 +14,7 @@
 
 """What rays hit in a scene: each object at its accuracy, as a box, a hull or its triangles.
 
-Round shapes are what they are, and padding is a ball about any shape, above OBB; padded meshes are
-their hulls.
+Round shapes are what they are, and padding is a ball about any shape, above OBB.
 """
 
 from __future__ import annotations
@@ -26,7 +25,13 @@ from numpy.typing import ArrayLike
 from obb_collision.accuracy import Accuracy
 from obb_collision.geometry.poses import as_poses
 from obb_collision.queries.meshes.meshes import PlacedMeshes
-from obb_collision.queries.rays.rays import RayHits, as_rays, cast_at_bodies, cast_rays
+from obb_collision.queries.rays.rays import (
+    RayHits,
+    as_rays,
+    cast_at_bodies,
+    cast_at_padded,
+    cast_rays,
+)
 from obb_collision.scene.building.shape_cache import ShapeCache
 from obb_collision.scene.refinement.ladder import NONE
 from obb_collision.scene.refinement.placed_shapes import AS_PAIRS, PlacedShapes
@@ -49,23 +54,32 @@ def cast_at_objects(
     if (store.accuracies[slots] if level is None else np.int8(level)).max(initial=0) > Accuracy.OBB:
         shapes = PlacedShapes(store, cache, NONE[0], NONE[2], None)
         choice = AS_PAIRS if level is None else max(level, Accuracy.OBB).name.lower()
-        levels = shapes.object_levels(slots, choice, Accuracy.HULL)
+        levels = shapes.object_levels(slots, choice)
     plain = slots[levels == Accuracy.OBB]
     best = _nearer(None, cast_rays(store.boxes(plain), origins, directions, max_distance), plain)
     if shapes is None:
         return best
-    meshes = (store.kinds[slots] == TRIANGLES) & (store.paddings[slots] == 0.0)
+    meshes, thick = store.kinds[slots] == TRIANGLES, store.paddings[slots] > 0.0
     for one in (Accuracy.HULL, Accuracy.MESH):
-        some = slots[meshes & (levels == one)]
+        some = slots[meshes & ~thick & (levels == one)]
         if len(some):
-            trees = cache.surfaces(some, one == Accuracy.HULL)
-            targets = PlacedMeshes.trusted(*trees, *as_poses(store.poses[some], warn=False))
+            targets = _surfaces(store, cache, some, one)
             best = _nearer(best, cast_rays(targets, origins, directions, max_distance), some)
-    some = slots[~meshes & (levels > Accuracy.OBB)]
+    some = slots[meshes & thick & (levels == Accuracy.MESH)]
+    if len(some):
+        targets, radii = _surfaces(store, cache, some, Accuracy.MESH), store.paddings[some]
+        best = _nearer(best, cast_at_padded(targets, radii, *rays), some)
+    some = slots[(~meshes | thick) & (levels == Accuracy.HULL)]
     if len(some):
         bodies = shapes.convex_bodies(store.all_boxes(), some)
         best = _nearer(best, cast_at_bodies(bodies, store.boxes(some), *rays), some)
     return best
+
+
+def _surfaces(store: ObjectStore, cache: ShapeCache, slots: Rows, level: Accuracy) -> PlacedMeshes:
+    """Return the hulls or meshes of slots (k,) where they are."""
+    trees = cache.surfaces(slots, level == Accuracy.HULL)
+    return PlacedMeshes.trusted(*trees, *as_poses(store.poses[slots], warn=False))
 
 
 def _nearer(best: RayHits | None, found: RayHits, slots: Rows) -> RayHits:

@@ -342,7 +342,8 @@ def _mesh_queries() -> None:
     oc.mesh_verdicts(bodies, bodies, exact=True)
     scene = oc.Scene()
     _add_crowd(scene, 0.01)
-    scene.cast_rays(np.zeros((1, 3)), np.ones((1, 3)), accuracy="hull")
+    for level in ("hull", "mesh"):
+        scene.cast_rays(np.zeros((1, 3)), np.ones((1, 3)), accuracy=level)
 
 
 def _sweep_on(level: Accuracy) -> None:

@@ -44,9 +44,24 @@ def test_a_ray_goes_through_a_ring_and_hits_what_is_behind() -> None:
     assert hit.distances[0] == pytest.approx(1.95, abs=0.01)
 
 
-def test_coarser_is_never_later() -> None:
+def test_a_padded_ring_has_a_hole_yet() -> None:
+    vertices, faces = zoo()["torus0"]
+    scene = oc.Scene(accuracy="mesh", padding=0.1)
+    scene.add("ring", Mesh(vertices, faces), [2, 0, 0, 0, 0.5**0.5, 0, 0.5**0.5])
+    scene.add("wall", Box([1.0, 4.0, 4.0]), [5, 0, 0, 0, 0, 0, 1])
+    origins = [[0.0, 0.0, 0.0], [0.0, 0.0, 0.4], [2.0, 0.0, 0.4], [2.0, 0.0, 0.3]]
+    found = scene.cast_rays(origins, AHEAD * 4)
+    assert [scene.name(row) for row in found.boxes] == ["wall", "ring", "ring", "ring"]
+    truth = [4.4, 2.0 - 0.05 - 0.1, 0.0, 0.0]
+    np.testing.assert_allclose(found.distances, truth, atol=0.005)
+    np.testing.assert_allclose(found.normals[1], [-1, 0, 0], atol=0.3)
+    assert scene.name(scene.cast_rays(origins[:1], AHEAD, accuracy="hull").boxes[0]) == "ring"
+
+
+@pytest.mark.parametrize("padding", [0.0, 0.07])
+def test_coarser_is_never_later(padding: float) -> None:
     rng = np.random.default_rng(51)
-    scene = oc.Scene()
+    scene = oc.Scene(padding=padding)
     names = ["star0", "bumpy1", "hull1", "open_sphere1"]
     for n in range(24):
         vertices, faces = zoo()[names[n % 4]]
@@ -68,7 +83,7 @@ def test_objects_that_move_or_go_are_hit_where_they_are() -> None:
     assert scene.cast_rays([[0, 0, 0]], AHEAD).distances[0] == pytest.approx(1.55, abs=0.01)
     scene.move("ball", [3, 0, 0, 0, 0, 0, 1])
     assert scene.cast_rays([[0, 0, 0]], AHEAD).distances[0] == pytest.approx(2.55, abs=0.01)
-    scene.padding = 0.1  # a hull and a ball from now on
+    scene.padding = 0.1
     assert scene.cast_rays([[0, 0, 0]], AHEAD).distances[0] == pytest.approx(2.45, abs=0.02)
     scene.padding = 0.0
     scene.remove("ball")

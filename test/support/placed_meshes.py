@@ -29,6 +29,7 @@ from obb_collision.queries.meshes.meshes import (
     mesh_verdicts,
 )
 from obb_collision.queries.verdict.verdict import Verdict
+from obb_collision.typing import Floats
 
 Faces = NDArray[np.int64]
 
@@ -79,3 +80,24 @@ def verdict_of(a: PlacedMeshes, b: PlacedMeshes, exact: bool = False) -> Verdict
     forward, backward = mesh_verdicts(a, b, exact=exact)[0], mesh_verdicts(b, a, exact=exact)[0]
     assert forward == backward
     return Verdict(forward)
+
+
+def placed_corners(bodies: PlacedMeshes, row: int) -> Floats:
+    """Return the corners (m, 3, 3) of a body in the world, rounded."""
+    trees, mesh = bodies.trees, bodies.meshes[row]
+    first, last = trees.starts[trees.roots[mesh]]
+    corners = trees.triangles[first:last].reshape(-1, 3, 3)
+    placed: Floats = corners @ bodies.rotations[row].T + bodies.centers[row]
+    return placed
+
+
+def windings(triangles: Floats, points: Floats) -> Floats:
+    """Return how often a surface winds about points: by solid angles (Van Oosterom, Strackee)."""
+    a, b, c = (triangles[None, :, k] - points[:, None] for k in range(3))
+    x, y, z = (np.linalg.norm(v, axis=2) for v in (a, b, c))
+    top = np.einsum("npk,npk->np", a, np.cross(b, c))
+    low = x * y * z
+    for u, v, w in ((a, b, z), (b, c, x), (c, a, y)):
+        low += np.einsum("npk,npk->np", u, v) * w
+    total: Floats = np.arctan2(top, low).sum(axis=1) / (2.0 * np.pi)
+    return total

@@ -43,10 +43,12 @@ from obb_collision.numerics.error_free import length
 from obb_collision.queries.convex.support import ConvexBodies
 from obb_collision.queries.meshes.meshes import PlacedMeshes
 from obb_collision.queries.meshes.root_boxes import root_boxes
+from obb_collision.queries.meshes.tree_boxes import BOX_BOUND
 from obb_collision.queries.rays.bounds_tree import build_tree
 from obb_collision.queries.rays.convex_rays import convex_rays_kernel
 from obb_collision.queries.rays.kernels import rays_kernel
 from obb_collision.queries.rays.mesh_rays import mesh_rays_kernel
+from obb_collision.queries.rays.padded_rays import padded_rays_kernel
 from obb_collision.typing import Floats, Integers
 
 #: Rays below which a second thread does not pay: 0.1 ms.
@@ -150,6 +152,26 @@ def cast_at_bodies(
         *(*tree, hits, distances, points, normals),
     )
     return RayHits(hits, distances, points, normals)
+
+
+def cast_at_padded(
+    meshes: PlacedMeshes, radii: Floats, origins: Floats, units: Floats, reaches: Floats
+) -> RayHits:
+    """Return what rays hit first of all that is within ``radii`` (n,) of meshes; not checked.
+
+    Never late, and at most 1e-9 of the size of a body early, along its normal (``padded_rays``).
+    """
+    boxes = root_boxes(meshes)
+    grown = boxes.half_extents + (radii * (1.0 + BOX_BOUND))[:, None]
+    boxes = Boxes.trusted(boxes.centers, boxes.rotations, grown)
+    tree = build_tree(np.concatenate(boxes.world_bounds(), axis=1))
+    hits, faces = np.empty((2, len(origins)), np.int64)
+    distances, vectors = np.empty(len(origins)), np.empty((2, len(origins), 3))
+    run(
+        *(padded_rays_kernel, len(origins), FEWEST_RAYS, origins, units, reaches, meshes.arrays),
+        *(radii, *tree, hits, distances, vectors[0], vectors[1], faces),
+    )
+    return RayHits(hits, distances, vectors[0], vectors[1], faces)
 
 
 def cast_segments(boxes: Boxes | PlacedMeshes, starts: ArrayLike, ends: ArrayLike) -> RayHits:

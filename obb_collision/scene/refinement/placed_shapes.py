@@ -134,11 +134,10 @@ class PlacedShapes:
             levels[high[~self._have_trees(pairs[high])]] = Accuracy.HULL
         return levels
 
-    def object_levels(self, slots: Rows, choice: str, padded: Accuracy = Accuracy.MESH) -> Levels:
+    def object_levels(self, slots: Rows, choice: str) -> Levels:
         """Return the level (k,) that stands for slots (k,) one by one: OBB, HULL or MESH.
 
-        choice: of ``CHOICES``, AS_PAIRS for the accuracy of each; padded: the highest for objects
-        with padding. Only triangles get MESH.
+        choice: of ``CHOICES``, AS_PAIRS for the accuracy of each. Only triangles get MESH.
         """
         kinds = self.kinds[slots]
         if choice == AS_PAIRS:
@@ -150,8 +149,6 @@ class PlacedShapes:
         levels[(levels < Accuracy.HULL) | (kinds <= BOX)] = Accuracy.OBB
         whole = kinds < TRIANGLES
         levels[whole] = np.minimum(levels[whole], np.int8(Accuracy.HULL))
-        thick = self.paddings[slots] > 0.0
-        levels[thick] = np.minimum(levels[thick], np.int8(padded))
         for level, have, lower in (
             (Accuracy.MESH, self._have_trees, Accuracy.HULL),
             (Accuracy.HULL, self._have_hulls, Accuracy.OBB),

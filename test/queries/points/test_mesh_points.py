@@ -21,7 +21,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 from mesh_zoo import zoo
-from placed_meshes import bodies_of, exact_corners
+from placed_meshes import bodies_of, exact_corners, placed_corners, windings
 from scipy.spatial.transform import Rotation
 from triangle_distances import squared_distance_of_point
 from triangle_pairs import FAMILIES, SHARE, Maker
@@ -30,31 +30,9 @@ from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.trees.obb_tree import MeshTrees
 from obb_collision.queries.meshes.meshes import PlacedMeshes
 from obb_collision.queries.points.points import points_inside
-from obb_collision.typing import Floats
 
 SOLIDS = ["star1", "bumpy1", "torus2", "hollow1", "crumbs2", "hull1", "annulus0"]
 DOUBT = Fraction(1, 2**42)
-
-
-def placed_corners(bodies: PlacedMeshes, row: int) -> Floats:
-    """Return the corners (m, 3, 3) of a body in the world, rounded."""
-    trees, mesh = bodies.trees, bodies.meshes[row]
-    first, last = trees.starts[trees.roots[mesh]]
-    corners = trees.triangles[first:last].reshape(-1, 3, 3)
-    placed: Floats = corners @ bodies.rotations[row].T + bodies.centers[row]
-    return placed
-
-
-def windings(triangles: Floats, points: Floats) -> Floats:
-    """Return how often a surface winds about points: by solid angles (Van Oosterom, Strackee)."""
-    a, b, c = (triangles[None, :, k] - points[:, None] for k in range(3))
-    x, y, z = (np.linalg.norm(v, axis=2) for v in (a, b, c))
-    top = np.einsum("npk,npk->np", a, np.cross(b, c))
-    low = x * y * z
-    for u, v, w in ((a, b, z), (b, c, x), (c, a, y)):
-        low += np.einsum("npk,npk->np", u, v) * w
-    total: Floats = np.arctan2(top, low).sum(axis=1) / (2.0 * np.pi)
-    return total
 
 
 def test_what_is_inside_of_solids() -> None:

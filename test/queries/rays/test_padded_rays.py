@@ -1,0 +1,162 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Rays at what is within a radius of meshes, against exact distances of rays and triangles."""
+
+from __future__ import annotations
+
+import math
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from mesh_zoo import zoo
+from placed_meshes import bodies_of, exact_corners, placed_corners, windings
+from scipy.spatial.transform import Rotation
+from test_mesh_rays import TRIANGLE, aimed, fractions
+from triangle_distances import squared_distance
+from triangle_pairs import FAMILIES, SHARE, Maker
+from trimesh.triangles import closest_point
+
+from obb_collision.geometry.trees.obb_tree import MeshTrees
+from obb_collision.queries.meshes.meshes import PlacedMeshes
+from obb_collision.queries.meshes.root_boxes import root_boxes
+from obb_collision.queries.points.points import points_in_bodies
+from obb_collision.queries.rays.rays import RayHits, as_rays, cast_at_padded
+from obb_collision.typing import Floats
+
+#: By how much a ray may be early, relative to the size of the body and where it comes near.
+EARLY = Fraction(1, 10**9)
+#: Unit directions and lengths are rounded.
+ROUNDED = Fraction(1, 2**50)
+
+
+def check(
+    bodies: PlacedMeshes, radii: Floats, origin: Floats, way: Floats, found: RayHits, n: int
+) -> None:
+    """Assert that a hit is not missed, not late, and hardly early; in fractions."""
+    o, d, length = fractions(origin), fractions(way), Fraction(math.hypot(*way))
+    triangles = [
+        (t, Fraction(radii[k])) for k in range(len(bodies)) for t in exact_corners(bodies, k)
+    ]
+    corners = np.abs(bodies.trees.triangles).max() + np.abs(bodies.centers).max() + radii.max()
+    hit = found.boxes[n] >= 0
+    reach = 8 * (Fraction(corners) + sum(map(abs, o)))
+    time = (Fraction(found.distances[n]) if hit else reach) / length
+    end = [x + time * (1 - ROUNDED) * y for x, y in zip(o, d, strict=True)]
+    if time > 0:
+        for triangle, radius in triangles:  # up to there, it is in none
+            assert squared_distance([o, end, end], triangle) >= radius**2
+    if hit:
+        near = min(
+            squared_distance([end, end, end], triangle) / (radius + EARLY * reach) ** 2
+            for triangle, radius in triangles
+        )
+        assert near <= 1
+
+
+@pytest.mark.parametrize("make", FAMILIES, ids=lambda make: make.__name__.strip("_"))
+def test_rounded_triangles_against_fractions(make: Maker, pairs: int) -> None:
+    rng = np.random.default_rng(41)
+    hits = started = 0
+    for n in range(max(pairs // SHARE, 60)):
+        corners = make(rng)[0]
+        size = np.abs(corners).max() + np.ptp(corners, axis=0).max() + 1e-300
+        radius = np.array([size * rng.choice([1e-6, 0.05, 0.5, 3.0])])
+        turn = Rotation.random(random_state=rng).as_matrix() if n % 2 else np.eye(3)
+        center = rng.normal(size=3) * np.abs(corners).max() if n % 4 > 1 else np.zeros(3)
+        bodies = PlacedMeshes(MeshTrees.build(corners, TRIANGLE), [0], center[None], turn[None])
+        origin, way = aimed(corners @ bodies.rotations[0].T + center, rng)
+        if n % 3 == 0:  # past the edge of what is round
+            origin = origin + radius * np.cross(way / math.hypot(*way), rng.normal(size=3))
+        found = cast_at_padded(bodies, radius, *as_rays(origin[None], way[None], np.inf))
+        check(bodies, radius, origin, way, found, 0)
+        hits += int(found.hits[0])
+        started += int(found.distances[0] == 0.0)
+    assert hits > started > 0
+
+
+def test_rounded_meshes_against_fractions() -> None:
+    names = ["box0", "star0", "hull0", "cone1", "open_sphere0", "crumbs0"]
+    trees = MeshTrees.join([MeshTrees.build(*zoo()[name], solid=False) for name in names])
+    bodies = bodies_of(trees, 12, 1.6, 31)[0]
+    rng = np.random.default_rng(32)
+    radii = rng.uniform(0.0, 0.1, 12)
+    origins = rng.uniform(-3.0, 3.0, (40, 3))
+    ways = rng.uniform(-1.0, 1.0, (40, 3)) - origins
+    found = cast_at_padded(bodies, radii, *as_rays(origins, ways, np.inf))
+    assert 10 < found.hits.sum() < 40
+    for n in range(40):
+        check(bodies, radii, origins[n], ways[n], found, n)
+    lone = cast_at_padded(bodies, radii, *as_rays(origins[:1], ways[:1], np.inf))
+    assert lone.distances[0] == found.distances[0]  # bit for bit
+
+
+def test_normals_and_faces_are_those_of_the_place() -> None:
+    """A cube with round edges of 0.1 m: a face, an edge and a corner."""
+    tree = MeshTrees.from_half_extents([[0.4, 0.4, 0.4]])
+    body = PlacedMeshes(tree, [0], [[2.0, 0.0, 0.0]], np.eye(3)[None])
+    aside = 0.4 + 0.06
+    origins = np.array([[0.0, 0.1, 0.0], [0.0, aside, 0.2], [0.0, aside, aside], [0.0, 0.5, 0.5]])
+    found = cast_at_padded(body, np.array([0.1]), *as_rays(origins, [[1.0, 0, 0]] * 4, np.inf))
+    depth = math.sqrt(0.1**2 - 2 * 0.06**2)
+    times = np.array([1.5, 1.6 - 0.08, 1.6 - depth])
+    np.testing.assert_allclose(found.distances[:3], times, atol=1e-8)
+    assert (found.distances[:3] <= times).all()
+    truth = np.array([[-1.0, 0.0, 0.0], [-0.8, 0.6, 0.0], [-depth / 0.1, 0.6, 0.6]])
+    np.testing.assert_allclose(found.normals[:3], truth, atol=1e-7)
+    assert found.boxes.tolist() == [0, 0, 0, -1]
+    assert found.faces is not None
+    assert (found.faces[:3] >= 0).all()
+    assert found.faces[3] == -1
+    assert np.isnan(found.normals[3]).all()
+    reaches = as_rays(origins, [[1.0, 0, 0]] * 4, found.distances * (1.0 - 1e-9))
+    assert not cast_at_padded(body, np.array([0.1]), *reaches).hits.any()
+
+
+@pytest.mark.parametrize("solid", [True, False])
+def test_an_origin_inside_is_a_hit_at_once_and_so_are_points(solid: bool) -> None:
+    """By solid angles, and the nearest points of all triangles as trimesh has them."""
+    rng = np.random.default_rng(42)
+    for name in ("star1", "hollow1", "torus2", "bumpy1"):
+        tree = MeshTrees.build(*zoo()[name], solid=solid)
+        turn = Rotation.random(random_state=rng).as_matrix()[None]
+        body, radius = PlacedMeshes(tree, [0], np.ones((1, 3)), turn), np.array([0.05])
+        origins = 1.0 + rng.uniform(-0.6, 0.6, (300, 3))
+        found = cast_at_padded(body, radius, *as_rays(origins, rng.normal(size=(300, 3)), np.inf))
+        corners = placed_corners(body, 0)
+        inside = np.abs(windings(corners, origins)) > 0.5 if solid else np.zeros(300, np.bool_)
+        for n in range(300):
+            nearest = closest_point(corners, np.tile(origins[n], (len(corners), 1)))
+            inside[n] |= np.linalg.norm(nearest - origins[n], axis=1).min() <= 0.05
+        assert 10 < inside.sum() < 290
+        np.testing.assert_array_equal(found.distances == 0.0, inside)
+        assert not found.normals[inside].any()
+        boxes = root_boxes(body)
+        boxes.half_extents[:] += 0.05
+        cloud = points_in_bodies(boxes, body, origins, 0.0, radius, each_point=True)
+        assert cloud.boxes is not None
+        np.testing.assert_array_equal(cloud.boxes == 0, inside)
+
+
+def test_far_origins_cost_few_digits() -> None:
+    """A ray from 1e6 m between two triangles 20 nanometres apart, 8 of which are padding."""
+    corners = np.array([[0.0, 0, 0], [0, 1, 0], [0, 0, 1]])
+    gap = np.array([0.0, 1e-8, 0.0])
+    tree = MeshTrees.build(np.concatenate([corners + gap, -corners - gap]), [[0, 1, 2], [3, 4, 5]])
+    body = PlacedMeshes(tree, [0], np.zeros((1, 3)), np.eye(3)[None])
+    origins = np.array([[1e6, 0.0, 0.25], [1e6, 7e-9, 0.25], [-1e6, -2e-8, -0.25]])
+    ways = np.array([[-1.0, 0, 0], [-1.0, 0, 0], [1.0, 0, 0]])
+    found = cast_at_padded(body, np.array([4e-9]), *as_rays(origins, ways, np.inf))
+    assert found.boxes.tolist() == [-1, 0, 0]
