@@ -110,7 +110,7 @@ def _kernel(
         reach = 2.0 * (a.trees.radii[mesh.mesh] + radius) + core.reach
         pose, both = relative_pose(mesh.place, place, reach), radius + core.radius
         slack = rounding(pose)
-        found = _mesh_apart(a.trees, mesh.mesh, core, pose, limit + both + slack, room)
+        found = mesh_apart(a.trees, mesh.mesh, core, pose, limit + both + slack, room)
         least = max(found.lower - both - slack, 0.0)
         near[row] = least <= limit and found.upper < np.inf
         if not near[row]:
@@ -130,7 +130,7 @@ def _kernel(
 
 
 @njit
-def _mesh_apart(
+def mesh_apart(
     trees: TreeArrays, mesh: int, core: Core, pose: Pose, limit: float, room: Room
 ) -> Near:
     """Return how far a mesh and a core are apart, but for rounding; infinite past a limit."""

@@ -34,7 +34,6 @@ from numpy.typing import ArrayLike
 from obb_collision._jit import njit
 from obb_collision._threads import run
 from obb_collision.geometry.trees.node_fit import HALF
-from obb_collision.geometry.trees.obb_tree import TreeArrays
 from obb_collision.geometry.validation import as_array, check_magnitude
 from obb_collision.numerics.constants import MESH_UNDERFLOW, ROUNDOFF
 from obb_collision.numerics.vec3 import combined, minus, norm, plus, scaled
@@ -54,7 +53,7 @@ from obb_collision.queries.sweep.course import (
 from obb_collision.queries.sweep.motion import OUTWARD, bounding_radii
 from obb_collision.queries.sweep.poses import place_at
 from obb_collision.queries.sweep.sweep import LEAST_TOLERANCE, TOLERANCE, Sweeps
-from obb_collision.typing import Floats, Integers
+from obb_collision.typing import Floats, Integers, Mask
 
 #: Pairs below which a second thread does not pay: 0.2 ms.
 FEWEST_PAIRS = 4
@@ -203,7 +202,13 @@ def swept_meshes(
         *(_mesh_kernel, count, FEWEST_PAIRS, a.arrays, radii_a, b.arrays, radii_b),
         *(motion, begin, tolerance, free, undecided, points, normals),
     )
-    times, pairs = np.where(undecided, np.nan, free), np.repeat(np.arange(count), 2).reshape(-1, 2)
+    return sweeps_of(free, undecided, points, normals)
+
+
+def sweeps_of(free: Floats, undecided: Mask, points: Floats, normals: Floats) -> Sweeps:
+    """Return the sweeps of rows with themselves."""
+    pairs = np.repeat(np.arange(len(free)), 2).reshape(-1, 2)
+    times = np.where(undecided, np.nan, free)
     return Sweeps(pairs, np.isfinite(times), undecided, times, free, points, normals)
 
 
@@ -218,7 +223,7 @@ def _mesh_kernel(
     for n in range(start, stop):
         course = course_of(motion, n, count + n, begin[n], tolerance)
         i, j, radius, other = a.meshes[n], b.meshes[n], radii_a[n], radii_b[n]
-        speed = _speed(trees_a, i, trees_b, j, motion, n, count + n, course)
+        speed = speed_of(trees_a.radii[i], trees_b.radii[j], motion, n, count + n, course)
         time, known = course.begin, False
         point = normal = np.nan, np.nan, np.nan
         for _ in range(MAX_STEPS):
@@ -252,14 +257,16 @@ def _mesh_kernel(
 
 
 @njit
-def _speed(
-    trees_a: TreeArrays, a: int, trees_b: TreeArrays, b: int, motion: BodyMotion, i: int, j: int,
-    course: Course,
-) -> float:  # fmt: skip
-    """Return how fast points of two meshes move at most, one seen from the other."""
+def speed_of(
+    size: float, other_size: float, motion: BodyMotion, i: int, j: int, course: Course
+) -> float:
+    """Return how fast points of two bodies move at most, one seen from the other.
+
+    Their sizes: how far they reach from their origins.
+    """
     (u, v), (arm, other), way = course.turns, course.arms, norm(course.way)
-    r = min(motion.reaches[i], norm(arm) + trees_a.radii[a])
-    s = min(motion.reaches[j], norm(other) + trees_b.radii[b])
+    r = min(motion.reaches[i], norm(arm) + size)
+    s = min(motion.reaches[j], norm(other) + other_size)
     first = plus(course.pivot, scaled(course.way, course.begin))
     last = plus(course.pivot, scaled(course.way, course.last))
     far, both = max(norm(first), norm(last)), norm(minus(v, u))

@@ -103,21 +103,16 @@ def triangle_clearances(
     0 where they collide, infinite beyond the limit. Round shapes are exact.
     """
     table = Clearances(pairs, np.full(len(pairs), np.inf), *np.zeros((3, len(pairs), 3)))
-    limit, curved = setting.values["max_distance"], shapes.curved(pairs)
-    plain = np.flatnonzero(~curved.any(axis=1))
+    limit, (plain, some) = setting.values["max_distance"], shapes.round_sides(boxes, pairs)
     for rows, turned, a, radii_a, b, radii_b in shapes.sides(boxes, pairs[plain]):
         found = mesh_clearances(a, b, max_distance=limit, radii_a=radii_a, radii_b=radii_b)
-        near = found.pairs[:, 0]
-        _fill(table, plain[rows[near]], turned[near], found.distances, found)
-    rows = np.flatnonzero(curved.any(axis=1))
-    if len(rows):
-        turned, each = curved[rows, 0], np.arange(len(rows))
-        ends = np.where(turned[:, None], pairs[rows, ::-1], pairs[rows])
-        meshes, radii = shapes.meshes(boxes, ends[:, 0])
-        bodies = shapes.convex_bodies(boxes, ends[:, 1])
-        every, beside = mesh_body_distances(meshes, radii, bodies, each, each, limit)
-        some = take_rows(every, beside)
-        _fill(table, rows[beside], turned[beside], some.lower, some)
+        within = found.pairs[:, 0]
+        _fill(table, plain[rows[within]], turned[within], found.distances, found)
+    if some is not None:
+        each = np.arange(len(some.rows))
+        every, beside = mesh_body_distances(some.meshes, some.radii, some.bodies, each, each, limit)
+        near = take_rows(every, beside)
+        _fill(table, some.rows[beside], some.turned[beside], near.lower, near)
     table.distances[:] = shapes.parted(table.distances, pairs, Accuracy.MESH)
     return table
 

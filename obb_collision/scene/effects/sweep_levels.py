@@ -29,8 +29,11 @@ import numpy as np
 from obb_collision.accuracy import Accuracy
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.numerics.constants import ROUNDOFF
+from obb_collision.queries.convex.support import ConvexBodies
+from obb_collision.queries.meshes.meshes import PlacedMeshes
 from obb_collision.queries.sweep.convex import convex_sweeps
 from obb_collision.queries.sweep.course import BodyMotion
+from obb_collision.queries.sweep.mesh_bodies import swept_mesh_bodies
 from obb_collision.queries.sweep.meshes import join_motions, swept_meshes
 from obb_collision.queries.sweep.motion import OUTWARD, bounding_radii
 from obb_collision.queries.sweep.moving import MovingBoxes
@@ -38,7 +41,7 @@ from obb_collision.queries.sweep.sweep import Sweeps
 from obb_collision.scene.broad_phase.broad_phase import Pairs
 from obb_collision.scene.effects.base import Cycle, Setting, take_rows
 from obb_collision.scene.refinement.placed_shapes import PlacedShapes
-from obb_collision.typing import Floats, Rows
+from obb_collision.typing import Floats, Mask, Rows
 
 
 class Ride(NamedTuple):
@@ -115,25 +118,44 @@ def triangle_sweeps(
 ) -> Sweeps:
     """Return the sweeps of pairs on MESH, with a mesh on at least one side.
 
-    Spheres and capsules are exact; cylinders, cones and ellipsoids are meshes around them.
+    Round shapes are exact.
     """
     table = take_rows(NO_SWEEPS, np.zeros(len(pairs), np.int64))
-    for rows, turned, a, radii_a, b, radii_b in shapes.sides(cycle.boxes, pairs):
-        ends = np.where(turned[:, None], pairs[rows, ::-1], pairs[rows])
-        first, second = (
-            motion_of(
-                Boxes.trusted(body.centers, body.rotations, body.centers),
-                np.searchsorted(ride.slots, slots),
-                ride,
-            )
-            for body, slots in zip((a, b), ends.T, strict=True)
-        )
-        motion = join_motions(first, second)
-        found = swept_meshes(a, radii_a, b, radii_b, motion, begin[rows], tolerance)
-        found.normals[turned] *= -1.0
-        for key, column in vars(table).items():
-            column[rows] = vars(found)[key]
+    plain, some = shapes.round_sides(cycle.boxes, pairs)
+    for rows, turned, a, radii_a, b, radii_b in shapes.sides(cycle.boxes, pairs[plain]):
+        own = plain[rows]
+        ends = np.where(turned[:, None], pairs[own, ::-1], pairs[own])
+        motion = _motions(a, b, ends, ride)
+        found = swept_meshes(a, radii_a, b, radii_b, motion, begin[own], tolerance)
+        _fill(table, own, turned, found)
+    if some is not None:
+        motion = _motions(some.meshes, some.bodies, some.ends, ride)
+        bodies = some.meshes, some.radii, some.bodies
+        found = swept_mesh_bodies(*bodies, motion, begin[some.rows], tolerance)
+        _fill(table, some.rows, some.turned, found)
     return table
+
+
+def _motions(
+    a: PlacedMeshes, b: PlacedMeshes | ConvexBodies, ends: Pairs, ride: Ride
+) -> BodyMotion:
+    """Return the motion of the bodies of slots (k, 2), those of b behind those of a."""
+    first, second = (
+        motion_of(
+            Boxes.trusted(body.centers, body.rotations, body.centers),
+            np.searchsorted(ride.slots, slots),
+            ride,
+        )
+        for body, slots in zip((a, b), ends.T, strict=True)
+    )
+    return join_motions(first, second)
+
+
+def _fill(table: Sweeps, rows: Rows, turned: Mask, found: Sweeps) -> None:
+    """Write rows (k,) of a table; turned (k,): where a was the second of the pair."""
+    found.normals[turned] *= -1.0
+    for key, column in vars(table).items():
+        column[rows] = vars(found)[key]
 
 
 NO_SWEEPS = Sweeps(

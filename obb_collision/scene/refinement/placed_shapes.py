@@ -70,6 +70,17 @@ class Sides(NamedTuple):
     radii_b: Floats
 
 
+class RoundSides(NamedTuple):
+    """Meshes of some pairs: row k, with a radius about it, and the body in row k beside it."""
+
+    rows: Rows  #: (k,) of the pairs
+    turned: Mask  #: (k,) whether the mesh is the second of the pair
+    ends: Pairs  #: (k, 2) slots of mesh and body
+    meshes: PlacedMeshes
+    radii: Floats
+    bodies: ConvexBodies
+
+
 class PlacedShapes:
     """Shapes as they were at a check; slots of objects that are boxes are not among them.
 
@@ -175,6 +186,21 @@ class PlacedShapes:
         mask = np.zeros(len(self.kinds), np.bool_)
         mask[self._shaped] = np.isin(self._cores[:, 0], CURVED)
         return np.asarray(mask[pairs])
+
+    def round_sides(self, boxes: Boxes, pairs: Pairs) -> tuple[Rows, RoundSides | None]:
+        """Return which of pairs (m, 2) with a mesh have no cylinder, cone or ellipsoid.
+
+        And those that do, if there are any.
+        """
+        curved = self.curved(pairs)
+        rows = np.flatnonzero(curved.any(axis=1))
+        if len(rows) == 0:
+            return np.arange(len(pairs)), None
+        turned = curved[rows, 0]
+        ends = np.where(turned[:, None], pairs[rows, ::-1], pairs[rows])
+        bodies = self.convex_bodies(boxes, ends[:, 1])
+        some = RoundSides(rows, turned, ends, *self.meshes(boxes, ends[:, 0]), bodies)
+        return np.flatnonzero(~curved.any(axis=1)), some
 
     def sides(self, boxes: Boxes, pairs: Pairs) -> Iterator[Sides]:
         """Yield the meshes of pairs (m, 2) of slots with a mesh on at least one side."""

@@ -133,6 +133,26 @@ def test_shapes_pass_each_other_where_boxes_do_not() -> None:
         assert ([0, 2] in passed.pairs.tolist()) == bool(hits)
 
 
+@pytest.mark.parametrize("swapped", [False, True])
+def test_round_shapes_meet_meshes_at_their_very_radius(swapped: bool) -> None:
+    """A mesh around the cylinder would be up to a few percent early."""
+    corners = np.array([[0.0, -1, -1], [0, 1, -1], [0, 0, 1], [-0.1, 0, 0]])
+    wall = oc.shapes.Mesh(corners, [[0, 1, 2], [0, 2, 3], [2, 1, 3], [1, 0, 3]])
+    scene = oc.Scene(accuracy="mesh", padding=0.02)
+    can, still = oc.shapes.Cylinder(0.3, 0.4), ("wall", wall, [0, 0, 0, 0, 0, 0, 1])
+    for name, shape, pose in (("can", can, [2.0, 0, 0, 0, 0, 0.1, 0.99498744]), still)[
+        :: 1 - 2 * swapped
+    ]:
+        scene.add(name, shape, pose)
+    scene.set_twist("can", [-0.5, 0, 0, 0, 0, 0])
+    scene.set_effect("sweep", "on", horizon=HORIZON)
+    found = scene.check().swept.predicted
+    truth = (2.0 - 0.3 - 0.04) / 0.5
+    assert truth - 2e-4 <= found.times[0] <= truth
+    np.testing.assert_allclose(found.normals[0], [1.0 if swapped else -1.0, 0, 0], atol=1e-6)
+    assert len(found) == 1
+
+
 def test_a_short_motion_through_something_thin_in_a_thick_box_is_seen() -> None:
     """A needle of a hull through another: far less than half a box, and apart before and after."""
     thin = oc.shapes.Hull(
