@@ -21,6 +21,7 @@ import pytest
 from mesh_zoo import zoo
 from numpy.typing import NDArray
 from plane_depths import least_depth
+from scipy.optimize import nnls
 from scipy.spatial.transform import Rotation
 from support import row_of
 from trimesh import Trimesh, creation
@@ -109,12 +110,62 @@ def many_points() -> dict[str, tuple[Floats, float]]:
     box = rng.uniform(-1.0, 1.0, (30_000, 3))
     box[np.arange(30_000), rng.integers(0, 3, 30_000)] = rng.choice([-1.0, 1.0], 30_000)
     return {
-        "ball": (ball, 1.03),
-        "long ball": (ball * [1.0, 1.0, 40.0], 1.03),
-        "cylinder": (cylinder @ turn, 1.03),
-        "box": (box @ turn, 1.03),
-        "gauss": (rng.normal(size=(30_000, 3)), 1.25),
+        "ball": (ball, 1.01),
+        "long ball": (ball * [1.0, 1.0, 40.0], 1.015),
+        "many on a ball": (directions(25_000, rng), 1.01),
+        "cylinder": (cylinder @ turn, 1.0002),
+        "box": (box @ turn, 1.0001),
+        "gauss": (rng.normal(size=(30_000, 3)), 1.0 + 1e-8),
     }
+
+
+def directions(count: int, rng: np.random.Generator) -> Floats:
+    """Return random unit vectors (n, 3)."""
+    vectors = rng.normal(size=(count, 3))
+    return vectors / np.linalg.norm(vectors, axis=1)[:, None]
+
+
+def test_hulls_of_up_to_a_thousand_corners_are_exact() -> None:
+    # However many other points there are.
+    rng = np.random.default_rng(8)
+    corners = directions(900, rng) * [0.5, 0.3, 0.01]
+    shares = rng.dirichlet(np.ones(3), 30_000)
+    inside = 0.999 * np.einsum("ij,ijk->ik", shares, corners[rng.integers(0, 900, (30_000, 3))])
+    ours, faces = hull_mesh(Hull(np.concatenate([inside, corners])))
+    assert len(ours) == 900
+    assert excess(corners, ours, faces) < 0.0
+    apart = np.abs(corners[np.lexsort(corners.T)] - ours[np.lexsort(ours.T)]).max()
+    assert apart < 1e-8
+
+
+@pytest.mark.parametrize("size", [1e-150, 1.0, 1e150])
+def test_simpler_hulls_have_no_corner_far_from_the_points(size: float) -> None:
+    # Needles and spikes among them, whose tips planes that are almost parallel would move far.
+    rng = np.random.default_rng(9)
+    ball = directions(3000, rng)
+    spikes = 1.2 * directions(8, rng)
+    for name, points, limit in (
+        ("ball", ball, 0.0115),
+        ("needle", ball * [1.0, 0.01, 0.01], 0.001),
+        ("disc", ball * [1.0, 1.0, 0.004], 0.003),
+        ("spiked", np.concatenate([ball, spikes]), 0.0115),
+        ("far away", ball + np.array([3e4, 0.0, 0.0]), 0.0115),
+    ):
+        corners, faces = hull_mesh(Hull(points * size))
+        assert 900 < len(corners) <= MAX_HULL_CORNERS, name
+        assert excess(points, corners / size, faces) < 0.0, name
+        apart = max(distance_of_hull(points, corner / size) for corner in corners[::40])
+        assert apart < limit, name
+
+
+def distance_of_hull(points: Floats, place: Floats) -> float:
+    """Return how far a place is from the hull of points, by non-negative least squares."""
+    order = np.linalg.norm(points - place, axis=1).argsort()
+    near = (
+        points[np.concatenate([order[:200], np.arange(-8, 0)])] - place
+    )  # an upper bound is enough
+    weights = np.concatenate([near.T, np.full((1, len(near)), 1e3)])
+    return float(nnls(weights, np.array([0.0, 0.0, 0.0, 1e3]))[1])
 
 
 @pytest.mark.parametrize("name", many_points())
