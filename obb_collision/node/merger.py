@@ -20,7 +20,8 @@ in the namespace of that name, and publishes what all found together on the same
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import threading
+from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from time import monotonic
 from typing import Any
@@ -28,16 +29,19 @@ from typing import Any
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rcl_interfaces.msg import ParameterDescriptor
+from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Bool, Header
 
-from obb_collision.node.diagnostics.answer import COLLIDING, FREE, UNKNOWN
+from obb_collision.node.diagnostics.answer import COLLIDING, FREE, STOPPING, UNKNOWN
 from obb_collision.node.diagnostics.qos import overridable
 from obb_collision.node.messages.clouds import cloud_to_bytes
 from obb_collision.node.messages.conversions import stamp_from_ros
 from obb_collision.node.messages.errors import RefusedError
+from obb_collision.node.outputs.collision_status import FAREWELL
+from obb_collision.node.runtime.guard import Guard
 from obb_collision.node.runtime.running import run
 from obb_collision.node.topics.cloud import Cloud, Topic
 from obb_collision.node.topics.topics import COLLISIONS, NAMESPACES, TOPICS
@@ -78,6 +82,9 @@ class MergerNode(Node):
             "unknown_is_collision", True, "Whether in_collision is true while it is not known."
         )
         self._merger = RegionMerger(regions, timeout)
+        self.guard = Guard(self.get_logger().error, self.context.ok)
+        self._lock = threading.RLock()  # the last message comes from another thread
+        self._closed = False
         self._statuses: dict[str, DiagnosticStatus] = {}
         self._names: dict[str, str] = {}
         self._joined_at, self._pairs = monotonic(), 0
@@ -93,12 +100,12 @@ class MergerNode(Node):
         for region in self._regions:
             self._listen(region, NAMESPACES, lambda message, _: self._take_names(message))
             self._listen(region, STATUS, self._take_status)
-        self.create_timer(PERIOD, self._look)
+        self.create_timer(PERIOD, lambda: self.guard.run("status", self._look))
         self._look()
 
     def _listen(self, region: str, topic: Topic, take: Callable[[Any, str], None]) -> Subscription:
         def taken(message: Any) -> None:
-            take(message, region)
+            self.guard.run(f"{region}/{topic.name}", lambda: take(message, region))
 
         name, qos = f"{region}/{topic.name}", copy(topic.qos)
         return self.create_subscription(topic.message, name, taken, qos)
@@ -195,31 +202,62 @@ class MergerNode(Node):
             return
         parts = [f"{pairs} pair{'s collide' if pairs > 1 else ' collides'}"] if pairs else []
         parts += [f"{region}: {self._statuses[region].message}" for region in sorted(colliding)]
-        flag = level == COLLIDING or (level == UNKNOWN and self._unknown_counts)
         values = {
             "colliding pairs": pairs if fresh else "not known",
             "regions": len(self._regions),
             "missing regions": len(missing),
             "rows of several regions": self._merger.repeated,
-            "in_collision": flag,
-            "unknown_is_collision": self._unknown_counts,
         }
+        self._send_status(level, "; ".join([*parts, *faults]) or "free", values)
+
+    def _send_status(self, level: bytes, text: str, values: Mapping[str, object]) -> None:
+        """Publish both topics that say whether anything collides, unless the last word is said."""
+        flag = level == COLLIDING or (level == UNKNOWN and self._unknown_counts)
+        flags = {"in_collision": flag, "unknown_is_collision": self._unknown_counts}
+        pairs = {**values, **flags}.items()
         status = DiagnosticStatus(
             level=level,
             name=f"{self.get_fully_qualified_name().lstrip('/')}: collision",
-            message="; ".join([*parts, *faults]) or "free",
+            message=text,
             hardware_id="obb_collision",
-            values=[KeyValue(key=key, value=str(value)) for key, value in values.items()],
+            values=[KeyValue(key=key, value=str(value)) for key, value in pairs],
         )
         message = DiagnosticArray(status=[status])
         message.header.stamp = self.get_clock().now().to_msg()
-        self._publishers_of[STATUS.name].publish(message)
-        self._publishers_of[FLAG.name].publish(Bool(data=flag))
+        with self._lock:
+            if not self._closed:
+                self._publishers_of[STATUS.name].publish(message)
+                self._publishers_of[FLAG.name].publish(Bool(data=flag))
+
+    def say_farewell(self) -> None:
+        """Publish that nothing is known any more, and nothing after that."""
+        with self._lock:
+            if self._closed:
+                return
+            self._send_status(UNKNOWN, STOPPING, {})
+            self._closed = True
+        for topic in (STATUS, FLAG):
+            self._publishers_of[topic.name].wait_for_all_acked(Duration(seconds=FAREWELL))
+
+    def destroy_node(self) -> None:
+        """Publish the status unknown, and end."""
+        if hasattr(self, "_statuses"):  # not where the start failed before
+            try:
+                self.say_farewell()
+            except Exception:  # the context is gone: nothing can be published
+                self._closed = True
+        super().destroy_node()
 
 
 def main(args: Sequence[str] | None = None) -> int:
     """Run the console script ``obb_collision_merge``."""
-    return run(NODE_NAME, lambda context, _: MergerNode(context=context), args)
+    return run(
+        NODE_NAME,
+        lambda context, _: MergerNode(context=context),
+        args,
+        farewell=lambda node: node.say_farewell(),
+        caught=lambda node, error: node.guard.caught("executor", error),
+    )
 
 
 if __name__ == "__main__":

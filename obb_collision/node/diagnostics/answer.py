@@ -55,8 +55,9 @@ class Answer:
     pairs: colliding ones, of the last check. unknown: why nothing is known at all, "" if something
     is; seconds: since when, 0 if undefined. missing: objects without a box, which are not checked.
     late: objects that take part where they were, while newer states of theirs could not be placed
-    in time. lost: stale ones that can be beyond what they are grown by. stamp: of the newest state
-    evaluated (ns), 0 for none.
+    in time. refused: those whose latest pose or shape could not be used. building: those that have
+    their last shape, as a newer one takes long. lost: stale ones that can be beyond what they are
+    grown by. stamp: of the newest state evaluated (ns), 0 for none.
     """
 
     pairs: int = 0
@@ -66,6 +67,10 @@ class Answer:
     names_missing: tuple[str, ...] = ()
     late: int = 0
     names_late: tuple[str, ...] = ()
+    refused: int = 0
+    names_refused: tuple[str, ...] = ()
+    building: int = 0
+    names_building: tuple[str, ...] = ()
     stale: int = 0
     names_stale: tuple[str, ...] = ()
     lost: int = 0
@@ -92,7 +97,8 @@ class Answer:
     @property
     def is_complete(self) -> bool:
         """Whether nothing is unknown, whatever collides."""
-        return not (self.unknown or self.missing or self.late or self.lost or self.robots)
+        objects = self.missing or self.late or self.refused or self.building or self.lost
+        return not (self.unknown or objects or self.robots)
 
     def flag(self, unknown_is_collision: bool) -> bool:
         """Return the value of ``in_collision``."""
@@ -101,8 +107,8 @@ class Answer:
     @property
     def kind(self) -> tuple[object, ...]:
         """The part whose changes are published immediately; all else waits for the next period."""
-        counts = self.missing, self.late, self.lost, self.stale
-        return self.level, self.unknown, self.robots, self.notes, *map(bool, counts)
+        unsure = self.missing, self.late, self.refused, self.building, self.lost, self.stale
+        return self.level, self.unknown, self.robots, self.notes, *map(bool, unsure)
 
     @property
     def message(self) -> str:
@@ -119,6 +125,8 @@ class Answer:
         for count, names, what in (
             (self.missing, self.names_missing, "without a box (not checked)"),
             (self.late, self.names_late, "not placed in time"),
+            (self.refused, self.names_refused, "refused, where they were before"),
+            (self.building, self.names_building, "with a new shape being built"),
             (self.lost, self.names_lost, "stale, may be anywhere"),
             (self.stale, self.names_stale, "stale"),
         ):
@@ -141,6 +149,8 @@ class Answer:
             ("doubtful", self.doubtful),
             ("unplaceable", self.missing),
             ("not placed in time", self.late),
+            ("refused", self.refused),
+            ("new shape being built", self.building),
             ("may be anywhere", self.lost),
             ("in_collision", self.flag(unknown_is_collision)),
             ("unknown_is_collision", unknown_is_collision),
@@ -186,7 +196,10 @@ def answer(
     missing = int(np.count_nonzero(waiting | aside)) + len(objects.unplaceable)
     failing = (f"{name} ({INTERNAL_ERROR})" for name in _names(objects, aside))
     # a stale object that is ignored takes part in nothing, wherever it is
-    late = placed & table.frame_refused & ~(stale & objects.placement.ignore_stale)
+    checked = placed & ~(stale & objects.placement.ignore_stale)
+    late = checked & table.frame_refused
+    refused = checked & table.refused & ~(late | aside)
+    building = checked & objects.shapes.overdue & ~aside
     known = Answer(
         pairs=0 if report is None else report.total,
         more=report is not None and report.truncated,
@@ -194,6 +207,10 @@ def answer(
         names_missing=(*failing, *_names(objects, waiting), *_unplaceable(objects)),
         late=int(np.count_nonzero(late)),
         names_late=_names(objects, late),
+        refused=int(np.count_nonzero(refused)),
+        names_refused=_names(objects, refused),
+        building=int(np.count_nonzero(building)),
+        names_building=_names(objects, building),
         stale=int(np.count_nonzero(stale)),
         names_stale=_names(objects, stale),
         lost=int(np.count_nonzero(lost)),

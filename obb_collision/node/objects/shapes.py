@@ -16,6 +16,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from time import monotonic
+
 import numpy as np
 
 from obb_collision.accuracy import Accuracy
@@ -32,20 +35,29 @@ from obb_collision.scene.building.builder import Builder
 from obb_collision.scene.scene import Scene
 from obb_collision.scene.store.overrides import Overrides
 from obb_collision.shapes import Box, Shape
+from obb_collision.typing import Mask
 
 DEFAULT_LIMIT = 1000
 PLACEHOLDER = Box((1.0, 1.0, 1.0))
 """Stands for an object whose first shape is being built; it is not checked until then."""
 NO_SIGNATURE: Signature = ()
+PATIENCE = 0.5
+"""Seconds for which an object may have its last shape, while a newer one is being built."""
 
 
 class ObjectShapes:
     """Adds objects to scene and table, and takes them out."""
 
     def __init__(
-        self, scene: Scene, table: ObjectTable, placement: Placement, notes: Notes
+        self,
+        scene: Scene,
+        table: ObjectTable,
+        placement: Placement,
+        notes: Notes,
+        clock: Callable[[], float] = monotonic,
     ) -> None:
         self.scene, self.table, self.placement, self._notes = scene, table, placement, notes
+        self._clock = clock
         self.unplaceable = Unplaceable()
         self.overrides: Overrides[Accuracy] = Overrides()
         self.max_objects = DEFAULT_LIMIT
@@ -74,7 +86,9 @@ class ObjectShapes:
             slot = self._give(key, PLACEHOLDER, NO_SIGNATURE)
             self.table.shaped[slot] = False
             self.placement.enable(np.array([slot]))
-        self.table.shape_pending[slot] = True
+        if not self.table.shape_pending[slot]:
+            self.table.shape_pending[slot] = True
+            self.table.shape_asked[slot] = self._clock()
         self._renew(key, slot, expiry)
         return slot
 
@@ -171,6 +185,13 @@ class ObjectShapes:
             for key in self._waiting_for(given):
                 self._take_built(key, given)
 
+    @property
+    def overdue(self) -> Mask:
+        """(rows,) objects that have had a shape, and whose newer one has been built for long."""
+        table = self.table
+        waiting = table.visible & table.shape_pending
+        return waiting & (self._clock() - table.shape_asked > PATIENCE)
+
     def _waiting_for(self, given: Given) -> list[Key]:
         if given.keys is not None:
             return [key for key in given.keys if key in self.table.slots]
@@ -188,9 +209,10 @@ class ObjectShapes:
             except Exception as failure:  # of this object: others get theirs
                 self.placement.guard.caught("shapes", failure, name_from_key(key))
                 error = RefusedError(INTERNAL_ERROR, str(failure))
-        if self.requests.is_waiting(key):  # for a newer shape
-            return
         slot = self.table.slots[key]
+        if self.requests.is_waiting(key):  # for a newer shape
+            self.table.shape_asked[slot] = self._clock()
+            return
         self.table.shape_pending[slot] = False
         if error is not None:
             self._notes.refuse("objects", error.reason, name_from_key(key), error.detail)

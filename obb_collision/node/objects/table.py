@@ -81,6 +81,7 @@ COLUMNS: dict[str, tuple[Any, tuple[int, ...]]] = {
     "lost": (np.bool_, ()),  # stale for so long that it can be beyond what it is grown by
     "shaped": (np.bool_, ()),  # has a shape; False while its first one is being built
     "shape_pending": (np.bool_, ()),  # a newer shape is being built
+    "shape_asked": (np.float64, ()),  # since when, or since the last one came (s, steady)
     "shape_refused": (np.bool_, ()),  # the latest shape could not be used: the last one stays
     "set_aside": (np.bool_, ()),  # checks fail with it: it takes part in none for now
     "pose_refused": (np.bool_, ()),  # the latest pose could not be used: the last one stays
@@ -124,6 +125,7 @@ class ObjectTable:
     lost: Mask
     shaped: Mask
     shape_pending: Mask
+    shape_asked: Floats
     shape_refused: Mask
     set_aside: Mask
     pose_refused: Mask

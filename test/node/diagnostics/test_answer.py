@@ -81,6 +81,22 @@ def test_an_object_that_is_not_placed_in_time_makes_the_answer_unknown(policy: s
     assert known(rig).level == FREE, "placed at last"
 
 
+@pytest.mark.parametrize("shape", [True, False])
+def test_an_object_whose_latest_state_was_refused_makes_the_answer_unknown(shape: bool) -> None:
+    rig = ObjectsRig(A1, B1, object_timeout=1.5)
+    rig.objects.staleness.set("ignore", 1.0, 1.0)
+    rig.send(START, row=0)
+    rig.send(START + 9 * SECOND, row=1)
+    assert known(rig).level == FREE
+    rig.objects.shapes.refuse(A1, "bad", shape=shape)
+    found = known(rig)
+    assert (found.level, found.flag(True), found.flag(False)) == (UNKNOWN, True, False)
+    assert found.message == "1 refused, where they were before: a/1"
+    rig.now += 2 * SECOND
+    rig.send(START + 10 * SECOND, row=1)
+    assert known(rig).level == FREE, "it is stale, and takes part in nothing"
+
+
 def test_a_stale_object_that_is_not_placed_counts_as_far_as_it_takes_part() -> None:
     levels = {}
     for policy in ("keep", "ignore"):

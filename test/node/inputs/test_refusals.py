@@ -26,6 +26,7 @@ from sensor_msgs.msg import PointCloud2, PointField
 from visualization_msgs.msg import Marker
 
 from obb_collision.node import namespace_number, poses_to_ros
+from obb_collision.node.diagnostics.answer import FREE, UNKNOWN
 from obb_collision.node.messages.conversions import states_to_ros
 
 A1, A2, B1 = ("a", 1), ("a", 2), ("b", 1)
@@ -63,9 +64,15 @@ def test_a_bad_pose_is_refused_alone_and_its_object_keeps_colliding(
     assert not rig.node.objects.table.doubtful[other]
     moved = topic != "object_transform"
     assert rig.pose_of(A2)[0] == (3.5 if moved else 3.0)
+    rig.send_transform("b/1", pose(-2.0))
+    assert rig.pairs() == set()
+    answer = rig.node.status.answer
+    assert answer.level == UNKNOWN, "it is not free: nobody knows where it is"
+    assert answer.message == "1 refused, where they were before: a/1"
     rig.send_transform("a/1", pose(0.0))
-    assert rig.pairs() == {("a/1", "b/1")}
+    assert rig.pairs() == set()
     assert not rig.node.objects.table.doubtful[slot], "a good pose clears the doubt"
+    assert (rig.node.status.answer.level, rig.node.status.answer.message) == (FREE, "free")
 
 
 @pytest.mark.parametrize("topic", SENDERS)

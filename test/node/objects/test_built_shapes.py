@@ -31,6 +31,7 @@ from shape_markers import BODY, BOX, OTHER, PAIR, doubtful, mesh_marker, named, 
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import Marker
 
+from obb_collision.node.diagnostics.answer import COLLIDING, UNKNOWN
 from obb_collision.node.objects import shape_requests
 
 
@@ -83,10 +84,13 @@ def test_a_new_shape_takes_the_place_of_the_last_one_when_it_is_there(rig: Rig, 
     status = rig.status(": objects")
     assert status["new shape being built"] == "1"
     assert "new shapes being built (last box kept)" in status["message"]
+    rig.until(lambda: rig.node.status.answer.level == UNKNOWN, "a status that is not known")
+    assert rig.node.status.answer.message == "1 with a new shape being built: body/1"
     gate.open()
     rig.built(BODY)
     assert named(sync(rig)) == named(PAIR)
     assert not doubtful(rig, BODY)
+    assert rig.node.status.answer.level == COLLIDING
 
 
 def test_a_newer_marker_supersedes_a_shape_that_waits(rig: Rig, gate: Gate) -> None:
@@ -149,6 +153,7 @@ def test_a_lifetime_ends_while_a_shape_is_built(rig: Rig, gate: Gate) -> None:
     marker = triangle()
     marker.lifetime.nanosec = 50_000_000
     rig.send(marker)
+    rig.until(lambda: rig.node.objects.shapes.builder.is_busy, "its shape being built")
     gone(rig, BODY)
     gate.open()
     rig.send(triangle(OTHER))

@@ -19,6 +19,7 @@ from __future__ import annotations
 import math
 from pathlib import Path
 from threading import Event
+from typing import Any
 
 import numpy as np
 import pytest
@@ -128,7 +129,7 @@ def test_a_mesh_that_takes_for_ever_gives_way_to_a_newer_description(
             patch.setattr(process, "CODE", "import time; time.sleep(1e6)")
             rig.describe(URDF.replace('<box size="0.1 0.1 0.1"/>', mesh))
             rig.until(lambda: "being read" in rig.robot.fault, "the reading")
-            reading = rig.robot._reader._reading
+            reading: Any = rig.until(lambda: rig.robot._reader._reading, "its begin")
             rig.until(lambda: reading._meshes._process.number is not None, "its process")
             worker = reading._meshes._process._process
         rig.describe()
