@@ -12,7 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The console script ``obb_collision_warm_up``: compiles all kernels beforehand."""
+"""The console script ``obb_collision_warm_up``: compiles all kernels beforehand.
+
+What takes long to import is imported where Ctrl-C ends the command with one line.
+"""
 
 from __future__ import annotations
 
@@ -20,12 +23,12 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 from time import perf_counter
-from typing import TextIO
+from typing import TYPE_CHECKING, TextIO
 
-from obb_collision import _jit, _kernel_cache
 from obb_collision.cli import Parser, interruptible
-from obb_collision.warm_up.processes import Progress, compile_steps
-from obb_collision.warm_up.steps import possible_steps, task_of
+
+if TYPE_CHECKING:
+    from obb_collision.warm_up.processes import Progress
 
 WIDTH = 30
 """Characters of the bar."""
@@ -42,6 +45,10 @@ def main(args: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("-q", "--quiet", action="store_true", help="no progress bar")
     options = parser.parse_args(args)
+    from obb_collision import _jit, _kernel_cache
+    from obb_collision.warm_up.processes import compile_steps
+    from obb_collision.warm_up.steps import possible_steps, task_of
+
     reason = _kernel_cache.why_not_kept()
     if reason:
         sys.stderr.write(f"obb_collision_warm_up: kernels can't be kept: {reason}\n")
@@ -50,7 +57,7 @@ def main(args: Sequence[str] | None = None) -> int:
     wanted = possible_steps()
     for step in wanted:
         task_of(step)  # so that its kernels can be counted
-    bar = Bar(sys.stderr, not options.quiet)
+    bar = Bar(sys.stderr, not options.quiet, len(_jit.unkept_kernels()))
     try:
         progress = compile_steps(wanted, look=bar.show)
     finally:
@@ -76,13 +83,13 @@ def cache_size(folder: Path) -> tuple[int, int]:
 
 
 class Bar:
-    """A bar on a terminal; elsewhere a line per step."""
+    """A bar on a terminal; elsewhere a line per step. missing: kernels to compile."""
 
-    def __init__(self, stream: TextIO, wanted: bool) -> None:
+    def __init__(self, stream: TextIO, wanted: bool, missing: int) -> None:
         self._stream, self._wanted = stream, wanted
         self._live = stream.isatty()
         self._shown = 0
-        self._missing = len(_jit.unkept_kernels())
+        self._missing = missing
 
     def show(self, progress: Progress) -> None:
         """Draw how far it is."""

@@ -19,15 +19,18 @@ from __future__ import annotations
 import io
 import os
 import select
+import signal
 import subprocess
 import sys
 from contextlib import suppress
 from pathlib import Path
 
 import pytest
+from processes import limited
 
 from obb_collision import _kernel_cache
 from obb_collision.accuracy import Accuracy
+from obb_collision.cli import INTERRUPTED
 from obb_collision.warm_up import processes
 from obb_collision.warm_up.command import Bar, main
 from obb_collision.warm_up.processes import Progress, compile_steps
@@ -181,6 +184,21 @@ os._exit(1)
         os.close(end)
 
 
+def test_an_interrupt_while_the_command_is_imported_ends_it_with_one_line() -> None:
+    command = [sys.executable, "-X", "importtime", "-m", "obb_collision.warm_up.command"]
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+    assert process.stderr is not None
+    with limited(process):
+        for line in process.stderr:
+            if line.split("|")[-1].strip() == "llvmlite":  # numba is being imported
+                break
+        process.send_signal(signal.SIGINT)
+        _, rest = process.communicate(timeout=PATIENCE)
+    assert process.returncode == INTERRUPTED, rest
+    assert rest.endswith("obb_collision_warm_up: interrupted; what is compiled is kept\n")
+    assert "Traceback" not in rest
+
+
 def test_the_bar_fills_with_the_kernels_on_a_terminal_only() -> None:
     class Terminal(io.StringIO):
         def isatty(self) -> bool:
@@ -188,8 +206,7 @@ def test_the_bar_fills_with_the_kernels_on_a_terminal_only() -> None:
 
     progress = Progress(("a", "b"), running=["a"])
     for stream, quiet in ((Terminal(), False), (io.StringIO(), False), (Terminal(), True)):
-        bar = Bar(stream, not quiet)
-        bar._missing = 4
+        bar = Bar(stream, not quiet, 4)
         progress.kernels, progress.done = ["x", "x", "y"], ["a"]
         bar.show(progress)
         bar.end()
