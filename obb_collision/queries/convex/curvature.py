@@ -37,7 +37,7 @@ from obb_collision.numerics.vec3 import (
     plus,
     scaled,
 )
-from obb_collision.queries.convex.simplex import Corner, Simplex, with_corner
+from obb_collision.queries.convex.simplex import Corner, Simplex
 from obb_collision.queries.convex.support import CONE, CYLINDER, ROUND, Core
 from obb_collision.queries.meshes.tree_boxes import Pose, moved
 from obb_collision.typing import Vector
@@ -75,7 +75,7 @@ def turned_to(
             else:
                 u = corner
             count += 1
-    return with_corner(Simplex(count, s, t, u, u, simplex.weights, simplex.nearest), new)
+    return Simplex(count, s, t, u, u, simplex.weights, simplex.nearest)
 
 
 @njit_inlined

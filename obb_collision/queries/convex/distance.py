@@ -17,8 +17,10 @@
 The search is that of Gilbert, Johnson and Keerthi 1988, in the frame of a. However it went, the
 gap along any direction, the reach of the one body less that of the other, is at most the signed
 distance; that of two points of the bodies is at least that. So the answer rests on both being
-close, and says how close they are. Where plain doubles leave them farther apart than ``CLOSE``
-(bodies nearly in touch, needles), the search goes on with twice the digits (``careful_simplex``).
+close, and says how close they are. Boxes, cylinders, cones and segments are first asked for the
+foot of the other's foremost point (``feet``); with curved ones it then climbs (``curvature``).
+Where plain doubles leave both farther apart than ``CLOSE`` (bodies nearly in touch, needles), the
+search goes on with twice the digits (``careful_simplex``).
 
 Error analysis, with u and S as in ``queries.meshes.tree_boxes``: both reaches along a unit vector
 are off by at most 200 u S (``queries.meshes.convex``), points of curved cores by 16 u S more.
@@ -50,7 +52,14 @@ from obb_collision.numerics.vec3 import (
 )
 from obb_collision.queries.convex.careful_simplex import careful_nearest, is_known, is_zero
 from obb_collision.queries.convex.curvature import is_curved, steeper, turned_to
-from obb_collision.queries.convex.simplex import Corner, Simplex, no_simplex, with_corner
+from obb_collision.queries.convex.feet import across, feet, has_feet, no_feet
+from obb_collision.queries.convex.simplex import (
+    Corner,
+    Simplex,
+    no_simplex,
+    on_corner,
+    with_corner,
+)
 from obb_collision.queries.convex.support import SEGMENT, Core, support
 from obb_collision.queries.meshes.tree_boxes import Pose, moved
 from obb_collision.queries.primitives.segments import unit_scale
@@ -63,12 +72,15 @@ CONVEX_ROUNDING = 512 * ROUNDOFF
 #: The search ends when the points are farther apart than the plane shows by less than this,
 #: relative to S: a tenth of what is promised.
 CLOSE = 1e-10
-#: Directions tried in plain doubles: hulls take 3 to 10, cylinders and ellipsoids up to 40.
+#: Directions tried in plain doubles: hulls take 3 to 10, others 2 to 4, some cylinders 30.
 DIRECTIONS = 60
 #: The climb by curvature ends when that many directions showed no larger gap.
 LAPSES = 3
 #: ... and with twice the digits.
 CAREFUL_DIRECTIONS = 100
+#: Feet are looked for along that many directions, where no core is curved along the first alone:
+#: that to a corner's foot is the last one, that to a rim's may turn it to another place.
+LOOKS = 2
 #: The search in plain doubles ends when a corner brings it nearer by less than this fraction.
 STALLED = 1e-13
 #: Six times the volume that the origin makes with each face of a tetrahedron that it is certainly
@@ -130,31 +142,56 @@ def search(a: Core, b: Core, pose: Pose, start: Vector, stop: float) -> Search:
         found = _of_segments(a, b, pose)
         if found.distance - found.gap <= CLOSE * pose.size:
             return found
-    room, lapses = CLOSE * pose.size, 0 if is_curved(a) or is_curved(b) else LAPSES
+    curved = is_curved(a) or is_curved(b)
+    room, lapses = CLOSE * pose.size, 0 if curved else LAPSES
+    looks = (LOOKS if curved else 1) if has_feet(a) or has_feet(b) else 0
+    near, length = no_feet(n, n), np.inf
     for _ in range(DIRECTIONS):
         gap = _gap_here(a, b, pose, n)
-        lapses += 0 if gap.value > max(best, room) else 1 if gap.value > room else LAPSES
-        if gap.value > best:
+        better, climbs = gap.value > best, gap.value > room and lapses < LAPSES
+        if better:
             best, normal = gap.value, n
-        if lapses < LAPSES and not best > stop:
-            simplex = turned_to(a, b, pose, n, unit, simplex, corner_of(gap, pose, unit))
-            if simplex.size == 4 or is_zero(simplex.nearest):
-                break
-            towards, reached = unit_of(negated(simplex.nearest))
-            if reached - unit * best <= unit * room:
-                break
-            n = towards if simplex.size == 3 else steeper(a, b, pose, n, simplex, unit, gap.value)
-            continue
+        elif climbs:
+            lapses += 1
+        if best > stop and simplex.size == 0:
+            return Search(best, normal, np.inf, gap.p, gap.q, simplex)
         if best > stop or reached - unit * best <= unit * room:
-            if simplex.size == 0:
-                return Search(best, normal, np.inf, gap.p, gap.q, simplex)
             break
-        if simplex.size > 0 and not reached - unit * gap.value > STALLED * reached:
+        if looks > 0:
+            looks -= 1
+            other = feet(a, b, pose, gap.p, gap.q)
+            if LEAST_SQUARE < other.square < near.square:
+                near, length = other, math.sqrt(other.square)
+        if length - best <= room:
+            return Search(best, normal, length, near.p, near.q, simplex)
+        new = corner_of(gap, pose, unit)
+        if simplex.size == 0 and length < np.inf:
+            p = across(a.kind, a.size, a.half, gap.p, near.p)
+            q = across(b.kind, b.size, b.half, gap.q, near.q)
+            simplex = on_corner(new)
+            if p != gap.p or q != gap.q:
+                new = corner_of(Gap(0.0, p, q), pose, unit)
+                simplex = Simplex(2, simplex.a, new, new, new, simplex.weights, simplex.nearest)
+            n = scaled(near.v, 1.0 / length)
+            continue
+        if climbs:
+            simplex = turned_to(a, b, pose, n, unit, simplex, new)
+        elif not unit * gap.value < (1.0 - STALLED) * reached:
             break
-        simplex = with_corner(simplex, corner_of(gap, pose, unit))
+        simplex = with_corner(simplex, new)
+        if climbs and simplex.size == 4:  # flat: there is a gap, so that the origin is not inside
+            simplex = on_corner(new)
         if simplex.size == 4 or is_zero(simplex.nearest):
             break
-        n, reached = unit_of(negated(simplex.nearest))
+        towards, reached = unit_of(negated(simplex.nearest))
+        if reached - unit * best <= unit * room:
+            break
+        if not climbs or simplex.size == 3:
+            n = towards
+        elif better or simplex.size == 2:
+            n = steeper(a, b, pose, n, simplex, unit, gap.value)
+        else:
+            n = unit_of(plus(normal, n))[0]
     return _finished(a, b, pose, unit, stop, Search(best, normal, 0.0, n, n, simplex))
 
 
