@@ -240,6 +240,34 @@ def test_the_picture_names_every_point(tmp_path: Path, price: Price, suffix: str
         assert "<!-- MuJoCo hull" in text
 
 
+def test_labels_of_points_at_one_place_do_not_cover_each_other() -> None:
+    pytest.importorskip("matplotlib")
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+    from matplotlib.text import Annotation, Text
+
+    from obb_collision.benchmarks.price.plot import _draw_effects
+
+    measured = {
+        "obb": (1.3e3, 0.109), "hull": (3.2e3, 0.012), "mesh": (294e3, 0.0),
+        "coal hull": (4.7e3, 0.0076), "coal mesh": (421e3, 0.0), "MuJoCo hull": (4.4e3, 0.0076),
+        "python-fcl hull": (6.5e3, 0.02), "python-fcl mesh": (395e3, 0.0),
+    }  # fmt: skip
+    names = list(measured)
+    rows = [EffectRow("clearance", name, " " in name, 9, *measured[name]) for name in names]
+    figure = Figure(figsize=(8.4, 5.2), dpi=100)
+    figure.subplots_adjust(left=0.085, right=0.965, bottom=0.115, top=0.845, wspace=0.28)
+    panels = figure.subplots(1, 3)
+    _draw_effects(figure, panels, rows)
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    texts = [child for child in panels[0].get_children() if isinstance(child, Annotation)]
+    boxes = [Text.get_window_extent(text, canvas.get_renderer()) for text in texts]
+    assert set(names) <= {text.get_text() for text in texts}
+    for k, box in enumerate(boxes):
+        assert not box.count_overlaps(boxes[:k]), texts[k].get_text()
+
+
 @pytest.mark.parametrize(
     "wrong",
     [["--seconds", "0"], ["--bodies", "0"], ["--plot", "picture.pdf"], ["--seed", "-1"]],

@@ -51,11 +51,12 @@ PLACES: list[Place] = [
     (-9, 0, "right", "center"), (-6, 6, "right", "bottom"),
     *((x, y, "left", "center") for y in range(20, 120, 14) for x in (12, 0, 24, -12)),
     *((-12, y, "right", "center") for y in range(20, 120, 14)),
+    *((x, -20, way, "center") for x, way in ((12, "left"), (-12, "right"))),
 ]  # fmt: skip
 #: A label whose offset is larger than this gets a line to its point, points of 1/72 inch.
 NEAR = 15.0
 #: Margin around a point and a piece of line without labels, pixels at 100 dots per inch.
-POINT_ROOM = 4.0
+POINT_ROOM = 6.0
 #: How many times longer than the longest time the panels reach, for labels.
 ROOM, ROOM_BELOW = 5.0, 300.0
 #: How far labels may extend beyond the axes to the right and above.
@@ -193,7 +194,10 @@ def _time(nanoseconds: float) -> str:
 
 
 def _label(figure: Any, axes: Any, rows: Sequence[Spot], lines: list[Floats]) -> None:
-    """Write each name at the first of PLACES where it covers nothing: ours first, then peers."""
+    """Write each name at the first of PLACES where it covers nothing: ours first, then peers.
+
+    If there is none, rather over lines than over labels.
+    """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.text import Text
     from matplotlib.transforms import Bbox
@@ -208,27 +212,30 @@ def _label(figure: Any, axes: Any, rows: Sequence[Spot], lines: list[Floats]) ->
     inside = Bbox([(x, y), (right + MARGIN, top + MARGIN)])
     labels: list[Bbox] = []
     for row in sorted(rows, key=lambda row: (row.peer, row.pair_ns)):
+        point = to_pixels(_spot(row))
+        faults: list[tuple[Any, ...]] = []
         for place in PLACES:
             text = _write(axes, row, place)
             text.update_positions(renderer)
             box = Text.get_window_extent(text, renderer)
-            within = inside.contains(*box.min) and inside.contains(*box.max)
-            way = np.linspace(
-                to_pixels(_spot(row)), np.clip(to_pixels(_spot(row)), box.min, box.max)
-            )
-            crossed = any(label.contains(*point) for label in labels for point in way)
-            if within and not crossed and not box.count_overlaps(taken + labels):
-                break
             text.remove()
-        else:
-            text = _write(axes, row, PLACES[0])
+            way = np.linspace(point, np.clip(point, box.min, box.max))
+            crossed = any(label.contains(*step) for label in labels for step in way)
+            outside = not (inside.contains(*box.min) and inside.contains(*box.max))
+            hidden = box.count_overlaps(labels)
+            faults.append((hidden, outside, crossed, box.count_overlaps(taken), len(faults), box))
+            if faults[-1][:4] == (0, False, False, 0):
+                break
+        *_, best, box = min(faults, key=lambda fault: fault[:5])
+        _write(axes, row, PLACES[best])
         labels.append(box)
 
 
 def _write(axes: Any, row: Spot, place: Place) -> Any:
     x, y, ha, va = place
     color = PEERS[row.name.split()[0]][1] if row.peer else OURS
-    line = {"arrowstyle": "-", "color": color, "linewidth": 0.8, "shrinkB": 5}
+    end = {"left": 0.0, "center": 0.5, "right": 1.0}[ha], 0.5 - 0.5 * float(np.sign(y))
+    line = {"arrowstyle": "-", "color": color, "linewidth": 0.8, "shrinkB": 5, "relpos": end}
     return axes.annotate(
         row.name, _spot(row), (x, y), textcoords="offset points", ha=ha, va=va, color=color,
         fontsize=9.5, fontweight="normal" if row.peer else "bold",
