@@ -38,6 +38,7 @@ from obb_collision.node.messages.conversions import (
     duration_to_ros,
     stamp_to_ros,
 )
+from obb_collision.node.robots import trajectories
 
 CRATE = ("crate", 1)
 OK, ERROR = DiagnosticStatus.OK, DiagnosticStatus.ERROR
@@ -425,6 +426,14 @@ def shares(rig: TrajectoryRig) -> int:
     return -(-len(running.pieces.begins) // 500)
 
 
+@pytest.fixture
+def unhurried(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let a check take as long as a loaded machine needs."""
+    monkeypatch.setattr(trajectories, "LONGEST_CHECK", 1e9)
+    monkeypatch.setattr(trajectories, "DECISION_TIME", 10**18)
+
+
+@pytest.mark.usefixtures("unhurried")
 def test_one_with_many_pieces_is_decided_over_some_cycles() -> None:
     with TrajectoryRig() as rig:
         rig.set(trajectory_margin=1e-6)
@@ -434,6 +443,7 @@ def test_one_with_many_pieces_is_decided_over_some_cycles() -> None:
         assert rig.node.cycle.monitor.total - start >= shares(rig) - 1
 
 
+@pytest.mark.usefixtures("unhurried")
 def test_it_is_refused_where_its_last_share_collides() -> None:
     with TrajectoryRig((-0.97, 0.24, 0.5)) as rig:
         rig.set(trajectory_margin=1e-6)
@@ -451,8 +461,6 @@ def test_joints_that_turn_millions_of_times_do_not_block_the_node() -> None:
 
 
 def test_what_takes_long_to_check_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    from obb_collision.node.robots import trajectories
-
     monkeypatch.setattr(trajectories, "LONGEST_CHECK", 0.0)
     with TrajectoryRig() as rig:
         rig.set(trajectory_margin=1e-6)
@@ -462,8 +470,6 @@ def test_what_takes_long_to_check_is_refused(monkeypatch: pytest.MonkeyPatch) ->
 
 
 def test_what_happens_while_it_is_decided_counts(monkeypatch: pytest.MonkeyPatch) -> None:
-    from obb_collision.node.robots import trajectories
-
     monkeypatch.setattr(trajectories, "SHARE", 1)
     monkeypatch.setattr(trajectories, "DECISION_TIME", 10**12)
     with TrajectoryRig() as rig:

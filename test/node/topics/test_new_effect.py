@@ -125,7 +125,8 @@ def seen(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     with (package / "node" / "topics" / "topics.py").open("a") as table:
         table.write(ENTRY)
     tools = Path(__file__).parents[1]
-    path = os.pathsep.join(map(str, (folder, tools, tools.parent / "support")))
+    others = os.environ.get("PYTHONPATH", "").split(os.pathsep)  # what is needed may be there
+    path = os.pathsep.join(map(str, (folder, tools, tools.parent / "support", *others)))
     done = subprocess.run(
         [sys.executable, "-c", PROGRAM], cwd=folder, env={**os.environ, "PYTHONPATH": path},
         capture_output=True, text=True, timeout=300, check=False,
