@@ -21,7 +21,8 @@ nothing, it is inside if the ray crosses the surface an odd number of times.
 
 A crossing counts only if three orientations and the side of the point are certain; a ray that
 passes too near to an edge, or a point too near to the surface, gives no answer, and the next
-direction is tried. Triangles are found through the tree: every node that the ray may hit.
+direction is tried, at last those out of the box of the mesh: from beside a thin mesh some of these
+lead away from it. Triangles are found through the tree: every node that the ray may hit.
 """
 
 from __future__ import annotations
@@ -32,8 +33,9 @@ from obb_collision._jit import njit
 from obb_collision.geometry.trees.obb_tree import TreeArrays
 from obb_collision.numerics import exact
 from obb_collision.numerics.constants import ROUNDOFF
-from obb_collision.numerics.vec3 import cross, dot, max_abs, minus, sum_abs
+from obb_collision.numerics.vec3 import cross, dot, max_abs, minus, scaled, sum_abs
 from obb_collision.queries.meshes.triangle_signs import corner, determinant_bound
+from obb_collision.queries.primitives.segments import unit_scale
 from obb_collision.typing import Floats, Vector
 
 OUTSIDE, INSIDE, UNKNOWN = 0, 1, -1
@@ -66,13 +68,29 @@ def point_side(trees: TreeArrays, mesh: int, point: Vector, error: float, stack:
     root = trees.roots[mesh]
     if outside_box(trees.nodes, root, point, error):
         return OUTSIDE
-    for k in range(len(DIRECTIONS)):
-        ray = (DIRECTIONS[k, 0], DIRECTIONS[k, 1], DIRECTIONS[k, 2])
-        grazes, count = _count_crossings(trees, root, point, ray, error, stack)
+    unit, _ = unit_scale(trees.radii[mesh] + max_abs(point))
+    for k in range(len(DIRECTIONS) + 6):
+        ray = _direction(trees.nodes, root, k)
+        grazes, count = _count_crossings(trees, root, point, ray, error, unit, stack)
         if not grazes:
             inside = count != 0 if trees.winding[mesh] else count % 2 == 1
             return INSIDE if inside else OUTSIDE
     return UNKNOWN
+
+
+@njit
+def _direction(nodes: Floats, root: int, k: int) -> Vector:
+    """Return a direction in no special position, or behind these one out of the box of a mesh."""
+    n = k - len(DIRECTIONS)
+    if n < 0:
+        return DIRECTIONS[k, 0], DIRECTIONS[k, 1], DIRECTIONS[k, 2]
+    turn = 1.0 if n % 2 == 0 else -1.0
+    axis = n // 2
+    return (
+        turn * nodes[root, 3 + axis],
+        turn * nodes[root, 6 + axis],
+        turn * nodes[root, 9 + axis],
+    )
 
 
 @njit
@@ -89,9 +107,18 @@ def outside_box(nodes: Floats, n: int, p: Vector, error: float) -> bool:
 
 @njit
 def _count_crossings(
-    trees: TreeArrays, root: int, point: Vector, ray: Vector, error: float, stack: np.ndarray
+    trees: TreeArrays,
+    root: int,
+    point: Vector,
+    ray: Vector,
+    error: float,
+    unit: float,
+    stack: np.ndarray,
 ) -> tuple[bool, int]:
-    """Return whether the ray grazes an edge, and how often it leaves less how often it enters."""
+    """Return whether the ray grazes an edge, and how often it leaves less how often it enters.
+
+    unit: a power of two that scales the mesh to about 1, so that no product overflows.
+    """
     nodes, children, starts = trees.nodes, trees.children, trees.starts
     triangles, counted = trees.triangles, trees.counted
     crossings = 0
@@ -108,7 +135,7 @@ def _count_crossings(
             continue
         for n in range(starts[node, 0], starts[node, 1]):
             if counted[n]:
-                hit = _crosses(triangles, n, point, ray, error)
+                hit = _crosses(triangles, n, point, ray, error, unit)
                 if hit == GRAZES:
                     return True, 0
                 crossings += hit
@@ -157,10 +184,12 @@ def _stays_out(nodes: Floats, n: int, d: Vector, w: Vector, slack: float, latest
 
 
 @njit
-def _crosses(triangles: Floats, n: int, p: Vector, w: Vector, error: float) -> int:
+def _crosses(triangles: Floats, n: int, p: Vector, w: Vector, error: float, unit: float) -> int:
     """Return 1 or -1 if the ray certainly leaves or enters by a triangle, 0 if it misses it."""
-    a, b = minus(corner(triangles, n, 0), p), minus(corner(triangles, n, 3), p)
-    c = minus(corner(triangles, n, 6), p)
+    a = scaled(minus(corner(triangles, n, 0), p), unit)
+    b = scaled(minus(corner(triangles, n, 3), p), unit)
+    c = scaled(minus(corner(triangles, n, 6), p), unit)
+    error *= unit
     ab, bc, ca = _ray_sign(w, a, b, error), _ray_sign(w, b, c, error), _ray_sign(w, c, a, error)
     if min(ab, bc, ca) < 0 < max(ab, bc, ca):
         return 0

@@ -15,8 +15,9 @@
 """Whether a point is inside a placed mesh, or within a margin of it.
 
 What doubles cannot tell from the surface counts as inside, so no point of a body is ever reported
-as outside: points within 2^-42 of the reach of the mesh and the offset from its origin, and those
-of which every ray passes too near to an edge (``inside``). Of a surface these are all.
+as outside: points within 2^-41 of the reach of the mesh and the offset from its origin, and those
+of which every ray passes too near to an edge (``inside``), as some beside slivers do. Of a surface
+the first are all.
 """
 
 from __future__ import annotations

@@ -30,9 +30,13 @@ from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.trees.obb_tree import MeshTrees
 from obb_collision.queries.meshes.meshes import PlacedMeshes
 from obb_collision.queries.points.points import points_inside
+from obb_collision.typing import Floats
 
 SOLIDS = ["star1", "bumpy1", "torus2", "hollow1", "crumbs2", "hull1", "annulus0"]
-DOUBT = Fraction(1, 2**42)
+#: How near to the surface a point outside may count as inside, of size and offset,
+DOUBT = Fraction(1, 2**41)
+#: also where a face is as narrow as this, so that every ray may pass too near to an edge.
+NARROW, NARROW_DOUBT = 1e-6, Fraction(1, 10**9)
 
 
 def test_what_is_inside_of_solids() -> None:
@@ -132,6 +136,14 @@ def orientation(a: list[Fraction], b: list[Fraction], c: list[Fraction], p: list
     return (total > 0) - (total < 0)
 
 
+def least_height(triangles: Floats) -> float:
+    """Return how narrow the narrowest of triangles is, of their size; (k, 3, 3)."""
+    edges = (triangles - np.roll(triangles, 1, axis=1)) / np.abs(triangles).max()
+    areas = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
+    longest = np.linalg.norm(edges, axis=2).max(axis=1)
+    return float((areas / np.maximum(longest, 1e-300)).min())
+
+
 @pytest.mark.parametrize("make", FAMILIES, ids=lambda make: make.__name__.strip("_"))
 def test_tetrahedra_of_all_kinds_against_fractions(make: Maker, pairs: int) -> None:
     """Points on corners, edges and faces, inside, outside, and a rounding off all these."""
@@ -144,6 +156,7 @@ def test_tetrahedra_of_all_kinds_against_fractions(make: Maker, pairs: int) -> N
     for n in range(max(pairs // SHARE // len(weights), 12)):
         first, second = make(rng)
         corners = np.concatenate([first, second[:1]])[rng.permutation(4)]
+        doubt = NARROW_DOUBT if least_height(corners[faces]) < NARROW else DOUBT
         turn = Rotation.random(random_state=rng).as_matrix() if n % 2 else np.eye(3)
         center = rng.normal(size=3) * np.abs(corners).max() if n % 4 > 1 else np.zeros(3)
         margin = rng.choice([0.0, 0.01]) * np.abs(corners).max()
@@ -166,6 +179,23 @@ def test_tetrahedra_of_all_kinds_against_fractions(make: Maker, pairs: int) -> N
             if square <= Fraction(margin) ** 2:
                 assert inside
             elif inside:
-                assert square <= (Fraction(margin) + DOUBT * reach) ** 2
+                assert square <= (Fraction(margin) + doubt * reach) ** 2
         held_ones += sum(held)
     assert held_ones > 10
+
+
+@pytest.mark.parametrize("power", [-500, -300, 300, 500])
+def test_solids_of_any_size_hold_the_same_points(power: int) -> None:
+    """Products of three coordinates overflow from 1e103 on, and underflow below 1e-108."""
+    rng = np.random.default_rng(3)
+    vertices, faces = zoo()["hollow1"]
+    points = rng.uniform(-0.8, 0.8, (300, 3)) * np.abs(vertices).max()
+    ones = points_inside(_solid(vertices, faces), points, 0.0).counts
+    assert 10 < ones[0] < 290
+    unit = 2.0**power
+    assert (points_inside(_solid(vertices * unit, faces), points * unit, 0.0).counts == ones).all()
+
+
+def _solid(vertices: Floats, faces: np.ndarray) -> PlacedMeshes:
+    """Return a mesh at the origin."""
+    return PlacedMeshes(MeshTrees.build(vertices, faces), [0], np.zeros((1, 3)), np.eye(3)[None])
