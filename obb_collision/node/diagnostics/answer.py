@@ -198,7 +198,8 @@ def answer(
     # a stale object that is ignored takes part in nothing, wherever it is
     checked = placed & ~(stale & objects.placement.ignore_stale)
     late = checked & table.frame_refused
-    refused = checked & table.refused & ~(late | aside)
+    unused = table.pose_refused | table.shape_refused
+    refused = checked & unused & ~(late | aside) if unused.any() else unused
     building = checked & objects.shapes.overdue & ~aside
     known = Answer(
         pairs=0 if report is None else report.total,

@@ -189,6 +189,8 @@ class ObjectShapes:
     def overdue(self) -> Mask:
         """(rows,) objects that have had a shape, and whose newer one has been built for long."""
         table = self.table
+        if not table.shape_pending.any():  # typical
+            return table.shape_pending
         waiting = table.visible & table.shape_pending
         return waiting & (self._clock() - table.shape_asked > PATIENCE)
 
