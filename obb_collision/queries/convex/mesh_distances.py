@@ -134,7 +134,7 @@ def mesh_apart(
     trees: TreeArrays, mesh: int, core: Core, pose: Pose, limit: float, room: Room
 ) -> Near:
     """Return how far a mesh and a core are apart, but for rounding; infinite past a limit."""
-    found = _nearest_triangle(trees, mesh, core, pose, limit, room)
+    found = nearest_triangle(trees, mesh, core, pose, limit, room)
     if not (found.lower > 0.0 and trees.solid[mesh]):
         return found
     if point_side(trees, mesh, pose.offset, pose.point_bound, room.stack) == OUTSIDE:
@@ -143,13 +143,13 @@ def mesh_apart(
 
 
 @njit
-def _nearest_triangle(
+def nearest_triangle(
     trees: TreeArrays, mesh: int, core: Core, pose: Pose, limit: float, room: Room
 ) -> Near:
     """Return how far the surface of a mesh and a core are apart."""
     nodes, children, starts = trees.nodes, trees.children, trees.starts
     stack, bounds, unit = room.stack, room.bounds, unit_scale(pose.size)[0]
-    box = NodeBox(pose.offset, pose.axes, (core.size[0], core.size[1], core.size[2] + core.half))
+    box = box_of(core, pose)
     best, slack = Near(limit, np.inf, NOWHERE, NOWHERE, NOWHERE), SLACK * pose.size
     lower, enough = limit, limit
     stack[0, 0], waiting = trees.roots[mesh], 1
@@ -185,13 +185,25 @@ def _triangle_apart(
     trees: TreeArrays, k: int, core: Core, pose: Pose, start: Vector, enough: float, room: Floats
 ) -> Near:
     """Return how far triangle k and a core are apart; beyond ``enough`` only that they are."""
+    triangle = triangle_core(trees, k, room)
+    found = search(triangle, core, pose, start, enough)
+    if found.gap > enough:
+        return Near(found.gap, np.inf, found.normal, NOWHERE, NOWHERE)
+    return Near(found.gap, found.distance, found.normal, found.p, found.q)
+
+
+@njit
+def box_of(core: Core, pose: Pose) -> NodeBox:
+    """Return the box of a core that has no corners, seen from the mesh."""
+    return NodeBox(pose.offset, pose.axes, (core.size[0], core.size[1], core.size[2] + core.half))
+
+
+@njit
+def triangle_core(trees: TreeArrays, k: int, room: Floats) -> Core:
+    """Return triangle k as a core, whose corners are written to (1, 3, LANES)."""
     for lane in range(LANES):
         corner = 3 * min(lane, 2)
         for axis in range(3):
             room[0, axis, lane] = trees.triangles[k, corner + axis]
     kind: int = np.int8(CORNERS)  # type: ignore[assignment]
-    triangle = Core(kind, NOWHERE, 0.0, room, 0, 1, 0.0, 0.0)
-    found = search(triangle, core, pose, start, enough)
-    if found.gap > enough:
-        return Near(found.gap, np.inf, found.normal, NOWHERE, NOWHERE)
-    return Near(found.gap, found.distance, found.normal, found.p, found.q)
+    return Core(kind, NOWHERE, 0.0, room, 0, 1, 0.0, 0.0)

@@ -21,12 +21,13 @@ import numpy as np
 from obb_collision.accuracy import Accuracy
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.queries.contacts.contacts import Contacts
+from obb_collision.queries.mesh_contacts.body_depths import within_bodies
 from obb_collision.queries.mesh_contacts.mesh_patches import NO_AXIS, patches_of
 from obb_collision.queries.mesh_contacts.mesh_separations import within
 from obb_collision.queries.verdict.separations import Separations
 from obb_collision.scene.broad_phase.broad_phase import Pairs
 from obb_collision.scene.effects.base import Setting, take_rows
-from obb_collision.scene.refinement.placed_shapes import PlacedShapes, Sides
+from obb_collision.scene.refinement.placed_shapes import PlacedShapes, RoundSides, Sides
 from obb_collision.typing import Floats
 
 
@@ -45,17 +46,19 @@ def triangle_separations(
 ) -> Separations:
     """Return the separations of pairs on MESH, with a mesh on at least one side.
 
-    Minus a depth that certainly parts them. Spheres and capsules are exact; cylinders, cones and
-    ellipsoids are meshes around them, or exact against the hull if that is shorter.
+    Minus a depth that certainly parts them, of round shapes, too: no push along the normal is
+    shorter. Directions to push cylinders, cones and ellipsoids are those of meshes around them.
     """
     if shapes.depths is not None and np.array_equal(shapes.depths[0], pairs):
         return take_rows(shapes.depths[1], np.arange(len(pairs)))
     table = hull_separations(boxes, shapes, pairs, setting)
     for some in shapes.sides(boxes, pairs):
         found = within(_seen_from(table, some), some.a, some.radii_a, some.b, some.radii_b)
-        rows = some.rows
-        table.separations[rows], table.positions[rows] = found.separations, found.positions
-        table.normals[rows] = _sign(some) * found.normals
+        _write(table, some, found)
+    _, curved = shapes.round_sides(boxes, pairs)
+    if curved is not None:
+        seen = _seen_from(table, curved)
+        _write(table, curved, within_bodies(seen, curved.meshes, curved.radii, curved.bodies))
     table.separations[:] = shapes.parted(table.separations, pairs, Accuracy.MESH)
     shapes.depths = pairs, take_rows(table, np.arange(len(pairs)))
     return table
@@ -64,7 +67,11 @@ def triangle_separations(
 def triangle_contacts(
     boxes: Boxes, shapes: PlacedShapes, pairs: Pairs, setting: Setting
 ) -> Contacts:
-    """Return the contacts of pairs on MESH, with a mesh on at least one side."""
+    """Return the contacts of pairs on MESH, with a mesh on at least one side.
+
+    Where there are several points, those of cylinders, cones and ellipsoids are on meshes around
+    them.
+    """
     max_points = int(setting.values["max_points"])
     table = triangle_separations(boxes, shapes, pairs, setting)
     result = Contacts.blank(pairs.copy(), max_points)  # pairs are the key of what is kept
@@ -78,11 +85,17 @@ def triangle_contacts(
     return result
 
 
-def _sign(some: Sides) -> Floats:
+def _write(table: Separations, some: Sides | RoundSides, found: Separations) -> None:
+    """Write the rows of a table that some sides have."""
+    table.separations[some.rows], table.positions[some.rows] = found.separations, found.positions
+    table.normals[some.rows] = _sign(some) * found.normals
+
+
+def _sign(some: Sides | RoundSides) -> Floats:
     return np.where(some.turned, -1.0, 1.0)[:, None]
 
 
-def _seen_from(table: Separations, some: Sides) -> Separations:
+def _seen_from(table: Separations, some: Sides | RoundSides) -> Separations:
     """Return the rows of a table that some sides have, by their own rows and from their a to b."""
     each = np.repeat(np.arange(len(some.rows)), 2).reshape(-1, 2)
     normals = _sign(some) * table.normals[some.rows]

@@ -23,7 +23,7 @@ from scipy.spatial.transform import Rotation
 
 import obb_collision as oc
 from obb_collision.accuracy import Accuracy
-from obb_collision.shapes import Box, Capsule, Cone, Hull, Mesh, Shape, Sphere
+from obb_collision.shapes import Box, Capsule, Cone, Cylinder, Hull, Mesh, Shape, Sphere
 
 EFFECTS = ("separations", "contacts", "clearance")
 NAMES = ["star1", "bumpy1", "torus1", "open_sphere1", "sheet1", "crumbs0"]
@@ -116,6 +116,43 @@ def test_round_shapes_are_exact_and_either_may_be_the_first() -> None:
         np.testing.assert_allclose(
             contacts.positions[0, 0], [0.01, 0.02, half[2] - 0.025], atol=1e-8
         )
+
+
+def corner_of_walls() -> Mesh:
+    """Return a floor and a wall, two boxes: their hull is a wedge."""
+    vertices, faces = zoo()["box0"]
+    unit = vertices / np.abs(vertices).max(axis=0)
+    floor, wall = unit * [1.0, 1.0, 0.1], unit * [0.1, 1.0, 1.0] + [-1.0, 0.0, 1.0]
+    return Mesh(np.concatenate([floor, wall]), np.concatenate([faces, faces + len(unit)]))
+
+
+@pytest.mark.parametrize("padding", [0.0, 0.03])
+@pytest.mark.parametrize("order", [1, -1])
+@pytest.mark.parametrize("gap", [-0.02, 0.02])
+def test_a_cylinder_on_the_floor_beside_a_wall_is_exact(
+    padding: float, order: int, gap: float
+) -> None:
+    """However it is turned about its axis; a mesh around it would be up to a few percent deeper."""
+    for angle in (0.0, 0.1, 0.123, 1.0):
+        lying = Rotation.from_euler("zx", [angle, 0.5 * np.pi]).as_quat()
+        height = 0.1 + 0.3 + 2.0 * padding + gap
+        things: list[tuple[str, Shape, list[float]]] = [
+            ("can", Cylinder(0.3, 0.8), [0, 0, height, *lying]),
+            ("corner", corner_of_walls(), [0, 0, 0, 0, 0, 0, 1]),
+        ]
+        scene = oc.Scene(accuracy="mesh" if gap < 0.0 else "obb", padding=padding)
+        scene.set_effect("clearance", accuracy="mesh")
+        scene.set_effect("separations", accuracy="mesh")
+        for name, shape, pose in things[::order]:
+            scene.add(name, shape, pose)
+        report = scene.check(EFFECTS)
+        assert -1e-8 <= gap - report.separations[0] <= 1e-8
+        np.testing.assert_allclose(report.normals[0], [0, 0, -order], atol=1e-6)
+        if gap > 0.0:
+            assert report.separations[0] == report.clearances.distances[0]
+        else:
+            assert report.contacts.depths[0] == report.depths[0] >= -gap
+            assert report.contacts.positions[0, 0, 2] == pytest.approx(0.1, abs=0.05 + padding)
 
 
 def test_effects_of_pairs_that_stay_are_those_of_a_new_scene() -> None:

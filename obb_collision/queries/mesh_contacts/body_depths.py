@@ -1,0 +1,233 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""How deep a mesh and a convex body with a formula, such as a cylinder, overlap.
+
+As in ``push``, but for the body itself: what is given is the depth of anything around it, such as a
+mesh, whose push is shortened until the very body is just free; then, as long as it gets better, the
+body is pushed along the direction across which they touch at the end. The way out of a triangle is
+found from beyond it: a plane between the two says how far the body may go back for certain. Radii
+count as contact does, as what is within a radius of something convex is convex.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from obb_collision._jit import njit
+from obb_collision._threads import run
+from obb_collision.geometry.trees.obb_tree import TreeArrays
+from obb_collision.numerics.constants import MESH_UNDERFLOW
+from obb_collision.numerics.lanes import LANES
+from obb_collision.numerics.vec3 import combined, dot, minus, plus, scaled, vector_at
+from obb_collision.queries.convex.distance import CLOSE, gap_along, search
+from obb_collision.queries.convex.distances import turned_back
+from obb_collision.queries.convex.mesh_distances import (
+    NOWHERE,
+    Room,
+    box_of,
+    mesh_body_distances,
+    nearest_triangle,
+    triangle_core,
+)
+from obb_collision.queries.convex.support import (
+    Bodies,
+    ConvexBodies,
+    Core,
+    body_place,
+    core_at,
+)
+from obb_collision.queries.mesh_contacts.depths import BETTER, CHANGES, SAME
+from obb_collision.queries.mesh_contacts.push import CERTAIN, MARGIN, PLACES, Push
+from obb_collision.queries.meshes.inside import OUTSIDE, point_side
+from obb_collision.queries.meshes.meshes import PlacedMeshes
+from obb_collision.queries.meshes.tree_boxes import Pose, moved, relative_pose
+from obb_collision.queries.meshes.tree_descent import STACK, body_at
+from obb_collision.queries.meshes.tree_descent import Bodies as MeshBodies
+from obb_collision.queries.meshes.tree_distance import boxes_apart
+from obb_collision.queries.primitives.segments import unit_scale
+from obb_collision.queries.verdict.separations import Separations
+from obb_collision.typing import Floats, Vector
+
+#: Pairs below which a second thread does not pay: 1 ms.
+FEWEST_PAIRS = 4
+#: Steps back to a triangle at most; most take 2 to 6.
+STEPS_BACK = 40
+
+
+class Pair(NamedTuple):
+    """A mesh, and a core seen from it."""
+
+    mesh: int
+    core: Core
+    pose: Pose
+    radii: float  #: of both
+
+
+def within_bodies(
+    outer: Separations, meshes: PlacedMeshes, radii: Floats, bodies: ConvexBodies
+) -> Separations:
+    """Return the separations of meshes, with radii (m,), and bodies in the same rows (m,).
+
+    outer: those of anything that contains them. Its arrays are written to.
+    """
+    rows = np.arange(len(radii))
+    values, normals, positions = outer.separations, outer.normals, outer.positions
+    near, _ = mesh_body_distances(meshes, radii, bodies, rows, rows)
+    apart = near.upper > 0.0
+    farther = apart & ~(values > near.lower)
+    values[farther], normals[farther] = near.lower[farther], near.normals[farther]
+    positions[farther] = 0.5 * (near.positions_a + near.positions_b)[farther]
+    deep = np.flatnonzero(~apart & (values < 0.0))
+    depths, n, middles = -values[deep], normals[deep], positions[deep]
+    run(
+        *(_kernel, len(deep), FEWEST_PAIRS, meshes.arrays, radii, bodies.arrays, deep),
+        *(depths, n, middles),
+    )
+    values[deep], normals[deep], positions[deep] = -depths, n, middles
+    return outer
+
+
+@njit
+def _kernel(
+    a: MeshBodies, radii: Floats, b: Bodies, rows: np.ndarray, depths: Floats, normals: Floats,
+    positions: Floats, start: int, stop: int,
+) -> None:  # fmt: skip
+    """Replace depths (k,), normals and positions (k, 3) of rows (k,) where a push is shorter."""
+    room = Room(np.empty((STACK, 2), np.int64), np.empty(STACK), np.empty((1, 3, LANES)))
+    for k in range(start, stop):
+        row = rows[k]
+        mesh, core, place = body_at(a, row), core_at(b, row), body_place(b, row)
+        reach = 2.0 * (a.trees.radii[mesh.mesh] + radii[row]) + core.reach + depths[k]
+        pair = Pair(
+            *(mesh.mesh, core, relative_pose(mesh.place, place, reach)), radii[row] + core.radius
+        )
+        n = turned_back(mesh.place, vector_at(normals, k))
+        best, n = _shortened(a.trees, pair, n, depths[k], room)
+        if not best.length < depths[k]:
+            continue
+        p = plus(best.p, scaled(best.across, radii[row]))
+        q = minus(best.q, scaled(best.across, core.radius))
+        middle = plus(combined(mesh.place.axes, scaled(plus(p, q), 0.5)), mesh.place.center)
+        n = combined(mesh.place.axes, n)
+        depths[k] = best.length
+        for c in range(3):
+            normals[k, c], positions[k, c] = n[c], middle[c]
+
+
+@njit
+def _shortened(
+    trees: TreeArrays, pair: Pair, n: Vector, most: float, room: Room
+) -> tuple[Push, Vector]:
+    """Return the shortest push found below ``most``, and its direction; the first is n."""
+    best, way, length = Push(np.inf, n, n, n), n, most
+    for k in range(1 + CHANGES):
+        push = push_body_out(trees, pair, way, length, room)
+        if not push.length < length:
+            break
+        small = k > 0 and push.length > (1.0 - BETTER) * length
+        best, n, length, way = push, way, push.length, push.across
+        if small or dot(way, n) > SAME:
+            break
+    return best, n
+
+
+@njit
+def push_body_out(trees: TreeArrays, pair: Pair, n: Vector, most: float, room: Room) -> Push:
+    """Return the shortest push of a body along n, unit, after which it is certainly free.
+
+    Given up past ``most``. A body within a solid goes as far as the surface, and then by half of
+    what is thinnest of it: in both places it has points in common, so it cannot have passed the
+    surface. Needles take longer steps there, and may.
+    """
+    size, needed = pair.pose.size, pair.radii + CERTAIN * pair.pose.size
+    margin = MARGIN * size + MESH_UNDERFLOW
+    x, y, z = pair.core.size
+    thinnest, length = min(x, y, z + pair.core.half), 0.0
+    for _ in range(PLACES):
+        if not length <= most:
+            break
+        here = _pushed(pair.pose, n, length)
+        near = nearest_triangle(trees, pair.mesh, pair.core, here, np.inf, room)
+        if not near.lower > needed:
+            way = _farthest_way_out(trees, pair, here, n, needed, room)
+            length += max(way, 0.0) + margin
+        elif trees.solid[pair.mesh] and _is_inside(trees, pair.mesh, here, room):
+            length += near.lower + max(0.5 * thinnest, 0.25 * near.lower)
+        else:
+            q = minus(moved(here, near.q), scaled(n, length))
+            return Push(length, near.p, q, near.normal)
+    return Push(np.inf, NOWHERE, NOWHERE, n)
+
+
+@njit
+def _pushed(pose: Pose, n: Vector, length: float) -> Pose:
+    offset = plus(pose.offset, scaled(n, length))
+    return Pose(pose.axes, offset, pose.size, pose.gap_bound, pose.point_bound)
+
+
+@njit
+def _is_inside(trees: TreeArrays, mesh: int, pose: Pose, room: Room) -> bool:
+    return point_side(trees, mesh, pose.offset, pose.point_bound, room.stack) != OUTSIDE
+
+
+@njit
+def _farthest_way_out(
+    trees: TreeArrays, pair: Pair, pose: Pose, n: Vector, needed: float, room: Room
+) -> float:
+    """Return the longest way out of the triangles that are too near to a core, metres."""
+    stack, unit = room.stack, unit_scale(pose.size)[0]
+    box, best = box_of(pair.core, pose), -np.inf
+    near = unit * (needed + CLOSE * pose.size)
+    stack[0, 0], waiting = trees.roots[pair.mesh], 1
+    while waiting > 0:
+        waiting -= 1
+        node = stack[waiting, 0]
+        if boxes_apart(trees.nodes, node, box, unit) > near:
+            continue
+        child = trees.children[node]
+        if child >= 0:
+            stack[waiting, 0], stack[waiting + 1, 0] = child, child + 1
+            waiting += 2
+            continue
+        for k in range(trees.starts[node, 0], trees.starts[node, 1]):
+            triangle = triangle_core(trees, k, room.corners)
+            best = _way_out(triangle, pair.core, pose, n, needed, best)
+    return best
+
+
+@njit
+def _way_out(
+    triangle: Core, core: Core, pose: Pose, n: Vector, needed: float, best: float
+) -> float:
+    """Return how far a core must go along n to be farther from a triangle, if that is more.
+
+    Than what is best: else that.
+    """
+    length = needed - gap_along(triangle, core, pose, n).value  # from there on n parts them
+    if not length > best or search(triangle, core, pose, NOWHERE, needed).gap > needed:
+        return best
+    across = n
+    for _ in range(STEPS_BACK):
+        found = search(triangle, core, _pushed(pose, n, length), across, np.inf)
+        across = found.normal
+        gap, speed = found.gap - needed, dot(n, across)
+        if not (gap > CLOSE * pose.size and speed > 0.0):
+            break
+        length -= gap / speed
+        if not length > best:
+            return best
+    return length
