@@ -25,7 +25,9 @@ of the body, as a corner of another mesh would be. So are all corners seen from 
 vector; edges are not. Determinants round as in ``triangle_signs``. The time det(a, u, v) /
 det(w, u, v), u and v edges, is off by their errors over the denominator; where that is not
 certainly away from zero, as for a ray within the plane, the corners bound it: the ray is in none
-before the first.
+before the first. Triangles of which an edge is too near are missed where the ray passes beyond a
+corner: with R the reach of the corners from the ray's start, they less their parts along it are off
+by the error of a point and 24 u R, for which ``SLAB_SLACK`` is 32 u, three times.
 """
 
 from __future__ import annotations
@@ -54,7 +56,11 @@ from obb_collision.queries.meshes.inside import OUTSIDE, SLAB_SLACK, entry, poin
 from obb_collision.queries.meshes.tree_boxes import POINT_BOUND
 from obb_collision.queries.meshes.tree_descent import STACK as TREE_STACK
 from obb_collision.queries.meshes.tree_descent import Bodies, Body, body_at
-from obb_collision.queries.meshes.triangle_signs import DETERMINANT_ROUNDING, triangle_at
+from obb_collision.queries.meshes.triangle_signs import (
+    DETERMINANT_ROUNDING,
+    Triangle,
+    triangle_at,
+)
 from obb_collision.queries.primitives.segments import unit_scale
 from obb_collision.queries.rays.bounds_tree import COUNT, STACK, START
 from obb_collision.queries.rays.kernels import BoundsTree, Ray, next_leaf, start_walk
@@ -218,7 +224,28 @@ def triangle_time(triangles: Floats, n: int, ray: Local) -> float:
         low, high = max(low, time - off), min(high, time + off)
     if low > high or high < 0.0:
         return np.inf
+    if (ab == 0 or bc == 0 or ca == 0) and _beyond_a_corner((a, b, c), w, slack):
+        return np.inf
     return max(low, 0.0) / unit
+
+
+@njit
+def _beyond_a_corner(triangle: Triangle, w: Vector, slack: float) -> bool:
+    """Return whether a ray from zero along w certainly passes beyond a corner, seen along the ray.
+
+    The sides of its edges say nothing of where the line of a triangle without area ends. Beyond
+    its end all corners are on one side of the plane across the way to the nearest one. slack: by
+    how much a component of a corner, less its part along w, may be off.
+    """
+    a, b, c = triangle
+    a = minus(a, scaled(w, dot(a, w)))
+    b = minus(b, scaled(w, dot(b, w)))
+    c = minus(c, scaled(w, dot(c, w)))
+    for v in (a, b, c):
+        least = min(dot(v, a), dot(v, b), dot(v, c))
+        if least > 2.0 * slack * sum_abs(v) + PRODUCT_UNDERFLOW:
+            return True
+    return False
 
 
 @njit

@@ -192,3 +192,21 @@ def test_nothing_to_hit() -> None:
     assert found.boxes.tolist() == [-1]
     one = PlacedMeshes(tree, [0], np.zeros((1, 3)), np.eye(3)[None])
     assert len(cast_rays(one, np.empty((0, 3)), np.empty((0, 3))).boxes) == 0
+
+
+@pytest.mark.parametrize(
+    ("end", "beside"),
+    [([-2.0, 1.0, -1.0], [2.0, -1.0, 1.0]), ([0.0, 0.0, 1.0], [1.0, 0.0, 0.0])],
+    ids=["across", "along"],
+)
+@pytest.mark.parametrize("offset", [0.0, 1e6])
+def test_a_triangle_without_area_is_not_hit_beside_its_ends(
+    end: list[float], beside: list[float], offset: float
+) -> None:
+    """Its sides say how far its line is, not where it ends; boxes of distant ones are wide."""
+    start = offset * np.array([-0.6, 0.8, -0.7])
+    corners = start + np.array([[0.0, 0.0, 0.0], end, [0.0, 0.0, 0.0]])
+    body = PlacedMeshes(MeshTrees.build(corners, TRIANGLE), [0], np.zeros((1, 3)), np.eye(3)[None])
+    origins = start + np.array([beside, [0.0, 0.0, 0.0]]) - [0.0, 0.0, 3.0 * offset + 3.0]
+    found = cast_rays(body, origins, [[0.0, 0.0, 1.0]] * 2)
+    assert found.hits.tolist() == [False, True]
