@@ -45,8 +45,11 @@ from obb_collision.typing import Floats, Vector
 
 #: Points that stand for the rim of an end of a cylinder, or of the base of a cone.
 RIM = 16
-#: Corners of a feature at most; of more, as many are taken.
+#: Points of a feature at most. Of more the polygon is made as they come, and the next ones join its
+#: corners, or every second corner if they are more than half as many.
 MOST_POINTS = 128
+#: Distances over which points are sorted by insertion, one after another (Ciura 2001).
+GAPS = (57, 23, 10, 4, 1)
 #: Corners that are this little lower than the foremost one belong to the feature, relative to S:
 #: as in contacts of boxes.
 FEATURE_DEPTH = 2.0**-31
@@ -97,10 +100,8 @@ def overlay(a: Core, b: Core, pose: Pose, frame: Frame, depth: float, flat: Flat
     still = Pose(
         ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)), (0.0, 0.0, 0.0), 0.0, 0.0, 0.0
     )
-    first = _feature(a, still, frame, below, 1.0, flat.a)
-    second = _feature(b, pose, frame, below, -1.0, flat.b)
-    first = _polygon(flat.a, first, flat.spare)
-    second = _polygon(flat.b, second, flat.spare)
+    first = _feature(a, still, frame, below, 1.0, flat.a, flat.spare)
+    second = _feature(b, pose, frame, below, -1.0, flat.b, flat.spare)
     if second < 3 <= first:
         for k in range(max(first, second)):
             here, there = vector_at(flat.a, k), vector_at(flat.b, k)
@@ -115,10 +116,12 @@ def overlay(a: Core, b: Core, pose: Pose, frame: Frame, depth: float, flat: Flat
 
 
 @njit
-def _feature(core: Core, pose: Pose, frame: Frame, below: float, way: float, out: Floats) -> int:
-    """Write the points of a core near its end along the normal, times ``way``; return their number.
+def _feature(
+    core: Core, pose: Pose, frame: Frame, below: float, way: float, out: Floats, spare: Floats
+) -> int:
+    """Write the polygon about the points of a core near its end along the normal, times ``way``.
 
-    pose: of the core in the frame of a.
+    Returns its corners. pose: of the core in the frame of a.
     """
     n = scaled(frame.n, way)
     turned = components(pose.axes, n)
@@ -127,14 +130,27 @@ def _feature(core: Core, pose: Pose, frame: Frame, below: float, way: float, out
     for k in range(_candidates(core)):
         p = moved(pose, _candidate(core, turned, k))
         drop = top - dot(n, p)
-        if drop <= below and count < MOST_POINTS:
-            out[count, 0], out[count, 1] = dot(frame.x, p), dot(frame.y, p)
-            out[count, 2] = max(drop, 0.0)
-            count += 1
+        if drop > below:
+            continue
+        if count == MOST_POINTS:
+            count = _polygon(out, count, spare)
+            if count > MOST_POINTS // 2:
+                count = _thinned(out, count)
+        out[count, 0], out[count, 1] = dot(frame.x, p), dot(frame.y, p)
+        out[count, 2] = max(drop, 0.0)
+        count += 1
     if count == 0:
         out[0, 0], out[0, 1], out[0, 2] = dot(frame.x, foremost), dot(frame.y, foremost), 0.0
         count = 1
-    return count
+    return _polygon(out, count, spare)
+
+
+@njit
+def _thinned(points: Floats, count: int) -> int:
+    """Keep every second corner of a polygon; return how many."""
+    for k in range(count // 2):
+        _put(points, k, vector_at(points, 2 * k))
+    return count // 2
 
 
 @njit
@@ -178,12 +194,13 @@ def _candidate(core: Core, n: Vector, k: int) -> Vector:
 @njit
 def _polygon(points: Floats, count: int, spare: Floats) -> int:
     """Make points (count, 3) the polygon about them, counterclockwise (Andrew 1979)."""
-    for i in range(1, count):  # few: sorted by insertion
-        k = i
-        while k > 0 and _is_before(points, k, k - 1):
-            for c in range(FLAT_POINT):
-                points[k, c], points[k - 1, c] = points[k - 1, c], points[k, c]
-            k -= 1
+    for gap in GAPS:
+        for i in range(gap, count):
+            k = i
+            while k >= gap and _is_before(points, k, k - gap):
+                for c in range(FLAT_POINT):
+                    points[k, c], points[k - gap, c] = points[k - gap, c], points[k, c]
+                k -= gap
     size = 0
     for turn in range(2):
         start = size

@@ -22,6 +22,7 @@ import pytest
 from convex_bodies import Pair, corners_of, family, moved, pair_of
 from scipy.spatial import ConvexHull
 
+import obb_collision as oc
 from obb_collision.queries.convex.contacts import convex_contacts
 from obb_collision.queries.convex.distances import convex_distances, convex_may_collide
 from obb_collision.queries.convex.support import CORNERS, ConvexBodies
@@ -188,3 +189,24 @@ def test_the_depth_of_a_ball_in_a_box_is_that_to_the_nearest_face(thin: float, p
     truth = (half - np.abs(at)).min(axis=1) + ball.radii
     assert (-found.lower >= truth - 1e-13).all()
     np.testing.assert_allclose(-found.lower, truth, atol=1e-9)
+
+
+@pytest.mark.parametrize("corners", [300, 900, 3000])
+def test_contacts_of_a_deep_ball_of_many_corners_lie_all_around(corners: int) -> None:
+    """More corners belong to the feature than its polygon may have: all of them count."""
+    steps = np.arange(corners) + 0.5
+    height, turn = 1.0 - 2.0 * steps / corners, np.pi * (1.0 + 5.0**0.5) * steps
+    flat = np.sqrt(1.0 - height**2)
+    ball = np.stack([flat * np.cos(turn), flat * np.sin(turn), height], axis=1)
+    scene = oc.Scene(accuracy="hull")
+    scene.add("table", oc.shapes.Box([9.0, 9.0, 9.0]), [0.0, 0.0, -4.5, 0.0, 0.0, 0.0, 1.0])
+    scene.add("ball", oc.shapes.Hull(ball), [0.0, 0.0, 0.3, 0.0, 0.0, 0.0, 1.0])
+    found = scene.check(["contacts"]).contacts
+    assert found.depths[0] == pytest.approx(0.7, abs=0.01)
+    around = found.positions[0, : found.counts[0], :2]
+    assert len(around) == 4
+    # those taken are far from each other: the first, deepest one may be anywhere
+    angles = np.sort(np.arctan2(around[:, 1], around[:, 0]))
+    gaps = np.diff(np.concatenate([angles, angles[:1] + 2.0 * np.pi]))
+    assert gaps.max() < np.pi
+    assert np.linalg.norm(around, axis=1).max() > 0.9
