@@ -53,7 +53,7 @@ MAX_HULL_POINTS = 20_000
 #: Directions in which the farthest points are found are those of so fine a geodesic sphere: 162.
 EXTREMES = 2
 #: Points that are inside a hull by less than this share are kept.
-INSIDE = 2.0**-20
+WELL_INSIDE = 2.0**-20
 
 
 def hull_mesh(shape: Shape) -> tuple[Floats, Integers]:
@@ -112,7 +112,7 @@ def _outer_ones(points: Floats) -> Floats:
         offsets = np.einsum("ij,ij->i", normals, corners[:, 0] - middle)
         sound = offsets != 0.0
         ways = normals[sound] / offsets[sound, None]  # a point p is inside where ways.p is below 1
-        points = points[farthest_reach(ways, points - middle) > 1.0 - INSIDE]
+        points = points[farthest_reach(ways, points - middle) > 1.0 - WELL_INSIDE]
     if len(points) > MAX_HULL_POINTS:
         points = np.concatenate([extreme, points[:: -(-len(points) // MAX_HULL_POINTS)]])
     return points
