@@ -30,6 +30,14 @@ from obb_collision.node.inputs.boxes import Given, Message
 from obb_collision.node.inputs.subscriptions import Input
 from obb_collision.node.messages.cdr import Header, Reader
 from obb_collision.node.messages.conversions import stamp_from_ros
+from obb_collision.node.messages.detection_kernels import (
+    FLOATS,
+    FRAME,
+    ID,
+    INTEGERS,
+    SAME_FRAME,
+    scan_detections,
+)
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.messages.names import whole_from_text
 from obb_collision.node.objects.table import ID_OFFSET
@@ -47,18 +55,16 @@ INPUTS = {} if MessageType is None else {DETECTIONS.topic: Input(MessageType, 10
 """The topic, where there is the type of its messages."""
 SMALLEST = 100
 """Bytes of a detection, at least."""
-RESULT = 44
-"""Numbers of a result: a score, and a pose with its covariance."""
 
 
 class Detections(NamedTuple):
-    """Detections: ids as texts, poses (n, 7) and sizes (n, 3) of their boxes, their frames."""
+    """Detections: ids as texts, poses (n, 7) and sizes (n, 3) of their boxes; all their frames."""
 
     header: Header
     ids: list[str]
     poses: Floats
     sizes: Floats
-    frames: list[str]
+    frames: set[str]
 
 
 def detections_from_bytes(data: bytes, most: int) -> Detections:
@@ -70,15 +76,12 @@ def detections_from_bytes(data: bytes, most: int) -> Detections:
     header, count = reader.header(), reader.count(SMALLEST)
     if count > most:
         raise RefusedError("too many points", f"{count} detections, {most} is the limit")
-    ids, frames, boxes = [], [], np.empty((count, 10))
-    for row in range(count):
-        frames.append(reader.header().frame_id)
-        for _ in range(reader.count(8 * RESULT)):
-            reader.text()  # class
-            reader.doubles(1, RESULT)
-        boxes[row] = reader.doubles(1, 10)
-        ids.append(reader.text())
+    integers, bits = np.zeros((count, INTEGERS), np.int64), np.empty((count, FLOATS), np.uint64)
+    reader.walk(scan_detections, integers, bits)
     reader.end()
+    changes = integers[integers[:, SAME_FRAME] == 0]
+    frames = set(reader.texts_at(changes[:, FRAME : FRAME + 2]))
+    ids, boxes = reader.texts_at(integers[:, ID : ID + 2]), bits.view(np.float64)
     return Detections(header, ids, boxes[:, :7].copy(), boxes[:, 7:].copy(), frames)
 
 
@@ -86,7 +89,7 @@ def read_detections(data: bytes, most: int) -> Message:
     """Return the boxes of a message of ``detections``; RefusedError."""
     found = detections_from_bytes(data, most)
     frame, stamp = found.header.frame_id, stamp_from_ros(found.header.stamp)
-    others = {each for each in found.frames if each} - {frame}
+    others = found.frames - {frame, ""}
     if not frame and len(others) == 1:
         frame = others.pop()
     if others:

@@ -136,8 +136,8 @@ class Inputs:
         if len(names) != len(poses):  # then the pose of a name is ambiguous
             detail = f"{len(names)} joint_names, {len(poses)} transforms"
             monitor.refuse(now, LENGTHS_DIFFER, detail=detail)
-            known = [self._slot(name) for name in names]
-            self._objects.states.refuse(np.array([s for s in known if s >= 0], np.int64))
+            slots = self._slots(names)
+            self._objects.states.refuse(slots[slots >= 0])
             return
         twists = self._twists(message)
         self._take_named("object_states", names, poses, message.header, now, twists)
@@ -200,8 +200,13 @@ class Inputs:
         now: int,
         twists: Floats | None = None,
     ) -> None:
-        slots = np.array([self._slot(name) for name in names], np.int64)
+        slots = self._slots(names)
         self._store(topic, slots, poses, header, now, lambda row: _shown(names[row]), twists)
+
+    def _slots(self, names: list[str]) -> Slots:
+        """Slots of names (n,), -1 for an unknown one; each is looked up once."""
+        known = {name: self._slot(name) for name in set(names)}
+        return np.array([known[name] for name in names], np.int64)
 
     def _slot(self, name: str) -> int:
         """Slot of a name, -1 for an unknown one; ``5`` means ``/5``, an empty namespace."""

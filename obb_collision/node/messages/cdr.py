@@ -23,18 +23,19 @@ contradicts itself is refused whole. ``marker_scan`` does the same for markers.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from struct import Struct
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
+import numpy.typing as npt
 from geometry_msgs.msg import TransformStamped
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import MultiDOFJointState, PointCloud2
 
+from obb_collision.node.messages.cdr_kernels import ORIGIN, Bytes, texts
 from obb_collision.node.messages.errors import RefusedError
-from obb_collision.node.messages.marker_kernels import ORIGIN
 from obb_collision.node.messages.marker_writer import ENCAPSULATION
 from obb_collision.typing import Floats
 
@@ -226,7 +227,25 @@ class Reader:
 
     def texts(self) -> list[str]:
         """Return a list of texts."""
-        return [self.text() for _ in range(self.count(4))]
+        spans = np.empty((self.count(4), 2), np.int64)
+        self.walk(texts, spans)
+        return self.texts_at(spans)
+
+    def walk(self, kernel: Callable[..., tuple[int, int]], *rows: npt.NDArray[Any]) -> None:
+        """Read a list by a kernel that fills arrays, which have a row for each item.
+
+        It is given all bytes and where the list begins, and returns how many items are sound, and
+        where the last one ends.
+        """
+        content: Bytes = np.frombuffer(self._data, np.uint8)
+        sound, self._at = kernel(content, self._at, *rows)
+        if sound < len(rows[0]):
+            raise self._malformed(f"item {sound} of a list of {len(rows[0])}")
+
+    def texts_at(self, spans: npt.NDArray[np.int64]) -> list[str]:
+        """Return the texts that begin and end at some places (n, 2)."""
+        data = self._data
+        return [str(data[at:end], "utf-8", "replace") for at, end in spans.tolist()]
 
     def doubles(self, count: int, columns: int) -> Floats:
         """Return numbers (count, columns)."""

@@ -14,8 +14,7 @@
 
 """Kernels that walk the bytes of a MarkerArray and write where everything is, and their columns.
 
-Plain little-endian CDR (OMG DDS-RTPS, 10.5). Every length and count is checked against what is left
-of the message before it is used, in 64 bits, where none of them can wrap.
+They read nothing that ``cdr_kernels`` have not found to be there.
 """
 
 from __future__ import annotations
@@ -24,14 +23,17 @@ import numpy as np
 import numpy.typing as npt
 
 from obb_collision._jit import njit
-from obb_collision.node.messages.marker_writer import ENCAPSULATION
-
-ORIGIN = len(ENCAPSULATION)
-"""Numbers are aligned to their size, counted from here."""
-HALF = 1 << 31
-"""Of the numbers that four bytes can be."""
-
-Bytes = npt.NDArray[np.uint8]
+from obb_collision.node.messages.cdr_kernels import (
+    ORIGIN,
+    Bytes,
+    aligned,
+    doubles,
+    equal,
+    items,
+    signed,
+    text,
+    whole,
+)
 
 INTEGERS = (
     "id",
@@ -67,101 +69,38 @@ FLOATS = 10
 
 
 @njit
-def _whole(data: Bytes, at: int) -> int:
-    """Return the unsigned number of four bytes."""
-    low = np.int64(data[at]) | (np.int64(data[at + 1]) << 8)
-    high = np.int64(data[at + 2]) | (np.int64(data[at + 3]) << 8)
-    return int(low | (high << 16))
-
-
-@njit
-def _signed(data: Bytes, at: int) -> int:
-    number = _whole(data, at)
-    return number - 2 * HALF if number >= HALF else number
-
-
-@njit
-def _aligned(at: int, size: int) -> int:
-    """Return the next place that is a multiple of ``size``, a power of two."""
-    return at + ((ORIGIN - at) & (size - 1))
-
-
-@njit
-def _text(data: Bytes, at: int) -> tuple[int, int, int]:
-    """Return where a text begins, its length, and where it ends: -1 if it is none."""
-    at = _aligned(at, 4)
-    if at + 4 > len(data):
-        return 0, 0, -1
-    size = _whole(data, at)
-    at += 4
-    if size == 0:  # not by the standard, but some write it
-        return at, 0, at
-    if size > len(data) - at or data[at + size - 1] != 0:
-        return 0, 0, -1
-    return at, size - 1, at + size
-
-
-@njit
-def _list(data: Bytes, at: int, item: int, alignment: int) -> tuple[int, int, int]:
-    """Return where a list of items of some bytes begins, its length, and where it ends, or -1."""
-    at = _aligned(at, 4)
-    if at + 4 > len(data):
-        return 0, 0, -1
-    count = _whole(data, at)
-    at += 4
-    if count == 0:
-        return at, 0, at
-    at = _aligned(at, alignment)
-    if at > len(data) or count > (len(data) - at) // item:
-        return 0, 0, -1
-    return at, count, at + count * item
-
-
-@njit
-def _equal(data: Bytes, a: int, b: int, size: int) -> bool:
-    same = True
-    for k in range(size):
-        same &= data[a + k] == data[b + k]
-    return same
-
-
-@njit
 def _head(data: Bytes, at: int, row: npt.NDArray[np.int64]) -> int:
     """Read header, namespace, id, type and action; return where they end, or -1."""
-    at = _aligned(at, 4)
+    at = aligned(at, 4)
     if at + 8 > len(data):
         return -1
-    row[STAMP_SEC] = _signed(data, at)
-    row[STAMP_NANOSEC] = _whole(data, at + 4)
-    row[FRAME], row[FRAME + 1], at = _text(data, at + 8)
+    row[STAMP_SEC] = signed(data, at)
+    row[STAMP_NANOSEC] = whole(data, at + 4)
+    row[FRAME], row[FRAME + 1], at = text(data, at + 8)
     if at < 0:
         return -1
-    row[NS], row[NS + 1], at = _text(data, at)
+    row[NS], row[NS + 1], at = text(data, at)
     if at < 0:
         return -1
-    at = _aligned(at, 4)
+    at = aligned(at, 4)
     if at + 12 > len(data):
         return -1
-    row[ID] = _signed(data, at)
-    row[TYPE] = _signed(data, at + 4)
-    row[ACTION] = _signed(data, at + 8)
+    row[ID] = signed(data, at)
+    row[TYPE] = signed(data, at + 4)
+    row[ACTION] = signed(data, at + 8)
     return at + 12
 
 
 @njit
 def _body(data: Bytes, at: int, row: npt.NDArray[np.int64], bits: npt.NDArray[np.uint64]) -> int:
     """Read pose, scale, lifetime and frame_locked; return where they end, or -1."""
-    at = _aligned(at, 8)
+    at = aligned(at, 8)
     if at + 8 * FLOATS + 16 + 8 + 1 > len(data):
         return -1
-    for k in range(FLOATS):
-        value = np.uint64(0)
-        for byte in range(8):
-            value |= np.uint64(data[at + 8 * k + byte]) << np.uint64(8 * byte)
-        bits[k] = value
+    doubles(data, at, bits)
     at += 8 * FLOATS + 16  # color
-    row[LIFETIME_SEC] = _signed(data, at)
-    row[LIFETIME_NANOSEC] = _whole(data, at + 4)
+    row[LIFETIME_SEC] = signed(data, at)
+    row[LIFETIME_NANOSEC] = whole(data, at + 4)
     row[LOCKED] = data[at + 8]
     return at + 9 if data[at + 8] <= 1 else -1
 
@@ -169,45 +108,45 @@ def _body(data: Bytes, at: int, row: npt.NDArray[np.int64], bits: npt.NDArray[np
 @njit
 def _skip_texture(data: Bytes, at: int) -> int:
     """Return where texture_resource, texture and uv_coordinates end, or -1."""
-    _, _, at = _text(data, at)
+    _, _, at = text(data, at)
     if at < 0:
         return -1
-    at = _aligned(at, 4) + 8  # stamp
+    at = aligned(at, 4) + 8  # stamp
     if at > len(data):
         return -1
     for _ in range(2):  # frame_id and format
-        _, _, at = _text(data, at)
+        _, _, at = text(data, at)
         if at < 0:
             return -1
-    _, _, at = _list(data, at, 1, 1)
+    _, _, at = items(data, at, 1, 1)
     if at < 0:
         return -1
-    _, _, at = _list(data, at, 8, 4)
+    _, _, at = items(data, at, 8, 4)
     return at
 
 
 @njit
 def _tail(data: Bytes, at: int, row: npt.NDArray[np.int64]) -> int:
     """Read lists, texts and mesh; return where the marker ends, or -1."""
-    row[POINTS], row[POINTS + 1], at = _list(data, at, 24, 8)
+    row[POINTS], row[POINTS + 1], at = items(data, at, 24, 8)
     if at < 0:
         return -1
-    _, _, at = _list(data, at, 16, 4)  # colors
+    _, _, at = items(data, at, 16, 4)  # colors
     if at < 0:
         return -1
     at = _skip_texture(data, at)
     if at < 0:
         return -1
-    _, _, at = _text(data, at)
+    _, _, at = text(data, at)
     if at < 0:
         return -1
-    row[MESH], row[MESH + 1], at = _text(data, at)
+    row[MESH], row[MESH + 1], at = text(data, at)
     if at < 0:
         return -1
-    row[FILE], row[FILE + 1], at = _text(data, at)
+    row[FILE], row[FILE + 1], at = text(data, at)
     if at < 0:
         return -1
-    row[CONTENT], row[CONTENT + 1], at = _list(data, at, 1, 1)
+    row[CONTENT], row[CONTENT + 1], at = items(data, at, 1, 1)
     if at < 0 or at + 1 > len(data) or data[at] > 1:  # mesh_use_embedded_materials
         return -1
     return at + 1
@@ -233,7 +172,7 @@ def scan(
             last = integers[n - 1]
             for column, same in ((FRAME, SAME_FRAME), (NS, SAME_NS)):
                 size = row[column + 1]
-                row[same] = size == last[column + 1] and _equal(
+                row[same] = size == last[column + 1] and equal(
                     data, row[column], last[column], size
                 )
     return len(integers), at

@@ -30,6 +30,7 @@ import numpy.typing as npt
 from visualization_msgs.msg import MarkerArray
 
 from obb_collision.node.messages.cdr import LONGEST_TAIL, MALFORMED, as_plain
+from obb_collision.node.messages.cdr_kernels import ORIGIN
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.messages.marker_kernels import (
     CONTENT,
@@ -37,7 +38,6 @@ from obb_collision.node.messages.marker_kernels import (
     FLOATS,
     INTEGERS,
     MESH,
-    ORIGIN,
     POINTS,
     scan,
 )

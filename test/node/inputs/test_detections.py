@@ -22,6 +22,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 pytest.importorskip("rclpy")
 from rig import FRAME, Rig, cube, pose
@@ -30,6 +32,8 @@ from sensor_msgs.msg import PointCloud2
 from obb_collision.node.inputs import detections
 from obb_collision.node.inputs.detections import detections_from_bytes, numbers_of
 from obb_collision.node.inputs.subscriptions import Input
+from obb_collision.node.messages.cdr import Reader
+from obb_collision.node.messages.detection_kernels import RESULT
 from obb_collision.node.messages.errors import RefusedError
 
 TOPIC = "detections"
@@ -172,7 +176,7 @@ def test_what_is_cut_short_is_refused_whole() -> None:
     some = [Seen(pose(1.0), ident="a", results=[("cup", 0.5)]), Seen(pose(2.0), ident="12")]
     data = bytes_of(some, 5, "map")
     found = detections_from_bytes(data, 10)
-    assert (found.header.frame_id, found.ids, found.frames) == ("map", ["a", "12"], [FRAME] * 2)
+    assert (found.header.frame_id, found.ids, found.frames) == ("map", ["a", "12"], {FRAME})
     np.testing.assert_array_equal(found.poses, [pose(1.0), pose(2.0)])
     np.testing.assert_array_equal(found.sizes, np.ones((2, 3)))
     for end in range(4, len(data)):
@@ -180,6 +184,54 @@ def test_what_is_cut_short_is_refused_whole() -> None:
             detections_from_bytes(data[:end], 10)
     with pytest.raises(RefusedError, match="too many points"):
         detections_from_bytes(data, 1)
+
+
+def read_slowly(data: bytes) -> tuple[list[str], list[list[float]], set[str]]:
+    """Return ids, numbers of the boxes and frames of a message, read field by field."""
+    reader = Reader(data, PointCloud2)
+    reader.header()
+    ids, boxes, frames = [], [], set()
+    for _ in range(reader.count()):
+        frames.add(reader.header().frame_id)
+        for _ in range(reader.count()):
+            reader.text()
+            reader.doubles(1, RESULT)
+        boxes += reader.doubles(1, 10).tolist()
+        ids.append(reader.text())
+    reader.end()
+    return ids, boxes, frames
+
+
+some_detections = st.lists(
+    st.builds(
+        Seen,
+        pose=st.just(pose(1.0)),
+        ident=st.text(max_size=9),
+        results=st.lists(st.tuples(st.text(max_size=9), st.floats()), max_size=3),
+        frame=st.sampled_from(("", FRAME, "camera", "cameras")),
+    ),
+    max_size=5,
+)
+
+
+@settings(max_examples=300)
+@given(some_detections, st.lists(st.tuples(st.integers(4, 10**4), st.integers(0, 255)), max_size=3))
+def test_whole_and_damaged_messages_are_read_as_field_by_field(
+    some: list[Seen], damages: list[tuple[int, int]]
+) -> None:
+    data = bytearray(bytes_of(some))
+    for at, byte in damages:
+        data[4 + at % (len(data) - 4)] = byte
+    try:
+        expected = read_slowly(bytes(data))
+    except RefusedError:
+        with pytest.raises(RefusedError, match="malformed message"):
+            detections_from_bytes(bytes(data), 10**9)
+        return
+    found = detections_from_bytes(bytes(data), 10**9)
+    assert (found.ids, found.frames) == (expected[0], expected[2])
+    boxes = np.array(expected[1]).reshape(-1, 10)
+    np.testing.assert_array_equal(np.hstack((found.poses, found.sizes)), boxes)
 
 
 def test_none_is_lost_by_its_id() -> None:

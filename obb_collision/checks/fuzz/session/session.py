@@ -16,16 +16,15 @@
 
 The longest time between two answers of the node is read from the times at which it published them,
 and compared with what is allowed: its period, the bound on blocking, a share for each megabyte of
-this batch, the one before and those of the last second, which may still be on their way, and what
-the machine's other work costs: for how long its threads were ready and got no processor, or for
-how long a process that only sleeps stood still in that very time, whichever is more.
+this batch, the one before and those that may still be on their way, and what the machine's other
+work costs: for how long its threads were ready and got no processor, or for how long a process that
+only sleeps stood still in that very time, whichever is more.
 """
 
 from __future__ import annotations
 
 import time
 from argparse import Namespace
-from collections import deque
 from itertools import pairwise
 from random import Random
 
@@ -55,8 +54,9 @@ PERIOD = 0.02
 """Seconds between two answers by the node's default rate."""
 PER_MEGABYTE = 0.1
 """Seconds that the node may be blocked in addition per megabyte of what may just have arrived."""
-ON_ITS_WAY = 1.0
-"""Seconds for which a large message may be on its way; small ones that come later overtake it."""
+ON_ITS_WAY, ON_ITS_WAY_PER_MEGABYTE = 1.0, 0.05
+"""Seconds for which a message may be on its way, and more for a large one: those that are sent
+later overtake it."""
 LARGE = 1_000_000
 """Bytes of a message behind which there may be as many objects as the node takes."""
 REQUESTS = 0.3
@@ -86,7 +86,7 @@ class Session:
         self._seed, self._bound = options.seed, options.bound
         self._stream, self._client, self._child, self._canary = stream, client, child, canary
         self._probes = Probes(stream.messages)
-        self._recent: deque[tuple[float, int]] = deque()  # when batches began, and their bytes
+        self._recent: list[tuple[float, int]] = []  # till when batches may arrive, and their bytes
         self.result = Result()
         client.wait_for_start(child)
         self._services = Services(client, child)
@@ -110,9 +110,9 @@ class Session:
         if self._stream.robot is not None and random.random() < ASKED:
             ask_robot(self._stream.robot, random, client, self._child)
             self.result.probes["states of a robot"] += 1
-        self._recent.append((began, size))
-        while len(self._recent) > 2 and self._recent[0][0] < began - ON_ITS_WAY:
-            self._recent.popleft()
+        way = ON_ITS_WAY + ON_ITS_WAY_PER_MEGABYTE * size / 1e6
+        late = [one for one in self._recent[:-1] if one[0] > began]
+        self._recent = [*late, *self._recent[-1:], (began + way, size)]
         self._measure(name, sum(size for _, size in self._recent), before)
 
     def _measure(self, name: str, size: int, before: dict[str, float]) -> None:

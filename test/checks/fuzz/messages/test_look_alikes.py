@@ -50,7 +50,7 @@ def test_every_field_is_in_its_place() -> None:
     some[1].bbox.size = Vector3(x=7.0, y=8.0, z=9.0)
     found = detections_from_bytes(serialised(Detections(header, some)), 2)
     assert (found.header.stamp.sec, found.header.stamp.nanosec) == (3, 5)
-    assert found.frames == [found.header.frame_id] * 2 == ["camera"] * 2
+    assert found.frames == {found.header.frame_id} == {"camera"}
     assert found.ids == ["a", "track-7"]
     np.testing.assert_array_equal(found.poses, poses)
     np.testing.assert_array_equal(found.sizes, [[0.0] * 3, [7.0, 8.0, 9.0]])
