@@ -282,6 +282,7 @@ def _fits() -> None:
     rng = np.random.default_rng(0)
     first = oc.OBB.from_points(rng.random((20, 3)))
     oc.OBB(*shapes.Box((1.0, 1.0, 1.0)).local_box)
+    oc.OBB((0.0, 0.0, 0.0), np.eye(3) * (1.0 + 1e-9), (1.0, 1.0, 1.0))  # axes to be corrected
     second = oc.OBB.from_quaternion((0.1, 0.2, 0.3), (0.0, 0.0, 0.6, 0.8), (1.0, 1.0, 1.0))
     third = oc.OBB.from_aabb(oc.AABB((0.0, 0.0, 0.0), (1.0, 1.0, 1.0)))
     _ = first.separation(second), second.intersects(third), first.quaternion, first.corners()
