@@ -136,7 +136,7 @@ class Inputs:
         if len(names) != len(poses):  # then the pose of a name is ambiguous
             detail = f"{len(names)} joint_names, {len(poses)} transforms"
             monitor.refuse(now, LENGTHS_DIFFER, detail=detail)
-            slots = self._slots(names)
+            slots = self._objects.table.find_named(names)
             self._objects.states.refuse(slots[slots >= 0])
             return
         twists = self._twists(message)
@@ -200,19 +200,8 @@ class Inputs:
         now: int,
         twists: Floats | None = None,
     ) -> None:
-        slots = self._slots(names)
+        slots = self._objects.table.find_named(names)
         self._store(topic, slots, poses, header, now, lambda row: _shown(names[row]), twists)
-
-    def _slots(self, names: list[str]) -> Slots:
-        """Slots of names (n,), -1 for an unknown one; each is looked up once."""
-        known = {name: self._slot(name) for name in set(names)}
-        return np.array([known[name] for name in names], np.int64)
-
-    def _slot(self, name: str) -> int:
-        """Slot of a name, -1 for an unknown one; ``5`` means ``/5``, an empty namespace."""
-        table = self._objects.table
-        slot = table.named(name)
-        return slot if slot >= 0 else table.named("/" + name)
 
     def _store(
         self,

@@ -56,11 +56,6 @@ def stand_in(number: int) -> str:
     return f"#{number}"
 
 
-def number_of_stand_in(name: str) -> int | None:
-    """Return the number that a name stands for, None for any other name."""
-    return whole_from_text(name[1:]) if name.startswith("#") else None
-
-
 def whole_from_text(text: str) -> int | None:
     """Return the whole number that a text is, None for any other text, such as 01."""
     if WHOLE.fullmatch(text) is None:
@@ -98,6 +93,8 @@ class NamespaceTable:
         self.names: dict[int, str] = {}
         self.version = 0
         """Changes with ``names``."""
+        self._numbers: dict[str, int] = {}  # by name
+        self._nameless: set[int] = set()  # those with a stand-in for their name
         self._used: dict[int, int] = {}
         self._unused: dict[int, None] = {}  # the one longest unused first
         self._bytes = 0
@@ -112,14 +109,14 @@ class NamespaceTable:
 
         One with a stand-in for its name is found by both.
         """
+        known = self._numbers.get(name)
+        if known is not None or not self._nameless:
+            return known
         try:
             number = namespace_number(name)
         except UnicodeEncodeError:
             return None
-        if self.names.get(number) in (name, stand_in(number)):
-            return number
-        other = number_of_stand_in(name)
-        return other if other is not None and self.names.get(other) == name else None
+        return number if number in self._nameless else None
 
     def admit(self, name: str) -> int:
         """Return the number of a namespace; a new one takes its place in the table.
@@ -135,7 +132,7 @@ class NamespaceTable:
         if number in self._used and known != stand_in(number):
             detail = f"{name!r} and {known!r} have the same CRC-32: rename one"
             raise RefusedError("namespace number taken", detail)
-        self._refuse_twin(number_of_stand_in(name), name)
+        self._refuse_twin(name)
         used = self._used.pop(number, 0)
         if known is not None:
             self._unused[number] = None
@@ -159,13 +156,13 @@ class NamespaceTable:
         """
         if number not in self.names:
             name = stand_in(number)
-            self._refuse_twin(namespace_number(name), name)
+            self._refuse_twin(name)
             self._take_place(number, name)
         return number
 
-    def _refuse_twin(self, number: int | None, name: str) -> None:
+    def _refuse_twin(self, name: str) -> None:
         """Refuse a name if another number has it: a name and an id are one object."""
-        if number is not None and self.names.get(number) == name:
+        if name in self._numbers:
             raise RefusedError("namespace number taken", f"{name!r} stands for another number")
 
     def _take_place(self, number: int, name: str) -> None:
@@ -176,6 +173,9 @@ class NamespaceTable:
             limits = f"{MAX_NAMESPACES} with {MAX_NAMESPACE_BYTES} bytes in all"
             raise RefusedError("too many namespaces", f"{limits} is the limit")
         self.names[number] = name
+        self._numbers[name] = number
+        if name == stand_in(number):
+            self._nameless.add(number)
         self._unused[number] = None
         self._bytes += size
         self.version += 1
@@ -203,7 +203,10 @@ class NamespaceTable:
 
     def _forget(self, number: int) -> None:
         del self._unused[number]
-        self._bytes -= len(self.names.pop(number).encode())
+        name = self.names.pop(number)
+        del self._numbers[name]
+        self._nameless.discard(number)
+        self._bytes -= len(name.encode())
         self.version += 1
 
 

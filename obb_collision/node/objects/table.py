@@ -242,11 +242,33 @@ class ObjectTable:
             self._index = dict(zip(keys.tolist(), slots.tolist(), strict=True))
         return self._index
 
-    def named(self, name: str) -> int:
-        """Slot of the object of a name, ``ns/id``; -1 for none."""
-        namespace, slash, digits = name.rpartition("/")
-        number = whole_from_text(digits) if slash else None
-        return -1 if number is None else self.slots.get((namespace, number), -1)
+    def find_named(self, names: list[str]) -> Slots:
+        """Slots (n,) of objects by name, ``ns/id``, -1 where there is no such object.
+
+        A slash in front may be missing: ``5`` means ``/5``, the object of an empty namespace, where
+        there is no object of just that name.
+        """
+        index = self.index
+        starts: dict[str, tuple[int, ...]] = {}
+        found = {}
+        for name in set(names):
+            namespace, slash, digits = name.rpartition("/")
+            start = namespace + slash
+            keys = starts.get(start)
+            if keys is None:
+                keys = starts[start] = self._first_keys(start)
+            number = whole_from_text(digits) if keys else None
+            slot = -1
+            if number is not None and -ID_OFFSET <= number < ID_OFFSET:
+                for key in reversed(keys):  # the first one that has the id is the last one here
+                    slot = index.get(key + number, slot)
+            found[name] = slot
+        return np.array([found[name] for name in names], np.int64)
+
+    def _first_keys(self, start: str) -> tuple[int, ...]:
+        """Return the key of id 0 in each namespace in use that ``start``, before an id, can be."""
+        known = [self.namespaces.find(text[:-1]) for text in (start, "/" + start) if text]
+        return tuple([pack(number, 0) for number in known if number is not None])
 
     @property
     def visible(self) -> Mask:

@@ -126,7 +126,7 @@ class Validity:
             if 0 <= row < links:
                 keys[row] = namespace_number(report.names[row]), 0
             elif row >= links:
-                slot = self._table.named(report.names[row])
+                (slot,) = self._table.find_named([report.names[row]])
                 keys[row] = self._table.ns[slot], self._table.id[slot]
         found: Rows = keys[report.first_pairs].reshape(-1, 4)
         return found

@@ -71,7 +71,7 @@ def test_it_moves_with_its_link() -> None:
         np.testing.assert_allclose(rig.pose_of(TOOL)[:3], (0.0, 1.3, 0.5), atol=1e-12)
         rig.send_joints({"turn": 2.0, "lift": 0.5}, turn=np.pi / 2, lift=0.0)
         rig.answer()
-        slot = rig.node.objects.table.named(NAME)
+        slot = rig.node.objects.table.find_named([NAME])[0]
         twist = rig.node.objects.scene._store.twists[slot]
         np.testing.assert_allclose(twist, (-2.6, 0.0, 0.5, 0.0, 0.0, 2.0), atol=1e-8)
 
@@ -114,7 +114,7 @@ def test_states_are_checked_with_it_as_a_part_of_the_robot(kind: int) -> None:
         rows = rig.ask([[0.0, 0.0], [0.0, np.pi / 2], [0.0, -0.3]])
         assert rows["reason"].tolist() == [VALID, COLLIDES, VALID]  # where it is now is no obstacle
         table = rig.node.objects.table
-        slots = [table.named(NAME), table.named("crate/1")]
+        slots = table.find_named([NAME, "crate/1"])
         ids = list(zip(table.ns[slots].tolist(), table.id[slots].tolist(), strict=True))
         pairs = [tuple(rows[name][1] for name in ("ns_a", "id_a", "ns_b", "id_b"))]
         assert pairs == [(*ids[0], *ids[1])]
@@ -154,7 +154,7 @@ def test_without_knowing_the_joints_it_is_grey_and_no_state_valid() -> None:
     with ValidityRig() as rig:
         rig.start_robot()
         put(rig, held())
-        slot = rig.node.objects.table.named(NAME)
+        slot = rig.node.objects.table.find_named([NAME])[0]
         rig.send_joints(turn=float("nan"))
         rig.until(lambda: rig.node.objects.table.doubtful[slot], "grey")
         assert rig.reasons([[0.0, 0.0]]) == [NOT_KNOWN]
@@ -168,14 +168,14 @@ def test_it_may_come_before_its_robot() -> None:
         rig.send(held())
         rig.cycles(2)
         table = rig.node.objects.table
-        assert table.unplaceable[table.named(NAME)]
+        assert table.unplaceable[table.find_named([NAME])[0]]
         rig.start_robot()
-        rig.until(lambda: table.placed[table.named(NAME)], "its place")
+        rig.until(lambda: table.placed[table.find_named([NAME])[0]], "its place")
         assert rig.reasons([[0.0, 0.0]]) == [VALID]
         rig.describe(URDF.replace('"hand"', '"palm"'))
         rig.until(lambda: "palm" in str(rig.robot.links and rig.robot.links.rows), "the robot")
         rig.send_joints(turn=0.0, lift=0.0)
-        rig.until(lambda: table.doubtful[table.named(NAME)], "grey: it has no such link")
+        rig.until(lambda: table.doubtful[table.find_named([NAME])[0]], "grey: it has no such link")
         assert rig.reasons([[0.0, 0.0]]) == [NOT_KNOWN]
 
 

@@ -141,13 +141,29 @@ def _many_markers(random: Random, messages: Messages) -> Made:
     return "objects", writer.message()
 
 
-def _many_states(random: Random, messages: Messages) -> Made:
-    text = b"\7\0\0\0a/1234\0\0"  # 7 bytes with their end, and one of padding
+def _states(texts: bytes, poses: int) -> bytes:
+    """States of MANY names, as bytes with their lengths, and some number of poses."""
     head = ENCAPSULATION + bytes(8) + b"\4\0\0\0map\0"
-    count = MANY.to_bytes(4, "little")
-    data = head + count + text * MANY + count
+    data = head + MANY.to_bytes(4, "little") + texts + poses.to_bytes(4, "little")
     data += bytes(-(len(data) - len(ENCAPSULATION)) % 8)
-    return "object_states", data + _grid(MANY).tobytes() + bytes(8)
+    return data + _grid(poses).tobytes() + bytes(8)
+
+
+def _many_states(random: Random, messages: Messages) -> Made:
+    return "object_states", _states(b"\7\0\0\0a/1234\0\0" * MANY, MANY)  # 7 with their end
+
+
+def _many_names(random: Random, messages: Messages) -> Made:
+    """States of different unknown objects: in one namespace each, or all in one that is known."""
+    numbers = range(MANY, 2 * MANY)  # of six digits
+    texts = random.choice(
+        ([b"n%d/%d\0" % (n, n) for n in numbers], [b"a/%d\0" % n for n in numbers])
+    )
+    rows = np.zeros(MANY, [("length", "u4"), ("text", "S16")])
+    rows["length"], rows["text"] = len(texts[0]), texts
+    width = 4 + (len(texts[0]) + 3) // 4 * 4  # lengths are aligned
+    data = rows.view(np.uint8).reshape(MANY, -1)[:, :width].tobytes()
+    return "object_states", _states(data, random.choice((MANY, MANY - 1)))
 
 
 def _many_detections(random: Random, messages: Messages) -> Made:
@@ -250,6 +266,7 @@ CASES: dict[str, Case] = {
     "100,000 boxes": lambda random, messages: ("object_boxes", _boxes(random, messages, MANY)),
     "100,000 poses": lambda random, messages: ("object_poses", _poses(random, messages, MANY)),
     "100,000 states": _many_states,
+    "100,000 different names": _many_names,
     "100,000 detections": _many_detections,
     "detections and results claimed": _claimed_detections,
     "detections in several frames": _detections_in_frames,

@@ -71,6 +71,13 @@ def test_each_case_comes_once_at_first(tmp_path: Path) -> None:
     assert [one.kind for one in sent] == list(CASES)
     by_kind = {one.kind: one.data for one in sent}
     assert len(states_from_bytes(by_kind["100,000 states"]).poses) == MANY
+    for seed in range(9):  # in a known namespace or not, with all poses or not
+        states = states_from_bytes(
+            CASES["100,000 different names"](Random(seed), stream.messages)[1]
+        )
+        assert len(set(states.names)) == MANY
+        assert states.names[7].endswith("/100007")
+        assert len(states.poses) in (MANY, MANY - 1)
     assert cloud_from_bytes(by_kind["100,000 boxes"]).width == MANY
     detections = detections_from_bytes(by_kind["100,000 detections"], MANY)
     assert len(set(detections.ids)) == MANY
