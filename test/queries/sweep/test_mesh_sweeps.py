@@ -82,7 +82,7 @@ def test_triangles_that_do_not_turn_are_apart_until_then_in_fractions(
             assert hull_distances.squared_distance(first, then) <= near * near
     if make.__name__.strip("_") not in TOO_FEW_DIGITS:
         assert found.undecided.sum() <= 1 + count // 50
-    assert found.hits.any()
+    assert found.hits.any() or count < 10, "some must hit, but a few pairs can be free by chance"
 
 
 def moved_on(bodies: PlacedMeshes, twists: Floats, times: Floats) -> PlacedMeshes:
