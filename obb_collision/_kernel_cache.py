@@ -65,6 +65,8 @@ IN_USE = 86400.0
 #: process that finds one gone compiles.
 UNUSED = 90 * 86400.0
 DIGEST_SIZE = 16
+#: Bytes of a file at most: 60 times the largest kernel. Anything else would be read for ever.
+MAX_KERNEL = 64_000_000
 #: How the names of files begin of what kernels alone can call.
 FOR_KERNELS = "inner-"
 #: How the names of private folders begin, and the name of the file in them that is locked ...
@@ -158,7 +160,8 @@ def drop_left_places() -> None:
             is_own = stat.S_ISDIR(found.st_mode) and found.st_uid == os.geteuid()
             if not is_own or time() - found.st_mtime < LOCKING:
                 continue
-            descriptor = os.open(folder / LOCK, os.O_CREAT | os.O_RDWR | os.O_NOFOLLOW, 0o600)
+            flags = os.O_CREAT | os.O_RDWR | os.O_NOFOLLOW | os.O_NONBLOCK
+            descriptor = os.open(folder / LOCK, flags, 0o600)
             try:
                 fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
                 shutil.rmtree(folder, ignore_errors=True)
@@ -266,13 +269,14 @@ class KernelCache(FunctionCache):  # type: ignore[misc]  # numba has no types
     @property
     def is_kept(self) -> bool:
         """Whether there is a file of the kernel, for whichever arguments."""
-        return any(any((place / self._folder).glob("*.kernel")) for place in places)
+        found = (path for place in places for path in (place / self._folder).glob("*.kernel"))
+        return any(path.is_file() for path in found)
 
     def _load(self, place: Path, name: str, key: Any, target_context: Any) -> Any:
         """Return a kernel from a folder, None where it is not there or can't be used."""
         folder = place / self._folder
         try:
-            content = (folder / name).read_bytes()
+            content = _content(folder / name)
         except FileNotFoundError:
             return None
         except (OSError, ValueError) as error:
@@ -315,6 +319,18 @@ class KernelCache(FunctionCache):  # type: ignore[misc]  # numba has no types
             with suppress(OSError):
                 os.unlink(temporary)
             raise
+
+
+def _content(path: Path) -> bytes:
+    """Return what is in a regular file, never waiting for a pipe or a device; OSError for those."""
+    descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0))
+    with os.fdopen(descriptor, "rb") as file:
+        found = os.fstat(descriptor)
+        if not stat.S_ISREG(found.st_mode):
+            raise OSError(f"{path.name} is no regular file")
+        if found.st_size > MAX_KERNEL:
+            raise OSError(f"{path.name} has {found.st_size} bytes, {MAX_KERNEL} is the limit")
+        return file.read(MAX_KERNEL)
 
 
 def _digest(data: bytes) -> bytes:

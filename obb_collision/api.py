@@ -51,6 +51,7 @@ from obb_collision.robots.description.robot import Robot
 from obb_collision.robots.proofs.proved_pairs import prove_pairs
 from obb_collision.scene.broad_phase.any_collision import any_collision
 from obb_collision.scene.broad_phase.find_pairs import find_pairs
+from obb_collision.scene.broad_phase.nms import nms
 from obb_collision.scene.region_merger import RegionMerger
 from obb_collision.scene.report import Report
 from obb_collision.scene.scene import Scene
@@ -90,6 +91,7 @@ __all__ = [
     "mesh_separations",
     "mesh_sweeps",
     "mesh_verdicts",
+    "nms",
     "overlap_volumes",
     "plane_distances",
     "points_inside",

@@ -28,16 +28,21 @@ if __name__ == "__main__":  # first of all, for what is imported next
 
     end_at_once_on_signals()
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from obb_collision.cli import Parser
 from obb_collision.node.runtime.environment import (
     end_at_once_on_signals,
+    handle_signals,
     is_ros_here,
+    restored_signals,
     without_ros_arguments,
 )
 
+Command = Callable[[Sequence[str] | None], int]
 
+
+@restored_signals()
 def node(args: Sequence[str] | None = None) -> int:
     """Run the collision node until SIGINT or SIGTERM; returns the exit code."""
     end_at_once_on_signals()
@@ -58,6 +63,7 @@ def node(args: Sequence[str] | None = None) -> int:
     return main(args)
 
 
+@restored_signals()
 def merge(args: Sequence[str] | None = None) -> int:
     """Join what the nodes of several regions publish, until SIGINT or SIGTERM."""
     end_at_once_on_signals()
@@ -77,6 +83,7 @@ def merge(args: Sequence[str] | None = None) -> int:
     return main(args)
 
 
+@restored_signals()
 def latency(args: Sequence[str] | None = None) -> int:
     """Measure from the publication of poses to the collisions; returns the exit code."""
     end_at_once_on_signals()
@@ -84,10 +91,11 @@ def latency(args: Sequence[str] | None = None) -> int:
         return 1
     from obb_collision.benchmarks.latency import main
 
-    signal.signal(signal.SIGINT, signal.default_int_handler)
+    handle_signals(signal.default_int_handler, [signal.SIGINT])
     return main(args)
 
 
+@restored_signals()
 def regions(args: Sequence[str] | None = None) -> int:
     """Measure processes that share a scene by regions; returns the exit code."""
     end_at_once_on_signals()
@@ -95,7 +103,7 @@ def regions(args: Sequence[str] | None = None) -> int:
         return 1
     from obb_collision.benchmarks.regions import main
 
-    signal.signal(signal.SIGINT, signal.default_int_handler)
+    handle_signals(signal.default_int_handler, [signal.SIGINT])
     return main(args)
 
 
@@ -126,6 +134,7 @@ def soak(args: Sequence[str] | None = None) -> int:
     return main(args)
 
 
+@restored_signals()
 def demo(args: Sequence[str] | None = None) -> int:
     """Run the node and a moving scene in one process; returns the exit code."""
     end_at_once_on_signals()
@@ -134,6 +143,7 @@ def demo(args: Sequence[str] | None = None) -> int:
     return main(args)
 
 
+@restored_signals()
 def view(args: Sequence[str] | None = None) -> int:
     """Show a running node's topics in the browser; returns the exit code."""
     end_at_once_on_signals()
@@ -142,5 +152,25 @@ def view(args: Sequence[str] | None = None) -> int:
     return main(args)
 
 
+def _script(command: Command) -> Command:
+    """Return a command as a console script: its process ends with it, so later signals do nothing.
+
+    The command itself, and a script given its arguments, give the signals back.
+    """
+
+    def script(args: Sequence[str] | None = None) -> int:
+        if args is not None:
+            return command(args)
+        end_at_once_on_signals()  # also between the command and what follows
+        try:
+            return command(None)
+        finally:
+            handle_signals(signal.SIG_IGN)
+
+    return script
+
+
+node_script, merge_script, demo_script, view_script = map(_script, (node, merge, demo, view))
+
 if __name__ == "__main__":
-    raise SystemExit(node())
+    raise SystemExit(node_script(None))

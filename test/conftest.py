@@ -17,6 +17,8 @@
 from __future__ import annotations
 
 import signal
+import subprocess
+import sys
 from collections.abc import Iterator
 from typing import Any
 
@@ -43,6 +45,9 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 #: Pairs of each family that fit a test run of minutes on two cores.
 DEFAULT_PAIRS = 1500
 
+#: Characters of an id of a test's parameter.
+ID_LENGTH = 150
+
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption(
@@ -51,6 +56,20 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         default=DEFAULT_PAIRS,
         help="box pairs of each family to check against exact arithmetic (a million: an hour)",
     )
+
+
+def pytest_sessionstart(session: pytest.Session) -> None:
+    """Compile all kernels before all tests are run: both workers would compile the same ones."""
+    options = session.config
+    everything = options.args_source is pytest.Config.ArgsSource.TESTPATHS
+    if everything and not (hasattr(options, "workerinput") or options.option.collectonly):
+        subprocess.run([sys.executable, "-m", "obb_collision.warm_up.command"], check=False)
+
+
+def pytest_make_parametrize_id(val: object) -> str | None:
+    """Shorten the ids of long values: a name of a million characters blocks colcon's terminal."""
+    text = repr(val) if isinstance(val, (str, bytes, int)) else ""
+    return f"{text[:ID_LENGTH]}..." if len(text) > ID_LENGTH else None
 
 
 @pytest.fixture(scope="session")

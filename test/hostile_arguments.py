@@ -169,6 +169,7 @@ def calls() -> Iterator[tuple[str, Callable[..., Any], dict[str, Any]]]:
     yield "verdicts", oc.verdicts, {"a": boxes, "b": turned, "pairs": pairs}
     yield "iou", oc.iou, {"a": boxes, "b": turned, "pairs": pairs}
     yield "overlap_volumes", oc.overlap_volumes, {"a": boxes, "b": turned, "pairs": pairs}
+    yield "nms", oc.nms, {"boxes": boxes, "scores": np.ones(len(boxes)), "threshold": 0.5}
     yield "find_pairs", oc.find_pairs, {"a": boxes, "b": boxes, "exact": False, "accuracy": "obb"}
     yield "any_collision", oc.any_collision, {"a": boxes, "b": boxes, "exact": False}
     both = {"a": boxes, "b": turned, "pairs": pairs}

@@ -39,12 +39,11 @@ PATIENCE = 120.0
 
 
 @pytest.fixture(autouse=True)
-def _signal_handlers() -> Iterator[None]:
-    """Give the signals back to pytest: a command is the only one in its process."""
-    handlers = {number: signal.getsignal(number) for number in SIGNALS}
+def _signals_as_before() -> Iterator[None]:
+    """Assert that commands give the signals back: here they are not alone in their process."""
+    handlers = [signal.getsignal(number) for number in SIGNALS]
     yield
-    for number, handler in handlers.items():
-        signal.signal(number, handler)
+    assert [signal.getsignal(number) for number in SIGNALS] == handlers
 
 
 @pytest.mark.parametrize("script", SCRIPTS)

@@ -23,6 +23,7 @@ import shutil
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -171,6 +172,28 @@ def test_a_damaged_file_is_written_anew(
     assert again.keys() == good.keys()
     assert all(len(again[path]) > len(content) // 2 for path, content in good.items())
     assert use_example() == []
+
+
+STRANGE: dict[str, Callable[[Path], None]] = {
+    "pipe": os.mkfifo,
+    "device": lambda path: path.symlink_to("/dev/zero"),
+    "endless": lambda path: os.truncate(os.open(path, os.O_CREAT | os.O_WRONLY), 1 << 40),
+}
+"""What reading would wait for, or never end with."""
+
+
+@pytest.mark.parametrize("kind", STRANGE)
+def test_what_is_no_kernel_is_not_waited_for_and_is_replaced(tmp_path: Path, kind: str) -> None:
+    run(tmp_path)
+    for path in (good := kernels(tmp_path)):
+        path.unlink()
+        STRANGE[kind](path)
+    reason = f"has {1 << 40} bytes" if kind == "endless" else "is no regular file"
+    assert re.search(
+        f"kernels in {tmp_path}/obb_collision can't be read: .* {reason}", run(tmp_path)
+    )
+    assert kernels(tmp_path).keys() == good.keys()
+    assert run(tmp_path) == ""
 
 
 def test_a_second_use_compiles_and_writes_nothing(home: Path) -> None:

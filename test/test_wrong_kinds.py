@@ -148,6 +148,7 @@ FUNCTIONS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "verdicts": (oc.verdicts, {"a": boxes(), "b": boxes(), **PAIRS, "exact": False}),
     "overlap_volumes": (oc.overlap_volumes, {"a": boxes(), "b": boxes(), **PAIRS}),
     "iou": (oc.iou, {"a": boxes(), "b": boxes(), **PAIRS}),
+    "nms": (oc.nms, {"boxes": boxes(), "scores": [0.5] * len(boxes()), "threshold": 0.5}),
     "find_pairs": (
         oc.find_pairs, {"a": boxes(), "b": boxes(), "exact": False, "accuracy": "obb"}
     ),

@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.report import Report
 from obb_collision.scene.scene import Scene
-from obb_collision.scene_files import READY, SceneDescription, find_scene, load_scene
+from obb_collision.scene_files import READY, SceneDescription, load_scene
 from obb_collision.typing import Floats
 
 #: Of the scenes of the package those whose objects are all in the file: links come by topics.
@@ -122,7 +122,7 @@ def effects_of(description: SceneDescription) -> tuple[str, ...]:
 
 def run_scene(name: str, seconds: float) -> list[EffectRow]:
     """Measure a scene file for about ``seconds``."""
-    description = load_scene(find_scene(name))
+    description = load_scene(name)
     names, frames = effects_of(description), frames_of(description)
     variants: dict[str, Variant] = {PAIRS: Pairs(description, ()), OFF: Variant(description, ())}
     variants |= {effect: Variant(description, (effect,)) for effect in names}

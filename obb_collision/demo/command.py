@@ -28,7 +28,11 @@ from typing import TYPE_CHECKING, Any, TextIO
 
 from obb_collision.cli import BAD_USAGE, MAX_SEED, Parser, new_file, option, real, whole
 from obb_collision.demo.random_scene import DEFAULT_SEED, MIN_OBJECTS, random_scene
-from obb_collision.node.runtime.environment import SIGNALS, is_ros_here
+from obb_collision.node.runtime.environment import (
+    handle_signals,
+    is_ros_here,
+    restored_signals,
+)
 from obb_collision.scene_files import (
     READY,
     SceneDescription,
@@ -116,8 +120,7 @@ class Interrupts:
     def __init__(self) -> None:
         self.asked = False
         self._raised = False
-        for number in SIGNALS:
-            signal.signal(number, self._take)
+        handle_signals(self._take)
 
     def _take(self, *_: object) -> None:
         if self.asked and not self._raised:
@@ -125,15 +128,11 @@ class Interrupts:
             raise KeyboardInterrupt
         self.asked = True
 
-    def ignore(self) -> None:
-        """Take no more signals: the program is ending."""
-        for number in SIGNALS:
-            signal.signal(number, signal.SIG_IGN)
-
 
 Work = Callable[["Context", Interrupts, ExitStack], int]
 
 
+@restored_signals()
 def run_with_ros(program: str, ros_arguments: list[str], work: Work) -> int:
     """Return the exit code of ``work``, which gets a context, and a stack closed at its end."""
     interrupts, stack = Interrupts(), ExitStack()
@@ -157,7 +156,7 @@ def run_with_ros(program: str, ros_arguments: list[str], work: Work) -> int:
         say(f"{program}: interrupted twice", sys.stderr)
         return 0
     finally:
-        interrupts.ignore()
+        handle_signals(signal.SIG_IGN)  # the work is ending
         stack.close()
         context.try_shutdown()
 

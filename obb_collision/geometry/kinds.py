@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NoReturn, SupportsIndex
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +36,15 @@ class ArrayValue:
         return all(np.array_equal(getattr(self, name), getattr(other, name)) for name in names)
 
     __hash__ = None  # type: ignore[assignment]
+
+
+class NotCopied:
+    """What can be neither copied nor pickled: a copy would share what either of them changes."""
+
+    def __reduce_ex__(self, protocol: SupportsIndex) -> NoReturn:
+        """Raise TypeError for copy.copy, copy.deepcopy and pickle."""
+        name = type(self).__name__
+        raise TypeError(f"a {name} can be neither copied nor pickled: make another one")
 
 
 def check_kind(value: Any, kind: Any, name: str, *others: type) -> None:

@@ -89,7 +89,7 @@ class ManagedNode(LifecycleNode):
         """Undo all after a transition that failed; the next one may do better."""
         try:
             self.release()
-            self.rest(f"; the last transition failed: {self._reason}")
+            self.rest(f"the last transition failed: {self._reason}")
             return SUCCESS
         except Exception as error:
             self.get_logger().error("".join(format_exception(error)))

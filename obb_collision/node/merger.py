@@ -21,7 +21,7 @@ in the namespace of that name, and publishes what all found together on the same
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from copy import copy
 from time import monotonic
 from typing import Any
@@ -35,7 +35,7 @@ from rclpy.subscription import Subscription
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Bool, Header
 
-from obb_collision.node.diagnostics.answer import COLLIDING, FREE, STOPPING, UNKNOWN
+from obb_collision.node.diagnostics.answer import CODES, COLLIDING, RADIUS, Answer, Reason
 from obb_collision.node.diagnostics.qos import overridable
 from obb_collision.node.messages.clouds import cloud_to_bytes
 from obb_collision.node.messages.conversions import stamp_from_ros
@@ -58,6 +58,14 @@ CLOUDS: dict[str, Cloud[Any]] = {
     if isinstance(topic, Cloud) and (topic is COLLISIONS or name in EFFECTS)
 }
 """Published every cycle, so that they can be joined by stamp."""
+
+
+EMPTY = DiagnosticStatus(
+    level=DiagnosticStatus.STALE,
+    message="empty status",
+    values=[KeyValue(key="reasons", value="incomplete")],
+)
+"""Stands for a status without content."""
 
 
 class MergerNode(Node):
@@ -88,7 +96,7 @@ class MergerNode(Node):
         self._statuses: dict[str, DiagnosticStatus] = {}
         self._names: dict[str, str] = {}
         self._joined_at, self._pairs = monotonic(), 0
-        self._last: tuple[bytes, tuple[str, ...]] | None = None
+        self._last: tuple[object, ...] | None = None
         self._regions = list(regions)
         self._publishers_of = {
             topic.name: self.create_publisher(
@@ -133,10 +141,10 @@ class MergerNode(Node):
             self._publishers_of[NAMESPACES.name].publish(merged)
 
     def _take_status(self, message: DiagnosticArray, region: str) -> None:
-        (status,) = message.status[:1] or [DiagnosticStatus(level=UNKNOWN, message="empty status")]
-        counts = [pair.value for pair in status.values if pair.key == "objects"]
-        if counts and counts[0].isdecimal():
-            self._merger.mark_alive(region, int(counts[0]), monotonic())
+        (status,) = message.status[:1] or [EMPTY]
+        count = values_of(status).get("objects", "")
+        if count.isdecimal():
+            self._merger.mark_alive(region, int(count), monotonic())
         self._statuses[region] = status
         self._publish_status(changes_only=True)
 
@@ -167,66 +175,62 @@ class MergerNode(Node):
             self._joined_at, self._pairs = monotonic(), len(rows)
             self._publish_status(changes_only=True)
 
-    def _faults(self) -> list[str]:
-        """Return why it is not known whether anything collides."""
+    def _answer(self) -> Answer:
+        """Return what the regions know together: the reasons of each are those of all."""
         now = monotonic()
         missing = self._merger.missing(now)
-        faults = [f"{region}: {reason}" for region, reason in missing.items()]
-        faults += [
-            f"{region}: {status.message}"
-            for region, status in self._statuses.items()
-            if region not in missing and status.level == UNKNOWN
+        there = [r for r in self._regions if r in self._statuses and r not in missing]
+        known = {region: values_of(self._statuses[region]) for region in there}
+        whose: dict[str, list[str]] = {}
+        for region, values in known.items():
+            for code in values.get("reasons", "").split():
+                whom = values.get("who", "") if code == values.get("reason") else ""
+                whose.setdefault(code, []).append(f"{region} ({whom})" if whom else region)
+        reasons = [
+            Reason(code, tuple(who), len(who)) for code, who in whose.items() if code in CODES
         ]
-        silent = now - self._joined_at
-        if not faults and silent > self._merger.timeout:
-            faults.append(f"no stamp that all regions have evaluated for {silent:.1f} s")
-        return faults
-
-    def _publish_status(self, changes_only: bool = False) -> None:
-        faults = self._faults()
-        missing = self._merger.missing(monotonic())
-        fresh = monotonic() - self._joined_at <= self._merger.timeout
-        colliding = {
-            region
-            for region, status in self._statuses.items()
-            if region not in missing and status.level == COLLIDING
-        }
+        if missing:
+            whys = ((r, why.partition(" for ")[0]) for r, why in missing.items())  # no seconds
+            silent = tuple(f"{region} ({why})" for region, why in whys)
+            reasons.append(Reason("region_silent", silent, len(silent)))
+        fresh = now - self._joined_at <= self._merger.timeout
+        if not fresh and not reasons:
+            bare = tuple(r for r, values in known.items() if values.get("stamped") == str(False))
+            detail = "as no object of theirs has a stamp (0: none)" if bare else ""
+            reasons.append(Reason("region_unmatched", bare, len(bare), detail))
+        colliding = [r for r in known if self._statuses[r].level == COLLIDING]
         pairs = self._pairs if fresh else 0
-        level = COLLIDING if pairs or colliding else UNKNOWN if faults else FREE
-        kind = level, tuple(fault.partition(":")[0].partition(" for ")[0] for fault in faults)
-        if self._last is None or self._last[1] != kind[1]:
-            known = "all regions answer" if not faults else f"not known: {'; '.join(faults)}"
-            self.get_logger().info(known)
-        changed, self._last = kind != self._last, kind
-        if changes_only and not changed:
-            return
-        parts = [f"{pairs} pair{'s collide' if pairs > 1 else ' collides'}"] if pairs else []
-        parts += [f"{region}: {self._statuses[region].message}" for region in sorted(colliding)]
-        values = {
-            "colliding pairs": pairs if fresh else "not known",
+        counts: dict[str, object] = {
             "regions": len(self._regions),
             "missing regions": len(missing),
             "rows of several regions": self._merger.repeated,
         }
-        self._send_status(level, "; ".join([*parts, *faults]) or "free", values)
+        radii = [values.get(RADIUS, "") for values in known.values()]
+        if radii and all(radii):
+            counts[RADIUS] = min(radii, key=float)
+        most = max(pairs, len(colliding))
+        return Answer((), most, most > pairs, counts=counts, stamp=None).but(*reasons)
 
-    def _send_status(self, level: bytes, text: str, values: Mapping[str, object]) -> None:
+    def _publish_status(self, changes_only: bool = False) -> None:
+        answer = self._answer()
+        if self._last is None or self._last[1:] != answer.kind[1:]:
+            self.get_logger().info(
+                f"not known: {answer.why}" if answer.why else "all regions answer"
+            )
+        changed, self._last = self._last != answer.kind, answer.kind
+        if changed or not changes_only:
+            self._send(answer)
+
+    def _send(self, answer: Answer) -> None:
         """Publish both topics that say whether anything collides, unless the last word is said."""
-        flag = level == COLLIDING or (level == UNKNOWN and self._unknown_counts)
-        flags = {"in_collision": flag, "unknown_is_collision": self._unknown_counts}
-        pairs = {**values, **flags}.items()
-        status = DiagnosticStatus(
-            level=level,
-            name=f"{self.get_fully_qualified_name().lstrip('/')}: collision",
-            message=text,
-            hardware_id="obb_collision",
-            values=[KeyValue(key=key, value=str(value)) for key, value in pairs],
-        )
+        now, name = self.get_clock().now(), self.get_fully_qualified_name().lstrip("/")
+        status = answer.to_ros(f"{name}: collision", now.nanoseconds, self._unknown_counts)
         message = DiagnosticArray(status=[status])
-        message.header.stamp = self.get_clock().now().to_msg()
+        message.header.stamp = now.to_msg()
         with self._lock:
             if not self._closed:
                 self._publishers_of[STATUS.name].publish(message)
+                flag = answer.flag(self._unknown_counts)
                 self._publishers_of[FLAG.name].publish(Bool(data=flag))
 
     def say_farewell(self) -> None:
@@ -234,7 +238,7 @@ class MergerNode(Node):
         with self._lock:
             if self._closed:
                 return
-            self._send_status(UNKNOWN, STOPPING, {})
+            self._send(Answer((Reason("shutting_down"),), stamp=None))
             self._closed = True
         for topic in (STATUS, FLAG):
             self._publishers_of[topic.name].wait_for_all_acked(Duration(seconds=FAREWELL))
@@ -247,6 +251,11 @@ class MergerNode(Node):
             except Exception:  # the context is gone: nothing can be published
                 self._closed = True
         super().destroy_node()
+
+
+def values_of(status: DiagnosticStatus) -> dict[str, str]:
+    """Return the values of a status by key."""
+    return {pair.key: pair.value for pair in status.values}
 
 
 def main(args: Sequence[str] | None = None) -> int:

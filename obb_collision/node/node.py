@@ -26,9 +26,8 @@ if __name__ == "__main__":  # first of all: the imports take a second
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import replace
 from importlib.metadata import version
-from time import perf_counter
+from time import monotonic, perf_counter
 from typing import Any
 
 from rclpy.clock import JumpThreshold, ROSClock, TimeJump
@@ -38,20 +37,23 @@ from std_srvs.srv import SetBool, Trigger
 
 from obb_collision.node import reporting
 from obb_collision.node.cycle import Cycle
-from obb_collision.node.diagnostics.answer import STARTING, UNCONFIGURED, Answer, answer
+from obb_collision.node.diagnostics.answer import CODES, Reason
 from obb_collision.node.diagnostics.monitors import InputMonitor
+from obb_collision.node.evidence import Evidence
 from obb_collision.node.inputs import detections
 from obb_collision.node.inputs.inputs import Inputs
 from obb_collision.node.inputs.points import Obstacles
 from obb_collision.node.inputs.subscriptions import INPUTS, Input, Subscriptions
 from obb_collision.node.lifecycle import ManagedNode
 from obb_collision.node.messages.conversions import NANOSECONDS
+from obb_collision.node.messages.optional import unusable
 from obb_collision.node.objects.frames import FrameSource, make_frames
 from obb_collision.node.objects.objects import Objects
-from obb_collision.node.objects.staleness import COLLIDE
-from obb_collision.node.outputs.collision_status import CollisionStatus, allowed_delay
+from obb_collision.node.objects.table import COLLIDE
+from obb_collision.node.outputs.collision_status import CollisionStatus
 from obb_collision.node.outputs.effects import Effects
 from obb_collision.node.outputs.outputs import Outputs
+from obb_collision.node.parameters.groups import Groups
 from obb_collision.node.parameters.parameters import Parameters
 from obb_collision.node.reporting import Reporting
 from obb_collision.node.robots.attached import LinkFrames
@@ -74,7 +76,8 @@ from obb_collision.node.settings import (
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.effects.settings import OFF, ON
 from obb_collision.scene.store.allowed import Rule
-from obb_collision.scene_files import describe_scene, find_scene
+from obb_collision.scene.store.overrides import Overrides
+from obb_collision.scene_files import describe_scene
 from obb_collision.warm_up.steps import ROBOTS
 
 NODE_NAME = "obb_collision"
@@ -87,8 +90,8 @@ class CollisionNode(ManagedNode):
     objects, which are stored; only while it is active they are checked.
 
     frames: where frames are, by default tf2 where installed. ending: whether a start that compiles
-    is to be given up, which raises ExternalShutdownException. All else goes to
-    ``rclpy.node.Node`` (context, namespace, parameter_overrides, cli_args...).
+    is to be given up, which raises ExternalShutdownException. steady: seconds, by which inputs are
+    silent. All else goes to ``rclpy.node.Node`` (context, namespace, parameter_overrides...).
     """
 
     def __init__(
@@ -96,9 +99,11 @@ class CollisionNode(ManagedNode):
         *,
         frames: FrameSource | None = None,
         ending: Callable[[], bool] = lambda: False,
+        steady: Callable[[], float] = monotonic,
         **node_options: Any,
     ) -> None:
         super().__init__(NODE_NAME, **node_options)
+        self._steady = steady
         try:
             self._set_up(frames, ending)
         except BaseException:
@@ -120,6 +125,10 @@ class CollisionNode(ManagedNode):
         fixed_frame = self.parameters.fixed_frame
         self._frames = frames if frames is not None else make_frames(self, fixed_frame)
         logger = self.get_logger()
+        for package, reason in unusable.items():
+            logger.warning(
+                f"{package} is installed and cannot be used, as if it were not: {reason}"
+            )
         self._warm = WarmUp(logger.info, logger.warning, lambda: ending() or not self.context.ok())
         self._make_outputs()
         switched_on = [name for name in EFFECTS if self.parameters.mode(name) == ON]
@@ -133,7 +142,7 @@ class CollisionNode(ManagedNode):
         if autostart:
             self.start()
         else:
-            self.rest("")
+            self.rest()
         self.status.start()
 
     def _make_outputs(self) -> None:
@@ -153,13 +162,13 @@ class CollisionNode(ManagedNode):
     def _report_start(self, text: str) -> None:
         """Report what the start waits for, unless it is to be abandoned."""
         if self.context.ok():
-            self.guard.run("status", lambda: self.status.rest(f"{STARTING}, {text}"))
+            self.guard.run("status", lambda: self.status.rest(Reason("starting", detail=text)))
 
-    def rest(self, reason: str) -> None:
-        """Report that nothing is configured; reason: what else there is to say."""
+    def rest(self, detail: str = "") -> None:
+        """Report that nothing is configured; detail: what else there is to say."""
         self.parameters.on_change = lambda: self.status.update(self.status.answer)
-        self.status.rest(UNCONFIGURED + reason)
-        self.get_logger().info(UNCONFIGURED)
+        self.status.rest(Reason("unconfigured", detail=detail))
+        self.get_logger().info(CODES["unconfigured"])
 
     def configure(self) -> None:
         """Create inputs and objects, and begin to store messages."""
@@ -170,6 +179,7 @@ class CollisionNode(ManagedNode):
         self._apply_parameters()
         if scene_file is not None:
             self._add_objects(scene_file)
+            self.objects.declare_empty()
         self._begin()
         self.get_logger().info(
             f"ready: fixed frame '{self.parameters.fixed_frame}', "
@@ -182,13 +192,14 @@ class CollisionNode(ManagedNode):
     def activate(self) -> None:
         """Check from the next cycle on."""
         self.cycle.active = True
+        self.evidence.activate()
         self.get_logger().info("active")
 
     def deactivate(self) -> None:
         """Check nothing any more: nothing is known; messages are still stored."""
         self.cycle.active = False
         self._pause()
-        self.get_logger().info(self.cycle.paused)
+        self.get_logger().info(CODES[self.cycle.paused])
 
     def release(self) -> None:
         """Remove inputs and objects."""
@@ -212,7 +223,9 @@ class CollisionNode(ManagedNode):
             **robot_inputs(self.parameters),
         }
         warn = self.get_logger().warning
-        self._monitors = {topic: InputMonitor(topic, warn) for topic in self._topics}
+        self._monitors = {
+            topic: InputMonitor(topic, warn, steady=self._steady) for topic in self._topics
+        }
         names = self.parameters.robots
         self._link_frames = LinkFrames(self._frames, fixed_frame, names)
         frames = self._link_frames if names else self._frames
@@ -245,7 +258,7 @@ class CollisionNode(ManagedNode):
             return None
         robots = Robots(
             *(self, self.parameters, self.objects, self._link_frames, self._monitors, self._now),
-            *(self._not_known, lambda: mesh_reading(self.parameters)),
+            *(lambda: self.evidence.not_known(), lambda: mesh_reading(self.parameters)),
         )
         self._configured.callback(robots.close)
         return robots
@@ -264,7 +277,12 @@ class CollisionNode(ManagedNode):
             self.guard,
             self._collect,
         )
-        self._unread = False  # whether an input could not be read in the last cycle
+        topics = [topic for topic, kind in self._topics.items() if not kind.is_query]
+        inputs = {topic: self._monitors[topic] for topic in topics}
+        self.evidence = Evidence(
+            *(self.parameters, self.objects, self.cycle, inputs, self.inputs.unknown),
+            *(self.robots, self._now, self._steady),
+        )
         self._schedule = Schedule(self, self.parameters, self._run_cycle)
         self._configured.callback(self._schedule.close)
 
@@ -316,7 +334,7 @@ class CollisionNode(ManagedNode):
             return None
         meshes = mesh_reading(self.parameters)
         try:
-            description = describe_scene(find_scene(self.parameters.scene_file), meshes)
+            description = describe_scene(self.parameters.scene_file, meshes)
         finally:
             meshes.close()
         for note in description.notes:
@@ -332,7 +350,7 @@ class CollisionNode(ManagedNode):
         return found
 
     def _make_subscriptions(self) -> Subscriptions:
-        points = self.inputs.guarded("points", self._obstacles.take)
+        points = self.inputs.guarded("points", self._obstacles.take, changes=False)
         callbacks = {**self.inputs.callbacks(), "points": points}
         if self.robots is not None:
             callbacks |= self.robots.callbacks(self.inputs)
@@ -352,15 +370,18 @@ class CollisionNode(ManagedNode):
         Parameters first: a message sent after a change is interpreted by the new values.
         """
         self._parameters_changed.settle()
-        self._unread = not self.guard.run("inputs", self._subscribed.drain)
-        self.guard.run("input objects", self.inputs.markers.apply)
+        self.guard.run("inputs", self._subscribed.drain)  # what is lost marks its input
+        self._change("input objects", self.inputs.markers.apply)
         for each in self.inputs.sets:
-            self.guard.run(f"input {each.source.topic}", each.apply)
+            self._change(f"input {each.source.topic}", each.apply)
         if self.robots is not None:
-            self._unread |= not self.guard.run("input robots", self._apply_robots)
-        if self._subscribed.had_messages():
-            self.status.note_input()
+            self._change("input robots", self._apply_robots)
         return self._subscribed.take_wait()
+
+    def _change(self, where: str, change: Callable[[], None]) -> None:
+        """Change objects; after an error nobody foresaw they may be others than what was sent."""
+        if not self.guard.run(where, change):
+            self.objects.broken = where
 
     def _apply_robots(self) -> None:
         assert self.robots is not None
@@ -370,7 +391,8 @@ class CollisionNode(ManagedNode):
     def _wants_twists(self) -> bool:
         """Return whether anything depends on how objects move."""
         parameters = self.parameters
-        wanted = parameters.mode("sweep") != OFF or parameters.stale_policy == COLLIDE
+        policies = parameters.stale_policy, *(each for _, each in parameters.stale_policy_overrides)
+        wanted = parameters.mode("sweep") != OFF or COLLIDE in policies
         return wanted or bool(parameters.robots)
 
     def _is_wanted(self, topic: str) -> bool:
@@ -391,6 +413,8 @@ class CollisionNode(ManagedNode):
         self._subscribed.keep("points", self._is_wanted("points"))
         if not self._is_wanted("points"):
             self._obstacles.forget()
+        ignored = Groups(parameters.groups).all_meant(parameters.ignored_objects)
+        self.inputs.unknown.ignored = Overrides([(name, True) for name in ignored])
         for monitor in self._monitors.values():
             monitor.limit.period = parameters.warn_period
         self._schedule.apply()
@@ -421,30 +445,7 @@ class CollisionNode(ManagedNode):
     def _update_status(self, cycle: bool = False) -> None:
         """Publish the current status of collisions; cycle: a cycle has just ended."""
         if not self.status.is_off:
-            self.status.update(self._answer(), cycle)
-
-    def _answer(self) -> Answer:
-        """Return what is known of collisions now."""
-        ran, timeout = self.cycle, self.parameters.object_timeout
-        overdue = ran.delay if ran.delay > allowed_delay(self.parameters) else 0.0
-        robots = self.robots
-        found = answer(
-            *(self.objects, ran.report, ran.paused, ran.failed or self._unread),
-            *(self._now(), timeout, overdue),
-            () if robots is None else robots.faults(),
-        )
-        return found if robots is None else replace(found, notes=robots.notes())
-
-    def _not_known(self) -> str:
-        """Return why it is not known what is where, "" if it is."""
-        if self.parameters.share is not None:
-            return "there is a region, and objects beyond it are not checked"
-        known = self.status.heard(self._answer())
-        stale = known.stale and self.parameters.stale_policy != COLLIDE
-        if stale or not known.is_complete:
-            return known.message
-        refused = int(self.objects.table.refused.sum())
-        return f"the latest states of {refused} objects were refused" if refused else ""
+            self.status.update(self.evidence.answer(), cycle)
 
     def _count_notes(self) -> None:
         """Count items that were refused, doubted or replaced after they had been stored."""
@@ -460,19 +461,28 @@ class CollisionNode(ManagedNode):
 
     def _pause(self) -> None:
         """Take back what is said about collisions, until the next check."""
-        self.cycle.report = None
+        self.cycle.forget()
         self.guard.run("output markers", lambda: self._outputs.withdraw(self._now()))
         self.guard.run("output collision_status", self._update_status)
 
     def _clear(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         try:
+            if self.robots is not None:
+                self.robots.hold("all objects were removed")
+            self.inputs.markers.apply()  # what came before has come before
+            for each in self.inputs.sets:
+                each.waiting.clouds.clear()
+            self.inputs.unknown.deleted(self.objects.table.slots, self._now())
             count = self.objects.clear()
+            for monitor in self._monitors.values():
+                monitor.unreadable = ""
             if self.robots is not None:
                 self.robots.cleared()
             self._update_status()
             response.success, response.message = True, f"{count} objects removed"
         except Exception as error:
             self.guard.caught("service clear", error)
+            self.objects.broken = "service clear"
             response.success, response.message = False, f"{INTERNAL_ERROR}: {error}"
         return response
 
@@ -485,7 +495,7 @@ class CollisionNode(ManagedNode):
         return response
 
     def _clock_jumped(self, shift: int, now: int) -> None:
-        self.guard.run("clock jump", lambda: self._take_jump(shift))
+        self._change("clock jump", lambda: self._take_jump(shift))
 
     def _take_jump(self, shift: int) -> None:
         self.get_logger().warning(
@@ -493,6 +503,7 @@ class CollisionNode(ManagedNode):
             f"{len(self.objects.table)} objects continue from the new time; stamps may restart"
         )
         self.inputs.markers.clock_jumped(shift)
+        self.inputs.unknown.clock_jumped(shift)
         for each in self.inputs.sets:
             each.clock_jumped(shift)
         self.objects.clock_jumped(shift)

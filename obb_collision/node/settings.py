@@ -23,6 +23,7 @@ from obb_collision.accuracy import Accuracy, as_accuracy
 from obb_collision.node.messages.conversions import NANOSECONDS
 from obb_collision.node.objects.objects import Objects
 from obb_collision.node.objects.shape_requests import ShapeLimits
+from obb_collision.node.objects.staleness import AgeLimits
 from obb_collision.node.outputs.effects import Effects
 from obb_collision.node.parameters.groups import Groups
 from obb_collision.node.parameters.parameters import Parameters
@@ -34,7 +35,7 @@ from obb_collision.scene.effects.settings import AUTO, OFF
 from obb_collision.scene.refinement.budget import ABOVE
 from obb_collision.scene.refinement.placed_shapes import AS_PAIRS
 from obb_collision.scene.store.allowed import Rule
-from obb_collision.scene.store.overrides import limited
+from obb_collision.scene.store.overrides import Overrides, limited
 from obb_collision.scene_files.mesh_files import MeshReading
 
 MEGABYTE = 1_000_000
@@ -180,14 +181,22 @@ def apply_limits(parameters: Parameters, objects: Objects) -> None:
         parameters.mesh_file_size * MEGABYTE,
         parameters.max_triangles,
         parameters.max_cloud_points,
-        tuple(parameters.mesh_folders),
+        parameters.folders,
     )
     longest = parameters.max_name_length
     table.namespaces.max_bytes = objects.placement.frame_table.max_bytes = longest
     objects.placement.timeout = parameters.transform_timeout
     objects.states.stamp_tolerance = int(parameters.stamp_tolerance * NANOSECONDS)
     objects.states.order_timeout = int(parameters.order_timeout * NANOSECONDS)
-    objects.staleness.set(parameters.stale_policy, parameters.stale_speed, parameters.stale_reach)
+    groups = Groups(parameters.groups, parameters.robots)
+    objects.staleness.limits = AgeLimits(
+        parameters.object_timeout,
+        Overrides(groups.overrides(parameters.object_timeout_overrides)),
+        parameters.stale_policy,
+        Overrides(groups.overrides(parameters.stale_policy_overrides)),
+        parameters.stale_speed,
+        parameters.stale_reach,
+    )
 
 
 def _build_limits(parameters: Parameters) -> Limits:
@@ -201,7 +210,7 @@ def _build_limits(parameters: Parameters) -> Limits:
 def mesh_reading(parameters: Parameters) -> MeshReading:
     """Return how the mesh files of a scene file are read: in another process, within the limits."""
     return MeshReading(
-        parameters.mesh_folders,
+        parameters.folders,
         _build_limits(parameters),
         parameters.mesh_file_size * MEGABYTE,
         parameters.max_triangles,

@@ -83,13 +83,15 @@ class Checker:
         self.last: Findings | None = None
         self.pair_filter: PairFilter | None = None
         self.region: Region | None = None
+        self._near = NO_ROWS  # by slot, what was near to the region when pairs were found last
 
     def set_region(self, region: Region | None) -> None:
         """Find only the pairs of a region from now on, None: all."""
         store = self._store
-        self.region, self.last = region, None
-        store.set_near(np.arange(len(store.near)), np.ones(len(store.near), np.bool_))
+        self.last = None
         store.mark(store.live())
+        store.set_near(np.arange(len(store.near)), np.ones(len(store.near), np.bool_))
+        self.region = region
 
     def settle_region(self) -> None:
         """Leave out what has moved away from the region, and take in what has come near.
@@ -100,7 +102,8 @@ class Checker:
         if self.region is None or not store.touched:
             return
         rows = np.flatnonzero(store.changed & store.used)
-        before = store.near[rows]
+        before = rows < len(self._near)
+        before[before] = self._near[rows[before]]
         near = boxes_near(self.region, store.centers, store.half_extents, rows)
         store.set_near(rows, near)
         store.changed[rows[~(before | near)]] = False
@@ -130,7 +133,9 @@ class Checker:
         else:
             found = self._find_anew(last, depth, exact, budget)
         found.cap = None if budget is None else budget.cap
+        near = NO_ROWS if self.region is None else store.near.copy()
         self.last = found  # first: what is changed is so until then, should an interrupt come
+        self._near = near
         store.settle()
         return found
 

@@ -23,6 +23,7 @@ import numpy as np
 from obb_collision.accuracy import Accuracy, as_accuracy
 from obb_collision.geometry.validation import as_array
 from obb_collision.scene.states import SceneStates
+from obb_collision.scene.store.completed import completed
 from obb_collision.scene.store.overrides import Overrides
 from obb_collision.scene.store.patterns import as_patterns, as_tuples
 from obb_collision.typing import Floats
@@ -32,15 +33,9 @@ class ObjectSettings(SceneStates):
     """Named objects, their padding and their accuracy."""
 
     def __init__(self, padding: float, accuracy: Accuracy | str) -> None:
-        self._padding = 0.0
         self._paddings: Overrides[float] = Overrides()
         self.padding = padding
         self._accuracy = as_accuracy(accuracy)
-
-    def clear(self) -> None:
-        """Forget which objects have settings of their own; those for all stay."""
-        self._own_padding: set[int] = set()
-        self._own_accuracy: set[int] = set()
 
     @property
     def padding(self) -> float:
@@ -50,8 +45,7 @@ class ObjectSettings(SceneStates):
     @padding.setter
     def padding(self, value: float) -> None:
         check_padding(value)
-        self._padding = float(value)
-        self._pad_again()
+        self._pad_again(float(value), self._paddings)
 
     @property
     def padding_overrides(self) -> list[tuple[str, float]]:
@@ -68,8 +62,7 @@ class ObjectSettings(SceneStates):
         for pattern, padding in as_tuples(overrides, "padding_overrides", 2):
             check_padding(padding, "padding_overrides")
             new += [(one, float(padding)) for one in as_patterns(pattern, "padding_overrides")]
-        self._paddings = Overrides(new)
-        self._pad_again()
+        self._pad_again(self._padding, Overrides(new))
 
     def set_padding(self, name: str, padding: float | None) -> None:
         """Set the padding of one object; None: that of its override or of the scene.
@@ -95,33 +88,26 @@ class ObjectSettings(SceneStates):
         >>> scene.obb("cup").half_extents.round(9).tolist()
         [0.6, 0.6, 0.6]
         """
-        slot = self._store.slot(name)
+        rows = np.array([self._store.slot(name)])
         if padding is not None:
             check_padding(padding)
-            self._own_padding.add(slot)
-            self._store.pad(np.array([slot]), padding)
-        else:
-            self._own_padding.discard(slot)
-            self._store.pad(np.array([slot]), self._padding_of(name))
-
-    def _padding_of(self, name: str) -> float:
-        """Return the padding of an object without one of its own."""
-        value = self._paddings.value(name)
-        return self._padding if value is None else value
+        wanted = self._paddings_of([name]) if padding is None else padding
+        self._store.pad(rows, np.full(1, wanted, np.float64), padding is not None)
 
     def _paddings_of(self, names: Sequence[str]) -> float | Floats:
         """Return the paddings (n,) of objects without one of their own; one for all, if it is."""
-        if not self._paddings:
-            return self._padding
-        return np.array([self._padding_of(name) for name in names], np.float64)
+        return paddings_of(names, self._padding, self._paddings)
 
-    def _pad_again(self) -> None:
-        """Give all objects without a padding of their own the one that they have now."""
-        rows = np.setdiff1d(self._store.live(), sorted(self._own_padding)).astype(np.int64)
-        wanted = self._paddings_of([str(self._store.names[row]) for row in rows.tolist()])
+    @completed
+    def _pad_again(self, padding: float, overrides: Overrides[float]) -> None:
+        """Set the padding, and give it to all objects without one of their own."""
+        store = self._store
+        rows = np.flatnonzero(store.used & ~store.padded)
+        wanted = paddings_of([str(store.names[row]) for row in rows.tolist()], padding, overrides)
         wanted = np.broadcast_to(wanted, rows.shape)
-        other = wanted != self._store.own_paddings[rows]
-        self._store.pad(rows[other], wanted[other])
+        other = wanted != store.own_paddings[rows]
+        store.pad(rows[other], wanted[other])
+        self._padding, self._paddings = padding, overrides
 
     @property
     def accuracy(self) -> Accuracy:
@@ -130,9 +116,14 @@ class ObjectSettings(SceneStates):
 
     @accuracy.setter
     def accuracy(self, value: Accuracy | str) -> None:
-        self._accuracy = as_accuracy(value)
-        for slot in np.setdiff1d(self._store.live(), sorted(self._own_accuracy)).tolist():
-            self._set_accuracy(int(slot), None)
+        self._set_all(as_accuracy(value))
+
+    @completed
+    def _set_all(self, value: Accuracy) -> None:
+        store = self._store
+        rows = np.flatnonzero(store.used & ~store.levelled & (store.accuracies != value))
+        store.write(rows, {"accuracies": value})
+        self._accuracy = value
 
     def set_accuracy(self, name: str, accuracy: Accuracy | str | None) -> None:
         """Set the level of one object; None: that of the scene.
@@ -156,17 +147,23 @@ class ObjectSettings(SceneStates):
         >>> scene.set_accuracy("cup", "mesh")
         """
         level = None if accuracy is None else as_accuracy(accuracy)
-        self._set_accuracy(self._store.slot(name), level)
-
-    def _set_accuracy(self, slot: int, own: Accuracy | None) -> None:
-        if own is None:
-            self._own_accuracy.discard(slot)
+        store, slot = self._store, self._store.slot(name)
+        value = self._accuracy if level is None else level
+        if store.accuracies[slot] != value:
+            columns = {"accuracies": value, "levelled": level is not None}
+            store.write(np.array([slot]), columns)
         else:
-            self._own_accuracy.add(slot)
-        value = self._accuracy if own is None else own
-        if self._store.accuracies[slot] != value:
-            self._store.mark(slot)
-            self._store.accuracies[slot] = value
+            store.levelled[slot] = level is not None
+
+
+def paddings_of(
+    names: Sequence[str], padding: float, overrides: Overrides[float]
+) -> float | Floats:
+    """Return what objects are padded by, (n,) or one number for all."""
+    if not overrides:
+        return padding
+    values = [overrides.value(name) for name in names]
+    return np.array([padding if value is None else value for value in values], np.float64)
 
 
 def check_padding(padding: float, name: str = "padding") -> None:

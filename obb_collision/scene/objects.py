@@ -17,24 +17,26 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from obb_collision.accuracy import Accuracy, as_accuracy
-from obb_collision.geometry.kinds import check_kind
+from obb_collision.geometry.kinds import as_flag, check_kind
 from obb_collision.geometry.poses import IDENTITY_POSE
+from obb_collision.geometry.shapes.primitives import LocalBox
 from obb_collision.geometry.validation import as_array, as_half_extents
 from obb_collision.obb import OBB
-from obb_collision.scene.building.shape_cache import ShapeCache
+from obb_collision.scene.building.shape_cache import ShapeCache, SlotShape
 from obb_collision.scene.object_settings import ObjectSettings, check_padding
+from obb_collision.scene.store.completed import completed
 from obb_collision.scene.store.kinds import BOX
-from obb_collision.scene.store.placed import as_slice
-from obb_collision.scene.store.store import NO_ROWS, LocalBox, ObjectStore
+from obb_collision.scene.store.placed import LocalBoxes, about_origins, extents, placed
+from obb_collision.scene.store.store import NO_ROWS, ObjectStore
 from obb_collision.shapes import Shape
-from obb_collision.typing import Floats
-from obb_collision.words import MAX_OBJECT_NAME, check_name, check_names
+from obb_collision.typing import Floats, Rows
+from obb_collision.words import MAX_OBJECT_NAME, check_name, check_names, shown
 
 if TYPE_CHECKING:
     from obb_collision.scene.building.builder import Builder
@@ -57,6 +59,7 @@ class SceneObjects(ObjectSettings):
         *,
         padding: float | None = None,
         accuracy: Accuracy | str | None = None,
+        replace: bool = True,
     ) -> int:
         """Add an object, or replace the one of that name, and return its index.
 
@@ -72,6 +75,8 @@ class SceneObjects(ObjectSettings):
             Metres; by default the scene's.
         accuracy : Accuracy or str, optional
             By default the scene's.
+        replace : bool
+            Whether it may take the place of another one; with False that is a ValueError.
 
         Returns
         -------
@@ -93,18 +98,16 @@ class SceneObjects(ObjectSettings):
         """
         check_name(name, "name", MAX_OBJECT_NAME)
         check_kind(shape, Shape, "shape", OBB)
+        if not as_flag(replace, "replace") and name in self:
+            raise ValueError(f"name must be new, as replace is False, got {shown(name)}")
         where = IDENTITY_POSE if pose is None else as_array(pose, "pose", (7,))
-        pad = self._padding_of(name) if padding is None else padding
-        check_padding(pad)
+        if padding is not None:
+            check_padding(padding)
         level = None if accuracy is None else as_accuracy(accuracy)
-        slot = self._store.put(name, local_box(shape), where, pad)
-        self._store.kinds[slot] = self._cache.put(slot, shape)
-        self._set_accuracy(slot, level)
-        if padding is None:
-            self._own_padding.discard(slot)
-        else:
-            self._own_padding.add(slot)
-        return slot
+        box = local_boxes(shape)
+        columns = placed(box, where[None], "pose")
+        slots = self._put([name], box[2], columns, [level], [shape], padding)
+        return int(slots[0])
 
     def add_boxes(
         self,
@@ -157,23 +160,8 @@ class SceneObjects(ObjectSettings):
         lengths = {len(values) for values in given}
         if len(lengths) > 1 or len(set(names)) < len(names):
             raise ValueError("names, sizes, poses, accuracies and shapes must be one per object")
-        slots = self._store.put_boxes(names, _halves(edges), where, self._paddings_of(names))
-        self._store.kinds[slots] = BOX
-        self._forget(slots)
-        if levels is None:
-            ranks = np.full(len(slots), self._accuracy, np.int8)
-        else:
-            self._own_accuracy.update(
-                slot
-                for slot, level in zip(slots.tolist(), levels, strict=True)
-                if level is not None
-            )
-            ranks = np.array([self._accuracy if r is None else r for r in levels], np.int8)
-        self._store.accuracies[slots] = ranks
-        for slot, shape in zip(slots.tolist(), shapes or (), strict=False):
-            if shape is not None:
-                self._store.kinds[slot] = self._cache.put(slot, shape)
-        return slots
+        box = about_origins(_halves(edges))
+        return self._put(names, box[2], placed(box, where), levels, shapes)
 
     def begin_boxes(
         self,
@@ -189,21 +177,63 @@ class SceneObjects(ObjectSettings):
         not zero. instead: indices of objects to remove, distinct; only as many of them, the first
         ones, are removed as boxes are added.
         """
-        self._forget(instead[: len(names)])
-        slots = self._store.begin(names, instead)
-        rows = as_slice(slots)
-        self._store.kinds[rows], self._store.accuracies[rows] = BOX, self._accuracy
-        self._store.poses[rows] = np.nan  # none is where it is to be
-        self._store.own_paddings[rows] = self._paddings_of(names)
-        self.resize_boxes(slots, sizes)
-        self._store.place(slots, poses)
-        for slot, level in zip(slots.tolist(), levels or (), strict=False):
-            self._set_accuracy(slot, level)
+        box = about_origins(_halves(sizes))
+        return self._put(names, box[2], placed(box, poses), levels, instead=instead)
+
+    def _put(
+        self, names: Sequence[str], half_extents: Floats, columns: dict[str, Any],
+        levels: Sequence[Accuracy | None] | None,
+        shapes: Sequence[Shape | OBB | None] | None = None,
+        padding: float | None = None, instead: NDArray[np.int64] = NO_ROWS,
+    ) -> NDArray[np.int64]:  # fmt: skip
+        """Add objects, or replace those of their names; all or, on an error, none.
+
+        half_extents (n, 3): of their local boxes; columns: of their places. padding: their own,
+        None for that of the scene; the rest as for ``begin_boxes``. Returns their slots.
+        """
+        store = self._store
+        slots = np.array([store.slots.get(name, -1) for name in names], np.int64)
+        new = slots < 0
+        begun = [name for name, is_new in zip(names, new.tolist(), strict=True) if is_new]
+        if len(instead):
+            instead = instead[~np.isin(instead, slots)][: len(begun)]
+        if begun:
+            slots[new] = np.append(instead, store.free_rows(len(begun) - len(instead)))
+        kinds = np.full(len(slots), BOX, np.int8)
+        bodies = []
+        for row, shape in enumerate(shapes or ()):
+            if shape is not None:
+                bodies.append(self._cache.shape_for(int(slots[row]), shape))
+                kinds[row] = bodies[-1].kind
+        growths = np.where(new, 0.0, store.growths[slots])
+        paddings = np.full(len(slots), self._paddings_of(names) if padding is None else padding)
+        columns |= extents(half_extents, paddings, growths)
+        ranks = [self._accuracy if level is None else level for level in levels or ()]
+        columns |= {
+            "padded": padding is not None,
+            "accuracies": np.array(ranks, np.int8) if levels else self._accuracy,
+            "levelled": [level is not None for level in levels] if levels else False,
+            "kinds": kinds,
+        }
+        gone = [str(store.names[slot]) for slot in instead.tolist()]
+        self._commit(slots, columns, slots[new], begun, gone, bodies)
         return slots
+
+    @completed
+    def _commit(
+        self, slots: Rows, columns: dict[str, Any], new: Rows, names: list[str],
+        gone: list[str], bodies: list[SlotShape],
+    ) -> None:  # fmt: skip
+        """Write what ``_put`` made: nothing here fails but for want of memory, at first."""
+        self._store.put(slots, columns, new, names, gone)
+        self._cache.drop_many(slots.tolist())
+        for body in bodies:
+            self._cache.put(body)
 
     def resize_boxes(self, indices: NDArray[np.int64], sizes: Floats) -> None:
         """Give boxes other edge lengths (n, 3); nothing is checked."""
-        self._store.shape_boxes(indices, _halves(sizes))
+        self._cache.drop_many(indices.tolist())
+        self._store.resize(indices, _halves(sizes))
 
     def grow_indices(self, indices: NDArray[np.int64], growths: Floats) -> None:
         """Grow boxes beyond their padding by (n,) metres on every side; nothing is checked.
@@ -226,18 +256,12 @@ class SceneObjects(ObjectSettings):
         ]
         return np.maximum(*speeds)
 
+    @completed
     def rename_indices(self, indices: NDArray[np.int64], names: Sequence[str]) -> None:
         """Give objects other names, which are valid, new and distinct; nothing is checked."""
         self._store.rename(indices, names)
         if self._paddings:
-            self._pad_again()
-
-    def _forget(self, slots: NDArray[np.int64]) -> None:
-        """Drop what is stored beside the store of the objects that slots had."""
-        gone = slots.tolist()
-        self._cache.drop_many(gone)
-        self._own_padding.difference_update(gone)
-        self._own_accuracy.difference_update(gone)
+            self._pad_again(self._padding, self._paddings)
 
     def renew_indices(self, indices: ArrayLike) -> None:
         """Make objects new ones, by index array (n,): nothing relates them to what they were."""
@@ -263,10 +287,7 @@ class SceneObjects(ObjectSettings):
         >>> len(scene)
         0
         """
-        slot = self._store.remove(name)
-        self._own_padding.discard(slot)
-        self._own_accuracy.discard(slot)
-        self._cache.drop(slot)
+        self._remove(np.array([self._store.slot(name)]))
 
     def remove_indices(self, indices: ArrayLike) -> None:
         """Remove objects by index.
@@ -291,9 +312,12 @@ class SceneObjects(ObjectSettings):
         >>> len(scene)
         0
         """
-        slots = np.unique(self._store.check_slots(indices))
+        self._remove(np.unique(self._store.check_slots(indices)))
+
+    @completed
+    def _remove(self, slots: Rows) -> None:
         self._store.remove_rows(slots)
-        self._forget(slots)
+        self._cache.drop_many(slots.tolist())
 
     def build_outside(self, builder: Builder) -> OutsideTrees:
         """Have the trees and hulls of large shapes built by another process.
@@ -306,11 +330,11 @@ class SceneObjects(ObjectSettings):
         self._cache.outside = OutsideTrees(builder)
         return self._cache.outside
 
+    @completed
     def clear(self) -> None:
         """Remove all objects; settings are retained."""
         self._store = ObjectStore()
         self._cache.clear()
-        super().clear()
 
     @property
     def shape_revision(self) -> int:
@@ -358,3 +382,9 @@ def local_box(shape: Shape | OBB) -> LocalBox:
     if isinstance(shape, OBB):
         return shape.center, shape.rotation, shape.half_extents
     return shape.local_box
+
+
+def local_boxes(shape: Shape | OBB) -> LocalBoxes:
+    """Return the same as one of several, in arrays of its own."""
+    center, rotation, half_extents = local_box(shape)
+    return np.array(center)[None], np.array(rotation)[None], np.array(half_extents)[None]

@@ -32,8 +32,10 @@ from obb_collision.scene.broad_phase.crowds import ordered_candidates
 from obb_collision.scene.broad_phase.find_pairs import colliding_pairs
 from obb_collision.scene.building.shape_cache import ShapeCache
 from obb_collision.scene.refinement.ladder import decide_pairs, is_plain, needs_spheres
+from obb_collision.scene.store.kinds import kind_of
 from obb_collision.scene.store.pair_table import PairFilter
-from obb_collision.scene.store.store import LocalBox, ObjectStore
+from obb_collision.scene.store.placed import LocalBoxes
+from obb_collision.scene.store.store import ObjectStore
 from obb_collision.shapes import Shape
 from obb_collision.typing import Floats, Rows
 
@@ -41,8 +43,6 @@ from obb_collision.typing import Floats, Rows
 FIRST_PIECE = 16
 #: ... and by how much more each time.
 GROWTH = 4
-#: Name of a body while it is asked about: none that an object can have.
-BODY = "\0"
 
 
 def any_collides(
@@ -93,23 +93,15 @@ def _bounds(store: ObjectStore, boxes: Boxes) -> tuple[Floats, Floats]:
 
 @contextmanager
 def body_in(
-    store: ObjectStore, cache: ShapeCache, shape: Shape | OBB, local_box: LocalBox, pose: Floats,
+    store: ObjectStore, cache: ShapeCache, shape: Shape | OBB, box: LocalBoxes, pose: Floats,
     padding: float, level: Accuracy,
-) -> Iterator[int]:  # fmt: skip
-    """Put a body into a store for as long as it is asked about; yield its slot."""
-    changed, touched = store.changed.copy(), store.touched
-    version, outside = store.version, cache.outside
-    cache.outside = None  # what the question needs is built now
-    slot = store.put(BODY, local_box, pose, padding)
+) -> Iterator[tuple[ObjectStore, ShapeCache, int]]:  # fmt: skip
+    """Yield copies of a store and a cache that have a body, and its slot; no object changes."""
+    there, slot = store.with_body(box, pose, padding, kind_of(shape), level)
+    own = cache.at_once()
+    own.put(own.shape_for(slot, shape))
     try:
-        store.kinds[slot], store.accuracies[slot] = cache.put(slot, shape), level
-        yield slot
+        yield there, own, slot
     finally:
-        store.remove(BODY)
         cache.retain(slot)
-        cache.drop(slot)
-        cache.outside = outside
-        # as before: the names are, and nothing has changed
-        store.version = version
-        store.settle()
-        store.changed[: len(changed)], store.touched = changed, touched
+        cache.leave(slot)  # should this not come to its end, whoever takes the slot does it

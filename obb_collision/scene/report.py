@@ -16,8 +16,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from time import perf_counter
 from typing import Any
 
@@ -30,6 +31,8 @@ from obb_collision.queries.clearance.clearance import Clearances
 from obb_collision.queries.contacts.contacts import Contacts
 from obb_collision.queries.points.points import PointsInside
 from obb_collision.queries.verdict.separations import Separations
+from obb_collision.queries.verdict.verdict import Verdicts
+from obb_collision.scene.broad_phase.broad_phase import Pairs
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.effects.base import Cycle, Setting
 from obb_collision.scene.effects.settings import OFF
@@ -54,8 +57,8 @@ class Report:
 
     The arrays are read-only. pairs (m, 2) int64: object indices i < j, in lexicographic order.
     verdicts (m,) int8: ``Verdict.TOUCHING`` or ``OVERLAP``; both count as colliding. OVERLAP is
-    certain; on all levels but OBB and MESH, which can't be, everything is TOUCHING.
-    levels (m,) int8: the ``Accuracy`` that each pair was decided on.
+    certain; on levels other than OBB and MESH, where nothing is, everything is TOUCHING.
+    accuracies (m,) int8: the ``Accuracy`` that each pair was decided on.
     cap: the highest ``Accuracy`` that the scene's time budget allowed, None without a budget.
     truncated: whether pairs are left out, of which there are more than ``Scene.max_pairs``; then
     the first ones are here. total: how many pairs collide; at least, where truncated.
@@ -80,35 +83,69 @@ class Report:
         found: Findings,
         slot_names: tuple[str | None, ...],
         stages: dict[str, float],
-        cycle: Cycle,
+        make_cycle: Callable[[Findings], Cycle],
         settings: Mapping[str, Setting],
     ) -> None:
-        # read-only: effects computed later, and the next check, go by them
-        self.pairs, self.verdicts, self.accuracies = (
-            _read_only(array) for array in (found.pairs, found.verdicts, found.accuracies)
-        )
-        self.cap = found.cap
-        self.truncated = found.total is not None
-        self.total = len(found.pairs) if found.total is None else found.total
-        self._colliding = found.colliding
-        self._outcomes = found.outcomes
+        # nothing but what is given: a step whose effects are off costs no more than its pairs
+        self._found = found
         self.slot_names = slot_names
         self.stages = stages
         self.costs: dict[str, Cost] = {}
-        self.cycle = cycle
+        self._make_cycle = make_cycle
         self._settings = settings
 
+    @cached_property
+    def pairs(self) -> Pairs:
+        """(m, 2) indices i < j of objects; read-only, as the next check goes by them."""
+        return _read_only(self._found.pairs)
+
+    @cached_property
+    def verdicts(self) -> Verdicts:
+        """(m,) TOUCHING or OVERLAP."""
+        return _read_only(self._found.verdicts)
+
+    @cached_property
+    def accuracies(self) -> Levels:
+        """(m,) the ``Accuracy`` that each pair was decided on."""
+        return _read_only(self._found.accuracies)
+
+    @property
+    def cap(self) -> Accuracy | None:
+        """The highest ``Accuracy`` that the time budget allowed, None without one."""
+        return self._found.cap
+
+    @property
+    def behind(self) -> bool:
+        """Whether pairs were decided on a lower level than they ask for, until more is built."""
+        return self._found.behind
+
+    @property
+    def truncated(self) -> bool:
+        """Whether pairs are left out."""
+        return self._found.total is not None
+
+    @property
+    def total(self) -> int:
+        """How many pairs collide; at least, where ``truncated``."""
+        return len(self) if self._found.total is None else self._found.total
+
+    @cached_property
+    def cycle(self) -> Cycle:
+        """The check as effects see it."""
+        return self._make_cycle(self._found)
+
     def __len__(self) -> int:
-        return len(self.pairs)
+        return len(self._found.pairs)
 
     def __repr__(self) -> str:
         more = f" of at least {self.total}" if self.truncated else ""
-        return f"Report({len(self)}{more} pairs, effects: {', '.join(self._outcomes) or 'none'})"
+        effects = ", ".join(self._found.outcomes) or "none"
+        return f"Report({len(self)}{more} pairs, effects: {effects})"
 
     @property
     def results(self) -> dict[str, Any]:
         """What the effects computed so far gave, by name."""
-        return {name: outcome.result for name, outcome in self._outcomes.items()}
+        return {name: outcome.result for name, outcome in self._found.outcomes.items()}
 
     def result(self, effect: str) -> Any:
         """Return what an effect gave; see its module for what that is.
@@ -140,9 +177,9 @@ class Report:
             if not EFFECTS[effect].lazy:
                 raise ValueError(f"ask for it: scene.check(effects=[{effect!r}])")
             self.compute(effect)
-        if effect not in self._outcomes:
+        if effect not in self._found.outcomes:
             raise RuntimeError(f"the effect {effect!r} failed: {self.costs[effect].failures[0]}")
-        return self._outcomes[effect].result
+        return self._found.outcomes[effect].result
 
     def accuracies_of(self, effect: str) -> Levels:
         """Return the ``Accuracy`` (k,) int8 that each row of the result of an effect is of.
@@ -169,7 +206,7 @@ class Report:
         ['HULL']
         """
         result = self.result(effect)
-        levels = self._outcomes[effect].accuracies
+        levels = self._found.outcomes[effect].accuracies
         if levels is None:
             parts = (result.passed, result.predicted) if effect == "sweep" else (result,)
             levels = np.full(sum(map(_rows_of, parts)), Accuracy.OBB, np.int8)
@@ -178,7 +215,7 @@ class Report:
     def compute(self, effect: str) -> None:
         """Compute an effect and note what it took, and why it failed if it did."""
         start = perf_counter()
-        known = self._outcomes.get(effect)
+        known = self._found.outcomes.get(effect)
         if known is not None:  # by a report of the same findings
             self.costs[effect] = Cost(0, 0.0, known.failures)
             return
@@ -189,7 +226,7 @@ class Report:
                 outcome = EFFECTS[effect].run(self.cycle, self._settings[effect])
             if self.cycle.notes:
                 outcome = replace(outcome, failures=(*outcome.failures, *self.cycle.notes))
-            self._outcomes[effect] = outcome
+            self._found.outcomes[effect] = outcome
             count, failures = outcome.count, outcome.failures
         except Exception as error:  # whatever it is, the others and the cycle go on
             failures = (f"{type(error).__name__}: {error}",)
@@ -227,7 +264,7 @@ class Report:
         if len(column) == len(self):
             return column
         full = np.full((len(self), *column.shape[1:]), np.nan)
-        full[self._outcomes["separations"].rows] = column
+        full[self._found.outcomes["separations"].rows] = column
         return full
 
     @property
@@ -253,8 +290,8 @@ class Report:
     @property
     def colliding(self) -> NDArray[np.bool_]:
         """(slots,) whether the object of each index takes part in a collision, kept or left out."""
-        if self._colliding is not None:
-            return self._colliding.copy()
+        if self._found.colliding is not None:
+            return self._found.colliding.copy()
         mask = np.zeros(len(self.slot_names), np.bool_)
         mask[self.pairs.ravel()] = True
         return mask

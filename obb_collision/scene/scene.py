@@ -34,7 +34,7 @@ from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.effects.base import Cycle
 from obb_collision.scene.findings import Findings
 from obb_collision.scene.object_settings import check_padding
-from obb_collision.scene.objects import local_box
+from obb_collision.scene.objects import local_boxes
 from obb_collision.scene.questions import any_collides, body_in, colliding_with
 from obb_collision.scene.ray_questions import cast_at_objects
 from obb_collision.scene.refinement.ladder import needs_spheres
@@ -58,7 +58,7 @@ class Scene(SceneSettings):
     exact: decide by integer arithmetic what doubles can't tell from touching.
     accuracy: the level of ``Accuracy`` for objects without one of their own, or its name. A pair is
     decided on the lower level of its two objects, above "obb" only where that can say more than
-    boxes do (see ``scene.ladder``).
+    boxes do (see ``scene.refinement.ladder``).
     tree_depth: of the boxes of "obb_tree", 2^depth a mesh.
     time_budget: seconds for a check, None for no limit; see the property.
     max_pairs: pairs that a report has at most, None for no limit; see the property.
@@ -236,9 +236,9 @@ class Scene(SceneSettings):
         level = self._accuracy if accuracy is None else as_accuracy(accuracy)
         patterns = as_patterns(ignore, "ignore")
         self._checker.settle_region()
-        body = body_in(self._store, self._cache, shape, local_box(shape), where, padding, level)
-        with body as slot:
-            found = colliding_with(self._store, self._cache, slot, self._tree_depth, self._exact)
+        body = body_in(self._store, self._cache, shape, local_boxes(shape), where, padding, level)
+        with body as (store, cache, slot):
+            found = colliding_with(store, cache, slot, self._tree_depth, self._exact)
             names = [str(self._store.names[row]) for row in found]
         return [name for name, out in zip(names, matching(patterns, names), strict=True) if not out]
 
@@ -306,8 +306,19 @@ class Scene(SceneSettings):
             found = last.found = self._find()
             last.outcomes_before = {} if before is None else before.outcomes
         stages = {"pairs": perf_counter() - start}
+        settings = self._effects.resolved(store.names, store.version)
+        report = Report(found, store.name_tuple(), stages, self._cycle, settings)
+        if self._effects.any_possible:
+            report.cycle  # noqa: B018, now: the scene may change before it is used
+        return report
+
+    def _cycle(self, found: Findings) -> Cycle:
+        """Return the check that has just been made, as effects see it."""
+        store, last = self._store, self._last
+        if store.touched or found is not last.found:
+            raise RuntimeError("the scene has changed since this check, whose effects are all off")
         active = store.active.copy()
-        cycle = Cycle(
+        return Cycle(
             *(store.snapshot(), active, found.pairs, found.verdicts),
             *(self._checker.pair_filter, found.old, last.outcomes_before),
             *(self._obstacle_points, store, self._before),
@@ -318,8 +329,6 @@ class Scene(SceneSettings):
             names=store.name_tuple(),
             shapes=self._placed_shapes(found),
         )
-        settings = self._effects.resolved(store.names, store.version)
-        return Report(found, store.name_tuple(), stages, cycle, settings)
 
     def _placed_shapes(self, found: Findings) -> PlacedShapes | None:
         """Return the shapes for effects above OBB; None where each speaks of boxes."""
@@ -327,7 +336,7 @@ class Scene(SceneSettings):
             return None
         return PlacedShapes(
             *(self._store, self._cache, found.pairs, found.accuracies, found.cap),
-            *(self._tree_depth, self._exact),
+            *(self._tree_depth, self._exact, found.total is None),
         )
 
 

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import weakref
 from collections.abc import Iterable, Mapping
+from difflib import get_close_matches
 from typing import Any
 
 import numpy as np
@@ -35,7 +36,10 @@ from obb_collision.scene.objects import SceneObjects
 from obb_collision.scene.refinement.budget import Budget
 from obb_collision.scene.report import Report
 from obb_collision.scene.store.allowed import AllowedPairs, Rule, Sides
+from obb_collision.scene.store.completed import completed
+from obb_collision.scene.store.patterns import as_patterns, matching
 from obb_collision.scene.store.region import Region
+from obb_collision.words import shown
 
 #: Depth of the trees on the level "obb_tree": eight boxes a mesh.
 DEFAULT_DEPTH = 3
@@ -72,6 +76,7 @@ class SceneSettings(SceneObjects):
         if region is not None:
             self.region = region
 
+    @completed
     def clear(self) -> None:
         """Take all objects out; what is set stays."""
         super().clear()
@@ -92,9 +97,10 @@ class SceneSettings(SceneObjects):
 
     @tree_depth.setter
     def tree_depth(self, value: int) -> None:
-        self._tree_depth = as_whole(value, "tree_depth")
+        depth = as_whole(value, "tree_depth")
         high = self._store.accuracies >= Accuracy.OBB_TREE
         self._store.mark(np.flatnonzero(self._store.used & high))
+        self._tree_depth = depth
 
     @property
     def max_pairs(self) -> int | None:
@@ -110,9 +116,10 @@ class SceneSettings(SceneObjects):
 
     @max_pairs.setter
     def max_pairs(self, value: int | None) -> None:
-        self._max_pairs = _checked_limit(value)
-        self._checker.limit, self._checker.last = self._max_pairs, None
+        limit = _checked_limit(value)
+        self._checker.last = None
         self._forget_report()
+        self._max_pairs = self._checker.limit = limit
 
     @property
     def region(self) -> Region | None:
@@ -131,13 +138,17 @@ class SceneSettings(SceneObjects):
     @region.setter
     def region(self, value: Region | None) -> None:
         check_kind(value, Region, "region", type(None))
-        if value is None or value.is_everything:
-            self._region = None
-        else:
+        if value is not None and value.is_everything:
+            value = None
+        if value is not None:
             check_halo(value.halo, self._effects.reach())
-            self._region = value
-        self._checker.set_region(self._region)
+        self._set_region(value)
+
+    @completed
+    def _set_region(self, value: Region | None) -> None:
         self._forget_report()
+        self._checker.set_region(value)
+        self._region = value
 
     @property
     def indices_near(self) -> NDArray[np.int64]:
@@ -170,12 +181,18 @@ class SceneSettings(SceneObjects):
             )
 
     def allow(
-        self, first: Iterable[str] | str, second: Iterable[str] | str, allowed: bool = True
+        self,
+        first: Iterable[str] | str,
+        second: Iterable[str] | str,
+        allowed: bool = True,
+        *,
+        known: bool = False,
     ) -> None:
         """Let objects touch: their pairs no longer count; with ``allowed=False`` they do again.
 
         first, second: names or patterns such as ``gripper/*``. Of several rules for a pair the last
-        one counts. Raises ValueError for what is no pattern.
+        one counts. Rules are also for objects to come, and for links of robots, so a name that no
+        object has is no error, unless ``known`` says so.
 
         Parameters
         ----------
@@ -184,6 +201,9 @@ class SceneSettings(SceneObjects):
         second : str or iterable of str
             Names or patterns.
         allowed : bool
+        known : bool
+            Whether each name or pattern must be that of an object that is there, against typing
+            errors.
 
         Raises
         ------
@@ -199,8 +219,20 @@ class SceneSettings(SceneObjects):
         >>> scene.check().names()
         []
         """
-        self._allowed.add(first, second, as_flag(allowed, "allowed"))
-        self._store.mark(self._store.live())
+        flag = as_flag(allowed, "allowed")
+        if as_flag(known, "known"):
+            self._check_known(first, "first")
+            self._check_known(second, "second")
+        self._store.mark(self._store.live())  # first, for interrupts
+        self._allowed.add(first, second, flag)
+
+    def _check_known(self, side: Iterable[str] | str, argument: str) -> None:
+        """Raise ValueError for a name or pattern that no object has."""
+        for pattern in as_patterns(side, argument):
+            if not matching([pattern], self.names).any():
+                close = get_close_matches(pattern, self.names, 1)
+                hint = f"; did you mean {close[0]}?" if close else ""
+                raise ValueError(f"{argument} must fit objects, got {shown(pattern)}{hint}")
 
     @property
     def allowed(self) -> list[Rule]:
@@ -212,10 +244,10 @@ class SceneSettings(SceneObjects):
 
     @allowed.setter
     def allowed(self, rules: Iterable[Rule]) -> None:
-        before = self._allowed.rules
-        self._allowed.replace(rules)
-        if self._allowed.rules != before:
+        new = AllowedPairs.of(rules)
+        if new.rules != self._allowed.rules:
             self._store.mark(self._store.live())
+            self._allowed.replace(new)
 
     @property
     def check_only(self) -> list[Sides]:
@@ -227,8 +259,8 @@ class SceneSettings(SceneObjects):
 
     @check_only.setter
     def check_only(self, pairs: Iterable[Sides]) -> None:
-        self._allowed.only = pairs
         self._store.mark(self._store.live())
+        self._allowed.only = pairs
 
     @property
     def allowed_within(self) -> list[str]:
@@ -241,8 +273,8 @@ class SceneSettings(SceneObjects):
 
     @allowed_within.setter
     def allowed_within(self, namespaces: Iterable[str] | str) -> None:
-        self._allowed.within = namespaces
         self._store.mark(self._store.live())
+        self._allowed.within = namespaces
 
     def set_effect(
         self,
@@ -276,15 +308,11 @@ class SceneSettings(SceneObjects):
         >>> scene.effect_setting("clearance").mode
         'on'
         """
-        before = self._effects[name]
-        self._effects.set(name, mode, objects, options)
+        new = self._effects.changed(name, mode, objects, options)
         if self._region is not None:
-            try:
-                check_halo(self._region.halo, self._effects.reach())
-            except ValueError:
-                self._effects.set(name, before.mode, before.objects, before.values)
-                raise
+            check_halo(self._region.halo, new.reach())
         self._forget_report()
+        self._effects = new
 
     def effect_setting(self, name: str) -> Setting:
         """Return how an effect is set. ValueError for an unknown one.
@@ -315,8 +343,9 @@ class SceneSettings(SceneObjects):
 
     @obstacle_points.setter
     def obstacle_points(self, value: ArrayLike | None) -> None:
-        self._obstacle_points = None if value is None else as_points(value, "obstacle_points")
+        points = None if value is None else as_points(value, "obstacle_points")
         self._forget_report()
+        self._obstacle_points = points
 
 
 class LastCheck:

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from obb_collision.geometry.boxes import Boxes
-from obb_collision.geometry.kinds import as_flag
+from obb_collision.geometry.kinds import NotCopied, as_flag
 from obb_collision.geometry.validation import as_any_array, as_array
 from obb_collision.obb import OBB
 from obb_collision.scene.store.store import ObjectStore
@@ -30,7 +30,7 @@ from obb_collision.typing import Floats
 from obb_collision.words import shown
 
 
-class SceneStates:
+class SceneStates(NotCopied):
     """The states of named objects; what they are is set by ``SceneObjects``."""
 
     _store: ObjectStore

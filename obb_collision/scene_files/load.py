@@ -16,15 +16,17 @@
 
 from __future__ import annotations
 
+import gc
 import os
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from importlib.metadata import PackageNotFoundError, files
 from os import PathLike
 from pathlib import Path
 
 from obb_collision.geometry.kinds import check_kind
 from obb_collision.geometry.shapes.files import resolve_path
+from obb_collision.geometry.shapes.folders import MeshFolders
 from obb_collision.geometry.validation import warn_caller
 from obb_collision.scene_files.description import SceneDescription
 from obb_collision.scene_files.errors import Problem, SceneFileError
@@ -48,9 +50,11 @@ def load_scene(path: str | Path, mesh_folders: Sequence[str | Path] = ()) -> Sce
     Parameters
     ----------
     path : str or path
+        A file, or the name of a scene that comes with the package: "tabletop", "warehouse",
+        "lidar_zone" or "arm_cell".
     mesh_folders : sequence of paths
         Folders whose mesh files it may name, besides its own folder, its package and the share
-        folders of installed packages.
+        folders of installed packages; packages are looked for in them first.
 
     Returns
     -------
@@ -71,12 +75,14 @@ def load_scene(path: str | Path, mesh_folders: Sequence[str | Path] = ()) -> Sce
     ...     description = oc.load_scene(file.name)
     >>> description.names
     ['cup']
+    >>> oc.load_scene("tabletop").name
+    'tabletop'
     """
     check_kind(path, str, "path", PathLike)
     check_kind(mesh_folders, list, "mesh_folders", tuple)
     for folder in mesh_folders:
         check_kind(folder, str, "an entry of mesh_folders", PathLike)
-    description, doubts = _load(Path(path), MeshReading(mesh_folders))
+    description, doubts = _load(path, MeshReading(MeshFolders(tuple(mesh_folders))))
     for doubt in doubts:
         warn_caller(doubt)
     return description
@@ -85,12 +91,26 @@ def load_scene(path: str | Path, mesh_folders: Sequence[str | Path] = ()) -> Sce
 def describe_scene(path: str | Path, meshes: MeshReading | None = None) -> SceneDescription:
     """Return what ``load_scene`` does without a warning: for callers that print all notes."""
     check_kind(path, str, "path", PathLike)
-    return _load(Path(path), meshes or MeshReading())[0]
+    return _load(path, meshes or MeshReading())[0]
 
 
-def _load(file: Path, meshes: MeshReading) -> tuple[SceneDescription, tuple[str, ...]]:
-    top = parse(str(file), read_text(file))
-    return _read(top, file, MeshFiles(file, meshes)), top.problems.doubts()
+def _load(path: str | Path, meshes: MeshReading) -> tuple[SceneDescription, tuple[str, ...]]:
+    file = find_scene(path)
+    with _without_collections():
+        top = parse(str(file), read_text(file))
+        return _read(top, file, MeshFiles(file, meshes)), top.problems.doubts()
+
+
+@contextmanager
+def _without_collections() -> Iterator[None]:
+    """Let the garbage collector rest: it takes as long as all else, and finds nothing here."""
+    was_enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was_enabled:
+            gc.enable()
 
 
 def _read(top: Value, file: Path, meshes: MeshFiles) -> SceneDescription:
@@ -103,7 +123,7 @@ def _read(top: Value, file: Path, meshes: MeshFiles) -> SceneDescription:
     top.expected("a mapping (key: value)")
 
 
-def find_scene(name: str) -> Path:
+def find_scene(name: str | Path) -> Path:
     """Return the file of a path, or of the name of a scene that comes with the package.
 
     Raises SceneFileError, with the names there are, where there is neither.
@@ -111,16 +131,18 @@ def find_scene(name: str) -> Path:
     path = Path(name)
     if os.path.exists(path) or path.suffix or len(path.parts) != 1:
         return path
-    for folder in _config_folders() if name in READY else ():
+    for folder in _config_folders() if str(name) in READY else ():
         if (folder / f"{name}.yaml").is_file():
             return folder / f"{name}.yaml"
     reason = f"there is no such file; the scenes of the package are {', '.join(READY)}"
-    raise SceneFileError(name, [Problem(0, "", reason)])
+    raise SceneFileError(str(name), [Problem(0, "", reason)])
 
 
 def _config_folders() -> Iterator[Path]:
     """Yield where ``config`` may be: beside the sources, where pip put it, where colcon did."""
-    yield Path(__file__).resolve().parents[2] / "config"
+    root = Path(__file__).resolve().parents[2]
+    yield root / "config"
+    yield root / "share" / PACKAGE / "config"  # by pip --target
     try:
         installed = files(PACKAGE) or []
     except PackageNotFoundError:

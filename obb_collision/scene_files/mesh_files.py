@@ -16,7 +16,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -24,10 +23,15 @@ import numpy as np
 from obb_collision.geometry.shapes.files import (
     LARGEST_FILE,
     MOST_TRIANGLES,
-    resolve_path,
+    PACKAGE,
     shortened,
 )
-from obb_collision.geometry.shapes.folders import allowed_path, source_folder
+from obb_collision.geometry.shapes.folders import (
+    NO_FOLDERS,
+    MeshFolders,
+    allowed_path,
+    source_folder,
+)
 from obb_collision.scene.building.jobs import MeshFile
 from obb_collision.scene.building.process import Limits, WorkerProcess
 from obb_collision.scene_files.description import Triple
@@ -35,7 +39,6 @@ from obb_collision.scene_files.yaml_values import Value
 from obb_collision.shapes import Mesh
 from obb_collision.words import MAX_PATH
 
-PACKAGE = "package://"
 A_FILE = "a path or a file:// or package:// URI"
 
 
@@ -48,12 +51,12 @@ class MeshReading:
 
     def __init__(
         self,
-        folders: Sequence[str | Path] = (),
+        folders: MeshFolders = NO_FOLDERS,
         limits: Limits | None = None,
         largest: int = LARGEST_FILE,
         triangles: int = MOST_TRIANGLES,
     ) -> None:
-        self.folders = tuple(folders)
+        self.folders = folders
         self._limits, self._largest, self._triangles = limits, largest, triangles
         self._process = WorkerProcess()
 
@@ -106,7 +109,7 @@ class MeshFiles:
         raise AssertionError  # for the type checker: what is within does not go on
 
     @property
-    def folders(self) -> tuple[str | Path, ...]:
+    def folders(self) -> MeshFolders:
         """Where mesh files may be besides the folder and the package of the scene file."""
         return self._reading.folders
 
@@ -118,7 +121,7 @@ class MeshFiles:
         """Return where a file is; ValueError where none is read."""
         path, own = self._found(file)
         try:
-            return allowed_path(path, (own, *self._reading.folders))
+            return allowed_path(path, (own, *self.folders.chosen))
         except ValueError as error:
             raise ValueError(f"mesh file {shortened(str(path))}: {error}") from error
 
@@ -130,7 +133,7 @@ class MeshFiles:
         if "://" not in file:
             return self._folder / file, self._own
         try:
-            return resolve_path(file), self._own
+            return self.folders.resolve(file), self._own
         except (ValueError, OSError) as error:  # OSError: no environment of ROS is set
             package, _, inside = file.removeprefix(PACKAGE).partition("/")
             for folder in (self._folder.resolve(), *self._folder.resolve().parents):

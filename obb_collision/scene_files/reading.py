@@ -24,9 +24,14 @@ from pathlib import Path
 from typing import Any
 
 import yaml
+from yaml.composer import ComposerError
+from yaml.parser import Parser
+from yaml.reader import Reader
+from yaml.resolver import Resolver
+from yaml.scanner import Scanner
 
 from obb_collision.scene_files.errors import Problem, Problems, SceneFileError
-from obb_collision.scene_files.yaml_values import Value
+from obb_collision.scene_files.yaml_values import MAPPING, SEQUENCE, Node, Value
 
 #: Bytes of a file: a scene with its meshes written out, which takes a minute to read.
 MAX_BYTES = 16_000_000
@@ -40,32 +45,91 @@ class _LimitError(yaml.MarkedYAMLError):  # type: ignore[misc]
     """A file that is YAML, but exceeds a limit."""
 
 
-class _Loader(yaml.SafeLoader):  # type: ignore[misc]
-    """PyYAML's loader, with limits."""
+class PythonParser(Reader, Scanner, Parser):  # type: ignore[misc]
+    """PyYAML's parser in Python: what is no YAML, users are told in its words."""
 
     def __init__(self, text: str) -> None:
-        super().__init__(text)
+        Reader.__init__(self, text)
+        Scanner.__init__(self)
+        Parser.__init__(self)
+
+
+try:  # libyaml takes a tenth of the time
+    from yaml.cyaml import CParser as FastParser
+except ImportError:  # PyYAML may be built without it
+    FastParser = PythonParser
+
+
+class _Composer:
+    """Makes nodes of what a parser finds, within the limits."""
+
+    def __init__(self, parser: Any) -> None:
+        self._next = parser.get_event
+        self._resolve = Resolver().resolve
         self._level = 0
         self._count = 0
-        self._sizes: dict[str, int] = {}  # values behind each anchor that is complete
+        self._anchors: dict[str, tuple[Node, int]] = {}  # with the values behind them
+        self._open: set[str] = set()  # anchors of what is not complete
 
-    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
-        event = self.peek_event()
-        is_alias = isinstance(event, yaml.AliasEvent)
-        before = self._count
-        self._count += self._sizes.get(event.anchor, 1) if is_alias else 1
+    def document(self) -> Node | None:
+        """Return the only document, None where there is none."""
+        self._next()
+        if isinstance(self._next(), yaml.StreamEndEvent):
+            return None
+        node = self._node(self._next())
+        self._next()
+        event = self._next()
+        if not isinstance(event, yaml.StreamEndEvent):
+            raise ComposerError(None, None, "but found another document", event.start_mark)
+        return node
+
+    def _node(self, event: yaml.Event) -> Node:
+        if isinstance(event, yaml.AliasEvent):
+            return self._known(event)
+        self._add(1, event)
+        anchor, before = event.anchor, self._count
+        if anchor is not None:
+            if anchor in self._anchors or anchor in self._open:
+                raise ComposerError(None, None, "second occurrence", event.start_mark)
+            self._open.add(anchor)
         self._level += 1
         if self._level > MAX_LEVELS:
             self._limit(f"nested too deeply, more than {MAX_LEVELS} levels", event)
+        node = self._made(event)
+        self._level -= 1
+        if anchor is not None:
+            self._anchors[anchor] = node, self._count - before + 1
+        return node
+
+    def _made(self, event: yaml.Event) -> Node:
+        line, tag = event.start_mark.line, event.tag
+        if isinstance(event, yaml.ScalarEvent):
+            if tag is None or tag == "!":
+                tag = self._resolve(yaml.ScalarNode, event.value, event.implicit)
+            return Node(tag, event.value, line, event.style or None)  # libyaml: "" for plain ones
+        value: list[Node] = []
+        while not isinstance(inner := self._next(), yaml.CollectionEndEvent):
+            value.append(self._node(inner))
+        if isinstance(event, yaml.SequenceStartEvent):
+            return Node(tag if tag not in (None, "!") else SEQUENCE, value, line)
+        pairs = tuple(zip(value[::2], value[1::2], strict=True))
+        return Node(tag if tag not in (None, "!") else MAPPING, pairs, line)
+
+    def _known(self, event: yaml.AliasEvent) -> Node:
+        """Return what an alias stands for."""
+        if event.anchor not in self._anchors:
+            if event.anchor in self._open:
+                self._limit(f"&{event.anchor} contains itself", event)
+            problem = f"found undefined alias {event.anchor!r}"
+            raise ComposerError(None, None, problem, event.start_mark)
+        node, count = self._anchors[event.anchor]
+        self._add(count, event)
+        return node
+
+    def _add(self, count: int, event: yaml.Event) -> None:
+        self._count += count
         if self._count > MAX_VALUES:
             self._limit(f"there are more than {MAX_VALUES} values, with what aliases add", event)
-        if is_alias and event.anchor in self.anchors and event.anchor not in self._sizes:
-            self._limit(f"&{event.anchor} contains itself", event)
-        node: yaml.Node | None = super().compose_node(parent, index)
-        self._level -= 1
-        if event.anchor is not None and not is_alias:
-            self._sizes[event.anchor] = self._count - before
-        return node
 
     def _limit(self, reason: str, event: yaml.Event) -> None:
         raise _LimitError(problem=reason, problem_mark=event.start_mark)
@@ -74,11 +138,13 @@ class _Loader(yaml.SafeLoader):  # type: ignore[misc]
 def parse(file: str, text: str) -> Value:
     """Return the top value of a YAML text; SceneFileError if it is none or exceeds a limit."""
     try:
-        loader = _Loader(text)
-    except yaml.reader.ReaderError as error:
-        raise _no_yaml(file, text.count("\n", 0, error.position) + 1, error.reason) from None
-    try:
-        node = loader.get_single_node()
+        try:
+            node = _Composer(FastParser(text)).document()
+        except _LimitError:
+            raise
+        except (yaml.YAMLError, ValueError, OverflowError, RecursionError):
+            parser = PythonParser(text)
+            node = _Composer(parser).document()
     except _LimitError as error:
         raise SceneFileError(file, [Problem(_line(error), "", str(error.problem))]) from None
     except yaml.MarkedYAMLError as error:
@@ -86,11 +152,9 @@ def parse(file: str, text: str) -> Value:
     except yaml.reader.ReaderError as error:
         raise _no_yaml(file, text.count("\n", 0, error.position) + 1, error.reason) from None
     except (ValueError, OverflowError) as error:  # numbers of directives and of escapes
-        raise _no_yaml(file, loader.line + 1, str(error)) from None
+        raise _no_yaml(file, parser.line + 1, str(error)) from None
     except RecursionError:  # called from deep within something else
-        raise SceneFileError(file, [Problem(loader.line + 1, "", "nested too deeply")]) from None
-    finally:
-        loader.dispose()
+        raise SceneFileError(file, [Problem(parser.line + 1, "", "nested too deeply")]) from None
     if node is None:
         raise SceneFileError(file, [Problem(1, "", "the file is empty")])
     return Value(node, "", Problems(file))

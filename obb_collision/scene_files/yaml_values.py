@@ -26,9 +26,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from difflib import get_close_matches
 from itertools import islice
-from typing import NoReturn
-
-import yaml
+from typing import Any, NoReturn
 
 from obb_collision.numerics.constants import MAX_MAGNITUDE
 from obb_collision.scene_files.errors import MAX_PROBLEMS, Problem, Problems, SceneFileError
@@ -38,7 +36,7 @@ from obb_collision.words import MAX_NAME, printable, text_fault
 NUMBER = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?", re.ASCII)
 #: Maximum characters of a number: the longest that a float needs, written out.
 MAX_NUMBER = 1100
-NULL = "tag:yaml.org,2002:null"
+NULL, SEQUENCE, MAPPING = (f"tag:yaml.org,2002:{name}" for name in ("null", "seq", "map"))
 #: Tags of plain YAML; others ask for objects to be made, which is never done.
 PLAIN_TAGS = frozenset(
     f"tag:yaml.org,2002:{name}"
@@ -53,11 +51,24 @@ MAX_GUESSES, MAX_LISTED = 500, 20
 MAX_PROSE = 10_000
 
 
+class Node:
+    """A value of YAML: a text, a list of nodes, or, of a mapping, a tuple of pairs of nodes.
+
+    line: counted from 0; style: of texts, None for plain ones. Smaller than PyYAML's, of which
+    large files have millions: Python's garbage collector looks through all of them, many times.
+    """
+
+    __slots__ = ("line", "style", "tag", "value")
+
+    def __init__(self, tag: str, value: Any, line: int, style: str | None = None) -> None:
+        self.tag, self.value, self.line, self.style = tag, value, line, style
+
+
 @dataclass(frozen=True)
 class Value:
     """A value in a file: its YAML node, the key that leads to it, and where problems go."""
 
-    node: yaml.Node
+    node: Node
     key: str
     problems: Problems = field(repr=False)
 
@@ -68,7 +79,7 @@ class Value:
     @property
     def line(self) -> int:
         """Its line, counted from 1."""
-        return int(self.node.start_mark.line) + 1
+        return self.node.line + 1
 
     def problem(self, reason: str) -> Problem:
         """Return the problem of this value."""
@@ -94,12 +105,12 @@ class Value:
     @property
     def is_mapping(self) -> bool:
         """Whether it is a mapping."""
-        return isinstance(self.node, yaml.MappingNode)
+        return isinstance(self.node.value, tuple)
 
     @property
     def is_list(self) -> bool:
         """Whether it is a list."""
-        return isinstance(self.node, yaml.SequenceNode)
+        return isinstance(self.node.value, list)
 
     @property
     def is_empty(self) -> bool:
@@ -173,7 +184,7 @@ class Value:
 
     def text(self, what: str = "a word", most: int = MAX_NAME) -> str:
         """Return a word, quoted or not, that is printable."""
-        if not isinstance(self.node, yaml.ScalarNode) or self.is_empty or not self.node.value:
+        if not isinstance(self.node.value, str) or self.is_empty or not self.node.value:
             self.expected(what)
         fault = text_fault(self.node.value, most)
         if fault is not None:
@@ -182,7 +193,7 @@ class Value:
 
     def prose(self) -> str:
         """Return text for people, which may have several lines."""
-        if not isinstance(self.node, yaml.ScalarNode) or self.is_empty:
+        if not isinstance(self.node.value, str) or self.is_empty:
             self.expected("text")
         text = str(self.node.value)
         fault = text_fault(text.replace("\n", " ").replace("\t", " ") or " ", MAX_PROSE)
@@ -203,7 +214,7 @@ class Value:
 
     def flag(self) -> bool:
         """Return true or false."""
-        plain = isinstance(self.node, yaml.ScalarNode) and self.node.style is None
+        plain = isinstance(self.node.value, str) and self.node.style is None
         word = str(self.node.value).lower() if plain else ""
         if word not in TRUE + FALSE:
             self.expected("true or false")
@@ -245,21 +256,21 @@ def items_of(fields: dict[str, Value], key: str) -> list[Value]:
     return fields[key].items() if key in fields else []
 
 
-def _as_number(node: yaml.Node) -> float | None:
-    plain = isinstance(node, yaml.ScalarNode) and node.style is None and node.tag in PLAIN_TAGS
+def _as_number(node: Node) -> float | None:
+    plain = isinstance(node.value, str) and node.style is None and node.tag in PLAIN_TAGS
     if not plain or len(node.value) > MAX_NUMBER or NUMBER.fullmatch(node.value) is None:
         return None
     number = float(node.value)
     return number if abs(number) <= MAX_MAGNITUDE else None
 
 
-def _shown(node: yaml.Node, levels: int) -> str:
-    if isinstance(node, yaml.ScalarNode):
+def _shown(node: Node, levels: int) -> str:
+    if isinstance(node.value, str):
         if node.tag == NULL:
             return "nothing"
         text = str(node.value[:SHOWN_LETTERS])
         return text if node.style is None else repr(text)
-    brackets = "[{}]" if isinstance(node, yaml.SequenceNode) else "{{{}}}"
+    brackets = "[{}]" if isinstance(node.value, list) else "{{{}}}"
     if levels == 0:
         return brackets.format("...")
     parts = [

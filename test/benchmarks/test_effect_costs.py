@@ -14,6 +14,7 @@
 
 """What effects cost: the table has every variant, and what is off runs on nothing."""
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -22,8 +23,10 @@ from obb_collision.benchmarks import effects
 
 
 @pytest.fixture(scope="module")
-def rows() -> list[effects.EffectRow]:
-    return effects.run_effects(0.0, lambda _: None)
+def rows() -> Iterator[list[effects.EffectRow]]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(effects, "FRAMES", 30)
+        yield effects.run_effects(0.0, lambda _: None)
 
 
 def test_every_scene_has_its_effects_alone_and_together(rows: list[effects.EffectRow]) -> None:

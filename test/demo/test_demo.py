@@ -37,11 +37,12 @@ from obb_collision.geometry.poses import as_poses
 
 rclpy_context = pytest.importorskip("rclpy.context")
 
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus  # noqa: E402
 from rclpy.executors import ExternalShutdownException  # noqa: E402
 from std_msgs.msg import Header  # noqa: E402 - needs ROS
 
 from obb_collision.demo.listener import Listener  # noqa: E402
-from obb_collision.demo.run import Demo  # noqa: E402
+from obb_collision.demo.run import NAMESPACE, Demo  # noqa: E402
 from obb_collision.demo.scene import DemoScene  # noqa: E402
 from obb_collision.node import namespace_number  # noqa: E402
 from obb_collision.node.messages.clouds import cloud_to_ros  # noqa: E402
@@ -147,6 +148,22 @@ def test_a_short_run_tells_pairs_and_ends_with_summary_and_picture(
     assert 50_000 < file.stat().st_size < 600_000
 
 
+def test_it_is_always_known_what_collides_while_it_runs(demo: Demo) -> None:
+    answers: list[DiagnosticStatus] = []
+    topic = f"{NAMESPACE}/collision_status"
+    demo.begin()
+    demo.settle(0.0)
+
+    def take(message: DiagnosticArray) -> None:
+        answers.append(message.status[0])
+
+    demo.listener.create_subscription(DiagnosticArray, topic, take, 100)
+    demo.run()
+    assert len(answers) > 5
+    assert {status.level for status in answers} <= {DiagnosticStatus.OK, DiagnosticStatus.ERROR}
+    assert not {pair.value for s in answers for pair in s.values if pair.key == "reasons"} - {""}
+
+
 @pytest.mark.parametrize(
     ("arguments", "reason"),
     [
@@ -181,7 +198,7 @@ def test_without_rclpy_it_says_how_to_get_it(
 
 
 def test_ctrl_c_ends_it_with_its_summary() -> None:
-    code = "from obb_collision.commands import demo; raise SystemExit(demo())"
+    code = "from obb_collision.commands import demo_script as demo; raise SystemExit(demo())"
     demo = subprocess.Popen(
         [sys.executable, "-c", code, "--seconds", "3600", "--no-picture", "--objects", "20"],
         stdout=subprocess.PIPE,
@@ -206,7 +223,7 @@ def test_ctrl_c_ends_it_with_its_summary() -> None:
 
 def test_ctrl_c_ends_it_while_kernels_compile(tmp_path: Path) -> None:
     cache = {"NUMBA_CACHE_DIR": str(tmp_path)}
-    code = "from obb_collision.commands import demo; raise SystemExit(demo())"
+    code = "from obb_collision.commands import demo_script as demo; raise SystemExit(demo())"
     process = subprocess.Popen(
         [sys.executable, "-c", code, "--no-picture"],
         stdout=subprocess.PIPE,

@@ -107,7 +107,7 @@ def test_a_running_node_is_shown_by_its_topics(demo: Demo) -> None:
     with socket.socket() as probe:
         probe.bind(("localhost", 0))
         port = probe.getsockname()[1]
-    code = "from obb_collision.commands import view; raise SystemExit(view())"
+    code = "from obb_collision.commands import view_script as view; raise SystemExit(view())"
     node = f"{NAMESPACE}/{NODE_NAME}"
     process = subprocess.Popen(
         [sys.executable, "-c", code, node, "--port", str(port)],

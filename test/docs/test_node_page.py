@@ -26,8 +26,11 @@ pytest.importorskip("rclpy")
 from rclpy.duration import Duration
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-from obb_collision.node.inputs.subscriptions import INPUTS
+from obb_collision.node.diagnostics.answer import CODES
+from obb_collision.node.inputs.detections import DETECTIONS, QUEUE
+from obb_collision.node.inputs.subscriptions import INPUTS, Input
 from obb_collision.node.parameters.parameters import SPECS
+from obb_collision.node.robots.robots import KINDS, OUTPUTS
 from obb_collision.node.topics import records
 from obb_collision.node.topics.cloud import Cloud
 from obb_collision.node.topics.topics import NAMESPACES, TOPICS
@@ -51,11 +54,26 @@ def qos_text(qos: QoSProfile) -> str:
 
 
 def test_the_topics_in_are_those_of_the_node() -> None:
+    seen = type("Detection3DArray", (), {"__module__": "vision_msgs"})  # it need not be there
+    detections = {DETECTIONS.topic: Input(seen, *QUEUE)}
     rows = [row[:3] for row in table_rows(NODE, "## Topics in")]
     assert rows == [
         [f"`{name}`", type_name(topic.kind), f"{RELIABILITY[topic.reliability]}, {topic.depth}"]
-        for name, topic in INPUTS.items()
-    ]
+        for name, topic in (INPUTS | detections).items()
+    ] + [["`/tf`, `/tf_static`", "`tf2_msgs/TFMessage`", "reliable, 100"]]
+
+
+def test_the_topics_of_a_robot_are_those_of_the_node() -> None:
+    text = NODE.read_text(encoding="utf-8")
+    rows = dict(re.findall(r"^\| `arm/(\w+)` \| `\w+/\w+` \| ([^|]+) \|", text, re.M))
+    given = {
+        name: QoSProfile(
+            depth=topic.depth, reliability=topic.reliability, durability=topic.durability
+        )
+        for name, topic in KINDS.items()
+    }
+    given |= {name: qos for name, (_, qos) in OUTPUTS.items()}
+    assert rows == {name: qos_text(qos) for name, qos in given.items()}
 
 
 def test_the_topics_out_are_those_of_the_table() -> None:
@@ -113,6 +131,11 @@ def test_the_named_rows_are_those_of_the_readers() -> None:
     assert set(found) == {*rows, "named_passed_collisions"}
     for name, fields in rows.items():
         assert tuple(re.findall(r"`(\w+)`", found[name])) == fields
+
+
+def test_the_codes_of_what_is_missing_are_those_of_the_status() -> None:
+    rows = table_rows(NODE, "## What is not known")
+    assert [code for row in rows for code in re.findall(r"`(\w+)`", row[0])] == list(CODES)
 
 
 def test_the_parameters_are_those_of_the_node() -> None:

@@ -14,8 +14,9 @@
 
 """Every Python block of the documentation runs, and prints what the comments behind it say.
 
-The blocks of a page are one program, in one namespace; those with ROS have a node beside them. A
-print with a comment in its line prints that comment, and nothing else is printed.
+The blocks of a page are one program, in one namespace; those with ROS have a node beside them, with
+the parameters that the page has for all nodes. A print with a comment in its line prints that
+comment, and nothing else is printed.
 """
 
 from __future__ import annotations
@@ -41,9 +42,17 @@ def test_the_programs_are_found() -> None:
     assert sum(map(len, PROGRAMS.values())) == fenced
 
 
+def parameter_blocks(name: str) -> list[str]:
+    """Return the parameters that a page has for all nodes."""
+    return [block for block in code_blocks(ROOT / name, "yaml") if block.startswith("/**:")]
+
+
 @contextmanager
-def node_beside(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """Run a collision node in a thread, in the domain that the programs take from outside."""
+def node_beside(parameters: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Run a collision node in a thread, in the domain that the programs take from outside.
+
+    parameters: a file, maybe of none.
+    """
     from rclpy.context import Context
     from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
     from rclpy.utilities import try_shutdown
@@ -55,7 +64,8 @@ def node_beside(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     context = Context()
     context.init(domain_id=DOMAIN)
     executor = SingleThreadedExecutor(context=context)
-    node = CollisionNode(context=context)
+    arguments = ["--ros-args", "--params-file", str(parameters)]
+    node = CollisionNode(context=context, cli_args=arguments)
     executor.add_node(node)
     ending = threading.Event()
 
@@ -84,15 +94,17 @@ def node_beside(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 @pytest.mark.parametrize("name", [name for name, blocks in PROGRAMS.items() if blocks])
 def test_the_blocks_run_and_print_what_they_say(
-    name: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    name: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.chdir(ROOT)
+    parameters = tmp_path / "parameters.yaml"
+    parameters.write_text("".join(parameter_blocks(name)))
     variables: dict[str, object] = {"__name__": Path(name).stem}
     for code in PROGRAMS[name]:
         beside: AbstractContextManager[None] = nullcontext()
         if "import rclpy" in code:
             pytest.importorskip("rclpy")
-            beside = node_beside(monkeypatch)
+            beside = node_beside(parameters, monkeypatch)
         with beside:
             exec(compile(code, name, "exec"), variables)
         expected = re.findall(r"^ *print\(.*\)  # (.*)$", code, re.MULTILINE)

@@ -31,10 +31,13 @@ class Gate:
     They are done by the thread that waits for them elsewhere: no process is started.
     """
 
-    def __init__(self, rig: Rig) -> None:
+    def __init__(self, rig: Rig, trees: bool = False) -> None:
+        """Hold up shapes, or with ``trees`` the trees and hulls of shapes."""
         self.opened = threading.Event()
         self.jobs: list[str] = []
-        rig.node.objects.shapes.builder.process.run = self.run  # type: ignore[method-assign]
+        objects = rig.node.objects
+        builder = objects._tree_builder if trees else objects.shapes.builder
+        builder.process.run = self.run  # type: ignore[method-assign]
 
     def run(self, message: Message, limits: Limits) -> Message:
         assert self.opened.wait(PATIENCE)

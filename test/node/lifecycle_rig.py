@@ -50,11 +50,14 @@ def managed(*transitions: int, **parameters: Any) -> Rig:
 
 
 def said(rig: Rig, level: bytes, text: str, flag: bool | None = None) -> None:
-    """Wait for a status and a flag."""
+    """Wait for a status and a flag; text: a part of the message, or a code of what is missing."""
 
     def reached() -> bool:
         (status,) = rig.last[STATUS].status if STATUS in rig.last else [None]
-        return status is not None and status.level == level and text in status.message
+        if status is None or status.level != level:
+            return False
+        values = {pair.key: pair.value for pair in status.values}
+        return text in status.message or text in values["reasons"].split()
 
     rig.until(reached, f"{level!r} {text}")
     if flag is not None:

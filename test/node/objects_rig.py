@@ -17,15 +17,21 @@
 from __future__ import annotations
 
 from collections import Counter
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
+from obb_collision.node.diagnostics.answer import Answer, objects_answer
 from obb_collision.node.messages.conversions import Key
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.objects.frames import EXTRAPOLATION, UNKNOWN_FRAME
 from obb_collision.node.objects.objects import Objects
+from obb_collision.node.objects.staleness import AgeLimits
 from obb_collision.node.objects.states import State
+from obb_collision.node.objects.table import UNKNOWN
 from obb_collision.node.runtime.guard import Guard
+from obb_collision.scene.store.overrides import Overrides
 from obb_collision.shapes import Box
 from obb_collision.typing import Floats
 
@@ -64,7 +70,7 @@ class ObjectsRig:
         self.errors: list[str] = []
         self.objects = Objects("map", self.frames, Guard(self.errors.append, lambda: True))
         self.objects.placement.timeout = timeout
-        self.object_timeout = object_timeout
+        self.limit(object_timeout)
         self.now = START
         self.slots = np.array(
             [self.objects.shapes.put(key, Box([1.0, 1.0, 1.0]), (), None) for key in keys], np.int64
@@ -98,7 +104,17 @@ class ObjectsRig:
 
     def cycle(self) -> None:
         """Bring the scene up to date."""
-        self.objects.update(self.now, self.object_timeout)
+        self.objects.update(self.now)
+
+    def limit(self, timeout: float = 0.0, policy: str = UNKNOWN, **more: Any) -> None:
+        """Set the age limit (s) of all objects, from their first state on, and what follows it."""
+        limits = AgeLimits(policy=policy, timeouts=Overrides([("*", timeout)]), **more)
+        self.objects.staleness.limits = limits
+
+    def known(self) -> Answer:
+        """Return what is known of collisions after a check."""
+        found = objects_answer(self.objects, self.now)
+        return replace(found, pairs=len(self.objects.scene.check()))
 
     def x(self, row: int = 0) -> float:
         """Where an object is in the scene."""

@@ -19,9 +19,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from rig import LATCHED, Rig
+from diagnostic_msgs.msg import DiagnosticStatus
+from rig import LATCHED, NAMESPACE, RELIABILITY, Rig
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
+
+from obb_collision.node.diagnostics.answer import FREE, UNKNOWN
+
+STATUS = "collision_status"
 
 
 def box(edge: float, place: str = "0 0 0") -> str:
@@ -63,6 +68,9 @@ class RobotRig(Rig):
             "robot_bases": [HERE],
             "joint_timeout": 0.0,
             "cycle_timeout": 30.0,
+            "expect_empty": True,
+            # as surely as all else, so that a test need not send them twice
+            f"qos_overrides.{NAMESPACE}/arm/joint_states.{RELIABILITY}": "reliable",
         }
         super().__init__(given=defaults | dict(given or {}), **options)
         create = self.client.create_publisher
@@ -91,6 +99,21 @@ class RobotRig(Rig):
         self.until(lambda: self.robot.fault[:5] in ("", "joint"), "the robot")
         self.send_joints(None, **({"lift": 0.0, "turn": 0.0} | values))
         self.answer()
+
+    def known(self, reason: str = "", who: str = "") -> DiagnosticStatus:
+        """Wait until the status has a reason, "" for free, and who; return it."""
+        if STATUS not in self.subscriptions:
+            self.listen(STATUS)
+
+        def reached() -> Any:
+            status = self.last[STATUS].status[0] if STATUS in self.last else DiagnosticStatus()
+            values = {pair.key: pair.value for pair in status.values}
+            level = UNKNOWN if reason else FREE
+            found = status.level == level and values.get("reason") == reason
+            return found and who in values["who"] and status
+
+        found: DiagnosticStatus = self.until(reached, f"{reason or 'free'} {who}")
+        return found
 
     @property
     def robot(self) -> Any:

@@ -204,7 +204,7 @@ def test_transitions_while_a_shape_is_built_leave_nothing_behind() -> None:
         for transition in (DEACTIVATE, CLEANUP, CONFIGURE, ACTIVATE):
             assert rig.change(transition)
         gate.open()
-        said(rig, FREE, "free", False)
+        said(rig, UNKNOWN, "no_objects", True)
         assert len(rig.node.objects.table) == 0
         rig.wait_inputs()
         rig.send(cube(A1), triangle())
@@ -258,7 +258,7 @@ def test_parameters_of_an_unconfigured_node_count_once_it_is_configured() -> Non
 def test_an_accuracy_whose_kernels_are_missing_does_not_hold_up_configuring(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    with managed() as rig:
+    with managed(expect_empty=True) as rig:
         warm = rig.node._warm
         missing = {step for step in warm._ready if "mesh" in step}
         assert missing

@@ -31,7 +31,7 @@ from obb_collision.commands import node as run_node
 from obb_collision.node import collisions_from_ros
 from obb_collision.node.node import CollisionNode
 from obb_collision.node.scene_file import SceneFile, keys_from_names
-from obb_collision.scene_files import READY, find_scene, load_scene
+from obb_collision.scene_files import READY, load_scene
 
 ROOT = Path(__file__).parents[2]
 SCENE = """
@@ -100,7 +100,7 @@ def test_ready_scenes_start_by_name(name: str) -> None:
     overrides = ["--ros-args", "-p", f"scene_file:={name}"]
     node = CollisionNode(context=context, namespace=NAMESPACE, cli_args=overrides)
     try:
-        assert len(node.objects.table) == len(load_scene(find_scene(name)).objects)
+        assert len(node.objects.table) == len(load_scene(name).objects)
         node.cycle.run(1)
         assert node.cycle.report is not None
     finally:

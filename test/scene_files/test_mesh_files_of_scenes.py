@@ -22,6 +22,7 @@ from pathlib import Path
 import pytest
 import trimesh
 
+from obb_collision.geometry.shapes.folders import NO_FOLDERS
 from obb_collision.scene.building.process import Limits
 from obb_collision.scene_files import SceneFileError, describe_scene, load_scene
 from obb_collision.scene_files.mesh_files import MeshReading
@@ -85,7 +86,7 @@ def test_folders_are_a_sequence_of_paths(scene: Path, folders: object) -> None:
 
 @pytest.fixture
 def reading(request: pytest.FixtureRequest) -> Iterator[MeshReading]:
-    made = MeshReading((), *request.param)
+    made = MeshReading(NO_FOLDERS, *request.param)
     yield made
     made.close()
 

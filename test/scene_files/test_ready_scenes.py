@@ -43,7 +43,7 @@ TIMES = np.arange(0.013, 20.0, 0.37)
 @pytest.fixture(params=READY)
 def ready(request: pytest.FixtureRequest) -> SceneDescription:
     """Return one of the scenes of the package."""
-    return load_scene(find_scene(request.param))
+    return load_scene(request.param)
 
 
 def test_ready_scenes_are_those_of_the_folder() -> None:
@@ -63,7 +63,7 @@ def test_ready_scenes_build_and_collide_only_later(ready: SceneDescription) -> N
 
 
 def test_the_stop_zone_is_free_at_first_and_then_is_not() -> None:
-    description = load_scene(find_scene("lidar_zone"))
+    description = load_scene("lidar_zone")
     assert description.lidar is not None
     scene = description.build()
     counts = []
@@ -88,7 +88,7 @@ def test_each_calls_for_the_effects_it_is_there_for() -> None:
     called = {
         name: {
             effect
-            for effect, choice in load_scene(find_scene(name)).effects.items()
+            for effect, choice in load_scene(name).effects.items()
             if choice.mode != "off" and effect not in NODE_EFFECTS
         }
         for name in READY
@@ -101,8 +101,19 @@ def test_each_calls_for_the_effects_it_is_there_for() -> None:
 
 def test_a_name_that_is_none_is_refused_with_those_there_are() -> None:
     with pytest.raises(SceneFileError, match="scenes of the package are tabletop, warehouse, lid"):
-        find_scene("kitchen")
+        load_scene("kitchen")
     assert find_scene("kitchen.yaml") == Path("kitchen.yaml")
+
+
+def test_names_are_found_where_pip_puts_data_under_a_target(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    config = tmp_path / "share" / "obb_collision" / "config"
+    config.mkdir(parents=True)
+    (config / "tabletop.yaml").write_text("objects: [{name: a, shape: sphere, radius: 1}]")
+    module = tmp_path / "obb_collision" / "scene_files" / "load.py"
+    monkeypatch.setattr("obb_collision.scene_files.load.__file__", str(module))
+    assert load_scene("tabletop").names == ["a"]
 
 
 def test_twists_are_how_poses_change(ready: SceneDescription) -> None:

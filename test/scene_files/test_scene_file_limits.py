@@ -16,8 +16,10 @@
 
 from __future__ import annotations
 
+import cProfile
 import json
 import os
+from collections.abc import Iterator
 from itertools import count
 from pathlib import Path
 from typing import Any
@@ -27,12 +29,14 @@ import pytest
 import yaml
 
 import obb_collision as oc
-from obb_collision.scene_files import SceneFileError, find_scene, load_scene, reading
+from obb_collision.scene_files import SceneFileError, load_scene, reading
 from obb_collision.scene_files import yaml_values as values
 from obb_collision.scene_files.errors import MAX_PROBLEMS
+from obb_collision.scene_files.reading import parse
 from obb_collision.words import text_fault
 
 DATA = Path(__file__).parents[1] / "data" / "moveit"
+CONFIG = Path(__file__).parents[2] / "config"
 BOX = "shape: box, size: [1, 1, 1]"
 BAD_WORDS = ["\ud800/1", "\ude00", "a\x00b", "a\x1b[2Jb", "a\nb", "a\x85b", "a\u2028b", "x" * 5000]
 
@@ -229,7 +233,7 @@ def test_a_file_that_is_not_there_is_told_as_such(tmp_path: Path) -> None:
         assert len(text.splitlines()) == 1
         assert ":1:" not in text
         with pytest.raises(SceneFileError):
-            load_scene(find_scene(name))
+            load_scene(name)
     bad = tmp_path / "bad.yaml"
     bad.write_bytes(b"a: 1\nb: \xff\n")
     assert refusal(bad).startswith(f"{bad}:2: no UTF-8 text: ")
@@ -370,3 +374,37 @@ def test_a_quaternion_far_from_unit_length_is_told_by_its_line(write: Any) -> No
     assert isinstance(description.build(), oc.Scene)
     near = load_scene(write(f"objects:\n- {{name: a, {BOX}, quaternion: [0, 0, 0.7, 0.7]}}"))
     assert (near.notes, near.objects[0].pose[5:]) == ((), (0.7, 0.7))
+
+
+def test_reading_an_object_takes_few_calls(write: Any) -> None:
+    """A scene of 100,000 objects took 72 s: 2,800 calls each, most of them PyYAML's."""
+    pytest.importorskip("yaml.cyaml")
+    objects = [f"- {{name: o{n}, {BOX}, position: [{n}, 0, 0.5]}}\n" for n in range(100)]
+    small, large = (write(f"objects:\n{''.join(objects[:n])}") for n in (50, 100))
+    load_scene(small)  # what is imported and compiled once
+    counts = []
+    for path in (small, large):
+        profile = cProfile.Profile()
+        profile.runcall(load_scene, path)
+        counts.append(sum(entry.callcount for entry in profile.getstats()))
+    assert counts[1] - counts[0] < 50 * 700
+
+
+@pytest.mark.parametrize("path", sorted((*DATA.rglob("*.yaml"), *CONFIG.glob("*.yaml"))))
+def test_both_parsers_of_yaml_read_the_same(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("yaml.cyaml")
+    text = path.read_text()
+    ways = [parse("scene.yaml", text)]
+    monkeypatch.setattr(reading, "FastParser", reading.PythonParser)
+    ways.append(parse("scene.yaml", text))
+    quick, slow = ([*nodes_in(way.node)] for way in ways)
+    assert quick == slow
+
+
+def nodes_in(node: values.Node) -> Iterator[tuple[object, ...]]:
+    """Yield tag, line, style and text, or number of parts, of all nodes."""
+    parts = [] if isinstance(node.value, str) else list(node.value)
+    yield node.tag, node.line, node.style, len(parts) or node.value
+    for part in parts:
+        for each in part if isinstance(part, tuple) else (part,):
+            yield from nodes_in(each)

@@ -38,7 +38,7 @@ robots:
 
 @pytest.fixture
 def cell() -> SceneDescription:
-    return load_scene(find_scene("arm_cell"))
+    return load_scene("arm_cell")
 
 
 def read(folder: Path, text: str) -> SceneDescription:

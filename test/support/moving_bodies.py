@@ -19,6 +19,7 @@ from __future__ import annotations
 import numpy as np
 from convex_bodies import Pair, corners_of, family
 from numpy.typing import NDArray
+from sweep_motions import Twisting
 
 from obb_collision.queries.convex.support import BOX, CORNERS, SEGMENT, ConvexBodies
 from obb_collision.queries.sweep.course import BodyMotion
@@ -75,6 +76,17 @@ def moving(
     motion = BodyMotion(pivots, ways, 1.0, bodies.rotations, turns, arms, radii, reaches)
     rows = np.arange(count)
     return bodies, motion, np.stack([rows, count + rows], axis=1)
+
+
+def motion_of_boxes(given: Twisting) -> BodyMotion:
+    """Return the motion of boxes as that of any bodies, with time from 0 to 1."""
+    boxes, arms = given.boxes, given.boxes.centers - given.origins
+    radii = np.linalg.norm(boxes.half_extents, axis=1) * (1.0 + 1e-14)
+    reaches = (radii + np.linalg.norm(arms, axis=1)) * (1.0 + 1e-14)
+    ways = given.twists * given.horizon
+    return BodyMotion(
+        given.origins, ways[:, :3], 1.0, boxes.rotations, ways[:, 3:], arms, radii, reaches
+    )
 
 
 def places_at(motion: BodyMotion, rows: Integers, times: Floats) -> tuple[Long, Long]:

@@ -21,6 +21,7 @@ rows 2 k and 2 k + 1. ``TURNING`` are those in which something turns.
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -32,6 +33,8 @@ from obb_collision.geometry.boxes import Boxes
 Rng = np.random.Generator
 Array = np.ndarray
 Motion = tuple[Boxes, Boxes]
+#: Of the corners of a box.
+CORNER_SIGNS = np.array(list(product((-1.0, 1.0), repeat=3)))
 
 
 def pair_rows(n: int) -> Array:
@@ -283,6 +286,42 @@ def giants(rng: Rng, n: int) -> Twisting:
                     (100.0 * directions(rng, n), still), 1.0)  # fmt: skip
 
 
+def drills(rng: Rng, n: int) -> Twisting:
+    """Boxes that turn 1 to 100 times as they slide on a tilted plate and sink up to 5 cm into it.
+
+    About a face's normal, the diagonal of a face or of all, of the plate or their own, or next to
+    these; their centres are on the axis or beside it. A third stays above the plate.
+    """
+    plate = np.column_stack([log_uniform(rng, -3.0, -1.0, n), *rng.uniform(0.3, 1.5, (2, n))])
+    half = log_uniform(rng, -2.0, -0.5, (n, 3))
+    still, where = np.zeros((n, 3)), rng.random((6, n, 1, 1))
+    rot = np.where(where[0] < 0.2, np.eye(3), random_rotations(rng, n))
+    own = np.where(where[1] < 0.5, rot, random_rotations(rng, n))
+    signs = rng.integers(-1, 2, (n, 3)) * np.where(where[2, :, 0] < 0.5, 1.0, half)
+    signs[~signs.any(axis=1) | (where[3, :, 0, 0] < 0.4)] = [1.0, 0.0, 0.0]
+    axis = np.einsum("nij,nj->ni", np.where(where[4] < 0.6, rot, own), signs)
+    axis /= np.linalg.norm(axis, axis=1, keepdims=True)
+    beside = rng.integers(0, 2, (2, n, 1))
+    axis += directions(rng, n) * log_uniform(rng, -17.0, -1.0, (n, 1)) * beside[0]
+    arms = directions(rng, n) * half.max(axis=1, keepdims=True)
+    arms = np.where(where[5, :, 0] < 0.3, axis * arms[:, :1], arms) * beside[1]
+    # how far below their origins they come, and so where they are above the plate
+    corners = arms + np.einsum("nij,knj->kni", own, CORNER_SIGNS[:, None] * half)
+    normal, unit = rot[:, :, 0], axis / np.linalg.norm(axis, axis=1, keepdims=True)
+    rise, height = (normal * unit).sum(axis=1), (corners * unit).sum(axis=2)
+    around = np.linalg.norm(corners - height[:, :, None] * unit, axis=2)
+    reach = (around * np.linalg.norm(normal - rise[:, None] * unit, axis=1) - height * rise).max(0)
+    sink = log_uniform(rng, -4.0, -1.3, n) * rng.choice([1.0, 1.0, -1.0], n)
+    begin, end = rng.uniform(-0.9, 0.9, (2, n, 3)) * plate
+    begin[:, 0] = plate[:, 0] + reach + np.maximum(log_uniform(rng, -4.0, -0.5, n), -sink)
+    end[:, 0] = plate[:, 0] + reach - sink
+    start, way = (np.einsum("nij,nj->ni", rot, v) for v in (begin, end - begin))
+    times = 2.0 * np.pi * rng.choice([1.0, 1.6, 2.0, 5.0, 20.0, 50.0, 100.0], (2, n, 1))
+    lean = normal * times[1] * (rng.random((n, 1)) < 0.2)
+    return twisting((still, start + arms), (plate, half), (rot, own), (still, way),
+                    (lean, axis * times[0]), (still, arms), 1.0)  # fmt: skip
+
+
 TWISTING: dict[str, Callable[[Rng, int], Twisting]] = {
     "boxes beside their origins": swinging,
     "posts on the circle of an arm": carousels,
@@ -291,4 +330,5 @@ TWISTING: dict[str, Callable[[Rng, int], Twisting]] = {
     "far away, flying together": shared_flight,
     "grains from 100 km": grains,
     "crumbs and giants": giants,
+    "drills beside tilted plates": drills,
 }

@@ -146,7 +146,8 @@ def _measure(
         if row.peer:
             same = values.get(name.split()[-1])
             if same is not None:  # clearance: depths are compared as those of contacts
-                apart = (same > 0.0) | (effect != "clearance")
+                # hulls that overlap have the least distance if the shapes are apart
+                apart = (same > np.finfo(np.float64).tiny) | (effect != "clearance")
                 row.differ = float(np.abs(value - same)[apart].max(initial=0.0))
         else:
             row.unsafe = int((sign * (value - truth) > 1e-9).sum())

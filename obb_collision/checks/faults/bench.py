@@ -31,6 +31,7 @@ from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.serialization import serialize_message
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import PointCloud2
 from visualization_msgs.msg import Marker, MarkerArray
@@ -79,6 +80,8 @@ class Bench:
         self.answers: list[tuple[float, set[tuple[int, int]]]] = []
         """When the node published, and the colliding pairs of the probe."""
         self.status = DiagnosticStatus()
+        self.levels: set[bytes] = set()
+        """Levels of the status so far."""
         self.deadlines: list[float] = []
         """When the middleware said that no status came in time."""
         self.diagnostics: dict[str, dict[str, str]] = {}
@@ -99,6 +102,7 @@ class Bench:
 
         def note_status(message: DiagnosticArray) -> None:
             (self.status,) = message.status
+            self.levels.add(self.status.level)
 
         def note_diagnostics(message: DiagnosticArray) -> None:
             for status in message.status:
@@ -228,14 +232,25 @@ class Bench:
         message.transform = transform_to_ros((x, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0))
         self._publish["object_transform"].publish(message)
 
+    def send_cut(self) -> None:
+        """Publish a message that ends too early."""
+        data = serialize_message(MarkerArray(markers=[cube((PROBE, 1), PLACES[0])]))
+        self._publish["objects"].publish(data[: len(data) // 2])
+
     def tick(self, seconds: float) -> None:
         """Publish a time of the simulation."""
         self._clock.publish(Clock(clock=stamp_to_ros(round(seconds * NANOSECONDS))))
 
-    def is_stale(self, *reasons: str) -> bool:
-        """Return whether the status says that it is not known what collides, and one reason."""
+    def is_stale(self, *codes: str) -> bool:
+        """Return whether it is not known what collides, for one of the reasons."""
         stale = self.status.level == DiagnosticStatus.STALE
-        return stale and any(reason in self.status.message for reason in reasons or ("",))
+        return stale and (not codes or not self.codes.isdisjoint(codes))
+
+    @property
+    def codes(self) -> set[str]:
+        """What the status says is missing."""
+        values = {pair.key: pair.value for pair in self.status.values}
+        return set(values.get("reasons", "").split())
 
     def value(self, status: str, key: str) -> float:
         """Return a number of /diagnostics, 0 where it is not there."""

@@ -45,15 +45,32 @@ class Fault(NamedTuple):
 FAULTS = (
     Fault(
         "publisher-killed",
-        "STALE within the timeout (0.5 s) and 1 s; right as soon as another one publishes",
+        "`input_silent` and `stale` within the timeout (0.5 s) and 1 s, beside the pairs that "
+        "collided; right as soon as another one publishes",
         processes.kill_publisher,
     ),
     Fault(
+        "tracker-silent",
+        "`stale` within its limit (0.5 s) and 1 s, beside the pairs that collided",
+        processes.silence_tracker,
+    ),
+    Fault(
+        "nothing-heard",
+        "STALE, never free; right within 1 s of the first objects",
+        processes.hear_nothing,
+    ),
+    Fault(
+        "input-unreadable",
+        "STALE within 1 s, until the next message that can be read",
+        processes.send_unreadable,
+    ),
+    Fault(
         "node-killed",
-        "subscribers get a missed deadline within 1.5 s; right again once it is started again",
+        "subscribers get a missed deadline within 1.5 s; then STALE, never free, until the objects "
+        "are sent again",
         processes.kill_node,
     ),
-    Fault("node-ended", "its last message is STALE; exit code 0", processes.end_node),
+    Fault("node-ended", "its last message says `shutting_down`; exit code 0", processes.end_node),
     Fault(
         "node-frozen",
         "subscribers get a missed deadline within 1.5 s; right within 1 s when it goes on",
@@ -67,7 +84,7 @@ FAULTS = (
     Fault("clock-jumps", "right within 1 s after each jump", times.jump_clock),
     Fault(
         "clock-stops",
-        "right while states come; STALE when they stop, too, within 0.5 s and 1 s",
+        "right while states come; `input_silent` when they stop, too, within 0.5 s and 1 s",
         times.stop_clock,
     ),
     Fault("old-states", "only what is older than its object's state is refused", times.refuse_old),

@@ -68,10 +68,10 @@ def stop_clock(bench: Bench) -> str:
     simulation.run(5)
     longest = max(bench.probe(ANSWERING, simulation.now) for _ in range(10))
     check(longest <= RIGHT, f"right only after {longest:.2f} s")
-    stale = bench.until(lambda: bench.is_stale("no input"), "STALE")
-    check(stale <= 0.5 + RIGHT, f"STALE only after {stale:.2f} s")
+    stale = bench.until(lambda: "input_silent" in bench.codes, "silence")
+    check(stale <= 0.5 + RIGHT, f"not known only after {stale:.2f} s")
     return (
-        f"right after {longest:.2f} s at most while it stood still; STALE (`no input`) "
+        f"right after {longest:.2f} s at most while it stood still; `input_silent` "
         f"{stale:.2f} s after the last state, by the clock of the watchdog"
     )
 

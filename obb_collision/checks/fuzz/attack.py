@@ -41,6 +41,7 @@ from obb_collision.checks.fuzz.session.session import Session
 from obb_collision.checks.middleware import for_large_messages
 from obb_collision.node.inputs.detections import DETECTIONS
 from obb_collision.node.inputs.subscriptions import INPUTS
+from obb_collision.node.robots.robot_input import JOINT_STATES
 
 LARGEST_DOMAIN = 100
 PROGRESS = 5.0
@@ -107,7 +108,7 @@ def _run(options: Namespace, parts: list[Part], index: int) -> Attack:
 def queues(namespace: str) -> Iterator[str]:
     """Yield the arguments of a node whose queues lose nothing that is sent to it or by it."""
     yield from ("-p", f"qos_overrides.{namespace}/collisions.publisher.depth:={DEPTH}")
-    for topic in (*INPUTS, DETECTIONS.topic):
+    for topic in (*INPUTS, DETECTIONS.topic, f"{ROBOT}/{JOINT_STATES}"):
         start = f"qos_overrides.{namespace}/{topic}.subscription"
         yield from ("-p", f"{start}.depth:={DEPTH}", "-p", f"{start}.reliability:=reliable")
 

@@ -39,6 +39,8 @@ Triangles = NDArray[np.int64]
 #: Identifies a state of a file: time of modification (ns) and size (bytes).
 Version = tuple[int, int]
 
+#: How a URI begins that names a file of a package.
+PACKAGE = "package://"
 #: Maximum size of a file, bytes; the largest ones of real robots have some 100 MB.
 LARGEST_FILE = 1 << 30
 #: Bytes per read.

@@ -23,17 +23,58 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
+from dataclasses import dataclass, field
 from pathlib import Path
+from urllib.parse import unquote
 
-from obb_collision.geometry.shapes.files import read_file, shortened
+from obb_collision.geometry.shapes.files import PACKAGE, read_file, resolve_path, shortened
 
 #: Files of the kernel and of devices: none of them is ever read.
 NEVER = tuple(map(Path, ("/dev", "/proc", "/sys")))
 MANIFEST = "package.xml"
 #: Maximum size of a manifest, bytes.
 LARGEST_MANIFEST = 1 << 20
+
+
+@dataclass(frozen=True)
+class MeshFolders:
+    """The folders chosen: mesh files may be in them, and packages that are not installed.
+
+    folders: those in which packages are, or that are one; packages: folders by name of the package.
+    """
+
+    folders: tuple[str | Path, ...] = ()
+    packages: Mapping[str, str | Path] = field(default_factory=dict)
+
+    @property
+    def chosen(self) -> tuple[str | Path, ...]:
+        """All of them."""
+        return *self.folders, *self.packages.values()
+
+    def resolve(self, path: str | Path) -> Path:
+        """Return what ``resolve_path`` does, of packages in these folders, too."""
+        if isinstance(path, str) and path.startswith(PACKAGE):
+            name, _, inside = path.removeprefix(PACKAGE).lstrip("/").partition("/")
+            found = self._package(name)
+            if found is not None:
+                return found / unquote(inside)
+        return resolve_path(path)
+
+    def _package(self, name: str) -> Path | None:
+        if name in self.packages:
+            return Path(self.packages[name])
+        for folder in map(Path, self.folders):
+            if (folder / name).is_dir():
+                return folder / name
+            if folder.name == name:
+                return folder
+        return None
+
+
+#: None chosen.
+NO_FOLDERS = MeshFolders()
 
 
 def allowed_path(path: Path, chosen: Iterable[str | Path]) -> Path:

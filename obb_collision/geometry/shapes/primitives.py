@@ -90,7 +90,8 @@ class Primitive(Shape):
     @cached_property
     def local_box(self) -> LocalBox:
         """Centre (3,), rotation (3, 3), half extents (3,): read-only arrays, fitted once."""
-        scaled = (Fraction(s) * reach for s, reach in zip(self.scale, self._reach(), strict=True))
+        factors = zip(self.scale, self._reach(), strict=True)
+        scaled = (reach if s == 1.0 else Fraction(s) * reach for s, reach in factors)
         try:
             half_extents = np.array([round_up(x.numerator, x.denominator) for x in scaled])
         except OverflowError:

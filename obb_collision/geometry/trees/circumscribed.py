@@ -64,6 +64,33 @@ def outer_points(shape: Shape) -> Floats:
     return points * np.array(shape.scale) * (1.0 + CIRCUMSCRIBED_SLACK)
 
 
+def excess(shape: object, corners: Floats) -> float:
+    """Return how far the hull of corners (k, 3) reaches at most beyond a shape of ``outer_points``.
+
+    0 for other shapes. Each corner is compared with some point of the shape.
+    """
+    if not isinstance(shape, (Sphere, Ellipsoid, Capsule, Cylinder, Cone)):
+        return 0.0
+    scale = np.array(shape.scale)
+    points = corners / scale
+    if isinstance(shape, (Sphere, Ellipsoid)):
+        radii = np.array(shape.radii if isinstance(shape, Ellipsoid) else shape.radius)
+        lengths = np.linalg.norm(points / radii, axis=1)
+        inner = points / np.maximum(lengths, 1.0)[:, None]
+    else:
+        inner, half = np.zeros_like(points), 0.5 * shape.length
+        inner[:, 2] = np.clip(points[:, 2], -half, half)
+        across = points - inner
+        radii = np.full(len(points), shape.radius)
+        if not isinstance(shape, Capsule):
+            across[:, 2] = 0.0
+        if isinstance(shape, Cone):
+            radii *= (half - inner[:, 2]) / shape.length
+        lengths = np.maximum(np.linalg.norm(across, axis=1), np.finfo(float).tiny)
+        inner += across * np.minimum(radii / lengths, 1.0)[:, None]
+    return float(np.linalg.norm((points - inner) * scale, axis=1).max()) * (1.0 + 64 * ROUNDOFF)
+
+
 def geodesic_sphere(rounds: int) -> Floats:
     """Return points (n, 3) on the unit sphere: an icosahedron, its edges halved in each round.
 

@@ -16,6 +16,7 @@
 
 The hull of the shape's points, larger by HULL_MARGIN. Hulls of more than MAX_HULL_CORNERS corners
 are replaced by a polytope of as many at most, whose planes touch the points (``outer_polytope``).
+Points that are flat, on a line or all one are made thicker by that margin first.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from __future__ import annotations
 import numpy as np
 
 from obb_collision.geometry.fitting.convex_hull import convex_hull
+from obb_collision.geometry.fitting.fit import fit_points
 from obb_collision.geometry.shapes.meshes import Hull, Mesh
 from obb_collision.geometry.shapes.primitives import Shape
 from obb_collision.geometry.trees.circumscribed import geodesic_sphere, outer_points
@@ -39,8 +41,14 @@ from obb_collision.typing import Floats, Integers
 #: Margin of hulls about their points, relative to the largest coordinate: more than the rounding
 #: of Qhull, and more than the gap up to which two meshes count as touching.
 HULL_MARGIN = 2**17 * ROUNDOFF
-#: A body that must grow by more to get that margin is too thin: its box is used instead.
-LARGEST_GROWTH = 2.0**-10
+#: A body that must grow by more to get that margin is thin, and is made thicker along its thin axes
+#: first. The second is for slivers among faces, which make both grow by more.
+GROWTHS = (2.0**-20, 2.0**-10)
+#: Axes of a body are thin below so many margins: then making them thicker has less error than
+#: growing, and steps that are more than the roundings of Qhull, 1e-11.
+THIN = 2.0**26
+#: Points of thin bodies are rounded to this fraction of the margin: coplanar ones become so.
+SNAP = 2.0**-4
 #: A facet whose height is below this times its longest side may have a needless corner there.
 SLIVER = 2.0**-20
 #: Rounds of removing such corners; real meshes needed at most three.
@@ -56,11 +64,12 @@ EXTREMES = 2
 WELL_INSIDE = 2.0**-20
 
 
-def hull_mesh(shape: Shape) -> tuple[Floats, Integers]:
-    """Return corners (v, 3) and outward faces (m, 3) of a convex mesh that contains a shape.
+Polytope = tuple[Floats, Integers]
+"""Corners (v, 3) and outward faces (m, 3)."""
 
-    The local box, if the shape is too flat for Qhull or the margin.
-    """
+
+def hull_mesh(shape: Shape) -> Polytope:
+    """Return corners (v, 3) and outward faces (m, 3) of a convex mesh that contains a shape."""
     if isinstance(shape, (Mesh, Hull)):
         points = shape._points() * np.array(shape.scale)
     else:
@@ -69,11 +78,15 @@ def hull_mesh(shape: Shape) -> tuple[Floats, Integers]:
     margin = HULL_MARGIN * largest
     # Scaled by a power of two, exactly, so that products neither over- nor underflow.
     power = int(np.frexp(largest)[1])
-    grown = _bounded_hull(np.ldexp(points, -power), float(np.ldexp(margin, -power)))
-    if grown is not None:
-        return np.ldexp(grown[0], power), grown[1]
+    points, margin = np.ldexp(points, -power), float(np.ldexp(margin, -power))
+    for limit in GROWTHS if margin > 0.0 else ():  # else all of it is the origin
+        grown = _bounded_hull(points, np.full(3, margin), limit)
+        grown = grown or _thick_hull(points, margin, limit)
+        if grown is not None:
+            return np.ldexp(grown[0], power), grown[1]
     center, rotation, half_extents = shape.local_box
-    return center + (BOX_CORNERS * (half_extents + margin)) @ rotation.T, BOX_FACES
+    grown_box = half_extents + np.ldexp(margin, power)
+    return center + (BOX_CORNERS * grown_box) @ rotation.T, BOX_FACES
 
 
 def box_corners(half_extents: Floats) -> Floats:
@@ -81,7 +94,7 @@ def box_corners(half_extents: Floats) -> Floats:
     return BOX_CORNERS * (half_extents + HULL_MARGIN * half_extents.max())
 
 
-def _bounded_hull(points: Floats, margin: float) -> tuple[Floats, Integers] | None:
+def _bounded_hull(points: Floats, margin: Floats, limit: float) -> Polytope | None:
     # Each corner once: files of single triangles repeat them, Qhull makes facets of copies.
     points = np.unique(points, axis=0)
     inner = points if len(points) <= MAX_HULL_POINTS else _outer_ones(points)
@@ -89,11 +102,30 @@ def _bounded_hull(points: Floats, margin: float) -> tuple[Floats, Integers] | No
     if hull is None:
         return None
     if len(hull.vertices) <= MAX_HULL_CORNERS:
-        grown = _grown_hull(inner, points, margin)
+        grown = _grown_hull(inner, points, margin, limit)
         if grown is not None:
             return grown
     corners = outer_corners(inner, hull.simplices, points, MAX_HULL_CORNERS)
-    return None if corners is None else _grown_hull(corners, points, margin)
+    return None if corners is None else _grown_hull(corners, points, margin, limit)
+
+
+def _thick_hull(points: Floats, margin: float, limit: float) -> Polytope | None:
+    """Return what ``_bounded_hull`` does of points that may be flat, a line, or one.
+
+    In the frame of their box, made thicker where that is thin, and stretched to a cube.
+    """
+    center, rotation, half_extents = fit_points(points)
+    step = SNAP * margin
+    local = step * np.unique(np.round((points - center) @ rotation / step), axis=0)
+    flat = int(half_extents.argmin())
+    outline = None if local[:, flat].any() else convex_hull(np.delete(local, flat, axis=1))
+    local = local if outline is None else local[outline.vertices]
+    thin = half_extents < THIN * margin
+    thicker = BOX_CORNERS * np.where(thin, margin + 2.0 * step, 0.0)
+    stretch = np.exp2(np.frexp(half_extents + thicker.max(axis=0))[1])
+    thick = (local[:, None] + thicker).reshape(-1, 3) / stretch
+    found = _bounded_hull(thick, np.where(thin, HULL_MARGIN, margin / stretch), limit)
+    return None if found is None else (center + (found[0] * stretch) @ rotation.T, found[1])
 
 
 def _outer_ones(points: Floats) -> Floats:
@@ -118,7 +150,7 @@ def _outer_ones(points: Floats) -> Floats:
     return points
 
 
-def _grown_hull(corners: Floats, points: Floats, margin: float) -> tuple[Floats, Integers] | None:
+def _grown_hull(corners: Floats, points: Floats, margin: Floats, limit: float) -> Polytope | None:
     """Return vertices and faces of a hull of corners that contains points with a margin; or None.
 
     Facets without height, part of flat faces with many corners, have arbitrary normals; where they
@@ -131,7 +163,7 @@ def _grown_hull(corners: Floats, points: Floats, margin: float) -> tuple[Floats,
         used, faces = np.unique(hull.simplices, return_inverse=True)
         faces = faces.reshape(-1, 3).astype(np.int64)
         corners = corners[used]
-        grown = _grown(corners, faces, points, margin)
+        grown = _grown(corners, faces, points, margin, limit)
         if grown is not None:
             return grown
         needless = _needless(corners[faces], faces)
@@ -151,8 +183,8 @@ def _needless(corners: Floats, faces: Integers) -> Integers:
 
 
 def _grown(
-    vertices: Floats, faces: Integers, points: Floats, margin: float
-) -> tuple[Floats, Integers] | None:
+    vertices: Floats, faces: Integers, points: Floats, margin: Floats, limit: float
+) -> Polytope | None:
     """Return vertices and outward faces of the hull, stretched about an inner point; or None.
 
     The surface is star-shaped about that point if all faces have it on their inner side. Then it
@@ -169,11 +201,12 @@ def _grown(
     inward = offsets < 0.0
     faces[inward] = faces[inward][:, ::-1]
     normals[inward] *= -1.0
+    margins = np.linalg.norm(normals * margin, axis=1)
     reach = farthest_reach(points - middle, normals)
     offsets = np.abs(offsets)
     if not (offsets > 0.0).all():
         return None
-    growth = float(((reach - offsets + 2.0 * margin) / offsets).max())
-    if not growth <= LARGEST_GROWTH:
+    growth = float(((reach - offsets + 2.0 * margins) / offsets).max())
+    if not growth <= limit:
         return None
     return middle + (vertices - middle) * (1.0 + growth), faces

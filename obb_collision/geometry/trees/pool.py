@@ -100,11 +100,11 @@ class Pool(Generic[Item]):
         rows |= self._moved(rows)
         for name, values in rows.items():
             self._reserve(name, values)
+        used = {name: self._used[name] + len(values) for name, values in rows.items()}
         for name, values in rows.items():
-            used = self._used[name]
-            self._arrays[name][used : used + len(values)] = values
-            self._used[name] = used + len(values)
-        self._all = self.made({name: self._arrays[name][: self._used[name]] for name in self.names})
+            self._arrays[name][self._used[name] : used[name]] = values
+        items = self.made({name: self._arrays[name][: used[name]] for name in self.names})
+        self._used, self._all = used, items
         return row
 
     def _reserve(self, name: str, values: NDArray[Any]) -> None:

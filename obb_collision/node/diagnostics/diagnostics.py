@@ -35,7 +35,12 @@ from obb_collision.node.runtime.guard import INTERNAL_ERROR, Guard
 from obb_collision.scene.report import Report
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
-STALE_WORDS = {"keep": "last box kept", "ignore": "ignored", "collide": "last box grown"}
+STALE_WORDS = {
+    "unknown": "last box kept",
+    "collide": "last box grown",
+    "keep": "accepted where they were",
+    "ignore": "ignored",
+}
 LONGEST_DELAY = 0.2
 """Seconds from a message's receipt to its answer, beyond which overload is reported; two periods
 where those are longer."""
@@ -243,8 +248,11 @@ class RobotLike(Protocol):
     """A robot of the node, as far as its status is concerned."""
 
     name: str
-    fault: str
-    """Why it is not known where it is, "" if it is."""
+
+    @property
+    def fault(self) -> str:
+        """Why it is not known where it is, "" if it is."""
+        ...
 
     def describe(self) -> dict[str, object]:
         """Return what else is to be said."""

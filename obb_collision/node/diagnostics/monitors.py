@@ -60,9 +60,13 @@ class InputMonitor:
     messages: int = 0
     last: int | None = None
     """Time of the last message (ns)."""
+    heard: float = 0.0
+    """Steady time of the last message (s)."""
     refused: Counter[str] = field(default_factory=Counter)
     doubted: Counter[str] = field(default_factory=Counter)
     """Items that are used although something is wrong with them."""
+    unreadable: str = ""
+    """Why the last message could not be read, "" if it could: nobody knows what it said."""
     ignored: int | None = None
     """Of the last cloud: points that are not finite; None where it was not used."""
     superseded: int = 0
@@ -71,13 +75,21 @@ class InputMonitor:
     """Messages that the middleware dropped, because more came than its queue holds."""
     mismatches: int = 0
     """Publishers and subscribers seen with incompatible QoS."""
+    steady: Callable[[], float] = time.monotonic
+    """The clock of ``heard``."""
     _seen: tuple[int, int, int] = (0, 0, 0)
     _unwarned: dict[str, tuple[int, str]] = field(default_factory=dict)
 
     def received(self, now: int) -> None:
         """Count a message."""
         self.messages += 1
-        self.last = now
+        self.last, self.heard = now, self.steady()
+        self.unreadable = ""
+
+    def refuse_whole(self, now: int, reason: str, detail: str = "") -> None:
+        """Count a message that could not be read: nobody knows what it said."""
+        self.unreadable = reason
+        self.refuse(now, reason, "whole message", detail)
 
     def refuse(
         self, now: int, reason: str, item: str = "", detail: str = "", count: int = 1

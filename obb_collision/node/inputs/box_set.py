@@ -96,11 +96,10 @@ class BoxSet:
         def fail(row: int, error: RefusedError) -> None:
             faults.note(np.arange(len(ids)) == row, error, of_shape=True)
 
-        with self._removed(slots) as left, self._room(numbers, slots, faults):
+        with self._removed(slots), self._room(numbers, slots, faults):
 
             def put(rows: Rows) -> None:
-                given = numbers[rows], ids[rows], poses[rows], sizes[rows]
-                slots[rows] = self._put(*given, left[~table.live[left]])
+                slots[rows] = self._put(numbers[rows], ids[rows], poses[rows], sizes[rows])
 
             rows = np.flatnonzero(faults.number == GOOD)
             each(rows, put, fail, self._guard, f"input {self._source.topic}")
@@ -111,23 +110,19 @@ class BoxSet:
         faults.note(old, RefusedError(OLDER, "a newer pose is known"))
 
     @contextmanager
-    def _removed(self, slots: Rows) -> Iterator[Rows]:
-        """Remove the boxes at other slots than these; yields theirs, which new ones may take."""
-        table, shapes = self._table, self._objects.shapes
-        gone = self._own
+    def _removed(self, slots: Rows) -> Iterator[None]:
+        """Remove the boxes at other slots than these, in the scene once others may take theirs."""
+        shapes, gone = self._objects.shapes, self._own
         gone[slots[slots >= 0]] = False
-        left = np.flatnonzero(gone)
-        shapes.release(left)
+        shapes.release(np.flatnonzero(gone))
         try:
-            yield left
+            yield
         finally:
-            shapes.scene.remove_indices(left[~table.live[left]])
+            shapes.scene.remove_indices(shapes.strangers())
+            self._objects.declare_empty()
 
-    def _put(self, numbers: Rows, ids: Rows, poses: Floats, sizes: Floats, instead: Rows) -> Rows:
-        """Create boxes, and resize those that have other sizes; returns their slots.
-
-        instead: slots of the scene for new ones.
-        """
+    def _put(self, numbers: Rows, ids: Rows, poses: Floats, sizes: Floats) -> Rows:
+        """Create boxes, and resize those that have other sizes; returns their slots."""
         table, shapes = self._table, self._objects.shapes
         slots, kinds = table.find(numbers, ids), np.full(len(ids), Marker.CUBE)
         same = slots >= 0
@@ -139,7 +134,7 @@ class BoxSet:
         if len(rest):
             keys = numbers[rest], ids[rest], kinds[rest]
             given = sizes[rest], poses[rest], never[rest]
-            slots[rest] = put_primitives(shapes, *keys, *given, instead)
+            slots[rest] = put_primitives(shapes, *keys, *given, shapes.strangers())
             table.of_set[slots[rest]] = self._source.number
         return slots
 
@@ -194,7 +189,7 @@ class BoxSet:
         numbers, ids = numbers[-MAX_UNPLACEABLE:], ids[-MAX_UNPLACEABLE:]
         pairs = zip(numbers.tolist(), ids.tolist(), strict=True)
         for key in [self.key(*pair) for pair in pairs]:
-            self._objects.shapes.unplaceable.add(key, reason)
+            self._objects.shapes.unplaceable.add(key, reason, of_set=True)
             self._unplaceable.append(key)
         del self._unplaceable[:-MAX_UNPLACEABLE]
 

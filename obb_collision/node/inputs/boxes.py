@@ -126,8 +126,10 @@ class BoxInput:
             check_name(frame, "frame")
             self._note_order(stamp, now)
         except RefusedError as error:
-            self._monitor.refuse(now, error.reason, "whole message", error.detail)
-            if error.reason != OLDER:
+            if error.reason == OLDER:
+                self._monitor.refuse(now, error.reason, "whole message", error.detail)
+            else:
+                self._monitor.refuse_whole(now, error.reason, error.detail)
                 self._set.doubt()
             return
         cloud = Cloud(given, frame, stamp, now, size)
@@ -162,6 +164,8 @@ class BoxInput:
         numbers, ids, poses = given.numbers, given.ids, given.poses
         faults = Faults(len(ids))
         faults.note(~given.are_keys, BAD_KEY)
+        if not given.are_keys.all():
+            self._monitor.unreadable = BAD_KEY.reason
         faults.note(_repeated(numbers, ids, faults.number == GOOD), REPEATED)
         _note_bad(faults, poses, given.sizes)
         if frame is not None:
@@ -185,6 +189,8 @@ class BoxInput:
     def _refuse(self, cloud: Cloud, error: RefusedError) -> None:
         given: Given = cloud.content
         rows = np.flatnonzero(given.are_keys)
+        if len(rows) < len(given.ids) or len(rows) == 0:
+            self._monitor.unreadable = error.reason
         self._set.refuse(given.numbers[rows], given.ids[rows], error.reason)
 
 

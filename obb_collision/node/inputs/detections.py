@@ -24,6 +24,7 @@ from typing import Any, NamedTuple
 from zlib import crc32
 
 import numpy as np
+from rclpy.qos import ReliabilityPolicy
 
 from obb_collision.node.inputs.box_set import Source
 from obb_collision.node.inputs.boxes import Given, Message
@@ -40,18 +41,17 @@ from obb_collision.node.messages.detection_kernels import (
 )
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.messages.names import whole_from_text
+from obb_collision.node.messages.optional import optional_type
 from obb_collision.node.objects.table import ID_OFFSET
 from obb_collision.typing import Floats, Rows
 
-try:
-    from vision_msgs.msg import Detection3DArray
-except ImportError:  # not on PyPI
-    Detection3DArray = None
-MessageType: Any = Detection3DArray
-"""None where vision_msgs is not installed."""
+MessageType: Any = optional_type("vision_msgs.msg", "Detection3DArray")
+"""None where vision_msgs cannot be used."""
 
 DETECTIONS = Source("detections", "detections", 2)
-INPUTS = {} if MessageType is None else {DETECTIONS.topic: Input(MessageType, 10)}
+QUEUE = 10, ReliabilityPolicy.BEST_EFFORT
+"""Depth and reliability: as detectors send that follow sensors."""
+INPUTS = {} if MessageType is None else {DETECTIONS.topic: Input(MessageType, *QUEUE)}
 """The topic, where there is the type of its messages."""
 SMALLEST = 100
 """Bytes of a detection, at least."""

@@ -29,6 +29,7 @@ from obb_collision.node.inputs.box_set import OWNED
 from obb_collision.node.inputs.boxes import BoxInput
 from obb_collision.node.inputs.detections import DETECTIONS, read_detections
 from obb_collision.node.inputs.markers import MarkerInput
+from obb_collision.node.inputs.unknown_objects import MAX_NAMES, UnknownObjects
 from obb_collision.node.messages.bulk_clouds import poses_from_ros
 from obb_collision.node.messages.cdr import (
     NamedPose,
@@ -45,13 +46,13 @@ from obb_collision.node.messages.conversions import (
     stamp_from_ros,
 )
 from obb_collision.node.messages.errors import RefusedError
-from obb_collision.node.messages.names import shortened
+from obb_collision.node.messages.names import shortened, stand_in
 from obb_collision.node.objects.frames import FrameSource
 from obb_collision.node.objects.objects import Objects
 from obb_collision.node.objects.states import OLDER, State
-from obb_collision.node.objects.table import Slots
+from obb_collision.node.objects.table import Slots, signed
 from obb_collision.node.runtime.guard import INTERNAL_ERROR, Guard
-from obb_collision.typing import Floats
+from obb_collision.typing import Floats, Mask, Rows
 
 Message = TypeVar("Message")
 LENGTHS_DIFFER = "array lengths differ"
@@ -83,6 +84,9 @@ class Inputs:
             monitor = monitors[DETECTIONS.topic]
             given = objects, frames, monitor, clock, guard
             self.sets.append(BoxInput(*given, DETECTIONS, read_detections))
+        self.unknown = UnknownObjects(objects.table)
+        """Names that states came for, and that have no object."""
+        self.markers.unknown = self.unknown
         self.bases: dict[str, Callable[[NamedPose, int, InputMonitor], None]] = {}
         """By name of a robot: what takes a pose of its base."""
 
@@ -97,11 +101,16 @@ class Inputs:
         }
 
     def guarded(
-        self, topic: str, take: Callable[[bytes], None], in_order: bool = False
+        self,
+        topic: str,
+        take: Callable[[bytes], None],
+        in_order: bool = False,
+        changes: bool = True,
     ) -> Callable[[bytes], None]:
         """Return a callback that counts messages on which ``take`` fails.
 
-        in_order: whether the markers and boxes that came before are applied first.
+        in_order: whether the markers and boxes that came before are applied first; changes: whether
+        it changes objects, which after an error nobody foresaw may be others than were sent.
         """
 
         def callback(data: bytes) -> None:
@@ -113,7 +122,9 @@ class Inputs:
                 take(data)
             except Exception as error:
                 self._guard.caught(f"input {topic}", error)
-                self._monitors[topic].refuse(self._clock(), INTERNAL_ERROR, "whole message")
+                if changes and not isinstance(error, MemoryError):
+                    self._objects.broken = f"input {topic}"
+                self._monitors[topic].refuse_whole(self._clock(), INTERNAL_ERROR, str(error))
 
         return callback
 
@@ -138,6 +149,9 @@ class Inputs:
             monitor.refuse(now, LENGTHS_DIFFER, detail=detail)
             slots = self._objects.table.find_named(names)
             self._objects.states.refuse(slots[slots >= 0])
+            self._note_unknown(slots < 0, lambda row: names[row], now)
+            if len(names) < len(poses):
+                monitor.unreadable = LENGTHS_DIFFER
             return
         twists = self._twists(message)
         self._take_named("object_states", names, poses, message.header, now, twists)
@@ -151,7 +165,7 @@ class Inputs:
         try:
             return read(data)
         except RefusedError as error:
-            monitor.refuse(now, error.reason, "whole message", error.detail)
+            monitor.refuse_whole(now, error.reason, error.detail)
             return None
 
     def _twists(self, message: NamedStates) -> Floats | None:
@@ -180,16 +194,38 @@ class Inputs:
         try:
             namespaces, ids, poses = poses_from_ros(message, self.boxes.max_points)
             slots = table.find(namespaces, ids)
+            name = self._names_of(namespaces, ids)
             if namespaces is not None and (slots < 0).any():
                 known = table.has_namespaces(namespaces)
                 if not known.all():
                     first, count = namespaces[int(np.argmin(known))], int(np.sum(~known))
+                    self._note_unknown(~known, name, now)
                     monitor.refuse(now, "unknown namespace", f"ns {first}", count=count)
                     slots, ids, poses = slots[known], ids[known], poses[known]
+                    name = self._names_of(namespaces[known], ids)
         except RefusedError as error:
-            monitor.refuse(now, error.reason, detail=error.detail)
+            monitor.refuse_whole(now, error.reason, error.detail)
             return
+        self._note_unknown(slots < 0, name, now)
         self._store("object_poses", slots, poses, message.header, now, lambda row: f"id {ids[row]}")
+
+    def _names_of(self, namespaces: Rows | None, ids: Rows) -> Callable[[int], str]:
+        """Return what gives the name of a row of bulk poses."""
+        texts = self._objects.table.namespaces.names
+
+        def name(row: int) -> str:
+            if namespaces is None:
+                return f"{next(iter(texts.values()), '')}/{ids[row]}"
+            number = int(signed(namespaces[row : row + 1])[0])
+            return f"{texts.get(number, stand_in(number))}/{ids[row]}"
+
+        return name
+
+    def _note_unknown(self, rows: Mask, name: Callable[[int], str], now: int) -> None:
+        """Take note that states came of objects that are not there."""
+        if rows.any():
+            first = np.flatnonzero(rows)[:MAX_NAMES].tolist()
+            self.unknown.note(map(name, first), now)
 
     def _take_named(
         self,
@@ -201,6 +237,7 @@ class Inputs:
         twists: Floats | None = None,
     ) -> None:
         slots = self._objects.table.find_named(names)
+        self._note_unknown(slots < 0, lambda row: names[row], now)
         self._store(topic, slots, poses, header, now, lambda row: _shown(names[row]), twists)
 
     def _store(

@@ -118,7 +118,7 @@ class MarkerAdder:
                 return
         if row != last:
             self._objects.shapes.refuse(
-                markers.key(last), "", shape=True
+                markers.key(last), "", shape=True, expiry=int(markers.expiry[last])
             )  # what it has is not the last
 
     def _put_what_stays(self, markers: Gathered, row: int, previous: Rows) -> None:

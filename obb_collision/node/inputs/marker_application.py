@@ -30,7 +30,9 @@ from obb_collision.node.inputs.marker_batch import (
     settle,
 )
 from obb_collision.node.inputs.marker_rows import Gathered
+from obb_collision.node.inputs.unknown_objects import UnknownObjects
 from obb_collision.node.messages.errors import RefusedError
+from obb_collision.node.messages.shape_plans import ANNOTATIONS
 from obb_collision.node.objects.many import (
     renew_slots,
 )
@@ -43,8 +45,15 @@ from obb_collision.typing import Mask, Rows
 class MarkerApplication:
     """Applies markers at a time (ns)."""
 
-    def __init__(self, objects: Objects, monitor: InputMonitor, guard: Guard, now: int) -> None:
-        self._objects, self._now = objects, now
+    def __init__(
+        self,
+        objects: Objects,
+        monitor: InputMonitor,
+        guard: Guard,
+        now: int,
+        unknown: UnknownObjects,
+    ) -> None:
+        self._objects, self._now, self._unknown = objects, now, unknown
         self._adder = MarkerAdder(objects, monitor, guard, now)
 
     def settle(self, markers: Gathered) -> tuple[Faults, Outcome]:
@@ -100,12 +109,16 @@ class MarkerApplication:
         What is deleted and comes again as it was, in the fixed frame, stays in its place.
         """
         objects, table = self._objects, self._objects.table
+        added, deletes = markers.action == Marker.ADD, markers.action == Marker.DELETE
+        added &= ~np.isin(markers.type, ANNOTATIONS)
+        everything = markers.ns[markers.action == Marker.DELETEALL]
+        was_something = not objects.is_empty or bool(objects.unplaceable) or added.any()
         doomed = self._deleted_by_all(markers)
         slots = self._adder.find_slots(markers, outcome.first)
         doomed[slots[outcome.removed & (slots >= 0)]] = True
-        if objects.unplaceable:
-            for row in outcome.first[outcome.removed].tolist():
-                objects.shapes.unplaceable.forget(markers.key(row))
+        deleted = [markers.key(row) for row in outcome.first[outcome.removed].tolist()]
+        for key in deleted if objects.unplaceable else ():
+            objects.shapes.unplaceable.delete(key)
         again = np.flatnonzero((slots >= 0) & (outcome.winner >= 0))
         again = again[doomed[slots[again]]]
         if len(again):
@@ -117,7 +130,12 @@ class MarkerApplication:
             same &= fixed
             again = again[same & table.placed[slots[again]]]
             doomed[slots[again]] = False
-        objects.shapes.remove(np.flatnonzero(doomed & table.live))
+        gone = np.flatnonzero(doomed & table.live)
+        self._unknown.deleted((*deleted, *table.keys(gone)), self._now)
+        objects.shapes.remove(gone)
+        told = was_something and (len(everything) or deletes.any())
+        if told or any(not markers.namespaces[index] for index in everything.tolist()):
+            objects.declare_empty()
         renew_slots(objects.shapes, slots[again])
         return np.where((slots >= 0) & table.live[slots], slots, -1)
 
@@ -127,7 +145,7 @@ class MarkerApplication:
         doomed = np.zeros(len(table.live), np.bool_)
         for index in np.unique(markers.ns[markers.action == Marker.DELETEALL]).tolist():
             name = markers.namespaces[index]
-            objects.shapes.unplaceable.forget_all(name or None)
+            objects.shapes.unplaceable.delete_all(name or None)
             if not name:
                 doomed |= table.live
             elif index not in markers.bad_namespaces:

@@ -32,6 +32,7 @@ from obb_collision.node.inputs.marker_batch import (
     remaining,
 )
 from obb_collision.node.inputs.marker_rows import Gathered, gather, join
+from obb_collision.node.inputs.unknown_objects import UnknownObjects
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.messages.marker_kernels import ACTION, NS
 from obb_collision.node.messages.marker_scan import Scanned, scan_markers
@@ -58,6 +59,8 @@ class MarkerInput:
         self._kept: Gathered | None = None  # of messages before those
         self._size = 0
         self._messages = 0
+        self.unknown = UnknownObjects(objects.table)
+        """What takes the names of objects that are deleted."""
 
     def take(self, data: bytes) -> None:
         """Queue a serialised MarkerArray for the next cycle."""
@@ -84,8 +87,10 @@ class MarkerInput:
         self._waiting, self._kept, self._size = [], None, 0
         parts: list[Scanned] = []
         received: list[int] = []
+        is_read = False
         for data, at in reversed(waiting):
-            part = self._scan(data)
+            part = self._scan(data, is_read)
+            is_read |= part is not None
             if part is not None and len(part):
                 parts.append(part)
                 received.append(at)
@@ -98,16 +103,21 @@ class MarkerInput:
         self._messages += len(parts)
         return new if kept is None else join(kept, new)
 
-    def _scan(self, data: bytes) -> Scanned | None:
-        """Return the markers of a message, None if it is refused."""
-        now = self._clock()
+    def _scan(self, data: bytes, is_read_since: bool) -> Scanned | None:
+        """Return the markers of a message, None if it is refused.
+
+        is_read_since: whether a newer one could be read.
+        """
+        now, refuse = self._clock(), self._monitor.refuse_whole
         try:
             return scan_markers(data)
         except RefusedError as error:
-            self._monitor.refuse(now, error.reason, "whole message", error.detail)
+            refuse(now, error.reason, error.detail)
         except Exception as error:
             self._guard.caught("input objects", error, "whole message")
-            self._monitor.refuse(now, INTERNAL_ERROR, "whole message", str(error))
+            refuse(now, INTERNAL_ERROR, str(error))
+        if is_read_since:
+            self._monitor.unreadable = ""
         return None
 
     def _coalesce(self) -> None:
@@ -128,7 +138,8 @@ class MarkerInput:
             return
         for number in np.unique(markers.message).tolist():  # one that fails takes no other with it
             if not self._run(markers.take(np.flatnonzero(markers.message == number))):
-                self._monitor.refuse(self._clock(), INTERNAL_ERROR, "whole message")
+                self._monitor.refuse_whole(self._clock(), INTERNAL_ERROR)
+                self._objects.broken = "input objects"
 
     def _run(self, markers: Gathered) -> bool:
         """Apply markers; return whether that went through."""
@@ -140,7 +151,8 @@ class MarkerInput:
         )
 
     def _application(self) -> MarkerApplication:
-        return MarkerApplication(self._objects, self._monitor, self._guard, self._clock())
+        given = self._objects, self._monitor, self._guard, self._clock()
+        return MarkerApplication(*given, self.unknown)
 
 
 def _deletes_all(scanned: Scanned) -> bool:

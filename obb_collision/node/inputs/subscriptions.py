@@ -31,6 +31,7 @@ from visualization_msgs.msg import MarkerArray
 from obb_collision.node.diagnostics.monitors import InputMonitor
 from obb_collision.node.diagnostics.qos import overridable
 from obb_collision.node.inputs.losses import Losses
+from obb_collision.node.runtime.guard import INTERNAL_ERROR
 
 
 class Input(NamedTuple):
@@ -85,7 +86,6 @@ class Subscriptions:
         self._node, self._callbacks, self._monitors = node, callbacks, monitors
         self._arrived, self._latched = arrived, latched
         self._oldest = 0
-        self._had_messages = False
         self._losses: dict[str, Losses] = {}
         self._closed: set[str] = set()  # to be subscribed to again
         self.open: dict[str, Subscription] = {}
@@ -120,6 +120,7 @@ class Subscriptions:
                 self._drain(topic, self.open[topic])
             except Exception as error:
                 failures.append(error)
+                self._monitors[topic].unreadable = INTERNAL_ERROR
                 self._give_up(topic)
         if failures:
             raise failures[0]
@@ -153,13 +154,7 @@ class Subscriptions:
         oldest, self._oldest = self._oldest, 0
         return max(1, time_ns() - oldest) * 1e-9 if oldest else 0.0
 
-    def had_messages(self) -> bool:
-        """Return whether a message about objects was taken since the last time."""
-        had, self._had_messages = self._had_messages, False
-        return had
-
     def _take(self, topic: str, message: bytes, info: Mapping[str, Any]) -> None:
-        self._had_messages |= topic != "points" and not self._inputs[topic].is_query
         self._monitors[topic].lost += self._losses[topic].count(
             info.get("publication_sequence_number")
         )

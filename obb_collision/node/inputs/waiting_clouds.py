@@ -88,23 +88,26 @@ class WaitingClouds:
         RefusedError. refuse: called for each cloud that can't be used.
         """
         kept: list[Cloud] = []
+        refused: list[tuple[Cloud, RefusedError]] = []  # newer than the one used: told after that
         waiting, self.clouds = self.clouds, kept
         while waiting:
             cloud = waiting.pop()
             try:
                 use(cloud, self._place(cloud))
-                return len(waiting)
+                break
             except RefusedError as error:
                 if error.reason in LATER and self._may_wait(cloud, now):
                     kept.insert(0, cloud)
                     continue
                 self._monitor.refuse(now, error.reason, detail=error.detail)
-                refuse(cloud, error)
+                refused.append((cloud, error))
             except Exception as error:
                 self._guard.caught(f"input {self._monitor.topic}", error)
                 self._monitor.refuse(now, INTERNAL_ERROR, "whole message", str(error))
-                refuse(cloud, RefusedError(INTERNAL_ERROR, str(error)))
-        return 0
+                refused.append((cloud, RefusedError(INTERNAL_ERROR, str(error))))
+        for newer, reason in reversed(refused):
+            refuse(newer, reason)
+        return len(waiting)
 
     def _place(self, cloud: Cloud) -> Floats | None:
         if not self._is_elsewhere(cloud):

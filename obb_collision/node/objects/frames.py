@@ -23,12 +23,11 @@ from rclpy.time import Time
 
 from obb_collision.node.messages.conversions import transform_from_ros
 from obb_collision.node.messages.errors import RefusedError
+from obb_collision.node.messages.optional import optional_module, optional_type
 from obb_collision.typing import Floats
 
-try:
-    import tf2_ros
-except ImportError:  # not on PyPI; on a robot it comes with ROS
-    tf2_ros = None
+tf2_ros: Any = optional_type("tf2_msgs.msg", "TFMessage") and optional_module("tf2_ros")
+"""None where tf2 cannot be used."""
 
 UNKNOWN_FRAME, NO_TRANSFORM, EXTRAPOLATION = "unknown frame", "no transform", "extrapolation"
 """Reasons why a frame can't be placed: no transform names it, nothing connects it with the fixed

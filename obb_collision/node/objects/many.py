@@ -31,7 +31,7 @@ from obb_collision.scene.store.store import NO_ROWS
 from obb_collision.shapes import Cylinder, Ellipsoid, Shape
 from obb_collision.typing import Floats
 
-KEPT = ("live", "ns", "id", "kind", "size", "placed", "expiry", "shaped")
+KEPT = ("live", "ns", "id", "serial", "kind", "size", "placed", "expiry", "shaped")
 """Columns that are unchanged if an object is removed and added again with the same shape."""
 
 
@@ -45,6 +45,7 @@ def renew_slots(shapes: ObjectShapes, slots: Slots) -> None:
     for column in COLUMNS:
         if column not in KEPT:
             getattr(table, column)[slots] = 0
+    table.repeated[slots] = True  # this message is not the first one about them
     shapes.placement.begin(slots)
     shapes.scene.renew_indices(slots)
     shapes.placement.enable(left_out)
@@ -70,6 +71,7 @@ def put_primitives(
     table = shapes.table
     slots = table.find(namespaces, ids)
     new = slots < 0
+    table.reach(len(shapes.scene) + len(slots))  # so that the table can take what the scene gets
     cubes = kinds == Marker.CUBE
     here = np.flatnonzero(~new & cubes & (table.kind[slots] == Marker.CUBE))
     other = np.flatnonzero(~cubes | ~(new | (table.kind[slots] == Marker.CUBE)))

@@ -31,12 +31,16 @@ from obb_collision.node.objects.placement import Placement
 from obb_collision.node.objects.shapes import ObjectShapes
 from obb_collision.node.objects.staleness import Staleness
 from obb_collision.node.objects.states import States
-from obb_collision.node.objects.table import NEVER, ObjectTable
+from obb_collision.node.objects.table import NEVER, ObjectTable, Slots
 from obb_collision.node.runtime.guard import Guard
 from obb_collision.scene.building.builder import Builder
 from obb_collision.scene.building.process import Limits
+from obb_collision.scene.report import Report
 from obb_collision.scene.scene import Scene
 from obb_collision.scene.store.overrides import Overrides
+from obb_collision.typing import Mask
+
+NO_SLOTS: Slots = np.empty(0, np.int64)
 
 
 class Objects:
@@ -53,6 +57,12 @@ class Objects:
         self.shapes = ObjectShapes(self.scene, self.table, self.placement, self.notes)
         self.table.namespaces.named = self._rename
         self._tree_builder = Builder()
+        self.broken = ""
+        """Where an error nobody foresaw may have left objects other than what was sent."""
+        self.is_declared_empty = False
+        """Whether somebody has said that there is no object, and none has come since."""
+        self.links_on_boxes = NO_SLOTS
+        """Links of robots in pairs that the last check left on boxes, their hulls being built."""
         self.trees = self.scene.build_outside(self._tree_builder)
         """What is built of shapes for an accuracy above obb."""
 
@@ -67,8 +77,34 @@ class Objects:
         slots = np.flatnonzero(table.live & (table.ns == namespace))
         names = [name_from_key(key) for key in table.keys(slots)]
         self.scene.rename_indices(slots, names)
+        table.limited[slots] = False  # their limits go by their names
         for name in names if overrides else ():
             self.scene.set_accuracy(name, overrides.value(name))
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether there is no object but links of robots."""
+        table = self.table
+        return not (table.live & ~table.of_robot).any()
+
+    def pairs_on_boxes(self, report: Report) -> Mask:
+        """Return (m,) which pairs of a report are on boxes though a hull of theirs is being built.
+
+        Those of robots, whose boxes collide far too often; their links are noted.
+        """
+        pairs, table = report.pairs, self.table
+        self.links_on_boxes = NO_SLOTS
+        found = np.zeros(len(pairs), np.bool_)
+        if report.behind and self.trees.waiting:
+            links = table.of_robot[pairs]
+            found = links.any(axis=1) & (report.accuracies <= Accuracy.OBB)
+            found &= np.isin(pairs, self.trees.slots_waiting).any(axis=1)
+            self.links_on_boxes = np.unique(pairs[found][links[found]])
+        return found
+
+    def declare_empty(self) -> None:
+        """Take note that somebody has said what there is: it counts if that is nothing."""
+        self.is_declared_empty = self.is_empty and not self.unplaceable
 
     def set_limits(self, limits: Limits) -> None:
         """Limit what shapes may take to build."""
@@ -83,9 +119,12 @@ class Objects:
         """Remove all objects and names; returns the number of objects."""
         slots = np.flatnonzero(self.table.live)
         self.shapes.remove(slots)
-        self.shapes.unplaceable.forget_all(None)
+        for key in list(self.unplaceable):
+            self.shapes.unplaceable.forget(key)
         self.table.namespaces.forget_unused()
         self.placement.forget_unused_frames()
+        self.broken = ""
+        self.declare_empty()
         return len(slots)
 
     def clock_jumped(self, shift: int) -> None:
@@ -101,17 +140,17 @@ class Objects:
         self.shapes.unplaceable.clock_jumped(shift)
         self.placement.clock_jumped(shift)
 
-    def update(self, now: int, timeout: float) -> None:
-        """Bring the scene up to date at time ``now`` (ns): expire, place, mark stale.
-
-        ``timeout`` (s) is the age at which a state is stale, 0 for never.
-        """
+    def update(self, now: int) -> None:
+        """Bring the scene up to date at time ``now`` (ns): expire, place, mark stale."""
         table = self.table
+        if len(self.scene) != len(table):
+            self.scene.remove_indices(self.shapes.strangers())
+        self.is_declared_empty &= self.is_empty and not self.unplaceable
         self.shapes.remove(np.flatnonzero(table.live & table.seen & (table.expiry <= now)))
         self.shapes.unplaceable.expire(now)
         self.shapes.take_built()
         self.placement.place(now)
-        self.staleness.mark(now, timeout)
+        self.staleness.mark(now)
         table.seen[:] = table.live  # whose lifetime is over has taken part once, at least
         self.states.mark_doubtful(now)
 
@@ -129,7 +168,10 @@ class Objects:
         table, rows = self.table, self.table.visible
         if not rows.any():
             return now
-        stamps = table.world_stamp[rows]
+        return self.believed_stamp(now) or int(table.world_received[rows].max())
+
+    def believed_stamp(self, now: int) -> int:
+        """Stamp (ns) of the newest state evaluated, 0 where none has one to believe."""
+        stamps = self.table.world_stamp[self.table.visible]
         believed = stamps <= now + self.states.stamp_tolerance
-        newest = int(stamps.max(initial=0, where=believed))
-        return newest or int(table.world_received[rows].max())
+        return int(stamps.max(initial=0, where=believed))

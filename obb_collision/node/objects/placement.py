@@ -33,9 +33,9 @@ from obb_collision.node.messages.conversions import (
 )
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.messages.names import FrameTable, check_name
-from obb_collision.node.objects.frames import LINK_NOT_KNOWN, FrameSource
+from obb_collision.node.objects.frames import EXTRAPOLATION, LINK_NOT_KNOWN, FrameSource
 from obb_collision.node.objects.notes import Notes
-from obb_collision.node.objects.table import ObjectTable, Slots
+from obb_collision.node.objects.table import IGNORE, POLICIES, ObjectTable, Slots
 from obb_collision.node.objects.transforms import Transforms
 from obb_collision.node.objects.waiting import (
     States,
@@ -48,6 +48,8 @@ from obb_collision.scene.scene import Scene
 from obb_collision.scene.store.placed import as_slice
 from obb_collision.typing import Floats, Mask
 
+LONGEST_LAG = 10 * NANOSECONDS
+"""For so long (ns) a state waits for a transform that lags, though its object is late by then."""
 RETRY_PERIOD = NANOSECONDS // 2
 """How often the latest state of an object is tried again once it has waited too long."""
 
@@ -76,8 +78,6 @@ class Placement:
         self.waiting = WaitingStates()
         self.timeout = 0.0
         """Maximum time that a pose waits for its frame (s)."""
-        self.ignore_stale = False
-        """Whether stale objects take no part in collisions (they are still reported)."""
 
     def frame_index(self, frame: str) -> int:
         """Index of a frame; an empty one means the fixed frame.
@@ -114,7 +114,7 @@ class Placement:
         """
         table = self._table
         rows = as_slice(slots)
-        wait = table.pending[rows] & ~table.waited_out[rows]
+        wait = table.pending[rows].copy()
         dropped = int(np.count_nonzero(wait))
         if dropped:
             wait = wait & ((table.frame[rows] != 0) | (frame != 0))
@@ -154,7 +154,7 @@ class Placement:
         """Return which objects (n,) are to be checked."""
         table = self._table
         shown: Mask = table.placed[slots] & table.shaped[slots] & ~table.set_aside[slots]
-        return shown & ~(self.ignore_stale & table.stale[slots])
+        return shown & ~(table.stale[slots] & (table.policy[slots] == POLICIES.index(IGNORE)))
 
     def clock_jumped(self, shift: int) -> None:
         """Shift times by a jump of the clock (ns)."""
@@ -199,12 +199,21 @@ class Placement:
             self.waiting.rows = states[kept]
 
     def _time_out(self, latest: States, transforms: Transforms, now: int) -> None:
-        """Refuse states that waited too long, and mark those that were the latest."""
+        """Count states that waited too long, and mark their objects: those were not placed in time.
+
+        Where a transform lags they wait on: the object follows as late as its transform.
+        """
         table, limit = self._table, int(self.timeout * NANOSECONDS)
         waiting = self.waiting.rows
-        late = now - waiting["received"] > limit
+        ages = now - waiting["received"]
+        late = ages > limit
         if late.any():
-            self.waiting.rows = waiting[~late]
+            table.frame_refused[waiting["slot"][late]] = True
+            lags = [f for f, e in transforms.errors.items() if e.reason == EXTRAPOLATION]
+            waits_on = ~late | (np.isin(waiting["frame"], lags) & (ages <= LONGEST_LAG))
+            late &= ~waiting["counted"]
+            counted, waiting["counted"] = waiting[late], waiting["counted"] | late
+            self.waiting.rows, waiting, late = waiting[waits_on], counted, late[late]
         slots = latest["slot"]
         tired = (now - latest["received"] > limit) | table.locked[slots]
         tired &= ~table.waited_out[slots]
@@ -274,8 +283,8 @@ class Placement:
         table.world_received[rows] = received
         table.world_number[rows] = numbers
         table.pending[rows] = table.number[rows] > numbers
-        table.frame_refused[rows] = False
         table.waited_out[rows] &= table.pending[rows]
+        table.frame_refused[rows] = table.waited_out[rows]
         new = slots[~table.placed[slots]]
         if len(new):
             table.placed[new] = True

@@ -28,6 +28,7 @@ from typing import Any
 from weakref import WeakValueDictionary
 
 from obb_collision.geometry.shapes.files import LARGEST_FILE, MOST_TRIANGLES, Version
+from obb_collision.geometry.shapes.folders import NO_FOLDERS, MeshFolders
 from obb_collision.node.messages.clouds import TOO_MANY_POINTS
 from obb_collision.node.messages.conversions import Key
 from obb_collision.node.messages.errors import RefusedError
@@ -67,7 +68,7 @@ class ShapeLimits:
     file_size: int = LARGEST_FILE
     triangles: int = MOST_TRIANGLES
     points: int = 3 * MOST_TRIANGLES
-    mesh_folders: tuple[str, ...] = ()
+    mesh_folders: MeshFolders = NO_FOLDERS
 
     def applied(self, job: Job) -> Job:
         """Return a job within the limits; RefusedError for one beyond them."""

@@ -34,6 +34,7 @@ from obb_collision.node.runtime.guard import INTERNAL_ERROR
 from obb_collision.scene.building.builder import Builder
 from obb_collision.scene.scene import Scene
 from obb_collision.scene.store.overrides import Overrides
+from obb_collision.scene.store.store import NO_ROWS
 from obb_collision.shapes import Box, Shape
 from obb_collision.typing import Mask
 
@@ -130,6 +131,7 @@ class ObjectShapes:
             pose = self.scene.poses_of([slot])[0]
         try:
             level = self.overrides.value(name)
+            table.reach(len(self.scene) + 1)
             index = self.scene.add(name, shape, pose, accuracy=level)
         except ValueError as error:
             raise RefusedError("bad shape", str(error)) from error
@@ -155,12 +157,14 @@ class ObjectShapes:
     def refuse(self, key: Key, reason: str, shape: bool, expiry: int = NEVER) -> None:
         """Mark that the latest state (shape or pose) of an object could not be used.
 
-        ``expiry`` is when the lifetime of a new object would end (ns).
+        ``expiry`` is when the lifetime of that state would end (ns): until then it is there.
         """
         slot = self.table.slots.get(key)
         if slot is None:
             self.unplaceable.add(key, reason, expiry)
-        elif shape:
+            return
+        self.table.expiry[slot] = max(int(self.table.expiry[slot]), expiry)
+        if shape:
             self.table.shape_refused[slot] = True
         else:
             self.table.pose_refused[slot] = True
@@ -170,6 +174,17 @@ class ObjectShapes:
         if len(slots):
             self.release(slots)
             self.scene.remove_indices(slots)
+
+    def strangers(self) -> Slots:
+        """Return the slots of the scene that the table has no object for.
+
+        They are to be removed, or a change has left them that broke off: the scene gets objects
+        first, and loses them last.
+        """
+        if len(self.scene) == len(self.table):
+            return NO_ROWS
+        there = self.scene.indices
+        return there[~self.table.live[there]]
 
     def release(self, slots: Slots) -> None:
         """Remove the objects at slots (n,), all in use and distinct, but not from the scene.

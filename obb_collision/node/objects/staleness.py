@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Objects without a new state for too long, and what happens to them: kept, ignored or grown.
+"""Objects without a new state for longer than their age limit, and what is done with them.
 
 With the policy ``collide`` a stale object is grown by what it can have moved since its last state:
 no point of it is faster than ``speed``, or than its last twist said, so the grown box contains the
@@ -21,43 +21,78 @@ object wherever it is by now. Beyond ``reach`` boxes grow no more, and where it 
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
+
 import numpy as np
 
-from obb_collision.node.messages.conversions import NANOSECONDS
+from obb_collision.node.messages.conversions import NANOSECONDS, name_from_key
 from obb_collision.node.objects.placement import Placement
-from obb_collision.node.objects.table import ObjectTable, Slots
+from obb_collision.node.objects.table import COLLIDE, POLICIES, UNKNOWN, ObjectTable, Slots
 from obb_collision.scene.scene import Scene
-from obb_collision.typing import Floats
+from obb_collision.scene.store.overrides import Overrides
+from obb_collision.typing import Floats, Mask
 
-KEEP, IGNORE, COLLIDE = "keep", "ignore", "collide"
-POLICIES = (KEEP, IGNORE, COLLIDE)
+
+@dataclass(frozen=True)
+class AgeLimits:
+    """After how long objects are stale, and what is done then.
+
+    timeout: age limit (s) of objects from their second message on, 0 for none; timeouts: limits of
+    objects by name, from the first message on; policy, policies: what is done, by name. speed:
+    maximum speed of any point of an object (m/s), where its last twist says no more; reach: maximum
+    growth (m).
+    """
+
+    timeout: float = 0.0
+    timeouts: Overrides[float] = field(default_factory=Overrides)
+    policy: str = UNKNOWN
+    policies: Overrides[str] = field(default_factory=Overrides)
+    speed: float = 0.0
+    reach: float = 0.0
 
 
 class Staleness:
-    """Marks stale objects, and applies the policy to them.
-
-    speed: maximum speed of any point of an object (m/s), where its last twist says no more; reach:
-    maximum growth (m).
-    """
+    """Marks stale objects, and applies their policies."""
 
     def __init__(self, scene: Scene, table: ObjectTable, placement: Placement) -> None:
         self._scene, self._table, self._placement = scene, table, placement
-        self.policy = KEEP
-        self.speed = self.reach = 0.0
+        self._limits = AgeLimits()
         self._grown: Slots = np.empty(0, np.int64)
 
-    def set(self, policy: str, speed: float, reach: float) -> None:
-        """Set the policy for stale objects; they are reported with any of them."""
-        self.policy, self.speed, self.reach = policy, speed, reach
-        if self._placement.ignore_stale != (policy == IGNORE):
-            self._placement.ignore_stale = policy == IGNORE
-            self._placement.enable(np.flatnonzero(self._table.live))
+    @property
+    def limits(self) -> AgeLimits:
+        """The limits of all objects."""
+        return self._limits
 
-    def mark(self, now: int, timeout: float) -> None:
-        """Mark objects whose state is older than ``timeout`` (s; 0: none) at time ``now`` (ns)."""
+    @limits.setter
+    def limits(self, limits: AgeLimits) -> None:
+        self._limits = limits
+        self._table.limited[:] = False  # whose limit has been looked up
+        self._look_up()
+        self._placement.enable(np.flatnonzero(self._table.live))
+
+    def has(self, policy: str) -> Mask:
+        """Return (rows,) which objects are stale, and have a policy for that."""
         table = self._table
-        stale = table.live & table.placed & (timeout > 0)
-        stale &= now - table.world_received > int(timeout * NANOSECONDS)
+        if not table.stale.any():
+            return np.zeros(len(table.stale), np.bool_)
+        return np.asarray(table.live & table.stale & (table.policy == POLICIES.index(policy)))
+
+    @property
+    def unknown(self) -> Mask:
+        """(rows,) stale objects of which it is not known where they are."""
+        return self.has(UNKNOWN) | (self.has(COLLIDE) & self._table.lost)
+
+    def mark(self, now: int) -> None:
+        """Mark objects whose state is older than their limit at time ``now`` (ns)."""
+        table = self._table
+        self._look_up()
+        has_limits = self._limits.timeout or self._limits.timeouts
+        if not (has_limits or len(self._grown) or table.stale.any()):
+            return
+        default = np.where(table.repeated, int(self._limits.timeout * NANOSECONDS), 0)
+        limits = np.where(table.limit < 0, default, table.limit)
+        stale = table.live & table.placed & (limits > 0) & (now - table.world_received > limits)
         changed = np.flatnonzero(table.live & (stale != table.stale))
         table.stale[:] = stale
         if len(changed):
@@ -68,18 +103,34 @@ class Staleness:
             self._placement.enable(changed)
         self._grow(now)
 
+    def _look_up(self) -> None:
+        """Give new objects their limit, -1 for that of all, and their policy."""
+        table, limits = self._table, self._limits
+        rows = np.flatnonzero(table.live & ~table.limited)
+        table.limit[rows], table.policy[rows] = -1, POLICIES.index(limits.policy)
+        table.limited[rows] = True
+        if not (limits.timeouts or limits.policies):
+            return
+        for slot in rows.tolist():
+            name = name_from_key(table.key(slot))
+            timeout, policy = limits.timeouts.value(name), limits.policies.value(name)
+            if timeout is not None:
+                table.limit[slot] = int(timeout * NANOSECONDS)
+            if policy is not None:
+                table.policy[slot] = POLICIES.index(policy)
+
     def _grow(self, now: int) -> None:
         """Grow stale objects by what they can have moved, and others no longer."""
-        table = self._table
-        rows = np.flatnonzero(table.stale) if self.policy == COLLIDE else self._grown[:0]
+        table, limits = self._table, self._limits
+        rows = np.flatnonzero(self.has(COLLIDE))
         if len(rows) == len(self._grown) == 0:
             return
         back = np.setdiff1d(self._grown[table.live[self._grown]], rows)
         self._scene.grow_indices(back, np.zeros(len(back)))
-        moved = np.maximum(table.speed[rows], self.speed) * self._ages(rows, now)
-        self._scene.grow_indices(rows, np.minimum(np.nextafter(moved, np.inf), self.reach))
+        moved = np.maximum(table.speed[rows], limits.speed) * self._ages(rows, now)
+        self._scene.grow_indices(rows, np.minimum(np.nextafter(moved, np.inf), limits.reach))
         table.lost[:] = False
-        table.lost[rows] = moved > self.reach
+        table.lost[rows] = moved > limits.reach
         self._grown = rows
 
     def _ages(self, rows: Slots, now: int) -> Floats:

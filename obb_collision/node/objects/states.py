@@ -100,6 +100,7 @@ class States:
     def _stamp(self, slots: Slots, stamps: Slots, received: Slots, topic: str) -> None:
         """Store stamps; one that is not believed orders nothing."""
         table, rows = self._table, as_slice(slots)
+        table.repeated[rows] |= table.received[rows] > 0
         table.stamp[rows], table.received[rows] = stamps, received
         ahead = stamps - received
         doubted = ahead > self.stamp_tolerance

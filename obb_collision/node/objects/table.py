@@ -31,7 +31,7 @@ from obb_collision.node.messages.conversions import Key
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.messages.names import NamespaceTable, whole_from_text
 from obb_collision.node.messages.shape_plans import Signature
-from obb_collision.scene.store.placed import as_slice
+from obb_collision.scene.store.placed import as_slice, doubled
 from obb_collision.typing import Floats, Mask, Rows
 
 Slots = Rows
@@ -48,12 +48,17 @@ ID_OFFSET = 1 << (ID_BITS - 1)
 PRIMITIVES = (Marker.CUBE, Marker.SPHERE, Marker.CYLINDER)
 """Types of markers whose shape is the type and the scale, and nothing more."""
 
+POLICIES = UNKNOWN, COLLIDE, KEEP, IGNORE = ("unknown", "collide", "keep", "ignore")
+"""What a stale object is: not known where; grown; taken to be where it was; in no pair. The column
+``policy`` has the index."""
+
 NOTHING = (np.empty(0, np.int64),) * 3
 
 COLUMNS: dict[str, tuple[Any, tuple[int, ...]]] = {
     "live": (np.bool_, ()),
     "ns": (np.int64, ()),  # number of the namespace
     "id": (np.int64, ()),
+    "serial": (np.int64, ()),  # no two objects ever share one
     "of_set": (np.int64, ()),  # number of the input of complete sets by which it came; 0: none
     "of_robot": (np.bool_, ()),  # belongs to a link of a robot
     "kind": (np.int64, ()),  # of its shape, if that is one of PRIMITIVES, else 0
@@ -76,6 +81,10 @@ COLUMNS: dict[str, tuple[Any, tuple[int, ...]]] = {
     "expiry": (np.int64, ()),
     "seen": (np.bool_, ()),  # a cycle has looked at it since its last marker
     "locked": (np.bool_, ()),  # frame_locked: placed anew every cycle
+    "repeated": (np.bool_, ()),  # more than one message has been about it
+    "limited": (np.bool_, ()),  # the next two columns are those of its name
+    "limit": (np.int64, ()),  # age (ns) from which on it is stale; 0: none, -1: that of all
+    "policy": (np.int8, ()),  # for then, see POLICIES
     "stale": (np.bool_, ()),
     "speed": (np.float64, ()),  # of a stale one: the most of any of its points, by its last twist
     "lost": (np.bool_, ()),  # stale for so long that it can be beyond what it is grown by
@@ -98,6 +107,7 @@ class ObjectTable:
     live: Mask
     ns: Slots
     id: Slots
+    serial: Slots
     of_set: Slots
     of_robot: Mask
     kind: Slots
@@ -120,6 +130,10 @@ class ObjectTable:
     expiry: Slots
     seen: Mask
     locked: Mask
+    repeated: Mask
+    limited: Mask
+    limit: Slots
+    policy: Slots
     stale: Mask
     speed: Floats
     lost: Mask
@@ -139,7 +153,7 @@ class ObjectTable:
         self.slots = KeySlots(self)
         self.signatures: dict[int, Signature] = {}
         """Of the shapes that are none of PRIMITIVES, by slot."""
-        self._count = 0
+        self._count = self._serial = 0
         self._sorted: tuple[Slots, Slots] | None = None
         self._last = NOTHING  # namespaces and ids that were looked for, and slots found
         self._ranks: Slots | None = None
@@ -167,23 +181,24 @@ class ObjectTable:
         """Begin new objects at slots (n,); the numbers of namespaces are admitted."""
         if len(slots) == 0:
             return
-        self._reach(int(slots.max()))
-        rows = as_slice(slots)
-        for column in COLUMNS:
+        self.reach(int(slots.max()) + 1)
+        rows, counts = as_slice(slots), _counts(namespaces)
+        serials = self._serial + np.arange(len(slots))
+        for column in COLUMNS:  # from here on nothing needs memory
             getattr(self, column)[rows] = 0
-        for number, count in _counts(namespaces):
+        for number, count in counts:
             self.namespaces.use(number, count)
         self.ns[rows], self.id[rows] = namespaces, ids
         self.live[rows], self.expiry[rows] = True, NEVER
+        self.serial[rows] = serials
+        self._serial += len(slots)
         self._count += len(slots)
         self._sorted = self._index = None
 
-    def _reach(self, slot: int) -> None:
-        """Grow until there is a row for a slot."""
-        while slot >= len(self.live):
-            for column in COLUMNS:
-                old = getattr(self, column)
-                setattr(self, column, np.concatenate((old, np.zeros_like(old))))
+    def reach(self, rows: int) -> None:
+        """Grow until there are so many rows: all columns are there before one is exchanged."""
+        while rows > len(self.live):
+            vars(self).update(doubled({column: getattr(self, column) for column in COLUMNS}))
 
     def release(self, slot: int) -> None:
         """End the object at a slot."""
@@ -193,19 +208,13 @@ class ObjectTable:
         """End the objects at slots (n,), all in use and distinct."""
         if len(slots) == 0:
             return
-        if self.signatures:
-            for slot in slots[self.kind[slots] == 0].tolist():
-                self.signatures.pop(slot, None)
-        for number, count in _counts(self.ns[slots]):
+        rows, counts = as_slice(slots), _counts(self.ns[slots])
+        signed = slots[self.kind[slots] == 0].tolist() if self.signatures else ()
+        for slot in signed:  # from here on nothing needs memory
+            self.signatures.pop(slot, None)
+        for number, count in counts:
             self.namespaces.leave(number, count)
-        rows = as_slice(slots)
-        for column in (
-            self.live,
-            self.pending,
-            self.placed,
-            self.shaped,
-            self.of_robot,
-        ):
+        for column in (self.live, self.pending, self.placed, self.shaped, self.of_robot):
             column[rows] = False
         self.of_set[rows] = 0
         self._count -= len(slots)

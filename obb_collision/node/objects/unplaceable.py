@@ -31,9 +31,13 @@ class Unplaceable(dict[Key, str]):
     def __init__(self) -> None:
         super().__init__()
         self._expiry: dict[Key, int] = {}
+        self._of_sets: set[Key] = set()
 
-    def add(self, key: Key, reason: str, expiry: int = NEVER) -> None:
-        """Store a refused object whose lifetime would end at ``expiry`` (ns); not annotations."""
+    def add(self, key: Key, reason: str, expiry: int = NEVER, of_set: bool = False) -> None:
+        """Store a refused object whose lifetime would end at ``expiry`` (ns); not annotations.
+
+        of_set: whether it was in a complete set; then only the next set says that it is gone.
+        """
         self.forget(key)
         if reason == NO_BODY:
             return
@@ -41,6 +45,8 @@ class Unplaceable(dict[Key, str]):
         self[key] = reason
         if expiry != NEVER:
             self._expiry[key] = expiry
+        if of_set:
+            self._of_sets.add(key)
         if len(self) > MAX_UNPLACEABLE:
             self.forget(next(iter(self)))
 
@@ -49,12 +55,18 @@ class Unplaceable(dict[Key, str]):
         key = shortened(key[0]), key[1]
         self.pop(key, None)
         self._expiry.pop(key, None)
+        self._of_sets.discard(key)
 
-    def forget_all(self, namespace: str | None) -> None:
-        """Remove all, or those of a namespace."""
+    def delete(self, key: Key) -> None:
+        """Remove one that a marker deletes."""
+        if (shortened(key[0]), key[1]) not in self._of_sets:
+            self.forget(key)
+
+    def delete_all(self, namespace: str | None) -> None:
+        """Remove all that markers delete, or those of a namespace."""
         shown = None if namespace is None else shortened(namespace)
         for key in [key for key in self if shown in (None, key[0])]:
-            self.forget(key)
+            self.delete(key)
 
     def expire(self, now: int) -> None:
         """Remove those whose lifetime is over."""

@@ -39,6 +39,7 @@ STATE = np.dtype(
         ("stamp", np.int64),
         ("received", np.int64),
         ("topic", np.int64),
+        ("counted", np.bool_),  # as one that was not placed in time
         ("pose", np.float64, (7,)),
         ("twist", np.float64, (6,)),
     ]
@@ -57,6 +58,7 @@ def latest_states(table: ObjectTable, slots: Slots) -> States:
         ("stamp", table.stamp),
         ("received", table.received),
         ("topic", table.topic),
+        ("counted", table.waited_out),
         ("pose", table.given),
         ("twist", table.twist),
     ):

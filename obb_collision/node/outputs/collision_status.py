@@ -16,7 +16,7 @@
 
 Both are latched, so the last message of a node that stops would remain valid. Hence: an unknown
 state is published immediately, whichever part detects it; a separate thread, by a steady clock of
-its own, publishes it while a cycle is blocked or when input stops, and repeats the last message
+its own, publishes it while a cycle is blocked, and repeats the last message
 where cycles are far apart; and the status is offered with a deadline, by which the middleware
 notifies subscribers when the node is gone.
 """
@@ -32,7 +32,7 @@ from rclpy.duration import Duration
 from rclpy.publisher import Publisher
 from std_msgs.msg import Bool
 
-from obb_collision.node.diagnostics.answer import BLOCKED, SILENT, STARTING, STOPPING, Answer
+from obb_collision.node.diagnostics.answer import Answer, Reason
 from obb_collision.node.messages.conversions import stamp_to_ros
 from obb_collision.node.outputs.effects import Effects
 from obb_collision.node.parameters.parameters import Parameters
@@ -75,7 +75,7 @@ class CollisionStatus:
         self._answer = Answer()
         self._published: tuple[object, ...] | None = None
         self._flag: bool | None = None
-        self._sent = self._alive = self._last_input = steady()
+        self._sent = self._alive = steady()
         self._resting = True  # no cycle runs
         self._closed = threading.Event()
         self._thread: threading.Thread | None = None
@@ -85,11 +85,11 @@ class CollisionStatus:
         """The last answer."""
         return self._answer
 
-    def rest(self, reason: str = STARTING) -> None:
+    def rest(self, reason: Reason | None = None) -> None:
         """Say that nothing is known, and expect no cycle until one ends."""
         with self._lock:
             self._resting = True
-            self._publish(Answer(unknown=reason))
+            self._publish(Answer((reason or Reason("starting"),)))
 
     def start(self) -> None:
         """Repeat the last answer, and watch over the cycles from now on."""
@@ -100,20 +100,15 @@ class CollisionStatus:
         """Publish an answer; cycle: it is that of a completed cycle."""
         with self._lock:
             if cycle:
-                self._last_input = self._steady() if self._resting else self._last_input
                 self._alive, self._resting = self._steady(), False
             self._publish(answer, beat=cycle)
-
-    def note_input(self) -> None:
-        """Take note that a message about objects has come."""
-        self._last_input = self._steady()
 
     def close(self) -> None:
         """Publish that the node ends, and nothing after that."""
         try:
             with self._lock:
                 if not self._closed.is_set():
-                    self._publish(self._answer.without(STOPPING))
+                    self._publish(self._answer.but(Reason("shutting_down")))
                     self._closed.set()
             for name in (STATUS, FLAG):
                 self._publishers[name].wait_for_all_acked(Duration(seconds=FAREWELL))
@@ -136,20 +131,9 @@ class CollisionStatus:
             blocked = silent > allowed_delay(self._parameters) and not self._resting
             known = self._answer
             if blocked:
-                known = known.without(BLOCKED, silent)
-            deaf = self._input_age(known) > 0.0
-            if blocked or deaf or self._steady() - self._sent >= 1.5 * PERIOD:
+                known = known.but(Reason("blocked"))
+            if blocked or self._steady() - self._sent >= 1.5 * PERIOD:
                 self._publish(known, keep=not blocked)
-
-    def heard(self, answer: Answer) -> Answer:
-        """Return an answer, unknown if there has been no input for too long."""
-        age = self._input_age(answer)
-        return answer.without(SILENT, age) if age > 0.0 else answer
-
-    def _input_age(self, answer: Answer) -> float:
-        """Return for how long (s) there has been no input, where that makes an answer unknown."""
-        age, most = self._steady() - self._last_input, float(self._parameters.input_timeout)
-        return age if 0.0 < most < age and not answer.unknown else 0.0
 
     def _watch(self) -> None:
         while not self._closed.wait(PERIOD):
@@ -171,7 +155,6 @@ class CollisionStatus:
                 return
             if keep:
                 self._answer = answer
-            answer = self.heard(answer)
             unknown_counts = self._parameters.unknown_is_collision
             kind = (*answer.kind, unknown_counts)
             changed, self._published = kind != self._published, kind

@@ -23,6 +23,7 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
+from rclpy.duration import Duration
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.node import Node
 from rclpy.publisher import Publisher
@@ -73,10 +74,13 @@ class Outputs:
         self._next_namespaces = 0.0
 
         def publisher(topic: Topic) -> Publisher:
+            qos = copy(topic.qos)  # overrides are written into it
+            if topic is TOPICS["collision_status"]:
+                qos.deadline = Duration(seconds=parameters.status_deadline)
             return node.create_publisher(
                 topic.message,
                 topic.name,
-                copy(topic.qos),  # overrides are written into it
+                qos,
                 event_callbacks=PublisherEventCallbacks(use_default_callbacks=False),  # see qos.py
                 qos_overriding_options=overridable(),
             )

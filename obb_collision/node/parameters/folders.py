@@ -16,16 +16,33 @@
 
 from __future__ import annotations
 
-import os
+import re
+from collections.abc import Mapping
+from typing import Any
 
+from obb_collision.geometry.shapes.folders import MeshFolders
 from obb_collision.words import shown
 
+ENTRY = re.compile(r"(?:([A-Za-z][A-Za-z0-9_-]*):\s+)?(/.*)")
+"""An absolute path, before it perhaps the name of a package, which is no part of a path."""
 
-def folder_from_text(text: str) -> str:
-    """Return an absolute path; ValueError for another one.
 
-    It need not exist: it may be mounted later.
+def folder_from_text(text: str) -> tuple[str, str]:
+    """Return the package, "" for none, and the folder of ``FOLDER`` or ``PACKAGE: FOLDER``.
+
+    ValueError for a path that is not absolute. The folder need not exist: it may be mounted later.
     """
-    if not os.path.isabs(text):
-        raise ValueError(f"{shown(text)} is no absolute path")
-    return text
+    found = ENTRY.fullmatch(text)
+    if found is None:
+        raise ValueError(f"{shown(text)} is no absolute path, nor like 'arm_description: /opt/arm'")
+    return found[1] or "", found[2]
+
+
+def folders_from(values: Mapping[str, Any]) -> MeshFolders:
+    """Return the folders that parameters mean; ValueError for a package that has two."""
+    given: list[tuple[str, str]] = values["mesh_folders"]
+    named = [(package, folder) for package, folder in given if package]
+    packages = dict(named)
+    if len(packages) < len(named):
+        raise ValueError("mesh_folders must have at most one entry for each package")
+    return MeshFolders(tuple(folder for package, folder in given if not package), packages)

@@ -33,9 +33,14 @@ GroupEntry = tuple[str, tuple[str, ...]]
 """The name of a group and words in it."""
 WITH_WORDS = (
     *("allowed_pairs", "check_only_pairs", "padding_overrides", "accuracy_overrides"),
+    *("object_timeout_overrides", "stale_policy_overrides", "required_objects", "ignored_objects"),
     *(f"effects.{effect}_objects" for effect in EFFECTS),
 )
 """Parameters whose entries hold words."""
+PAIRS = ("allowed_pairs", "check_only_pairs")
+"""Those of two words each; of others with several parts the first one is a word."""
+OF_ROBOTS = ("object_timeout_overrides", "stale_policy_overrides")
+"""Those that may name robots."""
 MAX_MEMBERS = MAX_OVERRIDES
 """Maximum names and patterns in a group, and in a list with all of its groups."""
 
@@ -76,11 +81,12 @@ def is_plain(word: str) -> bool:
 class Groups:
     """What a word stands for: the members of a group, or the name or pattern itself.
 
-    Raises ValueError for a group with a word that is none of these, or with too many members.
+    robots: names that are no groups either. Raises ValueError for a group with a word that is none
+    of these, or with too many members.
     """
 
-    def __init__(self, entries: Iterable[GroupEntry]) -> None:
-        self._groups: dict[str, tuple[str, ...]] = {}
+    def __init__(self, entries: Iterable[GroupEntry], robots: Iterable[str] = ()) -> None:
+        self._groups: dict[str, tuple[str, ...]] = {name: (name,) for name in robots}
         for name, words in entries:
             members = (*self._groups.get(name, ()), *self.all_meant(words))
             self._groups[name] = tuple(dict.fromkeys(members))
@@ -120,13 +126,14 @@ def check_words(values: Mapping[str, Any]) -> None:
 
     values: of all parameters, as ``Spec.read`` returns them.
     """
-    groups = Groups([])
     for name in ("groups", *WITH_WORDS):
         try:
             if name == "groups":
                 groups = Groups(values[name])
-            else:
-                _check(groups, values[name])
+                groups_and_robots = Groups(values[name], values["robots"])
+                continue
+            words = [e if isinstance(e, str) else e[: 1 + (name in PAIRS)] for e in values[name]]
+            _check(groups_and_robots if name in OF_ROBOTS else groups, words)
         except ValueError as error:
             raise ValueError(f"{name}: {error}") from error
 
@@ -135,8 +142,7 @@ def _check(groups: Groups, entries: Sequence[Any]) -> None:
     total = patterns = 0
     for entry in entries:
         words = (entry,) if isinstance(entry, str) else entry
-        # an override is a word and a value, a pair two words
-        members = [one for word in words if isinstance(word, str) for one in groups.meant(word)]
+        members = groups.all_meant(words)
         total += len(members)
         patterns += sum(not set("*?[").isdisjoint(one) for one in members)
     if total > MAX_MEMBERS or patterns > MAX_PATTERNS:

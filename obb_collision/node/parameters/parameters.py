@@ -25,6 +25,8 @@ from rclpy.exceptions import InvalidParameterTypeException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from obb_collision.geometry.shapes.folders import MeshFolders
+from obb_collision.node.parameters.folders import folders_from
 from obb_collision.node.parameters.groups import check_words
 from obb_collision.node.parameters.regions import option_name, region_from
 from obb_collision.node.parameters.robots import Base, bases_of
@@ -64,6 +66,11 @@ class Parameters:
             return self.__dict__["_values"][name]
         except KeyError:
             raise AttributeError(f"no parameter {name!r}") from None
+
+    @property
+    def folders(self) -> MeshFolders:
+        """The folders from which mesh files are read."""
+        return folders_from(self._values)
 
     @property
     def bases(self) -> dict[str, Base]:
@@ -164,6 +171,7 @@ def _check_together(values: Mapping[str, Any]) -> None:
     check_words(values)
     region_from(values)
     bases_of(values)
+    folders_from(values)
     stop, slow = values["speed_stop_distance"], values["speed_slow_distance"]
     if slow <= stop:
         raise ValueError(f"speed_slow_distance must exceed speed_stop_distance, {slow} <= {stop}")

@@ -19,6 +19,7 @@ from __future__ import annotations
 from obb_collision._threads import MAX_THREADS
 from obb_collision.accuracy import ALL_LEVELS
 from obb_collision.node.messages.names import MAX_NAME_BYTES
+from obb_collision.node.objects.table import POLICIES
 from obb_collision.node.parameters.folders import folder_from_text
 from obb_collision.node.parameters.groups import group_from_text, pair_from_text
 from obb_collision.node.parameters.regions import option_name, range_from_text
@@ -38,6 +39,7 @@ from obb_collision.scene.store.overrides import (
     MAX_OVERRIDES,
     override_from_text,
     padding_from_text,
+    read_override,
 )
 from obb_collision.scene.store.patterns import as_patterns
 
@@ -45,6 +47,27 @@ from obb_collision.scene.store.patterns import as_patterns
 def _pattern(text: str) -> str:
     return as_patterns(text, "entry")[0]
 
+
+def _seconds(text: str) -> float:
+    value = float(text)  # ValueError says what it was
+    if not 0.0 <= value <= MAX_AGE:
+        raise ValueError(f"seconds must be between 0 and {MAX_AGE:g}, not {text}")
+    return value
+
+
+def _limit_from_text(text: str) -> tuple[str, float]:
+    return read_override(text, "0.5", _seconds)
+
+
+def _policy_from_text(text: str) -> tuple[str, str]:
+    where, policy = read_override(text, POLICIES[0], str)
+    if policy not in POLICIES:
+        raise ValueError(f"policy must be one of {', '.join(POLICIES)}, not {policy!r}")
+    return where, policy
+
+
+MAX_AGE = 1.0e6
+"""Largest age limit (s)."""
 
 GENERAL = (
     Spec(
@@ -72,16 +95,63 @@ GENERAL = (
     Spec(
         "object_timeout",
         0.0,
-        "An object without a new state for longer than this is stale (s). 0: never.",
-        (0.0, 1.0e6),
+        "An object without a new state for longer than this is stale (s), if more than one message "
+        "has been about it: what is sent once does not age. 0: never.",
+        (0.0, MAX_AGE),
+    ),
+    Spec(
+        "object_timeout_overrides",
+        [""],
+        "Age limits of some objects (s), from their first message on: 'person/*: 0.5' by name, "
+        "pattern or group, or 'person=0.5' by namespace. 0: never. The last one that matches an "
+        "object is used.",
+        entry=_limit_from_text,
+        most=MAX_OVERRIDES,
     ),
     Spec(
         "stale_policy",
-        "keep",
-        "What happens to stale objects. keep: they continue to collide at their last pose. ignore: "
-        "they are in no pair. collide: they collide with everything they can have come near to "
-        "since. In all cases they are grey and counted in /diagnostics.",
-        choices=("keep", "ignore", "collide"),
+        "unknown",
+        "What happens to stale objects. unknown: they continue to collide at their last pose, and "
+        "collision_status is STALE. collide: they collide with everything they can have come near "
+        "to since. keep: they are taken to be where they were. ignore: they are in no pair. In all "
+        "cases they are grey and counted in /diagnostics.",
+        choices=POLICIES,
+    ),
+    Spec(
+        "stale_policy_overrides",
+        [""],
+        "What happens to some objects when they are stale: 'pallet/*: keep' by name, pattern or "
+        "group, or 'pallet=keep' by namespace. The last one that matches an object is used.",
+        entry=_policy_from_text,
+        most=MAX_OVERRIDES,
+    ),
+    Spec(
+        "required_objects",
+        [""],
+        "Names, patterns or groups of objects: while one of these has no object, collision_status "
+        "is STALE unless something collides.",
+        entry=_pattern,
+    ),
+    Spec(
+        "required_inputs",
+        [""],
+        "Inputs and the longest time (s) between two of their messages: 'points: 0.3'. Without one "
+        "for longer, or none since the activation, collision_status is STALE unless something "
+        "collides.",
+        entry=_limit_from_text,
+    ),
+    Spec(
+        "ignored_objects",
+        [""],
+        "Names or patterns of objects of which states may come though the node does not have them: "
+        "states of others make collision_status STALE.",
+        entry=_pattern,
+    ),
+    Spec(
+        "expect_empty",
+        False,
+        "Whether a scene without objects is free before anybody says that it is empty: a robot "
+        "alone.",
     ),
     Spec(
         "stale_speed",
@@ -125,6 +195,14 @@ GENERAL = (
         "Input has stopped if no message about objects was received for longer than this, by "
         "steady time (s): it is then not known what collides. 0: never.",
         (0.0, 1.0e6),
+    ),
+    Spec(
+        "status_deadline",
+        0.5,
+        "Deadline of collision_status (s): its subscribers are told if no message comes for so "
+        "long. Read at the start only.",
+        (0.2, 3600.0),
+        fixed=True,
     ),
     Spec(
         "cycle_timeout",
@@ -226,7 +304,9 @@ GENERAL = (
         "mesh_folders",
         [""],
         "Folders from which mesh files are read, besides the share folders of installed packages: "
-        "absolute paths. Symbolic links count as where they lead. Read at the start only.",
+        "absolute paths, in which packages are found as well; or 'arm_description: /opt/arm', "
+        "where package://arm_description/ is. Symbolic links count as where they lead. Read at the "
+        "start only.",
         fixed=True,
         entry=folder_from_text,
     ),
@@ -391,8 +471,9 @@ ACCURACY = (
     Spec(
         "accuracy",
         "obb",
-        "Collision test per pair, cheapest first. Levels above obb refine pairs that involve "
-        "shapes other than boxes.",
+        "Collision test per pair, from coarse to exact; coarser ones report more pairs, so that a "
+        "cycle need not be shorter. Levels above obb refine pairs that involve shapes other than "
+        "boxes.",
         choices=ALL_LEVELS,
     ),
     Spec(

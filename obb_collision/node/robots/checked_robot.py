@@ -19,6 +19,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
+import numpy as np
+
 from obb_collision.accuracy import Accuracy
 from obb_collision.node.messages.conversions import name_from_key
 from obb_collision.node.messages.errors import RefusedError
@@ -44,6 +46,12 @@ class Held(NamedTuple):
     revision: int
 
 
+class NodeRobotScene(RobotScene):
+    """Robots in the node's scene, whose points are no obstacles for them."""
+
+    ignores_points = True
+
+
 class CheckedRobot:
     """A robot in the node's scene, without the objects that are its own links.
 
@@ -61,7 +69,7 @@ class CheckedRobot:
     ) -> None:
         self._robot, self._objects, self._frames, self._unknown = robot, objects, frames, unknown
         self._touch_links = touch_links
-        self._made: dict[float, tuple[Robot, dict[str, Held], RobotScene]] = {}
+        self._made: dict[float, tuple[Robot, dict[str, Held], NodeRobotScene]] = {}
 
     @property
     def robot(self) -> Robot:
@@ -82,7 +90,7 @@ class CheckedRobot:
         made = self._made.get(padding)
         if made is None or made[0] is not robot:
             scene, named = self._objects.scene, {self._robot.name: robot}
-            checker = RobotScene(named, scene, Accuracy.HULL, bases=[base], padding=padding)
+            checker = NodeRobotScene(named, scene, Accuracy.HULL, bases=[base], padding=padding)
             assert self._robot.links is not None
             checker.link_objects = self._robot.links.names
             made = self._made[padding] = robot, {}, checker
@@ -112,12 +120,15 @@ class CheckedRobot:
         # not what the last cycle found: a pose that came since applies the markers before it
         slots, rows = find_attached(objects, self._frames).get(self._robot.name, NOTHING)
         table, revision = objects.table, objects.scene.shape_revision
+        named = [f"{links.name}/{link}" for link in links.robot.link_names]
+        touched = {
+            row: tuple(named[each] for each in sorted(links.touched_by(row, self._touch_links())))
+            for row in np.unique(rows).tolist()
+        }
         found = {}
         for slot, row in zip(slots.tolist(), rows.tolist(), strict=True):
-            touched = sorted(links.touched_by(row, self._touch_links()))
-            names = [f"{links.name}/{links.robot.link_names[each]}" for each in (row, *touched)]
             pose = tuple(table.given[slot].tolist())
-            held = Held(slot, names[0], pose, tuple(names[1:]), revision)
+            held = Held(slot, named[row], pose, touched[row], revision)
             found[name_from_key(table.key(slot))] = held
         return found
 

@@ -64,8 +64,13 @@ class DescriptionReader:
             if self._reading is not None:
                 self._reading.abandon()
             if self._thread is None:
-                self._thread = Thread(target=self._work, name="robot_description", daemon=True)
-                self._thread.start()
+                thread = Thread(target=self._work, name="robot_description", daemon=True)
+                try:
+                    thread.start()
+                except RuntimeError as error:  # no memory for another one
+                    self._wanted, self._found = None, f"{INTERNAL_ERROR}: {error}"
+                else:
+                    self._thread = thread
 
     def take(self) -> Robot | str | None:
         """Return the robot, or why there is none, once; None where nothing is new."""
@@ -84,14 +89,14 @@ class DescriptionReader:
 
     def _work(self) -> None:
         while True:
-            with self._lock:
-                wanted, self._wanted = self._wanted, None
-                if wanted is None:
-                    self._thread = None
-                    return
-                reading = self._reading = self._begin()
             found: Robot | str
             try:
+                with self._lock:
+                    wanted, self._wanted = self._wanted, None
+                    if wanted is None:
+                        self._thread = None
+                        return
+                    reading = self._reading = self._begin()
                 found = reading.read(*wanted)
             except ValueError as error:
                 found = str(error)

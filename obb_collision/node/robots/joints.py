@@ -12,7 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The joints of a robot: the latest value of each, by whichever message it came."""
+"""The joints of a robot: the latest value of each, by whichever message it came.
+
+A message that is refused leaves the joints that it names unknown until their next accepted value.
+Where no velocity comes with a value, it is the difference to the value before.
+"""
 
 from __future__ import annotations
 
@@ -33,6 +37,7 @@ from obb_collision.node.messages.conversions import (
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.messages.names import shortened
 from obb_collision.node.objects.states import AHEAD, OLDER, States
+from obb_collision.node.objects.table import NEVER
 from obb_collision.robots.description.robot import Robot
 from obb_collision.typing import Floats, Mask, Rows
 
@@ -42,20 +47,27 @@ UNKNOWN_JOINT, REPEATED_JOINT = "unknown joint", "repeated joint"
 
 
 class JointMessage(NamedTuple):
-    """A sensor_msgs/JointState; positions (n,), velocities (m,)."""
+    """A sensor_msgs/JointState; positions (n,), velocities (m,); fault: what is wrong behind them.
+
+    Its names could be read then, so it is known which joints it was about.
+    """
 
     header: Header
     names: list[str]
     positions: Floats
     velocities: Floats
+    fault: RefusedError | None = None
 
 
 def joints_from_bytes(data: bytes) -> JointMessage:
-    """Return a serialised JointState; RefusedError ("malformed message")."""
+    """Return a serialised JointState; RefusedError ("malformed message") without its names."""
     reader = Reader(data, JointState)
     header, names = reader.header(), reader.texts()
-    positions, velocities, _ = (reader.doubles(reader.count(8), 1)[:, 0] for _ in range(3))
-    reader.end()
+    try:
+        positions, velocities, _ = (reader.doubles(reader.count(8), 1)[:, 0] for _ in range(3))
+        reader.end()
+    except RefusedError as error:
+        return JointMessage(header, names, np.empty(0), np.empty(0), error)
     return JointMessage(header, names, positions, velocities)
 
 
@@ -71,7 +83,7 @@ class Joints:
     """The values of ``robot.joint_names``, each with when it came.
 
     known: which joints have a value; bad: those whose latest value could not be used; unclear:
-    those whose latest velocity could not be, which is zero then.
+    those of which no velocity is known, which is zero then.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -83,23 +95,27 @@ class Joints:
         self.known, self.bad = np.zeros(count, np.bool_), np.zeros(count, np.bool_)
         self.unclear = np.zeros(count, np.bool_)
         self._stamps, self._received = np.zeros(count, np.int64), np.zeros(count, np.int64)
+        self._overdue = np.full(count, NEVER)  # when it is no more a late state that came last
+        # of the last state with another stamp, 0 where there is none
+        self._before, self._stamps_before = np.zeros(count), np.zeros(count, np.int64)
+        limits = robot.velocity_limits
+        self.speed_limits = np.where(limits > 0.0, limits, np.inf)
+        """How fast joints can be at most, infinite where the description does not say."""
 
     def take(self, message: JointMessage, now: int, monitor: InputMonitor, states: States) -> None:
-        """Store the values of a message; RefusedError for one that is refused whole.
+        """Store the values of a message; one that is refused whole makes its joints bad.
 
         What is wrong with single joints is counted. Joints that mimic others are not needed.
         """
-        stamp = stamp_from_ros(message.header.stamp)
         rows = np.array([self._rows.get(name, -1) for name in message.names], np.int64)
-        ours = rows[rows >= 0]
-        if len(message.positions) != len(rows):
-            self.bad[ours] = True
-            detail = f"{len(rows)} names, {len(message.positions)} positions"
-            raise RefusedError(LENGTHS_DIFFER, detail)
-        repeated = np.bincount(ours, minlength=len(self.names)) > 1
-        if repeated.any():  # which of its values counts?
-            self.bad[ours] = True
-            raise RefusedError(REPEATED_JOINT, repr(self.names[int(np.argmax(repeated))]))
+        try:
+            stamp = self._checked_stamp(message, rows)
+        except RefusedError as error:
+            self.bad[rows[rows >= 0]] = True
+            monitor.refuse(now, error.reason, "whole message", error.detail)
+            if not message.names:
+                monitor.unreadable = error.reason
+            return
         strange = [
             name
             for name, row in zip(message.names, rows.tolist(), strict=True)
@@ -111,19 +127,53 @@ class Joints:
         old = self._find_old(rows[known], stamp, now, states.order_timeout)
         if old.any():
             monitor.refuse(now, OLDER, count=int(np.count_nonzero(old)))
+            late = rows[known[old]]
+            self._overdue[late] = self._received[late] + states.order_timeout // 2
             known = known[~old]
         finite = np.abs(message.positions[known]) <= LARGEST_COORDINATE
         self._refuse(message, known[~finite], rows, now, monitor)
         known = known[finite]
-        velocities, unclear = self._velocities(message, known, now, monitor)
-        kept = rows[known]
-        self.unclear[kept] = unclear
-        self.positions[kept], self.velocities[kept] = message.positions[known], velocities
-        self.known[kept], self.bad[kept], self._received[kept] = True, False, now
         believed = stamp <= now + states.stamp_tolerance
         if not believed:
             monitor.doubt(now, AHEAD, detail=f"{(stamp - now) / NANOSECONDS:.1f} s ahead")
-        self._stamps[kept] = stamp if believed else 0
+        stamp = stamp if believed else 0
+        kept, positions = rows[known], message.positions[known]
+        self._remember(kept, stamp)
+        velocities = self._velocities(message, known, now, monitor)
+        lacking = np.isnan(velocities)
+        velocities[lacking] = self._differences(kept, positions, stamp, states)[lacking]
+        self.unclear[kept] = unclear = np.isnan(velocities)
+        self.positions[kept], self.velocities[kept] = positions, np.where(unclear, 0.0, velocities)
+        self.known[kept], self.bad[kept], self._received[kept] = True, False, now
+        self._stamps[kept], self._overdue[kept] = stamp, NEVER
+
+    def _checked_stamp(self, message: JointMessage, rows: Rows) -> int:
+        """Return the stamp (ns); RefusedError for a message that is refused whole."""
+        if message.fault is not None:
+            raise message.fault
+        if len(message.positions) != len(rows):
+            detail = f"{len(rows)} names, {len(message.positions)} positions"
+            raise RefusedError(LENGTHS_DIFFER, detail)
+        repeated = np.bincount(rows[rows >= 0], minlength=len(self.names)) > 1
+        if repeated.any():  # which of its values counts?
+            raise RefusedError(REPEATED_JOINT, repr(self.names[int(np.argmax(repeated))]))
+        return stamp_from_ros(message.header.stamp)
+
+    def _remember(self, rows: Rows, stamp: int) -> None:
+        """Keep the values of joints for differences, before one of another stamp comes."""
+        others = rows[self._stamps[rows] != stamp]
+        self._before[others] = self.positions[others]
+        self._stamps_before[others] = self._stamps[others]
+
+    def _differences(self, rows: Rows, positions: Floats, stamp: int, states: States) -> Floats:
+        """Return the velocities (n,) that lead to positions (n,) from the states before.
+
+        NaN without two stamps that a sender has given one soon after the other.
+        """
+        time, before = stamp - self._stamps_before[rows], self._stamps_before[rows]
+        known = (stamp > 0) & (before > 0) & (time > 0) & (time <= states.order_timeout)
+        found = (positions - self._before[rows]) / np.where(known, time, 1) * NANOSECONDS
+        return np.where(known & (np.abs(found) <= LARGEST_COORDINATE), found, np.nan)
 
     def _find_old(self, rows: Rows, stamp: int, now: int, order_timeout: int) -> Mask:
         """Return which joints have a newer value, received not so long ago."""
@@ -141,25 +191,23 @@ class Joints:
 
     def _velocities(
         self, message: JointMessage, items: Rows, now: int, monitor: InputMonitor
-    ) -> tuple[Floats, Mask]:
-        """Return the velocities of items, zero where none can be used, and where it could not.
-
-        A message without any is of joints that rest.
-        """
-        nothing = np.zeros(len(items))
+    ) -> Floats:
+        """Return the velocities of items, NaN where none can be used."""
+        nothing = np.full(len(items), np.nan)
         if len(message.velocities) == 0:
-            return nothing, nothing > 0.0
+            return nothing
         if len(message.velocities) != len(message.names):
             detail = f"{len(message.velocities)} velocities, {len(message.names)} names"
             monitor.refuse(now, LENGTHS_DIFFER, "velocity", f"{detail}; positions used")
-            return nothing, nothing == 0.0
+            return nothing
         found = message.velocities[items]
         bad = ~(np.abs(found) <= LARGEST_COORDINATE)
-        if bad.any():
-            name = repr(shortened(message.names[items[np.argmax(bad)]]))
-            count = int(np.count_nonzero(bad))
+        odd = bad & ~np.isnan(found)  # NaN is how joint_state_broadcaster says that it has none
+        if odd.any():
+            name = repr(shortened(message.names[items[np.argmax(odd)]]))
+            count = int(np.count_nonzero(odd))
             monitor.refuse(now, BAD_VELOCITY, name, "position used", count)
-        return np.where(bad, 0.0, found), bad
+        return np.where(bad, np.nan, found)
 
     def row(self, name: str) -> int | None:
         """Return the row of a joint, -1 for one that follows others, None if there is none."""
@@ -181,6 +229,7 @@ class Joints:
         for rows, what in (
             (~self.known, "joints without a state"),
             (self.bad, "joints whose state was refused"),
+            (self._overdue < now, "joints whose states have older stamps"),
             (old, "joints with a stale state"),
         ):
             if rows.any():
@@ -191,4 +240,5 @@ class Joints:
     def clock_jumped(self, shift: int) -> None:
         """Shift times by a jump of the clock (ns)."""
         self._received += shift
-        self._stamps[:] = 0
+        self._stamps[:] = self._stamps_before[:] = 0
+        self._overdue[:] = NEVER  # stamps may restart

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from fnmatch import fnmatchcase
+from functools import cached_property
 from glob import escape
 from typing import NamedTuple
 
@@ -46,8 +47,6 @@ from obb_collision.typing import Floats, Rows
 
 TWIST_STEP = 1e-5
 """Radians or metres of the fastest joint over which twists are differences: an error of 1e-10."""
-MOST_SHAPES = 2000
-"""Collision shapes of a robot: adding one takes 0.1 to 0.3 ms, in which no cycle runs."""
 SLOWEST = TWIST_STEP
 """Radians or metres per second: of slower joints the differences are over a second."""
 
@@ -87,8 +86,6 @@ class LinkObjects:
 
     def add(self) -> None:
         """Add them; RefusedError, and nothing is added, where that is not possible."""
-        if len(self.keys) > MOST_SHAPES:
-            raise RefusedError("too many shapes", f"{len(self.keys)}, {MOST_SHAPES} is the limit")
         shapes, table = self._objects.shapes, self._objects.table
         taken = [key for key in self.keys if key in table.slots]
         if taken:
@@ -176,7 +173,7 @@ class LinkObjects:
         Those that never move against it, of an end effector with one of these, and of
         ``touch_links``: pairs of patterns of names ``ROBOT/LINK``.
         """
-        groups, names = rigid_groups(self.robot.tree), self.robot.link_names
+        groups, names = self._groups, self.robot.link_names
         rows = set(np.flatnonzero(groups == groups[link]).tolist())
         own, touched = {names[row] for row in rows}, set(rows)
         for group in map(self.robot.groups.get, self.robot.end_effectors.values()):
@@ -195,23 +192,46 @@ class LinkObjects:
 
         Links of one rigid body, adjacent ones, and those disabled by the SRDF.
         """
-        groups = rigid_groups(self.robot.tree)
-        allowed = allowed_links([self.robot], groups)
-        names: dict[int, tuple[str, ...]] = {}
-        for link, key in zip(self._links.tolist(), self.keys, strict=True):
-            names[link] = (*names.get(link, ()), escape(name_from_key(key)))
-        rules: list[Rule] = []
-        for link, own in names.items():
-            others = [n for other in names if allowed[link, other] for n in names[other]]
-            rules.append((own, tuple(others), True))
+        rules, names, touch_links = [*self._link_rules], self._patterns, [*touch_links]
         held = [escape(name_from_key(key)) for key in self._objects.table.keys(attached.slots)]
-        for name, link in zip(held, attached.links.tolist(), strict=True):
-            touched = self.touched_by(link, touch_links)
-            others = [n for other in touched for n in names.get(other, ())]
-            same = groups[attached.links] == groups[link]
-            others += [each for each, one in zip(held, same.tolist(), strict=True) if one]
-            rules.append(((name,), tuple(others), True))
+        groups = self._groups[attached.links]
+        for link in np.unique(attached.links).tolist():
+            own = [held[row] for row in np.flatnonzero(attached.links == link).tolist()]
+            others = [n for other in self.touched_by(link, touch_links) for n in names[other]]
+            others += [held[row] for row in np.flatnonzero(groups == self._groups[link]).tolist()]
+            rules.append((tuple(own), tuple(others), True))
         return rules
+
+    @cached_property
+    def _groups(self) -> Rows:
+        """The first link of the rigid body of each link (links,)."""
+        return rigid_groups(self.robot.tree)
+
+    @cached_property
+    def _patterns(self) -> list[tuple[str, ...]]:
+        """The names of the objects of each link, as patterns."""
+        found = self.names
+        names = (found.get(f"{self.name}/{link}", ()) for link in self.robot.link_names)
+        return [tuple(escape(name) for name in some) for some in names]
+
+    @cached_property
+    def _link_rules(self) -> list[Rule]:
+        """Which links may touch: a rule per rigid body, and one for links with the same others.
+
+        One per link would list all names of a rigid body of n links n times: 2 million, 1.7 s.
+        """
+        groups, names = self._groups, self._patterns
+        allowed = allowed_links([self.robot], groups)
+        further = allowed & (groups[:, None] != groups)
+        bodies = [np.flatnonzero(groups == group) for group in np.unique(groups)]
+        sides = [(body, body) for body in bodies]
+        alike: dict[bytes, list[int]] = {}
+        for link in np.flatnonzero(further.any(axis=1)).tolist():
+            alike.setdefault(allowed[link].tobytes(), []).append(link)
+        for links in alike.values():
+            sides.append((np.array(links), np.flatnonzero(further[links].any(axis=0))))
+        named = (tuple(tuple(n for row in side for n in names[row]) for side in s) for s in sides)
+        return [(one, other, True) for one, other in named if one and other]
 
 
 def _twists_between(before: Floats, after: Floats, time: float) -> Floats:

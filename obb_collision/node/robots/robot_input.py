@@ -27,10 +27,17 @@ import numpy as np
 from obb_collision.geometry.poses import IDENTITY_POSE, unit_poses
 from obb_collision.node.diagnostics.monitors import InputMonitor
 from obb_collision.node.messages.cdr import NamedPose
-from obb_collision.node.messages.conversions import UNUSABLE, ZERO, pose_kinds, stamp_from_ros
+from obb_collision.node.messages.conversions import (
+    NANOSECONDS,
+    UNUSABLE,
+    ZERO,
+    pose_kinds,
+    stamp_from_ros,
+)
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.objects.objects import Objects
 from obb_collision.node.objects.states import OLDER, State
+from obb_collision.node.objects.table import NEVER
 from obb_collision.node.parameters.robots import BY_TOPIC, Base
 from obb_collision.node.robots.description import Begin, DescriptionReader
 from obb_collision.node.robots.joints import Joints, joints_from_bytes, text_from_bytes
@@ -42,6 +49,8 @@ from obb_collision.typing import Floats
 DESCRIPTION, SEMANTIC = "robot_description", "robot_description_semantic"
 JOINT_STATES = "joint_states"
 BAD_DESCRIPTION = "bad description"
+ROBOT, JOINT, BASE = "robot_unknown", "joint_unknown", "base_unknown"
+"""Codes of ``evidence``."""
 START = "<"
 """What XML begins with: anything else would be the name of a file."""
 
@@ -79,8 +88,19 @@ class RobotInput:
         self._link_poses: Floats | None = None
         self.attached = NOTHING
         """The objects attached to its links."""
-        self.fault = "no robot_description"
+        self._base_refused = ""  # why its latest pose could not be used
+        self._base_received: int | None = None  # when its latest one came
+        self._base_repeated = False  # whether more than one came
+        self._base_overdue = NEVER  # when it is no more a late pose that came last
+        self.faults = {ROBOT: "no robot_description"}
+        """Why, by code, it is not known where its links are."""
+        self.halt = ""
+        """Why its ``speed_scale`` is 0, "" if it is not, or nobody asks."""
+
+    @property
+    def fault(self) -> str:
         """Why it is not known where its links are, "" if it is."""
+        return "; ".join(self.faults.values())
 
     def callbacks(self) -> dict[str, Callable[[bytes], None]]:
         """Return what takes the serialised messages of each topic."""
@@ -130,11 +150,12 @@ class RobotInput:
         monitor.received(now)
         try:
             message = joints_from_bytes(data)
-            if self.joints is not None:
-                self.joints.take(message, now, monitor, self._objects.states)
-                self._changed, self._link_poses = True, None
         except RefusedError as error:
-            monitor.refuse(now, error.reason, "whole message", error.detail)
+            monitor.refuse_whole(now, error.reason, error.detail)
+            return
+        if self.joints is not None:
+            self.joints.take(message, now, monitor, self._objects.states)
+            self._changed, self._link_poses = True, None
 
     def take_base(self, message: NamedPose, now: int, monitor: InputMonitor) -> None:
         """Store where the root link is, by ``object_transform``."""
@@ -144,12 +165,19 @@ class RobotInput:
             if pose_kinds(message.pose)[0] in (UNUSABLE, ZERO):
                 raise RefusedError("bad pose")
             stamp = stamp_from_ros(message.header.stamp)
-            if self._base is not None and 0 < stamp < self._base[2]:
+            if self._is_older_base(stamp, now):
                 raise RefusedError(OLDER)
             self._objects.placement.frame_index(message.header.frame_id)
         except RefusedError as error:
             monitor.refuse(now, error.reason, repr(self.name), error.detail)
+            if error.reason != OLDER:
+                self._base_refused = f"its latest pose was refused: {error.reason}"
+            elif self._base_received is not None:
+                order_timeout = self._objects.states.order_timeout
+                self._base_overdue = self._base_received + order_timeout // 2
             return
+        self._base_repeated |= self._base_received is not None
+        self._base_received, self._base_refused, self._base_overdue = now, "", NEVER
         believed = stamp <= now + self._objects.states.stamp_tolerance
         pose = unit_poses(message.pose[0])
         self._base = pose, message.header.frame_id, stamp if believed else 0
@@ -169,27 +197,53 @@ class RobotInput:
             for doubt in found.doubts:
                 self._monitors[DESCRIPTION].doubt(now, "odd description", detail=doubt)
             self._replace(found, now)
-        self.fault = self._find_fault(now, timeout)
+        self.look(now, timeout)
         if self.links is not None:
-            if not self.fault and self._changed:
+            if not self.faults and self._changed:
                 self._place(now)
-            if self.fault:
+                self.look(now, timeout)
+            if self.faults:
                 self.links.refuse()
         renewed, self._renewed = self._renewed or found is not None, False
         return renewed
 
-    def _find_fault(self, now: int, timeout: float) -> str:
-        if self._refused:
-            return self._refused
-        if self._reader.is_reading:
-            return f"{DESCRIPTION} being read"
-        if self._unadded:
-            return self._unadded
-        if self.links is None or self.joints is None:
-            return f"no {DESCRIPTION}"
-        if self.base.frame == BY_TOPIC and self._base is None:
-            return f"no base by {BY_TOPIC}"
-        return self.joints.fault(now, timeout) or ("" if self._changed else self._unplaced)
+    def look(self, now: int, timeout: float) -> None:
+        """Find out what is not known; timeout: as for ``apply``."""
+        found = self._find_faults(now, timeout)
+        self.faults = {code: why for code, why in found.items() if why}
+
+    def _is_older_base(self, stamp: int, now: int) -> bool:
+        """Return whether a pose of the base comes late: soon after a newer one.
+
+        Long after it, its sender has restarted.
+        """
+        if self._base is None or self._base_received is None or not 0 < stamp < self._base[2]:
+            return False
+        return now - self._base_received <= self._objects.states.order_timeout
+
+    def _find_faults(self, now: int, timeout: float) -> dict[str, str]:
+        """Return what may not be known, by code of ``evidence``: why, "" if it is known."""
+        reading = f"{DESCRIPTION} being read" if self._reader.is_reading else ""
+        fault = self._refused or reading or self._unadded
+        if fault or self.links is None or self.joints is None:
+            return {ROBOT: fault or f"no {DESCRIPTION}"}
+        joints, base = self.joints.fault(now, timeout), self._base_fault(now)
+        unplaced = "" if self._changed or joints else self._unplaced
+        return {JOINT: joints, BASE: base or unplaced}
+
+    def _base_fault(self, now: int) -> str:
+        """Return why it is not known where the base is, "" if it is."""
+        if self.base.frame != BY_TOPIC:
+            return ""
+        if self._base is None or self._base_refused or self._base_received is None:
+            return self._base_refused or f"no base by {BY_TOPIC}"
+        if self._base_overdue < now:
+            return "its latest poses have older stamps"
+        limits = self._objects.staleness.limits
+        own = limits.timeouts.value(self.name)
+        most = own if own is not None else limits.timeout if self._base_repeated else 0.0
+        old = 0.0 < most * NANOSECONDS < now - self._base_received
+        return f"no base by {BY_TOPIC} for longer than {most:g} s" if old else ""
 
     def _replace(self, robot: Robot, now: int) -> None:
         """Take a robot in place of the one before."""
@@ -224,10 +278,11 @@ class RobotInput:
             self.links.place(joints.positions, joints.velocities, pose, state)
             self._unplaced = ""
         except RefusedError as error:
-            self._unplaced = self.fault = f"links not placed: {error}"
+            self._unplaced = f"links not placed: {error}"
             self._monitors[JOINT_STATES].refuse(now, error.reason, "whole state", error.detail)
         except Exception as error:  # not foreseen, and so not known
-            self._unplaced = self.fault = f"links not placed: {INTERNAL_ERROR}: {error}"
+            self._unplaced = f"links not placed: {INTERNAL_ERROR}: {error}"
+            self.faults = {BASE: self._unplaced}
             self.links.refuse()
             raise
 
@@ -268,7 +323,7 @@ class RobotInput:
         """
         same = all(np.array_equal(a, b) for a, b in zip(attached, self.attached, strict=True))
         self.attached = attached
-        if len(attached.slots) and not self.fault:
+        if len(attached.slots) and not self.faults:
             assert self.links is not None
             assert self.joints is not None
             joints, received = self.joints, self._objects.table.received
@@ -284,7 +339,14 @@ class RobotInput:
         robot = self.links.robot
         links, shapes = len(robot.link_names), len(self.links.keys)
         doubts = {"odd": "; ".join(robot.doubts)} if robot.doubts else {}
-        return {"links": links, "shapes": shapes, "joints": len(robot.joint_names), **doubts}
+        halt = {"speed_scale is 0": self.halt} if self.halt else {}
+        return {
+            "links": links,
+            "shapes": shapes,
+            "joints": len(robot.joint_names),
+            **doubts,
+            **halt,
+        }
 
     def cleared(self, now: int) -> None:
         """Add the links again, whose joints are not known: all objects were removed."""
@@ -299,6 +361,9 @@ class RobotInput:
             self.joints.clock_jumped(shift)
         if self._base is not None:
             self._base = (*self._base[:2], 0)
+        if self._base_received is not None:
+            self._base_received += shift
+            self._base_overdue = NEVER  # stamps may restart
 
     def close(self) -> None:
         """End what is being read."""

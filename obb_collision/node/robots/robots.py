@@ -16,14 +16,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from copy import copy
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState, PointCloud2
 from std_msgs.msg import Float64, String
 from trajectory_msgs.msg import JointTrajectory
@@ -32,38 +33,47 @@ from obb_collision.node.diagnostics.monitors import InputMonitor
 from obb_collision.node.diagnostics.qos import overridable
 from obb_collision.node.inputs.inputs import Inputs
 from obb_collision.node.inputs.subscriptions import Input
+from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.objects.objects import Objects
 from obb_collision.node.parameters.parameters import Parameters
 from obb_collision.node.robots.attached import LinkFrames, find_attached
 from obb_collision.node.robots.checked_robot import CheckedRobot
 from obb_collision.node.robots.links import NOTHING
-from obb_collision.node.robots.robot_input import DESCRIPTION, JOINT_STATES, SEMANTIC, RobotInput
+from obb_collision.node.robots.robot_input import (
+    BASE,
+    DESCRIPTION,
+    JOINT_STATES,
+    SEMANTIC,
+    RobotInput,
+)
 from obb_collision.node.robots.speed import SpeedScale
 from obb_collision.node.robots.state_service import SERVICE, ServiceType, StateService
 from obb_collision.node.robots.trajectories import Trajectories
 from obb_collision.node.robots.validity import Validity
+from obb_collision.node.topics.cloud import LATCHED, RELIABLE
 from obb_collision.robots.description.robot import Robot
 from obb_collision.scene.store.allowed import Rule
 from obb_collision.scene_files.mesh_files import MeshReading
+from obb_collision.typing import Rows
 
-LATCHED = DurabilityPolicy.TRANSIENT_LOCAL
 STATES_TO_CHECK, STATE_VALIDITY = "states_to_check", "state_validity"
 SPEED_SCALE = "speed_scale"
 TRAJECTORY_IN, TRAJECTORY_OUT = "trajectory_in", "trajectory_out"
 TRAJECTORY_STATUS = "trajectory_status"
 KINDS = {
-    DESCRIPTION: Input(String, 1, durability=LATCHED),
-    SEMANTIC: Input(String, 1, durability=LATCHED),
-    JOINT_STATES: Input(JointState, 10),
+    DESCRIPTION: Input(String, 1, durability=LATCHED.durability),
+    SEMANTIC: Input(String, 1, durability=LATCHED.durability),
+    # As robot_state_publisher: a reliable subscription would receive nothing from best effort.
+    JOINT_STATES: Input(JointState, 10, ReliabilityPolicy.BEST_EFFORT),
     STATES_TO_CHECK: Input(PointCloud2, 10, is_query=True),
     TRAJECTORY_IN: Input(JointTrajectory, 10, is_query=True),
 }
 """The input topics of each robot, after its name and a slash."""
-OUTPUTS: dict[str, type] = {
-    STATE_VALIDITY: PointCloud2,
-    SPEED_SCALE: Float64,
-    TRAJECTORY_OUT: JointTrajectory,
-    TRAJECTORY_STATUS: DiagnosticStatus,
+OUTPUTS: dict[str, tuple[type, QoSProfile]] = {
+    STATE_VALIDITY: (PointCloud2, RELIABLE),
+    SPEED_SCALE: (Float64, RELIABLE),
+    TRAJECTORY_OUT: (JointTrajectory, RELIABLE),
+    TRAJECTORY_STATUS: (DiagnosticStatus, LATCHED),
 }
 """Its output topics."""
 
@@ -107,8 +117,8 @@ class Robots:
             checked = CheckedRobot(
                 robot, objects, frames, not_known, lambda: self._parameters.touch_links
             )
-            for topic, kind in OUTPUTS.items():
-                self._publishers[f"{robot.name}/{topic}"] = self._publisher(robot.name, topic, kind)
+            for topic in OUTPUTS:
+                self._publishers[f"{robot.name}/{topic}"] = self._publisher(robot.name, topic)
             topic = f"{robot.name}/{STATES_TO_CHECK}"
             publisher = self._publishers[f"{robot.name}/{STATE_VALIDITY}"]
             self._validity[topic] = Validity(
@@ -130,11 +140,12 @@ class Robots:
             speed = self._publishers[f"{robot.name}/{SPEED_SCALE}"]
             self._speeds.append(SpeedScale(robot, checked, objects, speed, parameters))
 
-    def _publisher(self, name: str, topic: str, kind: Any) -> Publisher:
+    def _publisher(self, name: str, topic: str) -> Publisher:
+        kind, qos = OUTPUTS[topic]
         return self._node.create_publisher(
             kind,
             f"{name}/{topic}",
-            QoSProfile(depth=10),
+            copy(qos),
             event_callbacks=PublisherEventCallbacks(use_default_callbacks=False),
             qos_overriding_options=overridable(),
         )
@@ -144,9 +155,13 @@ class Robots:
         for robot in self.robots:
             inputs.bases[robot.name] = robot.take_base
         takes = {topic: take for robot in self.robots for topic, take in robot.callbacks().items()}
+        moved = set(takes)  # all others only ask
         takes |= {topic: validity.take for topic, validity in self._validity.items()}
         takes |= {topic: each.take for topic, each in self._trajectories.items()}
-        return {topic: inputs.guarded(topic, take) for topic, take in takes.items()}
+        return {
+            topic: inputs.guarded(topic, take, changes=topic in moved)
+            for topic, take in takes.items()
+        }
 
     def apply(self) -> bool:
         """Bring the objects in line with what came; returns whether there are other ones."""
@@ -179,14 +194,38 @@ class Robots:
             for rule in links.rules(attached, touch_links)
         ]
 
-    def faults(self) -> tuple[str, ...]:
-        """Return why it is not known where robots are, a text per robot of which it is not."""
-        return tuple(f"robot {robot.name}: {robot.fault}" for robot in self.robots if robot.fault)
+    def faults(self) -> Iterator[tuple[str, str, Rows]]:
+        """Yield what is not known of robots, as a code of ``evidence``, of which and why.
+
+        And the slots (n,) of the links that are not known therefore.
+        """
+        now, timeout = self._clock(), self._parameters.joint_timeout
+        for robot in self.robots:
+            robot.look(now, timeout)
+            faults = dict(robot.faults)
+            try:
+                if robot.where is not None:
+                    self._frames.base(robot)
+            except RefusedError as error:
+                faults.setdefault(BASE, error.detail)
+            slots = NOTHING.slots if robot.links is None else robot.links.slots
+            for code, fault in faults.items():
+                yield code, f"{robot.name} ({fault})", slots
 
     def notes(self) -> tuple[str, ...]:
-        """Return what else is to be said in the status: trajectories that were stopped."""
+        """Return what else is to be said in the status: why robots were stopped, or are to be."""
         robots = zip(self.robots, self._trajectories.values(), strict=True)
-        return tuple(f"robot {r.name}: {each.stopped}" for r, each in robots if each.stopped)
+        return tuple(
+            f"robot {robot.name}: {text}"
+            for robot, each in robots
+            for text in (each.stopped, robot.halt and f"speed_scale is 0: {robot.halt}")
+            if text
+        )
+
+    def hold(self, why: str) -> None:
+        """Stop what runs or is being decided where the joints are now."""
+        for each in self._trajectories.values():
+            each.interrupt(why)
 
     def cleared(self) -> None:
         """Make anew what ``~/clear`` has removed."""
@@ -231,8 +270,7 @@ class RobotReading:
     def read(self, urdf: str, srdf: str | None) -> Robot:
         """Return the robot; ValueError with the reason where there is none."""
         try:
-            folders = list(self._meshes.folders)
-            return Robot.from_urdf(urdf, srdf, folders, read_mesh=self._meshes.read)
+            return Robot.from_urdf(urdf, srdf, self._meshes.folders, read_mesh=self._meshes.read)
         finally:
             self._meshes.close()
 

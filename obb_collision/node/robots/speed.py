@@ -23,10 +23,14 @@ import numpy as np
 from rclpy.publisher import Publisher
 from std_msgs.msg import Float64
 
+from obb_collision.node.diagnostics.answer import some
+from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.objects.objects import Objects
 from obb_collision.node.parameters.parameters import Parameters
 from obb_collision.node.robots.checked_robot import CheckedRobot
 from obb_collision.node.robots.robot_input import RobotInput
+from obb_collision.node.runtime.guard import INTERNAL_ERROR
+from obb_collision.robots.checks.robot_scene import RobotScene
 
 
 class SpeedScale:
@@ -44,43 +48,62 @@ class SpeedScale:
         self._publisher, self._parameters = publisher, parameters
 
     def publish(self) -> None:
-        """Publish the scale as things are now; 0 also where it cannot be computed."""
+        """Publish the scale as things are now, and tell the robot why it is 0."""
+        self._robot.halt = ""
         if self._publisher.get_subscription_count() == 0:
             return
-        scale = 0.0
+        scale, why = 0.0, INTERNAL_ERROR
         try:
-            scale = self._scale()
-        except ValueError:  # RefusedError, too: not known, and the status says why
-            pass
+            scale, why = self._scale(), "within the stop distance"
+        except ValueError as error:  # RefusedError, too: not known
+            why = error.reason if isinstance(error, RefusedError) else str(error)
         finally:
+            self._robot.halt = "" if scale > 0.0 else why
             self._publisher.publish(Float64(data=scale))
 
     def _scale(self) -> float:
         """Return 1 beyond the slow distance, and 0 within the stop distance.
 
         Both are more by how far the fastest point of the robot and of an object may have come
-        nearer to each other within the reaction time.
+        nearer to each other within the reaction time. RefusedError where it is 0 for another
+        reason.
         """
         parameters, robot = self._parameters, self._robot
         scene = self._checked.scene()
         assert robot.joints is not None
-        assert robot.links is not None
-        if robot.joints.unclear.any() or not robot.links.are_speeds_known:
-            return 0.0
         stop, slow = parameters.speed_stop_distance, parameters.speed_slow_distance
-        come = self._closing_speed() * parameters.speed_reaction_time
+        with np.errstate(over="ignore"):
+            come = self._closing_speed(scene) * parameters.speed_reaction_time
         if not np.isfinite(come):
-            return 0.0
+            raise RefusedError("speeds are too large")
         state = robot.joints.positions[None]
-        if not scene.check(state).valid[0]:  # links against each other, and limits, too
-            return 0.0
+        report = scene.check(state)  # links against each other, and limits, too
+        if not report.valid[0]:
+            raise RefusedError(
+                "it collides" if report.colliding[0] else "a joint out of its limits"
+            )
         found = scene.distances(state, max_distance=slow + come, self_pairs=False)
         room = float(found.distances[0]) - come - stop
         return float(np.clip(room / (slow - stop), 0.0, 1.0))
 
-    def _closing_speed(self) -> float:
+    def _own_speed(self, scene: RobotScene) -> float:
+        """Return at least how fast a point of the robot is by joints of unknown velocity (m/s)."""
+        joints = self._robot.joints
+        assert joints is not None
+        if not joints.unclear.any():
+            return 0.0
+        most = np.where(joints.unclear, joints.speed_limits, 0.0)
+        if not np.isfinite(most).all():
+            names = [joints.names[row] for row in np.flatnonzero(np.isinf(most))]
+            who = some(names, len(names))
+            raise RefusedError(f"no velocity, and no limit of it, is known of joints: {who}")
+        return float(scene.displacements(joints.positions[None], most[None])[0])
+
+    def _closing_speed(self, scene: RobotScene) -> float:
         """Return at least how fast any point of the robot and any object near each other (m/s)."""
         assert self._robot.links is not None
+        if not self._robot.links.are_speeds_known:
+            raise RefusedError("speeds are too large")
         table = self._objects.table
         own = np.concatenate([self._robot.links.slots, self._robot.attached.slots])
         others = table.moving & table.visible
@@ -89,4 +112,4 @@ class SpeedScale:
             float(self._objects.scene.speeds_of(slots, table.twist[slots]).max(initial=0.0))
             for slots in (own, np.flatnonzero(others))
         ]
-        return sum(speeds)
+        return sum(speeds) + self._own_speed(scene)

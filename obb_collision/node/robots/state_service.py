@@ -32,6 +32,7 @@ from obb_collision.node.messages.conversions import (
 )
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.messages.names import shortened
+from obb_collision.node.messages.optional import optional_type
 from obb_collision.node.robots.checked_robot import CheckedRobot
 from obb_collision.node.robots.joints import LENGTHS_DIFFER, UNKNOWN_JOINT
 from obb_collision.node.robots.robot_input import RobotInput
@@ -40,13 +41,9 @@ from obb_collision.robots.checks.reports import StateDistances, StateReport
 from obb_collision.robots.checks.robot_scene import RobotScene
 from obb_collision.typing import Floats
 
-try:
-    from moveit_msgs.msg import ContactInformation
-    from moveit_msgs.srv import GetStateValidity
-except ImportError:  # not on PyPI
-    ContactInformation = GetStateValidity = None
-ServiceType: Any = GetStateValidity
-"""None where moveit_msgs is not installed."""
+ContactInformation: Any = optional_type("moveit_msgs.msg", "ContactInformation")
+ServiceType: Any = ContactInformation and optional_type("moveit_msgs.srv", "GetStateValidity")
+"""None where moveit_msgs cannot be used."""
 
 SERVICE = "check_state_validity"
 """Its name, after that of the robot; move_group has it by the same name."""
@@ -55,6 +52,8 @@ ROBOT_LINK, WORLD_OBJECT, ROBOT_ATTACHED = range(3)
 TOUCHING = 1e-9
 """Metres within which the deepest pair is looked for."""
 NOT_EVALUATED = "not evaluated"
+MAX_CONTACTS = 1000
+"""Contacts of an answer: one takes 20 us, and 1,000 links in a heap have 500,000."""
 
 
 class StateService:
@@ -99,7 +98,9 @@ class StateService:
         links = group | {n for n, at in scene.attached.items() if at in group}
         pairs = [pair for pair in report.pairs_of(0) if links & set(pair)]
         deepest = scene.distances(state, max_distance=TOUCHING) if pairs else None
-        response.contacts = [self._contact_of(scene, report, pair, deepest) for pair in pairs]
+        response.contacts = [
+            self._contact_of(scene, report, pair, deepest) for pair in pairs[:MAX_CONTACTS]
+        ]
         response.valid = not pairs and not report.out_of_limits.any()
 
     def _state(self, given: Any) -> Floats:

@@ -22,7 +22,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import pairwise
 from time import monotonic
 
 import numpy as np
@@ -52,7 +51,7 @@ from obb_collision.robots.kinematics.splines import (
     Pieces,
     Point,
     interpolation,
-    segment_between,
+    segments_between,
     straight_pieces,
     with_jump,
 )
@@ -226,6 +225,14 @@ class Trajectories:
         if self._running is not None:
             self._stop(self._running, RefusedError("the node does not check any more"))
 
+    def interrupt(self, why: str) -> None:
+        """Stop what runs, and refuse what is being decided: its joints are not known any more."""
+        deciding, self._deciding = self._deciding, None
+        if deciding is not None:
+            self._refuse(RefusedError("not decided", why))
+        if self._running is not None:
+            self._stop(self._running, RefusedError(why))
+
     def _stop(self, running: Running, error: RefusedError) -> None:
         """Stop the robot: ``joint_trajectory_controller`` refuses trajectories without points."""
         self._running = None
@@ -255,10 +262,11 @@ class Trajectories:
         columns = columns_of(trajectory.names, joints.names)
         points = [_whole(point, columns, joints) for point in trajectory.points]
         off = np.abs(points[0].positions - joints.positions)
-        if off.max(initial=0.0) > self._parameters.trajectory_start_tolerance:
+        since = (now - begin) / NANOSECONDS
+        is_way = len(points) == 1 and points[0].time > since  # a command to go there from here
+        if off.max(initial=0.0) > self._parameters.trajectory_start_tolerance and not is_way:
             name = joints.names[int(np.argmax(off))]
             raise RefusedError(ELSEWHERE, f"joint {name} is off by {off.max():.4g}")
-        since = (now - begin) / NANOSECONDS
         pieces = self._pieces(scene, _from_here(points, joints, since))
         if since > points[0].time:
             pieces = with_jump(pieces, joints.positions, points, since)
@@ -269,7 +277,7 @@ class Trajectories:
 
     def _pieces(self, scene: RobotScene, points: list[Point]) -> Pieces:
         """Return straight pieces that the trajectory stays near to."""
-        deviations = np.array([segment_between(*pair).deviations() for pair in pairwise(points)])
+        deviations = segments_between(points).deviations()
         reached = np.array([point.positions for point in points])
         largest = np.abs(reached).max(axis=0) + deviations.max(axis=0)
         try:
@@ -279,7 +287,7 @@ class Trajectories:
         counts = np.maximum(1.0, np.ceil(np.sqrt(moved / self._parameters.trajectory_margin)))
         if not counts.sum() <= MAX_PIECES:
             raise RefusedError(TOO_LONG, f"{counts.sum():.0f}, {MAX_PIECES} is the limit")
-        return straight_pieces(points, counts.astype(int).tolist())
+        return straight_pieces(points, counts.astype(np.int64))
 
     def _say(self, level: bytes, message: str, values: dict[str, object] | None = None) -> None:
         pairs = [KeyValue(key=key, value=str(value)) for key, value in (values or {}).items()]

@@ -21,6 +21,7 @@ makes them invalid.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from time import monotonic
 
 import numpy as np
 from rclpy.publisher import Publisher
@@ -39,8 +40,10 @@ from obb_collision.node.objects.objects import Objects
 from obb_collision.node.parameters.parameters import Parameters
 from obb_collision.node.robots.checked_robot import CheckedRobot
 from obb_collision.robots.checks.reports import StateReport
+from obb_collision.robots.checks.robot_scene import RobotScene
 from obb_collision.typing import Floats, Rows
 
+TOO_SLOW = "checking took too long"
 VALID, COLLIDES, OUT_OF_LIMITS, BAD_STATE, NOT_KNOWN = range(5)
 """Reasons in ``state_validity``."""
 ROWS = np.dtype(
@@ -53,6 +56,11 @@ ROWS = np.dtype(
     align=True,
 )
 FIELDS = field_bytes(ROWS)
+MAX_STATES = 100_000
+"""States of a message: the answer has 3.2 MB then, and takes 20 ms without any check."""
+LONGEST_CHECK, QUICK, FEW = 0.2, 0.02, 4
+"""Seconds after which the states of a message that are left are not checked: no cycle runs
+meanwhile. A few are checked at a time, and more after what was quick."""
 
 
 class Validity:
@@ -78,7 +86,7 @@ class Validity:
         try:
             message = cloud_from_bytes(data)
             stamp = stamp_from_ros(message.header.stamp)
-            count = _count(message, self._parameters.max_cloud_points)
+            count = _count(message, min(self._parameters.max_cloud_points, MAX_STATES))
         except RefusedError as error:
             monitor.refuse(now, error.reason, "whole message", error.detail)
             return
@@ -98,26 +106,40 @@ class Validity:
         self._publisher.publish(cloud_to_bytes(rows, stamp, frame, FIELDS))
 
     def _fill(self, rows: np.ndarray, message: CloudMessage) -> None:
-        """Write what is known of the states; RefusedError where nothing is."""
+        """Write what is known of the states; RefusedError where that is not all of it."""
+        begin, size, start = monotonic(), FEW, 0
         scene = self._checked.scene()
         states = _states(message, self._checked.robot.joint_names, len(rows))
         bad = ~(np.abs(states) <= LARGEST_COORDINATE).all(axis=1)
         good = np.flatnonzero(~bad)
-        try:
-            report = scene.check(states[good])
-        except ValueError as error:
-            raise RefusedError("bad state", str(error)) from error
-        reasons = np.where(report.out_of_limits.any(axis=1), OUT_OF_LIMITS, VALID)
-        reasons[report.colliding] = COLLIDES
-        ids = self._keys(report, len(scene.link_names))
-        distance = self._parameters.state_validity_distance
         rows["reason"][bad] = BAD_STATE
+        while start < len(good):
+            before = monotonic()
+            if before - begin > LONGEST_CHECK:
+                detail = f"{start} of {len(good)} were checked in {LONGEST_CHECK:g} s, the limit"
+                raise RefusedError(TOO_SLOW, detail)
+            some = good[start : start + size]
+            rows[some] = self._checked_rows(rows[some], scene, states[some])
+            start += size
+            size = 2 * size if monotonic() - before < QUICK else max(size // 2, FEW)
+
+    def _checked_rows(self, rows: np.ndarray, scene: RobotScene, states: Floats) -> np.ndarray:
+        """Return the rows of states with what is known of them."""
+        try:
+            report = scene.check(states)
+        except ValueError as error:
+            detail = f"from row {rows['index'][0]} on: {error}"
+            raise RefusedError("bad state", detail) from error
+        ids = self._keys(report, len(scene.link_names))
         for column, name in enumerate(("ns_a", "id_a", "ns_b", "id_b")):
-            rows[name][good] = ids[:, column]
+            rows[name] = ids[:, column]
+        distance = self._parameters.state_validity_distance
         if distance > 0.0:
-            rows["distance"][good] = scene.distances(states[good], max_distance=distance).distances
-        rows["reason"][good] = reasons
+            rows["distance"] = scene.distances(states, max_distance=distance).distances
+        reasons = np.where(report.out_of_limits.any(axis=1), OUT_OF_LIMITS, VALID)
+        rows["reason"] = np.where(report.colliding, COLLIDES, reasons)
         rows["valid"] = rows["reason"] == VALID
+        return rows
 
     def _keys(self, report: StateReport, links: int) -> Rows:
         """Return the keys (n, 4) of the first pairs: namespace number and id, 0 where is none."""
@@ -141,13 +163,14 @@ def _states(message: CloudMessage, names: Iterable[str], count: int) -> Floats:
     """Return states (n, joints); RefusedError unless there is a double for each joint only."""
     names = list(names)
     given = [field.name for field in message.fields]
+    known, there = set(names), set(given)
     for what, found in (
-        ("unknown joint", [name for name in given if name not in names]),
-        ("missing joint", [name for name in names if name not in given]),
+        ("unknown joint", [name for name in given if name not in known]),
+        ("missing joint", [name for name in names if name not in there]),
     ):
         if found:
             raise RefusedError(what, repr(shortened(found[0])))
-    rows = cloud_from_ros(message, names)
+    rows = cloud_from_ros(message, known)
     states = np.empty((count, len(names)))
     for column, name in enumerate(names):
         if rows.dtype[name].kind != "f" or rows.dtype[name].itemsize != 8:

@@ -16,17 +16,59 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import signal
 import sys
-from collections.abc import Iterable
+import threading
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 """The signals that end a process."""
+ACTION_BYTES = 256
+"""At least the size of C's ``struct sigaction``, which has 152 bytes on Linux."""
 BAD_USAGE = 2
 """Exit code for arguments that can't be used, as argparse has it."""
+
+
+def in_main_thread() -> bool:
+    """Return whether this thread may handle signals: elsewhere they are the main thread's."""
+    return threading.current_thread() is threading.main_thread()
+
+
+def handle_signals(
+    handler: Callable[..., object] | signal.Handlers, numbers: Iterable[int] = SIGNALS
+) -> None:
+    """Set the handler of signals, if that is possible in this thread."""
+    for number in numbers if in_main_thread() else ():
+        signal.signal(number, handler)
+
+
+@contextmanager
+def restored_signals() -> Iterator[None]:
+    """Give SIGINT and SIGTERM back at the end as they were.
+
+    Handlers that are not from Python, such as those of ``rclpy.init``, are restored in the C
+    library: Python's functions neither return nor set them.
+    """
+    if not in_main_thread():
+        yield
+        return
+    library = ctypes.CDLL(None)
+    actions = {number: ctypes.create_string_buffer(ACTION_BYTES) for number in SIGNALS}
+    handlers = {number: signal.getsignal(number) for number in SIGNALS}
+    for number, action in actions.items():
+        library.sigaction(number, None, action)
+    try:
+        yield
+    finally:
+        for number, action in actions.items():
+            if handlers[number] is not None:
+                signal.signal(number, handlers[number])
+            library.sigaction(number, action, None)
 
 
 def end_at_once_on_signals() -> None:
@@ -34,8 +76,7 @@ def end_at_once_on_signals() -> None:
 
     KeyboardInterrupt would be raised in whichever module is being imported.
     """
-    for number in SIGNALS:
-        signal.signal(number, lambda *_: os._exit(0))
+    handle_signals(lambda *_: os._exit(0))
 
 
 def without_ros_arguments(arguments: Iterable[str]) -> list[str]:

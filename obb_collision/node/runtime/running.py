@@ -36,7 +36,13 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import try_shutdown
 
 from obb_collision.node.runtime import garbage
-from obb_collision.node.runtime.environment import BAD_USAGE, SIGNALS
+from obb_collision.node.runtime.environment import (
+    BAD_USAGE,
+    SIGNALS,
+    handle_signals,
+    in_main_thread,
+    restored_signals,
+)
 
 N = TypeVar("N", bound=Node)
 UNUSABLE = (
@@ -70,16 +76,16 @@ class Signals:
         self._reader, self._writer = os.pipe()
         os.set_blocking(self._writer, False)
         self._thread = threading.Thread(target=self._wait, name="signals", daemon=True)
-        self._before = signal.set_wakeup_fd(self._writer, warn_on_full_buffer=False)
+        if in_main_thread():
+            self._before = signal.set_wakeup_fd(self._writer, warn_on_full_buffer=False)
         self._thread.start()
-        for number in SIGNALS:
-            signal.signal(number, lambda *_: None)  # what has no handler writes no byte
+        handle_signals(lambda *_: None)  # what has no handler writes no byte
         return self
 
     def __exit__(self, *_: object) -> None:
-        for number in SIGNALS:
-            signal.signal(number, signal.SIG_IGN)  # the process is ending
-        signal.set_wakeup_fd(self._before)
+        handle_signals(signal.SIG_IGN)  # the node is ending
+        if in_main_thread():
+            signal.set_wakeup_fd(self._before)
         os.write(self._writer, bytes(1))  # ends a thread that still waits
         self._thread.join()
         os.close(self._reader)
@@ -99,6 +105,7 @@ class Signals:
             os.write(2, b"stopping; a second signal ends the process at once\n")
 
 
+@restored_signals()
 def run(
     name: str,
     make_node: Callable[[Context, Callable[[], bool]], N],

@@ -121,11 +121,11 @@ class WarmUp:
             return True
         if perf_counter() >= self._asked.get(step, 0.0):
             self._asked[step] = float("inf")
-            self._queue.put(step)
-            if self._thread is None:
-                # A daemon: the end of the node must not wait for it.
-                self._thread = Thread(target=self._work, daemon=True, name="warm-up")
-                self._thread.start()
+            try:
+                self._start()
+                self._queue.put(step)
+            except RuntimeError as error:  # no memory for a thread
+                self._refuse(step, str(error))
         return False
 
     def why_not(self, thing: Thing) -> str:
@@ -140,16 +140,29 @@ class WarmUp:
             self._thread.join(ENDING)
         _kernel_cache.logger.removeHandler(self._handler)
 
+    def _start(self) -> None:
+        """Start the thread that compiles, a daemon: the end of the node must not wait for it."""
+        if self._thread is None:
+            thread = Thread(target=self._work, daemon=True, name="warm-up")
+            thread.start()
+            self._thread = thread
+
     def _work(self) -> None:
         while (asked := self._next()) and not self._closed.is_set():
             self._load(asked)
             missing = [step for step in asked if step not in self._ready]
             failed: dict[str, str] = {}
             if missing:
-                progress = self._compile(missing, self._closed.is_set, NICENESS, lambda text: None)
-                if progress.stopped:
-                    return
-                failed = progress.failed
+                try:
+                    progress = self._compile(
+                        missing, self._closed.is_set, NICENESS, lambda text: None
+                    )
+                except Exception as error:  # no memory for processes, for example
+                    failed = dict.fromkeys(missing, f"{type(error).__name__}: {error}")
+                else:
+                    if progress.stopped:
+                        return
+                    failed = progress.failed
                 self._load(missing)
             for step in asked:
                 if step in self._ready:

@@ -56,10 +56,15 @@ class SelfTestService:
     async def _answer(self, request: SelfTest.Request, response: Any) -> Any:
         """Start a test, and answer when it is done; the executor goes on with other callbacks."""
         done = Future()
-        self._thread = threading.Thread(
+        thread = threading.Thread(
             target=self._work, args=(done, response), name="self_test", daemon=True
         )
-        self._thread.start()
+        try:
+            thread.start()
+        except RuntimeError as error:  # no memory for another one: nothing has passed
+            self._guard.caught("self test", error)
+            return response
+        self._thread = thread
         await done
         return response
 

@@ -60,8 +60,8 @@ from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.effects.base import Option
 
 DEADLINE = 0.5
-"""Seconds within which the next ``collision_status`` is promised: five of its periods, for a loaded
-machine."""
+"""Seconds within which the next ``collision_status`` is promised by default: five of its periods,
+for a loaded machine."""
 EVENT_WORDS = ("end", "begin", "lasting")
 REASON_WORDS = ("apart", "removed", "not checked")
 

@@ -31,12 +31,14 @@ from obb_collision.numerics.vec3 import (
     dot,
     max_abs,
     minus,
+    negated,
     plus,
     scaled,
     sum_abs,
     vector_at,
 )
 from obb_collision.queries.primitives.segments import (
+    across,
     box_gap,
     nearest_of_segments,
     nearest_to_box,
@@ -163,13 +165,19 @@ def _box_distance(a: Capsule, b: Box) -> Distance:
     at = plus(y, scaled(w, nearest_to_box(y, w, h)))
     e = minus(at, clamped(at, h))
     near = math.sqrt(dot(e, e))
-    if near > 0.0:
-        towards = combined(b.axes, scaled(e, -1.0 / near))
-    else:  # the segment intersects the box: move it out, to where they touch
-        near, towards = widest_gap(pair.first, pair.last, pair.way, b.axes, h)
-        out = plus(y, scaled(components(b.axes, towards), near))
-        at = plus(out, scaled(w, nearest_to_box(out, w, h)))
-        e = minus(at, clamped(at, h))
+    away = combined(b.axes, e)
+    shown, side = box_gap(away, pair.first, pair.last, b.axes, h)
+    size = sum_abs(pair.first) + sum_abs(pair.last) + sum_abs(h)
+    if near - shown > FAR_BOUND * size:  # so near that e is inexact, or it is zero
+        away = across(away, pair.way)
+        near, side = box_gap(away, pair.first, pair.last, b.axes, h)
+        widest, towards = widest_gap(pair.first, pair.last, pair.way, b.axes, h)
+        if not near >= widest:  # the segment intersects the box: move it to where they touch
+            near, away, side = widest, negated(towards), 1.0
+            out = plus(y, scaled(components(b.axes, towards), near))
+            at = plus(out, scaled(w, nearest_to_box(out, w, h)))
+            e = minus(at, clamped(at, h))
+    towards = scaled(away, -side / math.sqrt(dot(away, away)))
     gap = near - pair.radius
     on_box = combined(b.axes, minus(at, e))
     on_capsule = minus(on_box, scaled(towards, gap))
@@ -204,9 +212,10 @@ def _capsule_verdict(a: Capsule, b: Capsule) -> int:
     between = plus(plus(d, scaled(v, at_v)), scaled(u, -at_u))
     if math.sqrt(dot(between, between)) - (r + f) < -bound:
         return OVERLAP
-    if segment_gap(between, u, d, v) - (r + f) > bound:
-        return SEPARATE
-    return SEPARATE if segment_gap(careful_cross(u, v), u, d, v) - (r + f) > bound else TOUCHING
+    for n in (between, careful_cross(u, v)):
+        if segment_gap(n, u, d, v)[0] - (r + f) > bound:
+            return SEPARATE
+    return TOUCHING
 
 
 @njit
@@ -232,9 +241,13 @@ def _capsule_distance(a: Capsule, b: Capsule) -> Distance:
     foot = scaled(u, at_u)
     towards = minus(plus(d, scaled(v, at_v)), foot)
     near = math.sqrt(dot(towards, towards))
-    if near == 0.0:
-        towards = _any_normal(u, v)
-    towards = scaled(towards, 1.0 / math.sqrt(dot(towards, towards)))
+    shown, side = segment_gap(towards, u, d, v)
+    if near - shown > FAR_BOUND * (sum_abs(u) + sum_abs(d) + sum_abs(v)):  # as for boxes
+        for n in (across(towards, u), across(towards, v), _any_normal(u, v)):
+            gap, way = segment_gap(n, u, d, v)
+            if gap > shown:
+                shown, side, towards = gap, way, n
+    towards = scaled(towards, side / math.sqrt(dot(towards, towards)))
     on_a, on_b = plus(foot, scaled(towards, r)), plus(foot, scaled(towards, near - f))
     on_a, on_b = plus(a.start, scaled(on_a, back)), plus(a.start, scaled(on_b, back))
     return back * (near - (r + f)), towards, on_a, on_b

@@ -29,7 +29,15 @@ import math
 import numpy as np
 
 from obb_collision._jit import njit
-from obb_collision.numerics.vec3 import careful_cross, clamp, dot, pick_axis, plus, scaled
+from obb_collision.numerics.vec3 import (
+    careful_cross,
+    clamp,
+    dot,
+    minus,
+    pick_axis,
+    plus,
+    scaled,
+)
 from obb_collision.typing import Axes, Vector
 
 #: Exponents of scales: 2^1000 and its reciprocal are still ordinary doubles.
@@ -116,6 +124,13 @@ def box_gap(n: Vector, d0: Vector, d1: Vector, axes: Axes, h: Vector) -> tuple[f
 
 
 @njit
+def across(n: Vector, v: Vector) -> Vector:
+    """Return the part of n that is orthogonal to v."""
+    square = dot(v, v)
+    return minus(n, scaled(v, dot(n, v) / square)) if square > 0.0 else n
+
+
+@njit
 def widest_gap(d0: Vector, d1: Vector, v: Vector, axes: Axes, h: Vector) -> tuple[float, Vector]:
     """Return the largest gap of segment and box over faces and edges, and the way there.
 
@@ -177,15 +192,16 @@ def nearest_of_segments(u: Vector, d: Vector, v: Vector) -> tuple[float, float]:
 
 
 @njit
-def segment_gap(n: Vector, u: Vector, d: Vector, v: Vector) -> float:
-    """Return the gap along the unit of n of the segments from 0 to u and from d to d + v.
+def segment_gap(n: Vector, u: Vector, d: Vector, v: Vector) -> tuple[float, float]:
+    """Return the gap along the unit of n of segments 0 to u and d to d + v, and a side.
 
-    The largest of both senses of n; -inf for a null direction.
+    The side is +1 where the second lies beyond the first along n, -1 before it. A null direction
+    has the gap -inf.
     """
     norm = math.sqrt(dot(n, n))
     if norm == 0.0:
-        return -np.inf
+        return -np.inf, 1.0
     x, du, dv = dot(n, d), dot(n, u), dot(n, v)
     beyond = x + min(dv, 0.0) - max(du, 0.0)
     before = -x - max(dv, 0.0) + min(du, 0.0)
-    return max(beyond, before) / norm
+    return (beyond / norm, 1.0) if beyond >= before else (before / norm, -1.0)

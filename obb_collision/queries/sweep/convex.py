@@ -108,7 +108,7 @@ def convex_sweeps(
 
     motion: of the bodies, whose own places are not read; begin (m,): until when each
     pair is certainly apart. Promised is what ``sweeps`` promises of boxes that turn; nearer than
-    1e-8 of both radii, if less, where neither does.
+    1e-8 of both radii and 1e-9 of S (``queries.convex.distance``), if less, where neither does.
     """
     count = len(pairs)
     free, undecided = np.empty(count), np.empty(count, np.bool_)

@@ -122,7 +122,7 @@ def _turning_bounds(
     pole = vector_at(first, 0)
     for k in range(3):
         axis = pole[k]
-        tilt = math.sqrt(max(1.0 - axis * axis, 0.0)) + CORNER_SLACK
+        tilt = math.hypot(pole[(k + 1) % 3], pole[(k + 2) % 3]) + CORNER_SLACK
         least, most, ring_least, ring_most = np.inf, -np.inf, np.inf, -np.inf
         for m in range(1, 9):
             corner = vector_at(first, m)

@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from obb_collision.geometry.poses import as_poses
+from obb_collision.geometry.trees.circumscribed import excess
 from obb_collision.geometry.trees.convex_proxy import box_corners, hull_mesh
 from obb_collision.numerics.constants import ROUNDOFF
 from obb_collision.numerics.lanes import in_blocks
@@ -54,65 +55,66 @@ class Body(NamedTuple):
     corners: Floats
     radius: float
     blocks: Floats
+    excess: float
 
 
 def body_of(
     shape: Shape | OBB, pose: ArrayLike, frame: int = 0, padding: float = 0.0, chain: float = 0.0
 ) -> Body:
-    """Return the body of a shape at a pose (7,) in a frame, within ``padding`` metres of it.
+    """Return the body of a shape at a pose (7,) in a frame, padded as in a scene.
 
     chain: length of the chain up to the frame, metres.
     """
     positions, rotations = as_poses(np.array(pose, np.float64)[None], "pose")
     center, rotation, half_extents = local_box(shape)
-    corners, radius, inner = _core(shape)
+    corners, radius, inner = _core(shape, padding)
     return placed_body(
-        corners @ rotations[0].T + positions[0], radius + padding, frame, chain,
+        corners @ rotations[0].T + positions[0], radius, frame, chain,
         (rotations[0] @ center + positions[0], rotations[0] @ rotation, half_extents + padding),
-        inner,
+        inner, excess(shape, corners),
     )  # fmt: skip
 
 
 def placed_body(
     corners: Floats, radius: float, frame: int, chain: float, box: tuple[Floats, Floats, Floats],
-    inner: float = 0.0,
+    inner: float = 0.0, beyond: float = 0.0,
 ) -> Body:  # fmt: skip
     """Return the body of corners (k, 3), a radius around them and a box, all in a frame.
 
-    inner: radius of a ball within it, around the centre of the box.
+    inner: radius of a ball within it, around the centre of the box; beyond: how far it reaches
+    beyond a curved shape.
     """
     center, rotation, half_extents = box
     sphere = (float(np.linalg.norm(corners - center, axis=1).max()) + radius) * RADIUS_GROWTH
     farthest = float(np.abs(corners).sum(axis=1).max())
     return Body(
         frame, center, rotation, half_extents, sphere, inner, radius, chain + farthest + radius,
-        corners, farthest, in_blocks(corners),
+        corners, farthest, in_blocks(corners), beyond,
     )  # fmt: skip
 
 
-def _core(shape: Shape | OBB) -> tuple[Floats, float, float]:
+def _core(shape: Shape | OBB, padding: float) -> tuple[Floats, float, float]:
     """Return the corners (k, 3) of a shape, the radius around each point, and that of a ball.
 
-    The ball is within the hull, around the centre of its box.
+    Padding makes boxes larger, and is a radius around others. The ball is within the hull, around
+    the centre of its box.
     """
     kind = kind_of(shape)
     if kind == ROUND:
         radius, half = round_sizes(shape)
         ends = (-half, half) if isinstance(shape, Capsule) else (0.0,)
-        return np.array([(0.0, 0.0, z) for z in ends]), radius, radius * NARROWER
+        return np.array([(0.0, 0.0, z) for z in ends]), radius + padding, radius * NARROWER
     if kind in (BOX, BOXED):
         center, rotation, half_extents = local_box(shape)
-        return (
-            box_corners(half_extents) @ rotation.T + center,
-            0.0,
-            float(half_extents.min()) * NARROWER,
-        )
+        half_extents = half_extents + padding
+        corners = box_corners(half_extents) @ rotation.T + center
+        return corners, 0.0, float(half_extents.min()) * NARROWER
     assert isinstance(shape, Shape)
     corners, faces = hull_mesh(shape)
     a, b, c = (corners - local_box(shape)[0])[faces].transpose(1, 0, 2)
     normals = np.cross(b - a, c - a)
     heights = np.einsum("ij,ij->i", normals, a) / np.linalg.norm(normals, axis=1)
-    return corners, 0.0, max(float(heights.min()), 0.0) * NARROWER
+    return corners, padding, max(float(heights.min()), 0.0) * NARROWER
 
 
 def joined(bodies: Sequence[Body]) -> Bodies:
@@ -133,6 +135,7 @@ def joined(bodies: Sequence[Body]) -> Bodies:
         column(body.round for body in bodies),
         column(body.radius for body in bodies),
         column(body.reach for body in bodies),
+        column(body.excess for body in bodies),
         np.concatenate([np.empty((0, 3, 8)), *blocks]),
         np.cumsum([0, *map(len, blocks)]),
     )

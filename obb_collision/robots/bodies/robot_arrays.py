@@ -94,6 +94,20 @@ def joint_reach(tree: Tree, row: int, lower: Floats, upper: Floats) -> float:
     return reach if np.isfinite(reach) else 0.0
 
 
+def mimic_limits(robots: Sequence[Robot]) -> Floats:
+    """Return rows (5, m): of each joint that mimics another one its column, how, and its limits."""
+    rows, first = [], 0
+    for robot in robots:
+        tree, links = robot.tree, robot.link_names
+        for joint in robot.joints:
+            if joint.mimic is not None:
+                k = links.index(joint.child)
+                how = tree.multipliers[k], tree.offsets[k], joint.lower, joint.upper
+                rows.append((first + tree.columns[k], *how))
+        first += len(robot.joint_names)
+    return np.array(rows, np.float64).reshape(-1, 5).T
+
+
 def rigid_groups(tree: Tree) -> Rows:
     """Return (links,) the first link of those that never move against each other."""
     groups = np.arange(len(tree.parents))

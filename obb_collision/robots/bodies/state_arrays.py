@@ -57,6 +57,7 @@ class Bodies(NamedTuple):
     rounds: Floats  #: (b,)
     radii: Floats  #: (b,) largest sum of magnitudes of the coordinates of a corner
     reaches: Floats  #: (b,) lengths of the chain up to the frame, and of the body
+    excess: Floats  #: (b,) how far the hull may reach beyond a curved shape
     blocks: Floats  #: (m, 3, LANES) corners of all hulls, as in ``Hulls``
     starts: Integers  #: (b + 1,)
 

@@ -22,6 +22,7 @@ from typing import NamedTuple
 import numpy as np
 
 from obb_collision.geometry.poses import as_poses
+from obb_collision.geometry.trees.circumscribed import excess
 from obb_collision.geometry.trees.convex_proxy import HULL_MARGIN
 from obb_collision.geometry.trees.obb_tree import BOX_CORNERS
 from obb_collision.numerics.lanes import LANES
@@ -127,7 +128,7 @@ def _boxes(store: ObjectStore, slots: Rows, frame: int, origin: Floats) -> Bodie
     return Bodies(
         np.full(count, frame), centers, rotations, half_extents,
         np.linalg.norm(grown, axis=1) * RADIUS_GROWTH, half_extents.min(axis=1, initial=np.inf),
-        np.ones(count, np.bool_), np.zeros(count), radii, radii,
+        np.ones(count, np.bool_), np.zeros(count), radii, radii, np.zeros(count),
         np.ascontiguousarray(corners.transpose(0, 2, 1)), np.arange(count + 1),
     )  # fmt: skip
 
@@ -156,9 +157,7 @@ def _made(
     boxes = store.boxes(slots)
     hulls = None
     if (store.kinds[slots] != ROUND).any():
-        outside, cache.outside = cache.outside, None  # what is needed is built now
-        cache.build(store, slots[store.kinds[slots] != ROUND], True, None)
-        cache.outside = outside
+        cache.at_once().build(store, slots[store.kinds[slots] != ROUND], True, None)
         hulls, rows = cache.hulls(slots)
     result = []
     for n, slot in enumerate(slots.tolist()):
@@ -170,7 +169,8 @@ def _made(
             assert hulls is not None
             blocks = hulls.blocks[hulls.starts[rows[n]] : hulls.starts[rows[n] + 1]]
             corners = blocks.transpose(0, 2, 1).reshape(len(blocks) * LANES, 3)
+        beyond = excess(cache.shape(slot), corners)
         corners = corners @ rotations[n].T + (centers[n] - origin)
         box = boxes.centers[n] - origin, boxes.rotations[n], boxes.half_extents[n]
-        result.append(placed_body(corners, radius, frame, 0.0, box))
+        result.append(placed_body(corners, radius, frame, 0.0, box, beyond=beyond))
     return result

@@ -58,6 +58,8 @@ def least_distances(
     if accuracy == Accuracy.MESH:
         found = PairDistances(bounds[:, 0], bounds[:, 1], vectors)
         _decide_meshes(model, scene, arrays, states, limit, found, bodies)
+    if accuracy >= Accuracy.HULL:  # of the shapes, not of the prisms around them
+        bounds[:, 1] += np.append(arrays.bodies.excess, 0.0)[bodies].sum(axis=1)
     vectors[:, :2] += model.origin
     swapped = arrays.owners[bodies[:, 0]] > arrays.owners[bodies[:, 1]]
     vectors[swapped, :2] = vectors[swapped, 1::-1]

@@ -21,6 +21,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from obb_collision.numerics.constants import ROUNDOFF
 from obb_collision.robots.bodies.bodies import merged
 from obb_collision.robots.bodies.robot_arrays import (
     Attached,
@@ -28,6 +29,7 @@ from obb_collision.robots.bodies.robot_arrays import (
     attached_body,
     body_pairs,
     chain_lengths,
+    mimic_limits,
     one_tree,
     rigid_groups,
     with_attached,
@@ -85,6 +87,7 @@ class Model:
             )
         self.lower = np.concatenate([robot.lower for robot in robots])
         self.upper = np.concatenate([robot.upper for robot in robots])
+        self._mimics = mimic_limits(robots)
         self._bodies: OwnBodies | None = None
         self._meshes: MeshBodies | None = None
         self._arrays: tuple[WorldState, Arrays] | None = None
@@ -173,8 +176,15 @@ class Model:
                 )
 
     def out_of_limits(self, states: Floats) -> Mask:
-        """Return (n, joints) which joints are out of their limits."""
-        return np.asarray((states < self.lower) | (states > self.upper))
+        """Return (n, joints) which joints are out of their limits, or drive one that is."""
+        out = np.asarray((states < self.lower) | (states > self.upper))
+        columns, multipliers, offsets, lower, upper = self._mimics
+        for n, column in enumerate(columns.astype(np.int64).tolist()):
+            moved = multipliers[n] * states[:, column]
+            room = 4.0 * ROUNDOFF * (np.abs(moved) + abs(offsets[n]))
+            value = moved + offsets[n]
+            out[:, column] |= (value < lower[n] - room) | (value > upper[n] + room)
+        return out
 
     def joint_reaches(self, arrays: Arrays, starts: Floats, ends: Floats) -> Floats:
         """Return how far each body can be from each joint during motions, as ``Speeds`` has it."""
@@ -280,6 +290,6 @@ def prefixed(names: Sequence[str | None], parts: Sequence[tuple[str, ...]]) -> t
 def _rules(scene: Scene, names: list[str]) -> PairFilter | None:
     """Return which pairs of names count by the rules of a scene, None for all."""
     rules = AllowedPairs()
-    rules.replace(scene.allowed)
+    rules.replace(AllowedPairs.of(scene.allowed))
     rules.only, rules.within = scene.check_only, scene.allowed_within
     return rules.pair_filter(names, 0)

@@ -62,7 +62,7 @@ class StateReport(FirstPairs):
     Attributes
     ----------
     out_of_limits : (n, joints) numpy.ndarray
-        The joints that are out of their limits.
+        The joints that are out of their limits, or drive a joint that mimics them and is.
     first_pairs : (n, 2) numpy.ndarray
         A colliding pair per state, as rows of ``names``, the smaller first; -1 for none. Of several
         pairs it is the first one in the order of tests: always the same one.
@@ -123,7 +123,8 @@ class StateDistances(FirstPairs):
         negative where they collide, by the depth of the deepest pair; infinite where no pair is
         within ``max_distance``.
     upper_bounds : (n,) numpy.ndarray
-        Certainly not less; 0 where they collide.
+        Certainly not less than that of the shapes themselves, which meshes around cylinders, cones
+        and ellipsoids exceed; 0 where others collide.
     first_pairs : (n, 2) numpy.ndarray
         Rows of ``names``, the smaller first; -1 for none.
     points : (n, 2, 3) numpy.ndarray

@@ -44,7 +44,8 @@ class RobotScene(SceneRobots):
         ``NAME/LINK``; otherwise as in the URDF, and no two may share a name.
     scene : Scene, optional
         The world. It may change between checks: each one sees it as it is then. Its rules about
-        pairs (``allow``, ``check_only``, ``allowed_within``) count for links, too.
+        pairs (``allow``, ``check_only``, ``allowed_within``) count for links, too. Its
+        ``obstacle_points`` are not checked against robots: with any, this and checks raise.
     accuracy : Accuracy or str
         Of all pairs, whatever the objects of the scene have. At "obb_tree" motions and distances
         are those of boxes.

@@ -23,14 +23,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from obb_collision.accuracy import Accuracy, as_accuracy
-from obb_collision.geometry.kinds import check_kind
-from obb_collision.geometry.poses import IDENTITY_POSE, unit_poses
+from obb_collision.geometry.kinds import NotCopied, check_kind
+from obb_collision.geometry.poses import IDENTITY_POSE, compose_poses, inverse_poses, unit_poses
 from obb_collision.geometry.validation import as_array, is_single
 from obb_collision.obb import OBB
 from obb_collision.robots.bodies.robot_arrays import Attached
 from obb_collision.robots.bodies.world import WorldState
 from obb_collision.robots.checks.model import Model
 from obb_collision.robots.description.robot import Robot
+from obb_collision.robots.kinematics.kinematics import link_poses
 from obb_collision.scene.object_settings import check_padding
 from obb_collision.scene.scene import Scene
 from obb_collision.shapes import Shape
@@ -38,8 +39,11 @@ from obb_collision.typing import Floats
 from obb_collision.words import MAX_OBJECT_NAME, check_name, shown
 
 
-class SceneRobots:
+class SceneRobots(NotCopied):
     """Robots in a scene, with what is set of them; see ``RobotScene``."""
+
+    ignores_points = False
+    """Whether obstacle points of the scene are none for robots; else a scene with some raises."""
 
     def __init__(
         self,
@@ -56,6 +60,7 @@ class SceneRobots:
         checked = as_array(poses, "bases", (len(several), 7))
         self.accuracy = accuracy
         self._scene = Scene() if scene is None else scene
+        self._check_points()
         self._model = Model(several, names, unit_poses(checked))
         self._joint_count = len(self._model.lower)
         self.padding = padding
@@ -205,9 +210,13 @@ class SceneRobots:
         link: str,
         pose: ArrayLike | None = None,
         *,
+        state: ArrayLike | None = None,
         touch_links: Sequence[str] | Set[str] = (),
     ) -> None:
         """Attach an object of the scene, with the shape and padding that it has there now.
+
+        Either its pose on the link is given, or the state of the robots in which it stays where it
+        is in the scene.
 
         While it is attached it is no obstacle, wherever it is in the scene. Else as ``attach``.
 
@@ -217,7 +226,9 @@ class SceneRobots:
             Of the object.
         link : str
         pose : (7,) array_like, optional
-            In the frame of the link; the identity by default.
+            In the frame of the link.
+        state : (joints,) array_like, optional
+            In which it is grasped.
         touch_links : str, or sequence or set of str
             Links that it may touch, such as fingers.
 
@@ -226,7 +237,7 @@ class SceneRobots:
         KeyError
             For an unknown object.
         ValueError
-            Naming the argument.
+            Naming the argument; without pose and state, and with both.
 
         Examples
         --------
@@ -234,12 +245,21 @@ class SceneRobots:
         >>> scene = oc.Scene()
         >>> _ = scene.add("cup", oc.shapes.Sphere(0.1))
         >>> checker = oc.RobotScene([arm], scene)
-        >>> checker.attach_object("cup", "hand")
+        >>> checker.attach_object("cup", "hand", state=[])
         >>> checker.attached
         {'cup': 'hand'}
         """
         shape = self._scene.shape_of(name)
         padding = float(self._scene._store.paddings[self._scene._store.slot(name)])
+        if (pose is None) == (state is None):
+            raise ValueError(
+                "pose, on the link, or state, in which it stays in place, must be given"
+            )
+        if state is not None:
+            states = self._states(as_array(state, "state", (self._joint_count,)), "state")
+            where = link_poses(self._model.tree, states)[0, self._link(link, "link")]
+            where[:3] += self._model.origin
+            pose = compose_poses(inverse_poses(where), self._scene.pose(name))
         self._attach(name, shape, link, pose, touch_links, padding, of_scene=True)
 
     def _attach(
@@ -279,8 +299,17 @@ class SceneRobots:
             raise KeyError(f"name must be that of something attached, got {shown(name)}")
         self._model.detach(name)
 
+    def _check_points(self) -> None:
+        points = self._scene.obstacle_points
+        if points is not None and len(points) and not self.ignores_points:
+            raise ValueError(
+                f"scene must have no obstacle_points, got {len(points)}: they are not checked "
+                "against robots; set scene.obstacle_points = None"
+            )
+
     def _states(self, value: ArrayLike, name: str) -> Floats:
         """Return checked states (n, joints)."""
+        self._check_points()
         count = self._joint_count
         single = is_single(value)
         states = as_array(value, name, (count,) if single else (None, count))

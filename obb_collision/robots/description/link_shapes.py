@@ -25,16 +25,15 @@ import numpy as np
 
 from obb_collision.geometry.kinds import check_kind
 from obb_collision.geometry.poses import Pose
-from obb_collision.geometry.shapes.files import resolve_path, shortened
-from obb_collision.geometry.shapes.folders import allowed_path, source_folder
+from obb_collision.geometry.shapes.files import PACKAGE, resolve_path, shortened
+from obb_collision.geometry.shapes.folders import MeshFolders, allowed_path, source_folder
 from obb_collision.robots.description.urdf import Collision, Description, Triple
 from obb_collision.robots.description.xml_values import Element
 from obb_collision.shapes import Box, Capsule, Cylinder, Mesh, Shape, Sphere
 from obb_collision.words import MAX_PATH, shown
 
-PACKAGE = "package://"
 #: Where packages are: a folder by name, or folders in which packages are.
-PackageDirs = Mapping[str, str | Path] | Iterable[str | Path]
+PackageDirs = Mapping[str, str | Path] | Iterable[str | Path] | MeshFolders
 #: Reads a mesh file, with a scale.
 ReadMesh = Callable[[Path, Triple], Mesh]
 #: A shape and its pose in the frame of its link.
@@ -50,9 +49,7 @@ class MeshSource:
         self._read = Mesh.from_file if read is None else read
         if not callable(self._read):
             raise TypeError(f"read_mesh must be callable, got {shown(read)}")
-        named, folders = _package_dirs(package_dirs)
-        self._packages = {name: Path(folder) for name, folder in named.items()}
-        self._folders = [Path(folder) for folder in folders]
+        self._folders = _mesh_folders(package_dirs)
         self._folder = None if file is None else file.absolute().parent
         self._found: dict[tuple[str, Triple], Mesh] = {}
 
@@ -66,9 +63,8 @@ class MeshSource:
         """Return a mesh whose scale may be negative: then the mesh is mirrored."""
         x, y, z = (abs(part) for part in scale)
         path, own = self._path(name)
-        allowed = [*self._folders, *self._packages.values(), *own]
         try:
-            mesh = self._read(allowed_path(path, allowed), (x, y, z))
+            mesh = self._read(allowed_path(path, (*self._folders.chosen, *own)), (x, y, z))
         except ValueError as error:
             reason = str(error)
             raise ValueError(
@@ -93,17 +89,10 @@ class MeshSource:
         return folder / name, own
 
     def _in_package(self, name: str, own: list[Path]) -> tuple[Path, list[Path]]:
-        package, _, inside = name.removeprefix(PACKAGE).lstrip("/").partition("/")
-        if package in self._packages:
-            return self._packages[package] / inside, own
-        for folder in self._folders:
-            if (folder / package).is_dir():
-                return folder / package / inside, own
-            if folder.name == package:
-                return folder / inside, own
         try:
-            return resolve_path(name), own
+            return self._folders.resolve(name), own
         except (ValueError, OSError) as error:  # OSError: no environment of ROS is set
+            package, _, inside = name.removeprefix(PACKAGE).lstrip("/").partition("/")
             for above in () if self._folder is None else (self._folder, *self._folder.parents):
                 if above.name == package:  # the URDF's own package, which is not installed
                     return above / inside, [*own, above]
@@ -113,21 +102,23 @@ class MeshSource:
             ) from None
 
 
-def _package_dirs(given: Any) -> tuple[dict[str, str | Path], list[str | Path]]:
+def _mesh_folders(given: Any) -> MeshFolders:
     """Return folders by the name of a package, and folders in which packages are."""
+    if isinstance(given, MeshFolders):
+        return given
+    named, folders = {}, []
     if isinstance(given, Mapping):
-        named, folders = dict(given), []
+        named = dict(given)
     elif given is None or isinstance(given, (str, Path)):
-        named, folders = {}, [] if given is None else [given]
+        folders = [] if given is None else [given]
     else:
         check_kind(given, Sequence, "package_dirs", set, frozenset)
-        named, folders = {}, list(given)
-    for name, folder in named.items():
+        folders = list(given)
+    for name in named:
         check_kind(name, str, "package_dirs")
+    for folder in (*named.values(), *folders):
         check_kind(folder, str, "package_dirs", Path)
-    for folder in folders:
-        check_kind(folder, str, "package_dirs", Path)
-    return named, folders
+    return MeshFolders(tuple(folders), named)
 
 
 def shapes_of(description: Description, source: MeshSource) -> dict[str, tuple[PlacedShape, ...]]:

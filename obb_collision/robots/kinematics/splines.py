@@ -58,24 +58,24 @@ class Pieces(NamedTuple):
         return Pieces(starts[rows], ends[rows], begins[rows], finishes[rows], segments[rows])
 
 
-class Segment(NamedTuple):
-    """Coefficients (6, j) of polynomials in the time since the start, and the duration (s)."""
+class Segments(NamedTuple):
+    """Coefficients (n, 6, j) of polynomials in the time since each start; durations (n,) (s)."""
 
     coefficients: Floats
-    duration: float
+    durations: Floats
 
-    def at(self, times: Floats) -> Floats:
-        """Return the joints (n, j) at times (n,)."""
+    def at(self, rows: Rows, times: Floats) -> Floats:
+        """Return the joints (m, j) at times (m,) of segments (m,)."""
         powers = times[:, None] ** np.arange(6)
-        values: Floats = powers @ self.coefficients
+        values: Floats = np.einsum("mk,mkj->mj", powers, self.coefficients[rows])
         return values
 
     def deviations(self) -> Floats:
-        """Return how far each joint (j,) can be from the chord of the whole segment."""
+        """Return how far each joint (n, j) can be from the chords of whole segments."""
         k = np.arange(2, 6)
-        scales = k * (k - 1) * self.duration ** (k - 2.0)
-        most = (scales[:, None] * np.abs(self.coefficients[2:])).sum(axis=0)
-        bounds: Floats = most * (self.duration**2 / 8.0) * DEVIATION_GROWTH
+        scales = k * (k - 1) * self.durations[:, None] ** (k - 2.0)
+        most = (scales[..., None] * np.abs(self.coefficients[:, 2:])).sum(axis=1)
+        bounds: Floats = most * (self.durations[:, None] ** 2 / 8.0) * DEVIATION_GROWTH
         return bounds
 
 
@@ -86,55 +86,59 @@ def interpolation(first: Point, last: Point) -> str:
     return CUBIC if first.accelerations is None or last.accelerations is None else QUINTIC
 
 
-def segment_between(first: Point, last: Point) -> Segment:
-    """Return the polynomials between two points at different times."""
-    t, step = last.time - first.time, last.positions - first.positions
-    c = np.zeros((6, len(step)))
-    c[0] = first.positions
-    kind = interpolation(first, last)
-    if kind == LINEAR:
-        c[1] = step / t
-        return Segment(c, t)
-    v, w = first.velocities, last.velocities
-    assert v is not None
-    assert w is not None
-    c[1] = v
-    if kind == CUBIC:
-        c[2] = 3.0 * step / t**2 - (2.0 * v + w) / t
-        c[3] = -2.0 * step / t**3 + (v + w) / t**2
-        return Segment(c, t)
-    a, b = first.accelerations, last.accelerations
-    assert a is not None
-    assert b is not None
-    c[2] = 0.5 * a
-    c[3] = (20.0 * step - (8.0 * w + 12.0 * v) * t - (3.0 * a - b) * t**2) / (2.0 * t**3)
-    c[4] = (-30.0 * step + (14.0 * w + 16.0 * v) * t + (3.0 * a - 2.0 * b) * t**2) / (2.0 * t**4)
-    c[5] = (12.0 * step - 6.0 * (w + v) * t + (b - a) * t**2) / (2.0 * t**5)
-    return Segment(c, t)
+def segments_between(points: Sequence[Point]) -> Segments:
+    """Return the polynomials between points at rising times, one after another."""
+    times = np.array([point.time for point in points])
+    positions = np.array([point.positions for point in points])
+    t, step, zero = (
+        np.diff(times)[:, None],
+        np.diff(positions, axis=0),
+        np.zeros(positions.shape[1]),
+    )
+    velocities, accelerations = (
+        np.array([zero if given is None else given for given in column])
+        for column in ([p.velocities for p in points], [p.accelerations for p in points])
+    )
+    (v, w), (a, b) = ((each[:-1], each[1:]) for each in (velocities, accelerations))
+    c = np.zeros((len(t), 6, positions.shape[1]))
+    c[:, 0] = positions[:-1]
+    kinds = np.array([interpolation(*pair) for pair in pairwise(points)])[:, None]
+    linear, cubic, quintic = (kinds == kind for kind in (LINEAR, CUBIC, QUINTIC))
+    c[:, 1] = np.where(linear, step / t, v)
+    c[:, 2] = np.where(
+        cubic, 3.0 * step / t**2 - (2.0 * v + w) / t, np.where(quintic, 0.5 * a, 0.0)
+    )
+    fast = (20.0 * step - (8.0 * w + 12.0 * v) * t - (3.0 * a - b) * t**2) / (2.0 * t**3)
+    c[:, 3] = np.where(quintic, fast, np.where(cubic, -2.0 * step / t**3 + (v + w) / t**2, 0.0))
+    fast = (-30.0 * step + (14.0 * w + 16.0 * v) * t + (3.0 * a - 2.0 * b) * t**2) / (2.0 * t**4)
+    c[:, 4] = np.where(quintic, fast, 0.0)
+    fast = (12.0 * step - 6.0 * (w + v) * t + (b - a) * t**2) / (2.0 * t**5)
+    c[:, 5] = np.where(quintic, fast, 0.0)
+    return Segments(c, t[:, 0])
 
 
-def straight_pieces(points: Sequence[Point], counts: Sequence[int]) -> Pieces:
-    """Return the chords of segments between points, each divided into a number of parts."""
-    starts, ends, begins, finishes, segments = [], [], [], [], []
-    pairs = zip(points[:-1], points[1:], counts, strict=True)
-    for number, (first, last, count) in enumerate(pairs):
-        segment = segment_between(first, last)
-        times = np.linspace(0.0, segment.duration, count + 1)
-        states = segment.at(times)
-        states[0], states[-1] = first.positions, last.positions
-        starts.append(states[:-1])
-        ends.append(states[1:])
-        begins.append(first.time + times[:-1])
-        finishes.append(first.time + times[1:])
-        segments.append(np.full(count, number))
-    return Pieces(*(np.concatenate(part) for part in (starts, ends, begins, finishes, segments)))
+def straight_pieces(points: Sequence[Point], counts: Integers) -> Pieces:
+    """Return the chords of segments between points, each divided into a number (n,) of parts."""
+    segments, rows = segments_between(points), np.repeat(np.arange(len(counts)), counts)
+    numbers = np.arange(len(rows)) - np.repeat(np.cumsum(counts) - counts, counts)
+    times = np.array([point.time for point in points])
+    positions = np.array([point.positions for point in points])
+    steps = segments.durations / counts
+    befores, afters = numbers * steps[rows], (numbers + 1) * steps[rows]
+    starts, ends = segments.at(rows, befores), segments.at(rows, afters)
+    first, last = numbers == 0, numbers == counts[rows] - 1
+    afters[last] = segments.durations
+    starts[first], ends[last] = positions[:-1], positions[1:]
+    begins = times[:-1][rows]
+    return Pieces(starts, ends, begins + befores, begins + afters, rows)
 
 
 def state_at(points: Sequence[Point], time: float) -> Floats:
     """Return the joints (j,) at a time not before the first point; those of the last after it."""
     for first, last in pairwise(points):
         if time < last.time:
-            return segment_between(first, last).at(np.array([time - first.time]))[0]
+            since = np.array([time - first.time])
+            return segments_between((first, last)).at(np.array([0]), since)[0]
     return points[-1].positions
 
 

@@ -28,7 +28,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from obb_collision.geometry.shapes import files
-from obb_collision.geometry.shapes.folders import allowed_path
+from obb_collision.geometry.shapes.folders import MeshFolders, allowed_path
 from obb_collision.geometry.shapes.primitives import LocalBox
 from obb_collision.numerics.constants import MAX_MAGNITUDE
 from obb_collision.scene.building.errors import BAD_SHAPE, BuildError
@@ -117,7 +117,7 @@ class MeshFile:
     data: bytes | None = None
     largest: int = files.LARGEST_FILE
     triangles: int = files.MOST_TRIANGLES
-    folders: tuple[str, ...] | None = None
+    folders: MeshFolders | None = None
     known: files.Version | None = None
 
     @property
@@ -130,7 +130,8 @@ class MeshFile:
         message = {"name": self.name, "scale": self.scale, "triangles": self.triangles}
         if self.data is not None:
             return message | {"job": "data", "data": np.frombuffer(self.data, np.uint8)}
-        place = {"largest": self.largest, "folders": self.folders}
+        folders = None if self.folders is None else vars(self.folders)
+        place = {"largest": self.largest, "folders": folders}
         return message | place | {"job": "file", "known": self.known}
 
     def finish(self, reply: Message) -> tuple[Mesh, files.Version | None] | None:
@@ -184,9 +185,11 @@ def _data(message: Message) -> Message:
 def _file(message: Message) -> Message:
     name = message["name"]
     with _refused(name):
-        path = files.resolve_path(name)
-        if message["folders"] is not None:
-            path = allowed_path(path, message["folders"])
+        if message["folders"] is None:
+            path = files.resolve_path(name)
+        else:
+            folders = MeshFolders(**message["folders"])
+            path = allowed_path(folders.resolve(name), folders.chosen)
         if message["known"] is not None and files.file_version(path) == tuple(message["known"]):
             return {}
         data, version = files.read_file(path, message["largest"])

@@ -78,6 +78,11 @@ class OutsideTrees:
         return len(self._waiting)
 
     @property
+    def slots_waiting(self) -> list[int]:
+        """The slots of which something is being built."""
+        return [slot for entry in self._waiting for slot in entry.slots]
+
+    @property
     def failed(self) -> Counter[str]:
         """How many can't be built, by reason; their pairs stay on "obb"."""
         return Counter(error.reason for error in self._failed.values())

@@ -20,9 +20,10 @@ One thread asks for them and drops them; another may add to the pools meanwhile 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Hashable, Iterable
+from collections.abc import Callable, Hashable, Sequence
+from copy import copy
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Generic, Protocol
+from typing import TYPE_CHECKING, Any, Generic, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,6 +41,7 @@ from obb_collision.geometry.trees.pool import (
 )
 from obb_collision.obb import OBB
 from obb_collision.queries.convex.shapes import core_of
+from obb_collision.scene.store.completed import completed
 from obb_collision.scene.store.kinds import ROUND, kind_of, round_sizes
 from obb_collision.scene.store.store import ObjectStore
 from obb_collision.typing import Mask, Rows
@@ -74,6 +76,7 @@ class PerShape(Generic[Item]):
 
     def __init__(self, kind: type[Pool[Item]]) -> None:
         self.pool = kind()
+        self.known: dict[Hashable, Item] = {}  # that need not be built
         self._entries: dict[Hashable, Entry[Item]] = {}
         self.by_slot: dict[int, Entry[Item]] = {}
         self._rows = np.full(0, -1)  # by slot
@@ -89,25 +92,26 @@ class PerShape(Generic[Item]):
         result[known] = self._rows[slots[known]]
         return result
 
+    @completed
     def entry(self, slot: int, key: Hashable) -> Entry[Item]:
         """Return the entry that a slot has with all slots of the same key."""
-        entry = self.by_slot.get(slot)
-        if entry is None:
-            entry = self.by_slot[slot] = self._entries.setdefault(key, Entry(key))
-            entry.slots.add(slot)
-            short = max(0, slot + 1 - len(self._rows))
-            if short:
-                self._rows = np.append(self._rows, np.full(max(short, len(self._rows)), -1))
-            self._rows[slot] = entry.row
+        entry = self.by_slot.get(slot) or self._entries.setdefault(key, Entry(key))
+        short = max(0, slot + 1 - len(self._rows))
+        if short:
+            self._rows = np.append(self._rows, np.full(max(short, len(self._rows)), -1))
+        self.by_slot[slot] = entry
+        entry.slots.add(slot)
+        self._rows[slot] = entry.row
         return entry
 
     def drop(self, slot: int) -> Entry[Item] | None:
         """Drop the item of a slot; return its entry, which has no slots if no other shares it."""
-        entry = self.by_slot.pop(slot, None)
+        entry = self.by_slot.get(slot)
         if entry is not None:
             self._rows[slot] = -1
             entry.slots.discard(slot)
             self._forget(entry)
+            del self.by_slot[slot]  # last: until then it can be dropped again
         return entry
 
     def retain(self, slot: int) -> None:
@@ -126,7 +130,7 @@ class PerShape(Generic[Item]):
 
     def _forget(self, entry: Entry[Item]) -> None:
         if not entry.slots and entry not in self._retained:
-            del self._entries[entry.key]
+            self._entries.pop(entry.key, None)
 
     def put(self, entry: Entry[Item], item: Item, row: int) -> None:
         """Give the slots of an entry an item, which is in the pool."""
@@ -139,19 +143,17 @@ class PerShape(Generic[Item]):
         With a timer nothing is built while another thread adds an item.
         """
         missing = slots[self.rows(slots) < 0]
-        if len(missing) == 0 or not self.pool.lock.acquire(blocking=timer is None):
+        if len(missing) == 0 or (timer is not None and self.pool.lock.locked()):
             return False
-        try:
+        with self.pool.lock:  # which an interrupt leaves, too
             for slot in np.unique(missing).tolist():
                 if timer is not None and timer.left() <= 0.0:
                     break
                 body = body_of(slot)
                 entry = self.entry(slot, body.tobytes() if isinstance(body, np.ndarray) else body)
                 if entry.row < 0:
-                    item = self.pool.built(body)
+                    item = self.known.get(entry.key) or self.pool.built(body)
                     self.put(entry, item, self.pool.append(item))
-        finally:
-            self.pool.lock.release()
         return True
 
     @property
@@ -179,6 +181,7 @@ class PerShape(Generic[Item]):
         """Return how much those items of now take that a new pool lacks."""
         return sum(self.pool.size_of(item) for e, item in self.built.items() if e not in packed[1])
 
+    @completed
     def exchange(self, packed: Packed[Item] | None = None) -> None:
         """Take a new pool, as made before or made now; what it lacks is added to it."""
         built = self.built
@@ -187,6 +190,15 @@ class PerShape(Generic[Item]):
         self.pool = pool
         for entry, item in built.items():
             self.put(entry, item, rows[entry])
+
+
+class SlotShape(NamedTuple):
+    """The shape of a slot, its kind, and its numbers (8,): of ``core_of`` and ``round_sizes``."""
+
+    slot: int
+    shape: Shape | OBB
+    kind: int
+    numbers: NDArray[np.float64]
 
 
 Packed = tuple[Pool[Item], dict[Entry[Item], int]]
@@ -199,13 +211,21 @@ class ShapeCache:
     """
 
     def __init__(self) -> None:
-        self._shapes: dict[int, Shape] = {}
-        self._round: dict[int, tuple[float, float]] = {}
-        self._cores = np.zeros((0, 6))  # by slot, see ``core_of``
+        self._shapes: dict[int, Any] = {}  # a Shape; None: there is room for one
+        self._lent = False  # whether the shapes are copied before they change
+        self._numbers = np.zeros((0, 8))  # by slot, see ``SlotShape``
+        self.version = 0  # changes with shapes, and with the sizes of boxes
         self._trees, self._hulls = PerShape(TreePool), PerShape(HullPool)
         self._hull_trees = PerShape(HullTreePool)
         self.outside: OutsideTrees | None = None
         """What builds the trees and hulls of large shapes, so that a check does not wait."""
+
+    def at_once(self) -> ShapeCache:
+        """Return a cache that shares all with this one, and waits for nothing built outside."""
+        here = copy(self)
+        here.lend_shapes()
+        here.outside = None
+        return here
 
     @property
     def _all(self) -> tuple[PerShape[Any], PerShape[Any]]:
@@ -214,21 +234,30 @@ class ShapeCache:
     def __len__(self) -> int:
         return len(self._trees) + len(self._hulls) + len(self._hull_trees)
 
-    def put(self, slot: int, shape: Shape | OBB) -> int:
-        """Keep the shape of a slot unless it is a box; return its kind."""
-        self.drop(slot)
-        if not isinstance(shape, (Box, OBB)):
-            self._shapes[slot] = shape
-        kind = kind_of(shape)
+    def shape_for(self, slot: int, shape: Shape | OBB) -> SlotShape:
+        """Return what ``put`` takes for a slot, and make room for it: it does not fail then."""
+        kind, numbers = kind_of(shape), np.zeros(8)
+        if isinstance(shape, (Box, OBB)):
+            return SlotShape(slot, shape, kind, numbers)
+        numbers[:6] = core_of(shape)
         if kind == ROUND:
-            self._round[slot] = round_sizes(shape)
-        if isinstance(shape, Shape):
-            short = max(0, slot + 1 - len(self._cores))
-            if short:
-                room = np.zeros((max(short, len(self._cores)), 6))
-                self._cores = np.concatenate([self._cores, room])
-            self._cores[slot] = core_of(shape)
-        return kind
+            numbers[6:] = round_sizes(shape)
+        short = max(0, slot + 1 - len(self._numbers))
+        if short:
+            room = np.zeros((max(short, len(self._numbers)), 8))
+            self._numbers = np.concatenate([self._numbers, room])
+        self._own_shapes().setdefault(slot, None)
+        return SlotShape(slot, shape, kind, numbers)
+
+    @completed
+    def put(self, body: SlotShape) -> None:
+        """Keep the shape of a slot unless it is a box."""
+        self.leave(body.slot)
+        self.version += 1
+        if not isinstance(body.shape, (Box, OBB)):
+            self._own_shapes()[body.slot], self._numbers[body.slot] = body.shape, body.numbers
+        elif body.slot in self._shapes:
+            del self._own_shapes()[body.slot]
 
     def shape(self, slot: int) -> Shape | None:
         """Return the shape of a slot, None for a box."""
@@ -236,23 +265,47 @@ class ShapeCache:
 
     def drop(self, slot: int) -> None:
         """Drop the shape of a slot."""
-        self._shapes.pop(slot, None)
-        self._round.pop(slot, None)
+        self.leave(slot)
+        if slot in self._shapes:
+            del self._own_shapes()[slot]
+
+    def lend_shapes(self) -> dict[int, Any]:
+        """Return the shapes by slot, which stay as they are."""
+        self._lent = True
+        return self._shapes
+
+    def _own_shapes(self) -> dict[int, Any]:
+        """Return the shapes by slot, to be changed."""
+        if self._lent:
+            self._shapes, self._lent = dict(self._shapes), False
+        return self._shapes
+
+    def with_shapes(self, shapes: dict[int, Any]) -> ShapeCache:
+        """Return another cache, of other shapes; what is built of equal ones is not built again."""
+        other = ShapeCache()
+        other._shapes, other._lent = shapes, True
+        for here, there in zip(self._all, other._all, strict=True):
+            there.known = {entry.key: item for entry, item in here.built.items()}
+        return other
+
+    def leave(self, slot: int) -> None:
+        """Drop what was built of the shape of a slot."""
         for per_shape in (*self._all, self._hull_trees):
             entry = per_shape.drop(slot)
             if entry is not None and self.outside is not None:
                 self.outside.drop(entry)
 
-    def drop_many(self, slots: Iterable[int]) -> None:
-        """Drop the shapes of slots."""
-        if self._shapes or len(self):  # boxes typically leave nothing here
-            for slot in slots:
+    def drop_many(self, slots: Sequence[int]) -> None:
+        """Drop the shapes of slots, of which boxes typically have nothing here."""
+        self.version += 1
+        for held in (self._shapes, *(each.by_slot for each in (*self._all, self._hull_trees))):
+            for slot in [slot for slot in slots if slot in held] if held else ():
                 self.drop(slot)
 
     def clear(self) -> None:
         """Drop all shapes."""
         all_of = (*self._all, self._hull_trees)
-        self.drop_many({*self._shapes, *(slot for each in all_of for slot in each.by_slot)})
+        self.drop_many([*self._shapes, *(slot for each in all_of for slot in each.by_slot)])
         for per_shape in all_of:
             per_shape.clear()
 
@@ -280,11 +333,11 @@ class ShapeCache:
 
     def cores(self, slots: Rows) -> NDArray[np.float64]:
         """Return ``core_of`` the shapes (k, 6) of slots, none of them boxes."""
-        return self._cores[slots]
+        return self._numbers[slots, :6]
 
     def rounds(self, slots: Rows) -> NDArray[np.float64]:
         """Return the radius and half the length (k, 2) of spheres and capsules, metres."""
-        return np.array([self._round[slot] for slot in slots.tolist()]).reshape(-1, 2)
+        return self._numbers[slots, 6:]
 
     def build(self, store: ObjectStore, slots: Rows, hull: bool, budget: TimeLeft | None) -> Mask:
         """Build hulls or trees that slots lack, while there is time; return (k,) which have one."""

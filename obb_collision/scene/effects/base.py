@@ -23,7 +23,7 @@ what changed and survives a pair that fails.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, is_dataclass
 from typing import Any, NamedTuple, Protocol, TypeAlias, TypeVar
 
 import numpy as np
@@ -249,6 +249,18 @@ class Outcome:
     values: Mapping[str, Any] = field(default_factory=dict)
     accuracies: Levels | None = None
     """(k,) the level that each row was computed on; None: all on OBB or below."""
+
+    def __post_init__(self) -> None:
+        freeze(self.result)  # the next check copies what has not changed
+
+
+def freeze(table: Any) -> None:
+    """Make the arrays of a dataclass, and of those in it, read-only."""
+    for value in getattr(table, "__dict__", {}).values():
+        if isinstance(value, np.ndarray) and value.size:  # empty ones may be of everybody
+            value.setflags(write=False)
+        elif is_dataclass(value):
+            freeze(value)
 
 
 class Effect(Protocol):

@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 from obb_collision.accuracy import Accuracy
 from obb_collision.geometry.boxes import Boxes
@@ -63,6 +64,7 @@ class ContactsEffect:
 def hull_contacts(boxes: Boxes, shapes: PlacedShapes, pairs: Pairs, setting: Setting) -> Contacts:
     """Return the contacts of pairs on HULL; hulls that are apart have none."""
     bodies, i, j, found = shapes.distances(boxes, pairs)
+    found = replace(found, lower=shapes.parted(found.lower, pairs, Accuracy.HULL))
     return convex_contacts(bodies, bodies, pairs, i, j, int(setting.values["max_points"]), found)
 
 

@@ -43,6 +43,7 @@ class EffectSettings:
         self._resolved: tuple[int, dict[str, Setting]] | None = None
         self._always: tuple[str, ...] = ()  # those that are on
         self._above_obb = False
+        self.any_possible = True  # whether one is not off
 
     def __getitem__(self, name: str) -> Setting:
         return self._settings[self.check_name(name)]
@@ -54,14 +55,14 @@ class EffectSettings:
             raise ValueError(f"effect must be one of {choices}, got {shown(name)}")
         return name
 
-    def set(
+    def changed(
         self,
         name: str,
         mode: str | None = None,
         objects: Iterable[str] | str | None = None,
         options: Mapping[str, Any] | None = None,
-    ) -> None:
-        """Change what is given of one effect; all or, on a ValueError, nothing."""
+    ) -> EffectSettings:
+        """Return settings in which what is given of one effect is changed."""
         setting = self[name]
         known = self._effects[name].options
         if mode is not None and not (isinstance(mode, str) and mode in MODES):
@@ -73,15 +74,16 @@ class EffectSettings:
                 raise ValueError(f"effect {name} {choices}; got {key!r}")
             values[key] = known[key].checked(f"{name} {key}", value)
         patterns = setting.objects if objects is None else as_patterns(objects, f"{name} objects")
-        self._settings[name] = replace(
-            setting, mode=mode or setting.mode, objects=patterns, values=values
-        )
-        self._always = tuple(key for key, value in self._settings.items() if value.mode == ON)
-        self._above_obb = any(
+        new = EffectSettings(self._effects.values())
+        one = replace(setting, mode=mode or setting.mode, objects=patterns, values=values)
+        new._settings = {**self._settings, name: one}
+        new._always = tuple(key for key, value in new._settings.items() if value.mode == ON)
+        new.any_possible = any(value.mode != OFF for value in new._settings.values())
+        new._above_obb = any(
             value.mode != OFF and value.values.get(ACCURACY, AS_PAIRS) in ("hull", "mesh")
-            for value in self._settings.values()
+            for value in new._settings.values()
         )
-        self._resolved = None
+        return new
 
     def reach(self) -> float:
         """Return how far beyond objects the effects that are not off look (m)."""

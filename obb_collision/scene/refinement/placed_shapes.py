@@ -85,7 +85,7 @@ class PlacedShapes:
     """Shapes as they were at a check; slots of objects that are boxes are not among them.
 
     pairs (m, 2), sorted, decided on levels (m,); cap: what a budget allowed, None without one;
-    depth, exact: as for ``decide_pairs``.
+    depth, exact: as for ``decide_pairs``; complete: whether pairs are all that collide.
     """
 
     def __init__(
@@ -97,12 +97,15 @@ class PlacedShapes:
         cap: Accuracy | None,
         depth: int = 0,
         exact: bool = False,
+        complete: bool = True,
     ) -> None:
-        self._store, self._cache, self._revision = store, cache, store.revision
+        self._complete = complete
+        self._store, self._cache, self._version = store.with_shapes(), cache, cache.version
+        self._shapes = cache.lend_shapes()
         self._pairs, self._decided, self._cap = pairs, levels, cap
         self._depth, self._exact = depth, exact
-        self.kinds, self.paddings = store.kinds.copy(), store.paddings.copy()
-        self._accuracies = store.accuracies.copy()
+        self.kinds, self.paddings = store.kinds, store.paddings
+        self._accuracies = store.accuracies
         self._shaped = np.flatnonzero(store.used & (store.kinds > BOX))
         self._poses = store.poses[self._shaped]
         self._cores = cache.cores(self._shaped)
@@ -117,12 +120,20 @@ class PlacedShapes:
         self._rows = self._cache.hull_rows(self._shaped)
         self._hulls = self._cache.all_hulls if (self._rows >= 0).any() else NO_HULLS
 
+    def _current_cache(self) -> ShapeCache:
+        """Return the cache of the scene, or one of its own once shapes have changed there."""
+        if self._cache.version != self._version:
+            self._cache, self._trees = self._cache.with_shapes(self._shapes), None
+            self._version = self._cache.version
+            self._take_hulls()
+        return self._cache
+
     def levels(self, pairs: Pairs, choice: str, highest: Accuracy) -> Levels:
         """Return the level (m,) that an effect on pairs (m, 2) is computed on: OBB, HULL or MESH.
 
         choice: of ``CHOICES``; highest: that the effect has. Pairs without triangles get HULL.
         """
-        first, second = np.ascontiguousarray(pairs.T)
+        first, second = np.array(pairs.T, order="C")  # effects' arrays are read-only
         accuracies = self._accuracies
         if choice != AS_PAIRS:
             accuracies = np.full_like(accuracies, Accuracy[choice.upper()])
@@ -173,9 +184,9 @@ class PlacedShapes:
         """Build the trees that pairs (k, 2) need; return (k,) which have them."""
         slots = np.unique(pairs)
         slots = slots[self.kinds[slots] != ROUND]
-        unchanged = self._store.revision == self._revision
-        if unchanged and self._cache.build(self._store, slots, False, None).any():
-            self._trees = self._cache.trees(np.arange(len(self.kinds)))
+        cache = self._current_cache()
+        if cache.build(self._store, slots, False, None).any():
+            self._trees = cache.trees(np.arange(len(self.kinds)))
         if self._trees is None:
             return np.zeros(len(pairs), np.bool_)
         have = (self._trees[1] >= 0) | (self.kinds == ROUND)
@@ -232,13 +243,15 @@ class PlacedShapes:
         return PlacedMeshes.trusted(trees, by_slot[slots], centers, rotations), self.paddings[slots]
 
     def parted(self, distances: Floats, pairs: Pairs, level: Accuracy) -> Floats:
-        """Return distances (m,), at most zero for pairs (m, 2) that collide on a level.
+        """Return distances (m,), at most zero for pairs (m, 2) that collide on a level or above.
 
-        Both are certified, a verdict less closely: rounding must not make them contradict.
+        And more than zero for those apart. Both are certified, if not as closely: rounding must
+        not make them contradict.
         """
         known, rows = self._found(pairs)
-        known[known] = self._decided[rows] == level
-        return np.where(known, np.minimum(distances, 0.0), distances)
+        least = np.where(known | (not self._complete), -np.inf, np.finfo(float).tiny)
+        known[known] = self._decided[rows] >= level
+        return np.where(known, np.minimum(distances, 0.0), np.maximum(distances, least))
 
     def colliding_at(self, boxes: Boxes, poses: Floats, pairs: Pairs) -> Pairs:
         """Return those of pairs (m, 2) of slots that collide at other places, on their own levels.
@@ -267,9 +280,10 @@ class PlacedShapes:
         shaped = self.kinds[pairs] > BOX
         needed = np.zeros(len(self._shaped), np.bool_)
         needed[places[shaped]] = True
+        cache = self._current_cache()
         lacking = np.flatnonzero(needed & (self._cores[:, 0] == CORNERS) & (self._rows < 0))
-        if len(lacking) and self._store.revision == self._revision:
-            self._cache.build(self._store, self._shaped[lacking], True, None)
+        if len(lacking):
+            cache.build(self._store, self._shaped[lacking], True, None)
             self._take_hulls()
         have = np.ones(len(self.kinds), np.bool_)
         have[self._shaped[(self._cores[:, 0] == CORNERS) & (self._rows < 0)]] = False

@@ -26,6 +26,7 @@ from fnmatch import fnmatchcase
 from typing import TypeAlias
 
 from obb_collision.geometry.kinds import as_flag
+from obb_collision.scene.store.completed import completed
 from obb_collision.scene.store.pair_table import PairFilter, PairTable, Patterns
 from obb_collision.scene.store.patterns import as_patterns, as_tuples
 
@@ -53,13 +54,17 @@ class AllowedPairs:
         Raises ValueError for what is no pattern.
         """
         a, b = _side(first, "first"), _side(second, "second")
-        key = tuple(sorted((a, b)))
-        before = self._rules.pop(key, None)  # the last rule comes last
-        if allowed or before is None or self._may_be_allowed(a, b):
-            self._rules[key] = a, b, bool(allowed)
         self._renew()
+        self._add(tuple(sorted((a, b))), (a, b, bool(allowed)))
+
+    @completed
+    def _add(self, key: tuple[Patterns, ...], rule: tuple[Patterns, Patterns, bool]) -> None:
+        before = self._rules.pop(key, None)  # the last rule comes last
+        if rule[2] or before is None or self._may_be_allowed(*rule[:2]):
+            self._rules[key] = rule
 
     def _renew(self) -> None:
+        """Forget what the filters before made; first, for interrupts."""
         self.version += 1
         self._table = self._made = None
 
@@ -73,14 +78,19 @@ class AllowedPairs:
             for p, q, allowed in self._rules.values()
         )
 
-    def replace(self, rules: Iterable[Rule]) -> None:
-        """Put rules in place of all before; on a ValueError those before stay."""
-        new = AllowedPairs()
+    @classmethod
+    def of(cls, rules: Iterable[Rule]) -> AllowedPairs:
+        """Return the filters of rules; ValueError for what is none."""
+        new = cls()
         for first, second, allowed in as_tuples(rules, "allowed", 3):
             a, b = _side(first, "allowed"), _side(second, "allowed")
             new.add(a, b, as_flag(allowed, "allowed"))
-        self._rules = new._rules
+        return new
+
+    def replace(self, other: AllowedPairs) -> None:
+        """Put the rules of others in place of all before."""
         self._renew()
+        self._rules = other._rules
 
     @property
     def rules(self) -> list[Rule]:
@@ -95,8 +105,9 @@ class AllowedPairs:
     @only.setter
     def only(self, pairs: Iterable[Sides]) -> None:
         sides = as_tuples(pairs, "check_only", 2)
-        self._only = [(_side(a, "check_only"), _side(b, "check_only")) for a, b in sides]
+        only = [(_side(a, "check_only"), _side(b, "check_only")) for a, b in sides]
         self._renew()
+        self._only = only
 
     @property
     def within(self) -> list[str]:
@@ -105,8 +116,9 @@ class AllowedPairs:
 
     @within.setter
     def within(self, namespaces: Iterable[str]) -> None:
-        self._within = as_patterns(namespaces, "allowed_within")
+        within = as_patterns(namespaces, "allowed_within")
         self._renew()
+        self._within = within
 
     def pair_filter(self, names: Sequence[str | None], version: int) -> PairFilter | None:
         """Return which pairs count as collisions if they collide, None for all.

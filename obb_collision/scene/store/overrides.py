@@ -38,7 +38,7 @@ def override_from_text(text: str) -> Override:
 
     ValueError with the reason.
     """
-    return _read(text, "mesh", as_accuracy)
+    return read_override(text, "mesh", as_accuracy)
 
 
 def padding_from_text(text: str) -> tuple[str, float]:
@@ -46,10 +46,14 @@ def padding_from_text(text: str) -> tuple[str, float]:
 
     ValueError with the reason.
     """
-    return _read(text, "0.02", _as_padding)
+    return read_override(text, "0.02", _as_padding)
 
 
-def _read(text: str, example: str, read: Callable[[str], Value]) -> tuple[str, Value]:
+def read_override(text: str, example: str, read: Callable[[str], Value]) -> tuple[str, Value]:
+    """Read ``PATTERN: VALUE``, or ``NAMESPACE=VALUE`` for all of a namespace.
+
+    example: of a value, for the ValueError.
+    """
     found = re.fullmatch(r"(.*?)\s*([:=])\s*([\w.+-]*)", text)
     if found is None:
         raise ValueError(f"{text!r} is not like 'gripper/*: {example}' or 'gripper={example}'")

@@ -80,14 +80,14 @@ class PairTable:
         new = [row for row, (old, name) in both if old is not name] + [*range(known, len(names))]
         some = [names[row] for row in new]
         grown = len(names) - known
-        self._columns = np.pad(self._columns, ((0, grown), (0, 0)))
-        self._spaces = np.pad(self._spaces, (0, grown))  # a copy: filters in use have the old one
-        self._names = list(names)
+        columns = np.pad(self._columns, ((0, grown), (0, 0)))
+        spaces = np.pad(self._spaces, (0, grown))  # a copy: filters in use have the old one
         where = {name: row for row, name in enumerate(some) if name is not None}
         for number, side in enumerate(self._sides):
-            self._columns[new, number] = _members(side, some, where)
+            columns[new, number] = _members(side, some, where)
         if self._within:
-            self._spaces[new] = [self._space(name) for name in some]
+            spaces[new] = [self._space(name) for name in some]
+        self._columns, self._spaces, self._names = columns, spaces, list(names)
 
     def _space(self, name: str | None) -> int:
         """Return a number for the namespace of a name if objects may touch in it, else -1."""

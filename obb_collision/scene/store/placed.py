@@ -20,19 +20,23 @@ A structure of arrays with one row (slot) per box.
 from __future__ import annotations
 
 import weakref
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from obb_collision._threads import run
 from obb_collision.geometry.boxes import Boxes, add_outwards
 from obb_collision.geometry.poses import as_poses, place_boxes
 from obb_collision.geometry.validation import as_array
+from obb_collision.scene.store.completed import completed
 from obb_collision.scene.store.moving import UNUSUAL, find_moves, write_moves
 from obb_collision.scene.store.snapshot import Snapshot
 from obb_collision.typing import Floats, Rows
 
+LocalBoxes = tuple[Floats, Floats, Floats]
+"""Centers (n, 3), rotations (n, 3, 3) and half extents (n, 3) in frames of their own."""
 #: Rows below which a second thread doesn't pay: 30 us of moves.
 LEAST_MOVES = 1024
 #: Snapshots in use that have changes noted; older ones get a copy.
@@ -45,11 +49,9 @@ class PlacedBoxes:
     def __init__(self, capacity: int) -> None:
         self.revision = 0  # changes with all but poses and twists
         self.touched = False  # whether anything may be marked changed
-        self._allocate(capacity)
-
-    def _allocate(self, capacity: int) -> None:
         self.used = np.zeros(capacity, np.bool_)
         self.changed = np.zeros(capacity, np.bool_)  # since the last check
+        self.padded = np.zeros(capacity, np.bool_)  # by a padding of their own
         self.paddings = np.zeros(capacity)  # with what they are grown by
         self.own_paddings = np.zeros(capacity)  # without it
         self.growths = np.zeros(capacity)
@@ -61,7 +63,7 @@ class PlacedBoxes:
         self.rotations = np.zeros((capacity, 3, 3))
         self.half_extents = np.zeros((capacity, 3))
         self._lent: list[weakref.ref[Snapshot]] = []
-        self._extents_lent = False
+        self._shared: set[str] = set()  # columns that are copied before they are written to
 
     def mark(self, rows: Rows | int) -> None:
         """Mark slots as changed in more than their poses; before they are, for interrupts."""
@@ -132,6 +134,7 @@ class PlacedBoxes:
         if len(moved):
             self._write(rows, np.ascontiguousarray(poses), moved, False)
 
+    @completed
     def _write(self, rows: Rows, new: Floats, which: Rows, ascending: bool) -> None:
         """Give rows the poses new (m, 7) that ``which`` names; ascending: whether they are so."""
         self._forget_unused()
@@ -147,42 +150,42 @@ class PlacedBoxes:
         least = LEAST_MOVES if ascending else len(which)
         run(write_moves, len(which), least, *arguments)
 
-    def _place(self, rows: Rows, positions: Floats, rotations: Floats) -> None:
-        if len(rows) == 0:
-            return
-        self._detach(rows)
-        self.changed[rows] = self.touched = True
-        place_boxes(
-            *(positions, rotations, self.local_centers, self.local_rotations, rows),
-            *(self.centers, self.rotations),
-        )
+    @completed
+    def write(self, rows: Rows, columns: Mapping[str, Any]) -> None:
+        """Write columns of slots, and mark these as changed; all or, should memory end, none."""
+        self._part(rows)
+        self._assign(rows, columns)
 
-    def pad(self, rows: Rows, padding: float | Floats) -> None:
-        """Grow slots by ``padding`` metres, one or (n,), on every side beyond their local box."""
-        pad = as_array(padding, "padding", np.shape(padding))
-        if (pad < 0.0).any():
-            raise ValueError("padding must not be negative")
-        self.own_paddings[rows] = pad
-        self._extend(rows)
+    def _part(self, rows: Rows) -> None:
+        """Leave to snapshots in use what slots are, which are about to change."""
+        self._detach(rows)
+        if self._shared:
+            copies = {name: getattr(self, name).copy() for name in self._shared}
+            vars(self).update(copies, _shared=set())
+
+    def _assign(self, rows: Rows, columns: Mapping[str, Any]) -> None:
+        some = as_slice(rows)
+        self.mark(rows)
+        for name, values in columns.items():
+            getattr(self, name)[some] = values
+
+    def pad(self, rows: Rows, padding: Floats, of_its_own: bool = False) -> None:
+        """Grow slots by (n,) metres, not negative, on every side beyond their local box."""
+        columns = extents(self.local_half_extents[rows], padding, self.growths[rows])
+        self.write(rows, {"padded": of_its_own, **columns})
 
     def set_growths(self, rows: Rows, growths: Floats) -> None:
         """Grow slots by (n,) metres beyond their padding, in place of what they were grown by."""
         other = growths != self.growths[rows]
-        if other.any():
-            self.growths[rows] = growths
-            self._extend(rows[other])
+        rows, growths = rows[other], growths[other]
+        own = self.own_paddings[rows]
+        self.write(rows, extents(self.local_half_extents[rows], own, growths))
 
-    def _extend(self, rows: Rows) -> None:
-        """Write half extents anew."""
-        self._detach(rows)
-        if self._extents_lent:
-            self.half_extents, self._extents_lent = self.half_extents.copy(), False
-        self.mark(rows)
-        some = as_slice(rows)
-        paddings = add_outwards(self.own_paddings[some], self.growths[some])
-        self.paddings[some] = paddings
-        extents = self.local_half_extents[some]
-        self.half_extents[some] = add_outwards(extents, paddings[:, None])
+    def resize(self, rows: Rows, half_extents: Floats) -> None:
+        """Make slots boxes about their origins; where these are is not computed anew."""
+        own, growths = self.own_paddings[rows], self.growths[rows]
+        box = {"local_centers": 0.0, "local_rotations": np.eye(3)}
+        self.write(rows, {**box, **extents(half_extents, own, growths)})
 
     def boxes(self, rows: Rows) -> Boxes:
         """Return the world boxes of slots."""
@@ -202,7 +205,7 @@ class PlacedBoxes:
         if latest is None or not latest.is_current:
             latest = Snapshot(self.all_boxes())
             self._lent.append(weakref.ref(latest))
-            self._extents_lent = True
+            self._shared.add("half_extents")
         return latest
 
     def _forget_unused(self) -> None:
@@ -219,11 +222,47 @@ class PlacedBoxes:
             return
         lent = [found for link in self._lent if (found := link()) is not None and found.attached]
         kept = [found for found in lent[-MOST_LENT:] if found.note(rows)]
-        left = [found.detach() for found in lent if found not in kept]
-        if any(left):
+        left = [found for found in lent if found not in kept]
+        if any(found.is_current for found in left):  # before it parts: should memory end, it stays
             anew = np.empty_like if everything else np.copy
             self.centers, self.rotations = anew(self.centers), anew(self.rotations)
+        for found in left:
+            found.detach()
         self._lent = [weakref.ref(found) for found in kept]
+
+
+def about_origins(half_extents: Floats) -> LocalBoxes:
+    """Return local boxes about the origins, along the axes."""
+    count = len(half_extents)
+    return np.zeros((count, 3)), np.tile(np.eye(3), (count, 1, 1)), half_extents
+
+
+def placed(local_boxes: LocalBoxes, poses: Floats, name: str = "poses") -> dict[str, Floats]:
+    """Return the columns of places of n slots with local boxes, by poses (n, 7)."""
+    positions, matrices = as_poses(poses, name)
+    local_centers, local_rotations, _ = local_boxes
+    centers, rotations = np.empty_like(positions), np.empty_like(matrices)
+    rows = np.arange(len(poses))
+    place_boxes(positions, matrices, local_centers, local_rotations, rows, centers, rotations)
+    return {
+        "poses": poses, "local_centers": local_centers, "local_rotations": local_rotations,
+        "centers": centers, "rotations": rotations,
+    }  # fmt: skip
+
+
+def extents(local_half_extents: Floats, own_paddings: Floats, growths: Floats) -> dict[str, Floats]:
+    """Return the columns of sizes of n slots."""
+    paddings = add_outwards(own_paddings, growths)
+    return {
+        "local_half_extents": local_half_extents, "own_paddings": own_paddings,
+        "growths": growths, "paddings": paddings,
+        "half_extents": add_outwards(local_half_extents, paddings[:, None]),
+    }  # fmt: skip
+
+
+def doubled(columns: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+    """Return arrays with as many rows of zeros at their ends as they have."""
+    return {name: np.concatenate((rows, np.zeros_like(rows))) for name, rows in columns.items()}
 
 
 def as_slice(rows: Rows) -> Rows | slice:
@@ -231,7 +270,7 @@ def as_slice(rows: Rows) -> Rows | slice:
     if len(rows) == 0:
         return rows
     first, last = int(rows[0]), int(rows[-1])
-    if last - first + 1 == len(rows) and (np.diff(rows) == 1).all():
+    if last - first + 1 == len(rows) and (len(rows) == 1 or (np.diff(rows) == 1).all()):
         return slice(first, last + 1)
     return rows
 

@@ -74,14 +74,12 @@ class Snapshot:
             self._notes.append((rows.copy(), boxes.centers[rows], boxes.rotations[rows]))
             return True
 
-    def detach(self) -> bool:
-        """Part from the store; return whether that leaves the arrays to the snapshot."""
+    def detach(self) -> None:
+        """Part from the store, which leaves the arrays to a snapshot that is current."""
         with self._lock:
-            whole = self.attached and not self._notes
-            if not whole:
+            if self._notes:
                 self._copy()
             self.attached = False
-            return whole
 
     def _copy(self) -> None:
         """Part from the store by a copy, in which the rows noted are what they were."""
@@ -89,5 +87,5 @@ class Snapshot:
         for rows, old_centers, old_rotations in reversed(self._notes):
             centers[rows], rotations[rows] = old_centers, old_rotations
         self._boxes = Boxes.trusted(centers, rotations, self._boxes.half_extents)
-        self._notes.clear()
         self.attached = False
+        self._notes.clear()

@@ -32,13 +32,16 @@ def run(*arguments: str) -> int:
     return command.main([*arguments, "--bound", "20", "--seed", "4"])
 
 
-def test_a_short_attack_finds_nothing(capfd: pytest.CaptureFixture[str]) -> None:
-    code = run("--messages", "600", "--raw", "400", "--scenes", "40")
+@pytest.mark.parametrize("share", [0.25, pytest.param(1.0, marks=pytest.mark.slow)])
+def test_a_short_attack_finds_nothing(capfd: pytest.CaptureFixture[str], share: float) -> None:
+    messages, raw, scenes, robots = (int(share * count) for count in (600, 400, 40, 1000))
+    sizes = {"--messages": messages, "--raw": raw, "--scenes": scenes, "--robots": robots}
+    code = run(*(word for name, size in sizes.items() for word in (name, str(size))))
     output = capfd.readouterr().out
     assert code == 0, output
-    assert "scene files: 40 read" in output
-    assert "robot files: 1000 read" in output
-    assert "sent: 10" in output
+    assert f"scene files: {scenes} read" in output
+    assert f"robot files: {robots} read" in output
+    assert int(output.split("sent: ")[1].split()[0]) >= messages + raw
     assert "detections " in output
     assert "bot/joint_states " in output  # a small share without being asked for
     assert output.endswith("nothing found\n")
@@ -85,7 +88,9 @@ def test_what_is_no_part_of_an_attack_is_refused(capsys: pytest.CaptureFixture[s
 
 
 def test_a_node_that_ends_is_found(capfd: pytest.CaptureFixture[str]) -> None:
-    code = command.main(["--messages", "100", "--scenes", "0", "--", "--no-such-argument"])
+    code = command.main(
+        ["--messages", "100", "--scenes", "0", "--robots", "0", "--", "--no-such-argument"]
+    )
     assert code == 1
     assert "FOUND: the node ended" in capfd.readouterr().out
 

@@ -16,8 +16,12 @@
 
 from __future__ import annotations
 
+import math
+from itertools import product
+
 import numpy as np
 import pytest
+from hull_distances import Vector, placed, squared_distance
 from mesh_zoo import zoo
 from numpy.typing import NDArray
 from plane_depths import least_depth
@@ -29,7 +33,7 @@ from trimesh import Trimesh, creation
 from obb_collision.geometry.fitting.convex_hull import hull_volume
 from obb_collision.geometry.shapes.meshes import Hull, Mesh
 from obb_collision.geometry.trees.circumscribed import geodesic_sphere, outer_points
-from obb_collision.geometry.trees.convex_proxy import MAX_HULL_CORNERS, hull_mesh
+from obb_collision.geometry.trees.convex_proxy import HULL_MARGIN, MAX_HULL_CORNERS, hull_mesh
 from obb_collision.geometry.trees.obb_tree import MeshTrees
 from obb_collision.geometry.trees.pool import HullPool, Hulls, TreePool
 from obb_collision.geometry.trees.shape_trees import hull_tree, mesh_tree
@@ -166,6 +170,30 @@ def distance_of_hull(points: Floats, place: Floats) -> float:
     )  # an upper bound is enough
     weights = np.concatenate([near.T, np.full((1, len(near)), 1e3)])
     return float(nnls(weights, np.array([0.0, 0.0, 0.0, 1e3]))[1])
+
+
+@pytest.mark.parametrize("fit", ["best", "aabb"])
+@pytest.mark.parametrize("corners", [1, 2, 3, 5, 40])
+def test_flat_hulls_hold_their_points_by_fractions_and_little_more(corners: int, fit: str) -> None:
+    # Polygons, lines and single points, turned: flat up to rounding.
+    rng = np.random.default_rng(corners)
+    angles = 2.0 * np.pi * np.arange(corners) / corners
+    ring = np.stack([np.cos(angles), np.sin(angles), np.zeros(corners)], axis=1)
+    for size, offset, thickness in product((1e-100, 1.0, 1e100), (0.0, 1e3), (0.0, 1e-13, 1e-9)):
+        raised = ring + thickness * rng.uniform(-1.0, 1.0, ring.shape)
+        turned = raised @ Rotation.random(None, rng).as_matrix()
+        points = (turned + offset * rng.uniform(-1.0, 1.0, 3)) * size
+        ours, faces = hull_mesh(Hull(points, fit=fit))
+        assert Trimesh(ours / size, faces, process=False).is_watertight
+        inner, outer = exactly(points), exactly(ours)
+        assert all(squared_distance([point], outer) == 0 for point in inner)
+        apart = math.sqrt(max(squared_distance([corner], inner) for corner in outer[:12]))
+        assert apart <= 8.0 * HULL_MARGIN * np.abs(points).max()
+
+
+def exactly(points: Floats) -> list[Vector]:
+    """Return points as fractions."""
+    return placed(points, np.zeros(3), np.eye(3))
 
 
 @pytest.mark.parametrize("name", many_points())

@@ -32,9 +32,11 @@ from rclpy.parameter import Parameter, parameter_dict_from_yaml_file
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import InvalidQosOverridesError
 from rig import DOMAIN, INPUTS, NAMESPACE, Rig, cube
-from sensor_msgs.msg import PointCloud2
+from sensor_msgs.msg import JointState, PointCloud2
 from visualization_msgs.msg import MarkerArray
 
+from obb_collision.node.inputs import detections
+from obb_collision.node.inputs.subscriptions import Input
 from obb_collision.node.node import CollisionNode
 from obb_collision.node.topics.cloud import LATCHED, RELIABLE
 
@@ -66,6 +68,18 @@ def test_points_arrive_from_a_driver_that_sends_best_effort() -> None:
             return message is not None and message.width == 1
 
         rig.until(inside, "points in the box")
+
+
+def test_joints_and_detections_match_what_sends_best_effort(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    given = {"detections": Input(PointCloud2, *detections.QUEUE)}  # vision_msgs need not be there
+    monkeypatch.setattr(detections, "INPUTS", given)
+    with Rig(robots=["arm"]) as rig:
+        for kind, topic in ((JointState, "arm/joint_states"), (PointCloud2, "detections")):
+            qos = QoSProfile(depth=5, reliability=BEST_EFFORT)
+            sensor = rig.client.create_publisher(kind, topic, qos)
+            rig.until(sensor.get_subscription_count, topic)
 
 
 def test_overrides_are_named_by_the_full_topic_of_a_node_in_a_namespace() -> None:

@@ -42,7 +42,8 @@ NAN = float("nan")
 
 @pytest.mark.parametrize("policy", ["keep", "ignore"])
 def test_stale_objects_are_kept_or_ignored_but_always_reported(policy: str) -> None:
-    with Rig(object_timeout=0.3, stale_policy=policy, marker_rate=100.0) as rig:
+    ages = {"object_timeout_overrides": ["*: 0.3"]}
+    with Rig(given=ages, stale_policy=policy, marker_rate=100.0) as rig:
         rig.listen("/diagnostics", "obb_collision/markers")
         rig.send(cube(A1), cube(A2, (0.5, 0, 0)), cube(B1, (9, 0, 0)))
         assert rig.pairs() == {("a/1", "a/2")}
@@ -150,7 +151,7 @@ def test_enable_stops_and_resumes_the_checks_while_states_are_taken(rig: Rig) ->
         ("rate", 10, "type"),
         ("padding", -0.1, "range"),
         ("object_timeout", float("inf"), "range"),
-        ("stale_policy", "forget", "one of keep, ignore"),
+        ("stale_policy", "forget", "one of unknown, collide, keep, ignore"),
         ("trigger", "", "one of timer, arrival"),
         ("max_objects", 0, "range"),
         ("fixed_frame", "odom", "read-only"),

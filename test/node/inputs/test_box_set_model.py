@@ -140,7 +140,7 @@ class Real:
         take["objects"](serialize_message(MarkerArray(markers=gone)))
         self.inputs.markers.apply()
         self.inputs.boxes.apply()
-        self.objects.update(self.now, 0.0)
+        self.objects.update(self.now)
 
     def _cloud(self, given: list[Row]) -> tuple[Any, Any, Any, Any]:
         places = np.array([pose(row.place) for row in given]).reshape(-1, 7)

@@ -29,7 +29,7 @@ from rig import pose
 from std_msgs.msg import Header
 
 from obb_collision.node import boxes_to_ros
-from obb_collision.node.diagnostics.answer import answer
+from obb_collision.node.diagnostics.answer import Reason, objects_answer
 from obb_collision.node.diagnostics.monitors import InputMonitor
 from obb_collision.node.inputs.boxes import BoxInput
 from obb_collision.node.messages.conversions import stamp_to_ros
@@ -69,7 +69,7 @@ class Sets:
         """Run a cycle; returns where which boxes are."""
         self.now = START + time * MILLISECOND
         self.input.apply()
-        self.objects.update(self.now, 0.0)
+        self.objects.update(self.now)
         slots = self.objects.table.slots
         places = self.objects.scene.poses_of(list(slots.values()) or np.empty(0, np.int64))[:, 0]
         return {key[1]: float(place) for key, place in zip(slots, places, strict=True)}
@@ -77,9 +77,8 @@ class Sets:
     def known_until(self, time: int) -> None:
         self.frames.spans["camera"] = START, START + time * MILLISECOND
 
-    def level(self) -> str:
-        report = self.objects.scene.check()
-        return answer(self.objects, report, "", False, self.now, 0.0).message
+    def reasons(self) -> tuple[Reason, ...]:
+        return objects_answer(self.objects, self.now).reasons
 
 
 def test_the_newest_set_that_can_be_placed_is_applied() -> None:
@@ -118,18 +117,18 @@ def test_a_set_that_waits_too_long_is_refused_and_said() -> None:
     sets.known_until(10)
     sets.send(0, 1)
     sets.cycle(1)
-    assert sets.level() == "free"
+    assert sets.reasons() == ()
     sets.send(100, 1, 2)
     sets.cycle(250)
     assert not sets.monitor.refused
     assert sets.cycle(310) == {1: 2.0}
     assert sets.monitor.refused == {EXTRAPOLATION: 1}
-    assert "boxes/2 (extrapolation)" in sets.level()
+    assert sets.reasons() == (Reason("refused", ("boxes/2 (extrapolation)", "boxes/1"), 2),)
     assert sets.objects.table.doubtful[0], "its latest set could not be used"
     sets.known_until(400)
     sets.send(390, 1)
     assert sets.cycle(391) == {1: 2.0}
-    assert sets.level() == "free"
+    assert sets.reasons() == ()
     assert not sets.objects.table.doubtful[0]
 
 

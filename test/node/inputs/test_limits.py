@@ -25,6 +25,7 @@ import pytest
 pytest.importorskip("rclpy")
 import trimesh
 from rig import Rig, cube, pose, sync
+from robot_rig import URDF, RobotRig
 from shape_markers import BOX, mesh_marker, triangle
 
 A, B = ("a", 1), ("b", 1)
@@ -82,10 +83,36 @@ def test_names_beyond_the_limit_are_refused(rig: Rig) -> None:
 def test_the_folders_of_meshes_cannot_be_changed_while_it_runs(rig: Rig) -> None:
     (result,) = rig.set(mesh_folders=["/"])
     assert not result.successful
-    assert rig.node.parameters.mesh_folders != ["/"]
+    assert "/" not in rig.node.parameters.folders.chosen
 
 
-@pytest.mark.parametrize("folder", ["meshes", "./meshes", "~", "file:///tmp"])
+@pytest.mark.parametrize("folder", ["meshes", "./meshes", "~", "file:///tmp", "..: /a", "arm: b"])
 def test_a_folder_is_an_absolute_path(folder: str) -> None:
     with pytest.raises(ValueError, match="is no absolute path"), Rig(mesh_folders=[folder]):
         pass
+
+
+def test_a_package_has_one_folder() -> None:
+    twice = ["arm: /a", "arm: /b"]
+    with pytest.raises(ValueError, match="one entry for each package"), Rig(mesh_folders=twice):
+        pass
+
+
+@pytest.mark.parametrize("entry", ["arm_description: {}/v2", "{}"])
+def test_packages_that_are_not_installed_are_found_for_all_that_name_files(
+    entry: str, tmp_path: Path
+) -> None:
+    pytest.importorskip("lxml")
+    folder = tmp_path / ("v2" if ":" in entry else "arm_description")
+    folder.mkdir()
+    trimesh.creation.box().export(folder / "a part.stl")
+    uri = "package://arm_description/a%20part.stl"
+    scene = tmp_path / "scene.yaml"
+    scene.write_text(f"objects: [{{name: c, shape: mesh, file: '{uri}'}}]")
+    given = {"mesh_folders": [entry.format(tmp_path)], "scene_file": str(scene)}
+    with RobotRig(given) as rig:
+        rig.start_robot(URDF.replace('<box size="0.1 0.1 0.1"/>', f'<mesh filename="{uri}"/>'))
+        rig.send(mesh_marker(uri, A))
+        rig.built(A)
+        assert {("a/1", "c/0"), ("a/1", "arm/hand/0")} <= sync(rig)
+        assert rig.refused("objects") == {}

@@ -31,7 +31,7 @@ from shape_markers import BODY, BOX, OTHER, PAIR, doubtful, mesh_marker, named, 
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import Marker
 
-from obb_collision.node.diagnostics.answer import COLLIDING, UNKNOWN
+from obb_collision.node.diagnostics.answer import COLLIDING, UNKNOWN, Reason
 from obb_collision.node.objects import shape_requests
 
 
@@ -85,7 +85,7 @@ def test_a_new_shape_takes_the_place_of_the_last_one_when_it_is_there(rig: Rig, 
     assert status["new shape being built"] == "1"
     assert "new shapes being built (last box kept)" in status["message"]
     rig.until(lambda: rig.node.status.answer.level == UNKNOWN, "a status that is not known")
-    assert rig.node.status.answer.message == "1 with a new shape being built: body/1"
+    assert rig.node.status.answer.reasons == (Reason("shape_building", ("body/1",), 1),)
     gate.open()
     rig.built(BODY)
     assert named(sync(rig)) == named(PAIR)

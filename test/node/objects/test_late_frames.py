@@ -68,16 +68,35 @@ def test_a_transform_later_than_the_timeout_is_said_and_the_object_marked() -> N
     assert rig.is_doubtful()
     assert rig.refused[LATE] == 50 - 10 - 1, "each once it has waited for more than 0.2 s"
     assert rig.objects.table.stale[rig.slots[0]], "counted from the last state placed"
+    run(rig, 50, lambda now: now - SECOND)
+    assert rig.x() == place(rig.now - SECOND), "it follows as late as its transform"
+    assert [reason.code for reason in rig.known().reasons] == ["late_frame"]
     run(rig, 1, lambda now: now)
     assert not rig.is_doubtful()
     assert rig.x() == place(rig.now)
+
+
+@pytest.mark.parametrize("period", [20 * MILLISECOND, SECOND])
+def test_an_object_follows_a_transform_that_lags_more_than_the_timeout(period: int) -> None:
+    rig, lag = ObjectsRig(A1), 1300 * MILLISECOND
+    rig.send(START, "robot")
+    for step in range(1, 301):
+        rig.now += 20 * MILLISECOND
+        if step * 20 * MILLISECOND % period == 0:
+            rig.send(rig.now, "robot")
+        rig.frames.spans["robot"] = START - SECOND, rig.now - lag
+        rig.cycle()
+        if rig.now - START > 3 * SECOND:
+            behind = rig.now - lag
+            assert rig.x() == place(behind - behind % period)
+            assert [reason.code for reason in rig.known().reasons] == ["late_frame"]
 
 
 def test_the_age_counts_from_the_state_that_was_placed() -> None:
     rig = ObjectsRig(A1, object_timeout=0.1)
     run(rig, 50, lambda now: now - 150 * MILLISECOND)
     assert rig.objects.table.stale[rig.slots[0]], "0.15 s old, though states come every 0.02 s"
-    rig.object_timeout = 0.2
+    rig.limit(0.2)
     rig.cycle()
     assert not rig.objects.table.stale[rig.slots[0]]
 

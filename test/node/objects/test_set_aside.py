@@ -27,11 +27,11 @@ from objects_rig import START, ObjectsRig
 from rig import Rig, color, cube, pose, sync
 
 from obb_collision.node import namespace_number
-from obb_collision.node.diagnostics.answer import UNKNOWN, answer
+from obb_collision.node.diagnostics.answer import UNKNOWN, Reason, objects_answer
 from obb_collision.node.messages.box_markers import COLORS, DOUBTFUL
 from obb_collision.node.objects.set_aside import MAX_TRIES, RETRY_PERIOD, SetAside
 from obb_collision.node.objects.states import State
-from obb_collision.node.runtime.guard import INTERNAL_ERROR, Guard
+from obb_collision.node.runtime.guard import Guard
 from obb_collision.scene import checker
 from obb_collision.scene.broad_phase.find_pairs import find_pairs
 from obb_collision.scene.checker import Checker
@@ -107,11 +107,9 @@ def test_objects_that_fail_are_set_aside_and_all_others_checked(
     table = checked.rig.objects.table
     assert table.doubtful[bad].all()
     assert np.flatnonzero(table.unplaceable).tolist() == bad
-    found = answer(checked.rig.objects, report, "", False, checked.rig.now, 0.0)
-    assert found.missing == len(bad)
-    assert f"a/{bad[0]} ({INTERNAL_ERROR})" in found.message
-    if not len(report):
-        assert found.level == UNKNOWN
+    found = objects_answer(checked.rig.objects, checked.rig.now)
+    assert found.reasons == (Reason("internal_error", tuple(f"a/{n}" for n in bad), len(bad)),)
+    assert found.level == UNKNOWN
 
 
 def test_of_objects_that_fail_only_together_one_is_set_aside(

@@ -16,6 +16,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -24,10 +26,13 @@ from objects_rig import SECOND, START, ObjectsRig
 from rig import Rig, color, cube
 from scipy.spatial.transform import Rotation
 
-from obb_collision.node.diagnostics.answer import COLLIDING, FREE, UNKNOWN, Answer, answer
+from obb_collision.node.diagnostics.answer import COLLIDING, FREE
+from obb_collision.node.diagnostics.answer import UNKNOWN as NOT_KNOWN
 from obb_collision.node.messages.box_markers import COLORS, DOUBTFUL
-from obb_collision.node.objects.staleness import COLLIDE, IGNORE, KEEP
+from obb_collision.node.objects.staleness import AgeLimits
 from obb_collision.node.objects.states import State
+from obb_collision.node.objects.table import COLLIDE, IGNORE, KEEP, UNKNOWN
+from obb_collision.scene.store.overrides import Overrides
 from obb_collision.shapes import Box, Mesh, Sphere
 from obb_collision.typing import Floats
 
@@ -37,8 +42,8 @@ SPEED, REACH = 2.0, 3.0
 
 def lost_sight(policy: str = COLLIDE, x: float = 4.0) -> ObjectsRig:
     """Return a cube at the origin whose sender stops, and one at ``x`` whose sender goes on."""
-    rig = ObjectsRig(A1, A2, object_timeout=0.5)
-    rig.objects.staleness.set(policy, SPEED, REACH)
+    rig = ObjectsRig(A1, A2)
+    rig.limit(0.5, policy, speed=SPEED, reach=REACH)
     send(rig, 0, 0.0)
     rig.beside = x  # type: ignore[attr-defined]
     step(rig, 0.0)
@@ -61,11 +66,6 @@ def pairs(rig: ObjectsRig) -> int:
     return len(rig.objects.scene.check())
 
 
-def known(rig: ObjectsRig) -> Answer:
-    report = rig.objects.scene.check()
-    return answer(rig.objects, report, "", False, rig.now, rig.object_timeout)
-
-
 def half_extents(rig: ObjectsRig, row: int = 0) -> Floats:
     extents: Floats = rig.objects.scene.obb(f"a/{row + 1}").half_extents
     return extents
@@ -77,22 +77,23 @@ def test_a_stale_box_collides_with_all_that_it_can_have_reached() -> None:
     assert half_extents(rig).tolist() == [0.5] * 3, "not stale yet"
     step(rig, 0.5)
     assert half_extents(rig) == pytest.approx(0.5 + SPEED * 1.0)
-    assert (pairs(rig), known(rig).level) == (0, FREE)
+    assert (pairs(rig), rig.known().level) == (0, FREE)
     step(rig, 0.49)
     assert pairs(rig) == 0, "0.02 m apart"
     step(rig, 0.02)
-    assert known(rig).level == COLLIDING
-    assert known(rig).names_stale == ("a/1",)
+    assert rig.known().level == COLLIDING
+    assert rig.known().message == "1 pair collides; stale: a/1", "it may be beyond its growth"
     assert rig.is_doubtful()
     assert half_extents(rig, 1).tolist() == [0.5] * 3, "whose sender goes on"
 
 
-@pytest.mark.parametrize(("policy", "found"), [(KEEP, 0), (IGNORE, 0), (COLLIDE, 1)])
+@pytest.mark.parametrize(("policy", "found"), [(UNKNOWN, 0), (KEEP, 0), (IGNORE, 0), (COLLIDE, 1)])
 def test_only_this_policy_grows_boxes(policy: str, found: int) -> None:
     rig = lost_sight(policy, x=1.5)
     step(rig, 1.0)
     assert pairs(rig) == found
-    rig.objects.staleness.set(KEEP, SPEED, REACH)
+    assert rig.known().level == {UNKNOWN: NOT_KNOWN, COLLIDE: COLLIDING}.get(policy, FREE)
+    rig.limit(0.5, KEEP, speed=SPEED, reach=REACH)
     step(rig, 0.01)
     assert (pairs(rig), half_extents(rig).tolist()) == (0, [0.5] * 3)
 
@@ -109,15 +110,15 @@ def test_a_state_ends_the_growth() -> None:
 def test_the_growth_is_bounded_and_then_it_is_not_known_what_collides() -> None:
     rig = lost_sight(x=100.0)
     step(rig, 1.5)
-    assert known(rig).level == FREE
+    assert rig.known().level == FREE
     step(rig, 0.01)
     assert half_extents(rig).tolist() == [0.5 + REACH] * 3
-    found = known(rig)
-    assert (found.level, found.flag(True)) == (UNKNOWN, True)
-    assert found.message == "1 stale, may be anywhere: a/1; 1 stale: a/1"
+    found = rig.known()
+    assert (found.level, found.flag(True)) == (NOT_KNOWN, True)
+    assert found.message == "stale: a/1"
     send(rig, 0, 0.0)
     step(rig, 0.01)
-    assert known(rig).message == "free"
+    assert rig.known().message == "free"
 
 
 def test_the_age_is_that_of_the_stamp_where_that_is_older() -> None:
@@ -155,8 +156,8 @@ def test_a_grown_box_contains_the_object_however_it_moved_and_turned() -> None:
     rng = np.random.default_rng(11)
     for _ in range(200):
         size, age = rng.uniform(0.1, 3.0, 3), rng.uniform(0.6, 2.0)
-        rig = ObjectsRig(object_timeout=0.5)
-        rig.objects.staleness.set(COLLIDE, 0.0, 1e6)
+        rig = ObjectsRig()
+        rig.limit(0.5, COLLIDE, reach=1e6)
         points = rng.uniform(-0.5, 0.5, (30, 3)) * size + rng.uniform(-1.0, 1.0, 3)
         faces = rng.integers(0, 30, (20, 3))
         rig.slots = np.array([rig.objects.shapes.put(A1, Mesh(points, faces), (), None)])
@@ -195,10 +196,29 @@ def test_a_new_shape_and_padding_keep_the_growth() -> None:
     assert half_extents(rig).tolist() == [1.25] * 3
 
 
+def test_what_is_sent_once_does_not_age_and_each_object_has_its_own_limit() -> None:
+    rig = ObjectsRig(A1, A2, B1)
+    rig.objects.staleness.limits = AgeLimits(
+        0.5, Overrides([("a/2", 2.0)]), policies=Overrides([("b/*", IGNORE)])
+    )
+    for _ in range(2):
+        for row in (0, 1, 2) if rig.now == START else (1, 2):
+            send(rig, row, 3.0 * row)
+        rig.cycle()
+        rig.now += SECOND // 10
+    rig.now += SECOND
+    rig.cycle()
+    assert rig.objects.table.stale[rig.slots].tolist() == [False, False, True]
+    assert rig.known().message == "free; 1 stale (accepted): b/1"
+    rig.now += SECOND
+    rig.cycle()
+    assert (rig.known().reasons[0].code, rig.known().reasons[0].who) == ("stale", ("a/2",))
+
+
 @pytest.mark.parametrize("accuracy", ["sphere", "aabb", "obb_faces", "hull", "mesh"])
 def test_every_accuracy_respects_the_growth(accuracy: str) -> None:
-    rig = ObjectsRig(A1, A2, object_timeout=0.5)
-    rig.objects.staleness.set(COLLIDE, SPEED, 10.0)
+    rig = ObjectsRig(A1, A2)
+    rig.limit(0.5, COLLIDE, speed=SPEED, reach=10.0)
     rig.beside = 3.0  # type: ignore[attr-defined]
     corners = np.array([[0.0, 0, 0], [0.4, 0, 0], [0, 0.4, 0], [0, 0, 0.4]])
     tetrahedron = Mesh(corners, np.array([[0, 1, 2], [0, 1, 3], [0, 2, 3], [1, 2, 3]]))
@@ -213,7 +233,8 @@ def test_every_accuracy_respects_the_growth(accuracy: str) -> None:
 
 
 def test_markers_show_the_grown_box_in_grey() -> None:
-    with Rig(object_timeout=0.3, stale_policy="collide", stale_speed=0.5) as rig:
+    limits: dict[str, Any] = {"object_timeout_overrides": ["*: 0.3"], "stale_policy": "collide"}
+    with Rig(stale_speed=0.5, **limits) as rig:
         rig.listen("obb_collision/markers")
         rig.send(cube(A1), cube(B1, (0.0, 5.0, 0.0)), stamped=False)
 

@@ -187,10 +187,12 @@ def test_the_latched_flag_is_published_when_it_changes_or_somebody_subscribes(
             publish(message)
 
         monkeypatch.setattr(publisher, "publish", noted)
-        rig.send(cube(("a", 1)), cube(("a", 2), (0.5, 0, 0)))
+        rig.send(cube(("a", 1)), cube(("a", 2), (9, 0, 0)))
+        rig.until(lambda: sent[-1:] == [False], "flag")
+        rig.send_transform("a/2", pose(0.5))
         rig.until(lambda: sent[-1:] == [True], "flag")
         rig.cycles(3)
-        assert sent == [True], "sent where it changes"
+        assert sent == [False, True], "sent where it changes"
         rig.listen("in_collision")
         assert rig.until(lambda: rig.last.get("in_collision"), "flag").data is True
         rig.until(lambda: len(sent) > 3, "every cycle")

@@ -17,14 +17,21 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import pytest
 
 pytest.importorskip("rclpy")
-from rig import Rig, cube, sync
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.parameter import Parameter
+from rig import LATCHED, NAMESPACE, Rig, cube, sync
+from sensor_msgs.msg import PointCloud2
 
 from obb_collision import Region
 from obb_collision.node import named_events
+from obb_collision.node.merger import MergerNode, values_of
+from obb_collision.node.node import CollisionNode
+from obb_collision.node.objects.frames import FixedFrameOnly
 from obb_collision.node.parameters.regions import range_from_text, text_from_region
 
 
@@ -43,6 +50,47 @@ def test_only_pairs_of_the_region_are_published_and_only_what_is_near_is_drawn()
         assert rig.pairs() == set()  # their common part begins at 4.75
         assert rig.set(region=[""])[0].successful
         assert sync(rig) == {("a/0", "a/1"), ("a/2", "a/3")}
+
+
+def test_what_cannot_be_joined_without_stamps_is_said(capfd: pytest.CaptureFixture[str]) -> None:
+    with Rig(region=["x: -inf to 5.0"]) as rig:
+        regions = [NAMESPACE, f"{NAMESPACE}/east"]
+        east = CollisionNode(
+            context=rig.context,
+            namespace=regions[1],
+            frames=FixedFrameOnly("map"),
+            cli_args=["--ros-args", "-r", f"objects:={NAMESPACE}/objects"],
+            parameter_overrides=[Parameter("region", value=["x: 5.0 to inf"])],
+        )
+        merger = MergerNode(
+            context=rig.context,
+            namespace=f"{NAMESPACE}/merged",
+            parameter_overrides=[Parameter("regions", value=regions)],
+        )
+        rig.executor.add_node(east)
+        rig.executor.add_node(merger)
+        joined: list[Any] = []
+        said: list[Any] = []
+        listen = rig.client.create_subscription
+        listen(PointCloud2, "merged/collisions", joined.append, 10)
+        listen(DiagnosticArray, "merged/collision_status", said.append, LATCHED)
+
+        def status() -> dict[str, str]:
+            return values_of(said[-1].status[0]) if said else {}
+
+        pair = cube(("a", 0)), cube(("a", 1), (0.5, 0, 0))
+        rig.until(lambda: rig.pubs["objects"].get_subscription_count() == 2, "both nodes")
+        rig.send(*pair, stamped=False)
+        rig.until(lambda: status().get("who") == ", ".join(regions), "both are named")
+        assert status()["reason"] == "region_unmatched"
+        assert len(east.objects.table) == 2
+        assert not joined
+        assert "no object of theirs has a stamp" in capfd.readouterr().err
+        rig.send(*pair)
+        rig.until(lambda: joined and not status()["reasons"], "the answers together")
+        assert joined[-1].width == 1
+        east.destroy_node()
+        merger.destroy_node()
 
 
 def test_a_collision_that_moves_to_another_region_is_not_checked_any_more() -> None:

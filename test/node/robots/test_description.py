@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from threading import Event
+from threading import Event, Thread
 from typing import Any
 
 import numpy as np
@@ -71,6 +71,25 @@ def test_a_newer_description_ends_the_reading_of_one_before() -> None:
     assert found.name == "quick"
     assert not readings[1].abandoned.is_set()
     assert not reader.is_reading
+
+
+def test_a_reading_that_does_not_begin_is_said_and_a_later_description_is_read(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def fails(*_: object) -> None:
+        raise RuntimeError("can't start new thread")
+
+    with RobotRig() as rig:
+        starts = (URDF, Thread, "start"), (f"{URDF} ", rig.robot._reader, "_begin")
+        for urdf, target, name in starts:
+            with monkeypatch.context() as patch:
+                patch.setattr(target, name, fails)
+                rig.describe(urdf)
+                rig.until(lambda: "can't start new thread" in rig.robot.fault, "the fault")
+            assert rig.robot.fault.startswith("robot_description refused: internal error")
+            rig.start_robot(urdf)  # the same description once more
+            assert rig.robot.fault == ""
+        assert rig.refused("arm/robot_description") == {"bad description": 2}
 
 
 @pytest.mark.parametrize("speed", [1e300, math.inf, math.nan])

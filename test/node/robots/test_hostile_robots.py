@@ -35,8 +35,8 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from obb_collision.node.messages.clouds import cloud_from_ros, cloud_to_ros
 from obb_collision.node.messages.conversions import duration_to_ros
-from obb_collision.node.robots.links import MOST_SHAPES
 from obb_collision.node.robots.validity import NOT_KNOWN, ROWS, VALID
+from obb_collision.robots.description.urdf import MOST_GEOMETRIES
 
 NAN = float("nan")
 
@@ -139,8 +139,8 @@ LOOP = f'{BEFORE}<mimic joint="turn"/><limit{BETWEEN}<mimic joint="lift"/><limit
         (URDF.replace('name="arm"', f'name="{"x" * 1_000_000}"'), "name"),
         (
             URDF.replace("</link>", "<collision><geometry><sphere radius='1'/></geometry>"
-                         "</collision>" * MOST_SHAPES + "</link>", 1),
-            "too many shapes",
+                         "</collision>" * MOST_GEOMETRIES + "</link>", 1),
+            f"{MOST_GEOMETRIES} is the limit",
         ),
     ],
     ids=["loop", "negative", "nan", "no limits", "no mesh", "entities", "name", "shapes"],

@@ -24,6 +24,7 @@ pytest.importorskip("lxml")
 from diagnostic_msgs.msg import DiagnosticStatus
 from fake_frames import FakeFrames
 from lifecycle_msgs.msg import Transition
+from objects_rig import ObjectsRig
 from rig import LATCHED, Rig, cube, pose
 from robot_rig import HERE, SRDF, URDF, RobotRig, box, joint
 from sensor_msgs.msg import JointState
@@ -31,9 +32,13 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import Marker
 
+import obb_collision as oc
 from obb_collision.accuracy import Accuracy
 from obb_collision.node import named_clearances, named_predictions
-from obb_collision.node.diagnostics.answer import COLLIDING, FREE, UNKNOWN
+from obb_collision.node.diagnostics.answer import COLLIDING
+from obb_collision.node.robots.links import AttachedObjects, LinkObjects
+from obb_collision.robots.bodies.robot_arrays import allowed_links, rigid_groups
+from obb_collision.scene.store.allowed import AllowedPairs
 
 STATUS = "collision_status"
 CRATE = ("crate", 1)
@@ -60,7 +65,7 @@ def said(rig: Rig, level: bytes, text: str = "") -> None:
 def test_links_are_objects_that_joints_move() -> None:
     with RobotRig() as rig:
         rig.start_robot()
-        said(rig, FREE)
+        rig.known()
         np.testing.assert_allclose(rig.pose_of(HAND), pose(1.0, 0.0, 0.5), atol=1e-12)
         rig.send(cube(CRATE, (0.0, 1.0, 0.7), (0.1, 0.1, 0.1)))
         assert pairs(rig) == set()
@@ -90,11 +95,13 @@ def test_a_base_is_fixed_by_a_frame_or_by_a_topic() -> None:
         np.testing.assert_allclose(rig.pose_of(HAND), pose(2.0, 2.0, 3.5), atol=1e-12)
     with RobotRig({"robot_bases": ["arm: object_transform"]}) as rig:
         rig.describe()
-        said(rig, UNKNOWN, "robot arm: no base by object_transform")
+        rig.known("joint_unknown", "arm (joints without a state: lift, turn)")
+        rig.send_joints(lift=0.0, turn=0.0)
+        rig.known("base_unknown", "arm (no base by object_transform)")
         rig.send_transform("arm", pose(5.0))
         rig.send_joints(lift=0.0, turn=0.0)
         rig.answer()
-        said(rig, FREE)
+        rig.known()
         np.testing.assert_allclose(rig.pose_of(HAND), pose(6.0, 0.0, 0.5), atol=1e-12)
         rig.send_transform("arm", pose(7.0))
         rig.answer()
@@ -108,51 +115,51 @@ def test_a_base_by_tf_is_not_known_without_its_transform(base: list[str]) -> Non
         rig.describe()
         rig.until(lambda: rig.robot.links is not None, "the robot")
         rig.send_joints(lift=0.0, turn=0.0)
-        said(rig, UNKNOWN, "without a box (not checked): arm/base/0")
+        rig.known("base_unknown", "arm (")
         frames.known["base"] = pose(3.0)
         rig.send_joints(lift=0.0, turn=0.0)
         rig.answer()
-        said(rig, FREE)
+        rig.known()
         np.testing.assert_allclose(rig.pose_of(HAND), pose(4.0, 0.0, 0.5), atol=1e-12)
 
 
 def test_joints_that_are_missing_or_refused_are_not_free_and_grey() -> None:
     with RobotRig() as rig:
-        said(rig, UNKNOWN, "robot arm: no robot_description")
+        rig.known("robot_unknown", "arm (no robot_description)")
         rig.describe()
-        said(rig, UNKNOWN, "robot arm: joints without a state: lift, turn")
+        rig.known("joint_unknown", "arm (joints without a state: lift, turn)")
         rig.send_joints(lift=0.0)
-        said(rig, UNKNOWN, "robot arm: joints without a state: turn")
+        rig.known("joint_unknown", "arm (joints without a state: turn)")
         rig.send_joints(turn=0.0)
-        said(rig, FREE)
+        rig.known()
         rig.send(cube(CRATE, (9.0, 0.0, 0.0)))
         rig.answer()
         rig.send_joints(lift=float("nan"), turn=0.0)
-        said(rig, UNKNOWN, "robot arm: joints whose state was refused: lift")
+        rig.known("joint_unknown", "arm (joints whose state was refused: lift)")
         assert rig.refused("arm/joint_states") == {"bad position": 1}
         table = rig.node.objects.table
         doubtful = {key for key, slot in table.slots.items() if table.doubtful[slot]}
         assert doubtful == set(rig.robot.links.keys)
         rig.send_joints(lift=0.0)
-        said(rig, FREE)
+        rig.known()
         assert not table.doubtful.any()
         rig.send_joints(lift=0.0, turn=0.0, tail=1.0)
         rig.answer()
         assert dict(rig.monitor("arm/joint_states").doubted) == {"unknown joint": 1}
-        said(rig, FREE)
+        rig.known()
 
 
 def test_stale_joints_are_not_free() -> None:
     with RobotRig() as rig:
         rig.start_robot()
-        said(rig, FREE)
+        rig.known()
         rig.set(joint_timeout=0.001)
-        said(rig, UNKNOWN, "robot arm: joints with a stale state: lift, turn")
+        rig.known("joint_unknown", "arm (joints with a stale state: lift, turn)")
         rig.listen("/diagnostics")
         assert rig.status(": robot arm")["message"].startswith("joints with a stale state")
         rig.set(joint_timeout=0.0)
         rig.send_joints(lift=0.0, turn=0.0)
-        said(rig, FREE)
+        rig.known()
 
 
 @pytest.mark.parametrize(
@@ -171,14 +178,14 @@ def test_a_bad_description_is_refused_and_nothing_else_disturbed(text: str, reas
         rig.send(cube(CRATE, (1.0, 0.0, 0.5), (0.1, 0.1, 0.1)))
         assert pairs(rig) == {("arm/hand/1", "crate/1")}
         rig.describe(text)
-        said(rig, COLLIDING, "robot arm: robot_description refused")
+        said(rig, COLLIDING, "arm (robot_description refused")
         assert reason in rig.last[STATUS].status[0].message
         rig.send(cube(CRATE, (9.0, 0.0, 0.5), (0.1, 0.1, 0.1)))
         assert pairs(rig) == set()
-        said(rig, UNKNOWN, reason)
+        rig.known("robot_unknown", reason)
         assert rig.refused("arm/robot_description") == {"bad description": 1}
         rig.start_robot()
-        said(rig, FREE)
+        rig.known()
 
 
 def test_velocities_of_joints_predict_collisions_of_links() -> None:
@@ -229,9 +236,9 @@ def test_links_are_no_ones_but_the_robots() -> None:
         assert rig.refused("objects") == {"object of another input": 1}
         assert rig.refused("object_transform") == {"object of another input": 1}
         rig.call(Trigger, "obb_collision/clear", Trigger.Request())
-        said(rig, UNKNOWN, "robot arm: joints without a state")
+        rig.known("joint_unknown", "arm (joints without a state")
         rig.send_joints(lift=0.0, turn=0.0)
-        said(rig, FREE)
+        rig.known()
         np.testing.assert_array_equal(rig.pose_of(HAND), before)
 
 
@@ -249,9 +256,9 @@ def test_a_new_description_takes_the_place_of_the_one_before() -> None:
         other = f'<robot name="b"><link name="a">{box(1)}</link><link name="c">{box(1)}</link>'
         rig.describe(other + joint("slide", "prismatic", "a", "c", "3 0 0") + "</robot>")
         rig.until(lambda: rig.robot.links.keys[0] == ("arm/a", 0), "the new one")
-        said(rig, UNKNOWN, "joints without a state: slide")
+        rig.known("joint_unknown", "joints without a state: slide")
         rig.send_joints(slide=0.0)
-        said(rig, FREE)
+        rig.known()
         assert set(rig.node.objects.table.slots) == {("arm/a", 0), ("arm/c", 0)}
 
 
@@ -259,11 +266,11 @@ def test_several_robots_are_obstacles_to_each_other() -> None:
     bases = [HERE, "leg: 1.15 0 0 0 0 0 1"]
     with RobotRig({"robots": ["arm", "leg"], "robot_bases": bases}) as rig:
         rig.start_robot()
-        said(rig, UNKNOWN, "robot leg: no robot_description")
+        rig.known("robot_unknown", "leg (no robot_description)")
         create = rig.client.create_publisher
         rock = f'<robot name="leg"><link name="rock">{box(0.2)}</link></robot>'
         create(String, "leg/robot_description", LATCHED).publish(String(data=rock))
-        said(rig, FREE)
+        rig.known()
         rig.send_joints(lift=-0.5, turn=0.0)
         assert pairs(rig) == {("arm/hand/1", "leg/rock/0")}
 
@@ -273,12 +280,12 @@ def test_joint_states_that_contradict_themselves_are_refused() -> None:
         rig.start_robot()
         message = JointState(header=rig.header(), name=["lift", "turn"], position=[1.0])
         rig.joint_states.publish(message)
-        said(rig, UNKNOWN, "joints whose state was refused: lift, turn")
+        rig.known("joint_unknown", "joints whose state was refused: lift, turn")
         message = JointState(name=["lift", "turn"], position=[0.0, 0.0], velocity=[1.0])
         message.header = rig.header()
         rig.joint_states.publish(message)
         rig.answer()
-        said(rig, FREE)
+        rig.known()
         assert rig.refused("arm/joint_states") == {"array lengths differ": 2}
         rig.stamp -= 10**7  # all stamps until now are newer
         rig.send_joints(lift=1.0, turn=0.0)
@@ -298,7 +305,7 @@ def test_a_node_that_is_configured_again_has_its_robots_again() -> None:
             assert rig.change(transition)
         rig.wait_inputs()
         rig.start_robot()
-        said(rig, FREE)
+        rig.known()
         assert rig.node.objects.scene.accuracy == Accuracy.HULL
 
 
@@ -330,10 +337,41 @@ def test_a_quaternion_of_zeros_is_refused() -> None:
     values = {"lift": 0.0, "turn": 0.0} | {f"fly/{part}": 0.0 for part in parts}
     with RobotRig() as rig:
         rig.describe(urdf)
-        said(rig, UNKNOWN, "joints without a state")
+        rig.known("joint_unknown", "joints without a state")
         rig.send_joints(None, **values)
-        said(rig, UNKNOWN, "links not placed: bad pose")
+        rig.known("base_unknown", "links not placed: bad pose")
         rig.send_joints(None, **(values | {"fly/trans_x": 1.0, "fly/rot_w": 1.0}))
-        said(rig, FREE)
+        rig.known()
         np.testing.assert_allclose(rig.pose_of(HAND), pose(2.0, 0.0, 0.5), atol=1e-12)
         assert rig.node.guard.total == 0
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_rules_are_those_of_all_pairs_of_links_and_few(seed: int) -> None:
+    """One rule per link listed the links of rigid bodies n times n: 2 million of 1,000 links."""
+    rng, count = np.random.default_rng(seed), 60
+    kinds = rng.choice(["fixed", "revolute"], count, p=[0.8, 0.2])
+    links = "".join(f'<link name="l{n}">{box(0.1)}</link>' for n in range(count))
+    joints = "".join(
+        joint(f"j{n}", kinds[n], f"l{rng.integers(0, n)}", f"l{n}", "1 0 0")
+        for n in range(1, count)
+    )
+    robot = oc.Robot.from_urdf(f'<robot name="arm">{links}{joints}</robot>')
+    rig = ObjectsRig(("held", 0), ("held", 1))
+    made = LinkObjects("arm", robot, rig.objects)
+    made.add()
+    attached = AttachedObjects(rig.slots, np.array([3, 3]))
+    rules = made.rules(attached, [])
+    groups = rigid_groups(robot.tree)
+    bodies = len(np.unique(groups))
+    assert sum(len(one) + len(other) for one, other, _ in rules) <= 8 * count + 4 * bodies
+    links_allowed = allowed_links([robot], groups)
+    held = groups == groups[3]
+    allowed = np.ones((count + 2, count + 2), np.bool_)
+    allowed[:count, :count] = links_allowed
+    allowed[count:, :count], allowed[:count, count:] = held, held[:, None]
+    names = [f"arm/{link}/0" for link in robot.link_names] + ["held/0", "held/1"]
+    counted = AllowedPairs.of(rules).pair_filter(names, 0)
+    assert counted is not None
+    rows, columns = (each.ravel() for each in np.indices(allowed.shape))
+    np.testing.assert_array_equal(counted(rows, columns), ~allowed.ravel())

@@ -24,6 +24,7 @@ pytest.importorskip("rclpy")
 pytest.importorskip("lxml")
 from rig import cube, pose
 from robot_rig import URDF, RobotRig, box
+from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 
 CRATE = ("crate", 1)
@@ -85,14 +86,68 @@ def test_the_scale_is_zero_while_anything_is_not_known() -> None:
         rig.until(lambda: rig.scales[-1] == 0.0, "a stop")
 
 
-@pytest.mark.parametrize("velocity", [1e300, 1e301, float("nan"), float("inf")])
-def test_the_scale_is_zero_while_a_velocity_cannot_be_used(velocity: float) -> None:
+NAN, INF = float("nan"), float("inf")
+
+
+def send(rig: SpeedRig, lift: float, velocity: tuple[float, ...] = ()) -> None:
+    """Send joint states, with the velocities or without any."""
+    message = JointState(header=rig.header(), name=["lift", "turn"], position=[lift, 0.0])
+    message.velocity = list(velocity)
+    rig.joint_states.publish(message)
+
+
+@pytest.mark.parametrize("velocity", [(), (NAN, NAN), (NAN, 0.0), (1e301, 0.0), (INF, 0.0)])
+def test_where_no_velocity_can_be_used_it_is_that_between_the_last_two_states(
+    velocity: tuple[float, ...],
+) -> None:
     with SpeedRig(speed_reaction_time=0.5) as rig:
         rig.start()
-        rig.send_joints({"turn": velocity}, lift=0.0, turn=0.0)
+        send(rig, -4e-4, velocity)
+        send(rig, 0.0, velocity)  # a millisecond later
+        assert rig.scale() == pytest.approx(0.3, abs=1e-4)
+        rig.stamp -= 1_000_000
+        send(rig, 0.0, velocity)  # with the same stamp
+        assert rig.scale() == pytest.approx(0.3, abs=1e-4)
+        send(rig, 0.0, velocity)
+        assert rig.scale() == pytest.approx(0.5, abs=1e-4)
+
+
+def test_the_scale_is_zero_where_speeds_are_too_large() -> None:
+    with SpeedRig(speed_reaction_time=0.5) as rig:
+        rig.start()
+        send(rig, 0.0, (1e300, 0.0))
         assert rig.scale() == 0.0
-        rig.send_joints({"turn": 0.0}, lift=0.0, turn=0.0)
+        assert rig.node.guard.total == 0
+        send(rig, 0.0)
         assert rig.scale() == pytest.approx(0.5, abs=1e-6)
+
+
+@pytest.mark.parametrize(("limit", "scale"), [("0.4", 0.3), ("0", 0.0)])
+def test_with_one_state_alone_a_joint_is_as_fast_as_it_can_be(limit: str, scale: float) -> None:
+    urdf = URDF.replace('upper="3"', f'upper="3" velocity="{limit}"', 1)
+    with SpeedRig(speed_reaction_time=0.5) as rig:
+        rig.send(cube(CRATE, (1.0, 0.0, 1.25), (0.1, 0.1, 0.1)))
+        rig.describe(urdf)
+        rig.until(lambda: rig.robot.fault[:5] == "joint", "the robot")
+        send(rig, 0.0, (NAN, 0.0))
+        assert rig.scale() == pytest.approx(scale, abs=1e-6)
+        why = "no velocity, and no limit of it, is known of joints: lift"
+        rig.listen("/diagnostics")
+        text = "" if scale else f"robot arm: speed_scale is 0: {why}"
+        rig.until(lambda: rig.known().message == f"free{text and '; '}{text}", "the reason")
+        rig.until(lambda: rig.status("robot arm").get("speed_scale is 0", "") == why * (not scale))
+
+
+def test_of_some_joints_of_unknown_velocity_no_two_cancel_out() -> None:
+    """Two joints about opposite axes, at most 1 rad/s each: the hand is as fast as both."""
+    urdf = URDF.replace('upper="3"', 'upper="3" velocity="1"').replace("prismatic", "revolute")
+    with SpeedRig(speed_reaction_time=0.1, speed_slow_distance=2.1) as rig:
+        rig.send(cube(CRATE, (1.0, 0.0, 1.25), (0.1, 0.1, 0.1)))
+        for axis in ("0 0 1", "0 0 -1"):
+            rig.describe(urdf.replace('xyz="0 0 1"', f'xyz="{axis}"', 1))
+            rig.until(lambda: rig.robot.fault[:5] == "joint", "the robot")
+            send(rig, 0.0, (NAN, NAN))
+            assert 0.0 < rig.scale() <= (0.6 - 0.1 - 0.1 * 2 * 1.1) / 2.0
 
 
 def test_the_scale_is_zero_where_links_collide() -> None:

@@ -33,6 +33,7 @@ import obb_collision as oc
 from obb_collision.node import namespace_number
 from obb_collision.node.messages.clouds import cloud_from_ros, cloud_to_ros
 from obb_collision.node.messages.conversions import stamp_from_ros
+from obb_collision.node.robots import validity
 from obb_collision.node.robots.validity import (
     BAD_STATE,
     COLLIDES,
@@ -214,7 +215,7 @@ def test_objects_beyond_a_region_or_refused_make_states_unknown() -> None:
 
 def test_stale_objects_make_states_unknown_unless_they_grow() -> None:
     state = [[0.0, 0.0]]
-    with ValidityRig({"object_timeout": 1000.0}) as rig:
+    with ValidityRig({"object_timeout_overrides": ["crate/*: 1000"]}) as rig:
         rig.start_robot()
         rig.send(cube(CRATE, (9, 0, 0)))
         rig.answer()
@@ -223,3 +224,18 @@ def test_stale_objects_make_states_unknown_unless_they_grow() -> None:
         table.world_received[table.slots[CRATE]] -= 2000 * 10**9
         rig.cycles(2)
         assert rig.reasons(state) == [NOT_KNOWN]
+
+
+def test_more_states_than_a_cycle_may_wait_for_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    with ValidityRig() as rig:
+        rig.start_robot()
+        monkeypatch.setattr(validity, "LONGEST_CHECK", 0.0)  # a few are checked, whatever the time
+        times = iter(range(10))
+        monkeypatch.setattr(validity, "monotonic", lambda: float(max(0, next(times) - 2)))
+        reasons = rig.reasons(np.zeros((100, 2)))
+        assert set(reasons[: reasons.index(NOT_KNOWN)]) == {VALID}
+        assert set(reasons[reasons.index(NOT_KNOWN) :]) == {NOT_KNOWN}
+        monitor = rig.monitor("arm/states_to_check")
+        assert dict(monitor.refused) == {validity.TOO_SLOW: 1}
+        rig.questions.publish(cloud_to_ros(np.zeros(validity.MAX_STATES + 1, [("lift", "u1")])))
+        rig.until(lambda: "too many points" in monitor.refused, "the refusal")

@@ -27,9 +27,10 @@ pytest.importorskip("lxml")
 pytest.importorskip("trajectory_msgs")
 from diagnostic_msgs.msg import DiagnosticStatus
 from lifecycle_msgs.msg import Transition
-from rig import cube
+from rig import LATCHED, cube
 from robot_rig import URDF, RobotRig
 from std_msgs.msg import Header
+from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from visualization_msgs.msg import Marker
 
@@ -164,6 +165,26 @@ def test_splines_swing_where_lines_do_not(order: int) -> None:
         assert int(values["pieces"]) > 10
 
 
+def test_one_point_that_lies_ahead_is_gone_to_from_where_the_joints_are() -> None:
+    with TrajectoryRig((np.cos(0.8), np.sin(0.8), 0.5)) as rig:
+        status, values = rig.go(QUARTER[1:])
+        assert status.message.startswith("refused: not free: arm/hand and crate/1")
+        assert values["index"] == "0"
+        assert 0.5 < float(values["time (s)"]) < 1.5
+        rig.put(FAR)
+        assert rig.go(QUARTER[1:])[0].level == OK
+        last: list[Any] = []
+        rig.client.create_subscription(
+            DiagnosticStatus, "arm/trajectory_status", last.append, LATCHED
+        )
+        assert rig.until(lambda: last, "what was said before")[0].message == "forwarded"
+        rig.said.clear()
+        rig.put((np.cos(0.8), np.sin(0.8), 0.5))
+        assert rig.stopped().startswith("stopped: not free: arm/hand and crate/1")
+        for late in ([(0.0, QUARTER[1][1])], [(1.0, [0.0, 0.1]), *QUARTER[1:]]):
+            assert "not at its start" in rig.go(late)[0].message
+
+
 def test_joints_that_are_not_named_stay_where_they_are() -> None:
     turn = [(0.0, [0.0]), (2.0, [np.pi / 2])]
     with TrajectoryRig((0.0, 1.0, 0.8)) as rig:
@@ -238,6 +259,7 @@ def test_with_a_stamp_that_has_passed_joints_jump_to_where_it_is_by_now() -> Non
 
 def test_no_swing_begins_with_a_velocity_that_is_not_known() -> None:
     with TrajectoryRig() as rig:
+        rig.stamp += 2_000_000_000  # so long ago that no difference says how fast it is
         rig.send_joints({"turn": NAN}, lift=0.0, turn=0.0)
         rig.answer()
         still = [0.0, 0.0]
@@ -340,6 +362,23 @@ def test_a_trajectory_is_stopped_when_the_robot_or_the_node_goes() -> None:
         rig.said.clear()
         assert rig.change(Transition.TRANSITION_DEACTIVATE)
         assert "inactive" in rig.stopped()
+
+
+def test_clear_stops_a_trajectory_where_the_joints_are() -> None:
+    with TrajectoryRig() as rig:
+        rig.known()
+        assert rig.go([QUARTER[0], (1000.0, QUARTER[1][1])])[0].level == OK
+        rig.send_joints(lift=0.0, turn=0.3)
+        rig.answer()
+        rig.said.clear()
+        rig.forwarded.clear()
+        rig.call(Trigger, "obb_collision/clear", Trigger.Request())
+        rig.send_joints(lift=0.0, turn=1.4)
+        assert rig.stopped() == "stopped: all objects were removed"
+        assert [list(point.positions) for point in rig.forwarded[0].points] == [[0.0, 0.3]]
+        rig.known()
+        rig.cycles(2)
+        assert len(rig.said) == 1
 
 
 def test_a_trajectory_is_stopped_when_a_signal_ends_the_node() -> None:

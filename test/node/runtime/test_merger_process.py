@@ -33,7 +33,8 @@ from rclpy.executors import SingleThreadedExecutor
 from rig import DOMAIN, LATCHED, NAMESPACE, Client
 from sensor_msgs.msg import PointCloud2
 
-from obb_collision.node.diagnostics.answer import FREE, UNKNOWN
+from obb_collision.node.diagnostics.answer import COLLIDING, FREE, UNKNOWN
+from obb_collision.node.merger import values_of
 from obb_collision.node.messages.clouds import cloud_to_ros
 from obb_collision.node.topics.topics import COLLISIONS, TOPICS
 
@@ -42,10 +43,11 @@ COMMAND = ("-m", "obb_collision.node.merger", "--ros-args", "-r", f"__ns:={NAMES
 REGIONS = ("-p", f"regions:=['{NAMESPACE}/west']", "-p", "timeout:=0.5")
 
 
-def status(objects: str, message: str = "free") -> DiagnosticArray:
-    """Return what the node of a region says."""
-    values = [KeyValue(key="objects", value=objects)]
-    return DiagnosticArray(status=[DiagnosticStatus(message=message, values=values)])
+def status(objects: str, level: bytes = FREE, **more: str) -> DiagnosticArray:
+    """Return what the node of a region says; more: further values."""
+    pairs = {"objects": objects, "clearance radius (m)": "0.1"} | more
+    values = [KeyValue(key=key, value=value) for key, value in pairs.items()]
+    return DiagnosticArray(status=[DiagnosticStatus(level=level, values=values)])
 
 
 def test_bad_messages_do_not_end_the_merger_and_its_last_word_is_that_nothing_is_known() -> None:
@@ -62,6 +64,7 @@ def test_bad_messages_do_not_end_the_merger_and_its_last_word_is_that_nothing_is
         said.append(message.status[0])
 
     client.client.create_subscription(DiagnosticArray, "merged/collision_status", take, LATCHED)
+    rows_sent = True
     process = subprocess.Popen(
         [sys.executable, *COMMAND, *REGIONS],
         env=environment(),
@@ -70,17 +73,31 @@ def test_bad_messages_do_not_end_the_merger_and_its_last_word_is_that_nothing_is
         text=True,
     )
 
-    def heard(level: bytes, text: str, sent: DiagnosticArray) -> bool:
+    def heard(level: bytes, reason: str, who: str, sent: DiagnosticArray) -> bool:
         assert process.poll() is None, process.communicate()[0]
         told.publish(sent)
-        rows.publish(cloud_to_ros(np.zeros(0, COLLISIONS.dtype), client.header()))
-        return bool(said) and said[-1].level == level and text in said[-1].message
+        if rows_sent:
+            rows.publish(cloud_to_ros(np.zeros(0, COLLISIONS.dtype), client.header()))
+        if not said:
+            return False
+        values = values_of(said[-1])
+        return (said[-1].level, values["reason"], values["who"]) == (level, reason, who)
 
     try:
         with limited(process):
+            west, silent = f"{NAMESPACE}/west", f"{NAMESPACE}/west (silent)"
             for bad in (status("9" * 10_000), DiagnosticArray()):
-                client.until(partial(heard, FREE, "free", status("3")), "free")
-                client.until(partial(heard, UNKNOWN, "silent for", bad), "no sign of life")
+                client.until(partial(heard, FREE, "", "", status("3")), "free")
+                client.until(partial(heard, UNKNOWN, "region_silent", silent, bad), "silence")
+            given = {"reason": "refused", "reasons": "refused stale", "who": "a/1"}
+            sent = status("3", UNKNOWN, **given)
+            client.until(partial(heard, UNKNOWN, "refused", f"{west} (a/1)", sent), "its reason")
+            assert values_of(said[-1])["reasons"] == "refused stale"
+            sent = status("3", COLLIDING, **given)
+            client.until(partial(heard, COLLIDING, "refused", f"{west} (a/1)", sent), "both")
+            assert values_of(said[-1])["clearance radius (m)"] == "0.1"
+            rows_sent = False  # and so there is no stamp that all have evaluated
+            client.until(partial(heard, UNKNOWN, "region_unmatched", "", status("3")), "no rows")
             process.send_signal(signal.SIGTERM)
             output, _ = process.communicate(timeout=PATIENCE)
             assert process.returncode == 0, output

@@ -85,7 +85,7 @@ def test_the_executable_serves_another_process_and_ends_cleanly(number: signal.S
         other.until(lambda: "collision_status" in other.last, "status")
         output = end(process, number)
         other.until(
-            lambda: other.last["collision_status"].status[0].message.startswith("shutting down"),
+            lambda: "shutting down" in other.last["collision_status"].status[0].message,
             "the last word",
         )
         other.until(lambda: other.last["in_collision"].data, "the last flag")
@@ -199,6 +199,38 @@ run("slow", make, [])
         assert process.wait(PATIENCE) == 0
 
 
+def test_a_program_has_its_signals_back_after_a_node() -> None:
+    code = """
+import os, signal
+from threading import Thread
+import rclpy
+from obb_collision.node.runtime.running import run
+
+calls, codes = [], []
+handler = lambda *_: calls.append("Python's")
+signal.signal(signal.SIGINT, handler)
+rclpy.init()  # its handlers are of C: they end its context, and call those from before
+
+def make(context, _):
+    node = rclpy.create_node("short", context=context)
+    node.create_timer(0.0, lambda: end(context))
+    return node
+
+end = lambda context: os.kill(os.getpid(), signal.SIGINT)
+codes.append(run("short", make, []))
+assert signal.getsignal(signal.SIGINT) is handler
+end = lambda context: context.try_shutdown()
+thread = Thread(target=lambda: codes.append(run("short", make, [])))  # signals are not a thread's
+thread.start()
+thread.join()
+assert rclpy.ok() and (codes, calls) == ([0, 0], []), (codes, calls)
+os.kill(os.getpid(), signal.SIGINT)
+while rclpy.ok() or not calls:
+    pass
+"""
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=PATIENCE)
+
+
 def test_a_node_that_is_killed_or_hangs_is_told_by_the_deadline() -> None:
     missed: list[Any] = []
     told: list[DiagnosticArray] = []
@@ -232,7 +264,7 @@ def test_a_wrong_parameter_stops_the_start_with_the_reason() -> None:
     with running("--ros-args", "-p", "stale_policy:=forget") as process:
         output, _ = process.communicate(timeout=PATIENCE)
         assert process.returncode != 0
-        assert "stale_policy must be one of keep, ignore" in output
+        assert "stale_policy must be one of unknown, collide, keep, ignore" in output
 
 
 def interval_overlap(a: tuple[np.ndarray, ...], b: tuple[np.ndarray, ...]) -> bool:

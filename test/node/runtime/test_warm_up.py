@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from threading import Event
+from threading import Event, Thread
 from time import monotonic
 from typing import Any
 
@@ -161,6 +161,27 @@ def test_what_cannot_be_compiled_later_is_refused_with_the_reason_and_tried_agai
     monkeypatch.setattr(warm_up, "perf_counter", lambda: float("inf"))  # much later
     wait_for(lambda: log.warm.is_ready("sweep"))
     assert cache.compiled == ["effect sweep", "effect sweep"]
+
+
+def test_a_thread_or_process_that_does_not_start_is_tried_again(
+    cache: Cache, log: Log, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cache.kept = {BOXES, MESSAGES, SEPARATIONS}
+    log.warm.start([])
+
+    def fails(*_: object, **__: object) -> None:
+        raise RuntimeError("can't start new thread")
+
+    for number, (what, name) in enumerate(((Thread, "start"), (warm_up, "compile_steps")), 1):
+        with monkeypatch.context() as patch:
+            patch.setattr(what, name, fails)
+            assert not log.warm.is_ready("sweep")
+            wait_for(lambda number=number: len(log.complained) == number)  # type: ignore[misc]
+            assert "can't start new thread" in log.complained[-1]
+            assert "can't start new thread" in log.warm.why_not("sweep")
+        monkeypatch.setattr(warm_up, "RETRY", 0.0)
+        monkeypatch.setattr(warm_up, "perf_counter", lambda: float("inf"))  # much later
+    wait_for(lambda: log.warm.is_ready("sweep"))
 
 
 def test_where_nothing_can_be_kept_all_that_may_be_switched_on_is_compiled_before_the_start(

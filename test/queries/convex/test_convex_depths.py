@@ -21,11 +21,14 @@ import numpy as np
 import pytest
 from convex_bodies import Pair, corners_of, family, moved, pair_of
 from scipy.spatial import ConvexHull
+from scipy.spatial.transform import Rotation
 
 import obb_collision as oc
+from obb_collision.geometry.trees.pool import HullPool, Hulls
+from obb_collision.queries.contacts.contacts import Contacts
 from obb_collision.queries.convex.contacts import convex_contacts
 from obb_collision.queries.convex.distances import convex_distances, convex_may_collide
-from obb_collision.queries.convex.support import CORNERS, ConvexBodies
+from obb_collision.queries.convex.support import BOX, CORNERS, ConvexBodies
 from obb_collision.typing import Floats, Rows
 
 POLYTOPES = [("hull", "hull"), ("hull", "box"), ("box", "box")]
@@ -109,14 +112,52 @@ def test_contacts_of_bodies_that_hardly_overlap_lie_on_both(
     distances, _ = convex_distances(a, b, rows, rows)
     found = convex_contacts(a, b, np.stack([rows, rows], axis=1), rows, rows, 8, distances)
     assert (found.counts > 0).sum() > len(a) // 10
-    beside = 2e-8 if name == "needles" else 1e-9  # clipped slivers have tips that doubles blur
+    check_nearness(a, b, found)
+
+
+@pytest.mark.parametrize("on", ["plate", "tip"])
+@pytest.mark.parametrize("thin", [1e-3, 1e-7, 1e-9, 1e-11, 1e-13])
+def test_contacts_of_tips_lie_on_both(on: str, thin: float, pairs: int) -> None:
+    """Needles with tips of any angle, on a plate or on each other: two sides meet nowhere else."""
+    count, rng, pool = max(300, pairs // 10), np.random.default_rng(3), HullPool()
+    for ends in rng.normal(size=(2 * count, 2)) * thin:
+        tip = np.array([[-0.5, 0.0, 0.0], [0.5, ends[0], 0.0], [0.5, ends[1], 0.0]])
+        pool.append(Hulls.of(np.concatenate([tip, tip + 0.1 * np.eye(3)[2]])))
+    turn, turned = Rotation.random(count, rng), rng.uniform(-3.0, 3.0, count)
+    places = np.column_stack([rng.uniform(-0.3, 0.3, (count, 2)), np.full(count, -1e-4)])
+    if on == "tip":
+        turned = rng.choice([0.0, np.pi], count) + rng.normal(size=count) * thin
+        places[:, 1] = rng.normal(size=count) * thin
+    own = turn * Rotation.from_rotvec(turned[:, None] * [0.0, 0.0, 1.0])
+    below = turn.apply([0.0, 0.0, -0.1 if on == "tip" else -0.5])
+    rows, none = np.arange(count), np.zeros(count)
+    corners, boxes = np.full(count, CORNERS, np.int8), np.full(count, BOX, np.int8)
+    sizes = np.tile([0.6, 0.7, 0.5, 0.0], (count, 1)) * (on == "plate")
+    a = ConvexBodies(corners, 0.0 * sizes, none, pool.all, rows, turn.apply(places),
+                     own.as_matrix())  # fmt: skip
+    b = ConvexBodies(corners if on == "tip" else boxes, sizes, none, pool.all, count + rows, below,
+                     turn.as_matrix())  # fmt: skip
+    for one, other in ((a, b), (b, a)):
+        distances, _ = convex_distances(one, other, rows, rows)
+        pairs_of = np.stack([rows, rows], axis=1)
+        found = convex_contacts(one, other, pairs_of, rows, rows, 8, distances)
+        ends = found.positions[found.counts > 1]
+        assert len(ends) > count // 4
+        check_nearness(one, other, found)
+        if on == "plate":  # where they lie on it, at least 0.3 of their length
+            assert (found.counts > 1).all()
+            assert (np.nanmax(ends, axis=1) - np.nanmin(ends, axis=1)).max(axis=1).min() > 0.1
+
+
+def check_nearness(a: ConvexBodies, b: ConvexBodies, found: Contacts) -> None:
+    """Assert that contacts are within half the depth and 1e-9 of S of both bodies."""
     size = reach_of(a) + reach_of(b) + np.abs(a.centers - b.centers).sum(axis=1)
     for k in range(8):
         there = np.flatnonzero(found.counts > k)
         for body in (a, b):
             spot, few = point_bodies(found.positions[there, k]), np.arange(len(there))
             apart = convex_distances(some(body, there), spot, few, few)[0].upper
-            most = 0.5 * found.depths[there] + beside * size[there]
+            most = 0.5 * found.depths[there] + 1e-9 * size[there]
             assert (apart <= most + 1e-15).all()  # rounding of world coordinates
 
 

@@ -169,6 +169,36 @@ def test_points_and_normals() -> None:
             np.testing.assert_allclose(depth, 0.0, atol=reach)  # on the surface
 
 
+def test_a_push_by_the_separation_along_the_normal_parts_them_by_no_less() -> None:
+    # Above all where the cores touch or nearly do: flat boxes pierced, ends at corners, crossings.
+    boxes, p, q = scene(2000, 10)
+    rng = np.random.default_rng(11)
+    n = len(p)
+    place = rng.choice([-1.0, 1.0, 0.4], (n, 3)) * boxes.half_extents
+    place = boxes.centers + np.einsum("nij,nj->ni", boxes.rotations, place)
+    place += rng.normal(size=(n, 3)) * rng.choice([0.0, 1e-16, 1e-13, 1e-9, 1e-5], (n, 1))
+    share = rng.choice([0.0, 0.3, 1.0], (n, 1)) * (q - p)
+    capsules = Capsules(place - share, place + (q - p) - share, rng.choice([0.0, 0.2], n))
+    size = np.abs(q - p).sum(axis=1) + np.abs(boxes.centers).sum(axis=1) + 3.0
+    axes = boxes.rotations * boxes.half_extents[:, None]
+    turned = Capsules(place + 0.3 * axes[:, :, 0], place - 0.7 * axes[:, :, 0], capsules.radii)
+    for other in (boxes, turned):
+        found = capsule_distances(capsules, other)
+        top = _reach(capsules, found.normals)
+        if isinstance(other, Boxes):
+            across = np.abs(np.einsum("nij,ni->nj", axes, found.normals)).sum(axis=1)
+            bottom = (found.normals * boxes.centers).sum(axis=1) - across
+        else:
+            bottom = -_reach(other, -found.normals)
+        assert (bottom - top - found.separations >= -DOUBT * size).all()
+
+
+def _reach(capsules: Capsules, normals: np.ndarray) -> np.ndarray:
+    ends = np.stack([capsules.starts, capsules.ends])
+    reach: np.ndarray = (ends * normals).sum(axis=2).max(axis=0) + capsules.radii
+    return reach
+
+
 def _from_segments(points: np.ndarray, p: np.ndarray, q: np.ndarray) -> np.ndarray:
     way = q - p
     square = np.maximum((way * way).sum(axis=1), 1e-300)

@@ -67,7 +67,9 @@ def test_polytopes_that_do_not_turn_are_apart_until_then_in_fractions(
 ) -> None:
     """What the one sweeps, seen from the other, is the hull of its corners at both ends."""
     bodies, motion, rows = moving(name, kinds, max(6, pairs // 1000), 3, "straight")
-    found, near = found_of(bodies, motion, rows), near_of(motion, rows)
+    found = found_of(bodies, motion, rows)
+    # 1e-8 of both radii and 1e-9 of S, which is at most 6 times both here
+    near = np.minimum(near_of(motion, rows), 1.6e-8 * motion.radii[rows].sum(axis=1))
     for n, (i, j) in enumerate(rows.tolist()):
         a, b = (
             hull_distances.placed(corners_of(bodies, k), motion.starts[k], bodies.rotations[k])

@@ -29,7 +29,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from one_set import sweep, sweep_twists
-from sweep_motions import TWISTING, Twisting, pair_rows
+from sweep_motions import CORNER_SIGNS, TWISTING, Twisting, directions, pair_rows
 from sweep_oracle import TwistCourse, first_sampled_contact, gaps_at
 
 from obb_collision.geometry.boxes import Boxes
@@ -107,6 +107,25 @@ def test_bounds_hold_the_whole_motion(name: str) -> None:
         least, most = course.pair_at(rows, np.full(count, time))[1].world_bounds()
         assert (start + least >= low - slack).all()
         assert (start + most <= high + slack).all()
+
+
+def test_bounds_hold_what_turns_next_to_an_axis_of_the_world() -> None:
+    """Circles of corners in extended precision, about axes 1e-17 to 0.1 rad beside it."""
+    rng, count = np.random.default_rng(8), 300
+    turns = np.eye(3)[rng.integers(0, 3, count)]
+    turns += directions(rng, count) * 10.0 ** rng.uniform(-17.0, -1.0, (count, 1))
+    half = rng.uniform(0.01, 1.0, (count, 3))
+    boxes = Boxes(np.zeros((count, 3)), np.tile(EYE, (count, 1, 1)), half)
+    bounds = twist_bounds(boxes, np.hstack([np.zeros((count, 3)), 20.0 * turns]), None, 1.0)
+    axis = turns.astype(np.longdouble)
+    axis /= np.sqrt((axis * axis).sum(axis=1))[:, None]
+    height = (CORNER_SIGNS[:, None] * half * axis).sum(axis=2)[..., None]
+    across = CORNER_SIGNS[:, None] * half - height * axis
+    tilt = np.sqrt(np.roll(axis, -1, axis=1) ** 2 + np.roll(axis, -2, axis=1) ** 2)
+    reach = (height * axis + np.sqrt((across * across).sum(axis=2))[..., None] * tilt).max(axis=0)
+    for bound in (-bounds[0], bounds[1]):
+        assert (bound >= reach).all()
+        assert (bound <= reach + 1e-13).all()
 
 
 def test_bounds_are_tight_for_small_turns_and_grow_no_more_after_a_whole_one() -> None:

@@ -22,6 +22,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 from small_robots import SHAPES, cup, random_arm, random_states, random_world
 
 import obb_collision as oc
@@ -53,6 +54,26 @@ def test_distance_points_and_direction(x: float) -> None:
     assert (found.distances <= found.upper_bounds).all()
 
 
+@pytest.mark.parametrize("accuracy", ["hull", "mesh"])
+@settings(deadline=None, max_examples=30)
+@given(seed=st.integers(0, 10**6))
+def test_upper_bounds_are_those_of_the_cylinder_itself(accuracy: str, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    ball, cylinder = '<sphere radius="0.1"/>', '<cylinder radius="0.3" length="0.8"/>'
+    turn, place = Rotation.random(None, rng), rng.uniform(-1.0, 1.0, 3)
+    there = [*place, *turn.as_quat()]
+    for link, back in ((ball, False), (cylinder, True)):
+        scene = oc.Scene()
+        scene.add("it", oc.shapes.Sphere(0.1) if back else oc.shapes.Cylinder(0.3, 0.8), there)
+        robot = oc.Robot.from_urdf(BALL.replace(ball, link))
+        found = oc.RobotScene([robot], scene, accuracy).distances([[0.0]])
+        x, y, z = place if back else turn.inv().apply(-place)
+        far = np.hypot(max(np.hypot(x, y) - 0.3, 0.0), max(abs(z) - 0.4, 0.0)) - 0.1
+        assert found.distances[0] <= far + 1e-9
+        assert found.upper_bounds[0] >= far - 1e-9
+        assert found.upper_bounds[0] <= max(far, 0.0) + 0.013
+
+
 def test_padding_lessens_distances() -> None:
     found = ball(padding=0.2).distances([[0.0]])
     np.testing.assert_allclose(found.distances, [0.8], atol=1e-9)
@@ -76,10 +97,11 @@ def test_bad_limits_are_refused() -> None:
 
 
 @settings(deadline=None, max_examples=15)
-@given(seed=st.integers(0, 10**6))
-def test_distances_are_those_between_links_and_things(seed: int) -> None:
+@given(seed=st.integers(0, 10**6), boxes=st.booleans())
+def test_distances_are_those_between_links_and_things(seed: int, boxes: bool) -> None:
     rng = np.random.default_rng(seed)
-    robot = oc.Robot.from_urdf(random_arm(rng, 4))
+    robot = oc.Robot.from_urdf(random_arm(rng, 4, shapes=SHAPES if boxes else SHAPES[1:]))
+    reach = 3.0**0.5 if boxes else 1.0  # of padding, at corners of boxes
     world = random_world(rng, 5)
     checker = oc.RobotScene([robot], world)
     states = random_states(rng, robot, 6)
@@ -90,7 +112,7 @@ def test_distances_are_those_between_links_and_things(seed: int) -> None:
         a, b = found.points[row]
         np.testing.assert_allclose(b - a, distance * normal, atol=1e-8)
         # nothing that is checked is nearer: grown by half of it, links do not even touch each other
-        checker.padding = 0.5 * distance * (1.0 - 1e-6)
+        checker.padding = 0.5 * distance / reach * (1.0 - 1e-6)
         assert not checker.check(states[row]).colliding[0]
         checker.padding = distance * (1.0 + 1e-6)
         assert checker.check(states[row]).colliding[0]

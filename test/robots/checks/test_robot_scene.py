@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from fractions import Fraction
 from itertools import pairwise
 from pathlib import Path
 
@@ -24,10 +25,13 @@ import pytest
 import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from small_robots import random_arm, random_states, random_world
+from scenes import random_poses
+from scipy.spatial.transform import Rotation
+from small_robots import SHAPES, random_arm, random_states, random_world
 
 import obb_collision as oc
 from obb_collision.geometry.poses import compose_poses
+from obb_collision.typing import Floats
 
 LIFT = """<robot name="lift">
   <link name="base"><collision><geometry><box size="0.2 0.2 0.2"/></geometry></collision></link>
@@ -52,6 +56,7 @@ def brute_force(
     state: np.ndarray,
     accuracy: str,
     skipped: set[tuple[str, str]],
+    padding: float = 0.0,
 ) -> set[tuple[str, str]]:
     """Return the colliding pairs of links and objects, by a scene that has all of them."""
     scene = oc.Scene(accuracy=accuracy)
@@ -60,7 +65,8 @@ def brute_force(
         for number, (shape, pose) in enumerate(robot.shapes[row]):
             name = f"{link}#{number}"
             owner[name] = link
-            scene.add(name, shape, compose_poses(robot.link_poses(state)[row], pose))
+            where = compose_poses(robot.link_poses(state)[row], pose)
+            scene.add(name, shape, where, padding=padding)
     for index, name in zip(world.indices, world.names, strict=True):
         given = world._cache._shapes.get(int(index))
         box = world._store.local_half_extents[index]
@@ -315,6 +321,44 @@ def test_threads_do_not_change_the_answer() -> None:
         assert np.array_equal(report.all_pairs.states, reports[0].all_pairs.states)
 
 
+@pytest.mark.parametrize("accuracy", ["obb", "hull"])
+@settings(deadline=None, max_examples=25)
+@given(seed=st.integers(0, 10**6), padding=st.floats(0.0, 0.3))
+def test_padding_of_a_link_is_that_of_an_object(accuracy: str, seed: int, padding: float) -> None:
+    # Boxes, which become larger boxes, and balls: what is the same in both to rounding.
+    rng = np.random.default_rng(seed)
+    robot, world = oc.Robot.from_urdf(random_arm(rng, 4, shapes=SHAPES[:2])), random_world(rng, 2)
+    skipped = set(robot.disabled_pairs | robot.adjacent_pairs) | rigid_pairs(robot)
+    states = random_states(rng, robot, 4)
+    checker = oc.RobotScene([robot], world, accuracy, padding=padding)
+    report, distances = checker.check(states, all_pairs=True), checker.distances(states).distances
+    for number, state in enumerate(states):
+        wanted = brute_force(robot, world, state, accuracy, skipped, padding)
+        found = {(min(pair), max(pair)) for pair in report.pairs_of(number)}
+        if accuracy == "hull":
+            assert found == wanted
+            assert (distances[number] <= 0.0) == bool(wanted)
+        else:
+            assert found <= wanted
+
+
+@given(st.floats(-1.0, 1.0), st.floats(-3.0, 3.0), st.floats(-1.0, 1.0), st.floats(-2.0, 2.0))
+def test_a_joint_that_mimics_another_has_limits_of_its_own(
+    value: float, multiplier: float, offset: float, limit: float
+) -> None:
+    mimic = f'<mimic joint="lift" multiplier="{multiplier}" offset="{offset}"/>'
+    ends = f'<limit lower="{min(limit, 0.0)}" upper="{max(limit, 0.0)}"'
+    text = LIFT.replace('<limit lower="-1" upper="1"', mimic + ends).replace(
+        '"0" upper', '"-1" upper'
+    )
+    robot = oc.Robot.from_urdf(text)
+    out = oc.RobotScene([robot]).check([[value]]).out_of_limits
+    exact = Fraction(multiplier) * Fraction(value) + Fraction(offset)
+    beyond = max(exact - Fraction(max(limit, 0.0)), Fraction(min(limit, 0.0)) - exact)
+    if not 0 < beyond <= 1e-14:  # else off by rounding
+        assert out.tolist() == [[beyond > 0]]
+
+
 def test_a_single_state_and_none_at_all() -> None:
     assert lift().check([1.0, 0.0]).valid.tolist() == [True]
     empty = lift().check(np.zeros((0, 2)), all_pairs=True)
@@ -408,7 +452,37 @@ def test_an_object_of_the_scene_is_no_obstacle_while_it_is_attached() -> None:
     scene.move("thing3", places[3])
     assert checker.check(states).pairs == before.pairs
     with pytest.raises(KeyError, match="nothing"):
-        checker.attach_object("nothing", link)
+        checker.attach_object("nothing", link, pose)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_an_object_of_the_scene_is_grasped_where_it_is(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    robot = oc.Robot.from_urdf(random_arm(rng, 3))
+    scene, (state, *others) = random_world(rng, 5), random_states(rng, robot, 100)
+    base = random_poses(1, rng, 300.0)  # so far that bodies are relative to a place nearby
+    checker, expected = (oc.RobotScene([robot], scene, bases=base) for _ in range(2))
+    link = robot.link_names[-1]
+    hand = matrix(base[0]) @ matrix(robot.link_poses(state)[-1])
+    for name in scene.names:
+        scene.move(name, from_matrix(hand @ matrix(random_poses(1, rng, 1.0)[0])))
+        on_link = from_matrix(np.linalg.inv(hand) @ matrix(scene.pose(name)))
+        checker.attach_object(name, link, state=state)
+        expected.attach_object(name, link, on_link)
+    assert checker.check(others, all_pairs=True).pairs == expected.check(others).pairs
+    for both in ({}, {"pose": on_link, "state": state}):
+        with pytest.raises(ValueError, match="pose, on the link, or state"):
+            checker.attach_object(name, link, **both)
+
+
+def matrix(pose: Floats) -> Floats:
+    found = np.eye(4)
+    found[:3, :3], found[:3, 3] = Rotation.from_quat(pose[3:]).as_matrix(), pose[:3]
+    return found
+
+
+def from_matrix(given: Floats) -> Floats:
+    return np.append(given[:3, 3], Rotation.from_matrix(given[:3, :3]).as_quat())
 
 
 @pytest.mark.parametrize("count", [1, 2])
@@ -469,3 +543,23 @@ def test_a_world_of_which_parts_change_is_as_a_new_one() -> None:
         assert found == oc.RobotScene([robot], scene).check(states).pairs
         seen.add(str(found))
     assert len(seen) > 10
+
+
+def test_a_scene_with_obstacle_points_raises_until_they_are_none() -> None:
+    scene = oc.Scene()
+    checker = lift(scene)
+    states = [[0.0, 0.0]]
+    scene.obstacle_points = np.zeros((0, 3))
+    assert checker.check(states).valid.all()
+    scene.obstacle_points = [[0.5, 0.0, 0.0]]
+    for ask in (
+        lambda: lift(scene),
+        lambda: checker.check(states),
+        lambda: checker.distances(states),
+        lambda: checker.check_motions(states, states),
+        lambda: checker.check_path(states),
+    ):
+        with pytest.raises(ValueError, match=r"set scene\.obstacle_points = None"):
+            ask()
+    scene.obstacle_points = None
+    assert checker.check(states).valid.all()

@@ -190,10 +190,8 @@ def test_there_are_no_more_links_and_shapes_than_can_be_paired() -> None:
         RobotError, match=r"^urdf:1002: link 'l1000': there are 1001 links, 1000 is"
     ):
         oc.Robot.from_urdf(urdf(*(link(f"l{k}") for k in range(1001))))
-    many = ['<sphere radius="1"/>'] * 10_001
-    with pytest.raises(
-        RobotError, match="there are 10001 collision geometries, 10000 is the limit"
-    ):
+    many = ['<sphere radius="1"/>'] * 2001
+    with pytest.raises(RobotError, match="there are 2001 collision geometries, 2000 is the limit"):
         oc.Robot.from_urdf(urdf(link("a", *many)))
 
 

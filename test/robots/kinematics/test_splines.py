@@ -31,7 +31,7 @@ from obb_collision.robots.kinematics.splines import (
     Point,
     distances_from,
     interpolation,
-    segment_between,
+    segments_between,
     state_at,
     straight_pieces,
     with_jump,
@@ -50,6 +50,11 @@ def points(order: int, count: int = 2) -> list[Point]:
     ]
 
 
+def curve(some: list[Point], number: int, times: np.ndarray) -> np.ndarray:
+    """Return the joints on a segment between points, at times since its start."""
+    return segments_between(some).at(np.full(len(times), number), times)
+
+
 @pytest.mark.parametrize(("order", "name"), [(0, LINEAR), (1, CUBIC), (2, QUINTIC)])
 def test_polynomials_are_those_of_scipy_through_the_derivatives(order: int, name: str) -> None:
     for _ in range(50):
@@ -59,7 +64,7 @@ def test_polynomials_are_those_of_scipy_through_the_derivatives(order: int, name
         exact = BPoly.from_derivatives([0.0, last.time - first.time], given)
         times = np.linspace(0.0, last.time - first.time, 21)
         np.testing.assert_allclose(
-            segment_between(first, last).at(times), exact(times), rtol=1e-9, atol=1e-9
+            curve([first, last], 0, times), exact(times), rtol=1e-9, atol=1e-9
         )
 
 
@@ -67,8 +72,8 @@ def test_polynomials_are_those_of_scipy_through_the_derivatives(order: int, name
 def test_no_spline_is_farther_from_its_chords_than_is_said(order: int) -> None:
     for _ in range(50):
         some = points(order, 4)
-        segments = [segment_between(*pair) for pair in pairwise(some)]
-        counts = RNG.integers(1, 6, 3).tolist()
+        deviations = segments_between(some).deviations()
+        counts = RNG.integers(1, 6, 3)
         pieces = straight_pieces(some, counts)
         assert pieces.segments.tolist() == np.repeat(range(3), counts).tolist()
         np.testing.assert_array_equal(pieces.starts[1:], pieces.ends[:-1])
@@ -76,8 +81,8 @@ def test_no_spline_is_farther_from_its_chords_than_is_said(order: int) -> None:
             parts = np.linspace(0.0, 1.0, 30)[:, None]
             times = pieces.begins[n] + parts[:, 0] * (pieces.finishes[n] - pieces.begins[n])
             chord = pieces.starts[n] + parts * (pieces.ends[n] - pieces.starts[n])
-            off = np.abs(segments[number].at(times - some[number].time) - chord).max(axis=0)
-            allowed = segments[number].deviations() / counts[number] ** 2
+            off = np.abs(curve(some, number, times - some[number].time) - chord).max(axis=0)
+            allowed = deviations[number] / counts[number] ** 2
             assert (off <= allowed + 1e-9).all()
 
 
@@ -117,15 +122,25 @@ def test_the_state_at_a_time_is_on_the_splines_and_at_their_ends() -> None:
     some = points(2, 4)
     for first, last in pairwise(some):
         middle = (first.time + last.time) / 2.0
-        expected = segment_between(first, last).at(np.array([middle - first.time]))[0]
+        expected = curve([first, last], 0, np.array([middle - first.time]))[0]
         np.testing.assert_array_equal(state_at(some, middle), expected)
         np.testing.assert_allclose(state_at(some, first.time), first.positions, atol=1e-12)
     np.testing.assert_array_equal(state_at(some, 1e9), some[-1].positions)
 
 
+def test_segments_between_points_of_any_kinds_are_those_of_each_pair() -> None:
+    kinds = RNG.integers(0, 3, 200)
+    some = [points(kind, 1)[0]._replace(time=float(n)) for n, kind in enumerate(kinds.tolist())]
+    together = segments_between(some)
+    for number, pair in enumerate(pairwise(some)):
+        np.testing.assert_array_equal(
+            together.coefficients[number], segments_between(pair).coefficients[0]
+        )
+
+
 def test_a_jump_is_a_piece_of_its_own_of_the_first_segment() -> None:
     some = points(1, 3)
-    pieces = straight_pieces(some, [2, 3])
+    pieces = straight_pieces(some, np.array([2, 3]))
     here = some[0].positions + 1.0
     jumping = with_jump(pieces, here, some, some[1].time)
     assert len(jumping.begins) == len(pieces.begins) + 1
@@ -137,7 +152,8 @@ def test_a_jump_is_a_piece_of_its_own_of_the_first_segment() -> None:
 
 def test_distances_from_pieces_are_those_of_the_nearest_point() -> None:
     rng = np.random.default_rng(0)
-    pieces = straight_pieces([Point(float(t), rng.normal(size=3)) for t in range(5)], [1, 1, 1, 4])
+    some = [Point(float(t), rng.normal(size=3)) for t in range(5)]
+    pieces = straight_pieces(some, np.array([1, 1, 1, 4]))
     pieces.ends[0] = pieces.starts[0]  # one that stays
     state = rng.normal(size=3)
     shares = np.linspace(0.0, 1.0, 20001)[:, None, None]

@@ -25,6 +25,7 @@ import pytest
 import trimesh
 from builders import build
 
+from obb_collision.geometry.shapes.folders import MeshFolders
 from obb_collision.scene.building.builder import Builder
 from obb_collision.scene.building.errors import BuildError
 from obb_collision.scene.building.jobs import (
@@ -121,7 +122,7 @@ def test_files_outside_the_allowed_folders_are_refused(builder: Builder, tmp_pat
     for folder in ("allowed", "other"):
         (tmp_path / folder).mkdir()
         trimesh.creation.box().export(tmp_path / folder / "part.stl")
-    folders = (str(tmp_path / "allowed"),)
+    folders = MeshFolders((str(tmp_path / "allowed"),))
     uri = (tmp_path / "allowed" / "part.stl").as_uri()
     mesh, _ = build(builder, MeshFile(uri, ONE, folders=folders))
     assert len(mesh.faces) == 12

@@ -350,3 +350,11 @@ def test_what_is_off_or_not_asked_for_allocates_nothing_of_its_own() -> None:
         peak(scene.check), peak(scene._find)  # what the first time allocates for good
         # the report, and which objects were active: no array with a row a pair
         assert peak(scene.check) - peak(scene._find) < 4096
+
+    rows, poses = np.arange(400), np.array([at(0.75 * k + 9.0) for k in range(400)])
+    kept = scene.check()  # all are off
+    tracemalloc.start()
+    scene.move_indices(rows, poses)
+    assert tracemalloc.get_traced_memory()[1] < 400 * 12 * 8  # a copy of centres and rotations
+    tracemalloc.stop()
+    assert len(kept) == 399

@@ -21,10 +21,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hull_distances import placed, squared_distance
 from scipy.spatial.transform import Rotation
 
 import obb_collision as oc
 from obb_collision.accuracy import Accuracy
+from obb_collision.geometry.poses import as_poses
 from obb_collision.queries.convex.distances import convex_distances
 from obb_collision.scene.refinement import placed_shapes
 
@@ -101,6 +103,57 @@ def test_contacts_agree_with_separations_and_lie_between_the_shapes() -> None:
     assert (contacts.axes[high] == -1).all()
     apart = np.nan_to_num(contacts.position_depths, nan=0.0)
     assert (apart <= contacts.depths[:, None])[high].all()
+
+
+@pytest.mark.parametrize("level", ["hull", "mesh"])
+@pytest.mark.parametrize("exact", [False, True])
+def test_pairs_that_hardly_touch_have_a_point_or_a_distance(level: str, exact: bool) -> None:
+    # Moved until they touch but for rounding: verdicts and effects decide with other bounds.
+    rng = np.random.default_rng(7)
+    scene = oc.Scene(accuracy=level, exact=exact)
+    for number in range(150):
+        corners = rng.integers(-1, 2, (2, 12, 3)) * rng.choice([1.0, 1e-3], (2, 1, 3))
+        one = oc.shapes.Hull(corners[0])
+        other: oc.shapes.Shape = oc.shapes.Box(np.ptp(corners[1], axis=0) + 0.1)
+        if number % 2:
+            other = oc.shapes.Mesh(rng.normal(size=(4, 3)), [[0, 1, 2], [0, 2, 3]])
+        pair, way = oc.Scene(accuracy="hull"), np.eye(3)[number % 3] * 8.0
+        pair.set_effect("clearance", max_distance=100.0)
+        pair.add("a", one)
+        pair.add("b", other, [*way, 0, 0, 0, 1])
+        near = pair.check("clearance").clearances
+        way -= near.normals[0] * near.distances[0] * (1.0 + rng.choice([0.0, 1e-16, 1e-12, -1e-12]))
+        here = np.array([50.0 * number, 0.0, 0.0])
+        scene.add(f"{number}a", one, [*here, 0, 0, 0, 1])
+        scene.add(f"{number}b", other, [*(here + way), 0, 0, 0, 1])
+    report = scene.check(("contacts", "clearance"))
+    assert 10 < len(report.pairs) < 140
+    assert (report.contacts.counts[report.accuracies >= Accuracy.HULL] > 0).all()
+    collide = set(map(tuple, report.pairs.tolist()))
+    for pair_of, distance in distances(report).items():
+        assert (distance <= 0.0) == (pair_of in collide)
+
+
+def test_flat_hulls_are_as_far_apart_as_fractions_say() -> None:
+    # Points, segments, triangles and polygons, turned: they were their boxes.
+    rng = np.random.default_rng(1)
+    for count in (1, 2, 3, 8) * 10:
+        points = rng.normal(size=(2, count, 3)) * [0.5, 0.5, 0.0]
+        points[0] = points[0] @ Rotation.random(None, rng).as_matrix()
+        pose = [*rng.normal(size=3) * 0.3, *Rotation.random(None, rng).as_quat()]
+        scene = oc.Scene(accuracy="hull")
+        scene.set_effect("clearance", max_distance=10.0)
+        scene.add("a", oc.shapes.Hull(points[0]))
+        scene.add("b", oc.shapes.Hull(points[1]), pose)
+        report = scene.check("clearance")
+        centers, rotations = as_poses(np.array([scene.pose("b")]))
+        exactly = (
+            placed(points[0], np.zeros(3), np.eye(3)),
+            placed(points[1], centers[0], rotations[0]),
+        )
+        far = float(squared_distance(*exactly)) ** 0.5
+        assert (len(report.pairs) > 0) == (far == 0.0)
+        assert far == 0.0 or -1e-9 <= report.clearances.distances[0] - far <= 0.0
 
 
 def test_separations_and_contacts_of_the_same_pairs_compute_their_distances_once(

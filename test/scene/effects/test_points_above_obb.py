@@ -103,8 +103,7 @@ def test_each_object_has_its_own_accuracy_and_the_report_says_which() -> None:
     expected = hulls.tolist()
     expected[9], expected[3] = meshes[9], boxes[3]
     assert own == expected
-    levels = report._outcomes["points"].accuracies
-    assert levels is not None
+    levels = report.accuracies_of("points")
     assert levels[[0, 1, 3, 9]].tolist() == [
         Accuracy.OBB,
         Accuracy.HULL,

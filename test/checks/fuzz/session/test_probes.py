@@ -46,7 +46,7 @@ def answered(data: bytes, room: int) -> set[Pair]:
     inputs = Inputs(objects, monitors, lambda: 10**18, lambda: False, guard, frames)
     inputs.callbacks()["object_boxes"](data)
     inputs.boxes.apply()
-    objects.update(10**18, 0.0)
+    objects.update(10**18)
     ids = objects.table.id[objects.scene.check().pairs]
     return {(min(pair), max(pair)) for pair in ids.tolist()}
 

@@ -1,0 +1,160 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Whether anything collides, and what is missing to claim that nothing does.
+
+The only place that decides it: for the status and the flag, the gate of trajectories, validity and
+speed scale of robots, events and ``/diagnostics``. Free is a claim that needs evidence: each fact
+that is missing names itself by a code of ``CODES``.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
+
+from obb_collision.node.cycle import Cycle
+from obb_collision.node.diagnostics.answer import (
+    MAX_NAMED,
+    RADIUS,
+    Answer,
+    Reason,
+    objects_answer,
+)
+from obb_collision.node.diagnostics.monitors import InputMonitor
+from obb_collision.node.inputs.unknown_objects import UnknownObjects
+from obb_collision.node.messages.conversions import name_from_key
+from obb_collision.node.objects.objects import Objects
+from obb_collision.node.objects.table import Slots
+from obb_collision.node.outputs.collision_status import allowed_delay
+from obb_collision.node.parameters.groups import Groups
+from obb_collision.node.parameters.parameters import Parameters
+from obb_collision.node.robots.robots import Robots
+from obb_collision.scene.effects.settings import OFF
+from obb_collision.scene.store.patterns import matching
+
+UNASKED = ("points",)
+"""Inputs of which nobody needs to know what they said: no object depends on them."""
+
+
+class Evidence:
+    """Answers from all that a node knows. now: time (ns); steady: seconds.
+
+    inputs: the monitors of those that can change what collides, by topic.
+    """
+
+    def __init__(
+        self,
+        parameters: Parameters,
+        objects: Objects,
+        cycle: Cycle,
+        inputs: Mapping[str, InputMonitor],
+        unknown: UnknownObjects,
+        robots: Robots | None,
+        now: Callable[[], int],
+        steady: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._parameters, self._objects, self._cycle = parameters, objects, cycle
+        self._inputs, self._unknown, self._robots = inputs, unknown, robots
+        self._now, self._steady = now, steady
+        self._activated = steady()
+
+    def activate(self) -> None:
+        """Count silences from now on."""
+        self._activated = self._steady()
+
+    def answer(self) -> Answer:
+        """Return what is known of collisions now."""
+        now = self._now()
+        faults = [] if self._robots is None else list(self._robots.faults())
+        found = objects_answer(self._objects, now, [slots for *_, slots in faults])
+        pairs, more = self._cycle.pairs_left()
+        notes = found.notes if self._robots is None else (*found.notes, *self._robots.notes())
+        counts = dict(found.counts)
+        if self._parameters.mode("clearance") != OFF:
+            counts[RADIUS] = self._parameters.setting("clearance")["max_distance"]
+        reasons = *self._of_cycle(), *self._of_scene(now), *self._of_inputs(), *_of_robots(faults)
+        return replace(found, pairs=pairs, more=more, notes=notes, counts=counts).but(*reasons)
+
+    def not_known(self) -> str:
+        """Return why nothing can be said of other states of robots, "" if it can.
+
+        With a region neither: nobody has checked the objects beyond it.
+        """
+        beyond = "there is a region, and objects beyond it are not checked"
+        region = (
+            () if self._objects.scene.region is None else (Reason("incomplete", (), 0, beyond),)
+        )
+        return self.answer().but(*region).why
+
+    def _of_cycle(self) -> Iterator[Reason]:
+        """Yield why the last cycle says nothing of what is there now."""
+        cycle, broken = self._cycle, self._objects.broken
+        if cycle.paused:
+            yield Reason(cycle.paused)
+        elif cycle.waits_for_kernels:
+            yield Reason("starting", detail="kernels of its accuracy are being loaded")
+        elif cycle.report is None and not (cycle.failed or len(self._objects.links_on_boxes)):
+            yield Reason("starting", detail="not checked yet")
+        if cycle.failed or broken:
+            yield Reason("internal_error", detail=broken or "in the last cycle")
+        if cycle.delay > allowed_delay(self._parameters):
+            yield Reason("overload")
+
+    def _of_scene(self, now: int) -> Iterator[Reason]:
+        """Yield what is missing in the scene: objects, or the word that there is none."""
+        objects, parameters = self._objects, self._parameters
+        there = objects.is_declared_empty or parameters.expect_empty
+        if objects.is_empty and not (there or objects.unplaceable):
+            yield Reason("no_objects")
+        if parameters.required_objects:
+            names = [name_from_key(key) for key in objects.table.slots]
+            meant = Groups(parameters.groups).all_meant(parameters.required_objects)
+            missing = tuple(one for one in meant if not matching((one,), names).any())
+            if missing:
+                yield Reason("required_missing", missing[:MAX_NAMED], len(missing))
+        unknown = self._unknown.names(now)
+        if unknown:
+            yield Reason("unknown_objects", tuple(unknown[:MAX_NAMED]), len(unknown))
+
+    def _of_inputs(self) -> Iterator[Reason]:
+        """Yield which inputs are silent, or cannot be read."""
+        steady, parameters = self._steady(), self._parameters
+        silent = []
+        for topic, limit in parameters.required_inputs:
+            monitor = self._inputs.get(topic)
+            heard = 0.0 if monitor is None else monitor.heard
+            if heard < self._activated or steady - heard > limit:
+                silent.append(topic)
+        asked = {t: monitor for t, monitor in self._inputs.items() if t not in UNASKED}
+        heard = max((monitor.heard for monitor in asked.values()), default=0.0)
+        if 0.0 < parameters.input_timeout < steady - max(heard, self._activated):
+            silent.append("all")
+        if silent:
+            yield Reason("input_silent", tuple(silent[:MAX_NAMED]), len(silent))
+        bad = [
+            f"{topic} ({monitor.unreadable})"
+            for topic, monitor in asked.items()
+            if monitor.unreadable
+        ]
+        if bad:
+            yield Reason("input_unreadable", tuple(bad[:MAX_NAMED]), len(bad))
+
+
+def _of_robots(faults: list[tuple[str, str, Slots]]) -> Iterator[Reason]:
+    """Yield the robots of which it is not known where they are."""
+    for code in dict.fromkeys(code for code, *_ in faults):
+        who = tuple(what for other, what, _ in faults if other == code)
+        yield Reason(code, who[:MAX_NAMED], len(who))

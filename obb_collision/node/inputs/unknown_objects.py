@@ -1,0 +1,92 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Names that states come for although there is no such object: nobody knows what they would hit."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from itertools import islice
+
+from obb_collision.node.messages.conversions import NANOSECONDS, Key, name_from_key
+from obb_collision.node.messages.names import namespace_number, shortened, stand_in
+from obb_collision.node.objects.table import ObjectTable
+from obb_collision.scene.store.overrides import Overrides
+
+MEMORY = NANOSECONDS
+"""For how long (ns) a name counts after its last state, and for how long not after its DELETE."""
+MAX_NAMES = 1000
+"""Names stored: bounds the memory that senders can use, and the time to look them up."""
+MAX_DELETED = 10_000
+"""Objects of a message whose DELETE is remembered; states of further ones count for a second."""
+
+
+class UnknownObjects:
+    """The names, each with when its last state came (ns)."""
+
+    def __init__(self, table: ObjectTable) -> None:
+        self._table = table
+        self._came: dict[str, int] = {}
+        self._deleted: dict[str, int] = {}
+        self.ignored: Overrides[bool] = Overrides()
+        """Names, and patterns of names, that do not count."""
+
+    def note(self, names: Iterable[str], now: int) -> None:
+        """Take note of names for which a state came, and that have no object."""
+        for name in names:
+            key = _plain(name)
+            if now - self._deleted.get(key, now - MEMORY) < MEMORY or self.ignored.value(key):
+                continue
+            if key in self._came or len(self._came) < MAX_NAMES:
+                self._came[key] = now
+
+    def deleted(self, keys: Iterable[Key], now: int) -> None:
+        """Take note that somebody has deleted objects: states of theirs may be on their way."""
+        self._forget_deleted(now)
+        others: dict[str, str] = {}  # as bulk poses name a namespace once it is gone
+        for key in islice(keys, MAX_DELETED):
+            if key[0] not in others:
+                others[key[0]] = stand_in(namespace_number(key[0]))
+            for name in (_plain(name_from_key(key)), f"{others[key[0]]}/{key[1]}"):
+                self._deleted[name] = now
+                self._came.pop(name, None)
+
+    def _forget_deleted(self, now: int) -> None:
+        """Forget what was deleted long ago."""
+        if self._deleted:
+            self._deleted = {n: at for n, at in self._deleted.items() if 0 <= now - at < MEMORY}
+
+    def names(self, now: int) -> list[str]:
+        """Return the names that count at a time (ns)."""
+        self._forget_deleted(now)
+        if not self._came:
+            return []
+        names = list(self._came)
+        known = (self._table.find_named(names) >= 0).tolist()
+        self._came = {
+            name: at
+            for (name, at), there in zip(self._came.items(), known, strict=True)
+            if not there and 0 <= now - at < MEMORY
+        }
+        return list(self._came)
+
+    def clock_jumped(self, shift: int) -> None:
+        """Shift times by a jump of the clock (ns)."""
+        for times in (self._came, self._deleted):
+            times.update({name: at + shift for name, at in times.items()})
+
+
+def _plain(name: str) -> str:
+    """Return a name as the table finds it: a slash in front may be missing."""
+    return shortened(name.removeprefix("/"))

@@ -1,0 +1,211 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""A change of a scene either happens or does not, whichever line of it an interrupt comes at."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from contextlib import suppress
+from functools import partial
+from linecache import getline
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+import numpy as np
+import pytest
+
+import obb_collision as oc
+from obb_collision.shapes import Box, Capsule, Mesh, Sphere
+
+PACKAGE = str(Path(oc.__file__).parent)
+FAR = [9.0, 0, 0, 0, 0, 0, 1]
+PYRAMID = Mesh(
+    np.array([[0, 0, 0.8], [1, 0, 0], [0, 1, 0], [-1, -1, 0]]),
+    np.array([[0, 1, 2], [0, 2, 3], [0, 3, 1], [1, 3, 2]]),
+)
+HALL = oc.Region([-5, -5, -5], [5, 5, 5], halo=2.0)
+
+
+def at(x: float, y: float = 0.0) -> list[float]:
+    return [x, y, 0, 0, 0, 0, 1]
+
+
+def scene_before() -> tuple[oc.Scene, oc.Report]:
+    """Return a scene that has been checked, and what the check found."""
+    scene = oc.Scene(accuracy="mesh")
+    scene.add_boxes(
+        [f"box/{k}" for k in range(12)], np.full((12, 3), 0.5), [at(k) for k in range(12)]
+    )
+    scene.add("ball", Sphere(0.4), at(0.5))
+    scene.add("pyramid", PYRAMID, at(3.0))
+    scene.add("own", Capsule(0.2, 0.5), at(5.0), padding=0.1, accuracy="obb")
+    scene.add("spare", Box([1, 1, 1]), at(7.0))  # and all 16 slots are taken
+    scene.allow("box/1", "*")
+    scene.allow("box/2", "box/*")
+    return scene, scene.check()
+
+
+def fill(scene: oc.Scene) -> None:
+    scene.remove_indices([2, 15])
+    scene.add("new", PYRAMID, at(7.5))
+
+
+def leave(scene: oc.Scene) -> None:
+    scene.region = HALL
+    scene.check()
+    scene.move("box/4", FAR)
+
+
+CHANGES: dict[str, Callable[[oc.Scene], Any]] = {
+    "add": lambda s: s.add("new", PYRAMID, at(6.2), padding=0.01),
+    "add in place": lambda s: s.add("pyramid", Sphere(0.3), at(4.4)),
+    "add boxes": lambda s: s.add_boxes(["new", "ball"], np.ones((2, 3)), [at(1.2), at(6.7)]),
+    "add bodies": lambda s: s.add_boxes(
+        ["new", "pyramid"], np.ones((2, 3)), [at(1.2), at(6.7)], ["hull", None], [Sphere(0.5)] * 2
+    ),
+    "begin boxes": lambda s: s.begin_boxes(
+        ["n/1", "n/2"],
+        np.ones((2, 3)),
+        np.array([at(1.2), at(6.7)]),
+        [oc.Accuracy.AABB, None],
+        np.array([13]),
+    ),
+    "resize boxes": lambda s: s.resize_boxes(np.array([3, 4]), np.ones((2, 3))),
+    "grow": lambda s: s.grow_indices(np.array([3, 5]), np.array([0.3, 0.4])),
+    "rename": lambda s: s.rename_indices(np.array([1, 2]), ["box/2x", "other"]),
+    "renew": lambda s: s.renew_indices([1, 13]),
+    "remove": lambda s: s.remove("pyramid"),
+    "remove several": lambda s: s.remove_indices([2, 13, 12]),
+    "clear": lambda s: s.clear(),
+    "move": lambda s: s.move("pyramid", at(5.1)),
+    "move all": lambda s: s.move_indices(s.indices, [at(1.1 * k) for k in range(len(s))]),
+    "enable": lambda s: s.set_enabled("ball", False),
+    "enable several": lambda s: s.set_enabled_indices([1, 12], [False, False]),
+    "padding": lambda s: setattr(s, "padding", 0.3),
+    "padding overrides": lambda s: setattr(s, "padding_overrides", [("box/*", 0.3)]),
+    "padding of one": lambda s: s.set_padding("ball", 0.3),
+    "padding as all": lambda s: s.set_padding("own", None),
+    "accuracy": lambda s: setattr(s, "accuracy", "aabb"),
+    "accuracy of one": lambda s: s.set_accuracy("pyramid", "sphere"),
+    "accuracy as all": lambda s: s.set_accuracy("own", None),
+    "allow": lambda s: s.allow("box/2", "box/*", False),
+    "allowed": lambda s: setattr(s, "allowed", [("pyramid", "*", True)]),
+    "check only": lambda s: setattr(s, "check_only", [("pyramid", "*")]),
+    "allowed within": lambda s: setattr(s, "allowed_within", ["box"]),
+    "region": lambda s: setattr(s, "region", oc.Region([-5] * 3, [2.2, 5, 5], halo=2.0)),
+    "max pairs": lambda s: setattr(s, "max_pairs", 2),
+    "tree depth": lambda s: setattr(s, "tree_depth", 1),
+    "effect": lambda s: s.set_effect("clearance", "on", max_distance=0.2),
+    "twist": lambda s: s.set_twist("ball", [1, 0, 0, 0, 0, 0]),
+    "query": lambda s: s.query(PYRAMID, at(6.0)),
+    "query of a box": lambda s: s.query(Box([1, 1, 1]), at(6.0), padding=0.1),
+    "check": lambda s: s.check(["contacts", "clearance"]),
+    "ask": lambda s: s.any_collision(),
+}
+#: What is asked, and what a scene has whose effects show none of it.
+NO_CHANGE = ("query", "query of a box", "check", "ask", "renew", "twist", "tree depth")
+#: What comes before a change: nothing; changes not checked yet; and a region.
+PREPARED: dict[str, Callable[[oc.Scene], Any]] = {
+    "checked": lambda s: None,
+    "changed": fill,
+    "region": leave,
+}
+
+
+def seen(scene: oc.Scene) -> list[Any]:
+    """Return what can be seen of a scene."""
+    boxes = scene.boxes
+    report = scene.check(["contacts", "clearance"])
+    names = scene.names
+    return [
+        *(names, scene.indices.tolist(), scene.allowed, scene.padding, scene.accuracy),
+        *(scene.poses_of(scene.indices).tolist(), scene.check_only, scene.allowed_within),
+        *(boxes.centers.tolist(), boxes.rotations.tolist(), boxes.half_extents.tolist()),
+        *([scene.shape_of(name) for name in names], scene.region, scene.max_pairs),
+        *(report.names(), report.accuracies.tolist(), report.verdicts.tolist()),
+        *(report.contacts.depths.tolist(), report.clearances.distances.tolist()),
+        *(scene.indices_near.tolist(), scene.query(PYRAMID, at(2.5)), scene.any_collision()),
+    ]
+
+
+def seen_later(scene: oc.Scene) -> list[Any]:
+    """Return what can be seen now, and after more changes."""
+    found = seen(scene)
+    scene.add_boxes(["late/1", "late/2"], np.ones((2, 3)), [at(2.2), at(4.2)])
+    scene.remove("late/1")
+    scene.check()
+    for k in range(3):
+        scene.add(f"late/{k + 3}", PYRAMID if k else Box([1, 1, 1]), at(k + 0.7))
+    scene.padding, scene.accuracy = 0.05, "hull"
+    scene.move_indices(scene.indices[:3], [at(2.0 * k) for k in range(len(scene.indices[:3]))])
+    return found + seen(scene)
+
+
+def lines_of(change: Callable[[], Any], stop: int = -1) -> list[tuple[str, int]]:
+    """Make a change and return the lines of the package it goes through; it is interrupted at one.
+
+    stop: the number of that line, -1 for none.
+    """
+    lines: list[tuple[str, int]] = []
+
+    def trace(frame: FrameType, event: str, _: Any) -> Any:
+        if not frame.f_code.co_filename.startswith(PACKAGE):
+            return None
+        line = frame.f_code.co_filename, frame.f_lineno
+        # the interpreter lets no interrupt come where it leaves a lock
+        if event == "line" and not getline(*line).lstrip().startswith("with "):
+            lines.append(line)
+            if len(lines) - 1 == stop:
+                raise KeyboardInterrupt
+        return trace
+
+    before = sys.gettrace()
+    sys.settrace(trace)
+    try:
+        with suppress(KeyboardInterrupt):
+            change()
+    finally:
+        sys.settrace(before)
+    return lines
+
+
+@pytest.mark.parametrize("prepared", PREPARED)
+@pytest.mark.parametrize("name", CHANGES)
+def test_an_interrupted_change_has_happened_or_has_not(
+    name: str, prepared: str, pairs: int
+) -> None:
+    def scene() -> tuple[oc.Scene, oc.Report]:
+        made, report = scene_before()
+        PREPARED[prepared](made)
+        return made, report
+
+    untouched, report = scene()
+    after = scene()[0]
+    lines = lines_of(partial(CHANGES[name], after))
+    allowed = seen_later(untouched), seen_later(after)
+    assert (allowed[0] == allowed[1]) == (name in NO_CHANGE)
+    separations = report.separations.tolist()
+    # the first and the last time that it comes to each line
+    backwards = {line: len(lines) - 1 - n for n, line in enumerate(reversed(lines))}
+    stops = sorted({*backwards.values(), *{line: n for n, line in enumerate(lines)}.values()})
+    assert stops
+    step = max(1, 36000 // pairs)
+    for stop in stops[sum(map(ord, name + prepared)) % step :: step]:
+        tried, report = scene()
+        where = lines_of(partial(CHANGES[name], tried), stop)[-1]
+        assert seen_later(tried) in allowed, where
+        assert report.separations.tolist() == separations, where
