@@ -24,6 +24,7 @@ import numpy as np
 from obb_collision.node.diagnostics.monitors import CycleMonitor
 from obb_collision.node.inputs.points import Obstacles
 from obb_collision.node.messages.conversions import NANOSECONDS
+from obb_collision.node.objects.conditions import LIVE
 from obb_collision.node.objects.objects import Objects
 from obb_collision.node.objects.set_aside import SetAside
 from obb_collision.node.outputs.effects import Effects
@@ -91,7 +92,7 @@ class Cycle:
         if len(pairs) == 0:
             return 0, False
         table = self._objects.table
-        left = (table.live[pairs] & (table.serial[pairs] == were)).all(axis=1)
+        left = (table.has(LIVE, pairs) & (table.serial[pairs] == were)).all(axis=1)
         if self.report is not None and left.all():  # and so are those beyond what it lists
             return self.report.total, more
         return int(np.count_nonzero(left)), more

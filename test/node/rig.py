@@ -61,6 +61,7 @@ from obb_collision.node.messages.conversions import (
     transform_to_ros,
 )
 from obb_collision.node.node import CollisionNode
+from obb_collision.node.objects.conditions import RESHAPED, UNSHAPED
 from obb_collision.node.objects.frames import FixedFrameOnly
 from obb_collision.node.topics.topics import NAMESPACES, TOPICS
 
@@ -340,7 +341,7 @@ class Rig(Client):
 
         def ready() -> bool:
             slots = [table.slots.get(key, -1) for key in keys]
-            return all(s >= 0 and table.shaped[s] and not table.shape_pending[s] for s in slots)
+            return all(s >= 0 and not table.has(UNSHAPED | RESHAPED, s) for s in slots)
 
         self.until(ready, f"the shapes of {keys}")
         self.cycles(2)

@@ -49,6 +49,7 @@ from std_msgs.msg import Bool
 from visualization_msgs.msg import Marker
 
 from obb_collision.node.diagnostics.answer import COLLIDING, FREE, UNKNOWN
+from obb_collision.node.objects.conditions import RESHAPED
 
 
 def count_checks(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> list[int]:
@@ -197,7 +198,7 @@ def test_transitions_while_a_shape_is_built_leave_nothing_behind() -> None:
         gate = Gate(rig)
         rig.send(cube(A1), triangle())
         sync(rig)
-        assert before.table.shape_pending.any()
+        assert before.table.has(RESHAPED).any()
         for transition in (DEACTIVATE, ACTIVATE):
             assert rig.change(transition)
         said(rig, UNKNOWN, "body/1", True)

@@ -25,8 +25,9 @@ import numpy.typing as npt
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
 from obb_collision.node.messages.conversions import NANOSECONDS, Key, name_from_key
+from obb_collision.node.objects.conditions import IGNORED, LOST, STALE, STATES
 from obb_collision.node.objects.objects import Objects
-from obb_collision.node.objects.table import IGNORE, Slots
+from obb_collision.node.objects.table import Slots
 
 FREE, COLLIDING, UNKNOWN = DiagnosticStatus.OK, DiagnosticStatus.ERROR, DiagnosticStatus.STALE
 MAX_NAMED = 10
@@ -178,19 +179,13 @@ def objects_reasons(objects: Objects, others: Iterable[Slots] = ()) -> Iterator[
     others: slots of those of which somebody else says why.
     """
     table = objects.table
-    left = table.live & ~objects.staleness.has(IGNORE)
+    left = table.live & ~table.has(IGNORED)
     for slots in others:
         left[slots] = False
-    building = (table.live & ~table.shaped) | table.shape_pending
-    building[objects.links_on_boxes] = True
-    for code, rows in (
-        ("internal_error", table.set_aside),
-        ("shape_building", building),
-        ("refused", table.pose_refused | table.shape_refused | table.held_back),
-        ("unplaced", table.live & ~table.placed),
-        ("late_frame", table.frame_refused),
-        ("stale", objects.staleness.unknown),
-    ):
+    for code, facts in STATES.items():
+        rows = table.has(facts)
+        if code == "shape_building":
+            rows[objects.links_on_boxes] = True
         newcomers = _refused_newcomers(objects) if code == "refused" else ()
         if not (newcomers or rows.any()):
             continue
@@ -204,8 +199,8 @@ def objects_answer(objects: Objects, now: int, others: Iterable[Slots] = ()) -> 
     """Return what the objects say at a time (ns), with no pair checked; others: see reasons."""
     table = objects.table
     reasons = tuple(objects_reasons(objects, others))
-    stale = table.live & table.stale
-    accepted = stale & ~objects.staleness.unknown
+    stale = table.has(STALE)
+    accepted = stale & ~table.has(LOST)
     number = int(np.count_nonzero(accepted))
     names = some(_names(objects, accepted), number)
     counts: dict[str, object] = {

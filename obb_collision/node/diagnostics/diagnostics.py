@@ -29,6 +29,16 @@ from obb_collision.accuracy import ALL_LEVELS
 from obb_collision.node.diagnostics.answer import MAX_NAMED, some
 from obb_collision.node.diagnostics.monitors import NANOSECONDS_F, CycleMonitor, InputMonitor
 from obb_collision.node.messages.conversions import name_from_key
+from obb_collision.node.objects.conditions import (
+    ASIDE,
+    FUTURE,
+    HELD_BACK,
+    REFUSED,
+    RESHAPED,
+    STALE,
+    UNPLACED,
+    UNSHAPED,
+)
 from obb_collision.node.objects.objects import Objects
 from obb_collision.node.parameters.regions import text_from_region
 from obb_collision.node.runtime.guard import INTERNAL_ERROR, Guard
@@ -92,13 +102,14 @@ def _kinds(objects: Objects) -> dict[str, npt.NDArray[np.bool_]]:
     table, visible = objects.table, objects.table.visible
     left = visible.copy()
     kinds = {"unplaceable": table.unplaceable}
-    left &= ~table.set_aside
-    for label, rows in (
-        ("stale", table.stale),
-        ("refused", table.refused),
-        ("new shape being built", table.shape_pending),
-        ("doubtful stamp", table.ahead | table.held_back),
+    left &= ~table.has(ASIDE)
+    for label, facts in (
+        ("stale", STALE),
+        ("refused", REFUSED),
+        ("new shape being built", RESHAPED),
+        ("doubtful stamp", FUTURE | HELD_BACK),
     ):
+        rows = table.has(facts)
         kinds[label] = left & rows
         left &= ~rows
     return kinds
@@ -139,16 +150,16 @@ def object_status(
     table, kinds = objects.table, _kinds(objects)
     colliding: object = "not known"
     if report is not None:  # what left since then does not count
-        rows = min(len(report.colliding), len(table.live))
+        rows = min(len(report.colliding), len(table.condition))
         colliding = int(np.count_nonzero(report.colliding[:rows] & table.live[:rows]))
     levels = Counter() if report is None else Counter(report.accuracies.tolist())
     cap = None if report is None else report.cap
     counts = {label: int(np.count_nonzero(found)) for label, found in kinds.items()}
     counts["unplaceable"] += len(objects.unplaceable)
     reasons = Counter(objects.unplaceable.values())
-    reasons["shape being built"] = int(np.count_nonzero(table.live & ~table.shaped))
-    reasons["no transform yet"] = int(np.count_nonzero(table.live & table.shaped & ~table.placed))
-    reasons[INTERNAL_ERROR] += int(np.count_nonzero(table.live & table.set_aside))
+    reasons["shape being built"] = int(np.count_nonzero(table.has(UNSHAPED)))
+    reasons["no transform yet"] = int(np.count_nonzero(table.has(UNPLACED) & ~table.has(UNSHAPED)))
+    reasons[INTERNAL_ERROR] += int(np.count_nonzero(table.has(ASIDE)))
     values: list[tuple[str, object]] = [
         ("count", len(table)),
         ("colliding", colliding),

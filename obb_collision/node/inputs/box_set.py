@@ -29,6 +29,7 @@ from obb_collision.node.inputs.pieces import each
 from obb_collision.node.messages.conversions import Key
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.messages.names import namespace_number, stand_in
+from obb_collision.node.objects.conditions import POSE_REFUSED, SHAPE_REFUSED
 from obb_collision.node.objects.many import have_shapes, put_primitives, touch_slots
 from obb_collision.node.objects.objects import Objects
 from obb_collision.node.objects.states import OLDER, State
@@ -73,7 +74,7 @@ class BoxSet:
 
     def doubt(self) -> None:
         """Mark that a newer set could not be used: the boxes of the last one stay."""
-        self._table.pose_refused |= self._own
+        self._table.mark(np.flatnonzero(self._own), POSE_REFUSED)
 
     def refuse(self, numbers: Rows, ids: Rows, reason: str) -> None:
         """Mark that a set could not be used, with the boxes in it that are not known yet."""
@@ -179,10 +180,8 @@ class BoxSet:
                 continue
             known = slots[rows] >= 0
             known[known] = self._own[slots[rows[known]]]
-            column = (
-                self._table.shape_refused if faults.of_shape[index] else (self._table.pose_refused)
-            )
-            column[slots[rows[known]]] = True
+            event = SHAPE_REFUSED if faults.of_shape[index] else POSE_REFUSED
+            self._table.mark(slots[rows[known]], event)
             self._refuse_new(numbers[rows[~known]], ids[rows[~known]], error.reason)
 
     def _refuse_new(self, numbers: Rows, ids: Rows, reason: str) -> None:

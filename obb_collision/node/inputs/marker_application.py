@@ -33,6 +33,7 @@ from obb_collision.node.inputs.marker_rows import Gathered
 from obb_collision.node.inputs.unknown_objects import UnknownObjects
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.messages.shape_plans import ANNOTATIONS
+from obb_collision.node.objects.conditions import LIVE, UNPLACED
 from obb_collision.node.objects.many import (
     renew_slots,
 )
@@ -128,7 +129,7 @@ class MarkerApplication:
             same = self._adder.have_shapes(markers, rows, slots[again])
             same |= self._adder.have_built_shapes(markers, rows, slots[again])
             same &= fixed
-            again = again[same & table.placed[slots[again]]]
+            again = again[same & ~table.has(UNPLACED, slots[again])]
             doomed[slots[again]] = False
         gone = np.flatnonzero(doomed & table.live)
         self._unknown.deleted((*deleted, *table.keys(gone)), self._now)
@@ -137,12 +138,12 @@ class MarkerApplication:
         if told or any(not markers.namespaces[index] for index in everything.tolist()):
             objects.declare_empty()
         renew_slots(objects.shapes, slots[again])
-        return np.where((slots >= 0) & table.live[slots], slots, -1)
+        return np.where((slots >= 0) & table.has(LIVE, slots), slots, -1)
 
     def _deleted_by_all(self, markers: Gathered) -> Mask:
         """Return which slots are deleted by DELETEALL, of all or of a namespace, as in RViz."""
         objects, table = self._objects, self._objects.table
-        doomed = np.zeros(len(table.live), np.bool_)
+        doomed = np.zeros(len(table.condition), np.bool_)
         for index in np.unique(markers.ns[markers.action == Marker.DELETEALL]).tolist():
             name = markers.namespaces[index]
             objects.shapes.unplaceable.delete_all(name or None)

@@ -25,13 +25,21 @@ from visualization_msgs.msg import Marker
 
 from obb_collision.accuracy import Accuracy
 from obb_collision.node.messages.errors import RefusedError
+from obb_collision.node.objects.conditions import (
+    ASIDE,
+    RENEWED,
+    SHAPE_CONFIRMED,
+    SHAPE_GIVEN,
+    STALE,
+    UNPLACED,
+)
 from obb_collision.node.objects.shapes import ObjectShapes
 from obb_collision.node.objects.table import COLUMNS, ObjectTable, Slots
 from obb_collision.scene.store.store import NO_ROWS
 from obb_collision.shapes import Cylinder, Ellipsoid, Shape
 from obb_collision.typing import Floats
 
-KEPT = ("live", "ns", "id", "serial", "kind", "size", "placed", "expiry", "shaped")
+KEPT = ("condition", "ns", "id", "serial", "kind", "size", "expiry")
 """Columns that are unchanged if an object is removed and added again with the same shape."""
 
 
@@ -41,10 +49,11 @@ def renew_slots(shapes: ObjectShapes, slots: Slots) -> None:
         return
     table = shapes.table
     shapes.cancel_pending(slots)
-    left_out = slots[table.stale[slots] | table.set_aside[slots]]
+    left_out = slots[table.has(STALE | ASIDE, slots)]
     for column in COLUMNS:
         if column not in KEPT:
             getattr(table, column)[slots] = 0
+    table.mark(slots, RENEWED)
     table.repeated[slots] = True  # this message is not the first one about them
     shapes.placement.begin(slots)
     shapes.scene.renew_indices(slots)
@@ -90,7 +99,7 @@ def put_primitives(
     table.claim_many(begun, namespaces[new], ids[new])
     shapes.placement.begin(begun)
     table.note_primitives(slots, kinds, sizes)
-    table.shaped[slots] = True
+    table.mark(slots, SHAPE_GIVEN)
     shapes.placement.enable(slots)
     touch_slots(shapes, slots, expiry)
     return slots
@@ -104,7 +113,7 @@ def _put_bodies(
     poses = np.zeros((len(slots), 7))
     poses[:, 6] = 1.0
     there = slots >= 0
-    there[there] = shapes.table.placed[slots[there]]
+    there[there] = ~shapes.table.has(UNPLACED, slots[there])
     poses[there] = shapes.scene.poses_of(slots[there])
     pairs = zip(kinds.tolist(), sizes.tolist(), strict=True)
     try:
@@ -143,7 +152,7 @@ def touch_slots(shapes: ObjectShapes, slots: Slots, expiry: Slots) -> None:
     table = shapes.table
     table.expiry[slots] = expiry
     table.seen[slots] = False
-    table.shape_refused[slots] = False
+    table.mark(slots, SHAPE_CONFIRMED)
     shapes.cancel_pending(slots)
     if shapes.unplaceable:
         for slot in slots.tolist():

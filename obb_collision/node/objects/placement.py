@@ -33,9 +33,24 @@ from obb_collision.node.messages.conversions import (
 )
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.messages.names import FrameTable, check_name
+from obb_collision.node.objects.conditions import (
+    ABSENT,
+    FOLLOWING,
+    IGNORED,
+    LIVE,
+    PLACED,
+    PLACED_EARLIER,
+    PLACED_TIRED,
+    TIMED_OUT,
+    TIRED,
+    TIRED_OUT,
+    UNPLACEABLE,
+    UNPLACED,
+    WAITING,
+)
 from obb_collision.node.objects.frames import EXTRAPOLATION, LINK_NOT_KNOWN, FrameSource
 from obb_collision.node.objects.notes import Notes
-from obb_collision.node.objects.table import IGNORE, POLICIES, ObjectTable, Slots
+from obb_collision.node.objects.table import ObjectTable, Slots
 from obb_collision.node.objects.transforms import Transforms
 from obb_collision.node.objects.waiting import (
     States,
@@ -114,7 +129,7 @@ class Placement:
         """
         table = self._table
         rows = as_slice(slots)
-        wait = table.pending[rows].copy()
+        wait = table.has(WAITING, rows)
         dropped = int(np.count_nonzero(wait))
         if dropped:
             wait = wait & ((table.frame[rows] != 0) | (frame != 0))
@@ -124,7 +139,6 @@ class Placement:
             self.waiting.add(latest_states(table, np.unique(slots[wait])))
         self._count += 1
         table.number[rows] = self._count
-        table.waited_out[rows] = False
         return dropped
 
     def begin(self, slots: Slots | int) -> None:
@@ -134,8 +148,8 @@ class Placement:
     def place(self, now: int) -> None:
         """Place all objects whose pose is new or must be placed again."""
         table = self._table
-        table.pending |= table.live & table.locked
-        rows = np.flatnonzero(table.pending & table.live)
+        table.mark(table.locked & table.live, FOLLOWING)
+        rows = np.flatnonzero(table.has(WAITING))
         elsewhere = table.frame[rows] != 0
         if not elsewhere.any():
             self._move_here(rows)
@@ -152,9 +166,7 @@ class Placement:
 
     def takes_part(self, slots: Slots) -> Mask:
         """Return which objects (n,) are to be checked."""
-        table = self._table
-        shown: Mask = table.placed[slots] & table.shaped[slots] & ~table.set_aside[slots]
-        return shown & ~(table.stale[slots] & (table.policy[slots] == POLICIES.index(IGNORE)))
+        return ~self._table.has(ABSENT | IGNORED, slots)
 
     def clock_jumped(self, shift: int) -> None:
         """Shift times by a jump of the clock (ns)."""
@@ -164,7 +176,7 @@ class Placement:
     def stop(self, slots: Slots) -> None:
         """Take the twists of objects away."""
         table = self._table
-        seen = slots[~table.pending[slots] | table.locked[slots]]
+        seen = slots[~table.has(WAITING, slots) | table.locked[slots]]
         table.twist[seen] = 0.0
         self._set_twists(slots, np.zeros((len(slots), 6)))
 
@@ -172,8 +184,8 @@ class Placement:
         """Place states given in other frames: per object the newest one that can be placed."""
         table = self._table
         if now < self._next_retry:
-            rows = rows[~table.waited_out[rows] | table.locked[rows]]
-        elif table.waited_out[rows].any():
+            rows = rows[~table.has(TIRED, rows) | table.locked[rows]]
+        elif table.has(TIRED, rows).any():
             self._next_retry = now + RETRY_PERIOD
         self._drop_superseded()
         states = np.concatenate((self.waiting.rows, latest_states(table, rows)))
@@ -188,13 +200,13 @@ class Placement:
             if frame == 0 or outer is not None:
                 self._move(ready[which == number], outer)
         self._drop_superseded()
-        self._time_out(latest_states(table, rows[table.pending[rows]]), transforms, now)
+        self._time_out(latest_states(table, rows[table.has(WAITING, rows)]), transforms, now)
 
     def _drop_superseded(self) -> None:
         """Drop states older than the one placed last, and those of removed objects."""
         table, states = self._table, self.waiting.rows
         slots = states["slot"]
-        kept = table.live[slots] & (states["number"] > table.world_number[slots])
+        kept = table.has(LIVE, slots) & (states["number"] > table.world_number[slots])
         if not kept.all():
             self.waiting.rows = states[kept]
 
@@ -208,7 +220,7 @@ class Placement:
         ages = now - waiting["received"]
         late = ages > limit
         if late.any():
-            table.frame_refused[waiting["slot"][late]] = True
+            table.mark(waiting["slot"][late], TIMED_OUT)
             lags = [f for f, e in transforms.errors.items() if e.reason == EXTRAPOLATION]
             waits_on = ~late | (np.isin(waiting["frame"], lags) & (ages <= LONGEST_LAG))
             late &= ~waiting["counted"]
@@ -216,14 +228,14 @@ class Placement:
             self.waiting.rows, waiting, late = waiting[waits_on], counted, late[late]
         slots = latest["slot"]
         tired = (now - latest["received"] > limit) | table.locked[slots]
-        tired &= ~table.waited_out[slots]
-        table.waited_out[slots[tired]] = True
+        tired &= ~table.has(TIRED, slots)
+        table.mark(slots[tired], TIRED_OUT)
         self._refuse(np.concatenate((waiting[late], latest[tired])), transforms.errors)
 
     def _refuse(self, states: States, errors: dict[int, RefusedError]) -> None:
         """Count states that could not be placed, and mark their objects."""
         table = self._table
-        table.frame_refused[states["slot"]] = True
+        table.mark(states["slot"], TIMED_OUT)
         for frame, topic in np.unique(np.array([states["frame"], states["topic"]]), axis=1).T:
             some = states[(states["frame"] == frame) & (states["topic"] == topic)]
             error = errors.get(int(frame)) or RefusedError("bad pose", "out of range once placed")
@@ -267,7 +279,8 @@ class Placement:
             slot = int(states["slot"][0])
             name = name_from_key(self._table.key(slot))
             self.guard.caught("placing objects", error, name)
-            self._table.pending[slot] &= self._table.number[slot] > states["number"][0]
+            if self._table.number[slot] <= states["number"][0]:
+                self._table.mark(slot, UNPLACEABLE)
             self._table.world_number[slot] = states["number"][0]  # it is not tried again
             self._refuse(
                 states, {int(states["frame"][0]): RefusedError(INTERNAL_ERROR, str(error))}
@@ -282,12 +295,15 @@ class Placement:
         table.world_stamp[rows] = stamps
         table.world_received[rows] = received
         table.world_number[rows] = numbers
-        table.pending[rows] = table.number[rows] > numbers
-        table.waited_out[rows] &= table.pending[rows]
-        table.frame_refused[rows] = table.waited_out[rows]
-        new = slots[~table.placed[slots]]
+        new, newer = slots[table.has(UNPLACED, rows)], table.number[rows] > numbers
+        if newer.any():
+            tired = newer & table.has(TIRED, rows)
+            table.mark(slots[~newer], PLACED)
+            table.mark(slots[newer & ~tired], PLACED_EARLIER)
+            table.mark(slots[tired], PLACED_TIRED)
+        else:
+            table.mark(rows, PLACED)
         if len(new):
-            table.placed[new] = True
             self.enable(new)
 
     def _set_twists(self, slots: Slots, twists: Floats) -> None:

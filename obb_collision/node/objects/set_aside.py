@@ -26,6 +26,7 @@ from collections.abc import Callable, Collection
 import numpy as np
 
 from obb_collision.node.messages.conversions import name_from_key
+from obb_collision.node.objects.conditions import ASIDE, SET_ASIDE, TRIED_AGAIN
 from obb_collision.node.objects.objects import Objects
 from obb_collision.node.objects.table import Slots
 from obb_collision.node.runtime.guard import Guard
@@ -68,7 +69,7 @@ class SetAside:
 
     def _due(self) -> Slots:
         """Return objects that are set aside and to be tried again now."""
-        aside = np.flatnonzero(self._table.live & self._table.set_aside)
+        aside = np.flatnonzero(self._table.has(ASIDE))
         if len(aside) == 0 or self._clock() >= self._retry:
             return aside
         return aside[np.isin(aside, self._untried)]
@@ -103,7 +104,7 @@ class SetAside:
         self._retry = self._clock() + RETRY_PERIOD
 
     def _include(self, slots: Slots, included: bool) -> None:
-        self._table.set_aside[slots] = not included
+        self._table.mark(slots, TRIED_AGAIN if included else SET_ASIDE)
         self._objects.placement.enable(slots)
 
     def _failure(self) -> Exception | None:

@@ -25,6 +25,19 @@ from obb_collision.accuracy import Accuracy
 from obb_collision.node.messages.conversions import Key, name_from_key
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.messages.shape_plans import Plan, Signature
+from obb_collision.node.objects.conditions import (
+    FIRST_SHAPE_ASKED,
+    LIVE,
+    POSE_REFUSED,
+    RESHAPED,
+    SHAPE_ASKED,
+    SHAPE_CONFIRMED,
+    SHAPE_GIVEN,
+    SHAPE_REFUSED,
+    SHAPE_SETTLED,
+    UNPLACED,
+    UNSHAPED,
+)
 from obb_collision.node.objects.notes import Notes
 from obb_collision.node.objects.placement import Placement
 from obb_collision.node.objects.shape_requests import Given, ShapeRequests
@@ -85,10 +98,11 @@ class ObjectShapes:
         self.requests.request(key, plan)
         if slot is None:
             slot = self._give(key, PLACEHOLDER, NO_SIGNATURE)
-            self.table.shaped[slot] = False
+            self.table.mark(slot, FIRST_SHAPE_ASKED)
+            self.table.shape_asked[slot] = self._clock()
             self.placement.enable(np.array([slot]))
-        if not self.table.shape_pending[slot]:
-            self.table.shape_pending[slot] = True
+        elif not self.table.has(RESHAPED, slot):
+            self.table.mark(slot, SHAPE_ASKED)
             self.table.shape_asked[slot] = self._clock()
         self._renew(key, slot, expiry)
         return slot
@@ -113,7 +127,7 @@ class ObjectShapes:
             slot = self._give(key, shape, signature)
         assert slot is not None
         self.requests.cancel(key)
-        self.table.shape_pending[slot] = False
+        self.table.mark(slot, SHAPE_SETTLED)
         self._renew(key, slot, expiry)
         return slot
 
@@ -127,7 +141,7 @@ class ObjectShapes:
         table, name = self.table, name_from_key(key)
         slot = table.slots.get(key)
         pose = None
-        if slot is not None and table.placed[slot]:
+        if slot is not None and not table.has(UNPLACED, slot):
             pose = self.scene.poses_of([slot])[0]
         try:
             level = self.overrides.value(name)
@@ -139,20 +153,22 @@ class ObjectShapes:
             table.claim(index, key)
             self.placement.begin(index)
         table.note_signature(index, signature)
-        table.shaped[index] = True
+        table.mark(index, SHAPE_GIVEN)
         self.placement.enable(np.array([index]))
         return index
 
     def _renew(self, key: Key, slot: int, expiry: int | None) -> None:
         self.table.expiry[slot] = NEVER if expiry is None else expiry
-        self.table.shape_refused[slot] = self.table.seen[slot] = False
+        self.table.mark(slot, SHAPE_CONFIRMED)
+        self.table.seen[slot] = False
         self.unplaceable.forget(key)
 
     def cancel_pending(self, slots: Slots) -> None:
         """Continue with the present shapes of objects: cancel what is being built for them."""
-        for slot in slots[self.table.shape_pending[slots]].tolist():
+        waiting = slots[self.table.has(RESHAPED, slots)]
+        for slot in waiting.tolist():
             self.requests.cancel(self.table.key(slot))
-        self.table.shape_pending[slots] = False
+        self.table.mark(waiting, SHAPE_SETTLED)
 
     def refuse(self, key: Key, reason: str, shape: bool, expiry: int = NEVER) -> None:
         """Mark that the latest state (shape or pose) of an object could not be used.
@@ -164,10 +180,7 @@ class ObjectShapes:
             self.unplaceable.add(key, reason, expiry)
             return
         self.table.expiry[slot] = max(int(self.table.expiry[slot]), expiry)
-        if shape:
-            self.table.shape_refused[slot] = True
-        else:
-            self.table.pose_refused[slot] = True
+        self.table.mark(slot, SHAPE_REFUSED if shape else POSE_REFUSED)
 
     def remove(self, slots: Slots) -> None:
         """Remove the objects at slots (n,), all in use and distinct."""
@@ -184,7 +197,7 @@ class ObjectShapes:
         if len(self.scene) == len(self.table):
             return NO_ROWS
         there = self.scene.indices
-        return there[~self.table.live[there]]
+        return there[~self.table.has(LIVE, there)]
 
     def release(self, slots: Slots) -> None:
         """Remove the objects at slots (n,), all in use and distinct, but not from the scene.
@@ -204,10 +217,10 @@ class ObjectShapes:
     def overdue(self) -> Mask:
         """(rows,) objects that have had a shape, and whose newer one has been built for long."""
         table = self.table
-        if not table.shape_pending.any():  # typical
-            return table.shape_pending
-        waiting = table.visible & table.shape_pending
-        return waiting & (self._clock() - table.shape_asked > PATIENCE)
+        waiting = table.has(RESHAPED)
+        if not waiting.any():  # typical
+            return waiting
+        return table.visible & waiting & (self._clock() - table.shape_asked > PATIENCE)
 
     def _waiting_for(self, given: Given) -> list[Key]:
         if given.keys is not None:
@@ -230,10 +243,10 @@ class ObjectShapes:
         if self.requests.is_waiting(key):  # for a newer shape
             self.table.shape_asked[slot] = self._clock()
             return
-        self.table.shape_pending[slot] = False
+        self.table.mark(slot, SHAPE_SETTLED)
         if error is not None:
             self._notes.refuse("objects", error.reason, name_from_key(key), error.detail)
             expiry = int(self.table.expiry[slot])
-            if not self.table.shaped[slot]:
+            if self.table.has(UNSHAPED, slot):
                 self.remove(np.array([slot]))
             self.refuse(key, error.reason, True, expiry)

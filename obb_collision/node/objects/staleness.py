@@ -26,8 +26,22 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from obb_collision.node.messages.conversions import NANOSECONDS, name_from_key
+from obb_collision.node.objects.conditions import (
+    IGNORED,
+    LIVE,
+    LOST,
+    STALE,
+    UNPLACED,
+)
 from obb_collision.node.objects.placement import Placement
-from obb_collision.node.objects.table import COLLIDE, POLICIES, UNKNOWN, ObjectTable, Slots
+from obb_collision.node.objects.table import (
+    COLLIDE,
+    IGNORE,
+    POLICIES,
+    UNKNOWN,
+    ObjectTable,
+    Slots,
+)
 from obb_collision.scene.scene import Scene
 from obb_collision.scene.store.overrides import Overrides
 from obb_collision.typing import Floats, Mask
@@ -69,39 +83,41 @@ class Staleness:
         self._limits = limits
         self._table.limited[:] = False  # whose limit has been looked up
         self._look_up()
+        self._judge(np.flatnonzero(self._has(COLLIDE)))  # unless the next cycle says otherwise
         self._placement.enable(np.flatnonzero(self._table.live))
 
-    def has(self, policy: str) -> Mask:
+    def _has(self, policy: str) -> Mask:
         """Return (rows,) which objects are stale, and have a policy for that."""
-        table = self._table
-        if not table.stale.any():
-            return np.zeros(len(table.stale), np.bool_)
-        return np.asarray(table.live & table.stale & (table.policy == POLICIES.index(policy)))
+        return self._table.has(STALE) & (self._table.policy == POLICIES.index(policy))
 
-    @property
-    def unknown(self) -> Mask:
-        """(rows,) stale objects of which it is not known where they are."""
-        return self.has(UNKNOWN) | (self.has(COLLIDE) & self._table.lost)
+    def _judge(self, beyond: Slots) -> None:
+        """Apply the policies of stale objects; beyond: those that can be beyond their box."""
+        self._table.judge(IGNORED, self._has(IGNORE))
+        lost = self._has(UNKNOWN)
+        lost[beyond] = True
+        self._table.judge(LOST, lost)
 
     def mark(self, now: int) -> None:
         """Mark objects whose state is older than their limit at time ``now`` (ns)."""
         table = self._table
         self._look_up()
         has_limits = self._limits.timeout or self._limits.timeouts
-        if not (has_limits or len(self._grown) or table.stale.any()):
+        before = table.has(STALE)
+        if not (has_limits or len(self._grown) or before.any()):
             return
         default = np.where(table.repeated, int(self._limits.timeout * NANOSECONDS), 0)
         limits = np.where(table.limit < 0, default, table.limit)
-        stale = table.live & table.placed & (limits > 0) & (now - table.world_received > limits)
-        changed = np.flatnonzero(table.live & (stale != table.stale))
-        table.stale[:] = stale
+        placed = (table.condition & (LIVE | UNPLACED)) == LIVE
+        stale = placed & (limits > 0) & (now - table.world_received > limits)
+        table.judge(STALE, stale)
+        changed = np.flatnonzero(stale != before)
         if len(changed):
             gone = changed[stale[changed]]
             table.order[gone] = 0  # a restarted sender may begin anew
             table.speed[gone] = self._scene.speeds_of(gone, table.twist[gone])
             self._placement.stop(gone)  # how they move is not known any more
-            self._placement.enable(changed)
-        self._grow(now)
+        self._judge(self._grow(now))
+        self._placement.enable(changed)
 
     def _look_up(self) -> None:
         """Give new objects their limit, -1 for that of all, and their policy."""
@@ -119,19 +135,21 @@ class Staleness:
             if policy is not None:
                 table.policy[slot] = POLICIES.index(policy)
 
-    def _grow(self, now: int) -> None:
-        """Grow stale objects by what they can have moved, and others no longer."""
+    def _grow(self, now: int) -> Slots:
+        """Grow stale objects by what they can have moved, and others no longer.
+
+        Returns those that can have moved farther than their boxes grow.
+        """
         table, limits = self._table, self._limits
-        rows = np.flatnonzero(self.has(COLLIDE))
+        rows = np.flatnonzero(self._has(COLLIDE))
         if len(rows) == len(self._grown) == 0:
-            return
-        back = np.setdiff1d(self._grown[table.live[self._grown]], rows)
+            return rows
+        back = np.setdiff1d(self._grown[table.has(LIVE, self._grown)], rows)
         self._scene.grow_indices(back, np.zeros(len(back)))
         moved = np.maximum(table.speed[rows], limits.speed) * self._ages(rows, now)
         self._scene.grow_indices(rows, np.minimum(np.nextafter(moved, np.inf), limits.reach))
-        table.lost[:] = False
-        table.lost[rows] = moved > limits.reach
         self._grown = rows
+        return rows[moved > limits.reach]
 
     def _ages(self, rows: Slots, now: int) -> Floats:
         """Return how old (s) the states of objects are: by their stamps, if those are believed."""

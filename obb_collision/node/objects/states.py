@@ -24,6 +24,14 @@ import numpy as np
 from obb_collision.geometry.poses import unit_poses
 from obb_collision.node.messages.conversions import FAR as FAR_KIND
 from obb_collision.node.messages.conversions import NANOSECONDS, name_from_key, pose_kinds
+from obb_collision.node.objects.conditions import (
+    FUTURE,
+    HELD_BACK,
+    OVERTAKEN,
+    POSE_GIVEN,
+    POSE_OVERTAKEN,
+    POSE_REFUSED,
+)
 from obb_collision.node.objects.notes import Notes
 from obb_collision.node.objects.placement import Placement
 from obb_collision.node.objects.table import ObjectTable, Slots
@@ -94,8 +102,8 @@ class States:
         table, rows = self._table, as_slice(slots)
         table.given[rows], table.twist[rows] = poses, twists
         table.frame[rows], table.topic[rows] = frame, self._placement.topic_index(topic)
-        table.pending[rows] = True
-        table.outdated[rows] = table.pose_refused[rows] = table.locked[rows] = False
+        table.locked[rows] = False
+        table.mark(rows, POSE_GIVEN)
 
     def _stamp(self, slots: Slots, stamps: Slots, received: Slots, topic: str) -> None:
         """Store stamps; one that is not believed orders nothing."""
@@ -126,7 +134,8 @@ class States:
         table = self._table
         late = (slots >= 0) & (stamps < table.order[slots]) & (np.asarray(stamps) > 0)
         late &= received - table.received[slots] <= self.order_timeout
-        table.outdated[slots[late]] = True
+        if late.any():
+            table.mark(slots[late], POSE_OVERTAKEN)
         return late
 
     def _find_old(self, slots: Slots, stamps: Slots, received: Slots, topic: str) -> Mask:
@@ -152,12 +161,15 @@ class States:
 
     def refuse(self, slots: Slots) -> None:
         """Mark that the latest poses of slots could not be used."""
-        self._table.pose_refused[slots] = True
+        self._table.mark(slots, POSE_REFUSED)
 
     def mark_doubtful(self, now: int) -> None:
         """Mark objects whose state is from the future, or older than one received before."""
         table = self._table
-        table.ahead[:] = table.placed & (table.world_stamp > now + self.stamp_tolerance)
-        since = now - table.received
-        table.outdated &= since <= self.order_timeout
-        table.held_back[:] = table.outdated & (since > self.order_timeout // 2)
+        table.judge(FUTURE, table.world_stamp > now + self.stamp_tolerance)
+        overtaken = table.has(OVERTAKEN)
+        if overtaken.any() or table.has(HELD_BACK).any():
+            since = now - table.received
+            overtaken &= since <= self.order_timeout
+            table.judge(OVERTAKEN, overtaken)
+            table.judge(HELD_BACK, overtaken & (since > self.order_timeout // 2))

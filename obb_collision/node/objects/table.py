@@ -31,6 +31,19 @@ from obb_collision.node.messages.conversions import Key
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.messages.names import NamespaceTable, whole_from_text
 from obb_collision.node.messages.shape_plans import Signature
+from obb_collision.node.objects.conditions import (
+    ABSENT,
+    DOUBTS,
+    LIVE,
+    UNPLACED,
+    UNSHAPED,
+    Conditions,
+    Event,
+    begin,
+    end,
+    happen,
+    judge,
+)
 from obb_collision.scene.store.placed import as_slice, doubled
 from obb_collision.typing import Floats, Mask, Rows
 
@@ -53,9 +66,10 @@ POLICIES = UNKNOWN, COLLIDE, KEEP, IGNORE = ("unknown", "collide", "keep", "igno
 ``policy`` has the index."""
 
 NOTHING = (np.empty(0, np.int64),) * 3
+EVERY = slice(None)
 
 COLUMNS: dict[str, tuple[Any, tuple[int, ...]]] = {
-    "live": (np.bool_, ()),
+    "condition": (np.int32, ()),  # see conditions.py, which alone writes it
     "ns": (np.int64, ()),  # number of the namespace
     "id": (np.int64, ()),
     "serial": (np.int64, ()),  # no two objects ever share one
@@ -63,7 +77,6 @@ COLUMNS: dict[str, tuple[Any, tuple[int, ...]]] = {
     "of_robot": (np.bool_, ()),  # belongs to a link of a robot
     "kind": (np.int64, ()),  # of its shape, if that is one of PRIMITIVES, else 0
     "size": (np.float64, (3,)),  # of such a shape: the scale
-    "pending": (np.bool_, ()),  # a pose is stored that is not in the scene yet
     "given": (np.float64, (7,)),  # the latest pose as given, in ``frame``
     "twist": (np.float64, (6,)),  # of ``given``: linear, angular; zero if there was none
     "moving": (np.bool_, ()),  # the scene has a twist
@@ -73,8 +86,6 @@ COLUMNS: dict[str, tuple[Any, tuple[int, ...]]] = {
     "received": (np.int64, ()),
     "number": (np.int64, ()),  # of the latest state: the later it came, the higher
     "topic": (np.int64, ()),  # by which it came
-    "waited_out": (np.bool_, ()),  # it waited too long for its transform, and is counted for it
-    "placed": (np.bool_, ()),  # has a world box
     "world_stamp": (np.int64, ()),  # stamp of the state that is in the scene; 0: none
     "world_received": (np.int64, ()),  # when it came
     "world_number": (np.int64, ()),  # its number
@@ -85,26 +96,15 @@ COLUMNS: dict[str, tuple[Any, tuple[int, ...]]] = {
     "limited": (np.bool_, ()),  # the next two columns are those of its name
     "limit": (np.int64, ()),  # age (ns) from which on it is stale; 0: none, -1: that of all
     "policy": (np.int8, ()),  # for then, see POLICIES
-    "stale": (np.bool_, ()),
     "speed": (np.float64, ()),  # of a stale one: the most of any of its points, by its last twist
-    "lost": (np.bool_, ()),  # stale for so long that it can be beyond what it is grown by
-    "shaped": (np.bool_, ()),  # has a shape; False while its first one is being built
-    "shape_pending": (np.bool_, ()),  # a newer shape is being built
     "shape_asked": (np.float64, ()),  # since when, or since the last one came (s, steady)
-    "shape_refused": (np.bool_, ()),  # the latest shape could not be used: the last one stays
-    "set_aside": (np.bool_, ()),  # checks fail with it: it takes part in none for now
-    "pose_refused": (np.bool_, ()),  # the latest pose could not be used: the last one stays
-    "frame_refused": (np.bool_, ()),  # poses waited too long for their place since the last placed
-    "ahead": (np.bool_, ()),  # the stamp of the state in the scene is from the future
-    "outdated": (np.bool_, ()),  # states with an older stamp came since the latest
-    "held_back": (np.bool_, ()),  # nothing else has come for some time
 }
 
 
 class ObjectTable:
     """The columns above, and the rows of keys and names."""
 
-    live: Mask
+    condition: Conditions
     ns: Slots
     id: Slots
     serial: Slots
@@ -112,7 +112,6 @@ class ObjectTable:
     of_robot: Mask
     kind: Slots
     size: Floats
-    pending: Mask
     given: Floats
     twist: Floats
     moving: Mask
@@ -122,8 +121,6 @@ class ObjectTable:
     received: Slots
     number: Slots
     topic: Slots
-    waited_out: Mask
-    placed: Mask
     world_stamp: Slots
     world_received: Slots
     world_number: Slots
@@ -134,19 +131,8 @@ class ObjectTable:
     limited: Mask
     limit: Slots
     policy: Slots
-    stale: Mask
     speed: Floats
-    lost: Mask
-    shaped: Mask
-    shape_pending: Mask
     shape_asked: Floats
-    shape_refused: Mask
-    set_aside: Mask
-    pose_refused: Mask
-    frame_refused: Mask
-    ahead: Mask
-    outdated: Mask
-    held_back: Mask
 
     def __init__(self) -> None:
         self.namespaces = NamespaceTable()
@@ -189,15 +175,16 @@ class ObjectTable:
         for number, count in counts:
             self.namespaces.use(number, count)
         self.ns[rows], self.id[rows] = namespaces, ids
-        self.live[rows], self.expiry[rows] = True, NEVER
+        self.expiry[rows] = NEVER
         self.serial[rows] = serials
+        begin(self.condition, rows)
         self._serial += len(slots)
         self._count += len(slots)
         self._sorted = self._index = None
 
     def reach(self, rows: int) -> None:
         """Grow until there are so many rows: all columns are there before one is exchanged."""
-        while rows > len(self.live):
+        while rows > len(self.condition):
             vars(self).update(doubled({column: getattr(self, column) for column in COLUMNS}))
 
     def release(self, slot: int) -> None:
@@ -214,9 +201,8 @@ class ObjectTable:
             self.signatures.pop(slot, None)
         for number, count in counts:
             self.namespaces.leave(number, count)
-        for column in (self.live, self.pending, self.placed, self.shaped, self.of_robot):
-            column[rows] = False
-        self.of_set[rows] = 0
+        end(self.condition, rows)
+        self.of_robot[rows], self.of_set[rows] = False, 0
         self._count -= len(slots)
         self._sorted = self._index = None
 
@@ -279,26 +265,37 @@ class ObjectTable:
         known = [self.namespaces.find(text[:-1]) for text in (start, "/" + start) if text]
         return tuple([pack(number, 0) for number in known if number is not None])
 
+    def has(self, facts: int, slots: Slots | slice | int = EVERY) -> Mask:
+        """Return of which objects, (n,) or all (rows,), at least one of the facts holds."""
+        return (self.condition[slots] & facts) != 0
+
+    def mark(self, slots: Slots | slice | int, event: Event) -> None:
+        """Let an event happen to objects (n,)."""
+        happen(self.condition, slots, event)
+
+    def judge(self, fact: int, holds: Mask) -> None:
+        """Let a fact that goes by the clock hold for some objects (rows,), and for no others."""
+        judge(self.condition, fact, holds)
+
+    @property
+    def live(self) -> Mask:
+        """(rows,) rows of objects."""
+        return self.has(LIVE)
+
     @property
     def visible(self) -> Mask:
         """(rows,) objects with a box: their shape is known, and where they are."""
-        return self.live & self.placed & self.shaped
+        return (self.condition & (LIVE | UNPLACED | UNSHAPED)) == LIVE
 
     @property
     def unplaceable(self) -> Mask:
         """(rows,) objects that take part in no check: without a box, or set aside."""
-        return self.live & (self.set_aside | ~(self.placed & self.shaped))
-
-    @property
-    def refused(self) -> Mask:
-        """(rows,) objects whose latest shape or pose could not be used, or not in time."""
-        return self.live & (self.shape_refused | self.pose_refused | self.frame_refused)
+        return self.has(ABSENT)
 
     @property
     def doubtful(self) -> Mask:
         """(rows,) objects whose box is not known to be where it should be: shown grey."""
-        doubts = self.stale | self.ahead | self.held_back | self.shape_pending | self.set_aside
-        return self.refused | (self.live & doubts)
+        return self.has(DOUBTS)
 
     def keys(self, slots: Slots) -> list[Key]:
         """Keys of the objects at slots (n,)."""
@@ -314,8 +311,8 @@ class ObjectTable:
     def ranks(self) -> Slots:
         """(rows,) places of the objects in the order of their keys; of other rows anything."""
         known, slots = self._sort()
-        if self._ranks is None or len(self._ranks) != len(self.live):
-            self._ranks = np.zeros(len(self.live), np.int64)
+        if self._ranks is None or len(self._ranks) != len(self.condition):
+            self._ranks = np.zeros(len(self.condition), np.int64)
             self._ranks[slots] = np.arange(len(known))
         return self._ranks
 

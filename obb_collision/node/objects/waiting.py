@@ -26,6 +26,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from obb_collision.node.objects.conditions import TIRED
 from obb_collision.node.objects.table import ObjectTable, Slots
 
 States = npt.NDArray[Any]
@@ -58,11 +59,11 @@ def latest_states(table: ObjectTable, slots: Slots) -> States:
         ("stamp", table.stamp),
         ("received", table.received),
         ("topic", table.topic),
-        ("counted", table.waited_out),
         ("pose", table.given),
         ("twist", table.twist),
     ):
         states[field] = column[slots]
+    states["counted"] = table.has(TIRED, slots)
     return states
 
 

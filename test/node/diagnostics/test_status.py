@@ -35,6 +35,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from obb_collision.node import collisions_from_ros
 from obb_collision.node.messages.box_markers import COLORS
+from obb_collision.node.objects.conditions import STALE
 
 A1, A2, B1 = ("a", 1), ("a", 2), ("b", 1)
 NAN = float("nan")
@@ -48,7 +49,7 @@ def test_stale_objects_are_kept_or_ignored_but_always_reported(policy: str) -> N
         rig.send(cube(A1), cube(A2, (0.5, 0, 0)), cube(B1, (9, 0, 0)))
         assert rig.pairs() == {("a/1", "a/2")}
         table = rig.node.objects.table
-        rig.until(lambda: np.count_nonzero(table.stale) == 3, "stale")
+        rig.until(lambda: np.count_nonzero(table.has(STALE)) == 3, "stale")
         wanted = 1 if policy == "keep" else 0  # one on its way was made before they were stale
         rig.until(lambda: len(collisions_from_ros(rig.next("collisions"))) == wanted, "answer")
         assert len(collisions_from_ros(rig.next("collisions"))) == wanted

@@ -35,6 +35,7 @@ from obb_collision.node.inputs.subscriptions import Input
 from obb_collision.node.messages.cdr import Reader
 from obb_collision.node.messages.detection_kernels import RESULT
 from obb_collision.node.messages.errors import RefusedError
+from obb_collision.node.objects.conditions import BAD_POSE
 
 TOPIC = "detections"
 EDGES = (1.0, 1.0, 1.0)
@@ -169,7 +170,7 @@ def test_the_frame_of_all_is_that_of_the_message(rig: DetectionRig, frame: str) 
     rig.see(Seen(pose(0.0), frame="camera"), frame=FRAME)
     rig.until(lambda: rig.refused(TOPIC), "a refusal")
     assert rig.refused(TOPIC) == {"several frames": 1}
-    assert rig.node.objects.table.pose_refused.any()  # what there is may have moved
+    assert rig.node.objects.table.has(BAD_POSE).any()  # what there is may have moved
 
 
 def test_what_is_cut_short_is_refused_whole() -> None:

@@ -215,7 +215,7 @@ def test_markers_take_no_python_step_per_unchanged_object(rig: Rig) -> None:
     wait(rig, writer.message())
     rig.until(lambda: len(keys(rig)) == 2000, "objects")
     table = rig.node.objects.table
-    assert np.count_nonzero(table.placed) == 2000
+    assert np.count_nonzero(table.visible) == 2000
     assert rig.node.objects.scene.names[7] == "c/7"
 
 

@@ -29,6 +29,7 @@ from std_msgs.msg import Header
 
 from obb_collision.node.messages.clouds import cloud_to_ros
 from obb_collision.node.messages.conversions import stamp_to_ros
+from obb_collision.node.objects.conditions import STALE, UNPLACED
 from obb_collision.node.objects.frames import EXTRAPOLATION
 from obb_collision.node.objects.states import State
 from obb_collision.node.objects.waiting import STATE, WaitingStates
@@ -67,7 +68,7 @@ def test_a_transform_later_than_the_timeout_is_said_and_the_object_marked() -> N
     run(rig, 50, lambda now: now - SECOND)
     assert rig.is_doubtful()
     assert rig.refused[LATE] == 50 - 10 - 1, "each once it has waited for more than 0.2 s"
-    assert rig.objects.table.stale[rig.slots[0]], "counted from the last state placed"
+    assert rig.objects.table.has(STALE, rig.slots[0]), "counted from the last state placed"
     run(rig, 50, lambda now: now - SECOND)
     assert rig.x() == place(rig.now - SECOND), "it follows as late as its transform"
     assert [reason.code for reason in rig.known().reasons] == ["late_frame"]
@@ -95,10 +96,10 @@ def test_an_object_follows_a_transform_that_lags_more_than_the_timeout(period: i
 def test_the_age_counts_from_the_state_that_was_placed() -> None:
     rig = ObjectsRig(A1, object_timeout=0.1)
     run(rig, 50, lambda now: now - 150 * MILLISECOND)
-    assert rig.objects.table.stale[rig.slots[0]], "0.15 s old, though states come every 0.02 s"
+    assert rig.objects.table.has(STALE, rig.slots[0]), "0.15 s old, though states come every 0.02 s"
     rig.limit(0.2)
     rig.cycle()
-    assert not rig.objects.table.stale[rig.slots[0]]
+    assert not rig.objects.table.has(STALE, rig.slots[0])
 
 
 def test_transforms_that_jitter_never_move_an_object_back() -> None:
@@ -169,7 +170,7 @@ def test_a_state_that_needs_no_transform_is_not_lost_to_one_that_waits() -> None
     rig.send(START + 3, "robot")
     rig.cycle()
     assert rig.x() == place(START + 1)
-    assert rig.objects.table.placed[rig.slots[0]]
+    assert not rig.objects.table.has(UNPLACED, rig.slots[0])
     rig.frames.spans["robot"] = START, START + 2
     rig.cycle()
     assert rig.x() == place(START + 2)
@@ -183,7 +184,7 @@ def test_what_waits_for_an_object_that_is_gone_moves_no_other_one() -> None:
     rig.slots[0] = rig.objects.shapes.put(A2, Box([1.0, 1.0, 1.0]), (), None)
     rig.frames.spans["robot"] = START, START + 10
     rig.cycle()
-    assert not rig.objects.table.placed[rig.slots[0]]
+    assert rig.objects.table.has(UNPLACED, rig.slots[0])
     assert len(rig.objects.placement.waiting) == 0
 
 
@@ -193,7 +194,7 @@ def test_a_timed_out_state_is_placed_when_its_frame_becomes_known_at_last() -> N
     rig.now += SECOND
     rig.cycle()
     assert rig.refused == {("object_states", "unknown frame"): 1}
-    assert not rig.objects.table.placed[rig.slots[0]]
+    assert rig.objects.table.has(UNPLACED, rig.slots[0])
     rig.frames.spans["late"] = START, START + 10
     rig.now += SECOND
     rig.cycle()
@@ -221,7 +222,7 @@ def test_many_stamps_of_a_late_frame_take_few_look_ups() -> None:
     rig.cycle()
     late = [stamp for _, stamp in rig.frames.asked if stamp > START + 40]
     assert len(late) < 20
-    placed = rig.objects.table.placed[rig.slots]
+    placed = ~rig.objects.table.has(UNPLACED, rig.slots)
     assert placed.tolist() == [row < 40 for row in range(100)]
 
 

@@ -29,6 +29,7 @@ from rig import Rig, color, cube, pose, sync
 from obb_collision.node import namespace_number
 from obb_collision.node.diagnostics.answer import UNKNOWN, Reason, objects_answer
 from obb_collision.node.messages.box_markers import COLORS, DOUBTFUL
+from obb_collision.node.objects.conditions import ASIDE
 from obb_collision.node.objects.set_aside import MAX_TRIES, RETRY_PERIOD, SetAside
 from obb_collision.node.objects.states import State
 from obb_collision.node.runtime.guard import Guard
@@ -82,7 +83,7 @@ class Checked:
         return self.aside.check(effects)
 
     def slots_aside(self) -> list[int]:
-        return np.flatnonzero(self.rig.objects.table.set_aside).tolist()
+        return np.flatnonzero(self.rig.objects.table.has(ASIDE)).tolist()
 
     def pairs_without(self, *bad: int) -> list[list[int]]:
         """Pairs of all other objects, by a scene of their own."""
@@ -194,7 +195,7 @@ def test_one_that_is_removed_or_comes_anew_is_no_longer_set_aside(
     objects = checked.rig.objects
     objects.shapes.remove(np.array([2]))
     assert checked.check().pairs.tolist() == [[0, 1], [3, 4]]
-    assert checked.slots_aside() == [2]
+    assert checked.slots_aside() == []
     assert not objects.table.doubtful.any()
 
 

@@ -29,6 +29,7 @@ from scipy.spatial.transform import Rotation
 from obb_collision.node.diagnostics.answer import COLLIDING, FREE
 from obb_collision.node.diagnostics.answer import UNKNOWN as NOT_KNOWN
 from obb_collision.node.messages.box_markers import COLORS, DOUBTFUL
+from obb_collision.node.objects.conditions import STALE
 from obb_collision.node.objects.staleness import AgeLimits
 from obb_collision.node.objects.states import State
 from obb_collision.node.objects.table import COLLIDE, IGNORE, KEEP, UNKNOWN
@@ -208,7 +209,7 @@ def test_what_is_sent_once_does_not_age_and_each_object_has_its_own_limit() -> N
         rig.now += SECOND // 10
     rig.now += SECOND
     rig.cycle()
-    assert rig.objects.table.stale[rig.slots].tolist() == [False, False, True]
+    assert rig.objects.table.has(STALE, rig.slots).tolist() == [False, False, True]
     assert rig.known().message == "free; 1 stale (accepted): b/1"
     rig.now += SECOND
     rig.cycle()

@@ -26,6 +26,7 @@ from rig import Rig, cube, pose
 
 from obb_collision.node.messages.cdr import states_from_bytes
 from obb_collision.node.messages.conversions import states_to_ros
+from obb_collision.node.objects.conditions import STALE
 
 A1, A2 = ("a", 1), ("a", 2)
 NAN = float("nan")
@@ -99,7 +100,7 @@ def test_a_stale_object_is_not_taken_to_go_on() -> None:
         rig.answer()
         rig.send_states(["a/1"], [pose(0.0)], twists=[FORWARD])
         rig.answer()
-        rig.until(lambda: rig.node.objects.table.stale.any(), "stale")
+        rig.until(lambda: rig.node.objects.table.has(STALE).any(), "stale")
         rig.cycles(2)
         assert twist(rig, "a/1") == [0.0] * 6
 

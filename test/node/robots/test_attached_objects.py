@@ -33,6 +33,7 @@ from test_state_validity import ValidityRig
 from test_trajectories import QUARTER, TrajectoryRig
 from visualization_msgs.msg import Marker, MarkerArray
 
+from obb_collision.node.objects.conditions import UNPLACED
 from obb_collision.node.robots.validity import COLLIDES, NOT_KNOWN, VALID
 
 TOOL, CRATE = ("tool", 1), ("crate", 1)
@@ -170,7 +171,7 @@ def test_it_may_come_before_its_robot() -> None:
         table = rig.node.objects.table
         assert table.unplaceable[table.find_named([NAME])[0]]
         rig.start_robot()
-        rig.until(lambda: table.placed[table.find_named([NAME])[0]], "its place")
+        rig.until(lambda: not table.has(UNPLACED, table.find_named([NAME])[0]), "its place")
         assert rig.reasons([[0.0, 0.0]]) == [VALID]
         rig.describe(URDF.replace('"hand"', '"palm"'))
         rig.until(lambda: "palm" in str(rig.robot.links and rig.robot.links.rows), "the robot")

@@ -29,6 +29,7 @@ from rig import Rig, cube
 from rosgraph_msgs.msg import Clock
 
 from obb_collision.node.messages.conversions import stamp_to_ros
+from obb_collision.node.objects.conditions import STALE
 from obb_collision.node.runtime.clock import LARGEST_SLEW, NodeClock, boot_time
 from obb_collision.shapes import Box
 
@@ -120,7 +121,7 @@ def test_what_is_left_of_lifetimes_and_ages_stays(shift: int) -> None:
     rig.now += SECOND
     rig.cycle()
     assert set(rig.objects.table.slots) == {A1, A2}
-    assert not rig.objects.table.stale.any()
+    assert not rig.objects.table.has(STALE).any()
     assert not rig.objects.table.doubtful.any()
     assert len(rig.objects.unplaceable) == 1
     rig.now += SECOND + 1
@@ -129,7 +130,7 @@ def test_what_is_left_of_lifetimes_and_ages_stays(shift: int) -> None:
     assert rig.objects.unplaceable == {}
     rig.now += SECOND
     rig.cycle()
-    assert rig.objects.table.stale[rig.slots[0]]
+    assert rig.objects.table.has(STALE, rig.slots[0])
 
 
 def test_after_a_jump_back_older_stamps_are_taken_and_waiting_states_time_out_as_before() -> None:
