@@ -148,7 +148,7 @@ class Placement:
     def place(self, now: int) -> None:
         """Place all objects whose pose is new or must be placed again."""
         table = self._table
-        table.mark(table.locked & table.live, FOLLOWING)
+        table.mark(np.flatnonzero(table.locked & table.live), FOLLOWING)
         rows = np.flatnonzero(table.has(WAITING))
         elsewhere = table.frame[rows] != 0
         if not elsewhere.any():
