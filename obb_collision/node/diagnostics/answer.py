@@ -28,6 +28,7 @@ from obb_collision.node.messages.conversions import NANOSECONDS, Key, name_from_
 from obb_collision.node.objects.conditions import IGNORED, LOST, STALE, STATES
 from obb_collision.node.objects.objects import Objects
 from obb_collision.node.objects.table import Slots
+from obb_collision.scene.store.store import NO_ROWS
 
 FREE, COLLIDING, UNKNOWN = DiagnosticStatus.OK, DiagnosticStatus.ERROR, DiagnosticStatus.STALE
 MAX_NAMED = 10
@@ -179,16 +180,16 @@ def objects_reasons(objects: Objects, others: Iterable[Slots] = ()) -> Iterator[
     others: slots of those of which somebody else says why.
     """
     table = objects.table
-    left = table.live & ~table.has(IGNORED)
+    left, present = table.live & ~table.has(IGNORED), table.facts
     for slots in others:
         left[slots] = False
     for code, facts in STATES.items():
-        rows = table.has(facts)
-        if code == "shape_building":
-            rows[objects.links_on_boxes] = True
         newcomers = _refused_newcomers(objects) if code == "refused" else ()
-        if not (newcomers or rows.any()):
+        on_boxes = objects.links_on_boxes if code == "shape_building" else NO_ROWS
+        if not (present & facts or newcomers or len(on_boxes)):
             continue
+        rows = table.has(facts)
+        rows[on_boxes] = True
         found, left = left & rows, left & ~rows
         count = int(np.count_nonzero(found)) + (len(objects.unplaceable) if newcomers else 0)
         if count:

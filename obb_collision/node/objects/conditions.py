@@ -28,7 +28,7 @@ import numpy.typing as npt
 
 from obb_collision.typing import Mask, Rows
 
-Conditions: TypeAlias = npt.NDArray[np.int32]
+Conditions: TypeAlias = npt.NDArray[np.uint16]
 """(rows,) one of each object; 0: none."""
 Indices: TypeAlias = Rows | slice | int
 
@@ -132,7 +132,7 @@ def happen(conditions: Conditions, rows: Indices, event: Event) -> None:
     before = conditions[rows]
     if np.any((before & event.needs) != event.needs):
         raise ValueError(f"an object is {event.name!r} that cannot be")
-    conditions[rows] = (before & ~event.ends) | event.begins
+    conditions[rows] = (before & (ALL ^ event.ends)) | event.begins
 
 
 def judge(conditions: Conditions, fact: int, holds: Mask) -> None:
@@ -142,5 +142,5 @@ def judge(conditions: Conditions, fact: int, holds: Mask) -> None:
     before = (conditions & fact) != 0
     if holds.any() or before.any():
         now = holds & ((conditions & LIVE) != 0)
-        conditions[before & ~now] &= ~fact
+        conditions[before & ~now] &= ALL ^ fact
         conditions[now & ~before] |= fact

@@ -84,8 +84,7 @@ class Objects:
     @property
     def is_empty(self) -> bool:
         """Whether there is no object but links of robots."""
-        table = self.table
-        return not (table.live & ~table.of_robot).any()
+        return len(self.table) == np.count_nonzero(self.table.of_robot)
 
     def pairs_on_boxes(self, report: Report) -> Mask:
         """Return (m,) which pairs of a report are on boxes though a hull of theirs is being built.

@@ -16,9 +16,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from time import monotonic
-
 import numpy as np
 
 from obb_collision.accuracy import Accuracy
@@ -49,14 +46,11 @@ from obb_collision.scene.scene import Scene
 from obb_collision.scene.store.overrides import Overrides
 from obb_collision.scene.store.store import NO_ROWS
 from obb_collision.shapes import Box, Shape
-from obb_collision.typing import Mask
 
 DEFAULT_LIMIT = 1000
 PLACEHOLDER = Box((1.0, 1.0, 1.0))
 """Stands for an object whose first shape is being built; it is not checked until then."""
 NO_SIGNATURE: Signature = ()
-PATIENCE = 0.5
-"""Seconds for which an object may have its last shape, while a newer one is being built."""
 
 
 class ObjectShapes:
@@ -68,10 +62,8 @@ class ObjectShapes:
         table: ObjectTable,
         placement: Placement,
         notes: Notes,
-        clock: Callable[[], float] = monotonic,
     ) -> None:
         self.scene, self.table, self.placement, self._notes = scene, table, placement, notes
-        self._clock = clock
         self.unplaceable = Unplaceable()
         self.overrides: Overrides[Accuracy] = Overrides()
         self.max_objects = DEFAULT_LIMIT
@@ -99,11 +91,9 @@ class ObjectShapes:
         if slot is None:
             slot = self._give(key, PLACEHOLDER, NO_SIGNATURE)
             self.table.mark(slot, FIRST_SHAPE_ASKED)
-            self.table.shape_asked[slot] = self._clock()
             self.placement.enable(np.array([slot]))
-        elif not self.table.has(RESHAPED, slot):
+        else:
             self.table.mark(slot, SHAPE_ASKED)
-            self.table.shape_asked[slot] = self._clock()
         self._renew(key, slot, expiry)
         return slot
 
@@ -213,15 +203,6 @@ class ObjectShapes:
             for key in self._waiting_for(given):
                 self._take_built(key, given)
 
-    @property
-    def overdue(self) -> Mask:
-        """(rows,) objects that have had a shape, and whose newer one has been built for long."""
-        table = self.table
-        waiting = table.has(RESHAPED)
-        if not waiting.any():  # typical
-            return waiting
-        return table.visible & waiting & (self._clock() - table.shape_asked > PATIENCE)
-
     def _waiting_for(self, given: Given) -> list[Key]:
         if given.keys is not None:
             return [key for key in given.keys if key in self.table.slots]
@@ -241,7 +222,6 @@ class ObjectShapes:
                 error = RefusedError(INTERNAL_ERROR, str(failure))
         slot = self.table.slots[key]
         if self.requests.is_waiting(key):  # for a newer shape
-            self.table.shape_asked[slot] = self._clock()
             return
         self.table.mark(slot, SHAPE_SETTLED)
         if error is not None:

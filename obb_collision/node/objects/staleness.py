@@ -102,9 +102,9 @@ class Staleness:
         table = self._table
         self._look_up()
         has_limits = self._limits.timeout or self._limits.timeouts
-        before = table.has(STALE)
-        if not (has_limits or len(self._grown) or before.any()):
+        if not (has_limits or len(self._grown) or table.facts & STALE):
             return
+        before = table.has(STALE)
         default = np.where(table.repeated, int(self._limits.timeout * NANOSECONDS), 0)
         limits = np.where(table.limit < 0, default, table.limit)
         placed = (table.condition & (LIVE | UNPLACED)) == LIVE

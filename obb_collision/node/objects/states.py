@@ -167,9 +167,8 @@ class States:
         """Mark objects whose state is from the future, or older than one received before."""
         table = self._table
         table.judge(FUTURE, table.world_stamp > now + self.stamp_tolerance)
-        overtaken = table.has(OVERTAKEN)
-        if overtaken.any() or table.has(HELD_BACK).any():
+        if table.facts & (OVERTAKEN | HELD_BACK):
             since = now - table.received
-            overtaken &= since <= self.order_timeout
+            overtaken = table.has(OVERTAKEN) & (since <= self.order_timeout)
             table.judge(OVERTAKEN, overtaken)
             table.judge(HELD_BACK, overtaken & (since > self.order_timeout // 2))

@@ -69,7 +69,7 @@ NOTHING = (np.empty(0, np.int64),) * 3
 EVERY = slice(None)
 
 COLUMNS: dict[str, tuple[Any, tuple[int, ...]]] = {
-    "condition": (np.int32, ()),  # see conditions.py, which alone writes it
+    "condition": (np.uint16, ()),  # see conditions.py, which alone writes it
     "ns": (np.int64, ()),  # number of the namespace
     "id": (np.int64, ()),
     "serial": (np.int64, ()),  # no two objects ever share one
@@ -97,7 +97,6 @@ COLUMNS: dict[str, tuple[Any, tuple[int, ...]]] = {
     "limit": (np.int64, ()),  # age (ns) from which on it is stale; 0: none, -1: that of all
     "policy": (np.int8, ()),  # for then, see POLICIES
     "speed": (np.float64, ()),  # of a stale one: the most of any of its points, by its last twist
-    "shape_asked": (np.float64, ()),  # since when, or since the last one came (s, steady)
 }
 
 
@@ -132,7 +131,6 @@ class ObjectTable:
     limit: Slots
     policy: Slots
     speed: Floats
-    shape_asked: Floats
 
     def __init__(self) -> None:
         self.namespaces = NamespaceTable()
@@ -268,6 +266,11 @@ class ObjectTable:
     def has(self, facts: int, slots: Slots | slice | int = EVERY) -> Mask:
         """Return of which objects, (n,) or all (rows,), at least one of the facts holds."""
         return (self.condition[slots] & facts) != 0
+
+    @property
+    def facts(self) -> int:
+        """Those that hold for any object."""
+        return int(np.bitwise_or.reduce(self.condition))
 
     def mark(self, slots: Slots | slice | int, event: Event) -> None:
         """Let an event happen to objects (n,)."""

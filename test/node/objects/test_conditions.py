@@ -48,7 +48,7 @@ WRITER = "conditions.py"
 def test_an_event_changes_its_facts_only_and_needs_others(event: Event) -> None:
     assert event.needs & LIVE
     for before in range(0, ALL + 1, 7):
-        column = np.array([before], np.int32)
+        column = np.array([before], np.uint16)
         if before & event.needs == event.needs:
             happen(column, np.array([0]), event)
             assert column[0] == before & ~event.ends | event.begins
@@ -70,7 +70,7 @@ def test_who_waits_no_longer_is_not_tired() -> None:
 
 
 def test_a_new_object_is_unplaced_and_one_that_ended_has_no_fact() -> None:
-    column = np.full(3, ALL, np.int32)
+    column = np.full(3, ALL, np.uint16)
     end(column, slice(0, 2))
     begin(column, np.array([1]))
     judge(column, STALE, np.array([True, False, True]))
