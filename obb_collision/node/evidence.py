@@ -29,6 +29,7 @@ from obb_collision.node.cycle import Cycle
 from obb_collision.node.diagnostics.answer import (
     MAX_NAMED,
     RADIUS,
+    SELECTED_RADIUS,
     Answer,
     Reason,
     objects_answer,
@@ -70,6 +71,7 @@ class Evidence:
         self._inputs, self._unknown, self._robots = inputs, unknown, robots
         self._now, self._steady = now, steady
         self._activated = steady()
+        self._required: tuple[tuple[object, ...], tuple[str, ...]] = (), ()
 
     def activate(self) -> None:
         """Count silences from now on."""
@@ -84,7 +86,10 @@ class Evidence:
         notes = found.notes if self._robots is None else (*found.notes, *self._robots.notes())
         counts = dict(found.counts)
         if self._parameters.mode("clearance") != OFF:
-            counts[RADIUS] = self._parameters.setting("clearance")["max_distance"]
+            setting = self._parameters.setting("clearance")
+            whole = "*" in setting["objects"]  # else there are pairs of which none is selected
+            counts[RADIUS] = setting["max_distance"] if whole else 0.0
+            counts[SELECTED_RADIUS] = setting["max_distance"]
         reasons = *self._of_cycle(), *self._of_scene(now), *self._of_inputs(), *_of_robots(faults)
         return replace(found, pairs=pairs, more=more, notes=notes, counts=counts).but(*reasons)
 
@@ -119,15 +124,26 @@ class Evidence:
         there = objects.is_declared_empty or parameters.expect_empty
         if objects.is_empty and not (there or objects.unplaceable):
             yield Reason("no_objects")
-        if parameters.required_objects:
-            names = [name_from_key(key) for key in objects.table.slots]
-            meant = Groups(parameters.groups).all_meant(parameters.required_objects)
-            missing = tuple(one for one in meant if not matching((one,), names).any())
-            if missing:
-                yield Reason("required_missing", missing[:MAX_NAMED], len(missing))
+        missing = self._missing() if parameters.required_objects else ()
+        if missing:
+            yield Reason("required_missing", missing[:MAX_NAMED], len(missing))
         unknown = self._unknown.names(now)
         if unknown:
-            yield Reason("unknown_objects", tuple(unknown[:MAX_NAMED]), len(unknown))
+            more = self._unknown.left_out(now)
+            yield Reason("unknown_objects", tuple(unknown[:MAX_NAMED]), len(unknown), more=more)
+
+    def _missing(self) -> tuple[str, ...]:
+        """Return which required objects are not there, as before while nothing changes it."""
+        parameters, table = self._parameters, self._objects.table
+        # the table makes new ranks whenever an object comes or goes
+        given = parameters.required_objects, parameters.groups, table.ranks
+        known, missing = self._required
+        if not known or any(a is not b for a, b in zip(given, known, strict=True)):
+            names = [name_from_key(key) for key in table.slots]
+            meant = Groups(parameters.groups).all_meant(parameters.required_objects)
+            missing = tuple(one for one in meant if not matching((one,), names).any())
+            self._required = given, missing
+        return missing
 
     def _of_inputs(self) -> Iterator[Reason]:
         """Yield which inputs are silent, or cannot be read."""

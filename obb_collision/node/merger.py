@@ -35,7 +35,14 @@ from rclpy.subscription import Subscription
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Bool, Header
 
-from obb_collision.node.diagnostics.answer import CODES, COLLIDING, RADIUS, Answer, Reason
+from obb_collision.node.diagnostics.answer import (
+    CODES,
+    COLLIDING,
+    RADIUS,
+    SELECTED_RADIUS,
+    Answer,
+    Reason,
+)
 from obb_collision.node.diagnostics.qos import overridable
 from obb_collision.node.messages.clouds import cloud_to_bytes
 from obb_collision.node.messages.conversions import stamp_from_ros
@@ -198,16 +205,18 @@ class MergerNode(Node):
             bare = tuple(r for r, values in known.items() if values.get("stamped") == str(False))
             detail = "as no object of theirs has a stamp (0: none)" if bare else ""
             reasons.append(Reason("region_unmatched", bare, len(bare), detail))
-        colliding = [r for r in known if self._statuses[r].level == COLLIDING]
+        # also those that are missing: what a region said counts until it says something else
+        colliding = [r for r, status in self._statuses.items() if status.level == COLLIDING]
         pairs = self._pairs if fresh else 0
         counts: dict[str, object] = {
             "regions": len(self._regions),
             "missing regions": len(missing),
             "rows of several regions": self._merger.repeated,
         }
-        radii = [values.get(RADIUS, "") for values in known.values()]
-        if radii and all(radii):
-            counts[RADIUS] = min(radii, key=float)
+        for key in (RADIUS, SELECTED_RADIUS):
+            radii = [values.get(key, "") for values in known.values()]
+            if radii and all(radii):
+                counts[key] = min(radii, key=float)
         most = max(pairs, len(colliding))
         return Answer((), most, most > pairs, counts=counts, stamp=None).but(*reasons)
 

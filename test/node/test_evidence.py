@@ -168,8 +168,11 @@ def test_names_of_unknown_objects_count_for_a_second_and_not_after_their_delete(
     unknown.note(["b/1"], START + MEMORY + 1)
     unknown.clock_jumped(-MEMORY)
     assert unknown.names(START + 1) == ["b/1"]
+    assert not unknown.left_out(START + 1)
     unknown.note((f"c/{number}" for number in range(2 * MAX_NAMES)), START + 1)
     assert len(unknown.names(START + 1)) == MAX_NAMES
+    assert unknown.left_out(START + MEMORY), "there are at least so many"
+    assert not unknown.left_out(START + MEMORY + 1)
 
 
 def test_reasons_are_in_the_order_of_the_codes_each_once_and_pairs_come_first() -> None:

@@ -32,10 +32,12 @@ from obb_collision.scene.store.store import NO_ROWS
 
 FREE, COLLIDING, UNKNOWN = DiagnosticStatus.OK, DiagnosticStatus.ERROR, DiagnosticStatus.STALE
 MAX_NAMED = 10
-"""Objects named; the counts are complete."""
+"""Objects named; the counts are complete, or say that they are not."""
 
 RADIUS = "clearance radius (m)"
-"""Of the status: pairs that are farther apart are not in ``clearances``."""
+"""Of the status: pairs that are farther apart are not in ``clearances``. 0 if some are left out."""
+SELECTED_RADIUS = "clearance radius of selected objects (m)"
+"""The same for pairs with one of ``effects.clearance_objects``."""
 
 CODES = {
     "starting": "starting",
@@ -72,19 +74,26 @@ class Reason:
     """A fact that is missing for the claim that nothing collides.
 
     code: one of ``CODES``; who: whom it is about, the first MAX_NAMED of ``count``; detail: what
-    else people want to know. Nothing in it changes while the fact stays missing.
+    else people want to know; more: at least so many. Nothing in it changes while the fact stays
+    missing.
     """
 
     code: str
     who: tuple[str, ...] = ()
     count: int = 0
     detail: str = ""
+    more: bool = False
+
+    @property
+    def whom(self) -> str:
+        """Whom it is about, as text."""
+        return some(self.who, max(self.count, len(self.who)), self.more)
 
     @property
     def text(self) -> str:
         """The reason for people."""
         what = CODES[self.code] + (f", {self.detail}" if self.detail else "")
-        return f"{what}: {some(self.who, max(self.count, len(self.who)))}" if self.who else what
+        return f"{what}: {self.whom}" if self.who else what
 
 
 @dataclass(frozen=True)
@@ -150,7 +159,7 @@ class Answer:
         first = self.reasons[0] if self.reasons else Reason("")
         values: list[tuple[str, object]] = [
             ("reason", first.code),
-            ("who", some(first.who, max(first.count, len(first.who)))),
+            ("who", first.whom),
             ("reasons", " ".join(reason.code for reason in self.reasons)),
             ("colliding pairs at least" if self.more else "colliding pairs", self.pairs),
             *age.items(),
@@ -167,11 +176,12 @@ class Answer:
         )
 
 
-def some(names: Iterable[str], count: int) -> str:
-    """Return the first names, and how many more there are of ``count``."""
+def some(names: Iterable[str], count: int, at_least: bool = False) -> str:
+    """Return the first names, and how many more there are of ``count``, or of at least so many."""
     shown = list(islice(names, MAX_NAMED))
     more = count - len(shown)
-    return ", ".join(shown) + (f" and {more} more" if more > 0 else "")
+    least = "at least " if at_least else ""
+    return ", ".join(shown) + (f" and {least}{more} more" if more > 0 else "")
 
 
 def objects_reasons(objects: Objects, others: Iterable[Slots] = ()) -> Iterator[Reason]:

@@ -224,8 +224,9 @@ class Inputs:
     def _note_unknown(self, rows: Mask, name: Callable[[int], str], now: int) -> None:
         """Take note that states came of objects that are not there."""
         if rows.any():
-            first = np.flatnonzero(rows)[:MAX_NAMES].tolist()
-            self.unknown.note(map(name, first), now)
+            every = np.flatnonzero(rows)
+            first = every[:MAX_NAMES].tolist()
+            self.unknown.note(map(name, first), now, len(first) < len(every))
 
     def _take_named(
         self,

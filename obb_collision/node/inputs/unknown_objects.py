@@ -39,17 +39,26 @@ class UnknownObjects:
         self._table = table
         self._came: dict[str, int] = {}
         self._deleted: dict[str, int] = {}
+        self._left_out = -MEMORY  # when there were more names than are stored
         self.ignored: Overrides[bool] = Overrides()
         """Names, and patterns of names, that do not count."""
 
-    def note(self, names: Iterable[str], now: int) -> None:
-        """Take note of names for which a state came, and that have no object."""
+    def note(self, names: Iterable[str], now: int, more: bool = False) -> None:
+        """Take note of names for which a state came, and that have no object; more: of others."""
         for name in names:
             key = _plain(name)
             if now - self._deleted.get(key, now - MEMORY) < MEMORY or self.ignored.value(key):
                 continue
             if key in self._came or len(self._came) < MAX_NAMES:
                 self._came[key] = now
+            else:
+                more = True
+        if more:
+            self._left_out = now
+
+    def left_out(self, now: int) -> bool:
+        """Return whether there may be more names at a time (ns) than are stored."""
+        return 0 <= now - self._left_out < MEMORY
 
     def deleted(self, keys: Iterable[Key], now: int) -> None:
         """Take note that somebody has deleted objects: states of theirs may be on their way."""
@@ -83,6 +92,7 @@ class UnknownObjects:
 
     def clock_jumped(self, shift: int) -> None:
         """Shift times by a jump of the clock (ns)."""
+        self._left_out += shift
         for times in (self._came, self._deleted):
             times.update({name: at + shift for name, at in times.items()})
 

@@ -53,18 +53,18 @@ from obb_collision.node.objects.notes import Notes
 from obb_collision.node.objects.table import ObjectTable, Slots
 from obb_collision.node.objects.transforms import Transforms
 from obb_collision.node.objects.waiting import (
+    LONGEST_LAG,
     States,
     WaitingStates,
     latest_states,
     newest_per_object,
+    spaced,
 )
 from obb_collision.node.runtime.guard import INTERNAL_ERROR, Guard
 from obb_collision.scene.scene import Scene
 from obb_collision.scene.store.placed import as_slice
 from obb_collision.typing import Floats, Mask
 
-LONGEST_LAG = 10 * NANOSECONDS
-"""For so long (ns) a state waits for a transform that lags, though its object is late by then."""
 RETRY_PERIOD = NANOSECONDS // 2
 """How often the latest state of an object is tried again once it has waited too long."""
 
@@ -188,9 +188,11 @@ class Placement:
         elif table.has(TIRED, rows).any():
             self._next_retry = now + RETRY_PERIOD
         self._drop_superseded()
-        states = np.concatenate((self.waiting.rows, latest_states(table, rows)))
+        both = self.waiting.rows, latest_states(table, rows)
         transforms = Transforms(self._frames, self.frame_table.name, self.guard)
-        ready = states[transforms.reach(states)]
+        columns = [np.concatenate([part[name] for part in both]) for name in ("frame", "stamp")]
+        which = np.split(transforms.reach(*columns), [len(both[0])])
+        ready = np.concatenate([part[ok] for part, ok in zip(both, which, strict=True)])
         ready = ready[newest_per_object(ready)]
         pairs = np.column_stack((ready["frame"], ready["stamp"]))
         groups, which = np.unique(pairs, axis=0, return_inverse=True)
@@ -213,7 +215,7 @@ class Placement:
     def _time_out(self, latest: States, transforms: Transforms, now: int) -> None:
         """Count states that waited too long, and mark their objects: those were not placed in time.
 
-        Where a transform lags they wait on: the object follows as late as its transform.
+        Where a transform lags some of them wait on: the object follows as late as its transform.
         """
         table, limit = self._table, int(self.timeout * NANOSECONDS)
         waiting = self.waiting.rows
@@ -223,6 +225,8 @@ class Placement:
             table.mark(waiting["slot"][late], TIMED_OUT)
             lags = [f for f, e in transforms.errors.items() if e.reason == EXTRAPOLATION]
             waits_on = ~late | (np.isin(waiting["frame"], lags) & (ages <= LONGEST_LAG))
+            rows = np.flatnonzero(late & waits_on)
+            waits_on[rows] = spaced(waiting["slot"][rows], waiting["received"][rows])
             late &= ~waiting["counted"]
             counted, waiting["counted"] = waiting[late], waiting["counted"] | late
             self.waiting.rows, waiting, late = waiting[waits_on], counted, late[late]

@@ -19,15 +19,13 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-import numpy.typing as npt
 
 from obb_collision.node.messages.conversions import pose_faults
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.objects.frames import EXTRAPOLATION, FrameSource
 from obb_collision.node.objects.table import Slots
-from obb_collision.node.objects.waiting import States
 from obb_collision.node.runtime.guard import INTERNAL_ERROR, Guard
-from obb_collision.typing import Floats
+from obb_collision.typing import Floats, Mask
 
 FEW_STAMPS = 8
 """Up to this many stamps of a frame are looked up one after the other, newest first; with
@@ -67,12 +65,12 @@ class Transforms:
             self.errors[frame] = RefusedError(INTERNAL_ERROR, str(error))
         return None
 
-    def reach(self, states: States) -> npt.NDArray[np.bool_]:
-        """Return which states can be placed: those up to the newest stamp that is found."""
-        ok = states["frame"] == 0
-        for frame in np.unique(states["frame"][~ok]).tolist():
-            rows = np.flatnonzero(states["frame"] == frame)
-            given = states["stamp"][rows]
+    def reach(self, frames: Slots, all_stamps: Slots) -> Mask:
+        """Return which states (n,) can be placed: those up to the newest stamp that is found."""
+        ok: Mask = frames == 0
+        for frame in np.unique(frames[~ok]).tolist():
+            rows = np.flatnonzero(frames == frame)
+            given = all_stamps[rows]
             stamps = np.unique(given[given > 0])
             newest = self._newest(frame, stamps)
             ok[rows] = (given > 0) & (given <= newest)

@@ -26,8 +26,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from obb_collision.node.messages.conversions import NANOSECONDS
 from obb_collision.node.objects.conditions import TIRED
 from obb_collision.node.objects.table import ObjectTable, Slots
+from obb_collision.typing import Mask
 
 States = npt.NDArray[Any]
 """Rows of ``STATE``."""
@@ -47,6 +49,10 @@ STATE = np.dtype(
 )
 MAX_WAITING = 100_000
 """Maximum number of states (15 MB): 10,000 objects at 50 Hz whose transform is 0.2 s late."""
+LONGEST_LAG = 10 * NANOSECONDS
+"""For so long (ns) a state waits for a transform that lags, though its object is late by then."""
+MOST_LATE, MAX_LATE = 64, 20_000
+"""Maximum number of states that are late by then, of an object and of all (at least two of each)."""
 
 
 def latest_states(table: ObjectTable, slots: Slots) -> States:
@@ -73,6 +79,21 @@ def newest_per_object(states: States) -> npt.NDArray[np.int64]:
     slots = states["slot"][order]
     last = np.append(slots[1:] != slots[:-1], True)[: len(slots)]
     return order[last]
+
+
+def spaced(slots: Slots, received: Slots) -> Mask:
+    """Return which states (n,), in the order of receipt, are to be kept, so that they are few.
+
+    received: times within LONGEST_LAG of each other. Of an object with too many the oldest one in
+    each span of time stays: that is placed some day, though newer ones keep coming.
+    """
+    _, which, counts = np.unique(slots, return_inverse=True, return_counts=True)
+    most = min(max(MAX_LATE // max(len(counts), 1), 2), MOST_LATE)
+    kept: Mask = counts[which] <= most
+    if not kept.all():
+        spans = received // (2 * LONGEST_LAG // most)
+        kept[np.unique(np.column_stack((slots, spans)), axis=0, return_index=True)[1]] = True
+    return kept
 
 
 class WaitingStates:

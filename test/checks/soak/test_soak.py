@@ -46,7 +46,8 @@ def test_a_short_soak_holds(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -
 
 
 def test_objects_that_are_missing_are_found(capfd: pytest.CaptureFixture[str]) -> None:
-    wrong = ["-p", "object_timeout:=0.3", "-p", "stale_policy:=ignore"]
+    # whatever has moved is in no pair by the next check, however soon that is
+    wrong = ["-p", "object_timeout:=0.000001", "-p", "stale_policy:=ignore"]
     code = command.main(["--seconds", "60", "--objects", "30", "--", *wrong])
     output = capfd.readouterr().out
     assert code == 1

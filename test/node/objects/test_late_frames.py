@@ -20,6 +20,8 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 pytest.importorskip("rclpy")
 from objects_rig import MILLISECOND, SECOND, START, KnownUntil, ObjectsRig, place
@@ -32,7 +34,14 @@ from obb_collision.node.messages.conversions import stamp_to_ros
 from obb_collision.node.objects.conditions import STALE, UNPLACED
 from obb_collision.node.objects.frames import EXTRAPOLATION
 from obb_collision.node.objects.states import State
-from obb_collision.node.objects.waiting import STATE, WaitingStates
+from obb_collision.node.objects.waiting import (
+    LONGEST_LAG,
+    MAX_LATE,
+    MOST_LATE,
+    STATE,
+    WaitingStates,
+    spaced,
+)
 from obb_collision.shapes import Box
 
 PERIOD = 20 * MILLISECOND
@@ -91,6 +100,44 @@ def test_an_object_follows_a_transform_that_lags_more_than_the_timeout(period: i
             behind = rig.now - lag
             assert rig.x() == place(behind - behind % period)
             assert [reason.code for reason in rig.known().reasons] == ["late_frame"]
+
+
+@settings(max_examples=15)
+@given(st.integers(300, 9000), st.integers(1, 8), st.integers(0, 2**32))
+def test_few_states_wait_for_a_transform_that_lags_and_the_object_follows(
+    lag: int, every: int, seed: int
+) -> None:
+    """lag: in ms; every: of so many cycles one has a state of the first object."""
+    rig, rng = ObjectsRig(A1, A2), np.random.default_rng(seed)
+    placement, behind = rig.objects.placement, lag * MILLISECOND
+    limit = round(placement.timeout * SECOND)
+    span = 2 * LONGEST_LAG // MOST_LATE  # one state of each is kept at least
+    for step in range((lag + 2000) // 20):
+        rig.now += PERIOD
+        for row in np.flatnonzero((step % every == 0, rng.random() < 0.5)).tolist():
+            rig.send(rig.now, "robot", row)
+        rig.frames.spans["robot"] = START - SECOND, rig.now - behind
+        rig.cycle()
+        waiting = placement.waiting.rows
+        late = waiting[rig.now - waiting["received"] > limit]
+        assert np.bincount(late["slot"], minlength=1).max() <= MOST_LATE
+        if rig.now - START > behind + SECOND:
+            furthest = place(rig.now - behind)
+            assert furthest - (span + every * PERIOD) / SECOND <= rig.x() <= furthest
+
+
+@pytest.mark.parametrize("objects", [1, 100, 1000, 15_000])
+def test_states_that_are_late_are_few_of_each_object_and_of_all(objects: int) -> None:
+    rng = np.random.default_rng(objects)
+    slots = rng.integers(0, objects, 60_000)
+    received = START + np.sort(rng.integers(0, LONGEST_LAG, len(slots)))
+    kept = spaced(slots, received)
+    counts = np.bincount(slots[kept], minlength=objects)
+    assert counts.max() <= MOST_LATE
+    assert kept.sum() <= max(MAX_LATE, 2 * objects)
+    oldest = np.unique(slots, return_index=True)[1]
+    assert kept[oldest].all(), "they reach back as far as before"
+    assert spaced(slots[kept], received[kept]).all(), "and stay"
 
 
 def test_the_age_counts_from_the_state_that_was_placed() -> None:

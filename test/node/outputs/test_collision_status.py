@@ -35,12 +35,14 @@ from std_msgs.msg import Bool
 from std_srvs.srv import SetBool, Trigger
 from visualization_msgs.msg import Marker
 
+from obb_collision.node import evidence
 from obb_collision.node.diagnostics.answer import COLLIDING, FREE, UNKNOWN
 from obb_collision.node.messages.conversions import stamp_from_ros
 from obb_collision.node.node import CollisionNode
 from obb_collision.node.outputs.collision_status import PERIOD
 from obb_collision.node.runtime.warm_up import WarmUp
 from obb_collision.node.topics.topics import DEADLINE
+from obb_collision.scene.store.patterns import matching as patterns_matching
 
 A1, A2, B1 = ("a", 1), ("a", 2), ("b", 1)
 PAIR = (cube(A1), cube(A2, (0.5, 0, 0)))
@@ -87,6 +89,48 @@ def test_free_and_colliding_are_told_with_stamp_and_age() -> None:
         rig.send_transform("a/2", pose(0.5))
         values = wait(rig, COLLIDING, flag=True)
         assert values["colliding pairs"] == "1"
+
+
+def test_the_radius_of_clearances_holds_for_all_pairs_or_is_said_of_selected_objects_only() -> None:
+    radii = "clearance radius (m)", "clearance radius of selected objects (m)"
+    with listening(given={"effects.clearance_max_distance": 0.7}) as rig:
+        rig.send(cube(A1), cube(A2, (1.5, 0, 0)), cube(B1, (3, 0, 0)))
+        rig.answer()
+        for objects, radius in ((["*"], "0.7"), (["b/*"], "0.0"), (["b/*", "*"], "0.7")):
+            rig.set(**{"effects.clearance_objects": objects})
+            found = [radius, "0.7"]
+            rig.until(lambda f=found: [wait(rig, FREE)[key] for key in radii] == f, f"{objects}")
+        rig.set(**{"effects.clearance": "off"})
+        rig.until(lambda: not wait(rig, FREE).keys() & set(radii), "no radius")
+
+
+def test_required_objects_are_looked_for_only_where_the_objects_or_parameters_are_others(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    looked: list[tuple[str, int]] = []
+
+    def matching(patterns: tuple[str], names: list[str]) -> Any:
+        looked.append((*patterns, len(names)))
+        return patterns_matching(patterns, names)
+
+    monkeypatch.setattr(evidence, "matching", matching)
+    with listening(given={"required_objects": ["a/*"]}) as rig:
+        rig.send(cube(A1), cube(A2, (3, 0, 0)))
+        rig.answer()
+        wait(rig, FREE)
+        looked.clear()
+        rig.send_transform("a/2", pose(0.5))
+        wait(rig, COLLIDING)
+        rig.cycles(3)
+        assert looked == []
+        rig.send(cube(B1, (9, 0, 0)))
+        rig.until(lambda: wait(rig, COLLIDING)["objects"] == "3", "one more")
+        rig.set(required_objects=["a/*", "a/2"])
+        rig.send(Marker(ns="a", id=2, action=Marker.DELETE))
+        wait(rig, UNKNOWN, "required_missing")
+        rig.cycles(3)
+        both = [("a/*", 3), ("a/2", 3)], [("a/*", 2), ("a/2", 2)]
+        assert looked in ([("a/*", 3), *both[0], *both[1]], [("a/*", 3), *both[1]])
 
 
 def test_disabled_is_not_known_and_enabled_again_is() -> None:

@@ -73,9 +73,10 @@ def test_bad_messages_do_not_end_the_merger_and_its_last_word_is_that_nothing_is
         text=True,
     )
 
-    def heard(level: bytes, reason: str, who: str, sent: DiagnosticArray) -> bool:
+    def heard(level: bytes, reason: str, who: str, sent: DiagnosticArray | None) -> bool:
         assert process.poll() is None, process.communicate()[0]
-        told.publish(sent)
+        if sent is not None:
+            told.publish(sent)
         if rows_sent:
             rows.publish(cloud_to_ros(np.zeros(0, COLLISIONS.dtype), client.header()))
         if not said:
@@ -96,6 +97,10 @@ def test_bad_messages_do_not_end_the_merger_and_its_last_word_is_that_nothing_is
             sent = status("3", COLLIDING, **given)
             client.until(partial(heard, COLLIDING, "refused", f"{west} (a/1)", sent), "both")
             assert values_of(said[-1])["clearance radius (m)"] == "0.1"
+            client.until(partial(heard, COLLIDING, "region_silent", silent, None), "its collision")
+            back = f"{west} (back)"  # it says that it is free, and is not believed at once
+            client.until(partial(heard, UNKNOWN, "region_silent", back, status("3")), "an end")
+            client.until(partial(heard, FREE, "", "", status("3")), "free again")
             rows_sent = False  # and so there is no stamp that all have evaluated
             client.until(partial(heard, UNKNOWN, "region_unmatched", "", status("3")), "no rows")
             process.send_signal(signal.SIGTERM)
