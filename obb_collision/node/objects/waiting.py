@@ -52,7 +52,7 @@ MAX_WAITING = 100_000
 LONGEST_LAG = 10 * NANOSECONDS
 """For so long (ns) a state waits for a transform that lags, though its object is late by then."""
 MOST_LATE, MAX_LATE = 64, 20_000
-"""Maximum number of states that are late by then, of an object and of all (at least two of each)."""
+"""Maximum number of states that are late by then, of an object and, at two or more each, of all."""
 
 
 def latest_states(table: ObjectTable, slots: Slots) -> States:

@@ -58,7 +58,7 @@ def _cloud_case(spoil: Callable[[PointCloud2, Random], object]) -> Case:
     return make
 
 
-def _grid(count: int) -> Any:
+def grid(count: int) -> Any:
     """Poses (n, 7) of objects that do not collide."""
     poses = np.zeros((count, 7))
     poses[:, 6] = 1.0
@@ -70,13 +70,13 @@ def _grid(count: int) -> Any:
 
 def _poses(random: Random, messages: Messages, count: int = 30) -> PointCloud2:
     header = messages.header()
-    return poses_to_ros(np.arange(count), _grid(count), [namespace_number("a")] * count, header)
+    return poses_to_ros(np.arange(count), grid(count), [namespace_number("a")] * count, header)
 
 
 def _boxes(random: Random, messages: Messages, count: int = 30) -> PointCloud2:
     numbers = [namespace_number("a")] * count
     return boxes_to_ros(
-        np.arange(count), _grid(count), np.ones((count, 3)), numbers, messages.header()
+        np.arange(count), grid(count), np.ones((count, 3)), numbers, messages.header()
     )
 
 
@@ -136,7 +136,7 @@ def _same_keys(message: PointCloud2, random: Random) -> None:
 
 def _many_markers(random: Random, messages: Messages) -> Made:
     writer = MarkerArrayWriter("map", time.time_ns(), 0.0)
-    for number, pose in enumerate(_grid(MANY).tolist()):
+    for number, pose in enumerate(grid(MANY).tolist()):
         writer.add(("many", number), Marker.CUBE, Marker.ADD, pose, (0.5, 0.5, 0.5))
     return "objects", writer.message()
 
@@ -146,7 +146,7 @@ def _states(texts: bytes, poses: int) -> bytes:
     head = ENCAPSULATION + bytes(8) + b"\4\0\0\0map\0"
     data = head + MANY.to_bytes(4, "little") + texts + poses.to_bytes(4, "little")
     data += bytes(-(len(data) - len(ENCAPSULATION)) % 8)
-    return data + _grid(poses).tobytes() + bytes(8)
+    return data + grid(poses).tobytes() + bytes(8)
 
 
 def _many_states(random: Random, messages: Messages) -> Made:
@@ -172,7 +172,7 @@ def _many_detections(random: Random, messages: Messages) -> Made:
     # 112 bytes each, the first at byte 20: all numbers aligned
     rows = np.zeros(MANY, list(zip(names, kinds, strict=True)))
     rows["length"], rows["frame"], rows["size"] = 4, b"map", 8
-    rows["box"][:, :7], rows["box"][:, 7:] = _grid(MANY), 0.5
+    rows["box"][:, :7], rows["box"][:, 7:] = grid(MANY), 0.5
     rows["id"] = np.arange(5_000_000, 5_000_000 + MANY).astype("S7")
     head = ENCAPSULATION + bytes(8) + b"\4\0\0\0map\0" + MANY.to_bytes(4, "little")
     return "detections", head + rows.tobytes()

@@ -183,9 +183,17 @@ class Client:
 
     def refused(self, reason: str) -> int:
         """Return how much was refused for a reason, by the last diagnostics."""
+        return self._sum("", f"rejected: {reason}")
+
+    def objects(self) -> int:
+        """Return how many objects there are, by the last diagnostics."""
+        return self._sum(": objects", "count")
+
+    def _sum(self, name: str, key: str) -> int:
+        """Return the sum of the values of a key, of the last diagnostics whose name ends so."""
         found = [] if self.diagnostics is None else self.diagnostics.status
-        values = [pair for status in found for pair in status.values]
-        return sum(int(pair.value) for pair in values if pair.key == f"rejected: {reason}")
+        values = [pair for status in found if status.name.endswith(name) for pair in status.values]
+        return sum(int(pair.value) for pair in values if pair.key == key)
 
     def status(self) -> str:
         """Return what the last diagnostics say, in a line."""

@@ -28,8 +28,10 @@ from argparse import Namespace
 from itertools import pairwise
 from random import Random
 
+import numpy as np
 from rclpy.serialization import serialize_message
 
+from obb_collision.checks.fuzz.messages.cases import grid
 from obb_collision.checks.fuzz.messages.stream import Sent, Stream
 from obb_collision.checks.fuzz.process.canary import Canary
 from obb_collision.checks.fuzz.process.child import Child
@@ -39,15 +41,19 @@ from obb_collision.checks.fuzz.session.probes import (
     COMPLETE,
     MOVES,
     NUMBERS,
+    SETS,
     Message,
     Pair,
     Probe,
     Probes,
+    header_at,
 )
 from obb_collision.checks.fuzz.session.result import Result
 from obb_collision.checks.fuzz.session.robot_probe import ask_robot
 from obb_collision.checks.fuzz.session.services import Services
+from obb_collision.node.messages.bulk_clouds import boxes_to_ros
 from obb_collision.node.messages.conversions import NANOSECONDS
+from obb_collision.node.messages.names import namespace_number
 from obb_collision.node.topics.topics import collisions_from_ros, points_inside_from_ros
 
 PERIOD = 0.02
@@ -91,6 +97,23 @@ class Session:
         client.wait_for_start(child)
         self._services = Services(client, child)
         self._most_pairs = self._services.given("max_pairs")
+        self._fill(self._services.given("max_objects"))
+
+    def _fill(self, most: int) -> None:
+        """Have the node store as many objects as it takes, and none: it keeps the room for them.
+
+        Later that would look like growth, as none of the hostile messages need fill it at first.
+        """
+        for count in (most, 0):
+            numbers, sizes = [namespace_number(SETS)] * count, np.ones((count, 3))
+            header = header_at(time.time_ns())
+            boxes = boxes_to_ros(np.arange(count), grid(count), sizes, numbers, header)
+            self._client.publishers["object_boxes"].publish(boxes)
+
+            def reached(count: int = count) -> bool:
+                return self._client.objects() == count
+
+            self._client.until(self._child, reached, f"{count} objects")
 
     def batch(self, name: str, sent: list[Sent]) -> None:
         """Send hostile messages and a probe; FoundError for what should not be."""
