@@ -191,8 +191,8 @@ class Placement:
         both = self.waiting.rows, latest_states(table, rows)
         transforms = Transforms(self._frames, self.frame_table.name, self.guard)
         columns = [np.concatenate([part[name] for part in both]) for name in ("frame", "stamp")]
-        which = np.split(transforms.reach(*columns), [len(both[0])])
-        ready = np.concatenate([part[ok] for part, ok in zip(both, which, strict=True)])
+        can = np.split(transforms.reach(*columns), [len(both[0])])
+        ready = np.concatenate([part[ok] for part, ok in zip(both, can, strict=True)])
         ready = ready[newest_per_object(ready)]
         pairs = np.column_stack((ready["frame"], ready["stamp"]))
         groups, which = np.unique(pairs, axis=0, return_inverse=True)

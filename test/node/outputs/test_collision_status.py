@@ -98,8 +98,11 @@ def test_the_radius_of_clearances_holds_for_all_pairs_or_is_said_of_selected_obj
         rig.answer()
         for objects, radius in ((["*"], "0.7"), (["b/*"], "0.0"), (["b/*", "*"], "0.7")):
             rig.set(**{"effects.clearance_objects": objects})
-            found = [radius, "0.7"]
-            rig.until(lambda f=found: [wait(rig, FREE)[key] for key in radii] == f, f"{objects}")
+
+            def is_said(radius: str = radius) -> bool:
+                return [wait(rig, FREE)[key] for key in radii] == [radius, "0.7"]
+
+            rig.until(is_said, f"{objects}")
         rig.set(**{"effects.clearance": "off"})
         rig.until(lambda: not wait(rig, FREE).keys() & set(radii), "no radius")
 
