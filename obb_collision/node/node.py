@@ -26,6 +26,7 @@ if __name__ == "__main__":  # first of all: the imports take a second
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
+from functools import partial
 from importlib.metadata import version
 from time import monotonic, perf_counter
 from typing import Any
@@ -495,24 +496,17 @@ class CollisionNode(ManagedNode):
         return response
 
     def _clock_jumped(self, shift: int, now: int) -> None:
-        self._change("clock jump", lambda: self._take_jump(shift))
-
-    def _take_jump(self, shift: int) -> None:
         self.get_logger().warning(
             f"the clock jumped by {shift / NANOSECONDS:+.3f} s: ages and lifetimes of "
             f"{len(self.objects.table)} objects continue from the new time; stamps may restart"
         )
-        self.inputs.markers.clock_jumped(shift)
-        self.inputs.unknown.clock_jumped(shift)
-        for each in self.inputs.sets:
-            each.clock_jumped(shift)
-        self.objects.clock_jumped(shift)
-        self._obstacles.clock_jumped(shift)
-        if self.robots is not None:
-            self.robots.clock_jumped(shift)
-        self._outputs.events.pairs.clock_jumped(shift)
-        for monitor in self._monitors.values():
-            monitor.clock_jumped(shift)
+        robots = () if self.robots is None else (self.robots,)
+        for each in (  # one that fails leaves none of the others in the old time
+            *(self.inputs.markers, self.inputs.unknown, *self.inputs.sets),
+            *(self.objects, self._obstacles, *robots, self._outputs.events.pairs),
+            *self._monitors.values(),
+        ):
+            self._change("clock jump", partial(each.clock_jumped, shift))
 
     def say_farewell(self) -> None:
         """Stop robots, and publish the status unknown: a signal waits, in another thread."""

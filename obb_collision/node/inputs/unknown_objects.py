@@ -20,7 +20,7 @@ from collections.abc import Iterable
 from itertools import islice
 
 from obb_collision.node.messages.conversions import NANOSECONDS, Key, name_from_key
-from obb_collision.node.messages.names import namespace_number, shortened, stand_in
+from obb_collision.node.messages.names import namespace_number, shortened, stand_in, whole_from_text
 from obb_collision.node.objects.table import ObjectTable
 from obb_collision.scene.store.overrides import Overrides
 
@@ -82,13 +82,20 @@ class UnknownObjects:
         if not self._came:
             return []
         names = list(self._came)
-        known = (self._table.find_named(names) >= 0).tolist()
+        known = (self._table.find_named([self._present(name) for name in names]) >= 0).tolist()
         self._came = {
             name: at
             for (name, at), there in zip(self._came.items(), known, strict=True)
             if not there and 0 <= now - at < MEMORY
         }
         return list(self._came)
+
+    def _present(self, name: str) -> str:
+        """Return what an object is called by now that bulk poses named by a number alone."""
+        namespace, _, ident = name.rpartition("/")
+        number = whole_from_text(namespace[1:]) if namespace.startswith("#") else None
+        text = None if number is None else self._table.namespaces.names.get(number)
+        return name if text is None else f"{text}/{ident}"
 
     def clock_jumped(self, shift: int) -> None:
         """Shift times by a jump of the clock (ns)."""
