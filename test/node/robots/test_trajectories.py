@@ -27,8 +27,10 @@ pytest.importorskip("lxml")
 pytest.importorskip("trajectory_msgs")
 from diagnostic_msgs.msg import DiagnosticStatus
 from lifecycle_msgs.msg import Transition
+from rclpy.serialization import serialize_message
 from rig import LATCHED, cube
 from robot_rig import URDF, RobotRig
+from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
@@ -42,6 +44,7 @@ from obb_collision.node.messages.conversions import (
 from obb_collision.node.robots import trajectories
 
 CRATE = ("crate", 1)
+NONE = [0.0, 0.0]
 OK, ERROR = DiagnosticStatus.OK, DiagnosticStatus.ERROR
 BOTH = ("lift", "turn")
 FAR = (9.0, 9.0, 9.0)
@@ -379,6 +382,42 @@ def test_clear_stops_a_trajectory_where_the_joints_are() -> None:
         rig.known()
         rig.cycles(2)
         assert len(rig.said) == 1
+
+
+def test_joints_that_come_between_clear_and_the_next_cycle_keep_nothing_running() -> None:
+    def joints(turn: float) -> bytes:
+        message = JointState(header=rig.header(), name=list(BOTH), position=[0.0, turn])
+        message.velocity = NONE
+        return bytes(serialize_message(message))
+
+    with TrajectoryRig() as rig:
+        rig.known()
+        node = rig.node
+        assert node.robots is not None
+        trajectory = JointTrajectory(joint_names=list(BOTH))
+        point = JointTrajectoryPoint(positions=NONE, velocities=NONE, accelerations=NONE)
+        trajectory.points = [point]
+        for begin, end in ((0.0, 0.3), (1.4, 1.45)):
+            wanted = [(0.0, [0.0, begin]), (1000.0, [0.0, 1.5])]
+            assert rig.go(wanted)[0].level == OK
+            rig.said.clear()
+            rig.forwarded.clear()
+            rig.robot.take_joints(joints(end))
+            assert node._clear(Trigger.Request(), Trigger.Response()).success
+            for step in range(10):  # at 500 Hz, with nothing between them that looks at anything
+                rig.robot.take_joints(joints(0.1 * step))
+            node._subscribed._callbacks["arm/trajectory_in"](serialize_message(trajectory))
+            rig.robot.take_joints(joints(1.4))
+            node._run_cycle()
+            node.robots.hold("a later stop")
+            rig.until(lambda: len(rig.said) == 2, "what is said")
+            rig.stopped()
+            said = [status.message for status in rig.said]
+            assert said[0] == "stopped: all objects were removed"
+            assert said[1].startswith("refused: scene not known: without a pose: arm/base/0")
+            stops = [[list(point.positions) for point in each.points] for each in rig.forwarded]
+            assert stops == [[[0.0, end]], []], "where the joints were, and nothing more"
+            rig.known()
 
 
 def test_a_trajectory_is_stopped_when_a_signal_ends_the_node() -> None:
