@@ -19,19 +19,35 @@ The node is the real one, with its clocks in the hand of the test; the model sha
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
-from fnmatch import fnmatch
-from itertools import combinations
-from math import inf, nan
+from collections.abc import Iterator
+from importlib.util import find_spec
+from math import nan
 from typing import Any
+from unittest.mock import patch
 
 import hypothesis.strategies as st
 import numpy as np
 import pytest
-from geometry_msgs.msg import TransformStamped
+from evidence_model import (
+    ARM,
+    EDGE,
+    OFFSET,
+    ORDER,
+    REACH,
+    SPEED,
+    WAIT,
+    Model,
+    Robot,
+)
+from geometry_msgs.msg import Point, TransformStamped
 from hypothesis import settings
-from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
+from hypothesis.stateful import (
+    RuleBasedStateMachine,
+    initialize,
+    invariant,
+    precondition,
+    rule,
+)
 from rclpy.clock_type import ClockType
 from rclpy.context import Context
 from rclpy.impl.logging_severity import LoggingSeverity
@@ -39,11 +55,13 @@ from rclpy.parameter import Parameter
 from rclpy.serialization import serialize_message
 from rclpy.time import Time
 from rig import DOMAIN, NAMESPACE, cube, pose
-from std_msgs.msg import Header
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Header, String
 from std_srvs.srv import SetBool, Trigger
 from visualization_msgs.msg import Marker, MarkerArray
 
 from obb_collision.node import boxes_to_ros, namespace_number, poses_to_ros
+from obb_collision.node.inputs.marker_application import MarkerApplication
 from obb_collision.node.messages.conversions import (
     stamp_to_ros,
     states_to_ros,
@@ -51,299 +69,12 @@ from obb_collision.node.messages.conversions import (
 )
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.node import CollisionNode
+from obb_collision.scene.building.builder import Outcome
+from obb_collision.scene.building.errors import BuildError
+from obb_collision.shapes import Box
 
-ORDER = (
-    *("starting", "inactive", "disabled", "internal_error", "no_objects", "required_missing"),
-    *("input_silent", "input_unreadable", "unknown_objects", "unplaced", "refused", "late_frame"),
-    "stale",
-)
-OFFSET, WAIT, LONGEST_WAIT = 0.7, 0.2, 10.0
-"""Where odom is, and for how long (s) states wait for it."""
-REORDERED, MEMORY = 1.0, 1.0
-"""Age (s) of a state up to which an older one is late, and of one that names an unknown object."""
-SPEED, REACH = 0.37, 1.0
 SECOND = 1_000_000_000
 START = 1000.0
-
-
-@dataclass
-class Thing:
-    """An object: what was said of it, and what of that could be used."""
-
-    size: float
-    of_set: bool = False
-    expiry: float = inf
-    x: float | None = None
-    at: float = 0.0
-    stamp: float = 0.0
-    states: list[tuple[float, str, float, float]] = field(default_factory=list)
-    received: float = 0.0
-    order: float = 0.0
-    repeated: bool = False
-    bad_pose: bool = False
-    bad_shape: bool = False
-    overtaken: bool = False
-    held_back: bool = False
-    late: bool = False
-    stale: bool = False
-
-
-class Model:
-    """What can be known."""
-
-    def __init__(self, now: float, until: float) -> None:
-        self.now, self.until, self.active, self.enabled = now, until, now, True
-        self.activated = now
-        self.things: dict[str, Thing] = {}
-        self.newcomers: dict[str, tuple[bool, float]] = {}
-        self.unknown: dict[str, float] = {}
-        self.deleted: dict[str, float] = {}
-        self.unreadable: set[str] = set()
-        self.heard: dict[str, float] = {}
-        self.sets: list[tuple[str, float, float, list[tuple[str, float, float, str]]]] = []
-        self.set_order = self.set_received = 0.0
-        self.declared = False
-        self.ignored: list[str] = []
-        self.pairs: list[tuple[Thing, Thing]] = []
-
-    def declare(self) -> None:
-        self.declared = not self.things and not self.newcomers
-
-    def see(self) -> None:
-        self.declared &= not self.things and not self.newcomers
-
-    def is_placed_at(self, frame: str, stamp: float) -> bool:
-        return frame == "map" or (frame == "odom" and stamp <= self.until)
-
-    def is_late(self, thing: Thing, stamp: float) -> bool:
-        late = 0 < stamp < thing.order and self.now - thing.received <= REORDERED
-        thing.overtaken |= late
-        return late
-
-    def state(self, thing: Thing, x: float, frame: str, stamp: float) -> None:
-        if self.is_late(thing, stamp):
-            return
-        thing.bad_pose = thing.overtaken = False
-        thing.repeated |= thing.received > 0
-        thing.received = self.now
-        if 0 < stamp <= self.now + 0.5:
-            thing.order = stamp
-        thing.states.append((x, frame, stamp, self.now))
-
-    def add(
-        self, name: str, x: float, size: float, frame: str, stamp: float, fault: str, life: float
-    ) -> None:
-        thing = self.things.get(name)
-        expiry = self.now + life if life else inf
-        if fault:
-            self.refuse(name, fault, expiry)
-            return
-        if thing is None:
-            thing = self.things[name] = Thing(size)
-        elif self.is_late(thing, stamp):
-            return
-        thing.size, thing.bad_shape, thing.expiry = size, False, expiry
-        self.newcomers.pop(name, None)
-        self.state(thing, x, frame, stamp)
-        self.see()
-
-    def refuse(self, name: str, fault: str, expiry: float = inf, of_set: bool = False) -> None:
-        thing = self.things.get(name)
-        if thing is None:
-            self.newcomers[name] = of_set, expiry
-        else:
-            thing.bad_shape |= fault == "scale"
-            thing.bad_pose |= fault != "scale"
-            thing.expiry = max(thing.expiry, expiry)
-        self.see()
-
-    def is_of_set(self, name: str) -> bool:
-        thing = self.things.get(name)
-        return thing.of_set if thing else self.newcomers.get(name, (False, 0.0))[0]
-
-    def delete(self, *names: str) -> None:
-        gone = [name for name in names if name in self.things or name in self.newcomers]
-        for name in names:
-            self.deleted[name] = self.now
-            self.unknown.pop(name, None)
-            if not self.is_of_set(name):
-                self.things.pop(name, None)
-                self.newcomers.pop(name, None)
-        if gone:
-            self.declare()
-
-    def named(self, name: str, x: float, frame: str, stamp: float, fault: str = "") -> None:
-        thing = self.things.get(name)
-        if thing is None:
-            ignored = any(fnmatch(name, pattern) for pattern in self.ignored)
-            if self.now - self.deleted.get(name, -inf) >= MEMORY and not ignored:
-                self.unknown[name] = self.now
-        elif fault:
-            thing.bad_pose = True
-        else:
-            self.state(thing, x, frame, stamp)
-
-    def take_set(self, frame: str, stamp: float, rows: list[tuple[str, float, float, str]]) -> None:
-        if 0 < stamp < self.set_order and self.now - self.set_received <= REORDERED:
-            return
-        self.set_received = self.now
-        if 0 < stamp <= self.now + 0.5:
-            self.set_order = stamp
-        if frame == "map":
-            self.sets.clear()
-        self.sets.append((frame, stamp, self.now, rows))
-
-    def doubt_set(self) -> None:
-        for thing in self.things.values():
-            thing.bad_pose |= thing.of_set
-
-    def sync(self) -> None:
-        """Apply the sets that wait: the newest that can be placed, and refusals of newer ones."""
-        usable = [self.is_placed_at(frame, stamp) for frame, stamp, _, _ in self.sets]
-        if any(usable):
-            last = len(usable) - 1 - usable[::-1].index(True)
-            self.use_set(*self.sets[last])
-            del self.sets[: last + 1]
-        for one in [one for one in self.sets if self.now - one[2] > WAIT]:
-            self.sets.remove(one)
-            self.doubt_set()
-            if not one[3]:
-                self.unreadable.add("object_boxes")
-            for name, *_ in one[3]:
-                if name not in self.things:
-                    self.newcomers[name] = True, inf
-        self.see()
-
-    def use_set(
-        self, frame: str, stamp: float, received: float, rows: list[tuple[str, float, float, str]]
-    ) -> None:
-        self.newcomers = {name: one for name, one in self.newcomers.items() if not one[0]}
-        for name in [n for n, thing in self.things.items() if thing.of_set]:
-            if name not in [row[0] for row in rows]:
-                del self.things[name]
-        now, self.now = self.now, received
-        for name, x, size, fault in rows:
-            if fault:
-                self.refuse(name, fault, of_set=True)
-                continue
-            thing = self.things.setdefault(name, Thing(size, True))
-            thing.size, thing.bad_shape = size, False
-            self.state(thing, x + OFFSET * (frame == "odom"), "map", stamp)
-        self.now = now
-        self.declare()
-
-    def clear(self) -> None:
-        for name in self.things:
-            self.deleted[name] = self.now
-            self.unknown.pop(name, None)
-        self.things.clear()
-        self.newcomers.clear()
-        self.unreadable.clear()
-        self.sets.clear()
-        self.declare()
-
-    def cycle(self, given: dict[str, Any]) -> None:
-        self.sync()
-        for name in [n for n, thing in self.things.items() if thing.expiry <= self.now]:
-            del self.things[name]
-        self.newcomers = {n: one for n, one in self.newcomers.items() if one[1] > self.now}
-        for name, thing in self.things.items():
-            self.place(thing)
-            self.age(name, thing, given)
-            since = self.now - thing.received
-            thing.overtaken &= since <= REORDERED
-            thing.held_back = thing.overtaken and since > REORDERED / 2
-        boxes = [
-            (thing, thing.x, 0.5 * thing.size + self.growth(name, thing, given))
-            for name, thing in self.things.items()
-            if thing.x is not None and not self.has(name, thing, given, "ignore")
-        ]
-        self.pairs = [
-            (a, b)
-            for (a, xa, ra), (b, xb, rb) in combinations(boxes, 2)
-            if self.enabled and self.active and abs(xa - xb) <= ra + rb
-        ]
-
-    def place(self, thing: Thing) -> None:
-        usable = [k for k, (_, frame, stamp, _) in enumerate(thing.states)
-                  if self.is_placed_at(frame, stamp)]  # fmt: skip
-        if usable:
-            x, frame, thing.stamp, thing.at = thing.states[usable[-1]]
-            thing.x = x + OFFSET * (frame == "odom")
-            del thing.states[: usable[-1] + 1]
-            thing.late = False
-        thing.late |= any(self.now - at > WAIT for *_, at in thing.states)
-        thing.states = [
-            state
-            for state in thing.states
-            if self.now - state[3] <= (LONGEST_WAIT if state[1] == "odom" else WAIT)
-            or state is thing.states[-1]
-        ]
-
-    def age(self, name: str, thing: Thing, given: dict[str, Any]) -> None:
-        own = last(given["object_timeout_overrides"], name)
-        limit = given["object_timeout"] if thing.repeated else 0.0
-        limit = limit if own is None else own
-        before = thing.stale
-        thing.stale = thing.x is not None and 0.0 < float(limit) < self.now - thing.at
-        if thing.stale and not before:
-            thing.order = 0.0
-
-    def has(self, name: str, thing: Thing, given: dict[str, Any], policy: str) -> bool:
-        is_it = (last(given["stale_policy_overrides"], name) or given["stale_policy"]) == policy
-        return thing.stale and is_it
-
-    def moved(self, thing: Thing) -> float:
-        return SPEED * (self.now - min(thing.at, thing.stamp or inf))
-
-    def growth(self, name: str, thing: Thing, given: dict[str, Any]) -> float:
-        collides = self.has(name, thing, given, "collide")
-        return min(REACH, self.moved(thing)) if collides else 0.0
-
-    def codes(self, given: dict[str, Any]) -> list[str]:
-        found = set(self.of_scene(given))
-        for name, thing in self.things.items():
-            if self.has(name, thing, given, "ignore"):
-                continue
-            lost = self.has(name, thing, given, "collide") and self.moved(thing) > REACH
-            if thing.bad_pose or thing.bad_shape or thing.held_back:
-                found.add("refused")
-            elif thing.x is None:
-                found.add("unplaced")
-            elif thing.late:
-                found.add("late_frame")
-            elif lost or self.has(name, thing, given, "unknown"):
-                found.add("stale")
-        return [code for code in ORDER if code in found]
-
-    def of_scene(self, given: dict[str, Any]) -> Iterator[str]:
-        if not self.active:
-            yield "inactive"
-        elif not self.enabled:
-            yield "disabled"
-        if not (self.things or self.newcomers or self.declared or given["expect_empty"]):
-            yield "no_objects"
-        if self.newcomers:
-            yield "refused"
-        for pattern in given["required_objects"]:
-            if not any(fnmatch(name, pattern) for name in self.things):
-                yield "required_missing"
-        for text in given["required_inputs"]:
-            topic, limit = text.split(": ")
-            since = max(self.heard.get(topic, -inf), -inf)
-            if since < self.activated or self.now - since > float(limit):
-                yield "input_silent"
-        if self.unreadable:
-            yield "input_unreadable"
-        for name, at in self.unknown.items():
-            if name not in self.things and self.now - at < MEMORY:
-                yield "unknown_objects"
-
-
-def last(entries: Sequence[str], name: str) -> str | None:
-    """Return the value of the last entry that matches a name."""
-    values = [entry.split(": ")[1] for entry in entries if fnmatch(name, entry.split(": ")[0])]
-    return values[-1] if values else None
 
 
 class Frames:
@@ -359,27 +90,70 @@ class Frames:
         return np.array([OFFSET, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
 
 
-class World:
-    """The one node of all examples, and its clock."""
+class Builder:
+    """Builds boxes in place of meshes, when told so: ``delivers`` is "built" or "failed"."""
 
-    made: World | None = None
+    limits: Any = None
 
     def __init__(self) -> None:
-        self.now, self.frames, self.context = START, Frames(), Context()
+        self.delivers = ""
+        self.wanted: dict[Any, tuple[Any, Any]] = {}
+
+    def request(self, name: Any, signature: Any, job: Any) -> None:
+        self.wanted[name] = signature, job
+
+    def cancel(self, name: Any) -> None:
+        self.wanted.pop(name, None)
+
+    def wants(self, name: Any) -> bool:
+        return name in self.wanted
+
+    def poll(self) -> Iterator[Outcome]:
+        what, self.delivers = self.delivers, ""
+        for name in list(self.wanted) if what else ():
+            signature, job = self.wanted.pop(name)
+            if what == "built":
+                yield Outcome(job, signature, {name}, Box([np.ptp(job.points)] * 3))
+            else:
+                yield Outcome(job, signature, {name}, error=BuildError("bad shape"))
+
+    def close(self) -> None:
+        pass
+
+
+class World:
+    """The one node of all examples with a robot, or without, and its clocks."""
+
+    made: dict[bool, World] = {}  # noqa: RUF012
+
+    def __init__(self, has_robot: bool) -> None:
+        self.now, self.steady, self.frames, self.context = START, START, Frames(), Context()
         self.context.init(domain_id=DOMAIN)
-        options = {"use_sim_time": True, "autostart": False, "marker_rate": 0.0}
+        options: dict[str, Any] = {"use_sim_time": True, "autostart": False, "marker_rate": 0.0}
         options |= {"stale_speed": SPEED, "stale_reach": REACH, "transform_timeout": WAIT}
+        if has_robot:
+            options |= {"robots": [ARM], "robot_bases": [f"{ARM}: object_transform"]}
         self.node = CollisionNode(
             context=self.context,
-            namespace=f"{NAMESPACE}/model",  # with a logger of its own, which says nothing
+            namespace=f"{NAMESPACE}/model_{has_robot}",  # with a logger of its own, which is mute
             frames=self.frames,
-            steady=lambda: self.now,
-            parameter_overrides=[Parameter(name, value=one) for name, one in options.items()],
+            steady=lambda: self.steady,
+            parameter_overrides=[
+                Parameter(name, value=one) for name, one in (options | {"accuracy": "obb"}).items()
+            ],
         )
+        self.node.status._steady = lambda: self.steady
         self.node.get_logger().set_level(LoggingSeverity.FATAL)
 
-    def advance(self, seconds: float) -> None:
+    @classmethod
+    def get(cls, has_robot: bool) -> World:
+        if has_robot not in cls.made:
+            cls.made[has_robot] = World(has_robot)
+        return cls.made[has_robot]
+
+    def advance(self, seconds: float, steady: float | None = None) -> None:
         self.now += seconds
+        self.steady += seconds if steady is None else steady
         time = Time(nanoseconds=round(self.now * SECOND), clock_type=ClockType.ROS_TIME)
         clock: Any = self.node.get_clock()
         clock.set_ros_time_override(time)
@@ -391,13 +165,13 @@ class World:
 
 
 @pytest.fixture(autouse=True, scope="module")
-def one_node() -> Iterator[None]:
-    """End the node after the last example."""
+def nodes() -> Iterator[None]:
+    """End the nodes after the last example."""
     yield
-    if World.made is not None:
-        World.made.node.destroy_node()
-        World.made.context.try_shutdown()
-        World.made = None
+    for world in World.made.values():
+        world.node.destroy_node()
+        world.context.try_shutdown()
+    World.made.clear()
 
 
 NAMES = st.sampled_from(["a/0", "a/1", "b/0"])
@@ -408,15 +182,23 @@ FRAMES = st.sampled_from(["map", "map", "map", "odom", "lost"])
 STAMPS = st.sampled_from([0.0, 0.0, 0.0, -0.3, 5.0, None])
 """Seconds from now on; None: no stamp."""
 POSE_FAULTS = st.sampled_from(["", "", "", "pose", "zero", "stamp"])
+USUALLY = st.integers(0, 2).map(bool)
+CYCLE_LIMIT = 0.52
+"""Seconds that the node's parameters give a cycle by default."""
 STEPS = st.sampled_from([0.0503, 0.1103, 0.2311, 0.4703, 0.7117])
 GIVEN = st.fixed_dictionaries(
     {
         "object_timeout": st.sampled_from([0.0, 0.5]),
-        "object_timeout_overrides": st.sampled_from([[], ["a/1: 0.3"], ["a/*: 0.8", "a/0: 0"]]),
+        "object_timeout_overrides": st.sampled_from(
+            [[], ["a/1: 0.3"], ["a/*: 0.8", "a/0: 0"], ["arm*: 0.9"]]
+        ),
+        "joint_timeout": st.sampled_from([0.0, 0.6]),
         "stale_policy": st.sampled_from(["unknown", "collide", "keep", "ignore"]),
-        "stale_policy_overrides": st.sampled_from([[], ["b/*: keep"], ["a/0: ignore"]]),
-        "required_objects": st.sampled_from([[], [], ["b/*"]]),
-        "required_inputs": st.sampled_from([[], [], ["object_states: 0.7"]]),
+        "stale_policy_overrides": st.sampled_from(
+            [[], ["b/*: keep", "arm/*: collide"], ["a/0: ignore"]]
+        ),
+        "required_objects": st.sampled_from([[], [], [], ["b/*"]]),
+        "required_inputs": st.sampled_from([[], [], [], ["object_states: 0.7"]]),
         "ignored_objects": st.sampled_from([[], [], ["z/*"]]),
         "expect_empty": st.booleans(),
     }
@@ -426,26 +208,39 @@ GIVEN = st.fixed_dictionaries(
 class EvidenceMachine(RuleBasedStateMachine):
     """Messages go to the node and to the model, and both say what they know."""
 
-    def __init__(self) -> None:
-        super().__init__()
-        World.made = self.world = World.made or World()
-        self.node, self.is_started = self.world.node, False
+    is_started = False
 
-    @initialize(given=GIVEN)
-    def begin(self, given: dict[str, Any]) -> None:
-        self.given = given
+    @initialize(
+        given=GIVEN, has_robot=st.booleans() if find_spec("lxml") else st.just(False),
+        scene=st.lists(PLACES, max_size=3),
+    )  # fmt: skip
+    def begin(self, given: dict[str, Any], has_robot: bool, scene: list[float]) -> None:
+        self.given, self.world, self.scene = given, World.get(has_robot), scene
+        self.node, self.has_robot = self.world.node, has_robot
         self.world.set(given)
         self.start()
 
     def start(self) -> None:
         self.node.trigger_configure()
+        self.builder: Any = Builder()
+        shapes: Any = self.node.objects.shapes
+        shapes.builder = shapes.requests._builder = self.builder
+        self.take = self.node._subscribed._callbacks
         self.world.advance(100.0)
         self.world.frames.until = round(self.world.now * SECOND)
         self.node.trigger_activate()
         self.is_started = True
-        self.model = Model(self.world.now, self.world.now)
+        robot = Robot() if self.has_robot else None
+        self.model = Model(self.world.now, self.world.steady, self.world.now, robot)
         self.model.ignored = self.given["ignored_objects"]
         self.tick(0.1103)
+        for name, x in zip(("a/0", "a/1", "b/0"), self.scene, strict=False):
+            self.markers([name], x, 1.0, "map", 0.0, "", 0.0, False)
+        if robot is not None:
+            self.describe(EDGE)
+            self.base(0.0, "map", 0.0, "")
+            self.joints([1.4, 3.0], 0.0, "")
+            self.tick(0.0503)
 
     def teardown(self) -> None:
         if self.is_started:
@@ -469,21 +264,129 @@ class EvidenceMachine(RuleBasedStateMachine):
     @rule(step=STEPS)
     def tick(self, step: float) -> None:
         self.world.advance(step)
-        self.model.now = self.world.now
+        self.cycle()
+
+    def cycle(self, fails: str = "", waited: bool = False) -> None:
+        """Let the node run a cycle, and compare what it says with what is known."""
+        self.model.now, self.model.steady = self.world.now, self.world.steady
         self.node._run_cycle()
-        self.model.cycle(self.given)
+        self.model.cycle(self.given, fails, waited)
+        self.compare()
+        assert bool(self.node.evidence.not_known()) == bool(self.model.codes(self.given))
+
+    def compare(self, *more: str) -> None:
+        """Compare what the node says; more: codes that do not come from the model."""
+        pairs, known = self.model.left(), {*self.model.codes(self.given), *more}
+        codes, level = [code for code in ORDER if code in known], 2 if pairs else 3 if known else 0
+        published: Any = self.node.status._published
+        found = [reason[0] for reason in published[2:-1]]
+        assert found == codes, (found, codes, self.model.things)
+        assert published[0] == bytes([level])
         answer = self.node.status.answer
-        codes = [reason.code for reason in answer.reasons]
-        assert codes == self.model.codes(self.given), (answer.message, self.model.things)
-        assert answer.pairs == len(self.model.pairs), self.model.things
+        assert answer.pairs == len(pairs), (answer.message, self.model.things)
 
     @invariant()
     def known_to_collide(self) -> None:
         if hasattr(self, "model"):
-            left = [id(thing) for thing in self.model.things.values()]
-            known = [pair for pair in self.model.pairs if {*map(id, pair)} <= {*left}]
             answer = self.node.evidence.answer()
-            assert not known or answer.level == b"\2"
+            assert not self.model.left() or answer.level == b"\2"
+
+    def heal(self, clears: bool) -> None:
+        """Let an error be, or end it."""
+        if clears:
+            self.clear()
+        self.tick(0.0503)
+
+    @rule(what=st.sampled_from(["check", "update", "sets", "robots"]), clears=USUALLY)
+    def fail_in_a_cycle(self, what: str, clears: bool) -> None:
+        node, has_robot = self.node, self.has_robot
+        owner, name = {
+            "check": (node.objects.scene, "check"),
+            "update": (node.objects, "update"),
+            "sets": (node.inputs.boxes, "apply"),
+            "robots": (node.robots, "apply"),
+        }[what if has_robot else what.replace("robots", "check")]
+        self.world.advance(0.0503)
+        with patch.object(owner, name, fail):
+            self.cycle(what if has_robot else what.replace("robots", "check"))
+        self.heal(clears and what in ("sets", "robots"))
+
+    @rule(what=st.sampled_from(["transform", "marker", "clear"]), clears=USUALLY)
+    def fail_in_a_message(self, what: str, clears: bool) -> None:
+        """Let an error leave objects other than they were sent; until ``clear`` nobody knows."""
+        node, names = self.node, sorted(self.model.things)
+        node.inputs.markers.apply()
+        node.inputs.boxes.apply()
+        self.model.sync()
+        if what == "clear":
+            with patch.object(node.objects, "clear", fail):
+                self.clear(fails=True)
+        elif what == "marker":
+            with patch.object(MarkerApplication, "run", fail):
+                self.send("objects", MarkerArray(markers=[cube(("b", 0))]))
+                node.inputs.markers.apply()
+            self.model.fail("objects")
+        elif names:
+            message = TransformStamped(header=Header(frame_id="map"), child_frame_id=names[0])
+            message.transform = transform_to_ros(pose(0.0))
+            with patch.object(node.objects.states, "store", fail):
+                self.send("object_transform", message)
+            self.model.fail("object_transform")
+        self.heal(clears)
+
+    @rule(by=st.sampled_from([-100.0, -0.3, 100.0]), fails=st.booleans(), clears=USUALLY)
+    def jump(self, by: float, fails: bool, clears: bool) -> None:
+        """Set the clock to another time; forwards a simulation goes as fast as it likes."""
+        markers, fails = self.node.inputs.markers, fails and by < 0.0
+        if fails or by > 0.0:
+            markers.apply()  # so that nothing waits there
+        self.node._now()
+        with patch.object(markers, "clock_jumped", fail if fails else markers.clock_jumped):
+            self.world.advance(by, 0.0)
+            self.node._now()
+        if by < 0.0:
+            self.model.jump(by)
+        self.model.broken |= fails
+        self.heal(fails and clears)
+
+    @rule(silence=st.sampled_from([0.3017, 0.8917]))
+    def block(self, silence: float) -> None:
+        """Let no cycle end for some time."""
+        self.tick(0.0503)
+        self.world.steady += silence
+        self.node.status.look()
+        self.compare(*["blocked"] * (silence > CYCLE_LIMIT))
+        self.tick(0.0503)
+
+    @rule()
+    def overload(self) -> None:
+        """Let a message wait for longer than a cycle may take."""
+        self.world.advance(0.0503)
+        with patch.object(self.node._subscribed, "take_wait", lambda: 2.0 * CYCLE_LIMIT):
+            self.cycle(waited=True)
+
+    @rule(shift=st.booleans())
+    def steady_scene(self, shift: bool) -> None:
+        """Send the same states again and again: nothing is said of it but what was said before."""
+        kinds = []
+        for step in (*[0.4703] * 6, *[0.1103] * 4):
+            named = sorted(self.model.things.items())
+            solid = [(name, thing) for name, thing in named if not thing.of_set]
+            markers = [cube(key(n), (t.x or 0.0, 0, 0), [t.size] * 3) for n, t in solid]
+            if markers:
+                self.send("objects", MarkerArray(markers=markers))
+                for marker, (name, thing) in zip(markers, solid, strict=True):
+                    self.model.add(name, marker.pose.position.x, thing.size, "map", 0.0, "", 0.0)
+            rows = [(name, thing) for name, thing in named if thing.of_set]
+            if rows:
+                first = key(rows[0][0])[1]
+                self.boxes([(t.x or 0.0, t.size, "") for _, t in rows], first, "map", 0.0, 0)
+            if self.has_robot:
+                self.base(0.7, "map", 0.0, "")
+                self.joints([1.4, 3.0], None if shift else 0.0, "")
+            self.tick(step)
+            kinds.append(self.node.status.answer.kind)
+        assert len({*kinds[6:]}) == 1, kinds
 
     @rule(step=st.sampled_from([0.0503, 0.2311]), known=st.booleans())
     def transforms(self, step: float, known: bool) -> None:
@@ -492,10 +395,10 @@ class EvidenceMachine(RuleBasedStateMachine):
         self.world.frames.until = round(self.model.until * SECOND)
         self.tick(0.7117)
 
-    def send(self, topic: str, message: Any, cut: bool = False) -> bool:
-        """Send a message, or its first half; return whether the node can read it."""
+    def send(self, topic: str, message: Any, cut: bool = False, end: int | None = None) -> bool:
+        """Send a message, or its first bytes, half of them; return whether it can be read."""
         data = serialize_message(message)
-        self.model.heard[topic] = self.model.now
+        self.model.heard[topic] = self.model.steady
         self.model.unreadable.discard(topic)
         if topic in ("object_transform", "object_states", "object_poses"):
             self.model.sync()
@@ -503,7 +406,7 @@ class EvidenceMachine(RuleBasedStateMachine):
             self.model.unreadable.add(topic)
             if topic == "object_boxes":
                 self.model.doubt_set()
-        self.node.inputs.callbacks()[topic](data[: len(data) // 2] if cut else data)
+        self.take[topic](data[: end or len(data) // 2] if cut else data)
         return not cut
 
     def header(self, frame: str, ahead: float | None, fault: str = "") -> tuple[Header, float]:
@@ -540,6 +443,8 @@ class EvidenceMachine(RuleBasedStateMachine):
                 marker.pose.position.x = nan
             sent.append(marker)
         if self.send("objects", MarkerArray(markers=sent), cut):
+            if fault == "action":  # else a deletion that comes with it says nothing
+                self.node.inputs.markers.apply()
             for name in names:
                 self.model.add(name, x, size, frame, stamp, fault.replace("action", "scale"), life)
 
@@ -557,10 +462,12 @@ class EvidenceMachine(RuleBasedStateMachine):
 
     @rule(namespace=st.sampled_from(["", "a", "b"]))
     def delete_all(self, namespace: str) -> None:
+        if not all(thing.seen for thing in self.model.things.values()):
+            self.node.inputs.markers.apply()  # else nobody remembers what came and went at once
         self.send("objects", MarkerArray(markers=[cube((namespace, 0), action=Marker.DELETEALL)]))
         names = {**self.model.things, **self.model.newcomers}
         gone = [n for n in names if n.startswith(namespace) and not self.model.is_of_set(n)]
-        self.model.delete(*gone)
+        self.model.delete(*gone, is_named=False)
         if not namespace:
             self.model.declare()
 
@@ -637,10 +544,69 @@ class EvidenceMachine(RuleBasedStateMachine):
             named = [(f"boxes/{i}", *row) for i, row in zip(ids, rows, strict=True)]
             self.model.take_set(frame, stamp, named)
 
+    @rule(name=NAMES, x=PLACES, size=SIZES, ahead=STAMPS, life=st.sampled_from([0.0, 0.0, 2.5]))
+    def mesh(self, name: str, x: float, size: float, ahead: float | None, life: float) -> None:
+        """Send a marker whose shape has to be built."""
+        header, stamp = self.header("map", ahead)
+        life = life if ahead == 0.0 else 0.0
+        corners = [Point(), Point(x=size), Point(y=size)]
+        marker = cube(key(name), (x, 0, 0), type=Marker.TRIANGLE_LIST, points=corners)
+        marker.header, marker.lifetime = header, duration(life)
+        self.node.inputs.markers.apply()  # of those that come together only the last one counts
+        self.send("objects", MarkerArray(markers=[marker]))
+        self.node.inputs.markers.apply()
+        self.model.add(name, x, size, "map", stamp, "", life, mesh=True)
+
+    @rule(what=st.sampled_from(["built", "built", "failed"]))
+    def deliver(self, what: str) -> None:
+        """Deliver all shapes that are wanted, or say that they cannot be built."""
+        self.builder.delivers = self.model.delivers = what
+        self.tick(0.0503)
+
+    @precondition(lambda self: self.has_robot)
+    @rule(edge=st.sampled_from([EDGE, 0.4, 0.0]))
+    def describe(self, edge: float) -> None:
+        """Send a description, or with 0 a text that is none."""
+        self.send(f"{ARM}/robot_description", String(data=urdf(edge) if edge else "none"))
+        assert self.node.robots is not None
+        reader = self.node.robots.robots[0]._reader
+        while reader.is_reading and reader._thread is not None:
+            reader._thread.join()
+        self.model.describe(edge)
+        self.tick(0.0503)
+
+    @precondition(lambda self: self.has_robot)
+    @rule(x=PLACES, frame=FRAMES, ahead=STAMPS, fault=POSE_FAULTS)
+    def base(self, x: float, frame: str, ahead: float | None, fault: str) -> None:
+        """Send where the robot stands."""
+        header, stamp = self.header(frame, ahead, fault)
+        message = TransformStamped(header=header, child_frame_id=ARM)
+        message.transform = transform_to_ros(self.pose(x, fault))
+        self.send("object_transform", message)
+        self.model.take_base(x, frame, stamp, fault)
+
+    @precondition(lambda self: self.has_robot)
+    @rule(
+        values=st.lists(
+            st.sampled_from([0.0, 1.4, 3.0, nan, None]), min_size=2, max_size=2
+        ).filter(any),
+        ahead=STAMPS, fault=st.sampled_from(["", "", "", "stamp", "length", "cut"]),
+    )  # fmt: skip
+    def joints(self, values: list[float | None], ahead: float | None, fault: str) -> None:
+        """Send values of some joints."""
+        header, stamp = self.header("map", ahead, fault)
+        named = {f"j{k}": value for k, value in enumerate(values) if value is not None}
+        message = JointState(header=header, name=list(named), position=list(named.values()))
+        message.velocity = [0.0] * len(named)
+        if fault == "length":
+            message.position.append(0.0)
+        if self.send(f"{ARM}/joint_states", message, fault == "cut", 20):
+            self.model.take_joints(values, stamp, fault)
+
     @rule()
-    def clear(self) -> None:
+    def clear(self, fails: bool = False) -> None:
         self.node._clear(Trigger.Request(), Trigger.Response())
-        self.model.clear()
+        self.model.clear(fails)
 
     @rule(on=st.booleans())
     def enable(self, on: bool) -> None:
@@ -650,15 +616,31 @@ class EvidenceMachine(RuleBasedStateMachine):
     @rule()
     def pause(self) -> None:
         self.node.trigger_deactivate()
-        self.model.active, self.model.pairs = 0.0, []
+        self.model.active, self.model.pairs = False, []
         self.tick(0.1103)
         self.node.trigger_activate()
-        self.model.active = self.model.activated = self.model.now
+        self.model.active, self.model.activated = True, self.model.steady
 
 
 def key(name: str) -> tuple[str, int]:
     namespace, number = name.split("/")
     return namespace, int(number)
+
+
+def fail(*_: Any) -> None:
+    raise ZeroDivisionError
+
+
+def urdf(edge: float) -> str:
+    """Return a robot of two links that two joints move apart along x."""
+    text = "<robot name='arm'>"
+    for link, size in (("base", EDGE), ("middle", 0.0), ("hand", edge)):
+        box = f"<geometry><box size='{size} {size} {size}'/></geometry>"
+        text += f"<link name='{link}'>{f'<collision>{box}</collision>' if size else ''}</link>"
+    for k, (parent, child) in enumerate((("base", "middle"), ("middle", "hand"))):
+        text += f"<joint name='j{k}' type='prismatic'><parent link='{parent}'/><axis xyz='1 0 0'/>"
+        text += f"<child link='{child}'/><limit lower='-9' upper='9'/></joint>"
+    return f"{text}</robot>"
 
 
 def duration(seconds: float) -> Any:
@@ -672,10 +654,16 @@ TestEvidenceMachine.settings = settings(max_examples=150, stateful_step_count=15
 
 LISTS = "object_timeout_overrides stale_policy_overrides required_objects required_inputs"
 PLAIN: dict[str, Any] = {name: [] for name in (*LISTS.split(), "ignored_objects")}
-PLAIN |= {"object_timeout": 0.0, "stale_policy": "unknown", "expect_empty": False}
+PLAIN |= {
+    "object_timeout": 0.0,
+    "joint_timeout": 0.0,
+    "stale_policy": "unknown",
+    "expect_empty": False,
+}
 GOOD = {"x": 0.0, "frame": "map", "ahead": 0.0, "fault": "", "cut": False}
 MARKER = {**GOOD, "names": ["b/0"], "size": 1.0, "life": 0.0}
 STATE = {**GOOD, "name": "z/0"}
+BULK = {"x": 0.0, "frame": "map", "ahead": 0.0, "fault": "", "broken": ""}
 SET = {"rows": [], "first": 0, "frame": "map", "ahead": 0.0, "broken": 0}
 REFUSED = [(0.0, 1.0, "scale")]
 FOUND = {
@@ -690,8 +678,7 @@ FOUND = {
     "newcomer ended": [("clear", {}), ("markers", {**MARKER, "fault": "scale", "life": 1.0}),
                        ("tick", {"step": 0.7117}), ("tick", {"step": 0.4703})],
     "bulk after delete": [("delete", {"names": ["a/0"]}),
-                          ("poses", {**{n: GOOD[n] for n in ("x", "frame", "ahead", "fault")},
-                                     "names": ["a/0"], "broken": ""})],
+                          ("poses", {**BULK, "names": ["a/0"]})],
     "refused box": [("boxes", {**SET, "rows": REFUSED}), ("tick", {"step": 0.0503}),
                     ("delete_all", {"namespace": ""})],
     "refused box alone": [("clear", {}), ("boxes", {**SET, "rows": REFUSED})],
@@ -699,6 +686,9 @@ FOUND = {
     "refused for longer": [("markers", {**MARKER, "life": 1.0}), ("tick", {"step": 0.7117}),
                            ("markers", {**MARKER, "life": 1.0, "fault": "scale"}),
                            ("tick", {"step": 0.4703})],
+    "named by a number": [("poses", {**BULK, "names": ["b/0"]}), ("markers", MARKER)],
+    "error in a jump": [("transform", STATE), ("markers", {**MARKER, "life": 1.0}),
+                        ("jump", {"by": -100.0, "fails": True, "clears": False})],
     "newer set refused": [("boxes", {**SET, "rows": [(0.0, 1.0, "")]}),
                           ("boxes", {**SET, "rows": [(0.7, 1.0, "")], "frame": "lost"}),
                           ("tick", {"step": 0.4703})],
@@ -709,7 +699,7 @@ FOUND = {
 @pytest.mark.parametrize("steps", FOUND.values(), ids=FOUND)
 def test_what_the_machine_found(steps: list[tuple[str, dict[str, Any]]]) -> None:
     machine = EvidenceMachine()
-    machine.begin(PLAIN)
+    machine.begin(PLAIN, has_robot=False, scene=[])
     try:
         for name, given in steps:
             getattr(machine, name)(**given)

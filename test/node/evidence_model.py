@@ -1,0 +1,519 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What can be known of a scene by all that was said of it: slow, with no code of the node."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from fnmatch import fnmatch
+from itertools import combinations
+from math import inf, isnan, nan
+from typing import Any
+
+ORDER = (
+    *("starting", "inactive", "disabled", "internal_error", "blocked", "overload", "no_objects"),
+    *("required_missing", "input_silent", "input_unreadable", "unknown_objects", "shape_building"),
+    *("unplaced", "refused", "late_frame", "stale", "robot_unknown", "joint_unknown"),
+    "base_unknown",
+)
+ARM, LINKS, EDGE = "arm", ("arm/base/0", "arm/hand/0"), 0.2
+"""The robot, its links, and the edge of the first one: the other is moved by joints along x."""
+OFFSET, WAIT, LONGEST_WAIT = 0.7, 0.2, 10.0
+"""Where odom is, and for how long (s) states wait for it."""
+REORDERED, MEMORY, AHEAD = 1.0, 1.0, 0.5
+"""Age (s) of a state up to which an older one is late, and of one that names an unknown object;
+and how far ahead a stamp is believed."""
+SPEED, REACH = 0.37, 1.0
+
+
+@dataclass
+class Thing:
+    """An object: what was said of it, and what of that could be used.
+
+    awaited: the size that is being built; shaped: whether it has one; seen: by a cycle.
+    """
+
+    size: float
+    of_set: bool = False
+    expiry: float = inf
+    x: float | None = None
+    at: float = 0.0
+    stamp: float = 0.0
+    states: list[tuple[float, str, float, float]] = field(default_factory=list)
+    received: float = 0.0
+    order: float = 0.0
+    repeated: bool = False
+    bad_pose: bool = False
+    bad_shape: bool = False
+    overtaken: bool = False
+    held_back: bool = False
+    late: bool = False
+    stale: bool = False
+    awaited: float | None = None
+    shaped: bool = True
+    seen: bool = False
+
+    @property
+    def is_building(self) -> bool:
+        return self.awaited is not None or not self.shaped
+
+    def jump(self, by: float) -> None:
+        for name in ("at", "received", "expiry"):
+            setattr(self, name, getattr(self, name) + by)
+        self.stamp = self.order = 0.0
+        self.states = [(x, frame, stamp, at + by) for x, frame, stamp, at in self.states]
+
+
+@dataclass
+class Joint:
+    """A joint, or the base: what came last of it; NaN: nothing."""
+
+    x: float = nan
+    stamp: float = 0.0
+    at: float = -inf
+    frame: str = "map"
+    bad: bool = False
+    repeated: bool = False
+    overdue: float = inf
+
+    def after(self, x: float, stamp: float, now: float, fault: str, frame: str = "map") -> Joint:
+        """Return it after another state."""
+        late = 0 < stamp < self.stamp and now - self.at <= REORDERED
+        if fault or (isnan(x) and not late):
+            return replace(self, bad=True)
+        if late:
+            return replace(self, overdue=self.at + REORDERED / 2)
+        believed = stamp if stamp <= now + AHEAD else 0.0
+        return Joint(x, believed, now, frame, repeated=not isnan(self.x))
+
+    def is_unknown(self, now: float, limit: float) -> bool:
+        return isnan(self.x) or self.bad or self.overdue < now or 0.0 < limit < now - self.at
+
+    def jump(self, by: float) -> None:
+        self.stamp, self.at, self.overdue = 0.0, self.at + by, inf
+
+
+@dataclass
+class Robot:
+    """Two links, where the base is and beyond two joints. edge: of the second, 0: not described."""
+
+    edge: float = 0.0
+    refused: bool = False
+    base: Joint = field(default_factory=Joint)
+    changed: bool = False
+
+    def __post_init__(self) -> None:
+        self.renew()
+
+    def renew(self) -> None:
+        """Make links whose joints are not known."""
+        self.joints, self.changed = [Joint(), Joint()], True
+        sizes = (EDGE, self.edge) if self.edge else ()
+        self.links = {name: Thing(size) for name, size in zip(LINKS, sizes, strict=False)}
+
+    def faults(self, now: float, given: dict[str, Any]) -> set[str]:
+        """Return what is not known when links are placed."""
+        if self.refused or not self.links:
+            return {"robot_unknown"}
+        own = last(given["object_timeout_overrides"], ARM)
+        limit = given["object_timeout"] if self.base.repeated else 0.0
+        limit = limit if own is None else own
+        found = {"base_unknown"} if self.base.is_unknown(now, float(limit)) else set()
+        if any(joint.is_unknown(now, given["joint_timeout"]) for joint in self.joints):
+            found.add("joint_unknown")
+        return found
+
+    def codes(self, now: float, given: dict[str, Any]) -> set[str]:
+        is_lost = bool(self.links) and not isnan(self.base.x) and self.base.frame == "lost"
+        return self.faults(now, given) | ({"base_unknown"} if is_lost else set())
+
+
+class Model:
+    """What can be known. until: up to when odom is; steady: seconds, by which inputs are silent."""
+
+    def __init__(self, now: float, steady: float, until: float, robot: Robot | None) -> None:
+        self.now, self.steady, self.until, self.robot = now, steady, until, robot
+        self.active = self.enabled = True
+        self.activated = steady
+        self.failed = self.broken = self.overloaded = False
+        self.built: set[float] = set()
+        self.delivers = ""
+        self.things: dict[str, Thing] = {}
+        self.newcomers: dict[str, tuple[bool, float]] = {}
+        self.unknown: dict[str, float] = {}
+        self.deleted: dict[str, float] = {}
+        self.unreadable: set[str] = set()
+        self.heard: dict[str, float] = {}
+        self.sets: list[tuple[str, float, float, list[tuple[str, float, float, str]]]] = []
+        self.set_order = self.set_received = 0.0
+        self.declared = False
+        self.ignored: list[str] = []
+        self.pairs: list[tuple[Thing, Thing]] = []
+
+    def declare(self) -> None:
+        self.declared = not self.things and not self.newcomers
+
+    def see(self) -> None:
+        self.declared &= not self.things and not self.newcomers
+
+    def is_placed_at(self, frame: str, stamp: float) -> bool:
+        return frame == "map" or (frame == "odom" and stamp <= self.until)
+
+    def is_late(self, thing: Thing, stamp: float) -> bool:
+        late = 0 < stamp < thing.order and self.now - thing.received <= REORDERED
+        thing.overtaken |= late
+        return late
+
+    def state(self, thing: Thing, x: float, frame: str, stamp: float) -> None:
+        if self.is_late(thing, stamp):
+            return
+        thing.bad_pose = thing.overtaken = False
+        thing.repeated |= thing.received > 0
+        thing.received = self.now
+        if 0 < stamp <= self.now + AHEAD:
+            thing.order = stamp
+        thing.states.append((x, frame, stamp, self.now))
+
+    def add(
+        self, name: str, x: float, size: float, frame: str, stamp: float, fault: str, life: float,
+        mesh: bool = False,
+    ) -> None:  # fmt: skip
+        thing = self.things.get(name)
+        expiry = self.now + life if life else inf
+        if fault:
+            self.refuse(name, fault, expiry)
+            return
+        if thing is None:
+            thing = self.things[name] = Thing(size, shaped=False)
+        elif self.is_late(thing, stamp):
+            return
+        if mesh and size not in self.built:
+            thing.awaited = size
+        else:
+            thing.size, thing.shaped, thing.awaited = size, True, None
+        thing.bad_shape, thing.expiry, thing.seen = False, expiry, False
+        self.newcomers.pop(name, None)
+        self.state(thing, x, frame, stamp)
+        self.see()
+
+    def refuse(self, name: str, fault: str, expiry: float = inf, of_set: bool = False) -> None:
+        thing = self.things.get(name)
+        if thing is None:
+            self.newcomers[name] = of_set, expiry
+        else:
+            thing.bad_shape |= fault == "scale"
+            thing.bad_pose |= fault != "scale"
+            thing.expiry = max(thing.expiry, expiry)
+        self.see()
+
+    def is_of_set(self, name: str) -> bool:
+        thing = self.things.get(name)
+        return thing.of_set if thing else self.newcomers.get(name, (False, 0.0))[0]
+
+    def delete(self, *names: str, is_named: bool = True) -> None:
+        """Delete some, by name or all: then states that are on their way are of those alone."""
+        gone = [name for name in names if name in self.things or name in self.newcomers]
+        for name in names:
+            if is_named or name in self.things:
+                self.deleted[name] = self.now
+                self.unknown.pop(name, None)
+            if not self.is_of_set(name):
+                self.things.pop(name, None)
+                self.newcomers.pop(name, None)
+        if gone:
+            self.declare()
+
+    def named(self, name: str, x: float, frame: str, stamp: float, fault: str = "") -> None:
+        thing = self.things.get(name)
+        if thing is None:
+            ignored = any(fnmatch(name, pattern) for pattern in self.ignored)
+            if self.now - self.deleted.get(name, -inf) >= MEMORY and not ignored:
+                self.unknown[name] = self.now
+        elif fault:
+            thing.bad_pose = True
+        else:
+            self.state(thing, x, frame, stamp)
+
+    def take_set(self, frame: str, stamp: float, rows: list[tuple[str, float, float, str]]) -> None:
+        if 0 < stamp < self.set_order and self.now - self.set_received <= REORDERED:
+            return
+        self.set_received = self.now
+        if 0 < stamp <= self.now + AHEAD:
+            self.set_order = stamp
+        if frame == "map":
+            self.sets.clear()
+        self.sets.append((frame, stamp, self.now, rows))
+
+    def doubt_set(self) -> None:
+        for thing in self.things.values():
+            thing.bad_pose |= thing.of_set
+
+    def sync(self) -> None:
+        """Apply the sets that wait: the newest that can be placed, and refusals of newer ones."""
+        usable = [self.is_placed_at(frame, stamp) for frame, stamp, _, _ in self.sets]
+        if any(usable):
+            last = len(usable) - 1 - usable[::-1].index(True)
+            self.use_set(*self.sets[last])
+            del self.sets[: last + 1]
+        for one in [one for one in self.sets if self.now - one[2] > WAIT]:
+            self.sets.remove(one)
+            self.doubt_set()
+            if not one[3]:
+                self.unreadable.add("object_boxes")
+            for name, *_ in one[3]:
+                if name not in self.things:
+                    self.newcomers[name] = True, inf
+        self.see()
+
+    def use_set(
+        self, frame: str, stamp: float, received: float, rows: list[tuple[str, float, float, str]]
+    ) -> None:
+        self.newcomers = {name: one for name, one in self.newcomers.items() if not one[0]}
+        for name in [n for n, thing in self.things.items() if thing.of_set]:
+            if name not in [row[0] for row in rows]:
+                del self.things[name]
+        now, self.now = self.now, received
+        for name, x, size, fault in rows:
+            if fault:
+                self.refuse(name, fault, of_set=True)
+                continue
+            thing = self.things.setdefault(name, Thing(size, True))
+            thing.size, thing.bad_shape = size, False
+            self.state(thing, x + OFFSET * (frame == "odom"), "map", stamp)
+        self.now = now
+        self.declare()
+
+    def clear(self, fails: bool = False) -> None:
+        for name in self.things:
+            self.deleted[name] = self.now
+            self.unknown.pop(name, None)
+        self.sets.clear()
+        self.broken = fails
+        if fails:
+            return
+        self.things.clear()
+        self.newcomers.clear()
+        self.unreadable.clear()
+        if self.robot is not None:
+            self.robot.renew()
+        self.declare()
+
+    def jump(self, by: float) -> None:
+        """Set the clock back: ages stay, and stamps mean nothing any more."""
+        for thing in self.all_things().values():
+            thing.jump(by)
+        for joint in [] if self.robot is None else [*self.robot.joints, self.robot.base]:
+            joint.jump(by)
+        self.newcomers = {n: (of_set, at + by) for n, (of_set, at) in self.newcomers.items()}
+        for times in (self.unknown, self.deleted):
+            times.update({name: at + by for name, at in times.items()})
+        self.sets = [(frame, stamp, at + by, rows) for frame, stamp, at, rows in self.sets]
+        self.set_order = 0.0
+
+    def all_things(self) -> dict[str, Thing]:
+        return self.things | (self.robot.links if self.robot else {})
+
+    def cycle(self, given: dict[str, Any], fails: str = "", waited: bool = False) -> None:
+        self.overloaded = waited
+        self.broken |= fails in ("sets", "robots")
+        self.failed = fails == "update" or (fails == "check" and self.active and self.enabled)
+        if fails != "sets":
+            self.sync()
+        if self.robot is not None and fails != "robots":
+            self.place_links(self.robot, given)
+        if fails != "update":
+            self.update(given)
+        if not self.failed:
+            self.pairs = self.colliding(given)
+
+    def fail(self, topic: str) -> None:
+        """Take note of an error that came of a message."""
+        self.broken = True
+        self.unreadable.add(topic)
+
+    def describe(self, edge: float) -> None:
+        assert self.robot is not None
+        robot, again = self.robot, self.robot.refused
+        robot.refused = not edge
+        if edge and (edge != robot.edge or again):
+            robot.edge = edge
+            robot.renew()
+
+    def take_base(self, x: float, frame: str, stamp: float, fault: str) -> None:
+        assert self.robot is not None
+        self.robot.base = base = self.robot.base.after(x, stamp, self.now, fault, frame)
+        self.robot.changed |= base.at == self.now
+
+    def take_joints(self, values: list[float | None], stamp: float, fault: str) -> None:
+        assert self.robot is not None
+        self.robot.changed = True
+        for k, value in enumerate(values if self.robot.links else ()):
+            if value is not None:
+                joint = self.robot.joints[k]
+                self.robot.joints[k] = joint.after(value, stamp, self.now, fault)
+
+    def place_links(self, robot: Robot, given: dict[str, Any]) -> None:
+        is_unknown = bool(robot.faults(self.now, given))
+        if robot.changed and not is_unknown:
+            robot.changed, base = False, robot.base
+            stamp = max(base.stamp, *(joint.stamp for joint in robot.joints))
+            now, self.now = self.now, max(joint.at for joint in robot.joints)
+            for thing, x in zip(
+                robot.links.values(), (0.0, sum(j.x for j in robot.joints)), strict=True
+            ):
+                self.state(thing, base.x + x, base.frame, stamp)
+            self.now = now
+        for thing in robot.links.values():
+            thing.bad_pose |= is_unknown
+
+    def update(self, given: dict[str, Any]) -> None:
+        over = [n for n, thing in self.things.items() if thing.seen and thing.expiry <= self.now]
+        for name in over:
+            del self.things[name]
+        self.newcomers = {n: one for n, one in self.newcomers.items() if one[1] > self.now}
+        self.take_built()
+        for name, thing in self.all_things().items():
+            thing.seen = True
+            self.place(thing)
+            self.age(name, thing, given)
+            since = self.now - thing.received
+            thing.overtaken &= since <= REORDERED
+            thing.held_back = thing.overtaken and since > REORDERED / 2
+
+    def take_built(self) -> None:
+        what, self.delivers = self.delivers, ""
+        awaiting = [] if not what else [n for n, t in self.things.items() if t.awaited is not None]
+        for name in awaiting:
+            thing = self.things[name]
+            if what == "built":
+                assert thing.awaited is not None
+                thing.size, thing.shaped = thing.awaited, True
+                self.built.add(thing.size)
+            elif thing.shaped:
+                thing.bad_shape = True
+            else:
+                del self.things[name]
+                self.newcomers[name] = False, thing.expiry
+            thing.awaited = None
+
+    def colliding(self, given: dict[str, Any]) -> list[tuple[Thing, Thing]]:
+        """Return the pairs that collide: links of the robot never do with each other."""
+        boxes = [
+            (thing, thing.x, 0.5 * thing.size + self.growth(name, thing, given), name in LINKS)
+            for name, thing in self.all_things().items()
+            if thing.x is not None and thing.shaped and not self.has(name, thing, given, "ignore")
+        ]
+        return [
+            (a, b)
+            for (a, xa, ra, is_link), (b, xb, rb, is_other) in combinations(boxes, 2)
+            if self.enabled and self.active and abs(xa - xb) <= ra + rb
+            if not (is_link and is_other)
+        ]
+
+    def left(self) -> list[tuple[Thing, Thing]]:
+        """Return the pairs found last whose objects still exist."""
+        there = {*map(id, self.all_things().values())}
+        return [pair for pair in self.pairs if {*map(id, pair)} <= there]
+
+    def place(self, thing: Thing) -> None:
+        usable = [k for k, (_, frame, stamp, _) in enumerate(thing.states)
+                  if self.is_placed_at(frame, stamp)]  # fmt: skip
+        if usable:
+            x, frame, thing.stamp, thing.at = thing.states[usable[-1]]
+            thing.x = x + OFFSET * (frame == "odom")
+            del thing.states[: usable[-1] + 1]
+            thing.late = False
+        thing.late |= any(self.now - at > WAIT for *_, at in thing.states)
+        thing.states = [
+            state
+            for state in thing.states
+            if self.now - state[3] <= (LONGEST_WAIT if state[1] == "odom" else WAIT)
+            or state is thing.states[-1]
+        ]
+
+    def age(self, name: str, thing: Thing, given: dict[str, Any]) -> None:
+        own = last(given["object_timeout_overrides"], name)
+        limit = given["object_timeout"] if thing.repeated else 0.0
+        limit = limit if own is None else own
+        before = thing.stale
+        thing.stale = thing.x is not None and 0.0 < float(limit) < self.now - thing.at
+        if thing.stale and not before:
+            thing.order = 0.0
+
+    def has(self, name: str, thing: Thing, given: dict[str, Any], policy: str) -> bool:
+        is_it = (last(given["stale_policy_overrides"], name) or given["stale_policy"]) == policy
+        return thing.stale and is_it
+
+    def moved(self, thing: Thing) -> float:
+        return SPEED * (self.now - min(thing.at, thing.stamp or inf))
+
+    def growth(self, name: str, thing: Thing, given: dict[str, Any]) -> float:
+        collides = self.has(name, thing, given, "collide")
+        return min(REACH, self.moved(thing)) if collides else 0.0
+
+    def codes(self, given: dict[str, Any]) -> list[str]:
+        found = {*self.of_cycle(), *self.of_scene(given)}
+        unknown = set() if self.robot is None else self.robot.codes(self.now, given)
+        for name, thing in (self.things if unknown else self.all_things()).items():
+            if self.has(name, thing, given, "ignore"):
+                continue
+            lost = self.has(name, thing, given, "collide") and self.moved(thing) > REACH
+            if thing.is_building:
+                found.add("shape_building")
+            elif thing.bad_pose or thing.bad_shape or thing.held_back:
+                found.add("refused")
+            elif thing.x is None:
+                found.add("unplaced")
+            elif thing.late:
+                found.add("late_frame")
+            elif lost or self.has(name, thing, given, "unknown"):
+                found.add("stale")
+        return [code for code in ORDER if code in found | unknown]
+
+    def of_cycle(self) -> Iterator[str]:
+        if not self.active:
+            yield "inactive"
+        elif not self.enabled:
+            yield "disabled"
+        if self.failed or self.broken:
+            yield "internal_error"
+        if self.overloaded:
+            yield "overload"
+
+    def of_scene(self, given: dict[str, Any]) -> Iterator[str]:
+        if not (self.things or self.newcomers or self.declared or given["expect_empty"]):
+            yield "no_objects"
+        if self.newcomers:
+            yield "refused"
+        for pattern in given["required_objects"]:
+            if not any(fnmatch(name, pattern) for name in self.things):
+                yield "required_missing"
+        for text in given["required_inputs"]:
+            topic, limit = text.split(": ")
+            since = self.heard.get(topic, -inf)
+            if since < self.activated or self.steady - since > float(limit):
+                yield "input_silent"
+        if self.unreadable:
+            yield "input_unreadable"
+        for name, at in self.unknown.items():
+            if name not in self.things and self.now - at < MEMORY:
+                yield "unknown_objects"
+
+
+def last(entries: Sequence[str], name: str) -> str | None:
+    """Return the value of the last entry that matches a name."""
+    values = [entry.split(": ")[1] for entry in entries if fnmatch(name, entry.split(": ")[0])]
+    return values[-1] if values else None
