@@ -151,6 +151,7 @@ class Model:
         self.failed = self.broken = self.overloaded = False
         self.built: set[float] = set()
         self.delivers = ""
+        self.deleting: list[str] = []
         self.things: dict[str, Thing] = {}
         self.newcomers: dict[str, tuple[bool, float]] = {}
         self.unknown: dict[str, float] = {}
@@ -229,6 +230,7 @@ class Model:
         for name in names:
             if is_named or name in self.things:
                 self.deleted[name] = self.now
+                self.deleting.append(name)
                 self.unknown.pop(name, None)
             if not self.is_of_set(name):
                 self.things.pop(name, None)
@@ -261,8 +263,14 @@ class Model:
         for thing in self.things.values():
             thing.bad_pose |= thing.of_set
 
-    def sync(self) -> None:
-        """Apply the sets that wait: the newest that can be placed, and refusals of newer ones."""
+    def sync(self, has_sets: bool = True) -> None:
+        """Apply what waits: deletions, and the newest set that can be placed."""
+        self.deleted.update(dict.fromkeys(self.deleting, self.now))
+        self.deleting.clear()
+        if has_sets:
+            self.sync_sets()
+
+    def sync_sets(self) -> None:
         usable = [self.is_placed_at(frame, stamp) for frame, stamp, _, _ in self.sets]
         if any(usable):
             last = len(usable) - 1 - usable[::-1].index(True)
@@ -330,8 +338,7 @@ class Model:
         self.overloaded = waited
         self.broken |= fails in ("sets", "robots")
         self.failed = fails == "update" or (fails == "check" and self.active and self.enabled)
-        if fails != "sets":
-            self.sync()
+        self.sync(has_sets=fails != "sets")
         if self.robot is not None and fails != "robots":
             self.place_links(self.robot, given)
         if fails != "update":

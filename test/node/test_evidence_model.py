@@ -291,6 +291,12 @@ class EvidenceMachine(RuleBasedStateMachine):
             answer = self.node.evidence.answer()
             assert not self.model.left() or answer.level == b"\2"
 
+    def apply(self) -> None:
+        """Apply what waits: else only the last of several messages about an object may count."""
+        self.node.inputs.markers.apply()
+        self.node.inputs.boxes.apply()
+        self.model.sync()
+
     def heal(self, clears: bool) -> None:
         """Let an error be, or end it."""
         if clears:
@@ -315,9 +321,7 @@ class EvidenceMachine(RuleBasedStateMachine):
     def fail_in_a_message(self, what: str, clears: bool) -> None:
         """Let an error leave objects other than they were sent; until ``clear`` nobody knows."""
         node, names = self.node, sorted(self.model.things)
-        node.inputs.markers.apply()
-        node.inputs.boxes.apply()
-        self.model.sync()
+        self.apply()
         if what == "clear":
             with patch.object(node.objects, "clear", fail):
                 self.clear(fails=True)
@@ -338,8 +342,7 @@ class EvidenceMachine(RuleBasedStateMachine):
     def jump(self, by: float, fails: bool, clears: bool) -> None:
         """Set the clock to another time; forwards a simulation goes as fast as it likes."""
         markers, fails = self.node.inputs.markers, fails and by < 0.0
-        if fails or by > 0.0:
-            markers.apply()  # so that nothing waits there
+        self.apply()  # a stamp that waits would order those that come after it
         self.node._now()
         with patch.object(markers, "clock_jumped", fail if fails else markers.clock_jumped):
             self.world.advance(by, 0.0)
@@ -431,7 +434,7 @@ class EvidenceMachine(RuleBasedStateMachine):
         fault: str, life: float, cut: bool,
     ) -> None:  # fmt: skip
         if frame != "map":  # of markers of an object that come together only the last one counts
-            self.node.inputs.markers.apply()
+            self.apply()
         header, stamp = self.header(frame, ahead, fault)
         life = life if ahead == 0.0 else 0.0
         sent = []
@@ -444,7 +447,7 @@ class EvidenceMachine(RuleBasedStateMachine):
             sent.append(marker)
         if self.send("objects", MarkerArray(markers=sent), cut):
             if fault == "action":  # else a deletion that comes with it says nothing
-                self.node.inputs.markers.apply()
+                self.apply()
             for name in names:
                 self.model.add(name, x, size, frame, stamp, fault.replace("action", "scale"), life)
 
@@ -463,7 +466,7 @@ class EvidenceMachine(RuleBasedStateMachine):
     @rule(namespace=st.sampled_from(["", "a", "b"]))
     def delete_all(self, namespace: str) -> None:
         if not all(thing.seen for thing in self.model.things.values()):
-            self.node.inputs.markers.apply()  # else nobody remembers what came and went at once
+            self.apply()  # else nobody remembers what came and went at once
         self.send("objects", MarkerArray(markers=[cube((namespace, 0), action=Marker.DELETEALL)]))
         names = {**self.model.things, **self.model.newcomers}
         gone = [n for n in names if n.startswith(namespace) and not self.model.is_of_set(n)]
@@ -552,9 +555,9 @@ class EvidenceMachine(RuleBasedStateMachine):
         corners = [Point(), Point(x=size), Point(y=size)]
         marker = cube(key(name), (x, 0, 0), type=Marker.TRIANGLE_LIST, points=corners)
         marker.header, marker.lifetime = header, duration(life)
-        self.node.inputs.markers.apply()  # of those that come together only the last one counts
+        self.apply()
         self.send("objects", MarkerArray(markers=[marker]))
-        self.node.inputs.markers.apply()
+        self.apply()
         self.model.add(name, x, size, "map", stamp, "", life, mesh=True)
 
     @rule(what=st.sampled_from(["built", "built", "failed"]))
