@@ -29,8 +29,9 @@ ORDER = (
     *("unplaced", "refused", "late_frame", "stale", "robot_unknown", "joint_unknown"),
     "base_unknown",
 )
-ARM, LINKS, EDGE = "arm", ("arm/base/0", "arm/hand/0"), 0.2
-"""The robot, its links, and the edge of the first one: the other is moved by joints along x."""
+ARM, LINKS, EDGE = "arm", ("arm/base/0", "arm/hand/0"), 0.23
+"""The robot, its links, and the edge of the first one: the other is moved by joints along x. With
+this edge nothing just touches."""
 OFFSET, WAIT, LONGEST_WAIT = 0.7, 0.2, 10.0
 """Where odom is, and for how long (s) states wait for it."""
 REORDERED, MEMORY, AHEAD = 1.0, 1.0, 0.5

@@ -349,6 +349,7 @@ class EvidenceMachine(RuleBasedStateMachine):
             self.node._now()
         if by < 0.0:
             self.model.jump(by)
+        self.model.now = self.world.now
         self.model.broken |= fails
         self.heal(fails and clears)
 
@@ -567,7 +568,7 @@ class EvidenceMachine(RuleBasedStateMachine):
         self.tick(0.0503)
 
     @precondition(lambda self: self.has_robot)
-    @rule(edge=st.sampled_from([EDGE, 0.4, 0.0]))
+    @rule(edge=st.sampled_from([EDGE, 2 * EDGE, 0.0]))
     def describe(self, edge: float) -> None:
         """Send a description, or with 0 a text that is none."""
         self.send(f"{ARM}/robot_description", String(data=urdf(edge) if edge else "none"))
