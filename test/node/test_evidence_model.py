@@ -22,7 +22,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from importlib.util import find_spec
 from math import nan
-from typing import Any
+from typing import Any, ClassVar
 from unittest.mock import patch
 
 import hypothesis.strategies as st
@@ -124,7 +124,7 @@ class Builder:
 class World:
     """The one node of all examples with a robot, or without, and its clocks."""
 
-    made: dict[bool, World] = {}  # noqa: RUF012
+    made: ClassVar[dict[bool, World]] = {}
 
     def __init__(self, has_robot: bool) -> None:
         self.now, self.steady, self.frames, self.context = START, START, Frames(), Context()
@@ -668,9 +668,13 @@ GOOD = {"x": 0.0, "frame": "map", "ahead": 0.0, "fault": "", "cut": False}
 MARKER = {**GOOD, "names": ["b/0"], "size": 1.0, "life": 0.0}
 STATE = {**GOOD, "name": "z/0"}
 BULK = {"x": 0.0, "frame": "map", "ahead": 0.0, "fault": "", "broken": ""}
+JOINTS: dict[str, Any] = {"values": [0.0, 1.4], "ahead": 0.0, "fault": ""}
+BASE = {"x": 0.0, "frame": "map", "ahead": 0.0, "fault": ""}
+LIMITS = PLAIN | {"joint_timeout": 0.6, "object_timeout_overrides": ["arm*: 0.9"]}
+SILENT = ("configure", {"given": LIMITS})
 SET = {"rows": [], "first": 0, "frame": "map", "ahead": 0.0, "broken": 0}
 REFUSED = [(0.0, 1.0, "scale")]
-FOUND = {
+FOUND: dict[str, list[tuple[str, dict[str, Any]]]] = {
     "clear before a cycle": [("markers", MARKER), ("clear", {})],
     "set cleared before a cycle": [("boxes", {**SET, "rows": [(0.0, 1.0, "")]}), ("clear", {})],
     "ignored": [("configure", {"given": PLAIN | {"ignored_objects": ["z/*"]}}),
@@ -693,17 +697,28 @@ FOUND = {
     "named by a number": [("poses", {**BULK, "names": ["b/0"]}), ("markers", MARKER)],
     "error in a jump": [("transform", STATE), ("markers", {**MARKER, "life": 1.0}),
                         ("jump", {"by": -100.0, "fails": True, "clears": False})],
+    "robot: joint not finite": [("joints", {**JOINTS, "values": [nan, 1.4]})],
+    "robot: joint missing": [("clear", {}), ("joints", {**JOINTS, "values": [None, 1.4]})],
+    "robot: joints silent": [SILENT, ("tick", {"step": 0.7117})],
+    "robot: base not finite": [("base", {**BASE, "fault": "pose"}), ("joints", JOINTS)],
+    "robot: base silent": [SILENT, ("tick", {"step": 0.7117}), ("joints", JOINTS),
+                           ("tick", {"step": 0.2311}), ("joints", JOINTS)],
+    "robot: clock set back": [SILENT, ("jump", {"by": -100.0, "fails": False, "clears": False}),
+                              ("tick", {"step": 0.7117}), ("tick", {"step": 0.2311})],
     "newer set refused": [("boxes", {**SET, "rows": [(0.0, 1.0, "")]}),
                           ("boxes", {**SET, "rows": [(0.7, 1.0, "")], "frame": "lost"}),
                           ("tick", {"step": 0.4703})],
 }  # fmt: skip
-"""Sequences after which the node claimed something else."""
+"""Sequences after which the node claimed something else, and what is rare of robots."""
 
 
-@pytest.mark.parametrize("steps", FOUND.values(), ids=FOUND)
-def test_what_the_machine_found(steps: list[tuple[str, dict[str, Any]]]) -> None:
-    machine = EvidenceMachine()
-    machine.begin(PLAIN, has_robot=False, scene=[])
+@pytest.mark.parametrize("what", FOUND)
+def test_what_the_machine_found(what: str) -> None:
+    has_robot = what.startswith("robot")
+    if has_robot:
+        pytest.importorskip("lxml")
+    machine, steps = EvidenceMachine(), FOUND[what]
+    machine.begin(PLAIN, has_robot=has_robot, scene=[])
     try:
         for name, given in steps:
             getattr(machine, name)(**given)
