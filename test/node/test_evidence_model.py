@@ -466,7 +466,7 @@ class EvidenceMachine(RuleBasedStateMachine):
 
     @rule(namespace=st.sampled_from(["", "a", "b"]))
     def delete_all(self, namespace: str) -> None:
-        if not all(thing.seen for thing in self.model.things.values()):
+        if self.model.deleting or not all(thing.seen for thing in self.model.things.values()):
             self.apply()  # else nobody remembers what came and went at once
         self.send("objects", MarkerArray(markers=[cube((namespace, 0), action=Marker.DELETEALL)]))
         names = {**self.model.things, **self.model.newcomers}
