@@ -127,9 +127,8 @@ class Evidence:
         missing = self._missing() if parameters.required_objects else ()
         if missing:
             yield Reason("required_missing", missing[:MAX_NAMED], len(missing))
-        unknown = self._unknown.names(now)
-        if unknown:
-            more = self._unknown.left_out(now)
+        unknown, more = self._unknown.names(now), self._unknown.left_out(now)
+        if unknown or more:
             yield Reason("unknown_objects", tuple(unknown[:MAX_NAMED]), len(unknown), more=more)
 
     def _missing(self) -> tuple[str, ...]:

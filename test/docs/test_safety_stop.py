@@ -163,6 +163,7 @@ def test_it_stops_each_time_within_what_the_page_says(
             client.until(lambda: vehicle.is_driving, "driving")
 
         with collision_node(tmp_path) as node:
+            client.until(client.pubs["objects"].get_subscription_count, "match")
             drives()
             client.send(cube(("dog", 0), (500.0, 0.9, 0.0), (2000.0, 0.1, 1.0)))
             stops(STATUS, "something is near")

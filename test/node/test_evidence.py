@@ -25,7 +25,7 @@ pytest.importorskip("rclpy")
 from objects_rig import SECOND, START, ObjectsRig
 
 from obb_collision.node.diagnostics.answer import COLLIDING, FREE, UNKNOWN, Answer, Reason
-from obb_collision.node.inputs.unknown_objects import MAX_NAMES, MEMORY, UnknownObjects
+from obb_collision.node.inputs.unknown_objects import MAX_NAMES, MAX_READ, MEMORY, UnknownObjects
 from obb_collision.node.objects.staleness import AgeLimits
 from obb_collision.node.objects.table import COLLIDE, IGNORE, KEEP
 from obb_collision.scene.store.overrides import Overrides
@@ -168,7 +168,12 @@ def test_names_of_unknown_objects_count_for_a_second_and_not_after_their_delete(
     unknown.note(["b/1"], START + MEMORY + 1)
     unknown.clock_jumped(-MEMORY)
     assert unknown.names(START + 1) == ["b/1"]
-    assert not unknown.left_out(START + 1)
+    dust = [f"dust/{number}" for number in range(MAX_READ)]
+    unknown.note([*dust[1:], "a/2"], START + 2)
+    assert unknown.names(START + 2) == ["b/1", "a/2"]
+    assert not unknown.left_out(START + 2)
+    unknown.note([*dust, "dust/unread"], START + 1)
+    assert unknown.left_out(START + 1), "whether that is ignored is not known"
     unknown.note((f"c/{number}" for number in range(2 * MAX_NAMES)), START + 1)
     assert len(unknown.names(START + 1)) == MAX_NAMES
     assert unknown.left_out(START + MEMORY), "there are at least so many"

@@ -29,7 +29,7 @@ from obb_collision.node.inputs.box_set import OWNED
 from obb_collision.node.inputs.boxes import BoxInput
 from obb_collision.node.inputs.detections import DETECTIONS, read_detections
 from obb_collision.node.inputs.markers import MarkerInput
-from obb_collision.node.inputs.unknown_objects import MAX_NAMES, UnknownObjects
+from obb_collision.node.inputs.unknown_objects import UnknownObjects
 from obb_collision.node.messages.bulk_clouds import poses_from_ros
 from obb_collision.node.messages.cdr import (
     NamedPose,
@@ -224,9 +224,7 @@ class Inputs:
     def _note_unknown(self, rows: Mask, name: Callable[[int], str], now: int) -> None:
         """Take note that states came of objects that are not there."""
         if rows.any():
-            every = np.flatnonzero(rows)
-            first = every[:MAX_NAMES].tolist()
-            self.unknown.note(map(name, first), now, len(first) < len(every))
+            self.unknown.note(map(name, np.flatnonzero(rows).tolist()), now)
 
     def _take_named(
         self,

@@ -28,6 +28,8 @@ MEMORY = NANOSECONDS
 """For how long (ns) a name counts after its last state, and for how long not after its DELETE."""
 MAX_NAMES = 1000
 """Names stored: bounds the memory that senders can use, and the time to look them up."""
+MAX_READ = 10_000
+"""Names of a message that are read; whether further ones are ignored is not known."""
 MAX_DELETED = 10_000
 """Objects of a message whose DELETE is remembered; states of further ones count for a second."""
 
@@ -43,18 +45,18 @@ class UnknownObjects:
         self.ignored: Overrides[bool] = Overrides()
         """Names, and patterns of names, that do not count."""
 
-    def note(self, names: Iterable[str], now: int, more: bool = False) -> None:
-        """Take note of names for which a state came, and that have no object; more: of others."""
-        for name in names:
+    def note(self, names: Iterable[str], now: int) -> None:
+        """Take note of names for which a state came, and that have no object."""
+        for number, name in enumerate(names):
             key = _plain(name)
-            if now - self._deleted.get(key, now - MEMORY) < MEMORY or self.ignored.value(key):
+            if number < MAX_READ and (
+                now - self._deleted.get(key, now - MEMORY) < MEMORY or self.ignored.value(key)
+            ):
                 continue
-            if key in self._came or len(self._came) < MAX_NAMES:
-                self._came[key] = now
-            else:
-                more = True
-        if more:
-            self._left_out = now
+            if number == MAX_READ or (key not in self._came and len(self._came) == MAX_NAMES):
+                self._left_out = now
+                break
+            self._came[key] = now
 
     def left_out(self, now: int) -> bool:
         """Return whether there may be more names at a time (ns) than are stored."""
