@@ -169,9 +169,9 @@ def test_names_of_unknown_objects_count_for_a_second_and_not_after_their_delete(
     unknown.clock_jumped(-MEMORY)
     assert unknown.names(START + 1) == ["b/1"]
     dust = [f"dust/{number}" for number in range(MAX_READ)]
-    unknown.note([*dust[1:], "a/2"], START + 2)
-    assert unknown.names(START + 2) == ["b/1", "a/2"]
-    assert not unknown.left_out(START + 2)
+    unknown.note([*dust[1:], "a/2"], START + 1)
+    assert unknown.names(START + 1) == ["b/1", "a/2"]
+    assert not unknown.left_out(START + 1)
     unknown.note([*dust, "dust/unread"], START + 1)
     assert unknown.left_out(START + 1), "whether that is ignored is not known"
     unknown.note((f"c/{number}" for number in range(2 * MAX_NAMES)), START + 1)
