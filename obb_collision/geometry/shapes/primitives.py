@@ -37,7 +37,8 @@ Triple = tuple[float, float, float]
 #: Centre (3,), rotation (3, 3) and half extents (3,) of a box in the frame of its shape.
 LocalBox = tuple[Floats, Floats, Floats]
 #: Half extents before scaling, exactly.
-Reach = tuple[Fraction, Fraction, Fraction]
+Reach = tuple[float | Fraction, float | Fraction, float | Fraction]
+"""Exact, as numbers of one kind or the other."""
 
 #: The scale that changes nothing.
 NO_SCALE: Triple = (1.0, 1.0, 1.0)
@@ -45,6 +46,8 @@ NO_SCALE: Triple = (1.0, 1.0, 1.0)
 
 def positive_triple(value: ArrayLike, name: str) -> Triple:
     """Return three positive finite numbers; ValueError naming the argument otherwise."""
+    if value is NO_SCALE:
+        return NO_SCALE
     array = as_array(value, name, (3,))
     if not (array > 0.0).all():
         raise ValueError(f"{name} must be positive, got {array.tolist()}")
@@ -91,14 +94,23 @@ class Primitive(Shape):
     def local_box(self) -> LocalBox:
         """Centre (3,), rotation (3, 3), half extents (3,): read-only arrays, fitted once."""
         factors = zip(self.scale, self._reach(), strict=True)
-        scaled = (reach if s == 1.0 else Fraction(s) * reach for s, reach in factors)
+        scaled = (reach if s == 1.0 else Fraction(s) * Fraction(reach) for s, reach in factors)
         try:
-            half_extents = np.array([round_up(x.numerator, x.denominator) for x in scaled])
+            half_extents = np.array([_rounded_up(x) for x in scaled])
         except OverflowError:
             half_extents = np.full(3, np.inf)
         if half_extents.max() > MAX_MAGNITUDE:
             raise ValueError(f"size times scale must not exceed {MAX_MAGNITUDE:g}")
         return read_only(np.zeros(3), np.eye(3), half_extents)
+
+
+def _half(length: float) -> float | Fraction:
+    half = 0.5 * length
+    return half if 2.0 * half == length else Fraction(length) / 2  # of the smallest doubles
+
+
+def _rounded_up(number: float | Fraction) -> float:
+    return number if isinstance(number, float) else round_up(number.numerator, number.denominator)
 
 
 def read_only(center: Floats, rotation: Floats, half_extents: Floats) -> LocalBox:
@@ -138,7 +150,7 @@ class Box(Primitive):
         self._store(size=(x, y, z), scale=positive_triple(scale, "scale"))
 
     def _reach(self) -> Reach:
-        x, y, z = (Fraction(edge) / 2 for edge in self.size)
+        x, y, z = map(_half, self.size)
         return x, y, z
 
 
@@ -171,8 +183,7 @@ class Sphere(Primitive):
         self._store(radius=positive_number(radius, "radius"), scale=positive_triple(scale, "scale"))
 
     def _reach(self) -> Reach:
-        radius = Fraction(self.radius)
-        return radius, radius, radius
+        return self.radius, self.radius, self.radius
 
 
 @dataclass(frozen=True, init=False)
@@ -211,8 +222,7 @@ class Ellipsoid(Primitive):
         return shape
 
     def _reach(self) -> Reach:
-        x, y, z = (Fraction(radius) for radius in self.radii)
-        return x, y, z
+        return self.radii
 
 
 @dataclass(frozen=True, init=False)
@@ -231,8 +241,7 @@ class _Turned(Primitive):
         )
 
     def _reach(self) -> Reach:
-        radius = Fraction(self.radius)
-        return radius, radius, Fraction(self.length) / 2
+        return self.radius, self.radius, _half(self.length)
 
 
 class Cylinder(_Turned):
@@ -315,4 +324,4 @@ class Capsule(_Turned):
 
     def _reach(self) -> Reach:
         x, y, half = super()._reach()
-        return x, y, half + Fraction(self.radius)
+        return x, y, Fraction(half) + Fraction(self.radius)
