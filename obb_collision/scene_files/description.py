@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from itertools import groupby
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -33,7 +34,7 @@ from obb_collision.scene.store.patterns import matching
 from obb_collision.scene_files.simulate.joints import JointLoop
 from obb_collision.scene_files.simulate.lidar import Lidar
 from obb_collision.scene_files.simulate.motion import Motion, states_at
-from obb_collision.shapes import Shape
+from obb_collision.shapes import Box, Shape
 from obb_collision.typing import Floats
 from obb_collision.words import shown
 
@@ -155,8 +156,15 @@ class SceneDescription:
         if self.time_budget is not None:
             budget["time_budget"] = self.time_budget
         scene = Scene(padding=self.padding, accuracy=self.accuracy, **budget)
-        for thing, accuracy in zip(self.objects, self.object_accuracies(), strict=True):
-            scene.add(thing.name, thing.shape, thing.pose, padding=thing.padding, accuracy=accuracy)
+        levels = zip(self.objects, self.object_accuracies(), strict=True)
+        for plain, run in groupby(levels, lambda pair: _is_plain(pair[0])):
+            things, accuracies = zip(*run, strict=True)
+            if plain:
+                sizes, poses = zip(*((one.shape.size, one.pose) for one in things), strict=True)
+                scene.add_boxes([one.name for one in things], sizes, poses, accuracies)
+                continue
+            for one, level in zip(things, accuracies, strict=True):
+                scene.add(one.name, one.shape, one.pose, padding=one.padding, accuracy=level)
         for rule in self.allowed:
             scene.allow(rule.first, rule.second, rule.allowed)
         for name, choice in self.effects.items():
@@ -205,3 +213,9 @@ class SceneDescription:
         starts = np.array([thing.pose for thing in self.objects], np.float64).reshape(-1, 7)
         rows = {name: row for row, name in enumerate(self.names)}
         return states_at(starts, [thing.motion for thing in self.objects], rows, float(time))
+
+
+def _is_plain(thing: SceneObject) -> bool:
+    """Return whether it is a box as it stands, with the padding of the scene."""
+    plain = type(thing.shape) is Box and thing.shape.scale == (1.0, 1.0, 1.0)
+    return plain and thing.padding is None
