@@ -134,7 +134,8 @@ def _read_place(fields: Fields) -> tuple[Pose, Motion | None]:
 def _read_shape(word: str, fields: Fields, files: MeshFiles) -> shapes.Shape:
     scale = read_scale(fields["scale"]) if "scale" in fields else NO_SCALE
     if word == "box":
-        return shapes.Box(fields["size"].numbers(3, positive=True), scale)
+        x, y, z = fields["size"].numbers(3, positive=True)
+        return shapes.Box.trusted((x, y, z), scale)
     if word == "sphere":
         return shapes.Sphere(fields["radius"].positive(), scale)
     if word == "ellipsoid":

@@ -131,7 +131,7 @@ class Value:
             self.expected("a mapping (key: value)")
         found: dict[str, Value] = {}
         for key_node, node in self.node.value:
-            with self.problems.kept():
+            try:  # as ``kept`` does, in less time
                 name = Value(key_node, self.key, self.problems).text("a key")
                 if name == "<<":
                     self.refuse("merged mappings (<<) are not read")
@@ -140,6 +140,8 @@ class Value:
                     at = Value(key_node, value.key, self.problems)
                     at.refuse(f"stands twice, first in line {found[name].line}")
                 found[name] = value
+            except SceneFileError as error:
+                self.problems.found += error.problems
         return found
 
     def peek(self, name: str) -> Value | None:

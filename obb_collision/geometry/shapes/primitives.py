@@ -149,6 +149,13 @@ class Box(Primitive):
         x, y, z = as_half_extents(size, "size", (3,)).tolist()
         self._store(size=(x, y, z), scale=positive_triple(scale, "scale"))
 
+    @classmethod
+    def trusted(cls, size: Triple, scale: Triple) -> Box:
+        """Return a box of valid numbers, not checked."""
+        shape = object.__new__(cls)
+        shape._store(size=size, scale=scale)
+        return shape
+
     def _reach(self) -> Reach:
         x, y, z = map(_half, self.size)
         return x, y, z
