@@ -43,7 +43,7 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 #: Pairs of each family that fit a test run of minutes on two cores.
-DEFAULT_PAIRS = 1500
+DEFAULT_PAIRS = 500
 
 #: Characters of an id of a test's parameter.
 ID_LENGTH = 150

@@ -178,7 +178,7 @@ def assert_same(report: oc.Report, anew: oc.Report, effects: tuple[str, ...] = E
     "settings", [{}, {"exact": True}, {"accuracy": "mesh"}, {"max_pairs": 120}], ids=str
 )
 @pytest.mark.parametrize(
-    "seed", [0, 1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(2, 6))]
+    "seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 6))]
 )
 def test_a_changed_scene_is_one_built_anew(seed: int, settings: dict[str, Any]) -> None:
     twin = Twin(seed, dict(settings))

@@ -73,7 +73,7 @@ worlds = given(
 )
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=12, deadline=None)
 @worlds
 def test_a_coarser_level_is_never_farther_less_deep_or_without_a_point(
     seed: int, padding: float, thin: float
@@ -95,7 +95,7 @@ def test_a_coarser_level_is_never_farther_less_deep_or_without_a_point(
         assert (coarse.points_inside.counts >= fine.points_inside.counts).all()
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=12, deadline=None)
 @worlds
 def test_verdicts_and_effects_never_contradict(seed: int, padding: float, thin: float) -> None:
     for level in LEVELS[1:]:

@@ -54,7 +54,7 @@ def test_verdicts_say_what_effects_say(
     outcomes = {True: 0, False: 0}
     for name in MESHES:
         mesh = Mesh(*zoo()[name])
-        for _ in range(4):
+        for _ in range(2):
             scene = oc.Scene(accuracy="mesh", padding=padding)
             scene.set_effect("clearance", max_distance=10.0)
             pose = np.concatenate([rng.uniform(-1.5, 1.5, 3), Rotation.random(1, rng).as_quat()[0]])
@@ -70,7 +70,7 @@ def test_verdicts_say_what_effects_say(
                 place[:3] += way + step * away
                 scene.move(moved, place)
                 outcomes[_consistent(scene)] += 1
-    assert min(outcomes.values()) > 20
+    assert min(outcomes.values()) > 10
 
 
 def _consistent(scene: oc.Scene) -> bool:
