@@ -28,7 +28,7 @@ from obb_collision.checks.faults import command
 from obb_collision.checks.faults.bench import Bench, FaultError
 from obb_collision.checks.faults.faults import BY_NAME, FAULTS, Fault, Outcome, attempt
 
-SHORT = ("publisher-killed", "clock-jumps", "little-memory")
+SHORT = ("publisher-killed",)
 """Faults that are made at every run of the tests; the others take minutes together."""
 DOMAIN = 1 + os.getpid() % 100
 

@@ -38,7 +38,7 @@ from obb_collision.node.messages.clouds import cloud_to_ros
 from obb_collision.node.messages.names import namespace_number
 from obb_collision.node.runtime import garbage
 
-RATE = 50.0
+RATE = 200.0
 MANY = 70
 """Objects: enough for the incremental ways, and for the scene to grow."""
 BUILT = (Marker.TRIANGLE_LIST, Marker.CUBE_LIST, Marker.LINE_LIST)

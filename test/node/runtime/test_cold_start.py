@@ -119,7 +119,7 @@ def damage(files: list[Path]) -> None:
         file.write_bytes(ways[number % len(ways)])
 
 
-@pytest.mark.parametrize("modules", ["geometry.", pytest.param("", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("modules", ["geometry.poses.", pytest.param("", marks=pytest.mark.slow)])
 def test_a_damaged_cache_is_said_and_built_anew(tmp_path: Path, modules: str) -> None:
     copy_kernels(tmp_path)
     files = sorted(tmp_path.rglob("*.kernel"))

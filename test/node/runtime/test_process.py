@@ -76,19 +76,26 @@ def end(process: subprocess.Popen[str], number: signal.Signals) -> str:
     return output
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_the_executable_serves_another_process_and_ends_cleanly(number: signal.Signals) -> None:
+def end_with_last_word(
+    process: subprocess.Popen[str], number: signal.Signals, other: Client
+) -> str:
+    """End a node as ``end`` does, and wait for what it says then: nothing is known any more."""
+    other.listen("collision_status")
+    other.until(lambda: "collision_status" in other.last, "status")
+    output = end(process, number)
+    other.until(
+        lambda: "shutting down" in other.last["collision_status"].status[0].message,
+        "the last word",
+    )
+    other.until(lambda: other.last["in_collision"].data, "the last flag")
+    return output
+
+
+def test_the_executable_serves_another_process_and_ends_cleanly() -> None:
     with running(*IN_NAMESPACE) as process, client() as other:
         other.send(cube(("a", 1)), cube(("a", 2), (0.5, 0, 0)))
         assert other.pairs() == {("a/1", "a/2")}
-        other.listen("collision_status")
-        other.until(lambda: "collision_status" in other.last, "status")
-        output = end(process, number)
-        other.until(
-            lambda: "shutting down" in other.last["collision_status"].status[0].message,
-            "the last word",
-        )
-        other.until(lambda: other.last["in_collision"].data, "the last flag")
+        output = end_with_last_word(process, signal.SIGINT, other)
     (ready,) = [line for line in output.splitlines() if "ready:" in line]
     for word in ("/objects", "/collisions", "'map'", "numba", "/obb_collision/markers"):
         assert word in ready
@@ -124,22 +131,6 @@ def test_another_process_configures_activates_and_deactivates_it() -> None:
         assert other.state() == "finalized"
         output = end(process, signal.SIGTERM)
     assert "ready:" in output
-
-
-def test_signals_that_go_on_until_the_end_change_nothing() -> None:
-    with running(*IN_NAMESPACE) as process, client() as other:
-        other.send(cube(("a", 1)), cube(("a", 2), (0.5, 0, 0)))
-        assert other.pairs() == {("a/1", "a/2")}
-        limit = time.monotonic() + PATIENCE
-        while process.poll() is None:
-            assert time.monotonic() < limit
-            process.send_signal(signal.SIGINT)
-            with suppress(subprocess.TimeoutExpired):
-                process.wait(0.002)  # as fast as no one can type, slow enough to let it end
-        assert process.stdout is not None
-        output = process.stdout.read()
-    assert process.returncode == 0, output
-    assert "Traceback" not in output
 
 
 SCRIPT = ("-c", "from obb_collision.commands import node; raise SystemExit(node())")
@@ -251,11 +242,21 @@ def test_a_node_that_is_killed_or_hangs_is_told_by_the_deadline() -> None:
             process.send_signal(signal.SIGCONT)
 
 
-def test_parameters_namespace_and_remapping_come_by_the_command_line() -> None:
+def test_arguments_come_by_the_command_line_and_signals_may_go_on_until_the_end() -> None:
     arguments = ["--ros-args", "-r", "__ns:=/cell", "-r", "objects:=scene"]
     with running(*arguments, "-p", "rate:=20.0", "-p", "fixed_frame:=odom") as process:
         ready = output_until(process, "ready:").splitlines()[-1]
-        end(process, signal.SIGINT)
+        output_until(process, "active")
+        limit = time.monotonic() + PATIENCE
+        while process.poll() is None:
+            assert time.monotonic() < limit
+            process.send_signal(signal.SIGINT)
+            with suppress(subprocess.TimeoutExpired):
+                process.wait(0.002)  # as fast as no one can type, slow enough to let it end
+        assert process.stdout is not None
+        output = process.stdout.read()
+    assert process.returncode == 0, output
+    assert "Traceback" not in output
     for word in ("/cell/scene", "/cell/collisions", "'odom'", "at 20 Hz", " /diagnostics"):
         assert word in ready
 
@@ -311,7 +312,7 @@ def test_a_scene_of_another_process_gets_the_right_pairs_after_every_pose() -> N
             assert other.pairs() == expected()
         other.send_transform("part/0", pose(100.0))
         assert not any("part/0" in pair for pair in other.pairs())
-        end(process, signal.SIGTERM)
+        end_with_last_word(process, signal.SIGTERM, other)
 
 
 def test_what_is_there_at_ready_is_out_of_the_collectors_sight() -> None:

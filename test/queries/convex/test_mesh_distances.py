@@ -132,7 +132,7 @@ def test_meshes_are_as_near_as_the_nearest_of_their_triangles(kind: str) -> None
     a, b = bodies_of(trees, 40, 1.0, 7)
     bodies, rows = round_bodies(kind, b, SIZES[kind]), np.arange(40)
     found = mesh_body_distances(a, np.full(40, 0.01), bodies, rows, rows)[0]
-    for n in rows.tolist():
+    for n in rows[::3].tolist():
         first, last = trees.starts[trees.roots[a.meshes[n]]]
         corners = trees.triangles[first:last].reshape(-1, 3, 3)
         each = MeshTrees.join([MeshTrees.build(t, [[0, 1, 2]]) for t in corners])
