@@ -134,6 +134,7 @@ class Client:
         }
         self.last: dict[str, Any] = {}
         self.subscriptions: dict[str, Any] = {}
+        self.services: dict[str, Any] = {}
         self.stamp = FIRST_STAMP
         self.patience = PATIENCE
         self.unmatched: set[str] = set()  # inputs that the node does not subscribe to
@@ -254,7 +255,8 @@ class Client:
 
     def call(self, kind: Any, name: str, request: Any) -> Any:
         """Call a service of the node."""
-        service = self.client.create_client(kind, name)
+        service = self.services.get(name) or self.client.create_client(kind, name)
+        self.services[name] = service
         self.until(service.service_is_ready, name)
         future = service.call_async(request)
         return self.until(lambda: future.done() and future.result(), name)

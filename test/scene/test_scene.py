@@ -93,7 +93,7 @@ def test_one_moved_object_gives_the_same_as_a_fresh_scene() -> None:
     scene = filled_scene(400)
     scene.check()
     rng = np.random.default_rng(9)
-    for k, pose in enumerate(random_poses(50, rng, 4.0)):
+    for k, pose in enumerate(random_poses(15, rng, 4.0)):
         scene.move(f"box/{k % 7}", pose)
         report = scene.check()
         assert names_of(report) == names_from_scratch(scene)

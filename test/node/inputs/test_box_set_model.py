@@ -185,7 +185,7 @@ class Real:
         return found
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(sequences)
 def test_any_sequence_comes_to_what_a_dict_comes_to(sequence: list[Sent]) -> None:
     model, real = Model(), Real()
@@ -199,7 +199,7 @@ def test_any_sequence_comes_to_what_a_dict_comes_to(sequence: list[Sent]) -> Non
     assert len(real.objects.scene) == len(model.objects)
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=50, deadline=None)
 @given(st.lists(st.lists(rows, max_size=6), min_size=1, max_size=6), st.integers(0, 6))
 def test_sets_that_wait_together_come_to_the_last_of_them(
     sets: list[list[Row]], split: int

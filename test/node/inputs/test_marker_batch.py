@@ -147,7 +147,7 @@ def outlived(sent: list[list[Action]], now: int) -> set[int]:
     return rows
 
 
-@settings(max_examples=400)
+@settings(max_examples=150)
 @given(messages, st.integers(0, 8))
 def test_a_backlog_comes_to_what_its_messages_come_to_in_order(
     sent: list[list[Action]], now: int

@@ -130,7 +130,7 @@ def test_messages_are_read_field_by_field_as_rclpy_reads_them(kind: str, draw: A
 
 
 @kinds
-@settings(max_examples=300)
+@settings(max_examples=120)
 @given(st.data())
 def test_damaged_messages_are_refused_or_read_as_rclpy_reads_them(kind: str, draw: Any) -> None:
     strategy, read, same = KINDS[kind]

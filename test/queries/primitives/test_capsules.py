@@ -89,7 +89,7 @@ def check(verdict: int, separation: float, square: Fraction, radius: Fraction, s
 
 @pytest.mark.parametrize("scale", SCALES)
 def test_capsules_against_boxes(scale: float) -> None:
-    boxes, p, q = scene(200, 1)
+    boxes, p, q = scene(100, 1)
     boxes = Boxes(boxes.centers * scale, boxes.rotations, boxes.half_extents * scale)
     p, q = p * scale, q * scale
     bare = capsule_distances(Capsules(p, q, np.zeros(len(p))), boxes).separations

@@ -176,7 +176,7 @@ def test_a_kept_tree_finds_what_a_new_one_does(form: str) -> None:
     minimum, maximum = bounds_of(form, 513)
     kept = KeptTree(minimum, maximum)
     rng = np.random.default_rng(1)
-    for _ in range(40):
+    for _ in range(15):
         rows = np.sort(rng.choice(len(minimum), 5, replace=False))
         others = rng.integers(0, len(minimum), len(rows))
         minimum[rows], maximum[rows] = minimum[others], maximum[others]
