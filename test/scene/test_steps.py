@@ -30,7 +30,7 @@ from obb_collision.typing import Floats
 
 #: Steps of which the memory is measured, several times: what grows does so each time, which caches
 #: that fill and other threads do not.
-STEPS, TIMES = 60, 3
+STEPS, TIMES = 200, 3
 COLUMNS = ("pairs", "verdicts", "accuracies", "separations", "normals", "positions")
 
 

@@ -98,21 +98,24 @@ def test_a_package_has_one_folder() -> None:
         pass
 
 
-@pytest.mark.parametrize("entry", ["arm_description: {}/v2", "{}"])
-def test_packages_that_are_not_installed_are_found_for_all_that_name_files(
-    entry: str, tmp_path: Path
-) -> None:
+def test_packages_that_are_not_installed_are_found_for_all_that_name_files(tmp_path: Path) -> None:
+    """By a folder of their own, and in a folder of packages."""
     pytest.importorskip("lxml")
-    folder = tmp_path / ("v2" if ":" in entry else "arm_description")
-    folder.mkdir()
-    trimesh.creation.box().export(folder / "a part.stl")
-    uri = "package://arm_description/a%20part.stl"
-    scene = tmp_path / "scene.yaml"
-    scene.write_text(f"objects: [{{name: c, shape: mesh, file: '{uri}'}}]")
-    given = {"mesh_folders": [entry.format(tmp_path)], "scene_file": str(scene)}
-    with RobotRig(given) as rig:
-        rig.start_robot(URDF.replace('<box size="0.1 0.1 0.1"/>', f'<mesh filename="{uri}"/>'))
-        rig.send(mesh_marker(uri, A))
-        rig.built(A)
-        assert {("a/1", "c/0"), ("a/1", "arm/hand/0")} <= sync(rig)
+    uris = {}
+    for package, folder in (("arm_description", "v2"), ("parts", "parts")):
+        (tmp_path / folder).mkdir()
+        trimesh.creation.box().export(tmp_path / folder / "a part.stl")
+        uris[package] = f"package://{package}/a%20part.stl"
+    scene, urdf = tmp_path / "scene.yaml", URDF
+    rows = [f"{{name: {name}, shape: mesh, file: '{uri}'}}" for name, uri in uris.items()]
+    scene.write_text(f"objects: [{', '.join(rows)}]")
+    for uri in uris.values():
+        urdf = urdf.replace('<box size="0.1 0.1 0.1"/>', f'<mesh filename="{uri}"/>', 1)
+    folders = [f"arm_description: {tmp_path / 'v2'}", str(tmp_path)]
+    with RobotRig({"mesh_folders": folders, "scene_file": str(scene)}) as rig:
+        rig.start_robot(urdf)
+        rig.send(*(mesh_marker(uri, key) for uri, key in zip(uris.values(), (A, B), strict=True)))
+        rig.built(A, B)
+        others = ("arm_description/0", "parts/0", "arm/column/0", "arm/hand/0", "b/1")
+        assert {("a/1", other) for other in others} <= {tuple(sorted(pair)) for pair in sync(rig)}
         assert rig.refused("objects") == {}

@@ -27,7 +27,7 @@ import pytest
 pytest.importorskip("rclpy")
 from diagnostic_msgs.msg import DiagnosticStatus
 from node_process import running
-from processes import PATIENCE
+from processes import PATIENCE, output_until
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
@@ -214,6 +214,8 @@ def test_two_processes_find_what_one_node_finds_also_while_one_restarts() -> Non
             region: stack.enter_context(running(*arguments(region, number)))
             for number, region in enumerate(REGIONS)
         }
+        for process in processes.values():
+            output_until(process, "ready:")
         client = stack.enter_context(shared())
         client.frames_until(lambda: client.merged.keys() >= {*CLOUDS}, "all topics of all regions")
         client.check_frames(4)
@@ -234,7 +236,7 @@ def test_two_processes_find_what_one_node_finds_also_while_one_restarts() -> Non
         assert client.is_missing("middle")
         assert client.merged["in_collision"].data
 
-        stack.enter_context(running(*arguments("east", 1)))
+        output_until(stack.enter_context(running(*arguments("east", 1))), "ready:")
         client.frames_until(lambda: client.merged.keys() >= {*CLOUDS}, "all regions again")
         client.check_frames(2)
         client.apart()
