@@ -16,8 +16,6 @@
 
 from pathlib import Path
 
-import pytest
-
 ROOT = Path(__file__).parent.parent
 SOURCES = sorted(
     [ROOT / "setup.py"]
@@ -39,7 +37,8 @@ def test_the_header_is_that_of_the_apache_license() -> None:
     assert text == ("Licensed under the Apache" + wanted[2]).split()
 
 
-@pytest.mark.parametrize("path", SOURCES, ids=lambda path: str(path.relative_to(ROOT)))
-def test_source_files_begin_with_copyright_and_licence(path: Path) -> None:
-    content = path.read_text(encoding="utf-8")
-    assert not content or content.startswith(HEADER)
+def test_source_files_begin_with_copyright_and_licence() -> None:
+    contents = {path: path.read_text(encoding="utf-8") for path in SOURCES}
+    assert len(contents) > 500
+    without = [path for path, text in contents.items() if text and not text.startswith(HEADER)]
+    assert without == []
