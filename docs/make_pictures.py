@@ -226,7 +226,7 @@ def draw_arm_cell() -> None:
 
 def draw_robots() -> None:
     """Draw the states per second of each checker in each world."""
-    from obb_collision.benchmarks.robots import save_plot
+    from tools.robots import save_plot
 
     rows: list[Any] = [
         SimpleNamespace(

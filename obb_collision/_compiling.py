@@ -86,7 +86,7 @@ class Words:
         if compiled.seconds < self._due:
             return
         kept = f", kept in {places[0]} for the next time" if places and not unsaved else ""
-        how = f" (obb_collision_warm_up compiles all beforehand){kept}"
+        how = f" (obb_collision warm-up compiles all beforehand){kept}"
         logger.warning(
             "compiling kernels%s: %d so far, %.0f s",
             how if self._due == FIRST_WORD else "",

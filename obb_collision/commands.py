@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The console scripts that need ROS: the node and the merger, the demo, latency, checks.
+"""The console scripts: ``obb_collision`` and its subcommands, of which some have their own.
 
 They import what takes long, or needs ROS, only after they have read the arguments and found ROS. A
 signal during these imports ends them at once and silently.
@@ -28,8 +28,11 @@ if __name__ == "__main__":  # first of all, for what is imported next
 
     end_at_once_on_signals()
 
+from argparse import REMAINDER, RawDescriptionHelpFormatter
 from collections.abc import Callable, Sequence
+from importlib import import_module
 
+import obb_collision
 from obb_collision.cli import Parser
 from obb_collision.node.runtime.environment import (
     end_at_once_on_signals,
@@ -40,6 +43,18 @@ from obb_collision.node.runtime.environment import (
 )
 
 Command = Callable[[Sequence[str] | None], int]
+
+SUBCOMMANDS = {
+    "node": ("commands:node", "the collision node, until Ctrl-C"),
+    "demo": ("commands:demo", "the node, and a scene that moves, in one process"),
+    "view": ("commands:view", "a running node, live in the browser"),
+    "merge": ("commands:merge", "join the nodes of several regions, until Ctrl-C"),
+    "srdf": ("robots.proofs.srdf_command:main", "find which links of a robot can never collide"),
+    "warm-up": ("warm_up.command:main", "compile everything, so that later starts need not"),
+    "accuracy": ("benchmarks.accuracy:main", "what each level of accuracy costs here"),
+    "speed": ("benchmarks.speed:main", "how fast a scene is checked here"),
+}
+"""Where each is, in this package, and what it does."""
 
 
 @restored_signals()
@@ -84,57 +99,6 @@ def merge(args: Sequence[str] | None = None) -> int:
 
 
 @restored_signals()
-def latency(args: Sequence[str] | None = None) -> int:
-    """Measure from the publication of poses to the collisions; returns the exit code."""
-    end_at_once_on_signals()
-    if not is_ros_here("obb_collision_latency"):
-        return 1
-    from obb_collision.benchmarks.latency import main
-
-    handle_signals(signal.default_int_handler, [signal.SIGINT])
-    return main(args)
-
-
-@restored_signals()
-def regions(args: Sequence[str] | None = None) -> int:
-    """Measure processes that share a scene by regions; returns the exit code."""
-    end_at_once_on_signals()
-    if not is_ros_here("obb_collision_regions"):
-        return 1
-    from obb_collision.benchmarks.regions import main
-
-    handle_signals(signal.default_int_handler, [signal.SIGINT])
-    return main(args)
-
-
-def fuzz(args: Sequence[str] | None = None) -> int:
-    """Attack a node with hostile messages; returns the exit code."""
-    if not is_ros_here("obb_collision_fuzz"):
-        return 1
-    from obb_collision.checks.fuzz.command import main
-
-    return main(args)
-
-
-def faults(args: Sequence[str] | None = None) -> int:
-    """Make faults around a node and see what it does; returns the exit code."""
-    if not is_ros_here("obb_collision_faults"):
-        return 1
-    from obb_collision.checks.faults.command import main
-
-    return main(args)
-
-
-def soak(args: Sequence[str] | None = None) -> int:
-    """Keep a node busy and check all its answers; returns the exit code."""
-    if not is_ros_here("obb_collision_soak"):
-        return 1
-    from obb_collision.checks.soak.command import main
-
-    return main(args)
-
-
-@restored_signals()
 def demo(args: Sequence[str] | None = None) -> int:
     """Run the node and a moving scene in one process; returns the exit code."""
     end_at_once_on_signals()
@@ -170,7 +134,25 @@ def _script(command: Command) -> Command:
     return script
 
 
-node_script, merge_script, demo_script, view_script = map(_script, (node, merge, demo, view))
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the subcommand that the arguments begin with; returns the exit code."""
+    parser = Parser(
+        prog="obb_collision",
+        description="Certified collision checking of oriented bounding boxes.",
+        epilog="commands:\n"
+        + "\n".join(f"  {name:9} {does}" for name, (_, does) in SUBCOMMANDS.items()),
+        formatter_class=RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--version", action="version", version=obb_collision.__version__)
+    parser.add_argument("command", choices=SUBCOMMANDS, metavar="COMMAND", help="see below")
+    parser.add_argument("arguments", nargs=REMAINDER, help="of the command: COMMAND --help")
+    given = parser.parse_args(args)
+    module, _, function = SUBCOMMANDS[given.command][0].partition(":")
+    command: Command = getattr(import_module(f"obb_collision.{module}"), function)
+    return command(given.arguments)
+
+
+script, node_script, merge_script, demo_script = map(_script, (main, node, merge, demo))
 
 if __name__ == "__main__":
     raise SystemExit(node_script(None))

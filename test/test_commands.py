@@ -16,25 +16,22 @@
 
 from __future__ import annotations
 
-import re
 import signal
 import sys
 from collections.abc import Iterator
 from importlib import import_module
-from pathlib import Path
 
 import pytest
+from programs import SCRIPTS, function_of
 
 pytest.importorskip("rclpy")
 import rig  # noqa: F401 - of this machine only
 
+import obb_collision
 from obb_collision import commands
 from obb_collision.node.runtime import environment
 from obb_collision.node.runtime.environment import BAD_USAGE, SIGNALS, without_ros_arguments
 
-SETUP = (Path(__file__).parents[1] / "setup.py").read_text(encoding="utf-8")
-SCRIPTS = dict(re.findall(r'"(obb_collision_\w+) = ([\w.]+:\w+)"', SETUP))
-#: They are run where their peers are not installed, too.
 PATIENCE = 120.0
 
 
@@ -63,7 +60,13 @@ def test_help_prints_the_usage_and_starts_nothing(
     assert "ready:" not in output + errors
 
 
-@pytest.mark.parametrize("command", [commands.node, commands.latency])
+def test_the_version_is_said(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit, match="0"):
+        function_of("obb_collision")(["--version"])
+    assert capsys.readouterr().out == f"{obb_collision.__version__}\n"
+
+
+@pytest.mark.parametrize("command", [commands.node, commands.merge])
 def test_without_ros_they_say_what_is_missing(
     command: object, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -106,7 +109,7 @@ def test_parameters_that_look_misspelt_are_named(capfd: pytest.CaptureFixture[st
 COMMANDS = {
     "obb_collision": commands.node,
     "obb_collision_demo": commands.demo,
-    "obb_collision_view": commands.view,
+    "obb_collision view": commands.view,
 }
 
 

@@ -53,7 +53,7 @@ def test_compiling_is_said_on_stderr_and_can_be_silenced(tmp_path: Path) -> None
     )
     assert done.returncode == 0, done.stderr
     said, silent = done.stderr.split("end of WARNING\n")
-    assert said.startswith("compiling kernels (obb_collision_warm_up compiles all beforehand)")
+    assert said.startswith("compiling kernels (obb_collision warm-up compiles all beforehand)")
     assert "so far" in said
     assert silent == "end of ERROR\n"
 

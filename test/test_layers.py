@@ -51,13 +51,13 @@ LAYERS: dict[str, set[str]] = {
     "warm_up": LIBRARY | {"cli"},
     "scene_files": LIBRARY | {"robots"},
     "node": LIBRARY | {"cli", "robots", "scene_files", "warm_up"},
-    "checks": LIBRARY | {"cli", "robots", "scene_files", "node"},
     "demo": LIBRARY | {"cli", "robots", "scene_files", "node"},
     "benchmarks": LIBRARY | {"cli", "robots", "scene_files", "warm_up", "node"},
-    "commands": {"cli", "node", "checks", "demo", "benchmarks"},
+    "commands": {"cli", "node", "demo"},
+    "__main__": {"commands"},
 }
 #: The layers that may import ROS.
-ABOVE = {"node", "checks", "demo", "benchmarks"}
+ABOVE = {"node", "demo", "benchmarks"}
 ROS = {
     "ament_index_python", "builtin_interfaces", "diagnostic_msgs", "geometry_msgs", "launch",
     "moveit_msgs", "rcl_interfaces", "rclpy", "sensor_msgs", "std_msgs", "std_srvs", "tf2_ros",
@@ -134,7 +134,7 @@ def test_folders_import_in_one_direction() -> None:
 
 def test_benchmarks_need_ros_only_to_measure_the_node() -> None:
     names = {path.stem for path in MODULES if path.is_relative_to(ROOT / "benchmarks")}
-    of_the_node = {"latency", "regions", "robot_latency"}
+    of_the_node = {"latency"}
     for path in MODULES:
         if path.is_relative_to(ROOT / "benchmarks") and path.stem not in of_the_node:
             tops = {name.partition(".")[0] for name in imported(path)}

@@ -79,7 +79,9 @@ def of_boxes() -> Iterator[tuple[str, object]]:
     for name in FAMILIES:
         a, b = (oc.Boxes(*arrays) for arrays in generate(name, PAIRS, 5))
         ends = [
-            oc.Boxes(boxes.centers + rng.normal(0, 0.3, (PAIRS, 3)), boxes.rotations, boxes.half_extents)
+            oc.Boxes(
+                boxes.centers + rng.normal(0, 0.3, (PAIRS, 3)), boxes.rotations, boxes.half_extents
+            )
             for boxes in (a, b)
         ]
         moving = oc.MovingBoxes(a, ends[0]), oc.MovingBoxes(b, ends[1])
@@ -110,7 +112,10 @@ def of_scenes() -> Iterator[tuple[str, object]]:
             report = scene.check()
             parts = [report.pairs, report.verdicts, report.accuracies]
             yield f"scene {seed} {accuracy} pairs", parts
-            yield f"scene {seed} {accuracy} depths", [report.depths, report.positions, report.normals]
+            yield (
+                f"scene {seed} {accuracy} depths",
+                [report.depths, report.positions, report.normals],
+            )
             for name in EFFECTS:
                 yield f"scene {seed} {accuracy} {name}", report.result(name)
             hits = scene.cast_rays(rng.normal(0, 1, (50, 3)), rng.normal(0, 1, (50, 3)))
@@ -130,7 +135,10 @@ def of_robots() -> Iterator[tuple[str, object]]:
             states = random_states(rng, robot, 60)
             yield f"robot {seed} {accuracy} states", scene.check(states)
             yield f"robot {seed} {accuracy} distances", scene.distances(states[:20])
-            yield f"robot {seed} {accuracy} motions", scene.check_motions(states[:15], states[15:30])
+            yield (
+                f"robot {seed} {accuracy} motions",
+                scene.check_motions(states[:15], states[15:30]),
+            )
 
 
 def answers(parts: tuple[Callable[[], Iterator[tuple[str, object]]], ...]) -> dict[str, str]:

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Measures what accuracy costs: console script ``obb_collision_accuracy``.
+"""Measures what accuracy costs: console script ``obb_collision accuracy``.
 
 For every level, from spheres to triangles: the time per pair and per step, memory, preparation, and
 how many of its reports are false, relative to the triangles; beside the installed peers, on the
@@ -161,7 +161,7 @@ def as_json(result: Result, options: argparse.Namespace) -> dict[str, Any]:
 def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     """Read the command line."""
     parser = Parser(
-        prog="obb_collision_accuracy",
+        prog="obb_collision accuracy",
         description="Measures what accuracy costs, per level: time, memory and false alarms, "
         "beside the installed peers.",
     )
@@ -175,7 +175,7 @@ def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     return parser.parse_args(arguments)
 
 
-@interruptible("obb_collision_accuracy")
+@interruptible("obb_collision accuracy")
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the comparison; exit code 1 if a level missed a collision or a verdict was wrong."""
     options = parse(arguments)

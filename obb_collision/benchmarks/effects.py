@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What each effect costs beside the step without: ``obb_collision_speed --effects``.
+"""What each effect costs beside the step without: ``obb_collision speed --effects``.
 
 The scenes that come with the package move as their files say, and every variant makes the same
 steps in turn: the pairs alone, the scene with every effect off, with each effect that its file has

@@ -15,7 +15,7 @@
 
 """Measures the time from the publication of objects to the collisions received, in one process.
 
-The console script ``obb_collision_latency``: boxes that move, by each input for many objects, and
+``python -m obb_collision.benchmarks.latency``: boxes that move, by each input for many objects, and
 frames of boxes with other ids each time. Real topics; every sample is the time from just before
 ``publish`` to the callback that has the pairs of exactly that state. Markers are serialised before.
 """
@@ -232,11 +232,12 @@ NEW = (
 WAYS = (*MOVING, *NEW)
 
 
-@interruptible("obb_collision_latency")
+@interruptible("python -m obb_collision.benchmarks.latency")
 def main(args: Sequence[str] | None = None) -> int:
-    """Run the console script ``obb_collision_latency``."""
+    """Run the measurements of the command line."""
     parser = Parser(
-        prog="obb_collision_latency", description=__doc__.splitlines()[0] if __doc__ else None
+        prog="python -m obb_collision.benchmarks.latency",
+        description=__doc__.splitlines()[0] if __doc__ else None,
     )
     parser.add_argument(
         "--objects",

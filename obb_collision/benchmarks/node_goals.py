@@ -13,7 +13,7 @@
 # limitations under the License.
 
 
-"""The node from message to message, for ``obb_collision_speed --goals``: needs ROS."""
+"""The node from message to message, for ``obb_collision speed --goals``: needs ROS."""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 
-"""Measures the full step beside the installed peers: console script ``obb_collision_speed``.
+"""Measures the full step beside the installed peers: console script ``obb_collision speed``.
 
 A step brings new poses in and every colliding pair out. By default scenes of every size, of every
 form, and with few boxes moving are measured, one after the other.
@@ -102,7 +102,7 @@ def certificate(seed: int) -> str:
 def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     """Read the command line."""
     parser = Parser(
-        prog="obb_collision_speed",
+        prog="obb_collision speed",
         description="Measures the full step beside the installed peers: new poses in, every "
         "colliding pair out.",
     )
@@ -162,7 +162,7 @@ def _run_goals(options: argparse.Namespace) -> None:
         write_into(page, blocks)
 
 
-@interruptible("obb_collision_speed")
+@interruptible("obb_collision speed")
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the benchmark and print its tables."""
     options = parse(arguments)

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The console script ``obb_collision_view``: a running node's topics, live in the browser."""
+"""The console script ``obb_collision view``: a running node's topics, live in the browser."""
 
 from __future__ import annotations
 
@@ -51,15 +51,15 @@ def main(args: Sequence[str] | None = None) -> int:
     """Show a node's topics until SIGINT or SIGTERM; returns the exit code."""
     arguments = list(sys.argv[1:] if args is None else args)
     options = make_parser().parse_args(without_ros_arguments(arguments))
-    if not is_ros_here("obb_collision_view"):
+    if not is_ros_here("obb_collision view"):
         return 1
-    return run_with_ros("obb_collision_view", arguments, partial(_run, options))
+    return run_with_ros("obb_collision view", arguments, partial(_run, options))
 
 
 def make_parser() -> argparse.ArgumentParser:
     """Return the parser of the command line."""
     parser = Parser(
-        prog="obb_collision_view",
+        prog="obb_collision view",
         usage="%(prog)s [options] [NODE] [--ros-args ...]",
         description="Shows what a running obb_collision_node publishes, live in the browser, until "
         "Ctrl-C. Needs viser.",

@@ -17,5 +17,5 @@
 ``steps`` names what there is to compile, by what it is for; ``parts`` are those of the longest
 steps for a second process, and ``samples`` is what they use kernels on; ``worker`` is a process
 that does it, ``processes`` starts such processes and follows them, ``command`` is
-``obb_collision_warm_up``.
+``obb_collision warm-up``.
 """

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The console script ``obb_collision_warm_up``: compiles all kernels beforehand.
+"""The console script ``obb_collision warm-up``: compiles all kernels beforehand.
 
 What takes long to import is imported where Ctrl-C ends the command with one line.
 """
@@ -34,11 +34,11 @@ WIDTH = 30
 """Characters of the bar."""
 
 
-@interruptible("obb_collision_warm_up", "; what is compiled is kept")
+@interruptible("obb_collision warm-up", "; what is compiled is kept")
 def main(args: Sequence[str] | None = None) -> int:
     """Compile all kernels that the cache lacks; returns the exit code."""
     parser = Parser(
-        prog="obb_collision_warm_up",
+        prog="obb_collision warm-up",
         description="Compiles all kernels of obb_collision into the cache, so that "
         "no later start on this machine has to. About a minute on two cores; a second run takes "
         "seconds and compiles nothing.",
@@ -51,7 +51,7 @@ def main(args: Sequence[str] | None = None) -> int:
 
     reason = _kernel_cache.why_not_kept()
     if reason:
-        sys.stderr.write(f"obb_collision_warm_up: kernels can't be kept: {reason}\n")
+        sys.stderr.write(f"obb_collision warm-up: kernels can't be kept: {reason}\n")
         return 1
     start = perf_counter()
     wanted = possible_steps()
@@ -65,7 +65,7 @@ def main(args: Sequence[str] | None = None) -> int:
     for note in dict.fromkeys(progress.notes):
         sys.stderr.write(f"{note}\n")
     for step, reason in progress.failed.items():
-        sys.stderr.write(f"obb_collision_warm_up: {step}: {reason}\n")
+        sys.stderr.write(f"obb_collision warm-up: {step}: {reason}\n")
     if progress.failed:
         return 1
     size, files = cache_size(_kernel_cache.places[0])

@@ -60,7 +60,7 @@ def test_an_interrupt_is_one_line_and_exit_code_130(
 def test_a_signal_ends_a_benchmark_that_runs() -> None:
     code = (  # where SIGINT is ignored, as in the background of a shell, Python leaves it at that
         "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "
-        "from obb_collision.benchmarks.wrong_answers import main; "
+        "from tools.wrong_answers import main; "
         "raise SystemExit(main(['--pairs', '200000']))"
     )
     command = [sys.executable, "-c", code]
@@ -79,5 +79,5 @@ def test_a_signal_ends_a_benchmark_that_runs() -> None:
             process.kill()
     assert begun
     assert process.returncode == 130
-    assert said.splitlines()[-1] == "obb_collision_wrong_answers: interrupted"
+    assert said.splitlines()[-1] == "python -m tools.wrong_answers: interrupted"
     assert "Traceback" not in said

@@ -27,9 +27,9 @@ import oracle
 import pytest
 
 import obb_collision as oc
-from obb_collision.benchmarks import known_bugs
-from obb_collision.benchmarks.cases.known import KNOWN_BUGS, KnownBug, PlacedBox
-from obb_collision.benchmarks.peers.pairs import PAIR_PEERS, Answer
+from tools import known_bugs
+from tools.known_cases import KNOWN_BUGS, KnownBug, PlacedBox
+from tools.peers.pairs import PAIR_PEERS, Answer
 
 BUGS = {bug.name: bug for bug in KNOWN_BUGS}
 BOXES = {

@@ -18,8 +18,8 @@ from __future__ import annotations
 
 import pytest
 
-from obb_collision.benchmarks.peers import convex_distances, mesh_distances
-from obb_collision.benchmarks.peers.meshes import compare, installed, meshes
+from tools.peers import convex_distances, mesh_distances
+from tools.peers.meshes import compare, installed, meshes
 
 
 def test_all_sides_agree_and_are_timed() -> None:

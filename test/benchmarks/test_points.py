@@ -20,7 +20,7 @@ from pathlib import Path
 
 import pytest
 
-from obb_collision.benchmarks.points import SCENES, by_numpy, by_tree, compare, main, scene
+from tools.points import SCENES, by_numpy, by_tree, compare, main, scene
 
 
 @pytest.mark.parametrize("name", SCENES)

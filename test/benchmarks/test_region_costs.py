@@ -22,7 +22,7 @@ from pathlib import Path
 import pytest
 
 pytest.importorskip("rclpy")
-from obb_collision.benchmarks.regions import far_costs, main
+from tools.regions import far_costs, main
 
 
 def test_what_is_near_is_a_part_and_nothing_is_near_to_what_is_far() -> None:

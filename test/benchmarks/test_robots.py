@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""``obb_collision_robots``: what it measures and writes; peers where they are there."""
+"""``python -m tools.robots``: what it measures and writes; peers where they are there."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ import numpy as np
 import pytest
 
 import obb_collision as oc
-from obb_collision.benchmarks import robots
-from obb_collision.benchmarks.peers.robots import PEERS, Case
 from obb_collision.scene_files import find_scene
+from tools import robots
+from tools.peers.robots import PEERS, Case
 
 CONFIG = find_scene("tabletop").parent
 SMALL = ["--boxes", "5", "--states", "50", "--compared", "100", "--motions", "5"]

@@ -24,11 +24,10 @@ import oracle
 import pytest
 from support import family, stored
 
-from obb_collision.benchmarks import wrong_answers
-from obb_collision.benchmarks.cases import judges
 from obb_collision.benchmarks.cases.families import FAMILIES, generate
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.queries.verdict.verdict import Verdict, Verdicts
+from tools import judges, wrong_answers
 
 
 @pytest.mark.parametrize("name", FAMILIES)

@@ -107,10 +107,9 @@ def test_a_running_node_is_shown_by_its_topics(demo: Demo) -> None:
     with socket.socket() as probe:
         probe.bind(("localhost", 0))
         port = probe.getsockname()[1]
-    code = "from obb_collision.commands import view_script as view; raise SystemExit(view())"
     node = f"{NAMESPACE}/{NODE_NAME}"
     process = subprocess.Popen(
-        [sys.executable, "-c", code, node, "--port", str(port)],
+        [sys.executable, "-m", "obb_collision", "view", node, "--port", str(port)],
         stdout=subprocess.PIPE,
         text=True,
         env=os.environ | {"ROS_DOMAIN_ID": str(DOMAIN)},

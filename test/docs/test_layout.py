@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The tree in CONTRIBUTING.md is that of the package, with the first line of each docstring."""
+"""The tree in CONTRIBUTING.md has the folders of the package and the tools, and what they say."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ from pathlib import Path
 
 from pages import ROOT, code_blocks
 
-PACKAGE = ROOT / "obb_collision"
+PACKAGE, TOOLS = ROOT / "obb_collision", ROOT / "tools"
 ORDER = (
     "numerics", "geometry", "queries", "scene", "robots", "warm_up", "scene_files", "node",
-    "checks", "demo", "benchmarks",
+    "demo", "benchmarks",
 )  # fmt: skip
 """The layers in the order of their imports; folders within one are sorted by name."""
 WIDTH = 22
@@ -40,10 +40,11 @@ def tree() -> list[str]:
         return (ORDER.index(top[0]) if top else -1, path)
 
     lines = []
-    for file in sorted(PACKAGE.rglob("__init__.py"), key=lambda file: order(file.parent)):
+    files = sorted(PACKAGE.rglob("__init__.py"), key=lambda file: order(file.parent))
+    for file in (*files, *sorted(TOOLS.rglob("__init__.py"), key=lambda file: file.parent)):
         docstring = ast.get_docstring(ast.parse(file.read_text(encoding="utf-8")))
         assert docstring is not None, file
-        depth = len(file.parent.relative_to(PACKAGE).parts)
+        depth = len(file.parent.relative_to(ROOT).parts) - 1
         name = f"{'  ' * depth}{file.parent.name}/"
         lines.append(f"{name:<{WIDTH}} {docstring.splitlines()[0]}")
     return lines

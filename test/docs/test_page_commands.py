@@ -22,23 +22,18 @@ import re
 import shlex
 from collections.abc import Iterator
 from functools import cache
-from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
 import trimesh
 from pages import PAGES, ROOT, code_blocks, page_name
+from programs import NEED_ROS, PROGRAMS, function_of, program_of
 
 from obb_collision.scene_files import SceneDescription, describe_scene
 
 SETUP = (ROOT / "setup.py").read_text(encoding="utf-8")
-SCRIPTS = dict(re.findall(r'"(obb_collision_\w+) = ([\w.]+:\w+)"', SETUP))
 EXTRAS = set(re.findall(r'^        "(\w+)": \[', SETUP, re.MULTILINE))
-NEED_ROS = {
-    "obb_collision_latency", "obb_collision_fuzz", "obb_collision_soak", "obb_collision_faults",
-    "obb_collision_merge", "obb_collision_regions",
-}  # fmt: skip
 OTHERS = {
     "PIP_BREAK_SYSTEM_PACKAGES=1", "ament_copyright", "ament_flake8", "ament_pep257", "colcon",
     "mypy", "ruff", "source", "sphinx-build",
@@ -61,9 +56,10 @@ def commands() -> Iterator[tuple[str, str]]:
                         continue
                 line = line.removesuffix("\\") + "\n"
         text = page.read_text(encoding="utf-8")
-        for line in re.findall(r"^    ((?:obb_collision_|python ).*)$", text, re.MULTILINE):
+        for line in re.findall(r"^    ((?:obb_collision[_ ]|python ).*)$", text, re.MULTILINE):
             yield page_name(page), line
-        for line in re.findall(r"`((?:obb_collision_|python -m |pip install |bash )[^`]*)`", text):
+        begin = "obb_collision_|obb_collision |python -m |pip install |bash "
+        for line in re.findall(rf"`((?:{begin})[^`]*)`", text):
             if not re.match(r"obb_collision_\w+\.", line):  # a file
                 yield page_name(page), line
 
@@ -82,10 +78,9 @@ def split_chain(line: str) -> list[list[str]]:
 @cache
 def help_text(script: str) -> str:
     """Return what ``--help`` of a console script prints."""
-    module, function = SCRIPTS[script].split(":")
     printed = io.StringIO()
     with contextlib.redirect_stdout(printed), pytest.raises(SystemExit) as end:
-        getattr(import_module(module), function)(["--help"])
+        function_of(script)(["--help"])
     assert end.value.code == 0
     return printed.getvalue()
 
@@ -98,13 +93,13 @@ def check_parameter(name: str) -> None:
 
 
 def check_script(words: list[str]) -> None:
-    script, own = words[0], words[1:]
-    assert script in SCRIPTS
+    script, own = program_of(words)
+    assert script in PROGRAMS, words
     if "--ros-args" in own:
         start = own.index("--ros-args")
         own, ros = own[:start], own[start:]
         given = re.findall(r"-p (\w+):=", " ".join(ros))
-        for name in given if script == "obb_collision_node" else ():
+        for name in given if script.endswith("node") else ():
             check_parameter(name)
     options = {word for word in own if word.startswith("-")}
     if options and (script not in NEED_ROS or find_spec("rclpy") is not None):
@@ -117,7 +112,7 @@ def check_ros2(words: list[str]) -> None:
         for argument in words[4:]:
             assert f'"{argument.partition(":=")[0]}"' in text
     elif words[1] == "run":
-        assert words[3] in SCRIPTS or words[2] != "obb_collision"
+        assert words[3] in PROGRAMS or words[2] != "obb_collision"
     elif words[1] == "param":
         check_parameter(words[4])
 
@@ -138,7 +133,7 @@ def test_commands_can_be_given(page: str) -> None:
     for words in (w for name, line in commands() if name == page for w in split_chain(line)):
         program = words[0]
         check_paths([word for word in words if not word.startswith("--")])
-        if program.startswith("obb_collision_"):
+        if program.startswith("obb_collision") or program_of(words)[0] in PROGRAMS:
             check_script(words)
         elif program in ("python", "python3") and words[1] == "-m":
             assert find_spec(words[2]) is not None, words
@@ -153,13 +148,14 @@ def test_commands_can_be_given(page: str) -> None:
 
 
 def test_the_commands_are_found() -> None:
-    programs = {words[0] for _, line in commands() for words in split_chain(line)}
-    assert {"obb_collision_demo", "obb_collision_accuracy", "python3", "pip", "ros2"} <= programs
-    assert set(SCRIPTS) <= programs
+    programs = {program_of(words)[0] for _, line in commands() for words in split_chain(line)}
+    assert "pip" in programs
+    same = {"obb_collision", *(f"obb_collision {name}" for name in ("demo", "merge", "node"))}
+    assert set(PROGRAMS) - programs <= {*same, "python -m tools.peers.meshes"}
 
 
 def test_console_scripts_have_modules() -> None:
-    for place in SCRIPTS.values():
+    for place in PROGRAMS.values():
         path = ROOT / Path(place.split(":")[0].replace(".", "/"))
         assert path.with_suffix(".py").exists(), place
 

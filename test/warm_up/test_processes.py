@@ -195,7 +195,7 @@ def test_an_interrupt_while_the_command_is_imported_ends_it_with_one_line() -> N
         process.send_signal(signal.SIGINT)
         _, rest = process.communicate(timeout=PATIENCE)
     assert process.returncode == INTERRUPTED, rest
-    assert rest.endswith("obb_collision_warm_up: interrupted; what is compiled is kept\n")
+    assert rest.endswith("obb_collision warm-up: interrupted; what is compiled is kept\n")
     assert "Traceback" not in rest
 
 

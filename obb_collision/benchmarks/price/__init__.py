@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The price of accuracy: what ``obb_collision_accuracy`` measures and draws."""
+"""The price of accuracy: what ``obb_collision accuracy`` measures and draws."""

@@ -13,4 +13,4 @@
 # limitations under the License.
 
 
-"""A full step beside peers: what ``obb_collision_speed`` measures and draws."""
+"""A full step beside peers: what ``obb_collision speed`` measures and draws."""

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 
-"""What this library is meant to reach, measured in one run: ``obb_collision_speed --goals``.
+"""What this library is meant to reach, measured in one run: ``obb_collision speed --goals``.
 
 Ours uses as many threads as there are cores, MuJoCo, coal and python-fcl one each, and MuJoCo makes
 contacts where we may compute less: the tables beside say what each does. All take turns on the

@@ -59,7 +59,7 @@ def measure_starts(show: Callable[[str], None]) -> Iterator[tuple[str, float, fl
         start = perf_counter()
         command = [sys.executable, "-m", "obb_collision.warm_up.command", "--quiet"]
         subprocess.run(command, env=_environment(home / "all"), check=True, capture_output=True)
-        yield "everything by obb_collision_warm_up", EVERYTHING, perf_counter() - start
+        yield "everything by obb_collision warm-up", EVERYTHING, perf_counter() - start
 
 
 def _environment(cache: Path) -> dict[str, str]:

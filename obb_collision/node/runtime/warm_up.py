@@ -213,7 +213,7 @@ class WarmUp:
         kept = f"cached in {_kernel_cache.places[0]}" if _kernel_cache.places else "not cached"
         self._info(
             f"compiling kernels for {', '.join(missing)} (up to a minute on first use), {kept}"
-            f"{MEANWHILE if niceness else ''}; obb_collision_warm_up compiles all beforehand"
+            f"{MEANWHILE if niceness else ''}; obb_collision warm-up compiles all beforehand"
         )
         report("compiling kernels (up to a minute on first use)")
         start = perf_counter()

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The console script ``obb_collision_srdf``: which pairs of links need not be checked, proved."""
+"""The console script ``obb_collision srdf``: which pairs of links need not be checked, proved."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from typing import TextIO
 from obb_collision.cli import Parser, interruptible, new_file, option, real
 from obb_collision.words import printable
 
-NAME = "obb_collision_srdf"
+NAME = "obb_collision srdf"
 #: Exit code where a description cannot be read, or the SRDF not be written.
 FAILED = 1
 #: Longest time limit, seconds: a day.

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Faults around a node in another process: the code of ``obb_collision_faults``."""
+"""Faults around a node in another process: the code of ``python -m tools.faults``."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ from pathlib import Path
 import pytest
 
 pytest.importorskip("rclpy")
-from obb_collision.checks.faults import command
-from obb_collision.checks.faults.bench import Bench, FaultError
-from obb_collision.checks.faults.faults import BY_NAME, FAULTS, Fault, Outcome, attempt
+from tools.faults import __main__ as command
+from tools.faults.bench import Bench, FaultError
+from tools.faults.faults import BY_NAME, FAULTS, Fault, Outcome, attempt
 
 SHORT = ("publisher-killed",)
 """Faults that are made at every run of the tests; the others take minutes together."""

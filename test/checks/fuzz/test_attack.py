@@ -26,8 +26,9 @@ import pytest
 pytest.importorskip("rclpy")
 import rig  # noqa: F401 - of this machine only
 
-from obb_collision.checks.fuzz import attack, command
-from obb_collision.checks.fuzz.session import probes
+from tools.fuzz import __main__ as command
+from tools.fuzz import attack
+from tools.fuzz.session import probes
 
 
 def run(*arguments: str) -> int:
@@ -102,4 +103,4 @@ def test_a_part_is_run_again_and_a_wrong_answer_is_found_with_what_reproduces_it
     assert "sent: 4 (" in output
     assert "probes answered right: 2 (" in output  # by boxes, and the points in them
     assert "FOUND: pairs of probe 2" in output
-    assert "again: obb_collision_fuzz --seed 4 --only raw:19-20" in output
+    assert "again: python -m tools.fuzz --seed 4 --only raw:19-20" in output

@@ -22,9 +22,9 @@ from pathlib import Path
 import pytest
 
 pytest.importorskip("rclpy")
-from obb_collision.checks.fuzz import file_attack
-from obb_collision.checks.fuzz.files import robots, scenes
-from obb_collision.checks.fuzz.session.client import FoundError
+from tools.fuzz import file_attack
+from tools.fuzz.files import robots, scenes
+from tools.fuzz.session.client import FoundError
 
 GOOD = tuple("\n".join(text.splitlines()).encode() for text in (robots.urdf(), robots.SRDF))
 

@@ -22,12 +22,13 @@ import numpy as np
 import pytest
 
 pytest.importorskip("rclpy")
-from obb_collision.checks.soak.checker import Checker, Found, found_in, pair_of
-from obb_collision.checks.soak.encoding import rows_of
-from obb_collision.checks.soak.result import Result
-from obb_collision.checks.soak.truth import truth_of
-from obb_collision.checks.soak.watch import Sample
-from obb_collision.checks.soak.world import (
+from obb_collision.node.topics.topics import COLLISIONS
+from tools.soak.checker import Checker, Found, found_in, pair_of
+from tools.soak.encoding import rows_of
+from tools.soak.result import Result
+from tools.soak.truth import truth_of
+from tools.soak.watch import Sample
+from tools.soak.world import (
     BOXES,
     MARKERS,
     TOPICS,
@@ -39,7 +40,6 @@ from obb_collision.checks.soak.world import (
     anchor,
     beacon,
 )
-from obb_collision.node.topics.topics import COLLISIONS
 
 
 def rows(found: Found) -> np.ndarray:

@@ -24,7 +24,7 @@ import pytest
 pytest.importorskip("rclpy")
 import rig  # noqa: F401 - of this machine only
 
-from obb_collision.checks.soak import command
+from tools.soak import __main__ as command
 
 
 def test_a_short_soak_holds(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
@@ -52,7 +52,7 @@ def test_objects_that_are_missing_are_found(capfd: pytest.CaptureFixture[str]) -
     output = capfd.readouterr().out
     assert code == 1
     assert '"missing"' in output
-    assert "obb_collision_soak --seed 1 --steps" in output
+    assert "python -m tools.soak --seed 1 --steps" in output
     assert "\nNOT held: " in output
     assert "wrong answers" in output
 

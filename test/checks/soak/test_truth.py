@@ -21,9 +21,9 @@ import oracle
 import pytest
 
 pytest.importorskip("rclpy")
-from obb_collision.checks.soak.encoding import rows_of
-from obb_collision.checks.soak.truth import rotations_of, truth_of
-from obb_collision.checks.soak.world import World
+from tools.soak.encoding import rows_of
+from tools.soak.truth import rotations_of, truth_of
+from tools.soak.world import World
 
 
 def test_brute_force_is_right() -> None:

@@ -60,6 +60,6 @@ def test_what_cannot_be_read_is_said_in_a_line(
         assert main(arguments) == 1
         printed, told = capsys.readouterr()
         assert printed == ""
-        assert told.startswith("obb_collision_srdf: ")
+        assert told.startswith("obb_collision srdf: ")
         assert reason in told
         assert told.count("\n") == 1

@@ -26,7 +26,9 @@ pytest.importorskip("rclpy")
 from geometry_msgs.msg import Vector3
 from std_msgs.msg import Header
 
-from obb_collision.checks.fuzz.messages.look_alikes import (
+from obb_collision.node.inputs.detections import MessageType, detections_from_bytes
+from obb_collision.node.messages.conversions import pose_to_ros, stamp_to_ros
+from tools.fuzz.messages.look_alikes import (
     TYPE,
     Box,
     Detection,
@@ -35,9 +37,7 @@ from obb_collision.checks.fuzz.messages.look_alikes import (
     Result,
     serialised,
 )
-from obb_collision.checks.fuzz.messages.messages import Messages
-from obb_collision.node.inputs.detections import MessageType, detections_from_bytes
-from obb_collision.node.messages.conversions import pose_to_ros, stamp_to_ros
+from tools.fuzz.messages.messages import Messages
 
 
 def test_every_field_is_in_its_place() -> None:

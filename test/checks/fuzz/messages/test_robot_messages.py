@@ -27,8 +27,8 @@ pytest.importorskip("rclpy")
 from std_msgs.msg import Header
 from visualization_msgs.msg import Marker
 
-from obb_collision.checks.fuzz.messages.messages import Messages
-from obb_collision.checks.fuzz.messages.robot_messages import LATCHED, ROBOT, RobotMessages
+from tools.fuzz.messages.messages import Messages
+from tools.fuzz.messages.robot_messages import LATCHED, ROBOT, RobotMessages
 
 
 def test_questions_have_states_that_only_the_attached_box_makes_invalid(tmp_path: Path) -> None:

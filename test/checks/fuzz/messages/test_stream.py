@@ -26,14 +26,14 @@ pytest.importorskip("rclpy")
 from rclpy.serialization import deserialize_message
 from visualization_msgs.msg import Marker, MarkerArray
 
-from obb_collision.checks.fuzz.messages import stream as stream_module
-from obb_collision.checks.fuzz.messages.cases import CASES, MANY
-from obb_collision.checks.fuzz.messages.messages import Messages
-from obb_collision.checks.fuzz.messages.stream import Sent, Stream
-from obb_collision.checks.fuzz.session.probes import BOXES, Probes, right_pairs
 from obb_collision.node.inputs.detections import detections_from_bytes
 from obb_collision.node.messages.cdr import cloud_from_bytes, states_from_bytes
 from obb_collision.node.messages.errors import RefusedError
+from tools.fuzz.messages import stream as stream_module
+from tools.fuzz.messages.cases import CASES, MANY
+from tools.fuzz.messages.messages import Messages
+from tools.fuzz.messages.stream import Sent, Stream
+from tools.fuzz.session.probes import BOXES, Probes, right_pairs
 
 
 @pytest.fixture

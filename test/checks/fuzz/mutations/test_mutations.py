@@ -24,11 +24,11 @@ import pytest
 pytest.importorskip("rclpy")
 from rclpy.serialization import deserialize_message
 
-from obb_collision.checks.fuzz.messages.look_alikes import serialised
-from obb_collision.checks.fuzz.messages.messages import Messages
-from obb_collision.checks.fuzz.mutations.data import damaged, raw
-from obb_collision.checks.fuzz.mutations.fields import hostile_value, mutate
 from obb_collision.node.inputs.detections import detections_from_bytes
+from tools.fuzz.messages.look_alikes import serialised
+from tools.fuzz.messages.messages import Messages
+from tools.fuzz.mutations.data import damaged, raw
+from tools.fuzz.mutations.fields import hostile_value, mutate
 
 TOPICS = (
     *("objects", "object_transform", "object_states", "object_poses", "object_boxes", "points"),

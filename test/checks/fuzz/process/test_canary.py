@@ -22,7 +22,7 @@ import time
 
 import pytest
 
-from obb_collision.checks.fuzz.process import canary
+from tools.fuzz.process import canary
 
 
 class EndError(Exception):

@@ -21,10 +21,10 @@ from pathlib import Path
 import pytest
 
 pytest.importorskip("rclpy")
-from obb_collision.checks.fuzz.process.child import Child, Usage
-from obb_collision.checks.fuzz.process.usage import FEWEST, Usages
-from obb_collision.checks.fuzz.report import faults
-from obb_collision.checks.fuzz.session.result import Result
+from tools.fuzz.process.child import Child, Usage
+from tools.fuzz.process.usage import FEWEST, Usages
+from tools.fuzz.report import faults
+from tools.fuzz.session.result import Result
 
 MEGABYTE = 10**6
 

@@ -23,10 +23,6 @@ import numpy as np
 import pytest
 
 pytest.importorskip("rclpy")
-from obb_collision.checks.fuzz.messages.messages import Messages
-from obb_collision.checks.fuzz.session.client import Answer
-from obb_collision.checks.fuzz.session.probes import BOXES, SETS, Pair, Probes
-from obb_collision.checks.fuzz.session.session import find_answer
 from obb_collision.node import namespace_number
 from obb_collision.node.diagnostics.monitors import InputMonitor
 from obb_collision.node.inputs.inputs import Inputs
@@ -35,6 +31,10 @@ from obb_collision.node.objects.frames import FixedFrameOnly
 from obb_collision.node.objects.objects import Objects
 from obb_collision.node.runtime.guard import Guard
 from obb_collision.node.topics.topics import COLLISIONS
+from tools.fuzz.messages.messages import Messages
+from tools.fuzz.session.client import Answer
+from tools.fuzz.session.probes import BOXES, SETS, Pair, Probes
+from tools.fuzz.session.session import find_answer
 
 
 def answered(data: bytes, room: int) -> set[Pair]:

@@ -1,0 +1,139 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Programs beside a node: ``python -m tools.faults.peers KIND NAMESPACE``.
+
+``sender`` adds a row of colliding cubes and moves them as fast as it can, ``reader`` subscribes to
+what a node publishes, and ``setter`` sets parameters of a node as fast as it can, right and wrong
+ones. Each prints READY once it is at work, and goes on until it is killed.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from random import Random
+from typing import Any
+
+import numpy as np
+import rclpy
+from rcl_interfaces.msg import Parameter as ParameterMessage
+from rcl_interfaces.srv import SetParameters
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.signals import SignalHandlerOptions
+from sensor_msgs.msg import PointCloud2
+from std_msgs.msg import Header
+from visualization_msgs.msg import Marker, MarkerArray
+
+from obb_collision.node.messages.bulk_clouds import poses_to_ros
+from obb_collision.node.messages.conversions import pose_to_ros
+from obb_collision.node.messages.names import namespace_number
+from obb_collision.node.topics.topics import TOPICS
+
+READY = "at work"
+BURST, COUNT = "burst", 500
+"""Namespace of the cubes of a sender, and how many there are."""
+STEP = 0.75
+"""Distance of two cubes (m), whose edges are 1 m."""
+FAR = 1000.0
+"""Where they are (m, y), so that nothing else collides with them."""
+CHOICES: dict[str, tuple[Any, ...]] = {
+    "padding": (0.0, -1.0, float("nan"), "x"),
+    "object_timeout": (0.0, -1.0, True),
+    "rate": (50.0, -1.0, 1e308, "fast"),
+    "max_pairs": (10000, 0, -5, 1.5),
+    "allowed_pairs": ([""], ["nobody/1 nobody/2"], ["x"], 3),
+    "accuracy": ("obb", "exact", 7),
+}
+"""Values that a setter sets: such as change nothing about the probe, and wrong ones."""
+
+
+def cubes() -> MarkerArray:
+    """Return the row of cubes."""
+    markers = []
+    for number in range(COUNT):
+        pose = pose_to_ros((STEP * number, FAR, 0.0, 0.0, 0.0, 0.0, 1.0))
+        marker = Marker(ns=BURST, id=number, type=Marker.CUBE, pose=pose)
+        marker.header.frame_id = "map"
+        marker.scale.x = marker.scale.y = marker.scale.z = 1.0
+        markers.append(marker)
+    return MarkerArray(markers=markers)
+
+
+def send(node: Node) -> Callable[[], None]:
+    """Publish markers, poses in bulk, and poses one by one."""
+    markers = node.create_publisher(MarkerArray, "objects", 10)
+    poses = node.create_publisher(PointCloud2, "object_poses", 10)
+    given, header = cubes(), Header(frame_id="map")
+    rows = np.zeros((COUNT, 7))
+    rows[:, 0], rows[:, 1], rows[:, 6] = STEP * np.arange(COUNT), FAR, 1.0
+    numbers, random = [namespace_number(BURST)] * COUNT, np.random.default_rng(1)
+
+    def step() -> None:
+        markers.publish(given)
+        for _ in range(20):
+            moved = rows.copy()
+            moved[:, 2] = random.uniform(0.0, 0.1)
+            poses.publish(poses_to_ros(range(COUNT), moved, numbers, header))
+
+    return step
+
+
+def read(node: Node) -> Callable[[], None]:
+    """Subscribe to all that a node publishes, with queues that are never full."""
+    for topic in TOPICS.values():
+        name = topic.name.replace("~", "obb_collision")
+        node.create_subscription(topic.message, name, lambda message: None, 1000, raw=True)
+    return lambda: rclpy.spin_once(node, timeout_sec=0.1)
+
+
+def set_parameters(node: Node) -> Callable[[], None]:
+    """Set parameters, 20 at a time, each time all at once."""
+    client = node.create_client(SetParameters, "obb_collision/set_parameters")
+    client.wait_for_service()
+    random = Random(1)
+
+    def change() -> ParameterMessage:
+        name = random.choice(list(CHOICES))
+        return Parameter(name, value=random.choice(CHOICES[name])).to_parameter_msg()
+
+    def step() -> None:
+        request = SetParameters.Request(parameters=[change() for _ in range(20)])
+        done = client.call_async(request)
+        rclpy.spin_until_future_complete(node, done, timeout_sec=5.0)
+
+    return step
+
+
+KINDS = {"sender": send, "reader": read, "setter": set_parameters}
+
+
+def main(kind: str, namespace: str) -> None:
+    """Work until the process is interrupted.
+
+    By Python, between two calls: rclpy's handler ends the context in the middle of a step, which
+    then raises, or not.
+    """
+    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+    step = KINDS[kind](rclpy.create_node(kind, namespace=namespace))
+    step()
+    sys.stdout.write(f"{READY}\n")
+    sys.stdout.flush()
+    while True:
+        step()
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

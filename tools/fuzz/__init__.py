@@ -1,0 +1,21 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Hostile messages, bytes and files on all inputs of a node in another process.
+
+``mutations`` spoils messages and bytes, ``files`` and ``messages`` make what is sent. ``process``
+is the node's process, ``session`` an attack on it, ``attack`` all parts of an attack, one after the
+other or in several processes, ``file_attack`` its part about files. ``command`` is the console
+script ``python -m tools.fuzz``, ``report`` what it prints.
+"""

@@ -1,0 +1,273 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Hostile messages that chance would not make: each is sent once at first, and now and then later.
+
+A case is a function of random numbers and the makers of valid messages; it returns the topic, and a
+message or the bytes of one.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from random import Random
+from typing import Any
+
+import numpy as np
+from sensor_msgs.msg import PointCloud2, PointField
+from std_msgs.msg import Header
+from visualization_msgs.msg import Marker
+
+from obb_collision.node.messages.bulk_clouds import boxes_to_ros, poses_to_ros
+from obb_collision.node.messages.marker_writer import ENCAPSULATION, MarkerArrayWriter
+from obb_collision.node.messages.names import namespace_number
+from tools.fuzz.messages.look_alikes import Box, Detection
+from tools.fuzz.messages.messages import Messages
+
+Made = tuple[str, Any]
+Case = Callable[[Random, Messages], Made]
+CLOUDS = ("object_poses", "object_boxes", "points")
+MANY = 100_000
+LONG = "z" * 1_000_000
+LARGEST = 2**32 - 1
+NUMBERS = (np.nan, np.inf, -np.inf, 1e308, -1e308, 5e-324)
+SPACING = 3.0
+"""Distance of very many objects (m): they do not collide."""
+
+
+def _cloud_case(spoil: Callable[[PointCloud2, Random], object]) -> Case:
+    def make(random: Random, messages: Messages) -> Made:
+        topic = random.choice(CLOUDS)
+        rows = {"object_poses": _poses, "object_boxes": _boxes, "points": _points}
+        message = rows[topic](random, messages)
+        spoil(message, random)
+        return topic, message
+
+    return make
+
+
+def grid(count: int) -> Any:
+    """Poses (n, 7) of objects that do not collide."""
+    poses = np.zeros((count, 7))
+    poses[:, 6] = 1.0
+    numbers = np.arange(count)
+    poses[:, :3] = SPACING * np.column_stack((numbers % 50, numbers // 50 % 50, numbers // 2500))
+    poses[:, :3] += 20.0
+    return poses
+
+
+def _poses(random: Random, messages: Messages, count: int = 30) -> PointCloud2:
+    header = messages.header()
+    return poses_to_ros(np.arange(count), grid(count), [namespace_number("a")] * count, header)
+
+
+def _boxes(random: Random, messages: Messages, count: int = 30) -> PointCloud2:
+    numbers = [namespace_number("a")] * count
+    return boxes_to_ros(
+        np.arange(count), grid(count), np.ones((count, 3)), numbers, messages.header()
+    )
+
+
+def _points(random: Random, messages: Messages) -> PointCloud2:
+    return messages.points()
+
+
+def _set(**values: int) -> Callable[[PointCloud2, Random], None]:
+    def spoil(message: PointCloud2, random: Random) -> None:
+        for name, value in values.items():
+            setattr(message, name, value)
+
+    return spoil
+
+
+def _set_field(**values: Any) -> Callable[[PointCloud2, Random], None]:
+    def spoil(message: PointCloud2, random: Random) -> None:
+        for name, value in values.items():
+            setattr(random.choice(message.fields), name, value)
+
+    return spoil
+
+
+def _repeat_field(message: PointCloud2, random: Random) -> None:
+    message.fields.append(random.choice(message.fields))
+
+
+def _drop_field(message: PointCloud2, random: Random) -> None:
+    del message.fields[random.randrange(len(message.fields))]
+
+
+def _wide_offset(message: PointCloud2, random: Random) -> None:
+    near = (message.point_step - 1, message.point_step, LARGEST, LARGEST - 7, 2**31, 2**31 - 4)
+    random.choice(message.fields).offset = random.choice(near)
+
+
+def _wrong_rows(message: PointCloud2, random: Random) -> None:
+    message.row_step = random.choice(
+        (1, max(0, message.row_step - 1), message.row_step + 1, LARGEST)
+    )
+    message.height = random.choice((1, 2, LARGEST))
+
+
+def _hostile_values(message: PointCloud2, random: Random) -> None:
+    """Give each field of the first rows each hostile value, a field at a time."""
+    data = np.frombuffer(bytes(message.data), np.uint8).reshape(-1, message.point_step).copy()
+    wide = [field for field in message.fields if field.datatype == PointField.FLOAT64]
+    places = [(field.offset, value) for field in wide for value in NUMBERS]
+    for row, (at, value) in zip(data, places, strict=False):
+        row[at : at + 8] = np.frombuffer(np.float64(value).tobytes(), np.uint8)
+    message.data = data.tobytes()
+
+
+def _same_keys(message: PointCloud2, random: Random) -> None:
+    message.data = bytes(message.data)[: message.point_step] * message.width
+
+
+def _many_markers(random: Random, messages: Messages) -> Made:
+    writer = MarkerArrayWriter("map", time.time_ns(), 0.0)
+    for number, pose in enumerate(grid(MANY).tolist()):
+        writer.add(("many", number), Marker.CUBE, Marker.ADD, pose, (0.5, 0.5, 0.5))
+    return "objects", writer.message()
+
+
+def _states(texts: bytes, poses: int) -> bytes:
+    """States of MANY names, as bytes with their lengths, and some number of poses."""
+    head = ENCAPSULATION + bytes(8) + b"\4\0\0\0map\0"
+    data = head + MANY.to_bytes(4, "little") + texts + poses.to_bytes(4, "little")
+    data += bytes(-(len(data) - len(ENCAPSULATION)) % 8)
+    return data + grid(poses).tobytes() + bytes(8)
+
+
+def _many_states(random: Random, messages: Messages) -> Made:
+    return "object_states", _states(b"\7\0\0\0a/1234\0\0" * MANY, MANY)  # 7 with their end
+
+
+def _many_names(random: Random, messages: Messages) -> Made:
+    """States of different unknown objects: in one namespace each, or all in one that is known."""
+    numbers = range(MANY, 2 * MANY)  # of six digits
+    texts = random.choice(
+        ([b"n%d/%d\0" % (n, n) for n in numbers], [b"a/%d\0" % n for n in numbers])
+    )
+    rows = np.zeros(MANY, [("length", "u4"), ("text", "S16")])
+    rows["length"], rows["text"] = len(texts[0]), texts
+    width = 4 + (len(texts[0]) + 3) // 4 * 4  # lengths are aligned
+    data = rows.view(np.uint8).reshape(MANY, -1)[:, :width].tobytes()
+    return "object_states", _states(data, random.choice((MANY, MANY - 1)))
+
+
+def _many_detections(random: Random, messages: Messages) -> Made:
+    names = ("stamp", "length", "frame", "results", "box", "size", "id")
+    kinds = ("u8", "u4", "S4", "u4", "10f8", "u4", "S8")
+    # 112 bytes each, the first at byte 20: all numbers aligned
+    rows = np.zeros(MANY, list(zip(names, kinds, strict=True)))
+    rows["length"], rows["frame"], rows["size"] = 4, b"map", 8
+    rows["box"][:, :7], rows["box"][:, 7:] = grid(MANY), 0.5
+    rows["id"] = np.arange(5_000_000, 5_000_000 + MANY).astype("S7")
+    head = ENCAPSULATION + bytes(8) + b"\4\0\0\0map\0" + MANY.to_bytes(4, "little")
+    return "detections", head + rows.tobytes()
+
+
+def _claimed_detections(random: Random, messages: Messages) -> Made:
+    data = bytearray(_many_detections(random, messages)[1][: 1000 * random.randint(1, 9)])
+    at, claimed = random.choice(((20, LARGEST), (20, 10**7), (40, LARGEST), (40, 10**6)))
+    data[at : at + 4] = claimed.to_bytes(4, "little")  # detections, or results of the first one
+    return "detections", bytes(data)
+
+
+def _detections_in_frames(random: Random, messages: Messages) -> Made:
+    message = messages.detections()
+    message.detections = [
+        Detection(Header(frame_id=frame), [], Box(), frame) for frame in ("map", "odom", "", LONG)
+    ]
+    return "detections", message
+
+
+def _every_number(random: Random, messages: Messages) -> Made:
+    """Markers with each hostile number in each field of pose and scale."""
+    markers = []
+    for number, value in enumerate(NUMBERS):
+        for place in range(10):
+            marker = messages.marker()
+            marker.ns, marker.id, marker.type, marker.action = "a", 10 * number + place, 1, 0
+            parts = marker.pose.position, marker.pose.orientation, marker.scale
+            part, name = [(p, n) for p, names in zip(parts, ("xyz", "xyzw", "xyz"), strict=True)
+                          for n in names][place]  # fmt: skip
+            setattr(part, name, float(value))
+            markers.append(marker)
+    return "objects", messages.array(markers)
+
+
+def _long_texts(random: Random, messages: Messages) -> Made:
+    marker = messages.marker()
+    part, name = random.choice(
+        ((marker, "ns"), (marker, "text"), (marker, "mesh_resource"), (marker.header, "frame_id"))
+    )
+    setattr(part, name, LONG)
+    return "objects", messages.array([marker])
+
+
+def _long_name(random: Random, messages: Messages) -> Made:
+    topic = random.choice(("object_transform", "object_states"))
+    message = messages.makers[topic][1]()
+    if topic == "object_states":
+        message.joint_names = [LONG, *message.joint_names]
+    else:
+        message.child_frame_id = LONG
+    return topic, message
+
+
+def _unknown_deletes(random: Random, messages: Messages) -> Made:
+    keys = [("nobody", number) for number in range(50)] + [("a", -(2**31)), ("", 2**31 - 1)]
+    return "objects", messages.array([Marker(ns=n, id=i, action=Marker.DELETE) for n, i in keys])
+
+
+def _repeated_markers(random: Random, messages: Messages) -> Made:
+    marker = messages.marker()
+    return "objects", messages.array([marker, Marker(ns=marker.ns, id=marker.id), marker] * 20)
+
+
+CASES: dict[str, Case] = {
+    "field missing": _cloud_case(_drop_field),
+    "field twice": _cloud_case(_repeat_field),
+    "offset beyond the point": _cloud_case(_wide_offset),
+    "point_step 0": _cloud_case(_set(point_step=0)),
+    "point_step 2^32 - 1": _cloud_case(_set(point_step=LARGEST)),
+    "row_step wrong": _cloud_case(_wrong_rows),
+    "width x height overflows 32 bits": _cloud_case(_set(width=2**16, height=2**16)),
+    "width x height overflows 64 bits": _cloud_case(_set(width=LARGEST, height=LARGEST)),
+    "width without rows": _cloud_case(_set(width=LARGEST, height=0)),
+    "10^7 points claimed": _cloud_case(_set(width=10**7, row_step=0)),
+    "unknown datatype": _cloud_case(_set_field(datatype=9)),
+    "datatype 0": _cloud_case(_set_field(datatype=0)),
+    "several numbers per field": _cloud_case(_set_field(count=LARGEST)),
+    "other order of bytes": _cloud_case(_set(is_bigendian=True)),
+    "name of a field of 1 MB": _cloud_case(_set_field(name=LONG)),
+    "100,000 fields": _cloud_case(lambda m, r: m.fields.extend([PointField()] * MANY)),
+    "hostile numbers in every field of a cloud": _cloud_case(_hostile_values),
+    "the same key in all rows": _cloud_case(_same_keys),
+    "no data": _cloud_case(lambda message, random: setattr(message, "data", b"")),
+    "hostile numbers in every field of a marker": _every_number,
+    "texts of 1 MB": _long_texts,
+    "names of 1 MB": _long_name,
+    "DELETE of unknown": _unknown_deletes,
+    "the same key in all markers": _repeated_markers,
+    "100,000 markers": _many_markers,
+    "100,000 boxes": lambda random, messages: ("object_boxes", _boxes(random, messages, MANY)),
+    "100,000 poses": lambda random, messages: ("object_poses", _poses(random, messages, MANY)),
+    "100,000 states": _many_states,
+    "100,000 different names": _many_names,
+    "100,000 detections": _many_detections,
+    "detections and results claimed": _claimed_detections,
+    "detections in several frames": _detections_in_frames,
+}

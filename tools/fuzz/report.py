@@ -1,0 +1,91 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+
+"""What an attack prints, and what in its result is a fault."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+from tools.fuzz.session.result import Result
+
+MORE = 8
+"""Descriptors and threads by which a node may grow after warm-up: of what comes and goes."""
+
+
+def print_results(results: list[Result]) -> None:
+    """Print what was sent and seen by all sessions together."""
+    sent, received, probes, refused = Counter[str](), Counter[str](), Counter[str](), Counter[str]()
+    for result in results:
+        sent += result.sent
+        received += result.received
+        probes += result.probes
+        refused += result.refused
+    late = [row for result in results for row in result.late]
+    print(f"sent: {sent.total()} ({_listed(sent)})")
+    print(f"received by the inputs of the node: {_listed(received)}")
+    print(f"probes answered right: {probes.total()} ({_listed(probes)})")
+    again = sum(result.again for result in results)
+    print(f"sets of boxes sent again, most after hostile ones with later stamps: {again}")
+    print(
+        f"longest time without an answer: {max(result.longest for result in results):.3f} s; "
+        f"{len(late)} times longer than allowed, {sum(result.excused for result in results)} times "
+        f"by what other programs took; {sum(result.lost for result in results)} answers lost on "
+        "their way"
+    )
+    for batch, gap, allowed in late[:10]:
+        print(f"  during {batch}: {gap:.3f} s, allowed were {allowed:.3f} s")
+    for result in results:
+        _print_usages(result)
+    print(f"refused: {_listed(refused) or 'nothing was read'}")
+
+
+def _print_usages(result: Result) -> None:
+    samples, growth = result.usages.samples, result.usages.growth()
+    if samples:
+        first, last = samples[0], samples[-1]
+        print(
+            f"memory of the node: {_megabytes(first.memory)} after the first batch, "
+            f"{_megabytes(last.memory)} at the end; by tenths of the attack "
+            f"{', '.join(f'{size / 1e6:.0f}' for size in result.usages.course())}"
+        )
+    if growth is not None:
+        print(
+            f"after warm-up it grew by {_megabytes(growth.memory)}, {growth.descriptors} "
+            f"descriptors, {growth.threads} threads"
+        )
+
+
+def faults(result: Result, most: float) -> list[str]:
+    """Return what fell short; most: megabytes by which memory may grow."""
+    found = []
+    if result.late:
+        found.append(
+            f"the node was blocked for longer than allowed, first during {result.late[0][0]}"
+        )
+    growth = result.usages.growth()
+    if growth is not None and growth.memory > most * 1e6:
+        found.append(f"its memory grew by {_megabytes(growth.memory)}")
+    if growth is not None and max(growth.descriptors, growth.threads) > MORE:
+        found.append(f"it grew by {growth.descriptors} descriptors, {growth.threads} threads")
+    return found
+
+
+def _megabytes(size: float) -> str:
+    return f"{size / 1e6:.1f} MB"
+
+
+def _listed(counts: Counter[str]) -> str:
+    return ", ".join(f"{name} {count}" for name, count in sorted(counts.items()))

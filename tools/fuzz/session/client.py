@@ -1,0 +1,239 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The client of an attacked node: its publishers, what it receives, calls of services."""
+
+from __future__ import annotations
+
+import importlib
+import time
+from collections.abc import Callable, Collection, Mapping
+from typing import Any, NamedTuple
+
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node, NodeNameNonExistentError
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from sensor_msgs.msg import PointCloud2
+
+from obb_collision.node.topics.topics import TOPICS
+from tools.fuzz.process.child import Child
+
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+STARTING = 300.0
+"""Seconds until the node answers first: on a new machine it compiles its kernels."""
+ANSWERING = 20.0
+"""Seconds in which anything must be answered; longer means that the node is blocked or blind."""
+ASKING = 4.0
+"""Seconds after which a service is asked again."""
+NODE = "obb_collision"
+NEEDED = {"list_parameters", "get_parameters", "set_parameters", "clear", "enable"}
+READ = ("collisions", "points", "collision_status", "diagnostics")
+OUTPUTS = {
+    topic.name.replace("~", NODE): topic.message
+    for name, topic in TOPICS.items()
+    if name not in READ
+}
+
+
+class FoundError(Exception):
+    """What an attack found."""
+
+
+class Answer(NamedTuple):
+    """A message of ``collisions``: when it was published (ns), and as which one."""
+
+    stamp: int
+    number: int
+    message: PointCloud2
+
+
+class Client:
+    """A client of a node in another process.
+
+    types: of the topics to publish, by topic; latched: those of them that are; robot: whose answers
+    about states are taken.
+    """
+
+    def __init__(
+        self,
+        domain: int,
+        namespace: str,
+        types: Mapping[str, type],
+        latched: Collection[str] = (),
+        robot: str = "",
+    ) -> None:
+        self.namespace = namespace
+        self.answers: list[Answer] = []
+        self._taken = 0
+        self._clients: dict[str, Any] = {}
+        self.points: list[PointCloud2] = []
+        """The last messages of ``points_inside``."""
+        self.diagnostics: DiagnosticArray | None = None
+        self._context = Context()
+        self._context.init(args=[], domain_id=domain)
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self.node = Node("client", context=self._context, namespace=self.namespace)
+        self._executor.add_node(self.node)
+        self.publishers = {
+            topic: self.node.create_publisher(kind, topic, LATCHED if topic in latched else 1000)
+            for topic, kind in types.items()
+        }
+        subscribe: Any = self.node.create_subscription
+        subscribe(PointCloud2, "collisions", self._take, 1000)
+        subscribe(PointCloud2, "points_inside", self._take_points, 10)
+        self.validity: list[PointCloud2] = []
+        """The last messages of ``state_validity``."""
+        if robot:
+            subscribe(PointCloud2, f"{robot}/state_validity", self._take_validity, 1000)
+        subscribe(DiagnosticArray, "/diagnostics", self._take_status, 10)
+        # Somebody listens, so that every effect is computed; nobody spins it, which takes time.
+        self._audience = Node("audience", context=self._context, namespace=self.namespace)
+        for topic, kind in OUTPUTS.items():
+            self._audience.create_subscription(kind, topic, lambda message: None, 1, raw=True)
+
+    def close(self) -> None:
+        """Take the client down."""
+        self._executor.shutdown()
+        self.node.destroy_node()
+        self._audience.destroy_node()
+        self._context.try_shutdown()
+
+    def _take(self, message: PointCloud2, info: Any) -> None:
+        self._taken += 1
+        number = info["publication_sequence_number"] or 0  # not given by some middlewares
+        self.answers.append(Answer(int(info["source_timestamp"]), number, message))
+
+    def _take_points(self, message: PointCloud2) -> None:
+        self._taken += 1
+        self.points = [*self.points[-9:], message]
+
+    def _take_validity(self, message: PointCloud2) -> None:
+        self._taken += 1
+        self.validity = [*self.validity[-99:], message]
+
+    def answer_at(self, stamp: Any) -> PointCloud2 | None:
+        """Return the answer to the states with a stamp, None while there is none."""
+        return next((one for one in self.validity if one.header.stamp == stamp), None)
+
+    def _take_status(self, message: DiagnosticArray) -> None:
+        self._taken += 1
+        if message.status and message.status[0].name.startswith(self.namespace[1:]):
+            self.diagnostics = message
+
+    def spin(self, seconds: float = 0.0) -> None:
+        """Take all that has arrived, and wait for something where nothing has.
+
+        All of it: a client that takes less than comes in, on a busy machine, would lag behind by
+        a whole queue from then on.
+        """
+        before = self._taken - 1
+        while self._taken > before:
+            before = self._taken
+            self._executor.spin_once(timeout_sec=seconds)
+            seconds = 0.0
+
+    def until(
+        self, child: Child, reached: Callable[[], Any], what: str, limit: float = ANSWERING
+    ) -> Any:
+        """Wait for something of a node, and return it; FoundError where it does not come.
+
+        limit: seconds, and those for which the node waited for a processor are added.
+        """
+        start, before = time.monotonic(), child.delays()
+        while not (found := reached()):
+            if child.exit_code is not None:
+                raise FoundError(f"the node ended with {child.exit_code} before {what}")
+            spent = time.monotonic() - start
+            if spent > limit and spent > limit + child.waited(before):
+                raise FoundError(f"no {what} within {limit:g} s")
+            self.spin(0.05)
+        return found
+
+    def wait_for_start(self, child: Child) -> None:
+        """Wait until the node answers, with all effects computed."""
+        inputs = [p for topic, p in self.publishers.items() if not topic.startswith("/")]
+
+        def have_subscribers() -> bool:
+            return all(publisher.get_subscription_count() for publisher in inputs)
+
+        self.until(child, have_subscribers, "inputs", STARTING)
+        self.until(child, lambda: self.answers, "collisions", STARTING)
+        self.until(child, lambda: self.diagnostics, "diagnostics")
+        self.until(child, self._all_computed, "effects, all computed", STARTING)
+
+    def _all_computed(self) -> bool:
+        """Whether no effect waits for its kernels any more."""
+        assert self.diagnostics is not None
+        values = [pair for status in self.diagnostics.status for pair in status.values]
+        states = [pair.value for pair in values if pair.key.startswith("effect ")]
+        return bool(states) and not any("ready" in state for state in states)
+
+    def refused(self, reason: str) -> int:
+        """Return how much was refused for a reason, by the last diagnostics."""
+        return self._sum("", f"rejected: {reason}")
+
+    def objects(self) -> int:
+        """Return how many objects there are, by the last diagnostics."""
+        return self._sum(": objects", "count")
+
+    def _sum(self, name: str, key: str) -> int:
+        """Return the sum of the values of a key, of the last diagnostics whose name ends so."""
+        found = [] if self.diagnostics is None else self.diagnostics.status
+        values = [pair for status in found if status.name.endswith(name) for pair in status.values]
+        return sum(int(pair.value) for pair in values if pair.key == key)
+
+    def status(self) -> str:
+        """Return what the last diagnostics say, in a line."""
+        found = [] if self.diagnostics is None else self.diagnostics.status
+        values = [f"{pair.key}: {pair.value}" for status in found for pair in status.values]
+        return f"diagnostics: {', '.join([*(status.message for status in found), *values])}"
+
+    def services(self) -> dict[str, type]:
+        """Return the types of the node's services, by their names behind that of the node.
+
+        None of them, while not all that are needed here are known.
+        """
+        head, found = f"{self.namespace}/{NODE}/", {}
+        try:
+            listed = self.node.get_service_names_and_types_by_node(NODE, self.namespace)
+        except NodeNameNonExistentError:  # not discovered yet
+            return {}
+        for name, kinds in listed:
+            package, _, kind = kinds[0].split("/")
+            if name.startswith(head):
+                found[name.removeprefix(head)] = getattr(
+                    importlib.import_module(f"{package}.srv"), kind
+                )
+        return found if found.keys() >= NEEDED else {}
+
+    def call(self, child: Child, kind: Any, name: str, request: Any) -> Any:
+        """Call a service of the node, again where no answer comes.
+
+        The middleware drops an answer while it has not discovered who asked.
+        """
+        if name not in self._clients:
+            self._clients[name] = self.node.create_client(kind, f"{NODE}/{name}")
+        client, futures, next_time = self._clients[name], [], 0.0
+        self.until(child, client.service_is_ready, f"service {name}")
+
+        def answered() -> Any:
+            nonlocal next_time
+            if time.monotonic() > next_time:
+                futures.append(client.call_async(request))
+                next_time = time.monotonic() + ASKING
+            return next((future.result() for future in futures if future.done()), None)
+
+        return self.until(child, answered, f"answer {name}")

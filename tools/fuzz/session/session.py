@@ -1,0 +1,263 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""One attack: hostile messages in batches, and after each batch a probe that must be answered.
+
+The longest time between two answers of the node is read from the times at which it published them,
+and compared with what is allowed: its period, the bound on blocking, a share for each megabyte of
+this batch, the one before and those that may still be on their way, and what the machine's other
+work costs: for how long its threads were ready and got no processor, or for how long a process that
+only sleeps stood still in that very time, whichever is more.
+"""
+
+from __future__ import annotations
+
+import time
+from argparse import Namespace
+from itertools import pairwise
+from random import Random
+
+import numpy as np
+from rclpy.serialization import serialize_message
+
+from obb_collision.node.messages.bulk_clouds import boxes_to_ros
+from obb_collision.node.messages.conversions import NANOSECONDS
+from obb_collision.node.messages.names import namespace_number
+from obb_collision.node.topics.topics import collisions_from_ros, points_inside_from_ros
+from tools.fuzz.messages.cases import grid
+from tools.fuzz.messages.stream import Sent, Stream
+from tools.fuzz.process.canary import Canary
+from tools.fuzz.process.child import Child
+from tools.fuzz.session.client import Answer, Client, FoundError
+from tools.fuzz.session.probes import (
+    BOXES,
+    COMPLETE,
+    MOVES,
+    NUMBERS,
+    SETS,
+    Message,
+    Pair,
+    Probe,
+    Probes,
+    header_at,
+)
+from tools.fuzz.session.result import Result
+from tools.fuzz.session.robot_probe import ask_robot
+from tools.fuzz.session.services import Services
+
+PERIOD = 0.02
+"""Seconds between two answers by the node's default rate."""
+PER_MEGABYTE = 0.1
+"""Seconds that the node may be blocked in addition per megabyte of what may just have arrived."""
+ON_ITS_WAY, ON_ITS_WAY_PER_MEGABYTE = 1.0, 0.05
+"""Seconds for which a message may be on its way, and more for a large one: those that are sent
+later overtake it."""
+LARGE = 1_000_000
+"""Bytes of a message behind which there may be as many objects as the node takes."""
+REQUESTS = 0.3
+"""Share of the batches behind which a service gets a hostile request."""
+CLEAN = 0.2
+"""Share of the probes that remove all hostile objects, too."""
+ASKED = 0.3
+"""Share of the batches behind which states of the robot are asked for."""
+FULL = "too many objects"
+"""Why objects are refused that a node has no room for."""
+RESENDING = 0.5
+"""Seconds after which points are sent again, whose topic is best effort, and sets of boxes, which a
+hostile one overtook by a stamp a little ahead: that one counts for a second."""
+
+
+class Session:
+    """Attacks a node with the messages of a stream."""
+
+    def __init__(
+        self,
+        options: Namespace,
+        stream: Stream,
+        client: Client,
+        child: Child,
+        canary: Canary,
+    ) -> None:
+        self._seed, self._bound = options.seed, options.bound
+        self._stream, self._client, self._child, self._canary = stream, client, child, canary
+        self._probes = Probes(stream.messages)
+        self._recent: list[tuple[float, int]] = []  # till when batches may arrive, and their bytes
+        self.result = Result()
+        client.wait_for_start(child)
+        self._services = Services(client, child)
+        self._most_pairs = self._services.given("max_pairs")
+        self._fill(self._services.given("max_objects"))
+
+    def _fill(self, most: int) -> None:
+        """Have the node store as many objects as it takes, and none: it keeps the room for them.
+
+        Later that would look like growth, as none of the hostile messages need fill it at first.
+        """
+        for count in (most, 0):
+            numbers, sizes = [namespace_number(SETS)] * count, np.ones((count, 3))
+            header = header_at(time.time_ns())
+            boxes = boxes_to_ros(np.arange(count), grid(count), sizes, numbers, header)
+            self._client.publishers["object_boxes"].publish(boxes)
+
+            def reached(count: int = count) -> bool:
+                return self._client.objects() == count
+
+            self._client.until(self._child, reached, f"{count} objects")
+
+    def batch(self, name: str, sent: list[Sent]) -> None:
+        """Send hostile messages and a probe; FoundError for what should not be."""
+        client, random = self._client, Random(f"{self._seed} batch {name}")
+        client.answers = client.answers[-1:]
+        began, before = time.monotonic(), self._child.delays()
+        for number, message in enumerate(sent):
+            client.publishers[message.topic].publish(message.data)
+            self.result.sent[message.topic] += 1
+            if number % 10 == 0:
+                client.spin()
+        size = sum(len(message.data) for message in sent)
+        full = any(len(message.data) > LARGE for message in sent)
+        if random.random() < REQUESTS:
+            self.result.sent[f"service {self._services.attack(random)}"] += 1
+        self._probe(random, full)
+        if self._stream.robot is not None and random.random() < ASKED:
+            ask_robot(self._stream.robot, random, client, self._child)
+            self.result.probes["states of a robot"] += 1
+        way = ON_ITS_WAY + ON_ITS_WAY_PER_MEGABYTE * size / 1e6
+        late = [one for one in self._recent[:-1] if one[0] > began]
+        self._recent = [*late, *self._recent[-1:], (began + way, size)]
+        self._measure(name, sum(size for _, size in self._recent), before)
+
+    def _measure(self, name: str, size: int, before: dict[str, float]) -> None:
+        """Note how long the node was blocked, and what it uses."""
+        result, waited, stalls = self.result, self._child.waited(before), self._canary.stalls()
+        for first, second in pairwise(self._client.answers):
+            lost = second.number - first.number - 1 if first.number and second.number else 0
+            result.lost += lost
+            if lost:
+                continue
+            start, end = first.stamp / NANOSECONDS, second.stamp / NANOSECONDS
+            still = sum(max(0.0, min(end, b) - max(start, a)) for a, b in stalls)
+            result.longest = max(result.longest, end - start)
+            allowed = PERIOD + self._bound + PER_MEGABYTE * size / 1e6
+            if end - start > allowed + max(waited, still):
+                result.late.append((name, end - start, allowed + max(waited, still)))
+            elif end - start > allowed:
+                result.excused += 1
+        result.usages.add(self._child.usage())
+
+    def _probe(self, random: Random, full: bool) -> None:
+        """Send boxes and wait for their pairs, all of them and no other."""
+        number, everything = self.result.probes.total(), full or random.random() < CLEAN
+        probe = self._probes.make(number, random, time.time_ns(), everything, full)
+        if probe.kind in MOVES:
+            self._ask(number, probe, probe.first, probe.known)
+            found = self._ask(number, probe, probe.messages, probe.sure)
+        else:
+            found = self._ask(number, probe, probe.first + probe.messages, probe.sure)
+        if found != probe.pairs:
+            later = self._ask(number, probe, [], probe.sure)
+            raise FoundError(
+                f"pairs of probe {number}, by {probe.kind}: missing "
+                f"{sorted(probe.pairs - found)}, wrong {sorted(found - probe.pairs)}; "
+                f"in the next answer missing {sorted(probe.pairs - later)}, wrong "
+                f"{sorted(later - probe.pairs)}; {self._client.status()}"
+            )
+        if probe.kind == "markers" and random.random() < 0.5:
+            self._probe_points(random, probe)
+        self.result.probes[probe.kind] += 1
+
+    def _ask(self, number: int, probe: Probe, messages: list[Message], sure: Pair) -> set[Pair]:
+        """Send messages of a probe; returns its pairs in the first answer with the sure one.
+
+        Where hostile objects leave no room for its own, or for their pairs, they are removed again.
+        """
+        client, seen, no_room = self._client, len(self._client.answers), self._client.refused(FULL)
+        for topic, data in messages:
+            client.publishers[topic].publish(data)
+        what = f"answer to probe {number}, by {probe.kind}"
+        next_time = time.monotonic() + RESENDING
+        is_set = probe.kind in COMPLETE
+        adds = not is_set and any(topic == "objects" for topic, _ in messages)
+
+        def answered() -> set[Pair] | None:
+            nonlocal next_time, seen, no_room
+            fresh, seen = client.answers[seen:], len(client.answers)
+            crowded = any(one.message.width >= self._most_pairs for one in fresh)
+            full = adds and client.refused(FULL) > no_room
+            if time.monotonic() > next_time and (crowded or full or (messages and is_set)):
+                again = [one for one in messages if adds or (is_set and one[0] in COMPLETE)]
+                removed = probe.room if adds or is_set else probe.others
+                for topic, data in [*(removed if crowded or full else ()), *again]:
+                    client.publishers[topic].publish(data)
+                self.result.again += 1
+                next_time, no_room = time.monotonic() + RESENDING, client.refused(FULL)
+            return find_answer(fresh, probe.sure[0], sure, self._most_pairs)
+
+        found: set[Pair] = self._client.until(self._child, answered, what)
+        return found
+
+    def _probe_points(self, random: Random, probe: Probe) -> None:
+        """Send points, good ones among those that are no numbers, and compare the counts."""
+        message, right = self._probes.points(random, probe, time.time_ns())
+        data = serialize_message(message)
+        next_time = 0.0
+
+        def answered() -> tuple[dict[int, int]] | None:
+            nonlocal next_time
+            if time.monotonic() > next_time:
+                self._client.publishers["points"].publish(data)
+                next_time = time.monotonic() + RESENDING
+            for found in self._client.points:
+                if found.header.stamp == message.header.stamp:
+                    rows = points_inside_from_ros(found)
+                    counts = zip(rows["id"].tolist(), rows["count"].tolist(), strict=True)
+                    return ({ident: count for ident, count in counts if ident in right},)
+            return None
+
+        (found,) = self._client.until(self._child, answered, "points inside")
+        if found != {ident: count for ident, count in right.items() if count}:
+            raise FoundError(f"points inside are {found}, right is {right}")
+        self.result.probes["points"] += 1
+
+    def end(self) -> None:
+        """Read the last diagnostics; FoundError where the node counted internal errors."""
+        client = self._client
+        client.diagnostics = None
+        message = client.until(self._child, lambda: client.diagnostics, "diagnostics")
+        for status in message.status:
+            for pair in status.values:
+                if pair.key in ("messages", "lost"):
+                    self.result.received[pair.key] += int(pair.value)
+                if pair.key.startswith("rejected: "):
+                    self.result.refused[pair.key.partition(": ")[2]] += int(pair.value)
+            if status.name.endswith("internal errors") and status.level != status.OK:
+                counts = "; ".join(f"{pair.key}: {pair.value}" for pair in status.values)
+                raise FoundError(f"the node counted internal errors: {counts}")
+
+
+def find_answer(answers: list[Answer], first: int, sure: Pair, most: int) -> set[Pair] | None:
+    """Return the pairs of a probe in the first whole answer that has its sure pair, else None.
+
+    most: pairs of an answer; one with so many may lack others, until hostile objects are removed.
+    """
+    for answer in answers:
+        rows = collisions_from_ros(answer.message)
+        if len(rows) >= most:
+            continue
+        ours = [name in NUMBERS for name in rows["ns_a"].tolist()]
+        ids = zip(rows["id_a"][ours].tolist(), rows["id_b"][ours].tolist(), strict=True)
+        pairs = {pair for pair in ids if all(first <= one < first + BOXES for one in pair)}
+        if sure in pairs:
+            return pairs
+    return None

@@ -1,0 +1,176 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Asks this library and the installed peers about pairs from bug reports on other libraries."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from obb_collision.benchmarks.step.text import as_markdown
+from obb_collision.cli import Parser, interruptible, new_file, option
+from obb_collision.geometry.boxes import Boxes
+from obb_collision.geometry.trees.obb_tree import MeshTrees
+from obb_collision.queries.clearance.clearance import clearances
+from obb_collision.queries.mesh_contacts.mesh_separations import mesh_separations
+from obb_collision.queries.meshes.meshes import PlacedMeshes, mesh_verdicts
+from obb_collision.queries.verdict.verdict import SEPARATE, verdicts
+from tools.known_cases import KNOWN_BUGS, Body, KnownBug, PlacedBox
+from tools.peers.pairs import (
+    FARTHEST,
+    PAIR_PEERS,
+    Answer,
+    PairPeer,
+    outward_faces,
+)
+
+OURS = "this library"
+RIGHT, NOTHING = "right", "\u2013"
+INTRODUCTION = """# Known bugs of others
+
+What users reported about other libraries, asked of this one and of the peers that are installed.
+The tests (`test/benchmarks/test_known_bugs.py`) compute the exact answers with an oracle that
+shares no code with the library. This page is written by
+
+    python -m tools.known_bugs --markdown docs/known_bugs.md
+
+which ends with an error if an answer of this library is wrong. Peers run at their defaults and get
+the doubles as they are stored. An answer is wrong if it says that pairs collide that are apart, or
+the other way round, by however little; if a distance is off by more than 1e-6 m; if the two
+contradict each other; or if it is an exception. pybullet and rapier3d are asked about boxes only,
+and not for distances.
+"""
+REMARK = """
+In fcl#493 and fcl#495 the exact answer hangs on 4e-17 and 2e-16 m, which is within the tolerances
+of all peers: what counts there is that a library does not contradict itself. The gross errors of
+the reports are mended in the versions above, as far as these pairs show.
+"""
+
+
+def ours(a: Body, b: Body) -> Answer:
+    """Return the answer of this library: exact verdict, and distance or depth."""
+    if isinstance(a, PlacedBox) and isinstance(b, PlacedBox):
+        one, two = (Boxes([x.center], [x.rotation], [x.half_extents]) for x in (a, b))
+        collides = verdicts(one, two, exact=True)[0] != SEPARATE
+        found = clearances(one, two, max_distance=FARTHEST)
+        return Answer(bool(collides), float(found.distances[0]))
+    assert not isinstance(a, PlacedBox)
+    assert not isinstance(b, PlacedBox)
+    trees = MeshTrees.join([MeshTrees.build(x, outward_faces(x)) for x in (a, b)])
+    bodies = PlacedMeshes(trees, [0, 1], np.zeros((2, 3)), [np.eye(3)] * 2)
+    verdict = mesh_verdicts(bodies, bodies, [[0, 1]], exact=True)[0]
+    apart = mesh_separations(bodies, bodies, [[0, 1]]).separations[0]
+    return Answer(bool(verdict != SEPARATE), float(apart))
+
+
+def fault(answer: Answer, distance: float, bug: KnownBug) -> str:
+    """Return what is wrong with an answer; empty for nothing. distance: NaN for any depth."""
+    if answer.collides != (not distance > 0.0):
+        return "says colliding" if answer.collides else "says apart"
+    given = answer.distance
+    low, high = distance - bug.tolerance, math.inf if bug.least else distance + bug.tolerance
+    if not (math.isnan(given) or math.isnan(distance) or low <= given <= high):
+        return f"distance {given:.3g}"
+    if given > 0.0 if answer.collides else given < 0.0:
+        return f"contradicts itself: {'colliding' if answer.collides else 'apart'}, {given:.1g} m"
+    return ""
+
+
+def judged(bug: KnownBug, peer: PairPeer | None) -> str:
+    """Return in words how a library does in a case; None: this one."""
+    faults, asked = [], 0
+    for (a, b), distance in zip(bug.pairs, bug.distances, strict=True):
+        try:
+            answer = ours(a, b) if peer is None else peer.answer(a, b)
+            wrong = fault(answer, distance, bug)
+        except NotImplementedError:
+            continue
+        except Exception as error:  # peers raise any exception
+            wrong = f"raises {type(error).__name__}"
+        asked += 1
+        faults.append(wrong)
+    wrong_ones = [wrong for wrong in faults if wrong]
+    if not asked:
+        return NOTHING
+    if not wrong_ones:
+        return RIGHT
+    return wrong_ones[0] if asked == 1 else f"{len(wrong_ones)} of {asked}: {wrong_ones[0]}"
+
+
+def table(peers: Sequence[PairPeer]) -> list[list[str]]:
+    """Return header and lines, as text cells."""
+    header = ["report", "exact", OURS, *(f"{peer.name} {peer.version()}" for peer in peers)]
+    return [header, *(_line(bug, peers) for bug in KNOWN_BUGS)]
+
+
+def _line(bug: KnownBug, peers: Sequence[PairPeer]) -> list[str]:
+    exact = ", ".join(_exact(distance) for distance in bug.distances)
+    if len(bug.distances) > 3:
+        exact = f"{len(bug.distances)} pairs apart, by {min(bug.distances):.3g} m or more"
+    cells = [judged(bug, peer) for peer in (None, *peers)]
+    return [f"[{bug.name}]({bug.url})", exact or NOTHING, *cells]
+
+
+def _exact(distance: float) -> str:
+    if math.isnan(distance):
+        return "colliding"
+    how = "apart by" if distance > 0.0 else "overlap by"
+    return f"{how} {abs(distance):.3g} m"
+
+
+def page(lines: list[list[str]]) -> str:
+    """Return the page: what was reported, where the numbers are from, and the answers."""
+    reports = [["report", "what was reported", "what is asked here"]]
+    reports += [[f"[{bug.name}]({bug.url})", bug.report, bug.source] for bug in KNOWN_BUGS]
+    return "\n".join((INTRODUCTION, as_markdown(lines), REMARK, as_markdown(reports), ""))
+
+
+def _plain(lines: list[list[str]]) -> Iterator[str]:
+    for bug, line in zip(KNOWN_BUGS, lines[1:], strict=True):
+        yield f"{bug.name} ({bug.url}): {line[1]}"
+        yield from (
+            f"    {name}: {cell}" for name, cell in zip(lines[0][2:], line[2:], strict=True)
+        )
+
+
+def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
+    """Read the command line."""
+    summary = (__doc__ or "").splitlines()[0]
+    parser = Parser(prog="python -m tools.known_bugs", description=summary)
+    option(parser, "--markdown", new_file(".md"), text="write the page, as docs/known_bugs.md")
+    return parser.parse_args(arguments)
+
+
+@interruptible("python -m tools.known_bugs")
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Ask all; exit code 1 if an answer of this library is wrong."""
+    options = parse(arguments)
+    peers = [peer for peer in PAIR_PEERS if peer.version() is not None]
+    lines = table(peers)
+    print("\n".join(_plain(lines)))
+    missing = [peer.name for peer in PAIR_PEERS if peer not in peers]
+    if missing:
+        print(f"not installed, left out: {', '.join(missing)}")
+    if options.markdown:
+        options.markdown.write_text(page(lines), encoding="utf-8")
+    return int(any(line[2] not in (RIGHT, NOTHING) for line in lines[1:]))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,317 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Measures what regions give: 1 to 4 processes that share a scene, and objects far from a region.
+
+``python -m tools.regions``. Boxes of which half a pair each collide move in a long hall that is
+split along x; all processes read the same topic. A sample is the time from just before ``publish``
+until the clouds of all regions of that state are there.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Iterable, Sequence
+from contextlib import ExitStack
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from rclpy.serialization import serialize_message
+from sensor_msgs.msg import PointCloud2
+from std_msgs.msg import Header
+
+from obb_collision.cli import MAX_SEED, Parser, interruptible, new_file, option, real, whole
+from obb_collision.node.messages.bulk_clouds import boxes_to_ros
+from obb_collision.node.messages.conversions import NANOSECONDS, stamp_from_ros, stamp_to_ros
+from obb_collision.node.messages.names import namespace_number
+from obb_collision.node.parameters.regions import region_parameters
+from obb_collision.node.topics.topics import COLLISIONS
+from obb_collision.scene.region_merger import RegionMerger
+from obb_collision.scene.scene import Scene
+from obb_collision.scene.store.region import split_regions
+from obb_collision.typing import Floats
+
+HALF_EXTENTS = (0.05, 0.5)
+"""Smallest and largest half extent of the boxes (m)."""
+ROOM_PER_OBJECT = 1.6
+"""Cubic metres per object: gives about half a colliding pair per object."""
+LENGTH = 8.0
+"""How many times longer than wide and high the hall is."""
+STEP = 0.02
+"""Maximum displacement of a box between two states (m)."""
+WARM_SAMPLES = 5
+PATIENCE = 120.0
+"""Seconds to wait for processes that start, and for an answer."""
+FRAME, BOXES = "map", "box"
+
+
+class Hall:
+    """Boxes that move in a long hall."""
+
+    def __init__(self, objects: int, seed: int) -> None:
+        self._random = np.random.default_rng(seed)
+        side = (ROOM_PER_OBJECT * objects / LENGTH) ** (1.0 / 3.0)
+        self.size = np.array([LENGTH * side, side, side])
+        self.sizes = 2.0 * self._random.uniform(*HALF_EXTENTS, (objects, 3))
+        self.poses = self._random.normal(size=(objects, 7))
+        self.poses[:, :3] = self._random.uniform(0.0, 1.0, (objects, 3)) * self.size
+        self.poses[:, 3:] /= np.linalg.norm(self.poses[:, 3:], axis=1, keepdims=True)
+
+    def move(self) -> Floats:
+        """Move all boxes a little; return their poses (n, 7)."""
+        self.poses[:, :3] += self._random.uniform(-STEP, STEP, (len(self.poses), 3))
+        return self.poses
+
+
+class Processes:
+    """Collision nodes in processes of their own, a region each, and what they publish."""
+
+    def __init__(self, hall: Hall, count: int, halo: float) -> None:
+        self._hall, self._number = hall, 0
+        domain = 1 + os.getpid() % 100  # another node on this machine must not answer
+        root = f"/regions_{os.getpid()}_{count}"
+        corners = " ".join(map(repr, [0.0] * 3)), " ".join(map(repr, hall.size.tolist()))
+        regions = region_parameters(*corners, f"{count} 1 1", repr(halo))
+        self._stack = ExitStack()
+        self.running = [
+            self._stack.enter_context(Started(root, name, given, domain))
+            for name, given in regions.items()
+        ]
+        self._context = Context()
+        self._context.init(domain_id=domain)
+        self._client = Node("client", context=self._context, namespace=root)
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self._client)
+        self._publisher = self._client.create_publisher(PointCloud2, "object_boxes", 1)
+        self._latest: dict[str, PointCloud2] = {}
+        for name in regions:
+
+            def take(message: PointCloud2, name: str = name) -> None:
+                self._latest[name] = message
+
+            self._client.create_subscription(
+                PointCloud2, f"{name}/collisions", take, QoSProfile(depth=1)
+            )
+        self._names = list(regions)
+
+    def sample(self) -> tuple[float, int, int, int]:
+        """Return seconds until all answers are there, pairs, and bytes in and out."""
+        self._number += 1
+        stamp = self._number * NANOSECONDS
+        header = Header(stamp=stamp_to_ros(stamp), frame_id=FRAME)
+        ids = np.arange(len(self._hall.sizes))
+        numbers = np.full(len(ids), namespace_number(BOXES))
+        message = boxes_to_ros(ids, self._hall.move(), self._hall.sizes, numbers, header)
+        start = perf_counter()
+        self._publisher.publish(message)
+        while not self._has_all(stamp):
+            self._executor.spin_once(timeout_sec=0.05)
+            if perf_counter() - start > PATIENCE:
+                raise TimeoutError("no answer from a collision node")
+        took = perf_counter() - start
+        answers = self._latest.values()
+        pairs = sum(answer.width for answer in answers)
+        sent = sum(len(serialize_message(answer)) for answer in answers)
+        return took, pairs, len(serialize_message(message)), sent
+
+    def _has_all(self, stamp: int) -> bool:
+        return all(
+            name in self._latest and stamp_from_ros(self._latest[name].header.stamp) == stamp
+            for name in self._names
+        )
+
+    def begin(self) -> None:
+        """Wait for all processes; the first samples load code and grow buffers."""
+        limit = perf_counter() + PATIENCE
+        while self._publisher.get_subscription_count() < len(self._names) or any(
+            self._client.count_publishers(f"{name}/collisions") == 0 for name in self._names
+        ):
+            self._executor.spin_once(timeout_sec=0.05)
+            if perf_counter() > limit or any(one.poll() is not None for one in self.running):
+                raise TimeoutError("a collision node did not start")
+        for _ in range(WARM_SAMPLES):
+            self.sample()
+
+    def cpu_seconds(self) -> list[float]:
+        """Return the processor time that each process has used."""
+        ticks = os.sysconf("SC_CLK_TCK")
+        found = []
+        for process in self.running:
+            with open(f"/proc/{process.pid}/stat", encoding="ascii") as file:
+                words = file.read().rpartition(")")[2].split()
+            found.append((int(words[11]) + int(words[12])) / ticks)
+        return found
+
+    def merge_seconds(self) -> float:
+        """Return what joining the last answers takes."""
+        merger = RegionMerger(self._names, timeout=0.5)
+        for now in (0.0, 0.25, 0.5):
+            for name in self._names:
+                merger.mark_alive(name, len(self._hall.sizes), now)
+        start = perf_counter()
+        for name in self._names:
+            merger.take(name, 1, COLLISIONS.from_ros(self._latest[name]), 0.5)
+        return perf_counter() - start
+
+    def close(self) -> None:
+        """End all processes."""
+        self._executor.shutdown()
+        self._client.destroy_node()
+        self._context.try_shutdown()
+        self._stack.close()
+
+
+class Started:
+    """A process with a node, ended on the way out."""
+
+    def __init__(self, root: str, name: str, given: dict[str, Any], domain: int) -> None:
+        values = {
+            **given,
+            "trigger": "arrival",
+            "min_period": 0.0,
+            "max_objects": 1000000,
+            "max_pairs": 1000000,
+            "threads": 1,
+            "rate": 1.0,
+        }
+        words = ["--ros-args", "-r", f"__ns:={root}/{name}", "--log-level", "error"]
+        words += ["-r", f"object_boxes:={root}/object_boxes"]
+        for key, value in values.items():
+            words += ["-p", f"{key}:={value}"]
+        code = "from obb_collision.commands import node; raise SystemExit(node())"
+        environment = {**os.environ, "ROS_DOMAIN_ID": str(domain)}
+        self._process = subprocess.Popen([sys.executable, "-c", code, *words], env=environment)
+
+    def __enter__(self) -> subprocess.Popen[bytes]:
+        return self._process
+
+    def __exit__(self, *_: object) -> None:
+        self._process.terminate()
+        try:
+            self._process.wait(10.0)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+
+
+def measure(objects: int, count: int, seconds: float, halo: float, seed: int) -> dict[str, Any]:
+    """Return what ``count`` processes take for the same boxes."""
+    hall = Hall(objects, seed)
+    processes = Processes(hall, count, halo)
+    try:
+        processes.begin()
+        before, limit = processes.cpu_seconds(), perf_counter() + seconds
+        samples: list[tuple[float, int, int, int]] = []
+        while perf_counter() < limit or not samples:
+            samples.append(processes.sample())
+        after = processes.cpu_seconds()
+        merge = processes.merge_seconds()
+    finally:
+        processes.close()
+    times = np.array([sample[0] for sample in samples])
+    cpu = [(end - start) / len(samples) for start, end in zip(before, after, strict=True)]
+    return {
+        "processes": count,
+        "objects": objects,
+        "pairs": samples[-1][1],
+        "median (ms)": round(1e3 * float(np.median(times)), 2),
+        "95 % (ms)": round(1e3 * float(np.percentile(times, 95)), 2),
+        "CPU per state, busiest process (ms)": round(1e3 * max(cpu), 2),
+        "CPU per state, all (ms)": round(1e3 * sum(cpu), 2),
+        "in per node and state (kB)": round(samples[-1][2] / 1e3),
+        "out of all per state (kB)": round(samples[-1][3] / 1e3),
+        "merging (ms)": round(1e3 * merge, 2),
+        "samples": len(samples),
+    }
+
+
+def far_costs(objects: int, seed: int, repeats: int = 15) -> dict[str, Any]:
+    """Return what a check takes where all objects move, of all of space and of parts of it.
+
+    Per object away from the region, by a region that no object is near to.
+    """
+    hall = Hall(objects, seed)
+    parts = {n: split_regions([0] * 3, hall.size, (n, 1, 1), 1.0)[0] for n in (1, 2, 4)}
+    scenes = {f"1 of {n}": Scene(region=region) for n, region in parts.items()}
+    scenes["far"] = Scene(region=split_regions([1e6] * 3, [2e6] * 3, (2, 1, 1), 1.0)[1])
+    rows: dict[str, list[tuple[float, float]]] = {name: [] for name in scenes}
+    for scene in scenes.values():
+        scene.add_boxes([str(n) for n in range(objects)], hall.sizes, hall.poses)
+        scene.check()
+    for _ in range(repeats):  # in turns, so that a busy machine is as busy for all
+        poses = hall.move()
+        for name, scene in scenes.items():
+            start = perf_counter()
+            scene.move_indices(scene.indices, poses)
+            placed = perf_counter()
+            scene.check()
+            rows[name].append((placed - start, perf_counter() - placed))
+    medians = {name: np.median(1e3 * np.array(times), axis=0) for name, times in rows.items()}
+    return {
+        name: {
+            "near": len(scenes[name].indices_near),
+            "moving (ms)": round(float(placing), 3),
+            "check (ms)": round(float(check), 3),
+        }
+        for name, (placing, check) in medians.items()
+    }
+
+
+def print_table(rows: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Print rows as a table of Markdown, each as soon as it is there; return them."""
+    printed: list[dict[str, Any]] = []
+    for row in rows:
+        if not printed:
+            print("| " + " | ".join(row) + " |")
+            print("|" + "---|" * len(row))
+        print("| " + " | ".join(str(value) for value in row.values()) + " |", flush=True)
+        printed.append(row)
+    return printed
+
+
+@interruptible("python -m tools.regions")
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the measurements of the command line."""
+    parser = Parser(
+        prog="python -m tools.regions", description=__doc__.splitlines()[0] if __doc__ else None
+    )
+    option(parser, "--objects", whole(1, 1000000), 10000, "moving boxes")
+    option(parser, "--processes", whole(1, 64), 4, "processes at most, from 1 on")
+    option(parser, "--seconds", real(0.1, 86400.0), 5.0, "duration of each measurement")
+    option(parser, "--halo", real(0.1, 1000.0), 1.0, "halo of the regions (m)")
+    option(parser, "--seed", whole(0, MAX_SEED), 1, "seed of the random scene")
+    option(parser, "--json", new_file(), None, "write the figures to a file")
+    options = parser.parse_args(args)
+    costs = far_costs(options.objects, options.seed)
+    print_table({"region": name, **row} for name, row in costs.items())
+    print()
+    rows = print_table(
+        measure(options.objects, count, options.seconds, options.halo, options.seed)
+        for count in range(1, options.processes + 1)
+    )
+    if options.json:
+        options.json.write_text(json.dumps({"check": costs, "processes": rows}, indent=1))
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,429 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Measures states of a robot per second beside pinocchio with coal, and MuJoCo."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import re
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from importlib.util import find_spec
+from pathlib import Path
+from time import thread_time
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from obb_collision._threads import set_threads, threads
+from obb_collision.accuracy import ALL_LEVELS
+from obb_collision.benchmarks.step.tables import write_into
+from obb_collision.benchmarks.step.text import as_markdown
+from obb_collision.cli import MAX_SEED, Parser, interruptible, new_file, option, whole
+from obb_collision.robots.checks.robot_scene import RobotScene
+from obb_collision.robots.description.robot import Robot
+from obb_collision.scene.scene import Scene
+from obb_collision.scene_files import find_scene, load_scene
+from obb_collision.scene_files.description import SceneObject
+from obb_collision.shapes import Box
+from obb_collision.typing import Floats
+from tools.peers.robots import (
+    PEERS,
+    TRUTH,
+    Case,
+    CheckStates,
+    pinocchio_kinematics,
+)
+
+if TYPE_CHECKING:
+    from tools.robot_latency import ChunkRow
+
+OURS = "this library"
+#: Rounds in which all take their turn; the least time of each counts.
+ROUNDS = 5
+#: Boxes keep this far from the axis of the base, metres.
+CLEAR_OF_BASE = 0.35
+#: Tables of text cells by name, and all figures.
+Measured = tuple[dict[str, list[list[str]]], dict[str, Any]]
+#: Before the path of a mesh file beside the URDF.
+RELATIVE = re.compile(r'filename="(?!/|\w+://)')
+#: Boxes around the robot of a node.
+BOXES_OF_CHUNKS = 30
+#: States after the first collision that a motion is compared at.
+SAMPLES = 200
+
+
+@dataclass(frozen=True)
+class Row:
+    """What one checker does in one world: states per second, and beside the triangles.
+
+    missed, false_alarms: of the states that it calls free and colliding; -1 where not compared.
+    """
+
+    world: str
+    objects: int
+    checker: str
+    states_per_second: float
+    microseconds: float
+    colliding: float
+    compared: int = 0
+    missed: int = -1
+    false_alarms: float = -1.0
+
+
+@dataclass(frozen=True)
+class MotionRow:
+    """Motions between free states: per second, share that is free, what samples find beyond it."""
+
+    world: str
+    objects: int
+    motions_per_second: float
+    microseconds: float
+    free: float
+    undecided: int
+    missed: int
+
+
+@dataclass(frozen=True)
+class KinematicsRow:
+    """The poses of all links, or with pinocchio of all joints: states per second."""
+
+    checker: str
+    states_per_second: float
+    microseconds: float
+
+
+def default_robot() -> tuple[Path, Path | None, Path]:
+    """Return URDF, SRDF and folder of packages: the Panda where it is installed, or our arm."""
+    for place in map(Path, sys.path):
+        share = place / "cmeel.prefix/share"
+        panda = share / "example-robot-data/robots/panda_description"
+        if panda.is_dir():
+            return panda / "urdf/panda.urdf", panda / "srdf/panda.srdf", share
+    config = find_scene("tabletop").parent
+    return config / "arm.urdf", config / "arm.srdf", config
+
+
+def random_boxes(count: int, rng: np.random.Generator) -> list[SceneObject]:
+    """Return boxes around a robot, the smaller the more there are."""
+    found: list[SceneObject] = []
+    largest = 0.4 if count <= 10 else 0.3 if count <= 30 else 0.2
+    while len(found) < count:
+        size, turn = rng.uniform(0.25 * largest, largest, 3), rng.normal(size=4)
+        place = rng.uniform((-0.9, -0.9, 0.0), (0.9, 0.9, 1.2))
+        if np.hypot(*place[:2]) > CLEAR_OF_BASE + 0.5 * float(np.linalg.norm(size)):
+            x, y, z = place.tolist()
+            qx, qy, qz, qw = (turn / np.linalg.norm(turn)).tolist()
+            pose = (x, y, z, qx, qy, qz, qw)
+            found.append(SceneObject(f"box{len(found)}", Box(size), pose))
+    return found
+
+
+def worlds(options: argparse.Namespace) -> Iterator[tuple[str, list[SceneObject], Scene]]:
+    """Yield name, objects and scene of all worlds to measure in."""
+    rng = np.random.default_rng(options.seed)
+    for count in options.boxes:
+        objects = random_boxes(count, rng)
+        scene = Scene()
+        for one in objects:
+            scene.add(one.name, one.shape, one.pose)
+        yield f"{count} boxes", objects, scene
+    for file in sorted(options.scenes.glob("*.yaml")) if options.scenes else ():
+        description = load_scene(file)
+        yield file.stem, list(description.objects), description.build()
+
+
+def case_of(robot: Robot, file: str, objects: Sequence[SceneObject], checker: RobotScene) -> Case:
+    """Return what peers get: the pairs that are checked here."""
+    arrays = checker._model.arrays(checker.scene)
+    tests, count = arrays.tests, arrays.tests.first
+    order = [arrays.names[row] for row in arrays.owners[count:-1]]
+    columns = [order.index(one.name) for one in objects]
+    allowed = np.zeros((count, len(objects)), np.bool_)
+    if len(tests.allowed):
+        allowed = tests.allowed[:, columns]
+    return Case(robot, file, objects, tests.pairs, allowed)
+
+
+def random_states(robot: Robot, count: int, rng: np.random.Generator) -> Floats:
+    """Return states within the limits; a turn each way where there are none."""
+    low = np.where(np.isfinite(robot.lower), robot.lower, -np.pi)
+    high = np.where(np.isfinite(robot.upper), robot.upper, np.pi)
+    return np.asarray(rng.uniform(low, high, (count, len(low))))
+
+
+def measure(checkers: Mapping[str, Callable[[Floats], object]], states: Floats) -> dict[str, float]:
+    """Return the processor time per state of each, seconds, in turns."""
+    best = dict.fromkeys(checkers, np.inf)
+    for check in checkers.values():
+        check(states[:5])
+    for _ in range(ROUNDS):
+        for name, check in checkers.items():
+            start = thread_time()
+            check(states)
+            best[name] = min(best[name], (thread_time() - start) / len(states))
+    return best
+
+
+def compared(
+    name: str, check: CheckStates, states: Floats, truth: np.ndarray | None
+) -> tuple[int, int, float]:
+    """Return how many states were compared with triangles, missed, and the share of false ones."""
+    if truth is None or name == TRUTH:
+        return 0, -1, -1.0
+    found = check(states)
+    return (
+        len(states),
+        int((truth & ~found).sum()),
+        float((found & ~truth).sum() / max(1, found.sum())),
+    )
+
+
+def motion_row(
+    world: str, objects: int, checker: RobotScene, states: Floats, count: int
+) -> MotionRow:
+    """Measure motions between free states, and compare with samples."""
+    free = states[checker.check(states).valid][: 2 * count]
+    starts, ends = free[: len(free) // 2], free[len(free) // 2 : len(free) // 2 * 2]
+    checker.check_motions(starts[:1], ends[:1])
+    begin = thread_time()
+    report = checker.check_motions(starts, ends)
+    time = (thread_time() - begin) / max(1, len(starts))
+    missed = 0
+    for start, end in zip(starts[report.valid], ends[report.valid], strict=True):
+        times = np.linspace(0.0, 1.0, SAMPLES)[:, None]
+        missed += bool(checker.check(start + times * (end - start)).colliding.any())
+    return MotionRow(
+        world, objects, 1.0 / time, 1e6 * time, float(report.valid.mean()),
+        int(report.undecided.sum()), missed,
+    )  # fmt: skip
+
+
+def kinematics_rows(options: argparse.Namespace) -> list[KinematicsRow]:
+    """Measure kinematics, beside pinocchio's where that is installed."""
+    robot = Robot.from_urdf(options.robot, options.srdf, options.packages)
+    ways: dict[str, Callable[[Floats], object]] = {OURS: robot.link_poses}
+    if find_spec("pinocchio") is not None:
+        nothing = Case(
+            robot, str(options.robot), [], np.empty((0, 2), np.int64), np.empty((0, 0), np.bool_)
+        )
+        ways["pinocchio"] = pinocchio_kinematics(nothing)
+    states = random_states(robot, options.states, np.random.default_rng(options.seed))
+    times = measure(ways, states)
+    return [KinematicsRow(name, 1 / time, 1e6 * time) for name, time in times.items()]
+
+
+def chunk_row(options: argparse.Namespace) -> ChunkRow:
+    """Measure chunks of states through a node; TimeoutError where it does not answer."""
+    from tools import robot_latency as node
+
+    robot = Robot.from_urdf(options.robot, options.srdf, options.packages)
+    rng = np.random.default_rng(options.seed)
+    boxes = random_boxes(BOXES_OF_CHUNKS, rng)
+    states = random_states(robot, node.CHUNK * (options.latency + node.WARM_CHUNKS), rng)
+    here = f'filename="{options.robot.resolve().parent}/'  # a topic has no folder
+    urdf = RELATIVE.sub(here, options.robot.read_text(encoding="utf-8"))
+    srdf = None if options.srdf is None else options.srdf.read_text(encoding="utf-8")
+    return node.measure_chunks(
+        robot,
+        (urdf, srdf),
+        options.packages,
+        boxes,
+        states.reshape(-1, node.CHUNK, states.shape[1]),
+    )
+
+
+def run(options: argparse.Namespace) -> tuple[list[Row], list[MotionRow]]:
+    """Measure in all worlds; print what is left out, and why."""
+    robot = Robot.from_urdf(options.robot, options.srdf, options.packages)
+    rows, motions = [], []
+    for world, objects, scene in worlds(options):
+        rng = np.random.default_rng([options.seed, 1])
+        checker = RobotScene([robot], scene, options.accuracy)
+        case = case_of(robot, str(options.robot), objects, checker)
+        checkers: dict[str, CheckStates] = {OURS: lambda q, c=checker: c.check(q).colliding}  # type: ignore[misc]
+        for name, (make, package) in PEERS.items():
+            if find_spec({"pin": "pinocchio"}.get(package, package)) is None:
+                continue
+            try:
+                checkers[name] = make(case)
+            except Exception as error:  # peers raise any exception
+                print(f"{world}: {name} is left out: {error}")
+        states = random_states(robot, options.states, rng)
+        times = measure(checkers, states)
+        many = random_states(robot, options.compared, rng)
+        truth = checkers[TRUTH](many) if TRUTH in checkers and options.compared else None
+        for name, check in checkers.items():
+            found = compared(name, check, many, truth)
+            share = float(check(states).mean())
+            rows.append(
+                Row(world, len(objects), name, 1 / times[name], 1e6 * times[name], share, *found)
+            )
+        motions.append(motion_row(world, len(objects), checker, many, options.motions))
+    return rows, motions
+
+
+def table(rows: Sequence[Row]) -> list[list[str]]:
+    """Return header and lines, as text cells."""
+    ours = {row.world: row.microseconds for row in rows if row.checker == OURS}
+    header = [
+        "world", "objects", "checker", "us per state", "states per second", "this library is",
+        "colliding", "compared", "missed", "false alarms",
+    ]  # fmt: skip
+    lines = [
+        [
+            row.world, str(row.objects), row.checker, f"{row.microseconds:.2f}",
+            f"{row.states_per_second:,.0f}", f"{row.microseconds / ours[row.world]:.1f} x as fast",
+            f"{100 * row.colliding:.0f} %", f"{row.compared:,}" if row.compared else "",
+            str(row.missed) if row.compared else "",
+            f"{100 * row.false_alarms:.2f} %" if row.compared else "",
+        ]
+        for row in rows
+    ]  # fmt: skip
+    return [header, *lines]
+
+
+def motion_table(rows: Sequence[MotionRow]) -> list[list[str]]:
+    """Return header and lines, as text cells."""
+    header = ["world", "objects", "us per motion", "per second", "free", "undecided", "missed"]
+    lines = [
+        [
+            row.world, str(row.objects), f"{row.microseconds:.0f}",
+            f"{row.motions_per_second:,.0f}", f"{100 * row.free:.0f} %", str(row.undecided),
+            str(row.missed),
+        ]
+        for row in rows
+    ]  # fmt: skip
+    return [header, *lines]
+
+
+def kinematics_table(rows: Sequence[KinematicsRow]) -> list[list[str]]:
+    """Return header and lines, as text cells."""
+    lines = [
+        [row.checker, f"{row.microseconds:.2f}", f"{row.states_per_second:,.0f}"] for row in rows
+    ]
+    return [["kinematics", "us per state", "states per second"], *lines]
+
+
+def chunk_table(row: ChunkRow) -> list[list[str]]:
+    """Return header and line, as text cells."""
+    header = ["world", "states", "chunks", "median (ms)", "99 % (ms)", "longest (ms)", "valid"]
+    times = (f"{time:.2f}" for time in (row.median, row.p99, row.longest))
+    counts = str(row.states), f"{row.chunks:,}"
+    return [header, [row.world, *counts, *times, f"{100 * row.valid:.0f} %"]]
+
+
+def save_plot(rows: Sequence[Row], path: Path) -> None:
+    """Draw states per second by world and checker."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(8.0, 4.0), layout="constrained")
+    axes = figure.subplots()
+    names = list(dict.fromkeys(row.checker for row in rows))
+    places = {world: n for n, world in enumerate(dict.fromkeys(row.world for row in rows))}
+    for name in names:
+        some = [row for row in rows if row.checker == name]
+        axes.plot(
+            [places[row.world] for row in some], [row.states_per_second for row in some], "o-",
+            label=name,
+        )  # fmt: skip
+    axes.set_xticks(list(places.values()), list(places), rotation=30, ha="right")
+    axes.set_yscale("log")
+    axes.set_ylabel("states per second, one core")
+    axes.legend()
+    axes.grid(alpha=0.3)
+    figure.savefig(path)
+
+
+def parser() -> Parser:
+    """Return the parser of the command."""
+    urdf, srdf, packages = default_robot()
+    made = Parser(
+        prog="python -m tools.robots", description=__doc__.splitlines()[0] if __doc__ else None
+    )
+    option(made, "--robot", Path, urdf, "URDF")
+    option(made, "--srdf", Path, srdf, "SRDF")
+    option(made, "--packages", Path, packages, "folder in which packages of meshes are")
+    boxes = "numbers of random boxes"
+    made.add_argument("--boxes", nargs="+", type=whole(1, 10000), default=[10, 30, 100], help=boxes)
+    option(made, "--scenes", Path, text="folder of scene files (YAML) to measure in, too")
+    made.add_argument("--accuracy", choices=ALL_LEVELS, default="hull", help="of this library")
+    option(made, "--states", whole(1, 10**7), 2000, "states that are timed")
+    option(made, "--compared", whole(0, 10**7), 20000, "states compared with triangles")
+    option(made, "--motions", whole(1, 10**6), 200, "motions that are timed")
+    option(made, "--seed", whole(0, MAX_SEED), 0, "of states and boxes")
+    text = "measure a node instead: by as many chunks of 50 states, among 30 boxes"
+    option(made, "--latency", whole(1, 10**6), text=text)
+    option(made, "--json", new_file(), text="write all figures")
+    option(made, "--markdown", new_file(".md"), text="page whose tables are written anew")
+    option(made, "--plot", new_file(".png", ".svg"), text="draw states per second")
+    return made
+
+
+def measure_node(options: argparse.Namespace) -> Measured:
+    """Measure the node; return tables and all figures."""
+    row = chunk_row(options)
+    return {"latency": chunk_table(row)}, {"latency": asdict(row)}
+
+
+def measure_library(options: argparse.Namespace) -> Measured:
+    """Measure the library beside others; return tables and all figures, and draw them."""
+    kinematics = kinematics_rows(options)
+    rows, motions = run(options)
+    if options.plot:
+        save_plot(rows, options.plot)
+    tables = {
+        "states": table(rows),
+        "motions": motion_table(motions),
+        "kinematics": kinematics_table(kinematics),
+    }
+    figures = {
+        "states": [asdict(row) for row in rows],
+        "motions": [asdict(row) for row in motions],
+        "kinematics": [asdict(row) for row in kinematics],
+    }
+    return tables, figures
+
+
+@interruptible("python -m tools.robots")
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the command."""
+    made = parser()
+    options = made.parse_args(args)
+    if options.srdf is not None and options.robot != made.get_default("robot"):
+        options.srdf = None if options.srdf == made.get_default("srdf") else options.srdf
+    if options.latency and find_spec("rclpy") is None:
+        made.error("--latency needs ROS 2: source its setup file, or install the wheels")
+    before = threads()
+    set_threads(1)
+    try:
+        tables, report = measure_node(options) if options.latency else measure_library(options)
+    except (ValueError, OSError) as error:  # TimeoutError, too
+        made.error(str(error))
+    finally:
+        set_threads(before)
+    blocks = {f"robots {name}": f"\n{as_markdown(lines)}\n" for name, lines in tables.items()}
+    print(*(block.strip() for block in blocks.values()), sep="\n\n")
+    if options.json:
+        options.json.write_text(json.dumps(report, indent=1) + "\n")
+    if options.markdown:
+        write_into(options.markdown, blocks)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,21 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""A node in another process at full rate for a long time, every answer checked.
+
+``world`` is what the scene is, and what changes with each step; ``truth`` says by brute force which
+of its bodies collide, ``encoding`` makes the messages of a step, ``session`` sends them;
+``checker`` judges the answers, ``watch`` reads what a process holds, ``result`` says what held;
+``command`` is the console script ``python -m tools.soak``.
+"""

@@ -1,0 +1,163 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Compares answers of the node with the truth, whichever changes of a step they have."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from obb_collision.node.messages.names import namespace_number
+from tools.soak.encoding import rows_of
+from tools.soak.result import Result
+from tools.soak.truth import SURE, truth_of
+from tools.soak.world import (
+    TRANSFORM,
+    Bodies,
+    Change,
+    Key,
+    World,
+    anchor,
+    beacon,
+)
+
+Pair = tuple[tuple[int, int], tuple[int, int]]
+"""Number of the namespace and id of both bodies, in order."""
+Found = dict[Pair, float]
+"""Depths (m) of colliding pairs."""
+SHOWN = 20
+"""Pairs named of a wrong answer."""
+
+
+class Wanted(NamedTuple):
+    """What collides for certain, and what is too close to call."""
+
+    pairs: Found
+    unsure: set[Pair]
+
+
+class Checker:
+    """Judges answers, step by step."""
+
+    def __init__(self, world: World, result: Result) -> None:
+        self.world, self._result = world, result
+        self._changes: dict[str, Change] = {}
+        self._wanted: dict[tuple[tuple[str, int], ...], Wanted] = {}
+
+    def begin(self, changes: dict[str, Change]) -> None:
+        """Begin a step: from now on answers may have some of its changes."""
+        self._changes = changes
+        self._wanted.clear()
+
+    def end(self) -> None:
+        """End a step: from now on answers have all of it."""
+        for change in self._changes.values():
+            new = change.bodies.keys() - self.world.bodies.keys()
+            counts = {"came": len(new), "went": len(change.gone)}
+            self._result.bodies.update(counts | {"moved": len(change.bodies) - len(new)})
+        self.world.apply(self._changes)
+        self.begin({})
+
+    def is_complete(self, found: Found) -> bool:
+        """Return whether an answer is that to all changes: where beacons are not lit yet."""
+        return not _faults(found, self._truth(dict.fromkeys(self._changes, -1)))
+
+    def judge(self, rows: Any) -> bool:
+        """Check the rows of an answer; return whether it has all changes of the step."""
+        found = found_in(rows)
+        has = {topic: self._has(topic, found) for topic in self._changes}
+        applied = {topic: -1 for topic in self._changes if has[topic]}
+        # single poses come in messages of their own: some may be there before the beacon
+        rest = self._changes[TRANSFORM].bodies if not has.get(TRANSFORM, True) else {}
+        guesses = [self._truth(applied)]
+        guesses += [self._truth(applied | {TRANSFORM: n}) for n in range(1, len(rest))]
+        faults = [_faults(found, wanted) for wanted in guesses]
+        self._result.checked += 1
+        self._result.pairs += len(found)
+        self._result.unsure += len(guesses[0].unsure)
+        if len(found) != len(rows) or all(faults):
+            self._result.wrong += 1
+            if not self._result.failure:
+                self._result.failure = self._report(faults[0] or {"twice": []}, applied)
+        return all(has.values())
+
+    def _has(self, topic: str, found: Found) -> bool:
+        lit = pair_of(beacon(topic), anchor(topic)) in found
+        return lit != self.world.lit[topic]
+
+    def _bodies(self, applied: dict[str, int]) -> Bodies:
+        bodies = dict(self.world.bodies)
+        for topic, count in applied.items():
+            change = self._changes[topic]
+            some = change.bodies if count < 0 else dict(list(change.bodies.items())[:count])
+            Change(some, change.gone).apply(bodies)
+        return bodies
+
+    def _truth(self, applied: dict[str, int]) -> Wanted:
+        """Return what collides with some changes: of each topic so many bodies, all for -1."""
+        key = tuple(sorted(applied.items()))
+        if key not in self._wanted:
+            bodies = self._bodies(applied)
+            truth, keys = truth_of(*rows_of(bodies)), list(bodies)
+            pairs = [pair_of(keys[i], keys[j]) for i, j in truth.pairs.tolist()]
+            depths = dict(zip(pairs, truth.depths.tolist(), strict=True))
+            unsure = {pair for pair, sure in zip(pairs, truth.sure, strict=True) if not sure}
+            self._wanted[key] = Wanted(depths, unsure)
+        return self._wanted[key]
+
+    def _report(self, faults: dict[str, list[Pair]], applied: dict[str, int]) -> dict[str, Any]:
+        """Return all about a wrong answer, for a file."""
+        bodies = self._bodies(applied)
+        named = {_numbers(key): key for key in bodies}
+        wrong = {
+            what: [[named.get(one, one) for one in pair] for pair in pairs[:SHOWN]]
+            for what, pairs in faults.items()
+        }
+        return {
+            "step": self.world.steps,
+            "changes in it": sorted(applied),
+            **wrong,
+            "bodies": [
+                {"ns": ns, "id": number, **body._asdict()} for (ns, number), body in bodies.items()
+            ],
+        }
+
+
+def _numbers(key: Key) -> tuple[int, int]:
+    return namespace_number(key[0]), key[1]
+
+
+def pair_of(a: Key, b: Key) -> Pair:
+    """Return a pair as answers have it."""
+    first, second = sorted((_numbers(a), _numbers(b)))
+    return first, second
+
+
+def found_in(rows: Any) -> Found:
+    """Return the pairs of the rows of an answer."""
+    names = ("ns_a", "id_a", "ns_b", "id_b", "depth")
+    columns = [rows[name].tolist() for name in names]
+    return {((a, b), (c, d)): depth for a, b, c, d, depth in zip(*columns, strict=True)}
+
+
+def _faults(found: Found, wanted: Wanted) -> dict[str, list[Pair]]:
+    """Return what is wrong with an answer, nothing where it is right."""
+    sure = wanted.pairs.keys() - wanted.unsure
+    deep = [p for p in sure & found.keys() if not abs(found[p] - wanted.pairs[p]) <= SURE]
+    lists = {
+        "missing": sorted(sure - found.keys()),
+        "too many": sorted(found.keys() - wanted.pairs.keys()),
+        "wrong depth": sorted(deep),
+    }
+    return {what: pairs for what, pairs in lists.items() if pairs}
