@@ -230,10 +230,10 @@ def test_two_processes_find_what_one_node_finds_also_while_one_restarts() -> Non
         assert not client.merged.keys() & {*CLOUDS}
         client.apart()
         client.until(
-            lambda: client.message().startswith("at least 1 pair"), "what middle said last"
+            lambda: client.message().startswith("at least 1 pair"), "what east said last"
         )
         assert client.level() == ERROR
-        assert client.is_missing("middle")
+        assert client.is_missing("east")
         assert client.merged["in_collision"].data
 
         output_until(stack.enter_context(running(*arguments("east", 1))), "ready:")
