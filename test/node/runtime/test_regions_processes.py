@@ -229,9 +229,7 @@ def test_two_processes_find_what_one_node_finds_also_while_one_restarts() -> Non
         assert time.monotonic() - killed < TIMEOUT + 3.0  # and 0.1 on a machine that is not loaded
         assert not client.merged.keys() & {*CLOUDS}
         client.apart()
-        client.until(
-            lambda: client.message().startswith("at least 1 pair"), "what east said last"
-        )
+        client.until(lambda: client.message().startswith("at least 1 pair"), "what east said last")
         assert client.level() == ERROR
         assert client.is_missing("east")
         assert client.merged["in_collision"].data
