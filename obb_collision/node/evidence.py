@@ -134,7 +134,7 @@ class Evidence:
     def _missing(self) -> tuple[str, ...]:
         """Return which required objects are not there, as before while nothing changes it."""
         parameters, table = self._parameters, self._objects.table
-        # the table makes new ranks whenever an object comes or goes
+        # the table makes new ranks whenever an object comes, goes or is renamed
         given = parameters.required_objects, parameters.groups, table.ranks
         known, missing = self._required
         if not known or any(a is not b for a, b in zip(given, known, strict=True)):

@@ -78,6 +78,7 @@ class Objects:
         names = [name_from_key(key) for key in table.keys(slots)]
         self.scene.rename_indices(slots, names)
         table.limited[slots] = False  # their limits go by their names
+        table.renamed()
         for name in names if overrides else ():
             self.scene.set_accuracy(name, overrides.value(name))
 

@@ -319,6 +319,10 @@ class ObjectTable:
             self._ranks[slots] = np.arange(len(known))
         return self._ranks
 
+    def renamed(self) -> None:
+        """Note that objects have other names: whoever goes by ``ranks`` looks again."""
+        self._ranks = None
+
     def order_keys(self, slots: Slots) -> Slots:
         """One int64 per slot that sorts as (ns, id)."""
         return (self.ns[slots] << ID_BITS) + self.id[slots] + ID_OFFSET

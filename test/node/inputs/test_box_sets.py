@@ -98,6 +98,15 @@ def test_markers_do_not_touch_boxes(rig: Rig) -> None:
     assert not rig.node.objects.table.doubtful[rig.node.objects.table.slots["seen", 1]]
 
 
+def test_boxes_whose_name_is_received_are_what_is_required(rig: Rig) -> None:
+    rig.set(required_objects=["seen/1"])
+    rig.send_boxes([1, 2], in_row(0, 5), namespaces=[NUMBER] * 2)
+    rig.answer()
+    assert [reason.code for reason in rig.node.evidence.answer().reasons] == ["required_missing"]
+    rig.node.objects.table.namespaces.admit("seen")
+    assert rig.node.evidence.answer().reasons == ()
+
+
 def test_other_topics_move_a_box_until_the_next_set(rig: Rig) -> None:
     rig.send_boxes([1, 2], in_row(0, 5), namespaces=[NUMBER] * 2)
     rig.answer()
