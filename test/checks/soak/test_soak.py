@@ -45,6 +45,7 @@ def test_a_short_soak_holds(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -
     assert result["latency (ms)"]["99 %"] > 0.0
 
 
+@pytest.mark.slow  # test_checker.py finds them without a node
 def test_objects_that_are_missing_are_found(capfd: pytest.CaptureFixture[str]) -> None:
     # whatever has moved is in no pair by the next check, however soon that is
     wrong = ["-p", "object_timeout:=0.000001", "-p", "stale_policy:=ignore"]
