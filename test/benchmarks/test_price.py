@@ -48,7 +48,7 @@ def quiet(what: str) -> None:
 
 @pytest.fixture(scope="module")
 def price() -> Price:
-    return measure(FEW, Plan(bodies=40, pairs=200, timed=30, seconds=4.0), 1, quiet)
+    return measure(FEW, Plan(bodies=40, pairs=200, timed=30, seconds=2.0), 1, quiet)
 
 
 def test_trimesh_makes_many_kinds_of_meshes_of_one_size() -> None:

@@ -80,6 +80,7 @@ def test_peers_agree_where_they_are_there(name: str) -> None:
     assert 0.02 < ours.mean() < 0.98
 
 
+@pytest.mark.slow  # test_state_service.py shows that a node answers, this that it is measured
 def test_a_node_answers_chunks_of_states(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
