@@ -40,6 +40,7 @@ def numbers_after(words: str, output: str) -> list[int]:
     return [int(number) for number in re.findall(rf"{words}(\d+)", output)]
 
 
+@pytest.mark.slow  # a part of an attack is run below, and a long one by .ci/full
 @pytest.mark.parametrize(
     ("share", "more"),
     [

@@ -27,6 +27,7 @@ import rig  # noqa: F401 - of this machine only
 from tools.soak import __main__ as command
 
 
+@pytest.mark.slow  # .ci/full runs a long one
 def test_a_short_soak_holds(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "result.json"
     arguments = ["--seconds", "1000", "--steps", "60", "--seed", "2", "--json", str(file)]
