@@ -69,6 +69,7 @@ OPTIONS: dict[str, dict[str, list[str]]] = {
     "python -m tools.peers.sweeps": {"--pairs": WHOLES, **JSON},
     "python -m tools.peers.meshes": {"--pairs": WHOLES, **JSON},
     "python -m tools.peers.mesh_distances": {"--pairs": WHOLES, **JSON},
+    "python -m tools.weight": {},
     "python -m tools.points": {"--points": WHOLES, "--boxes": WHOLES, **JSON},
 }  # fmt: skip
 

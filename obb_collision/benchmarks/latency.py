@@ -170,7 +170,8 @@ class Latency:
             return self._markers([(number, Marker.DELETE) for number in gone])
         return self._markers(lifetime=2.0 * FRAME_PERIOD if "lifetime" in way else 0.0)
 
-    def _sample(self, way: str) -> float:
+    def sample(self, way: str) -> float:
+        """Move the boxes once; returns the seconds until their collisions came."""
         self._number += 1
         if OTHER_IDS in way:
             self._first += len(self._poses)
@@ -197,13 +198,13 @@ class Latency:
         self._checker.objects.clear()
         self._begin(objects)
         if way == "object_poses":
-            self._sample("objects")
+            self.sample("objects")
         samples: list[float] = []
         pairs: list[int] = []
         limit = perf_counter() + seconds
         while perf_counter() < limit or len(samples) <= WARM_SAMPLES:
             due = perf_counter() + (FRAME_PERIOD if OTHER_IDS in way else 0.0)
-            samples.append(self._sample(way))
+            samples.append(self.sample(way))
             pairs.append(self._pairs)
             while perf_counter() < due:
                 self._executors[0].spin_once(timeout_sec=max(0.0, due - perf_counter()))

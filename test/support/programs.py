@@ -26,7 +26,7 @@ from obb_collision.commands import SUBCOMMANDS
 ROOT = Path(__file__).parents[2]
 TOOLS = (
     *("budget", "faults", "fuzz", "known_bugs", "points", "regions", "robots", "soak"),
-    *("wrong_answers", "peers.convex_distances", "peers.sweeps", "peers.meshes"),
+    *("weight", "wrong_answers", "peers.convex_distances", "peers.sweeps", "peers.meshes"),
     "peers.mesh_distances",
 )
 SCRIPTS = dict(

@@ -1,0 +1,343 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Weight of the project, counted over tracked files, beside its limits.
+
+python -m tools.weight [--markdown] [--collect] [--path]
+"""
+
+from __future__ import annotations
+
+import ast
+import io
+import os
+import re
+import subprocess
+import sys
+import tokenize
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from obb_collision.cli import Parser, interruptible
+
+PACKAGE = "obb_collision"
+QUESTIONS = ("What", "Which", "How", "Whether")
+PUBLIC_ENOUGH = ("types", "config", "cgutils")
+"""Modules of ``numba.core`` that its documentation of extensions uses."""
+NOT_INNER = {"_exit", "_fields", "_replace", "_asdict", "_make", "_field_defaults"}
+"""Names with an underscore that the standard library documents."""
+LAYOUT = (tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT)
+Function = ast.FunctionDef | ast.AsyncFunctionDef
+Figures = dict[str, int | None]
+
+
+class Source:
+    """A Python file: its text and its syntax tree."""
+
+    def __init__(self, root: Path, name: str) -> None:
+        self.name, self.text = name, (root / name).read_text("utf-8")
+        self.tree = ast.parse(self.text)
+        self.nodes: list[Any] = list(ast.walk(self.tree))
+
+    def all(self, *kinds: type) -> Iterator[Any]:
+        """Yield the nodes of some kinds."""
+        return (node for node in self.nodes if isinstance(node, kinds))
+
+    @property
+    def imports(self) -> list[tuple[str, str]]:
+        """Modules and the names imported from them; the name of a whole module is empty."""
+        whole = [(name.name, "") for node in self.all(ast.Import) for name in node.names]
+        return whole + [
+            (node.module or "", name.name)
+            for node in self.all(ast.ImportFrom)
+            for name in node.names
+        ]
+
+    @property
+    def code_lines(self) -> int:
+        """How many lines hold code: not blank, comment, docstring, or import."""
+        tokens = tokenize.generate_tokens(io.StringIO(self.text).readline)
+        lines: set[int] = set()
+        for token in tokens:
+            if token.type not in (*LAYOUT, tokenize.ENDMARKER):
+                lines.update(range(token.start[0], token.end[0] + 1))
+        for node in self.all(ast.Import, ast.ImportFrom, ast.Expr):
+            text = getattr(getattr(node, "value", None), "value", None)
+            if not isinstance(node, ast.Expr) or isinstance(text, str):
+                lines.difference_update(range(node.lineno, node.end_lineno + 1))
+        return len(lines)
+
+    @property
+    def foreign_names(self) -> Iterator[tuple[str, bool]]:
+        """Attributes with one underscore, and whether they are those of ``self`` or ``cls``."""
+        for node in self.all(ast.Attribute):
+            if is_private(node.attr):
+                owner = node.value.id if isinstance(node.value, ast.Name) else ""
+                yield node.attr, owner in ("self", "cls")
+        for node in self.all(ast.Call):
+            if isinstance(node.func, ast.Name) and node.func.id in ("getattr", "setattr"):
+                name = ast.unparse(node.args[1])[1:-1]
+                if is_private(name):
+                    yield name, False
+
+
+def is_private(name: str) -> bool:
+    """Return whether a name begins with one underscore."""
+    return name.startswith("_") and not name.startswith("__") and name not in NOT_INNER
+
+
+class Project:
+    """The tracked files of a project."""
+
+    def __init__(self, root: Path, names: Iterable[str]) -> None:
+        self.root, self.names = root, sorted(names)
+        sources = [Source(root, name) for name in self.names if name.endswith(".py")]
+        self.package = [source for source in sources if source.name.startswith(f"{PACKAGE}/")]
+        self.tests = [source for source in sources if source.name.startswith("test/")]
+        self.all = sources
+
+    @cached_property
+    def classes(self) -> list[ast.ClassDef]:
+        """The classes of the package."""
+        return [node for source in self.package for node in source.all(ast.ClassDef)]
+
+    @cached_property
+    def functions(self) -> list[Function]:
+        """The functions and methods of the package."""
+        kinds = (ast.FunctionDef, ast.AsyncFunctionDef)
+        return [node for source in self.package for node in source.all(*kinds)]
+
+    def lines(self, folder: str) -> int:
+        """How many lines the Python files of a folder have."""
+        return sum(s.text.count("\n") for s in self.all if s.name.startswith(folder))
+
+    def members(self, name: str) -> set[str]:
+        """Public members of a class and of its bases in the package."""
+        found: set[str] = set()
+        for node in (node for node in self.classes if node.name == name):
+            found |= {part.name for part in node.body if isinstance(part, Function)}
+            found |= {n.attr for n in ast.walk(node) if _is_set_on_self(n)}  # type: ignore[attr-defined]
+            found |= {
+                part.target.id
+                for part in node.body
+                if isinstance(part, ast.AnnAssign) and isinstance(part.target, ast.Name)
+            }
+            for base in node.bases:
+                found |= self.members(ast.unparse(base).split("[")[0])
+        return {member for member in found if not member.startswith("_")}
+
+    def inner_users(self, library: str) -> list[str]:
+        """Modules that use names of a library that begin with an underscore, or inner modules.
+
+        An attribute counts as the library's where the package defines none of this name.
+        """
+        ours = {node.name for node in (*self.functions, *self.classes)}
+        for source in self.package:
+            ours |= {n.attr for n in source.nodes if _is_set_on_self(n)}
+            ours |= {n.target.id for n in source.all(ast.AnnAssign) if hasattr(n.target, "id")}
+            ours |= {n.id for n in source.all(ast.Name) if isinstance(n.ctx, ast.Store)}
+        found = []
+        for source in self.package:
+            modules = [(m, name) for m, name in source.imports if m.split(".")[0] == library]
+            paths = {f"{module}.{name}".rstrip(".") for module, name in modules}
+            paths |= {ast.unparse(n) for n in source.all(ast.Attribute)}
+            inner = {
+                match[1]
+                for path in paths
+                if (match := re.match(rf"{library}(?:\.core)?\.(\w+)", path))
+                and (f"{library}.core." in path or is_private(match[1]))
+            }
+            inner -= set(PUBLIC_ENOUGH)
+            inner |= {name for _, name in modules if is_private(name)}
+            if modules:
+                inner |= {name for name, _ in source.foreign_names if name not in ours}
+            if inner:
+                found.append(source.name)
+        return found
+
+
+def _is_set_on_self(node: ast.AST) -> bool:
+    return (
+        isinstance(node, ast.Attribute)
+        and isinstance(node.ctx, ast.Store)
+        and isinstance(node.value, ast.Name)
+        and node.value.id == "self"
+    )
+
+
+def _is_long(node: Function) -> bool:
+    parts = node.args
+    return len([*parts.posonlyargs, *parts.args, *parts.kwonlyargs]) >= 10
+
+
+def _starred_tuples(source: Source) -> int:
+    arguments = (part for node in source.all(ast.Call) for part in node.args)
+    return sum(isinstance(a, ast.Starred) and isinstance(a.value, ast.Tuple) for a in arguments)
+
+
+def _asks(source: Source) -> bool:
+    return (ast.get_docstring(source.tree) or "").startswith(QUESTIONS)
+
+
+def _private_uses(source: Source) -> int:
+    imported = sum(is_private(n) for m, n in source.imports if m.split(".")[0] == PACKAGE)
+    return imported + sum(not own for _, own in source.foreign_names)
+
+
+def _public_names(project: Project) -> int:
+    api = next(s for s in project.package if s.name == f"{PACKAGE}/api.py")
+    for node in api.all(ast.Assign):
+        if ast.unparse(node.targets[0]) == "__all__":
+            return len(node.value.elts)
+    return 0
+
+
+def _levels(project: Project) -> int:
+    (ladder,) = (node for node in project.classes if node.name == "Accuracy")
+    return sum(isinstance(part, ast.Assign) for part in ladder.body)
+
+
+def figures(project: Project) -> Figures:
+    """Return what can be counted in the files, by the names of ``LIMITS``."""
+    package, tests = project.package, project.tests
+    names = Counter(node.name for node in project.classes)
+    imported = {m for s in tests for m, _ in s.imports if m.split(".")[0] == PACKAGE}
+    setup = (project.root / "setup.py").read_text("utf-8")
+    return {
+        "lines of the package": project.lines(f"{PACKAGE}/"),
+        "its files": len(package),
+        "its lines of code": sum(source.code_lines for source in package),
+        "lines of tools/": project.lines("tools/"),
+        "lines of tests": project.lines("test/"),
+        "public names": _public_names(project),
+        "public members of Scene": len(project.members("Scene")),
+        "classes called Bodies or Sides": names["Bodies"] + names["Sides"],
+        "class names used twice": sum(count > 1 for count in names.values()),
+        "functions of ten or more arguments": sum(map(_is_long, project.functions)),
+        "starred tuples": sum(map(_starred_tuples, package)),
+        "fmt: skip": sum(source.text.count("fmt: skip") for source in package),
+        "modules on inner parts of numba": len(project.inner_users("numba")),
+        "modules on inner parts of rclpy": len(project.inner_users("rclpy")),
+        "module docstrings that ask": sum(map(_asks, package)),
+        "private names used in tests": sum(map(_private_uses, tests)),
+        "modules that tests import from": len(imported),
+        "console scripts": len(re.findall(r'"\w+ = [\w.]+:\w+"', setup)),
+        "levels of accuracy": _levels(project),
+    }
+
+
+LIMITS: Figures = {
+    "lines of the package": 52_000,
+    "its files": 330,
+    "its lines of code": 28_000,
+    "lines of tools/": 10_000,
+    "lines of tests": 37_000,
+    "tests collected": 4_000,
+    "public names": 34,
+    "public members of Scene": 32,
+    "classes called Bodies or Sides": 1,
+    "class names used twice": 6,
+    "functions of ten or more arguments": 10,
+    "starred tuples": 5,
+    "fmt: skip": 30,
+    "modules on inner parts of numba": 1,
+    "modules on inner parts of rclpy": 1,
+    "module docstrings that ask": 5,
+    "private names used in tests": 40,
+    "modules that tests import from": 120,
+    "console scripts": 4,
+    "levels of accuracy": 5,
+    "functions from poses to collisions": 30,
+    "their files": 17,
+}
+
+
+def collected(root: Path) -> int:
+    """Return how many tests pytest collects."""
+    command = [sys.executable, "-m", "pytest", "--collect-only", "-q", "-p", "no:cacheprovider"]
+    done = subprocess.run(command, cwd=root, capture_output=True, text=True, check=False)
+    return sum("::" in line for line in done.stdout.splitlines())
+
+
+def path_of_poses(root: Path, objects: int = 100, samples: int = 10) -> tuple[int, int]:
+    """Return how many functions and files poses go through in a node, to its collisions.
+
+    Those that every one of the samples goes through, so that no timer is among them.
+    """
+    from obb_collision.benchmarks.latency import Latency
+
+    seen: set[tuple[str, str, int]] = set()
+    callers = str(Path(sys.modules[Latency.__module__].__file__ or ""))
+
+    def note(frame: Any, event: str, _: object) -> None:
+        code = frame.f_code
+        inside = code.co_filename.startswith(f"{root / PACKAGE}{os.sep}")
+        if event == "call" and inside and code.co_filename != callers:
+            seen.add((code.co_filename, code.co_name, code.co_firstlineno))
+
+    latency, paths = Latency(), []
+    try:
+        latency.measure("object_poses", objects, 0.1)
+        sys.setprofile(note)
+        for _ in range(samples):
+            seen.clear()
+            latency.sample("object_poses")
+            paths.append(set(seen))
+    finally:
+        sys.setprofile(None)
+        latency.close()
+    path = {part for part in set.intersection(*paths) if not part[1].startswith("<")}
+    return len(path), len({file for file, *_ in path})
+
+
+def table(values: Figures, markdown: bool = False) -> str:
+    """Return figures beside their limits, a row each; too large ones are marked."""
+    rows = ["| | today | at most |", "|---|---|---|"] if markdown else []
+    for name, most in LIMITS.items():
+        value = values.get(name)
+        shown = "not counted" if value is None else f"{value:,}"
+        if markdown:
+            bold = "**" if value is not None and most is not None and value > most else ""
+            rows.append(f"| {name} | {bold}{shown}{bold} | {most:,} |")
+        else:
+            mark = " *" if value is not None and most is not None and value > most else ""
+            rows.append(f"{name:36}{shown:>12}{most:>9,}{mark}")
+    return "\n".join(rows)
+
+
+@interruptible("python -m tools.weight")
+def main(arguments: list[str] | None = None) -> int:
+    """Print the table."""
+    parser = Parser(prog="python -m tools.weight", description="What the project weighs.")
+    parser.add_argument("--markdown", action="store_true", help="as a table of a page")
+    parser.add_argument("--collect", action="store_true", help="collect the tests, too")
+    parser.add_argument("--path", action="store_true", help="follow poses through a node, too")
+    options = parser.parse_args(arguments)
+    root = Path(__file__).parents[1]
+    names = subprocess.check_output(["git", "ls-files"], cwd=root, text=True).splitlines()
+    found = figures(Project(root, [name for name in names if (root / name).is_file()]))
+    if options.collect:
+        found["tests collected"] = collected(root)
+    if options.path:
+        path = path_of_poses(root)
+        found["functions from poses to collisions"], found["their files"] = path
+    print(table(found, options.markdown))
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
