@@ -27,16 +27,10 @@ from obb_collision.geometry.trees.obb_tree import MeshTrees
 from obb_collision.obb import OBB
 from obb_collision.queries.clearance.clearance import clearances
 from obb_collision.queries.contacts.contacts import contacts
-from obb_collision.queries.mesh_contacts.mesh_patches import mesh_patches
-from obb_collision.queries.mesh_contacts.mesh_separations import mesh_separations
+from obb_collision.queries.mesh_contacts.surfaces import mesh_patches, mesh_separations
 from obb_collision.queries.meshes.mesh_clearance import mesh_clearances
-from obb_collision.queries.meshes.meshes import (
-    PlacedMeshes,
-    mesh_collisions,
-    mesh_contacts,
-    mesh_verdicts,
-)
-from obb_collision.queries.overlap.overlap import iou, overlap_volumes
+from obb_collision.queries.meshes.meshes import mesh_collisions, mesh_contacts, mesh_verdicts
+from obb_collision.queries.meshes.placed import PlacedMeshes
 from obb_collision.queries.points.points import points_inside
 from obb_collision.queries.primitives.capsules import capsule_distances
 from obb_collision.queries.primitives.planes import plane_distances
@@ -44,6 +38,7 @@ from obb_collision.queries.rays.rays import cast_rays, cast_segments
 from obb_collision.queries.sweep.meshes import mesh_sweeps
 from obb_collision.queries.sweep.moving import MovingBoxes
 from obb_collision.queries.sweep.sweep import sweeps
+from obb_collision.queries.verdict.overlap import iou, overlap_volumes
 from obb_collision.queries.verdict.separations import separations
 from obb_collision.queries.verdict.verdict import Verdict, verdicts
 from obb_collision.robots.checks.robot_scene import RobotScene

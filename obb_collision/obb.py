@@ -34,8 +34,8 @@ from obb_collision.geometry.validation import (
     as_rotations,
     is_single,
 )
-from obb_collision.queries.overlap.overlap import iou, overlap_volumes
 from obb_collision.queries.points.containment import contains
+from obb_collision.queries.verdict.overlap import iou, overlap_volumes
 from obb_collision.queries.verdict.separations import separations
 from obb_collision.queries.verdict.verdict import SEPARATE, Verdict, verdicts
 from obb_collision.typing import Floats

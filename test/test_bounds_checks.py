@@ -41,7 +41,7 @@ print(item(np.arange(4.0)[:3], 3))
 """
 KERNEL = """
 import numpy as np
-from obb_collision.queries.points.kernels import lengths_kernel
+from obb_collision.queries.points.points import lengths_kernel
 
 lengths = np.zeros(3)
 lengths_kernel(np.ones((1, 3)), np.array([2]), lengths[:2])
@@ -75,7 +75,7 @@ CAUGHT = """
 import numpy as np
 import pytest
 from bounds_checks import none_out_of_bounds
-from obb_collision.queries.points.kernels import lengths_kernel
+from obb_collision.queries.points.points import lengths_kernel
 
 with pytest.raises(AssertionError, match="accesses out of bounds, called from"):
     with none_out_of_bounds():

@@ -28,8 +28,9 @@ from obb_collision.cli import Parser, interruptible, new_file, option
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.trees.obb_tree import MeshTrees
 from obb_collision.queries.clearance.clearance import clearances
-from obb_collision.queries.mesh_contacts.mesh_separations import mesh_separations
-from obb_collision.queries.meshes.meshes import PlacedMeshes, mesh_verdicts
+from obb_collision.queries.mesh_contacts.surfaces import mesh_separations
+from obb_collision.queries.meshes.meshes import mesh_verdicts
+from obb_collision.queries.meshes.placed import PlacedMeshes
 from obb_collision.queries.verdict.verdict import SEPARATE, verdicts
 from tools.known_cases import KNOWN_BUGS, Body, KnownBug, PlacedBox
 from tools.peers.pairs import (

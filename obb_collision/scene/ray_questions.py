@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike
 
 from obb_collision.accuracy import Accuracy
 from obb_collision.geometry.poses import as_poses
-from obb_collision.queries.meshes.meshes import PlacedMeshes
+from obb_collision.queries.meshes.placed import PlacedMeshes
 from obb_collision.queries.rays.rays import (
     RayHits,
     as_rays,

@@ -26,29 +26,33 @@ import obb_collision as oc
 from obb_collision.accuracy import Accuracy
 from obb_collision.geometry.trees.pool import Hulls
 from obb_collision.numerics.dealing import FEWEST_NUMBERS
-from obb_collision.queries.convex.contacts import convex_contacts
+from obb_collision.queries.convex.contacts import (
+    convex_contacts,
+    flat_room,
+    frame_of,
+    overlay,
+    spread,
+)
 from obb_collision.queries.convex.depth import deepest, room_for_depth
 from obb_collision.queries.convex.distance import Search, search
 from obb_collision.queries.convex.distances import convex_distances
 from obb_collision.queries.convex.mesh_distances import mesh_body_distances
-from obb_collision.queries.convex.patch import flat_room, frame_of, overlay, spread
-from obb_collision.queries.convex.points import convex_holds
 from obb_collision.queries.convex.simplex import no_simplex
 from obb_collision.queries.convex.support import Core, core_at
-from obb_collision.queries.mesh_contacts.mesh_separations import within
+from obb_collision.queries.mesh_contacts.surfaces import within
 from obb_collision.queries.meshes.convex import PlacedHulls, hulls_may_collide
-from obb_collision.queries.meshes.kernels import nesting as nesting_kernel
+from obb_collision.queries.meshes.meshes import nesting as nesting_kernel
+from obb_collision.queries.meshes.placed import MeshAt
 from obb_collision.queries.meshes.tree_boxes import Place, Pose
-from obb_collision.queries.meshes.tree_descent import STACK, Body
-from obb_collision.queries.points.mesh_points import body_holds
+from obb_collision.queries.meshes.tree_descent import STACK
+from obb_collision.queries.points.bodies import body_holds, convex_holds
 from obb_collision.queries.primitives.capsules import capsule_verdicts
-from obb_collision.queries.sweep.contact import contact_point
 from obb_collision.queries.sweep.convex import convex_sweeps
 from obb_collision.queries.sweep.course import BodyMotion
 from obb_collision.queries.sweep.linear import sweep_linear
 from obb_collision.queries.sweep.motion import sweep_needed, swept_bounds
-from obb_collision.queries.sweep.sweep import find_contact
-from obb_collision.queries.sweep.twists import twist_bounds, twist_motion
+from obb_collision.queries.sweep.moving import twist_bounds, twist_motion
+from obb_collision.queries.sweep.sweep import contact_point, find_contact
 from obb_collision.queries.verdict.pair_frame import Box
 from obb_collision.queries.verdict.sat import AXES
 from obb_collision.queries.verdict.separations import Separations
@@ -83,7 +87,7 @@ def bounds() -> None:
 
 def nesting() -> None:
     """Look for a piece of a mesh in another."""
-    trees, body = triangle_tree().arrays, Body(0, Place(HERE, AXES_OF_BOX))
+    trees, body = triangle_tree().arrays, MeshAt(0, Place(HERE, AXES_OF_BOX))
     nesting_kernel(trees, body, trees, body, SAME_PLACE, np.empty((STACK, 2), np.int64))
 
 

@@ -35,7 +35,6 @@ from obb_collision.numerics.dealing import FEWEST_NUMBERS
 from obb_collision.queries.convex.distances import convex_distances, convex_may_collide
 from obb_collision.queries.meshes.triangles import triangle_verdicts
 from obb_collision.queries.primitives.capsules import capsule_verdicts
-from obb_collision.queries.primitives.planes import aabb_verdicts
 from obb_collision.scene.broad_phase.find_pairs import pairs_of_keys
 from obb_collision.scene.effects import EFFECTS, LEVELS
 from obb_collision.scene.refinement.budget import ABOVE
@@ -319,7 +318,6 @@ def _other_queries() -> None:
     oc.cast_rays(boxes, zeros, zeros + 1.0)
     oc.cast_segments(boxes, zeros, zeros + 1.0)
     oc.plane_distances(boxes, zeros, zeros + 1.0)
-    aabb_verdicts(boxes, zeros, zeros + 1.0)
     oc.points_inside(boxes, zeros, each_point=True)
     capsules = oc.Capsules(zeros, zeros + 1.0, np.full(4, 0.1))
     for other in (capsules, boxes):

@@ -55,8 +55,6 @@ from obb_collision.numerics.constants import (
 from obb_collision.queries.clearance.clearance import clearances
 from obb_collision.queries.clearance.closest_points import NEAR, PROVEN
 from obb_collision.queries.contacts.contacts import contacts
-from obb_collision.queries.overlap.clipping import VOLUME_BOUND
-from obb_collision.queries.overlap.overlap import overlap_volumes
 from obb_collision.queries.verdict.coarse import (
     MEETING_SLACK,
     SPHERE_SLACK,
@@ -64,10 +62,11 @@ from obb_collision.queries.verdict.coarse import (
     meeting_bounds,
     spheres_may_collide,
 )
-from obb_collision.queries.verdict.gap_axes import best_face
-from obb_collision.queries.verdict.gap_bounds import gap_bounds
+from obb_collision.queries.verdict.overlap import VOLUME_BOUND, overlap_volumes
 from obb_collision.queries.verdict.pair_frame import box_of, enter_frame, pair_of
+from obb_collision.queries.verdict.sat import best_face
 from obb_collision.queries.verdict.verdict import Verdict, fast_verdict, verdicts
+from obb_collision.queries.verdict.witness import gap_bounds
 from obb_collision.typing import Mask
 
 PAIRS = 8

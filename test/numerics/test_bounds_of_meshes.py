@@ -51,7 +51,7 @@ from obb_collision.queries.convex.distances import convex_distances
 from obb_collision.queries.meshes.convex import GAP_BOUND, PlacedHulls, hulls_may_collide
 from obb_collision.queries.meshes.inside import SLAB_SLACK, outside_box
 from obb_collision.queries.meshes.mesh_clearance import mesh_clearances
-from obb_collision.queries.meshes.meshes import PlacedMeshes
+from obb_collision.queries.meshes.placed import PlacedMeshes
 from obb_collision.queries.meshes.tree_boxes import (
     POINT_BOUND,
     back_of,
@@ -63,10 +63,11 @@ from obb_collision.queries.meshes.tree_boxes import (
     relative_pose,
 )
 from obb_collision.queries.meshes.tree_distance import DISTANCE_BOUND
-from obb_collision.queries.meshes.triangle_axes import WIDTH, classify_by_axes
-from obb_collision.queries.meshes.triangle_signs import (
+from obb_collision.queries.meshes.triangles import (
     DETERMINANT_ROUNDING,
     SEPARATE,
+    WIDTH,
+    classify_by_axes,
     determinant_bound,
     sign,
     triangle_at,

@@ -40,23 +40,18 @@ from sweep_oracle import ExactMotion
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.numerics.constants import CAREFUL_BOUND, TIME_ROUNDING
 from obb_collision.numerics.vec3 import columns, vector
-from obb_collision.queries.sweep.bounds import Approach, best_step, turning
-from obb_collision.queries.sweep.motion import OUTWARD, bounding_radii
-from obb_collision.queries.sweep.poses import offset_and_way, rotated
-from obb_collision.queries.sweep.rigid import (
-    ARM_ROUNDING,
-    GAP_ROUNDING,
-    POSITION,
-    SPIN,
-    TURNING,
-)
-from obb_collision.queries.sweep.slices import (
+from obb_collision.queries.sweep.bounds import (
     CORNER_ROWS,
     SLICE_SLACK,
+    Approach,
+    best_step,
     fill_corners,
     free_slice,
+    turning,
 )
-from obb_collision.queries.sweep.twists import ANGLE_SLACK, CORNER_SLACK
+from obb_collision.queries.sweep.motion import OUTWARD, bounding_radii, offset_and_way, rotated
+from obb_collision.queries.sweep.moving import ANGLE_SLACK, CORNER_SLACK
+from obb_collision.queries.sweep.rigid import ARM_ROUNDING, GAP_ROUNDING, POSITION, SPIN, TURNING
 
 RNG = np.random.default_rng(9)
 COUNT = 60

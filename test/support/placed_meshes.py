@@ -24,10 +24,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
 from obb_collision.geometry.trees.obb_tree import MeshTrees
-from obb_collision.queries.meshes.meshes import (
-    PlacedMeshes,
-    mesh_verdicts,
-)
+from obb_collision.queries.meshes.meshes import mesh_verdicts
+from obb_collision.queries.meshes.placed import PlacedMeshes
 from obb_collision.queries.verdict.verdict import Verdict
 from obb_collision.typing import Floats
 

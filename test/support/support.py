@@ -25,7 +25,7 @@ from obb_collision.benchmarks.cases.families import generate
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.validation import orthonormal_defect
 from obb_collision.numerics.constants import ROUNDOFF
-from obb_collision.queries.verdict.witness_blocks import witness_kernel
+from obb_collision.queries.verdict.blocks import witness_kernel
 from obb_collision.typing import Floats
 
 Arrays = tuple[Floats, Floats, Floats]

@@ -36,7 +36,7 @@ from obb_collision.cli import Parser, interruptible, option, whole
 from obb_collision.geometry.shapes.meshes import Mesh
 from obb_collision.geometry.trees.obb_tree import MeshTrees
 from obb_collision.queries.meshes.mesh_clearance import mesh_clearances
-from obb_collision.queries.meshes.meshes import PlacedMeshes
+from obb_collision.queries.meshes.placed import PlacedMeshes
 from obb_collision.typing import Floats
 from tools.peers.meshes import TURNS, print_table
 

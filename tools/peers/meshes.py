@@ -37,7 +37,8 @@ from obb_collision.benchmarks.price.turns import seconds_of
 from obb_collision.cli import Parser, interruptible, new_file, option, whole
 from obb_collision.geometry.shapes.meshes import Mesh
 from obb_collision.geometry.trees.obb_tree import MeshTrees
-from obb_collision.queries.meshes.meshes import PlacedMeshes, mesh_collisions
+from obb_collision.queries.meshes.meshes import mesh_collisions
+from obb_collision.queries.meshes.placed import PlacedMeshes
 from obb_collision.typing import Mask
 
 #: Turns of each side; the best counts, since others use the machine too.

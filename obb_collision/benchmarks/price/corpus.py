@@ -33,7 +33,8 @@ from obb_collision.benchmarks.price.turns import Times, take_turns
 from obb_collision.benchmarks.price.upkeep import Prepared, memory, prepare, prepare_ms
 from obb_collision.geometry.shapes.meshes import Mesh
 from obb_collision.geometry.trees.obb_tree import MeshTrees
-from obb_collision.queries.meshes.meshes import PlacedMeshes, mesh_collisions
+from obb_collision.queries.meshes.meshes import mesh_collisions
+from obb_collision.queries.meshes.placed import PlacedMeshes
 from obb_collision.typing import Mask, Rows
 
 #: Poses that the steps go through in turn.

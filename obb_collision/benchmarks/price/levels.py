@@ -32,7 +32,8 @@ from obb_collision.geometry.poses import as_poses
 from obb_collision.geometry.trees.obb_tree import MeshTrees
 from obb_collision.geometry.trees.pool import HullPool, Hulls
 from obb_collision.queries.meshes.convex import PlacedHulls, hulls_may_collide
-from obb_collision.queries.meshes.meshes import PlacedMeshes, mesh_collisions
+from obb_collision.queries.meshes.meshes import mesh_collisions
+from obb_collision.queries.meshes.placed import PlacedMeshes
 from obb_collision.queries.verdict.coarse import (
     faces_may_collide,
     sphere_bounds,

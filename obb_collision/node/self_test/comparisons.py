@@ -36,8 +36,7 @@ from obb_collision.node.self_test.truths import (
     rotation_of,
 )
 from obb_collision.numerics.exact import contains_exactly
-from obb_collision.queries.verdict.exact import exact_verdict
-from obb_collision.queries.verdict.verdict import Verdict
+from obb_collision.queries.verdict.verdict import Verdict, exact_verdict
 from obb_collision.scene.report import Report
 from obb_collision.scene.scene import Scene
 from obb_collision.shapes import Mesh

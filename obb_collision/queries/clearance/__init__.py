@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""How far apart two boxes are, and their closest points."""
+"""Distances of boxes, and their closest points."""

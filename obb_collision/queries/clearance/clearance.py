@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""How far apart are two boxes, and where? The Euclidean distance and the closest points.
+"""Euclidean distance of two boxes and their closest points.
 
 Verdict and distance go together: the distance is positive exactly for pairs that
 ``verdict.verdicts`` calls SEPARATE, 0 for TOUCHING, and negative for OVERLAP: minus the depth,
@@ -41,13 +41,12 @@ from obb_collision._threads import run
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.numerics.constants import MAX_MAGNITUDE
 from obb_collision.numerics.vec3 import components, minus, negated, scaled
-from obb_collision.queries.clearance.closest_points import NEAR, points_apart, points_near
-from obb_collision.queries.clearance.features import Points
-from obb_collision.queries.verdict.gap_axes import best_face
+from obb_collision.queries.clearance.closest_points import NEAR, Points, points_apart, points_near
 from obb_collision.queries.verdict.pair_frame import Box, Pair, box_at, enter_frame, leave_frame
 from obb_collision.queries.verdict.pair_rows import as_pairs, check_boxes, one_set
-from obb_collision.queries.verdict.penetration import box_witness
+from obb_collision.queries.verdict.sat import best_face
 from obb_collision.queries.verdict.verdict import SEPARATE, TOUCHING, box_verdict
+from obb_collision.queries.verdict.witness import box_witness
 from obb_collision.typing import Floats, Integers, Mask, Vector
 from obb_collision.words import shown
 

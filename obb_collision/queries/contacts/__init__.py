@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Where two colliding boxes touch."""
+"""Contacts of boxes that collide."""

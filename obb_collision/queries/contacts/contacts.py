@@ -44,31 +44,34 @@ from obb_collision.queries.contacts.blocks import (
     SIZE,
     VERTEX,
     lay_faces,
+    move_into_both,
     place_points,
     point_at,
 )
-from obb_collision.queries.contacts.inside import move_into_both
 from obb_collision.queries.contacts.patch import (
     CAPACITY,
     FEATURE_TIE,
     clip_to_rectangle,
+    reduce_patch,
     write_vertex,
 )
-from obb_collision.queries.contacts.reduction import reduce_patch
 from obb_collision.queries.verdict.blocks import (
     AXES_A,
     AXES_B,
     EXTENTS_A,
     EXTENTS_B,
+    LARGEST,
+    NORMAL,
+    NUMBER,
     OFFSET,
     axes_in,
     vector_in,
+    witness_block,
     write_in,
 )
 from obb_collision.queries.verdict.pair_frame import Box, box_at
 from obb_collision.queries.verdict.pair_rows import as_pairs, check_boxes, one_set
 from obb_collision.queries.verdict.verdict import careful_bound
-from obb_collision.queries.verdict.witness_blocks import GAP, NORMAL, NUMBER, witness_block
 from obb_collision.typing import Floats, Integers, Vector
 from obb_collision.words import shown
 
@@ -207,7 +210,7 @@ def contacts_kernel(
         slots = 0
         for n in range(count):
             row = first + n
-            gap = block[GAP, n]
+            gap = block[LARGEST, n]
             axes[row] = int(block[NUMBER, n])
             write_vertex(normals, row, vector_in(block, NORMAL, n))
             depths[row] = max(0.0, -gap)

@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""How far apart convex bodies are, how deep they overlap, and where they touch."""
+"""Distances, depths and contacts of convex bodies."""

@@ -12,21 +12,347 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Contacts of many pairs of convex bodies: normal, depth, and a few points of the patch."""
+"""Contacts of convex bodies: their supporting features, clipped on each other.
+
+The feature of a body along the normal: its corners that reach farther than the other body's
+nearest plane, in the plane across the normal the polygon about them, or a segment or a point. Of
+ends of cylinders and cones RIM points of the rim stand for it. The overlay of both polygons
+(Sutherland and Hodgman; Ericson 2005, 5.5) has the contacts. Its points in the one body's plane lie
+in that body, in the other's plane in the other one; a contact is halfway between.
+
+Of a tip of angle t, what is clipped at both sides may be e / t beyond it, for e the rounding of a
+distance from a line. So where there are tips each corner p of the overlay, which is in the polygon
+that was clipped, is put on the nearest point q of the one that clips. Is q on a side, or a corner
+of 90 degrees or more, p is within 2 e of it. Else let x be a point of both: not beyond the two
+sides of the tip, and p by e at most. Where the way from x to p passes the tip, it is at most
+2 sqrt(2) e beside it: and so q is that near to the polygon that was clipped. There is such an x if
+a p is not beyond a tip, or if two are beyond different ones; else the features do not lie over each
+other.
+"""
 
 from __future__ import annotations
+
+import math
+from typing import NamedTuple
 
 import numpy as np
 
 from obb_collision._jit import njit
 from obb_collision._threads import run
-from obb_collision.numerics.vec3 import dot, plus, scaled, vector_at
+from obb_collision.numerics.lanes import LANES
+from obb_collision.numerics.vec3 import components, cross, dot, fast_norm, plus, scaled, vector_at
 from obb_collision.queries.contacts.contacts import Contacts
+from obb_collision.queries.convex.distance import unit_of
 from obb_collision.queries.convex.distances import ConvexDistances, in_world, turned_back
-from obb_collision.queries.convex.patch import Flat, flat_room, frame_of, overlay, spread
-from obb_collision.queries.convex.support import Bodies, ConvexBodies, body_place, core_at, support
-from obb_collision.queries.meshes.tree_boxes import relative_pose
+from obb_collision.queries.convex.support import (
+    BOX,
+    CONE,
+    CORNERS,
+    CYLINDER,
+    ConvexBodies,
+    Core,
+    Cores,
+    body_place,
+    core_at,
+    support,
+)
+from obb_collision.queries.meshes.tree_boxes import Pose, moved, relative_pose
 from obb_collision.typing import Floats, Integers, Vector
+
+#: Points that stand for the rim of an end of a cylinder, or of the base of a cone.
+RIM = 16
+#: Points of a feature at most. Of more the polygon is made as they come, and the next ones join its
+#: corners, or every second corner if they are more than half as many.
+MOST_POINTS = 128
+#: Distances over which points are sorted by insertion, one after another (Ciura 2001).
+GAPS = (57, 23, 10, 4, 1)
+#: Corners that are this little lower than the foremost one belong to the feature, relative to S:
+#: as in contacts of boxes.
+FEATURE_DEPTH = 2.0**-31
+#: Rounding of distances from lines, relative to S: 2048 unit roundoffs, where 20 are needed. Sides
+#: that are not longer are none. And how far what is in both polygons may be from that which clips,
+#: and different tips are apart at least.
+LINE_SLACK, BOTH = 2.0**-42, 2.0**-36
+#: Cosine between two sides that make a tip, of 2^-12 rad: others lose less than 1e-11 of S.
+BACK = -1.0 + 2.0**-25
+#: Components of flat points: along both axes across the normal, and how far below the foremost.
+FLAT_POINT = 3
+
+
+class Flat(NamedTuple):
+    """Polygons across the normal: rows (x, y, how far below the foremost corner)."""
+
+    a: Floats  #: (2 MOST_POINTS, 3)
+    b: Floats
+    spare: Floats
+
+
+class FlatFrame(NamedTuple):
+    """Axes across a normal, and the normal, in the frame of a."""
+
+    x: Vector
+    y: Vector
+    n: Vector
+
+
+@njit
+def flat_room() -> Flat:
+    """Return room for one pair after another."""
+    shape = (2 * MOST_POINTS, FLAT_POINT)
+    return Flat(np.empty(shape), np.empty(shape), np.empty(shape))
+
+
+@njit
+def frame_of(n: Vector) -> FlatFrame:
+    """Return axes across a unit vector."""
+    other = (1.0, 0.0, 0.0) if abs(n[0]) < 0.5 else (0.0, 1.0, 0.0)
+    x = unit_of(cross(n, other))[0]
+    return FlatFrame(x, cross(n, x), n)
+
+
+@njit
+def overlay(a: Core, b: Core, pose: Pose, frame: FlatFrame, depth: float, flat: Flat) -> int:
+    """Write the overlay of the features of two cores to ``flat.a``; return its corners.
+
+    None for two segments or points, and where features do not lie over each other.
+
+    depth: of the cores along the normal of the frame.
+    """
+    below = max(depth, 0.0) + FEATURE_DEPTH * pose.size
+    still = Pose(
+        ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)), (0.0, 0.0, 0.0), 0.0, 0.0, 0.0
+    )
+    first = _feature(a, still, frame, below, 1.0, flat.a, flat.spare)
+    second = _feature(b, pose, frame, below, -1.0, flat.b, flat.spare)
+    if second < 3 <= first:
+        for k in range(max(first, second)):
+            here, there = vector_at(flat.a, k), vector_at(flat.b, k)
+            _put(flat.a, k, there)
+            _put(flat.b, k, here)
+        first, second = second, first
+    if second < 3:  # two segments, or points: where they are nearest is known
+        return 0
+    slack, sharp, far = LINE_SLACK * pose.size, False, np.inf
+    before = opening = 0.0, 0.0, 0.0
+    for k in range(second):
+        start, end = vector_at(flat.b, k), vector_at(flat.b, (k + 1) % second)
+        way = _way(start, end)
+        length = fast_norm(way)
+        if length > slack:
+            way = scaled(way, 1.0 / length)
+            sharp |= dot(before, way) < BACK
+            opening = way if opening[0] == 0.0 == opening[1] else opening
+            before = way
+            first = _clipped(flat, first, start, end)
+    if not (sharp or dot(before, opening) < BACK):
+        return first
+    apart = 0.0
+    for k in range(first):
+        far = min(far, _bring_in(flat.a, k, flat.b, second, slack))
+        apart = max(apart, fast_norm(_way(vector_at(flat.a, 0), vector_at(flat.a, k))))
+    return first if far <= BOTH * pose.size or apart > BOTH * pose.size else 0
+
+
+@njit
+def _bring_in(points: Floats, row: int, polygon: Floats, count: int, slack: float) -> float:
+    """Put a point that is not certainly in a polygon on its outline; return how far it moved.
+
+    Within, the nearest point of the outline is across a side, not at its end. Sides shorter than
+    ``slack`` have no direction.
+    """
+    p, q = vector_at(points, row), vector_at(polygon, 0)
+    least, within = fast_norm(_way(p, q)), False
+    for k in range(count):
+        a, b = vector_at(polygon, k), vector_at(polygon, (k + 1) % count)
+        side, length = _way(a, b), fast_norm(_way(a, b))
+        if not length > slack:
+            continue
+        t = min(max(dot(scaled(side, 1.0 / length), _way(a, p)) / length, 0.0), 1.0)
+        foot = a[0] + t * side[0], a[1] + t * side[1], p[2]
+        away = fast_norm(_way(p, foot))
+        if away < least:
+            q, least, within = foot, away, _side(a, b, p) >= 0.5 * length * away
+    if within:
+        return 0.0
+    points[row, 0], points[row, 1] = q[0], q[1]
+    return least
+
+
+@njit
+def _way(a: Vector, b: Vector) -> Vector:
+    """Return the way from a to b across the normal."""
+    return b[0] - a[0], b[1] - a[1], 0.0
+
+
+@njit
+def _feature(
+    core: Core, pose: Pose, frame: FlatFrame, below: float, way: float, out: Floats, spare: Floats
+) -> int:
+    """Write the polygon about the points of a core near its end along the normal, times ``way``.
+
+    Returns its corners. pose: of the core in the frame of a.
+    """
+    n = scaled(frame.n, way)
+    turned = components(pose.axes, n)
+    foremost = moved(pose, support(core, turned))
+    top, count = dot(n, foremost), 0
+    for k in range(_candidates(core)):
+        p = moved(pose, _candidate(core, turned, k))
+        drop = top - dot(n, p)
+        if drop > below:
+            continue
+        if count == MOST_POINTS:
+            count = _polygon(out, count, spare)
+            if count > MOST_POINTS // 2:
+                count = _thinned(out, count)
+        out[count, 0], out[count, 1] = dot(frame.x, p), dot(frame.y, p)
+        out[count, 2] = max(drop, 0.0)
+        count += 1
+    if count == 0:
+        out[0, 0], out[0, 1], out[0, 2] = dot(frame.x, foremost), dot(frame.y, foremost), 0.0
+        count = 1
+    return _polygon(out, count, spare)
+
+
+@njit
+def _thinned(points: Floats, count: int) -> int:
+    """Keep every second corner of a polygon; return how many."""
+    for k in range(count // 2):
+        _put(points, k, vector_at(points, 2 * k))
+    return count // 2
+
+
+@njit
+def _candidates(core: Core) -> int:
+    """Return how many points may be in a feature of a core."""
+    if core.kind == CORNERS:
+        return (core.last - core.first) * LANES
+    if core.kind == BOX:
+        return 8
+    if core.kind == CYLINDER:
+        return 2 * RIM + 2
+    if core.kind == CONE:
+        return RIM + 2
+    return 2
+
+
+@njit
+def _candidate(core: Core, n: Vector, k: int) -> Vector:
+    """Return the point with number k; n: the normal in the frame of the core."""
+    if core.kind == CORNERS:
+        blocks, block, lane = core.blocks, core.first + k // LANES, k % LANES
+        return blocks[block, 0, lane], blocks[block, 1, lane], blocks[block, 2, lane]
+    (x, y, z), half = core.size, core.half
+    if core.kind == BOX:
+        return (x if k & 1 else -x), (y if k & 2 else -y), (z if k & 4 else -z)
+    if core.kind == CONE and k == RIM + 1:
+        return 0.0, 0.0, half
+    if core.kind == CYLINDER or core.kind == CONE:
+        last = 2 * RIM if core.kind == CYLINDER else RIM
+        if k < last:
+            angle = 2.0 * math.pi * (k % RIM) / RIM
+            height = -half if k < RIM else half
+            return x * math.cos(angle), y * math.sin(angle), height
+        rim = support(core, (n[0], n[1], 0.0))
+        return rim[0], rim[1], -half if k == last else half
+    point = support(core, n)  # of what is swept along a segment, at either end
+    back = math.copysign(2.0 * half, n[2]) if k else 0.0  # as the support: -0.0 is below
+    return point[0], point[1], point[2] - back
+
+
+@njit
+def _polygon(points: Floats, count: int, spare: Floats) -> int:
+    """Make points (count, 3) the polygon about them, counterclockwise (Andrew 1979)."""
+    for gap in GAPS:
+        for i in range(gap, count):
+            k = i
+            while k >= gap and _is_before(points, k, k - gap):
+                for c in range(FLAT_POINT):
+                    points[k, c], points[k - gap, c] = points[k - gap, c], points[k, c]
+                k -= gap
+    size = 0
+    for turn in range(2):
+        start = size
+        for step in range(count):
+            i = step if turn == 0 else count - 1 - step
+            p = vector_at(points, i)
+            while size >= start + 2:
+                if not _side(vector_at(spare, size - 2), vector_at(spare, size - 1), p) <= 0.0:
+                    break
+                size -= 1
+            _put(spare, size, p)
+            size += 1
+        size -= 1  # the last one begins the other half
+    size = max(size, 1)
+    for k in range(size):  # one by one: slices take long to compile
+        _put(points, k, vector_at(spare, k))
+    if size == 2 and points[0, 0] == points[1, 0] and points[0, 1] == points[1, 1]:
+        return 1
+    return size
+
+
+@njit
+def _is_before(points: Floats, i: int, k: int) -> bool:
+    if points[i, 0] != points[k, 0]:
+        return points[i, 0] < points[k, 0]
+    return points[i, 1] < points[k, 1]
+
+
+@njit
+def _put(points: Floats, row: int, p: Vector) -> None:
+    for c in range(FLAT_POINT):
+        points[row, c] = p[c]
+
+
+@njit
+def _side(a: Vector, b: Vector, p: Vector) -> float:
+    """Return a number above zero where p is to the left of the line from a to b."""
+    return (b[0] - a[0]) * (p[1] - a[1]) - (b[1] - a[1]) * (p[0] - a[0])
+
+
+@njit
+def _clipped(flat: Flat, count: int, start: Vector, end: Vector) -> int:
+    """Clip the polygon in ``flat.a`` to the left of a line; return its corners."""
+    size = 0
+    for k in range(count):
+        here, there = vector_at(flat.a, k), vector_at(flat.a, (k + 1) % count)
+        side, next_side = _side(start, end, here), _side(start, end, there)
+        if side >= 0.0:
+            _put(flat.spare, size, here)
+            size += 1
+        if (side > 0.0 > next_side) or (side < 0.0 < next_side):
+            t = side / (side - next_side)
+            for c in range(FLAT_POINT):
+                flat.spare[size, c] = here[c] + t * (there[c] - here[c])
+            size += 1
+    size = min(size, 2 * MOST_POINTS - 2)
+    for k in range(size):
+        _put(flat.a, k, vector_at(flat.spare, k))
+    return size
+
+
+@njit
+def spread(points: Floats, count: int, limit: int) -> int:
+    """Move at most ``limit`` of count points to the front; return how many.
+
+    The least low one first, then repeatedly the one farthest from those taken (Gonzalez 1985).
+    """
+    limit = min(limit, count)
+    for taken in range(limit):
+        best, far = taken, -1.0
+        for k in range(taken, count):
+            reach = -points[k, 2] if taken == 0 else np.inf
+            for other in range(taken):
+                x, y = points[k, 0] - points[other, 0], points[k, 1] - points[other, 1]
+                reach = min(reach, x * x + y * y)
+            if k == taken or reach > far:
+                best, far = k, reach
+        if taken > 0 and not far > 0.0:
+            return taken
+        for c in range(FLAT_POINT):
+            points[taken, c], points[best, c] = points[best, c], points[taken, c]
+    return limit
+
 
 #: Pairs below which a second thread does not pay: 0.1 ms.
 FEWEST_PAIRS = 32
@@ -55,7 +381,7 @@ def convex_contacts(
 
 @njit
 def _contact_kernel(
-    a: Bodies, rows_a: np.ndarray, b: Bodies, rows_b: np.ndarray, lower: Floats, nearest_a: Floats,
+    a: Cores, rows_a: np.ndarray, b: Cores, rows_b: np.ndarray, lower: Floats, nearest_a: Floats,
     nearest_b: Floats, normals: Floats, depths: Floats, counts: np.ndarray, positions: Floats,
     position_depths: Floats, start: int, stop: int,
 ) -> None:  # fmt: skip
@@ -75,7 +401,7 @@ def _contact_kernel(
 
 @njit
 def _write_patch(
-    a: Bodies, i: int, b: Bodies, j: int, normal: Vector, depth: float, middle: Vector, flat: Flat,
+    a: Cores, i: int, b: Cores, j: int, normal: Vector, depth: float, middle: Vector, flat: Flat,
     positions: Floats, position_depths: Floats,
 ) -> int:  # fmt: skip
     """Write the points of one pair; middle: between those found deepest. Return their number."""

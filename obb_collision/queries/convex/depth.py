@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""How deep two convex bodies overlap: the least translation that parts them.
+"""Depth of the overlap of two convex bodies: the least translation that parts them.
 
 The expanding polytope of van den Bergen 2001: within the difference of both cores a polytope grows
 at its face nearest to the origin, until that face is one of the difference. Exact for polytopes;
@@ -41,9 +41,8 @@ from obb_collision.numerics.vec3 import (
     scaled,
     vector_at,
 )
-from obb_collision.queries.convex.careful_simplex import careful_plane
 from obb_collision.queries.convex.distance import CLOSE, Gap, Search, corner_of, gap_along
-from obb_collision.queries.convex.simplex import Corner, no_simplex
+from obb_collision.queries.convex.simplex import Corner, careful_plane, no_simplex
 from obb_collision.queries.convex.support import Core
 from obb_collision.queries.meshes.tree_boxes import Pose, moved
 from obb_collision.queries.primitives.segments import unit_scale
@@ -59,7 +58,7 @@ ON_FACE = 1e-15
 SHARP_EDGES = 1e-4
 
 
-class Room(NamedTuple):
+class Polytope(NamedTuple):
     """What the polytope of one pair is kept in."""
 
     w: Floats  #: (MOST_CORNERS, 3)
@@ -71,9 +70,9 @@ class Room(NamedTuple):
 
 
 @njit
-def room_for_depth() -> Room:
+def room_for_depth() -> Polytope:
     """Return room for one pair after another."""
-    return Room(
+    return Polytope(
         np.empty((MOST_CORNERS, 3)),
         np.empty((MOST_CORNERS, 3)),
         np.empty((MOST_CORNERS, 3)),
@@ -84,7 +83,7 @@ def room_for_depth() -> Room:
 
 
 @njit_reading
-def deepest(a: Core, b: Core, pose: Pose, found: Search, room: Room) -> Search:
+def deepest(a: Core, b: Core, pose: Pose, found: Search, room: Polytope) -> Search:
     """Return the direction along which two cores overlap least, and points that touch then.
 
     found: what a search for their distance found.
@@ -118,25 +117,25 @@ def deepest(a: Core, b: Core, pose: Pose, found: Search, room: Room) -> Search:
 
 
 @njit_reading
-def _put(room: Room, row: int, corner: Corner) -> None:
+def _put(room: Polytope, row: int, corner: Corner) -> None:
     for k in range(3):
         room.w[row, k], room.p[row, k], room.q[row, k] = corner.w[k], corner.p[k], corner.q[k]
 
 
 @njit_reading
-def _corner_at(room: Room, row: int) -> Corner:
+def _corner_at(room: Polytope, row: int) -> Corner:
     return Corner(vector_at(room.w, row), vector_at(room.p, row), vector_at(room.q, row))
 
 
 @njit_reading
-def _swap(room: Room, i: int, j: int) -> None:
+def _swap(room: Polytope, i: int, j: int) -> None:
     first, second = _corner_at(room, i), _corner_at(room, j)
     _put(room, i, second)
     _put(room, j, first)
 
 
 @njit_reading
-def _start(a: Core, b: Core, pose: Pose, unit: float, normal: Vector, room: Room) -> int:
+def _start(a: Core, b: Core, pose: Pose, unit: float, normal: Vector, room: Polytope) -> int:
     """Make a tetrahedron of the corners farthest along some directions; return its faces or 0."""
     n = 0
     for k in range(4):
@@ -189,12 +188,12 @@ def _across(u: Vector) -> Vector:
 
 
 @njit_reading
-def _edge(room: Room, i: int, j: int) -> Vector:
+def _edge(room: Polytope, i: int, j: int) -> Vector:
     return minus(vector_at(room.w, j), vector_at(room.w, i))
 
 
 @njit_reading
-def _farthest_from(room: Room, k: int, n: int) -> int:
+def _farthest_from(room: Polytope, k: int, n: int) -> int:
     """Return which of corners k to n - 1 is farthest from what the first k span."""
     far = k
     for row in range(k + 1, n):
@@ -204,7 +203,7 @@ def _farthest_from(room: Room, k: int, n: int) -> int:
 
 
 @njit_reading
-def _height(room: Room, k: int, row: int) -> float:
+def _height(room: Polytope, k: int, row: int) -> float:
     """Return how far a corner is from what the first k corners span."""
     v = _edge(room, 0, row)
     if k == 1:
@@ -216,7 +215,7 @@ def _height(room: Room, k: int, row: int) -> float:
 
 
 @njit_reading
-def _put_face(room: Room, row: int, i: int, j: int, k: int, pose: Pose, unit: float) -> None:
+def _put_face(room: Polytope, row: int, i: int, j: int, k: int, pose: Pose, unit: float) -> None:
     """Write a face and its plane; infinitely far where it has none."""
     room.faces[row, 0], room.faces[row, 1], room.faces[row, 2] = i, j, k
     u, v = _edge(room, i, j), _edge(room, i, k)
@@ -235,7 +234,7 @@ def _put_face(room: Room, row: int, i: int, j: int, k: int, pose: Pose, unit: fl
 
 
 @njit_reading
-def _grown(room: Room, faces: int, corner: int, pose: Pose, unit: float) -> int:
+def _grown(room: Polytope, faces: int, corner: int, pose: Pose, unit: float) -> int:
     """Replace the faces that a new corner is beyond by those it makes; return how many there are.
 
     -1 where that cannot be done.
@@ -261,7 +260,7 @@ def _grown(room: Room, faces: int, corner: int, pose: Pose, unit: float) -> int:
 
 
 @njit_reading
-def _toggled(room: Room, edges: int, i: int, j: int) -> int:
+def _toggled(room: Polytope, edges: int, i: int, j: int) -> int:
     """Add an edge to those of the hole, or remove it, if the face on its other side goes, too."""
     for e in range(edges):
         if room.edges[e, 0] == j and room.edges[e, 1] == i:
@@ -274,7 +273,7 @@ def _toggled(room: Room, edges: int, i: int, j: int) -> int:
 
 @njit_reading
 def _touching(
-    room: Room, faces: int, nearest: int, close: float, gap: Gap
+    room: Polytope, faces: int, nearest: int, close: float, gap: Gap
 ) -> tuple[Vector, Vector]:
     """Return the points of both cores where the polytope is nearest to the origin.
 
@@ -296,7 +295,7 @@ def _touching(
 
 
 @njit_reading
-def _foot(room: Room, face: int) -> tuple[float, float]:
+def _foot(room: Polytope, face: int) -> tuple[float, float]:
     """Return where the origin is over a face, by its two edges; NaN if it has no plane."""
     i, j, k = room.faces[face, 0], room.faces[face, 1], room.faces[face, 2]
     u, v, start = _edge(room, i, j), _edge(room, i, k), vector_at(room.w, i)
@@ -317,7 +316,7 @@ def _mixed(points: Floats, i: int, j: int, k: int, y: float, z: float) -> Vector
 
 @njit_reading
 def _flat(
-    a: Core, b: Core, pose: Pose, best: float, normal: Vector, room: Room
+    a: Core, b: Core, pose: Pose, best: float, normal: Vector, room: Polytope
 ) -> tuple[float, Vector]:
     """Return the best gap of a flat difference: along its normals."""
     u, v = _edge(room, 0, 1), _edge(room, 0, 2)

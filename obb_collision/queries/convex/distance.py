@@ -18,9 +18,9 @@ The search is that of Gilbert, Johnson and Keerthi 1988, in the frame of a. Howe
 gap along any direction, the reach of the one body less that of the other, is at most the signed
 distance; that of two points of the bodies is at least that. So the answer rests on both being
 close, and says how close they are. Boxes, cylinders, cones and segments are first asked for the
-foot of the other's foremost point (``feet``); with curved ones it then climbs (``curvature``).
-Where plain doubles leave both farther apart than ``CLOSE`` (bodies nearly in touch, needles), the
-search goes on with twice the digits (``careful_simplex``).
+foot of the other's foremost point; with curved ones it then climbs (``directions``). Where plain
+doubles leave both farther apart than ``CLOSE`` (bodies nearly in touch, needles), the search goes
+on with twice the digits (``simplex.careful_nearest``).
 
 Error analysis, with u and S as in ``queries.meshes.tree_boxes``: both reaches along a unit vector
 are off by at most 200 u S (``queries.meshes.convex``), points of curved cores by 16 u S more.
@@ -50,12 +50,21 @@ from obb_collision.numerics.vec3 import (
     plus,
     scaled,
 )
-from obb_collision.queries.convex.careful_simplex import careful_nearest, is_known, is_zero
-from obb_collision.queries.convex.curvature import is_curved, steeper, turned_to
-from obb_collision.queries.convex.feet import across, feet, has_feet, no_feet
+from obb_collision.queries.convex.directions import (
+    across,
+    feet,
+    has_feet,
+    is_curved,
+    no_feet,
+    steeper,
+    turned_to,
+)
 from obb_collision.queries.convex.simplex import (
     Corner,
     Simplex,
+    careful_nearest,
+    is_known,
+    is_zero,
     no_simplex,
     on_corner,
     with_corner,

@@ -28,16 +28,10 @@ import numpy as np
 from obb_collision._jit import njit, njit_reading
 from obb_collision._threads import run
 from obb_collision.numerics.vec3 import combined, fast_norm, minus, plus, scaled
-from obb_collision.queries.convex.careful_simplex import is_zero
-from obb_collision.queries.convex.depth import Room, deepest, room_for_depth
-from obb_collision.queries.convex.distance import (
-    CLOSE,
-    overlaps,
-    rounding,
-    search,
-    unit_of,
-)
-from obb_collision.queries.convex.support import Bodies, ConvexBodies, body_place, borrowed_core
+from obb_collision.queries.convex.depth import Polytope, deepest, room_for_depth
+from obb_collision.queries.convex.distance import CLOSE, overlaps, rounding, search, unit_of
+from obb_collision.queries.convex.simplex import is_zero
+from obb_collision.queries.convex.support import ConvexBodies, Cores, body_place, borrowed_core
 from obb_collision.queries.meshes.tree_boxes import Place, relative_pose
 from obb_collision.typing import Floats, Integers, Mask, Vector
 
@@ -97,7 +91,7 @@ def convex_may_collide(a: ConvexBodies, b: ConvexBodies, i: Integers, j: Integer
 
 @njit
 def _collision_kernel(
-    a: Bodies, rows_a: np.ndarray, b: Bodies, rows_b: np.ndarray, out: np.ndarray, start: int,
+    a: Cores, rows_a: np.ndarray, b: Cores, rows_b: np.ndarray, out: np.ndarray, start: int,
     stop: int,
 ) -> None:  # fmt: skip
     for n in range(start, stop):
@@ -106,7 +100,7 @@ def _collision_kernel(
 
 @njit
 def _distance_kernel(
-    a: Bodies, rows_a: np.ndarray, b: Bodies, rows_b: np.ndarray, limit: float, near: np.ndarray,
+    a: Cores, rows_a: np.ndarray, b: Cores, rows_b: np.ndarray, limit: float, near: np.ndarray,
     lower: Floats, upper: Floats, positions_a: Floats, positions_b: Floats, normals: Floats,
     start: int, stop: int,
 ) -> None:  # fmt: skip
@@ -116,7 +110,7 @@ def _distance_kernel(
 
 @njit_reading
 def _write_distances(
-    a: Bodies, rows_a: np.ndarray, b: Bodies, rows_b: np.ndarray, limit: float, room: Room,
+    a: Cores, rows_a: np.ndarray, b: Cores, rows_b: np.ndarray, limit: float, room: Polytope,
     rows: tuple[np.ndarray, Floats, Floats, Floats, Floats, Floats], start: int, stop: int,
 ) -> None:  # fmt: skip
     near, lower, upper, positions_a, positions_b, normals = rows
@@ -131,7 +125,7 @@ def _write_distances(
 
 @njit_reading
 def body_distance(
-    a: Bodies, i: int, b: Bodies, j: int, start: Vector, limit: float, room: Room
+    a: Cores, i: int, b: Cores, j: int, start: Vector, limit: float, room: Polytope
 ) -> Distance:
     """Return the distance of body i of a and body j of b; beyond a limit only that it is.
 
@@ -158,7 +152,7 @@ def body_distance(
 
 
 @njit_reading
-def may_collide(a: Bodies, i: int, b: Bodies, j: int) -> bool:
+def may_collide(a: Cores, i: int, b: Cores, j: int) -> bool:
     """Return whether body i of a and body j of b are not certainly apart, as below, but sooner."""
     core_a, core_b = borrowed_core(a, i), borrowed_core(b, j)
     pose = relative_pose(body_place(a, i), body_place(b, j), core_a.reach + core_b.reach)

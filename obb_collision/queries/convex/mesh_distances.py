@@ -35,17 +35,17 @@ from obb_collision.queries.convex.distance import rounding, search
 from obb_collision.queries.convex.distances import ConvexDistances, in_world, towards
 from obb_collision.queries.convex.support import (
     CORNERS,
-    Bodies,
     ConvexBodies,
     Core,
+    Cores,
     body_place,
     core_at,
 )
 from obb_collision.queries.meshes.inside import OUTSIDE, point_side
-from obb_collision.queries.meshes.meshes import PlacedMeshes
+from obb_collision.queries.meshes.placed import Meshes as MeshBodies
+from obb_collision.queries.meshes.placed import PlacedMeshes, body_at
 from obb_collision.queries.meshes.tree_boxes import NodeBox, Pose, moved, relative_pose
-from obb_collision.queries.meshes.tree_descent import STACK, body_at
-from obb_collision.queries.meshes.tree_descent import Bodies as MeshBodies
+from obb_collision.queries.meshes.tree_descent import STACK
 from obb_collision.queries.meshes.tree_distance import NODE_BOUND, SLACK, boxes_apart
 from obb_collision.queries.primitives.segments import unit_scale
 from obb_collision.typing import Floats, Integers, Mask, Vector
@@ -55,7 +55,7 @@ FEWEST_PAIRS = 16
 NOWHERE = 0.0, 0.0, 0.0
 
 
-class Room(NamedTuple):
+class CoreRoom(NamedTuple):
     """Work space."""
 
     stack: np.ndarray  #: (STACK, 2) nodes, in the first column
@@ -97,12 +97,12 @@ def mesh_body_distances(
 
 @njit
 def _kernel(
-    a: MeshBodies, rows_a: np.ndarray, radii: Floats, b: Bodies, rows_b: np.ndarray, limit: float,
+    a: MeshBodies, rows_a: np.ndarray, radii: Floats, b: Cores, rows_b: np.ndarray, limit: float,
     near: np.ndarray, lower: Floats, upper: Floats, positions_a: Floats, positions_b: Floats,
     normals: Floats, start: int, stop: int,
 ) -> None:  # fmt: skip
     corners = np.empty((1, 3, LANES))
-    room = Room(np.empty((STACK, 2), np.int64), np.empty(STACK), corners)
+    room = CoreRoom(np.empty((STACK, 2), np.int64), np.empty(STACK), corners)
     for row in range(start, stop):
         mesh, core = body_at(a, rows_a[row]), core_at(b, rows_b[row])
         place = body_place(b, rows_b[row])
@@ -131,7 +131,7 @@ def _kernel(
 
 @njit
 def mesh_apart(
-    trees: TreeArrays, mesh: int, core: Core, pose: Pose, limit: float, room: Room
+    trees: TreeArrays, mesh: int, core: Core, pose: Pose, limit: float, room: CoreRoom
 ) -> Near:
     """Return how far a mesh and a core are apart, but for rounding; infinite past a limit."""
     found = nearest_triangle(trees, mesh, core, pose, limit, room)
@@ -144,7 +144,7 @@ def mesh_apart(
 
 @njit
 def nearest_triangle(
-    trees: TreeArrays, mesh: int, core: Core, pose: Pose, limit: float, room: Room
+    trees: TreeArrays, mesh: int, core: Core, pose: Pose, limit: float, room: CoreRoom
 ) -> Near:
     """Return how far the surface of a mesh and a core are apart."""
     nodes, children, starts = trees.nodes, trees.children, trees.starts

@@ -17,6 +17,8 @@
 A body is everything within ``radius`` of its core; the core is the hull of corners, a box, a
 cylinder, a cone, or the sum of an ellipsoid and a segment along z, in a frame of its own. Spheres
 and capsules are cores without volume. Padding is part of the radius and therefore exact.
+
+Shapes with a formula are cores exactly (``core_of``), the others by their hulls.
 """
 
 from __future__ import annotations
@@ -28,6 +30,14 @@ from typing import NamedTuple
 import numpy as np
 
 from obb_collision._jit import njit, njit_borrowing, njit_reading
+from obb_collision.geometry.shapes.primitives import (
+    Capsule,
+    Cone,
+    Cylinder,
+    Ellipsoid,
+    Shape,
+    Sphere,
+)
 from obb_collision.geometry.trees.pool import Hulls
 from obb_collision.numerics.lanes import farthest
 from obb_collision.numerics.vec3 import fast_norm, sum_abs, vector_at
@@ -43,7 +53,7 @@ CYLINDER = 4  #: half axes x, y of its ends, at -half and half
 CONE = 5  #: the same of its base, at -half; its apex is at half
 
 
-class Bodies(NamedTuple):
+class Cores(NamedTuple):
     """n bodies, for kernels; body i is at centers[i], turned by rotations[i]."""
 
     kinds: np.ndarray  #: (n,) int8
@@ -78,7 +88,7 @@ NO_HULLS = Hulls.of(np.zeros((1, 3)))
 class ConvexBodies:
     """n convex bodies at centers (n, 3), with rotations (n, 3, 3); not checked.
 
-    kinds (n,) int8, sizes (n, 4), radii (n,): as in ``Bodies``; rows (n,): of the hulls.
+    kinds (n,) int8, sizes (n, 4), radii (n,): as in ``Cores``; rows (n,): of the hulls.
     """
 
     kinds: np.ndarray
@@ -93,27 +103,27 @@ class ConvexBodies:
         return len(self.kinds)
 
     @property
-    def arrays(self) -> Bodies:
+    def arrays(self) -> Cores:
         """The same, for kernels."""
-        return Bodies(*vars(self).values())
+        return Cores(*vars(self).values())
 
 
 @njit
-def core_at(bodies: Bodies, i: int) -> Core:
+def core_at(bodies: Cores, i: int) -> Core:
     """Return the core of body i."""
     kind, size, half, first, last, reach, radius = _numbers_at(bodies, i)
     return Core(kind, size, half, bodies.hulls.blocks, first, last, reach, radius)
 
 
 @njit_borrowing
-def borrowed_core(bodies: Bodies, i: int) -> Core:
+def borrowed_core(bodies: Cores, i: int) -> Core:
     """Return the core of body i, for kernels that count no references either."""
     kind, size, half, first, last, reach, radius = _numbers_at(bodies, i)
     return Core(kind, size, half, bodies.hulls.blocks, first, last, reach, radius)
 
 
 @njit_borrowing
-def _numbers_at(bodies: Bodies, i: int) -> tuple[int, Vector, float, int, int, float, float]:
+def _numbers_at(bodies: Cores, i: int) -> tuple[int, Vector, float, int, int, float, float]:
     """Return what a core has besides the corners of all hulls."""
     kind, size, half = bodies.kinds[i], vector_at(bodies.sizes, i), bodies.sizes[i, 3]
     first = last = 0
@@ -127,7 +137,7 @@ def _numbers_at(bodies: Bodies, i: int) -> tuple[int, Vector, float, int, int, f
 
 
 @njit_borrowing
-def body_place(bodies: Bodies, i: int) -> Place:
+def body_place(bodies: Cores, i: int) -> Place:
     """Return where body i is."""
     return place_at(bodies.centers, bodies.rotations, i)
 
@@ -158,3 +168,31 @@ def support(core: Core, n: Vector) -> Vector:
     if length - core.half * n[2] < core.half * n[2]:
         return 0.0, 0.0, core.half
     return rim[0], rim[1], -core.half
+
+
+#: Kind, sizes (4) and radius, as in ``Bodies``.
+CoreSizes = tuple[int, float, float, float, float, float]
+
+
+def core_of(shape: Shape) -> CoreSizes:
+    """Return the core of a shape, none of its sizes too small; of a hull or mesh only the kind."""
+    if not isinstance(shape, (Sphere, Ellipsoid, Capsule, Cylinder, Cone)):
+        return CORNERS, 0.0, 0.0, 0.0, 0.0, 0.0
+    x, y, z = shape.scale
+    uniform = x == y == z
+    half = 0.0 if isinstance(shape, (Sphere, Ellipsoid)) else _up(0.5 * shape.length, z)
+    if isinstance(shape, (Sphere, Capsule)) and uniform:
+        return SEGMENT, 0.0, 0.0, 0.0, half, _up(shape.radius, x)
+    if isinstance(shape, Ellipsoid):
+        a, b, c = shape.radii
+    else:
+        a = b = c = shape.radius
+    if isinstance(shape, (Cylinder, Cone)):
+        kind = CONE if isinstance(shape, Cone) else CYLINDER
+        return kind, _up(a, x), _up(b, y), 0.0, half, 0.0
+    return ROUND, _up(a, x), _up(b, y), _up(c, z), half, 0.0
+
+
+def _up(size: float, scale: float) -> float:
+    """Return a product, not too small."""
+    return size if scale == 1.0 else math.nextafter(size * scale, math.inf)

@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""How deep meshes overlap, and where their surfaces cross."""
+"""Depths of meshes that overlap, and where their surfaces cross."""

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""How deep a mesh and a convex body with a formula, such as a cylinder, overlap.
+"""Depth of the overlap of a mesh and a convex body with a formula, such as a cylinder.
 
 As in ``push``, but for the body itself: what is given is the depth of anything around it, such as a
 mesh, whose push is shortened until the very body is just free; then, as long as it gets better, the
@@ -37,26 +37,20 @@ from obb_collision.queries.convex.distance import CLOSE, gap_along, search
 from obb_collision.queries.convex.distances import turned_back
 from obb_collision.queries.convex.mesh_distances import (
     NOWHERE,
-    Room,
+    CoreRoom,
     box_of,
     mesh_body_distances,
     nearest_triangle,
     triangle_core,
 )
-from obb_collision.queries.convex.support import (
-    Bodies,
-    ConvexBodies,
-    Core,
-    body_place,
-    core_at,
-)
+from obb_collision.queries.convex.support import ConvexBodies, Core, Cores, body_place, core_at
 from obb_collision.queries.mesh_contacts.depths import BETTER, CHANGES, SAME
 from obb_collision.queries.mesh_contacts.push import CERTAIN, MARGIN, PLACES, Push
 from obb_collision.queries.meshes.inside import OUTSIDE, point_side
-from obb_collision.queries.meshes.meshes import PlacedMeshes
+from obb_collision.queries.meshes.placed import Meshes as MeshBodies
+from obb_collision.queries.meshes.placed import PlacedMeshes, body_at
 from obb_collision.queries.meshes.tree_boxes import Pose, moved, relative_pose
-from obb_collision.queries.meshes.tree_descent import STACK, body_at
-from obb_collision.queries.meshes.tree_descent import Bodies as MeshBodies
+from obb_collision.queries.meshes.tree_descent import STACK
 from obb_collision.queries.meshes.tree_distance import boxes_apart
 from obb_collision.queries.primitives.segments import unit_scale
 from obb_collision.queries.verdict.separations import Separations
@@ -68,7 +62,7 @@ FEWEST_PAIRS = 4
 STEPS_BACK = 40
 
 
-class Pair(NamedTuple):
+class MeshAndCore(NamedTuple):
     """A mesh, and a core seen from it."""
 
     mesh: int
@@ -103,16 +97,16 @@ def within_bodies(
 
 @njit
 def _kernel(
-    a: MeshBodies, radii: Floats, b: Bodies, rows: np.ndarray, depths: Floats, normals: Floats,
+    a: MeshBodies, radii: Floats, b: Cores, rows: np.ndarray, depths: Floats, normals: Floats,
     positions: Floats, start: int, stop: int,
 ) -> None:  # fmt: skip
     """Replace depths (k,), normals and positions (k, 3) of rows (k,) where a push is shorter."""
-    room = Room(np.empty((STACK, 2), np.int64), np.empty(STACK), np.empty((1, 3, LANES)))
+    room = CoreRoom(np.empty((STACK, 2), np.int64), np.empty(STACK), np.empty((1, 3, LANES)))
     for k in range(start, stop):
         row = rows[k]
         mesh, core, place = body_at(a, row), core_at(b, row), body_place(b, row)
         reach = 2.0 * (a.trees.radii[mesh.mesh] + radii[row]) + core.reach + depths[k]
-        pair = Pair(
+        pair = MeshAndCore(
             *(mesh.mesh, core, relative_pose(mesh.place, place, reach)), radii[row] + core.radius
         )
         n = turned_back(mesh.place, vector_at(normals, k))
@@ -130,7 +124,7 @@ def _kernel(
 
 @njit
 def _shortened(
-    trees: TreeArrays, pair: Pair, n: Vector, most: float, room: Room
+    trees: TreeArrays, pair: MeshAndCore, n: Vector, most: float, room: CoreRoom
 ) -> tuple[Push, Vector]:
     """Return the shortest push found below ``most``, and its direction; the first is n."""
     best, way, length = Push(np.inf, n, n, n), n, most
@@ -146,7 +140,9 @@ def _shortened(
 
 
 @njit
-def push_body_out(trees: TreeArrays, pair: Pair, n: Vector, most: float, room: Room) -> Push:
+def push_body_out(
+    trees: TreeArrays, pair: MeshAndCore, n: Vector, most: float, room: CoreRoom
+) -> Push:
     """Return the shortest push of a body along n, unit, after which it is certainly free.
 
     Given up past ``most``. A body within a solid goes as far as the surface, and then by half of
@@ -180,13 +176,13 @@ def _pushed(pose: Pose, n: Vector, length: float) -> Pose:
 
 
 @njit
-def _is_inside(trees: TreeArrays, mesh: int, pose: Pose, room: Room) -> bool:
+def _is_inside(trees: TreeArrays, mesh: int, pose: Pose, room: CoreRoom) -> bool:
     return point_side(trees, mesh, pose.offset, pose.point_bound, room.stack) != OUTSIDE
 
 
 @njit
 def _farthest_way_out(
-    trees: TreeArrays, pair: Pair, pose: Pose, n: Vector, needed: float, room: Room
+    trees: TreeArrays, pair: MeshAndCore, pose: Pose, n: Vector, needed: float, room: CoreRoom
 ) -> float:
     """Return the longest way out of the triangles that are too near to a core, metres."""
     stack, unit = room.stack, unit_scale(pose.size)[0]

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""How deep two meshes overlap: a short push that certainly parts them.
+"""Depth of the overlap of two meshes: a short push that certainly parts them.
 
 The least translation that parts two meshes that are not convex is out of reach (it may take a
 comparison of all their triangles with all others, three at a time). What is found is the shortest
@@ -44,8 +44,8 @@ from obb_collision.numerics.vec3 import (
     scaled,
     vector_at,
 )
+from obb_collision.queries.convex.contacts import frame_of
 from obb_collision.queries.convex.distances import turned_back
-from obb_collision.queries.convex.patch import frame_of
 from obb_collision.queries.mesh_contacts.push import (
     CONTACTS,
     MARGIN,
@@ -56,11 +56,12 @@ from obb_collision.queries.mesh_contacts.push import (
     push_out,
     sides_at,
     triangles_of,
+    way_out,
 )
-from obb_collision.queries.mesh_contacts.way_out import way_out
-from obb_collision.queries.meshes.tree_descent import STACK, Bodies, body_at
-from obb_collision.queries.meshes.tree_distance import Room, nearest_triangles
-from obb_collision.queries.meshes.triangle_signs import Triangle
+from obb_collision.queries.meshes.placed import Meshes, body_at
+from obb_collision.queries.meshes.tree_descent import STACK
+from obb_collision.queries.meshes.tree_distance import TreeRoom, nearest_triangles
+from obb_collision.queries.meshes.triangles import Triangle
 from obb_collision.queries.primitives.segments import unit_scale
 from obb_collision.typing import Floats, Vector
 
@@ -93,7 +94,7 @@ class Directions(NamedTuple):
 
 @njit
 def depth_kernel(
-    a: Bodies, rows_a: np.ndarray, radii_a: Floats, b: Bodies, rows_b: np.ndarray, radii_b: Floats,
+    a: Meshes, rows_a: np.ndarray, radii_a: Floats, b: Meshes, rows_b: np.ndarray, radii_b: Floats,
     depths: Floats, normals: Floats, positions: Floats, start: int, stop: int,
 ) -> None:  # fmt: skip
     """Replace depths (m,), normals and positions (m, 3) of pairs that collide by shorter ones.
@@ -102,7 +103,7 @@ def depth_kernel(
     """
     trees_a, trees_b = a.trees, b.trees
     contacts = np.empty((CONTACTS, 4), np.int64)
-    room = Room(np.empty((STACK, 2), np.int64), np.empty(STACK), contacts)
+    room = TreeRoom(np.empty((STACK, 2), np.int64), np.empty(STACK), contacts)
     ways = Directions(
         *(np.empty((LOOKED_AT, 3)), np.empty(LOOKED_AT)),
         *(np.empty((NORMALS + 6, 3)), np.empty(NORMALS + 6)),
@@ -130,7 +131,7 @@ def depth_kernel(
 
 @njit
 def _shortest(
-    trees_a: TreeArrays, trees_b: TreeArrays, sides: Sides, n: Vector, most: float, room: Room,
+    trees_a: TreeArrays, trees_b: TreeArrays, sides: Sides, n: Vector, most: float, room: TreeRoom,
     ways: Directions,
 ) -> tuple[Push, Vector]:  # fmt: skip
     """Return the shortest push found, and its direction, unit, in the frame of a."""
@@ -172,8 +173,8 @@ def _shortest(
 
 @njit
 def _write_directions(
-    trees_a: TreeArrays, trees_b: TreeArrays, sides: Sides, n: Vector, contacts: int, room: Room,
-    ways: Directions,
+    trees_a: TreeArrays, trees_b: TreeArrays, sides: Sides, n: Vector, contacts: int,
+    room: TreeRoom, ways: Directions,
 ) -> int:  # fmt: skip
     """Write directions to try, the given one first; return their number."""
     unit, _ = unit_scale(sides.pose.size)

@@ -12,7 +12,14 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""How far a mesh must be pushed along a direction until it certainly no longer collides.
+"""Length of a push along a direction until a mesh certainly no longer collides.
+
+``way_out`` is how far a triangle must go until it no longer touches another.
+
+Seen along the direction both are flat, with a height at each point. The way out is the largest
+difference of heights where the two lie over each other, which is at a corner of the one over the
+other, or where two edges cross (a linear function over a convex polygon). It is never more than the
+way past all corners, which is what is left where triangles are seen edge-on.
 
 At a place where triangles touch, no place nearer than the farthest way out of any two of them is
 free: each pair touches from the start of its way to its end, without a gap. So the push goes there
@@ -32,15 +39,95 @@ from obb_collision._jit import njit
 from obb_collision.geometry.trees.obb_tree import TreeArrays
 from obb_collision.numerics.constants import MESH_UNDERFLOW
 from obb_collision.numerics.vec3 import combined, dot, minus, plus, scaled
-from obb_collision.queries.convex.patch import Frame, frame_of
-from obb_collision.queries.mesh_contacts.way_out import way_out
-from obb_collision.queries.meshes.kernels import nesting
+from obb_collision.queries.convex.contacts import FlatFrame, frame_of
+from obb_collision.queries.meshes.meshes import nesting
+from obb_collision.queries.meshes.placed import MeshAt
 from obb_collision.queries.meshes.tree_boxes import Place, Pose, moved, relative_pose
-from obb_collision.queries.meshes.tree_descent import Body, Search, descend
-from obb_collision.queries.meshes.tree_distance import SLACK, Room, nearest_triangles, points_of
-from obb_collision.queries.meshes.triangle_signs import OVERLAP, SEPARATE, Triangle, triangle_at
+from obb_collision.queries.meshes.tree_descent import Contacting, descend
+from obb_collision.queries.meshes.tree_distance import SLACK, TreeRoom, nearest_triangles, points_of
+from obb_collision.queries.meshes.triangles import OVERLAP, SEPARATE, Triangle, triangle_at
 from obb_collision.queries.primitives.segments import unit_scale
 from obb_collision.typing import Vector
+
+#: Places this little outside of an edge or a face, relative to it, are on it.
+OUTSIDE = 1e-12
+
+
+@njit
+def way_out(p: Triangle, q: Triangle, frame: FlatFrame, enough: float) -> float:
+    """Return how far q must go along the normal of a frame until it no longer touches p.
+
+    Not too little but for rounding; minus infinity where they do not lie over each other, or where
+    it certainly is not more than enough.
+    """
+    p, q = _seen(p, frame), _seen(q, frame)
+    most = max(p[0][2], p[1][2], p[2][2]) - min(q[0][2], q[1][2], q[2][2])
+    best = -np.inf
+    if not most > enough:
+        return best
+    for _ in range(3):
+        for _ in range(3):
+            best = max(best, _edges_apart(p[0], p[1], q[0], q[1]))
+            q = q[1], q[2], q[0]
+        best = max(best, _height(p, q[0]) - q[0][2], p[0][2] + _height(_turned(q), p[0]))
+        q = q[1], q[2], q[0]
+        p = p[1], p[2], p[0]
+    return min(best, most)
+
+
+@njit
+def _seen(t: Triangle, frame: FlatFrame) -> Triangle:
+    """Return the corners along the axes of a frame."""
+    return _along(t[0], frame), _along(t[1], frame), _along(t[2], frame)
+
+
+@njit
+def _along(v: Vector, frame: FlatFrame) -> Vector:
+    return dot(frame.x, v), dot(frame.y, v), dot(frame.n, v)
+
+
+@njit
+def _turned(t: Triangle) -> Triangle:
+    """Return a triangle with its heights reversed: the highest is then minus the lowest."""
+    (a, b, c), (d, e, f), (g, h, i) = t
+    return (a, b, -c), (d, e, -f), (g, h, -i)
+
+
+@njit
+def _area(a: Vector, b: Vector, c: Vector) -> float:
+    """Return twice the area of a flat triangle, positive counterclockwise."""
+    return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+
+
+@njit
+def _height(t: Triangle, v: Vector) -> float:
+    """Return the height of a triangle over a point, minus infinity beside it."""
+    a, b, c = t
+    area = _area(a, b, c)
+    if area == 0.0:
+        return -np.inf
+    y, z = _area(a, v, c) / area, _area(a, b, v) / area
+    if min(y, z, 1.0 - y - z) < -OUTSIDE:
+        return -np.inf
+    y, z = min(max(y, 0.0), 1.0), min(max(z, 0.0), 1.0)
+    x = max(1.0 - y - z, 0.0)
+    return x * a[2] + y * b[2] + z * c[2]
+
+
+@njit
+def _edges_apart(a: Vector, b: Vector, c: Vector, d: Vector) -> float:
+    """Return how far the edge from a to b is above that from c to d where they cross."""
+    ux, uy, vx, vy = b[0] - a[0], b[1] - a[1], d[0] - c[0], d[1] - c[1]
+    turn = ux * vy - uy * vx
+    if turn == 0.0:
+        return -np.inf
+    wx, wy = c[0] - a[0], c[1] - a[1]
+    s, t = (wx * vy - wy * vx) / turn, (wx * uy - wy * ux) / turn
+    if min(s, t) < -OUTSIDE or max(s, t) > 1.0 + OUTSIDE:
+        return -np.inf
+    s, t = min(max(s, 0.0), 1.0), min(max(t, 0.0), 1.0)
+    return a[2] + s * (b[2] - a[2]) - c[2] - t * (d[2] - c[2])
+
 
 #: By how much a push goes on after the last contact, relative to S: an eighth of what is promised.
 MARGIN = 2.0**-33
@@ -61,8 +148,8 @@ UNLIMITED = 2**62
 class Sides(NamedTuple):
     """Two bodies of trees that come with them: where they are, the second seen from the first."""
 
-    a: Body
-    b: Body
+    a: MeshAt
+    b: MeshAt
     pose: Pose
     radius_a: float
     radius_b: float
@@ -79,19 +166,19 @@ class Push(NamedTuple):
 
 @njit
 def sides_at(
-    trees_a: TreeArrays, a: Body, radius_a: float, trees_b: TreeArrays, b: Body, radius_b: float,
-    way: float,
+    trees_a: TreeArrays, a: MeshAt, radius_a: float,
+    trees_b: TreeArrays, b: MeshAt, radius_b: float, way: float,
 ) -> Sides:  # fmt: skip
     """Return two bodies seen from the first one; way: how far one is pushed at most."""
     reach = trees_a.radii[a.mesh] + trees_b.radii[b.mesh] + radius_a + radius_b + way
     zero = 0.0, 0.0, 0.0
     first, second = Place(zero, a.place.axes), Place(_offset(a, b), b.place.axes)
     pose = relative_pose(first, second, reach)
-    return Sides(Body(a.mesh, first), Body(b.mesh, second), pose, radius_a, radius_b)
+    return Sides(MeshAt(a.mesh, first), MeshAt(b.mesh, second), pose, radius_a, radius_b)
 
 
 @njit
-def _offset(a: Body, b: Body) -> Vector:
+def _offset(a: MeshAt, b: MeshAt) -> Vector:
     return minus(b.place.center, a.place.center)
 
 
@@ -103,15 +190,15 @@ def pushed(sides: Sides, n: Vector, length: float) -> Sides:
     offset = plus(pose.offset, way)
     place = Place(plus(b.place.center, combined(a.place.axes, way)), b.place.axes)
     moved_pose = Pose(pose.axes, offset, pose.size, pose.gap_bound, pose.point_bound)
-    return Sides(a, Body(b.mesh, place), moved_pose, sides.radius_a, sides.radius_b)
+    return Sides(a, MeshAt(b.mesh, place), moved_pose, sides.radius_a, sides.radius_b)
 
 
 @njit
 def contacts_of(
-    trees_a: TreeArrays, trees_b: TreeArrays, sides: Sides, room: Room
+    trees_a: TreeArrays, trees_b: TreeArrays, sides: Sides, room: TreeRoom
 ) -> tuple[int, int]:
     """Write the triangles that touch, as many as there is room for; return verdict and number."""
-    search = Search(ALL, UNLIMITED, room.contacts, room.stack)
+    search = Contacting(ALL, UNLIMITED, room.contacts, room.stack)
     verdict, found = descend(trees_a, sides.a, trees_b, sides.b, sides.pose, search, 0, 0)
     return verdict, min(found, len(room.contacts))
 
@@ -134,7 +221,7 @@ def triangles_of(
 
 @njit
 def farthest_way_out(
-    trees_a: TreeArrays, trees_b: TreeArrays, sides: Sides, frame: Frame, contacts: np.ndarray,
+    trees_a: TreeArrays, trees_b: TreeArrays, sides: Sides, frame: FlatFrame, contacts: np.ndarray,
     count: int,
 ) -> tuple[float, int]:  # fmt: skip
     """Return the longest way out of the first contacts, metres, and the row that has it."""
@@ -151,7 +238,7 @@ def farthest_way_out(
 
 @njit
 def push_out(
-    trees_a: TreeArrays, trees_b: TreeArrays, sides: Sides, n: Vector, most: float, room: Room
+    trees_a: TreeArrays, trees_b: TreeArrays, sides: Sides, n: Vector, most: float, room: TreeRoom
 ) -> Push:
     """Return the shortest push of b along n, unit, after which it is certainly free.
 

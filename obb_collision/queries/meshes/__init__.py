@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Whether two meshes, hulls or trees of boxes collide."""
+"""Placed meshes and hulls: verdicts, distances, and the trees behind them."""

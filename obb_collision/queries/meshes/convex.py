@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Do two convex hulls collide? A direction that separates them, searched and then proved.
+"""Verdicts of two convex hulls: a direction that separates them, searched and then proved.
 
 The search is that of Gilbert, Johnson and Keerthi 1988: the nearest point of a simplex within the
 difference of the two bodies gives the next direction. What counts is only whether the corners of

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Is a point inside a watertight mesh? Counting what a ray crosses, certified.
+"""Points inside of a watertight mesh: crossings of a ray are counted, certified.
 
 A point off the surface is inside if a ray from it leaves the surface another number of times than
 it enters it: the surface winds about the point. That holds for solids that overlap, too, and for
@@ -34,7 +34,7 @@ from obb_collision.geometry.trees.obb_tree import TreeArrays
 from obb_collision.numerics import exact
 from obb_collision.numerics.constants import ROUNDOFF
 from obb_collision.numerics.vec3 import cross, dot, max_abs, minus, scaled, sum_abs
-from obb_collision.queries.meshes.triangle_signs import corner, determinant_bound
+from obb_collision.queries.meshes.triangles import corner, determinant_bound
 from obb_collision.queries.primitives.segments import unit_scale
 from obb_collision.typing import Floats, Vector
 

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""How far apart are two meshes, and where? The distance of their surfaces, certified.
+"""Distance of the surfaces of two meshes, certified, and their closest points.
 
 Meshes are solids or surfaces as in ``meshes``, whose verdict decides whether they collide: then
 the distance is 0. Else the answer comes with two bounds: no points of the two are closer than the
@@ -40,25 +40,18 @@ from obb_collision.geometry.validation import refuse_where
 from obb_collision.numerics.constants import MESH_UNDERFLOW
 from obb_collision.numerics.vec3 import combined, minus, norm, plus, scaled
 from obb_collision.queries.clearance.clearance import as_limit
-from obb_collision.queries.meshes.kernels import nesting, pose_of, roots_apart
-from obb_collision.queries.meshes.meshes import UNLIMITED, PlacedMeshes, mesh_rows
+from obb_collision.queries.meshes.meshes import UNLIMITED, nesting, pose_of, roots_apart
+from obb_collision.queries.meshes.placed import MeshAt, Meshes, PlacedMeshes, body_at, mesh_rows
 from obb_collision.queries.meshes.tree_boxes import Pose, moved
-from obb_collision.queries.meshes.tree_descent import (
-    STACK,
-    Bodies,
-    Body,
-    Search,
-    body_at,
-    descend,
-)
+from obb_collision.queries.meshes.tree_descent import STACK, Contacting, descend
 from obb_collision.queries.meshes.tree_distance import (
     DISTANCE_BOUND,
     SLACK,
-    Room,
+    TreeRoom,
     nearest_triangles,
     points_of,
 )
-from obb_collision.queries.meshes.triangle_signs import SEPARATE, TOUCHING
+from obb_collision.queries.meshes.triangles import SEPARATE, TOUCHING
 from obb_collision.queries.primitives.segments import unit_scale
 from obb_collision.typing import Floats, Integers, Mask, Vector
 
@@ -191,13 +184,13 @@ class Apart(NamedTuple):
 
 @njit
 def clearance_kernel(
-    a: Bodies, rows_a: np.ndarray, radii_a: Floats, b: Bodies, rows_b: np.ndarray, radii_b: Floats,
+    a: Meshes, rows_a: np.ndarray, radii_a: Floats, b: Meshes, rows_b: np.ndarray, radii_b: Floats,
     limit: float, near: np.ndarray, lower: Floats, upper: Floats, positions_a: Floats,
     positions_b: Floats, normals: Floats, faces: np.ndarray, start: int, stop: int,
 ) -> None:  # fmt: skip
     """Write whether pairs are within the limit, and the clearance of those that are."""
     trees_a, trees_b = a.trees, b.trees
-    room = Room(np.empty((STACK, 2), np.int64), np.empty(STACK), np.empty((1, 4), np.int64))
+    room = TreeRoom(np.empty((STACK, 2), np.int64), np.empty(STACK), np.empty((1, 4), np.int64))
     for row in range(start, stop):
         i, j = rows_a[row], rows_b[row]
         body_a, body_b = body_at(a, i), body_at(b, j)
@@ -225,13 +218,14 @@ def clearance_kernel(
 
 @njit
 def surfaces_apart(
-    trees_a: TreeArrays, a: Body, trees_b: TreeArrays, b: Body, pose: Pose, limit: float, room: Room
+    trees_a: TreeArrays, a: MeshAt, trees_b: TreeArrays, b: MeshAt, pose: Pose, limit: float,
+    room: TreeRoom,
 ) -> Apart:  # fmt: skip
     """Return how far apart two meshes are, the bounds but for rounding; infinite past a limit."""
     zero = 0.0, 0.0, 0.0
     unit, back = unit_scale(pose.size)
     if not roots_apart(trees_a, a, trees_b, b, pose):
-        search = Search(TOUCHING, UNLIMITED, room.contacts, room.stack)
+        search = Contacting(TOUCHING, UNLIMITED, room.contacts, room.stack)
         if descend(trees_a, a, trees_b, b, pose, search, 0, 0)[0] != SEPARATE:
             s, t = room.contacts[0, 1], room.contacts[0, 2]
             _, x, y = points_of(trees_a, s, trees_b, t, pose, unit)

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Do two meshes collide? Triangles through their OBB trees, and what lies inside a solid.
+"""Verdicts of placed meshes: triangles through their OBB trees, and what lies inside a solid.
 
 A watertight mesh is a solid, an open one a surface. Two meshes collide if their surfaces have a
 common point, or if a piece of one lies inside the other, which must be a solid. Verdicts:
@@ -29,28 +29,40 @@ A box is a mesh too (``MeshTrees.from_half_extents``), exactly.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from obb_collision._jit import njit
 from obb_collision._threads import run
-from obb_collision.geometry.kinds import as_flag, check_kind
-from obb_collision.geometry.poses import as_poses
-from obb_collision.geometry.trees.obb_tree import MeshTrees
+from obb_collision.geometry.kinds import as_flag
+from obb_collision.geometry.trees.obb_tree import TreeArrays
 from obb_collision.geometry.validation import (
-    as_array,
-    as_rotations,
-    as_rows,
     as_whole,
-    check_lengths,
 )
-from obb_collision.queries.meshes.inside import inside_exactly
-from obb_collision.queries.meshes.kernels import find_kernel, tree_kernel
-from obb_collision.queries.meshes.tree_descent import Bodies
-from obb_collision.queries.meshes.triangle_exact import exact_corners, exact_triangle_verdict
-from obb_collision.queries.verdict.pair_rows import as_sides
-from obb_collision.queries.verdict.verdict import OVERLAP, SEPARATE, TOUCHING
+from obb_collision.queries.meshes.inside import (
+    INSIDE,
+    OUTSIDE,
+    UNKNOWN,
+    inside_exactly,
+    outside_box,
+    point_side,
+)
+from obb_collision.queries.meshes.placed import MeshAt, Meshes, PlacedMeshes, body_at, mesh_rows
+from obb_collision.queries.meshes.tree_boxes import Pose, box_gap, moved, moved_back, relative_pose
+from obb_collision.queries.meshes.tree_descent import (
+    STACK,
+    Contacting,
+    boxes_may_collide,
+    descend,
+)
+from obb_collision.queries.meshes.triangles import (
+    OVERLAP,
+    SEPARATE,
+    TOUCHING,
+    exact_corners,
+    exact_triangle_verdict,
+)
 from obb_collision.typing import Floats, Integers
 
 #: A verdict that none reaches: look at all triangles.
@@ -61,103 +73,6 @@ UNLIMITED = 2**62
 FEWEST_PAIRS = 64
 #: Contacts that there is room for at first, whatever the capacity: 2 MB.
 FIRST_ROOM = 1 << 16
-
-
-@dataclass(frozen=True, eq=False)
-class PlacedMeshes:
-    """n bodies: body i is mesh ``meshes[i]`` of the trees at centers (n, 3), rotations (n, 3, 3).
-
-    Metres; raises ValueError naming the argument and the row for anything else.
-
-    Parameters
-    ----------
-    trees : MeshTrees
-    meshes : (n,) array_like of int
-        Rows of trees.
-    centers : (n, 3) array_like
-        Metres.
-    rotations : (n, 3, 3) array_like
-        Orthonormal.
-
-    Raises
-    ------
-    ValueError
-        Naming the argument and the row.
-
-    Examples
-    --------
-    >>> tree = oc.MeshTrees.build([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
-    >>> len(oc.PlacedMeshes(tree, [0, 0], np.zeros((2, 3)), [np.eye(3)] * 2))
-    2
-    """
-
-    trees: MeshTrees
-    meshes: Integers
-    centers: Floats
-    rotations: Floats
-    arrays: Bodies = field(init=False, repr=False)
-    """All of it, for kernels."""
-
-    def __init__(
-        self, trees: MeshTrees, meshes: ArrayLike, centers: ArrayLike, rotations: ArrayLike
-    ) -> None:
-        if not isinstance(trees, MeshTrees):
-            raise ValueError(f"trees must be MeshTrees, got {type(trees).__name__}")
-        rows = as_rows(meshes, "meshes", len(trees))
-        c = as_array(centers, "centers", (None, 3))
-        r = as_rotations(rotations, "rotations", (None, 3, 3))
-        check_lengths(meshes=rows, centers=c, rotations=r)
-        self._store(trees, rows, c.copy(), r.copy())
-
-    def _store(
-        self, trees: MeshTrees, meshes: Integers, centers: Floats, rotations: Floats
-    ) -> None:
-        """Store arrays for kernels, which follow the rows in them, and a view to look at those."""
-        shown = meshes.view()
-        shown.setflags(write=False)
-        vars(self).update(trees=trees, meshes=shown, centers=centers, rotations=rotations)
-        vars(self)["arrays"] = Bodies(trees.arrays, meshes, centers, rotations)
-
-    @classmethod
-    def from_poses(cls, trees: MeshTrees, meshes: ArrayLike, poses: ArrayLike) -> PlacedMeshes:
-        """Return bodies at poses (n, 7), x y z qx qy qz qw.
-
-        Parameters
-        ----------
-        trees : MeshTrees
-        meshes : (n,) array_like of int
-            Rows of trees.
-        poses : (n, 7) array_like
-            x y z (metres) qx qy qz qw.
-
-        Raises
-        ------
-        ValueError
-            Naming the argument and the row.
-
-        Examples
-        --------
-        >>> tree = oc.MeshTrees.build([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
-        >>> len(oc.PlacedMeshes.from_poses(tree, [0], [[0, 0, 0, 0, 0, 0, 1]]))
-        1
-        """
-        return cls(trees, meshes, *as_poses(poses))
-
-    @classmethod
-    def trusted(
-        cls, trees: MeshTrees, meshes: Integers, centers: Floats, rotations: Floats
-    ) -> PlacedMeshes:
-        """Return bodies of arrays that are valid, unchecked and not copied."""
-        bodies = object.__new__(cls)
-        bodies._store(trees, meshes, centers, rotations)
-        return bodies
-
-    def __len__(self) -> int:
-        return len(self.meshes)
-
-    def place(self, row: int) -> tuple[Floats, Floats]:
-        """Return centre (3,) and rotation (3, 3) of a body."""
-        return self.centers[row], self.rotations[row]
 
 
 def mesh_verdicts(
@@ -322,15 +237,6 @@ def mesh_contacts(
     return faces, count
 
 
-def mesh_rows(
-    a: PlacedMeshes, b: PlacedMeshes, pairs: ArrayLike | None
-) -> tuple[Integers, Integers]:
-    """Return rows (m,) of a and of b that are asked about."""
-    check_kind(a, PlacedMeshes, "a")
-    check_kind(b, PlacedMeshes, "b")
-    return as_sides(a, b, pairs)
-
-
 def _find(
     a: PlacedMeshes,
     b: PlacedMeshes,
@@ -383,3 +289,112 @@ def _inside(a: PlacedMeshes, i: int, b: PlacedMeshes, j: int) -> Iterator[bool]:
     for point in a.trees.pieces[starts[mesh] : starts[mesh + 1], 0]:
         corners = exact_corners((point, triangles), (a.place(i), b.place(j)))
         yield inside_exactly(corners, bool(b.trees.winding[other]))
+
+
+@njit
+def find_kernel(
+    a: Meshes, rows_a: np.ndarray, b: Meshes, rows_b: np.ndarray,
+    enough: int, effort: int, out: np.ndarray, contacts: np.ndarray, start: int, stop: int,
+) -> int:  # fmt: skip
+    """Write the verdict of a range of pairs, and contacts while there is room; return how many.
+
+    contacts (c, 4): pair, triangle of a, triangle of b, verdict. The search within a pair ends at
+    the first triangles of a verdict of at least ``enough``, or ``effort`` pairs of nodes after the
+    first that touch.
+    """
+    trees_a, trees_b = a.trees, b.trees
+    stack = np.empty((STACK, 2), np.int64)
+    search = Contacting(enough, effort, contacts, stack)
+    found = 0
+    for n in range(start, stop):
+        body_a, body_b = body_at(a, rows_a[n]), body_at(b, rows_b[n])
+        pose = pose_of(trees_a, body_a, trees_b, body_b)
+        out[n] = SEPARATE
+        if roots_apart(trees_a, body_a, trees_b, body_b, pose):
+            continue
+        verdict, found = descend(trees_a, body_a, trees_b, body_b, pose, search, n, found)
+        if verdict == SEPARATE:
+            verdict = nesting(trees_a, body_a, trees_b, body_b, pose, stack)[0]
+        out[n] = verdict
+    return found
+
+
+@njit
+def tree_kernel(
+    a: Meshes, rows_a: np.ndarray, b: Meshes, rows_b: np.ndarray, depth: int, out: np.ndarray,
+    start: int, stop: int,
+) -> None:  # fmt: skip
+    """Write for a range of pairs whether boxes of a depth may collide, or a piece lies inside."""
+    trees_a, trees_b = a.trees, b.trees
+    stack = np.empty((STACK, 2), np.int64)
+    for n in range(start, stop):
+        body_a, body_b = body_at(a, rows_a[n]), body_at(b, rows_b[n])
+        pose = pose_of(trees_a, body_a, trees_b, body_b)
+        out[n] = False
+        if roots_apart(trees_a, body_a, trees_b, body_b, pose):
+            continue
+        out[n] = boxes_may_collide(trees_a, body_a, trees_b, body_b, pose, depth, stack) or (
+            nesting(trees_a, body_a, trees_b, body_b, pose, stack)[0] != SEPARATE
+        )
+
+
+@njit
+def pose_of(trees_a: TreeArrays, a: MeshAt, trees_b: TreeArrays, b: MeshAt) -> Pose:
+    """Return the pose of b in the frame of a."""
+    return relative_pose(a.place, b.place, trees_a.radii[a.mesh] + trees_b.radii[b.mesh])
+
+
+@njit
+def roots_apart(trees_a: TreeArrays, a: MeshAt, trees_b: TreeArrays, b: MeshAt, pose: Pose) -> bool:
+    """Return whether the boxes about two bodies are certainly apart."""
+    root_a, root_b = trees_a.roots[a.mesh], trees_b.roots[b.mesh]
+    return box_gap(trees_a.nodes, root_a, trees_b.nodes, root_b, pose) == np.inf
+
+
+@njit
+def nesting(
+    trees_a: TreeArrays, a: MeshAt, trees_b: TreeArrays, b: MeshAt, pose: Pose, stack: np.ndarray
+) -> tuple[int, int, bool]:  # fmt: skip
+    """Return OVERLAP where a piece of one is inside the other, TOUCHING where that is unknown.
+
+    And that piece, and whether it is one of a. For meshes whose surfaces are apart: then a
+    piece is inside or outside as a whole.
+    """
+    unknown, of_a = -1, False
+    if trees_a.solid[a.mesh]:
+        for k in range(trees_b.piece_starts[b.mesh], trees_b.piece_starts[b.mesh + 1]):
+            side = _piece_side(trees_a, a.mesh, trees_b.pieces, k, pose, False, stack)
+            if side == INSIDE:
+                return OVERLAP, k, False
+            unknown = k if side == UNKNOWN else unknown
+    if trees_b.solid[b.mesh]:
+        for k in range(trees_a.piece_starts[a.mesh], trees_a.piece_starts[a.mesh + 1]):
+            side = _piece_side(trees_b, b.mesh, trees_a.pieces, k, pose, True, stack)
+            if side == INSIDE:
+                return OVERLAP, k, True
+            if side == UNKNOWN:
+                unknown, of_a = k, True
+    return TOUCHING if unknown >= 0 else SEPARATE, unknown, of_a
+
+
+@njit
+def _piece_side(
+    trees: TreeArrays, mesh: int, pieces: Floats, k: int, pose: Pose, back: bool, stack: np.ndarray
+) -> int:
+    """Return the side of piece k (p, 6, 3) of the one mesh in the other: of its first sure corner.
+
+    back: the pose takes the solid to the piece's frame, not the piece to the solid's. One corner
+    outside the solid's box is enough, and found without a ray.
+    """
+    count, root = pieces.shape[1], trees.roots[mesh]
+    for n in range(2 * count):
+        row = n % count
+        point = pieces[k, row, 0], pieces[k, row, 1], pieces[k, row, 2]
+        point = moved_back(pose, point) if back else moved(pose, point)
+        if n < count:
+            side = OUTSIDE if outside_box(trees.nodes, root, point, pose.point_bound) else UNKNOWN
+        else:
+            side = point_side(trees, mesh, point, pose.point_bound, stack)
+        if side != UNKNOWN:
+            return side
+    return UNKNOWN

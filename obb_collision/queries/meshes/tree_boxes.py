@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Are two nodes of mesh trees apart? The separating axis test in the frame of the first mesh.
+"""Separating axis test of two nodes of mesh trees, in the frame of the first mesh.
 
 The offset and rotation between the meshes are computed once per pair of poses (``relative_pose``),
 with one bound on all errors, so that a node test is little more than the products it needs.

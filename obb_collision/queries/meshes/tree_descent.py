@@ -28,6 +28,7 @@ import numpy as np
 from obb_collision._jit import njit
 from obb_collision.geometry.trees.node_fit import SIZE
 from obb_collision.geometry.trees.obb_tree import TreeArrays
+from obb_collision.queries.meshes.placed import MeshAt
 from obb_collision.queries.meshes.tree_boxes import (
     Place,
     Pose,
@@ -36,41 +37,23 @@ from obb_collision.queries.meshes.tree_boxes import (
     faces_gap,
     moved,
     moved_node,
-    place_at,
 )
-from obb_collision.queries.meshes.triangle_axes import classify_by_axes
-from obb_collision.queries.meshes.triangle_signs import (
+from obb_collision.queries.meshes.triangles import (
     SEPARATE,
     TOUCHING,
     UNDECIDED,
     Triangle,
+    classify_by_axes,
     classify_by_signs,
     triangle_at,
 )
-from obb_collision.typing import Floats
 
 #: Rows of the stack: one is left behind at each level of either tree, at most 2 x 75 of them
 #: (``trees.build.LEAST_SHARE``).
 STACK = 256
 
 
-class Bodies(NamedTuple):
-    """Placed meshes, for kernels: body i is mesh ``meshes[i]``."""
-
-    trees: TreeArrays
-    meshes: np.ndarray
-    centers: Floats
-    rotations: Floats
-
-
-class Body(NamedTuple):
-    """One placed mesh of the trees that come with it: arrays in here would be counted per pair."""
-
-    mesh: int
-    place: Place
-
-
-class Search(NamedTuple):
+class Contacting(NamedTuple):
     """When a search for triangles in contact ends, and where it writes."""
 
     stop: int  #: at the first verdict of at least this,
@@ -80,15 +63,9 @@ class Search(NamedTuple):
 
 
 @njit
-def body_at(bodies: Bodies, i: int) -> Body:
-    """Return body i."""
-    return Body(bodies.meshes[i], place_at(bodies.centers, bodies.rotations, i))
-
-
-@njit
 def descend(
-    trees_a: TreeArrays, a: Body, trees_b: TreeArrays, b: Body,
-    pose: Pose, search: Search, pair: int, found: int,
+    trees_a: TreeArrays, a: MeshAt, trees_b: TreeArrays, b: MeshAt,
+    pose: Pose, search: Contacting, pair: int, found: int,
 ) -> tuple[int, int]:  # fmt: skip
     """Return the highest verdict of two triangles, and the number of contacts so far.
 
@@ -169,7 +146,7 @@ def _push(
 
 @njit
 def boxes_may_collide(
-    trees_a: TreeArrays, a: Body, trees_b: TreeArrays, b: Body,
+    trees_a: TreeArrays, a: MeshAt, trees_b: TreeArrays, b: MeshAt,
     pose: Pose, depth: int, stack: np.ndarray,
 ) -> bool:  # fmt: skip
     """Return whether boxes of a depth are not certainly apart, nor those above them.

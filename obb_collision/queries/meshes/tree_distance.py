@@ -42,6 +42,7 @@ from obb_collision.geometry.trees.node_fit import SIZE
 from obb_collision.geometry.trees.obb_tree import TreeArrays
 from obb_collision.numerics.constants import ROUNDOFF
 from obb_collision.numerics.vec3 import components, dot, max_abs, minus, scaled
+from obb_collision.queries.meshes.placed import MeshAt
 from obb_collision.queries.meshes.tree_boxes import (
     BOX_BOUND,
     NodeBox,
@@ -51,13 +52,12 @@ from obb_collision.queries.meshes.tree_boxes import (
     moved_node,
     node_at,
 )
-from obb_collision.queries.meshes.tree_descent import Body
 from obb_collision.queries.meshes.triangle_distance import (
     careful_gap,
     closest_points,
     triangle_bounds,
 )
-from obb_collision.queries.meshes.triangle_signs import Triangle, triangle_at
+from obb_collision.queries.meshes.triangles import Triangle, triangle_at
 from obb_collision.queries.verdict.sat import face_gap, rows_of
 from obb_collision.typing import Floats, Vector
 
@@ -71,7 +71,7 @@ SLACK = 2.0**-36
 APART = 2.0**-40
 
 
-class Room(NamedTuple):
+class TreeRoom(NamedTuple):
     """Work space."""
 
     stack: np.ndarray  #: (STACK, 2) pairs of nodes
@@ -91,8 +91,8 @@ class Nearest(NamedTuple):
 
 @njit
 def nearest_triangles(
-    trees_a: TreeArrays, a: Body, trees_b: TreeArrays, b: Body,
-    pose: Pose, unit: float, limit: float, room: Room,
+    trees_a: TreeArrays, a: MeshAt, trees_b: TreeArrays, b: MeshAt,
+    pose: Pose, unit: float, limit: float, room: TreeRoom,
 ) -> Nearest:  # fmt: skip
     """Return the closest triangles of two bodies; unit: the scale, of the limit as well."""
     nodes_a, children_a, starts_a = trees_a.nodes, trees_a.children, trees_a.starts

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""How far apart are two triangles? Bounds of the distance, and the closest points.
+"""Distance of two triangles: bounds of it, and the closest points.
 
 Two kinds of evidence, neither of which depends on how it was found: along any direction the gap of
 the projections is at most the distance, and the distance of any two points is at least that.
@@ -36,7 +36,7 @@ from obb_collision._jit import njit
 from obb_collision.numerics import double_double as dd
 from obb_collision.numerics.simplex import no_simplex, with_corner
 from obb_collision.numerics.vec3 import careful_cross, dot, max_abs, minus, plus, scaled
-from obb_collision.queries.meshes.triangle_signs import Triangle
+from obb_collision.queries.meshes.triangles import Triangle
 from obb_collision.queries.primitives.segments import nearest_of_segments
 from obb_collision.typing import Vector
 

@@ -12,34 +12,432 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Do two triangles collide? Certified, in three stages.
+"""Certified test of two triangles: in doubles, with twice the digits, and in integers.
 
 Closed triangles in space, verdicts as for boxes: SEPARATE, no common point; OVERLAP, no small
 move parts them: one pierces the other; TOUCHING, undecided. Triangles in one plane
 that share points are TOUCHING, like flat boxes: an arbitrarily small move along the normal parts
 them. A triangle may be a segment or a point.
 
-``triangle_signs`` decides in doubles, ``triangle_axes`` with twice the digits what is left, and
-``triangle_exact``, where asked, the rest in integers.
+Fast, in doubles: on which sides of each other's planes they lie.
+
+Guigue, Devillers 2003, "Fast and robust triangle-triangle overlap test using orientation
+predicates": two triangles that lie across each other's planes meet that common line in one
+interval each, and two more orientations decide whether the intervals overlap. Every orientation
+comes with a bound on its error; where a sign is not certain, the pair stays undecided. When all
+are certain and none is zero, the triangles are apart, or pierce each other so that no small
+move parts them.
+
+Error analysis: let A, B, C bound the components of three difference vectors, each component off by
+at most w. Their determinant of six products is then off by at most 6 ((A+w)(B+w)(C+w) - ABC),
+and by 20 u ABC of rounding (5 operations a product, 6 products): below 64 u ABC. The rounding of
+the differences themselves, u A and so on, is 18 u ABC: within the same bound.
+
+``classify_by_axes`` takes twice the digits for what doubles leave open.
+
+The corners are placed in the world relative to the first body, in double-double arithmetic, and
+the orientations are asked again; where one stays uncertain (coplanar
+triangles, an edge that touches an edge, no area), separating axes are tried: any axis with a gap
+above its error proves SEPARATE. What is left is TOUCHING: as near as 1e-26 of the size
+of the pair, or in a common plane, or degenerate.
+
+Error analysis: all is scaled by a power of two so that coordinates stay below 8. Rotating, adding
+the offset and subtracting the first corner leave each component off by less than 2^-98; WIDTH
+holds that and the rounding of all that follows (below 200 u^2 of coordinates below 8).
+
+Triangle against triangle in exact integers, for the pairs that certified kernels leave open.
 """
 
 from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from obb_collision._jit import njit
 from obb_collision.geometry.validation import as_array, check_lengths
-from obb_collision.queries.meshes.tree_boxes import Place
-from obb_collision.queries.meshes.triangle_axes import classify_by_axes
-from obb_collision.queries.meshes.triangle_exact import exact_triangle_verdict
-from obb_collision.queries.meshes.triangle_signs import (
-    TOUCHING,
-    UNDECIDED,
-    classify_by_signs,
-    triangle_at,
+from obb_collision.numerics.constants import PRODUCT_UNDERFLOW, ROUNDOFF
+from obb_collision.numerics.double_double import (
+    Pair,
+    add,
+    as_pairs,
+    largest,
+    subtract,
+    subtract_vectors,
 )
-from obb_collision.typing import Floats
+from obb_collision.numerics.double_double import (
+    Vector as Wide,
+)
+from obb_collision.numerics.double_double import (
+    cross as wide_cross,
+)
+from obb_collision.numerics.double_double import (
+    dot as wide_dot,
+)
+from obb_collision.numerics.error_free import two_sum_error
+from obb_collision.numerics.exact import Vector as Exact
+from obb_collision.numerics.exact import cross as exact_cross
+from obb_collision.numerics.exact import dot as exact_dot
+from obb_collision.numerics.exact import exact_axes, exact_integers
+from obb_collision.numerics.vec3 import cross, dot, max_abs, minus, scaled
+from obb_collision.queries.meshes.tree_boxes import Place
+from obb_collision.queries.verdict.sat import rows_of
+from obb_collision.typing import Axes, Floats, Vector
+
+SEPARATE, TOUCHING, OVERLAP, UNDECIDED = 0, 1, 2, -1
+
+#: The corners of a triangle.
+Triangle = tuple[Vector, Vector, Vector]
+
+#: Rounding of a determinant relative to ABC: 64 unit roundoffs (derivation above).
+DETERMINANT_ROUNDING = 64 * ROUNDOFF
+
+
+@njit
+def classify_by_signs(p: Triangle, q: Triangle, error: float) -> int:
+    """Return SEPARATE or OVERLAP of two triangles where certain, else UNDECIDED.
+
+    error: by how much a component of a corner of q may be off.
+    """
+    (p0, p1, p2), (q0, q1, q2) = p, q
+    w = 2.0 * error
+    side, alone_q, positive_q = _sides(p, q, w)
+    if side == SEPARATE:
+        return SEPARATE
+    other_side, alone_p, positive_p = _sides(q, p, w)
+    if other_side == SEPARATE:
+        return SEPARATE
+    if side == UNDECIDED or other_side == UNDECIDED:
+        return UNDECIDED
+    p0, p1, p2 = _turned(p, alone_p)
+    q0, q1, q2 = _turned(q, alone_q)
+    if not positive_p:  # p0 to the positive side of the plane of q
+        q1, q2 = q2, q1
+    if not positive_q:
+        p1, p2 = p2, p1
+    first = sign(minus(q1, p1), minus(q0, p1), minus(p0, p1), w)
+    if first > 0:
+        return SEPARATE
+    second = sign(minus(q2, p0), minus(q0, p0), minus(p2, p0), w)
+    if second > 0:
+        return SEPARATE
+    return OVERLAP if first < 0 and second < 0 else UNDECIDED
+
+
+@njit
+def corner(triangles: Floats, n: int, k: int) -> Vector:
+    """Return the corner at column k of row n of (m, 9)."""
+    return triangles[n, k], triangles[n, k + 1], triangles[n, k + 2]
+
+
+@njit
+def triangle_at(triangles: Floats, n: int) -> Triangle:
+    """Return row n of (m, 9)."""
+    return corner(triangles, n, 0), corner(triangles, n, 3), corner(triangles, n, 6)
+
+
+@njit
+def determinant_bound(a: float, b: float, c: float, w: float) -> float:
+    """Return the error of a determinant of vectors up to a, b, c, each component off by w."""
+    products = a * b + b * c + c * a
+    spread = w * products + w * w * (a + b + c) + w * w * w
+    return (
+        6.0 * spread * (1.0 + DETERMINANT_ROUNDING)
+        + DETERMINANT_ROUNDING * (a * b * c)
+        + PRODUCT_UNDERFLOW
+    )
+
+
+@njit
+def sign(a: Vector, b: Vector, c: Vector, w: float) -> int:
+    """Return the sign of a.(b x c) where certain, components off by w each; else 0."""
+    value = dot(a, cross(b, c))
+    bound = determinant_bound(max_abs(a), max_abs(b), max_abs(c), w)
+    return 1 if value > bound else (-1 if value < -bound else 0)
+
+
+@njit
+def _sides(p: Triangle, q: Triangle, w: float) -> tuple[int, int, bool]:
+    """Return on which side of the plane of p the corners of q are.
+
+    SEPARATE if all on one; UNDECIDED; or OVERLAP with the number of the one that is alone on its
+    side, and whether that is the positive side.
+    """
+    (p0, p1, p2), (q0, q1, q2) = p, q
+    u, v = minus(p1, p0), minus(p2, p0)
+    n = cross(u, v)
+    r0, r1, r2 = minus(q0, p0), minus(q1, p0), minus(q2, p0)
+    d0 = dot(n, r0)
+    d1 = dot(n, r1)
+    d2 = dot(n, r2)
+    reach = max(max_abs(r0), max_abs(r1), max_abs(r2))
+    bound = determinant_bound(max_abs(u), max_abs(v), reach, w)
+    if min(d0, d1, d2) > bound or max(d0, d1, d2) < -bound:
+        return SEPARATE, 0, False
+    if not min(abs(d0), abs(d1), abs(d2)) > bound:  # also for what is not a number
+        return UNDECIDED, 0, False
+    s0, s1, s2 = d0 > 0.0, d1 > 0.0, d2 > 0.0
+    if s1 == s2:
+        return OVERLAP, 0, s0
+    if s0 == s2:
+        return OVERLAP, 1, s1
+    return OVERLAP, 2, s2
+
+
+@njit
+def _turned(triangle: Triangle, first: int) -> Triangle:
+    """Return the corners in the same cyclic order, beginning with the given one."""
+    a, b, c = triangle
+    if first == 0:
+        return a, b, c
+    return (b, c, a) if first == 1 else (c, a, b)
+
+
+Six = tuple[Wide, Wide, Wide, Wide, Wide, Wide]
+
+#: By how much a component of a difference may be off, coordinates being below 8.
+WIDTH = 4096 * ROUNDOFF**2
+#: Below this sine (squared) two edges don't span a plane worth asking.
+THIN_SQUARE = 1e-20
+
+
+@njit
+def classify_by_axes(p: Triangle, a: Place, q: Triangle, b: Place) -> int:
+    """Return SEPARATE or OVERLAP of two placed triangles where certain, else TOUCHING."""
+    points = _placed(p, a, q, b)
+    verdict = _by_signs(points)
+    if verdict != TOUCHING:
+        return verdict
+    return SEPARATE if _separated(points) else TOUCHING
+
+
+@njit
+def _placed(p: Triangle, a: Place, q: Triangle, b: Place) -> Six:
+    """Return the six corners relative to the first, in scaled double-doubles."""
+    size = max_abs(minus(b.center, a.center))
+    for k in range(3):
+        size = max(size, max_abs(p[k]), max_abs(q[k]))
+    scale = math.ldexp(1.0, -min(max(math.frexp(size)[1], -1000), 1000))
+    zero = ((0.0, 0.0), (0.0, 0.0), (0.0, 0.0))
+    offset = _difference(scaled(b.center, scale), scaled(a.center, scale))
+    p0 = _rotated(a.axes, scaled(p[0], scale), zero)
+    return (
+        zero,
+        subtract_vectors(_rotated(a.axes, scaled(p[1], scale), zero), p0),
+        subtract_vectors(_rotated(a.axes, scaled(p[2], scale), zero), p0),
+        subtract_vectors(_rotated(b.axes, scaled(q[0], scale), offset), p0),
+        subtract_vectors(_rotated(b.axes, scaled(q[1], scale), offset), p0),
+        subtract_vectors(_rotated(b.axes, scaled(q[2], scale), offset), p0),
+    )
+
+
+@njit
+def _difference(u: Vector, v: Vector) -> Wide:
+    """Return u - v without error."""
+    return (
+        (u[0] - v[0], two_sum_error(u[0], -v[0])),
+        (u[1] - v[1], two_sum_error(u[1], -v[1])),
+        (u[2] - v[2], two_sum_error(u[2], -v[2])),
+    )
+
+
+@njit
+def _rotated(axes: Axes, v: Vector, offset: Wide) -> Wide:
+    """Return a vector along the axes, and the offset added."""
+    x, y, z = rows_of(axes)
+    exact = as_pairs(v)
+    return (
+        add(wide_dot(as_pairs(x), exact), offset[0]),
+        add(wide_dot(as_pairs(y), exact), offset[1]),
+        add(wide_dot(as_pairs(z), exact), offset[2]),
+    )
+
+
+@njit
+def _sign(o: Wide, a: Wide, b: Wide, c: Wide) -> int:
+    """Return the sign of (a - o).((b - o) x (c - o)) where certain, else 0."""
+    u, v, w = subtract_vectors(a, o), subtract_vectors(b, o), subtract_vectors(c, o)
+    value = wide_dot(u, wide_cross(v, w))[0]
+    x, y, z = largest(u), largest(v), largest(w)
+    spread = x * y + y * z + z * x + WIDTH * (x + y + z + WIDTH)
+    bound = 16.0 * WIDTH * spread + PRODUCT_UNDERFLOW
+    return 1 if value > bound else (-1 if value < -bound else 0)
+
+
+@njit
+def _by_signs(points: Six) -> int:
+    """Return the verdict of ``triangles``, as piercing edges; TOUCHING where uncertain.
+
+    Triangles in general position collide exactly if an edge of one pierces the other.
+    """
+    p = points
+    q0, q1, q2 = _sign(p[0], p[1], p[2], p[3]), _sign(p[0], p[1], p[2], p[4]), 0
+    q2 = _sign(p[0], p[1], p[2], p[5])
+    p0, p1, p2 = _sign(p[3], p[4], p[5], p[0]), _sign(p[3], p[4], p[5], p[1]), 0
+    p2 = _sign(p[3], p[4], p[5], p[2])
+    if abs(q0 + q1 + q2) == 3 or abs(p0 + p1 + p2) == 3:
+        return SEPARATE
+    if q0 == 0 or q1 == 0 or q2 == 0 or p0 == 0 or p1 == 0 or p2 == 0:
+        return TOUCHING
+    certain = True
+    for k in range(6):
+        sides = (q0, q1, q2, p0, p1, p2)
+        other = (q1, q2, q0, p1, p2, p0)
+        if sides[k] == other[k]:
+            continue
+        hit = _pierces(points, k)
+        if hit == OVERLAP:
+            return OVERLAP
+        certain = certain and hit == SEPARATE
+    return SEPARATE if certain else TOUCHING
+
+
+@njit
+def _pierces(p: Six, k: int) -> int:
+    """Return whether the line of edge k (0 to 2 of b, 3 to 5 of a) runs through the other."""
+    if k < 3:
+        a, b, c = p[0], p[1], p[2]
+    else:
+        a, b, c = p[3], p[4], p[5]
+    start, end = p[(3, 4, 5, 0, 1, 2)[k]], p[(4, 5, 3, 1, 2, 0)[k]]
+    x, y, z = _sign(start, end, a, b), _sign(start, end, b, c), _sign(start, end, c, a)
+    if min(x, y, z) < 0 < max(x, y, z):
+        return SEPARATE
+    return OVERLAP if abs(x + y + z) == 3 else TOUCHING
+
+
+@njit
+def _gap(axis: Wide, p: Six) -> bool:
+    """Return whether the axis certainly separates the two triangles."""
+    a0, a1, a2 = wide_dot(axis, p[0]), wide_dot(axis, p[1]), wide_dot(axis, p[2])
+    b0, b1, b2 = wide_dot(axis, p[3]), wide_dot(axis, p[4]), wide_dot(axis, p[5])
+    forward = _least(b0, b1, b2)
+    forward = subtract(forward, _most(a0, a1, a2))
+    backward = subtract(_least(a0, a1, a2), _most(b0, b1, b2))
+    bound = 16.0 * WIDTH * largest(axis) + PRODUCT_UNDERFLOW
+    return max(forward[0], backward[0]) > bound
+
+
+@njit
+def _least(a: Pair, b: Pair, c: Pair) -> Pair:
+    low = a if subtract(a, b)[0] <= 0.0 else b
+    return low if subtract(low, c)[0] <= 0.0 else c
+
+
+@njit
+def _most(a: Pair, b: Pair, c: Pair) -> Pair:
+    high = a if subtract(a, b)[0] >= 0.0 else b
+    return high if subtract(high, c)[0] >= 0.0 else c
+
+
+@njit
+def _separated(p: Six) -> bool:
+    """Return whether an axis certainly separates: faces, edge pairs, within planes and lines."""
+    n = wide_cross(p[1], p[2])
+    m = wide_cross(subtract_vectors(p[4], p[3]), subtract_vectors(p[5], p[3]))
+    if _gap(n, p) or _gap(m, p):
+        return True
+    edges = (
+        p[1], subtract_vectors(p[2], p[1]), p[2],
+        subtract_vectors(p[4], p[3]), subtract_vectors(p[5], p[4]), subtract_vectors(p[3], p[5]),
+    )  # fmt: skip
+    for i in range(3):
+        for j in range(3):
+            if _gap(wide_cross(edges[i], edges[3 + j]), p):
+                return True
+    for i in range(3):
+        if _gap(wide_cross(n, edges[i]), p) or _gap(wide_cross(m, edges[3 + i]), p):
+            return True
+    if not (_is_thin(n, edges[0], edges[2]) or _is_thin(m, edges[3], edges[5])):
+        return False
+    for edge in edges:  # a segment or a point: along it, across it, and from corner to corner
+        if _gap(edge, p) or _gap(wide_cross(edge, wide_cross(edge, p[3])), p):
+            return True
+    for i in range(3):
+        for j in range(3):
+            if _gap(subtract_vectors(p[3 + i], p[j]), p):
+                return True
+    return False
+
+
+@njit
+def _is_thin(n: Wide, u: Wide, v: Wide) -> bool:
+    return wide_dot(n, n)[0] <= THIN_SQUARE * wide_dot(u, u)[0] * wide_dot(v, v)[0]
+
+
+Placement = tuple[Floats, Floats]
+UNIT = ((1, 0, 0), (0, 1, 0), (0, 0, 1))
+
+
+def exact_triangle_verdict(
+    a: Floats, placement_a: Placement, b: Floats, placement_b: Placement
+) -> int:
+    """Return 0 separate, 1 touching or 2 overlap of two closed triangles, decided exactly.
+
+    a, b: corners (9,) in their own frames; placements: centre (3,), rotation (3, 3).
+    """
+    corners = exact_corners((a, b), (placement_a, placement_b))
+    first, second = corners[:3], corners[3:]
+    touching = False
+    for axis in _candidate_axes(first, second):
+        p, q = [exact_dot(axis, v) for v in first], [exact_dot(axis, v) for v in second]
+        gap = max(min(q) - max(p), min(p) - max(q))
+        if gap > 0:
+            return 0
+        touching = touching or gap == 0
+    return 1 if touching else 2
+
+
+def exact_corners(rows: Sequence[Floats], placements: Sequence[Placement]) -> list[Exact]:
+    """Return all points of rows (3 k,), each placed, as integers of one common unit."""
+    axes = [exact_axes(rotation) for _, rotation in placements]
+    power = max(k for _, k in axes)
+    lengths = [row.tolist() for row in rows] + [center.tolist() for center, _ in placements]
+    numbers, _ = exact_integers([x for row in lengths for x in row])
+    offsets = numbers[-3 * len(placements) :]
+    result = []
+    start = 0
+    for n, row in enumerate(rows):
+        columns, own = axes[n]
+        for k in range(start, start + len(row), 3):
+            x, y, z = (
+                (sum(columns[i][c] * numbers[k + i] for i in range(3)) << (power - own))
+                + (offsets[3 * n + c] << power)
+                for c in range(3)
+            )
+            result.append((x, y, z))
+        start += len(row)
+    return result
+
+
+def _minus(a: Exact, b: Exact) -> Exact:
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
+
+
+def _candidate_axes(p: list[Exact], q: list[Exact]) -> Iterator[Exact]:
+    """Yield axes of which one separates if any does; null ones left out.
+
+    The Minkowski difference is the hull of nine points, its faces are normal to products of two
+    edges. Where it is flat (coplanar triangles), a plane normal to it and an edge bounds it within
+    its plane; where it is a segment or a point, axes along and across it do.
+    """
+    edges = [_minus(t[(i + 1) % 3], t[i]) for t in (p, q) for i in range(3)]
+    edges = [edge for edge in edges if any(edge)]
+    normals = [exact_cross(u, v) for i, u in enumerate(edges) for v in edges[i + 1 :]]
+    normals = [normal for normal in normals if any(normal)]
+    yield from normals
+    if any(exact_dot(normals[0], edge) for edge in edges) if normals else False:
+        return  # the difference is not flat
+    if normals:
+        yield from (exact_cross(normals[0], edge) for edge in edges)
+    elif edges:
+        yield edges[0]
+        yield from (axis for axis in (exact_cross(edges[0], unit) for unit in UNIT) if any(axis))
+    else:
+        yield from UNIT
+
 
 #: A place that changes nothing.
 STILL = Place((0.0, 0.0, 0.0), ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)))

@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Which points are inside which boxes."""
+"""Points inside of boxes and other bodies."""

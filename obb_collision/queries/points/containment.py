@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Is a point inside a box? Closed boxes: the surface belongs to them."""
+"""Points inside of one box. Closed boxes: the surface belongs to them."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ def place_of(offset: Vector, axes: Axes, extents: Vector) -> int:
 def place_carefully(offset: Vector, axes: Axes, extents: Vector) -> int:
     """Return the place of an offset from the centre, by the face normals taken without error.
 
-    Same bound as ``careful.careful_gap``, whose error analysis covers a
+    Same bound as ``witness.careful_gap``, whose error analysis covers a
     point as a box. Tuples: slices of arrays, even in a branch hardly taken, slow loops down.
     """
     place = INSIDE

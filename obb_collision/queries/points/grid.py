@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Which boxes may hold a point? A tree of grids over boxes that stand anywhere, in any size.
+"""Boxes that may hold a point: a tree of grids over boxes that stand anywhere, in any size.
 
 A cell with several boxes gets a grid of its own, so that a crowd of small boxes in one corner of
 a hall, or thin rods across it, leave few boxes to a cell. Cells are appended in the order they

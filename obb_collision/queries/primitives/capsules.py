@@ -28,23 +28,264 @@ to 64 u, is off by at most 2 x 96 u T for those and 10 u T for rounding, bounded
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from obb_collision._jit import njit
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.capsules import Capsules
 from obb_collision.geometry.kinds import check_kind
-from obb_collision.queries.primitives.capsule_kernels import (
-    box_distances_kernel,
-    box_verdicts_kernel,
-    capsule_distances_kernel,
-    capsule_verdicts_kernel,
+from obb_collision.numerics.constants import ROUNDOFF
+from obb_collision.numerics.vec3 import (
+    careful_cross,
+    clamped,
+    combined,
+    components,
+    dot,
+    max_abs,
+    minus,
+    negated,
+    plus,
+    scaled,
+    sum_abs,
+    vector_at,
 )
+from obb_collision.queries.primitives.segments import (
+    across,
+    box_gap,
+    nearest_of_segments,
+    nearest_to_box,
+    segment_gap,
+    unit_scale,
+    widest_gap,
+)
+from obb_collision.queries.verdict.pair_frame import Box, box_at
 from obb_collision.queries.verdict.pair_rows import as_sides
-from obb_collision.queries.verdict.verdict import Verdicts
-from obb_collision.typing import Floats, Rows
+from obb_collision.queries.verdict.verdict import OVERLAP, SEPARATE, TOUCHING, Verdicts
+from obb_collision.typing import Floats, Rows, Vector
+
+#: Bound of a distance that proves nearness, relative to T: 256 unit roundoffs (see ``capsules``).
+NEAR_BOUND = 256 * ROUNDOFF
+#: Bound of a gap that proves a distance, relative to T: 32 unit roundoffs (see ``capsules``).
+FAR_BOUND = 32 * ROUNDOFF
+
+
+class CapsuleAt(NamedTuple):
+    """One capsule."""
+
+    start: Vector
+    end: Vector
+    radius: float
+
+
+class SegmentAndBox(NamedTuple):
+    """A capsule and a box about the centre of the box, scaled to about 1."""
+
+    first: Vector  #: start of the segment
+    last: Vector  #: its end
+    way: Vector  #: from start to end
+    half_extents: Vector
+    radius: float
+    back: float  #: scales lengths back
+
+
+class Segments(NamedTuple):
+    """Two capsules, from the start of the first, scaled to about 1."""
+
+    u: Vector  #: the first segment
+    offset: Vector  #: of the start of the second
+    v: Vector  #: the second segment
+    radius_a: float
+    radius_b: float
+    back: float  #: scales lengths back
+
+
+#: Separation, unit normal from a to b, and the nearest points of a and b.
+Distance = tuple[float, Vector, Vector, Vector]
+
+
+@njit
+def capsule_at(starts: Floats, ends: Floats, radii: Floats, i: int) -> CapsuleAt:
+    """Return capsule i of arrays (n, 3), (n, 3), (n,)."""
+    return CapsuleAt(vector_at(starts, i), vector_at(ends, i), radii[i])
+
+
+@njit
+def _about_box(a: CapsuleAt, b: Box) -> SegmentAndBox:
+    first, last = minus(a.start, b.center), minus(a.end, b.center)
+    h, way = b.half_extents, minus(a.end, a.start)
+    scale, back = unit_scale(max(max_abs(first), max_abs(last), max_abs(h), a.radius))
+    first, last, way, h = (
+        scaled(first, scale),
+        scaled(last, scale),
+        scaled(way, scale),
+        scaled(h, scale),
+    )
+    return SegmentAndBox(first, last, way, h, scale * a.radius, back)
+
+
+@njit
+def box_verdicts_kernel(
+    starts: Floats, ends: Floats, radii: Floats, rows_a: np.ndarray,
+    centers: Floats, axes: Floats, half: Floats, rows_b: np.ndarray, out: np.ndarray,
+) -> None:  # fmt: skip
+    """Write the verdict (m,) of each capsule rows_a[n] against box rows_b[n]."""
+    for n in range(len(rows_a)):
+        a, b = capsule_at(starts, ends, radii, rows_a[n]), box_at(centers, axes, half, rows_b[n])
+        out[n] = _box_verdict(a, b)
+
+
+@njit
+def _box_verdict(a: CapsuleAt, b: Box) -> int:
+    pair = _about_box(a, b)
+    h, r = pair.half_extents, pair.radius
+    size = sum_abs(pair.first) + sum_abs(pair.last) + sum_abs(h) + r
+    y, w = components(b.axes, pair.first), components(b.axes, pair.way)
+    y = plus(y, scaled(w, nearest_to_box(y, w, h)))
+    e = minus(y, clamped(y, h))
+    near = math.sqrt(dot(e, e))
+    if near == 0.0:
+        near = -min(h[0] - abs(y[0]), h[1] - abs(y[1]), h[2] - abs(y[2]))
+    if near - r < -NEAR_BOUND * size:
+        return OVERLAP
+    gap, _ = box_gap(combined(b.axes, e), pair.first, pair.last, b.axes, h)
+    if gap - r > FAR_BOUND * size:
+        return SEPARATE
+    gap, _ = widest_gap(pair.first, pair.last, pair.way, b.axes, h)
+    return SEPARATE if gap - r > FAR_BOUND * size else TOUCHING
+
+
+@njit
+def box_distances_kernel(
+    starts: Floats, ends: Floats, radii: Floats, rows_a: np.ndarray,
+    centers: Floats, axes: Floats, half: Floats, rows_b: np.ndarray,
+    separations: Floats, normals: Floats, positions_a: Floats, positions_b: Floats,
+) -> None:  # fmt: skip
+    """Write separation (m,), normal, points (m, 3) of capsule rows_a[n] and box rows_b[n]."""
+    for n in range(len(rows_a)):
+        a, b = capsule_at(starts, ends, radii, rows_a[n]), box_at(centers, axes, half, rows_b[n])
+        found = _box_distance(a, b)
+        separations[n] = found[0]
+        for k in range(3):
+            normals[n, k] = found[1][k]
+            positions_a[n, k], positions_b[n, k] = found[2][k], found[3][k]
+
+
+@njit
+def _box_distance(a: CapsuleAt, b: Box) -> Distance:
+    pair = _about_box(a, b)
+    h = pair.half_extents
+    y, w = components(b.axes, pair.first), components(b.axes, pair.way)
+    at = plus(y, scaled(w, nearest_to_box(y, w, h)))
+    e = minus(at, clamped(at, h))
+    near = math.sqrt(dot(e, e))
+    away = combined(b.axes, e)
+    shown, side = box_gap(away, pair.first, pair.last, b.axes, h)
+    size = sum_abs(pair.first) + sum_abs(pair.last) + sum_abs(h)
+    if near - shown > FAR_BOUND * size:  # so near that e is inexact, or it is zero
+        away = across(away, pair.way)
+        near, side = box_gap(away, pair.first, pair.last, b.axes, h)
+        widest, towards = widest_gap(pair.first, pair.last, pair.way, b.axes, h)
+        if not near >= widest:  # the segment intersects the box: move it to where they touch
+            near, away, side = widest, negated(towards), 1.0
+            out = plus(y, scaled(components(b.axes, towards), near))
+            at = plus(out, scaled(w, nearest_to_box(out, w, h)))
+            e = minus(at, clamped(at, h))
+    towards = scaled(away, -side / math.sqrt(dot(away, away)))
+    gap = near - pair.radius
+    on_box = combined(b.axes, minus(at, e))
+    on_capsule = minus(on_box, scaled(towards, gap))
+    on_capsule = plus(b.center, scaled(on_capsule, pair.back))
+    return pair.back * gap, towards, on_capsule, plus(b.center, scaled(on_box, pair.back))
+
+
+@njit
+def _about_start(a: CapsuleAt, b: CapsuleAt) -> Segments:
+    u, v, d = minus(a.end, a.start), minus(b.end, b.start), minus(b.start, a.start)
+    scale, back = unit_scale(max(max_abs(u), max_abs(d), max_abs(v), a.radius, b.radius))
+    u, d, v = scaled(u, scale), scaled(d, scale), scaled(v, scale)
+    return Segments(u, d, v, scale * a.radius, scale * b.radius, back)
+
+
+@njit
+def capsule_verdicts_kernel(
+    starts_a: Floats, ends_a: Floats, radii_a: Floats, rows_a: np.ndarray,
+    starts_b: Floats, ends_b: Floats, radii_b: Floats, rows_b: np.ndarray, out: np.ndarray,
+) -> None:  # fmt: skip
+    """Write the verdict (m,) of each capsule rows_a[n] of a against rows_b[n] of b."""
+    for n in range(len(rows_a)):
+        a = capsule_at(starts_a, ends_a, radii_a, rows_a[n])
+        out[n] = _capsule_verdict(a, capsule_at(starts_b, ends_b, radii_b, rows_b[n]))
+
+
+@njit
+def _capsule_verdict(a: CapsuleAt, b: CapsuleAt) -> int:
+    u, d, v, r, f, _ = _about_start(a, b)
+    bound = FAR_BOUND * (sum_abs(u) + sum_abs(d) + sum_abs(v) + r + f)
+    at_u, at_v = nearest_of_segments(u, d, v)
+    between = plus(plus(d, scaled(v, at_v)), scaled(u, -at_u))
+    if math.sqrt(dot(between, between)) - (r + f) < -bound:
+        return OVERLAP
+    for n in (between, careful_cross(u, v)):
+        if segment_gap(n, u, d, v)[0] - (r + f) > bound:
+            return SEPARATE
+    return TOUCHING
+
+
+@njit
+def capsule_distances_kernel(
+    starts_a: Floats, ends_a: Floats, radii_a: Floats, rows_a: np.ndarray,
+    starts_b: Floats, ends_b: Floats, radii_b: Floats, rows_b: np.ndarray,
+    separations: Floats, normals: Floats, positions_a: Floats, positions_b: Floats,
+) -> None:  # fmt: skip
+    """Write separation (m,), normal and points (m, 3) of capsules rows_a[n] and rows_b[n]."""
+    for n in range(len(rows_a)):
+        a = capsule_at(starts_a, ends_a, radii_a, rows_a[n])
+        found = _capsule_distance(a, capsule_at(starts_b, ends_b, radii_b, rows_b[n]))
+        separations[n] = found[0]
+        for k in range(3):
+            normals[n, k] = found[1][k]
+            positions_a[n, k], positions_b[n, k] = found[2][k], found[3][k]
+
+
+@njit
+def _capsule_distance(a: CapsuleAt, b: CapsuleAt) -> Distance:
+    u, d, v, r, f, back = _about_start(a, b)
+    at_u, at_v = nearest_of_segments(u, d, v)
+    foot = scaled(u, at_u)
+    towards = minus(plus(d, scaled(v, at_v)), foot)
+    near = math.sqrt(dot(towards, towards))
+    shown, side = segment_gap(towards, u, d, v)
+    if near - shown > FAR_BOUND * (sum_abs(u) + sum_abs(d) + sum_abs(v)):  # as for boxes
+        for n in (across(towards, u), across(towards, v), _any_normal(u, v)):
+            gap, way = segment_gap(n, u, d, v)
+            if gap > shown:
+                shown, side, towards = gap, way, n
+    towards = scaled(towards, side / math.sqrt(dot(towards, towards)))
+    on_a, on_b = plus(foot, scaled(towards, r)), plus(foot, scaled(towards, near - f))
+    on_a, on_b = plus(a.start, scaled(on_a, back)), plus(a.start, scaled(on_b, back))
+    return back * (near - (r + f)), towards, on_a, on_b
+
+
+@njit
+def _any_normal(u: Vector, v: Vector) -> Vector:
+    """Return a vector normal to two segments that cross; to one of them, or any, if they don't."""
+    n = careful_cross(u, v)
+    for w in (u, v):
+        if n[0] == 0.0 and n[1] == 0.0 and n[2] == 0.0:
+            if abs(w[0]) <= min(abs(w[1]), abs(w[2])):
+                n = (0.0, -w[2], w[1])
+            elif abs(w[1]) <= abs(w[2]):
+                n = (w[2], 0.0, -w[0])
+            else:
+                n = (-w[1], w[0], 0.0)
+    if n[0] == 0.0 and n[1] == 0.0 and n[2] == 0.0:
+        return 1.0, 0.0, 0.0
+    return n
 
 
 @dataclass(frozen=True, eq=False)

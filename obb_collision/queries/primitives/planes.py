@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Planes and half-spaces against boxes, and boxes against axis-aligned ones: certain verdicts."""
+"""Planes and half-spaces against boxes: certain verdicts."""
 
 from __future__ import annotations
 
@@ -29,13 +29,7 @@ from obb_collision.numerics.constants import CAREFUL_BOUND, UNDERFLOW
 from obb_collision.numerics.vec3 import components, dot, dot_abs, minus, norm, vector_at
 from obb_collision.queries.verdict.pair_frame import Box, box_at
 from obb_collision.queries.verdict.pair_rows import as_sides
-from obb_collision.queries.verdict.verdict import (
-    OVERLAP,
-    SEPARATE,
-    TOUCHING,
-    Verdicts,
-    verdicts,
-)
+from obb_collision.queries.verdict.verdict import OVERLAP, SEPARATE, TOUCHING, Verdicts
 from obb_collision.typing import Floats, Vector
 
 
@@ -117,28 +111,6 @@ def plane_distances(
     )
 
 
-def aabb_verdicts(boxes: Boxes, minimum: ArrayLike, maximum: ArrayLike) -> Verdicts:
-    """Return the ``Verdict`` of each box and the axis-aligned box between two corners (n, 3).
-
-    Raises ValueError naming the argument and the row, also for a minimum above the maximum.
-    """
-    check_kind(boxes, Boxes, "boxes")
-    low = as_array(minimum, "minimum", (None, 3))
-    high = as_array(maximum, "maximum", (None, 3))
-    check_lengths(boxes=boxes, minimum=low, maximum=high)
-    refuse_where(low > high, "minimum must not exceed maximum")
-    # Few pairs of corners have a middle and half extents in doubles. So two boxes: one that
-    # certainly holds the space between the corners, and one that certainly lies in it.
-    middle = np.clip(0.5 * low + 0.5 * high, low, high)
-    upper, lower = high - middle, middle - low
-    outer = np.nextafter(np.maximum(upper, lower), np.inf)
-    inner = np.nextafter(np.minimum(upper, lower), 0.0)
-    axes = np.broadcast_to(np.eye(3), (len(low), 3, 3)).copy()
-    result = verdicts(boxes, Boxes.trusted(middle, axes, outer))
-    certain = verdicts(boxes, Boxes.trusted(middle, axes, inner)) == OVERLAP
-    return np.where(certain, result, np.minimum(result, np.int8(TOUCHING)))
-
-
 @njit
 def _plane_kernel(
     points: Floats, normals: Floats, centers: Floats, axes: Floats, half_extents: Floats,
@@ -146,7 +118,7 @@ def _plane_kernel(
 ) -> None:  # fmt: skip
     """Write the range of each box along the unit normal, and the error bound of its ends (n,).
 
-    The error analysis is that of ``careful.careful_gap``; the plane's normal is exact here.
+    The error analysis is that of ``witness.careful_gap``; the plane's normal is exact here.
     """
     for n in range(len(points)):
         box = box_at(centers, axes, half_extents, n)

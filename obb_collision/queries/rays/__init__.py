@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Where a ray first hits a box."""
+"""Rays and what they hit first."""

@@ -22,7 +22,7 @@ Error analysis: the ray is moved ahead in the world frame, off by 6 u of the com
 origin from the body's centre; ``AHEAD_BOUND`` is 16 u. With S the components of where it is then
 plus the reach of the mesh, a point of the ray near the body is off by at most 256 u S in the frame
 of the body, as a corner of another mesh would be. So are all corners seen from the ray, by the same
-vector; edges are not. Determinants round as in ``triangle_signs``. The time det(a, u, v) /
+vector; edges are not. Determinants round as in ``triangles``. The time det(a, u, v) /
 det(w, u, v), u and v edges, is off by their errors over the denominator; where that is not
 certainly away from zero, as for a ray within the plane, the corners bound it: the ray is in none
 before the first. Triangles of which an edge is too near are missed where the ray passes beyond a
@@ -53,17 +53,20 @@ from obb_collision.numerics.vec3 import (
     vector_at,
 )
 from obb_collision.queries.meshes.inside import OUTSIDE, SLAB_SLACK, entry, point_side
+from obb_collision.queries.meshes.placed import MeshAt, Meshes, body_at
 from obb_collision.queries.meshes.tree_boxes import POINT_BOUND
 from obb_collision.queries.meshes.tree_descent import STACK as TREE_STACK
-from obb_collision.queries.meshes.tree_descent import Bodies, Body, body_at
-from obb_collision.queries.meshes.triangle_signs import (
-    DETERMINANT_ROUNDING,
-    Triangle,
-    triangle_at,
-)
+from obb_collision.queries.meshes.triangles import DETERMINANT_ROUNDING, Triangle, triangle_at
 from obb_collision.queries.primitives.segments import unit_scale
-from obb_collision.queries.rays.bounds_tree import COUNT, STACK, START
-from obb_collision.queries.rays.kernels import BoundsTree, Ray, next_leaf, start_walk
+from obb_collision.queries.rays.boxes import (
+    COUNT,
+    STACK,
+    START,
+    BoundsTree,
+    Ray,
+    next_leaf,
+    start_walk,
+)
 from obb_collision.typing import Floats, Vector
 
 #: By how much a ray may be off once it is moved ahead, relative to the origin's offset from the
@@ -73,7 +76,7 @@ AHEAD_BOUND = 16 * ROUNDOFF
 NONE, WITHIN = -1, -2
 
 
-class Local(NamedTuple):
+class LocalRay(NamedTuple):
     """A ray in the frame of a body."""
 
     origin: Vector
@@ -91,7 +94,7 @@ class Work(NamedTuple):
 
 @njit
 def mesh_rays_kernel(
-    origins: Floats, units: Floats, reaches: Floats, bodies: Bodies,
+    origins: Floats, units: Floats, reaches: Floats, bodies: Meshes,
     limits: Floats, nodes: np.ndarray, order: np.ndarray,
     hits: np.ndarray, distances: Floats, points: Floats, normals: Floats, faces: np.ndarray,
     start: int, stop: int,
@@ -114,7 +117,7 @@ def mesh_rays_kernel(
 
 
 @njit
-def _nearest(ray: Ray, bodies: Bodies, tree: BoundsTree, work: Work) -> tuple[int, float, int]:
+def _nearest(ray: Ray, bodies: Meshes, tree: BoundsTree, work: Work) -> tuple[int, float, int]:
     """Return the nearest body, its distance and the triangle; -1, infinity, -1 for none."""
     row, best, triangle = -1, np.inf, NONE
     leaf, depth = next_leaf(ray, best, tree, start_walk(ray, tree))
@@ -130,7 +133,9 @@ def _nearest(ray: Ray, bodies: Bodies, tree: BoundsTree, work: Work) -> tuple[in
 
 
 @njit
-def hit_mesh(ray: Ray, trees: TreeArrays, body: Body, best: float, work: Work) -> tuple[float, int]:
+def hit_mesh(
+    ray: Ray, trees: TreeArrays, body: MeshAt, best: float, work: Work
+) -> tuple[float, int]:
     """Return when a ray first hits a body, at most at ``best`` and within reach, and the triangle.
 
     Infinity and NONE for a miss, zero and WITHIN for an origin inside of a solid.
@@ -146,7 +151,7 @@ def hit_mesh(ray: Ray, trees: TreeArrays, body: Body, best: float, work: Work) -
             return 0.0, WITHIN
     limit = min(best, ray.reach) - ahead
     time, triangle = _first_triangle(
-        trees, trees.roots[body.mesh], Local(o, w, error, unit_scale(radius)[0]), limit, work
+        trees, trees.roots[body.mesh], LocalRay(o, w, error, unit_scale(radius)[0]), limit, work
     )
     return (ahead + time, triangle) if triangle >= 0 else (np.inf, NONE)
 
@@ -167,7 +172,7 @@ def moved_ahead(ray: Ray, center: Vector, reach: float) -> tuple[Vector, float, 
 
 @njit
 def _first_triangle(
-    trees: TreeArrays, root: int, ray: Local, limit: float, work: Work
+    trees: TreeArrays, root: int, ray: LocalRay, limit: float, work: Work
 ) -> tuple[float, int]:
     """Return the first triangle hit, at most at ``limit``, and when; NONE without any."""
     nodes, children, starts = trees.nodes, trees.children, trees.starts
@@ -200,7 +205,7 @@ def _first_triangle(
 
 
 @njit
-def triangle_time(triangles: Floats, n: int, ray: Local) -> float:
+def triangle_time(triangles: Floats, n: int, ray: LocalRay) -> float:
     """Return a time before which a ray is certainly not in a triangle, infinity if it never is."""
     w, unit, error = ray.unit, ray.scale, ray.scale * ray.error
     p, (a, b, c) = ray.origin, triangle_at(triangles, n)
@@ -262,7 +267,7 @@ def _side(w: Vector, a: Vector, edge: Vector, error: float) -> int:
 
 
 @njit
-def _normal(ray: Ray, trees: TreeArrays, triangle: int, body: Body) -> Vector:
+def _normal(ray: Ray, trees: TreeArrays, triangle: int, body: MeshAt) -> Vector:
     """Return the unit normal of a triangle, against the ray; zero for one without area."""
     a, b, c = triangle_at(trees.triangles, triangle)
     n = cross(_direction(minus(b, a)), _direction(minus(c, a)))

@@ -41,14 +41,11 @@ from obb_collision.geometry.kinds import check_kind
 from obb_collision.geometry.validation import as_array, check_lengths, refuse_where
 from obb_collision.numerics.error_free import length
 from obb_collision.queries.convex.support import ConvexBodies
-from obb_collision.queries.meshes.meshes import PlacedMeshes
-from obb_collision.queries.meshes.root_boxes import root_boxes
+from obb_collision.queries.meshes.placed import PlacedMeshes, root_boxes
 from obb_collision.queries.meshes.tree_boxes import BOX_BOUND
-from obb_collision.queries.rays.bounds_tree import build_tree
-from obb_collision.queries.rays.convex_rays import convex_rays_kernel
-from obb_collision.queries.rays.kernels import rays_kernel
+from obb_collision.queries.rays.boxes import build_tree, rays_kernel
 from obb_collision.queries.rays.mesh_rays import mesh_rays_kernel
-from obb_collision.queries.rays.padded_rays import padded_rays_kernel
+from obb_collision.queries.rays.rounded import convex_rays_kernel, padded_rays_kernel
 from obb_collision.typing import Floats, Integers
 
 #: Rays below which a second thread does not pay: 0.1 ms.
@@ -142,7 +139,7 @@ def cast_at_bodies(
 ) -> RayHits:
     """Return what rays hit first of convex bodies that are in boxes; not checked.
 
-    Never late, and at most 1e-9 of the size of a body early, along its normal (``convex_rays``).
+    Never late, and at most 1e-9 of the size of a body early, along its normal (``rounded``).
     """
     tree = build_tree(np.concatenate(boxes.world_bounds(), axis=1))
     hits, distances = np.empty(len(origins), np.int64), np.empty(len(origins))
@@ -159,7 +156,7 @@ def cast_at_padded(
 ) -> RayHits:
     """Return what rays hit first of all that is within ``radii`` (n,) of meshes; not checked.
 
-    Never late, and at most 1e-9 of the size of a body early, along its normal (``padded_rays``).
+    Never late, and at most 1e-9 of the size of a body early, along its normal (``rounded``).
     """
     boxes = root_boxes(meshes)
     grown = boxes.half_extents + (radii * (1.0 + BOX_BOUND))[:, None]

@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""When two moving boxes first touch."""
+"""Sweeps: times at which moving bodies first touch."""

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""When do two convex bodies that turn as they move first touch? Conservative advancement.
+"""Time at which two convex bodies that turn as they move first touch: conservative advancement.
 
 At each time a search gives a direction n along which the bodies are apart (``queries.convex``). For
 how long is that so? Body a turns at w about a point from which its core reaches r. With n where it
@@ -55,9 +55,9 @@ from obb_collision.queries.convex.distance import CONVEX_ROUNDING, rounding, sea
 from obb_collision.queries.convex.distances import in_world
 from obb_collision.queries.convex.support import (
     CORNERS,
-    Bodies,
     ConvexBodies,
     Core,
+    Cores,
     core_at,
     support,
 )
@@ -71,8 +71,7 @@ from obb_collision.queries.sweep.course import (
     course_of,
     places_at,
 )
-from obb_collision.queries.sweep.motion import OUTWARD
-from obb_collision.queries.sweep.poses import place_at
+from obb_collision.queries.sweep.motion import OUTWARD, place_at
 from obb_collision.queries.sweep.sweep import Sweeps
 from obb_collision.typing import Floats, Integers, Vector
 
@@ -123,7 +122,7 @@ def convex_sweeps(
 
 @njit
 def _convex_kernel(
-    bodies: Bodies, motion: BodyMotion, pairs: np.ndarray, begin: Floats, tolerance: float,
+    bodies: Cores, motion: BodyMotion, pairs: np.ndarray, begin: Floats, tolerance: float,
     free: Floats, undecided: np.ndarray, points: Floats, normals: Floats, start: int, stop: int,
 ) -> None:  # fmt: skip
     for row in range(start, stop):
@@ -137,7 +136,7 @@ def _convex_kernel(
 
 @njit
 def _walk(
-    bodies: Bodies, motion: BodyMotion, i: int, j: int, course: Course
+    bodies: Cores, motion: BodyMotion, i: int, j: int, course: Course
 ) -> tuple[float, bool, Vector, Vector]:
     """Return the time of contact, infinity for none, True, a point and the normal of contact.
 
@@ -163,7 +162,7 @@ def _walk(
             q = minus(in_world(other, found.q), scaled(n, b.radius))
             origin = place_at(motion.starts, motion.ends, motion.seconds, i, time)
             return time, True, plus(origin, scaled(plus(p, q), 0.5)), n
-        slab = _slab(motion, i, j, course, _Pair(a, b, place, other), n, time)
+        slab = _slab(motion, i, j, course, PlacedCores(a, b, place, other), n, time)
         step = _free_for(slab, course.last - time)
         if not step > 0.0:
             break
@@ -171,7 +170,7 @@ def _walk(
     return time, False, nowhere, nowhere
 
 
-class _Pair(NamedTuple):
+class PlacedCores(NamedTuple):
     """Two cores and where they are."""
 
     a: Core
@@ -182,7 +181,7 @@ class _Pair(NamedTuple):
 
 @njit
 def _slab(
-    motion: BodyMotion, i: int, j: int, course: Course, pair: _Pair, n: Vector, time: float
+    motion: BodyMotion, i: int, j: int, course: Course, pair: PlacedCores, n: Vector, time: float
 ) -> Slab:
     """Return the gap along n of the bodies at a time, and from then on."""
     pivots = plus(course.pivot, scaled(course.way, time))

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""How two bodies of any shape come near each other: what sweeps of hulls and of meshes share.
+"""Course of two bodies of any shape: what sweeps of hulls and of meshes share.
 
 Each pair is looked at from the first of the two points that its bodies turn about, so that neither
 a way that both share nor being far away costs digits.
@@ -27,7 +27,7 @@ from typing import NamedTuple
 from obb_collision._jit import njit
 from obb_collision.numerics.vec3 import axes_of, norm, plus, scaled, vector_at
 from obb_collision.queries.meshes.tree_boxes import Place
-from obb_collision.queries.sweep.poses import offset_and_way, rotated, turned_by
+from obb_collision.queries.sweep.motion import offset_and_way, rotated, turned_by
 from obb_collision.queries.sweep.rigid import FLOOR, POSITION, SPIN, TURN, TURNING, meeting_window
 from obb_collision.typing import Floats, Vector
 
@@ -39,7 +39,7 @@ FINE = 1e-8
 
 
 class BodyMotion(NamedTuple):
-    """The motion of n bodies during times 0 to 1, as arrays; as ``poses.Motion`` but for centres.
+    """The motion of n bodies during times 0 to 1, as arrays; as ``motion.Motion`` but for centres.
 
     A body turns about its pivot, which moves straight.
     """

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""When do two meshes that turn as they move first touch? Conservative advancement.
+"""Times at which meshes that turn as they move first touch: conservative advancement.
 
 No two points of bodies that are apart by d meet before one has moved by d as seen from the other.
 Seen from the world, from a and from b, points move at most as fast as
@@ -22,6 +22,9 @@ Seen from the world, from a and from b, points move at most as fast as
 for v the speed between the points that they turn about, w the turns, r how far bodies reach from
 these points and p how far the points are from each other at most. The distance is a certified
 one (``queries.meshes.mesh_clearance``), and the least of the three decides (Mirtich 1996).
+
+Conservative advancement as in ``sweep.meshes``, on the certified distance of a mesh and the body
+itself (``queries.convex.mesh_distances``).
 """
 
 from __future__ import annotations
@@ -36,12 +39,19 @@ from obb_collision._threads import run
 from obb_collision.geometry.trees.node_fit import HALF
 from obb_collision.geometry.validation import as_array, check_magnitude
 from obb_collision.numerics.constants import MESH_UNDERFLOW, ROUNDOFF
+from obb_collision.numerics.lanes import LANES
 from obb_collision.numerics.vec3 import combined, minus, norm, plus, scaled
-from obb_collision.queries.meshes.kernels import pose_of
+from obb_collision.queries.convex.distance import rounding
+from obb_collision.queries.convex.distances import towards
+from obb_collision.queries.convex.mesh_distances import NOWHERE, CoreRoom, mesh_apart
+from obb_collision.queries.convex.support import ConvexBodies, Cores, core_at
 from obb_collision.queries.meshes.mesh_clearance import as_radii, surfaces_apart
-from obb_collision.queries.meshes.meshes import PlacedMeshes, mesh_rows
-from obb_collision.queries.meshes.tree_descent import STACK, Bodies, Body
-from obb_collision.queries.meshes.tree_distance import DISTANCE_BOUND, Room
+from obb_collision.queries.meshes.meshes import pose_of
+from obb_collision.queries.meshes.placed import MeshAt, Meshes, PlacedMeshes, mesh_rows
+from obb_collision.queries.meshes.placed import Meshes as MeshBodies
+from obb_collision.queries.meshes.tree_boxes import moved, relative_pose
+from obb_collision.queries.meshes.tree_descent import STACK
+from obb_collision.queries.meshes.tree_distance import DISTANCE_BOUND, TreeRoom
 from obb_collision.queries.sweep.course import (
     MAX_STEPS,
     BodyMotion,
@@ -50,8 +60,7 @@ from obb_collision.queries.sweep.course import (
     course_of,
     places_at,
 )
-from obb_collision.queries.sweep.motion import OUTWARD, bounding_radii
-from obb_collision.queries.sweep.poses import place_at
+from obb_collision.queries.sweep.motion import OUTWARD, bounding_radii, place_at
 from obb_collision.queries.sweep.sweep import LEAST_TOLERANCE, TOLERANCE, Sweeps
 from obb_collision.typing import Floats, Integers, Mask
 
@@ -214,12 +223,12 @@ def sweeps_of(free: Floats, undecided: Mask, points: Floats, normals: Floats) ->
 
 @njit
 def _mesh_kernel(
-    a: Bodies, radii_a: Floats, b: Bodies, radii_b: Floats, motion: BodyMotion, begin: Floats,
+    a: Meshes, radii_a: Floats, b: Meshes, radii_b: Floats, motion: BodyMotion, begin: Floats,
     tolerance: float, free: Floats, undecided: np.ndarray, points: Floats, normals: Floats,
     start: int, stop: int,
 ) -> None:  # fmt: skip
     trees_a, trees_b, count = a.trees, b.trees, len(begin)
-    room = Room(np.empty((STACK, 2), np.int64), np.empty(STACK), np.empty((1, 4), np.int64))
+    room = TreeRoom(np.empty((STACK, 2), np.int64), np.empty(STACK), np.empty((1, 4), np.int64))
     for n in range(start, stop):
         course = course_of(motion, n, count + n, begin[n], tolerance)
         i, j, radius, other = a.meshes[n], b.meshes[n], radii_a[n], radii_b[n]
@@ -231,7 +240,7 @@ def _mesh_kernel(
                 time, known = np.inf, True
                 break
             place, far = places_at(motion, n, count + n, course, time)
-            body_a, body_b = Body(i, place), Body(j, far)
+            body_a, body_b = MeshAt(i, place), MeshAt(j, far)
             pose = pose_of(trees_a, body_a, trees_b, body_b)
             found = surfaces_apart(trees_a, body_a, trees_b, body_b, pose, np.inf, room)
             error = DISTANCE_BOUND * (pose.size + radius + other) + MESH_UNDERFLOW
@@ -272,3 +281,69 @@ def speed_of(
     far, both = max(norm(first), norm(last)), norm(minus(v, u))
     turning = min(norm(u) * r + norm(v) * s, both * s + norm(u) * far, both * r + norm(v) * far)
     return (way + turning) * OUTWARD
+
+
+def swept_mesh_bodies(
+    meshes: PlacedMeshes,
+    radii: Floats,
+    bodies: ConvexBodies,
+    motion: BodyMotion,
+    begin: Floats,
+    tolerance: float,
+) -> Sweeps:
+    """Return when meshes, with radii (m,), first touch the bodies in the same rows (m,).
+
+    Times are from 0 to 1. motion: of the meshes and, behind, of the bodies, whose own places are
+    not read; begin (m,): until when each pair is certainly apart. Bodies have no corners.
+    """
+    count = len(meshes)
+    free, undecided = np.empty(count), np.empty(count, np.bool_)
+    points, normals = np.empty((2, count, 3))
+    run(
+        *(_kernel, count, FEWEST_PAIRS, meshes.arrays, radii, bodies.arrays),
+        *(motion, begin, tolerance, free, undecided, points, normals),
+    )
+    return sweeps_of(free, undecided, points, normals)
+
+
+@njit
+def _kernel(
+    a: MeshBodies, radii: Floats, b: Cores, motion: BodyMotion, begin: Floats, tolerance: float,
+    free: Floats, undecided: np.ndarray, points: Floats, normals: Floats, start: int, stop: int,
+) -> None:  # fmt: skip
+    trees, count = a.trees, len(begin)
+    room = CoreRoom(np.empty((STACK, 2), np.int64), np.empty(STACK), np.empty((1, 3, LANES)))
+    for row in range(start, stop):
+        course = course_of(motion, row, count + row, begin[row], tolerance)
+        i, radius, core = a.meshes[row], radii[row], core_at(b, row)
+        speed = speed_of(trees.radii[i], core.reach, motion, row, count + row, course)
+        reach, both = 2.0 * (trees.radii[i] + radius) + core.reach, radius + core.radius
+        time, known = course.begin, False
+        point = normal = np.nan, np.nan, np.nan
+        for _ in range(MAX_STEPS):
+            if not time <= course.last:
+                time, known = np.inf, True
+                break
+            place, far = places_at(motion, row, count + row, course, time)
+            pose = relative_pose(place, far, reach)
+            found = mesh_apart(trees, i, core, pose, np.inf, room)
+            error = rounding(pose) + blur_at(course, time)
+            lower, upper = found.lower - both - error, max(found.upper - both, 0.0) + error
+            if upper <= course.near or not lower > 0.25 * course.near:
+                known = upper <= course.near
+                if known:
+                    p, q = found.p, moved(pose, found.q)
+                    n = found.normal if found.lower > error else towards(p, q, found.normal)
+                    n = n if found.upper > 0.0 else NOWHERE
+                    x, y = plus(p, scaled(n, radius)), minus(q, scaled(n, core.radius))
+                    point = plus(place.center, combined(place.axes, scaled(plus(x, y), 0.5)))
+                    origin = place_at(motion.starts, motion.ends, motion.seconds, row, time)
+                    point, normal = plus(origin, point), combined(place.axes, n)
+                break
+            step = lower / speed * (1.0 - 4.0 * ROUNDOFF)
+            if not step > 0.0:
+                break
+            time += step
+        free[row], undecided[row] = time, not known
+        for k in range(3):
+            points[row, k], normals[row, k] = point[k], normal[k]

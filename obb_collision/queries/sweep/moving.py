@@ -12,20 +12,139 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""MovingBoxes: boxes and how they move, from pose to pose or by twists."""
+"""Boxes and how they move, from pose to pose or by twists, and bounds for any number of turns."""
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from obb_collision._jit import njit
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.kinds import check_kind
-from obb_collision.geometry.validation import as_array
-from obb_collision.queries.sweep.motion import bounding_radii, check_same_boxes, turns_between
-from obb_collision.queries.sweep.poses import Motion
-from obb_collision.queries.sweep.twists import twist_motion
-from obb_collision.typing import Integers
+from obb_collision.geometry.validation import as_array, check_magnitude
+from obb_collision.numerics.constants import BOUND_SLACK, BOUND_UNDERFLOW, ROUNDOFF
+from obb_collision.numerics.vec3 import axes_of, dot, minus, norm, plus, scaled, vector_at
+from obb_collision.queries.sweep.bounds import CORNER_ROWS, fill_corners
+from obb_collision.queries.sweep.motion import (
+    OUTWARD,
+    Motion,
+    bounding_radii,
+    check_same_boxes,
+    rotated,
+    swing,
+    turns_between,
+)
+from obb_collision.typing import Floats, Integers
+
+#: Rounding of a corner turned about the origin, relative to its distance from there: 24 unit
+#: roundoffs and 5 of the angle, bounded by 64 and 8.
+CORNER_SLACK = 64 * ROUNDOFF
+ANGLE_SLACK = 8 * ROUNDOFF
+
+
+def twist_motion(boxes: Boxes, twists: Floats, origins: ArrayLike | None, seconds: float) -> Motion:
+    """Return the motion of boxes with twists (n, 6) of their origins (n, 3), None for the centres.
+
+    Raises ValueError for a wrong number of rows and for ways too long.
+    """
+    if len(twists) != len(boxes):
+        raise ValueError(
+            f"twists must have one row per box, got {len(twists)} rows for {len(boxes)} boxes"
+        )
+    with np.errstate(over="ignore"):
+        moved = twists * seconds
+        check_magnitude(boxes.centers + moved[:, :3], "twists times duration", by_row=True)
+    check_magnitude(moved, "twists times duration", by_row=True)
+    reaches = radii = bounding_radii(boxes.half_extents)
+    arms = np.zeros_like(boxes.centers)
+    if origins is not None:
+        places = as_array(origins, "origins", (None, 3))
+        if len(places) != len(boxes):
+            raise ValueError(
+                f"origins must have one row per box, got {len(places)} rows for {len(boxes)} boxes"
+            )
+        turning = twists[:, 3:].any(axis=1)
+        arms[turning] = boxes.centers[turning] - places[turning]
+        check_magnitude(arms, "distance of origins from the boxes", by_row=True)
+        reaches = np.empty_like(radii)
+        _fill_reaches(arms, radii, reaches)
+    return Motion(
+        boxes.centers, np.ascontiguousarray(twists[:, :3]), seconds, boxes.rotations,
+        boxes.half_extents, radii, np.ascontiguousarray(moved[:, 3:]), arms, reaches,
+    )  # fmt: skip
+
+
+@njit
+def _fill_reaches(arms: Floats, radii: Floats, out: Floats) -> None:
+    for n in range(len(radii)):
+        out[n] = (radii[n] + norm(vector_at(arms, n))) * OUTWARD
+
+
+def twist_bounds(
+    boxes: Boxes, twists: Floats, origins: ArrayLike | None, seconds: float
+) -> tuple[Floats, Floats]:
+    """Return minimum and maximum (n, 3) that certainly contain boxes that keep their twists.
+
+    Of what turns, the lesser of two: the circles of all corners about the axis, which hold it
+    however far it turns; and the corners at the beginning and at the end, grown by the sag of the
+    arcs between them, r w^2 / 8 for the angle w.
+    """
+    motion = twist_motion(boxes, twists, origins, seconds)
+    minimum, maximum = boxes.world_bounds()
+    _spread(motion, minimum, maximum, np.empty((2 * CORNER_ROWS, 3)))
+    return minimum, maximum
+
+
+@njit
+def _spread(motion: Motion, minimum: Floats, maximum: Floats, work: Floats) -> None:
+    """Grow bounds (n, 3) of the boxes at the beginning to those of their motion."""
+    low, high = np.empty(3), np.empty(3)
+    for n in range(len(minimum)):
+        angle = norm(vector_at(motion.turns, n))
+        for k in range(3):
+            low[k], high[k] = minimum[n, k], maximum[n, k]
+        if angle > 0.0:
+            _turning_bounds(motion, n, angle, low, high, work)
+        for k in range(3):
+            way = motion.ends[n, k] * motion.seconds
+            slack = BOUND_SLACK * (abs(way) + max(abs(low[k]), abs(high[k]))) + BOUND_UNDERFLOW
+            minimum[n, k] = low[k] + min(way, 0.0) - (slack if way < 0.0 else 0.0)
+            maximum[n, k] = high[k] + max(way, 0.0) + (slack if way > 0.0 else 0.0)
+
+
+@njit
+def _turning_bounds(
+    motion: Motion, n: int, angle: float, low: Floats, high: Floats, work: Floats
+) -> None:
+    """Write bounds (3,) of a box that turns about its origin as if that stayed where it is."""
+    first, last = work[:CORNER_ROWS], work[CORNER_ROWS:]
+    axes, extents = axes_of(motion.rotations, n), vector_at(motion.half_extents, n)
+    turn, arm = vector_at(motion.turns, n), vector_at(motion.arms, n)
+    moved = plus(arm, swing(motion, n, 1.0))
+    fill_corners(axes, extents, arm, turn, first)
+    fill_corners(rotated(axes, turn, 1.0), extents, moved, turn, last)
+    sag = 0.125 * angle * angle * OUTWARD * first[9, 0] + ANGLE_SLACK * angle * motion.reaches[n]
+    pole = vector_at(first, 0)
+    for k in range(3):
+        axis = pole[k]
+        tilt = math.hypot(pole[(k + 1) % 3], pole[(k + 2) % 3]) + CORNER_SLACK
+        least, most, ring_least, ring_most = np.inf, -np.inf, np.inf, -np.inf
+        for m in range(1, 9):
+            corner = vector_at(first, m)
+            height = dot(pole, corner)
+            around = norm(minus(corner, scaled(pole, height)))
+            ring_least = min(ring_least, height * axis - around * tilt)
+            ring_most = max(ring_most, height * axis + around * tilt)
+            least = min(least, first[m, k], last[m, k])
+            most = max(most, first[m, k], last[m, k])
+        center = motion.starts[n, k]
+        slack = CORNER_SLACK * motion.reaches[n] + BOUND_SLACK * (abs(center) + abs(arm[k]))
+        origin = center - arm[k]
+        low[k] = origin + max(ring_least, least - sag) - slack - BOUND_UNDERFLOW
+        high[k] = origin + min(ring_most, most + sag) + slack + BOUND_UNDERFLOW
 
 
 class MovingBoxes:

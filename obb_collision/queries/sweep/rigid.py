@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""When do two boxes that turn as they move come near each other? Conservative advancement.
+"""Time at which two boxes that turn as they move come near: conservative advancement.
 
 As long as one of the 15 axes separates, the boxes are apart (``sat``). From a time at
 which axis n does, with gap g, the walk steps on for as long as n, carried along by the boxes it
@@ -23,7 +23,7 @@ the step.
 
 Only the time during which the spheres about both origins meet is walked, so the length of a motion
 costs little. Of a box that turns beside one that does neither turn nor move, one turn is enough.
-Boxes that turn many times are held by what they sweep in a whole turn (``slices``), and most
+Boxes that turn many times are held by what they sweep in a whole turn (``bounds``), and most
 of that time is never walked. Where the walk still takes too many steps, or rounding leaves less
 than the tolerance, the pair is undecided, and the time until which the boxes are apart is given.
 
@@ -45,9 +45,17 @@ import numpy as np
 from obb_collision._jit import njit
 from obb_collision.numerics.constants import ROUNDOFF
 from obb_collision.numerics.vec3 import axes_of, cross, dot, minus, norm, plus, scaled, vector_at
-from obb_collision.queries.sweep.bounds import Approach, Turning, best_step, turning
-from obb_collision.queries.sweep.poses import Motion, rotated, turned_by
-from obb_collision.queries.sweep.slices import CORNER_ROWS, WHOLE, fill_corners, free_slice
+from obb_collision.queries.sweep.bounds import (
+    CORNER_ROWS,
+    WHOLE,
+    Approach,
+    Turning,
+    best_step,
+    fill_corners,
+    free_slice,
+    turning,
+)
+from obb_collision.queries.sweep.motion import Motion, rotated, turned_by
 from obb_collision.queries.verdict.pair_frame import box_at
 from obb_collision.queries.verdict.verdict import SEPARATE, careful_verdict
 from obb_collision.typing import Floats, Vector
@@ -86,7 +94,7 @@ FARTHEST = 2.0**200
 Answer = tuple[float, bool]
 
 
-class Course(NamedTuple):
+class Approaching(NamedTuple):
     """How two boxes come near each other: the way of the second origin, seen from the first.
 
     Lengths are in units of ``1 / scale`` metres. Its offset at a time is off by ``stray[0]`` and
@@ -123,11 +131,13 @@ def sweep_rigid(
     start, way = scaled(plus(pivot, scaled(way, time)), scale), scaled(way, scale)
     if not norm(way) + wa + wb < FARTHEST:
         return time, time == 0.0 and _touch(motion, i, j)
-    return _walk(motion, i, j, Course(start, way, time, last, scale, stray), tolerance, work)
+    return _walk(motion, i, j, Approaching(start, way, time, last, scale, stray), tolerance, work)
 
 
 @njit
-def _walk(motion: Motion, i: int, j: int, course: Course, tolerance: float, work: Floats) -> Answer:
+def _walk(
+    motion: Motion, i: int, j: int, course: Approaching, tolerance: float, work: Floats
+) -> Answer:
     """Step along the course from separating axis to separating axis (see the module)."""
     start, way, time, last, scale, stray = course
     wa, wb = norm(vector_at(motion.turns, i)), norm(vector_at(motion.turns, j))
@@ -183,7 +193,7 @@ def _turned_box(
 
 @njit
 def _skip(
-    motion: Motion, i: int, j: int, course: Course, time: float, span: float, work: Floats
+    motion: Motion, i: int, j: int, course: Approaching, time: float, span: float, work: Floats
 ) -> tuple[float, float, int]:
     """Return until when what the boxes sweep is apart, infinity for the end; a span; the tries.
 
@@ -213,7 +223,7 @@ def _skip(
 
 @njit
 def _fill_slice(
-    motion: Motion, i: int, course: Course, time: float, end: float, corners: Floats
+    motion: Motion, i: int, course: Approaching, time: float, end: float, corners: Floats
 ) -> tuple[float, float]:
     """Write what ``free_slice`` takes of a box in the middle of a slice.
 

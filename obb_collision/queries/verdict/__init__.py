@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Whether two boxes collide, and how far apart or how deep they are."""
+"""Verdicts, separations and common volumes of pairs of boxes."""

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""May two boxes collide? Cheaper answers than the certified test, which never miss a collision.
+"""Cheaper answers than the certified test of two boxes, which never miss a collision.
 
 Spheres: around each box, radius the length of its half extents. Apart if the distance of the
 centres exceeds the sum of the radii by SPHERE_SLACK. That is 2^9 times the bound up to which

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""How far apart or how deep are boxes? Signed separation, axis and place of pairs."""
+"""Signed separation, axis and place of pairs of boxes."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ from numpy.typing import ArrayLike
 
 from obb_collision._threads import run
 from obb_collision.geometry.boxes import Boxes
+from obb_collision.queries.verdict.blocks import witness_kernel
 from obb_collision.queries.verdict.pair_rows import as_pairs, check_boxes, one_set
 from obb_collision.queries.verdict.verdict import Verdicts, pair_verdicts
-from obb_collision.queries.verdict.witness_blocks import witness_kernel
 from obb_collision.typing import Floats, Integers
 
 #: Pairs below which a second thread does not pay: 50 us or so.

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Do two boxes collide? The certified separating axis test of two oriented boxes.
+"""Verdicts of pairs of boxes: the certified separating axis test, and exact integers behind it.
 
 The axes are in ``sat``. A verdict is certified: SEPARATE and OVERLAP are given only when the
 rounding errors of the computed gaps can't change them, with the doubles of the boxes taken as exact
@@ -44,20 +44,24 @@ from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.kinds import as_flag
 from obb_collision.numerics.constants import CAREFUL_BOUND, FAST_BOUND, UNDERFLOW
 from obb_collision.numerics.error_free import sum_sorted
+from obb_collision.numerics.exact import Vector as Exact
+from obb_collision.numerics.exact import cross as exact_cross
+from obb_collision.numerics.exact import dot as exact_dot
+from obb_collision.numerics.exact import exact_axes, exact_integers
 from obb_collision.numerics.prefetch import fetch_box
 from obb_collision.numerics.vec3 import minus, norm
 from obb_collision.queries.verdict.blocks import BLOCK, BOUND, GAP, ROWS, bound_block, gather
-from obb_collision.queries.verdict.careful import careful_gap
-from obb_collision.queries.verdict.exact import exact_verdict
 from obb_collision.queries.verdict.pair_frame import Box, Pair, box_at, pair_of
 from obb_collision.queries.verdict.pair_rows import as_sides, check_boxes
 from obb_collision.queries.verdict.sat import (
     AXES,
+    FACTORS,
     all_edge_axes,
     edge_gaps,
     face_gaps_of_a,
     face_gaps_of_b,
 )
+from obb_collision.queries.verdict.witness import careful_gap
 from obb_collision.typing import Floats, Vector
 
 Verdicts = NDArray[np.int8]
@@ -303,3 +307,44 @@ def careful_bound(a: Box, b: Box) -> float:
     h, f = a.half_extents, b.half_extents
     extents = sum_sorted(h[0], h[1], h[2]) + sum_sorted(f[0], f[1], f[2])
     return CAREFUL_BOUND * (norm(minus(b.center, a.center)) + extents) + UNDERFLOW
+
+
+Index = int | np.integer
+
+
+def exact_verdict(a: Boxes, row_a: Index, b: Boxes, row_b: Index) -> int:
+    """Return 0 separate, 1 touching or 2 overlap of two boxes, decided exactly.
+
+    Their doubles are taken as exact numbers. All 15 axes are exact cross products, also the face
+    normals. Null ones (parallel edges) say nothing and are skipped.
+    """
+    axes_a, power_a = exact_axes(a.rotations[row_a])
+    axes_b, power_b = exact_axes(b.rotations[row_b])
+    power = max(power_a, power_b)
+    axes_a = _scaled(axes_a, power - power_a)
+    axes_b = _scaled(axes_b, power - power_b)
+    parts = a.centers[row_a], b.centers[row_b], a.half_extents[row_a], b.half_extents[row_b]
+    numbers, _ = exact_integers([number for part in parts for number in part.tolist()])
+    # lengths along an axis vector come as (length) x (axis entry): the offset needs the factor
+    offset = (
+        (numbers[3] - numbers[0]) << power,
+        (numbers[4] - numbers[1]) << power,
+        (numbers[5] - numbers[2]) << power,
+    )
+    edges = list(zip(numbers[6:], axes_a + axes_b, strict=True))
+    touching = False
+    for i, j in FACTORS.tolist():
+        axis = exact_cross(edges[i][1], edges[j][1])
+        if axis == (0, 0, 0):
+            continue
+        reach = sum(extent * abs(exact_dot(axis, edge)) for extent, edge in edges)
+        gap = abs(exact_dot(axis, offset)) - reach
+        if gap > 0:
+            return 0
+        touching = touching or gap == 0
+    return 1 if touching else 2
+
+
+def _scaled(axes: tuple[Exact, Exact, Exact], power: int) -> tuple[Exact, Exact, Exact]:
+    x, y, z = ((v[0] << power, v[1] << power, v[2] << power) for v in axes)
+    return x, y, z

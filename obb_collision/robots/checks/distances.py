@@ -25,10 +25,9 @@ import numpy as np
 from obb_collision._jit import njit
 from obb_collision.geometry.trees.pool import Hulls
 from obb_collision.numerics.vec3 import dot, minus, norm, vector_at
-from obb_collision.queries.convex.depth import Room, room_for_depth
+from obb_collision.queries.convex.depth import Polytope, room_for_depth
 from obb_collision.queries.convex.distances import NO_START, Distance, body_distance
-from obb_collision.queries.convex.support import BOX, CORNERS
-from obb_collision.queries.convex.support import Bodies as Cores
+from obb_collision.queries.convex.support import BOX, CORNERS, Cores
 from obb_collision.queries.verdict.pair_frame import box_at
 from obb_collision.robots.bodies.state_arrays import (
     LINK_PLACING,
@@ -121,7 +120,7 @@ def _pair_at(tests: Tests, m: int) -> tuple[int, int]:
 @njit
 def _try_pair(
     cores: Cores, tests: Tests, m: int, best: float, n: int, bounds: Floats, pairs: Integers,
-    vectors: Floats, room: Room,
+    vectors: Floats, room: Polytope,
 ) -> float:  # fmt: skip
     """Write the distance of pair m if it is less than the best one; return the lesser one."""
     i, j = _pair_at(tests, m)

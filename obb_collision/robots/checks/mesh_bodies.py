@@ -24,7 +24,7 @@ from obb_collision.geometry.poses import as_poses, compose_poses
 from obb_collision.geometry.trees.pool import TreePool
 from obb_collision.geometry.trees.shape_trees import segment_trees
 from obb_collision.obb import OBB
-from obb_collision.queries.meshes.meshes import PlacedMeshes
+from obb_collision.queries.meshes.placed import PlacedMeshes
 from obb_collision.robots.kinematics.kinematics import Tree, link_poses
 from obb_collision.scene.store.kinds import ROUND, TRIANGLES, kind_of, round_sizes
 from obb_collision.shapes import Box, Capsule, Shape

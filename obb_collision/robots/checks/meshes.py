@@ -30,9 +30,10 @@ from obb_collision._threads import run
 from obb_collision.accuracy import Accuracy
 from obb_collision.geometry.poses import as_poses
 from obb_collision.geometry.trees.shape_trees import segment_trees
-from obb_collision.queries.mesh_contacts.mesh_separations import within
+from obb_collision.queries.mesh_contacts.surfaces import within
 from obb_collision.queries.meshes.mesh_clearance import clearances_of
-from obb_collision.queries.meshes.meshes import PlacedMeshes, mesh_collisions, mesh_verdicts
+from obb_collision.queries.meshes.meshes import mesh_collisions, mesh_verdicts
+from obb_collision.queries.meshes.placed import PlacedMeshes
 from obb_collision.queries.verdict.separations import Separations
 from obb_collision.queries.verdict.verdict import SEPARATE
 from obb_collision.robots.bodies.state_arrays import LINK_PLACING

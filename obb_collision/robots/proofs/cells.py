@@ -25,7 +25,7 @@ import numpy as np
 
 from obb_collision._jit import njit
 from obb_collision.numerics.vec3 import combined, dot, minus, negated, plus
-from obb_collision.queries.convex.depth import Room, deepest, room_for_depth
+from obb_collision.queries.convex.depth import Polytope, deepest, room_for_depth
 from obb_collision.queries.meshes.tree_boxes import relative_pose
 from obb_collision.robots.proofs.cell_bounds import (
     Moving,
@@ -153,7 +153,7 @@ def _descend(a: Moving, b: Moving, state: Floats, limits: Floats, work: Work) ->
 @njit
 def _look(
     a: Moving, b: Moving, lower: Floats, upper: Floats, middle: Floats, always: bool, work: Work,
-    room: Room,
+    room: Polytope,
 ) -> tuple[bool, bool, int]:  # fmt: skip
     """Return whether a cell is proved, whether the middle collides, and where to divide it."""
     place_a, place_b = place_body(a, middle, 0, work), place_body(b, middle, 1, work)

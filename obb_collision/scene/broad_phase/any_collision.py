@@ -23,9 +23,8 @@ from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.kinds import as_flag, check_kind
 from obb_collision.numerics.vec3 import vector_at
 from obb_collision.queries.verdict.coarse import meeting_bounds
-from obb_collision.queries.verdict.exact import exact_verdict
 from obb_collision.queries.verdict.pair_frame import box_at
-from obb_collision.queries.verdict.verdict import OVERLAP, SEPARATE, box_verdict
+from obb_collision.queries.verdict.verdict import OVERLAP, SEPARATE, box_verdict, exact_verdict
 from obb_collision.scene.broad_phase.bounds_tree import BoundsTree, overlapping
 from obb_collision.typing import Floats
 

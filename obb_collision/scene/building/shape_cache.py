@@ -40,7 +40,7 @@ from obb_collision.geometry.trees.pool import (
     TreePool,
 )
 from obb_collision.obb import OBB
-from obb_collision.queries.convex.shapes import core_of
+from obb_collision.queries.convex.support import core_of
 from obb_collision.scene.store.completed import completed
 from obb_collision.scene.store.kinds import ROUND, kind_of, round_sizes
 from obb_collision.scene.store.store import ObjectStore

@@ -25,7 +25,7 @@ import numpy as np
 from obb_collision.accuracy import Accuracy
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.queries.convex.support import ConvexBodies
-from obb_collision.queries.meshes.meshes import PlacedMeshes
+from obb_collision.queries.meshes.placed import PlacedMeshes
 from obb_collision.queries.points.points import PointsInside, points_in_bodies
 from obb_collision.scene.effects.base import (
     ACCURACY,

@@ -34,14 +34,8 @@ import numpy as np
 
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.queries.sweep.motion import sweep_needed, swept_bounds
-from obb_collision.queries.sweep.moving import MovingBoxes
-from obb_collision.queries.sweep.sweep import (
-    LEAST_TOLERANCE,
-    TOLERANCE,
-    Sweeps,
-    sweeps,
-)
-from obb_collision.queries.sweep.twists import twist_bounds
+from obb_collision.queries.sweep.moving import MovingBoxes, twist_bounds
+from obb_collision.queries.sweep.sweep import LEAST_TOLERANCE, TOLERANCE, Sweeps, sweeps
 from obb_collision.scene.broad_phase.broad_phase import NO_PAIRS, Pairs
 from obb_collision.scene.effects.base import (
     ACCURACY,

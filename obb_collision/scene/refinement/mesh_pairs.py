@@ -39,12 +39,8 @@ from obb_collision.queries.convex.support import BOX as BOX_CORE
 from obb_collision.queries.convex.support import CORNERS, CURVED, ConvexBodies
 from obb_collision.queries.meshes.convex import PlacedHulls, hulls_may_collide
 from obb_collision.queries.meshes.mesh_clearance import clearances_of
-from obb_collision.queries.meshes.meshes import (
-    UNLIMITED,
-    PlacedMeshes,
-    mesh_collisions,
-    mesh_verdicts,
-)
+from obb_collision.queries.meshes.meshes import UNLIMITED, mesh_collisions, mesh_verdicts
+from obb_collision.queries.meshes.placed import PlacedMeshes
 from obb_collision.queries.primitives.capsules import capsule_pair_verdicts
 from obb_collision.queries.verdict.verdict import OVERLAP, SEPARATE, TOUCHING, Verdicts
 from obb_collision.scene.building.shape_cache import ShapeCache

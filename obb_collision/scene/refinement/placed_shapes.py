@@ -35,7 +35,7 @@ from obb_collision.geometry.trees.shape_trees import segment_trees
 from obb_collision.queries.convex.distances import ConvexDistances, convex_distances
 from obb_collision.queries.convex.support import BOX as BOX_CORE
 from obb_collision.queries.convex.support import CORNERS, CURVED, NO_HULLS, ConvexBodies
-from obb_collision.queries.meshes.meshes import PlacedMeshes
+from obb_collision.queries.meshes.placed import PlacedMeshes
 from obb_collision.queries.verdict.separations import Separations
 from obb_collision.scene.broad_phase.broad_phase import Pairs
 from obb_collision.scene.building.shape_cache import ShapeCache

@@ -34,7 +34,7 @@ from obb_collision._kernel_cache import KernelMissingError
 from obb_collision.node.self_test import comparisons, running, service, truths
 from obb_collision.node.self_test.comparisons import COMPARISONS, Comparison
 from obb_collision.node.self_test.running import LATE, SEED, STOPPED, compare, compare_all
-from obb_collision.queries.verdict.exact import exact_verdict
+from obb_collision.queries.verdict.verdict import exact_verdict
 from obb_collision.scene.scene import Scene
 from obb_collision.warm_up import steps
 

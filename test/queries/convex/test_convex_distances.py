@@ -26,10 +26,7 @@ from convex_bodies import FAMILIES, KINDS, Pair, corners_of, family, hulls
 from convex_planes import exact_gap
 
 from obb_collision.queries.convex.distances import ConvexDistances, convex_distances
-from obb_collision.queries.convex.support import (
-    CORNERS,
-    ConvexBodies,
-)
+from obb_collision.queries.convex.support import CORNERS, ConvexBodies
 from obb_collision.typing import Floats
 
 KIND_PAIRS = list(combinations_with_replacement(KINDS, 2))

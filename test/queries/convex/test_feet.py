@@ -20,8 +20,8 @@ import numpy as np
 import pytest
 from beyond_bodies import beyond
 
+from obb_collision.queries.convex.directions import across, feet
 from obb_collision.queries.convex.distance import search
-from obb_collision.queries.convex.feet import across, feet
 from obb_collision.queries.convex.support import (
     BOX,
     CONE,

@@ -33,7 +33,7 @@ from obb_collision.geometry.trees.obb_tree import MeshTrees
 from obb_collision.queries.convex.distances import convex_distances
 from obb_collision.queries.convex.mesh_distances import mesh_body_distances
 from obb_collision.queries.convex.support import NO_HULLS, ConvexBodies
-from obb_collision.queries.meshes.meshes import PlacedMeshes
+from obb_collision.queries.meshes.placed import PlacedMeshes
 from obb_collision.typing import Floats, Integers
 
 ROUND_KINDS = ("ellipsoid", "cylinder", "cone")

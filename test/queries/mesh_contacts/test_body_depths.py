@@ -30,7 +30,7 @@ from obb_collision.queries.convex.distances import convex_distances
 from obb_collision.queries.convex.mesh_distances import mesh_body_distances
 from obb_collision.queries.convex.support import NO_HULLS, ConvexBodies
 from obb_collision.queries.mesh_contacts.body_depths import within_bodies
-from obb_collision.queries.meshes.meshes import PlacedMeshes
+from obb_collision.queries.meshes.placed import PlacedMeshes
 from obb_collision.queries.verdict.separations import Separations
 from obb_collision.typing import Floats, Integers
 

@@ -29,9 +29,10 @@ from triangle_pairs import FAMILIES, SHARE, Floats, Maker
 
 from obb_collision.geometry.trees.obb_tree import BOX_CORNERS, BOX_FACES, MeshTrees
 from obb_collision.queries.convex.distances import ConvexDistances, convex_distances
-from obb_collision.queries.mesh_contacts.mesh_separations import hulls_of, mesh_separations
+from obb_collision.queries.mesh_contacts.surfaces import hulls_of, mesh_separations
 from obb_collision.queries.meshes.mesh_clearance import mesh_clearances
-from obb_collision.queries.meshes.meshes import PlacedMeshes, mesh_verdicts
+from obb_collision.queries.meshes.meshes import mesh_verdicts
+from obb_collision.queries.meshes.placed import PlacedMeshes
 from obb_collision.queries.verdict.separations import Separations
 from obb_collision.queries.verdict.verdict import SEPARATE
 

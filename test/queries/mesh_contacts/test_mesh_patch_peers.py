@@ -31,8 +31,9 @@ from placed_meshes import bodies_of, exact_corners
 from triangle_distances import squared_distance_of_point
 
 from obb_collision.geometry.trees.obb_tree import MeshTrees
-from obb_collision.queries.mesh_contacts.mesh_patches import mesh_patches
-from obb_collision.queries.meshes.meshes import PlacedMeshes, mesh_contacts
+from obb_collision.queries.mesh_contacts.surfaces import mesh_patches
+from obb_collision.queries.meshes.meshes import mesh_contacts
+from obb_collision.queries.meshes.placed import PlacedMeshes
 from obb_collision.queries.verdict.verdict import OVERLAP
 
 NAMES = ["torus1", "star1", "bumpy1", "open_sphere1", "sheet2", "cone1"]

@@ -26,9 +26,9 @@ from triangle_distances import squared_distance_of_point
 from triangle_pairs import FAMILIES, SHARE, Floats, Maker
 
 from obb_collision.geometry.trees.obb_tree import BOX_CORNERS, BOX_FACES, MeshTrees
-from obb_collision.queries.mesh_contacts.mesh_patches import mesh_patches
-from obb_collision.queries.mesh_contacts.mesh_separations import mesh_separations
-from obb_collision.queries.meshes.meshes import PlacedMeshes, mesh_contacts, mesh_verdicts
+from obb_collision.queries.mesh_contacts.surfaces import mesh_patches, mesh_separations
+from obb_collision.queries.meshes.meshes import mesh_contacts, mesh_verdicts
+from obb_collision.queries.meshes.placed import PlacedMeshes
 from obb_collision.queries.verdict.verdict import SEPARATE
 
 TREES = MeshTrees.join([MeshTrees.build(*mesh) for mesh in zoo().values()])

@@ -23,9 +23,9 @@ import pytest
 from triangle_distances import squared_distance
 from triangle_pairs import FAMILIES, Floats, Maker
 
-from obb_collision.queries.convex.patch import Frame, frame_of
-from obb_collision.queries.mesh_contacts.way_out import way_out
-from obb_collision.queries.meshes.triangle_signs import Triangle
+from obb_collision.queries.convex.contacts import FlatFrame, frame_of
+from obb_collision.queries.mesh_contacts.push import way_out
+from obb_collision.queries.meshes.triangles import Triangle
 
 #: Rounding of places, relative to the coordinates.
 TOLERANCE = 1e-9
@@ -36,7 +36,7 @@ def corners(triangle: Floats) -> Triangle:
     return (a, b, c), (d, e, f), (g, h, i)
 
 
-def any_frame(rng: np.random.Generator) -> Frame:
+def any_frame(rng: np.random.Generator) -> FlatFrame:
     n = rng.normal(size=3)
     x, y, z = (n / np.linalg.norm(n)).tolist()
     return frame_of((x, y, z))

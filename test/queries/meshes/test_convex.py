@@ -29,7 +29,8 @@ from obb_collision.geometry.trees.convex_proxy import hull_mesh
 from obb_collision.geometry.trees.obb_tree import MeshTrees
 from obb_collision.geometry.trees.pool import HullPool, Hulls
 from obb_collision.queries.meshes.convex import PlacedHulls, hulls_may_collide
-from obb_collision.queries.meshes.meshes import PlacedMeshes, mesh_collisions
+from obb_collision.queries.meshes.meshes import mesh_collisions
+from obb_collision.queries.meshes.placed import PlacedMeshes
 from obb_collision.shapes import Cone, Cylinder
 from obb_collision.typing import Floats
 

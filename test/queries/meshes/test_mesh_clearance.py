@@ -29,7 +29,8 @@ from triangle_pairs import FAMILIES, SHARE, Floats, Maker
 
 from obb_collision.geometry.trees.obb_tree import BOX_CORNERS, BOX_FACES, MeshTrees
 from obb_collision.queries.meshes.mesh_clearance import MeshClearances, mesh_clearances
-from obb_collision.queries.meshes.meshes import PlacedMeshes, mesh_verdicts
+from obb_collision.queries.meshes.meshes import mesh_verdicts
+from obb_collision.queries.meshes.placed import PlacedMeshes
 from obb_collision.queries.verdict.verdict import SEPARATE
 
 #: What the bounds may differ by, relative to the size of a pair.

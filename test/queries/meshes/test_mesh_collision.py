@@ -24,14 +24,9 @@ from scipy.spatial.transform import Rotation
 
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.trees.obb_tree import MeshTrees
-from obb_collision.queries.meshes.meshes import (
-    PlacedMeshes,
-    mesh_collisions,
-    mesh_contacts,
-    mesh_verdicts,
-)
-from obb_collision.queries.meshes.triangle_exact import exact_triangle_verdict
-from obb_collision.queries.meshes.triangles import triangle_verdicts
+from obb_collision.queries.meshes.meshes import mesh_collisions, mesh_contacts, mesh_verdicts
+from obb_collision.queries.meshes.placed import PlacedMeshes
+from obb_collision.queries.meshes.triangles import exact_triangle_verdict, triangle_verdicts
 from obb_collision.queries.verdict.verdict import Verdict, verdicts
 
 ZOO = zoo()

@@ -25,10 +25,8 @@ from numpy.typing import NDArray
 from placed_meshes import NAMES, PAIRS, bodies_of
 
 from obb_collision.geometry.trees.obb_tree import BOX_CORNERS, MeshTrees
-from obb_collision.queries.meshes.meshes import (
-    PlacedMeshes,
-    mesh_collisions,
-)
+from obb_collision.queries.meshes.meshes import mesh_collisions
+from obb_collision.queries.meshes.placed import PlacedMeshes
 
 ZOO = zoo()
 

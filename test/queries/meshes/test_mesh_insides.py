@@ -23,10 +23,8 @@ from placed_meshes import Faces, place, verdict_of
 from trimesh import Trimesh, creation
 
 from obb_collision.geometry.trees.obb_tree import BOX_CORNERS, BOX_FACES, MeshTrees
-from obb_collision.queries.meshes.meshes import (
-    PlacedMeshes,
-    mesh_collisions,
-)
+from obb_collision.queries.meshes.meshes import mesh_collisions
+from obb_collision.queries.meshes.placed import PlacedMeshes
 from obb_collision.queries.verdict.verdict import Verdict
 from obb_collision.typing import Floats
 

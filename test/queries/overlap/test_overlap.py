@@ -29,7 +29,7 @@ from support import row_of
 
 import obb_collision as oc
 from obb_collision.geometry.representations import face_planes
-from obb_collision.queries.overlap.clipping import VOLUME_BOUND
+from obb_collision.queries.verdict.overlap import VOLUME_BOUND
 from obb_collision.typing import Floats
 
 EXACTLY = [np.eye(3), np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])]

@@ -28,7 +28,7 @@ from triangle_pairs import FAMILIES, SHARE, Maker
 
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.trees.obb_tree import MeshTrees
-from obb_collision.queries.meshes.meshes import PlacedMeshes
+from obb_collision.queries.meshes.placed import PlacedMeshes
 from obb_collision.queries.points.points import points_inside
 from obb_collision.typing import Floats
 

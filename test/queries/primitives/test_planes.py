@@ -17,7 +17,6 @@
 from __future__ import annotations
 
 from fractions import Fraction
-from itertools import product
 
 import membership
 import numpy as np
@@ -26,8 +25,8 @@ from distances import root
 from support import family, row_of
 
 from obb_collision.geometry.boxes import Boxes
-from obb_collision.queries.primitives.planes import aabb_verdicts, plane_distances
-from obb_collision.queries.verdict.verdict import OVERLAP, SEPARATE, TOUCHING, verdicts
+from obb_collision.queries.primitives.planes import plane_distances
+from obb_collision.queries.verdict.verdict import OVERLAP, SEPARATE, TOUCHING
 
 #: What isn't told from touching is this near to it, relative to the size of the pair.
 DOUBT = 1e-14
@@ -66,53 +65,9 @@ def test_planes(name: str) -> None:
         assert found.half_space_verdicts[k] in (half, TOUCHING if near else half)
 
 
-def test_boxes_against_axis_aligned_boxes() -> None:
-    rng = np.random.default_rng(11)
-    a, b = family("ordinary scene", 300)
-    minimum, maximum = b.world_bounds()
-    minimum[:100] = a.centers[:100] + a.half_extents[:100].max(axis=1, keepdims=True)
-    maximum[:100] = minimum[:100] + rng.choice([0.0, 1e-17, 0.1, 1.0], (100, 3))
-    found = aabb_verdicts(a, minimum, maximum)
-    for n in range(len(a)):
-        truth = _interval_verdict(row_of(a, n), minimum[n], maximum[n])
-        assert found[n] in (truth, TOUCHING)
-    assert (found != TOUCHING).mean() > 0.9
-    a, b = family("exact resting contact", 100)
-    meet = verdicts(a, b, exact=True) != SEPARATE
-    assert meet.sum() > 50
-    assert (aabb_verdicts(a, *b.world_bounds())[meet] != SEPARATE).all()
-
-
-def _interval_verdict(box: membership.Box, low: np.ndarray, high: np.ndarray) -> int:
-    """Compare corners along the 15 axes, exactly."""
-    axes = [membership.fractions(column) for column in box[1].T]
-    units = [[Fraction(int(i == k)) for k in range(3)] for i in range(3)]
-    ours = membership.corners(box)
-    theirs = list(product(*zip(membership.fractions(low), membership.fractions(high), strict=True)))
-    pairs = [(axes[i], axes[(i + 1) % 3]) for i in range(3)]
-    pairs += [(units[i], units[(i + 1) % 3]) for i in range(3)]
-    pairs += list(product(axes, units))
-    verdict = OVERLAP
-    for x, y in pairs:
-        n = [x[(k + 1) % 3] * y[(k + 2) % 3] - x[(k + 2) % 3] * y[(k + 1) % 3] for k in range(3)]
-        if not any(n):
-            continue
-        a = [sum(s * t for s, t in zip(n, c, strict=True)) for c in ours]
-        b = [sum(s * t for s, t in zip(n, c, strict=True)) for c in theirs]
-        gap = max(min(b) - max(a), min(a) - max(b))
-        if gap > 0:
-            return SEPARATE
-        verdict = TOUCHING if gap == 0 else verdict
-    return verdict
-
-
 def test_bad_input() -> None:
     box = Boxes([[0, 0, 0]], [np.eye(3)], [[1, 1, 1]])
     with pytest.raises(ValueError, match="normals must not be zero in row 0"):
         plane_distances(box, [[0, 0, 0]], [[0, 0, 0]])
     with pytest.raises(ValueError, match="same length"):
         plane_distances(box, [[0, 0, 0]] * 2, [[1, 0, 0]] * 2)
-    with pytest.raises(ValueError, match="minimum must not exceed maximum in row 0"):
-        aabb_verdicts(box, [[1, 0, 0]], [[0, 0, 0]])
-    with pytest.raises(ValueError, match="same length"):
-        aabb_verdicts(box, [[0, 0, 0]] * 2, [[1, 1, 1]] * 2)

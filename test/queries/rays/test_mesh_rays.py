@@ -29,7 +29,7 @@ from triangle_pairs import FAMILIES, SHARE, Maker
 
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.trees.obb_tree import MeshTrees
-from obb_collision.queries.meshes.meshes import PlacedMeshes
+from obb_collision.queries.meshes.placed import PlacedMeshes
 from obb_collision.queries.rays.rays import RayHits, cast_rays, cast_segments
 from obb_collision.typing import Floats
 

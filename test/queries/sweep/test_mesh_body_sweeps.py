@@ -30,9 +30,10 @@ from test_hull_sweeps import MOST_UNDECIDED, PLANE, TOO_FEW_DIGITS, gaps_at, nea
 from obb_collision.geometry.trees.obb_tree import MeshTrees
 from obb_collision.queries.convex.mesh_distances import mesh_body_distances
 from obb_collision.queries.convex.support import NO_HULLS, ConvexBodies
-from obb_collision.queries.meshes.meshes import PlacedMeshes, mesh_verdicts
+from obb_collision.queries.meshes.meshes import mesh_verdicts
+from obb_collision.queries.meshes.placed import PlacedMeshes
 from obb_collision.queries.sweep.course import BodyMotion
-from obb_collision.queries.sweep.mesh_bodies import swept_mesh_bodies
+from obb_collision.queries.sweep.meshes import swept_mesh_bodies
 from obb_collision.queries.sweep.sweep import TOLERANCE, Sweeps
 from obb_collision.queries.verdict.verdict import OVERLAP
 from obb_collision.typing import Floats

@@ -32,7 +32,8 @@ from triangle_pairs import FAMILIES, SHARE, Floats, Maker
 import obb_collision as oc
 from obb_collision.geometry.trees.obb_tree import MeshTrees
 from obb_collision.queries.meshes.mesh_clearance import mesh_clearances
-from obb_collision.queries.meshes.meshes import PlacedMeshes, mesh_verdicts
+from obb_collision.queries.meshes.meshes import mesh_verdicts
+from obb_collision.queries.meshes.placed import PlacedMeshes
 from obb_collision.queries.sweep.meshes import mesh_sweeps
 from obb_collision.queries.sweep.sweep import TOLERANCE
 from obb_collision.queries.verdict.verdict import OVERLAP

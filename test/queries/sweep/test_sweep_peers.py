@@ -32,7 +32,7 @@ from scipy.spatial.transform import Rotation
 
 from obb_collision.geometry.trees.obb_tree import MeshTrees
 from obb_collision.queries.convex.support import BOX, CONE, CYLINDER, ROUND, SEGMENT, ConvexBodies
-from obb_collision.queries.meshes.meshes import PlacedMeshes
+from obb_collision.queries.meshes.placed import PlacedMeshes
 from obb_collision.queries.sweep.convex import convex_sweeps
 from obb_collision.queries.sweep.course import BodyMotion
 from obb_collision.queries.sweep.meshes import mesh_sweeps

@@ -35,9 +35,9 @@ from sweep_oracle import TwistCourse, first_sampled_contact, gaps_at
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.queries.sweep import rigid as sweep_rigid
 from obb_collision.queries.sweep.motion import bounding_radii
+from obb_collision.queries.sweep.moving import twist_bounds
 from obb_collision.queries.sweep.rigid import FLOOR
 from obb_collision.queries.sweep.sweep import TOLERANCE, Sweeps
-from obb_collision.queries.sweep.twists import twist_bounds
 from obb_collision.queries.verdict.verdict import Verdict, verdicts
 
 CHUNK = 500

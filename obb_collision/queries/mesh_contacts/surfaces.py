@@ -12,7 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Where the surfaces of two meshes cross: a few points of the curve, and how deep it is there."""
+"""Signed separations of meshes, and the points where their surfaces cross.
+
+Separations are the distance of those that are apart, the depth of the others.
+"""
 
 from __future__ import annotations
 
@@ -24,30 +27,138 @@ from numpy.typing import ArrayLike
 from obb_collision._jit import njit
 from obb_collision._threads import run
 from obb_collision.geometry.trees.obb_tree import TreeArrays
+from obb_collision.geometry.trees.pool import Hulls
+from obb_collision.numerics.lanes import in_blocks
 from obb_collision.numerics.vec3 import combined, dot, minus, plus, scaled, vector_at
 from obb_collision.queries.contacts.contacts import Contacts, as_max_points
-from obb_collision.queries.convex.distances import turned_back
-from obb_collision.queries.convex.patch import frame_of
-from obb_collision.queries.mesh_contacts.mesh_separations import mesh_separations
+from obb_collision.queries.convex.contacts import frame_of
+from obb_collision.queries.convex.distances import convex_distances, turned_back
+from obb_collision.queries.convex.support import CORNERS, ConvexBodies
+from obb_collision.queries.mesh_contacts.depths import depth_kernel
 from obb_collision.queries.mesh_contacts.push import (
     CONTACTS,
     Sides,
     contacts_of,
     sides_at,
     triangles_of,
+    way_out,
 )
-from obb_collision.queries.mesh_contacts.way_out import way_out
-from obb_collision.queries.meshes.meshes import PlacedMeshes, mesh_rows
-from obb_collision.queries.meshes.tree_descent import STACK, Bodies, body_at
-from obb_collision.queries.meshes.tree_distance import Room
+from obb_collision.queries.meshes.mesh_clearance import as_radii, clearances_of
+from obb_collision.queries.meshes.placed import Meshes, PlacedMeshes, body_at, mesh_rows
+from obb_collision.queries.meshes.tree_descent import STACK
+from obb_collision.queries.meshes.tree_distance import TreeRoom
 from obb_collision.queries.meshes.triangle_distance import closest_points, crossing, foot
-from obb_collision.queries.meshes.triangle_signs import Triangle
+from obb_collision.queries.meshes.triangles import Triangle
 from obb_collision.queries.primitives.segments import unit_scale
 from obb_collision.queries.verdict.separations import Separations
 from obb_collision.typing import Floats, Integers, Vector
 
+#: Pairs below which a second thread does not pay: 1 ms.
+FEWEST_PAIRS = 4
+
+
+def mesh_separations(
+    a: PlacedMeshes,
+    b: PlacedMeshes,
+    pairs: ArrayLike | None = None,
+    *,
+    radii_a: ArrayLike = 0.0,
+    radii_b: ArrayLike = 0.0,
+) -> Separations:
+    """Return how far apart meshes are, or how deep they overlap, along which direction.
+
+    Of meshes that are apart that is the distance of ``mesh_clearances``. Of others it is minus a
+    depth: moving b along the normal by the depth certainly parts them. No push along the normal of
+    their hulls is shorter, nor is the depth of their hulls but by 1e-9 of the size of the pair. For
+    convex meshes it is the least of all; for others a shorter one may exist along a direction that
+    was not tried.
+
+    Parameters
+    ----------
+    a, b : PlacedMeshes
+    pairs : (m, 2) array_like of int, optional
+        Rows of a and of b; without, each row of a against the same row of b.
+    radii_a, radii_b : float or (n,) array_like
+        Metres; a body is everything within its radius of its mesh.
+
+    Returns
+    -------
+    Separations
+        pairs (m, 2); separations (m,) metres, negative where they overlap; normals (m, 3) unit,
+        from a to b; positions (m, 3) metres, between the closest points, or those that touch last.
+
+    Raises
+    ------
+    ValueError
+        For pairs that are no rows, and without pairs for different lengths; for a negative radius.
+    TypeError
+        For anything but placed meshes.
+
+    References
+    ----------
+    Je, Tang, Lee, Lin, Kim, PolyDepth: real-time penetration depth computation (2012).
+
+    Examples
+    --------
+    >>> tree = oc.MeshTrees.from_half_extents([1, 1, 1])
+    >>> poses = [[0, 0, 0, 0, 0, 0, 1], [0, 0.1, 1.75, 0, 0, 0, 1]]
+    >>> bodies = oc.PlacedMeshes.from_poses(tree, [0, 0], poses)
+    >>> found = oc.mesh_separations(bodies, bodies, [[0, 1]])
+    >>> found.separations.round(6).tolist(), found.normals.round(6).tolist()
+    ([-0.25], [[0.0, 0.0, 1.0]])
+    """
+    i, j = mesh_rows(a, b, pairs)
+    first, second = as_radii(radii_a, "radii_a", len(a)), as_radii(radii_b, "radii_b", len(b))
+    convex_a, convex_b = hulls_of(a, i, first), hulls_of(b, j, second)
+    found, _ = convex_distances(convex_a, convex_b, i, j)
+    middles = 0.5 * (found.positions_a + found.positions_b)
+    outer = Separations(np.stack([i, j], axis=1), found.lower, found.normals, middles)
+    return within(outer, a, first, b, second)
+
+
+def within(
+    outer: Separations, a: PlacedMeshes, radii_a: Floats, b: PlacedMeshes, radii_b: Floats
+) -> Separations:
+    """Return the separations of meshes, given those (m,) of convex bodies that contain them.
+
+    outer.pairs: rows of a and of b. The arrays given are written to.
+    """
+    i, j = np.ascontiguousarray(outer.pairs.T)
+    values, normals, positions = outer.separations, outer.normals, outer.positions
+    near, _ = clearances_of(a, radii_a, b, radii_b, i, j, np.inf)
+    apart = near.upper > 0.0
+    farther = apart & ~(values > near.distances)
+    values[farther], normals[farther] = near.distances[farther], near.normals[farther]
+    positions[farther] = 0.5 * (near.positions_a + near.positions_b)[farther]
+    deep = np.flatnonzero(~apart & (values <= 0.0))
+    depths, n, middles = np.maximum(-values[deep], 0.0), normals[deep], positions[deep]
+    run(
+        *(depth_kernel, len(deep), FEWEST_PAIRS),
+        *(a.arrays, i[deep], radii_a, b.arrays, j[deep], radii_b, depths, n, middles),
+    )
+    values[deep], normals[deep], positions[deep] = -depths, n, middles
+    return outer
+
+
+def hulls_of(bodies: PlacedMeshes, rows: Integers, radii: Floats) -> ConvexBodies:
+    """Return the convex bodies about meshes, with radii; only those of rows are there."""
+    trees = bodies.trees
+    used, where = np.unique(bodies.meshes[rows], return_inverse=True)
+    blocks = [np.zeros((1, 3, 8))]
+    for mesh in used.tolist():
+        first, last = trees.starts[trees.roots[mesh]]
+        blocks.append(in_blocks(np.unique(trees.triangles[first:last].reshape(-1, 3), axis=0)))
+    starts = np.cumsum([0, *map(len, blocks)])
+    reach = [np.abs(block).sum(axis=1).max() for block in blocks]
+    own = np.zeros(len(bodies), np.int64)
+    own[rows] = where.ravel() + 1
+    kinds, sizes = np.full(len(bodies), CORNERS, np.int8), np.zeros((len(bodies), 4))
+    hulls = Hulls(np.concatenate(blocks), starts, np.array(reach))
+    return ConvexBodies(kinds, sizes, radii, hulls, own, bodies.centers, bodies.rotations)
+
+
 #: Pairs below which a second thread does not pay: 0.2 ms.
-FEWEST_PAIRS = 16
+FEWEST_PATCHES = 16
 #: What ``Contacts.axes`` has for pairs that are no boxes.
 NO_AXIS = -1
 #: Points this near to both surfaces, relative to S, are on the curve.
@@ -136,7 +247,7 @@ def patches_of(
         found.positions[some], result.depths[some]
     )  # fmt: skip
     run(
-        *(_patch_kernel, len(i), FEWEST_PAIRS, a.arrays, i, b.arrays, j),
+        *(_patch_kernel, len(i), FEWEST_PATCHES, a.arrays, i, b.arrays, j),
         *(result.normals, result.depths, result.counts, result.positions, result.position_depths),
     )
     return result
@@ -144,13 +255,13 @@ def patches_of(
 
 @njit
 def _patch_kernel(
-    a: Bodies, rows_a: np.ndarray, b: Bodies, rows_b: np.ndarray, normals: Floats, depths: Floats,
+    a: Meshes, rows_a: np.ndarray, b: Meshes, rows_b: np.ndarray, normals: Floats, depths: Floats,
     counts: np.ndarray, positions: Floats, position_depths: Floats, start: int, stop: int,
 ) -> None:  # fmt: skip
     """Write the points of pairs whose surfaces cross, in place of the one that is there."""
     trees_a, trees_b = a.trees, b.trees
     contacts = np.empty((CONTACTS, 4), np.int64)
-    room = Room(np.empty((STACK, 2), np.int64), np.empty(STACK), contacts)
+    room = TreeRoom(np.empty((STACK, 2), np.int64), np.empty(STACK), contacts)
     curve = Curve(np.empty((POINTS * CONTACTS, 3)), np.empty(POINTS * CONTACTS))
     for row in range(start, stop):
         if counts[row] == 0:
@@ -173,7 +284,7 @@ def _patch_kernel(
 
 @njit
 def _write_curve(
-    trees_a: TreeArrays, trees_b: TreeArrays, sides: Sides, n: Vector, depth: float, room: Room,
+    trees_a: TreeArrays, trees_b: TreeArrays, sides: Sides, n: Vector, depth: float, room: TreeRoom,
     curve: Curve,
 ) -> int:  # fmt: skip
     """Write where triangles cross; return the number of points."""
