@@ -27,6 +27,7 @@ from typing import Any
 from lifecycle_msgs.srv import ChangeState
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 
+from obb_collision.node.runtime.inner import destroy_states
 from obb_collision.node.runtime.running import UNUSABLE, in_one_line
 
 SUCCESS, ERROR = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.ERROR
@@ -99,7 +100,7 @@ class ManagedNode(LifecycleNode):
     def destroy_node(self) -> None:
         """Destroy the node and its states, which hold the handle of the node and rclpy leaves."""
         super().destroy_node()
-        self._state_machine.destroy_when_not_in_use()
+        destroy_states(self)
 
     def _go(self, what: str, *actions: Callable[[], None]) -> TransitionCallbackReturn:
         self._failure = None

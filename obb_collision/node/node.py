@@ -61,8 +61,8 @@ from obb_collision.node.robots.attached import LinkFrames
 from obb_collision.node.robots.robots import Robots, robot_inputs
 from obb_collision.node.runtime.clock import NodeClock, refuse_bad_clocks
 from obb_collision.node.runtime.guard import INTERNAL_ERROR, Guard
+from obb_collision.node.runtime.inner import RareServices
 from obb_collision.node.runtime.running import run
-from obb_collision.node.runtime.services import RareServices
 from obb_collision.node.runtime.warm_up import Thing, WarmUp
 from obb_collision.node.scene_file import SceneFile
 from obb_collision.node.schedule import Schedule
@@ -117,7 +117,7 @@ class CollisionNode(ManagedNode):
         self.guard = Guard(self.get_logger().error, self.context.ok)
         self.parameters = Parameters(self)
         refuse_bad_clocks(self)
-        self._rare = RareServices(self)
+        self.rare = RareServices(self)
         self._configured = ExitStack()
         full_name = self.get_fully_qualified_name().lstrip("/")
         self._self_test = SelfTestService(self, full_name, self.guard)
@@ -519,7 +519,7 @@ class CollisionNode(ManagedNode):
 
     def destroy_node(self) -> None:
         """Publish the status unknown, and end together with all other processes."""
-        for name in ("status", "_self_test", "_warm", "_configured", "_rare"):
+        for name in ("status", "_self_test", "_warm", "_configured", "rare"):
             if hasattr(self, name):  # not where the start failed before
                 getattr(self, name).close()
         super().destroy_node()

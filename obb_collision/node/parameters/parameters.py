@@ -33,6 +33,7 @@ from obb_collision.node.parameters.robots import Base, bases_of
 from obb_collision.node.parameters.services import guard_parameter_services
 from obb_collision.node.parameters.specs import Spec
 from obb_collision.node.parameters.table import SPECS
+from obb_collision.node.runtime.inner import parameter_overrides
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.store.region import Region
 
@@ -55,7 +56,7 @@ class Parameters:
         for spec in SPECS:
             self._values[spec.name] = spec.read(_declare(node, spec))
         _check_together(self._values)
-        for hint in misspelt(getattr(node, "_parameter_overrides", {})):
+        for hint in misspelt(parameter_overrides(node)):
             node.get_logger().warning(hint)
         node.add_on_set_parameters_callback(self._check)
         node.add_post_set_parameters_callback(self._take)

@@ -24,13 +24,13 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from typing import Any
 
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
 
 from obb_collision.node.messages.conversions import NANOSECONDS, stamp_from_ros
 from obb_collision.node.messages.errors import RefusedError
+from obb_collision.node.runtime.inner import refuse_clocks
 
 LARGEST_SLEW = NANOSECONDS // 10
 """The system's clock against steady time: more than this (ns) between two looks is a jump. Looks
@@ -50,21 +50,17 @@ def boot_time() -> int:
 
 def refuse_bad_clocks(node: Node) -> None:
     """Prevent times before 1970 on /clock from raising exceptions in the executor, as in rclpy."""
-    source: Any = node._time_source
-    take = source.clock_callback
 
-    def checked(message: Clock) -> None:
+    def is_bad(message: Clock) -> bool:
         try:
             stamp_from_ros(message.clock)
         except RefusedError as error:
             warn = node.get_logger().warning
             warn(f"/clock: refused {error}", throttle_duration_sec=WARN_PERIOD)
-            return
-        take(message)
+            return True
+        return False
 
-    source.clock_callback = checked
-    if source._clock_sub is not None:  # simulated time from the start
-        source._clock_sub.callback = checked
+    refuse_clocks(node, is_bad)
 
 
 class NodeClock:

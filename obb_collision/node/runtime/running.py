@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import re
 import signal
@@ -35,7 +36,6 @@ from rclpy.qos_overriding_options import InvalidQosOverridesError
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import try_shutdown
 
-from obb_collision.node.runtime import garbage
 from obb_collision.node.runtime.environment import (
     BAD_USAGE,
     SIGNALS,
@@ -43,6 +43,7 @@ from obb_collision.node.runtime.environment import (
     in_main_thread,
     restored_signals,
 )
+from obb_collision.node.runtime.inner import release
 
 N = TypeVar("N", bound=Node)
 UNUSABLE = (
@@ -53,6 +54,31 @@ UNUSABLE = (
     InvalidQosOverridesError,
 )
 """Exceptions of a node's constructor for invalid parameters, remappings or overrides."""
+
+
+class Garbage:
+    """Settings of Python's garbage collector that avoid long pauses of the node's cycles.
+
+    A full collection visits all container objects: numba, scipy and rclpy create several hundred
+    thousand of them, and a collection took 0.08 to 0.3 s, once per second with diagnostics
+    subscribed. Objects that exist when the node is ready live as long as it does, so that the
+    collector ignores them.
+    """
+
+    settled = False
+
+    @classmethod
+    def settle(cls) -> None:
+        """Exclude all present objects from further collections; only in the node's own process."""
+        gc.collect()
+        gc.freeze()
+        cls.settled = True
+
+    @classmethod
+    def settle_more(cls) -> None:
+        """Exclude objects loaded since then, too, if ``settle`` was called; takes no time."""
+        if cls.settled:
+            gc.freeze()
 
 
 class Signals:
@@ -143,7 +169,7 @@ def run(
                 return 1
             executor = SingleThreadedExecutor(context=context)
             executor.add_node(node)
-            garbage.settle()
+            Garbage.settle()
             signals.making = False
             if not signals.count:
                 spin(executor, None if caught is None else partial(caught, node))
@@ -174,22 +200,6 @@ def spin(
                 raise
             caught(error)
             release(executor)
-
-
-def release(executor: SingleThreadedExecutor) -> None:
-    """Let callbacks run again after a message could not be taken.
-
-    rclpy marks what it takes from, and its group, as busy, and leaves it so where that raises: no
-    callback of the node would run any more.
-    """
-    for node in executor.get_nodes():
-        ends = (node.subscriptions, node.timers, node.services, node.clients, node.waitables)
-        for entity in (entity for some in ends for entity in some):
-            if getattr(entity, "_executor_event", False):
-                entity._executor_event = False
-                group = entity.callback_group
-                if getattr(group, "_active_entity", None) is entity:
-                    group.ending_execution(entity)
 
 
 def init(name: str, context: Context, arguments: list[str] | None) -> bool:

@@ -31,7 +31,7 @@ from time import perf_counter
 
 from obb_collision import _compiling, _kernel_cache
 from obb_collision.accuracy import Accuracy
-from obb_collision.node.runtime import garbage
+from obb_collision.node.runtime.running import Garbage
 from obb_collision.warm_up import steps
 from obb_collision.warm_up.processes import Progress, compile_steps
 from obb_collision.warm_up.steps import (
@@ -195,7 +195,7 @@ class WarmUp:
                 with _kernel_cache.only_loading():
                     steps.run(step)
                 self._ready.add(step)
-                garbage.settle_more()
+                Garbage.settle_more()
             except _kernel_cache.KernelMissingError:
                 pass
             except Exception as error:  # it would fail in a cycle, too, where it is counted

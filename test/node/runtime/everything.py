@@ -36,7 +36,7 @@ from obb_collision import _compiling, _jit
 from obb_collision.accuracy import ALL_LEVELS
 from obb_collision.node.messages.clouds import cloud_to_ros
 from obb_collision.node.messages.names import namespace_number
-from obb_collision.node.runtime import garbage
+from obb_collision.node.runtime.running import Garbage
 
 RATE = 200.0
 MANY = 70
@@ -217,7 +217,7 @@ def switch_one(rig: Everything, effect: str) -> Iterator[str]:
 def main(*effects: str) -> None:
     """Run it, or for one effect."""
     rig = Everything()
-    garbage.settle()  # as the executable does
+    Garbage.settle()  # as the executable does
     with rig:
         before, compiled = rig.kernels(), len(_compiling.compiled.names)
         asked = switch_one(rig, *effects) if effects else switch_everything(rig)

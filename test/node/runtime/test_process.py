@@ -318,14 +318,14 @@ def test_a_scene_of_another_process_gets_the_right_pairs_after_every_pose() -> N
 def test_what_is_there_at_ready_is_out_of_the_collectors_sight() -> None:
     code = """
 import gc
-from obb_collision.node.runtime import garbage
+from obb_collision.node.runtime.running import Garbage
 given = gc.get_freeze_count()
-garbage.settle_more()
+Garbage.settle_more()
 assert gc.get_freeze_count() == given  # not where the process is somebody else's
-garbage.settle()
+Garbage.settle()
 before = gc.get_freeze_count()
 more = [[] for _ in range(10000)]
-garbage.settle_more()
+Garbage.settle_more()
 assert gc.get_freeze_count() >= before + 10000
 assert len(gc.get_objects()) < 10000
 """

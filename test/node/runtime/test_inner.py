@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Services that are waited for as one answer as those that rclpy waits for."""
+"""Parts of rclpy that it does not document: services waited for as one, and a node without any."""
 
 from __future__ import annotations
 
@@ -23,7 +23,9 @@ import pytest
 pytest.importorskip("rclpy")
 from lifecycle_msgs.srv import GetAvailableTransitions, GetState
 from rcl_interfaces.srv import GetParameters, ListParameters
-from rig import NAMESPACE, Rig
+from rig import NAMESPACE, Rig, cube
+
+from obb_collision.node.runtime import inner
 
 
 def test_requests_that_come_together_are_all_answered(rig: Rig) -> None:
@@ -51,7 +53,7 @@ def test_requests_that_come_together_are_all_answered(rig: Rig) -> None:
 def test_a_request_that_fails_takes_no_other_with_it(
     rig: Rig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    (broken,) = [s for s in rig.node._rare._services if s.srv_type is GetParameters]
+    (broken,) = [s for s in rig.node.rare.services if s.srv_type is GetParameters]
 
     def fail(*_: object) -> None:
         raise MemoryError("too large")
@@ -90,3 +92,14 @@ def test_a_node_that_ends_leaves_no_service() -> None:
 
         rig.until(lambda: left() <= {rclpys}, "no service")
         assert not [*rig.node.services]
+
+
+def test_a_node_works_where_rclpy_has_none_of_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(inner, "getattr", lambda _, name, default: default, raising=False)
+    with Rig() as rig:
+        assert rig.node.rare.services == []
+        rig.send(cube(("a", 1)), cube(("a", 2), (0.5, 0, 0)))
+        assert rig.pairs() == {("a/1", "a/2")}
+        assert all(result.successful for result in rig.set(padding=0.01))
+        inner.release(rig.executor)
+    assert not [*rig.node.services]
