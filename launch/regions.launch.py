@@ -28,7 +28,7 @@ from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import Node
 from launch_ros.substitutions import FindPackageShare
 
-from obb_collision.node.parameters.regions import region_parameters, shared_inputs
+from obb_collision.node.parameters.entries import region_parameters, shared_inputs
 
 ARGUMENTS = {
     "minimum": ("0 0 0", "Lower corner of the box that is split (m): x y z."),

@@ -43,7 +43,7 @@ from obb_collision.cli import MAX_SEED, Parser, interruptible, new_file, option,
 from obb_collision.node.messages.bulk_clouds import boxes_to_ros
 from obb_collision.node.messages.conversions import NANOSECONDS, stamp_from_ros, stamp_to_ros
 from obb_collision.node.messages.names import namespace_number
-from obb_collision.node.parameters.regions import region_parameters
+from obb_collision.node.parameters.entries import region_parameters
 from obb_collision.node.topics.topics import COLLISIONS
 from obb_collision.scene.region_merger import RegionMerger
 from obb_collision.scene.scene import Scene

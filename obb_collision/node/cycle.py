@@ -27,8 +27,7 @@ from obb_collision.node.messages.conversions import NANOSECONDS
 from obb_collision.node.objects.conditions import LIVE
 from obb_collision.node.objects.objects import Objects
 from obb_collision.node.objects.set_aside import SetAside
-from obb_collision.node.outputs.effects import Effects
-from obb_collision.node.outputs.outputs import Outputs, Published
+from obb_collision.node.outputs.outputs import Effects, Outputs, Published
 from obb_collision.node.parameters.parameters import Parameters
 from obb_collision.node.runtime.guard import Guard
 from obb_collision.node.settings import SceneSettings

@@ -43,7 +43,7 @@ from obb_collision.node.diagnostics.answer import (
     Answer,
     Reason,
 )
-from obb_collision.node.diagnostics.qos import overridable
+from obb_collision.node.diagnostics.monitors import overridable
 from obb_collision.node.messages.clouds import cloud_to_bytes
 from obb_collision.node.messages.conversions import stamp_from_ros
 from obb_collision.node.messages.errors import RefusedError

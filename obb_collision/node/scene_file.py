@@ -28,7 +28,7 @@ from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.objects.objects import Objects
 from obb_collision.node.objects.states import State
 from obb_collision.node.objects.table import ID_OFFSET
-from obb_collision.node.parameters.regions import option_name
+from obb_collision.node.parameters.entries import option_name
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.store.allowed import Rule
 from obb_collision.scene.store.patterns import matching

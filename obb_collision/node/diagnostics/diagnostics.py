@@ -17,18 +17,28 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import islice
+from time import perf_counter
 from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
-from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.node import Node
 
 from obb_collision.accuracy import ALL_LEVELS
+from obb_collision.node.cycle import Cycle
+from obb_collision.node.diagnostics import diagnostics
 from obb_collision.node.diagnostics.answer import MAX_NAMED, some
-from obb_collision.node.diagnostics.monitors import NANOSECONDS_F, CycleMonitor, InputMonitor
-from obb_collision.node.messages.conversions import name_from_key
+from obb_collision.node.diagnostics.monitors import (
+    NANOSECONDS_F,
+    CycleMonitor,
+    InputMonitor,
+    QosWatch,
+)
+from obb_collision.node.inputs.subscriptions import Subscriptions
+from obb_collision.node.messages.conversions import name_from_key, stamp_to_ros
 from obb_collision.node.objects.conditions import (
     ASIDE,
     FUTURE,
@@ -40,7 +50,9 @@ from obb_collision.node.objects.conditions import (
     UNSHAPED,
 )
 from obb_collision.node.objects.objects import Objects
-from obb_collision.node.parameters.regions import text_from_region
+from obb_collision.node.outputs.outputs import Effects, Outputs
+from obb_collision.node.parameters.entries import text_from_region
+from obb_collision.node.parameters.parameters import Parameters
 from obb_collision.node.runtime.guard import INTERNAL_ERROR, Guard
 from obb_collision.scene.report import Report
 
@@ -294,3 +306,68 @@ def qos_status(node: str, reasons: Mapping[str, list[str]]) -> DiagnosticStatus:
     for topic, whys in found.items():
         values += [(f"{topic}: {number}", why) for number, why in enumerate(whys[:MAX_NAMED], 1)]
     return _status(f"{node}: qos", WARN if found else OK, message, values)
+
+
+PERIOD = 1.0
+"""Seconds between two messages."""
+
+
+class Reporting:
+    """Publishes the state of all parts of a node. now: time of its clock (ns)."""
+
+    def __init__(
+        self,
+        node: Node,
+        monitors: dict[str, InputMonitor],
+        subscriptions: Subscriptions,
+        objects: Objects,
+        cycle: Cycle,
+        effects: Effects,
+        outputs: Outputs,
+        parameters: Parameters,
+        guard: Guard,
+        now: Callable[[], int],
+        robots: Sequence[RobotLike] = (),
+    ) -> None:
+        self._robots = robots
+        self._name = node.get_fully_qualified_name().lstrip("/")
+        self._monitors, self._subscriptions, self._objects = monitors, subscriptions, objects
+        self._cycle, self._effects, self._outputs = cycle, effects, outputs
+        self._parameters, self._guard, self._now = parameters, guard, now
+        self._qos = QosWatch(node, node.get_logger().warning)
+        self._last = perf_counter()
+
+    def publish(self) -> None:
+        """Check QoS, log pending warnings, and publish the message if it is requested."""
+        elapsed, now = perf_counter() - self._last, self._now()
+        self._last += elapsed
+        self._qos.look({**self._subscriptions.open, **self._outputs.ends})
+        for topic, monitor in self._monitors.items():
+            monitor.flush()
+            monitor.mismatches = len(self._qos.reasons.get(topic, ()))
+        if self._effects.is_requested("diagnostics"):
+            self._publish(elapsed, now)
+            return
+        self._cycle.monitor.take()
+        for monitor in self._monitors.values():
+            monitor.since_last_report()
+
+    def _publish(self, elapsed: float, now: int) -> None:
+        name, cycle, parameters = self._name, self._cycle, self._parameters
+        period = 1.0 / parameters.rate
+        message = DiagnosticArray()
+        message.header.stamp = stamp_to_ros(now)
+        message.status = [
+            *(
+                diagnostics.input_status(name, topic, monitor, now, elapsed)
+                for topic, monitor in self._monitors.items()
+            ),
+            diagnostics.object_status(name, self._objects, parameters.stale_policy, cycle.report),
+            *(diagnostics.robot_status(name, robot) for robot in self._robots),
+            diagnostics.cycle_status(
+                name, cycle.monitor, self._effects.states(), cycle.paused, elapsed, period
+            ),
+            diagnostics.guard_status(name, self._guard),
+            diagnostics.qos_status(name, self._qos.reasons),
+        ]
+        self._outputs.publishers["diagnostics"].publish(message)

@@ -28,8 +28,7 @@ from rclpy.subscription import Subscription
 from sensor_msgs.msg import MultiDOFJointState, PointCloud2
 from visualization_msgs.msg import MarkerArray
 
-from obb_collision.node.diagnostics.monitors import InputMonitor
-from obb_collision.node.diagnostics.qos import overridable
+from obb_collision.node.diagnostics.monitors import InputMonitor, overridable
 from obb_collision.node.inputs.losses import Losses
 from obb_collision.node.runtime.guard import INTERNAL_ERROR
 
@@ -178,7 +177,7 @@ class Subscriptions:
             topic,
             take,  # type: ignore[arg-type]  # rclpy gives the information to those that take two
             qos,
-            event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),  # see qos.py
+            event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),  # see QosWatch
             qos_overriding_options=overridable(),
             raw=True,
         )

@@ -34,7 +34,7 @@ from std_msgs.msg import Bool
 
 from obb_collision.node.diagnostics.answer import Answer, Reason
 from obb_collision.node.messages.conversions import stamp_to_ros
-from obb_collision.node.outputs.effects import Effects
+from obb_collision.node.outputs.outputs import Effects
 from obb_collision.node.parameters.parameters import Parameters
 from obb_collision.node.runtime.guard import Guard
 from obb_collision.scene.effects.settings import OFF

@@ -18,16 +18,29 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from time import perf_counter
+from typing import Any, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
-from obb_collision.node.outputs.pair_events import NOT_CHECKED, REMOVED, Limits, PairEvents, Parted
 from obb_collision.node.parameters.parameters import Parameters
-from obb_collision.node.topics.rows import CheckedState, StructuredRows
+from obb_collision.node.topics.rows import (
+    BEGIN,
+    END,
+    LASTING,
+    NORMAL_FIELDS,
+    NOT_CHECKED,
+    PAIR_FIELDS,
+    POSITION_FIELDS,
+    REMOVED,
+    CheckedState,
+    StructuredRows,
+)
 from obb_collision.node.topics.topics import EVENTS
 from obb_collision.queries.verdict.separations import pair_separations
 from obb_collision.scene.effects.settings import OFF
 from obb_collision.scene.store.region import owns
+from obb_collision.typing import Floats, Mask, Rows
 
 PERIOD = 2.0
 """Seconds after which all lasting collisions are sent again."""
@@ -97,3 +110,172 @@ def _part(rows: StructuredRows, given: CheckedState, distance: float, measured: 
             pairs = np.stack((a[known], b[known]), axis=1)
             apart[known] = pair_separations(cycle.boxes, pairs).separations > distance
     return Parted(reasons, apart)
+
+
+__all__ = ["BEGIN", "END", "LASTING", "NOT_CHECKED", "REMOVED", "Limits", "PairEvents", "Parted"]
+
+NEVER = np.iinfo(np.int64).max
+NANOSECONDS = 1e9
+TAKEN = (*POSITION_FIELDS, *NORMAL_FIELDS)
+
+
+class Limits(NamedTuple):
+    """Distances (m) and times (s) for a collision to begin and to clear."""
+
+    begin_distance: float = 0.0
+    clear_distance: float = 0.0
+    begin_time: float = 0.0
+    clear_time: float = 0.0
+
+
+class Parted(NamedTuple):
+    """What is known of n pairs that do not collide.
+
+    reasons (n,): 0, or why nothing is known of them any more: REMOVED or NOT_CHECKED; apart (n,):
+    whether they are known to be apart by more than the distance to clear.
+    """
+
+    reasons: npt.NDArray[np.int64]
+    apart: Mask
+
+
+class PairEvents:
+    """The pairs whose collisions last, and those that are about to begin or to end.
+
+    dtype: of a row of the topic ``events``. Pairs are known by the keys of their objects, so one
+    that is removed and added again between two checks is the same.
+    """
+
+    def __init__(self, dtype: np.dtype[Any]) -> None:
+        self._dtype = dtype
+        self.forget()
+
+    def forget(self) -> None:
+        """Begin anew: what collides at the next update lasts already."""
+        self._new = True
+        self._keys: npt.NDArray[np.bytes_] = np.empty(0, "S16")
+        self._rows: StructuredRows = np.zeros(0, self._dtype)
+        self._begun: Mask = np.zeros(0, np.bool_)
+        self._since: Rows = np.zeros(0, np.int64)  # of what is about to begin or to end
+        self._start: Rows = np.zeros(0, np.int64)
+
+    def interrupt(self) -> None:
+        """Take note that nothing was known for a while: it does not count as apart."""
+        self._since[self._begun] = NEVER
+
+    def clock_jumped(self, shift: int) -> None:
+        """Continue all times from the new time, ``shift`` (ns) later."""
+        self._start += shift
+        self._since[self._since != NEVER] += shift
+
+    def update(
+        self,
+        now: int,
+        found: StructuredRows,
+        limits: Limits,
+        part: Callable[[StructuredRows], Parted],
+        whole: bool = True,
+    ) -> StructuredRows:
+        """Return what began and ended, sorted by the keys of the objects.
+
+        now: ns; found: the colliding pairs, sorted rows of ``collisions``; part: tells of rows that
+        do not collide what is known of them; whole: whether ``found`` is all that collide.
+        """
+        collides, depths = self._merge(found)
+        deep = collides & ~(depths < limits.begin_distance)  # NaN: not known, which counts
+        # ends first: should ``part`` raise, no begin is lost
+        ends = self._end(now, collides, limits, part, whole)
+        begins = self._begin(now, deep, limits, kept=~collides & (not whole))
+        events = self._rows[begins | ends]
+        gone = ends | ((self._since == NEVER) & ~self._begun)
+        if gone.any():
+            self._take(~gone)
+        first, self._new = self._new, False
+        return events[:0] if first else events
+
+    def lasting(self, now: int) -> StructuredRows:
+        """Return the collisions that last."""
+        rows = self._rows[self._begun]
+        rows["event"], rows["duration"] = LASTING, (now - self._start[self._begun]) / NANOSECONDS
+        return rows
+
+    def _merge(self, found: StructuredRows) -> tuple[Mask, Floats]:
+        """Take the pairs found among those known; return (k,) which collide, and how deep."""
+        keys = _keys(found)
+        if not np.array_equal(keys, self._keys):
+            self._grow(np.union1d(self._keys, keys))
+        where = np.searchsorted(self._keys, keys)
+        collides, depths = np.zeros(len(self._keys), np.bool_), np.zeros(len(self._keys))
+        collides[where], depths[where] = True, found["depth"]
+        for name in (*TAKEN, *PAIR_FIELDS):
+            self._rows[name][where] = found[name]
+        self._rows["depth"][where] = np.fmax(self._rows["depth"][where], found["depth"])
+        return collides, depths
+
+    def _grow(self, keys: npt.NDArray[np.bytes_]) -> None:
+        old, where = self._state, np.searchsorted(keys, self._keys)
+        self._keys, size = keys, len(keys)
+        self._rows, self._begun = np.zeros(size, self._dtype), np.zeros(size, np.bool_)
+        self._rows["depth"] = np.nan
+        self._since, self._start = np.full(size, NEVER), np.zeros(size, np.int64)
+        for column, values in zip(self._state, old, strict=True):
+            column[where] = values
+
+    @property
+    def _state(self) -> tuple[npt.NDArray[Any], ...]:
+        return self._rows, self._begun, self._since, self._start
+
+    def _take(self, kept: Mask) -> None:
+        self._keys = self._keys[kept]
+        self._rows, self._begun, self._since, self._start = (c[kept] for c in self._state)
+
+    def _begin(self, now: int, deep: Mask, limits: Limits, kept: Mask) -> Mask:
+        """Begin what has been deep for long enough; kept: pairs of which nothing is known."""
+        waits = ~self._begun & deep
+        self._since[waits & (self._since == NEVER)] = now
+        self._since[~self._begun & ~deep & ~kept] = NEVER
+        begins = waits & (self._new | _over(now, self._since, limits.begin_time))
+        self._begun |= begins
+        self._since[begins], self._start[begins] = NEVER, now
+        self._rows["event"][begins] = BEGIN
+        return begins
+
+    def _end(
+        self,
+        now: int,
+        collides: Mask,
+        limits: Limits,
+        part: Callable[[StructuredRows], Parted],
+        whole: bool,
+    ) -> Mask:
+        """End what has been apart for long enough, or is not checked any more."""
+        self._since[self._begun & collides] = NEVER
+        ends = np.zeros(len(self._keys), np.bool_)
+        which = np.flatnonzero(self._begun & ~collides)
+        if len(which) == 0:
+            return ends
+        known = part(self._rows[which])
+        apart = known.apart & whole
+        since = np.where(apart, np.minimum(self._since[which], now), NEVER)
+        self._since[which] = since
+        over = (known.reasons > 0) | (apart & _over(now, since, limits.clear_time))
+        ended = which[over]
+        ends[ended] = True
+        self._rows["event"][ended], self._rows["reason"][ended] = END, known.reasons[over]
+        self._rows["duration"][ended] = (now - self._start[ended]) / NANOSECONDS
+        return ends
+
+
+def _over(now: int, since: Rows, seconds: float) -> Mask:
+    """Return whether so many seconds have passed."""
+    passed = np.where(since == NEVER, -1, now - np.where(since == NEVER, now, since))
+    over: Mask = passed >= round(seconds * NANOSECONDS)
+    return over
+
+
+def _keys(rows: StructuredRows) -> npt.NDArray[np.bytes_]:
+    """Return the keys of pairs (n,) as bytes that are ordered as the rows are."""
+    numbers = np.empty((len(rows), len(PAIR_FIELDS)), ">u4")
+    for column, name in enumerate(PAIR_FIELDS):
+        numbers[:, column] = rows[name].astype(np.int64) + 2**31
+    return numbers.view("S16").reshape(-1)

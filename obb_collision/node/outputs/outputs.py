@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from copy import copy
 from dataclasses import dataclass
 from functools import partial
@@ -29,7 +30,8 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from std_msgs.msg import Header
 
-from obb_collision.node.diagnostics.qos import overridable
+from obb_collision.accuracy import Accuracy
+from obb_collision.node.diagnostics.monitors import overridable
 from obb_collision.node.messages.box_markers import COLLIDING, DOUBTFUL, FREE, Markers
 from obb_collision.node.messages.clouds import cloud_to_bytes
 from obb_collision.node.messages.conversions import stamp_to_ros
@@ -40,9 +42,12 @@ from obb_collision.node.objects.objects import Objects
 from obb_collision.node.outputs.events import Events
 from obb_collision.node.parameters.parameters import Parameters
 from obb_collision.node.runtime.guard import Guard
+from obb_collision.node.runtime.warm_up import WarmUp
 from obb_collision.node.topics.cloud import Cloud, Topic
 from obb_collision.node.topics.rows import CheckedState, StructuredRows
-from obb_collision.node.topics.topics import COLLISIONS, EVENTS, NAMESPACES, TOPICS
+from obb_collision.node.topics.topics import COLLISIONS, EVENTS, NAMESPACES, TOPICS, mode_names
+from obb_collision.scene.effects import EFFECTS
+from obb_collision.scene.effects.settings import AUTO, OFF, ON
 
 NAMESPACES_RATE = 5e6
 """Maximum bytes per second of the table of namespaces, sent as a whole: 100 kB at 50 Hz."""
@@ -81,7 +86,9 @@ class Outputs:
                 topic.message,
                 topic.name,
                 qos,
-                event_callbacks=PublisherEventCallbacks(use_default_callbacks=False),  # see qos.py
+                event_callbacks=PublisherEventCallbacks(
+                    use_default_callbacks=False
+                ),  # QosWatch polls
                 qos_overriding_options=overridable(),
             )
 
@@ -192,3 +199,59 @@ class Outputs:
                 parameters.marker_line_width if lines else None,
             )
         )
+
+
+class Effects:
+    """What is requested, by the name of the effect; publishers: of those with a topic."""
+
+    def __init__(
+        self, parameters: Parameters, publishers: Mapping[str, Publisher], warm: WarmUp
+    ) -> None:
+        self._parameters, self._publishers, self._warm = parameters, publishers, warm
+        self._names = mode_names()
+        self.on_boxes: dict[str, list[Accuracy]] = {}
+        """Effects that are on boxes until kernels of levels above OBB are ready; and the levels."""
+
+    def mode(self, name: str) -> str:
+        """Return off, auto or on."""
+        return self._parameters.mode(name)
+
+    def is_requested(self, name: str) -> bool:
+        """Return whether an effect is on, or there are subscribers of a topic that needs it."""
+        mode = self.mode(name)
+        if mode != AUTO:
+            return mode == ON
+        if name not in TOPICS:
+            return any(name in topic.needs and self.is_requested(n) for n, topic in TOPICS.items())
+        return self._publishers[name].get_subscription_count() > 0
+
+    def of_cycle(self) -> frozenset[str]:
+        """Return the effects to compute in this cycle."""
+        requested = filter(self.is_requested, self._names)
+        return frozenset(n for n in requested if n not in EFFECTS or self._warm.is_ready(n))
+
+    def raised(self, computed: frozenset[str]) -> bool:
+        """Return whether some of those on boxes need not stay there; request what they wait for."""
+        waiting = {}
+        for name, levels in self.on_boxes.items():
+            wanted = levels if name in computed else ()
+            ready = [self._warm.is_ready((name, level)) for level in wanted]  # requests all
+            if not (ready and all(ready)):
+                waiting[name] = levels
+        raised, self.on_boxes = len(waiting) < len(self.on_boxes), waiting
+        return raised
+
+    def states(self) -> dict[str, str]:
+        """Return the state of each effect in words, for /diagnostics."""
+        computed = self.of_cycle()
+        return {name: self._state(name, computed) for name in self._names}
+
+    def _state(self, name: str, computed: frozenset[str]) -> str:
+        mode = self.mode(name)
+        if mode == OFF:
+            return mode
+        if name in computed:
+            missing = [n for n in self.on_boxes.get(name, ()) if not self._warm.has((name, n))]
+            why = "".join(f" on obb: {self._warm.why_not((name, n))}" for n in missing[:1])
+            return f"{mode}, computed{why}"
+        return f"{mode}, {self._warm.why_not(name) if self.is_requested(name) else 'not requested'}"

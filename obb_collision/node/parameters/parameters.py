@@ -18,24 +18,30 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from difflib import get_close_matches
+from traceback import format_exc
 from typing import Any
 
 from rcl_interfaces.msg import SetParametersResult
+from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.exceptions import InvalidParameterTypeException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from obb_collision.geometry.shapes.folders import MeshFolders
-from obb_collision.node.parameters.folders import folders_from
+from obb_collision.node.parameters.entries import (
+    Base,
+    bases_of,
+    folders_from,
+    option_name,
+    region_from,
+)
 from obb_collision.node.parameters.groups import check_words
-from obb_collision.node.parameters.regions import option_name, region_from
-from obb_collision.node.parameters.robots import Base, bases_of
-from obb_collision.node.parameters.services import guard_parameter_services
 from obb_collision.node.parameters.specs import Spec
 from obb_collision.node.parameters.table import SPECS
 from obb_collision.node.runtime.inner import parameter_overrides
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.store.region import Region
+from obb_collision.words import shown
 
 __all__ = ["SPECS", "Parameters", "check_parameters"]
 
@@ -199,3 +205,45 @@ def check_parameters(parameters: Sequence[Parameter]) -> SetParametersResult:
         except Exception as error:  # whatever the reader raises: the value is refused
             return SetParametersResult(successful=False, reason=str(error))
     return SetParametersResult(successful=True)
+
+
+Callback = Callable[[Any, Any], Any]
+
+
+def guard_parameter_services(node: Node) -> None:
+    """Prevent requests to a node's parameter services from ending it."""
+    for service in node.services:
+        if service.srv_type is SetParameters:
+            service.callback = _one_by_one(node, service.callback)
+        elif service.srv_type is SetParametersAtomically:
+            service.callback = _all_or_none(node, service.callback)
+
+
+def _one_by_one(node: Node, callback: Callback) -> Callback:
+    def set_each(request: Any, response: Any) -> Any:
+        for parameter in request.parameters:
+            one = SetParameters.Request(parameters=[parameter])
+            try:
+                response.results += callback(one, SetParameters.Response()).results
+            except Exception as error:
+                response.results.append(_refusal(node, error))
+        return response
+
+    return set_each
+
+
+def _all_or_none(node: Node, callback: Callback) -> Callback:
+    def set_all(request: Any, response: Any) -> Any:
+        try:
+            return callback(request, response)
+        except Exception as error:
+            response.result = _refusal(node, error)
+            return response
+
+    return set_all
+
+
+def _refusal(node: Node, error: Exception) -> SetParametersResult:
+    reason = f"{type(error).__name__}: {shown(str(error))}"
+    node.get_logger().error(f"a parameter could not be set: {format_exc()}", once=True)
+    return SetParametersResult(successful=False, reason=reason)

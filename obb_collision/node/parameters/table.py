@@ -20,15 +20,16 @@ from obb_collision._threads import MAX_THREADS
 from obb_collision.accuracy import ALL_LEVELS
 from obb_collision.node.messages.names import MAX_NAME_BYTES
 from obb_collision.node.objects.table import POLICIES
-from obb_collision.node.parameters.folders import folder_from_text
-from obb_collision.node.parameters.groups import group_from_text, pair_from_text
-from obb_collision.node.parameters.regions import option_name, range_from_text
-from obb_collision.node.parameters.robots import (
+from obb_collision.node.parameters.entries import (
     MAX_ROBOTS,
     base_from_text,
+    folder_from_text,
+    option_name,
+    range_from_text,
     robot_from_text,
     touches_from_text,
 )
+from obb_collision.node.parameters.groups import group_from_text, pair_from_text
 from obb_collision.node.parameters.specs import Spec
 from obb_collision.node.topics.topics import TOPICS, describe_mode, mode_names
 from obb_collision.scene.effects import EFFECTS

@@ -29,15 +29,13 @@ from sensor_msgs.msg import JointState, PointCloud2
 from std_msgs.msg import Float64, String
 from trajectory_msgs.msg import JointTrajectory
 
-from obb_collision.node.diagnostics.monitors import InputMonitor
-from obb_collision.node.diagnostics.qos import overridable
+from obb_collision.node.diagnostics.monitors import InputMonitor, overridable
 from obb_collision.node.inputs.inputs import Inputs
 from obb_collision.node.inputs.subscriptions import Input
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.objects.objects import Objects
 from obb_collision.node.parameters.parameters import Parameters
-from obb_collision.node.robots.attached import LinkFrames, find_attached
-from obb_collision.node.robots.checked_robot import CheckedRobot
+from obb_collision.node.robots.checked_robot import CheckedRobot, LinkFrames, find_attached
 from obb_collision.node.robots.links import NOTHING
 from obb_collision.node.robots.robot_input import (
     BASE,
@@ -46,10 +44,14 @@ from obb_collision.node.robots.robot_input import (
     SEMANTIC,
     RobotInput,
 )
-from obb_collision.node.robots.speed import SpeedScale
-from obb_collision.node.robots.state_service import SERVICE, ServiceType, StateService
 from obb_collision.node.robots.trajectories import Trajectories
-from obb_collision.node.robots.validity import Validity
+from obb_collision.node.robots.validity import (
+    SERVICE,
+    ServiceType,
+    SpeedScale,
+    StateService,
+    Validity,
+)
 from obb_collision.node.topics.cloud import LATCHED, RELIABLE
 from obb_collision.robots.description.robot import Robot
 from obb_collision.scene.store.allowed import Rule

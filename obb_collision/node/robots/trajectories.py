@@ -36,11 +36,11 @@ from obb_collision.node.parameters.parameters import Parameters
 from obb_collision.node.robots.checked_robot import CheckedRobot
 from obb_collision.node.robots.joints import Joints
 from obb_collision.node.robots.robot_input import RobotInput
-from obb_collision.node.robots.running_trajectory import Running
-from obb_collision.node.robots.trajectory_messages import (
+from obb_collision.node.robots.trajectory import (
     BAD_POINT,
     MAX_PIECES,
     TOO_LONG,
+    Running,
     Trajectory,
     columns_of,
     trajectory_from_bytes,

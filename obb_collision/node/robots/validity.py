@@ -22,10 +22,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from time import monotonic
+from typing import Any
 
 import numpy as np
 from rclpy.publisher import Publisher
+from std_msgs.msg import Float64
 
+from obb_collision.node.diagnostics.answer import some
 from obb_collision.node.diagnostics.monitors import InputMonitor
 from obb_collision.node.messages.cdr import CloudMessage, cloud_from_bytes
 from obb_collision.node.messages.clouds import (
@@ -33,13 +36,21 @@ from obb_collision.node.messages.clouds import (
     cloud_to_bytes,
     field_bytes,
 )
-from obb_collision.node.messages.conversions import LARGEST_COORDINATE, stamp_from_ros
+from obb_collision.node.messages.conversions import (
+    LARGEST_COORDINATE,
+    stamp_from_ros,
+    stamp_to_ros,
+)
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.messages.names import namespace_number, shortened
+from obb_collision.node.messages.optional import optional_type
 from obb_collision.node.objects.objects import Objects
 from obb_collision.node.parameters.parameters import Parameters
 from obb_collision.node.robots.checked_robot import CheckedRobot
-from obb_collision.robots.checks.reports import StateReport
+from obb_collision.node.robots.joints import LENGTHS_DIFFER, UNKNOWN_JOINT
+from obb_collision.node.robots.robot_input import RobotInput
+from obb_collision.node.runtime.guard import INTERNAL_ERROR
+from obb_collision.robots.checks.reports import StateDistances, StateReport
 from obb_collision.robots.checks.robot_scene import RobotScene
 from obb_collision.typing import Floats, Rows
 
@@ -177,3 +188,213 @@ def _states(message: CloudMessage, names: Iterable[str], count: int) -> Floats:
             raise RefusedError("field layout", f"field {name!r} is no float64")
         states[:, column] = rows[name]
     return states
+
+
+ContactInformation: Any = optional_type("moveit_msgs.msg", "ContactInformation")
+ServiceType: Any = ContactInformation and optional_type("moveit_msgs.srv", "GetStateValidity")
+"""None where moveit_msgs cannot be used."""
+
+SERVICE = "check_state_validity"
+"""Its name, after that of the robot; move_group has it by the same name."""
+ROBOT_LINK, WORLD_OBJECT, ROBOT_ATTACHED = range(3)
+"""Types of bodies in ContactInformation."""
+TOUCHING = 1e-9
+"""Metres within which the deepest pair is looked for."""
+NOT_EVALUATED = "not evaluated"
+MAX_CONTACTS = 1000
+"""Contacts of an answer: one takes 20 us, and 1,000 links in a heap have 500,000."""
+
+
+class StateService:
+    """Answers for one robot. contact: makes a ContactInformation; frame: the fixed frame."""
+
+    def __init__(
+        self,
+        robot: RobotInput,
+        checked: CheckedRobot,
+        monitor: InputMonitor,
+        clock: Callable[[], int],
+        frame: str,
+        contact: Callable[[], Any] = ContactInformation,
+    ) -> None:
+        self._robot, self._checked, self._monitor = robot, checked, monitor
+        self._clock, self._frame, self._contact = clock, frame, contact
+
+    def answer(self, request: Any, response: Any) -> Any:
+        """Fill in the response; why a state is not looked at is counted, and logged."""
+        response.valid = False
+        try:
+            self._answer(request, response)
+        except RefusedError as error:
+            self._monitor.refuse(self._clock(), error.reason, SERVICE, error.detail)
+        except Exception as error:
+            response.valid = False
+            self._monitor.refuse(self._clock(), INTERNAL_ERROR, SERVICE, str(error))
+        return response
+
+    def _answer(self, request: Any, response: Any) -> None:
+        scene = self._checked.scene()
+        state = self._state(request.robot_state)
+        group = self._group(request.group_name)
+        given = request.constraints
+        fields = "joint", "position", "orientation", "visibility"
+        if any(len(getattr(given, f"{name}_constraints")) for name in fields):
+            raise RefusedError(NOT_EVALUATED, "constraints")
+        try:
+            report = scene.check(state, all_pairs=True)
+        except ValueError as error:
+            raise RefusedError("bad state", str(error)) from error
+        links = group | {n for n, at in scene.attached.items() if at in group}
+        pairs = [pair for pair in report.pairs_of(0) if links & set(pair)]
+        deepest = scene.distances(state, max_distance=TOUCHING) if pairs else None
+        response.contacts = [
+            self._contact_of(scene, report, pair, deepest) for pair in pairs[:MAX_CONTACTS]
+        ]
+        response.valid = not pairs and not report.out_of_limits.any()
+
+    def _state(self, given: Any) -> Floats:
+        """Return the state (1, joints); what is not given is as it is now, as for MoveIt."""
+        joints, message = self._robot.joints, given.joint_state
+        assert joints is not None
+        several = given.multi_dof_joint_state
+        if len(several.joint_names) or len(several.transforms):  # these may be there without names
+            raise RefusedError(NOT_EVALUATED, "multi_dof_joint_state")
+        if len(given.attached_collision_objects):
+            raise RefusedError(NOT_EVALUATED, "attached_collision_objects")
+        names, positions = list(message.name), np.array(message.position, np.float64)
+        if len(names) != len(positions):
+            raise RefusedError(LENGTHS_DIFFER, f"{len(names)} names, {len(positions)} positions")
+        if len(set(names)) < len(names):
+            raise RefusedError("repeated joint")
+        if not (np.abs(positions) <= LARGEST_COORDINATE).all():
+            raise RefusedError("bad state", "not finite or too large")
+        state = joints.positions.copy()
+        for name, value in zip(names, positions.tolist(), strict=True):
+            row = joints.row(name)
+            if row is None:
+                raise RefusedError(UNKNOWN_JOINT, repr(shortened(name)))
+            if row >= 0:
+                state[row] = value
+        return state[None]
+
+    def _group(self, name: str) -> frozenset[str]:
+        """Return the links that a group moves, and its own; all without a name."""
+        robot = self._checked.robot
+        if not name:
+            return self._prefixed(robot.link_names)
+        group = robot.groups.get(name)
+        if group is None:
+            raise RefusedError("unknown group", repr(shortened(name)))
+        moved = set(group.links)
+        for joint in robot.joints:  # those of parents first
+            if joint.name in group.joints or joint.parent in moved:
+                moved.add(joint.child)
+        return self._prefixed(moved)
+
+    def _prefixed(self, links: Any) -> frozenset[str]:
+        return frozenset(f"{self._robot.name}/{link}" for link in links)
+
+    def _contact_of(
+        self, scene: RobotScene, report: StateReport, pair: tuple[str, str],
+        deepest: StateDistances | None,
+    ) -> Any:  # fmt: skip
+        """Return the contact of a pair; where and how deep is said of the deepest one only."""
+        contact = self._contact()
+        contact.header.frame_id = self._frame
+        contact.header.stamp = stamp_to_ros(self._clock())
+        place, normal, depth = np.full(3, np.nan), np.full(3, np.nan), np.nan
+        if deepest is not None and deepest.pairs[0] == pair:
+            place, normal = deepest.points[0].mean(axis=0), deepest.directions[0]
+            depth = max(-float(deepest.distances[0]), 0.0)
+        for field, values in ((contact.position, place), (contact.normal, normal)):
+            field.x, field.y, field.z = values.tolist()
+        contact.depth = depth
+        own = f"{self._robot.name}/"
+        for number, name in enumerate(pair, start=1):
+            is_link = name in scene.link_names
+            kind = ROBOT_ATTACHED if name in scene.attached else WORLD_OBJECT
+            setattr(contact, f"contact_body_{number}", name.removeprefix(own) if is_link else name)
+            setattr(contact, f"body_type_{number}", ROBOT_LINK if is_link else kind)
+        return contact
+
+
+class SpeedScale:
+    """Publishes the scale of one robot, while somebody subscribes."""
+
+    def __init__(
+        self,
+        robot: RobotInput,
+        checked: CheckedRobot,
+        objects: Objects,
+        publisher: Publisher,
+        parameters: Parameters,
+    ) -> None:
+        self._robot, self._checked, self._objects = robot, checked, objects
+        self._publisher, self._parameters = publisher, parameters
+
+    def publish(self) -> None:
+        """Publish the scale as things are now, and tell the robot why it is 0."""
+        self._robot.halt = ""
+        if self._publisher.get_subscription_count() == 0:
+            return
+        scale, why = 0.0, INTERNAL_ERROR
+        try:
+            scale, why = self._scale(), "within the stop distance"
+        except ValueError as error:  # RefusedError, too: not known
+            why = error.reason if isinstance(error, RefusedError) else str(error)
+        finally:
+            self._robot.halt = "" if scale > 0.0 else why
+            self._publisher.publish(Float64(data=scale))
+
+    def _scale(self) -> float:
+        """Return 1 beyond the slow distance, and 0 within the stop distance.
+
+        Both are more by how far the fastest point of the robot and of an object may have come
+        nearer to each other within the reaction time. RefusedError where it is 0 for another
+        reason.
+        """
+        parameters, robot = self._parameters, self._robot
+        scene = self._checked.scene()
+        assert robot.joints is not None
+        stop, slow = parameters.speed_stop_distance, parameters.speed_slow_distance
+        with np.errstate(over="ignore"):
+            come = self._closing_speed(scene) * parameters.speed_reaction_time
+        if not np.isfinite(come):
+            raise RefusedError("speeds are too large")
+        state = robot.joints.positions[None]
+        report = scene.check(state)  # links against each other, and limits, too
+        if not report.valid[0]:
+            raise RefusedError(
+                "it collides" if report.colliding[0] else "a joint out of its limits"
+            )
+        found = scene.distances(state, max_distance=slow + come, self_pairs=False)
+        room = float(found.distances[0]) - come - stop
+        return float(np.clip(room / (slow - stop), 0.0, 1.0))
+
+    def _own_speed(self, scene: RobotScene) -> float:
+        """Return at least how fast a point of the robot is by joints of unknown velocity (m/s)."""
+        joints = self._robot.joints
+        assert joints is not None
+        if not joints.unclear.any():
+            return 0.0
+        most = np.where(joints.unclear, joints.speed_limits, 0.0)
+        if not np.isfinite(most).all():
+            names = [joints.names[row] for row in np.flatnonzero(np.isinf(most))]
+            who = some(names, len(names))
+            raise RefusedError(f"no velocity, and no limit of it, is known of joints: {who}")
+        return float(scene.displacements(joints.positions[None], most[None])[0])
+
+    def _closing_speed(self, scene: RobotScene) -> float:
+        """Return at least how fast any point of the robot and any object near each other (m/s)."""
+        assert self._robot.links is not None
+        if not self._robot.links.are_speeds_known:
+            raise RefusedError("speeds are too large")
+        table = self._objects.table
+        own = np.concatenate([self._robot.links.slots, self._robot.attached.slots])
+        others = table.moving & table.visible
+        others[own] = False
+        speeds = [
+            float(self._objects.scene.speeds_of(slots, table.twist[slots]).max(initial=0.0))
+            for slots in (own, np.flatnonzero(others))
+        ]
+        return sum(speeds) + self._own_speed(scene)

@@ -25,7 +25,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 pytest.importorskip("rclpy")
-from obb_collision.node.outputs.pair_events import (
+from obb_collision.node.outputs.events import (
     BEGIN,
     END,
     LASTING,

@@ -31,7 +31,7 @@ from robot_rig import URDF, RobotRig
 from std_srvs.srv import Trigger
 
 import obb_collision as oc
-from obb_collision.node.robots.description import DescriptionReader
+from obb_collision.node.robots.robot_input import DescriptionReader
 from obb_collision.scene.building import process
 
 ROCK = '<robot name="{}"><link name="rock"/></robot>'

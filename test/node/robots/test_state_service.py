@@ -32,7 +32,7 @@ from std_msgs.msg import String
 from test_attached_objects import TOOL, held, put
 from test_state_validity import CRATE, ValidityRig
 
-from obb_collision.node.robots.state_service import (
+from obb_collision.node.robots.validity import (
     ROBOT_ATTACHED,
     ROBOT_LINK,
     WORLD_OBJECT,

@@ -39,8 +39,8 @@ from rig import DOMAIN, NAMESPACE, Client
 
 from obb_collision.node.inputs.detections import DETECTIONS
 from obb_collision.node.inputs.subscriptions import INPUTS
+from obb_collision.node.parameters.entries import region_parameters, shared_inputs
 from obb_collision.node.parameters.parameters import SPECS
-from obb_collision.node.parameters.regions import region_parameters, shared_inputs
 from obb_collision.node.runtime.launching import initial_parameters
 from obb_collision.node.topics.topics import TOPICS
 

@@ -39,7 +39,7 @@ from obb_collision.node.merger import MergerNode, values_of
 from obb_collision.node.messages.conversions import stamp_from_ros
 from obb_collision.node.node import CollisionNode
 from obb_collision.node.objects.frames import FixedFrameOnly
-from obb_collision.node.parameters.regions import text_from_region
+from obb_collision.node.parameters.entries import text_from_region
 from obb_collision.node.topics.cloud import Cloud
 from obb_collision.node.topics.topics import TOPICS
 

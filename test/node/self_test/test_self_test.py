@@ -31,9 +31,9 @@ from rig import Rig, cube, pose
 
 from obb_collision import _compiling
 from obb_collision._kernel_cache import KernelMissingError
-from obb_collision.node.self_test import comparisons, running, service, truths
+from obb_collision.node.self_test import comparisons, service
 from obb_collision.node.self_test.comparisons import COMPARISONS, Comparison
-from obb_collision.node.self_test.running import LATE, SEED, STOPPED, compare, compare_all
+from obb_collision.node.self_test.service import LATE, SEED, STOPPED, compare, compare_all
 from obb_collision.queries.verdict.verdict import exact_verdict
 from obb_collision.scene.scene import Scene
 from obb_collision.warm_up import steps
@@ -86,14 +86,14 @@ def test_a_wrong_answer_is_found(name: str, monkeypatch: pytest.MonkeyPatch) -> 
     result = compare(comparison, lambda: False, lambda: 0.0, 1.0)
     assert result.different > 0
     assert result.failed
-    assert 1 <= len(result.examples) <= running.SHOWN
+    assert 1 <= len(result.examples) <= service.SHOWN
 
 
 @pytest.mark.parametrize("name", ["poses", "predictions", "hulls and meshes"])
 def test_wrong_truths_are_found_as_well_so_that_these_comparisons_are_not_empty(
     name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    rotation, collide, verdict = truths.rotation_of, truths.bodies_collide, exact_verdict
+    rotation, collide, verdict = comparisons.rotation_of, comparisons.bodies_collide, exact_verdict
     monkeypatch.setattr(
         comparisons, "rotation_of", lambda q: [entry * 1.000000000000002 for entry in rotation(q)]
     )
@@ -155,7 +155,7 @@ def test_cycles_go_on_while_it_runs_in_a_thread_of_its_own(
     def waits(*_: Any) -> Iterator[Any]:
         threads.append(threading.current_thread().name)
         assert opened.wait(rig.patience)
-        yield running.Result(COMPARISONS[0], compared=1)
+        yield service.Result(COMPARISONS[0], compared=1)
 
     monkeypatch.setattr(service, "compare_all", waits)
     client = rig.client.create_client(SelfTest, "obb_collision/self_test")
@@ -191,8 +191,8 @@ def test_a_wrong_kernel_fails_the_self_test(rig: Rig, monkeypatch: pytest.Monkey
 
 
 def test_a_node_that_ends_does_not_wait_for_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(running, "COMPARISONS", (Comparison("x", "things", endless),))
-    monkeypatch.setattr(running, "TIME", 1e9)
+    monkeypatch.setattr(service, "COMPARISONS", (Comparison("x", "things", endless),))
+    monkeypatch.setattr(service, "TIME", 1e9)
     with Rig(deaf=True) as rig:
         client = rig.client.create_client(SelfTest, "obb_collision/self_test")
         rig.until(client.service_is_ready, "service")

@@ -12,21 +12,49 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The region of a node: its parameters, whether its halo is large enough, and splits of a box."""
+"""The folders from which mesh files are read, as texts."""
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Iterable, Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from obb_collision.geometry.shapes.folders import MeshFolders
+from obb_collision.node.messages.conversions import UNUSABLE, ZERO, pose_kinds
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.effects.settings import OFF
 from obb_collision.scene.store.region import Region, split_regions
+from obb_collision.scene_files.robots import ROBOT_NAME
 from obb_collision.words import shown
+
+ENTRY = re.compile(r"(?:([A-Za-z][A-Za-z0-9_-]*):\s+)?(/.*)")
+"""An absolute path, before it perhaps the name of a package, which is no part of a path."""
+
+
+def folder_from_text(text: str) -> tuple[str, str]:
+    """Return the package, "" for none, and the folder of ``FOLDER`` or ``PACKAGE: FOLDER``.
+
+    ValueError for a path that is not absolute. The folder need not exist: it may be mounted later.
+    """
+    found = ENTRY.fullmatch(text)
+    if found is None:
+        raise ValueError(f"{shown(text)} is no absolute path, nor like 'arm_description: /opt/arm'")
+    return found[1] or "", found[2]
+
+
+def folders_from(values: Mapping[str, Any]) -> MeshFolders:
+    """Return the folders that parameters mean; ValueError for a package that has two."""
+    given: list[tuple[str, str]] = values["mesh_folders"]
+    named = [(package, folder) for package, folder in given if package]
+    packages = dict(named)
+    if len(packages) < len(named):
+        raise ValueError("mesh_folders must have at most one entry for each package")
+    return MeshFolders(tuple(folder for package, folder in given if not package), packages)
+
 
 AXES = "xyz"
 RANGE = re.compile(r"\s*([xyz])\s*:\s*(\S+)\s+to\s+(\S+)\s*")
@@ -116,3 +144,73 @@ def shared_inputs(namespace: str) -> list[tuple[str, str]]:
     """Return the remappings by which a node in a namespace of its own reads what all read."""
     root = "/" + namespace + ("/" if namespace else "")
     return [(topic, root + topic) for topic in INPUTS]
+
+
+MAX_ROBOTS = 100
+"""Most robots of a node."""
+BY_TOPIC = "object_transform"
+"""In place of a frame: the base is where this topic says."""
+
+
+class Base(NamedTuple):
+    """Where a root link is: at a pose (7,) in the fixed frame, in a frame, or where a topic says.
+
+    The frame is "" for that of the root link itself.
+    """
+
+    robot: str
+    pose: tuple[float, ...] | None = None
+    frame: str = ""
+
+
+def robot_from_text(text: str) -> str:
+    """Read the name of a robot; ValueError for one that can be no part of a topic."""
+    if not ROBOT_NAME.fullmatch(text):
+        raise ValueError(f"{shown(text)} must be letters, digits and _, and begin with a letter")
+    return text
+
+
+def base_from_text(text: str) -> Base:
+    """Read ``NAME: FRAME`` or ``NAME: X Y Z QX QY QZ QW``; ValueError for anything else."""
+    name, _, place = text.partition(":")
+    words = place.split()
+    if not name.strip() or len(words) not in (1, 7):
+        raise ValueError(f"{shown(text)} is not like 'arm: 0 0 0.5 0 0 0 1' or 'arm: base_link'")
+    robot = robot_from_text(name.strip())
+    if len(words) == 1:
+        return Base(robot, frame=words[0])
+    try:
+        pose = tuple(float(word) for word in words)
+    except ValueError:
+        raise ValueError(f"{shown(text)} must have seven numbers") from None
+    if pose_kinds(np.array([pose]))[0] in (UNUSABLE, ZERO):
+        raise ValueError(f"{shown(text)} is no pose: not finite, or a quaternion of zeros")
+    return Base(robot, pose)
+
+
+def touches_from_text(text: str) -> list[tuple[str, str]]:
+    """Read ``ROBOT/LINK: ROBOT/LINK ...``, patterns of links, as pairs; ValueError else."""
+    link, _, others = text.partition(":")
+    if len(link.split()) != 1 or not others.split():
+        raise ValueError(f"{shown(text)} is not like 'arm/hand: arm/finger_left arm/finger_right'")
+    return [(link.strip(), other) for other in others.split()]
+
+
+def bases_of(values: Mapping[str, Any]) -> dict[str, Base]:
+    """Return where each robot stands, by name; ValueError for what does not fit together."""
+    names: list[str] = values["robots"]
+    _refuse_twins("robots", names)
+    given: list[Base] = values["robot_bases"]
+    _refuse_twins("robot_bases", [base.robot for base in given])
+    unknown = [base.robot for base in given if base.robot not in names]
+    if unknown:
+        raise ValueError(f"robot_bases: {unknown[0]!r} is none of robots")
+    return {name: Base(name) for name in names} | {base.robot: base for base in given}
+
+
+def _refuse_twins(parameter: str, names: Iterable[str]) -> None:
+    seen: set[str] = set()
+    for name in names:
+        if name in seen:
+            raise ValueError(f"{parameter}: {name!r} is there twice")
+        seen.add(name)

@@ -16,17 +16,19 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from struct import Struct
 from typing import NamedTuple
 
 import numpy as np
-from trajectory_msgs.msg import JointTrajectory
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from obb_collision.node.messages.cdr import Header, Reader
 from obb_collision.node.messages.conversions import LARGEST_COORDINATE, NANOSECONDS
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.messages.names import shortened
-from obb_collision.robots.kinematics.splines import Point
+from obb_collision.node.robots.joints import Joints
+from obb_collision.robots.kinematics.splines import Pieces, Point, distances_from
 from obb_collision.typing import Floats
 
 DURATION = Struct("<iI")
@@ -101,3 +103,50 @@ def columns_of(names: list[str], joints: tuple[str, ...]) -> list[int]:
         if name not in joints:
             raise RefusedError("unknown joint", repr(shortened(name)))
     return [joints.index(name) for name in names]
+
+
+@dataclass
+class Running:
+    """A trajectory that was forwarded: its pieces, and when it began (ns)."""
+
+    pieces: Pieces
+    begin: int
+    names: list[str]
+    joints: Joints
+    columns: list[int]
+    """The joints that it moves, in the order of the names."""
+    present: Floats
+    """All joints when it was planned: the others are to stay there."""
+    robot: object
+    world: tuple[object, ...]
+    """What it was certified for, and in."""
+    passed: float = -np.inf
+    """The time of the trajectory at which the robot was, at least."""
+
+    def find_moved(self, tolerance: float) -> str:
+        """Return the name of a joint that was to stay and has not, "" for none."""
+        off = np.abs(self.joints.positions - self.present)
+        off[self.columns] = 0.0
+        return self.joints.names[int(np.argmax(off))] if off.max(initial=0.0) > tolerance else ""
+
+    def advance(self, elapsed: float, tolerance: float) -> None:
+        """Note how far the robot is, by the joints: controllers can be slower than planned.
+
+        It is at the first piece from the last one on that the joints are near to.
+        """
+        pieces, here = self.pieces, self.joints.positions
+        ahead = np.flatnonzero((pieces.finishes > self.passed) & (pieces.begins <= elapsed))
+        near = ahead[distances_from(pieces.take(ahead), here) <= tolerance]
+        if len(near):
+            self.passed = float(pieces.begins[near[0]])
+        last = pieces.finishes.max()
+        there = np.abs(pieces.ends[np.argmax(pieces.finishes)] - here).max(initial=0.0)
+        if elapsed >= last and there <= tolerance:
+            self.passed = float(last)
+
+    def hold(self) -> JointTrajectory:
+        """Return a trajectory that stays where the joints are."""
+        positions = self.joints.positions[self.columns].tolist()
+        return JointTrajectory(
+            joint_names=self.names, points=[JointTrajectoryPoint(positions=positions)]
+        )
