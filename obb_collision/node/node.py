@@ -36,8 +36,8 @@ from rclpy.duration import Duration
 from rclpy.executors import ExternalShutdownException
 from std_srvs.srv import SetBool, Trigger
 
+from obb_collision.node import reporting
 from obb_collision.node.cycle import Cycle
-from obb_collision.node.diagnostics import diagnostics
 from obb_collision.node.diagnostics.answer import CODES, Reason
 from obb_collision.node.diagnostics.monitors import InputMonitor
 from obb_collision.node.evidence import Evidence
@@ -52,7 +52,7 @@ from obb_collision.node.objects.frames import FrameSource, make_frames
 from obb_collision.node.objects.objects import Objects
 from obb_collision.node.objects.table import COLLIDE
 from obb_collision.node.outputs.collision_status import CollisionStatus
-from obb_collision.node.outputs.outputs import Effects, Outputs
+from obb_collision.node.outputs.outputs import Outputs
 from obb_collision.node.parameters.groups import Groups
 from obb_collision.node.parameters.parameters import Parameters
 from obb_collision.node.robots.checked_robot import LinkFrames
@@ -146,8 +146,8 @@ class CollisionNode(ManagedNode):
 
     def _make_outputs(self) -> None:
         """Create the outputs; the status is published from now on."""
-        self._outputs = Outputs(self, self.parameters, self.guard)
-        self._effects = Effects(self.parameters, self._outputs.publishers, self._warm)
+        self._outputs = Outputs(self, self.parameters, self.guard, self._warm)
+        self._effects = self._outputs.effects
         self.status = CollisionStatus(
             f"{self.get_fully_qualified_name().lstrip('/')}: collision",
             self._outputs.publishers,
@@ -295,13 +295,18 @@ class CollisionNode(ManagedNode):
 
     def _begin(self) -> None:
         """Subscribe, offer the services, and watch: clock, parameters, cycles, diagnostics."""
-        self._reporting = diagnostics.Reporting(
-            *(self, self._monitors, self._subscribed, self.objects, self.cycle),
-            *(self._effects, self._outputs, self.parameters, self.guard, self._now),
+        self._reporting = reporting.Reporting(
+            self,
+            self._monitors,
+            self._subscribed,
+            self.objects,
+            self.cycle,
+            self._outputs,
+            self._now,
             () if self.robots is None else self.robots.robots,
         )
         timer = self.create_timer(
-            diagnostics.PERIOD,
+            reporting.PERIOD,
             lambda: self.guard.run("diagnostics", self._reporting.publish),
             clock=self._schedule.clock,
         )

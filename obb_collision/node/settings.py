@@ -63,14 +63,9 @@ class SceneSettings:
         if self._threads != parameters.threads:
             set_threads(parameters.threads or None)
             self._threads = parameters.threads
-        if scene.padding != parameters.padding:
-            scene.padding = parameters.padding
-        if scene.tree_depth != parameters.tree_depth:
-            scene.tree_depth = parameters.tree_depth
-        if scene.max_pairs != parameters.max_pairs:
-            scene.max_pairs = parameters.max_pairs
-        if (scene.time_budget or 0.0) != parameters.time_budget:
-            scene.time_budget = parameters.time_budget or None
+        for name in ("padding", "tree_depth", "max_pairs"):
+            _set(scene, name, getattr(parameters, name))
+        _set(scene, "time_budget", parameters.time_budget or None)
         self.apply_accuracy()
         groups = Groups(parameters.groups)
         self._apply_filters(groups)
@@ -121,9 +116,7 @@ class SceneSettings:
         if self._filters != filters:
             scene.allowed, scene.check_only, scene.allowed_within = filters
             self._filters = filters
-        paddings = groups.overrides(parameters.padding_overrides)
-        if scene.padding_overrides != paddings:
-            scene.padding_overrides = paddings
+        _set(scene, "padding_overrides", groups.overrides(parameters.padding_overrides))
 
     def apply_accuracy(self) -> None:
         """Set the accuracy of all objects, limited to levels whose kernels are compiled.
@@ -138,14 +131,19 @@ class SceneSettings:
         lowest = Accuracy.OBB if is_low else Accuracy.SPHERE
         highest = Accuracy.OBB if is_high else Accuracy.MESH
         level = min(max(as_accuracy(parameters.accuracy), lowest), highest)
-        if objects.scene.accuracy != level:
-            objects.scene.accuracy = level
+        _set(objects.scene, "accuracy", level)
         given = Groups(parameters.groups).overrides(parameters.accuracy_overrides)
         overrides = limited(given, lowest, highest)
         if overrides.overrides != objects.shapes.overrides.overrides:
             objects.set_overrides(overrides)
         if waited and not self.waiting:
             self.apply_effects()
+
+
+def _set(scene: Any, name: str, value: object) -> None:
+    """Set what differs: the scene starts anew with what depends on it."""
+    if getattr(scene, name) != value:
+        setattr(scene, name, value)
 
 
 def requested_levels(parameters: Parameters) -> list[Accuracy]:

@@ -48,8 +48,8 @@ from obb_collision.node import (
     named_pairs,
     namespace_number,
     poses_to_ros,
+    reporting,
 )
-from obb_collision.node.diagnostics import diagnostics
 from obb_collision.node.diagnostics.monitors import InputMonitor
 from obb_collision.node.messages.clouds import cloud_to_ros
 from obb_collision.node.messages.conversions import (
@@ -312,7 +312,7 @@ class Rig(Client):
         self.context.init(domain_id=DOMAIN)
         super().__init__(self.context, SingleThreadedExecutor(context=self.context))
         overrides = [Parameter(name, value=value) for name, value in parameters.items()]
-        with patch.object(diagnostics, "PERIOD", REPORTS):
+        with patch.object(reporting, "PERIOD", REPORTS):
             self.node = CollisionNode(
                 context=self.context,
                 namespace=NAMESPACE,

@@ -167,13 +167,17 @@ class Answer:
             ("in_collision", self.flag(unknown_is_collision)),
             ("unknown_is_collision", unknown_is_collision),
         ]
-        return DiagnosticStatus(
-            level=self.level,
-            name=name,
-            message=self.message,
-            hardware_id="obb_collision",
-            values=[KeyValue(key=key, value=str(value)) for key, value in values],
-        )
+        return make_status(name, self.level, self.message, values)
+
+
+def make_status(
+    name: str, level: bytes, message: str, values: Iterable[tuple[str, object]]
+) -> DiagnosticStatus:
+    """Return a status of the node."""
+    pairs = [KeyValue(key=key, value=str(value)) for key, value in values]
+    return DiagnosticStatus(
+        level=level, name=name, message=message, hardware_id="obb_collision", values=pairs
+    )
 
 
 def some(names: Iterable[str], count: int, at_least: bool = False) -> str:

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The publishers of the node and what one cycle publishes."""
+"""The publishers of the node, what is requested of them, and what one cycle publishes."""
 
 from __future__ import annotations
 
@@ -63,146 +63,12 @@ class Published(CheckedState):
     effects: frozenset[str]
 
 
-class Outputs:
-    """Publishes reports: clouds, text, the latched table, markers; has all publishers."""
-
-    def __init__(
-        self,
-        node: Node,
-        parameters: Parameters,
-        guard: Guard,
-    ) -> None:
-        self._parameters, self._guard = parameters, guard
-        self._markers = Markers(parameters.fixed_frame)
-        self._next_markers = 0.0
-        self._namespaces_sent = -1  # version of the table
-        self._next_namespaces = 0.0
-
-        def publisher(topic: Topic) -> Publisher:
-            qos = copy(topic.qos)  # overrides are written into it
-            if topic is TOPICS["collision_status"]:
-                qos.deadline = Duration(seconds=parameters.status_deadline)
-            return node.create_publisher(
-                topic.message,
-                topic.name,
-                qos,
-                event_callbacks=PublisherEventCallbacks(
-                    use_default_callbacks=False
-                ),  # QosWatch polls
-                qos_overriding_options=overridable(),
-            )
-
-        self.publishers = {name: publisher(topic) for name, topic in TOPICS.items()}
-        self.namespaces = publisher(NAMESPACES)
-        self.events = Events(parameters, self.publishers["events"].get_subscription_count)
-
-    @property
-    def ends(self) -> dict[str, Publisher]:
-        """All publishers, by topic as the node names it."""
-        named = {TOPICS[name].name: publisher for name, publisher in self.publishers.items()}
-        return {**named, NAMESPACES.name: self.namespaces}
-
-    def withdraw(self, now: int) -> None:
-        """Delete the boxes shown, and send the table of namespaces anew next time."""
-        self._namespaces_sent, self._next_namespaces = -1, 0.0
-        if self._markers.shown:
-            self.publishers["markers"].publish(self._markers.clear(now))
-
-    def publish_namespaces(self, namespaces: NamespaceTable) -> None:
-        """Publish the table of namespace numbers if it changed: a large one not at every cycle.
-
-        Every NAMESPACES_PERIOD also unchanged: subscribers that come late without asking for
-        latched messages, or that lost one, need it to name anything.
-        """
-        now = perf_counter()
-        changed = namespaces.version != self._namespaces_sent
-        if now < self._next_namespaces + (0.0 if changed else NAMESPACES_PERIOD):
-            return
-        data = namespace_bytes(namespaces.names)
-        self._namespaces_sent = namespaces.version
-        self._next_namespaces = now + len(data) / NAMESPACES_RATE
-        self.namespaces.publish(data)
-
-    def publish_report(self, given: Published) -> None:
-        """Publish the requested outputs, also empty ones; one that fails does not stop others.
-
-        The table of namespaces goes first, so that the rest can be read.
-        """
-        guard = self._guard
-        guard.run("output namespaces", lambda: self.publish_namespaces(given.table.namespaces))
-        if not given.effects.isdisjoint(("collisions", "text", "events")):
-            guard.run("output collisions", lambda: self._publish_pairs(given))
-        if "events" not in given.effects:
-            self.events.forget()
-        results = given.report.results
-        for name in results.keys() & given.effects:
-            topic = TOPICS.get(name)
-            if isinstance(topic, Cloud):
-                publish = partial(self._publish_cloud, name, topic, results[name], given)
-                guard.run(f"output {name}", publish)
-
-    def _header(self, stamp: int) -> Header:
-        return Header(stamp=stamp_to_ros(stamp), frame_id=self._parameters.fixed_frame)
-
-    def _publish_cloud(self, name: str, cloud: Cloud[Any], result: Any, given: Published) -> None:
-        rows = cloud.make_rows(result, given, cloud.dtype)
-        stamp = given.cloud_stamp if cloud.of_points else given.stamp
-        self._publish_rows(name, cloud, rows, stamp)
-
-    def _publish_rows(self, name: str, cloud: Cloud[Any], rows: StructuredRows, stamp: int) -> None:
-        data = cloud_to_bytes(rows, stamp, self._parameters.fixed_frame, cloud.field_bytes)
-        self.publishers[name].publish(data)
-
-    def _publish_pairs(self, given: Published) -> None:
-        rows = COLLISIONS.make_rows(given.report, given, COLLISIONS.dtype)
-        if "collisions" in given.effects:
-            self._publish_rows("collisions", COLLISIONS, rows, given.stamp)
-        if "events" in given.effects:
-            self._guard.run("output events", lambda: self._publish_events(rows, given))
-        if "text" in given.effects:
-            names, limit = given.table.namespaces.names, self._parameters.max_text_pairs
-            total = (given.report.total, given.report.truncated)
-            text = text_from_rows(rows, names, self._header(given.stamp), limit, *total)
-            self.publishers["text"].publish(text)
-
-    def _publish_events(self, found: StructuredRows, given: Published) -> None:
-        rows = self.events.rows(found, given, "separations" in given.effects)
-        if rows is not None:
-            self._publish_cloud("events", EVENTS, rows, given)
-
-    def publish_markers(self, given: Published) -> None:
-        """Publish the boxes, if it is time to and there are subscribers."""
-        self._guard.run("output markers", lambda: self._publish_markers(given))
-
-    def _publish_markers(self, given: Published) -> None:
-        parameters, now = self._parameters, perf_counter()
-        if parameters.marker_rate <= 0.0 or now < self._next_markers:
-            return
-        if "markers" not in given.effects:
-            return
-        self._next_markers = now + 1.0 / parameters.marker_rate
-        objects, table = given.objects, given.table
-        slots = objects.scene.indices
-        drawn = objects.table.visible[slots] & np.isin(slots, objects.scene.indices_near)
-        slots, boxes = slots[drawn], objects.scene.boxes[drawn]
-        colors = np.where(objects.table.doubtful[slots], DOUBTFUL, FREE)
-        colors[given.report.colliding[slots]] = COLLIDING
-        form, most = parameters.marker_form, parameters.marker_max_cubes
-        lines = form == "lines" or (form == "auto" and len(slots) > most)
-        self.publishers["markers"].publish(
-            self._markers.write(
-                [] if lines else [table.key(slot) for slot in slots],
-                boxes,
-                colors,
-                given.stamp,
-                parameters.marker_lifetime,
-                parameters.marker_line_width if lines else None,
-            )
-        )
-
-
 class Effects:
-    """What is requested, by the name of the effect; publishers: of those with a topic."""
+    """Effects that are requested: those that are on, and those whose topics have subscribers.
+
+    An effect of the scene is computed, and a message built, only if it is requested. Kernels that
+    are not ready yet are compiled beside the cycles first. publishers: of those with a topic.
+    """
 
     def __init__(
         self, parameters: Parameters, publishers: Mapping[str, Publisher], warm: WarmUp
@@ -255,3 +121,137 @@ class Effects:
             why = "".join(f" on obb: {self._warm.why_not((name, n))}" for n in missing[:1])
             return f"{mode}, computed{why}"
         return f"{mode}, {self._warm.why_not(name) if self.is_requested(name) else 'not requested'}"
+
+
+class Outputs:
+    """Publishes reports: clouds, text, the latched table, markers; has all publishers."""
+
+    def __init__(self, node: Node, parameters: Parameters, guard: Guard, warm: WarmUp) -> None:
+        self.parameters, self.guard = parameters, guard
+        self._markers = Markers(parameters.fixed_frame)
+        self._next_markers = 0.0
+        self._namespaces_sent = -1  # version of the table
+        self._next_namespaces = 0.0
+
+        def publisher(topic: Topic) -> Publisher:
+            qos = copy(topic.qos)  # overrides are written into it
+            if topic is TOPICS["collision_status"]:
+                qos.deadline = Duration(seconds=parameters.status_deadline)
+            return node.create_publisher(
+                topic.message,
+                topic.name,
+                qos,
+                event_callbacks=PublisherEventCallbacks(
+                    use_default_callbacks=False
+                ),  # QosWatch polls
+                qos_overriding_options=overridable(),
+            )
+
+        self.publishers = {name: publisher(topic) for name, topic in TOPICS.items()}
+        self.namespaces = publisher(NAMESPACES)
+        self.effects = Effects(parameters, self.publishers, warm)
+        self.events = Events(parameters, self.publishers["events"].get_subscription_count)
+
+    @property
+    def ends(self) -> dict[str, Publisher]:
+        """All publishers, by topic as the node names it."""
+        named = {TOPICS[name].name: publisher for name, publisher in self.publishers.items()}
+        return {**named, NAMESPACES.name: self.namespaces}
+
+    def withdraw(self, now: int) -> None:
+        """Delete the boxes shown, and send the table of namespaces anew next time."""
+        self._namespaces_sent, self._next_namespaces = -1, 0.0
+        if self._markers.shown:
+            self.publishers["markers"].publish(self._markers.clear(now))
+
+    def publish_namespaces(self, namespaces: NamespaceTable) -> None:
+        """Publish the table of namespace numbers if it changed: a large one not at every cycle.
+
+        Every NAMESPACES_PERIOD also unchanged: subscribers that come late without asking for
+        latched messages, or that lost one, need it to name anything.
+        """
+        now = perf_counter()
+        changed = namespaces.version != self._namespaces_sent
+        if now < self._next_namespaces + (0.0 if changed else NAMESPACES_PERIOD):
+            return
+        data = namespace_bytes(namespaces.names)
+        self._namespaces_sent = namespaces.version
+        self._next_namespaces = now + len(data) / NAMESPACES_RATE
+        self.namespaces.publish(data)
+
+    def publish_report(self, given: Published) -> None:
+        """Publish the requested outputs, also empty ones; one that fails does not stop others.
+
+        The table of namespaces goes first, so that the rest can be read.
+        """
+        guard = self.guard
+        guard.run("output namespaces", lambda: self.publish_namespaces(given.table.namespaces))
+        if not given.effects.isdisjoint(("collisions", "text", "events")):
+            guard.run("output collisions", lambda: self._publish_pairs(given))
+        if "events" not in given.effects:
+            self.events.forget()
+        results = given.report.results
+        for name in results.keys() & given.effects:
+            topic = TOPICS.get(name)
+            if isinstance(topic, Cloud):
+                publish = partial(self._publish_cloud, name, topic, results[name], given)
+                guard.run(f"output {name}", publish)
+
+    def _header(self, stamp: int) -> Header:
+        return Header(stamp=stamp_to_ros(stamp), frame_id=self.parameters.fixed_frame)
+
+    def _publish_cloud(self, name: str, cloud: Cloud[Any], result: Any, given: Published) -> None:
+        rows = cloud.make_rows(result, given, cloud.dtype)
+        stamp = given.cloud_stamp if cloud.of_points else given.stamp
+        self._publish_rows(name, cloud, rows, stamp)
+
+    def _publish_rows(self, name: str, cloud: Cloud[Any], rows: StructuredRows, stamp: int) -> None:
+        data = cloud_to_bytes(rows, stamp, self.parameters.fixed_frame, cloud.field_bytes)
+        self.publishers[name].publish(data)
+
+    def _publish_pairs(self, given: Published) -> None:
+        rows = COLLISIONS.make_rows(given.report, given, COLLISIONS.dtype)
+        if "collisions" in given.effects:
+            self._publish_rows("collisions", COLLISIONS, rows, given.stamp)
+        if "events" in given.effects:
+            self.guard.run("output events", lambda: self._publish_events(rows, given))
+        if "text" in given.effects:
+            names, limit = given.table.namespaces.names, self.parameters.max_text_pairs
+            total = (given.report.total, given.report.truncated)
+            text = text_from_rows(rows, names, self._header(given.stamp), limit, *total)
+            self.publishers["text"].publish(text)
+
+    def _publish_events(self, found: StructuredRows, given: Published) -> None:
+        rows = self.events.rows(found, given, "separations" in given.effects)
+        if rows is not None:
+            self._publish_cloud("events", EVENTS, rows, given)
+
+    def publish_markers(self, given: Published) -> None:
+        """Publish the boxes, if it is time to and there are subscribers."""
+        self.guard.run("output markers", lambda: self._publish_markers(given))
+
+    def _publish_markers(self, given: Published) -> None:
+        parameters, now = self.parameters, perf_counter()
+        if parameters.marker_rate <= 0.0 or now < self._next_markers:
+            return
+        if "markers" not in given.effects:
+            return
+        self._next_markers = now + 1.0 / parameters.marker_rate
+        objects, table = given.objects, given.table
+        slots = objects.scene.indices
+        drawn = objects.table.visible[slots] & np.isin(slots, objects.scene.indices_near)
+        slots, boxes = slots[drawn], objects.scene.boxes[drawn]
+        colors = np.where(objects.table.doubtful[slots], DOUBTFUL, FREE)
+        colors[given.report.colliding[slots]] = COLLIDING
+        form, most = parameters.marker_form, parameters.marker_max_cubes
+        lines = form == "lines" or (form == "auto" and len(slots) > most)
+        self.publishers["markers"].publish(
+            self._markers.write(
+                [] if lines else [table.key(slot) for slot in slots],
+                boxes,
+                colors,
+                given.stamp,
+                parameters.marker_lifetime,
+                parameters.marker_line_width if lines else None,
+            )
+        )

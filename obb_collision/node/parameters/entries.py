@@ -12,13 +12,13 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The folders from which mesh files are read, as texts."""
+"""Entries of lists of parameters: folders, ranges of the region, and robots with their bases."""
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -33,6 +33,19 @@ from obb_collision.words import shown
 
 ENTRY = re.compile(r"(?:([A-Za-z][A-Za-z0-9_-]*):\s+)?(/.*)")
 """An absolute path, before it perhaps the name of a package, which is no part of a path."""
+INPUTS = (
+    *("objects", "object_transform", "object_states", "object_poses", "object_boxes"),
+    *("detections", "points"),
+)
+"""Topics that the nodes of all regions read."""
+MAX_ROBOTS = 100
+"""Most robots of a node."""
+BY_TOPIC = "object_transform"
+"""In place of a frame: the base is where this topic says."""
+Range = tuple[str, float, float]
+AXES = "xyz"
+RANGE = re.compile(r"\s*([xyz])\s*:\s*(\S+)\s+to\s+(\S+)\s*")
+"""An entry of the parameter ``region``."""
 
 
 def folder_from_text(text: str) -> tuple[str, str]:
@@ -54,22 +67,6 @@ def folders_from(values: Mapping[str, Any]) -> MeshFolders:
     if len(packages) < len(named):
         raise ValueError("mesh_folders must have at most one entry for each package")
     return MeshFolders(tuple(folder for package, folder in given if not package), packages)
-
-
-AXES = "xyz"
-RANGE = re.compile(r"\s*([xyz])\s*:\s*(\S+)\s+to\s+(\S+)\s*")
-"""An entry of the parameter ``region``."""
-INPUTS = (
-    "objects",
-    "object_transform",
-    "object_states",
-    "object_poses",
-    "object_boxes",
-    "detections",
-    "points",
-)
-"""Topics that the nodes of all regions read."""
-Range = tuple[str, float, float]
 
 
 def option_name(effect: str, option: str) -> str:
@@ -125,33 +122,6 @@ def region_from(values: Mapping[str, Any]) -> Region | None:
     return Region(low, high, halo)
 
 
-def region_parameters(
-    minimum: str, maximum: str, parts: str, halo: str
-) -> dict[str, dict[str, Any]]:
-    """Return the parameters of the nodes that share a box split into parts, by namespace.
-
-    All as words, with spaces between numbers. Raises ValueError for what is none.
-    """
-    low, high = ([float(word) for word in text.split()] for text in (minimum, maximum))
-    regions = split_regions(low, high, [int(word) for word in parts.split()], float(halo))
-    return {
-        f"region_{number}": {"region": text_from_region(region), "region_halo": region.halo}
-        for number, region in enumerate(regions)
-    }
-
-
-def shared_inputs(namespace: str) -> list[tuple[str, str]]:
-    """Return the remappings by which a node in a namespace of its own reads what all read."""
-    root = "/" + namespace + ("/" if namespace else "")
-    return [(topic, root + topic) for topic in INPUTS]
-
-
-MAX_ROBOTS = 100
-"""Most robots of a node."""
-BY_TOPIC = "object_transform"
-"""In place of a frame: the base is where this topic says."""
-
-
 class Base(NamedTuple):
     """Where a root link is: at a pose (7,) in the fixed frame, in a frame, or where a topic says.
 
@@ -199,18 +169,32 @@ def touches_from_text(text: str) -> list[tuple[str, str]]:
 def bases_of(values: Mapping[str, Any]) -> dict[str, Base]:
     """Return where each robot stands, by name; ValueError for what does not fit together."""
     names: list[str] = values["robots"]
-    _refuse_twins("robots", names)
     given: list[Base] = values["robot_bases"]
-    _refuse_twins("robot_bases", [base.robot for base in given])
-    unknown = [base.robot for base in given if base.robot not in names]
-    if unknown:
-        raise ValueError(f"robot_bases: {unknown[0]!r} is none of robots")
+    for parameter, robots in (("robots", names), ("robot_bases", [base.robot for base in given])):
+        for number, name in enumerate(robots):
+            if name in robots[:number]:
+                raise ValueError(f"{parameter}: {name!r} is there twice")
+            if name not in names:
+                raise ValueError(f"robot_bases: {name!r} is none of robots")
     return {name: Base(name) for name in names} | {base.robot: base for base in given}
 
 
-def _refuse_twins(parameter: str, names: Iterable[str]) -> None:
-    seen: set[str] = set()
-    for name in names:
-        if name in seen:
-            raise ValueError(f"{parameter}: {name!r} is there twice")
-        seen.add(name)
+def region_parameters(
+    minimum: str, maximum: str, parts: str, halo: str
+) -> dict[str, dict[str, Any]]:
+    """Return the parameters of the nodes that share a box split into parts, by namespace.
+
+    All as words, with spaces between numbers. Raises ValueError for what is none.
+    """
+    low, high = ([float(word) for word in text.split()] for text in (minimum, maximum))
+    regions = split_regions(low, high, [int(word) for word in parts.split()], float(halo))
+    return {
+        f"region_{number}": {"region": text_from_region(region), "region_halo": region.halo}
+        for number, region in enumerate(regions)
+    }
+
+
+def shared_inputs(namespace: str) -> list[tuple[str, str]]:
+    """Return the remappings by which a node in a namespace of its own reads what all read."""
+    root = "/" + namespace + ("/" if namespace else "")
+    return [(topic, root + topic) for topic in INPUTS]

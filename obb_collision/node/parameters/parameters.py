@@ -43,11 +43,11 @@ from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.store.region import Region
 from obb_collision.words import shown
 
-__all__ = ["SPECS", "Parameters", "check_parameters"]
+__all__ = ["SPECS", "Parameters"]
 
-#: How alike a name must be to one of ours to be called misspelt: files with parameters for several
-#: nodes have names of others.
+SPEC_OF = {spec.name: spec for spec in SPECS}
 ALIKE = 0.8
+"""Minimum likeness of a misspelt name: files for several nodes have names of others."""
 
 
 class Parameters:
@@ -109,11 +109,10 @@ class Parameters:
 
     def override_defaults(self, values: Mapping[str, Any]) -> None:
         """Set the parameters that are at their defaults; ValueError for an invalid value."""
-        defaults = {spec.name: spec.read(spec.default) for spec in SPECS}
         new = [
             Parameter(name, value=value)
             for name, value in values.items()
-            if self._values[name] == defaults[name]
+            if self._values[name] == SPEC_OF[name].read(SPEC_OF[name].default)
         ]
         for result in self._node.set_parameters(new):
             if not result.successful:
@@ -123,24 +122,26 @@ class Parameters:
     def restore_defaults(self) -> None:
         """Undo ``override_defaults``, but for what was changed since."""
         found, self._overridden = self._overridden, {}
-        changed = [spec for spec in SPECS if spec.name in found]
         self._node.set_parameters(
             [
-                Parameter(spec.name, value=spec.default)
-                for spec in changed
-                if self._values[spec.name] == found[spec.name]
+                Parameter(name, value=SPEC_OF[name].default)
+                for name, value in found.items()
+                if self._values[name] == value
             ]
         )
 
     def _check(self, parameters: Sequence[Parameter]) -> SetParametersResult:
-        """Refuse values that are invalid, or that do not fit each other."""
-        result = check_parameters(parameters)
-        if result.successful:
-            try:
-                _check_together({**self._values, **_read(parameters)})
-            except ValueError as error:
-                return SetParametersResult(successful=False, reason=str(error))
-        return result
+        """Refuse values that are invalid, or that do not fit each other; all of a set or none."""
+        try:
+            for parameter in parameters:
+                if not parameter.name:  # rclpy takes it for declared
+                    raise ValueError("a parameter needs a name")
+                if parameter.name in SPEC_OF and parameter.value is None:
+                    raise ValueError(f"{parameter.name} cannot be removed")
+            _check_together({**self._values, **_read(parameters)})
+        except Exception as error:  # whatever the reader raises: the value is refused
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
 
     def _take(self, parameters: Sequence[Parameter]) -> None:
         ours = _read(parameters)
@@ -162,14 +163,12 @@ def _declare(node: Node, spec: Spec) -> Any:
 
 def misspelt(names: Iterable[str]) -> list[str]:
     """Return a hint for each name that looks like one of SPECS; ROS ignores it without a word."""
-    known = [spec.name for spec in SPECS]
-    found = [
-        (name, get_close_matches(name, known, 1, ALIKE))
-        for name in names
-        if name not in known and not name.startswith("qos_overrides.")
-    ]
     return [
-        f"there is no parameter {name}; did you mean {close[0]}?" for name, close in found if close
+        f"there is no parameter {name}; did you mean {close[0]}?"
+        for name in names
+        if name not in SPEC_OF and not name.startswith("qos_overrides.")
+        for close in [get_close_matches(name, SPEC_OF, 1, ALIKE)]
+        if close
     ]
 
 
@@ -186,64 +185,38 @@ def _check_together(values: Mapping[str, Any]) -> None:
 
 def _read(parameters: Sequence[Parameter]) -> dict[str, Any]:
     """Return the values of those parameters that are in the table."""
-    specs = {spec.name: spec for spec in SPECS}
-    return {one.name: specs[one.name].read(one.value) for one in parameters if one.name in specs}
-
-
-def check_parameters(parameters: Sequence[Parameter]) -> SetParametersResult:
-    """Refuse invalid values with the reason; all of a set or none."""
-    specs = {spec.name: spec for spec in SPECS}
-    for parameter in parameters:
-        if not parameter.name:  # rclpy takes it for declared
-            return SetParametersResult(successful=False, reason="a parameter needs a name")
-        if parameter.name not in specs:
-            continue
-        try:
-            if parameter.value is None:
-                raise ValueError(f"{parameter.name} cannot be removed")
-            specs[parameter.name].read(parameter.value)
-        except Exception as error:  # whatever the reader raises: the value is refused
-            return SetParametersResult(successful=False, reason=str(error))
-    return SetParametersResult(successful=True)
-
-
-Callback = Callable[[Any, Any], Any]
+    return {
+        one.name: SPEC_OF[one.name].read(one.value) for one in parameters if one.name in SPEC_OF
+    }
 
 
 def guard_parameter_services(node: Node) -> None:
-    """Prevent requests to a node's parameter services from ending it."""
+    """Refuse a value that raises an exception, also one of an invalid type.
+
+    Without this, rclpy raises it from the executor.
+    """
     for service in node.services:
-        if service.srv_type is SetParameters:
-            service.callback = _one_by_one(node, service.callback)
-        elif service.srv_type is SetParametersAtomically:
-            service.callback = _all_or_none(node, service.callback)
+        if service.srv_type in (SetParameters, SetParametersAtomically):
+            service.callback = _guarded(node, service.callback, service.srv_type)
 
 
-def _one_by_one(node: Node, callback: Callback) -> Callback:
-    def set_each(request: Any, response: Any) -> Any:
-        for parameter in request.parameters:
-            one = SetParameters.Request(parameters=[parameter])
-            try:
-                response.results += callback(one, SetParameters.Response()).results
-            except Exception as error:
-                response.results.append(_refusal(node, error))
-        return response
-
-    return set_each
-
-
-def _all_or_none(node: Node, callback: Callback) -> Callback:
-    def set_all(request: Any, response: Any) -> Any:
+def _guarded(node: Node, callback: Callable[[Any, Any], Any], kind: Any) -> Callable[..., Any]:
+    def answer(request: Any, response: Any) -> Any:
         try:
             return callback(request, response)
         except Exception as error:
-            response.result = _refusal(node, error)
-            return response
+            reason = f"{type(error).__name__}: {shown(str(error))}"
+            node.get_logger().error(f"a parameter could not be set: {format_exc()}", once=True)
+            refusal = SetParametersResult(successful=False, reason=reason)
+        if kind is SetParametersAtomically:
+            return kind.Response(result=refusal)
+        return kind.Response(results=[refusal])
 
-    return set_all
+    def one_by_one(request: Any, response: Any) -> Any:
+        for parameter in request.parameters:
+            response.results += answer(
+                kind.Request(parameters=[parameter]), kind.Response()
+            ).results
+        return response
 
-
-def _refusal(node: Node, error: Exception) -> SetParametersResult:
-    reason = f"{type(error).__name__}: {shown(str(error))}"
-    node.get_logger().error(f"a parameter could not be set: {format_exc()}", once=True)
-    return SetParametersResult(successful=False, reason=reason)
+    return answer if kind is SetParametersAtomically else one_by_one

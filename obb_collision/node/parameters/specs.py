@@ -12,14 +12,14 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What a parameter of the node is: its meaning, range and choices, and how its value is read."""
+"""A parameter of the node: its meaning, range and choices, and how its value is read."""
 
 from __future__ import annotations
 
 import math
 from array import array
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
@@ -47,7 +47,6 @@ class Spec:
 
     name: str
     default: Any
-    description: str
     limits: tuple[float, float] | None = None
     choices: tuple[Any, ...] = ()
     fixed: bool = False
@@ -58,6 +57,11 @@ class Spec:
     """How an entry of a list is read: it raises ValueError for one that can't be used."""
     most: int = MAX_ENTRIES
     """Most entries of a list."""
+    description: str = ""
+
+    def means(self, text: str) -> Spec:
+        """Return the same with a description."""
+        return replace(self, description=text + (" Read at the start only." if self.fixed else ""))
 
     def descriptor(self) -> ParameterDescriptor:
         """Return what ``ros2 param describe`` shows."""

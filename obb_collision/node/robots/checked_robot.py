@@ -12,11 +12,16 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What checks states of a robot in the node's scene as things are."""
+"""A robot in the node's scene as things are: its frames, what is attached to it, and its checks.
+
+Attached objects have markers locked to the frame of a link. They are objects like all others,
+placed in each cycle where their link is; in checks of states of the robot they are a part of it.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from time import monotonic
 from typing import NamedTuple
 
 import numpy as np
@@ -27,6 +32,8 @@ from obb_collision.node.messages.conversions import name_from_key, pose_faults
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.objects.frames import LINK_NOT_KNOWN, FrameSource
 from obb_collision.node.objects.objects import Objects
+from obb_collision.node.parameters.parameters import Parameters
+from obb_collision.node.robots.joints import Joints
 from obb_collision.node.robots.links import NOTHING, AttachedObjects
 from obb_collision.node.robots.robot_input import RobotInput
 from obb_collision.robots.bodies.world import WorldState
@@ -35,6 +42,8 @@ from obb_collision.robots.description.robot import Robot
 from obb_collision.typing import Floats, Rows
 
 SCENE_NOT_KNOWN = "scene not known"
+FEW = 4
+"""Rows of a portion, at least."""
 
 
 class Held(NamedTuple):
@@ -53,31 +62,48 @@ class NodeRobotScene(RobotScene):
     ignores_points = True
 
 
+def portions(count: int, quick: float) -> Iterator[slice]:
+    """Yield slices of rows: a few at first, and more after some that were quick (s)."""
+    start, size = 0, FEW
+    while start < count:
+        before = monotonic()
+        yield slice(start, min(start + size, count))
+        start += size
+        size = 2 * size if monotonic() - before < quick else max(size // 2, FEW)
+
+
 class CheckedRobot:
     """A robot in the node's scene, without the objects that are its own links.
 
-    frames: where its base is; unknown: why nothing can be said of the scene, "" if that is known;
-    touch_links: as ``LinkObjects.touched_by`` takes them.
+    frames: where its base is; unknown: why object positions are unknown, "" if they are known;
+    clock: ns.
     """
 
     def __init__(
         self,
-        robot: RobotInput,
+        given: RobotInput,
         objects: Objects,
         frames: LinkFrames,
         unknown: Callable[[], str],
-        touch_links: Callable[[], Iterable[tuple[str, str]]],
+        clock: Callable[[], int],
+        parameters: Parameters,
     ) -> None:
-        self._robot, self._objects, self._frames, self._unknown = robot, objects, frames, unknown
-        self._touch_links = touch_links
+        self.given, self.objects, self.clock, self.parameters = given, objects, clock, parameters
+        self._frames, self._unknown = frames, unknown
         self._made: dict[float, tuple[Robot, dict[str, Held], NodeRobotScene]] = {}
 
     @property
     def robot(self) -> Robot:
         """The robot; RefusedError without a description."""
-        if self._robot.links is None:
-            raise RefusedError(SCENE_NOT_KNOWN, f"robot {self._robot.name}: {self._robot.fault}")
-        return self._robot.links.robot
+        if self.given.links is None:
+            raise RefusedError(SCENE_NOT_KNOWN, f"robot {self.given.name}: {self.given.fault}")
+        return self.given.links.robot
+
+    @property
+    def joints(self) -> Joints:
+        """Its joints; asked for only where there is a scene."""
+        assert self.given.joints is not None
+        return self.given.joints
 
     def scene(self, padding: float = 0.0) -> RobotScene:
         """Return what checks states as things are; RefusedError where that is not known.
@@ -90,10 +116,10 @@ class CheckedRobot:
         robot, base = self.robot, self._base()
         made = self._made.get(padding)
         if made is None or made[0] is not robot:
-            scene, named = self._objects.scene, {self._robot.name: robot}
+            scene, named = self.objects.scene, {self.given.name: robot}
             checker = NodeRobotScene(named, scene, Accuracy.HULL, bases=[base], padding=padding)
-            assert self._robot.links is not None
-            checker.link_objects = self._robot.links.names
+            assert self.given.links is not None
+            checker.link_objects = self.given.links.names
             made = self._made[padding] = robot, {}, checker
         checker = made[2]
         checker.bases = base[None]
@@ -116,14 +142,16 @@ class CheckedRobot:
                 held[name] = each
 
     def _held(self) -> dict[str, Held]:
-        links, objects = self._robot.links, self._objects
+        links, objects = self.given.links, self.objects
         assert links is not None
         # not what the last cycle found: a pose that came since applies the markers before it
-        slots, rows = find_attached(objects, self._frames).get(self._robot.name, NOTHING)
+        slots, rows = find_attached(objects, self._frames).get(self.given.name, NOTHING)
         table, revision = objects.table, objects.scene.shape_revision
         named = [f"{links.name}/{link}" for link in links.robot.link_names]
         touched = {
-            row: tuple(named[each] for each in sorted(links.touched_by(row, self._touch_links())))
+            row: tuple(
+                named[each] for each in sorted(links.touched_by(row, self.parameters.touch_links))
+            )
             for row in np.unique(rows).tolist()
         }
         found = {}
@@ -141,14 +169,14 @@ class CheckedRobot:
         """Return whether that is as it was."""
         state, base, held = world
         assert isinstance(state, WorldState)
-        if not state.is_current(self._objects.scene):
+        if not state.is_current(self.objects.scene):
             return False
         return base == self._base().tobytes() and held == self._held()
 
     def _base(self) -> Floats:
         """Return where the root link is (7,), in the fixed frame."""
         try:
-            return self._frames.base(self._robot)
+            return self._frames.base(self.given)
         except RefusedError as error:
             raise RefusedError(SCENE_NOT_KNOWN, error.detail) from error
 

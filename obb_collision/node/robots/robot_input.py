@@ -22,7 +22,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from threading import Lock, Thread
-from typing import Protocol
 
 import numpy as np
 
@@ -45,6 +44,7 @@ from obb_collision.node.robots.joints import Joints, joints_from_bytes, text_fro
 from obb_collision.node.robots.links import NOTHING, AttachedObjects, LinkObjects
 from obb_collision.node.runtime.guard import INTERNAL_ERROR
 from obb_collision.robots.description.robot import Robot
+from obb_collision.scene_files.mesh_files import MeshReading
 from obb_collision.typing import Floats
 
 DESCRIPTION, SEMANTIC = "robot_description", "robot_description_semantic"
@@ -56,6 +56,96 @@ START = "<"
 """What XML begins with: anything else would be the name of a file."""
 
 
+ENDING = 2.0
+"""Seconds to wait at the end for the thread."""
+
+
+class RobotReading:
+    """A robot being made of its description, the meshes read in another process."""
+
+    def __init__(self, meshes: MeshReading) -> None:
+        self._meshes = meshes
+
+    def read(self, urdf: str, srdf: str | None) -> Robot:
+        """Return the robot; ValueError with the reason where there is none."""
+        try:
+            return Robot.from_urdf(urdf, srdf, self._meshes.folders, read_mesh=self._meshes.read)
+        finally:
+            self._meshes.close()
+
+    def abandon(self) -> None:
+        """Let ``read`` end soon: a mesh that is being read is none. At once, from any thread."""
+        self._meshes.abandon()
+
+
+class DescriptionReader:
+    """Makes robots in a thread, the newest description only: meshes may take minutes to read."""
+
+    def __init__(self, begin: Callable[[], RobotReading]) -> None:
+        self._begin = begin
+        self._reading: RobotReading | None = None
+        self._lock = Lock()
+        self._wanted: tuple[str, str | None] | None = None
+        self._found: Robot | str | None = None
+        self._thread: Thread | None = None
+
+    @property
+    def is_reading(self) -> bool:
+        """Whether a description is being read, or what came of it was not taken yet."""
+        with self._lock:
+            return self._thread is not None or self._found is not None
+
+    def request(self, urdf: str, srdf: str | None) -> None:
+        """Read a description, in place of one that waits or is being read."""
+        with self._lock:
+            self._wanted, self._found = (urdf, srdf), None
+            if self._reading is not None:
+                self._reading.abandon()
+            if self._thread is None:
+                thread = Thread(target=self._work, name="robot_description", daemon=True)
+                try:
+                    thread.start()
+                except RuntimeError as error:  # no memory for another one
+                    self._wanted, self._found = None, f"{INTERNAL_ERROR}: {error}"
+                else:
+                    self._thread = thread
+
+    def take(self) -> Robot | str | None:
+        """Return the robot, or why there is none, once; None where nothing is new."""
+        with self._lock:
+            found, self._found = self._found, None
+            return found
+
+    def close(self) -> None:
+        """End what is being read."""
+        with self._lock:
+            self._wanted, thread = None, self._thread
+            if self._reading is not None:
+                self._reading.abandon()
+        if thread is not None:
+            thread.join(ENDING)
+
+    def _work(self) -> None:
+        while True:
+            found: Robot | str
+            try:
+                with self._lock:
+                    wanted, self._wanted = self._wanted, None
+                    if wanted is None:
+                        self._thread = None
+                        return
+                    reading = self._reading = self._begin()
+                found = reading.read(*wanted)
+            except ValueError as error:
+                found = str(error)
+            except Exception as error:
+                found = f"{INTERNAL_ERROR}: {type(error).__name__}: {error}"
+            with self._lock:
+                self._reading = None
+                if self._wanted is None:
+                    self._found = found
+
+
 class RobotInput:
     """A robot, by its name; base: where it stands; begin: what reads its URDF and SRDF."""
 
@@ -65,7 +155,7 @@ class RobotInput:
         objects: Objects,
         monitors: Mapping[str, InputMonitor],
         clock: Callable[[], int],
-        begin: Begin,
+        begin: Callable[[], RobotReading],
     ) -> None:
         self.name, self.base = base.robot, base
         self._objects, self._clock = objects, clock
@@ -369,88 +459,3 @@ class RobotInput:
     def close(self) -> None:
         """End what is being read."""
         self._reader.close()
-
-
-ENDING = 2.0
-"""Seconds to wait at the end for the thread."""
-
-
-class Reading(Protocol):
-    """One description being read."""
-
-    def read(self, urdf: str, srdf: str | None) -> Robot:
-        """Return the robot; ValueError with the reason where there is none."""
-
-    def abandon(self) -> None:
-        """Let ``read`` end soon, whatever it returns or raises; at once, from any thread."""
-
-
-Begin = Callable[[], Reading]
-
-
-class DescriptionReader:
-    """Makes robots in a thread, the newest description only: meshes may take minutes to read."""
-
-    def __init__(self, begin: Begin) -> None:
-        self._begin = begin
-        self._reading: Reading | None = None
-        self._lock = Lock()
-        self._wanted: tuple[str, str | None] | None = None
-        self._found: Robot | str | None = None
-        self._thread: Thread | None = None
-
-    @property
-    def is_reading(self) -> bool:
-        """Whether a description is being read, or what came of it was not taken yet."""
-        with self._lock:
-            return self._thread is not None or self._found is not None
-
-    def request(self, urdf: str, srdf: str | None) -> None:
-        """Read a description, in place of one that waits or is being read."""
-        with self._lock:
-            self._wanted, self._found = (urdf, srdf), None
-            if self._reading is not None:
-                self._reading.abandon()
-            if self._thread is None:
-                thread = Thread(target=self._work, name="robot_description", daemon=True)
-                try:
-                    thread.start()
-                except RuntimeError as error:  # no memory for another one
-                    self._wanted, self._found = None, f"{INTERNAL_ERROR}: {error}"
-                else:
-                    self._thread = thread
-
-    def take(self) -> Robot | str | None:
-        """Return the robot, or why there is none, once; None where nothing is new."""
-        with self._lock:
-            found, self._found = self._found, None
-            return found
-
-    def close(self) -> None:
-        """End what is being read."""
-        with self._lock:
-            self._wanted, thread = None, self._thread
-            if self._reading is not None:
-                self._reading.abandon()
-        if thread is not None:
-            thread.join(ENDING)
-
-    def _work(self) -> None:
-        while True:
-            found: Robot | str
-            try:
-                with self._lock:
-                    wanted, self._wanted = self._wanted, None
-                    if wanted is None:
-                        self._thread = None
-                        return
-                    reading = self._reading = self._begin()
-                found = reading.read(*wanted)
-            except ValueError as error:
-                found = str(error)
-            except Exception as error:
-                found = f"{INTERNAL_ERROR}: {type(error).__name__}: {error}"
-            with self._lock:
-                self._reading = None
-                if self._wanted is None:
-                    self._found = found

@@ -43,6 +43,7 @@ from obb_collision.node.robots.robot_input import (
     JOINT_STATES,
     SEMANTIC,
     RobotInput,
+    RobotReading,
 )
 from obb_collision.node.robots.trajectories import Trajectories
 from obb_collision.node.robots.validity import (
@@ -53,7 +54,6 @@ from obb_collision.node.robots.validity import (
     Validity,
 )
 from obb_collision.node.topics.cloud import LATCHED, RELIABLE
-from obb_collision.robots.description.robot import Robot
 from obb_collision.scene.store.allowed import Rule
 from obb_collision.scene_files.mesh_files import MeshReading
 from obb_collision.typing import Rows
@@ -102,7 +102,6 @@ class Robots:
         not_known: Callable[[], str],
         meshes: Callable[[], MeshReading],
     ) -> None:
-        self._meshes = meshes
         self._node, self._parameters, self._clock = node, parameters, clock
         self._publishers: dict[str, Publisher] = {}
         self._services: list[Any] = []
@@ -114,43 +113,35 @@ class Robots:
         self.robots: list[RobotInput] = []
         frames.robots = self.robots
         for base in parameters.bases.values():
-            robot = RobotInput(base, objects, monitors, clock, self._begin_reading)
+            robot = RobotInput(base, objects, monitors, clock, lambda: RobotReading(meshes()))
             self.robots.append(robot)
-            checked = CheckedRobot(
-                robot, objects, frames, not_known, lambda: self._parameters.touch_links
+            self._answer(
+                CheckedRobot(robot, objects, frames, not_known, clock, parameters), monitors
             )
-            for topic in OUTPUTS:
-                self._publishers[f"{robot.name}/{topic}"] = self._publisher(robot.name, topic)
-            topic = f"{robot.name}/{STATES_TO_CHECK}"
-            publisher = self._publishers[f"{robot.name}/{STATE_VALIDITY}"]
-            self._validity[topic] = Validity(
-                checked, objects, publisher, monitors[topic], clock, parameters
-            )
-            if ServiceType is not None:
-                frame, about = parameters.fixed_frame, monitors[topic]
-                service = StateService(robot, checked, about, clock, frame)
-                name = f"{robot.name}/{SERVICE}"
-                self._services.append(node.create_service(ServiceType, name, service.answer))
-            topic = f"{robot.name}/{TRAJECTORY_IN}"
-            out, status = (
-                self._publishers[f"{robot.name}/{kind}"]
-                for kind in (TRAJECTORY_OUT, TRAJECTORY_STATUS)
-            )
-            self._trajectories[topic] = Trajectories(
-                robot, checked, (out, status), monitors[topic], clock, parameters
-            )
-            speed = self._publishers[f"{robot.name}/{SPEED_SCALE}"]
-            self._speeds.append(SpeedScale(robot, checked, objects, speed, parameters))
 
-    def _publisher(self, name: str, topic: str) -> Publisher:
-        kind, qos = OUTPUTS[topic]
-        return self._node.create_publisher(
-            kind,
-            f"{name}/{topic}",
-            copy(qos),
-            event_callbacks=PublisherEventCallbacks(use_default_callbacks=False),
-            qos_overriding_options=overridable(),
+    def _answer(self, checked: CheckedRobot, monitors: Mapping[str, InputMonitor]) -> None:
+        """Create what answers for a robot."""
+        name = checked.given.name
+        ends = {kind: self._publisher(f"{name}/{kind}", *of) for kind, of in OUTPUTS.items()}
+        topic = f"{name}/{STATES_TO_CHECK}"
+        self._validity[topic] = Validity(checked, ends[STATE_VALIDITY], monitors[topic])
+        if ServiceType is not None:
+            answer = StateService(checked, monitors[topic]).answer
+            service = self._node.create_service(ServiceType, f"{name}/{SERVICE}", answer)
+            self._services.append(service)
+        topic = f"{name}/{TRAJECTORY_IN}"
+        out, status = ends[TRAJECTORY_OUT], ends[TRAJECTORY_STATUS]
+        self._trajectories[topic] = Trajectories(checked, out, status, monitors[topic])
+        self._speeds.append(SpeedScale(checked, ends[SPEED_SCALE]))
+
+    def _publisher(self, topic: str, kind: type, qos: QoSProfile) -> Publisher:
+        callbacks = PublisherEventCallbacks(use_default_callbacks=False)
+        options: dict[str, Any] = {"qos_overriding_options": overridable()}
+        made = self._node.create_publisher(
+            kind, topic, copy(qos), event_callbacks=callbacks, **options
         )
+        self._publishers[topic] = made
+        return made
 
     def callbacks(self, inputs: Inputs) -> dict[str, Callable[[bytes], None]]:
         """Return the callback per topic, those that fail being counted; bases come by another."""
@@ -258,24 +249,3 @@ class Robots:
         for service in self._services:
             self._node.destroy_service(service)
         self._services.clear()
-
-    def _begin_reading(self) -> RobotReading:
-        return RobotReading(self._meshes())
-
-
-class RobotReading:
-    """A robot being made of its description, the meshes read in another process."""
-
-    def __init__(self, meshes: MeshReading) -> None:
-        self._meshes = meshes
-
-    def read(self, urdf: str, srdf: str | None) -> Robot:
-        """Return the robot; ValueError with the reason where there is none."""
-        try:
-            return Robot.from_urdf(urdf, srdf, self._meshes.folders, read_mesh=self._meshes.read)
-        finally:
-            self._meshes.close()
-
-    def abandon(self) -> None:
-        """End the process: a mesh that is being read is none."""
-        self._meshes.abandon()

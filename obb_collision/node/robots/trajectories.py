@@ -20,30 +20,29 @@ the piece has it than a margin, with links grown by that.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from time import monotonic
 
 import numpy as np
-from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.publisher import Publisher
 from trajectory_msgs.msg import JointTrajectory
 
+from obb_collision.node.diagnostics.answer import make_status
 from obb_collision.node.diagnostics.monitors import InputMonitor
 from obb_collision.node.messages.conversions import NANOSECONDS, stamp_from_ros
 from obb_collision.node.messages.errors import RefusedError
-from obb_collision.node.parameters.parameters import Parameters
-from obb_collision.node.robots.checked_robot import CheckedRobot
-from obb_collision.node.robots.joints import Joints
-from obb_collision.node.robots.robot_input import RobotInput
+from obb_collision.node.robots.checked_robot import CheckedRobot, portions
 from obb_collision.node.robots.trajectory import (
-    BAD_POINT,
+    ELSEWHERE,
     MAX_PIECES,
     TOO_LONG,
     Running,
     Trajectory,
     columns_of,
+    from_here,
     trajectory_from_bytes,
+    whole_point,
 )
 from obb_collision.node.runtime.guard import INTERNAL_ERROR
 from obb_collision.robots.checks.robot_scene import RobotScene
@@ -55,16 +54,15 @@ from obb_collision.robots.kinematics.splines import (
     straight_pieces,
     with_jump,
 )
-from obb_collision.typing import Floats
 
 SHARE = 500
 """Pieces that are checked in a cycle before a trajectory is forwarded."""
 DECISION_TIME = 2 * NANOSECONDS
 """After so long (ns) a trajectory that is not decided yet, for the scene changes, is refused."""
-LONGEST_CHECK, QUICK, FEW = 0.5, 0.005, 4
-"""Seconds for which a cycle may wait for all pieces of a trajectory. They are checked a few at a
-time, and more after what was quick: one of a joint that turns a million times takes up to 30 ms."""
-NOT_FREE, ELSEWHERE = "not free", "not at its start"
+LONGEST_CHECK, QUICK = 0.5, 0.005
+"""Seconds for which a cycle may wait for all pieces of a trajectory, and of a quick portion:
+one piece of a joint that turns a million times takes up to 30 ms."""
+NOT_FREE = "not free"
 MOVED = "a joint that it does not name has moved"
 
 
@@ -85,20 +83,14 @@ class Deciding:
 
 
 class Trajectories:
-    """The trajectories of one robot. The publishers: of trajectories, and what is said of them."""
+    """The trajectories of one robot: those forwarded, and what is said of them."""
 
     def __init__(
-        self,
-        robot: RobotInput,
-        checked: CheckedRobot,
-        publishers: tuple[Publisher, Publisher],
-        monitor: InputMonitor,
-        clock: Callable[[], int],
-        parameters: Parameters,
+        self, checked: CheckedRobot, forward: Publisher, status: Publisher, monitor: InputMonitor
     ) -> None:
-        self._robot, self._checked, self._monitor = robot, checked, monitor
-        self._forward, self._status = publishers
-        self._clock, self._parameters = clock, parameters
+        self._checked, self._monitor = checked, monitor
+        self._forward, self._status = forward, status
+        self._clock, self._parameters = checked.clock, checked.parameters
         self._running: Running | None = None
         self._deciding: Deciding | None = None
         self._closed = False
@@ -133,8 +125,7 @@ class Trajectories:
 
     def _refuse(self, error: RefusedError) -> None:
         self._monitor.refuse(self._clock(), error.reason, "whole message", error.detail)
-        values = error.values if isinstance(error, NotFreeError) else {}
-        self._say(DiagnosticStatus.ERROR, f"refused: {error}", values)
+        self._say(DiagnosticStatus.ERROR, f"refused: {error}", error)
 
     def _decide(self) -> None:
         """Check a share of the one that is not decided yet; forward it if it was the last."""
@@ -163,14 +154,9 @@ class Trajectories:
         All of it in one scene: where that changes, what was checked is checked again.
         """
         now, running = self._clock(), deciding.running
-        scene = self._checked.scene(self._parameters.trajectory_margin)
-        if self._checked.robot is not running.robot:
-            raise RefusedError("another robot", "its description has changed")
+        scene = self._scene_for(running)
         if not self._checked.is_world(running.world):
             running.world, deciding.done, deciding.spent = self._checked.world(scene), 0, 0.0
-        moved = running.find_moved(self._parameters.trajectory_start_tolerance)
-        if moved:
-            raise RefusedError(MOVED, moved)
         if now - deciding.received > DECISION_TIME:
             raise RefusedError("not decided", "the scene changes too fast for so many pieces")
         numbers = np.arange(len(running.pieces.begins))
@@ -185,8 +171,18 @@ class Trajectories:
         _check_pieces(scene, again.pieces.take(again.pieces.segments == 0))
         return again
 
+    def _scene_for(self, running: Running) -> RobotScene:
+        """Return what checks pieces; RefusedError for those of another robot, or elsewhere."""
+        scene = self._checked.scene(self._parameters.trajectory_margin)
+        if self._checked.robot is not running.robot:
+            raise RefusedError("another robot", "its description has changed")
+        moved = running.find_moved(self._parameters.trajectory_start_tolerance)
+        if moved:
+            raise RefusedError(MOVED, moved)
+        return scene
+
     def look(self) -> None:
-        """Look after the one that runs, and check a share of the one that is not decided yet."""
+        """Monitor the running trajectory, and check the next share of the pending one."""
         try:
             self._look_after()
         finally:
@@ -197,19 +193,14 @@ class Trajectories:
         running, now = self._running, self._clock()
         if running is None:
             return
-        tolerance = self._parameters.trajectory_start_tolerance
-        running.advance((now - running.begin) / NANOSECONDS, tolerance)
+        elapsed = (now - running.begin) / NANOSECONDS
+        running.advance(elapsed, self._parameters.trajectory_start_tolerance)
         left = running.pieces.finishes > running.passed
         if not left.any():
             self._running = None
             return
         try:
-            scene = self._checked.scene(self._parameters.trajectory_margin)
-            if self._checked.robot is not running.robot:
-                raise RefusedError("another robot", "its description has changed")
-            moved = running.find_moved(tolerance)
-            if moved:
-                raise RefusedError(MOVED, moved)
+            scene = self._scene_for(running)
             if not self._checked.is_world(running.world):
                 _check_pieces(scene, running.pieces.take(left))
                 running.world = self._checked.world(scene)
@@ -239,8 +230,7 @@ class Trajectories:
         self._forward.publish(running.hold())
         self._forward.publish(JointTrajectory(joint_names=running.names))
         self.stopped = f"trajectory stopped: {error}"
-        values = error.values if isinstance(error, NotFreeError) else {}
-        self._say(DiagnosticStatus.ERROR, f"stopped: {error}", values)
+        self._say(DiagnosticStatus.ERROR, f"stopped: {error}", error)
 
     def clock_jumped(self, shift: int) -> None:
         """Shift times by a jump of the clock (ns)."""
@@ -252,27 +242,31 @@ class Trajectories:
     def _planned(self, trajectory: Trajectory, now: int) -> Running:
         """Return what a trajectory would be from now on; RefusedError if it cannot be used."""
         scene = self._checked.scene(self._parameters.trajectory_margin)
-        joints = self._robot.joints
-        assert joints is not None
+        joints = self._checked.joints
         stamp = stamp_from_ros(trajectory.header.stamp)
         begin = stamp or now
         tolerance = int(self._parameters.stamp_tolerance * NANOSECONDS)
         if abs(begin - now) > tolerance:
             raise RefusedError("bad stamp", f"{(begin - now) / NANOSECONDS:+.1f} s from now")
         columns = columns_of(trajectory.names, joints.names)
-        points = [_whole(point, columns, joints) for point in trajectory.points]
+        points = [whole_point(point, columns, joints) for point in trajectory.points]
         off = np.abs(points[0].positions - joints.positions)
         since = (now - begin) / NANOSECONDS
         is_way = len(points) == 1 and points[0].time > since  # a command to go there from here
         if off.max(initial=0.0) > self._parameters.trajectory_start_tolerance and not is_way:
             name = joints.names[int(np.argmax(off))]
             raise RefusedError(ELSEWHERE, f"joint {name} is off by {off.max():.4g}")
-        pieces = self._pieces(scene, _from_here(points, joints, since))
+        pieces = self._pieces(scene, from_here(points, joints, since))
         if since > points[0].time:
             pieces = with_jump(pieces, joints.positions, points, since)
         return Running(
-            *(pieces, begin, trajectory.names, joints, columns, joints.positions.copy()),
-            *(self._checked.robot, self._checked.world(scene)),
+            pieces,
+            begin,
+            joints,
+            columns,
+            joints.positions.copy(),
+            self._checked.robot,
+            self._checked.world(scene),
         )
 
     def _pieces(self, scene: RobotScene, points: list[Point]) -> Pieces:
@@ -289,17 +283,11 @@ class Trajectories:
             raise RefusedError(TOO_LONG, f"{counts.sum():.0f}, {MAX_PIECES} is the limit")
         return straight_pieces(points, counts.astype(np.int64))
 
-    def _say(self, level: bytes, message: str, values: dict[str, object] | None = None) -> None:
-        pairs = [KeyValue(key=key, value=str(value)) for key, value in (values or {}).items()]
-        self._status.publish(
-            DiagnosticStatus(
-                level=level,
-                name=f"robot {self._robot.name}: trajectory",
-                message=message,
-                hardware_id="obb_collision",
-                values=pairs,
-            )
-        )
+    def _say(self, level: bytes, message: str, about: object = None) -> None:
+        """Publish the status; about: values, or an error that has some."""
+        values = about if isinstance(about, dict) else getattr(about, "values", {})
+        name = f"robot {self._checked.given.name}: trajectory"
+        self._status.publish(make_status(name, level, message, values.items()))
 
 
 class NotFreeError(RefusedError):
@@ -310,55 +298,18 @@ class NotFreeError(RefusedError):
         self.values = values
 
 
-def _whole(point: Point, columns: list[int], joints: Joints) -> Point:
-    """Return a point with all joints: others stay where they are."""
-
-    def spread(given: Floats | None) -> Floats | None:
-        if given is None:
-            return None
-        values = np.zeros(len(joints.names))
-        values[columns] = given
-        return values
-
-    positions = joints.positions.copy()
-    positions[columns] = point.positions
-    return Point(point.time, positions, spread(point.velocities), spread(point.accelerations))
-
-
-def _from_here(points: list[Point], joints: Joints, since: float) -> list[Point]:
-    """Return the points with the present state before them, from which controllers begin.
-
-    since: the time of the trajectory that it is now (s). Where that of the first point has come,
-    the way to it is straight and sudden.
-    """
-    first, here = points[0], joints.positions.copy()
-    if first.time > since:
-        if first.accelerations is not None:  # those of now are not known
-            raise RefusedError(BAD_POINT, "the first one has accelerations, and is not at time 0")
-        if first.velocities is not None and joints.unclear.any():
-            name = joints.names[int(np.argmax(joints.unclear))]
-            raise RefusedError(ELSEWHERE, f"the velocity of joint {name} is not known")
-        return [Point(since, here, joints.velocities.copy(), None), *points]
-    step = 1e-9  # what may be between two points of time
-    return [Point(first.time - step, here, None, None), *points]
-
-
 def _check_pieces(scene: RobotScene, pieces: Pieces, spent: float = 0.0) -> float:
     """Raise NotFreeError for the first piece that is not certainly free and within limits.
 
     spent: seconds spent on others of the trajectory; RefusedError ("not decided") if all take too
     long to be checked in one cycle. Returns the seconds that these took.
     """
-    begin, start, size, count = monotonic(), 0, FEW, len(pieces.begins)
-    while start < count:
-        before = monotonic()
-        _check_some(scene, pieces.take(np.arange(start, min(start + size, count))))
-        start += size
-        now = monotonic()
-        if start < count and spent + now - begin > LONGEST_CHECK:
+    begin, rows = monotonic(), np.arange(len(pieces.begins))
+    for part in portions(len(rows), QUICK):
+        if part.start and spent + monotonic() - begin > LONGEST_CHECK:
             detail = f"to check it takes longer than {LONGEST_CHECK:g} s"
             raise RefusedError("not decided", detail)
-        size = 2 * size if now - before < QUICK else max(size // 2, FEW)
+        _check_some(scene, pieces.take(rows[part]))
     return monotonic() - begin
 
 

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Trajectories of joints as messages: read, and checked by themselves."""
+"""A trajectory of joints: as a message, as points of all joints, and as it runs."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ from obb_collision.typing import Floats
 DURATION = Struct("<iI")
 SMALLEST_POINT = 24
 """Bytes of a point, at least."""
-BAD_POINT, TOO_LONG = "bad point", "too many pieces"
+BAD_POINT, TOO_LONG, ELSEWHERE = "bad point", "too many pieces", "not at its start"
 MAX_PIECES = 5000
 """Most pieces of a trajectory: what is checked at a time must not block the cycles."""
 
@@ -111,7 +111,6 @@ class Running:
 
     pieces: Pieces
     begin: int
-    names: list[str]
     joints: Joints
     columns: list[int]
     """The joints that it moves, in the order of the names."""
@@ -144,9 +143,47 @@ class Running:
         if elapsed >= last and there <= tolerance:
             self.passed = float(last)
 
+    @property
+    def names(self) -> list[str]:
+        """The joints that it moves."""
+        return [self.joints.names[column] for column in self.columns]
+
     def hold(self) -> JointTrajectory:
         """Return a trajectory that stays where the joints are."""
         positions = self.joints.positions[self.columns].tolist()
         return JointTrajectory(
             joint_names=self.names, points=[JointTrajectoryPoint(positions=positions)]
         )
+
+
+def whole_point(point: Point, columns: list[int], joints: Joints) -> Point:
+    """Return a point with all joints: others stay where they are."""
+
+    def spread(given: Floats | None) -> Floats | None:
+        if given is None:
+            return None
+        values = np.zeros(len(joints.names))
+        values[columns] = given
+        return values
+
+    positions = joints.positions.copy()
+    positions[columns] = point.positions
+    return Point(point.time, positions, spread(point.velocities), spread(point.accelerations))
+
+
+def from_here(points: list[Point], joints: Joints, since: float) -> list[Point]:
+    """Return the points with the present state before them, from which controllers begin.
+
+    since: the time of the trajectory that it is now (s). Where that of the first point has come,
+    the way to it is straight and sudden.
+    """
+    first, here = points[0], joints.positions.copy()
+    if first.time > since:
+        if first.accelerations is not None:  # those of now are not known
+            raise RefusedError(BAD_POINT, "the first one has accelerations, and is not at time 0")
+        if first.velocities is not None and joints.unclear.any():
+            name = joints.names[int(np.argmax(joints.unclear))]
+            raise RefusedError(ELSEWHERE, f"the velocity of joint {name} is not known")
+        return [Point(since, here, joints.velocities.copy(), None), *points]
+    step = 1e-9  # what may be between two points of time
+    return [Point(first.time - step, here, None, None), *points]

@@ -12,10 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Which states of a robot are valid: ``states_to_check`` in, ``state_validity`` out.
+"""Answers about states of a robot: by topic, by MoveIt's service, and how fast it may move.
 
-States are checked as they come, in the scene as the last cycle has left it. Whatever is not known
-makes them invalid.
+``states_to_check`` in, ``state_validity`` out; GetStateValidity, where moveit_msgs is installed;
+``speed_scale``, 1 far from everything, 0 near or not known: separation monitoring, and not a
+certified safety function. States are checked as they come, in the scene as the last cycle has left
+it. Whatever is not known makes them invalid.
 """
 
 from __future__ import annotations
@@ -44,11 +46,8 @@ from obb_collision.node.messages.conversions import (
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.messages.names import namespace_number, shortened
 from obb_collision.node.messages.optional import optional_type
-from obb_collision.node.objects.objects import Objects
-from obb_collision.node.parameters.parameters import Parameters
-from obb_collision.node.robots.checked_robot import CheckedRobot
+from obb_collision.node.robots.checked_robot import CheckedRobot, portions
 from obb_collision.node.robots.joints import LENGTHS_DIFFER, UNKNOWN_JOINT
-from obb_collision.node.robots.robot_input import RobotInput
 from obb_collision.node.runtime.guard import INTERNAL_ERROR
 from obb_collision.robots.checks.reports import StateDistances, StateReport
 from obb_collision.robots.checks.robot_scene import RobotScene
@@ -69,35 +68,27 @@ ROWS = np.dtype(
 FIELDS = field_bytes(ROWS)
 MAX_STATES = 100_000
 """States of a message: the answer has 3.2 MB then, and takes 20 ms without any check."""
-LONGEST_CHECK, QUICK, FEW = 0.2, 0.02, 4
-"""Seconds after which the states of a message that are left are not checked: no cycle runs
-meanwhile. A few are checked at a time, and more after what was quick."""
+LONGEST_CHECK, QUICK = 0.2, 0.02
+"""Seconds after which the states of a message that are left are not checked, as no cycle runs
+meanwhile; and of a portion of them that is quick."""
 
 
 class Validity:
     """Answers the states to check of one robot."""
 
-    def __init__(
-        self,
-        checked: CheckedRobot,
-        objects: Objects,
-        publisher: Publisher,
-        monitor: InputMonitor,
-        clock: Callable[[], int],
-        parameters: Parameters,
-    ) -> None:
-        self._checked, self._table = checked, objects.table
-        self._publisher, self._monitor = publisher, monitor
-        self._clock, self._parameters = clock, parameters
+    def __init__(self, checked: CheckedRobot, publisher: Publisher, monitor: InputMonitor) -> None:
+        self._checked, self._publisher, self._monitor = checked, publisher, monitor
+        self._parameters = checked.parameters
 
     def take(self, data: bytes) -> None:
         """Answer a message; one that cannot be read has no answer, and is counted."""
-        now, monitor = self._clock(), self._monitor
+        now, monitor = self._checked.clock(), self._monitor
         monitor.received(now)
         try:
             message = cloud_from_bytes(data)
             stamp = stamp_from_ros(message.header.stamp)
-            count = _count(message, min(self._parameters.max_cloud_points, MAX_STATES))
+            most = min(self._parameters.max_cloud_points, MAX_STATES)
+            count = len(cloud_from_ros(message, (), most))
         except RefusedError as error:
             monitor.refuse(now, error.reason, "whole message", error.detail)
             return
@@ -118,21 +109,17 @@ class Validity:
 
     def _fill(self, rows: np.ndarray, message: CloudMessage) -> None:
         """Write what is known of the states; RefusedError where that is not all of it."""
-        begin, size, start = monotonic(), FEW, 0
+        begin = monotonic()
         scene = self._checked.scene()
         states = _states(message, self._checked.robot.joint_names, len(rows))
         bad = ~(np.abs(states) <= LARGEST_COORDINATE).all(axis=1)
         good = np.flatnonzero(~bad)
         rows["reason"][bad] = BAD_STATE
-        while start < len(good):
-            before = monotonic()
-            if before - begin > LONGEST_CHECK:
-                detail = f"{start} of {len(good)} were checked in {LONGEST_CHECK:g} s, the limit"
-                raise RefusedError(TOO_SLOW, detail)
-            some = good[start : start + size]
-            rows[some] = self._checked_rows(rows[some], scene, states[some])
-            start += size
-            size = 2 * size if monotonic() - before < QUICK else max(size // 2, FEW)
+        for part in portions(len(good), QUICK):
+            if monotonic() - begin > LONGEST_CHECK:
+                done = f"{part.start} of {len(good)} were checked"
+                raise RefusedError(TOO_SLOW, f"{done} in {LONGEST_CHECK:g} s, the limit")
+            rows[good[part]] = self._checked_rows(rows[good[part]], scene, states[good[part]])
 
     def _checked_rows(self, rows: np.ndarray, scene: RobotScene, states: Floats) -> np.ndarray:
         """Return the rows of states with what is known of them."""
@@ -159,15 +146,13 @@ class Validity:
             if 0 <= row < links:
                 keys[row] = namespace_number(report.names[row]), 0
             elif row >= links:
-                (slot,) = self._table.find_named([report.names[row]])
-                keys[row] = self._table.ns[slot], self._table.id[slot]
+                (slot,) = self._checked.objects.table.find_named([report.names[row]])
+                keys[row] = (
+                    self._checked.objects.table.ns[slot],
+                    self._checked.objects.table.id[slot],
+                )
         found: Rows = keys[report.first_pairs].reshape(-1, 4)
         return found
-
-
-def _count(message: CloudMessage, most: int) -> int:
-    """Return the number of states; RefusedError for one that the data contradict."""
-    return len(cloud_from_ros(message, (), most))
 
 
 def _states(message: CloudMessage, names: Iterable[str], count: int) -> Floats:
@@ -206,19 +191,15 @@ MAX_CONTACTS = 1000
 
 
 class StateService:
-    """Answers for one robot. contact: makes a ContactInformation; frame: the fixed frame."""
+    """Answers for one robot. contact: makes a ContactInformation."""
 
     def __init__(
         self,
-        robot: RobotInput,
         checked: CheckedRobot,
         monitor: InputMonitor,
-        clock: Callable[[], int],
-        frame: str,
         contact: Callable[[], Any] = ContactInformation,
     ) -> None:
-        self._robot, self._checked, self._monitor = robot, checked, monitor
-        self._clock, self._frame, self._contact = clock, frame, contact
+        self._checked, self._monitor, self._contact = checked, monitor, contact
 
     def answer(self, request: Any, response: Any) -> Any:
         """Fill in the response; why a state is not looked at is counted, and logged."""
@@ -226,10 +207,10 @@ class StateService:
         try:
             self._answer(request, response)
         except RefusedError as error:
-            self._monitor.refuse(self._clock(), error.reason, SERVICE, error.detail)
+            self._monitor.refuse(self._checked.clock(), error.reason, SERVICE, error.detail)
         except Exception as error:
             response.valid = False
-            self._monitor.refuse(self._clock(), INTERNAL_ERROR, SERVICE, str(error))
+            self._monitor.refuse(self._checked.clock(), INTERNAL_ERROR, SERVICE, str(error))
         return response
 
     def _answer(self, request: Any, response: Any) -> None:
@@ -248,14 +229,13 @@ class StateService:
         pairs = [pair for pair in report.pairs_of(0) if links & set(pair)]
         deepest = scene.distances(state, max_distance=TOUCHING) if pairs else None
         response.contacts = [
-            self._contact_of(scene, report, pair, deepest) for pair in pairs[:MAX_CONTACTS]
+            self._contact_of(scene, pair, deepest) for pair in pairs[:MAX_CONTACTS]
         ]
         response.valid = not pairs and not report.out_of_limits.any()
 
     def _state(self, given: Any) -> Floats:
         """Return the state (1, joints); what is not given is as it is now, as for MoveIt."""
-        joints, message = self._robot.joints, given.joint_state
-        assert joints is not None
+        joints, message = self._checked.joints, given.joint_state
         several = given.multi_dof_joint_state
         if len(several.joint_names) or len(several.transforms):  # these may be there without names
             raise RefusedError(NOT_EVALUATED, "multi_dof_joint_state")
@@ -292,16 +272,15 @@ class StateService:
         return self._prefixed(moved)
 
     def _prefixed(self, links: Any) -> frozenset[str]:
-        return frozenset(f"{self._robot.name}/{link}" for link in links)
+        return frozenset(f"{self._checked.given.name}/{link}" for link in links)
 
     def _contact_of(
-        self, scene: RobotScene, report: StateReport, pair: tuple[str, str],
-        deepest: StateDistances | None,
-    ) -> Any:  # fmt: skip
+        self, scene: RobotScene, pair: tuple[str, str], deepest: StateDistances | None
+    ) -> Any:
         """Return the contact of a pair; where and how deep is said of the deepest one only."""
         contact = self._contact()
-        contact.header.frame_id = self._frame
-        contact.header.stamp = stamp_to_ros(self._clock())
+        contact.header.frame_id = self._checked.parameters.fixed_frame
+        contact.header.stamp = stamp_to_ros(self._checked.clock())
         place, normal, depth = np.full(3, np.nan), np.full(3, np.nan), np.nan
         if deepest is not None and deepest.pairs[0] == pair:
             place, normal = deepest.points[0].mean(axis=0), deepest.directions[0]
@@ -309,7 +288,7 @@ class StateService:
         for field, values in ((contact.position, place), (contact.normal, normal)):
             field.x, field.y, field.z = values.tolist()
         contact.depth = depth
-        own = f"{self._robot.name}/"
+        own = f"{self._checked.given.name}/"
         for number, name in enumerate(pair, start=1):
             is_link = name in scene.link_names
             kind = ROBOT_ATTACHED if name in scene.attached else WORLD_OBJECT
@@ -321,16 +300,8 @@ class StateService:
 class SpeedScale:
     """Publishes the scale of one robot, while somebody subscribes."""
 
-    def __init__(
-        self,
-        robot: RobotInput,
-        checked: CheckedRobot,
-        objects: Objects,
-        publisher: Publisher,
-        parameters: Parameters,
-    ) -> None:
-        self._robot, self._checked, self._objects = robot, checked, objects
-        self._publisher, self._parameters = publisher, parameters
+    def __init__(self, checked: CheckedRobot, publisher: Publisher) -> None:
+        self._checked, self._robot, self._publisher = checked, checked.given, publisher
 
     def publish(self) -> None:
         """Publish the scale as things are now, and tell the robot why it is 0."""
@@ -353,15 +324,14 @@ class SpeedScale:
         nearer to each other within the reaction time. RefusedError where it is 0 for another
         reason.
         """
-        parameters, robot = self._parameters, self._robot
+        parameters = self._checked.parameters
         scene = self._checked.scene()
-        assert robot.joints is not None
         stop, slow = parameters.speed_stop_distance, parameters.speed_slow_distance
         with np.errstate(over="ignore"):
             come = self._closing_speed(scene) * parameters.speed_reaction_time
         if not np.isfinite(come):
             raise RefusedError("speeds are too large")
-        state = robot.joints.positions[None]
+        state = self._checked.joints.positions[None]
         report = scene.check(state)  # links against each other, and limits, too
         if not report.valid[0]:
             raise RefusedError(
@@ -373,8 +343,7 @@ class SpeedScale:
 
     def _own_speed(self, scene: RobotScene) -> float:
         """Return at least how fast a point of the robot is by joints of unknown velocity (m/s)."""
-        joints = self._robot.joints
-        assert joints is not None
+        joints = self._checked.joints
         if not joints.unclear.any():
             return 0.0
         most = np.where(joints.unclear, joints.speed_limits, 0.0)
@@ -389,12 +358,13 @@ class SpeedScale:
         assert self._robot.links is not None
         if not self._robot.links.are_speeds_known:
             raise RefusedError("speeds are too large")
-        table = self._objects.table
+        objects = self._checked.objects
+        table = objects.table
         own = np.concatenate([self._robot.links.slots, self._robot.attached.slots])
         others = table.moving & table.visible
         others[own] = False
         speeds = [
-            float(self._objects.scene.speeds_of(slots, table.twist[slots]).max(initial=0.0))
+            float(objects.scene.speeds_of(slots, table.twist[slots]).max(initial=0.0))
             for slots in (own, np.flatnonzero(others))
         ]
         return sum(speeds) + self._own_speed(scene)

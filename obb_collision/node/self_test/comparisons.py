@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What is compared: each comparison computes by the kernels of a check and yields what differs.
+"""Comparisons of kernels with exact arithmetic: each yields what differs.
 
 It yields after each piece of work of less than a millisecond or so, "" where all is right, so that
 whoever runs it can pause and stop. Everything goes through a ``Scene``, as in the node.
@@ -150,7 +150,7 @@ def depths(rng: Rng) -> Differences:
             found.pairs.tolist(), -found.separations, found.normals, strict=True
         ):
             least = min(overlap_squares(scene.boxes, a, b))
-            along = -reach_along(scene.boxes, a, b, normal)
+            (along,) = overlap_squares(scene.boxes, a, b, normal)
             low, high = _bounds(depth)
             right = low <= least <= high and low <= along <= high and _is_unit(normal)
             yield "" if right else f"depth {depth} of {a} {b}, not {float(least) ** 0.5}"
@@ -178,11 +178,10 @@ def clearances(rng: Rng) -> Differences:
             if distance <= 1e-6:
                 continue
             low, high = _bounds(distance)
-            right = low <= distance_square(p, q) <= high
-            right &= (
-                _inside(scene.boxes, a, p[None]).all() and _inside(scene.boxes, b, q[None]).all()
-            )
-            right &= reach_along(scene.boxes, a, b, found.normals[row]) >= low
+            apart = zip(p.tolist(), q.tolist(), strict=True)
+            right = low <= sum((Fraction(x) - Fraction(y)) ** 2 for x, y in apart) <= high
+            right &= all(_inside(scene.boxes, *one)[0] for one in ((a, p[None]), (b, q[None])))
+            right &= -overlap_squares(scene.boxes, a, b, found.normals[row])[0] >= low
             yield "" if right else f"distance {distance} of {a} {b}"
 
 
@@ -213,7 +212,7 @@ def predictions(rng: Rng) -> Differences:
         found = report.result("sweep").predicted
         times = dict(zip(map(tuple, found.pairs.tolist()), found.times.tolist(), strict=True))
         now = set(map(tuple, report.pairs.tolist()))
-        for a, b in np.argwhere(np.triu(np.ones((FEW, FEW), np.bool_), 1)).tolist():
+        for a, b in combinations(range(FEW), 2):
             if (a, b) not in now:
                 right = _met(scene.boxes, twists[:, :3], a, b, times.get((a, b)))
                 yield "" if right else f"{a} {b} at {times.get((a, b))} s"
@@ -231,7 +230,7 @@ def meshes(rng: Rng) -> Differences:
             scene.move_indices(np.arange(FEW), given)
             found = set(map(tuple, scene.check().pairs.tolist()))
             bodies = [_placed(pose) for pose in given]
-            for a, b in np.argwhere(np.triu(np.ones((FEW, FEW), np.bool_), 1)).tolist():
+            for a, b in combinations(range(FEW), 2):
                 truth = bodies_collide(bodies[a], bodies[b])
                 yield "" if ((a, b) in found) == truth else f"{level.name.lower()} {a} {b}"
 
@@ -283,10 +282,10 @@ COMPARISONS = (
 )
 
 
-def overlap_squares(boxes: Boxes, a: int, b: int) -> list[Fraction]:
+def overlap_squares(boxes: Boxes, a: int, b: int, normal: Floats | None = None) -> list[Fraction]:
     """Return the squares of the overlaps of two boxes along all axes that can separate them.
 
-    Those of boxes that are apart along an axis are negative, as its gap is.
+    Or along a normal that leads from a to b. Negative where the boxes are apart. Exact.
     """
     (axes_a, power_a), (axes_b, power_b) = (exact_axes(boxes.rotations[row]) for row in (a, b))
     parts = boxes.centers[a], boxes.centers[b], boxes.half_extents[a], boxes.half_extents[b]
@@ -296,38 +295,25 @@ def overlap_squares(boxes: Boxes, a: int, b: int) -> list[Fraction]:
         *((axis, power_a, extent) for axis, extent in zip(axes_a, numbers[6:9], strict=True)),
         *((axis, power_b, extent) for axis, extent in zip(axes_b, numbers[9:], strict=True)),
     ]
+    axes = [*axes_a, *axes_b, *(cross(u, v) for u, v in product(axes_a, axes_b))]
+    if normal is not None:
+        x, y, z = exact_integers(normal.tolist())[0]
+        axes = [(x, y, z)]
     squares = []
-    for axis in (*axes_a, *axes_b, *(cross(u, v) for u, v in product(axes_a, axes_b))):
+    for axis in axes:
         if axis == (0, 0, 0):
             continue
         reaches = (Fraction(h * abs(dot(axis, edge)), 1 << k) for edge, k, h in edges)
         reach = sum(reaches, Fraction(0))
-        overlap = (reach - abs(dot(axis, offset))) / (1 << power)
+        apart = dot(axis, offset) if normal is not None else abs(dot(axis, offset))
+        overlap = (reach - apart) / (1 << power)
         squares.append(abs(overlap) * overlap / dot(axis, axis))
     return squares
 
 
-def reach_along(boxes: Boxes, a: int, b: int, normal: Floats) -> Fraction:
-    """Return the square of the gap of two boxes along a normal, negative where they overlap."""
-    (axes_a, power_a), (axes_b, power_b) = (exact_axes(boxes.rotations[row]) for row in (a, b))
-    n = _fractions(normal)
-    gap = _dot(n, _fractions(boxes.centers[b])) - _dot(n, _fractions(boxes.centers[a]))
-    for row, axes, power in ((a, axes_a, power_a), (b, axes_b, power_b)):
-        for axis, extent in zip(axes, boxes.half_extents[row].tolist(), strict=True):
-            gap -= Fraction(extent) * abs(_dot(n, axis)) / (1 << power)
-    return abs(gap) * gap / _dot(n, n)
-
-
-def distance_square(p: Floats, q: Floats) -> Fraction:
-    """Return the square of the distance of two points."""
-    apart = [a - b for a, b in zip(_fractions(p), _fractions(q), strict=True)]
-    square: Fraction = _dot(apart, apart)
-    return square
-
-
 def rotation_of(quaternion: Floats) -> list[Fraction]:
     """Return the nine entries, row by row, of the rotation that a quaternion x y z w means."""
-    x, y, z, w = _fractions(quaternion)
+    x, y, z, w = map(Fraction, quaternion.tolist())
     square = x * x + y * y + z * z + w * w
     entries = (
         *(w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (x * z + w * y)),
@@ -339,12 +325,13 @@ def rotation_of(quaternion: Floats) -> list[Fraction]:
 
 def bodies_collide(first: Floats, second: Floats) -> bool:
     """Return whether the convex hulls of two sets of points, tetrahedra for example, collide."""
-    numbers, _ = exact_integers([*first.ravel().tolist(), *second.ravel().tolist()])
-    points: list[Vector] = [
-        (numbers[k], numbers[k + 1], numbers[k + 2]) for k in range(0, len(numbers), 3)
-    ]
+    numbers = iter(exact_integers([*first.ravel().tolist(), *second.ravel().tolist()])[0])
+    points: list[Vector] = list(zip(numbers, numbers, numbers, strict=True))
     bodies = points[: len(first)], points[len(first) :]
-    edges = [[_minus(p, q) for p, q in combinations(body, 2)] for body in bodies]
+    edges = [
+        [(p[0] - q[0], p[1] - q[1], p[2] - q[2]) for p, q in combinations(body, 2)]
+        for body in bodies
+    ]
     axes = [cross(u, v) for own in edges for u, v in combinations(own, 2)]
     axes += [cross(u, v) for u, v in product(*edges)]
     for axis in axes:
@@ -352,15 +339,3 @@ def bodies_collide(first: Floats, second: Floats) -> bool:
         if axis != (0, 0, 0) and (max(low) < min(high) or max(high) < min(low)):
             return False
     return True
-
-
-def _minus(p: Vector, q: Vector) -> Vector:
-    return p[0] - q[0], p[1] - q[1], p[2] - q[2]
-
-
-def _fractions(values: Floats) -> list[Fraction]:
-    return [Fraction(value) for value in values.tolist()]
-
-
-def _dot(a: Any, b: Any) -> Any:
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]

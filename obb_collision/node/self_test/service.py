@@ -26,7 +26,7 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
-from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_msgs.srv import SelfTest
 from llvmlite.binding import get_host_cpu_name
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
@@ -35,6 +35,7 @@ from rclpy.task import Future
 
 import obb_collision as oc
 from obb_collision._kernel_cache import KernelMissingError, only_loading
+from obb_collision.node.diagnostics.answer import make_status
 from obb_collision.node.runtime.guard import Guard
 from obb_collision.node.self_test.comparisons import COMPARISONS, Comparison
 
@@ -100,19 +101,12 @@ class SelfTestService:
             *((f"difference {number}", text) for number, text in enumerate(result.examples, 1)),
         ]
         level = DiagnosticStatus.WARN if result.reason else DiagnosticStatus.OK
-        return DiagnosticStatus(
-            level=DiagnosticStatus.ERROR if result.failed else level,
-            name=f"{self._name}: self-test of {result.comparison.name}",
-            message=_message(result),
-            hardware_id="obb_collision",
-            values=[KeyValue(key=key, value=str(value)) for key, value in values],
+        text = (
+            f"{result.compared} {result.comparison.pieces} compared, {result.different} different"
         )
-
-
-def _message(result: Result) -> str:
-    counts = f"{result.compared} {result.comparison.pieces} compared, {result.different} different"
-    text = f"{counts} from exact arithmetic"
-    return f"{text}; {result.reason}" if result.reason else text
+        text += " from exact arithmetic" + (f"; {result.reason}" if result.reason else "")
+        name = f"{self._name}: self-test of {result.comparison.name}"
+        return make_status(name, DiagnosticStatus.ERROR if result.failed else level, text, values)
 
 
 TIME = 1.7

@@ -24,8 +24,7 @@ import pytest
 pytest.importorskip("rclpy")
 from rig import Rig, cube, pose
 
-from obb_collision.node import collisions_from_ros, contacts_from_ros
-from obb_collision.node.diagnostics import diagnostics
+from obb_collision.node import collisions_from_ros, contacts_from_ros, reporting
 from obb_collision.node.inputs import points as obstacles
 from obb_collision.node.messages.box_markers import Markers
 from obb_collision.node.outputs import outputs
@@ -224,13 +223,13 @@ def test_diagnostics_say_what_is_computed_and_what_it_took() -> None:
 
 def test_diagnostics_off_or_unheard_are_not_built(monkeypatch: pytest.MonkeyPatch) -> None:
     built: list[Any] = []
-    original = diagnostics.cycle_status
+    original = reporting.cycle_status
 
     def noted(*args: Any) -> Any:
         built.append(original(*args))
         return built[-1]
 
-    monkeypatch.setattr(diagnostics, "cycle_status", noted)
+    monkeypatch.setattr(reporting, "cycle_status", noted)
     with Rig(deaf=True) as rig:
         publish = rig.node._reporting.publish
         publish()

@@ -179,7 +179,7 @@ def test_lists_have_a_limit() -> None:
             with pytest.raises(ValueError, match=f"of at most {spec.most}, got"):
                 spec.read(["a/1 b/1"] * (spec.most + 1))
             with pytest.raises(ValueError, match=f"at most {MAX_PATTERNS} patterns, got 1001"):
-                Spec(spec.name, [], "", entry=spec.entry, most=2000).read(["a/*: mesh"] * 1001)
+                Spec(spec.name, [], entry=spec.entry, most=2000).read(["a/*: mesh"] * 1001)
 
 
 def test_overrides_by_name_and_by_pattern_count_in_their_order() -> None:

@@ -31,7 +31,7 @@ from robot_rig import URDF, RobotRig
 from std_srvs.srv import Trigger
 
 import obb_collision as oc
-from obb_collision.node.robots.robot_input import DescriptionReader
+from obb_collision.node.robots.robot_input import DescriptionReader, RobotReading
 from obb_collision.scene.building import process
 
 ROCK = '<robot name="{}"><link name="rock"/></robot>'
@@ -39,7 +39,7 @@ ROCK = '<robot name="{}"><link name="rock"/></robot>'
 LONG = 60.0
 
 
-class SlowReading:
+class SlowReading(RobotReading):
     """Reads for ever what is called slow, unless it is abandoned."""
 
     def __init__(self) -> None:

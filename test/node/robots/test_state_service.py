@@ -80,7 +80,7 @@ class ServiceRig(ValidityRig):
         assert robots is not None
         checked = robots._validity["arm/states_to_check"]._checked
         monitor = self.monitor("arm/states_to_check")
-        self.service = StateService(self.robot, checked, monitor, self.now, "map", contact)
+        self.service = StateService(checked, monitor, contact)
 
     def call_it(self, request: Any) -> Any:
         return self.service.answer(request, plain(valid=True, contacts=[], cost_sources=[]))

@@ -12,25 +12,23 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The statuses of ``/diagnostics``: inputs, objects, cycle and QoS."""
+"""``/diagnostics``, once a second: inputs, objects, robots, cycle, QoS; and its warnings."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import islice
 from time import perf_counter
-from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.node import Node
 
 from obb_collision.accuracy import ALL_LEVELS
 from obb_collision.node.cycle import Cycle
-from obb_collision.node.diagnostics import diagnostics
-from obb_collision.node.diagnostics.answer import MAX_NAMED, some
+from obb_collision.node.diagnostics.answer import MAX_NAMED, make_status, some
 from obb_collision.node.diagnostics.monitors import (
     NANOSECONDS_F,
     CycleMonitor,
@@ -50,9 +48,9 @@ from obb_collision.node.objects.conditions import (
     UNSHAPED,
 )
 from obb_collision.node.objects.objects import Objects
-from obb_collision.node.outputs.outputs import Effects, Outputs
+from obb_collision.node.outputs.outputs import Outputs
 from obb_collision.node.parameters.entries import text_from_region
-from obb_collision.node.parameters.parameters import Parameters
+from obb_collision.node.robots.robot_input import RobotInput
 from obb_collision.node.runtime.guard import INTERNAL_ERROR, Guard
 from obb_collision.scene.report import Report
 
@@ -66,15 +64,6 @@ STALE_WORDS = {
 LONGEST_DELAY = 0.2
 """Seconds from a message's receipt to its answer, beyond which overload is reported; two periods
 where those are longer."""
-
-
-def _status(
-    name: str, level: bytes, message: str, values: Iterable[tuple[str, object]]
-) -> DiagnosticStatus:
-    pairs = [KeyValue(key=key, value=str(value)) for key, value in values]
-    return DiagnosticStatus(
-        level=level, name=name, message=message, hardware_id="obb_collision", values=pairs
-    )
 
 
 def input_status(
@@ -106,7 +95,7 @@ def input_status(
     if monitor.mismatches:
         faults.append("a publisher has incompatible QoS")
     message = "; ".join(faults) or f"{messages} messages"
-    return _status(f"{node}: input {key}", WARN if faults else OK, message, values)
+    return make_status(f"{node}: input {key}", WARN if faults else OK, message, values)
 
 
 def _kinds(objects: Objects) -> dict[str, npt.NDArray[np.bool_]]:
@@ -202,7 +191,7 @@ def object_status(
     if report is not None and report.truncated:
         faults.append(f"at least {report.total} pairs collide (the first {len(report)} published)")
     message = "; ".join(faults) or f"{len(table)} objects"
-    return _status(f"{node}: objects", WARN if faults else OK, message, values)
+    return make_status(f"{node}: objects", WARN if faults else OK, message, values)
 
 
 def _named(
@@ -264,29 +253,14 @@ def cycle_status(
     if cycles.overruns > overruns_before:
         faults.append(f"{cycles.overruns - overruns_before} cycles took longer than a period")
     message = "; ".join(faults) or f"{len(durations)} cycles"
-    return _status(f"{node}: cycle", WARN if faults else OK, message, values)
+    return make_status(f"{node}: cycle", WARN if faults else OK, message, values)
 
 
-class RobotLike(Protocol):
-    """A robot of the node, as far as its status is concerned."""
-
-    name: str
-
-    @property
-    def fault(self) -> str:
-        """Why it is not known where it is, "" if it is."""
-        ...
-
-    def describe(self) -> dict[str, object]:
-        """Return what else is to be said."""
-        ...
-
-
-def robot_status(node: str, robot: RobotLike) -> DiagnosticStatus:
+def robot_status(node: str, robot: RobotInput) -> DiagnosticStatus:
     """Whether it is known where a robot is, or why not."""
     message = robot.fault or "known"
     level = WARN if robot.fault else OK
-    return _status(f"{node}: robot {robot.name}", level, message, robot.describe().items())
+    return make_status(f"{node}: robot {robot.name}", level, message, robot.describe().items())
 
 
 def guard_status(node: str, guard: Guard) -> DiagnosticStatus:
@@ -295,7 +269,7 @@ def guard_status(node: str, guard: Guard) -> DiagnosticStatus:
     if guard.last:
         values.append(("last", guard.last))
     message = f"{guard.total} {INTERNAL_ERROR}s" if guard.total else "none"
-    return _status(f"{node}: internal errors", ERROR if guard.total else OK, message, values)
+    return make_status(f"{node}: internal errors", ERROR if guard.total else OK, message, values)
 
 
 def qos_status(node: str, reasons: Mapping[str, list[str]]) -> DiagnosticStatus:
@@ -305,7 +279,7 @@ def qos_status(node: str, reasons: Mapping[str, list[str]]) -> DiagnosticStatus:
     values: list[tuple[str, object]] = [(topic, len(whys)) for topic, whys in found.items()]
     for topic, whys in found.items():
         values += [(f"{topic}: {number}", why) for number, why in enumerate(whys[:MAX_NAMED], 1)]
-    return _status(f"{node}: qos", WARN if found else OK, message, values)
+    return make_status(f"{node}: qos", WARN if found else OK, message, values)
 
 
 PERIOD = 1.0
@@ -322,18 +296,13 @@ class Reporting:
         subscriptions: Subscriptions,
         objects: Objects,
         cycle: Cycle,
-        effects: Effects,
         outputs: Outputs,
-        parameters: Parameters,
-        guard: Guard,
         now: Callable[[], int],
-        robots: Sequence[RobotLike] = (),
+        robots: Sequence[RobotInput] = (),
     ) -> None:
-        self._robots = robots
         self._name = node.get_fully_qualified_name().lstrip("/")
         self._monitors, self._subscriptions, self._objects = monitors, subscriptions, objects
-        self._cycle, self._effects, self._outputs = cycle, effects, outputs
-        self._parameters, self._guard, self._now = parameters, guard, now
+        self._cycle, self._outputs, self._robots, self._now = cycle, outputs, robots, now
         self._qos = QosWatch(node, node.get_logger().warning)
         self._last = perf_counter()
 
@@ -345,7 +314,7 @@ class Reporting:
         for topic, monitor in self._monitors.items():
             monitor.flush()
             monitor.mismatches = len(self._qos.reasons.get(topic, ()))
-        if self._effects.is_requested("diagnostics"):
+        if self._outputs.effects.is_requested("diagnostics"):
             self._publish(elapsed, now)
             return
         self._cycle.monitor.take()
@@ -353,21 +322,21 @@ class Reporting:
             monitor.since_last_report()
 
     def _publish(self, elapsed: float, now: int) -> None:
-        name, cycle, parameters = self._name, self._cycle, self._parameters
+        name, cycle, parameters = self._name, self._cycle, self._outputs.parameters
         period = 1.0 / parameters.rate
         message = DiagnosticArray()
         message.header.stamp = stamp_to_ros(now)
         message.status = [
             *(
-                diagnostics.input_status(name, topic, monitor, now, elapsed)
+                input_status(name, topic, monitor, now, elapsed)
                 for topic, monitor in self._monitors.items()
             ),
-            diagnostics.object_status(name, self._objects, parameters.stale_policy, cycle.report),
-            *(diagnostics.robot_status(name, robot) for robot in self._robots),
-            diagnostics.cycle_status(
-                name, cycle.monitor, self._effects.states(), cycle.paused, elapsed, period
+            object_status(name, self._objects, parameters.stale_policy, cycle.report),
+            *(robot_status(name, robot) for robot in self._robots),
+            cycle_status(
+                name, cycle.monitor, self._outputs.effects.states(), cycle.paused, elapsed, period
             ),
-            diagnostics.guard_status(name, self._guard),
-            diagnostics.qos_status(name, self._qos.reasons),
+            guard_status(name, self._outputs.guard),
+            qos_status(name, self._qos.reasons),
         ]
         self._outputs.publishers["diagnostics"].publish(message)
