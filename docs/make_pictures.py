@@ -61,8 +61,8 @@ def table(page: str, head: str) -> list[list[str]]:
 
 def draw_accuracy() -> None:
     """Draw what accuracy costs: the time per pair against false alarms."""
-    from obb_collision.benchmarks.price.plot import save_plot
-    from obb_collision.benchmarks.price.rows import Price, Row
+    from obb_collision.benchmarks.contest import Price, Row
+    from obb_collision.benchmarks.plots import save_accuracy
 
     text = (FOLDER / "accuracy.md").read_text(encoding="utf-8")
     shapes, pairs = re.findall(r"On (\d+) meshes .*? all ([\d,]+) pairs", text, re.DOTALL)[0]
@@ -79,12 +79,13 @@ def draw_accuracy() -> None:
             price.rows.append(
                 Row(one, peer, float(number) * UNITS[unit], reports=100, false=percent)
             )
-    save_plot([price], FOLDER / "accuracy.svg")
+    save_accuracy([price], [], FOLDER / "accuracy.svg")
 
 
 def draw_effects() -> None:
     """Draw what each effect adds to a step, in the scenes that come with the package."""
-    from obb_collision.benchmarks.effects import ALL, EffectRow, save_effects_plot
+    from obb_collision.benchmarks.effect_costs import ALL, CostRow
+    from obb_collision.benchmarks.plots import save_effect_costs
 
     lines = (FOLDER / "effects.md").read_text(encoding="utf-8").splitlines()
     head = next(line for line in lines if line.startswith("| | tabletop"))
@@ -99,8 +100,8 @@ def draw_effects() -> None:
             base = base if cell.startswith("+") else float(cell)
             extra = float(cell) if cell.startswith("+") else 0.0
             name = ALL if name.startswith("all") else name
-            rows.append(EffectRow(scene, name, int(objects), base, extra, 0.0, 0.0))
-    save_effects_plot(rows, FOLDER / "effects.svg")
+            rows.append(CostRow(scene, name, int(objects), base, extra, 0.0, 0.0))
+    save_effect_costs(rows, FOLDER / "effects.svg")
 
 
 def draw_separating_axis() -> None:

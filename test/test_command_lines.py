@@ -52,7 +52,7 @@ OPTIONS: dict[str, dict[str, list[str]]] = {
         **dict.fromkeys(("--plot", "--markdown"), PLOTS), "--compared": WHOLES, **SEED, **JSON,
     },
     "python -m tools.faults": {"--only": ["none such", "", "\ud800"], "--markdown": PLOTS},
-    "python -m obb_collision.benchmarks.latency": {
+    "python -m tools.latency": {
         "--objects": WHOLES, "--new": WHOLES, "--seconds": REALS, **SEED, **JSON,
     },
     "obb_collision srdf": {
@@ -70,6 +70,16 @@ OPTIONS: dict[str, dict[str, list[str]]] = {
     "python -m tools.peers.meshes": {"--pairs": WHOLES, **JSON},
     "python -m tools.peers.mesh_distances": {"--pairs": WHOLES, **JSON},
     "python -m tools.weight": {},
+    "python -m tools.goals": {
+        "--seconds": REALS, "--limit": REALS, "--markdown": PLOTS, **SEED, **JSON,
+    },
+    "python -m tools.certainty": {
+        "--seconds": REALS, "--boxes": WHOLES, "--hard": WHOLES, **SEED,
+    },
+    "python -m tools.peers.effects": {
+        "--seconds": REALS, "--pairs": WHOLES, **SEED, **JSON,
+    },
+    "python -m tools.peers.engines": {"--sizes": WHOLES},
     "python -m tools.points": {"--points": WHOLES, "--boxes": WHOLES, **JSON},
 }  # fmt: skip
 

@@ -52,12 +52,12 @@ LAYERS: dict[str, set[str]] = {
     "scene_files": LIBRARY | {"robots"},
     "node": LIBRARY | {"cli", "robots", "scene_files", "warm_up"},
     "demo": LIBRARY | {"cli", "robots", "scene_files", "node"},
-    "benchmarks": LIBRARY | {"cli", "robots", "scene_files", "warm_up", "node"},
+    "benchmarks": LIBRARY | {"cli", "scene_files"},
     "commands": {"cli", "node", "demo"},
     "__main__": {"commands"},
 }
 #: The layers that may import ROS.
-ABOVE = {"node", "demo", "benchmarks"}
+ABOVE = {"node", "demo"}
 ROS = {
     "ament_index_python", "builtin_interfaces", "diagnostic_msgs", "geometry_msgs", "launch",
     "moveit_msgs", "rcl_interfaces", "rclpy", "sensor_msgs", "std_msgs", "std_srvs", "tf2_ros",
@@ -130,17 +130,6 @@ def test_folders_import_in_one_direction() -> None:
         for name in free:
             del edges[name]
     assert order.index("queries.verdict") < order.index("scene") < order.index("node")
-
-
-def test_benchmarks_need_ros_only_to_measure_the_node() -> None:
-    names = {path.stem for path in MODULES if path.is_relative_to(ROOT / "benchmarks")}
-    of_the_node = {"latency"}
-    for path in MODULES:
-        if path.is_relative_to(ROOT / "benchmarks") and path.stem not in of_the_node:
-            tops = {name.partition(".")[0] for name in imported(path)}
-            assert not tops & ROS, path
-            assert not any(name.startswith("obb_collision.node") for name in imported(path)), path
-    assert of_the_node <= names
 
 
 def test_every_layer_is_known() -> None:

@@ -37,7 +37,7 @@ import numpy as np
 from small_robots import random_arm, random_states, random_world
 
 import obb_collision as oc
-from obb_collision.benchmarks.cases.families import FAMILIES, generate
+from tools.cases.families import FAMILIES, generate
 
 ACCURACIES = ("sphere", "aabb", "obb", "hull", "mesh")
 EFFECTS = ("contacts", "clearance", "sweep")

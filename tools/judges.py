@@ -31,7 +31,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from obb_collision.benchmarks.cases.placement import Arrays
+from tools.cases.placement import Arrays
 
 FREE, COLLIDING, FAILED = 0, 1, -1
 

@@ -23,7 +23,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from obb_collision.benchmarks.step.text import as_markdown
+from obb_collision.benchmarks.tables import as_markdown
 from obb_collision.cli import Parser, interruptible, new_file, option
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.trees.obb_tree import MeshTrees
@@ -46,7 +46,7 @@ RIGHT, NOTHING = "right", "\u2013"
 INTRODUCTION = """# Known bugs of others
 
 What users reported about other libraries, asked of this one and of the peers that are installed.
-The tests (`test/benchmarks/test_known_bugs.py`) compute the exact answers with an oracle that
+The tests (`test/tools/test_known_bugs.py`) compute the exact answers with an oracle that
 shares no code with the library. This page is written by
 
     python -m tools.known_bugs --markdown docs/known_bugs.md

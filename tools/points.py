@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from obb_collision.benchmarks.price.turns import on_threads, seconds_of
+from obb_collision.benchmarks.timing import on_threads, seconds_of
 from obb_collision.cli import Parser, interruptible, new_file, option, whole
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.queries.points.points import points_inside

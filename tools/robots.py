@@ -31,8 +31,7 @@ import numpy as np
 
 from obb_collision._threads import set_threads, threads
 from obb_collision.accuracy import ALL_LEVELS
-from obb_collision.benchmarks.step.tables import write_into
-from obb_collision.benchmarks.step.text import as_markdown
+from obb_collision.benchmarks.tables import as_markdown, write_into
 from obb_collision.cli import MAX_SEED, Parser, interruptible, new_file, option, whole
 from obb_collision.robots.checks.robot_scene import RobotScene
 from obb_collision.robots.description.robot import Robot

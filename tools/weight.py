@@ -278,7 +278,7 @@ def path_of_poses(root: Path, objects: int = 100, samples: int = 10) -> tuple[in
 
     Those that every one of the samples goes through, so that no timer is among them.
     """
-    from obb_collision.benchmarks.latency import Latency
+    from tools.latency import Latency
 
     seen: set[tuple[str, str, int]] = set()
     callers = str(Path(sys.modules[Latency.__module__].__file__ or ""))

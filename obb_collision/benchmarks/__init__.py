@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What accuracy costs and how fast it is, beside other libraries."""
+"""The price of accuracy and the speed of a step, beside other libraries."""

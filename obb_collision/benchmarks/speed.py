@@ -26,40 +26,31 @@ import json
 import os
 import sys
 from collections.abc import Sequence
-from dataclasses import asdict
-from importlib import import_module
-from importlib.util import find_spec
 from itertools import product
 
-from obb_collision.benchmarks.cases.forms import FORMS, make_frames
-from obb_collision.benchmarks.certificate import measure_certificate
-from obb_collision.benchmarks.effects import format_effects, run_effects, save_effects_plot
-from obb_collision.benchmarks.peers.steps import OURS, PEERS
-from obb_collision.benchmarks.price.progress import progress
-from obb_collision.benchmarks.step.goals import Goals, MeasureNode
-from obb_collision.benchmarks.step.measure import STEPS, Case, Plan, Row, run_case
-from obb_collision.benchmarks.step.plot import save_plot
-from obb_collision.benchmarks.step.tables import (
+from obb_collision.benchmarks.contestants import OURS, PEERS, Contestant
+from obb_collision.benchmarks.effect_costs import cost_table, off_lines, run_effects
+from obb_collision.benchmarks.forms import FORMS
+from obb_collision.benchmarks.steps import (
+    STEPS,
+    Case,
+    Plan,
+    Row,
     blocks_of,
     differences,
     joined,
-    machine,
-    machine_line,
+    run_case,
     slopes,
     tables,
-    write_into,
 )
-from obb_collision.benchmarks.step.text import as_markdown, as_text
-from obb_collision.benchmarks.step.wanted import goal_table, node_table
+from obb_collision.benchmarks.tables import as_text, machine, machine_line, write_into
+from obb_collision.benchmarks.timing import progress
 from obb_collision.cli import MAX_SEED, Parser, interruptible, new_file, option, real, whole
-from obb_collision.geometry.boxes import Boxes
 
 SIZES = (10, 100, 1_000, 10_000, 100_000, 1_000_000)
 SHARES = (0.1, 0.01, 0.0)
-#: Boxes of the pairs on which the certificate's cost is measured.
-CERTIFIED = 10_000
-#: About how long a scene takes, and all goals, for the bar.
-SECONDS, GOALS_SECONDS = 40.0, 480.0
+#: About how long a scene takes, for the bar.
+SECONDS = 40.0
 #: Seconds for the effects in all their scenes.
 EFFECTS_SECONDS = 20.0
 
@@ -74,9 +65,11 @@ def cases_of(options: argparse.Namespace) -> list[Case]:
     return cases + [Case(moving=share) for share in SHARES]
 
 
-def measure(options: argparse.Namespace) -> tuple[list[Row], list[str]]:
+def measure(
+    options: argparse.Namespace, peers: Sequence[Contestant]
+) -> tuple[list[Row], list[str]]:
     """Return a row per contestant and scene, and notes about those that are left out."""
-    wanted = [one for one in PEERS if any(part in one.name for part in options.peers or [""])]
+    wanted = [one for one in peers if any(part in one.name for part in options.peers or [""])]
     notes = [("not installed:", one.name) for one in wanted if not one.installed]
     plan = Plan(options.seconds, options.limit, options.steps, options.seed)
     cases, rows = cases_of(options), list[Row]()
@@ -89,20 +82,12 @@ def measure(options: argparse.Namespace) -> tuple[list[Row], list[str]]:
     return rows, joined(notes)
 
 
-def certificate(seed: int) -> str:
-    """Return what the certificate costs, in a line."""
-    half_extents, frames = make_frames("uniform", CERTIFIED, 1.0, seed)
-    cost = measure_certificate(Boxes.from_poses(frames[0].poses, half_extents))
-    return (
-        f"narrow phase, {cost.pairs} candidate pairs: plain {cost.plain_ns:.1f} ns per pair, "
-        f"certified {cost.certified_ns:.1f} ns, ratio {cost.ratio:.2f}; {cost.undecided} undecided"
-    )
-
-
-def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
+def parse(
+    arguments: Sequence[str] | None, program: str = "obb_collision speed"
+) -> argparse.Namespace:
     """Read the command line."""
     parser = Parser(
-        prog="obb_collision speed",
+        prog=program,
         description="Measures the full step beside the installed peers: new poses in, every "
         "colliding pair out.",
     )
@@ -120,71 +105,49 @@ def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     option(parser, "--plot", new_file(".png", ".svg"), text="draw the rows, PNG or SVG")
     pages = "pages that get the tables between their marks"
     add("--markdown", type=new_file(".md"), metavar="PAGE", nargs="+", help=pages)
-    instead = parser.add_mutually_exclusive_group()
-    what = "measure what is meant to be reached instead, with the node and empty caches"
-    instead.add_argument("--goals", action="store_true", help=what)
     what = "measure what each effect costs in the scenes that come with the package instead"
-    instead.add_argument("--effects", action="store_true", help=what)
+    add("--effects", action="store_true", help=what)
     return parser.parse_args(arguments)
 
 
 def _run_effects(options: argparse.Namespace) -> None:
     seconds = max(options.seconds, EFFECTS_SECONDS)
     rows = run_effects(seconds, lambda text: print(text, file=sys.stderr, flush=True))
-    print(format_effects(rows))
+    print("\n".join([as_text(cost_table(rows)), *off_lines(rows)]))
     if options.json:
-        options.json.write_text(json.dumps([asdict(row) for row in rows], indent=1) + "\n")
+        options.json.write_text(json.dumps([row._asdict() for row in rows], indent=1) + "\n")
     if options.plot:
-        save_effects_plot(rows, options.plot)
+        from obb_collision.benchmarks.plots import save_effect_costs
 
-
-def _run_goals(options: argparse.Namespace) -> None:
-    print(machine_line())
-    plan = Plan(options.seconds, options.limit, max(STEPS, options.steps), options.seed)
-    with progress(GOALS_SECONDS) as bar:
-        node: MeasureNode | None = None
-        if find_spec("rclpy"):
-            node = import_module("obb_collision.benchmarks.node_goals").measure_node
-        run = Goals(plan, bar.show, node)
-        goals = list(run.all())
-    table = goal_table(goals)
-    print(as_text(table))
-    print("\n".join(["", *slopes(run.rows), *differences(run.rows), *joined(run.notes)]))
-    if options.json:
-        result = {"machine": machine(), "goals": [asdict(goal) for goal in goals]}
-        result["node"] = run.node_rows
-        result["rows"] = [asdict(row) for row in run.rows]
-        options.json.write_text(json.dumps(result, indent=1) + "\n")
-    for page in options.markdown or ():
-        blocks = {"goals": as_markdown(table)}
-        if run.node_rows:
-            blocks["node"] = as_markdown(node_table(run.node_rows))
-        write_into(page, blocks)
+        save_effect_costs(rows, options.plot)
 
 
 @interruptible("obb_collision speed")
-def main(arguments: Sequence[str] | None = None) -> int:
+def main(
+    arguments: Sequence[str] | None = None,
+    peers: Sequence[Contestant] = PEERS,
+    program: str = "obb_collision speed",
+) -> int:
     """Run the benchmark and print its tables."""
-    options = parse(arguments)
+    options = parse(arguments, program)
     if options.effects:
         _run_effects(options)
         return 0
-    if options.goals:
-        _run_goals(options)
-        return 0
-    rows, notes = measure(options)
-    print(machine_line())
+    rows, notes = measure(options, peers)
+    facts = machine(one.distribution for one in peers)
+    print(machine_line(facts))
     for title, table in tables(rows).items():
         print(f"\n{title}\n{as_text(table)}")
-    notes.append(certificate(options.seed))
     print("\n".join(["", *slopes(rows), *differences(rows), *notes]))
     if options.json:
-        result = {"machine": machine(), "rows": [asdict(row) for row in rows], "notes": notes}
+        result = {"machine": facts, "rows": [row._asdict() for row in rows], "notes": notes}
         options.json.write_text(json.dumps(result, indent=1) + "\n")
     if options.plot:
-        save_plot(rows, options.plot)
+        from obb_collision.benchmarks.plots import save_speed
+
+        save_speed(rows, options.plot)
     for page in options.markdown or ():
-        write_into(page, blocks_of(rows, notes))
+        write_into(page, blocks_of(rows, notes) | {"machine": machine_line(facts)})
     return 0
 
 

@@ -26,17 +26,14 @@ import numpy as np
 import pytest
 
 import obb_collision as oc
-from obb_collision.benchmarks import speed
-from obb_collision.benchmarks.cases.forms import FORMS, make_frames
-from obb_collision.benchmarks.peers.steps import COAL, OURS, PAIRS, PEERS, Contestant, OurPairs
-from obb_collision.benchmarks.step import goals, measure, wanted
-from obb_collision.benchmarks.step.measure import Case, Plan, Row, run_case
-from obb_collision.benchmarks.step.plot import save_plot
-from obb_collision.benchmarks.step.tables import slopes, tables, write_into
+from obb_collision.benchmarks import effect_costs, speed
+from obb_collision.benchmarks.contestants import OURS, PAIRS, PEERS, Contestant, OurPairs
+from obb_collision.benchmarks.forms import FORMS, make_frames
+from obb_collision.benchmarks.steps import Case, Plan, Row, run_case, slopes, tables
+from obb_collision.benchmarks.tables import write_into
 from obb_collision.typing import Floats, Rows
 
 QUICK = Plan(seconds=0.0, steps=1)
-SINGLE_PRECISION = {"rapier3d", "pybullet"}
 
 
 def silent(what: str) -> None:
@@ -63,17 +60,13 @@ def test_everybody_finds_our_pairs(form: str) -> None:
     assert {row.threads for row in rows if row.name == "find_pairs"} == {1, 2}
     for row in rows:
         assert row.pairs > 0
-        surfaces = row.name == "trimesh"  # of a box in another one they are apart
-        if not surfaces and row.name not in SINGLE_PRECISION:
-            assert (row.missed, row.false) == (0, 0), row
+        assert (row.missed, row.false) == (0, 0), row
 
 
-@pytest.mark.parametrize("moving", [0.0, 0.1])
-def test_everybody_finds_our_pairs_where_few_boxes_move(moving: float) -> None:
-    rows, _ = run_case(Case(boxes=100, moving=moving), [*OURS, *PEERS], [1], QUICK, silent)
+def test_everybody_finds_our_pairs_where_few_boxes_move() -> None:
+    rows, _ = run_case(Case(boxes=100, moving=0.1), [*OURS, *PEERS], [1], QUICK, silent)
     for row in rows:
-        if row.name != "trimesh":
-            assert (row.missed, row.false) == (0, 0), row
+        assert (row.missed, row.false) == (0, 0), row
 
 
 class Forgetful(OurPairs):
@@ -106,16 +99,6 @@ def test_pairs_that_differ_are_counted_with_their_distance_from_touching() -> No
     assert by_name["python-fcl"].false == 1
     (cell,) = [line[1] for line in tables(rows)["sizes: uniform, all moving"] if "MuJ" in line[0]]
     assert "*" in cell
-
-
-def test_a_broad_phase_of_coal_that_misses_pairs_takes_no_part(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    good, bad = stand_in("coal tree", OurPairs), stand_in("coal SaP", Forgetful)
-    monkeypatch.setattr(measure, "COAL", (good, bad))
-    rows, notes = run_case(Case(boxes=50), [PAIRS, good, bad], [1], QUICK, silent)
-    assert [row.name for row in rows] == ["find_pairs", "coal tree"]
-    assert notes[0][0] == "coal SaP is left out where it misses pairs in a trial:"
 
 
 def test_who_would_take_too_long_is_left_out_with_a_note() -> None:
@@ -157,9 +140,8 @@ def test_a_page_gets_its_tables_between_the_marks(tmp_path: Path) -> None:
 
 
 def test_the_command_writes_what_it_measured(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(speed, "CERTIFIED", 100)
     files = [tmp_path / name for name in ("rows.json", "page.md")]
     arguments = (
         "--sizes 10 20 --forms uniform line --threads 1 --steps 1 --seconds 0.001 --peers coal"
@@ -185,73 +167,38 @@ def test_by_default_every_size_form_and_share_of_motion_is_measured() -> None:
     assert [c.boxes for c in cases[:6]] == [10, 100, 1_000, 10_000, 100_000, 1_000_000]
     assert {c.form for c in cases} == set(FORMS)
     assert {c.moving for c in cases} == {1.0, 0.1, 0.01, 0.0}
-    assert len(COAL) == 7
 
 
-def test_goals_are_measured_and_one_that_fails_is_said(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+@pytest.fixture(scope="module")
+def costs() -> Iterator[list[effect_costs.CostRow]]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(effect_costs, "FRAMES", 30)
+        yield effect_costs.run_effects(0.0, silent)
+
+
+def test_every_scene_has_its_effects_alone_and_together(
+    costs: list[effect_costs.CostRow],
 ) -> None:
-    monkeypatch.setattr(goals, "SIZES", (10, 20))
-    monkeypatch.setattr(goals, "LARGE", (20, 30, 40))
-    monkeypatch.setattr(goals, "FORMS", ["uniform", "line"])
-    monkeypatch.setattr(goals, "SHORT_TURNS", 3)
-    monkeypatch.setattr(goals, "BOXES_TURNS", 3)
-    monkeypatch.setattr(goals, "FORM_BOXES", 30)
-    for part in ("node", "starts", "per_pair"):
-        monkeypatch.setattr(goals.Goals, part, failing)
-    files = [tmp_path / "goals.json", tmp_path / "page.md"]
-    arguments = ["--goals", "--seconds", "0.001", "--json", str(files[0])]
-    assert speed.main([*arguments, "--markdown", str(files[1])]) == 0
-    text = capsys.readouterr()
-    found = json.loads(files[0].read_text())["goals"]
-    assert len(found) == 6 + 2 + 4 + 1 + 3 + 3
-    for goal in found:
-        failed = "no such thing" in goal["measured"]
-        absent = "not installed" in goal["measured"]
-        assert (goal["met"] is None) == (failed or absent), goal
-    assert sum("no such thing" in goal["measured"] for goal in found) == 3
-    assert "10 boxes: move_indices, check, pairs read" in text.out
-    assert "| find_pairs, 20 boxes |" in files[1].read_text()
+    for name in effect_costs.SCENES:
+        own = {row.variant: row for row in costs if row.scene == name}
+        assert list(own)[:3] == [effect_costs.PAIRS, effect_costs.OFF, "separations"]
+        assert list(own)[-1] == effect_costs.ALL
+        assert own[effect_costs.OFF].ran_on == own[effect_costs.PAIRS].ran_on == 0.0
+        assert own[effect_costs.OFF].ratio == 1.0
+    busy = {(row.scene, row.variant) for row in costs if row.ran_on > 0}
+    assert {("tabletop", "clearance"), ("warehouse", "sweep"), ("lidar_zone", "points")} <= busy
 
 
-def failing(self: object) -> Iterator[wanted.Goal]:
-    raise RuntimeError("no such thing")
-
-
-def test_a_goal_is_met_by_what_was_measured() -> None:
-    assert wanted.ratio("x", "y", 4.0, 1.0, 4.0, "ms").met is True
-    assert wanted.ratio("x", "y", 4.0, 1.0, 3.9, "ms").met is False
-    assert wanted.below("x", 20.0, 19.9, "µs").met is True
-    assert wanted.below("x", 20.0, 20.0, "µs").met is False
-
-
-def test_a_goal_of_the_node_needs_an_answer_to_every_frame() -> None:
-    rows = [
-        {"way": way, "objects": objects, "median": 0.5, "95 %": 0.6, "99 %": 5.0, "longest": 9.0}
-        for way, objects, *_ in wanted.NODE
-    ]
-    assert [goal.met for goal in wanted.node_goals(rows)] == [False, *[True] * 5]
-    rows[0]["99 %"] = 2.0
-    del rows[3]["median"]
-    assert [goal.met for goal in wanted.node_goals(rows)] == [True] * 3 + [False] + [True] * 2
-    table = wanted.node_table(rows)
-    assert table[1] == ["object_poses", "1,000", "0.500", "0.600", "2.00", "9.00"]
-    assert table[4][2] == "no answer"
-
-
-def test_the_node_is_measured_in_all_ways_that_have_a_goal() -> None:
-    pytest.importorskip("rclpy")
-    from obb_collision.benchmarks import latency, node_goals
-
-    for way, objects, *_ in wanted.NODE:
-        assert way in latency.WAYS
-        assert objects in (*node_goals.SIZES, node_goals.OTHERS)
-
-
-def test_the_plot_shows_sizes_and_forms(tmp_path: Path) -> None:
+def test_what_effects_cost_is_printed_and_drawn(
+    costs: list[effect_costs.CostRow],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     pytest.importorskip("matplotlib")
-    rows = [row(one.name, n, n / 10) for one in OURS for n in (10, 100)]
-    rows += [row(one.name, 100, 20.0, "line") for one in (*OURS, *PEERS)]
-    save_plot(rows, tmp_path / "plot.svg")
-    text = (tmp_path / "plot.svg").read_text()
-    assert text.count("<path") > 50
+    monkeypatch.setattr(speed, "run_effects", lambda *_: costs)
+    picture = tmp_path / "effects.svg"
+    assert speed.main(["--effects", "--plot", str(picture)]) == 0
+    text = capsys.readouterr().out
+    assert all(f"{name}: effects off / pairs alone" in text for name in effect_costs.SCENES)
+    assert picture.stat().st_size > 1000

@@ -22,7 +22,6 @@ import numpy as np
 import pytest
 
 import obb_collision as oc
-from obb_collision.benchmarks.cases.placement import random_rotations
 from obb_collision.geometry import poses as module
 from obb_collision.geometry.poses import (
     as_poses,
@@ -32,6 +31,7 @@ from obb_collision.geometry.poses import (
 from obb_collision.geometry.quaternion_blocks import BLOCK
 from obb_collision.geometry.validation import as_quaternions
 from obb_collision.typing import Floats
+from tools.cases.placement import random_rotations
 
 
 @pytest.fixture(autouse=True)

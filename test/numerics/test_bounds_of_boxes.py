@@ -42,7 +42,6 @@ from oracle import Box
 from overlap_oracle import overlap_volume
 from support import family, joined, row_of, witnesses
 
-from obb_collision.benchmarks.cases.families import FAMILIES
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.poses import matrices_from_quaternions, unit_quaternions
 from obb_collision.numerics.constants import (
@@ -68,6 +67,7 @@ from obb_collision.queries.verdict.sat import best_face
 from obb_collision.queries.verdict.verdict import Verdict, fast_verdict, verdicts
 from obb_collision.queries.verdict.witness import gap_bounds
 from obb_collision.typing import Mask
+from tools.cases.families import FAMILIES
 
 PAIRS = 8
 

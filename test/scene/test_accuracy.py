@@ -27,7 +27,6 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import obb_collision as oc
-from obb_collision.benchmarks.cases.families import FAMILIES, generate
 from obb_collision.geometry.trees import pool
 from obb_collision.queries.verdict.coarse import (
     bounds_may_collide,
@@ -35,6 +34,7 @@ from obb_collision.queries.verdict.coarse import (
     spheres_may_collide,
 )
 from obb_collision.queries.verdict.verdict import SEPARATE
+from tools.cases.families import FAMILIES, generate
 
 #: Pairs of each of the 16 families: 104,000 in all.
 PAIRS = 6500

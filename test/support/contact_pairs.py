@@ -22,11 +22,11 @@ import numpy as np
 from one_set import contacts
 from support import family, joined
 
-from obb_collision.benchmarks.cases.placement import turns
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.queries.contacts.contacts import Contacts
 from obb_collision.queries.verdict.verdict import Verdict, verdicts
 from obb_collision.typing import Floats
+from tools.cases.placement import turns
 
 
 def colliding(name: str, n: int) -> tuple[Boxes, Boxes]:

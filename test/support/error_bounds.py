@@ -31,9 +31,9 @@ import numpy as np
 from oracle import Box, ExactPair
 from support import family, loosened, row_of, stored
 
-from obb_collision.benchmarks.cases.families import FAMILIES
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.typing import Floats, Mask
+from tools.cases.families import FAMILIES
 
 U = Fraction(1, 2**53)
 Vector = list[Fraction]

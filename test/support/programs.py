@@ -25,7 +25,8 @@ from obb_collision.commands import SUBCOMMANDS
 
 ROOT = Path(__file__).parents[2]
 TOOLS = (
-    *("budget", "faults", "fuzz", "known_bugs", "points", "regions", "robots", "soak"),
+    *("budget", "certainty", "faults", "fuzz", "goals", "known_bugs", "latency", "points"),
+    *("regions", "robots", "soak", "peers.effects", "peers.engines"),
     *("weight", "wrong_answers", "peers.convex_distances", "peers.sweeps", "peers.meshes"),
     "peers.mesh_distances",
 )
@@ -40,12 +41,10 @@ PROGRAMS = {
         + (".__main__:main" if (ROOT / "tools" / name).is_dir() else ":main")
         for name in TOOLS
     },
-    "python -m obb_collision.benchmarks.latency": "obb_collision.benchmarks.latency:main",
 }
 NEED_ROS = {
     *("obb_collision_node", "obb_collision_merge", "obb_collision node", "obb_collision merge"),
-    *(f"python -m tools.{name}" for name in ("faults", "fuzz", "regions", "soak")),
-    "python -m obb_collision.benchmarks.latency",
+    *(f"python -m tools.{name}" for name in ("faults", "fuzz", "latency", "regions", "soak")),
 }
 
 

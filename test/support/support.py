@@ -21,12 +21,12 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from obb_collision.benchmarks.cases.families import generate
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.validation import orthonormal_defect
 from obb_collision.numerics.constants import ROUNDOFF
 from obb_collision.queries.verdict.blocks import witness_kernel
 from obb_collision.typing import Floats
+from tools.cases.families import generate
 
 Arrays = tuple[Floats, Floats, Floats]
 

@@ -27,8 +27,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from obb_collision.benchmarks.cases.placement import log_uniform, random_rotations, turns
 from obb_collision.geometry.boxes import Boxes
+from tools.cases.placement import log_uniform, random_rotations, turns
 
 Rng = np.random.Generator
 Array = np.ndarray

@@ -33,8 +33,8 @@ import numpy as np
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
-from obb_collision.benchmarks.price.peers import coal_hull
-from obb_collision.benchmarks.price.turns import on_threads, seconds_of
+from obb_collision.benchmarks.pair_peers import coal_hull
+from obb_collision.benchmarks.timing import on_threads, seconds_of
 from obb_collision.cli import Parser, interruptible, new_file, option, whole
 from obb_collision.geometry.shapes.meshes import Mesh
 from obb_collision.geometry.trees.pool import HullPool, Hulls

@@ -30,8 +30,8 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from obb_collision.benchmarks.price.peers import coal_mesh, fcl_mesh
-from obb_collision.benchmarks.price.turns import on_threads, seconds_of
+from obb_collision.benchmarks.pair_peers import coal_mesh, fcl_mesh
+from obb_collision.benchmarks.timing import on_threads, seconds_of
 from obb_collision.cli import Parser, interruptible, option, whole
 from obb_collision.geometry.shapes.meshes import Mesh
 from obb_collision.geometry.trees.obb_tree import MeshTrees

@@ -32,8 +32,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from trimesh import creation
 
-from obb_collision.benchmarks.price.peers import MESH_PEERS, Peer, Query
-from obb_collision.benchmarks.price.turns import seconds_of
+from obb_collision.benchmarks.pair_peers import MESH_PEERS, Peer, Query
+from obb_collision.benchmarks.timing import seconds_of
 from obb_collision.cli import Parser, interruptible, new_file, option, whole
 from obb_collision.geometry.shapes.meshes import Mesh
 from obb_collision.geometry.trees.obb_tree import MeshTrees

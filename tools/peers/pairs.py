@@ -30,10 +30,10 @@ import numpy as np
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
-from obb_collision.benchmarks.cases.forms import Frame
-from obb_collision.benchmarks.peers.engines import Pybullet, Rapier
+from obb_collision.benchmarks.forms import Frame
 from obb_collision.typing import Floats
 from tools.known_cases import Body, PlacedBox
+from tools.peers.engines import Pybullet, Rapier
 
 #: Metres up to which distances are asked for.
 FARTHEST = 1000.0

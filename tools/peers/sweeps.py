@@ -39,7 +39,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from obb_collision.benchmarks.price.turns import seconds_of
+from obb_collision.benchmarks.timing import seconds_of
 from obb_collision.cli import Parser, interruptible, new_file, option, whole
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.queries.sweep.moving import MovingBoxes

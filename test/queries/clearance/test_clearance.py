@@ -31,12 +31,12 @@ from membership import outside
 from one_set import clearances
 from support import family, joined, row_of, sizes, stored, witnesses
 
-from obb_collision.benchmarks.cases.families import FAMILIES
-from obb_collision.benchmarks.cases.placement import log_uniform, place, random_rotations, turns
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.queries.clearance import clearance
 from obb_collision.queries.clearance.clearance import Clearances
 from obb_collision.queries.verdict.verdict import Verdict, verdicts
+from tools.cases.families import FAMILIES
+from tools.cases.placement import log_uniform, place, random_rotations, turns
 
 #: Promised, relative to the sum of all half extents or the distance, whichever is larger.
 ACCURACY = 1e-12

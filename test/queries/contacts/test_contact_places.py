@@ -20,7 +20,7 @@ import numpy as np
 import pytest
 from contact_pairs import CUBE, assert_same_places, one, turned
 
-from obb_collision.benchmarks.cases.placement import turns
+from tools.cases.placement import turns
 
 
 def test_a_box_on_a_table_stands_on_its_four_corners() -> None:

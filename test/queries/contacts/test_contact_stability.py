@@ -24,9 +24,9 @@ from contact_pairs import CUBE, colliding, turned
 from one_set import contacts
 from support import joined, sizes, stored
 
-from obb_collision.benchmarks.cases.placement import turns
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.typing import Floats
+from tools.cases.placement import turns
 
 #: Noise on poses: metres and radians.
 NOISE = 1e-9

@@ -26,11 +26,11 @@ from hypothesis import strategies as st
 from one_set import contacts
 from support import family, row_of, sizes, stored
 
-from obb_collision.benchmarks.cases.families import FAMILIES
-from obb_collision.benchmarks.cases.placement import random_rotations
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.queries.contacts.patch import FEATURE_TIE, KEEP
 from obb_collision.queries.verdict.verdict import Verdict, verdicts
+from tools.cases.families import FAMILIES
+from tools.cases.placement import random_rotations
 
 #: Promised accuracy of depth and normal, and of points, relative to the sum of half extents.
 DEPTH_ACCURACY = 1e-12

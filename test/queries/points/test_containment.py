@@ -23,8 +23,8 @@ from hypothesis import strategies as st
 from membership import holds
 from support import family, row_of
 
-from obb_collision.benchmarks.cases.families import FAMILIES
 from obb_collision.obb import OBB
+from tools.cases.families import FAMILIES
 
 #: A point this near to the surface, relative to the size, may count as inside by default.
 DOUBT = 1e-14

@@ -31,12 +31,12 @@ from scipy.spatial.transform import Rotation
 from support import family, joined, row_of, sizes
 from sweep_oracle import ExactMotion
 
-from obb_collision.benchmarks.cases.families import FAMILIES
-from obb_collision.benchmarks.cases.placement import log_uniform
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.obb import OBB
 from obb_collision.queries.sweep.sweep import Sweeps
 from obb_collision.queries.verdict.verdict import Verdict, verdicts
+from tools.cases.families import FAMILIES
+from tools.cases.placement import log_uniform
 
 #: Promised: how far apart boxes may be at the time given, of T (see ``sweep_linear``).
 GAP = 4e-15

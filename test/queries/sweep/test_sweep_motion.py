@@ -22,7 +22,6 @@ from support import sizes
 from sweep_motions import TURNING, Motion, directions, motion, pair_rows, turn
 from sweep_oracle import PoseCourse, gaps_at, poses_at
 
-from obb_collision.benchmarks.cases.placement import log_uniform, random_rotations
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.queries.sweep.motion import (
     bounding_radii,
@@ -31,6 +30,7 @@ from obb_collision.queries.sweep.motion import (
     swept_bounds,
     turns_between,
 )
+from tools.cases.placement import log_uniform, random_rotations
 
 TIMES = np.linspace(0.0, 1.0, 41)
 

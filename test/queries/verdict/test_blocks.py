@@ -24,13 +24,13 @@ from support import stored
 
 import obb_collision as oc
 from obb_collision._jit import njit
-from obb_collision.benchmarks.cases.families import FAMILIES
 from obb_collision.queries.verdict import separations as separations_module
 from obb_collision.queries.verdict import verdict as verdict_module
 from obb_collision.queries.verdict.blocks import BLOCK
 from obb_collision.queries.verdict.pair_frame import box_at
 from obb_collision.queries.verdict.verdict import box_verdict
 from obb_collision.typing import Floats
+from tools.cases.families import FAMILIES
 
 
 @pytest.fixture(autouse=True)

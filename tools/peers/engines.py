@@ -12,52 +12,28 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
+"""Physics engines in single precision as further contestants of ``obb_collision speed``.
 
-"""Physics engines doing the full step, of which only the collision detection is called."""
+Only their collision detection is called. Arguments and output are those of that command:
+
+    python -m tools.peers.engines [...]
+"""
 
 from __future__ import annotations
 
 import importlib
 import io
+from collections.abc import Sequence
 from contextlib import redirect_stdout
 from typing import Any
 
 import numpy as np
 
 from obb_collision._threads import threads
-from obb_collision.benchmarks.cases.forms import Frame
-from obb_collision.benchmarks.peers.libraries import as_rows
+from obb_collision.benchmarks import speed
+from obb_collision.benchmarks.contestants import PEERS, Contestant, as_rows
+from obb_collision.benchmarks.forms import Frame
 from obb_collision.typing import Floats, Rows
-
-
-class Mujoco:
-    """MuJoCo: free bodies, kinematics and collision only; makes contact manifolds."""
-
-    def __init__(self, half_extents: Floats, poses: Floats) -> None:
-        self._mujoco = importlib.import_module("mujoco")
-        bodies = "".join(
-            f'<body><freejoint/><geom type="box" size="{x!r} {y!r} {z!r}"/></body>'
-            for x, y, z in half_extents.tolist()
-        )
-        xml = f'<mujoco><size memory="1G"/><worldbody>{bodies}</worldbody></mujoco>'
-        self._model = self._mujoco.MjModel.from_xml_string(xml)
-        self._data = self._mujoco.MjData(self._model)
-        self._poses = self._data.qpos.reshape(-1, 7)
-        self._set(slice(None), poses)
-
-    def _set(self, rows: Rows | slice, poses: Floats) -> None:
-        self._poses[rows] = poses[:, [0, 1, 2, 6, 3, 4, 5]]
-
-    def step(self, frame: Frame) -> Any:
-        """Set the poses, update, collide."""
-        self._set(frame.rows, frame.moved)
-        self._mujoco.mj_kinematics(self._model, self._data)
-        self._mujoco.mj_collision(self._model, self._data)
-        return self._data.contact.geom.copy()
-
-    def pairs(self, found: Any) -> Rows:
-        """Return the pairs of the contacts."""
-        return as_rows(found)
 
 
 class Pybullet:
@@ -132,3 +108,18 @@ class Rapier:
         )
         number = self._number
         return as_rows((number[p.collider1.index], number[p.collider2.index]) for p in touching)
+
+
+ENGINES = (
+    Contestant("rapier3d", "rapier3d", Rapier, "rapier3d", threads=None),
+    Contestant("pybullet", "pybullet", Pybullet, "pybullet"),
+)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Measure the full step with them."""
+    return speed.main(arguments, (*PEERS, *ENGINES), "python -m tools.peers.engines")
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -22,12 +22,10 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-import trimesh
 from trimesh.convex import convex_hull
 
 from obb_collision.geometry.shapes.meshes import Mesh
@@ -37,8 +35,7 @@ from obb_collision.typing import Floats, Mask, Rows
 Ask = Callable[[], Mask]
 
 
-@dataclass(frozen=True)
-class Query:
+class Query(NamedTuple):
     """Pairs (m,) and (m,) of bodies: body k has shape ``rows[k]`` at a pose.
 
     centers (n, 3), rotations (n, 3, 3).
@@ -142,38 +139,7 @@ def ask_coal(coal: Any, made: list[Any], query: Query) -> Ask:
     return run
 
 
-def trimesh_managers(collision: Any, shape: Shape) -> Any:
-    """Return two of trimesh's managers with the mesh in each: one for either side of a pair."""
-    assert isinstance(shape, Mesh)
-    if collision.fcl is None:
-        raise ImportError("trimesh.collision needs python-fcl")
-    mesh = trimesh.Trimesh(shape.vertices, shape.faces, process=False)
-    managers = collision.CollisionManager(), collision.CollisionManager()
-    for manager in managers:
-        manager.add_object("body", mesh)
-    return managers
-
-
-def ask_trimesh(collision: Any, made: list[Any], query: Query) -> Ask:
-    """Return a function that queries trimesh's manager of one body for that of another."""
-    places = np.tile(np.eye(4), (len(query.rows), 1, 1))
-    places[:, :3, :3], places[:, :3, 3] = query.rotations, query.centers
-    rows, pairs = query.rows.tolist(), query.pairs()
-
-    def run() -> Mask:
-        hits = []
-        for i, j in pairs:
-            a, b = made[rows[i]][0], made[rows[j]][1]
-            a.set_transform("body", places[i])
-            b.set_transform("body", places[j])
-            hits.append(a.in_collision_other(b))
-        return np.array(hits, np.bool_)
-
-    return run
-
-
-@dataclass(frozen=True)
-class Peer:
+class Peer(NamedTuple):
     """A peer: its name, what stands for a shape, its distribution, its module, how it is called."""
 
     name: str
@@ -203,5 +169,4 @@ MESH_PEERS = (
     Peer("coal", "hull", "coal", "coal", coal_hull, ask_coal),
     Peer("python-fcl", "mesh", "python-fcl", "fcl", fcl_mesh, ask_fcl),
     Peer("coal", "mesh", "coal", "coal", coal_mesh, ask_coal),
-    Peer("trimesh", "mesh", "python-fcl", "trimesh.collision", trimesh_managers, ask_trimesh),
 )

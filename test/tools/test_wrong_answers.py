@@ -24,10 +24,10 @@ import oracle
 import pytest
 from support import family, stored
 
-from obb_collision.benchmarks.cases.families import FAMILIES, generate
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.queries.verdict.verdict import Verdict, Verdicts
 from tools import judges, wrong_answers
+from tools.cases.families import FAMILIES, generate
 
 
 @pytest.mark.parametrize("name", FAMILIES)

@@ -21,23 +21,22 @@ difference to its finest level, and for times the way that is covered in it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from obb_collision.benchmarks.price.effect_peers import EFFECT_PEERS, PlacedPairs
-from obb_collision.benchmarks.price.scenes import Corpus
-from obb_collision.benchmarks.price.turns import on_threads, take_turns
+from obb_collision.benchmarks.corpora import Corpus
+from obb_collision.benchmarks.timing import Show, on_threads, take_turns
 from obb_collision.geometry.poses import as_poses
 from obb_collision.scene.effects import EFFECTS, LEVELS
 from obb_collision.scene.effects.base import ACCURACY, Cycle, Setting
 from obb_collision.scene.effects.sweep import SweptPairs
 from obb_collision.scene.scene import Scene
 from obb_collision.shapes import Shape
-from obb_collision.typing import Floats
+from obb_collision.typing import Floats, Rows
 
 #: What is measured, and how far the centres of a pair are apart (m; shapes measure 1 m across).
 SPREADS = {"clearance": (0.5, 1.3), "contacts": (0.05, 0.4), "sweep": (1.0, 1.6)}
@@ -63,14 +62,31 @@ class EffectRow:
     differ: float | None = None  #: of peers: at most, from our level of the same shapes
 
 
-@dataclass
-class Stage:
-    """Pairs of an effect: those of which every level has a value, and how to compute them."""
+class PlacedPairs(NamedTuple):
+    """Pairs (m, 2) of bodies and the shape of each (m, 2); centers (n, 3), rotations (n, 3, 3)."""
+
+    shapes: Sequence[Shape]
+    rows: Rows
+    centers: Floats
+    rotations: Floats
+    pairs: Rows
+
+
+#: What peers answer about pairs, by their names: a value of each pair (m,).
+Peers = Mapping[str, Callable[[], Floats]]
+
+
+def no_peers(effect: str, query: PlacedPairs) -> Peers:
+    """Compare with none: developers' tools have them."""
+    return {}
+
+
+class Stage(NamedTuple):
+    """Pairs of an effect in a check, and its settings on each level, from coarse to fine."""
 
     effect: str
     cycle: Cycle
     settings: dict[str, Setting]
-    values: dict[str, Floats] = field(default_factory=dict)
 
     def run(self, level: str) -> dict[tuple[int, int], float]:
         """Return the value of each pair (i, j) on a level."""
@@ -79,11 +95,34 @@ class Stage:
         values = getattr(found, VALUES[self.effect]).tolist()
         return dict(zip(map(tuple, found.pairs.tolist()), values, strict=True))
 
+    def values(self) -> tuple[dict[str, Floats], Rows]:
+        """Return the values of the pairs (m, 2) that all levels decide, by level."""
+        found = {level: self.run(level) for level in self.settings}
+        finest = list(found)[-1]
+        kept = [
+            pair
+            for pair in sorted(set.intersection(*map(set, found.values())))
+            if np.isfinite([values[pair] for values in found.values()]).all()
+            and (self.effect != "clearance" or found[finest][pair] > 0.0)
+        ]
+        values = {level: np.array([own[pair] for pair in kept]) for level, own in found.items()}
+        return values, np.array(kept, np.int64).reshape(-1, 2)
+
+    def forget(self) -> None:
+        """Let the next turn compute what a turn before may have left behind."""
+        if self.cycle.shapes is not None:
+            self.cycle.shapes.forget()
+
 
 def measure_effects(
-    corpus: Corpus, pairs: int, seconds: float, seed: int, show: Callable[[str], None]
+    corpus: Corpus,
+    pairs: int,
+    seconds: float,
+    seed: int,
+    show: Show,
+    peers: Callable[[str, PlacedPairs], Peers] = no_peers,
 ) -> list[EffectRow]:
-    """Measure all effects on pairs of a corpus in about ``seconds``, beside the installed peers."""
+    """Measure all effects on pairs of a corpus in about ``seconds``, beside peers."""
     rows: list[EffectRow] = []
     shapes = list(corpus.shapes.values())
     for number, effect in enumerate(SPREADS):
@@ -91,17 +130,19 @@ def measure_effects(
         rng = np.random.default_rng([seed, number])
         chosen = rng.integers(0, len(shapes), (pairs, 2))
         with on_threads(1):
-            rows += _measure(effect, shapes, chosen, rng, seconds / len(SPREADS))
+            stage, poses = _stage(effect, shapes, chosen, rng)
+            found, kept = stage.values()
+            query = PlacedPairs(shapes, chosen.ravel()[kept], *as_poses(poses), kept)
+            asked = peers(effect, query)
+            found |= {label: ask() for label, ask in asked.items()}
+            rows += _rows(stage, found, asked, seconds / len(SPREADS))
     return rows
 
 
-def _measure(
-    effect: str,
-    shapes: Sequence[Shape],
-    chosen: np.ndarray,
-    rng: np.random.Generator,
-    seconds: float,
-) -> list[EffectRow]:
+def _stage(
+    effect: str, shapes: Sequence[Shape], chosen: np.ndarray, rng: np.random.Generator
+) -> tuple[Stage, Floats]:
+    """Return a check of a scene of pairs of shapes (m, 2), each pair alone, and poses (2m, 7)."""
     scene = Scene(accuracy="mesh")
     offsets = _unit(rng.normal(size=(len(chosen), 3)))
     side = int(np.ceil(len(chosen) ** (1 / 3)))
@@ -116,62 +157,38 @@ def _measure(
         twists[:, :3] = -SPEED * offsets
         scene.set_twists(scene.indices[1::2], twists)
     levels = ["obb", *(level.name.lower() for level in LEVELS[effect])]
-    stage = _stage(scene, effect, levels)
-    found = {level: stage.run(level) for level in levels}
-    common = sorted(set.intersection(*(set(values) for values in found.values())))
-    common = [
-        pair
-        for pair in common
-        if np.isfinite([found[level][pair] for level in levels]).all()  # decided
-        and (effect != "clearance" or found[levels[-1]][pair] > 0.0)
-    ]
-    values = {level: np.array([found[level][pair] for pair in common]) for level in levels}
-    kept = np.array(common, np.int64).reshape(-1, 2)
-    query = PlacedPairs(shapes, chosen.ravel()[kept], *as_poses(poses), kept)
-    peers = {
-        peer.label: asked for peer in EFFECT_PEERS.get(effect, ()) if (asked := peer.load(query))
+    options: dict[str, Any] = OPTIONS.get(effect, {})
+    scene.set_effect(effect, accuracy=levels[-1], **options)
+    values = {key: option.default for key, option in EFFECTS[effect].options.items()} | options
+    settings = {level: Setting(values=values | {ACCURACY: level}) for level in levels}
+    return Stage(effect, scene.check().cycle, settings), poses
+
+
+def _rows(
+    stage: Stage, values: Mapping[str, Floats], peers: Peers, seconds: float
+) -> list[EffectRow]:
+    runs: dict[str, Callable[[], object]] = {
+        level: partial(stage.run, level) for level in stage.settings
     }
-    values |= {label: ask() for label, ask in peers.items()}
-    runs: dict[str, Callable[[], object]] = {level: partial(stage.run, level) for level in levels}
-    times = take_turns(runs | peers, seconds, dict.fromkeys(runs | peers, partial(_forget, stage)))
-    counts = dict.fromkeys(peers, len(common)) | {level: len(found[level]) for level in levels}
-    truth, sign = values[levels[-1]], -1.0 if effect == "contacts" else 1.0
+    runs |= peers
+    times = take_turns(runs, seconds, dict.fromkeys(runs, stage.forget))
+    truth, sign = values[list(stage.settings)[-1]], -1.0 if stage.effect == "contacts" else 1.0
     rows = []
     for name, value in values.items():
-        row = EffectRow(effect, name, name in peers, len(common))
-        row.pair_ns = 1e9 * times.best(name) / max(1, counts[name])
-        if len(common):
-            errors = np.abs(value - truth)
-            row.mean_error, row.worst_error = float(errors.mean()), float(errors.max())
-        if row.peer:
-            same = values.get(name.split()[-1])
-            if same is not None:  # clearance: depths are compared as those of contacts
-                # hulls that overlap have the least distance if the shapes are apart
-                apart = (same > np.finfo(np.float64).tiny) | (effect != "clearance")
-                row.differ = float(np.abs(value - same)[apart].max(initial=0.0))
+        row = EffectRow(stage.effect, name, name in peers, len(truth))
+        count = len(truth) if row.peer else len(stage.run(name))
+        row.pair_ns = 1e9 * times.best(name) / max(1, count)
+        errors = np.abs(value - truth)
+        row.mean_error = float(errors.mean()) if len(truth) else 0.0
+        row.worst_error = float(errors.max(initial=0.0))
+        same = values[name.split()[-1]]
+        if row.peer:  # hulls that overlap have the least distance if the shapes are apart
+            apart = (same > np.finfo(np.float64).tiny) | (stage.effect != "clearance")
+            row.differ = float(np.abs(value - same)[apart].max(initial=0.0))
         else:
             row.unsafe = int((sign * (value - truth) > 1e-9).sum())
         rows.append(row)
     return rows
-
-
-def _stage(scene: Scene, effect: str, levels: list[str]) -> Stage:
-    """Return a check of a scene, and the settings of an effect on each level."""
-    options: dict[str, Any] = {
-        "clearance": {"max_distance": 3.0},
-        "sweep": {"horizon": HORIZON},
-    }.get(effect, {})
-    scene.set_effect(effect, accuracy=levels[-1], **options)
-    report = scene.check()
-    values = {key: option.default for key, option in EFFECTS[effect].options.items()} | options
-    settings = {level: Setting(values=values | {ACCURACY: level}) for level in levels}
-    return Stage(effect, report.cycle, settings)
-
-
-def _forget(stage: Stage) -> None:
-    """Let the next turn compute what a turn before may have left behind."""
-    if stage.cycle.shapes is not None:
-        stage.cycle.shapes.forget()
 
 
 def _unit(v: Floats) -> Floats:

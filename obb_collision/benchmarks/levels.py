@@ -20,22 +20,26 @@ A level is used as in a ``Scene``: those above ``obb`` decide only the pairs tha
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import cached_property
+from time import thread_time
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from obb_collision._jit import njit
-from obb_collision.benchmarks.price.scenes import Corpus, random_poses
+from obb_collision.benchmarks.corpora import Corpus, random_poses
 from obb_collision.geometry.boxes import Boxes
+from obb_collision.geometry.fitting.fit import fit_points
 from obb_collision.geometry.poses import as_poses
+from obb_collision.geometry.shapes.meshes import Mesh
+from obb_collision.geometry.trees.convex_proxy import hull_mesh
 from obb_collision.geometry.trees.obb_tree import MeshTrees
 from obb_collision.geometry.trees.pool import HullPool, Hulls
+from obb_collision.geometry.trees.shape_trees import mesh_tree
 from obb_collision.queries.meshes.convex import PlacedHulls, hulls_may_collide
 from obb_collision.queries.meshes.meshes import mesh_collisions
 from obb_collision.queries.meshes.placed import PlacedMeshes
 from obb_collision.queries.verdict.coarse import (
-    faces_may_collide,
     sphere_bounds,
     spheres_may_collide,
 )
@@ -44,8 +48,6 @@ from obb_collision.scene.broad_phase.broad_phase import find_candidates
 from obb_collision.scene.scene import Scene
 from obb_collision.typing import Floats, Mask, Rows
 
-#: Depths of the trees of boxes that are measured.
-DEPTHS = (1, 2, 3, 4, 5, 6)
 #: Cubic metres per body of one metre diagonal: gives about two candidate pairs per body.
 VOLUME_PER_BODY = 0.3
 
@@ -61,29 +63,17 @@ class Throw:
         rows: Rows,
         poses: Floats,
         boxes: Boxes,
-        meshes: PlacedMeshes | None = None,
-        hulls: PlacedHulls | None = None,
+        meshes: Any = None,
+        hulls: Any = None,
     ) -> None:
         self.rows = rows
         self.centers, self.rotations = as_poses(poses)
         self.boxes = boxes
-        self._meshes, self._hulls = meshes, hulls
+        self.meshes, self.hulls = meshes, hulls
         self.low, self.high = boxes.world_bounds()
         pairs = find_candidates(self.low, self.high)
         self.first = np.ascontiguousarray(pairs[:, 0])
         self.second = np.ascontiguousarray(pairs[:, 1])
-
-    @property
-    def meshes(self) -> PlacedMeshes:
-        """The triangles of the bodies, in place."""
-        assert self._meshes is not None
-        return self._meshes
-
-    @property
-    def hulls(self) -> PlacedHulls:
-        """The hulls of the bodies, in place."""
-        assert self._hulls is not None
-        return self._hulls
 
     @cached_property
     def sphere_counts(self) -> tuple[int, int]:
@@ -96,7 +86,7 @@ class Throw:
         return len(pairs), int(spheres_may_collide(self.boxes, first, second).sum())
 
 
-class Bodies:
+class Crowd:
     """Bodies of a corpus in a ``Scene``, thrown anew again and again."""
 
     def __init__(self, corpus: Corpus, count: int, seed: int) -> None:
@@ -120,9 +110,9 @@ class Bodies:
         """Return fresh random poses (n, 7)."""
         return random_poses(len(self.rows), VOLUME_PER_BODY, self._rng)
 
-    def throw(self, poses: Floats | None = None) -> Throw:
-        """Move all bodies to poses, random ones if none are given."""
-        where = self.poses() if poses is None else poses
+    def throw(self) -> Throw:
+        """Move all bodies to random poses."""
+        where = self.poses()
         self.scene.move_indices(self.scene.indices, where)
         if self._trees is None:
             return Throw(self.rows, where, self.scene.boxes)
@@ -164,37 +154,76 @@ def _refine(ask: Callable[[Throw, Rows, Rows], Mask]) -> Callable[[Throw, Rows, 
     return refined
 
 
-def _ask_tree(depth: int) -> Callable[[Throw, Rows, Rows], Mask]:
-    return _refine(lambda t, i, j: _ask_meshes(t, i, j, depth))
+def _ask_meshes(throw: Throw, i: Rows, j: Rows) -> Mask:
+    return mesh_collisions(throw.meshes, throw.meshes, np.stack([i, j], axis=1))
 
 
-def _ask_meshes(throw: Throw, i: Rows, j: Rows, depth: int | None = None) -> Mask:
-    return mesh_collisions(throw.meshes, throw.meshes, np.stack([i, j], axis=1), depth=depth)
-
-
-@dataclass(frozen=True)
-class Level:
-    """A name, the function that decides pairs, and the setting of a ``Scene``."""
+class Level(NamedTuple):
+    """The name of an accuracy, and the function that decides pairs at it."""
 
     name: str
     ask: Callable[[Throw, Rows, Rows], Mask]
-    accuracy: str
-    depth: int | None = None
 
 
 BOX_LEVELS = (
-    Level("sphere", lambda t, i, j: spheres_may_collide(t.boxes, i, j), "sphere"),
-    Level("aabb", _ask_aabb, "aabb"),
-    Level("obb_faces", lambda t, i, j: faces_may_collide(t.boxes, i, j), "obb_faces"),
-    Level("obb", _ask_obb, "obb"),
+    Level("sphere", lambda t, i, j: spheres_may_collide(t.boxes, i, j)),
+    Level("aabb", _ask_aabb),
+    Level("obb", _ask_obb),
 )
-MESH_LEVELS = (
-    *(Level(f"obb_tree {depth}", _ask_tree(depth), "obb_tree", depth) for depth in DEPTHS),
-    Level("hull", _refine(lambda t, i, j: hulls_may_collide(t.hulls, t.hulls, i, j)), "hull"),
-    Level("mesh", _refine(_ask_meshes), "mesh"),
+LEVELS = (
+    *BOX_LEVELS,
+    Level("hull", _refine(lambda t, i, j: hulls_may_collide(t.hulls, t.hulls, i, j))),
+    Level("mesh", _refine(_ask_meshes)),
 )
 
 
 def levels_of(corpus: Corpus) -> tuple[Level, ...]:
-    """Return the levels that a corpus has: boxes have none above ``obb``."""
-    return BOX_LEVELS if corpus.boxes_only else (*BOX_LEVELS, *MESH_LEVELS)
+    """Return the levels that a corpus has, from coarse to exact: boxes have none above ``obb``."""
+    return BOX_LEVELS if corpus.boxes_only else LEVELS
+
+
+class Prepared(NamedTuple):
+    """What is made of a mesh once: its trees, and the milliseconds each took."""
+
+    mesh: MeshTrees
+    hull: Hulls
+    box_ms: float
+    mesh_ms: float
+    hull_ms: float
+
+
+def prepare(mesh: Mesh) -> Prepared:
+    """Fit the box and build the trees of a mesh, timed."""
+    start = thread_time()
+    fit_points(mesh._points())
+    box_ms = 1e3 * (thread_time() - start)
+    _ = mesh.local_box  # the same again, kept: trees begin with it
+    start = thread_time()
+    triangles = mesh_tree(mesh)
+    built = thread_time()
+    hull = Hulls.of(hull_mesh(mesh)[0])
+    mesh_ms, hull_ms = 1e3 * np.diff([start, built, thread_time()])
+    return Prepared(triangles, hull, box_ms, float(mesh_ms), float(hull_ms))
+
+
+def prepare_ms(level: str, prepared: list[Prepared]) -> float:
+    """Return the mean milliseconds that a level needs once for a shape; boxes need none."""
+    extra = {"mesh": "mesh_ms", "hull": "hull_ms"}.get(level)
+    times = [p.box_ms + (getattr(p, extra) if extra else 0.0) for p in prepared]
+    return float(np.mean(times)) if times else 0.0
+
+
+def memory(level: str, boxes: Boxes, prepared: list[Prepared]) -> float:
+    """Return the bytes that a level reads of one object, float64, the mean over the shapes.
+
+    A hull or mesh is stored once for all objects of one shape.
+    """
+    if level in ("hull", "mesh"):
+        stored = [p.hull if level == "hull" else p.mesh.arrays for p in prepared]
+        return float(np.mean([sum(array.nbytes for array in arrays) for arrays in stored]))
+    read = {
+        "sphere": (boxes.centers, boxes.half_extents[:, 0]),
+        "aabb": boxes.world_bounds(),
+        "obb": (boxes.centers, boxes.rotations, boxes.half_extents),
+    }
+    return sum(array.nbytes for array in read[level]) / len(boxes)

@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The price of accuracy: what ``obb_collision accuracy`` measures and draws."""
+"""Hard pairs of boxes, for tests and for tables of wrong answers."""

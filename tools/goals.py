@@ -13,43 +13,67 @@
 # limitations under the License.
 
 
-"""What this library is meant to reach, measured in one run: ``obb_collision speed --goals``.
+"""Goals of the step, the node and the first start, measured in one run: what is met, and what not.
 
 Ours uses as many threads as there are cores, MuJoCo, coal and python-fcl one each, and MuJoCo makes
 contacts where we may compute less: the tables beside say what each does. All take turns on the
 same poses; what is compared are medians of at least 20 steps.
+
+    python -m tools.goals [--json FILE] [--markdown PAGE]
 """
 
 from __future__ import annotations
 
+import json
 import sys
 from collections.abc import Callable, Iterator, Sequence
+from importlib.util import find_spec
 from time import perf_counter
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from obb_collision._threads import threads
-from obb_collision.benchmarks.cases.forms import FORMS, make_frames
-from obb_collision.benchmarks.peers.steps import (
+from obb_collision.benchmarks import contest
+from obb_collision.benchmarks.contestants import (
     COAL,
     CONTACTS,
     MUJOCO,
     PAIRS,
+    PEERS,
     SCENE,
     SEPARATIONS,
     Contestant,
 )
-from obb_collision.benchmarks.price import corpus, scenes
-from obb_collision.benchmarks.step.measure import Case, Note, Plan, Row, own_settings, run_case
-from obb_collision.benchmarks.step.tables import best_coal, digits
-from obb_collision.benchmarks.step.wanted import Goal, below, missing, node_goals, ratio
+from obb_collision.benchmarks.corpora import generated_corpus
+from obb_collision.benchmarks.forms import FORMS, make_frames
+from obb_collision.benchmarks.steps import (
+    STEPS,
+    Case,
+    Note,
+    Plan,
+    Row,
+    best_coal,
+    differences,
+    joined,
+    own_settings,
+    run_case,
+    slopes,
+)
+from obb_collision.benchmarks.tables import (
+    as_markdown,
+    as_text,
+    digits,
+    machine,
+    machine_line,
+    write_into,
+)
+from obb_collision.benchmarks.timing import Show, progress
+from obb_collision.cli import MAX_SEED, Parser, interruptible, new_file, option, real, whole
 from obb_collision.scene.scene import Scene
 
-Show = Callable[[str], None]
-#: Returns a row per way of sending objects to the node: the way, objects, milliseconds.
-MeasureNode = Callable[[Show], list[dict[str, Any]]]
-
+#: About how long all goals take, for the bar (s).
+SECONDS = 480.0
 #: How many times as fast as MuJoCo, at these sizes.
 SIZES = (1_000, 10_000)
 BESIDE_MUJOCO = {PAIRS: (4.0, 8.0), SEPARATIONS: (3.0, 6.0), CONTACTS: (2.0, 4.0)}
@@ -64,14 +88,80 @@ PER_PAIR = {"mesh": {"python-fcl": 3.0, "coal": 4.0}, "hull": {"python-fcl": 6.0
 PAIR_SECONDS, SHORT_TURNS, BOXES_TURNS = 30.0, 2_000, 100
 
 
+#: Ways to send objects to the node, how many, milliseconds: the median, and what 99 % are below.
+NODE = (
+    ("object_poses", 1_000, 1.0, 3.0),
+    ("object_poses", 10_000, 8.0, None),
+    ("objects, other ids by DELETEALL", 500, 40.0, None),
+    ("objects, other ids by differences", 500, 40.0, None),
+    ("objects, other ids by lifetime", 500, 40.0, None),
+    ("object_boxes, other ids", 500, 3.0, None),
+)
+
+
+class Goal(NamedTuple):
+    """One figure: what, beside whom, what is wanted and what was measured; None: not measured."""
+
+    what: str
+    beside: str
+    wanted: str
+    measured: str
+    met: bool | None
+
+
+def ratio(what: str, beside: str, wanted: float, ours: float, theirs: float, unit: str) -> Goal:
+    """Return how many times as fast ours is; times in the unit."""
+    times = theirs / ours
+    text = f"{digits(times)} times: {digits(ours)} and {digits(theirs)} {unit}"
+    return Goal(what, beside, f"{wanted:g} times", text, bool(times >= wanted))
+
+
+def below(what: str, wanted: float, measured: float, unit: str) -> Goal:
+    """Return whether a time is below what is wanted."""
+    text = f"{digits(measured)} {unit}"
+    return Goal(what, "", f"below {wanted:g} {unit}", text, bool(measured < wanted))
+
+
+def missing(what: str, beside: str, why: str) -> Goal:
+    """Return a goal that could not be measured."""
+    return Goal(what, beside, "", f"not measured: {why}", None)
+
+
+def node_goals(rows: Sequence[dict[str, Any]]) -> Iterator[Goal]:
+    """Return what the node reaches, from a row per way of sending objects."""
+    found = {(row["way"], row["objects"]): row for row in rows}
+    for way, objects, most, most_99 in NODE:
+        row, late = found[way, objects], f", 99 % below {most_99:g} ms" if most_99 else ""
+        what, wanted = f"node, {objects:,} by {way}", f"median below {most:g} ms{late}"
+        if "median" not in row:
+            yield Goal(what, "", wanted, "a frame has no answer", False)
+            continue
+        text = f"median {row['median']:.2f} ms, 99 % {row['99 %']:.2f} ms"
+        met = row["median"] < most and (most_99 is None or row["99 %"] < most_99)
+        yield Goal(what, "", wanted, text, met)
+
+
+def node_table(rows: Sequence[dict[str, Any]]) -> list[list[str]]:
+    """Return the rows of the node as a table, in milliseconds."""
+    columns = ("median", "95 %", "99 %", "longest")
+    lines = [["by", "objects", *columns]]
+    for row in rows:
+        times = [digits(row[key]) if key in row else "no answer" for key in columns]
+        lines.append([row["way"], f"{row['objects']:,}", *times])
+    return lines
+
+
+def goal_table(goals: Sequence[Goal]) -> list[list[str]]:
+    """Return the goals as a table."""
+    words = {True: "met", False: "not met", None: "?"}
+    lines = [["", "beside", "wanted", "measured", ""]]
+    return lines + [[g.what, g.beside, g.wanted, g.measured, words[g.met]] for g in goals]
+
+
 class Goals:
-    """Measures the goals, and holds the rows and notes of the scenes on the way.
+    """Measures the goals, and holds the rows and notes of the scenes on the way."""
 
-    node: what measures the node, which needs ROS; None where it is not installed.
-    """
-
-    def __init__(self, plan: Plan, show: Show, node: MeasureNode | None) -> None:
-        self._node = node
+    def __init__(self, plan: Plan, show: Show) -> None:
         self.node_rows: list[dict[str, Any]] = []
         self.rows: list[Row] = []
         self.notes: list[Note] = []
@@ -158,9 +248,9 @@ class Goals:
 
     def per_pair(self) -> Iterator[Goal]:
         """Measure hulls and meshes per pair, on meshes that trimesh makes."""
-        plan = corpus.Plan(2_000, 20_000, 2_000, PAIR_SECONDS)
-        made = scenes.generated_corpus(self._plan.seed)
-        price = corpus.measure(made, plan, self._plan.seed, self._show)
+        plan = contest.Plan(2_000, 20_000, 2_000, PAIR_SECONDS)
+        made = generated_corpus(self._plan.seed)
+        price = contest.measure(made, plan, self._plan.seed, self._show)
         found = {row.name: row for row in price.rows}
         for level, peers in PER_PAIR.items():
             for peer, wanted in peers.items():
@@ -173,15 +263,17 @@ class Goals:
 
     def node(self) -> Iterator[Goal]:
         """Measure the node from message to message."""
-        if self._node is None:
+        if not find_spec("rclpy"):
             yield missing("node", "", "ROS is not installed here")
-        else:
-            self.node_rows = self._node(self._show)
-            yield from node_goals(self.node_rows)
+            return
+        from tools.latency import measure_all
+
+        self.node_rows = measure_all(self._show)
+        yield from node_goals(self.node_rows)
 
     def starts(self) -> Iterator[Goal]:
         """Measure what an empty cache costs."""
-        from obb_collision.benchmarks.step.starts import measure_starts
+        from tools.starts import measure_starts
 
         for what, wanted, seconds in measure_starts(self._show):
             yield below(what, wanted, seconds, "s")
@@ -215,3 +307,36 @@ def _microseconds(run: Callable[[], object]) -> float:
             times.append(perf_counter() - start)
             del result
     return 1e6 * float(np.median(times))
+
+
+@interruptible("python -m tools.goals")
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Measure all goals and print what is met."""
+    parser = Parser(prog="python -m tools.goals", description="goals, and what was measured")
+    option(parser, "--seconds", real(0.001, 1e6), 2.0, "minimum time per scene (s)")
+    option(parser, "--limit", real(0.001, 1e6), 40.0, "who would take longer is left out (s)")
+    option(parser, "--seed", whole(0, MAX_SEED), 0, "seed of the random scenes")
+    option(parser, "--json", new_file(), text="write the figures to a file")
+    option(parser, "--markdown", new_file(".md"), text="page that gets the tables")
+    options = parser.parse_args(arguments)
+    facts = machine(one.distribution for one in PEERS)
+    print(machine_line(facts))
+    with progress(SECONDS) as bar:
+        run = Goals(Plan(options.seconds, options.limit, STEPS, options.seed), bar.show)
+        goals = list(run.all())
+    print(as_text(goal_table(goals)))
+    print("\n".join(["", *slopes(run.rows), *differences(run.rows), *joined(run.notes)]))
+    if options.json:
+        result = {"machine": facts, "goals": [goal._asdict() for goal in goals]}
+        result |= {"node": run.node_rows, "rows": [row._asdict() for row in run.rows]}
+        options.json.write_text(json.dumps(result, indent=1) + "\n")
+    if options.markdown:
+        blocks = {"goals": as_markdown(goal_table(goals))}
+        if run.node_rows:
+            blocks["node"] = as_markdown(node_table(run.node_rows))
+        write_into(options.markdown, blocks)
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What each effect costs beside the step without: ``obb_collision speed --effects``.
+"""Costs of each effect beside the step without: ``obb_collision speed --effects``.
 
 The scenes that come with the package move as their files say, and every variant makes the same
 steps in turn: the pairs alone, the scene with every effect off, with each effect that its file has
@@ -21,15 +21,14 @@ alone, and with all of these. What an effect costs is how much longer the same s
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from pathlib import Path
 from time import perf_counter
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from obb_collision.benchmarks.tables import Table
+from obb_collision.benchmarks.timing import Show
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.report import Report
 from obb_collision.scene.scene import Scene
@@ -45,8 +44,7 @@ FRAMES = 300
 PAIRS, OFF, ALL = "pairs alone", "effects off", "all"
 
 
-@dataclass(frozen=True)
-class EffectRow:
+class CostRow(NamedTuple):
     """Steps of one variant of one scene; times in microseconds."""
 
     scene: str
@@ -55,11 +53,10 @@ class EffectRow:
     step_us: float  #: median
     extra_us: float  #: median of what the same step took beyond the one with the effects off
     ratio: float  #: median of step to step with the effects off
-    count: float  #: pairs or points that the effects ran on, mean of a step
+    ran_on: float  #: pairs or points that the effects ran on, mean of a step
 
 
-@dataclass(frozen=True)
-class Frame:
+class Moment(NamedTuple):
     """The state of a scene at one moment."""
 
     poses: Floats
@@ -77,14 +74,14 @@ class Variant:
         for name in EFFECTS:
             self.scene.set_effect(name, "on" if name in effects else "off")
 
-    def set(self, frame: Frame) -> None:
+    def set(self, frame: Moment) -> None:
         """Bring the scene to a state."""
         self.scene.move_indices(self.rows, frame.poses)
         self.scene.set_twists(self.rows, frame.twists)
         if frame.points is not None:
             self.scene.obstacle_points = frame.points
 
-    def step(self, frame: Frame) -> Report | None:
+    def step(self, frame: Moment) -> Report | None:
         """Set a state and check."""
         self.set(frame)
         return self.scene.check()
@@ -93,13 +90,13 @@ class Variant:
 class Pairs(Variant):
     """The same without the machinery of effects: only what finds the pairs."""
 
-    def step(self, frame: Frame) -> None:
+    def step(self, frame: Moment) -> None:
         """Set a state and find the pairs."""
         self.set(frame)
         self.scene._find()
 
 
-def frames_of(description: SceneDescription) -> list[Frame]:
+def frames_of(description: SceneDescription) -> list[Moment]:
     """Return the states of a scene that all variants go through."""
     scene = description.build()
     frames = []
@@ -109,7 +106,7 @@ def frames_of(description: SceneDescription) -> list[Frame]:
         if description.lidar is not None:
             scene.move_many(description.names, poses)
             points = description.lidar.scan(scene, number / RATE)
-        frames.append(Frame(poses, twists, points))
+        frames.append(Moment(poses, twists, points))
     return frames
 
 
@@ -120,7 +117,7 @@ def effects_of(description: SceneDescription) -> tuple[str, ...]:
     return tuple(dict.fromkeys(["separations", *named]))
 
 
-def run_scene(name: str, seconds: float) -> list[EffectRow]:
+def run_scene(name: str, seconds: float) -> list[CostRow]:
     """Measure a scene file for about ``seconds``."""
     description = load_scene(name)
     names, frames = effects_of(description), frames_of(description)
@@ -150,69 +147,41 @@ def run_scene(name: str, seconds: float) -> list[EffectRow]:
 
 def _row(
     description: SceneDescription, key: str, times: dict[str, list[float]], count: int
-) -> EffectRow:
+) -> CostRow:
     steps, base = 1e6 * np.array(times[key]), 1e6 * np.array(times[OFF])
-    return EffectRow(
+    return CostRow(
         scene=description.name,
         variant=key,
         objects=len(description.objects),
         step_us=float(np.median(steps)),
         extra_us=float(np.median(steps - base)),
         ratio=float(np.median(steps / base)),
-        count=count / len(steps),
+        ran_on=count / len(steps),
     )
 
 
-def run_effects(seconds: float, show: Callable[[str], None]) -> list[EffectRow]:
+def run_effects(seconds: float, show: Show) -> list[CostRow]:
     """Measure all scenes that come with the package."""
-    rows: list[EffectRow] = []
+    rows: list[CostRow] = []
     for name in SCENES:
         show(f"{name} ...")
         rows += run_scene(name, seconds / len(SCENES))
     return rows
 
 
-def format_effects(rows: list[EffectRow]) -> str:
-    """Return the table, one block per scene."""
-    lines = [f"{'scene':<12}{'step with':<14}{'µs':>9}{'more, µs':>10}{'ratio':>8}{'ran on':>10}"]
-    for row in rows:
-        lines.append(
-            f"{row.scene:<12}{row.variant:<14}{row.step_us:>9.1f}{row.extra_us:>10.1f}"
-            f"{row.ratio:>8.3f}{row.count:>10.1f}"
-        )
-    for scene in dict.fromkeys(row.scene for row in rows):
-        (alone,) = [row for row in rows if row.scene == scene and row.variant == PAIRS]
-        lines.append(f"{scene}: effects off / pairs alone {1.0 / alone.ratio:.3f}")
-    return "\n".join(lines)
+def cost_table(rows: list[CostRow]) -> Table:
+    """Return the table."""
+    lines = [["scene", "step with", "µs", "more, µs", "ratio", "ran on"]]
+    for r in rows:
+        figures = [f"{r.step_us:.1f}", f"{r.extra_us:.1f}", f"{r.ratio:.3f}", f"{r.ran_on:.1f}"]
+        lines.append([r.scene, r.variant, *figures])
+    return lines
 
 
-def save_effects_plot(rows: list[EffectRow], path: Path) -> None:
-    """Draw the rows as bars, one panel per scene."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-
-    scenes = list(dict.fromkeys(row.scene for row in rows))
-    counts = [len([row for row in rows if row.scene == scene]) for scene in scenes]
-    figure, panels = pyplot.subplots(
-        len(scenes), figsize=(7.5, 0.42 * sum(counts) + 1.2), layout="constrained", squeeze=False,
-        sharex=True, gridspec_kw={"height_ratios": counts},
-    )  # fmt: skip
-    for axes, scene in zip(panels[:, 0], scenes, strict=True):
-        own = [row for row in rows if row.scene == scene and row.variant != PAIRS]
-        (base,) = [row.step_us for row in own if row.variant == OFF]
-        labels = [row.variant for row in own]
-        axes.barh(labels, [base] * len(own), color="0.78")
-        more = [max(row.extra_us, 0.0) for row in own]
-        axes.barh(labels, more, left=base, color="#d1495b")
-        for row, extra in zip(own, more, strict=True):
-            text = f" +{extra:.0f} µs" if row.variant != OFF else f" {base:.0f} µs"
-            axes.text(base + extra, row.variant, text, va="center")
-        axes.set_title(f"{scene}, {own[0].objects} objects", loc="left", weight="bold")
-        axes.invert_yaxis()
-        axes.margins(x=0.12)
-        axes.spines[["top", "right"]].set_visible(False)
-    panels[-1, 0].set_xlabel("µs per step (median)")
-    figure.suptitle("What a step costs: grey the pairs, red what the effects add")
-    figure.savefig(path, dpi=130)
+def off_lines(rows: list[CostRow]) -> list[str]:
+    """Return what a step with all effects off takes, beside the pairs alone."""
+    return [
+        f"{row.scene}: effects off / pairs alone {1.0 / row.ratio:.3f}"
+        for row in rows
+        if row.variant == PAIRS
+    ]

@@ -15,7 +15,7 @@
 
 """Measures the time from the publication of objects to the collisions received, in one process.
 
-``python -m obb_collision.benchmarks.latency``: boxes that move, by each input for many objects, and
+``python -m tools.latency``: boxes that move, by each input for many objects, and
 frames of boxes with other ids each time. Real topics; every sample is the time from just before
 ``publish`` to the callback that has the pairs of exactly that state. Markers are serialised before.
 """
@@ -231,24 +231,44 @@ NEW = (
 )
 """Ways to send other boxes in every frame, at 20 Hz."""
 WAYS = (*MOVING, *NEW)
+SIZES, OTHERS = (100, 1_000, 10_000), 500
+"""Numbers of objects that move by each input, and that are others in every frame."""
+SECONDS = 4.0
+"""Seconds of each measurement."""
 
 
-@interruptible("python -m obb_collision.benchmarks.latency")
+def measure_all(show: Callable[[str], None]) -> list[dict[str, Any]]:
+    """Return a row per way of sending; one in which a frame has no answer has no times."""
+    rows: list[dict[str, Any]] = []
+    ways = [(way, objects) for way in MOVING for objects in SIZES]
+    for way, objects in [*ways, *((way, OTHERS) for way in NEW)]:
+        show(f"node: {objects:,} by {way}")
+        latency = Latency(seed=1)
+        try:
+            rows.append(latency.measure(way, objects, SECONDS).row)
+        except TimeoutError:
+            rows.append({"way": way, "objects": objects})
+        finally:
+            latency.close()
+    return rows
+
+
+@interruptible("python -m tools.latency")
 def main(args: Sequence[str] | None = None) -> int:
     """Run the measurements of the command line."""
     parser = Parser(
-        prog="python -m obb_collision.benchmarks.latency",
+        prog="python -m tools.latency",
         description=__doc__.splitlines()[0] if __doc__ else None,
     )
     parser.add_argument(
         "--objects",
         type=whole(1, 20000),
         nargs="+",
-        default=[100, 1000, 10000],
+        default=SIZES,
         metavar="N",
         help="numbers of moving boxes",
     )
-    option(parser, "--new", whole(1, 20000), 500, "boxes with other ids in every frame")
+    option(parser, "--new", whole(1, 20000), OTHERS, "boxes with other ids in every frame")
     option(parser, "--seconds", real(0.1, 86400.0), 5.0, "duration of each measurement")
     option(parser, "--seed", whole(0, MAX_SEED), 1, "seed of the random scene")
     option(parser, "--json", new_file(), None, "write the figures to a file")

@@ -29,8 +29,9 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
+from trimesh import creation, util
+from trimesh.convex import convex_hull
 
-from obb_collision.benchmarks.price.generated import make_meshes
 from obb_collision.geometry.fitting.convex_hull import hull_volume
 from obb_collision.geometry.shapes.meshes import Mesh
 from obb_collision.shapes import Box
@@ -145,6 +146,82 @@ def _unit(vertices: Floats, faces: Any) -> Mesh:
     used = np.asarray(vertices)[np.unique(faces)]
     low, high = used.min(axis=0), used.max(axis=0)
     return Mesh((vertices - 0.5 * (low + high)) / np.linalg.norm(high - low), np.asarray(faces))
+
+
+def make_meshes(rng: np.random.Generator) -> dict[str, Any]:
+    """Return meshes of trimesh by name, of any size."""
+    ball = creation.icosphere(subdivisions=3)
+    bumpy, bowl, sheet = ball.copy(), ball.copy(), creation.box((1.0, 1.0, 0.02))
+    bumpy.vertices *= 1.0 + 0.25 * np.sin(5.0 * bumpy.vertices).sum(axis=1, keepdims=True) / 3.0
+    bowl.update_faces(bowl.triangles_center[:, 2] < 0.2)
+    for _ in range(4):
+        sheet = sheet.subdivide()
+    waves = np.sin(5.0 * sheet.vertices[:, 0]) * np.cos(4.0 * sheet.vertices[:, 1])
+    sheet.vertices[:, 2] += 0.15 * waves
+    needle, chip = rng.normal(size=(2, 60, 3)) * [[[0.1, 0.1, 1.0]], [[1.0, 0.8, 0.1]]]
+    return {
+        "box": creation.box((1.0, 0.7, 0.4)),
+        "plate": creation.box((1.0, 0.8, 0.05)),
+        "icosahedron": creation.icosahedron(),
+        "ball": ball,
+        "globe": creation.uv_sphere(count=[24, 24]),
+        "cylinder": creation.cylinder(0.4, 1.0, sections=32),
+        "rod": creation.cylinder(0.04, 1.0, sections=16),
+        "cone": creation.cone(0.5, 1.0, sections=32),
+        "capsule": creation.capsule(1.0, 0.3, count=[16, 16]),
+        "tube": creation.annulus(0.35, 0.4, 0.8, sections=48),
+        "washer": creation.annulus(0.2, 0.6, 0.05, sections=48),
+        "ring": creation.torus(0.7, 0.08, 48, 16),
+        "torus": creation.torus(0.6, 0.3, 48, 24),
+        "goblet": _turned([[0, 0], [5, 0], [1, 1], [1, 5], [4, 7], [5, 11], [4.6, 11], [0, 7]]),
+        "hourglass": _turned([[0, 0], [4, 0], [4, 1], [0.6, 5], [4, 9], [4, 10], [0, 10]]),
+        "wheel": _turned([[1, -1], [2, -1], [2, -0.3], [6, -0.3], [6, -1.5], [7, -1.5],
+                          [7, 1.5], [6, 1.5], [6, 0.3], [2, 0.3], [2, 1], [1, 1], [1, -1]]),
+        "needle": convex_hull(needle),
+        "chip": convex_hull(chip),
+        "bumpy ball": bumpy,
+        "open bowl": bowl,
+        "wavy sheet": sheet,
+        "bracket": _boxes([[0, 0, 0, 10, 3, 1], [-4.5, 0, 4, 1, 3, 8]]),
+        "table": _boxes([[0, 0, 5, 10, 8, 0.5]] + [[x, y, 2.5, 0.6, 0.6, 5] for x in (-4, 4)
+                                                    for y in (-3, 3)]),
+        "stairs": _boxes([[k, 0, 0.5 * k, 1.2, 4, 0.6] for k in range(8)]),
+        "jack": _boxes([[0, 0, 0, 10, 1, 1], [0, 0, 0, 1, 10, 1], [0, 0, 0, 1, 1, 10]]),
+        "dumbbell": _parts([creation.icosphere(2, radius=2.0), creation.cylinder(0.5, 8.0),
+                            creation.icosphere(2, radius=2.0)], [-4.0, 0.0, 4.0]),
+        "spring": _spring(),
+        "axes": creation.axis(origin_size=0.1, axis_length=1.0),
+    }  # fmt: skip
+
+
+def _turned(profile: list[list[float]]) -> Any:
+    """Turn a profile (radius, height) about z."""
+    return creation.revolve(np.array(profile, float), sections=32)
+
+
+def _boxes(rows: list[list[float]]) -> Any:
+    """Join boxes, each its centre and edges."""
+    parts = [creation.box(row[3:]).apply_translation(row[:3]) for row in rows]
+    return util.concatenate(parts)
+
+
+def _parts(meshes: list[Any], heights: list[float]) -> Any:
+    """Join meshes at heights along z."""
+    moved = [mesh.apply_translation([0, 0, z]) for mesh, z in zip(meshes, heights, strict=True)]
+    return util.concatenate(moved)
+
+
+def _spring() -> Any:
+    """Bend a long thin torus of trimesh into a spring of three turns, its ends a gap apart."""
+    coil = creation.torus(1.0, 0.08, major_sections=120, minor_sections=8)
+    x, y, z = coil.vertices.T
+    along = np.arctan2(y, x)  # one turn becomes three there and three back, a little wider
+    radius = np.hypot(x, y) + 0.25 * np.where(along < 0.0, 1.0, -1.0) * np.minimum(
+        1.0, 4.0 * np.abs(np.sin(along))
+    )
+    turn, height = 6.0 * np.abs(along), z + 0.5 * np.abs(along)
+    coil.vertices = np.column_stack([radius * np.cos(turn), radius * np.sin(turn), height])
+    return coil
 
 
 def random_poses(count: int, volume: float, rng: np.random.Generator) -> Floats:

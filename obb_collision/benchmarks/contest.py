@@ -16,25 +16,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
-from itertools import islice, product
+from itertools import islice
 from time import perf_counter
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from obb_collision.benchmarks.price.levels import Bodies, Level, Throw, levels_of
-from obb_collision.benchmarks.price.peers import BOX_PEERS, MESH_PEERS, Ask, Query
-from obb_collision.benchmarks.price.rows import Price, Row
-from obb_collision.benchmarks.price.scenes import Corpus
-from obb_collision.benchmarks.price.turns import Times, take_turns
-from obb_collision.benchmarks.price.upkeep import Prepared, memory, prepare, prepare_ms
+from obb_collision.benchmarks.corpora import Corpus
+from obb_collision.benchmarks.levels import (
+    Crowd,
+    Level,
+    Prepared,
+    Throw,
+    levels_of,
+    memory,
+    prepare,
+    prepare_ms,
+)
+from obb_collision.benchmarks.pair_peers import BOX_PEERS, MESH_PEERS, Ask, Query
+from obb_collision.benchmarks.timing import Show, take_turns
 from obb_collision.geometry.shapes.meshes import Mesh
-from obb_collision.geometry.trees.obb_tree import MeshTrees
-from obb_collision.queries.meshes.meshes import mesh_collisions
-from obb_collision.queries.meshes.placed import PlacedMeshes
 from obb_collision.typing import Mask, Rows
 
 #: Poses that the steps go through in turn.
@@ -42,25 +46,76 @@ FRAMES = 4
 #: Shares of preparing shapes, deciding and timing pairs in the time of a corpus; the steps get the
 #: rest.
 PREPARING, ASKING, TIMING = 0.4, 0.25, 0.2
-#: Levels that must report all that others do.
-WIDER = {
-    "sphere": ("obb",),
-    "aabb": ("obb",),
-    "obb_faces": ("obb",),
-    "obb": ("obb_tree", "hull"),
-    "obb_tree": ("mesh",),
-    "hull": ("mesh",),
-}
+#: Levels that must report all that the next one does, each.
+NESTED = (("sphere", "obb"), ("aabb", "obb"), ("obb", "hull"), ("hull", "mesh"))
 #: Our level that a peer's shape is compared with.
 OURS = {"box": "obb", "hull": "hull", "mesh": "mesh"}
-#: The peer whose triangles are compared with ours.
-SURFACES = "python-fcl mesh"
-
-Show = Callable[[str], None]
 
 
-@dataclass(frozen=True)
-class Plan:
+@dataclass
+class Row:
+    """A level or peer: what it costs and how often it is wrong; None if not measured."""
+
+    name: str
+    peer: bool
+    pair_ns: float = 0.0
+    step_ms: float | None = None
+    bytes: float | None = None
+    prepare_ms: float | None = None
+    pairs: int = 0  #: candidates decided
+    reports: int = 0
+    false: int = 0  #: reports of bodies whose triangles do not collide
+    missed: int = 0  #: bodies whose triangles collide, not reported
+
+    def count(self, answers: Mask, truth: Mask) -> None:
+        """Add the results for pairs."""
+        self.pairs += len(truth)
+        self.reports += int(answers.sum())
+        self.false += int((answers & ~truth).sum())
+        self.missed += int((truth & ~answers).sum())
+
+    @property
+    def false_of_reports(self) -> float:
+        """Share of the reports that are false."""
+        return self.false / max(1, self.reports)
+
+    @property
+    def false_of_pairs(self) -> float:
+        """Share of the candidates that are falsely reported."""
+        return self.false / max(1, self.pairs)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return all numbers, the shares included."""
+        shares = {name: getattr(self, name) for name in ("false_of_reports", "false_of_pairs")}
+        return asdict(self) | shares
+
+
+@dataclass
+class Price:
+    """The rows of a corpus and what compares two of them."""
+
+    corpus: str
+    note: str
+    shapes: int
+    bodies: int
+    pairs: int = 0
+    colliding: int = 0
+    rows: list[Row] = field(default_factory=list)
+    out_of_order: int = 0  #: pairs that a more exact level reports and a coarser one doesn't
+    ratios: dict[str, float] = field(default_factory=dict)  #: peer's time over that of our level
+    missing: list[str] = field(default_factory=list)  #: peers that are not installed
+
+    @property
+    def missed(self) -> int:
+        """Pairs that a level of ours must report and does not: none, or there is a defect."""
+        return self.out_of_order + sum(row.missed for row in self.rows if not row.peer)
+
+    def row(self, name: str) -> Row:
+        """Return the row of a name."""
+        return next(row for row in self.rows if row.name == name)
+
+
+class Plan(NamedTuple):
     """Bodies in the room, pairs decided, pairs timed, and seconds for all of it."""
 
     bodies: int
@@ -78,7 +133,7 @@ class Contest:
         self.price = Price(corpus.name, corpus.note, len(corpus.shapes), plan.bodies)
         self.price.rows = [Row(level.name, peer=False) for level in self.accuracies]
         self._rng = np.random.default_rng(seed)
-        self.bodies = Bodies(corpus, plan.bodies, seed)
+        self.bodies = Crowd(corpus, plan.bodies, seed)
         if prepared:
             self.bodies.use_trees([p.mesh for p in prepared], [p.hull for p in prepared])
         self.peers: dict[str, Callable[[Query], Ask]] = {}
@@ -110,11 +165,10 @@ class Contest:
                 row.count(answers[row.name], truth)
             _count_far_spheres(self.price.row("sphere"), throw, answers["sphere"])
             self.price.out_of_order += sum(
-                int((answers[exact.name] & ~answers[coarse.name]).sum())
-                for coarse, exact in _ordered(self.accuracies)
+                int((answers[exact] & ~answers[coarse]).sum())
+                for coarse, exact in NESTED
+                if exact in answers
             )
-            if SURFACES in answers:
-                _compare_surfaces(self.price, throw, answers[SURFACES])
             if self.price.pairs >= pairs or perf_counter() > end:
                 return throw
 
@@ -135,11 +189,8 @@ class Contest:
         times = take_turns(contestants, seconds, before)
         for row in self.price.rows:
             row.pair_ns = 1e9 * times.best(row.name) / max(1, len(chosen))
-        self.price.ratios = self._ratios(times)
-
-    def _ratios(self, times: Times) -> dict[str, float]:
-        """Return how many times longer each peer takes than our level of the same shape."""
-        return {label: times.ratio(label, OURS[label.split()[-1]]) for label in self.peers}
+        ours = {label: OURS[label.split()[-1]] for label in self.peers}
+        self.price.ratios = {label: times.ratio(label, level) for label, level in ours.items()}
 
     def time_steps(self, seconds: float) -> None:
         """Time setting every pose and finding every pair in a ``Scene``, on each level in turn."""
@@ -148,9 +199,7 @@ class Contest:
         steps = 0
 
         def choose(level: Level) -> None:
-            scene.accuracy = level.accuracy
-            if level.depth is not None:
-                scene.tree_depth = level.depth
+            scene.accuracy = level.name
 
         def step() -> None:
             nonlocal steps
@@ -170,8 +219,8 @@ class Contest:
         """Measure the memory of each level, and its time of preparation."""
         for level in self.accuracies:
             row = self.price.row(level.name)
-            row.bytes = memory(level, throw.boxes, self.prepared)
-            row.prepare_ms = prepare_ms(level, self.prepared)
+            row.bytes = memory(level.name, throw.boxes, self.prepared)
+            row.prepare_ms = prepare_ms(level.name, self.prepared)
 
 
 def measure(corpus: Corpus, plan: Plan, seed: int, show: Show) -> Price:
@@ -202,14 +251,6 @@ def _prepared(corpus: Corpus, end: float, show: Show) -> tuple[Corpus, list[Prep
     return corpus, prepared
 
 
-def _ordered(levels: tuple[Level, ...]) -> Iterator[tuple[Level, Level]]:
-    """Yield pairs of levels of which the first must report all that the second does."""
-    for coarse, exact in product(levels, levels):
-        deeper = coarse.depth is not None and exact.depth is not None and coarse.depth < exact.depth
-        if exact.accuracy in WIDER.get(coarse.accuracy, ()) or deeper:
-            yield coarse, exact
-
-
 def _count_far_spheres(row: Row, throw: Throw, near: Mask) -> None:
     """Count the spheres that collide though the AABBs do not, and their candidates."""
     pairs, meet = throw.sphere_counts
@@ -217,14 +258,3 @@ def _count_far_spheres(row: Row, throw: Throw, near: Mask) -> None:
     row.pairs += pairs - len(near)
     row.reports += far
     row.false += far
-
-
-def _compare_surfaces(price: Price, throw: Throw, answers: Mask) -> None:
-    """Count where a peer's triangles disagree with ours, ours as surfaces like the peer's."""
-    placed = throw.meshes
-    arrays = placed.trees.arrays._asdict()
-    hollow = MeshTrees(**arrays | {"solid": np.zeros_like(placed.trees.solid)})
-    bodies = PlacedMeshes(hollow, placed.meshes, placed.centers, placed.rotations)
-    ours = mesh_collisions(bodies, bodies, np.stack([throw.first, throw.second], axis=1))
-    price.surface_pairs += len(ours)
-    price.surface_differ += int((ours != answers).sum())

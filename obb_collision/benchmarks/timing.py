@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Timing several ways to do the same, taking turns, by the processor time of this thread.
+"""Time: turns of several ways to do the same, and the progress of a run of bounded time.
 
 Others may use the machine: processor time does not run while they do, and a contestant with a bad
 turn has other turns. The best turn is the time of a contestant; the median over the turns of the
@@ -21,19 +21,21 @@ ratio of two compares them. Where questions use several threads, time on the wal
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from importlib import import_module
 from time import perf_counter, process_time, thread_time
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from obb_collision._threads import set_threads, threads
 from obb_collision.typing import Floats
 
+Show = Callable[[str], None]
 #: Minimum and maximum turns per contestant, whatever the time allowed.
-LEAST_TURNS = 3
-MOST_TURNS = 100
+LEAST_TURNS, MOST_TURNS = 3, 100
 
 
 @contextmanager
@@ -54,8 +56,7 @@ def seconds_of(run: Callable[[], object]) -> tuple[float, float]:
     return perf_counter() - start, process_time() - used
 
 
-@dataclass(frozen=True)
-class Times:
+class Times(NamedTuple):
     """Seconds of every turn (t,) of every contestant."""
 
     seconds: Mapping[str, Floats]
@@ -91,3 +92,49 @@ def take_turns(
             run()
             spent[name].append(clock() - start)
     return Times({name: np.array(times) for name, times in spent.items()})
+
+
+class Progress:
+    """Seconds spent of those allowed, and what is being done: a bar, or lines of text."""
+
+    def __init__(self, seconds: float, bar: Any = None) -> None:
+        self._start, self._seconds = perf_counter(), seconds
+        self._bar, self._last = bar, ""
+
+    @property
+    def left(self) -> float:
+        """Seconds left."""
+        return max(0.0, self._start + self._seconds - perf_counter())
+
+    def leave(self, seconds: float) -> None:
+        """Allow this many seconds from now on, at least."""
+        self._seconds = max(self._seconds, perf_counter() - self._start + seconds)
+        if self._bar is not None:
+            self._bar.total = self._seconds
+
+    def show(self, what: str) -> None:
+        """Report what comes next."""
+        if self._bar is None:
+            topic = what.rstrip("0123456789/")  # one line for all numbers of a topic
+            if topic != self._last:
+                print(f"[{self._seconds - self.left:4.0f} s] {topic}", file=sys.stderr, flush=True)
+            self._last = topic
+            return
+        self._bar.set_description_str(what, refresh=False)
+        self._bar.n = round(self._seconds - self.left, 1)
+        self._bar.refresh()
+
+
+@contextmanager
+def progress(seconds: float) -> Iterator[Progress]:
+    """Show a bar while the block runs, if tqdm is installed and the output is a terminal."""
+    try:
+        tqdm = import_module("tqdm").tqdm if sys.stderr.isatty() else None
+    except ImportError:
+        tqdm = None
+    if tqdm is None:
+        yield Progress(seconds)
+        return
+    form = "{desc:45.45} {percentage:3.0f}%|{bar}| {elapsed}"
+    with tqdm(total=seconds, bar_format=form, file=sys.stderr, leave=False) as bar:
+        yield Progress(seconds, bar)
