@@ -84,7 +84,7 @@ def save_accuracy(prices: Sequence[Price], effects: Sequence[EffectRow], path: P
     from matplotlib.figure import Figure
 
     price = [price for price in prices if price.rows][-1]
-    rows = [["levels"] * len(EFFECTS), list(EFFECTS)][: 2 if effects else 1]
+    rows: Any = [["levels"] * len(EFFECTS), list(EFFECTS)][: 2 if effects else 1]
     figure = Figure(figsize=(10.0, 4.8 * len(rows)), layout="constrained")
     panels = figure.subplot_mosaic(rows)
     axes = panels.pop("levels")
