@@ -22,18 +22,15 @@ and machine code cached on disk by ``_kernel_cache``.
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import partial
-from typing import Any, TypeVar
+from typing import Any, TypeVar, overload
 
 import numba
-from numba.core import types as _types
+from numba import types
 
-from obb_collision._compiling import compiled as _  # noqa: F401  # from now on it is said
 from obb_collision._kernel_cache import KernelCache
-from obb_collision._overloads import Overloads, Pipeline, for_kernels
+from obb_collision._numba import keep, known, redirect_calls
 
 F = TypeVar("F", bound=Callable[..., Any])
-types: Any = _types  # numba has no types
 
 #: Of every kernel. No wrapper for callers in C, who do not exist: a tenth of all compiling.
 OPTIONS = {
@@ -45,71 +42,71 @@ OPTIONS = {
 
 kernels: list[Any] = []
 """All kernels that have been defined so far; none where numba is disabled."""
+caches: list[KernelCache] = []
+"""Their caches."""
 
 
-def njit(function: F) -> F:
-    """Compile a kernel with the options of the project (see the module's docstring)."""
-    return _compiled(function)
+@overload
+def njit(function: F) -> F: ...
 
 
-def njit_inlined(function: F) -> F:
-    """Compile a kernel as ``njit`` does, but into whatever calls it, however long it is.
+@overload
+def njit(
+    *, inline: bool = False, refcount: bool = True, each_number: bool = False
+) -> Callable[[F], F]: ...
 
-    A loop over several numbers at once must not call anything.
+
+def njit(
+    function: Callable[..., Any] | None = None,
+    *,
+    inline: bool = False,
+    refcount: bool = True,
+    each_number: bool = False,
+) -> Any:
+    """Compile a kernel with the options of the project.
+
+    It is compiled twice at most: for Python, and for kernels that call it, without the function by
+    which Python would: a seventh of all compiling.
+
+    inline: into whatever calls it, however long it is; a loop over several numbers at once must not
+    call anything. refcount: whether references to the arrays it is given are counted, which takes
+    5 ns for each it names, as much as a test of two spheres; not in a kernel that makes or returns
+    none. each_number: whether it is compiled apart for every number written out in a call, as numba
+    does (a quarter of all compiling); for what indexes with it and is not inlined: it need not ask
+    whether it is negative.
     """
-    return _compiled(function, forceinline=True)
+    options: dict[str, bool] = {}
+    if inline:
+        options["forceinline"] = True
+    if not refcount:
+        options["_nrt"] = False
+    if function is None:
+        return lambda function: _compiled(function, each_number, options)
+    return _compiled(function, each_number, options)
 
 
-def _compiled(function: F, **options: bool) -> F:
-    compiled: Any = numba.njit(**OPTIONS, **options, pipeline_class=Pipeline)(function)
-    kernel: F = compiled
-    if hasattr(compiled, "_cache"):  # not where numba is disabled
-        compiled._cache = KernelCache(compiled)  # in place of numba's own
-        Overloads(compiled)
-        get = partial(_one_template, compiled, compiled.get_call_template)
-        compiled.get_call_template = get
-        kernels.append(kernel)
-    return kernel
+def _compiled(function: F, each_number: bool, options: dict[str, bool]) -> F:
+    kernel: Any = numba.njit(**known({**OPTIONS, **options}))(function)
+    if kernel is function:  # numba is disabled
+        return function
+    cache = KernelCache(kernel)
+    keep(kernel, cache.for_numba())
+    if not each_number:
+        inner = numba.njit(**known({**OPTIONS, **options, "no_cpython_wrapper": True}))(function)
+        keep(inner, cache.for_numba(for_kernels=True))
+        redirect_calls(kernel, inner, types.unliteral)
+    kernels.append(kernel)
+    caches.append(cache)
+    made: F = kernel
+    return made
 
 
-def njit_borrowing(function: F) -> F:
-    """Compile a kernel as ``njit_inlined`` does, for one that makes no arrays.
-
-    It does not count references to those it is given, which takes 5 ns for each it names: as much
-    as a test of two spheres.
-    """
-    return _compiled(function, forceinline=True, _nrt=False)
-
-
-def njit_reading(function: F) -> F:
-    """Compile a kernel as ``njit_borrowing`` does, but into its callers only where LLVM likes to.
-
-    For larger ones that are called in loops, and return no arrays.
-    """
-    return _compiled(function, _nrt=False)
-
-
-def njit_each_number(function: F) -> F:
-    """Compile a kernel as ``njit`` does, but apart for every number written out in a call.
-
-    For those that are not inlined and index with it: they need not ask whether it is negative.
-    """
-    kernel = njit(function)
-    vars(kernel).pop("get_call_template", None)
-    return kernel
-
-
-def _one_template(kernel: Any, get: Callable[..., Any], args: Any, kws: Any) -> Any:
-    """Return what a kernel calls: one version for all numbers that are written out in calls.
-
-    Numba compiles ``f(x, 0)``, ``f(x, 1)`` and ``f(x, n)`` apart, a quarter of all compiling;
-    LLVM puts such numbers in where it inlines, so that nothing runs faster for it.
-    """
-    kinds = {name: types.unliteral(kind) for name, kind in kws.items()}
-    with for_kernels(kernel):
-        return get(tuple(map(types.unliteral, args)), kinds)
+def loaded_kernels() -> set[str]:
+    """Return the kernels that Python has called in this process, with the types of arguments."""
+    pairs = zip(kernels, caches, strict=True)
+    return {f"{cache.name} {kinds}" for kernel, cache in pairs for kinds in kernel.overloads}
 
 
 def unkept_kernels() -> list[str]:
     """Return the names of the kernels that the cache has for no kind of arguments."""
-    return [kernel._cache.name for kernel in kernels if not kernel._cache.is_kept]
+    return [cache.name for cache in caches if not cache.is_kept]

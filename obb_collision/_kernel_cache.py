@@ -32,26 +32,22 @@ import glob
 import hashlib
 import logging
 import os
-import pickle
 import shutil
 import stat
 import tempfile
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import cache
 from itertools import product
 from pathlib import Path
-from time import time
+from time import perf_counter, time
 from typing import Any
 
-import numba
 from numba.core import config as _config
-from numba.core.caching import FunctionCache
-from numba.core.compiler import CompileResult
 
 from obb_collision._kernel_key import fields_of, kernel_key
-from obb_collision._overloads import is_for_kernels, rebuilt
+from obb_collision._numba import Cache, Key, can_keep, function_of
 
 config: Any = _config  # its attributes are set at run time
 #: Warnings for users: to stderr, where ``logging`` is not set up.
@@ -69,12 +65,12 @@ DIGEST_SIZE = 16
 MAX_KERNEL = 64_000_000
 #: How the names of files begin of what kernels alone can call.
 FOR_KERNELS = "inner-"
-#: How the names of private folders begin, and the name of the file in them that is locked ...
-PRIVATE, LOCK = "obb_collision-kernels-", "lock"
-#: ... within so many seconds of their making.
-LOCKING = 60.0
+#: How the names of private folders begin; the process's id follows.
+PRIVATE = "obb_collision-kernels-"
 #: Bytes that are written to see whether a folder takes kernels: most have less.
 PROBE = 1 << 16
+#: Seconds of compiling after which it is logged, and between two lines about it.
+FIRST_LINE, NEXT_LINE = 1.0, 5.0
 
 
 def cache_home() -> Path | None:
@@ -99,10 +95,54 @@ _used: set[Path] = set()
 _this_thread = threading.local()
 
 
+class Compiled:
+    """The kernels that this process compiles, and the seconds it takes; logs the progress.
+
+    say: what to do whenever one is compiled.
+    """
+
+    def __init__(self) -> None:
+        self.names: list[str] = []
+        self.seconds = 0.0
+        self.say: Callable[[], None] = self.log
+        self._begun: list[str] = []  # a kernel that is compiled may need others compiled
+        self._start, self._due = 0.0, FIRST_LINE
+
+    def begin(self, name: str) -> None:
+        """Take note that a kernel is going to be compiled."""
+        if not self._begun:
+            self._start = perf_counter()
+        self._begun.append(name)
+
+    def end(self, name: str) -> None:
+        """Take note that a kernel is compiled; those begun since then have failed."""
+        self.names.append(name)
+        del self._begun[self._begun.index(name) if name in self._begun else 0 :]
+        now = perf_counter()
+        self.seconds, self._start = self.seconds + now - self._start, now
+        self.say()
+
+    def log(self) -> None:
+        """Log the progress, if it is time to."""
+        if self.seconds < self._due:
+            return
+        kept = f", kept in {places[0]} for the next time" if places and not unsaved else ""
+        how = f" (obb_collision warm-up compiles all beforehand){kept}"
+        is_first, self._due = self._due == FIRST_LINE, self.seconds + NEXT_LINE
+        count = len(self.names)
+        logger.warning(
+            "compiling kernels%s: %d so far, %.0f s", how if is_first else "", count, self.seconds
+        )
+
+
+compiled = Compiled()
+"""What this process has compiled."""
+
+
 class KernelMissingError(BaseException):
     """A kernel would have to be compiled where only loading is allowed.
 
-    No ``Exception``: what lives through failures must not take it for one of them.
+    Derives from BaseException so that ``except Exception`` does not swallow it.
     """
 
 
@@ -116,8 +156,15 @@ def only_loading() -> Iterator[None]:
         _this_thread.only_loads = False
 
 
+def only_loads() -> bool:
+    """Return whether this thread may load kernels only."""
+    return getattr(_this_thread, "only_loads", False)
+
+
 def why_not_kept() -> str:
     """Return why the cache takes no kernels, nothing where it does."""
+    if not can_keep():
+        return "this version of numba has changed too much; install an older one"
     if not places:
         return "there is no home folder; set NUMBA_CACHE_DIR"
     try:
@@ -131,20 +178,13 @@ def why_not_kept() -> str:
 
 @cache
 def private_place() -> Path | None:
-    """Return a folder of this process's own, which ends with it; None where none can be made.
-
-    A file in it is locked for as long as the process lives, however that ends.
-    """
-    import fcntl  # no such thing on Windows, where no node runs either
-
+    """Return a folder of this process's own, which ends with it; None where none can be made."""
     drop_left_places()
     try:
-        folder = Path(tempfile.mkdtemp(prefix=PRIVATE))
+        folder = Path(tempfile.mkdtemp(prefix=f"{PRIVATE}{os.getpid()}-"))
     except OSError as error:
         _say_once(None, f"there is no temporary folder for kernels: {error}")
         return None
-    with suppress(OSError):  # where nothing can be locked, nothing is taken for left either
-        fcntl.flock(os.open(folder / LOCK, os.O_CREAT | os.O_RDWR, 0o600), fcntl.LOCK_EX)
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
     places.append(folder)
     return folder
@@ -152,21 +192,23 @@ def private_place() -> Path | None:
 
 def drop_left_places() -> None:
     """Remove the private folders of this user whose processes are gone, as after a SIGKILL."""
-    import fcntl
-
-    for folder in Path(tempfile.gettempdir()).glob(f"{PRIVATE}*"):
-        with suppress(OSError):  # of another user, locked, or gone meanwhile
+    for folder in Path(tempfile.gettempdir()).glob(f"{PRIVATE}*-*"):
+        number = folder.name.removeprefix(PRIVATE).partition("-")[0]
+        with suppress(OSError):  # gone meanwhile
             found = folder.lstat()
-            is_own = stat.S_ISDIR(found.st_mode) and found.st_uid == os.geteuid()
-            if not is_own or time() - found.st_mtime < LOCKING:
-                continue
-            flags = os.O_CREAT | os.O_RDWR | os.O_NOFOLLOW | os.O_NONBLOCK
-            descriptor = os.open(folder / LOCK, flags, 0o600)
-            try:
-                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            if stat.S_ISDIR(found.st_mode) and found.st_uid == os.geteuid() and _is_gone(number):
                 shutil.rmtree(folder, ignore_errors=True)
-            finally:
-                os.close(descriptor)
+
+
+def _is_gone(number: str) -> bool:
+    """Return whether no process has a number."""
+    try:
+        os.kill(int(number), 0)
+    except ProcessLookupError:
+        return True
+    except (OSError, ValueError, OverflowError):  # of another user; no number
+        pass
+    return False
 
 
 def _say_once(place: Path | None, text: str) -> None:
@@ -200,81 +242,51 @@ def _ages(home: Path, pattern: str) -> list[tuple[float, Path]]:
     return sorted(ages)
 
 
-class KernelCache(FunctionCache):  # type: ignore[misc]  # numba has no types
-    """The cache of one kernel, in place of numba's."""
+class KernelCache:
+    """The files of one kernel, for Python and for kernels that call it."""
 
     def __init__(self, kernel: Any) -> None:
-        self._kernel = kernel
-        self._py_func = kernel.py_func
-        self._enabled = True
+        self._kernel, self._function = kernel, function_of(kernel)
+        function = self._function
+        name = f"{function.__module__}.{function.__qualname__}"
+        self.name = name.removeprefix("obb_collision.")
+        """Name of the kernel, without that of the package."""
+
+    def for_numba(self, for_kernels: bool = False) -> Cache:
+        """Return what numba asks; for_kernels: what kernels call, which Python can't."""
+        prefixes = ("", FOR_KERNELS) if for_kernels else ("",)
+
+        def load(key: Key, rebuilt: Callable[[bytes], Any]) -> Any:
+            for place, prefix in product(places, prefixes):
+                found = self._load(place, prefix + self._file(key), rebuilt)
+                if found is not None:
+                    return found
+            if only_loads():
+                raise KernelMissingError(self.name)
+            compiled.begin(self.name)
+            return None
+
+        def save(key: Key, content: bytes | None) -> None:
+            if content is None or not self._save(prefixes[-1] + self._file(key), content):
+                unsaved.append(self.name)
+            compiled.end(self.name)
+
+        return Cache(load, save)
 
     @property
-    def _folder(self) -> str:
+    def folder(self) -> str:
         """Name of the folder; known once all that the kernel names is defined."""
         return f"{self.name}-{kernel_key(self._kernel)}"
 
     @property
-    def cache_path(self) -> str:
-        """Folder of the kernel, for whichever arguments."""
-        return str(places[0] / self._folder) if places else ""
-
-    def flush(self) -> None:
-        """Remove the files of the kernel."""
-        for place in places:
-            shutil.rmtree(place / self._folder, ignore_errors=True)
-
-    def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Return the compiled kernel, None where it is not there or damaged."""
-        target_context.refresh()
-        if self._enabled:
-            key = self._index_key(sig, target_context.codegen())
-            names = [self._file(key)]
-            if is_for_kernels(self._kernel):
-                names.append(FOR_KERNELS + names[0])
-            for place, name in product(places, names):
-                found = self._load(place, name, key, target_context)
-                if found is not None:
-                    return found
-        if getattr(_this_thread, "only_loads", False):
-            raise KernelMissingError(self.name)
-        return None
-
-    def save_overload(self, sig: Any, data: Any) -> None:
-        """Store a compiled kernel; a disk that can't take it is no reason to stop."""
-        if not self._enabled or any(not lifted.can_cache for lifted in data.lifted):
-            return
-        if data.library.has_dynamic_globals:
-            return
-        key = self._index_key(sig, data.codegen)
-        content = numba.core.serialize.dumps((key, data._reduce()))
-        content = _digest(content) + content
-        name = self._file(key)
-        if is_for_kernels(self._kernel):
-            name = FOR_KERNELS + name
-        for place in places:
-            try:
-                self._write(place / self._folder, name, content)
-                return
-            except (OSError, ValueError) as error:
-                reason = getattr(error, "strerror", None) or error
-                _say_once(place, f"kernels can't be kept in {place}: {reason}")
-        unsaved.append(self.name)
-
-    @property
-    def name(self) -> str:
-        """Name of the kernel, without that of the package."""
-        function = self._py_func
-        return f"{function.__module__}.{function.__qualname__}".removeprefix("obb_collision.")
-
-    @property
     def is_kept(self) -> bool:
         """Whether there is a file of the kernel, for whichever arguments."""
-        found = (path for place in places for path in (place / self._folder).glob("*.kernel"))
+        found = (path for place in places for path in (place / self.folder).glob("*.kernel"))
         return any(path.is_file() for path in found)
 
-    def _load(self, place: Path, name: str, key: Any, target_context: Any) -> Any:
+    def _load(self, place: Path, name: str, rebuilt: Callable[[bytes], Any]) -> Any:
         """Return a kernel from a folder, None where it is not there or can't be used."""
-        folder = place / self._folder
+        folder = place / self.folder
         try:
             content = _content(folder / name)
         except FileNotFoundError:
@@ -287,11 +299,7 @@ class KernelCache(FunctionCache):  # type: ignore[misc]  # numba has no types
             digest, data = content[:DIGEST_SIZE], content[DIGEST_SIZE:]
             if _digest(data) != digest:
                 raise ValueError("not what was written")
-            known, reduced = pickle.loads(data)
-            if known != key:
-                return None
-            rebuild = rebuilt if name.startswith(FOR_KERNELS) else CompileResult._rebuild
-            result = rebuild(target_context, *reduced)
+            result = rebuilt(data)
         except Exception:  # whatever a damaged or foreign file makes pickle and numba raise
             _say_once(place, f"kernels in {place} are damaged: these are compiled anew")
             return None
@@ -301,8 +309,21 @@ class KernelCache(FunctionCache):  # type: ignore[misc]  # numba has no types
                 os.utime(folder)  # see ``_drop_old``
         return result
 
-    def _file(self, key: Any) -> str:
-        signature, *rest = key
+    def _save(self, name: str, content: bytes) -> bool:
+        """Store a compiled kernel, if a folder takes it; returns whether one does."""
+        for place in places:
+            try:
+                self._write(place / self.folder, name, _digest(content) + content)
+                return True
+            except (OSError, ValueError) as error:
+                reason = getattr(error, "strerror", None) or error
+                _say_once(place, f"kernels can't be kept in {place}: {reason}")
+        return False
+
+    def _file(self, key: Key) -> str:
+        signature, processor = key
+        codes = (self._function.__code__.co_code, b"")
+        rest = [processor, tuple(hashlib.sha256(code).hexdigest() for code in codes)]
         text = repr((str(signature), [fields_of(kind) for kind in signature], rest))
         return f"{hashlib.sha256(text.encode()).hexdigest()[:24]}.kernel"
 

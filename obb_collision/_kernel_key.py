@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What the machine code of a kernel depends on, as a key for the cache.
+"""Key of a kernel in the cache: all that its machine code depends on.
 
 Numba compiles a kernel from its bytecode and literals, the values that globals have then, the
 kernels that it calls, the options of the decorator, and the names that types give to fields. All of
@@ -24,10 +24,9 @@ from __future__ import annotations
 
 import hashlib
 import sys
-from collections.abc import Iterator
 from enum import Enum
 from functools import cache
-from types import CodeType, FunctionType, ModuleType
+from types import CodeType, ModuleType
 from typing import Any
 
 import llvmlite
@@ -35,14 +34,11 @@ import numba
 import numpy as np
 from numba.core import config as _config
 from numba.core import types as _types
-from numba.core.dispatcher import Dispatcher
-from numba.extending import _Intrinsic
+
+from obb_collision._numba import function_of
 
 config: Any = _config  # its attributes are set at run time
 types: Any = _types
-
-#: What a kernel calls that is made of Python code: kernels, functions, what writes LLVM's code.
-CALLED = (Dispatcher, FunctionType, _Intrinsic)
 
 #: Settings of numba, by environment variables or files, that change what is compiled.
 FLAGS = (
@@ -56,8 +52,8 @@ def kernel_key(kernel: Any) -> str:
     """Return a hash of a kernel, or function, of all it calls, and of what compiles it."""
     reached, waiting = {kernel}, [kernel]
     while waiting:
-        for called in called_by(waiting.pop()):
-            if called not in reached:
+        for _, called in _globals(waiting.pop()):
+            if function_of(called) is not None and called not in reached:
                 reached.add(called)
                 waiting.append(called)
     flags = [repr(getattr(config, name, None)) for name in FLAGS]
@@ -66,20 +62,13 @@ def kernel_key(kernel: Any) -> str:
     return hashlib.sha256("\0".join(parts).encode()).hexdigest()[:16]
 
 
-def called_by(kernel: Any) -> Iterator[Any]:
-    """Yield the kernels and functions among the globals of a kernel."""
-    for _, value in _globals(kernel):
-        if isinstance(value, CALLED):
-            yield value
-
-
 @cache
 def own_key(kernel: Any) -> str:
     """Return what a kernel depends on but for what it calls; TypeError where that is not known."""
-    function = _function(kernel)
+    function = function_of(kernel)
     values = [(name, _value(value)) for name, value in _globals(kernel)]
     options = sorted(getattr(kernel, "targetoptions", {}).items())
-    options.append(("one template", "get_call_template" in vars(kernel)))  # see ``_jit``
+    options.append(("one template", "get_call_template" in vars(kernel)))  # see ``_numba``
     defaults = _value(function.__defaults__ or ())
     name = f"{function.__module__}.{function.__qualname__}"
     return repr((name, _code(function.__code__, function.__doc__), values, options, defaults))
@@ -95,15 +84,9 @@ def fields_of(kind: Any) -> tuple[Any, ...]:
     return ()
 
 
-def _function(kernel: Any) -> Any:
-    if isinstance(kernel, _Intrinsic):
-        return kernel._defn
-    return kernel.py_func if isinstance(kernel, Dispatcher) else kernel
-
-
 def _globals(kernel: Any) -> list[tuple[str, Any]]:
     """Return the globals that a kernel names, and what it closes over, sorted."""
-    function = _function(kernel)
+    function = function_of(kernel)
     known = function.__globals__
     named = {name: known[name] for name in _names(function.__code__) if name in known}
     cells = zip(function.__code__.co_freevars, function.__closure__ or (), strict=True)
@@ -131,8 +114,9 @@ def _code(code: CodeType, doc: str | None = None) -> tuple[Any, ...]:
 
 def _value(value: Any) -> str:
     """Return a global as numba compiles it in."""
-    if isinstance(value, CALLED):
-        return f"calls {_function(value).__module__}.{_function(value).__qualname__}"
+    called = function_of(value)
+    if called is not None:
+        return f"calls {called.__module__}.{called.__qualname__}"
     if isinstance(value, ModuleType):
         return f"module {value.__name__}"
     if isinstance(value, np.ndarray):

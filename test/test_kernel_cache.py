@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The kernel cache: what an edit compiles again, and what a damaged file does."""
+"""The kernel cache: edits, damage, folders that take nothing, and numba without inner parts."""
 
 from __future__ import annotations
 
@@ -22,15 +22,17 @@ import re
 import shutil
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
-from processes import PATIENCE, limited, output_until
+from processes import PATIENCE
 
-from obb_collision import _jit, _kernel_cache
-from obb_collision._compiling import compiled
+from obb_collision import _jit, _kernel_cache, _numba
+from obb_collision._kernel_cache import Compiled, compiled
 
 PACKAGE = Path(_kernel_cache.__file__).resolve().parent
 EXAMPLE = """
@@ -81,7 +83,7 @@ def run_copied(folder: Path, **environment: str) -> list[str]:
     """Use the copy; return the kernels that it compiled."""
     code = """
 import obb_collision as oc
-from obb_collision._compiling import compiled
+from obb_collision._kernel_cache import compiled
 oc.Boxes.from_poses([(1, 2, 3, 0, 0, 0, 1)], [(1, 1, 1)])
 print(compiled.names)
 """
@@ -120,12 +122,18 @@ def test_another_processor_is_another_file(copied: Path) -> None:
     assert run_copied(copied, NUMBA_CPU_NAME="generic") != []
 
 
+def forget_kernels(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leave those of a test out of those of the package."""
+    monkeypatch.setattr(_jit, "kernels", [])
+    monkeypatch.setattr(_jit, "caches", [])
+
+
 @pytest.fixture
 def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Return the folder of an empty cache that this process uses."""
     folder = tmp_path / "obb_collision"
     monkeypatch.setattr(_kernel_cache, "places", [folder])
-    monkeypatch.setattr(_jit, "kernels", [])
+    forget_kernels(monkeypatch)
     return folder
 
 
@@ -235,7 +243,7 @@ def test_a_folder_that_is_a_file_is_said_and_stops_nothing(
     folder = tmp_path / "file" / "obb_collision"
     monkeypatch.setattr(_kernel_cache, "places", [folder])
     monkeypatch.setattr(_kernel_cache, "unsaved", [])
-    monkeypatch.setattr(_jit, "kernels", [])
+    forget_kernels(monkeypatch)
     assert use_example() == NAMES
     assert _kernel_cache.unsaved == NAMES
     assert f"kernels can't be kept in {folder}: Not a directory" in caplog.text
@@ -263,43 +271,88 @@ def test_a_private_folder_takes_what_the_other_does_not_and_goes_with_the_proces
     assert list(private.iterdir()) == []
 
 
-HOLDING = """
-import sys
-from obb_collision import _kernel_cache as cache
-print(cache.private_place(), flush=True)
-sys.stdin.read()
-"""
-
-
-def test_private_folders_are_removed_once_their_processes_are_gone(tmp_path: Path) -> None:
+def test_private_folders_are_removed_once_their_processes_are_gone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    gone = subprocess.Popen([sys.executable, "-c", ""])
+    gone.wait(PATIENCE)
+    killed, alive, other = (
+        tmp_path / f"obb_collision-kernels-{name}"
+        for name in (f"{gone.pid}-a", f"{os.getpid()}-b", "0x1-c")
+    )
     elsewhere = tmp_path / "elsewhere"
-    elsewhere.mkdir()
-    link, young = tmp_path / "obb_collision-kernels-link", tmp_path / "obb_collision-kernels-young"
+    for folder in (killed, alive, other, elsewhere):
+        folder.mkdir()
+    link = tmp_path / f"obb_collision-kernels-{gone.pid}-link"
     link.symlink_to(elsewhere)
-    young.mkdir()
-    environment = {**os.environ, "TMPDIR": str(tmp_path)}
-    started = [
-        subprocess.Popen(
-            [sys.executable, "-c", HOLDING],
-            env=environment,
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    _kernel_cache.drop_left_places()
+    assert {*tmp_path.iterdir()} == {alive, other, elsewhere, link}
+
+
+def test_a_kernel_is_compiled_for_python_and_for_kernels_and_one_for_python_does_for_both(
+    home: Path,
+) -> None:
+    assert use_example() == NAMES  # what Python calls, and its helper
+    names: dict[str, Any] = {"__name__": "obb_collision.example"}
+    exec(EXAMPLE, names)
+    before = len(compiled.names)
+    assert names["helper"](1.5) == 2.5
+    assert compiled.names[before:] == NAMES[:1], "for Python"
+    (home / next(home.glob("example.kernel-*")).name).rename(home / "elsewhere")
+    for file in home.glob("example.helper-*/inner-*"):
+        file.unlink()
+    assert use_example() == NAMES[1:], "the helper for Python does for kernels"
+
+
+def test_a_number_written_out_is_no_kernel_of_its_own_unless_that_is_asked_for(
+    home: Path,
+) -> None:
+    for options, count in (("", 1), ("(each_number=True)", 3)):
+        names: dict[str, Any] = {"__name__": "obb_collision.example"}
+        exec(
+            f"from obb_collision._jit import njit\n@njit{options}\ndef inner(x, n):\n"
+            "    return x + n\n@njit\ndef outer(x, n):\n"
+            "    return inner(x, 1) + inner(x, 2) + inner(x, n)\n",
+            names,
         )
-        for _ in range(2)
-    ]
-    with limited(started[0]), limited(started[1]):
-        killed, alive = (Path(output_until(process, "\n").strip()) for process in started)
-        started[0].kill()
-        started[0].wait(PATIENCE)
-        for folder in (killed, alive):
-            assert folder.is_dir()
-            os.utime(folder, (0.0, 0.0))
-        run(tmp_path, "from obb_collision._kernel_cache import drop_left_places as drop; drop()",
-            TMPDIR=str(tmp_path))  # fmt: skip
-        assert not killed.exists()
-        assert alive.is_dir()
-        assert young.is_dir()
-        assert elsewhere.is_dir()
-        started[1].communicate(timeout=PATIENCE)
-        assert not alive.exists()
+        before = len(compiled.names)
+        assert names["outer"](0.5, 3) == 7.5
+        assert compiled.names[before:].count("example.inner") == count
+
+
+def test_compiling_is_logged_on_stderr_and_can_be_silenced(tmp_path: Path) -> None:
+    quiet = "import logging; logging.getLogger('obb_collision').setLevel('ERROR')\n"
+    eager = "from obb_collision._kernel_cache import compiled; compiled._due = 0.0\n"
+    loud = run(
+        tmp_path,
+        eager.replace("_due = 0.0", "_due = FIRST_LINE").replace(
+            "import compiled", "import FIRST_LINE, compiled"
+        )
+        + "compiled.seconds = 1.0\n"
+        + RUN,
+    )
+    assert loud.startswith("compiling kernels (obb_collision warm-up compiles all beforehand)")
+    assert "so far" in loud
+    assert run(tmp_path / "other", quiet + eager + RUN) == ""
+
+
+def test_a_quick_compilation_is_not_worth_a_line(caplog: pytest.LogCaptureFixture) -> None:
+    progress = Compiled()
+    for seconds in (0.5, 0.9, 1.1, 2.0, 6.0, 6.2, 11.5):
+        progress.seconds = seconds
+        progress.log()
+    assert [line.rpartition(", ")[2] for line in caplog.messages] == ["1 s", "6 s", "12 s"]
+
+
+@pytest.mark.parametrize("hidden", ["CompileResult", "DefaultOptions", "redirect"])
+def test_without_an_inner_part_of_numba_kernels_are_compiled_all_the_same(
+    home: Path, hidden: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if hidden == "redirect":
+        monkeypatch.setattr(_numba, "getattr", lambda *_: None, raising=False)
+    else:
+        monkeypatch.setattr(_numba, hidden, None)
+    use_example()
+    assert bool(kernels(home)) == (hidden != "CompileResult")
+    assert bool(_kernel_cache.why_not_kept()) == (hidden == "CompileResult")

@@ -49,6 +49,13 @@ def kernel(x):
 """
 
 
+@pytest.fixture(autouse=True)
+def _own_kernels(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leave those of a test out of those of the package."""
+    monkeypatch.setattr(_jit, "kernels", [*_jit.kernels])
+    monkeypatch.setattr(_jit, "caches", [*_jit.caches])
+
+
 def key_of(source: str) -> str:
     names: dict[str, Any] = {"__name__": "obb_collision.example"}
     exec(source, names)
@@ -73,21 +80,18 @@ def key_of(source: str) -> str:
 def test_the_key_has_what_a_kernel_depends_on(
     before: str, after: str, same: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(_jit, "kernels", [])
     assert before in KERNEL
     assert (key_of(KERNEL) == key_of(KERNEL.replace(before, after, 1))) == same
 
 
 @pytest.mark.parametrize("flag", _kernel_key.FLAGS)
 def test_the_key_has_the_settings_of_numba(flag: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(_jit, "kernels", [])
     before = key_of(KERNEL)
     monkeypatch.setattr(_kernel_key.config, flag, "another", raising=False)
     assert key_of(KERNEL) != before
 
 
 def test_what_a_key_cannot_be_made_of_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(_jit, "kernels", [])
     with pytest.raises(TypeError, match="depends on a dict"):
         key_of(KERNEL.replace("STEPS = (1, 2)", "STEPS = {0: 1}"))
 

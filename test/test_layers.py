@@ -23,19 +23,17 @@ from pathlib import Path
 import obb_collision
 
 ROOT = Path(obb_collision.__file__).parent
-KERNELS = {"_jit", "_kernel_cache", "_kernel_key", "_overloads", "_compiling"}
+KERNELS = {"_jit", "_kernel_cache", "_kernel_key", "_numba"}
 BASE = KERNELS | {"_threads", "typing", "words"}
 GEOMETRY = BASE | {"numerics", "geometry"}
 LIBRARY = GEOMETRY | {"accuracy", "queries", "obb", "shapes", "scene"}
 #: What each folder, or module beside them, may import besides itself.
 LAYERS: dict[str, set[str]] = {
-    "_kernel_key": set(),
-    "_overloads": set(),
-    "_kernel_cache": {"_kernel_key", "_overloads"},
-    "_compiling": {"_kernel_cache"},
-    "_jit": {"_kernel_cache", "_overloads", "_compiling"},
-    "_threads": {"_thread_pool", "words"},
-    "_thread_pool": set(),
+    "_numba": set(),
+    "_kernel_key": {"_numba"},
+    "_kernel_cache": {"_kernel_key", "_numba"},
+    "_jit": {"_kernel_cache", "_numba"},
+    "_threads": {"words"},
     "typing": set(),
     "words": set(),
     "cli": {"words"},

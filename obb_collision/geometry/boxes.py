@@ -37,15 +37,12 @@ from obb_collision.geometry.validation import (
 )
 from obb_collision.numerics.constants import BOUND_SLACK, BOUND_UNDERFLOW
 from obb_collision.numerics.error_free import two_sum_error
-from obb_collision.numerics.memory import keep_freed_memory
 from obb_collision.numerics.vec3 import dot_abs, rows_at, vector_at
 from obb_collision.typing import Axes, Floats, Vector
 from obb_collision.words import shown
 
 if TYPE_CHECKING:  # of a layer above: only its name
     from obb_collision.obb import OBB
-
-keep_freed_memory()
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -30,7 +30,7 @@ from numba.core import config as _config
 from numba.core import types
 from numba.extending import intrinsic
 
-from obb_collision._jit import njit_reading
+from obb_collision._jit import njit
 from obb_collision.typing import Floats, Vector
 
 config: Any = _config  # numba has no types, and its settings are set at run time
@@ -47,7 +47,7 @@ def in_blocks(points: Floats) -> Floats:
     return np.ascontiguousarray(points[rows].reshape(-1, LANES, 3).transpose(0, 2, 1))
 
 
-@njit_reading
+@njit(refcount=False)
 def farthest(blocks: Floats, first: int, last: int, n: Vector) -> Vector:
     """Return the first point of blocks ``first`` to ``last`` - 1 that reaches farthest along n."""
     row = _farthest_row(blocks, first, last, n[0], n[1], n[2])

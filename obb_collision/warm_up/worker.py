@@ -77,8 +77,7 @@ def _teller(out: TextIO) -> Callable[..., None]:
 
 def _listen(tell: Callable[..., None]) -> None:
     """Pass on what this package logs and the kernels it compiles."""
-    from obb_collision import _compiling
-    from obb_collision._kernel_cache import logger
+    from obb_collision._kernel_cache import compiled, logger
 
     class Notes(logging.Handler):
         def emit(self, record: logging.LogRecord) -> None:
@@ -88,13 +87,13 @@ def _listen(tell: Callable[..., None]) -> None:
     logger.propagate = False
     told = 0
 
-    def compiled(state: _compiling.Compiled) -> None:
+    def say() -> None:
         nonlocal told
-        for name in state.names[told:]:
+        for name in compiled.names[told:]:
             tell("kernel", name=name)
-        told = len(state.names)
+        told = len(compiled.names)
 
-    _compiling.compiled.say = compiled
+    compiled.say = say
 
 
 def _run(step: str, tell: Callable[..., None]) -> None:

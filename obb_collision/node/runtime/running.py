@@ -26,6 +26,7 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from typing import TypeVar
 
+import numpy as np
 import rclpy
 from rclpy.context import Context
 from rclpy.exceptions import NameValidationException, ParameterException
@@ -79,6 +80,20 @@ class Garbage:
         """Exclude objects loaded since then, too, if ``settle`` was called; takes no time."""
         if cls.settled:
             gc.freeze()
+
+
+#: Bytes of the largest block after which glibc raises its thresholds (mallopt(3), 32 MB at most).
+LARGEST_BLOCK = 31 << 20
+
+
+def keep_freed_memory() -> None:
+    """Let the process keep some 60 MB of what it frees, and not give it back at every cycle.
+
+    Taking it again costs a page fault per 4 kB: a sixth of the time of cycles of 10,000 to 100,000
+    boxes. By what glibc does by itself once a block of that size is freed; nothing is written to
+    it, so that it takes no memory. Other libraries of C do as they do.
+    """
+    np.empty(LARGEST_BLOCK, np.uint8)
 
 
 class Signals:
@@ -170,6 +185,7 @@ def run(
             executor = SingleThreadedExecutor(context=context)
             executor.add_node(node)
             Garbage.settle()
+            keep_freed_memory()
             signals.making = False
             if not signals.count:
                 spin(executor, None if caught is None else partial(caught, node))

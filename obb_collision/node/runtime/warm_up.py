@@ -29,7 +29,7 @@ from queue import Empty, SimpleQueue
 from threading import Event, Thread
 from time import perf_counter
 
-from obb_collision import _compiling, _kernel_cache
+from obb_collision import _kernel_cache
 from obb_collision.accuracy import Accuracy
 from obb_collision.node.runtime.running import Garbage
 from obb_collision.warm_up import steps
@@ -264,11 +264,11 @@ class WarmUp:
         )
         for step in self._steps:
             if step not in self._ready | self._refused.keys() and not self._stopped():
-                start, before = perf_counter(), len(_compiling.compiled.names)
+                start, before = perf_counter(), len(_kernel_cache.compiled.names)
                 steps.run(step)
                 self._ready.add(step)
                 self._info(
-                    f"compiled {len(_compiling.compiled.names) - before} kernels for {step} in "
+                    f"compiled {len(_kernel_cache.compiled.names) - before} kernels for {step} in "
                     f"{perf_counter() - start:.1f} s"
                 )
 

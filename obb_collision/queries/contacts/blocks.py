@@ -26,7 +26,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from obb_collision._jit import njit, njit_inlined
+from obb_collision._jit import njit
 from obb_collision.numerics.vec3 import (
     clamped,
     combined,
@@ -183,7 +183,7 @@ VERTEX_NOW = SETTLED + SLOTS
 PLACE_NOW, SETTLED_NOW, ROWS = VERTEX_NOW + 3, VERTEX_NOW + 6, VERTEX_NOW + 7
 
 
-@njit_inlined
+@njit(inline=True)
 def lay_faces(block: Floats, count: int) -> None:
     """Write the face of b that is turned to a as seen on the face of a that is turned to b.
 
@@ -223,7 +223,7 @@ def lay_faces(block: Floats, count: int) -> None:
         write_in(block, EDGES + 3, n, v)
 
 
-@njit_inlined
+@njit(inline=True)
 def _turned(normal: Vector, axes: Axes, extents: Vector) -> tuple[Vector, Vector, Vector, Vector]:
     """Return the three axes of a box and its extents, that first which is along the normal."""
     x, y, z = components(axes, normal)
@@ -235,7 +235,7 @@ def _turned(normal: Vector, axes: Axes, extents: Vector) -> tuple[Vector, Vector
     return (*rows_of((p, q, r)), _rolled(first, second, extents))
 
 
-@njit_inlined
+@njit(inline=True)
 def _rolled(first: bool, second: bool, v: Vector) -> Vector:
     """Return v from its first component on, from its second or its third, round and round."""
     return (
@@ -245,14 +245,14 @@ def _rolled(first: bool, second: bool, v: Vector) -> Vector:
     )
 
 
-@njit_inlined
+@njit(inline=True)
 def _chosen(first: bool, second: bool, v: Vector) -> float:
     """Return a component: one number at a time, for LLVM makes branches of more."""
     later = v[1] if second else v[2]
     return v[0] if first else later
 
 
-@njit_inlined
+@njit(inline=True)
 def place_points(block: Floats, count: int, slot: int) -> None:
     """Write the points of a slot, halfway between the faces, moved into both boxes.
 
@@ -269,7 +269,7 @@ def place_points(block: Floats, count: int, slot: int) -> None:
             block[PLACE + 3 * slot + k, n] = block[PLACE_NOW + k, n]
 
 
-@njit_inlined
+@njit(inline=True)
 def _pull_points(block: Floats, count: int) -> None:
     for n in range(count):  # without a branch
         a = Box((0.0, 0.0, 0.0), axes_in(block, AXES_A, n), vector_in(block, EXTENTS_A, n))
@@ -287,7 +287,7 @@ def _pull_points(block: Floats, count: int) -> None:
             block[PLACE_NOW + k, n] = first[k] if settled else second[k]
 
 
-@njit_inlined
+@njit(inline=True)
 def point_at(block: Floats, vertex: int, n: int) -> Vector:
     """Return the point of a vertex halfway between the faces, from the centre of a."""
     s, t, w = scaled(vector_in(block, vertex, n), block[SIZE, n])

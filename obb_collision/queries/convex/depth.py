@@ -30,7 +30,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from obb_collision._jit import njit, njit_reading
+from obb_collision._jit import njit
 from obb_collision.numerics.vec3 import (
     cross,
     dot,
@@ -82,7 +82,7 @@ def room_for_depth() -> Polytope:
     )
 
 
-@njit_reading
+@njit(refcount=False)
 def deepest(a: Core, b: Core, pose: Pose, found: Search, room: Polytope) -> Search:
     """Return the direction along which two cores overlap least, and points that touch then.
 
@@ -116,25 +116,25 @@ def deepest(a: Core, b: Core, pose: Pose, found: Search, room: Polytope) -> Sear
     return Search(best, normal, 0.0, p, q, no_simplex())
 
 
-@njit_reading
+@njit(refcount=False)
 def _put(room: Polytope, row: int, corner: Corner) -> None:
     for k in range(3):
         room.w[row, k], room.p[row, k], room.q[row, k] = corner.w[k], corner.p[k], corner.q[k]
 
 
-@njit_reading
+@njit(refcount=False)
 def _corner_at(room: Polytope, row: int) -> Corner:
     return Corner(vector_at(room.w, row), vector_at(room.p, row), vector_at(room.q, row))
 
 
-@njit_reading
+@njit(refcount=False)
 def _swap(room: Polytope, i: int, j: int) -> None:
     first, second = _corner_at(room, i), _corner_at(room, j)
     _put(room, i, second)
     _put(room, j, first)
 
 
-@njit_reading
+@njit(refcount=False)
 def _start(a: Core, b: Core, pose: Pose, unit: float, normal: Vector, room: Polytope) -> int:
     """Make a tetrahedron of the corners farthest along some directions; return its faces or 0."""
     n = 0
@@ -175,24 +175,24 @@ def _start(a: Core, b: Core, pose: Pose, unit: float, normal: Vector, room: Poly
     return faces
 
 
-@njit_reading
+@njit(refcount=False)
 def _unit(v: Vector) -> Vector:
     length = norm(v)
     return scaled(v, 1.0 / length) if length > 0.0 else (1.0, 0.0, 0.0)
 
 
-@njit_reading
+@njit(refcount=False)
 def _across(u: Vector) -> Vector:
     """Return a unit vector orthogonal to a unit vector."""
     return _unit((0.0, -u[2], u[1]) if abs(u[0]) < 0.5 else (-u[1], u[0], 0.0))
 
 
-@njit_reading
+@njit(refcount=False)
 def _edge(room: Polytope, i: int, j: int) -> Vector:
     return minus(vector_at(room.w, j), vector_at(room.w, i))
 
 
-@njit_reading
+@njit(refcount=False)
 def _farthest_from(room: Polytope, k: int, n: int) -> int:
     """Return which of corners k to n - 1 is farthest from what the first k span."""
     far = k
@@ -202,7 +202,7 @@ def _farthest_from(room: Polytope, k: int, n: int) -> int:
     return far
 
 
-@njit_reading
+@njit(refcount=False)
 def _height(room: Polytope, k: int, row: int) -> float:
     """Return how far a corner is from what the first k corners span."""
     v = _edge(room, 0, row)
@@ -214,7 +214,7 @@ def _height(room: Polytope, k: int, row: int) -> float:
     return abs(dot(_unit(cross(u, _edge(room, 0, 2))), v))
 
 
-@njit_reading
+@njit(refcount=False)
 def _put_face(room: Polytope, row: int, i: int, j: int, k: int, pose: Pose, unit: float) -> None:
     """Write a face and its plane; infinitely far where it has none."""
     room.faces[row, 0], room.faces[row, 1], room.faces[row, 2] = i, j, k
@@ -233,7 +233,7 @@ def _put_face(room: Polytope, row: int, i: int, j: int, k: int, pose: Pose, unit
     room.planes[row, 3] = far
 
 
-@njit_reading
+@njit(refcount=False)
 def _grown(room: Polytope, faces: int, corner: int, pose: Pose, unit: float) -> int:
     """Replace the faces that a new corner is beyond by those it makes; return how many there are.
 
@@ -259,7 +259,7 @@ def _grown(room: Polytope, faces: int, corner: int, pose: Pose, unit: float) -> 
     return faces
 
 
-@njit_reading
+@njit(refcount=False)
 def _toggled(room: Polytope, edges: int, i: int, j: int) -> int:
     """Add an edge to those of the hole, or remove it, if the face on its other side goes, too."""
     for e in range(edges):
@@ -271,7 +271,7 @@ def _toggled(room: Polytope, edges: int, i: int, j: int) -> int:
     return edges + 1
 
 
-@njit_reading
+@njit(refcount=False)
 def _touching(
     room: Polytope, faces: int, nearest: int, close: float, gap: Gap
 ) -> tuple[Vector, Vector]:
@@ -294,7 +294,7 @@ def _touching(
     return _mixed(room.p, i, j, k, y, z), _mixed(room.q, i, j, k, y, z)
 
 
-@njit_reading
+@njit(refcount=False)
 def _foot(room: Polytope, face: int) -> tuple[float, float]:
     """Return where the origin is over a face, by its two edges; NaN if it has no plane."""
     i, j, k = room.faces[face, 0], room.faces[face, 1], room.faces[face, 2]
@@ -304,7 +304,7 @@ def _foot(room: Polytope, face: int) -> tuple[float, float]:
     return dot(n, cross(v, start)) / square, dot(n, cross(start, u)) / square
 
 
-@njit_reading
+@njit(refcount=False)
 def _mixed(points: Floats, i: int, j: int, k: int, y: float, z: float) -> Vector:
     x = 1.0 - y - z
     return (
@@ -314,7 +314,7 @@ def _mixed(points: Floats, i: int, j: int, k: int, y: float, z: float) -> Vector
     )
 
 
-@njit_reading
+@njit(refcount=False)
 def _flat(
     a: Core, b: Core, pose: Pose, best: float, normal: Vector, room: Polytope
 ) -> tuple[float, Vector]:

@@ -33,7 +33,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from obb_collision._jit import njit_borrowing, njit_inlined, njit_reading
+from obb_collision._jit import njit
 from obb_collision.numerics.vec3 import (
     clamp,
     components,
@@ -60,13 +60,13 @@ class Feet(NamedTuple):
     q: Vector  #: of b, in its own
 
 
-@njit_borrowing
+@njit(inline=True, refcount=False)
 def no_feet(p: Vector, q: Vector) -> Feet:
     """Return what bodies without feet have."""
     return Feet(p, np.inf, p, q)
 
 
-@njit_borrowing
+@njit(inline=True, refcount=False)
 def feet(a: Core, b: Core, pose: Pose, p: Vector, q: Vector) -> Feet:
     """Return the nearer of p with its foot on b, and q with its foot on a.
 
@@ -87,13 +87,13 @@ def feet(a: Core, b: Core, pose: Pose, p: Vector, q: Vector) -> Feet:
     return best
 
 
-@njit_borrowing
+@njit(inline=True, refcount=False)
 def has_feet(core: Core) -> bool:
     """Return whether a core is one of those that feet are known of."""
     return core.kind == BOX or core.kind == CYLINDER or core.kind == CONE or core.kind == SEGMENT
 
 
-@njit_reading
+@njit(refcount=False)
 def _foot(kind: int, size: Vector, half: float, p: Vector) -> Vector:
     """Return the point of a core nearest to p; of ellipses one that is near."""
     x, y, z = size
@@ -115,7 +115,7 @@ def _foot(kind: int, size: Vector, half: float, p: Vector) -> Vector:
     return u * r, v * r, height
 
 
-@njit_reading
+@njit(refcount=False)
 def across(kind: int, size: Vector, half: float, p: Vector, foot: Vector) -> Vector:
     """Return the other end of the edge, side or face that has p, a foremost point, and its foot."""
     if foot == p:
@@ -142,13 +142,13 @@ Bend = tuple[float, Vector, Vector]
 """
 
 
-@njit_reading
+@njit(refcount=False)
 def is_curved(core: Core) -> bool:
     """Return whether a core has foremost points that move with the direction."""
     return core.kind == ROUND or core.kind == CYLINDER or core.kind == CONE
 
 
-@njit_borrowing
+@njit(inline=True, refcount=False)
 def turned_to(
     a: Core, b: Core, pose: Pose, n: Vector, unit: float, simplex: Simplex, new: Corner
 ) -> Simplex:
@@ -173,7 +173,7 @@ def turned_to(
     return Simplex(count, s, t, u, u, simplex.weights, simplex.nearest)
 
 
-@njit_inlined
+@njit(inline=True)
 def _on_feature(core: Core, old: Vector, n: Vector, new: Vector) -> Vector:
     """Return the foremost point along n of the feature of an old one; new: that of the core."""
     if core.kind == ROUND:
@@ -189,7 +189,7 @@ def _on_feature(core: Core, old: Vector, n: Vector, new: Vector) -> Vector:
     return old
 
 
-@njit_borrowing
+@njit(inline=True, refcount=False)
 def steeper(
     a: Core, b: Core, pose: Pose, n: Vector, simplex: Simplex, unit: float, gap: float
 ) -> Vector:
@@ -227,7 +227,7 @@ def steeper(
     return scaled(n, 1.0 / math.sqrt(dot(n, n)))
 
 
-@njit_inlined
+@njit(inline=True)
 def _bend(core: Core, p: Vector, q: Vector, weights: Vector, n: Vector, gap: float) -> Bend:
     """Return the bend of the features of p and q, foremost along n, relative to the gap."""
     (x, y, z), e, weight = core.size, p, 1.0
@@ -244,7 +244,7 @@ def _bend(core: Core, p: Vector, q: Vector, weights: Vector, n: Vector, gap: flo
     return weight / length if length > 0.0 else 0.0, (x, y, z), e
 
 
-@njit_inlined
+@njit(inline=True)
 def _bent(x: float, y: float, z: float, bend: Bend, u: Vector, v: Vector) -> Vector:
     """Return second derivatives along u, v and both, with those of a bend."""
     scale, (a, b, c), e = bend

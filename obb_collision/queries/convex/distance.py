@@ -34,7 +34,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from obb_collision._jit import njit, njit_borrowing, njit_inlined, njit_reading
+from obb_collision._jit import njit
 from obb_collision.numerics.constants import MESH_UNDERFLOW, ROUNDOFF
 from obb_collision.numerics.vec3 import (
     LEAST_SQUARE,
@@ -116,13 +116,13 @@ class Search(NamedTuple):
     simplex: Simplex  #: what was nearest; the origin inside of size 4, or (nearly) on it
 
 
-@njit_reading
+@njit(refcount=False)
 def gap_along(a: Core, b: Core, pose: Pose, n: Vector) -> Gap:
     """Return the gap of two cores along n, unit, from a to b."""
     return _gap_here(a, b, pose, n)
 
 
-@njit_borrowing
+@njit(inline=True, refcount=False)
 def _gap_here(a: Core, b: Core, pose: Pose, n: Vector) -> Gap:
     """Return the same, compiled into the loop that asks."""
     m = components(pose.axes, n)
@@ -136,7 +136,7 @@ def rounding(pose: Pose) -> float:
     return CONVEX_ROUNDING * pose.size + MESH_UNDERFLOW
 
 
-@njit_reading
+@njit(refcount=False)
 def search(a: Core, b: Core, pose: Pose, start: Vector, stop: float) -> Search:
     """Return the distance of two cores, or whatever shows a gap larger than ``stop``.
 
@@ -204,7 +204,7 @@ def search(a: Core, b: Core, pose: Pose, start: Vector, stop: float) -> Search:
     return _finished(a, b, pose, unit, stop, Search(best, normal, 0.0, n, n, simplex))
 
 
-@njit_borrowing
+@njit(inline=True, refcount=False)
 def _of_segments(a: Core, b: Core, pose: Pose) -> Search:
     """Return what the nearest points of two segments along z show (Ericson 2005, 5.1.9)."""
     axis, offset = pose.axes[2], pose.offset
@@ -220,7 +220,7 @@ def _of_segments(a: Core, b: Core, pose: Pose) -> Search:
     return Search(gap_along(a, b, pose, n).value, n, length, p, q, no_simplex())
 
 
-@njit_reading
+@njit(refcount=False)
 def overlaps(a: Core, b: Core, pose: Pose, start: Vector, needed: float, near: float) -> int:
     """Return 1 for two cores nearer than ``near``, 0 where a gap is more than ``needed``, else -1.
 
@@ -250,7 +250,7 @@ def overlaps(a: Core, b: Core, pose: Pose, start: Vector, needed: float, near: f
     return -1
 
 
-@njit_inlined
+@njit(inline=True)
 def unit_of(v: Vector) -> tuple[Vector, float]:
     """Return the unit vector along v, which is not zero, and its length."""
     square = dot(v, v)
@@ -263,13 +263,13 @@ def unit_of(v: Vector) -> tuple[Vector, float]:
     return scaled(v, 1.0 / length), largest * length
 
 
-@njit_inlined
+@njit(inline=True)
 def corner_of(gap: Gap, pose: Pose, unit: float) -> Corner:
     """Return the foremost point of the difference along a direction, scaled."""
     return Corner(scaled(minus(gap.p, moved(pose, gap.q)), unit), gap.p, gap.q)
 
 
-@njit_reading
+@njit(refcount=False)
 def _finished(a: Core, b: Core, pose: Pose, unit: float, stop: float, found: Search) -> Search:
     """Return a search with its points; with twice the digits where it is not close enough."""
     simplex = found.simplex
@@ -305,7 +305,7 @@ def _weights_inside(simplex: Simplex) -> Weights:
     return 0.0, 0.0, 0.0, 0.0
 
 
-@njit_reading
+@njit(refcount=False)
 def _careful_search(
     a: Core, b: Core, pose: Pose, unit: float, stop: float, found: Search
 ) -> Search:

@@ -25,7 +25,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from obb_collision._jit import njit, njit_reading
+from obb_collision._jit import njit
 from obb_collision._threads import run
 from obb_collision.numerics.vec3 import combined, fast_norm, minus, plus, scaled
 from obb_collision.queries.convex.depth import Polytope, deepest, room_for_depth
@@ -108,7 +108,7 @@ def _distance_kernel(
     _write_distances(a, rows_a, b, rows_b, limit, room_for_depth(), rows, start, stop)
 
 
-@njit_reading
+@njit(refcount=False)
 def _write_distances(
     a: Cores, rows_a: np.ndarray, b: Cores, rows_b: np.ndarray, limit: float, room: Polytope,
     rows: tuple[np.ndarray, Floats, Floats, Floats, Floats, Floats], start: int, stop: int,
@@ -123,7 +123,7 @@ def _write_distances(
             normals[n, k] = found.normal[k]
 
 
-@njit_reading
+@njit(refcount=False)
 def body_distance(
     a: Cores, i: int, b: Cores, j: int, start: Vector, limit: float, room: Polytope
 ) -> Distance:
@@ -151,7 +151,7 @@ def body_distance(
     return Distance(found.gap - radii - slack, upper, p, q, normal)
 
 
-@njit_reading
+@njit(refcount=False)
 def may_collide(a: Cores, i: int, b: Cores, j: int) -> bool:
     """Return whether body i of a and body j of b are not certainly apart, as below, but sooner."""
     core_a, core_b = borrowed_core(a, i), borrowed_core(b, j)

@@ -31,7 +31,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from obb_collision._jit import njit, njit_inlined
+from obb_collision._jit import njit
 from obb_collision.numerics.double_double import (
     Pair,
     add,
@@ -75,7 +75,7 @@ class Simplex(NamedTuple):
     nearest: Vector
 
 
-@njit_inlined
+@njit(inline=True)
 def no_simplex() -> Simplex:
     """Return a simplex without corners."""
     zero = 0.0, 0.0, 0.0
@@ -83,7 +83,7 @@ def no_simplex() -> Simplex:
     return Simplex(0, none, none, none, none, zero, zero)
 
 
-@njit_inlined
+@njit(inline=True)
 def with_corner(simplex: Simplex, new: Corner) -> Simplex:
     """Return the simplex with another corner, without those that the nearest point needs not."""
     if simplex.size == 0:
@@ -95,13 +95,13 @@ def with_corner(simplex: Simplex, new: Corner) -> Simplex:
     return _in_tetrahedron(simplex.a, simplex.b, simplex.c, new)
 
 
-@njit_inlined
+@njit(inline=True)
 def on_corner(a: Corner) -> Simplex:
     """Return the simplex of one corner."""
     return Simplex(1, a, a, a, a, (1.0, 0.0, 0.0), a.w)
 
 
-@njit_inlined
+@njit(inline=True)
 def on_segment(a: Corner, b: Corner) -> Simplex:
     """Return what two corners need."""
     edge = minus(b.w, a.w)
@@ -136,7 +136,7 @@ def on_triangle(a: Corner, b: Corner, c: Corner) -> Simplex:
     return Simplex(3, a, b, c, c, (1.0 - y - z, y, z), _above(a.w, u, v, y, z))
 
 
-@njit_inlined
+@njit(inline=True)
 def _above(a: Vector, u: Vector, v: Vector, y: float, z: float) -> Vector:
     """Return the point of a plane nearest to the origin: along its normal, not by weights.
 

@@ -29,7 +29,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from obb_collision._jit import njit, njit_borrowing, njit_reading
+from obb_collision._jit import njit
 from obb_collision.geometry.shapes.primitives import (
     Capsule,
     Cone,
@@ -115,14 +115,14 @@ def core_at(bodies: Cores, i: int) -> Core:
     return Core(kind, size, half, bodies.hulls.blocks, first, last, reach, radius)
 
 
-@njit_borrowing
+@njit(inline=True, refcount=False)
 def borrowed_core(bodies: Cores, i: int) -> Core:
     """Return the core of body i, for kernels that count no references either."""
     kind, size, half, first, last, reach, radius = _numbers_at(bodies, i)
     return Core(kind, size, half, bodies.hulls.blocks, first, last, reach, radius)
 
 
-@njit_borrowing
+@njit(inline=True, refcount=False)
 def _numbers_at(bodies: Cores, i: int) -> tuple[int, Vector, float, int, int, float, float]:
     """Return what a core has besides the corners of all hulls."""
     kind, size, half = bodies.kinds[i], vector_at(bodies.sizes, i), bodies.sizes[i, 3]
@@ -136,13 +136,13 @@ def _numbers_at(bodies: Cores, i: int) -> tuple[int, Vector, float, int, int, fl
     return kind, size, half, first, last, reach, radius
 
 
-@njit_borrowing
+@njit(inline=True, refcount=False)
 def body_place(bodies: Cores, i: int) -> Place:
     """Return where body i is."""
     return place_at(bodies.centers, bodies.rotations, i)
 
 
-@njit_reading
+@njit(refcount=False)
 def support(core: Core, n: Vector) -> Vector:
     """Return a point of the core that reaches farthest along n, of whatever length."""
     if core.kind == CORNERS:

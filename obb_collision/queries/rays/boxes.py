@@ -23,7 +23,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from obb_collision._jit import njit, njit_inlined
+from obb_collision._jit import njit
 from obb_collision.numerics.constants import PARALLEL, ROUNDOFF, UNDERFLOW
 from obb_collision.numerics.vec3 import (
     axis_of,
@@ -257,7 +257,7 @@ def start_walk(ray: Ray, tree: BoundsTree) -> int:
     return 1
 
 
-@njit_inlined
+@njit(inline=True)
 def next_leaf(ray: Ray, best: float, tree: BoundsTree, depth: int) -> tuple[int, int]:
     """Return the next leaf that the ray may enter before ``best``, -1 for none, and the depth."""
     limits, nodes, _, stack, entries = tree

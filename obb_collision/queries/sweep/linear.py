@@ -44,7 +44,7 @@ from __future__ import annotations
 
 import math
 
-from obb_collision._jit import njit, njit_each_number
+from obb_collision._jit import njit
 from obb_collision.numerics.constants import (
     CAREFUL_BOUND,
     FAST_BOUND,
@@ -148,7 +148,7 @@ def meeting_intervals(a: Box, b: Box, end: Vector, times: Floats) -> tuple[float
     return span[0] * (1.0 - TIME_ROUNDING), span[2]
 
 
-@njit_each_number
+@njit(each_number=True)
 def _meet_three(
     times: Floats, axis: int, first: Vector, last: Vector, reach: Vector, bound: float, span: Span
 ) -> Span:
@@ -164,7 +164,7 @@ def _over(span: Span) -> bool:
     return span[0] * (1.0 - TIME_ROUNDING) > span[1] * (1.0 + TIME_ROUNDING)
 
 
-@njit_each_number
+@njit(each_number=True)
 def _meet(
     times: Floats,
     axis: int,

@@ -27,7 +27,7 @@ import math
 
 import numpy as np
 
-from obb_collision._jit import njit, njit_inlined
+from obb_collision._jit import njit
 from obb_collision.numerics.constants import FAST_BOUND, PARALLEL, UNDERFLOW
 from obb_collision.numerics.prefetch import fetch_pairs
 from obb_collision.numerics.vec3 import (
@@ -157,7 +157,7 @@ def witness_kernel(
                 axes[first + n, k], points[first + n, k] = block[NORMAL + k, n], point[k]
 
 
-@njit_inlined
+@njit(inline=True)
 def witness_block(
     centers: Floats, rotations: Floats, half_extents: Floats, pairs: np.ndarray,
     start: int, count: int, block: Floats,
@@ -192,7 +192,7 @@ def witness_block(
         block[NUMBER, n] = number
 
 
-@njit_inlined
+@njit(inline=True)
 def _bound_axes(block: Floats, count: int) -> None:
     """Write the boxes in the frame of a, and which axes may have the largest gap."""
     for n in range(count):  # without a branch
@@ -206,7 +206,7 @@ def _bound_axes(block: Floats, count: int) -> None:
         block[POSSIBLE, n] = possible_axes(pair, pair_size(offset, h, f))
 
 
-@njit_inlined
+@njit(inline=True)
 def _careful_gaps(block: Floats, count: int) -> None:
     """Write what ``careful_gap`` returns for the first possible axis of each pair."""
     for n in range(count):  # without a branch
@@ -228,7 +228,7 @@ def _careful_gaps(block: Floats, count: int) -> None:
         write_in(block, NORMAL, n, (sign * m[0], sign * m[1], sign * m[2]))
 
 
-@njit_inlined
+@njit(inline=True)
 def _common_points(block: Floats, count: int, columns: np.ndarray) -> None:
     """Write what ``common_point`` returns for each pair, all rounds of a block at once.
 
@@ -250,7 +250,7 @@ def _common_points(block: Floats, count: int, columns: np.ndarray) -> None:
         write_in(block, POINT, columns[n], vector_in(block, PLACE, n))
 
 
-@njit_inlined
+@njit(inline=True)
 def _project(block: Floats, count: int) -> int:
     """Move the points that are not settled into a, then into b; return how many are not yet."""
     going = 0

@@ -38,7 +38,7 @@ import math
 
 import numpy as np
 
-from obb_collision._jit import njit, njit_inlined
+from obb_collision._jit import njit
 from obb_collision.numerics.constants import FAST_BOUND, PARALLEL, SHORT_SQUARE, UNDERFLOW
 from obb_collision.numerics.vec3 import (
     careful_cross,
@@ -93,7 +93,7 @@ def careful_gap(a: Box, b: Box, axis: int) -> tuple[float, Vector]:
 Bounds = tuple[Vector, Vector, Vector, Vector, Vector]
 
 
-@njit_inlined
+@njit(inline=True)
 def possible_axes(pair: Pair, size: float) -> float:
     """Return which axes may have the largest gap: a sum of powers of two; without a branch.
 
@@ -105,14 +105,14 @@ def possible_axes(pair: Pair, size: float) -> float:
     return faces + edges
 
 
-@njit_inlined
+@njit(inline=True)
 def _powers(most: Vector, least: float, power: float) -> float:
     x, y, z = most
     first, second = power if x >= least else 0.0, 2.0 * power if y >= least else 0.0
     return first + second + (4.0 * power if z >= least else 0.0)
 
 
-@njit_inlined
+@njit(inline=True)
 def gap_bounds(pair: Pair, size: float) -> tuple[float, Bounds]:
     """Return a lower bound of the largest gap, and upper bounds of all.
 
@@ -130,7 +130,7 @@ def gap_bounds(pair: Pair, size: float) -> tuple[float, Bounds]:
     return least, (p, q, *rows_of((u, v, w)))
 
 
-@njit_inlined
+@njit(inline=True)
 def _bound_edges(gaps: Vector, x: Vector, error: float) -> tuple[float, Vector]:
     """Return a lower bound of the largest gap along x crossed with each edge of a, and all bounds.
 
@@ -142,7 +142,7 @@ def _bound_edges(gaps: Vector, x: Vector, error: float) -> tuple[float, Vector]:
     return max(max(low0, low1), low2), (most0, most1, most2)
 
 
-@njit_inlined
+@njit(inline=True)
 def _bound_edge(gap: float, p: float, q: float, error: float) -> tuple[float, float]:
     """Return bounds of the gap along a unit edge axis, whose components are p and q but for signs.
 

@@ -26,7 +26,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from obb_collision._jit import njit, njit_borrowing
+from obb_collision._jit import njit
 from obb_collision.geometry.quaternion_blocks import rotation_of
 from obb_collision.numerics.constants import MESH_UNDERFLOW, ROUNDOFF
 from obb_collision.numerics.vec3 import axes_of, components, rows_at, sum_abs, vector_at
@@ -117,7 +117,7 @@ def new_placed(bodies: Bodies, tests: Tests, links: int) -> Placed:
     return placed
 
 
-@njit_borrowing
+@njit(inline=True, refcount=False)
 def place_state(
     tree: Tree, bodies: Bodies, tests: Tests, states: Floats, n: int, placed: Placed
 ) -> None:
@@ -141,13 +141,13 @@ def place_state(
         placed.ready[i] = False
 
 
-@njit_borrowing
+@njit(inline=True, refcount=False)
 def slack_of(bodies: Bodies, i: int, center: Vector) -> float:
     """Return what body i may be off from where it is said to be, with its tests, metres."""
     return LINK_PLACING * (bodies.reaches[i] + sum_abs(center)) + MESH_UNDERFLOW
 
 
-@njit_borrowing
+@njit(inline=True, refcount=False)
 def placed_box(bodies: Bodies, placed: Placed, i: int) -> Box:
     """Return the box of body i, whose axes are computed when it is first asked for."""
     axes = placed.axes

@@ -30,7 +30,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from obb_collision._jit import njit, njit_borrowing
+from obb_collision._jit import njit
 from obb_collision.numerics.vec3 import norm, vector_at
 from obb_collision.robots.bodies.state_arrays import Bodies, Placed, Tests, new_placed, place_state
 from obb_collision.robots.checks.states import gather, may_collide
@@ -186,7 +186,7 @@ def motions_kernel(
         pairs[n, 0], pairs[n, 1] = i, j
 
 
-@njit_borrowing
+@njit(inline=True, refcount=False)
 def _first_collision(
     tree: Tree, bodies: Bodies, tests: Tests, level: int, starts: Floats, ends: Floats, n: int,
     resolution: float, room: Room,
@@ -224,7 +224,7 @@ def _first_collision(
     return (np.nan if hit == np.inf else hit), True, one, other
 
 
-@njit_borrowing
+@njit(inline=True, refcount=False)
 def _fastest(speeds: Speeds) -> float:
     """Return the largest speed of any body or pair."""
     fastest = 0.0
@@ -235,7 +235,7 @@ def _fastest(speeds: Speeds) -> float:
     return fastest
 
 
-@njit_borrowing
+@njit(inline=True, refcount=False)
 def _collides_after(
     tree: Tree, bodies: Bodies, tests: Tests, level: int, starts: Floats, ends: Floats, n: int,
     time: float, step: float, room: Room,
@@ -251,7 +251,7 @@ def _collides_after(
     return False
 
 
-@njit_borrowing
+@njit(inline=True, refcount=False)
 def _examined(
     tree: Tree, bodies: Bodies, tests: Tests, level: int, starts: Floats, ends: Floats, n: int,
     time: float, half: float, room: Room,

@@ -18,7 +18,7 @@ A body is a shape of a link, of something attached to one, or of the world. Test
 exact, and each lets through all that the next one reports: spheres, boxes by their separating axes,
 convex hulls by a direction that certainly separates them.
 
-What runs per state is compiled into one kernel (``njit_borrowing``): handing the arrays of all
+What runs per state is compiled into one kernel (``refcount=False``): handing the arrays of all
 bodies to a function, and counting references to them, takes longer than most of the tests.
 """
 
@@ -26,7 +26,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from obb_collision._jit import njit, njit_borrowing
+from obb_collision._jit import njit
 from obb_collision.accuracy import Accuracy
 from obb_collision.numerics.vec3 import (
     components,
@@ -61,7 +61,7 @@ SPHERE, AABB, FACES, HULL = (
 )
 
 
-@njit_borrowing
+@njit(inline=True, refcount=False)
 def gather(
     bodies: Bodies, tests: Tests, placed: Placed, grown: Floats, grown_pairs: Floats, stop: bool
 ) -> int:
@@ -132,7 +132,7 @@ def gather(
     return count
 
 
-@njit_borrowing
+@njit(inline=True, refcount=False)
 def find_collision(bodies: Bodies, placed: Placed, count: int, level: int) -> int:
     """Return the first candidate that may collide, -1 if none does."""
     for n in range(count):
@@ -142,7 +142,7 @@ def find_collision(bodies: Bodies, placed: Placed, count: int, level: int) -> in
     return -1
 
 
-@njit_borrowing
+@njit(inline=True, refcount=False)
 def may_collide(bodies: Bodies, placed: Placed, i: int, j: int, grown: float, level: int) -> bool:
     """Return whether bodies i and j are not certainly farther apart than ``grown`` on a level."""
     center, other = vector_at(placed.centers, i), vector_at(placed.centers, j)
@@ -191,7 +191,7 @@ def _bounds_touch(d: Vector, a: Box, b: Box) -> bool:
     return True
 
 
-@njit_borrowing
+@njit(inline=True, refcount=False)
 def _hulls_apart(bodies: Bodies, placed: Placed, i: int, j: int, d: Vector, grown: float) -> bool:
     """Return whether a direction certainly separates two hulls; d: from one centre to the other."""
     a = place_at(placed.positions, placed.rotations, bodies.frames[i])
@@ -216,7 +216,7 @@ def first_pairs_kernel(
     )
 
 
-@njit_borrowing
+@njit(inline=True, refcount=False)
 def _fill_first_pairs(
     tree: Tree, bodies: Bodies, tests: Tests, level: int, states: Floats, placed: Placed,
     grown: Floats, grown_pairs: Floats, out: Integers, start: int, stop: int,

@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from obb_collision._jit import njit, njit_borrowing
+from obb_collision._jit import njit
 from obb_collision._threads import run
 from obb_collision.geometry.poses import Quaternion
 from obb_collision.geometry.validation import as_array, is_single, refuse_where
@@ -90,7 +90,7 @@ def fill_link_poses(tree: Tree, states: Floats, poses: Floats, start: int, stop:
         place_links(tree, states, n, poses, n)
 
 
-@njit_borrowing
+@njit(inline=True, refcount=False)
 def place_links(tree: Tree, states: Floats, n: int, poses: Floats, m: int) -> None:
     """Write the poses of all links in state n to ``poses[m]``.
 
@@ -119,12 +119,12 @@ def place_links(tree: Tree, states: Floats, n: int, poses: Floats, m: int) -> No
         poses[m, link, 3], poses[m, link, 4], poses[m, link, 5], poses[m, link, 6] = turn
 
 
-@njit_borrowing
+@njit(inline=True, refcount=False)
 def _quaternion_at(quaternions: Floats, i: int) -> Quaternion:
     return quaternions[i, 0], quaternions[i, 1], quaternions[i, 2], quaternions[i, 3]
 
 
-@njit_borrowing
+@njit(inline=True, refcount=False)
 def _turned(turn: Quaternion, turned: Quaternion, angle: float) -> Quaternion:
     """Return the origin of a joint turned by an angle; turned: as in ``Tree``."""
     s, c = math.sin(0.5 * angle), math.cos(0.5 * angle)
@@ -163,7 +163,7 @@ def _turned_freely(outer: Quaternion, inner: Quaternion) -> Quaternion:
     return _product(outer, (x / length, y / length, z / length, w / length))
 
 
-@njit_borrowing
+@njit(inline=True, refcount=False)
 def _product(a: Quaternion, b: Quaternion) -> Quaternion:
     ax, ay, az, aw = a
     bx, by, bz, bw = b
@@ -175,7 +175,7 @@ def _product(a: Quaternion, b: Quaternion) -> Quaternion:
     )
 
 
-@njit_borrowing
+@njit(inline=True, refcount=False)
 def _composed(
     position: Vector, outer: Quaternion, place: Vector, turn: Quaternion
 ) -> tuple[Vector, Quaternion]:

@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from obb_collision import _threads
-from obb_collision._jit import njit, njit_inlined
+from obb_collision._jit import njit
 from obb_collision.numerics.prefetch import fetch_row
 from obb_collision.scene.broad_phase.lanes import LANE_BITS, LANES, lowest, overlaps
 from obb_collision.scene.broad_phase.morton import morton_order_shared
@@ -149,7 +149,7 @@ def move_kernel(
             _merge(nodes, starts[level - 1] + child, starts[level] + block, child & (LANES - 1))
 
 
-@njit_inlined
+@njit(inline=True)
 def overlapping(
     minimum: Floats, maximum: Floats, order: np.ndarray, nodes: Floats, starts: np.ndarray,
     low: tuple[float, float, float], high: tuple[float, float, float], least: int, out: np.ndarray,

@@ -46,7 +46,7 @@ MESH = "v 0 0 0\nv 0.2 0 0\nv 0 0.2 0\nv 0 0 0.2\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2
 
 def kernels() -> set[str]:
     """Return the kernels that this process has, with their signatures."""
-    return {f"{k._cache.name} {sig}" for k in _jit.kernels for sig in k.overloads}
+    return _jit.loaded_kernels()
 
 
 def ask(rig: ValidityRig) -> None:

@@ -32,7 +32,7 @@ from geometry_msgs.msg import Point
 from rig import Rig, cube, pose
 from visualization_msgs.msg import Marker
 
-from obb_collision import _compiling, _jit
+from obb_collision import _jit, _kernel_cache
 from obb_collision.accuracy import ALL_LEVELS
 from obb_collision.node.messages.clouds import cloud_to_ros
 from obb_collision.node.messages.names import namespace_number
@@ -97,7 +97,7 @@ class Everything(Rig):
 
     def kernels(self) -> set[str]:
         """Return the kernels that this process has, with their signatures."""
-        return {f"{k._cache.name} {sig}" for k in _jit.kernels for sig in k.overloads}
+        return _jit.loaded_kernels()
 
     def stage(self) -> dict[str, float]:
         """Return how long it took since this was last called, and the longest gap of cycles.
@@ -219,11 +219,11 @@ def main(*effects: str) -> None:
     rig = Everything()
     Garbage.settle()  # as the executable does
     with rig:
-        before, compiled = rig.kernels(), len(_compiling.compiled.names)
+        before, compiled = rig.kernels(), len(_kernel_cache.compiled.names)
         asked = switch_one(rig, *effects) if effects else switch_everything(rig)
         stages = [(stage, rig.stage()) for stage in asked]
         new = sorted(rig.kernels() - before)
-    names = _compiling.compiled.names[compiled:]
+    names = _kernel_cache.compiled.names[compiled:]
     found = {"new": new, "compiled": names, "stages": stages}
     sys.stdout.write(json.dumps(found) + "\n")
 

@@ -34,7 +34,7 @@ pytest.importorskip("rclpy")
 from node_process import cached, environment, running
 from processes import PATIENCE, output_until
 
-from obb_collision import _jit
+from obb_collision import _jit, _kernel_cache
 from obb_collision.warm_up.steps import NODE_STEPS, run
 
 EVERYTHING = Path(__file__).with_name("everything.py")
@@ -71,8 +71,8 @@ def copy_kernels(folder: Path, *without: str) -> None:
     """Copy what this process has of the kernels to another cache, but for some modules."""
     for step in NODE_STEPS:
         run(step)
-    for kernel in _jit.kernels:
-        source = Path(kernel._cache.cache_path)
+    for cache in _jit.caches:
+        source = _kernel_cache.places[0] / cache.folder
         if source.is_dir() and not source.name.startswith(without):
             shutil.copytree(source, folder / "obb_collision" / source.name)
 

@@ -61,7 +61,7 @@ class Cache:
         """Stand in for ``steps.run``."""
         if step in self.kept:
             return
-        if getattr(_kernel_cache._this_thread, "only_loads", False):
+        if _kernel_cache.only_loads():
             raise _kernel_cache.KernelMissingError(step)
         self.here.append(step)
 

@@ -29,7 +29,7 @@ from diagnostic_msgs.srv import SelfTest
 from lifecycle_msgs.msg import Transition
 from rig import Rig, cube, pose
 
-from obb_collision import _compiling
+from obb_collision import _kernel_cache
 from obb_collision._kernel_cache import KernelMissingError
 from obb_collision.node.self_test import comparisons, service
 from obb_collision.node.self_test.comparisons import COMPARISONS, Comparison
@@ -49,11 +49,11 @@ def loaded() -> None:
 
 
 def test_right_kernels_differ_nowhere_and_nothing_is_compiled() -> None:
-    before = len(_compiling.compiled.names)
+    before = len(_kernel_cache.compiled.names)
     for result in compare_all(seconds=1e9):
         assert (result.different, result.reason, result.failed) == (0, "", False), result
         assert result.compared > 30, result.comparison.name
-    assert len(_compiling.compiled.names) == before
+    assert len(_kernel_cache.compiled.names) == before
 
 
 WRONG: dict[str, tuple[str, str, Callable[[Any], Any]]] = {
