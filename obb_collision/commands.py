@@ -111,9 +111,9 @@ def demo(args: Sequence[str] | None = None) -> int:
 def view(args: Sequence[str] | None = None) -> int:
     """Show a running node's topics in the browser; returns the exit code."""
     end_at_once_on_signals()
-    from obb_collision.demo.attach import main
+    from obb_collision.demo.command import view_main
 
-    return main(args)
+    return view_main(args)
 
 
 def _script(command: Command) -> Command:

@@ -25,13 +25,15 @@ from obb_collision.geometry.aabb import AABB
 from obb_collision.geometry.boxes import Boxes, add_outwards, box_volumes
 from obb_collision.geometry.fitting.fit import fit_clouds, fit_points
 from obb_collision.geometry.fitting.transform import transform_box
-from obb_collision.geometry.kinds import ArrayValue, as_flag, check_kind
 from obb_collision.geometry.poses import matrices_from_quaternions, quaternions_from_matrices
 from obb_collision.geometry.validation import (
+    ArrayValue,
     as_array,
+    as_flag,
     as_half_extents,
     as_quaternions,
     as_rotations,
+    check_kind,
     is_single,
 )
 from obb_collision.queries.points.containment import contains

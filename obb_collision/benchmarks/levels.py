@@ -34,8 +34,7 @@ from obb_collision.geometry.poses import as_poses
 from obb_collision.geometry.shapes.meshes import Mesh
 from obb_collision.geometry.trees.convex_proxy import hull_mesh
 from obb_collision.geometry.trees.obb_tree import MeshTrees
-from obb_collision.geometry.trees.pool import HullPool, Hulls
-from obb_collision.geometry.trees.shape_trees import mesh_tree
+from obb_collision.geometry.trees.pool import HullPool, Hulls, mesh_tree
 from obb_collision.queries.meshes.convex import PlacedHulls, hulls_may_collide
 from obb_collision.queries.meshes.meshes import mesh_collisions
 from obb_collision.queries.meshes.placed import PlacedMeshes

@@ -14,9 +14,9 @@
 
 """The demo and the live view, which use the topics like any other program.
 
-``command`` is the console script ``obb_collision_demo``: the node and a moving scene in one
-process, real topics in between. ``attach`` is ``obb_collision view``: a running node's topics in
-the browser. What moves is in ``scene`` and ``random_scene``; what publishes and listens in
-``publisher``, ``listener`` and ``narrator``; what is drawn in ``snapshot``, ``picture`` (a file)
-and ``view`` (the browser); ``run`` puts the demo together.
+``command`` has the console script ``obb_collision_demo``, the node and a moving scene in one
+process with real topics in between, and ``obb_collision view``, a running node's topics in the
+browser. What moves is in ``scene``; what publishes and listens in ``publisher``, ``listener`` and
+``narrator``; what is drawn in ``snapshot``, ``picture`` (a file) and ``view`` (the browser);
+``run`` puts the demo together.
 """

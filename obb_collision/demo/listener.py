@@ -19,26 +19,92 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import PointCloud2
 from visualization_msgs.msg import Marker, MarkerArray
 
-from obb_collision.demo.marker_boxes import NO_BOXES, boxes_from_bytes
 from obb_collision.demo.narrator import NARRATORS, Pairs
 from obb_collision.demo.publisher import LATCHED
 from obb_collision.node import collisions_from_ros, named_pairs
+from obb_collision.node.messages.box_markers import COLORS, DOUBTFUL
 from obb_collision.node.messages.clouds import points_from_ros
 from obb_collision.node.messages.conversions import NANOSECONDS, name_from_key, stamp_from_ros
 from obb_collision.node.messages.errors import RefusedError
+from obb_collision.node.messages.marker_kernels import (
+    ACTION,
+    FRAME,
+    ID,
+    NS,
+    POINTS,
+    STAMP_NANOSEC,
+    STAMP_SEC,
+    TYPE,
+)
+from obb_collision.node.messages.marker_scan import Scanned, scan_markers
 from obb_collision.node.messages.marker_shapes import shape_from_ros
 from obb_collision.node.topics.topics import TOPICS
 from obb_collision.shapes import Shape
 from obb_collision.typing import Floats
+
+Color = tuple[float, float, float]
+
+#: Bytes from where a marker's colour begins to where its points do: colour, lifetime, frame_locked,
+#: three of alignment, count.
+COLOR_TO_POINTS = 32
+
+
+class MarkerBoxes(NamedTuple):
+    """Boxes of n objects: names, poses (n, 7), edge lengths (n, 3), stale or refused ones (n,).
+
+    lines: ends (2 k, 3) and colour, where the node draws edges and not boxes. frame, stamp (ns): of
+    the message, "" and -1 before the first one.
+    """
+
+    names: list[str]
+    poses: Floats
+    sizes: Floats
+    doubtful: npt.NDArray[np.bool_]
+    lines: list[tuple[Floats, Color]]
+    frame: str
+    stamp: int
+
+
+NO_BOXES = MarkerBoxes([], np.empty((0, 7)), np.empty((0, 3)), np.empty(0, np.bool_), [], "", -1)
+
+
+def boxes_from_bytes(data: bytes) -> MarkerBoxes:
+    """Return the boxes of a serialised MarkerArray. RefusedError if it is none."""
+    scanned = scan_markers(data)
+    if not len(scanned):
+        return NO_BOXES
+    columns = scanned.integers
+    starts = columns[:, POINTS] - COLOR_TO_POINTS
+    octets = np.frombuffer(scanned.data, np.uint8)[starts[:, None] + np.arange(12)]
+    colors = octets.view("<f4").astype(np.float64)
+    added = columns[:, ACTION] == Marker.ADD
+    cubes = np.flatnonzero(added & (columns[:, TYPE] == Marker.CUBE))
+    lines = np.flatnonzero(added & (columns[:, TYPE] == Marker.LINE_LIST)).tolist()
+    stamps = columns[:, STAMP_SEC] * NANOSECONDS + columns[:, STAMP_NANOSEC]
+    return MarkerBoxes(
+        [_name(scanned, row) for row in cubes.tolist()],
+        scanned.floats[cubes, :7],
+        scanned.floats[cubes, 7:],
+        np.abs(colors[cubes] - COLORS[DOUBTFUL][:3]).max(axis=1, initial=0.0) < 1e-3,
+        [(scanned.points(row), tuple(colors[row].tolist())) for row in lines],
+        scanned.text(0, FRAME).decode(errors="replace"),
+        int(stamps.max()),
+    )
+
+
+def _name(scanned: Scanned, row: int) -> str:
+    namespace = scanned.text(row, NS).decode(errors="replace")
+    return name_from_key((namespace, int(scanned.integers[row, ID])))
 
 
 class Listener(Node):

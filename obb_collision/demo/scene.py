@@ -16,13 +16,19 @@
 
 from __future__ import annotations
 
+from math import sqrt
 from pathlib import Path
 
+import numpy as np
+
+from obb_collision.geometry.poses import Pose
 from obb_collision.node.messages.conversions import name_from_key
 from obb_collision.node.scene_file import keys_from_names
-from obb_collision.scene_files import SceneDescription
-from obb_collision.scene_files.simulate.lidar import Cloud
-from obb_collision.shapes import Shape
+from obb_collision.scene_files.description import SceneDescription, SceneObject
+from obb_collision.scene_files.lidar import Cloud
+from obb_collision.scene_files.motion import Loop
+from obb_collision.scene_files.objects import from_rpy
+from obb_collision.shapes import Box, Cylinder, Shape, Sphere
 from obb_collision.typing import Floats
 
 
@@ -78,3 +84,68 @@ class DemoScene:
             return None
         self._scene.move_many(self.description.names, self.states(time)[0])
         return self.description.lidar.scan(self._scene, time)
+
+
+DEFAULT_SEED = 4
+#: With fewer there are no pairs.
+MIN_OBJECTS = 2
+#: Floor per object, m^2: some collide at any time, most don't.
+AREA = 4.0
+#: Waypoints of a way, and the range of seconds that it takes.
+WAYPOINTS, PERIODS = 4, (8.0, 16.0)
+#: Lengths are multiples of this (m), exact in binary: what stands on something touches it exactly.
+GRID = 1.0 / 64.0
+STACKED = Box((0.5, 0.375, 0.25))
+
+
+def random_scene(objects: int, seed: int = DEFAULT_SEED) -> SceneDescription:
+    """Return a scene of ``objects`` objects that follows from their number and the seed.
+
+    Every fifth object stands on the one before, every third one of the others moves along a loop.
+    """
+    random = np.random.default_rng(seed)
+    reach = 0.5 * sqrt(AREA * objects)
+    result: list[SceneObject] = []
+    for k in range(objects):
+        shape, kind, height = _random_shape(random)
+        x, y = _on_grid(random.uniform(-reach, reach, 2))
+        if k % 5 == 4 and result[-1].motion is None:
+            below = result[-1]
+            x, y, z, *_ = below.pose
+            z += 0.5 * (_height(below.shape) + STACKED.size[2])
+            result.append(SceneObject(f"box/{k}", STACKED, (x, y, z, 0.0, 0.0, 0.0, 1.0)))
+            continue
+        pose = (x, y, 0.5 * height, *from_rpy(0.0, 0.0, random.uniform(-3.0, 3.0)))
+        motion = _random_way(random, pose, 2.5) if k % 3 == 0 else None
+        result.append(SceneObject(f"{kind}/{k}", shape, pose, motion=motion))
+    return SceneDescription("random", tuple(result), f"{objects} objects at random, seed {seed}")
+
+
+def _random_shape(random: np.random.Generator) -> tuple[Shape, str, float]:
+    """Return a shape, its namespace and its height."""
+    length, width, height = (float(x) for x in _on_grid(random.uniform(0.3, 1.0, 3)))
+    kind = int(random.integers(3))
+    if kind == 0:
+        return Sphere(0.5 * height), "sphere", height
+    if kind == 1:
+        return Cylinder(0.5 * width, height), "cylinder", height
+    return Box((length, width, height)), "box", height
+
+
+def _random_way(random: np.random.Generator, start: Pose, reach: float) -> Loop:
+    """Return a round trip from a pose, at its height."""
+    poses = [start]
+    for _ in range(WAYPOINTS - 1):
+        x, y = np.array(start[:2]) + random.uniform(-reach, reach, 2)
+        turn = from_rpy(0.0, 0.0, random.uniform(-3.0, 3.0))
+        poses.append((float(x), float(y), start[2], *turn))
+    period = float(random.uniform(*PERIODS))
+    return Loop(tuple(poses), tuple(period * k / WAYPOINTS for k in range(WAYPOINTS)), period)
+
+
+def _height(shape: Shape) -> float:
+    return 2.0 * float(shape.local_box[2][2])
+
+
+def _on_grid(values: Floats) -> tuple[float, ...]:
+    return tuple((2.0 * GRID * np.round(values / (2.0 * GRID))).tolist())

@@ -30,7 +30,6 @@ from typing import Any
 import numpy as np
 
 from obb_collision.demo.listener import Listener
-from obb_collision.demo.meshes import Triangles, triangles_of
 from obb_collision.demo.snapshot import (
     CONTACT_COLOR,
     INSIDE_COLOR,
@@ -42,8 +41,10 @@ from obb_collision.demo.snapshot import (
     Body,
     Color,
     Snapshot,
+    Triangles,
     look_at,
     take_snapshot,
+    triangles_of,
 )
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.poses import quaternions_from_matrices

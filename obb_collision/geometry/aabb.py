@@ -21,8 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from obb_collision.geometry.kinds import ArrayValue, check_kind
-from obb_collision.geometry.validation import as_array, is_single
+from obb_collision.geometry.validation import ArrayValue, as_array, check_kind, is_single
 from obb_collision.typing import Floats
 
 

@@ -25,15 +25,17 @@ from numpy.typing import ArrayLike, NDArray
 
 from obb_collision._jit import njit
 from obb_collision.geometry.aabb import AABB, CORNER_SIGNS
-from obb_collision.geometry.kinds import ArrayValue, check_kind, select_rows
 from obb_collision.geometry.poses import as_poses, quaternions_from_matrices
 from obb_collision.geometry.validation import (
+    ArrayValue,
     as_any_array,
     as_array,
     as_half_extents,
     as_rotations,
+    check_kind,
     check_lengths,
     is_single,
+    select_rows,
 )
 from obb_collision.numerics.constants import BOUND_SLACK, BOUND_UNDERFLOW
 from obb_collision.numerics.error_free import two_sum_error

@@ -22,8 +22,13 @@ from typing import Any
 
 from numpy.typing import ArrayLike, NDArray
 
-from obb_collision.geometry.kinds import ArrayValue, select_rows
-from obb_collision.geometry.validation import as_array, as_half_extents, check_lengths
+from obb_collision.geometry.validation import (
+    ArrayValue,
+    as_array,
+    as_half_extents,
+    check_lengths,
+    select_rows,
+)
 from obb_collision.typing import Floats
 
 

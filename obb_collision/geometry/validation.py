@@ -12,10 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Validation of user input: finite, of the right shape and meaningful, or ValueError.
-
-Arrays that passed these functions are float64, C-contiguous and finite; kernels rely on it.
-"""
+"""Validation of arguments at the public edge. Errors name the argument and the row."""
 
 from __future__ import annotations
 
@@ -23,7 +20,7 @@ import math
 import sys
 import warnings
 from collections.abc import Sequence, Sized
-from typing import Any
+from typing import Any, NoReturn, SupportsIndex
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -34,6 +31,57 @@ from obb_collision.numerics.constants import MAX_MAGNITUDE, ORTHONORMAL_ROUNDING
 from obb_collision.numerics.vec3 import components, dot, plus, rows_at
 from obb_collision.typing import Axes, Floats, Vector
 from obb_collision.words import shown
+
+
+class ArrayValue:
+    """A value made of arrays: equal where all numbers are; not hashable, as arrays are mutable."""
+
+    __slots__ = ()
+
+    def __eq__(self, other: object) -> bool:
+        if type(self) is not type(other):
+            return NotImplemented
+        names = self.__slots__ or vars(self)
+        return all(np.array_equal(getattr(self, name), getattr(other, name)) for name in names)
+
+    __hash__ = None  # type: ignore[assignment]
+
+
+class NotCopied:
+    """What can be neither copied nor pickled: a copy would share what either of them changes."""
+
+    def __reduce_ex__(self, protocol: SupportsIndex) -> NoReturn:
+        """Raise TypeError for copy.copy, copy.deepcopy and pickle."""
+        name = type(self).__name__
+        raise TypeError(f"a {name} can be neither copied nor pickled: make another one")
+
+
+def check_kind(value: Any, kind: Any, name: str, *others: type) -> None:
+    """Raise TypeError naming the argument unless a value is an instance of one of the types."""
+    if not isinstance(value, (kind, *others)):
+        kinds = " or ".join(one.__name__ for one in (kind, *others))
+        raise TypeError(f"{name} must be {kinds}, got {shown(value)}")
+
+
+def as_flag(value: object, name: str) -> bool:
+    """Return True or False; TypeError naming the argument for anything else."""
+    check_kind(value, bool, name, np.bool_)
+    return bool(value)
+
+
+def select_rows(array: NDArray[Any], rows: Any, name: str, dimensions: int) -> NDArray[Any]:
+    """Return the rows that an index array, a mask or a single index selects.
+
+    dimensions: of the result. Raises ValueError naming the argument otherwise.
+    """
+    try:
+        found: NDArray[Any] = array[rows]
+    except (IndexError, TypeError, ValueError, OverflowError) as error:
+        raise ValueError(f"{name} must be rows of {len(array)}: {error}") from None
+    if not isinstance(found, np.ndarray) or found.ndim != dimensions:
+        raise ValueError(f"{name} must be rows of {len(array)}, got {shown(rows)}")
+    return found
+
 
 #: Largest whole number accepted where there is no other limit: the largest index.
 MAX_WHOLE = 2**63 - 1

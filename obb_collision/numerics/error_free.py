@@ -12,10 +12,16 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Error-free transformations and order-independent sums, in plain IEEE double arithmetic.
+"""Error-free transformations, order-independent sums, and numbers of twice the digits.
 
-No fused multiply-add is used, so the results are the same with and without compilation and on
-every processor. Sources: Shewchuk 1997; Cornea, Harrison, Tang 2002, analysed in Jeannerod 2015.
+In plain IEEE double arithmetic: no fused multiply-add is used, so the results are the same with and
+without compilation and on every processor. Sources: Shewchuk 1997; Cornea, Harrison, Tang 2002,
+analysed in Jeannerod 2015.
+
+A ``Pair`` is the unevaluated sum of two doubles, about 32 decimal digits. Products are off by less
+than 8 u^2 of their size, sums by less than 4 u^2 of the sum of the sizes of both terms (u = 2^-53;
+Joldes, Muller, Popescu 2017, "Tight and rigorous error bounds for basic building blocks of
+double-word arithmetic", algorithms 5 and 11), barring under- and overflow.
 """
 
 from __future__ import annotations
@@ -79,3 +85,65 @@ def length(x: float, y: float, z: float) -> float:
     y /= largest
     z /= largest
     return largest * math.sqrt((x * x + y * y) + z * z)
+
+
+Pair = tuple[float, float]
+Vector = tuple[Pair, Pair, Pair]
+
+
+@njit
+def add(a: Pair, b: Pair) -> Pair:
+    """Return a + b."""
+    high = a[0] + b[0]
+    low = two_sum_error(a[0], b[0]) + (a[1] + b[1])
+    total = high + low
+    return total, low - (total - high)
+
+
+@njit
+def subtract(a: Pair, b: Pair) -> Pair:
+    """Return a - b."""
+    return add(a, (-b[0], -b[1]))
+
+
+@njit
+def multiply(a: Pair, b: Pair) -> Pair:
+    """Return a b."""
+    high, low = two_product(a[0], b[0])
+    low += a[0] * b[1] + a[1] * b[0]
+    total = high + low
+    return total, low - (total - high)
+
+
+@njit
+def as_pairs(v: tuple[float, float, float]) -> Vector:
+    """Return a vector of doubles."""
+    return (v[0], 0.0), (v[1], 0.0), (v[2], 0.0)
+
+
+@njit
+def subtract_vectors(a: Vector, b: Vector) -> Vector:
+    """Return a - b."""
+    return subtract(a[0], b[0]), subtract(a[1], b[1]), subtract(a[2], b[2])
+
+
+@njit
+def cross(a: Vector, b: Vector) -> Vector:
+    """Return the cross product."""
+    return (
+        subtract(multiply(a[1], b[2]), multiply(a[2], b[1])),
+        subtract(multiply(a[2], b[0]), multiply(a[0], b[2])),
+        subtract(multiply(a[0], b[1]), multiply(a[1], b[0])),
+    )
+
+
+@njit
+def dot(a: Vector, b: Vector) -> Pair:
+    """Return the scalar product."""
+    return add(add(multiply(a[0], b[0]), multiply(a[1], b[1])), multiply(a[2], b[2]))
+
+
+@njit
+def largest(a: Vector) -> float:
+    """Return the largest absolute component, rounded."""
+    return max(abs(a[0][0]), abs(a[1][0]), abs(a[2][0]))

@@ -16,9 +16,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
+from numpy.typing import NDArray
 
 from obb_collision._jit import njit
+from obb_collision._threads import RANGES, ranges, run_parts, threads
 
 #: Bits of a digit: the counts of its values stay in the fastest memory.
 DIGIT_BITS = 11
@@ -80,3 +84,60 @@ def _insert(numbers: np.ndarray, low: int) -> None:
             numbers[k] = numbers[k - 1]
             k -= 1
         numbers[k] = number
+
+
+#: Highest bits by which numbers are dealt: buckets for some threads that fit into fast memory.
+BUCKET_BITS = 8
+BUCKETS = 1 << BUCKET_BITS
+#: Numbers below which a second thread does not pay: sorting them takes 500 us.
+FEWEST_NUMBERS = 1 << 16
+
+
+def is_dealt(count: int) -> bool:
+    """Return whether so many numbers are worth being dealt, which one thread takes as long for."""
+    return count >= 2 * FEWEST_NUMBERS
+
+
+def deal(numbers: NDArray[np.int64], out: NDArray[np.int64], high: int) -> NDArray[np.int64]:
+    """Write numbers (n,) of ``high`` bits to ``out`` (n,) by the highest BUCKET_BITS; stable.
+
+    Returns where each bucket starts, and the end (BUCKETS + 1,).
+    """
+    shift = high - BUCKET_BITS
+    parts = ranges(len(numbers), FEWEST_NUMBERS)
+    counts = np.zeros((len(parts), BUCKETS), np.int64)
+    _count_kernel(numbers, shift, counts[0], 0, 0)  # see ``_threads.run``
+    run_parts(lambda k: _count_kernel(numbers, shift, counts[k], *parts[k]), len(parts))
+    ends = counts.T.cumsum().reshape(BUCKETS, len(parts)).T
+    places = ends - counts
+    starts = np.append(places[0], len(numbers))
+    _deal_kernel(numbers, out, shift, places[0], 0, 0)
+    run_parts(lambda k: _deal_kernel(numbers, out, shift, places[k], *parts[k]), len(parts))
+    return starts
+
+
+def run_buckets(call: Callable[[int, int], None], starts: NDArray[np.int64]) -> None:
+    """Call ``call`` with ranges of buckets, of about as many numbers each, by several threads."""
+    call(0, 0)  # see ``_threads.run``
+    shares = np.linspace(0, starts[-1], RANGES * threads() + 1)
+    ends = np.searchsorted(starts[:-1], shares)
+    ends[-1] = BUCKETS
+    run_parts(lambda k: call(int(ends[k]), int(ends[k + 1])), len(ends) - 1)
+
+
+@njit
+def _count_kernel(
+    numbers: np.ndarray, shift: int, counts: np.ndarray, start: int, stop: int
+) -> None:
+    for n in range(start, stop):
+        counts[numbers[n] >> shift] += 1
+
+
+@njit
+def _deal_kernel(
+    numbers: np.ndarray, out: np.ndarray, shift: int, places: np.ndarray, start: int, stop: int
+) -> None:
+    for n in range(start, stop):
+        bucket = numbers[n] >> shift
+        out[places[bucket]] = numbers[n]
+        places[bucket] += 1

@@ -23,10 +23,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from obb_collision.accuracy import Accuracy, as_accuracy
-from obb_collision.geometry.kinds import as_flag, check_kind
 from obb_collision.geometry.poses import IDENTITY_POSE
 from obb_collision.geometry.shapes.primitives import LocalBox
-from obb_collision.geometry.validation import as_array, as_half_extents
+from obb_collision.geometry.validation import as_array, as_flag, as_half_extents, check_kind
 from obb_collision.obb import OBB
 from obb_collision.scene.building.shape_cache import ShapeCache, SlotShape
 from obb_collision.scene.object_settings import ObjectSettings, check_padding

@@ -22,8 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from obb_collision.geometry.kinds import check_kind
-from obb_collision.geometry.validation import as_array, as_whole
+from obb_collision.geometry.validation import as_array, as_whole, check_kind
 from obb_collision.words import check_names, shown
 
 PAIR_FIELDS = ("ns_a", "id_a", "ns_b", "id_b")

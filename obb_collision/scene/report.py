@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from obb_collision.accuracy import Accuracy
-from obb_collision.geometry.kinds import check_kind
+from obb_collision.geometry.validation import check_kind
 from obb_collision.queries.clearance.clearance import Clearances
 from obb_collision.queries.contacts.contacts import Contacts
 from obb_collision.queries.points.points import PointsInside

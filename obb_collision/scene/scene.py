@@ -25,9 +25,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from obb_collision.accuracy import Accuracy, as_accuracy
-from obb_collision.geometry.kinds import check_kind
 from obb_collision.geometry.poses import IDENTITY_POSE
-from obb_collision.geometry.validation import as_array
+from obb_collision.geometry.validation import as_array, check_kind
 from obb_collision.obb import OBB
 from obb_collision.queries.rays.rays import RayHits
 from obb_collision.scene.effects import EFFECTS

@@ -25,8 +25,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from obb_collision.accuracy import Accuracy
-from obb_collision.geometry.kinds import as_flag, check_kind
-from obb_collision.geometry.validation import as_points, as_whole, warn_caller
+from obb_collision.geometry.validation import as_flag, as_points, as_whole, check_kind, warn_caller
 from obb_collision.scene.checker import Checker
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.effects.base import Before, Outcome, Setting

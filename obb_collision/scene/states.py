@@ -22,8 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from obb_collision.geometry.boxes import Boxes
-from obb_collision.geometry.kinds import NotCopied, as_flag
-from obb_collision.geometry.validation import as_any_array, as_array
+from obb_collision.geometry.validation import NotCopied, as_any_array, as_array, as_flag
 from obb_collision.obb import OBB
 from obb_collision.scene.store.store import ObjectStore
 from obb_collision.typing import Floats

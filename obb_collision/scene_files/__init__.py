@@ -24,8 +24,8 @@ from obb_collision.scene_files.description import (
     SceneObject,
     SceneRobot,
 )
-from obb_collision.scene_files.errors import SceneFileError
 from obb_collision.scene_files.load import READY, describe_scene, find_scene, load_scene
+from obb_collision.scene_files.yaml_values import SceneFileError
 
 __all__ = [
     "READY",

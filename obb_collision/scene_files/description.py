@@ -31,9 +31,8 @@ from obb_collision.robots.description.robot import Robot
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.scene import Scene
 from obb_collision.scene.store.patterns import matching
-from obb_collision.scene_files.simulate.joints import JointLoop
-from obb_collision.scene_files.simulate.lidar import Lidar
-from obb_collision.scene_files.simulate.motion import Motion, states_at
+from obb_collision.scene_files.lidar import Lidar
+from obb_collision.scene_files.motion import JointLoop, Motion, states_at
 from obb_collision.shapes import Box, Shape
 from obb_collision.typing import Floats
 from obb_collision.words import shown

@@ -12,7 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""From a path to a scene description, whichever of the two formats the file is in."""
+"""Loading of a scene file, whichever of the two formats it is in.
+
+Nothing is constructed but words, lists and mappings. The size of a file, its nesting and its number
+of values, each alias counted as all that it stands for, have limits, which bound the time of
+everything that reads it later.
+"""
 
 from __future__ import annotations
 
@@ -23,18 +28,190 @@ from contextlib import contextmanager, suppress
 from importlib.metadata import PackageNotFoundError, files
 from os import PathLike
 from pathlib import Path
+from typing import Any
 
-from obb_collision.geometry.kinds import check_kind
-from obb_collision.geometry.shapes.files import resolve_path
-from obb_collision.geometry.shapes.folders import MeshFolders
-from obb_collision.geometry.validation import warn_caller
+import yaml
+from yaml.composer import ComposerError
+from yaml.parser import Parser
+from yaml.reader import Reader
+from yaml.resolver import Resolver
+from yaml.scanner import Scanner
+
+from obb_collision.geometry.shapes.files import MeshFolders, resolve_path
+from obb_collision.geometry.validation import check_kind, warn_caller
 from obb_collision.scene_files.description import SceneDescription
-from obb_collision.scene_files.errors import Problem, SceneFileError
 from obb_collision.scene_files.mesh_files import MeshFiles, MeshReading
 from obb_collision.scene_files.moveit import MARKS, read_planning_scene
 from obb_collision.scene_files.native import read_scene
-from obb_collision.scene_files.reading import parse, read_text
-from obb_collision.scene_files.yaml_values import Value
+from obb_collision.scene_files.yaml_values import (
+    MAPPING,
+    SEQUENCE,
+    Node,
+    Problem,
+    Problems,
+    SceneFileError,
+    Value,
+)
+
+#: Bytes of a file: a scene with its meshes written out, which takes a minute to read.
+MAX_BYTES = 16_000_000
+#: Levels of lists and mappings: three times those of a planning scene.
+MAX_LEVELS = 30
+#: Values in a file, those behind an alias counted at every place.
+MAX_VALUES = 4_000_000
+
+
+class _LimitError(yaml.MarkedYAMLError):  # type: ignore[misc]
+    """A file that is YAML, but exceeds a limit."""
+
+
+class PythonParser(Reader, Scanner, Parser):  # type: ignore[misc]
+    """PyYAML's parser in Python: what is no YAML, users are told in its words."""
+
+    def __init__(self, text: str) -> None:
+        Reader.__init__(self, text)
+        Scanner.__init__(self)
+        Parser.__init__(self)
+
+
+try:  # libyaml takes a tenth of the time
+    from yaml.cyaml import CParser as FastParser
+except ImportError:  # PyYAML may be built without it
+    FastParser = PythonParser
+
+
+class _Composer:
+    """Makes nodes of what a parser finds, within the limits."""
+
+    def __init__(self, parser: Any) -> None:
+        self._next = parser.get_event
+        self._resolve = Resolver().resolve
+        self._level = 0
+        self._count = 0
+        self._anchors: dict[str, tuple[Node, int]] = {}  # with the values behind them
+        self._open: set[str] = set()  # anchors of what is not complete
+
+    def document(self) -> Node | None:
+        """Return the only document, None where there is none."""
+        self._next()
+        if isinstance(self._next(), yaml.StreamEndEvent):
+            return None
+        node = self._node(self._next())
+        self._next()
+        event = self._next()
+        if not isinstance(event, yaml.StreamEndEvent):
+            raise ComposerError(None, None, "but found another document", event.start_mark)
+        return node
+
+    def _node(self, event: yaml.Event) -> Node:
+        if isinstance(event, yaml.AliasEvent):
+            return self._known(event)
+        self._add(1, event)
+        anchor, before = event.anchor, self._count
+        if anchor is not None:
+            if anchor in self._anchors or anchor in self._open:
+                raise ComposerError(None, None, "second occurrence", event.start_mark)
+            self._open.add(anchor)
+        self._level += 1
+        if self._level > MAX_LEVELS:
+            self._limit(f"nested too deeply, more than {MAX_LEVELS} levels", event)
+        node = self._made(event)
+        self._level -= 1
+        if anchor is not None:
+            self._anchors[anchor] = node, self._count - before + 1
+        return node
+
+    def _made(self, event: yaml.Event) -> Node:
+        line, tag = event.start_mark.line, event.tag
+        if isinstance(event, yaml.ScalarEvent):
+            if tag is None or tag == "!":
+                tag = self._resolve(yaml.ScalarNode, event.value, event.implicit)
+            return Node(tag, event.value, line, event.style or None)  # libyaml: "" for plain ones
+        value: list[Node] = []
+        while not isinstance(inner := self._next(), yaml.CollectionEndEvent):
+            value.append(self._node(inner))
+        if isinstance(event, yaml.SequenceStartEvent):
+            return Node(tag if tag not in (None, "!") else SEQUENCE, value, line)
+        pairs = tuple(zip(value[::2], value[1::2], strict=True))
+        return Node(tag if tag not in (None, "!") else MAPPING, pairs, line)
+
+    def _known(self, event: yaml.AliasEvent) -> Node:
+        """Return what an alias stands for."""
+        if event.anchor not in self._anchors:
+            if event.anchor in self._open:
+                self._limit(f"&{event.anchor} contains itself", event)
+            problem = f"found undefined alias {event.anchor!r}"
+            raise ComposerError(None, None, problem, event.start_mark)
+        node, count = self._anchors[event.anchor]
+        self._add(count, event)
+        return node
+
+    def _add(self, count: int, event: yaml.Event) -> None:
+        self._count += count
+        if self._count > MAX_VALUES:
+            self._limit(f"there are more than {MAX_VALUES} values, with what aliases add", event)
+
+    def _limit(self, reason: str, event: yaml.Event) -> None:
+        raise _LimitError(problem=reason, problem_mark=event.start_mark)
+
+
+def parse(file: str, text: str) -> Value:
+    """Return the top value of a YAML text; SceneFileError if it is none or exceeds a limit."""
+    try:
+        try:
+            node = _Composer(FastParser(text)).document()
+        except _LimitError:
+            raise
+        except (yaml.YAMLError, ValueError, OverflowError, RecursionError):
+            parser = PythonParser(text)
+            node = _Composer(parser).document()
+    except _LimitError as error:
+        raise SceneFileError(file, [Problem(_line(error), "", str(error.problem))]) from None
+    except yaml.MarkedYAMLError as error:
+        raise _no_yaml(file, _line(error), str(error.problem)) from None
+    except yaml.reader.ReaderError as error:
+        raise _no_yaml(file, text.count("\n", 0, error.position) + 1, error.reason) from None
+    except (ValueError, OverflowError) as error:  # numbers of directives and of escapes
+        raise _no_yaml(file, parser.line + 1, str(error)) from None
+    except RecursionError:  # called from deep within something else
+        raise SceneFileError(file, [Problem(parser.line + 1, "", "nested too deeply")]) from None
+    if node is None:
+        raise SceneFileError(file, [Problem(1, "", "the file is empty")])
+    return Value(node, "", Problems(file))
+
+
+def _line(error: yaml.MarkedYAMLError) -> int:
+    mark = error.problem_mark or error.context_mark
+    return 1 if mark is None else int(mark.line) + 1
+
+
+def _no_yaml(file: str, line: int, reason: str) -> SceneFileError:
+    return SceneFileError(file, [Problem(line, "", f"no YAML: {reason}")])
+
+
+def read_text(path: Path) -> str:
+    """Return the text of a file. Raises SceneFileError if it cannot be read."""
+    line = 0
+    try:
+        if path.exists() and not path.is_file():  # a device or a pipe may never end
+            reason = "this is no file but a folder, a device or a pipe"
+        else:
+            with path.open("rb") as file:
+                data = file.read(MAX_BYTES + 1)
+            if len(data) <= MAX_BYTES:
+                return data.decode("utf-8")
+            reason = f"the file has more than {MAX_BYTES} bytes"
+    except FileNotFoundError:
+        reason = "there is no such file"
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start) + 1
+        reason = f"no UTF-8 text: {error.reason} at byte {error.start}"
+    except OSError as error:
+        reason = f"can't be read: {error.strerror}"
+    except ValueError as error:  # not a valid file name
+        reason = f"can't be read: {error}"
+    raise SceneFileError(str(path), [Problem(line, "", reason)])
+
 
 PACKAGE = "obb_collision"
 #: Names of the scenes in the folder ``config`` of the package.

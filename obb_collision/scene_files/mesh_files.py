@@ -23,13 +23,11 @@ import numpy as np
 from obb_collision.geometry.shapes.files import (
     LARGEST_FILE,
     MOST_TRIANGLES,
-    PACKAGE,
-    shortened,
-)
-from obb_collision.geometry.shapes.folders import (
     NO_FOLDERS,
+    PACKAGE,
     MeshFolders,
     allowed_path,
+    shortened,
     source_folder,
 )
 from obb_collision.scene.building.jobs import MeshFile

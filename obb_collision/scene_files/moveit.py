@@ -21,15 +21,269 @@ only the name of the robot's model; what is left out because of that is in the n
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 
+from obb_collision.geometry.poses import Pose, compose_poses
 from obb_collision.scene_files.description import AllowedRule, Color, SceneDescription, SceneObject
 from obb_collision.scene_files.mesh_files import MeshFiles
-from obb_collision.scene_files.moveit_matrix import read_matrix, rules_between
-from obb_collision.scene_files.moveit_objects import IDENTITY, Frames, read_object, read_pose
+from obb_collision.scene_files.objects import NO_SCALE, NO_TURN, read_scale, settled
 from obb_collision.scene_files.yaml_values import Value, items_of
+from obb_collision.shapes import Box, Cone, Cylinder, Mesh, Shape, Sphere
 from obb_collision.words import printable
+
+MATRIX_KEYS = ("entry_names", "entry_values", "default_entry_names", "default_entry_values")
+
+
+def read_matrix(value: Value) -> list[AllowedRule]:
+    """Return the rules of a matrix, in an order in which the last one that matches a pair is right.
+
+    Entries that forbid what no rule allows are redundant and left out.
+    """
+    fields = value.fields(MATRIX_KEYS)
+    defaults = _read_defaults(fields)
+    rules: list[AllowedRule] = []
+    for wanted in (True, False):  # where a pair has two defaults, both must allow it
+        for name, allowed in defaults.items():
+            if allowed == wanted and (allowed or True in defaults.values()):
+                rules += rules_with_all(name, allowed)
+    for (first, second), allowed in _read_entries(fields).items():
+        if allowed or defaults.get(first) or defaults.get(second):
+            rules += rules_between(first, second, allowed)
+    return rules
+
+
+def rules_between(first: str, second: str, allowed: bool) -> list[AllowedRule]:
+    """Return the rules for all that is called by two names of MoveIt."""
+    pairs = product(patterns_of(first), patterns_of(second))
+    rules = [AllowedRule(a, b, allowed) for a, b in pairs]
+    if first != second:
+        return rules
+    return [rule for rule in rules if rule.first.endswith("/*") and rule.second.endswith("/*")]
+
+
+def rules_with_all(name: str, allowed: bool) -> list[AllowedRule]:
+    """Return the rules for a name of MoveIt and everything."""
+    return [AllowedRule(pattern, "*", allowed) for pattern in patterns_of(name)]
+
+
+def patterns_of(name: str) -> tuple[str, str]:
+    """Return patterns for a name and for its parts ``name/...``, such as markers of a namespace."""
+    exact = "".join(f"[{letter}]" if letter in "*?[" else letter for letter in name)
+    return exact, f"{exact}/*"
+
+
+def _read_defaults(fields: dict[str, Value]) -> dict[str, bool]:
+    names = items_of(fields, "default_entry_names")
+    values = items_of(fields, "default_entry_values")
+    if len(names) != len(values):
+        fields[next(key for key in MATRIX_KEYS[2:] if key in fields)].refuse(
+            f"there are {len(names)} default_entry_names and {len(values)} default_entry_values"
+        )
+    return {name.text(): flag.flag() for name, flag in zip(names, values, strict=True)}
+
+
+def _read_entries(fields: dict[str, Value]) -> dict[tuple[str, str], bool]:
+    """Return the entry of the matrix per pair of different names."""
+    names = [name.text() for name in items_of(fields, "entry_names")]
+    rows = items_of(fields, "entry_values")
+    if len(rows) != len(names):
+        fields[next(key for key in MATRIX_KEYS[:2] if key in fields)].refuse(
+            f"there are {len(names)} entry_names and {len(rows)} rows of entry_values"
+        )
+    if len(set(names)) < len(names):
+        twice = next(name for name in names if names.count(name) > 1)
+        fields["entry_names"].refuse(f"{twice} stands twice")
+    matrix = [_read_row(row, len(names)) for row in rows]
+    entries: dict[tuple[str, str], bool] = {}
+    for i, first in enumerate(names):
+        for j, second in enumerate(names[:i]):
+            if matrix[i][j] != matrix[j][i]:
+                rows[i].refuse(f"not symmetric: {first} with {second} and the other way round")
+            entries[second, first] = matrix[i][j]
+    return entries
+
+
+def _read_row(row: Value, count: int) -> list[bool]:
+    """Return a row: a list, or the list ``enabled`` of a message."""
+    cells = row.fields(("enabled",), ("enabled",))["enabled"] if row.is_mapping else row
+    flags = [cell.flag() for cell in cells.items()]
+    if len(flags) != count:
+        cells.refuse(f"must have {count} entries, one a name, got {len(flags)}")
+    return flags
+
+
+OBJECT_KEYS = (
+    *("header", "pose", "id", "type", "primitives", "primitive_poses", "meshes", "mesh_poses"),
+    *("planes", "plane_poses", "subframe_names", "subframe_poses", "operation"),
+)
+#: Numbers of ``shape_msgs/SolidPrimitive``, by which its types may be given, and its dimensions.
+TYPES = {"1": "box", "2": "sphere", "3": "cylinder", "4": "cone"}
+DIMENSIONS = {"box": 3, "sphere": 1, "cylinder": 2, "cone": 2}
+#: The operation ADD, as a number and as the byte that the message has.
+ADD = ("0", "\x00")
+IDENTITY: Pose = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+POSES = {"primitives": "primitive_poses", "meshes": "mesh_poses"}
+VECTOR, QUATERNION = ("x", "y", "z"), ("x", "y", "z", "w")
+
+
+class Frames:
+    """The poses of the frames of a file. One without a pose may be the frame of everything."""
+
+    def __init__(self) -> None:
+        self._poses: dict[str, Pose] = {"": IDENTITY}
+        self._own: str | None = None
+
+    def add(self, name: str, pose: Pose | None) -> None:
+        """Store the pose of a frame."""
+        self._poses[name.lstrip("/")] = IDENTITY if pose is None else pose
+
+    def of_world(self, value: Value) -> Pose:
+        """Return the pose of the frame of one of the world's objects."""
+        header = _frame_id(value)
+        name = "" if header is None else header.label().lstrip("/")
+        pose = self._poses.get(name)
+        if pose is not None or header is None:
+            return pose or IDENTITY
+        if self._own is None:
+            self._own = name  # the frame that the scene is in
+        if name != self._own:
+            header.refuse(f"the file has neither the pose of {name} nor that of {self._own}")
+        return IDENTITY
+
+    def of_link(self, value: Value, link: str) -> Pose | None:
+        """Return the pose of the frame of an object fixed to a link, None if it is missing."""
+        header = _frame_id(value)
+        name = link if header is None else header.label()
+        return self._poses.get(name.lstrip("/"))
+
+
+def _frame_id(value: Value) -> Value | None:
+    header = value.peek("header")
+    fields = {} if header is None else header.fields(("seq", "stamp", "frame_id"))
+    return fields.get("frame_id")
+
+
+def read_object(value: Value, base: Pose, files: MeshFiles) -> list[SceneObject]:
+    """Return the parts of an object: one by its id, several by id/0, id/1 and so on.
+
+    base: the frame in which the object is given; files: those of its meshes.
+    """
+    fields = value.fields(OBJECT_KEYS, ("id",))
+    name = fields["id"].text("an id")
+    if "operation" in fields and fields["operation"].node.value not in ADD:
+        fields["operation"].label()
+        fields["operation"].expected("0 (ADD): a file can't remove or move objects")
+    if "planes" in fields and fields["planes"].items():
+        fields["planes"].refuse("a plane is infinite and has no box; use a large, flat box instead")
+    shapes = _read_shapes(fields, "primitives", _read_primitive)
+    shapes += _read_shapes(fields, "meshes", lambda mesh: _read_mesh(mesh, files))
+    if not shapes:
+        value.refuse("needs primitives or meshes")
+    if "pose" in fields:
+        base = composed(base, read_pose(fields["pose"]))
+    # what is not moved stays as it is given, bit for bit
+    poses = [pose if base == IDENTITY else composed(base, pose) for _, pose in shapes]
+    names = [name] if len(shapes) == 1 else [f"{name}/{k}" for k in range(len(shapes))]
+    return [
+        SceneObject(part, shape, pose)
+        for part, (shape, _), pose in zip(names, shapes, poses, strict=True)
+    ]
+
+
+def _read_shapes(
+    fields: dict[str, Value], key: str, read: Callable[[Value], Shape]
+) -> list[tuple[Shape, Pose]]:
+    poses_key = POSES[key]
+    shapes = fields[key].items() if key in fields else []
+    places = fields[poses_key].items() if poses_key in fields else []
+    if places and len(places) != len(shapes):
+        fields[poses_key].refuse(f"there are {len(shapes)} {key} and {len(places)} {poses_key}")
+    poses = [read_pose(place) for place in places] or [IDENTITY] * len(shapes)
+    return [(read(shape), pose) for shape, pose in zip(shapes, poses, strict=True)]
+
+
+def _read_primitive(value: Value) -> Shape:
+    fields = value.fields(("type", "dimensions", "polygon"), ("type", "dimensions"))
+    word = fields["type"].text("a type").lower()
+    word = TYPES.get(word, word)
+    if word not in DIMENSIONS:
+        fields["type"].expected(f"one of {', '.join(DIMENSIONS)}")
+    sizes = fields["dimensions"].numbers(DIMENSIONS[word], positive=True)
+    with value.reasons():
+        if word == "box":
+            shape: Shape = Box(sizes)
+        elif word == "sphere":
+            shape = Sphere(sizes[0])
+        else:  # MoveIt names the height first
+            height, radius = sizes
+            shape = Cylinder(radius, height) if word == "cylinder" else Cone(radius, height)
+        _ = shape.local_box
+    return shape
+
+
+def _read_mesh(value: Value, files: MeshFiles) -> Shape:
+    """Return a mesh of a message, or of the file ``resource``, scaled by ``dimensions``.
+
+    The latter is what MotionBenchMaker's scenes (robowflex) have; no message of ROS does.
+    """
+    if value.peek("resource") is not None:
+        fields = value.fields(("resource", "dimensions"), ("resource",))
+        scale = read_scale(fields["dimensions"]) if "dimensions" in fields else NO_SCALE
+        shape = files.mesh(fields["resource"], scale)
+        with value.reasons():
+            _ = shape.local_box
+        return shape
+    fields = value.fields(("triangles", "vertices"), ("triangles", "vertices"))
+    vertices = [_read_vector(point, VECTOR) for point in fields["vertices"].items()]
+    last = len(vertices) - 1
+    faces = []
+    for triangle in fields["triangles"].items():
+        corners = triangle
+        if triangle.is_mapping:
+            corners = triangle.fields(("vertex_indices",), ("vertex_indices",))["vertex_indices"]
+        if len(corners.items()) != 3:
+            corners.expected("3 vertices")
+        faces.append([corner.whole(0, last) for corner in corners.items()])
+    with value.reasons():
+        shape = Mesh(vertices, faces)
+        _ = shape.local_box
+    return shape
+
+
+def read_pose(value: Value) -> Pose:
+    """Return a pose, or a transform, which has other names for the same.
+
+    A quaternion of zeros is no rotation, as in MoveIt.
+    """
+    keys = ("position", "orientation", "translation", "rotation")
+    fields = value.fields(keys)
+    place, turn = (0.0, 0.0, 0.0), NO_TURN
+    for key in ("position", "translation"):
+        if key in fields:
+            x, y, z = _read_vector(fields[key], VECTOR)
+            place = x, y, z
+    for key in ("orientation", "rotation"):
+        if key in fields:
+            x, y, z, w = _read_vector(fields[key], QUATERNION)
+            turn = settled(fields[key], (x, y, z, w)) if any((x, y, z, w)) else NO_TURN
+    return (*place, *turn)
+
+
+def composed(outer: Pose, inner: Pose) -> Pose:
+    """Return a pose in the frame of ``outer``, given in ``outer``."""
+    x, y, z, qx, qy, qz, qw = compose_poses(outer, inner).tolist()
+    return x, y, z, qx, qy, qz, qw
+
+
+def _read_vector(value: Value, parts: tuple[str, ...]) -> tuple[float, ...]:
+    if not value.is_mapping:
+        return value.numbers(len(parts))
+    fields = value.fields(parts, parts)
+    return tuple(fields[part].number() for part in parts)
+
 
 KEYS = (
     *("name", "robot_state", "robot_model_name", "fixed_frame_transforms"),

@@ -12,24 +12,152 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Scene files of this package: the top level, groups, and rules about them."""
+"""Scene files of this package: the top level, groups and rules about them, effects, robots."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Collection
 from itertools import product
 from pathlib import Path
 from types import MappingProxyType
 
+import numpy as np
+
 from obb_collision.accuracy import Accuracy
-from obb_collision.scene_files.description import AllowedRule, SceneDescription, Triple, View
-from obb_collision.scene_files.effects import read_effects
+from obb_collision.robots.description.robot import Robot
+from obb_collision.scene.effects import EFFECTS
+from obb_collision.scene.effects.settings import MODES
+from obb_collision.scene_files.description import (
+    NODE_EFFECTS,
+    AllowedRule,
+    EffectChoice,
+    SceneDescription,
+    SceneRobot,
+    Triple,
+    View,
+)
+from obb_collision.scene_files.lidar import Lidar
 from obb_collision.scene_files.mesh_files import MeshFiles
-from obb_collision.scene_files.objects import PATTERN_LETTERS, read_accuracy, read_objects
-from obb_collision.scene_files.robots import read_robots
-from obb_collision.scene_files.simulate.lidar import Lidar
-from obb_collision.scene_files.yaml_values import Value
+from obb_collision.scene_files.motion import JointLoop
+from obb_collision.scene_files.objects import (
+    PATTERN_LETTERS,
+    quaternion_of,
+    read_accuracy,
+    read_objects,
+    read_period,
+    read_times,
+)
+from obb_collision.scene_files.yaml_values import Problems, Value
 from obb_collision.words import printable
+
+#: Patterns that a word or a list of words stands for.
+Patterns = Callable[[Value], tuple[str, ...]]
+
+
+def read_effects(value: Value, patterns: Patterns) -> dict[str, EffectChoice]:
+    """Return the settings of each effect."""
+    choices: dict[str, EffectChoice] = {}
+    for name, entry in value.fields((*EFFECTS, *NODE_EFFECTS)).items():
+        with value.problems.kept():
+            choices[name] = _read_effect(name, entry, patterns)
+    return choices
+
+
+def _read_effect(name: str, value: Value, patterns: Patterns) -> EffectChoice:
+    if not value.is_mapping:
+        return EffectChoice(value.choice(MODES))
+    known = EFFECTS[name].options if name in EFFECTS else {}
+    places = ("objects",) if name in EFFECTS else ()
+    fields = value.fields(("mode", *places, *known))
+    mode = fields["mode"].choice(MODES) if "mode" in fields else None
+    objects = patterns(fields["objects"]) if "objects" in fields else None
+    options: dict[str, float | str] = {}
+    for key, option in known.items():
+        if key in fields:
+            with fields[key].reasons():
+                entry = fields[key]
+                word = isinstance(option.default, str)
+                options[key] = option.checked(key, entry.text() if word else entry.number())
+    return EffectChoice(mode, objects, MappingProxyType(options))
+
+
+ROBOT_KEYS = ("name", "urdf", "srdf", "position", "rpy", "quaternion", "joints", "motion")
+MOTION_KEYS = ("waypoints", "period")
+#: What a robot may be called: a part of names of topics.
+ROBOT_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+
+
+def read_robots(
+    values: list[Value], files: MeshFiles, problems: Problems
+) -> tuple[SceneRobot, ...]:
+    """Return the robots; those that cannot be used are problems."""
+    robots: dict[str, SceneRobot] = {}
+    for value in values:
+        with problems.kept():
+            robot = _read_robot(value, files)
+            if robot.name in robots:
+                value.refuse(f"the name {robot.name} stands twice")
+            robots[robot.name] = robot
+    return tuple(robots.values())
+
+
+def _read_robot(value: Value, files: MeshFiles) -> SceneRobot:
+    fields = value.fields(ROBOT_KEYS, ("name", "urdf"))
+    name = fields["name"].text("a name")
+    if not ROBOT_NAME.fullmatch(name):
+        fields["name"].expected("letters, digits and _, the first a letter")
+    urdf = files.path(fields["urdf"], "URDF")
+    srdf = files.path(fields["srdf"], "SRDF") if "srdf" in fields else None
+    x, y, z = fields["position"].numbers(3) if "position" in fields else (0.0, 0.0, 0.0)
+    with fields["urdf"].reasons():
+        robot = Robot.from_urdf(urdf, srdf, files.folders, read_mesh=files.read)
+    for doubt in robot.doubts:
+        value.doubt(doubt)
+    start = _start_of(robot)
+    if "joints" in fields:
+        start = _read_state(fields["joints"], robot, start)
+    motion = _read_motion(fields["motion"], robot, start) if "motion" in fields else None
+    pose = (x, y, z, *quaternion_of(fields))
+    state = start if motion is None else motion.states[0]
+    return SceneRobot(name, urdf, srdf, robot, pose, state, motion)
+
+
+def _start_of(robot: Robot) -> tuple[float, ...]:
+    """Return the state of zeros, or the nearest within the limits."""
+    zeros = np.array([float(name.endswith("/rot_w")) for name in robot.joint_names])
+    return tuple(np.clip(zeros, robot.lower, robot.upper).tolist())
+
+
+def _read_state(value: Value, robot: Robot, before: tuple[float, ...]) -> tuple[float, ...]:
+    """Return a state; joints that are not in it stay as before."""
+    state = dict(zip(robot.joint_names, before, strict=True))
+    limits = dict(zip(robot.joint_names, zip(robot.lower, robot.upper, strict=True), strict=True))
+    for joint, entry in value.entries().items():
+        if joint not in state:
+            entry.refuse(f"no joint of the robot moves so{value.guess(joint, robot.joint_names)}")
+        low, high = limits[joint]
+        state[joint] = entry.number(
+            f"a number within the joint's limits, {low:g} to {high:g}",
+            lambda number, low=low, high=high: low <= number <= high,  # type: ignore[misc]
+        )
+    return tuple(state.values())
+
+
+def _read_motion(value: Value, robot: Robot, start: tuple[float, ...]) -> JointLoop:
+    fields = value.fields(MOTION_KEYS, MOTION_KEYS)
+    period = read_period(fields["period"])
+    points = fields["waypoints"].items()
+    if len(points) < 2:
+        fields["waypoints"].expected("at least 2 waypoints")
+    states, given = [], []
+    for point in points:
+        parts = point.fields(("joints", "time"), ("joints",))
+        start = _read_state(parts["joints"], robot, start)
+        states.append(start)
+        given.append(parts["time"].not_negative() if "time" in parts else None)
+    return JointLoop(tuple(states), read_times(fields["waypoints"], given, period), period)
+
 
 KEYS = (
     *("name", "description", "objects", "groups", "allowed", "accuracy", "padding"),

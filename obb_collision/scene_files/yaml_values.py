@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Values of a YAML file with their line and key, which refuse what cannot be used.
+"""Values of a YAML file with their line and key, and the problems of those that cannot be used.
 
 Numbers are read here, by one rule: decimal and finite. (PyYAML takes ``1e-3`` for a word and
 ``010`` for eight.)
@@ -21,16 +21,76 @@ Numbers are read here, by one rule: decimal and finite. (PyYAML takes ``1e-3`` f
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from difflib import get_close_matches
 from itertools import islice
-from typing import Any, NoReturn
+from typing import Any, NamedTuple, NoReturn
 
 from obb_collision.numerics.constants import MAX_MAGNITUDE
-from obb_collision.scene_files.errors import MAX_PROBLEMS, Problem, Problems, SceneFileError
-from obb_collision.words import MAX_NAME, printable, text_fault
+from obb_collision.words import MAX_NAME, MAX_PATH, printable, text_fault
+
+#: Problems reported at once; a file with more has one cause.
+MAX_PROBLEMS = 20
+#: Maximum characters shown of a problem's reason.
+MAX_REASON = 500
+
+
+class Problem(NamedTuple):
+    """What is wrong, at which line (from 1; 0: the file itself) and key (empty: all of it)."""
+
+    line: int
+    key: str
+    reason: str
+
+
+class SceneFileError(ValueError):
+    """A scene file that cannot be used: ``problems``, each named ``file:line: key: reason``.
+
+    The message can be printed and sent whatever is in the file or its name.
+    """
+
+    def __init__(self, file: str, problems: Sequence[Problem]) -> None:
+        self.file = file
+        self.problems = tuple(sorted(problems, key=lambda problem: problem.line))
+        lines = [_told(file, problem) for problem in self.problems[:MAX_PROBLEMS]]
+        rest = len(self.problems) - MAX_PROBLEMS
+        super().__init__("\n".join(lines + ([f"and {rest} more"] if rest > 0 else [])))
+
+
+def _told(file: str, problem: Problem) -> str:
+    place = file if len(file) <= MAX_PATH else f"...{file[-100:]}"
+    where = f"{place}:{problem.line}" if problem.line else place
+    reason = problem.reason if len(problem.reason) <= MAX_REASON else problem.reason[:MAX_REASON]
+    return printable(f"{where}: {problem.key}: {reason}" if problem.key else f"{where}: {reason}")
+
+
+class Problems:
+    """Collects the problems of a file, so that all are reported together, and its oddities."""
+
+    def __init__(self, file: str) -> None:
+        self.file = file
+        self.found: list[Problem] = []
+        self.odd: list[Problem] = []
+
+    @contextmanager
+    def kept(self) -> Iterator[None]:
+        """Collect the problem that ends the block, and continue behind it."""
+        try:
+            yield
+        except SceneFileError as error:
+            self.found += error.problems
+
+    def doubts(self) -> tuple[str, ...]:
+        """Return what is odd but can be used, one line each."""
+        return tuple(_told(self.file, problem) for problem in self.odd)
+
+    def finish(self) -> None:
+        """Raise SceneFileError if there were any."""
+        if self.found:
+            raise SceneFileError(self.file, self.found)
+
 
 #: No two parts of it take the same digits, so what is none is seen in one pass.
 NUMBER = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?", re.ASCII)

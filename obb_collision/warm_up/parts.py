@@ -25,7 +25,7 @@ import numpy as np
 import obb_collision as oc
 from obb_collision.accuracy import Accuracy
 from obb_collision.geometry.trees.pool import Hulls
-from obb_collision.numerics.dealing import FEWEST_NUMBERS
+from obb_collision.numerics.sorting import FEWEST_NUMBERS
 from obb_collision.queries.convex.contacts import (
     convex_contacts,
     flat_room,

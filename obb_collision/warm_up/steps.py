@@ -31,7 +31,7 @@ import obb_collision as oc
 from obb_collision import shapes
 from obb_collision.accuracy import Accuracy
 from obb_collision.geometry.poses import quaternions_from_matrices
-from obb_collision.numerics.dealing import FEWEST_NUMBERS
+from obb_collision.numerics.sorting import FEWEST_NUMBERS
 from obb_collision.queries.convex.distances import convex_distances, convex_may_collide
 from obb_collision.queries.meshes.triangles import triangle_verdicts
 from obb_collision.queries.primitives.capsules import capsule_verdicts

@@ -32,7 +32,7 @@ from processes import limited, output_until
 
 import obb_collision as oc
 from obb_collision.demo.command import main, make_parser
-from obb_collision.demo.random_scene import MIN_OBJECTS, random_scene
+from obb_collision.demo.scene import MIN_OBJECTS, random_scene
 from obb_collision.geometry.poses import as_poses
 
 rclpy_context = pytest.importorskip("rclpy.context")

@@ -19,7 +19,7 @@ import numpy as np
 import pytest
 
 import obb_collision as oc
-from obb_collision.demo.meshes import triangles_of
+from obb_collision.demo.snapshot import triangles_of
 
 POINTS = np.array([[0.0, 0, 0], [1, 0, 0], [0, 2, 0], [0, 0, 3], [0.5, 0.5, 0.5]])
 

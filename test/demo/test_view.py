@@ -31,11 +31,11 @@ import pytest
 from processes import limited, output_until
 
 from obb_collision.demo.command import open_view
-from obb_collision.demo.random_scene import random_scene
+from obb_collision.demo.scene import random_scene
 
 rclpy_context = pytest.importorskip("rclpy.context")
 
-from obb_collision.demo.marker_boxes import boxes_from_bytes  # noqa: E402
+from obb_collision.demo.listener import boxes_from_bytes  # noqa: E402
 from obb_collision.demo.run import NAMESPACE, Demo  # noqa: E402
 from obb_collision.demo.scene import DemoScene  # noqa: E402
 from obb_collision.demo.snapshot import FREE  # noqa: E402

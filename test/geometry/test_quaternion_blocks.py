@@ -24,11 +24,11 @@ import pytest
 import obb_collision as oc
 from obb_collision.geometry import poses as module
 from obb_collision.geometry.poses import (
+    BLOCK,
     as_poses,
     matrices_from_quaternions,
     quaternions_from_matrices,
 )
-from obb_collision.geometry.quaternion_blocks import BLOCK
 from obb_collision.geometry.validation import as_quaternions
 from obb_collision.typing import Floats
 from tools.cases.placement import random_rotations

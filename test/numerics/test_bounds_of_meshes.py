@@ -42,7 +42,7 @@ from scipy.spatial.transform import Rotation
 from support import row_of
 
 from obb_collision.geometry.fitting.enclosing import COORDINATE_BOUND, enclose_points
-from obb_collision.geometry.trees.node_fit import WIDENING
+from obb_collision.geometry.trees.build import WIDENING
 from obb_collision.geometry.trees.obb_tree import MeshTrees
 from obb_collision.geometry.trees.pool import HullPool, Hulls
 from obb_collision.numerics.vec3 import vector

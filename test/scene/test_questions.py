@@ -26,7 +26,7 @@ from scipy.spatial.transform import Rotation
 
 import obb_collision as oc
 from obb_collision.geometry.trees import pool
-from obb_collision.geometry.trees.shape_trees import mesh_tree
+from obb_collision.geometry.trees.pool import mesh_tree
 from obb_collision.scene.building.shape_cache import RETAINED
 from obb_collision.scene.questions import any_collides
 

@@ -22,7 +22,7 @@ from pathlib import Path
 import pytest
 import trimesh
 
-from obb_collision.geometry.shapes.folders import NO_FOLDERS
+from obb_collision.geometry.shapes.files import NO_FOLDERS
 from obb_collision.scene.building.process import Limits
 from obb_collision.scene_files import SceneFileError, describe_scene, load_scene
 from obb_collision.scene_files.mesh_files import MeshReading

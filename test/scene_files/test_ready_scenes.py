@@ -33,7 +33,7 @@ from obb_collision.scene_files import (
     load_scene,
 )
 from obb_collision.scene_files.description import NODE_EFFECTS
-from obb_collision.scene_files.simulate.lidar import NOISE, Lidar
+from obb_collision.scene_files.lidar import NOISE, Lidar
 
 #: Seconds between two poses of which the difference is compared with the twist.
 STEP = 1e-6

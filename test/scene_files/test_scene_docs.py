@@ -30,10 +30,9 @@ from obb_collision.scene_files import (
     moveit,
     native,
     objects,
-    robots,
 )
 from obb_collision.scene_files.description import NODE_EFFECTS
-from obb_collision.scene_files.motions import KINDS
+from obb_collision.scene_files.objects import KINDS
 
 ROOT = Path(__file__).parents[2]
 DOCS = (ROOT / "docs" / "scene_files.md").read_text()
@@ -55,7 +54,7 @@ def test_keys_are_those_of_the_code() -> None:
     kinds = {key for keys in KINDS.values() for key in keys}
     sizes = {key for keys in objects.SIZES.values() for key in keys}
     assert words("## Keys of an object") == {*objects.KEYS, *sizes, *kinds}
-    assert words("## Robots") == set(robots.KEYS)
+    assert words("## Robots") == set(native.ROBOT_KEYS)
     assert words("## Effects") == {*EFFECTS, *NODE_EFFECTS}
     parts = words("## MoveIt planning scenes")
     assert {part for part in parts if part != "is_diff"} <= set(moveit.KEYS)

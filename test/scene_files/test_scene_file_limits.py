@@ -29,10 +29,10 @@ import pytest
 import yaml
 
 import obb_collision as oc
-from obb_collision.scene_files import SceneFileError, load_scene, reading
+from obb_collision.scene_files import SceneFileError, load, load_scene
 from obb_collision.scene_files import yaml_values as values
-from obb_collision.scene_files.errors import MAX_PROBLEMS
-from obb_collision.scene_files.reading import parse
+from obb_collision.scene_files.load import parse
+from obb_collision.scene_files.yaml_values import MAX_PROBLEMS
 from obb_collision.words import text_fault
 
 DATA = Path(__file__).parents[1] / "data" / "moveit"
@@ -185,7 +185,7 @@ def test_long_numbers_that_floats_need_are_read(number: str, write: Any) -> None
 def test_nesting_is_limited_and_told_by_its_line(write: Any) -> None:
     for text, line in (
         ("a: 1\nb: " + "[" * 5000, 2),
-        ("\n".join("  " * k + f"k{k}:" for k in range(3000)), reading.MAX_LEVELS),
+        ("\n".join("  " * k + f"k{k}:" for k in range(3000)), load.MAX_LEVELS),
         ("- " * 5000, 1),
         ("\n\n" + "{a: " * 5000, 3),
         ("? " * 5000, 1),
@@ -219,7 +219,7 @@ def test_files_have_a_limit_and_are_files(tmp_path: Path) -> None:
     large = tmp_path / "large.yaml"
     with large.open("wb") as file:
         file.truncate(10**12)  # a hole: nothing is written
-    assert refusal(large) == f"{large}: the file has more than {reading.MAX_BYTES} bytes"
+    assert refusal(large) == f"{large}: the file has more than {load.MAX_BYTES} bytes"
     pipe = tmp_path / "pipe.yaml"
     os.mkfifo(pipe)
     for path in (pipe, Path("/dev/zero"), tmp_path):
@@ -395,7 +395,7 @@ def test_both_parsers_of_yaml_read_the_same(path: Path, monkeypatch: pytest.Monk
     pytest.importorskip("yaml.cyaml")
     text = path.read_text()
     ways = [parse("scene.yaml", text)]
-    monkeypatch.setattr(reading, "FastParser", reading.PythonParser)
+    monkeypatch.setattr(load, "FastParser", load.PythonParser)
     ways.append(parse("scene.yaml", text))
     quick, slow = ([*nodes_in(way.node)] for way in ways)
     assert quick == slow

@@ -28,7 +28,7 @@ from hypothesis import strategies as st
 
 import obb_collision as oc
 from obb_collision.scene_files import SceneFileError, load_scene
-from obb_collision.scene_files.places import unit
+from obb_collision.scene_files.objects import unit
 from obb_collision.shapes import Box, Cylinder, Hull, Mesh, Sphere
 
 GOOD = """\

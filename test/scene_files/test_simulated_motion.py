@@ -25,7 +25,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from obb_collision.geometry.poses import Pose
-from obb_collision.scene_files.simulate.motion import Follow, Loop, Motion, Steady, states_at
+from obb_collision.scene_files.motion import Follow, Loop, Motion, Steady, states_at
 
 RNG = np.random.default_rng(8)
 

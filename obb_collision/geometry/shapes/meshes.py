@@ -28,7 +28,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from obb_collision.geometry.fitting.fit import check_fit, fit_points
-from obb_collision.geometry.kinds import check_kind
 from obb_collision.geometry.shapes.files import (
     Triangles,
     read_file,
@@ -44,7 +43,7 @@ from obb_collision.geometry.shapes.primitives import (
     positive_triple,
     read_only,
 )
-from obb_collision.geometry.validation import as_array, as_indices, check_magnitude
+from obb_collision.geometry.validation import as_array, as_indices, check_kind, check_magnitude
 from obb_collision.numerics.constants import ROUNDOFF, SPLITTER
 from obb_collision.typing import Floats
 from obb_collision.words import printable

@@ -31,9 +31,7 @@ from numpy.typing import ArrayLike, NDArray
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.shapes.meshes import Mesh
 from obb_collision.geometry.shapes.primitives import LocalBox
-from obb_collision.geometry.trees.build import build_tree
-from obb_collision.geometry.trees.checks import checked_arrays
-from obb_collision.geometry.trees.node_fit import HALF
+from obb_collision.geometry.trees.build import HALF, NODE, build_tree
 from obb_collision.geometry.trees.topology import (
     boundary_faces,
     is_oriented,
@@ -49,6 +47,78 @@ from obb_collision.geometry.validation import (
 )
 from obb_collision.typing import Floats, Integers
 from obb_collision.words import shown
+
+Arrays = Mapping[str, NDArray[Any]]
+
+#: Kind and shape of each array: f triangles, m nodes, k meshes, p pieces, s = k + 1.
+KINDS: Mapping[str, tuple[type, tuple[str | int, ...]]] = {
+    "triangles": (np.float64, ("f", 9)),
+    "faces": (np.int64, ("f",)),
+    "counted": (np.bool_, ("f",)),
+    "nodes": (np.float64, ("m", NODE)),
+    "children": (np.int64, ("m",)),
+    "starts": (np.int64, ("m", 2)),
+    "levels": (np.int64, ("m",)),
+    "roots": (np.int64, ("k",)),
+    "solid": (np.bool_, ("k",)),
+    "winding": (np.bool_, ("k",)),
+    "radii": (np.float64, ("k",)),
+    "pieces": (np.float64, ("p", 6, 3)),
+    "piece_starts": (np.int64, ("s",)),
+}
+#: Maximum number of levels of a tree: 2^31 triangles have 75, stacks have room for 128 per tree.
+MAX_LEVELS = 100
+
+
+def checked_arrays(given: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
+    """Return copies of the arrays of ``MeshTrees`` by name; ValueError naming what is wrong.
+
+    Copies, for what is checked must not change behind our back.
+    """
+    arrays = {name: np.array(given[name], order="C") for name in KINDS}
+    sizes: dict[str, int] = {}
+    for name, (kind, shape) in KINDS.items():
+        array = arrays[name]
+        if array.dtype != kind or array.ndim != len(shape):
+            raise ValueError(f"{name} must be {kind.__name__} of {len(shape)} dimensions")
+        for size, got in zip(shape, array.shape, strict=True):
+            if got != (size if isinstance(size, int) else sizes.setdefault(size, got)):
+                raise ValueError(f"{name} must have as many rows as the arrays it belongs to")
+    if sizes["k"] < 1 or sizes["s"] != sizes["k"] + 1:
+        raise ValueError("piece_starts must have one row more than roots, which must not be empty")
+    _check_nodes(arrays, sizes)
+    _within(arrays["roots"], sizes["m"] - 1, "roots")
+    _within(arrays["piece_starts"], sizes["p"], "piece_starts")
+    if (np.diff(arrays["piece_starts"]) < 0).any():
+        raise ValueError("piece_starts must not decrease")
+    if (arrays["faces"] < 0).any():
+        raise ValueError("faces must not be negative")
+    for name in ("triangles", "nodes", "radii", "pieces"):
+        if not np.isfinite(arrays[name]).all():
+            raise ValueError(f"{name} must be finite")
+    return arrays
+
+
+def _check_nodes(arrays: Arrays, sizes: Mapping[str, int]) -> None:
+    children, levels, starts = arrays["children"], arrays["levels"], arrays["starts"]
+    parents = np.flatnonzero(children >= 0)
+    first = children[parents]
+    if (children < -1).any() or (first >= sizes["m"] - 1).any() or (first <= parents).any():
+        raise ValueError("children must be -1 or the first of two rows after their parent's")
+    if len(np.unique(first)) < len(first):
+        raise ValueError("children must have one parent")
+    _within(levels, MAX_LEVELS, "levels")
+    if any((levels[first + k] != levels[parents] + 1).any() for k in range(2)):
+        raise ValueError("levels must be one more than their parents'")
+    _within(starts, sizes["f"], "starts")
+    if (starts[:, 0] > starts[:, 1]).any():
+        raise ValueError("starts must be ranges of triangles, the first not above the last")
+
+
+def _within(array: NDArray[Any], maximum: int, name: str) -> None:
+    if ((array < 0) | (array > maximum)).any():
+        raise ValueError(f"{name} must be from 0 to {maximum}")
+
 
 #: Triangles per leaf. Two halve the number of nodes and are up to 20 % faster on regular meshes
 #: such as a ball, but 50 % slower on the long thin triangles of real ones.

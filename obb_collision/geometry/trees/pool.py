@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from threading import Lock
 from typing import Any, ClassVar, Generic, NamedTuple, TypeVar
 
@@ -26,9 +27,46 @@ from obb_collision.geometry.shapes.meshes import Mesh
 from obb_collision.geometry.shapes.primitives import Shape
 from obb_collision.geometry.trees.convex_proxy import box_corners, hull_mesh
 from obb_collision.geometry.trees.obb_tree import MeshTrees, TreeArrays
-from obb_collision.geometry.trees.shape_trees import box_tree, hull_tree, mesh_tree
-from obb_collision.numerics.lanes import in_blocks
-from obb_collision.typing import Floats, Integers
+from obb_collision.numerics.intrinsics import in_blocks
+from obb_collision.typing import Floats, Integers, Rows
+
+
+def mesh_tree(mesh: Mesh) -> MeshTrees:
+    """Return the tree of a mesh's triangles, scaled; its first node has the mesh's local box.
+
+    ValueError for a mesh without faces.
+    """
+    used, faces = np.unique(mesh.faces, return_inverse=True)  # unused vertices do not count
+    vertices = mesh.vertices[used] * np.array(mesh.scale)
+    root = mesh.local_box if len(used) else None
+    return MeshTrees.of(vertices, faces.reshape(-1, 3), root=root)
+
+
+def box_tree(half_extents: Floats) -> MeshTrees:
+    """Return the tree of a box (3,) about the origin."""
+    return MeshTrees.from_half_extents(half_extents)
+
+
+@lru_cache(maxsize=256)
+def segment_tree(half: float) -> MeshTrees:
+    """Return the tree of a segment from -half to half along z, or of a point, as a triangle."""
+    ends = np.array([[0.0, 0.0, -half], [0.0, 0.0, half], [0.0, 0.0, half]])
+    return MeshTrees.of(ends, np.array([[0, 1, 2]]))
+
+
+def segment_trees(halves: Floats) -> tuple[MeshTrees, Rows]:
+    """Return ``segment_tree`` of half lengths (n,), each once, and the row (n,) of each."""
+    each, rows = np.unique(halves, return_inverse=True)
+    return MeshTrees.join([segment_tree(half) for half in each.tolist()]), rows.ravel()
+
+
+def hull_tree(shape: Shape) -> MeshTrees:
+    """Return the tree of a convex mesh that certainly contains a shape (see ``hull_mesh``).
+
+    It may exceed the largest coordinate accepted for a shape.
+    """
+    return MeshTrees.of(*hull_mesh(shape))
+
 
 Item = TypeVar("Item")
 Arrays = dict[str, NDArray[Any]]
@@ -39,7 +77,7 @@ Body = Shape | Floats
 class Hulls(NamedTuple):
     """The corners of k hulls in ``blocks[starts[i]:starts[i + 1]]``, and radii (k,) about 0.
 
-    blocks: (m, 3, LANES), see ``numerics.lanes``; corners may be there several times.
+    blocks: (m, 3, LANES), see ``numerics.intrinsics``; corners may be there several times.
     """
 
     blocks: Floats

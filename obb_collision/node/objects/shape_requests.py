@@ -27,8 +27,13 @@ from time import monotonic
 from typing import Any
 from weakref import WeakValueDictionary
 
-from obb_collision.geometry.shapes.files import LARGEST_FILE, MOST_TRIANGLES, Version
-from obb_collision.geometry.shapes.folders import NO_FOLDERS, MeshFolders
+from obb_collision.geometry.shapes.files import (
+    LARGEST_FILE,
+    MOST_TRIANGLES,
+    NO_FOLDERS,
+    MeshFolders,
+    Version,
+)
 from obb_collision.node.messages.clouds import TOO_MANY_POINTS
 from obb_collision.node.messages.conversions import Key
 from obb_collision.node.messages.errors import RefusedError

@@ -23,12 +23,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from obb_collision.geometry.shapes.folders import MeshFolders
+from obb_collision.geometry.shapes.files import MeshFolders
 from obb_collision.node.messages.conversions import UNUSABLE, ZERO, pose_kinds
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.effects.settings import OFF
 from obb_collision.scene.store.region import Region, split_regions
-from obb_collision.scene_files.robots import ROBOT_NAME
+from obb_collision.scene_files.native import ROBOT_NAME
 from obb_collision.words import shown
 
 ENTRY = re.compile(r"(?:([A-Za-z][A-Za-z0-9_-]*):\s+)?(/.*)")

@@ -27,7 +27,7 @@ from rclpy.exceptions import InvalidParameterTypeException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from obb_collision.geometry.shapes.folders import MeshFolders
+from obb_collision.geometry.shapes.files import MeshFolders
 from obb_collision.node.parameters.entries import (
     Base,
     bases_of,

@@ -39,7 +39,7 @@ import numpy as np
 
 from obb_collision._jit import njit
 from obb_collision._threads import run
-from obb_collision.numerics.lanes import LANES
+from obb_collision.numerics.intrinsics import LANES
 from obb_collision.numerics.vec3 import components, cross, dot, fast_norm, plus, scaled, vector_at
 from obb_collision.queries.contacts.contacts import Contacts
 from obb_collision.queries.convex.distance import unit_of

@@ -29,7 +29,7 @@ import numpy as np
 from obb_collision._jit import njit
 from obb_collision._threads import run
 from obb_collision.geometry.trees.obb_tree import TreeArrays
-from obb_collision.numerics.lanes import LANES
+from obb_collision.numerics.intrinsics import LANES
 from obb_collision.numerics.vec3 import combined, minus, plus, scaled
 from obb_collision.queries.convex.distance import rounding, search
 from obb_collision.queries.convex.distances import ConvexDistances, in_world, towards

@@ -32,7 +32,7 @@ from typing import NamedTuple
 import numpy as np
 
 from obb_collision._jit import njit
-from obb_collision.numerics.double_double import (
+from obb_collision.numerics.error_free import (
     Pair,
     add,
     as_pairs,
@@ -40,13 +40,13 @@ from obb_collision.numerics.double_double import (
     subtract,
     subtract_vectors,
 )
-from obb_collision.numerics.double_double import (
+from obb_collision.numerics.error_free import (
     Vector as Wide,
 )
-from obb_collision.numerics.double_double import (
+from obb_collision.numerics.error_free import (
     cross as wide_cross,
 )
-from obb_collision.numerics.double_double import (
+from obb_collision.numerics.error_free import (
     dot as wide_dot,
 )
 from obb_collision.numerics.simplex import outside

@@ -31,7 +31,7 @@ from obb_collision._jit import njit
 from obb_collision._threads import run
 from obb_collision.geometry.trees.obb_tree import TreeArrays
 from obb_collision.numerics.constants import MESH_UNDERFLOW
-from obb_collision.numerics.lanes import LANES
+from obb_collision.numerics.intrinsics import LANES
 from obb_collision.numerics.vec3 import combined, dot, minus, plus, scaled, vector_at
 from obb_collision.queries.convex.distance import CLOSE, gap_along, search
 from obb_collision.queries.convex.distances import turned_back

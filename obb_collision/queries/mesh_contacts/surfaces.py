@@ -28,7 +28,7 @@ from obb_collision._jit import njit
 from obb_collision._threads import run
 from obb_collision.geometry.trees.obb_tree import TreeArrays
 from obb_collision.geometry.trees.pool import Hulls
-from obb_collision.numerics.lanes import in_blocks
+from obb_collision.numerics.intrinsics import in_blocks
 from obb_collision.numerics.vec3 import combined, dot, minus, plus, scaled, vector_at
 from obb_collision.queries.contacts.contacts import Contacts, as_max_points
 from obb_collision.queries.convex.contacts import frame_of

@@ -37,7 +37,7 @@ from obb_collision._jit import njit
 from obb_collision._threads import run
 from obb_collision.geometry.trees.pool import Hulls
 from obb_collision.numerics.constants import MESH_UNDERFLOW, ROUNDOFF
-from obb_collision.numerics.lanes import farthest
+from obb_collision.numerics.intrinsics import farthest
 from obb_collision.numerics.simplex import no_simplex, with_corner
 from obb_collision.numerics.vec3 import (
     components,

@@ -35,9 +35,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from obb_collision._jit import njit
 from obb_collision._threads import run
-from obb_collision.geometry.kinds import as_flag
 from obb_collision.geometry.trees.obb_tree import TreeArrays
 from obb_collision.geometry.validation import (
+    as_flag,
     as_whole,
 )
 from obb_collision.queries.meshes.inside import (

@@ -24,11 +24,16 @@ from numpy.typing import ArrayLike
 
 from obb_collision._jit import njit
 from obb_collision.geometry.boxes import Boxes
-from obb_collision.geometry.kinds import check_kind
 from obb_collision.geometry.poses import as_poses
-from obb_collision.geometry.trees.node_fit import HALF
+from obb_collision.geometry.trees.build import HALF
 from obb_collision.geometry.trees.obb_tree import MeshTrees, TreeArrays
-from obb_collision.geometry.validation import as_array, as_rotations, as_rows, check_lengths
+from obb_collision.geometry.validation import (
+    as_array,
+    as_rotations,
+    as_rows,
+    check_kind,
+    check_lengths,
+)
 from obb_collision.numerics.constants import MESH_UNDERFLOW
 from obb_collision.queries.meshes.tree_boxes import BOX_BOUND, Place, place_at
 from obb_collision.queries.verdict.pair_rows import as_sides

@@ -26,7 +26,7 @@ from typing import NamedTuple
 import numpy as np
 
 from obb_collision._jit import njit
-from obb_collision.geometry.trees.node_fit import SIZE
+from obb_collision.geometry.trees.build import SIZE
 from obb_collision.geometry.trees.obb_tree import TreeArrays
 from obb_collision.queries.meshes.placed import MeshAt
 from obb_collision.queries.meshes.tree_boxes import (

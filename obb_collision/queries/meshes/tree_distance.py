@@ -38,7 +38,7 @@ from typing import NamedTuple
 import numpy as np
 
 from obb_collision._jit import njit
-from obb_collision.geometry.trees.node_fit import SIZE
+from obb_collision.geometry.trees.build import SIZE
 from obb_collision.geometry.trees.obb_tree import TreeArrays
 from obb_collision.numerics.constants import ROUNDOFF
 from obb_collision.numerics.vec3 import components, dot, max_abs, minus, scaled

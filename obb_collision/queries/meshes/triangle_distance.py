@@ -33,7 +33,7 @@ import math
 import numpy as np
 
 from obb_collision._jit import njit
-from obb_collision.numerics import double_double as dd
+from obb_collision.numerics import error_free as dd
 from obb_collision.numerics.simplex import no_simplex, with_corner
 from obb_collision.numerics.vec3 import careful_cross, dot, max_abs, minus, plus, scaled
 from obb_collision.queries.meshes.triangles import Triangle

@@ -59,24 +59,24 @@ from numpy.typing import ArrayLike, NDArray
 from obb_collision._jit import njit
 from obb_collision.geometry.validation import as_array, check_lengths
 from obb_collision.numerics.constants import PRODUCT_UNDERFLOW, ROUNDOFF
-from obb_collision.numerics.double_double import (
+from obb_collision.numerics.error_free import (
     Pair,
     add,
     as_pairs,
     largest,
     subtract,
     subtract_vectors,
+    two_sum_error,
 )
-from obb_collision.numerics.double_double import (
+from obb_collision.numerics.error_free import (
     Vector as Wide,
 )
-from obb_collision.numerics.double_double import (
+from obb_collision.numerics.error_free import (
     cross as wide_cross,
 )
-from obb_collision.numerics.double_double import (
+from obb_collision.numerics.error_free import (
     dot as wide_dot,
 )
-from obb_collision.numerics.error_free import two_sum_error
 from obb_collision.numerics.exact import Vector as Exact
 from obb_collision.numerics.exact import cross as exact_cross
 from obb_collision.numerics.exact import dot as exact_dot

@@ -35,8 +35,7 @@ from numpy.typing import ArrayLike, NDArray
 from obb_collision._jit import njit
 from obb_collision._threads import run_parts
 from obb_collision.geometry.boxes import Boxes
-from obb_collision.geometry.kinds import as_flag, check_kind
-from obb_collision.geometry.validation import as_array, as_points
+from obb_collision.geometry.validation import as_array, as_flag, as_points, check_kind
 from obb_collision.numerics.constants import ROUNDOFF, UNDERFLOW
 from obb_collision.numerics.error_free import length
 from obb_collision.queries.convex.support import ConvexBodies, Cores

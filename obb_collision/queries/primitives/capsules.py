@@ -38,7 +38,7 @@ from numpy.typing import ArrayLike
 from obb_collision._jit import njit
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.capsules import Capsules
-from obb_collision.geometry.kinds import check_kind
+from obb_collision.geometry.validation import check_kind
 from obb_collision.numerics.constants import ROUNDOFF
 from obb_collision.numerics.vec3 import (
     careful_cross,

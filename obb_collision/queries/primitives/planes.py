@@ -23,8 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from obb_collision._jit import njit
 from obb_collision.geometry.boxes import Boxes
-from obb_collision.geometry.kinds import check_kind
-from obb_collision.geometry.validation import as_array, check_lengths, refuse_where
+from obb_collision.geometry.validation import as_array, check_kind, check_lengths, refuse_where
 from obb_collision.numerics.constants import CAREFUL_BOUND, UNDERFLOW
 from obb_collision.numerics.vec3 import components, dot, dot_abs, minus, norm, vector_at
 from obb_collision.queries.verdict.pair_frame import Box, box_at

@@ -37,8 +37,7 @@ from numpy.typing import ArrayLike, NDArray
 from obb_collision._jit import njit
 from obb_collision._threads import run
 from obb_collision.geometry.boxes import Boxes
-from obb_collision.geometry.kinds import check_kind
-from obb_collision.geometry.validation import as_array, check_lengths, refuse_where
+from obb_collision.geometry.validation import as_array, check_kind, check_lengths, refuse_where
 from obb_collision.numerics.error_free import length
 from obb_collision.queries.convex.support import ConvexBodies
 from obb_collision.queries.meshes.placed import PlacedMeshes, root_boxes

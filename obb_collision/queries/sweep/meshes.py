@@ -36,10 +36,10 @@ from numpy.typing import ArrayLike
 
 from obb_collision._jit import njit
 from obb_collision._threads import run
-from obb_collision.geometry.trees.node_fit import HALF
+from obb_collision.geometry.trees.build import HALF
 from obb_collision.geometry.validation import as_array, check_magnitude
 from obb_collision.numerics.constants import MESH_UNDERFLOW, ROUNDOFF
-from obb_collision.numerics.lanes import LANES
+from obb_collision.numerics.intrinsics import LANES
 from obb_collision.numerics.vec3 import combined, minus, norm, plus, scaled
 from obb_collision.queries.convex.distance import rounding
 from obb_collision.queries.convex.distances import towards

@@ -33,9 +33,8 @@ from numpy.typing import NDArray
 
 from obb_collision._jit import njit
 from obb_collision.geometry.boxes import Boxes
-from obb_collision.geometry.kinds import check_kind
 from obb_collision.geometry.poses import fill_quaternions
-from obb_collision.geometry.validation import check_lengths, refuse_where
+from obb_collision.geometry.validation import check_kind, check_lengths, refuse_where
 from obb_collision.numerics.constants import BOUND_SLACK, BOUND_UNDERFLOW, ROUNDOFF, SMALL_SQUARE
 from obb_collision.numerics.error_free import length
 from obb_collision.numerics.vec3 import cross, dot, minus, norm, plus, scaled, vector_at

@@ -23,8 +23,7 @@ from numpy.typing import ArrayLike
 
 from obb_collision._jit import njit
 from obb_collision.geometry.boxes import Boxes
-from obb_collision.geometry.kinds import check_kind
-from obb_collision.geometry.validation import as_array, check_magnitude
+from obb_collision.geometry.validation import as_array, check_kind, check_magnitude
 from obb_collision.numerics.constants import BOUND_SLACK, BOUND_UNDERFLOW, ROUNDOFF
 from obb_collision.numerics.vec3 import axes_of, dot, minus, norm, plus, scaled, vector_at
 from obb_collision.queries.sweep.bounds import CORNER_ROWS, fill_corners

@@ -30,8 +30,7 @@ from numpy.typing import ArrayLike, NDArray
 from obb_collision._jit import njit
 from obb_collision._threads import run
 from obb_collision.geometry.boxes import Boxes
-from obb_collision.geometry.kinds import as_flag, check_kind
-from obb_collision.geometry.validation import as_array
+from obb_collision.geometry.validation import as_array, as_flag, check_kind
 from obb_collision.numerics.vec3 import (
     axes_of,
     clamp,

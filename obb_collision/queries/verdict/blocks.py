@@ -29,7 +29,7 @@ import numpy as np
 
 from obb_collision._jit import njit
 from obb_collision.numerics.constants import FAST_BOUND, PARALLEL, UNDERFLOW
-from obb_collision.numerics.prefetch import fetch_pairs
+from obb_collision.numerics.intrinsics import fetch_pairs
 from obb_collision.numerics.vec3 import (
     careful_cross,
     clamped,

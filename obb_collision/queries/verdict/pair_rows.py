@@ -26,8 +26,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from obb_collision.geometry.boxes import Boxes
-from obb_collision.geometry.kinds import check_kind
-from obb_collision.geometry.validation import as_indices
+from obb_collision.geometry.validation import as_indices, check_kind
 from obb_collision.typing import Integers, Rows
 
 

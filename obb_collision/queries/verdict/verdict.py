@@ -41,14 +41,14 @@ from numpy.typing import ArrayLike, NDArray
 from obb_collision._jit import njit
 from obb_collision._threads import run
 from obb_collision.geometry.boxes import Boxes
-from obb_collision.geometry.kinds import as_flag
+from obb_collision.geometry.validation import as_flag
 from obb_collision.numerics.constants import CAREFUL_BOUND, FAST_BOUND, UNDERFLOW
 from obb_collision.numerics.error_free import sum_sorted
 from obb_collision.numerics.exact import Vector as Exact
 from obb_collision.numerics.exact import cross as exact_cross
 from obb_collision.numerics.exact import dot as exact_dot
 from obb_collision.numerics.exact import exact_axes, exact_integers
-from obb_collision.numerics.prefetch import fetch_box
+from obb_collision.numerics.intrinsics import fetch_box
 from obb_collision.numerics.vec3 import minus, norm
 from obb_collision.queries.verdict.blocks import BLOCK, BOUND, GAP, ROWS, bound_block, gather
 from obb_collision.queries.verdict.pair_frame import Box, Pair, box_at, pair_of

@@ -27,7 +27,7 @@ from obb_collision.geometry.poses import as_poses
 from obb_collision.geometry.trees.circumscribed import excess
 from obb_collision.geometry.trees.convex_proxy import box_corners, hull_mesh
 from obb_collision.numerics.constants import ROUNDOFF
-from obb_collision.numerics.lanes import in_blocks
+from obb_collision.numerics.intrinsics import in_blocks
 from obb_collision.obb import OBB
 from obb_collision.robots.bodies.state_arrays import Bodies
 from obb_collision.scene.objects import local_box

@@ -27,7 +27,7 @@ from typing import NamedTuple
 import numpy as np
 
 from obb_collision._jit import njit
-from obb_collision.geometry.quaternion_blocks import rotation_of
+from obb_collision.geometry.poses import rotation_of
 from obb_collision.numerics.constants import MESH_UNDERFLOW, ROUNDOFF
 from obb_collision.numerics.vec3 import axes_of, components, rows_at, sum_abs, vector_at
 from obb_collision.queries.verdict.pair_frame import Box, box_at

@@ -25,7 +25,7 @@ from obb_collision.geometry.poses import as_poses
 from obb_collision.geometry.trees.circumscribed import excess
 from obb_collision.geometry.trees.convex_proxy import HULL_MARGIN
 from obb_collision.geometry.trees.obb_tree import BOX_CORNERS
-from obb_collision.numerics.lanes import LANES
+from obb_collision.numerics.intrinsics import LANES
 from obb_collision.queries.verdict.coarse import meeting_bounds
 from obb_collision.robots.bodies.bodies import RADIUS_GROWTH, Body, joined, merged, placed_body
 from obb_collision.robots.bodies.state_arrays import Bodies

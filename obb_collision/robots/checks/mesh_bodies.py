@@ -21,8 +21,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from obb_collision.geometry.poses import as_poses, compose_poses
-from obb_collision.geometry.trees.pool import TreePool
-from obb_collision.geometry.trees.shape_trees import segment_trees
+from obb_collision.geometry.trees.pool import TreePool, segment_trees
 from obb_collision.obb import OBB
 from obb_collision.queries.meshes.placed import PlacedMeshes
 from obb_collision.robots.kinematics.kinematics import Tree, link_poses

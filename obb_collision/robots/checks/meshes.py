@@ -29,7 +29,7 @@ import numpy as np
 from obb_collision._threads import run
 from obb_collision.accuracy import Accuracy
 from obb_collision.geometry.poses import as_poses
-from obb_collision.geometry.trees.shape_trees import segment_trees
+from obb_collision.geometry.trees.pool import segment_trees
 from obb_collision.queries.mesh_contacts.surfaces import within
 from obb_collision.queries.meshes.mesh_clearance import clearances_of
 from obb_collision.queries.meshes.meshes import mesh_collisions, mesh_verdicts

@@ -19,9 +19,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from obb_collision.geometry.kinds import as_flag
 from obb_collision.geometry.shapes.primitives import positive_number
-from obb_collision.geometry.validation import as_array
+from obb_collision.geometry.validation import as_array, as_flag
 from obb_collision.robots.checks.distance_checks import least_distances
 from obb_collision.robots.checks.motion_checks import check_motions
 from obb_collision.robots.checks.reports import MotionReport, StateDistances, StateReport

@@ -23,9 +23,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from obb_collision.accuracy import Accuracy, as_accuracy
-from obb_collision.geometry.kinds import NotCopied, check_kind
 from obb_collision.geometry.poses import IDENTITY_POSE, compose_poses, inverse_poses, unit_poses
-from obb_collision.geometry.validation import as_array, is_single
+from obb_collision.geometry.validation import NotCopied, as_array, check_kind, is_single
 from obb_collision.obb import OBB
 from obb_collision.robots.bodies.robot_arrays import Attached
 from obb_collision.robots.bodies.world import WorldState

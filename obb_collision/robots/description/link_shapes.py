@@ -23,10 +23,16 @@ from typing import Any
 
 import numpy as np
 
-from obb_collision.geometry.kinds import check_kind
 from obb_collision.geometry.poses import Pose
-from obb_collision.geometry.shapes.files import PACKAGE, resolve_path, shortened
-from obb_collision.geometry.shapes.folders import MeshFolders, allowed_path, source_folder
+from obb_collision.geometry.shapes.files import (
+    PACKAGE,
+    MeshFolders,
+    allowed_path,
+    resolve_path,
+    shortened,
+    source_folder,
+)
+from obb_collision.geometry.validation import check_kind
 from obb_collision.robots.description.urdf import Collision, Description, Triple
 from obb_collision.robots.description.xml_values import Element
 from obb_collision.shapes import Box, Capsule, Cylinder, Mesh, Shape, Sphere

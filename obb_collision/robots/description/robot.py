@@ -20,8 +20,8 @@ from os import PathLike
 
 from numpy.typing import ArrayLike
 
-from obb_collision.geometry.kinds import as_flag, check_kind
 from obb_collision.geometry.poses import IDENTITY_POSE
+from obb_collision.geometry.validation import as_flag, check_kind
 from obb_collision.robots.description.link_shapes import (
     MeshSource,
     PackageDirs,

@@ -25,8 +25,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from obb_collision.geometry.poses import IDENTITY_POSE, Pose, compose_poses, inverse_poses
-from obb_collision.geometry.quaternion_blocks import rotation_of
+from obb_collision.geometry.poses import (
+    IDENTITY_POSE,
+    Pose,
+    compose_poses,
+    inverse_poses,
+    rotation_of,
+)
 from obb_collision.robots.description.robot import Robot
 from obb_collision.robots.description.tree import driven
 from obb_collision.robots.description.urdf import Joint, JointKind

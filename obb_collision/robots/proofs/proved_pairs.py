@@ -28,9 +28,9 @@ from itertools import combinations
 
 import numpy as np
 
-from obb_collision.geometry.kinds import check_kind
 from obb_collision.geometry.shapes.primitives import positive_number
-from obb_collision.numerics.lanes import in_blocks
+from obb_collision.geometry.validation import check_kind
+from obb_collision.numerics.intrinsics import in_blocks
 from obb_collision.robots.bodies.bodies import Body, body_of
 from obb_collision.robots.bodies.robot_arrays import chain_lengths
 from obb_collision.robots.description.robot import Robot

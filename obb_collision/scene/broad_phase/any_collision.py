@@ -20,7 +20,7 @@ import numpy as np
 
 from obb_collision._jit import njit
 from obb_collision.geometry.boxes import Boxes
-from obb_collision.geometry.kinds import as_flag, check_kind
+from obb_collision.geometry.validation import as_flag, check_kind
 from obb_collision.numerics.vec3 import vector_at
 from obb_collision.queries.verdict.coarse import meeting_bounds
 from obb_collision.queries.verdict.pair_frame import box_at

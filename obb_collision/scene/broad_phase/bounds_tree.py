@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 
 from obb_collision import _threads
 from obb_collision._jit import njit
-from obb_collision.numerics.prefetch import fetch_row
+from obb_collision.numerics.intrinsics import fetch_row
 from obb_collision.scene.broad_phase.lanes import LANE_BITS, LANES, lowest, overlaps
 from obb_collision.scene.broad_phase.morton import morton_order_shared
 from obb_collision.typing import Floats

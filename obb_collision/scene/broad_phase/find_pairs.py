@@ -23,10 +23,16 @@ from obb_collision._jit import njit
 from obb_collision._threads import ranges, run_parts
 from obb_collision.accuracy import Accuracy, as_box_accuracy
 from obb_collision.geometry.boxes import Boxes
-from obb_collision.geometry.kinds import as_flag, check_kind
-from obb_collision.numerics.dealing import BUCKET_BITS, deal, is_dealt, run_buckets
-from obb_collision.numerics.prefetch import fetch_pairs
-from obb_collision.numerics.sorting import bits_of, sort_numbers
+from obb_collision.geometry.validation import as_flag, check_kind
+from obb_collision.numerics.intrinsics import fetch_pairs
+from obb_collision.numerics.sorting import (
+    BUCKET_BITS,
+    bits_of,
+    deal,
+    is_dealt,
+    run_buckets,
+    sort_numbers,
+)
 from obb_collision.queries.verdict.blocks import BLOCK, ROWS
 from obb_collision.queries.verdict.coarse import (
     faces_may_collide,

@@ -26,14 +26,16 @@ from numpy.typing import NDArray
 
 from obb_collision._jit import njit
 from obb_collision._threads import run
-from obb_collision.numerics.dealing import (
+from obb_collision.numerics.sorting import (
     BUCKET_BITS,
+    DIGIT_BITS,
     FEWEST_NUMBERS,
+    bits_of,
     deal,
     is_dealt,
     run_buckets,
+    sort_numbers,
 )
-from obb_collision.numerics.sorting import DIGIT_BITS, bits_of, sort_numbers
 from obb_collision.typing import Floats
 
 #: Bits of a cell's number along an axis: three of them in a 64-bit number.

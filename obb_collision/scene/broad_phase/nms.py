@@ -20,8 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from obb_collision.geometry.boxes import Boxes
-from obb_collision.geometry.kinds import check_kind
-from obb_collision.geometry.validation import as_array, check_lengths
+from obb_collision.geometry.validation import as_array, check_kind, check_lengths
 from obb_collision.queries.verdict.overlap import iou
 from obb_collision.scene.broad_phase.find_pairs import find_pairs
 from obb_collision.typing import Rows

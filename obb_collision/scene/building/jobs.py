@@ -28,7 +28,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from obb_collision.geometry.shapes import files
-from obb_collision.geometry.shapes.folders import MeshFolders, allowed_path
+from obb_collision.geometry.shapes.files import MeshFolders, allowed_path
 from obb_collision.geometry.shapes.primitives import LocalBox
 from obb_collision.numerics.constants import MAX_MAGNITUDE
 from obb_collision.scene.building.errors import BAD_SHAPE, BuildError

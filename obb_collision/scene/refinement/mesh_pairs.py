@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 from obb_collision.accuracy import Accuracy
 from obb_collision.geometry.capsules import Capsules
 from obb_collision.geometry.poses import as_poses
-from obb_collision.geometry.trees.shape_trees import segment_trees
+from obb_collision.geometry.trees.pool import segment_trees
 from obb_collision.numerics.constants import ROUNDOFF
 from obb_collision.queries.convex.distances import convex_may_collide
 from obb_collision.queries.convex.mesh_distances import mesh_body_distances

@@ -31,7 +31,7 @@ from obb_collision.accuracy import Accuracy
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.poses import as_poses
 from obb_collision.geometry.trees.obb_tree import MeshTrees
-from obb_collision.geometry.trees.shape_trees import segment_trees
+from obb_collision.geometry.trees.pool import segment_trees
 from obb_collision.queries.convex.distances import ConvexDistances, convex_distances
 from obb_collision.queries.convex.support import BOX as BOX_CORE
 from obb_collision.queries.convex.support import CORNERS, CURVED, NO_HULLS, ConvexBodies

@@ -25,7 +25,7 @@ from collections.abc import Iterable, Sequence
 from fnmatch import fnmatchcase
 from typing import TypeAlias
 
-from obb_collision.geometry.kinds import as_flag
+from obb_collision.geometry.validation import as_flag
 from obb_collision.scene.store.completed import completed
 from obb_collision.scene.store.pair_table import PairFilter, PairTable, Patterns
 from obb_collision.scene.store.patterns import as_patterns, as_tuples

@@ -19,8 +19,7 @@ from __future__ import annotations
 import numpy as np
 
 from obb_collision._jit import njit
-from obb_collision.geometry.poses import place_box
-from obb_collision.geometry.quaternion_blocks import BLOCK, ROWS, matrix_in, turn_block
+from obb_collision.geometry.poses import BLOCK, ROWS, matrix_in, place_box, turn_block
 from obb_collision.numerics.constants import MAX_MAGNITUDE
 from obb_collision.typing import Floats
 

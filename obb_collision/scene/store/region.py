@@ -32,8 +32,13 @@ from numpy.typing import ArrayLike
 
 from obb_collision._jit import njit
 from obb_collision._threads import run
-from obb_collision.geometry.kinds import ArrayValue
-from obb_collision.geometry.validation import as_any_array, as_array, as_shaped, as_whole
+from obb_collision.geometry.validation import (
+    ArrayValue,
+    as_any_array,
+    as_array,
+    as_shaped,
+    as_whole,
+)
 from obb_collision.numerics.constants import UNDERFLOW
 from obb_collision.numerics.vec3 import norm, sum_abs, vector_at
 from obb_collision.typing import Floats, Mask, Rows

@@ -21,8 +21,7 @@ from pathlib import Path
 
 import pytest
 
-from obb_collision.geometry.shapes.files import resolve_path
-from obb_collision.geometry.shapes.folders import allowed_path, source_folder
+from obb_collision.geometry.shapes.files import allowed_path, resolve_path, source_folder
 
 REFUSED = "is in no folder from which meshes are read"
 

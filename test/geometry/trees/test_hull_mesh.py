@@ -35,8 +35,7 @@ from obb_collision.geometry.shapes.meshes import Hull, Mesh
 from obb_collision.geometry.trees.circumscribed import geodesic_sphere, outer_points
 from obb_collision.geometry.trees.convex_proxy import HULL_MARGIN, MAX_HULL_CORNERS, hull_mesh
 from obb_collision.geometry.trees.obb_tree import MeshTrees
-from obb_collision.geometry.trees.pool import HullPool, Hulls, TreePool
-from obb_collision.geometry.trees.shape_trees import hull_tree, mesh_tree
+from obb_collision.geometry.trees.pool import HullPool, Hulls, TreePool, hull_tree, mesh_tree
 from obb_collision.shapes import (
     Box,
     Capsule,

@@ -26,7 +26,7 @@ from obb_collision.geometry.fitting.convex_hull import hull_volume
 from obb_collision.geometry.shapes.meshes import Hull, Mesh
 from obb_collision.geometry.trees.convex_proxy import HULL_MARGIN, MAX_HULL_CORNERS, box_corners
 from obb_collision.geometry.trees.obb_tree import MeshTrees
-from obb_collision.geometry.trees.shape_trees import box_tree, hull_tree, mesh_tree
+from obb_collision.geometry.trees.pool import box_tree, hull_tree, mesh_tree
 
 ZOO = zoo()
 

@@ -27,7 +27,7 @@ import obb_collision as oc
 from obb_collision.geometry.shapes.meshes import Hull
 from obb_collision.geometry.trees.convex_proxy import hull_mesh
 from obb_collision.geometry.trees.pool import HullPool, Hulls
-from obb_collision.numerics.lanes import LANES, farthest, in_blocks
+from obb_collision.numerics.intrinsics import LANES, farthest, in_blocks
 from obb_collision.queries.meshes.convex import PlacedHulls, hulls_may_collide
 
 COUNT = 3000

@@ -24,7 +24,7 @@ import numpy as np
 import pytest
 
 import obb_collision as oc
-from obb_collision.geometry.trees.shape_trees import hull_tree, mesh_tree
+from obb_collision.geometry.trees.pool import hull_tree, mesh_tree
 from obb_collision.shapes import Box, Capsule, Cone, Cylinder, Ellipsoid, Hull, Mesh, Shape, Sphere
 
 TETRAHEDRON = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])

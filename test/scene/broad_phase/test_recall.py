@@ -29,7 +29,7 @@ from hypothesis import strategies as st
 
 import obb_collision as oc
 from obb_collision._jit import njit
-from obb_collision.numerics import dealing
+from obb_collision.numerics import sorting
 from obb_collision.numerics.sorting import DIGIT_BITS, FEW, sort_numbers
 from obb_collision.queries.verdict.coarse import meeting_bounds
 from obb_collision.scene.broad_phase import morton
@@ -218,7 +218,7 @@ def test_many_are_ordered_by_several_threads_as_few_are(
         minimum[7, 1] = np.nan
     wanted, order, spare = np.empty((3, len(minimum)), np.int64)
     morton_order(minimum, maximum, wanted, spare)
-    monkeypatch.setattr(dealing, "FEWEST_NUMBERS", 64)
+    monkeypatch.setattr(sorting, "FEWEST_NUMBERS", 64)
     monkeypatch.setattr(morton, "FEWEST_NUMBERS", 64)
     for number in (1, 2, 5):
         oc.set_threads(number)
@@ -235,7 +235,7 @@ def test_many_pairs_are_sorted_by_several_threads_as_few_are(
     keys = colliding_keys(boxes, find_candidates(*meeting_bounds(boxes)))
     wanted, verdicts = pairs_of_keys(boxes, keys.copy(), False)
     assert len(wanted) > 1500
-    monkeypatch.setattr(dealing, "FEWEST_NUMBERS", 64)
+    monkeypatch.setattr(sorting, "FEWEST_NUMBERS", 64)
     for number in (1, 2, 5):
         oc.set_threads(number)
         found = pairs_of_keys(boxes, keys.copy(), False)

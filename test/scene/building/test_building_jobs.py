@@ -25,7 +25,7 @@ import pytest
 import trimesh
 from builders import build
 
-from obb_collision.geometry.shapes.folders import MeshFolders
+from obb_collision.geometry.shapes.files import MeshFolders
 from obb_collision.scene.building.builder import Builder
 from obb_collision.scene.building.errors import BuildError
 from obb_collision.scene.building.jobs import (

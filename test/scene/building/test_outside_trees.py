@@ -27,7 +27,7 @@ from builders import PATIENCE, wait_built
 import obb_collision as oc
 from obb_collision import _kernel_cache
 from obb_collision.geometry.trees import pool as pools
-from obb_collision.geometry.trees.shape_trees import mesh_tree
+from obb_collision.geometry.trees.pool import mesh_tree
 from obb_collision.scene.building import outside
 from obb_collision.scene.building.builder import Builder
 from obb_collision.scene.building.errors import BuildError

@@ -24,8 +24,7 @@ import pytest
 from builders import PATIENCE
 
 from obb_collision.geometry.trees.obb_tree import MeshTrees
-from obb_collision.geometry.trees.pool import TreePool
-from obb_collision.geometry.trees.shape_trees import mesh_tree
+from obb_collision.geometry.trees.pool import TreePool, mesh_tree
 from obb_collision.scene.building.shape_cache import PerShape
 from obb_collision.scene.building.tree_jobs import BuildJob, perform_build
 from obb_collision.shapes import Mesh

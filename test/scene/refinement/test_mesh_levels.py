@@ -29,8 +29,7 @@ import obb_collision as oc
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.poses import place_boxes
 from obb_collision.geometry.trees.convex_proxy import hull_mesh
-from obb_collision.geometry.trees.pool import HullPool, Hulls
-from obb_collision.geometry.trees.shape_trees import mesh_tree
+from obb_collision.geometry.trees.pool import HullPool, Hulls, mesh_tree
 from obb_collision.queries.meshes.convex import PlacedHulls, hulls_may_collide
 from obb_collision.queries.verdict.coarse import (
     bounds_may_collide,

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Motions of a scene file's objects: poses and twists at a time, for demos and measurements.
+"""Motions of objects and joints over time, for demos and measurements.
 
 A pose is x y z qx qy qz qw, a twist linear x y z (m/s) and angular x y z (rad/s) of the object's
 origin, both in the scene's frame.
@@ -39,6 +39,28 @@ from obb_collision.geometry.poses import (
     unit_quaternions,
 )
 from obb_collision.typing import Floats
+
+
+@dataclass(frozen=True)
+class JointLoop:
+    """Through states of joints and back to the first, at constant velocities in between.
+
+    states (n, joints); times (n,): when it is at each, seconds, ascending from 0; period: when it
+    is back at the first.
+    """
+
+    states: tuple[tuple[float, ...], ...]
+    times: tuple[float, ...]
+    period: float
+
+    def at(self, time: float) -> tuple[Floats, Floats]:
+        """Return values (joints,) and velocities (joints,) at a time (s)."""
+        passed = fmod(time, self.period)
+        row = bisect_right(self.times, passed) - 1
+        states, times = np.array(self.states), (*self.times, self.period)
+        velocities = (states[(row + 1) % len(states)] - states[row]) / (times[row + 1] - times[row])
+        return states[row] + velocities * (passed - times[row]), velocities
+
 
 Twist = tuple[float, float, float, float, float, float]
 #: Poses (n, 7) and twists (n, 6).
