@@ -14,8 +14,7 @@
 
 """Kernels compiled beforehand: what uses them, and processes that compile them.
 
-``steps`` names what there is to compile, by what it is for; ``parts`` are those of the longest
-steps for a second process, and ``samples`` is what they use kernels on; ``worker`` is a process
-that does it, ``processes`` starts such processes and follows them, ``command`` is
+``steps`` names what there is to compile, by what it is for, and ``samples`` is what it uses kernels
+on; ``processes`` starts processes that do so and follows them, ``command`` is
 ``obb_collision warm-up``.
 """

@@ -12,15 +12,21 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Processes that compile steps, and their progress.
+"""Processes that compile steps, their progress, and what runs in such a process.
 
 Compiling holds a lock of numba's, and the interpreter's half of the time: in a process that has
 other things to do, it is done elsewhere, and what is compiled comes by the cache.
+
+Names of steps go in, a line each; what happens comes out, a line of JSON each: ``kernel``,
+``note``, and for each step ``done`` with a list of what could not be kept and an error, if any.
+The process ends with its input, at once: who started it has ended, or needs no more of it.
 """
 
 from __future__ import annotations
 
+import gc
 import json
+import logging
 import os
 import selectors
 import signal
@@ -30,10 +36,14 @@ from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
+from queue import SimpleQueue
+from threading import Thread
 from time import monotonic
-from typing import Any
+from traceback import format_exception_only
+from typing import Any, TextIO
 
-from obb_collision.warm_up.steps import BESIDE
+from obb_collision._kernel_cache import compiled, logger, places, unsaved
+from obb_collision.warm_up import steps
 
 #: More would compile much of what they have in common several times over.
 MOST_PROCESSES = 2
@@ -44,10 +54,13 @@ GLANCE = 0.1
 PATIENCE = 600.0
 #: Seconds that a process may take to end.
 ENDING = 1.0
+#: Objects made between two looks for those that nothing refers to: looking every 700, as Python
+#: does, takes a sixth of compiling, which makes many that stay.
+OBJECTS = 50_000
 
 CODE = (
-    "import sys; sys.path[:] = {path!r}; from obb_collision.warm_up.worker import main; "
-    "main({private!r}, {niceness!r})"
+    "import sys; sys.path[:] = {path!r}; from obb_collision.warm_up.processes import work; "
+    "work({private!r}, {niceness!r})"
 )
 
 
@@ -79,7 +92,7 @@ def cores() -> int:
 
 
 def compile_steps(
-    steps: Iterable[str],
+    names: Iterable[str],
     *,
     count: int | None = None,
     private: Path | None = None,
@@ -96,7 +109,7 @@ def compile_steps(
     process is ended, its step has failed, and a new one takes the steps that are left. look: called
     from time to time, and whenever something has happened. stopped: asked every tenth of a second.
     """
-    wanted = [part for step in steps for part in (step, *BESIDE.get(step, ()))]
+    wanted = [part for step in names for part in (step, *steps.BESIDE.get(step, ()))]
     progress = Progress(tuple(dict.fromkeys(wanted)))
     waiting = list(progress.steps)
     if count is None:
@@ -220,3 +233,67 @@ class _Worker:
                 pipe.close()
         with suppress(subprocess.TimeoutExpired):  # it is blocked by a file system
             self._process.wait(ENDING)
+
+
+def work(private: str, niceness: int) -> None:
+    """Run steps in this process. private: a second folder for kernels, or nothing."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # of a terminal; who started this decides
+    out = os.fdopen(os.dup(1), "w", encoding="utf-8")
+    os.dup2(2, 1)  # what else is printed does not belong among the lines
+    os.nice(niceness)
+    gc.set_threshold(OBJECTS)
+    queue: SimpleQueue[str] = SimpleQueue()
+    Thread(target=_read, args=(queue,), daemon=True).start()
+    tell = _teller(out)
+    _listen(tell)
+    if private:
+        places.append(Path(private))
+    while True:
+        _run(queue.get(), tell)
+
+
+def _read(queue: SimpleQueue[str]) -> None:
+    for line in sys.stdin:
+        queue.put(line.strip())
+    os._exit(0)
+
+
+def _teller(out: TextIO) -> Callable[..., None]:
+    def tell(event: str, **values: Any) -> None:
+        try:
+            out.write(json.dumps({"event": event, **values}) + "\n")
+            out.flush()
+        except OSError:  # the reader has ended
+            os._exit(0)
+
+    return tell
+
+
+def _listen(tell: Callable[..., None]) -> None:
+    """Pass on what this package logs and the kernels it compiles."""
+
+    class Notes(logging.Handler):
+        def emit(self, record: logging.LogRecord) -> None:
+            tell("note", text=record.getMessage())
+
+    logger.handlers = [Notes()]
+    logger.propagate = False
+    told = 0
+
+    def say() -> None:
+        nonlocal told
+        for name in compiled.names[told:]:
+            tell("kernel", name=name)
+        told = len(compiled.names)
+
+    compiled.say = say
+
+
+def _run(step: str, tell: Callable[..., None]) -> None:
+    error = ""
+    try:
+        steps.run(step)
+        lost = list(unsaved)
+    except Exception as failure:
+        lost, error = [], "".join(format_exception_only(failure)).strip()
+    tell("done", step=step, unsaved=lost, error=error)

@@ -83,3 +83,16 @@ def triangle_tree() -> oc.MeshTrees:
 def clouds() -> list[NDArray[np.floating]]:
     """Return points of both kinds, contiguous and not."""
     return [np.zeros((4, size), kind)[:, :3] for size in (3, 4) for kind in ("f4", "f8")]
+
+
+_BODY = """<collision><geometry><cylinder radius="0.05" length="0.2"/></geometry></collision>
+<collision><geometry><sphere radius="0.1"/></geometry></collision>
+<collision><geometry><box size="0.1 0.1 0.1"/></geometry></collision>"""
+_LINKS = "".join(f'<link name="{name}">{_BODY}</link>' for name in "abcd")
+_JOINTS = "".join(
+    f'<joint name="{a}{b}" type="revolute"><parent link="{a}"/><child link="{b}"/>'
+    '<origin xyz="0 0 0.3"/><axis xyz="0 1 0"/><limit lower="-2" upper="2"/></joint>'
+    for a, b in ("ab", "bc", "cd")
+)
+ARM = f'<robot name="arm">{_LINKS}{_JOINTS}</robot>'
+"""An arm whose links are cylinders, spheres and boxes."""

@@ -31,15 +31,25 @@ import obb_collision as oc
 from obb_collision import shapes
 from obb_collision.accuracy import Accuracy
 from obb_collision.geometry.poses import quaternions_from_matrices
+from obb_collision.geometry.trees.pool import Hulls
 from obb_collision.numerics.sorting import FEWEST_NUMBERS
+from obb_collision.queries.convex.contacts import convex_contacts
 from obb_collision.queries.convex.distances import convex_distances, convex_may_collide
+from obb_collision.queries.convex.mesh_distances import mesh_body_distances
+from obb_collision.queries.mesh_contacts.surfaces import within
+from obb_collision.queries.meshes.convex import PlacedHulls, hulls_may_collide
 from obb_collision.queries.meshes.triangles import triangle_verdicts
 from obb_collision.queries.primitives.capsules import capsule_verdicts
+from obb_collision.queries.sweep.convex import convex_sweeps
+from obb_collision.queries.sweep.course import BodyMotion
+from obb_collision.queries.verdict.separations import Separations
+from obb_collision.scene.broad_phase.broad_phase import UNLIMITED, find_candidates
 from obb_collision.scene.broad_phase.find_pairs import pairs_of_keys
+from obb_collision.scene.broad_phase.kept_tree import KeptTree
 from obb_collision.scene.effects import EFFECTS, LEVELS
 from obb_collision.scene.refinement.budget import ABOVE
-from obb_collision.warm_up import parts
 from obb_collision.warm_up.samples import (
+    ARM,
     FEW_OBJECTS,
     OBJECTS,
     TETRAHEDRON,
@@ -58,9 +68,7 @@ BOXES = "boxes"
 COARSE = "accuracy below obb"
 """The step of the levels that look at less than the box."""
 BOUNDS, TREES, HULLS = "bounds of boxes", "trees", "pairs of capsules and hulls"
-NESTING, LINEAR = "meshes within meshes", "motion without turns"
 SWEPT = "motion of convex bodies"
-NEAREST, DEPTHS = "points of convex bodies", "depths of convex bodies"
 SURFACES, CONVEX_PAIRS = "distances of meshes", "pairs of convex bodies"
 """Parts of other steps."""
 MESSAGES = "messages"
@@ -108,7 +116,7 @@ def possible_steps() -> list[str]:
 def _boxes() -> None:
     """Run what every check needs, whatever the objects are, on the level "obb"."""
     row_of_boxes(FEW_OBJECTS).check()
-    scene = row_of_boxes()  # meanwhile, another process compiles ``parts.bounds``
+    scene = row_of_boxes()  # meanwhile, another process compiles ``_bounds``
     quaternions_from_matrices(scene.boxes.rotations)  # of markers
     for moved in (0, 1, 1, OBJECTS // 3, OBJECTS // 2):  # of the last, a new tree is made
         poses = scene.poses_of(range(moved)) + np.array((0.1, 0, 0, 0, 0, 0, 0))
@@ -123,7 +131,7 @@ def _boxes() -> None:
     scene.check()
     _crowds()
     pairs_of_keys(batch(), np.zeros(2 * FEWEST_NUMBERS, np.int64), False)
-    parts.bounds()  # in this process, too
+    _bounds()  # in this process, too
     scene.region = oc.Region((-np.inf,) * 3, (1.0, np.inf, np.inf), 1.0)
     scene.check()
 
@@ -204,19 +212,17 @@ def _effect_on(name: str, level: Accuracy) -> None:
         return _points_on(level)
     if name == "sweep":
         return _sweep_on(level)
+    if level == Accuracy.MESH and name == "clearance":
+        _surfaces()
+    elif level == Accuracy.MESH and name == "contacts":
+        _mesh_depths()  # meanwhile, another process compiles ``_convex_pairs``
     bodies, row = convex_bodies(), np.zeros(1, np.int64)
-    if level == Accuracy.HULL:
-        parts.depths()  # meanwhile, another process compiles ``parts.nearest``
-    elif name == "clearance":
-        parts.surfaces()
-    elif name == "contacts":
-        parts.mesh_depths()  # meanwhile, another process compiles ``parts.convex_pairs``
     if name == "contacts":
-        parts.convex_pairs()
+        _convex_pairs()
     convex_distances(bodies, bodies, row, row)
     if level == Accuracy.MESH and name == "contacts":
         body = oc.PlacedMeshes.from_poses(triangle_tree(), row, [TURNED])
-        oc.mesh_patches(body, body)  # meanwhile, another process compiles ``parts.trees``
+        oc.mesh_patches(body, body)  # meanwhile, another process compiles ``_trees``
     for padding in (0.0, 0.01):
         scene = oc.Scene()
         scene.set_effect(name, accuracy=level.name.lower())
@@ -227,11 +233,7 @@ def _effect_on(name: str, level: Accuracy) -> None:
 
 
 def _points_on(level: Accuracy) -> None:
-    """Find which points are in shapes, with clouds laid out as they come.
-
-    First in shapes alone, while another process compiles the grid over their boxes.
-    """
-    parts.held(level)
+    """Find which points are in shapes, with clouds laid out as they come."""
     scene = oc.Scene()
     _add_crowd(scene, 0.0)
     scene.set_effect("points", "on", accuracy=level.name.lower())
@@ -351,7 +353,7 @@ def _sweep_on(level: Accuracy) -> None:
         body = oc.PlacedMeshes.from_poses(triangle_tree(), np.zeros(1, np.int64), [TURNED])
         oc.mesh_sweeps(body, body, duration=1.0)
     else:
-        parts.swept_hulls()
+        _swept_hulls()
     scene = oc.Scene()
     scene.set_effect("sweep", "on", accuracy=level.name.lower())
     _add_crowd(scene, 0.01)
@@ -363,6 +365,85 @@ def _sweep_on(level: Accuracy) -> None:
         assert scene.check().swept.passed.pairs.size
 
 
+def _bounds() -> None:
+    """Find which bounds overlap, of all boxes and of some that move."""
+    low = np.random.default_rng(0).random((OBJECTS, 3))
+    find_candidates(low, low + 0.2)
+    many = np.arange(2 * FEWEST_NUMBERS)
+    line = np.column_stack([many, many, many]).astype(np.float64)
+    find_candidates(line, line + 0.5)
+    tree = KeptTree(low, low + 0.2)
+    row = np.zeros(1, np.int64)
+    tree.update(row)
+    tree.pairs_of(row, UNLIMITED)
+
+
+def _surfaces() -> None:
+    """Find how far a mesh is from another, and from a round shape."""
+    row = np.zeros(1, np.int64)
+    bodies = oc.PlacedMeshes.from_poses(triangle_tree(), row, [TURNED])
+    oc.mesh_clearances(bodies, bodies)
+    mesh_body_distances(bodies, np.zeros(1), convex_bodies(), row, row)
+
+
+def _mesh_depths() -> None:
+    """Find how deep two meshes overlap, whatever contains them."""
+    body = oc.PlacedMeshes.from_poses(triangle_tree(), np.zeros(1, np.int64), [TURNED])
+    pairs, along = np.zeros((1, 2), np.int64), np.eye(3)[:1]
+    outer = Separations(pairs, np.full(1, -1.0), along, along.copy())
+    within(outer, body, np.zeros(1), body, np.zeros(1))
+
+
+def _trees() -> None:
+    """Build a tree."""
+    oc.MeshTrees.build(np.array(TETRAHEDRON), np.array(TETRAHEDRON_FACES))
+
+
+def _hulls_of_pairs() -> None:
+    """Decide pairs of capsules, boxes and hulls."""
+    zeros = np.zeros((4, 3))
+    capsules = oc.Capsules(zeros, zeros + 1.0, np.full(4, 0.1))
+    for other in (batch(), capsules):
+        capsule_verdicts(capsules, other)
+    row = np.zeros(1, np.int64)
+    hull = PlacedHulls(Hulls.of(np.array(TETRAHEDRON)), row, zeros[:1], np.eye(3)[None])
+    hulls_may_collide(hull, hull, row, row)
+
+
+def _convex_pairs() -> None:
+    """Find how far apart two convex bodies are, or how deep they overlap and where."""
+    bodies, row = convex_bodies(), np.zeros(1, np.int64)
+    found, _ = convex_distances(bodies, bodies, row, row)
+    convex_contacts(bodies, bodies, np.zeros((1, 2), np.int64), row, row, 4, found)
+
+
+def _swept_hulls() -> None:
+    """Sweep two convex bodies."""
+    bodies, row = convex_bodies(), np.zeros((1, 3))
+    motion = BodyMotion(*(row, row, 1.0), np.eye(3)[None], *(row, row), *np.ones((2, 1)))
+    convex_sweeps(bodies, motion, np.zeros((1, 2), np.int64), np.zeros(1), 1e-4)
+
+
+def _robots() -> None:
+    """Run what robots need, with a scene of every kind of shape."""
+    robot = oc.Robot.from_urdf(ARM)
+    robot.link_poses(np.zeros(3))
+    scene = oc.Scene()
+    scene.add("floor", oc.shapes.Box((4.0, 4.0, 0.1)), (0.0, 0.0, -0.3, 0.0, 0.0, 0.0, 1.0))
+    scene.add("ball", oc.shapes.Sphere(0.1), (0.3, 0.0, 0.6, 0.0, 0.0, 0.0, 1.0))
+    scene.add("pole", oc.shapes.Cylinder(0.1, 1.0), (0.5, 0.0, 0.6, 0.0, 0.0, 0.0, 1.0))
+    checker = oc.RobotScene([robot], scene)
+    states = np.array([[0.0, 0.0, 0.0], [1.5, 0.5, 1.0], [0.5, 1.9, 1.9]])
+    for accuracy in ("sphere", "aabb", "obb", "hull", "mesh"):
+        checker.accuracy = accuracy
+        checker.check(states)
+        checker.check(states, all_pairs=True)
+        checker.check_motions(states[:2], states[1:])
+        checker.distances(states)
+    checker.check_path(states)
+    oc.prove_pairs(robot, 1.0)
+
+
 EFFECT_LEVELS = tuple((name, level) for name, levels in LEVELS.items() for level in levels)
 """Effects, each on a level above OBB."""
 FIRST: dict[str, Callable[[], object]] = {"sweep": _sweep_boxes, "separations": _separate_boxes}
@@ -370,31 +451,27 @@ FIRST: dict[str, Callable[[], object]] = {"sweep": _sweep_boxes, "separations": 
 STEPS: dict[str, Callable[[], None] | str] = {
     # In this order two processes compile the fewest kernels twice.
     BOXES: _boxes,
-    BOUNDS: parts.bounds,
+    BOUNDS: _bounds,
     accuracy_step(Accuracy.MESH): _meshes,
-    NESTING: parts.nesting,
-    TREES: parts.trees,
-    HULLS: parts.hulls,
+    TREES: _trees,
+    HULLS: _hulls_of_pairs,
     effect_step("sweep"): lambda: _effect("sweep"),
-    LINEAR: parts.linear,
     **{effect_step(name): (lambda name=name: _effect(name)) for name in EFFECTS},  # type: ignore[misc]
     accuracy_step(Accuracy.HULL): _hulls,
     **{
         effect_level_step(*on): (lambda on=on: _effect_on(*on))  # type: ignore[misc]
         for on in EFFECT_LEVELS
     },
-    SWEPT: parts.swept_hulls,
-    NEAREST: parts.nearest,
-    DEPTHS: parts.depths,
-    SURFACES: parts.surfaces,
-    CONVEX_PAIRS: parts.convex_pairs,
+    SWEPT: _swept_hulls,
+    SURFACES: _surfaces,
+    CONVEX_PAIRS: _convex_pairs,
     accuracy_step(Accuracy.OBB_TREE): _obb_trees,
     COARSE: _coarse,
     "queries of pairs": _pair_queries,
     "queries of rays, planes, points, capsules, triangles": _other_queries,
     "queries of meshes": _mesh_queries,
     "fits": _fits,
-    ROBOTS: "obb_collision.warm_up.robots:run",
+    ROBOTS: _robots,
     # looked up by name, as it is in a layer above
     MESSAGES: "obb_collision.node.kernels:compile_kernels",
 }
@@ -409,21 +486,15 @@ BESIDE = {
     BOXES: (BOUNDS,),
     accuracy_step(Accuracy.OBB_TREE): (TREES, HULLS),
     accuracy_step(Accuracy.HULL): (HULLS,),
-    accuracy_step(Accuracy.MESH): (SURFACES, NESTING, TREES, HULLS),
-    effect_level_step("separations", Accuracy.HULL): (NEAREST,),
-    effect_level_step("clearance", Accuracy.HULL): (NEAREST, effect_step("clearance")),
-    effect_level_step("clearance", Accuracy.MESH): (
-        *(NEAREST, DEPTHS, TREES, effect_step("clearance")),
-    ),
-    effect_level_step("contacts", Accuracy.HULL): (NEAREST, effect_step("contacts")),
+    accuracy_step(Accuracy.MESH): (SURFACES, TREES, HULLS),
+    effect_level_step("clearance", Accuracy.HULL): (effect_step("clearance"),),
+    effect_level_step("clearance", Accuracy.MESH): (TREES, effect_step("clearance")),
+    effect_level_step("contacts", Accuracy.HULL): (effect_step("contacts"),),
+    effect_level_step("contacts", Accuracy.MESH): (CONVEX_PAIRS, effect_step("contacts"), TREES),
     effect_level_step("points", Accuracy.HULL): (effect_step("points"),),
     effect_level_step("points", Accuracy.MESH): (effect_step("points"), TREES),
-    effect_level_step("sweep", Accuracy.HULL): (effect_step("sweep"), LINEAR),
-    effect_level_step("sweep", Accuracy.MESH): (SWEPT, effect_step("sweep"), LINEAR),
     effect_level_step("separations", Accuracy.MESH): (SURFACES, TREES),
-    effect_level_step("contacts", Accuracy.MESH): (
-        *(CONVEX_PAIRS, effect_step("contacts"), TREES),
-    ),
-    effect_step("sweep"): (LINEAR,),
+    effect_level_step("sweep", Accuracy.HULL): (effect_step("sweep"),),
+    effect_level_step("sweep", Accuracy.MESH): (SWEPT, effect_step("sweep")),
 }
-"""Parts of the longest steps, for a second process."""
+"""Parts of the longest steps, for a second process: it compiles what they call in the end."""

@@ -164,13 +164,14 @@ def test_it_stops_when_told_to_and_leaves_no_process(monkeypatch: pytest.MonkeyP
 
 def test_a_process_ends_with_the_one_that_started_it(tmp_path: Path) -> None:
     code = """
-import os
-from obb_collision.warm_up.processes import _Worker, Progress
-worker = _Worker(None, 0)
-worker.give([{step!r}], Progress(({step!r},)))
-print(worker._process.pid, flush=True)
-os.read(worker.out.fileno(), 1)  # it has begun
-os._exit(1)
+import os, subprocess
+from obb_collision.warm_up.processes import compile_steps
+def noted(*arguments, **options):
+    process = started(*arguments, **options)
+    print(process.pid, flush=True)
+    return process
+started, subprocess.Popen = subprocess.Popen, noted
+compile_steps([{step!r}], count=1, look=lambda progress: progress.kernels and os._exit(1))
 """
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
     command = [sys.executable, "-c", code.format(step=accuracy_step(Accuracy.MESH))]
