@@ -148,9 +148,8 @@ def worlds(options: argparse.Namespace) -> Iterator[tuple[str, list[SceneObject]
 
 def case_of(robot: Robot, file: str, objects: Sequence[SceneObject], checker: RobotScene) -> Case:
     """Return what peers get: the pairs that are checked here."""
-    arrays = checker._model.arrays(checker.scene)
-    tests, count = arrays.tests, arrays.tests.first
-    order = [arrays.names[row] for row in arrays.owners[count:-1]]
+    tests = checker._prepared.checked.tests
+    count, order = tests.first, checker._prepared.world.names
     columns = [order.index(one.name) for one in objects]
     allowed = np.zeros((count, len(objects)), np.bool_)
     if len(tests.allowed):

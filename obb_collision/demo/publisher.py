@@ -31,7 +31,7 @@ from obb_collision.node.messages.clouds import cloud_to_ros
 from obb_collision.node.messages.conversions import pose_to_ros, stamp_to_ros, states_to_ros
 from obb_collision.node.messages.marker_shapes import shape_to_ros
 from obb_collision.node.messages.names import namespace_number
-from obb_collision.robots.description.urdf_text import description_text
+from obb_collision.robots.description.urdf import description_text
 
 FRAME = "map"
 #: Scans of the lidar per second, Hz.

@@ -24,7 +24,7 @@ from error_bounds import Record, Vector, check_ratios, difference, dot, exact, n
 
 import obb_collision as oc
 from obb_collision.numerics.vec3 import vector_at
-from obb_collision.robots.bodies.state_arrays import (
+from obb_collision.robots.checks.arrays import (
     LINK_PLACING,
     new_placed,
     place_state,
@@ -143,11 +143,11 @@ def test_bodies_of_robots(record_property: Record) -> None:
             text, joints = chain(rng, count, size)
             robot = oc.Robot.from_urdf(text)
             model = Model([robot], [None], np.array([[0.0, 0, 0, 0, 0, 0, 1]]))
-            arrays = model.arrays(oc.Scene())
+            arrays = model.prepared(oc.Scene()).checked
             state = np.where([j.kind == "prismatic" for j in joints],
                              rng.uniform(-1, 1, count), rng.uniform(-6, 6, count))  # fmt: skip
-            placed = new_placed(arrays.bodies, arrays.tests, count + 1)
-            place_state(arrays.tree, arrays.bodies, arrays.tests, state[None], 0, placed)
+            placed = new_placed(arrays)
+            place_state(arrays, state[None], 0, placed)
             box = placed_box(arrays.bodies, placed, 0)
             center, axes = exact(box.center), [exact(axis) for axis in box.axes]
             bound = Fraction(slack_of(arrays.bodies, 0, vector_at(placed.centers, 0)))

@@ -22,7 +22,7 @@ import numpy as np
 import pytest
 
 import obb_collision as oc
-from obb_collision.robots.description.urdf_text import description_text
+from obb_collision.robots.description.urdf import description_text
 from obb_collision.scene_files import SceneDescription, SceneFileError, find_scene, load_scene
 
 CONFIG = find_scene("arm_cell").parent

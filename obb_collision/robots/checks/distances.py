@@ -12,99 +12,102 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Kernels for the least distance in each state, of all pairs of bodies that are checked.
+"""Distances: the least one in each state, of all pairs of bodies that are checked.
 
-Spheres and boxes bound the distance of a pair from below; the pair with the least bound comes
-first, and others are looked at as long as theirs is below the least distance found.
+Up to "obb" it is that of boxes, at "hull" of hulls. Spheres and boxes bound the distance of a pair
+from below; the pair with the least bound comes first, and others are looked at as long as theirs is
+below the least distance found. At "mesh" hulls bound distances in the same way.
 """
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from obb_collision._jit import njit
+from obb_collision._threads import run
+from obb_collision.accuracy import Accuracy
 from obb_collision.geometry.trees.pool import Hulls
 from obb_collision.numerics.vec3 import dot, minus, norm, vector_at
-from obb_collision.queries.convex.depth import Polytope, room_for_depth
-from obb_collision.queries.convex.distances import NO_START, Distance, body_distance
+from obb_collision.queries.convex.depth import room_for_depth
+from obb_collision.queries.convex.distances import NO_START, body_distance
 from obb_collision.queries.convex.support import BOX, CORNERS, Cores
 from obb_collision.queries.verdict.pair_frame import box_at
-from obb_collision.robots.bodies.state_arrays import (
+from obb_collision.robots.checks.arrays import (
     LINK_PLACING,
-    Bodies,
+    Checked,
+    LinkBodies,
+    PairValues,
     Placed,
     Tests,
     new_placed,
     place_state,
     placed_box,
 )
-from obb_collision.robots.checks.states import square_distance
-from obb_collision.robots.kinematics.kinematics import Tree
-from obb_collision.typing import Floats, Integers
+from obb_collision.robots.checks.meshes import PairDistances, set_mesh_distances
+from obb_collision.robots.checks.model import Prepared
+from obb_collision.robots.checks.reports import StateDistances
+from obb_collision.robots.checks.states import all_pairs, square_distance
+from obb_collision.typing import Floats, Integers, Rows
 
 #: Relative growth of spheres around boxes: more than what these are larger by.
 SPHERE_GROWTH = 1.0 + 1e-9
+#: Relative growth of distances: more than the roundings of what is compared with them.
+GROWTH = 1.0 + 1e-9
+#: States with distances, and pairs, below which a second thread does not pay.
+FEWEST_DISTANCES, FEWEST_PAIRS = 8, 32
+
+
+class Nearest(NamedTuple):
+    """The nearest pair of each state."""
+
+    bounds: Floats  #: (n, 2) between which the distance is
+    pairs: Integers  #: (n, 2) of bodies, -1 for none
+    vectors: Floats  #: (n, 3, 3): the closest points of both, and the direction
 
 
 @njit
 def distances_kernel(
-    tree: Tree, bodies: Bodies, tests: Tests, boxes: bool, states: Floats, limit: float,
-    bounds: Floats, pairs: Integers, vectors: Floats, start: int, stop: int,
+    checked: Checked, boxes: bool, given: bool, states: Floats, limit: float, nearest: Nearest,
+    start: int, stop: int,
 ) -> None:  # fmt: skip
     """Write the least signed distance of each state up to a limit, negative where bodies collide.
 
-    boxes: whether bodies are their boxes, or hulls; bounds (n, 2): between which it is; pairs
-    (n, 2) of bodies, -1 for none; vectors (n, 3, 3): the closest points of both and the direction.
+    boxes: whether bodies are their boxes, or hulls; given: whether only the pairs that are there.
     """
-    placed = new_placed(bodies, tests, len(tree.parents))
-    cores, room = _box_cores(bodies) if boxes else _cores(bodies), room_for_depth()
-    lower = np.empty(len(placed.grown))
+    bodies, tests, placed = checked.bodies, checked.tests, new_placed(checked)
+    cores, room = _cores(bodies, boxes), room_for_depth()
+    lower = np.empty(1 if given else len(placed.grown))
     spheres = np.empty(len(bodies.spheres))
     for i in range(len(spheres)):
         h = vector_at(bodies.half_extents, i)
         spheres[i] = norm(h) * SPHERE_GROWTH if boxes else bodies.spheres[i]
     for n in range(start, stop):
-        place_state(tree, bodies, tests, states, n, placed)
+        place_state(checked, states, n, placed)
         for i in range(tests.first):
-            if boxes:
-                _place_box(bodies, placed, i, cores)
-            else:
-                _place_core(bodies, placed, i, cores)
-        _bound_all(bodies, tests, placed, spheres, lower)
-        bounds[n, 0] = bounds[n, 1] = np.inf
-        pairs[n, 0] = pairs[n, 1] = -1
+            _place_core(bodies, placed, i, cores, boxes)
         best = limit
-        if len(lower):
-            best = _try_pair(
-                cores, tests, int(lower.argmin()), best, n, bounds, pairs, vectors, room
-            )
-        for m in range(len(lower)):
-            if lower[m] < best:
-                best = _try_pair(cores, tests, m, best, n, bounds, pairs, vectors, room)
-
-
-@njit
-def pair_distances_kernel(
-    tree: Tree, bodies: Bodies, tests: Tests, states: Floats, pairs: Integers, limit: float,
-    bounds: Floats, vectors: Floats, start: int, stop: int,
-) -> None:  # fmt: skip
-    """Write the signed distance of the hulls of pair n (m, 2) of bodies in state n, up to a limit.
-
-    bounds (2, m), vectors (m, 3, 3): as in ``distances_kernel``.
-    """
-    placed = new_placed(bodies, tests, len(tree.parents))
-    cores, room = _cores(bodies), room_for_depth()
-    for n in range(start, stop):
-        place_state(tree, bodies, tests, states, n, placed)
-        i, j = pairs[n, 0], pairs[n, 1]
-        _place_core(bodies, placed, i, cores)
-        if j < tests.first:
-            _place_core(bodies, placed, j, cores)
-        found = body_distance(cores, i, cores, j, NO_START, limit, room)
-        bounds[0, n], bounds[1, n] = found.lower, found.upper
-        for k in range(3):
-            vectors[n, 0, k], vectors[n, 1, k] = found.a[k], found.b[k]
-            vectors[n, 2, k] = found.normal[k]
+        if not given:
+            _bound_all(bodies, tests, placed, spheres, lower)
+            nearest.bounds[n, 0] = nearest.bounds[n, 1] = np.inf
+            nearest.pairs[n, 0] = nearest.pairs[n, 1] = -1
+        for k in range(-1, 0 if given else len(lower)):
+            if given:
+                i, j = nearest.pairs[n, 0], nearest.pairs[n, 1]
+            elif len(lower) == 0 or (k >= 0 and not lower[k] < best):
+                continue
+            else:  # first the one with the least bound
+                i, j = _pair_at(tests, k if k >= 0 else int(lower.argmin()))
+            found = body_distance(cores, i, cores, j, NO_START, best, room)
+            if not (given or found.lower < best):
+                continue
+            best = found.lower
+            nearest.bounds[n, 0], nearest.bounds[n, 1] = found.lower, found.upper
+            nearest.pairs[n, 0], nearest.pairs[n, 1] = i, j
+            for m in range(3):
+                nearest.vectors[n, 0, m], nearest.vectors[n, 1, m] = found.a[m], found.b[m]
+                nearest.vectors[n, 2, m] = found.normal[m]
 
 
 @njit
@@ -118,26 +121,8 @@ def _pair_at(tests: Tests, m: int) -> tuple[int, int]:
 
 
 @njit
-def _try_pair(
-    cores: Cores, tests: Tests, m: int, best: float, n: int, bounds: Floats, pairs: Integers,
-    vectors: Floats, room: Polytope,
-) -> float:  # fmt: skip
-    """Write the distance of pair m if it is less than the best one; return the lesser one."""
-    i, j = _pair_at(tests, m)
-    found: Distance = body_distance(cores, i, cores, j, NO_START, best, room)
-    if not found.lower < best:
-        return best
-    bounds[n, 0], bounds[n, 1] = found.lower, found.upper
-    pairs[n, 0], pairs[n, 1] = i, j
-    for k in range(3):
-        vectors[n, 0, k], vectors[n, 1, k] = found.a[k], found.b[k]
-        vectors[n, 2, k] = found.normal[k]
-    return found.lower
-
-
-@njit
 def _bound_all(
-    bodies: Bodies, tests: Tests, placed: Placed, spheres: Floats, lower: Floats
+    bodies: LinkBodies, tests: Tests, placed: Placed, spheres: Floats, lower: Floats
 ) -> None:
     """Write lower bounds of all distances, infinite for pairs that do not count."""
     for m in range(len(lower)):
@@ -156,53 +141,116 @@ def _bound_all(
 
 
 @njit
-def _cores(bodies: Bodies) -> Cores:
-    """Return bodies as those of ``queries.convex``, those of the world in their place."""
+def _cores(bodies: LinkBodies, boxes: bool) -> Cores:
+    """Return bodies, or their boxes, as those of ``queries.convex``; the world's in their place.
+
+    Boxes are larger by what kinematics round.
+    """
     count = len(bodies.frames)
     cores = Cores(
-        np.full(count, CORNERS, np.int8), np.zeros((count, 4)), bodies.rounds,
+        np.full(count, BOX if boxes else CORNERS, np.int8), np.zeros((count, 4)),
+        np.zeros(count) if boxes else bodies.rounds,
         Hulls(bodies.blocks, bodies.starts, bodies.radii), np.arange(count),
         np.zeros((count, 3)), np.zeros((count, 3, 3)),
     )  # fmt: skip
     for i in range(count):
         for k in range(3):
             cores.rotations[i, k, k] = 1.0
+            if boxes:
+                cores.sizes[i, k] = bodies.half_extents[i, k] + LINK_PLACING * bodies.reaches[i]
+                cores.centers[i, k] = bodies.centers[i, k]
+                for m in range(3):
+                    cores.rotations[i, k, m] = bodies.rotations[i, k, m]
     return cores
 
 
 @njit
-def _box_cores(bodies: Bodies) -> Cores:
-    """Return the boxes of bodies, those of the world in their place.
-
-    They are larger by what kinematics round.
-    """
-    count = len(bodies.frames)
-    cores = Cores(
-        np.full(count, BOX, np.int8), np.zeros((count, 4)), np.zeros(count),
-        Hulls(bodies.blocks, bodies.starts, bodies.radii), np.arange(count),
-        bodies.centers.copy(), bodies.rotations.copy(),
-    )  # fmt: skip
-    for i in range(count):
-        for k in range(3):
-            cores.sizes[i, k] = bodies.half_extents[i, k] + LINK_PLACING * bodies.reaches[i]
-    return cores
-
-
-@njit
-def _place_core(bodies: Bodies, placed: Placed, i: int, cores: Cores) -> None:
-    """Place the hull of body i by its frame."""
+def _place_core(bodies: LinkBodies, placed: Placed, i: int, cores: Cores, boxes: bool) -> None:
+    """Place the hull of body i by its frame, or its box."""
     frame = bodies.frames[i]
+    if boxes:
+        placed_box(bodies, placed, i)
     for k in range(3):
-        cores.centers[i, k] = placed.positions[frame, k]
+        cores.centers[i, k] = placed.centers[i, k] if boxes else placed.positions[frame, k]
         for m in range(3):
-            cores.rotations[i, k, m] = placed.rotations[frame, k, m]
+            turn = placed.axes[i, k, m] if boxes else placed.rotations[frame, k, m]
+            cores.rotations[i, k, m] = turn
 
 
-@njit
-def _place_box(bodies: Bodies, placed: Placed, i: int, cores: Cores) -> None:
-    """Place the box of body i."""
-    axes = placed_box(bodies, placed, i).axes
-    for k in range(3):
-        cores.centers[i, k] = placed.centers[i, k]
-        for m in range(3):
-            cores.rotations[i, m, k] = axes[k][m]
+def hull_distances(
+    checked: Checked, states: Floats, pairs: Integers, limit: float
+) -> PairDistances:
+    """Return the distances of pairs (m, 2) of bodies in the state (m, joints) of their row."""
+    count = len(pairs)
+    found = Nearest(np.empty((count, 2)), pairs.copy(), np.empty((count, 3, 3)))
+    run(distances_kernel, count, FEWEST_PAIRS, checked, False, True, states, limit, found)
+    return PairDistances(found.bounds[:, 0], found.bounds[:, 1], found.vectors)
+
+
+def least_distances(
+    prepared: Prepared, accuracy: Accuracy, states: Floats, limit: float, self_pairs: bool
+) -> StateDistances:
+    """Return the least distance up to a limit in each state (n, joints)."""
+    checked, origin = prepared.checked, prepared.world.origin
+    if not self_pairs:
+        none = np.empty((0, 2), np.int64)
+        checked = checked._replace(tests=checked.tests._replace(pairs=none))
+    count = len(states)
+    bounds, bodies, vectors = found = Nearest(
+        np.empty((count, 2)), np.empty((count, 2), np.int64), np.full((count, 3, 3), np.nan)
+    )
+    boxes = accuracy < Accuracy.HULL
+    run(distances_kernel, count, FEWEST_DISTANCES, checked, boxes, False, states, limit, found)
+    if accuracy == Accuracy.MESH:
+        _decide_meshes(prepared, checked, states, limit, found)
+    if not boxes:  # of the shapes, not of the prisms around them
+        bounds[:, 1] += np.append(checked.bodies.excess, 0.0)[bodies].sum(axis=1)
+    vectors[:, :2] += origin
+    swapped = prepared.owners[bodies[:, 0]] > prepared.owners[bodies[:, 1]]
+    vectors[swapped, :2] = vectors[swapped, 1::-1]
+    vectors[swapped, 2] *= -1.0
+    pairs, (lower, upper) = prepared.owners_of(bodies), bounds.T
+    points, directions = vectors[:, :2], vectors[:, 2]
+    return StateDistances(lower, upper, pairs, points, directions, prepared.names)
+
+
+def _decide_meshes(
+    prepared: Prepared, checked: Checked, states: Floats, limit: float, nearest: Nearest
+) -> None:
+    """Write the least distances of meshes, and their pairs, over those of hulls."""
+    rows = np.flatnonzero(nearest.pairs[:, 0] >= 0)
+    some, first = np.ascontiguousarray(states[rows]), nearest.pairs[rows]
+    lower, upper = nearest.bounds[rows].T.copy()
+    best = PairDistances(lower, upper, nearest.vectors[rows])
+    set_mesh_distances(prepared, some, first, best, limit, depths=True)
+    reach = np.clip(best.lower, 0.0, limit) * GROWTH
+    ends = checked.tests.first, len(checked.tests.pairs)
+    near = PairValues(*(np.repeat(reach[:, None], end, axis=1) for end in ends))
+    numbers, pairs = all_pairs(checked, Accuracy.HULL, some, near)
+    others = (pairs != first[numbers]).any(axis=1)
+    numbers, pairs = numbers[others], pairs[others]
+    hulls = hull_distances(checked, some[numbers], pairs, limit)
+    for these in _rounds(numbers, hulls.lower):
+        again = these[hulls.lower[these] < best.lower[numbers[these]]]
+        if len(again) == 0:
+            continue
+        each = PairDistances(*(values[again] for values in hulls))
+        given = np.ascontiguousarray(some[numbers[again]])
+        set_mesh_distances(prepared, given, pairs[again], each, limit, depths=True)
+        less = each.lower < best.lower[numbers[again]]
+        places = numbers[again[less]]
+        first[places] = pairs[again[less]]
+        for values, new in zip(best, each, strict=True):
+            values[places] = new[less]
+    beyond = ~(best.lower < limit)
+    best.lower[beyond] = best.upper[beyond] = np.inf
+    best.vectors[beyond], first[beyond] = np.nan, -1
+    nearest.pairs[rows], nearest.vectors[rows] = first, best.vectors
+    nearest.bounds[rows] = np.column_stack([best.lower, best.upper])
+
+
+def _rounds(numbers: Rows, lower: Floats) -> list[Rows]:
+    """Return rows of pairs: in the first round the one with the least bound of each state, ..."""
+    order = np.lexsort([lower, numbers])
+    places = np.arange(len(order)) - np.searchsorted(numbers[order], numbers[order])
+    return [order[places == place] for place in range(int(places.max(initial=-1)) + 1)]

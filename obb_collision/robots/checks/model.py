@@ -12,55 +12,109 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What kernels need of robots and a scene, made anew only where it has changed."""
+"""The model of a ``RobotScene``: what kernels need of robots and a scene, made anew on changes."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import chain
 
 import numpy as np
 
-from obb_collision.numerics.constants import ROUNDOFF
-from obb_collision.robots.bodies.bodies import merged
-from obb_collision.robots.bodies.robot_arrays import (
-    Attached,
+from obb_collision.obb import OBB
+from obb_collision.robots.checks.arrays import Checked, LinkBodies, Tests
+from obb_collision.robots.checks.bodies import (
+    LinkMeshes,
+    Part,
+    body_of,
+    enclosing_spheres,
+    joined,
+)
+from obb_collision.robots.checks.robot_arrays import (
+    Limits,
     allowed_links,
-    attached_body,
     body_pairs,
     chain_lengths,
-    mimic_limits,
     one_tree,
     rigid_groups,
-    with_attached,
 )
-from obb_collision.robots.bodies.state_arrays import Bodies, Tests
-from obb_collision.robots.bodies.world import Kept, World, WorldState, world_of
-from obb_collision.robots.checks.mesh_bodies import MeshBodies
-from obb_collision.robots.checks.motions import joint_reaches
-from obb_collision.robots.checks.own_bodies import OwnBodies, mesh_bodies, own_bodies
+from obb_collision.robots.checks.world import (
+    Kept,
+    World,
+    WorldState,
+    largest_padding,
+    pair_rules,
+    world_of,
+)
 from obb_collision.robots.description.robot import Robot
-from obb_collision.robots.kinematics.kinematics import FIXED, FLOATING, PRISMATIC, Tree
 from obb_collision.scene.scene import Scene
-from obb_collision.scene.store.allowed import AllowedPairs
-from obb_collision.scene.store.pair_table import PairFilter
+from obb_collision.shapes import Shape
 from obb_collision.typing import Floats, Integers, Mask, Rows
 
 #: Metres along each axis within which the first robot moves without the world, which is relative
 #: to where that robot was, being placed again; farther away roundings would grow.
 NEAR = 2.0
-#: Quaternions whose sum is shorter are opposite: between them, motions have no certain speed.
-OPPOSITE = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class Arrays:
+class Attached:
+    """Something attached to a link, at a pose in its frame; it may touch links.
+
+    of_scene: it is an object of the scene, which is no obstacle meanwhile.
+    """
+
+    shape: Shape | OBB
+    link: int
+    pose: Floats
+    touch_links: frozenset[int]
+    padding: float
+    of_scene: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class OwnBodies:
+    """The bodies of robots, those of a link in a row, and the rows of names that they belong to."""
+
+    parts: list[Part]
+    bodies: LinkBodies
+    owners: Rows
+    allowed: Mask
+    """(links and attached, the same): pairs that are not checked."""
+
+    @classmethod
+    def of(cls, parts: list[Part], allowed: Mask, chains: Floats) -> OwnBodies:
+        """Return the bodies of parts; chains (links,): the lengths up to links."""
+        parts = sorted(parts, key=lambda part: part.link)
+        bodies = [
+            body_of(part.shape, part.pose, part.link, part.padding, float(chains[part.link]))
+            for part in parts
+        ]
+        owners = np.array([part.owner for part in parts], np.int64)
+        return cls(parts, joined(bodies), owners, allowed)
+
+    @cached_property
+    def meshes(self) -> LinkMeshes:
+        """The same bodies as meshes."""
+        return LinkMeshes(self.parts)
+
+    @cached_property
+    def links(self) -> tuple[Rows, Rows, Floats, Floats]:
+        """The frames of bodies, the first body of each, and spheres around them: see ``Tests``."""
+        links, starts = np.unique(self.bodies.frames, return_index=True)
+        starts = np.append(starts, len(self.parts)).astype(np.int64)
+        return links, starts, *enclosing_spheres(self.bodies, starts)
+
+
+@dataclass(frozen=True, eq=False)
+class Prepared:
     """What kernels take, and the names of what bodies belong to."""
 
-    tree: Tree
-    bodies: Bodies
-    tests: Tests
+    checked: Checked
+    own: OwnBodies
     world: World
+    limits: Limits
     names: list[str]
     owners: Rows
     """(b + 1,) the row in names of each body, and -1 for none."""
@@ -75,22 +129,18 @@ class Model:
 
     def __init__(self, robots: Sequence[Robot], names: Sequence[str | None], bases: Floats) -> None:
         self.robots = tuple(robots)
-        self.link_names = prefixed(names, [robot.link_names for robot in robots])
-        self.joint_names = prefixed(names, [robot.joint_names for robot in robots])
+        self.link_names = _prefixed(names, [robot.link_names for robot in robots])
+        self.joint_names = _prefixed(names, [robot.joint_names for robot in robots])
         self.link_rows = {name: row for row, name in enumerate(self.link_names)}
-        if len(self.link_rows) < len(self.link_names) or len(set(self.joint_names)) < len(
-            self.joint_names
-        ):
-            raise ValueError(
-                "robots must have distinct names of links and joints; give a mapping from names of "
-                "robots, which come in front of them"
-            )
-        self.lower = np.concatenate([robot.lower for robot in robots])
-        self.upper = np.concatenate([robot.upper for robot in robots])
-        self._mimics = mimic_limits(robots)
-        self._bodies: OwnBodies | None = None
-        self._meshes: MeshBodies | None = None
-        self._arrays: tuple[WorldState, Arrays] | None = None
+        for parts in (self.link_names, self.joint_names):
+            if len(set(parts)) < len(parts):
+                raise ValueError(
+                    "robots must have distinct names of links and joints; give a mapping from "
+                    "names of robots, which come in front of them"
+                )
+        self.limits = Limits(robots)
+        self._own: OwnBodies | None = None
+        self._prepared: tuple[WorldState, Prepared] | None = None
         self._kept: Kept = {}
         self._chains: Floats = np.empty(0)
         self._offsets = np.full(len(robots), -1.0)  # allowed for from the origin to the roots
@@ -99,25 +149,23 @@ class Model:
         self.paddings = self._grown = np.zeros(len(self.link_names))
         self.attached: dict[str, Attached] = {}
         self.link_objects: dict[str, tuple[str, ...]] = {}
-        self._groups, self._allowed = (
-            rigid_groups(self.tree),
-            allowed_links(robots, rigid_groups(self.tree)),
-        )
-        self._quaternions = [int(c) for c in self.tree.columns[self.tree.kinds == FLOATING]]
+        self._groups = rigid_groups(self.tree)
+        self._allowed = allowed_links(robots, self._groups)
 
     def set_bases(self, bases: Floats) -> None:
         """Set where the robots stand, by poses (r, 7); bodies are relative to a place nearby."""
         self.bases = bases
         if not (np.abs(bases[0, :3] - self.origin) <= NEAR).all():
-            self.origin, self._arrays = bases[0, :3].copy(), None
+            self.origin, self._prepared = bases[0, :3].copy(), None
         relative = bases.copy()
         relative[:, :3] -= self.origin
         self.tree = one_tree(self.robots, relative)
         if self._set_chains():
-            self._bodies = self._arrays = None
-        if self._arrays is not None:
-            state, arrays = self._arrays
-            self._arrays = state, replace(arrays, tree=self.tree)
+            self._forget()
+        if self._prepared is not None:
+            state, made = self._prepared
+            checked = made.checked._replace(tree=self.tree)
+            self._prepared = state, replace(made, checked=checked)
 
     def _set_chains(self) -> bool:
         """Set lengths of chains that are enough for the tree; return whether they have changed.
@@ -130,166 +178,121 @@ class Model:
             return False
         room = 3.0 * NEAR if len(self._chains) else 0.0
         self._offsets[farther] = offsets[farther] + room
-        lengths = chain_lengths(self.tree, self.lower, self.upper)
+        lengths = chain_lengths(self.tree, self.limits.lower, self.limits.upper)
         counts = [len(robot.link_names) for robot in self.robots]
         self._chains = lengths + np.repeat(self._offsets - offsets, counts)
         return True
 
+    def _forget(self) -> None:
+        """Make the bodies of robots anew."""
+        self._own = self._prepared = None
+
     def set_paddings(self, paddings: Floats) -> None:
         """Set by how much each link (links,) is grown."""
         self.paddings = paddings
-        self._bodies = self._arrays = self._meshes = None
+        self._forget()
 
     def set_link_objects(self, names: dict[str, tuple[str, ...]]) -> None:
         """Set by link which objects of the scene are the link itself."""
         self.link_objects = names
-        self._arrays = None
+        self._prepared = None
 
     def attach(self, name: str, attached: Attached) -> None:
         """Attach something, in place of what has its name."""
-        attached_body(attached, self._chains, 0.0)  # it fails before anything has changed
+        body_of(attached.shape, attached.pose)  # it fails before anything has changed
         self.attached = {**self.attached, name: attached}
-        self._bodies = self._arrays = self._meshes = None
+        self._forget()
 
     def detach(self, name: str) -> None:
         """Remove what is attached."""
         self.attached = {key: each for key, each in self.attached.items() if key != name}
-        self._bodies = self._arrays = self._meshes = None
+        self._forget()
 
-    def check_quaternions(self, states: Floats, name: str) -> None:
-        """Raise ValueError for a floating joint whose quaternion is zero."""
-        for column in self._quaternions:
-            zero = np.flatnonzero(~states[:, column + 3 : column + 7].any(axis=1))
-            if len(zero):
-                raise ValueError(f"{name} must have no quaternion of zeros, row {zero[0]}")
-
-    def check_turns(self, starts: Floats, ends: Floats) -> None:
-        """Raise ValueError where a quaternion would move through zero."""
-        for column in self._quaternions:
-            turns = [states[:, column + 3 : column + 7] for states in (starts, ends)]
-            units = [turn / np.linalg.norm(turn, axis=1, keepdims=True) for turn in turns]
-            opposite = np.flatnonzero(np.linalg.norm(units[0] + units[1], axis=1) < OPPOSITE)
-            if len(opposite):
-                raise ValueError(
-                    "ends must not have quaternions opposite to those of starts: which way to turn "
-                    f"is not clear, row {opposite[0]}"
-                )
-
-    def out_of_limits(self, states: Floats) -> Mask:
-        """Return (n, joints) which joints are out of their limits, or drive one that is."""
-        out = np.asarray((states < self.lower) | (states > self.upper))
-        columns, multipliers, offsets, lower, upper = self._mimics
-        for n, column in enumerate(columns.astype(np.int64).tolist()):
-            moved = multipliers[n] * states[:, column]
-            room = 4.0 * ROUNDOFF * (np.abs(moved) + abs(offsets[n]))
-            value = moved + offsets[n]
-            out[:, column] |= (value < lower[n] - room) | (value > upper[n] + room)
-        return out
-
-    def joint_reaches(self, arrays: Arrays, starts: Floats, ends: Floats) -> Floats:
-        """Return how far each body can be from each joint during motions, as ``Speeds`` has it."""
-        moved = np.zeros(len(self.lower))
-        for states in (starts, ends):
-            moved = np.maximum(moved, np.abs(states).max(axis=0, initial=0.0))
-        count = arrays.tests.first
-        bodies = arrays.bodies
-        extents = np.linalg.norm(bodies.centers[:count], axis=1) + bodies.spheres[:count]
-        return joint_reaches(self.tree, bodies.frames[:count], extents, moved)
-
-    def displacements(self, arrays: Arrays, states: Floats, deviations: Floats) -> Floats:
-        """Return (n,) how far any point of a body moves at most if joints do by deviations (n, j).
-
-        states (m, joints): between which joints are; no joint may be planar or floating.
-        """
-        reaches, tree = self.joint_reaches(arrays, states, states), self.tree
-        moved = np.zeros((len(deviations), len(reaches)))
-        for link, (kind, column) in enumerate(zip(tree.kinds, tree.columns, strict=True)):
-            if kind == FIXED:
-                continue
-            by = np.abs(tree.multipliers[link] * deviations[:, column])[:, None]
-            reach = np.where(kind == PRISMATIC, 1.0, reaches[:, link])
-            moved += np.where(reaches[:, link] >= 0.0, by * reach, 0.0)
-        largest: Floats = moved.max(axis=1, initial=0.0) * (1.0 + 1e-9)
-        return largest
-
-    def arrays(self, scene: Scene) -> Arrays:
+    def prepared(self, scene: Scene) -> Prepared:
         """Return what kernels take, for a scene as it is now."""
-        last = self._arrays
+        last = self._prepared
         if last is None or not last[0].is_current(scene):
             state = WorldState(scene, self.left_out)
-            last = self._arrays = state, self._made(scene)
+            last = self._prepared = state, self._made(scene)
         return last[1]
 
     @property
     def left_out(self) -> frozenset[str]:
         """The objects of the scene that are links, or attached."""
-        links = (name for names in self.link_objects.values() for name in names)
-        return frozenset(links) | {name for name, each in self.attached.items() if each.of_scene}
+        attached = (name for name, each in self.attached.items() if each.of_scene)
+        return frozenset(chain(attached, *self.link_objects.values()))
 
-    def _paddings_in(self, scene: Scene) -> Floats:
-        """Return by how much each link is grown with what the objects that it is are padded by."""
-        store, paddings = scene._store, self.paddings.copy()
+    def _own_bodies(self, scene: Scene) -> OwnBodies:
+        """Return the bodies of links, grown as the objects that they are, and of the attached."""
+        grown = self.paddings.copy()
         for link, names in self.link_objects.items():
-            slots = [store.slots[name] for name in names if name in store.slots]
-            paddings[self.link_rows[link]] += store.own_paddings[slots].max(initial=0.0)
-        return paddings
-
-    def _made(self, scene: Scene) -> Arrays:
-        grown = self._paddings_in(scene)
-        if not np.array_equal(grown, self._grown):
-            self._grown, self._bodies, self._meshes = grown, None, None
-        if self._bodies is None:
+            grown[self.link_rows[link]] += largest_padding(scene, names)
+        if self._own is None or not np.array_equal(grown, self._grown):
+            shapes = [shapes for robot in self.robots for shapes in robot.shapes]
+            parts = [
+                Part(shape, pose, link, float(grown[link]), link)
+                for link, placed in enumerate(shapes)
+                for shape, pose in placed
+            ]
             attached = list(self.attached.values())
-            self._bodies = own_bodies(
-                self.robots, self._grown, attached, self.paddings, self._chains
-            )
-        of_links = self._bodies
-        own, owners = of_links.bodies, of_links.owners
-        frame = len(self.link_names)
-        world = world_of(scene._store, scene._cache, frame, self.origin, self.left_out, self._kept)
+            for row, each in enumerate(attached, start=len(shapes)):
+                padding = float(self.paddings[each.link]) + each.padding
+                parts.append(Part(each.shape, each.pose, each.link, padding, row))
+            allowed = self._allowed_of(attached)
+            self._grown, self._own = grown, OwnBodies.of(parts, allowed, self._chains)
+        return self._own
+
+    def _allowed_of(self, attached: Sequence[Attached]) -> Mask:
+        """Return the pairs not checked with rows for what is attached after those of the links."""
+        links = [each.link for each in attached]
+        groups = np.append(self._groups, self._groups[np.array(links, np.int64)])
+        result = groups[:, None] == groups
+        count = len(self._allowed)
+        result[:count, :count] = self._allowed
+        for row, each in enumerate(attached, start=count):
+            touched = list(each.touch_links)
+            result[row, touched] = result[touched, row] = True
+        return result
+
+    def _made(self, scene: Scene) -> Prepared:
+        own = self._own_bodies(scene)
+        world = world_of(scene, len(self.link_names), self.origin, self.left_out, self._kept)
         links = [*self.link_names, *self.attached]
-        objects = [str(scene._store.names[slot]) for slot in world.slots]
-        names = [*links, *objects]
-        allowed = with_attached(self._allowed, self._groups, list(self.attached.values()))
+        names, count, allowed = [*links, *world.names], len(links), own.allowed
         world_allowed = np.zeros((0, 0), np.bool_)
-        known_as = [self.link_objects.get(link) or (link,) for link in links]
-        count = sum(map(len, known_as))
-        counted = _rules(scene, [*(name for each in known_as for name in each), *objects])
+        counted = self._counted(scene, links, world.names)
         if counted is not None:
-            rows, columns = (each.ravel() for each in np.indices((count, count + len(objects))))
-            starts = np.cumsum([0, *map(len, known_as)])[:-1]
-            pairs = counted(rows, columns).reshape(count, count + len(objects))
-            pairs = np.logical_or.reduceat(pairs, starts, axis=0)  # any name of a link will do
-            allowed = allowed | ~np.logical_or.reduceat(pairs[:, :count], starts, axis=1)
-            world_allowed = ~pairs[owners, count:]
+            allowed = allowed | ~counted[:, :count]
+            world_allowed = np.ascontiguousarray(~counted[own.owners, count:])
         tests = Tests(
-            of_links.links, of_links.starts, of_links.centers, of_links.spheres,
-            body_pairs(owners, allowed), np.ascontiguousarray(world_allowed), len(owners),
+            *own.links, body_pairs(own.owners, allowed), world_allowed, len(own.owners),
             world.tree.nodes, world.tree.starts, world.tree.order,
         )  # fmt: skip
-        all_owners = np.concatenate([owners, np.arange(len(links), len(names)), [-1]])
-        return Arrays(self.tree, merged(own, world.bodies), tests, world, names, all_owners)
+        checked = Checked(self.tree, joined([own.bodies, world.bodies]), tests)
+        owners = np.concatenate([own.owners, np.arange(count, len(names)), [-1]])
+        return Prepared(checked, own, world, self.limits, names, owners)
 
-    def mesh_bodies(self) -> MeshBodies:
-        """Return the bodies of robots as meshes, in the same order."""
-        if self._meshes is None:
-            self._meshes = mesh_bodies(
-                self.robots, self._grown, list(self.attached.values()), self.paddings
-            )
-        return self._meshes
+    def _counted(self, scene: Scene, links: list[str], objects: list[str]) -> Mask | None:
+        """Return (links, links and objects) which pairs count by the rules of a scene.
+
+        None: all of them. Any name of a link, of those that objects have that it is, will do.
+        """
+        known_as = [self.link_objects.get(link) or (link,) for link in links]
+        rules = pair_rules(scene, [*chain.from_iterable(known_as), *objects])
+        if rules is None:
+            return None
+        count = sum(map(len, known_as))
+        shape = count, count + len(objects)
+        pairs = rules(*(each.ravel() for each in np.indices(shape))).reshape(shape)
+        starts = np.cumsum([0, *map(len, known_as)])[:-1]
+        pairs = np.logical_or.reduceat(pairs, starts, axis=0)
+        among = np.logical_or.reduceat(pairs[:, :count], starts, axis=1)
+        return np.hstack([among, pairs[:, count:]])
 
 
-def prefixed(names: Sequence[str | None], parts: Sequence[tuple[str, ...]]) -> tuple[str, ...]:
+def _prefixed(names: Sequence[str | None], parts: Sequence[tuple[str, ...]]) -> tuple[str, ...]:
     """Return the parts of all robots, each with the name of its robot in front, if it has one."""
     pairs = zip(names, parts, strict=True)
     return tuple(
         part if name is None else f"{name}/{part}" for name, each in pairs for part in each
     )
-
-
-def _rules(scene: Scene, names: list[str]) -> PairFilter | None:
-    """Return which pairs of names count by the rules of a scene, None for all."""
-    rules = AllowedPairs()
-    rules.replace(AllowedPairs.of(scene.allowed))
-    rules.only, rules.within = scene.check_only, scene.allowed_within
-    return rules.pair_filter(names, 0)

@@ -32,7 +32,13 @@ import numpy as np
 
 from obb_collision._jit import njit
 from obb_collision.numerics.vec3 import norm, vector_at
-from obb_collision.robots.bodies.state_arrays import Bodies, Placed, Tests, new_placed, place_state
+from obb_collision.robots.checks.arrays import (
+    Checked,
+    PairValues,
+    Placed,
+    new_placed,
+    place_state,
+)
 from obb_collision.robots.checks.states import gather, may_collide
 from obb_collision.robots.kinematics.kinematics import FIXED, FLOATING, PLANAR, PRISMATIC, Tree
 from obb_collision.typing import Floats, Integers, Mask
@@ -49,18 +55,39 @@ PROBES = 12
 FREE, COLLIDING, OPEN = -1, -2, 0
 
 
-class Speeds(NamedTuple):
-    """How fast bodies move at most during one motion, metres per parameter, and what it takes."""
+class Motions(NamedTuple):
+    """Motions from starts to ends (n, joints); bodies are nowhere farther from joints than reaches.
 
-    reaches: Floats  #: (robots' bodies, links): from a joint's axis to the body, -1: not below it
+    reaches (robots' bodies, links): from a joint's axis to the body, -1: not below it.
+    """
+
+    starts: Floats
+    ends: Floats
+    reaches: Floats
+
+
+class FirstHits(NamedTuple):
+    """Where each motion first collides (n,), NaN for free, if it is undecided, the pair (n, 2)."""
+
+    parameters: Floats
+    undecided: Mask
+    pairs: Integers
+
+
+class Room(NamedTuple):
+    """Where one motion is examined; speeds are bounds, metres per parameter."""
+
+    placed: Placed
     joints: Floats  #: (links, 2): linear and angular speed of each joint
-    bodies: Floats  #: (robots' bodies,) against the world
-    pairs: Floats  #: (p,) against each other
+    speeds: PairValues
+    near: PairValues
+    state: Floats  #: (1, joints)
+    stack: Floats  #: (DEPTH, 2) intervals to examine, the earliest last
 
 
 @njit
 def joint_reaches(tree: Tree, frames: Integers, extents: Floats, moved: Floats) -> Floats:
-    """Return ``Speeds.reaches`` of bodies that are within extents (b,) of their frames' origins.
+    """Return ``Motions.reaches`` of bodies that are within extents (b,) of their frames' origins.
 
     moved (columns,): the largest magnitude of each joint's value in all motions.
     """
@@ -82,54 +109,55 @@ def joint_reaches(tree: Tree, frames: Integers, extents: Floats, moved: Floats) 
 
 
 @njit
-def _set_speeds(tree: Tree, tests: Tests, starts: Floats, ends: Floats, n: int, s: Speeds) -> None:
-    """Write the speeds of joints, bodies and pairs in motion n."""
+def _set_speeds(
+    checked: Checked, motions: Motions, n: int, joints: Floats, speeds: PairValues, row: int
+) -> None:
+    """Write the speeds of joints, and those of bodies and pairs to a row, in motion n."""
+    tree, pairs, (starts, ends, reaches) = checked.tree, checked.tests.pairs, motions
     for link in range(len(tree.parents)):
-        s.joints[link, 0] = s.joints[link, 1] = 0.0
+        joints[link, 0] = joints[link, 1] = 0.0
         kind, column = tree.kinds[link], tree.columns[link]
         if kind == FIXED:
             continue
         speed = abs(tree.multipliers[link] * (ends[n, column] - starts[n, column]))
         if kind < PRISMATIC:
-            s.joints[link, 1] = speed
+            joints[link, 1] = speed
         elif kind == PRISMATIC:
-            s.joints[link, 0] = speed
+            joints[link, 0] = speed
         else:
             for k in range(3 if kind == FLOATING else 2):
-                s.joints[link, 0] += abs(ends[n, column + k] - starts[n, column + k])
+                joints[link, 0] += abs(ends[n, column + k] - starts[n, column + k])
             if kind == PLANAR:
-                s.joints[link, 1] = abs(ends[n, column + 2] - starts[n, column + 2])
+                joints[link, 1] = abs(ends[n, column + 2] - starts[n, column + 2])
             else:
-                s.joints[link, 1] = _turning_speed(starts, ends, n, column + 3)
-    for i in range(len(s.bodies)):
-        s.bodies[i] = _speed(s, i, -1)
-    for m in range(len(tests.pairs)):
-        i, j = tests.pairs[m, 0], tests.pairs[m, 1]
-        s.pairs[m] = _speed(s, i, j) + _speed(s, j, i)
+                joints[link, 1] = _turning_speed(starts, ends, n, column + 3)
+    for i in range(len(reaches)):
+        speeds.bodies[row, i] = _speed(reaches, joints, i, -1)
+    for m in range(len(pairs)):
+        i, j = pairs[m, 0], pairs[m, 1]
+        speeds.pairs[row, m] = _speed(reaches, joints, i, j) + _speed(reaches, joints, j, i)
 
 
 @njit
 def speeds_kernel(
-    tree: Tree, tests: Tests, reaches: Floats, starts: Floats, ends: Floats, bodies: Floats,
-    pairs: Floats, start: int, stop: int,
-) -> None:  # fmt: skip
-    """Write the speeds of bodies (n, b) and of pairs (n, p) in each motion."""
-    links = len(tree.parents)
+    checked: Checked, motions: Motions, speeds: PairValues, start: int, stop: int
+) -> None:
+    """Write the speeds of bodies and of pairs in each motion."""
+    joints = np.empty((len(checked.tree.parents), 2))
     for n in range(start, stop):
-        speeds = Speeds(reaches, np.empty((links, 2)), bodies[n], pairs[n])
-        _set_speeds(tree, tests, starts, ends, n, speeds)
+        _set_speeds(checked, motions, n, joints, speeds, n)
 
 
 @njit
-def _speed(s: Speeds, i: int, other: int) -> float:
+def _speed(reaches: Floats, joints: Floats, i: int, other: int) -> float:
     """Return the speed of body i by the joints above it that are not above another one."""
     total = 0.0
-    for link in range(s.reaches.shape[1]):
-        reach = s.reaches[i, link]
-        if reach >= 0.0 and not (other >= 0 and s.reaches[other, link] >= 0.0):
-            total += s.joints[link, 0]
-            if s.joints[link, 1] > 0.0:
-                total += s.joints[link, 1] * reach
+    for link in range(reaches.shape[1]):
+        reach = reaches[i, link]
+        if reach >= 0.0 and not (other >= 0 and reaches[other, link] >= 0.0):
+            total += joints[link, 0]
+            if joints[link, 1] > 0.0:
+                total += joints[link, 1] * reach
     return total * BOUND_GROWTH
 
 
@@ -153,54 +181,52 @@ def _turning_speed(starts: Floats, ends: Floats, n: int, column: int) -> float:
     return 2.0 * math.sqrt(square / length) if length > 1e-20 * square else np.inf
 
 
-class Room(NamedTuple):
-    """Where one motion is examined."""
-
-    placed: Placed
-    speeds: Speeds
-    grown: Floats  #: (robots' bodies,)
-    grown_pairs: Floats  #: (p,)
-    state: Floats  #: (1, joints)
-    stack: Floats  #: (DEPTH, 2) intervals to examine, the earliest last
-
-
 @njit
 def motions_kernel(
-    tree: Tree, bodies: Bodies, tests: Tests, level: int, reaches: Floats, starts: Floats,
-    ends: Floats, resolution: float, parameters: Floats, undecided: Mask, pairs: Integers,
+    checked: Checked, level: int, motions: Motions, resolution: float, hits: FirstHits,
     start: int, stop: int,
 ) -> None:  # fmt: skip
-    """Write where each motion first collides (n,), NaN for free, if it is undecided, the pair."""
-    links, own = len(tree.parents), tests.first
-    speeds = Speeds(reaches, np.empty((links, 2)), np.empty(own), np.empty(len(tests.pairs)))
+    """Write where each motion first collides."""
+    own, pairs = checked.tests.first, len(checked.tests.pairs)
     room = Room(
-        new_placed(bodies, tests, links), speeds, np.empty(own), np.empty(len(tests.pairs)),
-        np.empty((1, starts.shape[1])), np.empty((DEPTH, 2)),
+        new_placed(checked), np.empty((len(checked.tree.parents), 2)),
+        PairValues(np.empty((1, own)), np.empty((1, pairs))),
+        PairValues(np.empty((1, own)), np.empty((1, pairs))),
+        np.empty((1, motions.starts.shape[1])), np.empty((DEPTH, 2)),
     )  # fmt: skip
     for n in range(start, stop):
-        _set_speeds(tree, tests, starts, ends, n, speeds)
-        parameter, certain, i, j = _first_collision(
-            tree, bodies, tests, level, starts, ends, n, resolution, room
-        )
-        parameters[n], undecided[n] = parameter, not certain
-        pairs[n, 0], pairs[n, 1] = i, j
+        _set_speeds(checked, motions, n, room.joints, room.speeds, 0)
+        parameter, certain, i, j = _first_collision(checked, level, motions, n, resolution, room)
+        hits.parameters[n], hits.undecided[n] = parameter, not certain
+        hits.pairs[n, 0], hits.pairs[n, 1] = i, j
 
 
 @njit(inline=True, refcount=False)
 def _first_collision(
-    tree: Tree, bodies: Bodies, tests: Tests, level: int, starts: Floats, ends: Floats, n: int,
-    resolution: float, room: Room,
-) -> tuple[float, bool, int, int]:  # fmt: skip
-    """Return up to where motion n is free, whether that is certain to be all, and the pair."""
+    checked: Checked, level: int, motions: Motions, n: int, resolution: float, room: Room
+) -> tuple[float, bool, int, int]:
+    """Return up to where motion n is free, whether that is certain to be all, and the pair.
+
+    Where an interval is open, and no state after it collides soon, what led to it is a near miss.
+    """
     stack, placed = room.stack, room.placed
     stack[0, 0], stack[0, 1] = 0.0, 1.0
-    depth, hit, one, other, tried = 1, np.inf, -1, -1, 0
+    depth, hit, one, other, tried, probes = 1, np.inf, -1, -1, 0, 0
+    i = j = -1
+    first = last = step = 0.0
     while depth > 0:
-        depth -= 1
-        tried += 1
-        first, last = stack[depth, 0], stack[depth, 1]
-        middle, half = 0.5 * (first + last), 0.5 * (last - first) * BOUND_GROWTH
-        found, kind = _examined(tree, bodies, tests, level, starts, ends, n, middle, half, room)
+        middle, half = last, 0.0
+        if probes == 0:
+            depth -= 1
+            tried += 1
+            first, last = stack[depth, 0], stack[depth, 1]
+            middle, half = 0.5 * (first + last), 0.5 * (last - first) * BOUND_GROWTH
+        found, kind = _examined(checked, level, motions, n, middle, half, room)
+        if probes > 0:
+            last, step, probes = last + step, 2.0 * step, probes - 1
+            if kind != FREE or probes == 0 or last > 1.0:
+                return first, kind != FREE, i, j
+            continue
         if kind == FREE:
             continue
         i, j = placed.candidates[found, 0], placed.candidates[found, 1]
@@ -213,10 +239,9 @@ def _first_collision(
             if enough or half * _fastest(room.speeds) <= resolution:
                 return first, True, i, j
         elif last_of_all or near <= resolution or tried >= MOST_STATES:
-            certain = hit < np.inf or _collides_after(
-                tree, bodies, tests, level, starts, ends, n, last, last - first, room
-            )
-            return first, certain, i, j
+            if hit < np.inf:
+                return first, True, i, j
+            depth, probes, step = 1, PROBES, last - first
         else:
             stack[depth, 0], stack[depth, 1] = middle, last
             stack[depth + 1, 0], stack[depth + 1, 1] = first, middle
@@ -225,50 +250,36 @@ def _first_collision(
 
 
 @njit(inline=True, refcount=False)
-def _fastest(speeds: Speeds) -> float:
+def _fastest(speeds: PairValues) -> float:
     """Return the largest speed of any body or pair."""
     fastest = 0.0
-    for speed in speeds.bodies:
-        fastest = max(fastest, speed)
-    for speed in speeds.pairs:
-        fastest = max(fastest, speed)
+    for i in range(speeds.bodies.shape[1]):
+        fastest = max(fastest, speeds.bodies[0, i])
+    for m in range(speeds.pairs.shape[1]):
+        fastest = max(fastest, speeds.pairs[0, m])
     return fastest
 
 
 @njit(inline=True, refcount=False)
-def _collides_after(
-    tree: Tree, bodies: Bodies, tests: Tests, level: int, starts: Floats, ends: Floats, n: int,
-    time: float, step: float, room: Room,
-) -> bool:  # fmt: skip
-    """Return whether a state collides soon after a time: then what led to it was no near miss."""
-    for _ in range(PROBES):
-        if time > 1.0:
-            return False
-        _, kind = _examined(tree, bodies, tests, level, starts, ends, n, time, 0.0, room)
-        if kind != FREE:
-            return True
-        time, step = time + step, 2.0 * step
-    return False
-
-
-@njit(inline=True, refcount=False)
 def _examined(
-    tree: Tree, bodies: Bodies, tests: Tests, level: int, starts: Floats, ends: Floats, n: int,
-    time: float, half: float, room: Room,
-) -> tuple[int, int]:  # fmt: skip
+    checked: Checked, level: int, motions: Motions, n: int, time: float, half: float, room: Room
+) -> tuple[int, int]:
     """Return what a state proves of motion n for the time ``half`` before and after it.
 
     FREE, COLLIDING (itself) or OPEN, and the candidate that is the reason.
     """
-    state, placed = room.state, room.placed
+    starts, ends, state, placed, bodies = (
+        motions.starts, motions.ends, room.state, room.placed, checked.bodies,
+    )  # fmt: skip
+    near, speeds = room.near, room.speeds
     for k in range(state.shape[1]):
         state[0, k] = starts[n, k] + time * (ends[n, k] - starts[n, k])
-    for i in range(tests.first):
-        room.grown[i] = half * room.speeds.bodies[i] if half > 0.0 else 0.0
-    for m in range(len(tests.pairs)):
-        room.grown_pairs[m] = half * room.speeds.pairs[m] if half > 0.0 else 0.0
-    place_state(tree, bodies, tests, state, 0, placed)
-    count = gather(bodies, tests, placed, room.grown, room.grown_pairs, True)
+    for i in range(near.bodies.shape[1]):
+        near.bodies[0, i] = half * speeds.bodies[0, i] if half > 0.0 else 0.0
+    for m in range(near.pairs.shape[1]):
+        near.pairs[0, m] = half * speeds.pairs[0, m] if half > 0.0 else 0.0
+    place_state(checked, state, 0, placed)
+    count = gather(checked, placed, near, 0, True)
     if count < 0:
         return 0, COLLIDING
     reason = -1

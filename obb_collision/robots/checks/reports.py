@@ -12,14 +12,14 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What checks of states and motions of robots return."""
+"""Reports of checks of states and motions of robots."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -42,7 +42,7 @@ class StatePairs(NamedTuple):
 
 
 class FirstPairs:
-    """A pair of links or objects per row, as rows of ``names``; -1 for none."""
+    """A pair of links or objects per row (n, 2), as rows of ``names``; -1 for none."""
 
     first_pairs: Integers
     names: Sequence[str]
@@ -54,9 +54,33 @@ class FirstPairs:
             None if a < 0 else (self.names[a], self.names[b]) for a, b in self.first_pairs.tolist()
         ]
 
+    def __len__(self) -> int:
+        return len(self.first_pairs)
 
-@dataclass(frozen=True, eq=False)
-class StateReport(FirstPairs):
+
+class Validity(FirstPairs):
+    """What is valid: within limits, and free of collisions."""
+
+    out_of_limits: Mask
+    _things: ClassVar[str] = ""
+
+    @cached_property
+    def colliding(self) -> Mask:
+        """(n,) what collides, or, of motions, may."""
+        return np.asarray(self.first_pairs[:, 0] >= 0)
+
+    @cached_property
+    def valid(self) -> Mask:
+        """(n,) what is within limits and, certainly, free."""
+        return np.asarray(~(self.colliding | self.out_of_limits.any(axis=1)))
+
+    def __repr__(self) -> str:
+        count = int(self.valid.sum())
+        return f"{type(self).__name__}({count} of {len(self)}{self._things} valid)"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class StateReport(Validity):
     """Which states of robots are valid: within limits, and free of collisions.
 
     Attributes
@@ -76,16 +100,7 @@ class StateReport(FirstPairs):
     first_pairs: Integers
     names: Sequence[str]
     all_pairs: StatePairs | None = None
-
-    @cached_property
-    def colliding(self) -> Mask:
-        """(n,) which states collide."""
-        return np.asarray(self.first_pairs[:, 0] >= 0)
-
-    @cached_property
-    def valid(self) -> Mask:
-        """(n,) which states are within limits and free."""
-        return np.asarray(~(self.colliding | self.out_of_limits.any(axis=1)))
+    _things: ClassVar[str] = " states"
 
     def pairs_of(self, state: int) -> list[tuple[str, str]]:
         """Return the names of all colliding pairs of a state, if they were asked for.
@@ -104,12 +119,6 @@ class StateReport(FirstPairs):
         states, pairs = self.all_pairs
         first, last = np.searchsorted(states, [state, state + 1])
         return [(self.names[a], self.names[b]) for a, b in pairs[first:last].tolist()]
-
-    def __len__(self) -> int:
-        return len(self.first_pairs)
-
-    def __repr__(self) -> str:
-        return f"StateReport({int(self.valid.sum())} of {len(self)} states valid)"
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,12 +151,9 @@ class StateDistances(FirstPairs):
     directions: Floats
     names: Sequence[str]
 
-    def __len__(self) -> int:
-        return len(self.distances)
 
-
-@dataclass(frozen=True, eq=False)
-class MotionReport(FirstPairs):
+@dataclass(frozen=True, eq=False, repr=False)
+class MotionReport(Validity):
     """Which motions are valid from start to end, between the two as well.
 
     Attributes
@@ -172,24 +178,8 @@ class MotionReport(FirstPairs):
     first_pairs: Integers
     names: Sequence[str]
 
-    @cached_property
-    def colliding(self) -> Mask:
-        """(n,) which motions collide, or may."""
-        return np.asarray(self.first_pairs[:, 0] >= 0)
-
-    @cached_property
-    def valid(self) -> Mask:
-        """(n,) which motions are within limits and certainly free."""
-        return np.asarray(~(self.colliding | self.out_of_limits.any(axis=1)))
-
     @property
     def first_invalid(self) -> int | None:
         """The first motion that is not valid, None if all are."""
         rows = np.flatnonzero(~self.valid)
         return int(rows[0]) if len(rows) else None
-
-    def __len__(self) -> int:
-        return len(self.parameters)
-
-    def __repr__(self) -> str:
-        return f"{type(self).__name__}({int(self.valid.sum())} of {len(self)} valid)"

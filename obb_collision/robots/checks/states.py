@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Kernels that check one state of robots after another: which bodies may collide.
+"""Checks of states: which bodies of robots and of the world may collide, one state after another.
 
 A body is a shape of a link, of something attached to one, or of the world. Tests go from cheap to
 exact, and each lets through all that the next one reports: spheres, boxes by their separating axes,
@@ -24,9 +24,12 @@ bodies to a function, and counting references to them, takes longer than most of
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from obb_collision._jit import njit
+from obb_collision._threads import run
 from obb_collision.accuracy import Accuracy
 from obb_collision.numerics.vec3 import (
     components,
@@ -39,43 +42,51 @@ from obb_collision.numerics.vec3 import (
 )
 from obb_collision.queries.meshes.convex import Corners, apart
 from obb_collision.queries.meshes.tree_boxes import place_at, relative_pose
-from obb_collision.queries.verdict.coarse import faces_separate
 from obb_collision.queries.verdict.pair_frame import Box, box_at, pair_of
 from obb_collision.queries.verdict.verdict import SEPARATE, fast_verdict
-from obb_collision.robots.bodies.state_arrays import (
+from obb_collision.robots.checks.arrays import (
     LINK_PLACING,
-    Bodies,
+    Checked,
+    LinkBodies,
+    PairValues,
     Placed,
-    Tests,
     new_placed,
     place_state,
     placed_box,
     slack_of,
 )
-from obb_collision.robots.kinematics.kinematics import Tree
+from obb_collision.robots.checks.meshes import mesh_collisions_of
+from obb_collision.robots.checks.model import Prepared
+from obb_collision.robots.checks.reports import StatePairs, StateReport
 from obb_collision.scene.broad_phase.lanes import LANES, lowest, overlaps
-from obb_collision.typing import Floats, Integers, Vector
+from obb_collision.typing import Floats, Integers, Rows, Vector
 
-SPHERE, AABB, FACES, HULL = (
-    int(level) for level in (Accuracy.SPHERE, Accuracy.AABB, Accuracy.OBB_FACES, Accuracy.HULL)
-)
+SPHERE, AABB, HULL = (int(level) for level in (Accuracy.SPHERE, Accuracy.AABB, Accuracy.HULL))
+#: States below which a second thread does not pay: 0.1 ms of them.
+FEWEST_STATES = 64
+
+
+class Found(NamedTuple):
+    """Pairs of bodies (m, 2), those of state n up to row ``ends[n]``, and their numbers (n,)."""
+
+    counts: Integers
+    ends: Integers
+    pairs: Integers
 
 
 @njit(inline=True, refcount=False)
-def gather(
-    bodies: Bodies, tests: Tests, placed: Placed, grown: Floats, grown_pairs: Floats, stop: bool
-) -> int:
+def gather(checked: Checked, placed: Placed, near: PairValues, row: int, stop: bool) -> int:
     """Write the pairs whose spheres overlap to candidates; return their number.
 
-    grown (robots' bodies,), grown_pairs (p,): distances within which a body and the world, or a
-    pair, count as colliding, metres. First the world, from the last link on: tips collide most.
-    stop: whether to end with a pair that certainly collides, by balls within the bodies; it is then
-    the first candidate, and the number is -1.
+    near: distances within which they count as colliding, metres, in its row. First the world, from
+    the last link on: tips collide most. stop: whether to end with a pair that certainly collides,
+    by balls within the bodies; it is then the first candidate, and the number is -1.
     """
+    bodies, tests = checked.bodies, checked.tests
     nodes, starts, order = tests.nodes, tests.levels, tests.order
     centers, spheres, inner = placed.centers, bodies.spheres, bodies.inner
     blocks, levels = placed.waiting[0], placed.waiting[1]
-    candidates, limits = placed.candidates, placed.grown
+    candidates, limits, grown = placed.candidates, placed.grown, near.bodies
     allowed, ruled = tests.allowed, len(tests.allowed) > 0
     count = 0
     for k in range(len(tests.links) if len(order) else 0):
@@ -85,7 +96,7 @@ def gather(
         x, y, z = plus(vector_at(placed.positions, frame), middle)
         radius = 0.0
         for i in range(first, last):
-            radius = max(radius, grown[i] + 2.0 * slack_of(bodies, i, (x, y, z)))
+            radius = max(radius, grown[row, i] + 2.0 * slack_of(bodies, i, (x, y, z)))
         radius += tests.spheres[group]
         levels[0], blocks[0] = len(starts) - 2, 0
         depth = 1
@@ -110,40 +121,32 @@ def gather(
                         continue
                     center = vector_at(centers, i)
                     square = square_distance(b, minus(b.center, center))
-                    reach = spheres[i] + grown[i] + 2.0 * slack_of(bodies, i, center)
+                    reach = spheres[i] + grown[row, i] + 2.0 * slack_of(bodies, i, center)
                     reach += LINK_PLACING * bodies.reaches[j]
                     if square > reach * reach * (1.0 + LINK_PLACING):
                         continue
                     candidates[count, 0], candidates[count, 1] = i, j
-                    limits[count] = grown[i]
+                    limits[count] = grown[row, i]
                     count += 1
                     if stop and bodies.boxes[j] and square <= inner[i] * inner[i]:
                         candidates[0, 0], candidates[0, 1] = i, j
                         return -1
-    pairs = tests.pairs
+    pairs, grown = tests.pairs, near.pairs
     for n in range(len(pairs)):
         i, j = pairs[n, 0], pairs[n, 1]
         d = minus(vector_at(centers, j), vector_at(centers, i))
-        reach = spheres[i] + spheres[j] + grown_pairs[n]
+        reach = spheres[i] + spheres[j] + grown[row, n]
         reach += LINK_PLACING * (bodies.reaches[i] + bodies.reaches[j])
         candidates[count, 0], candidates[count, 1] = i, j
-        limits[count] = grown_pairs[n]
+        limits[count] = grown[row, n]
         count += dot(d, d) <= reach * reach * (1.0 + LINK_PLACING)
     return count
 
 
 @njit(inline=True, refcount=False)
-def find_collision(bodies: Bodies, placed: Placed, count: int, level: int) -> int:
-    """Return the first candidate that may collide, -1 if none does."""
-    for n in range(count):
-        i, j = placed.candidates[n, 0], placed.candidates[n, 1]
-        if may_collide(bodies, placed, i, j, placed.grown[n], level):
-            return n
-    return -1
-
-
-@njit(inline=True, refcount=False)
-def may_collide(bodies: Bodies, placed: Placed, i: int, j: int, grown: float, level: int) -> bool:
+def may_collide(
+    bodies: LinkBodies, placed: Placed, i: int, j: int, grown: float, level: int
+) -> bool:
     """Return whether bodies i and j are not certainly farther apart than ``grown`` on a level."""
     center, other = vector_at(placed.centers, i), vector_at(placed.centers, j)
     grown += slack_of(bodies, i, center) + slack_of(bodies, j, other)
@@ -163,8 +166,6 @@ def may_collide(bodies: Bodies, placed: Placed, i: int, j: int, grown: float, le
     if level == AABB:
         return _bounds_touch(d, a, b)
     pair, size = pair_of(a, b)
-    if level == FACES:
-        return not faces_separate(pair, size)
     if fast_verdict(pair, size) == SEPARATE:
         return False
     return level < HULL or not _hulls_apart(bodies, placed, i, j, d, grown)
@@ -192,7 +193,9 @@ def _bounds_touch(d: Vector, a: Box, b: Box) -> bool:
 
 
 @njit(inline=True, refcount=False)
-def _hulls_apart(bodies: Bodies, placed: Placed, i: int, j: int, d: Vector, grown: float) -> bool:
+def _hulls_apart(
+    bodies: LinkBodies, placed: Placed, i: int, j: int, d: Vector, grown: float
+) -> bool:
     """Return whether a direction certainly separates two hulls; d: from one centre to the other."""
     a = place_at(placed.positions, placed.rotations, bodies.frames[i])
     b = place_at(placed.positions, placed.rotations, bodies.frames[j])
@@ -204,55 +207,96 @@ def _hulls_apart(bodies: Bodies, placed: Placed, i: int, j: int, d: Vector, grow
 
 
 @njit
-def first_pairs_kernel(
-    tree: Tree, bodies: Bodies, tests: Tests, level: int, states: Floats, out: Integers,
+def pairs_kernel(
+    checked: Checked, level: int, states: Floats, near: PairValues, first: bool, found: Found,
     start: int, stop: int,
 ) -> None:  # fmt: skip
-    """Write the first pair of bodies that may collide in each state to out (n, 2); -1 for none."""
-    placed = new_placed(bodies, tests, len(tree.parents))
-    grown, grown_pairs = np.zeros(tests.first), np.zeros(len(tests.pairs))
-    _fill_first_pairs(
-        tree, bodies, tests, level, states, placed, grown, grown_pairs, out, start, stop
-    )
+    """Write the pairs of bodies that may collide in each state; without room, their numbers.
+
+    first: only the first of each state. States whose number is 0 are left out if there is room.
+    """
+    _fill_pairs(checked, level, states, near, first, found, new_placed(checked), start, stop)
 
 
 @njit(inline=True, refcount=False)
-def _fill_first_pairs(
-    tree: Tree, bodies: Bodies, tests: Tests, level: int, states: Floats, placed: Placed,
-    grown: Floats, grown_pairs: Floats, out: Integers, start: int, stop: int,
+def _fill_pairs(
+    checked: Checked, level: int, states: Floats, near: PairValues, first: bool, found: Found,
+    placed: Placed, start: int, stop: int,
 ) -> None:  # fmt: skip
+    counts, ends, pairs, bodies = found.counts, found.ends, found.pairs, checked.bodies
     for n in range(start, stop):
-        place_state(tree, bodies, tests, states, n, placed)
-        count = gather(bodies, tests, placed, grown, grown_pairs, True)
-        found = 0 if count < 0 else find_collision(bodies, placed, count, level)
-        for k in range(2):
-            out[n, k] = placed.candidates[found, k] if found >= 0 else -1
-
-
-@njit
-def all_pairs_kernel(
-    tree: Tree, bodies: Bodies, tests: Tests, level: int, states: Floats, grown: Floats,
-    grown_pairs: Floats, counts: Integers, ends: Integers, out: Integers, start: int, stop: int,
-) -> None:  # fmt: skip
-    """Write every pair that may collide to out (m, 2), that of state n up to row ``ends[n]``.
-
-    Without room in out, only their numbers to counts (n,). grown (k, robots' bodies), grown_pairs
-    (k, p): as for ``gather``, of each state, or one for all.
-    """
-    placed = new_placed(bodies, tests, len(tree.parents))
-    for n in range(start, stop):
-        row = n if len(grown) > 1 else 0
-        if len(out) and counts[n] == 0:
+        if len(pairs) and counts[n] == 0:
             continue
-        place_state(tree, bodies, tests, states, n, placed)
-        count = gather(bodies, tests, placed, grown[row], grown_pairs[row], False)
-        found = 0
-        for m in range(count):
+        place_state(checked, states, n, placed)
+        count = gather(checked, placed, near, n if len(near.bodies) > 1 else 0, first)
+        number = 0
+        for m in range(abs(count)):
             i, j = placed.candidates[m, 0], placed.candidates[m, 1]
-            if may_collide(bodies, placed, i, j, placed.grown[m], level):
-                found += 1
-                if len(out):
-                    row = ends[n] - found
-                    out[row, 0], out[row, 1] = i, j
-        if len(out) == 0:
-            counts[n] = found
+            if count < 0 or may_collide(bodies, placed, i, j, placed.grown[m], level):
+                number += 1
+                if len(pairs):
+                    pairs[ends[n] - number, 0], pairs[ends[n] - number, 1] = i, j
+                if first:
+                    break
+        if len(pairs) == 0:
+            counts[n] = number
+
+
+def first_pairs(checked: Checked, accuracy: Accuracy, states: Floats) -> Integers:
+    """Return a pair of bodies (n, 2) that may collide in each state, -1 for none."""
+    count = len(states)
+    found = Found(np.ones(count, np.int64), np.arange(1, count + 1), np.full((count, 2), -1))
+    near = no_distances(checked)
+    run(pairs_kernel, count, FEWEST_STATES, checked, int(accuracy), states, near, True, found)
+    return found.pairs
+
+
+def all_pairs(
+    checked: Checked, accuracy: Accuracy, states: Floats, near: PairValues | None = None
+) -> tuple[Rows, Integers]:
+    """Return the states (m,), ascending, of all pairs (m, 2) of bodies that may collide.
+
+    near: distances within which they count as colliding; zero by default.
+    """
+    near = no_distances(checked) if near is None else near
+    counts = np.zeros(len(states), np.int64)
+    found = Found(counts, counts, np.empty((0, 2), np.int64))
+    check = pairs_kernel, len(states), FEWEST_STATES, checked, int(accuracy), states, near, False
+    run(*check, found)
+    ends = np.cumsum(counts)
+    found = Found(counts, ends, np.empty((int(counts.sum()), 2), np.int64))
+    run(*check, found)
+    return np.repeat(np.arange(len(states)), counts), found.pairs
+
+
+def no_distances(checked: Checked) -> PairValues:
+    """Return that bodies must touch to collide."""
+    return PairValues(np.zeros((1, checked.tests.first)), np.zeros((1, len(checked.tests.pairs))))
+
+
+def check_states(
+    prepared: Prepared, accuracy: Accuracy, states: Floats, every: bool
+) -> StateReport:
+    """Return which states (n, joints) are valid; every: with all colliding pairs."""
+    checked = prepared.checked
+    first = prepared.owners_of(first_pairs(checked, accuracy, states))
+    found = None
+    if accuracy == Accuracy.MESH:
+        rows = np.flatnonzero(first[:, 0] >= 0)
+        near = np.ascontiguousarray(states[rows])
+        numbers, pairs = all_pairs(checked, accuracy, near)
+        kept = mesh_collisions_of(prepared, near[numbers], pairs)
+        found = _named_pairs(prepared, rows[numbers[kept]], pairs[kept])
+        first = np.full_like(first, -1)
+        rows, places = np.unique(found.states, return_index=True)
+        first[rows] = found.pairs[places]
+    elif every:
+        found = _named_pairs(prepared, *all_pairs(checked, accuracy, states))
+    out = prepared.limits.exceeded(states)
+    return StateReport(out, first, prepared.names, found if every else None)
+
+
+def _named_pairs(prepared: Prepared, states: Rows, pairs: Integers) -> StatePairs:
+    """Return pairs of bodies as those of links and objects, each once per state."""
+    unique = np.unique(np.column_stack([states, prepared.owners_of(pairs)]), axis=0)
+    return StatePairs(unique[:, 0], unique[:, 1:])

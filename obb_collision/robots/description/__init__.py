@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What a robot is: URDF and SRDF, its links and their shapes, and ``Robot``."""
+"""Descriptions of robots: URDF and SRDF, links and their shapes, and ``Robot``."""

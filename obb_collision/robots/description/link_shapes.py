@@ -34,7 +34,7 @@ from obb_collision.geometry.shapes.files import (
 )
 from obb_collision.geometry.validation import check_kind
 from obb_collision.robots.description.urdf import Collision, Description, Triple
-from obb_collision.robots.description.xml_values import Element
+from obb_collision.robots.description.xml_values import Element, RobotError
 from obb_collision.shapes import Box, Capsule, Cylinder, Mesh, Shape, Sphere
 from obb_collision.words import MAX_PATH, shown
 
@@ -138,11 +138,16 @@ def shapes_of(description: Description, source: MeshSource) -> dict[str, tuple[P
 
 def _shape(collision: Collision, source: MeshSource) -> Shape:
     element = collision.element
-    with element.reasons():
-        shape = _mesh(element, source) if collision.kind == "mesh" else _primitive(element)
+    try:
+        shape = _mesh(element, source) if element.tag == "mesh" else _primitive(element)
         _ = shape.local_box
-        return shape
-    raise AssertionError("not reached")
+    except RobotError:
+        raise
+    except ValueError as error:
+        raise element.refuse(str(error)) from error
+    except MemoryError as error:
+        raise element.refuse("there is not enough memory") from error
+    return shape
 
 
 def _primitive(element: Element) -> Shape:

@@ -109,8 +109,9 @@ class Robot:
     """
 
     def __init__(
-        self, description: Description, shapes: dict[str, tuple[PlacedShape, ...]],
-        root: str, joints: list[Joint], virtual: Joint | None = None,
+        self, description: Description, semantics: Semantics,
+        shapes: dict[str, tuple[PlacedShape, ...]], root: str, joints: list[Joint],
+        virtual: Joint | None,
     ) -> None:  # fmt: skip
         moving = joints if virtual is None else [virtual, *joints]
         variables = variables_of(moving)
@@ -121,9 +122,20 @@ class Robot:
         self.link_names, self.tree = tree_of(root, joints, variables, virtual)
         self.shapes = tuple(shapes[link] for link in self.link_names)
         self.joints = tuple(moving)
-        self._doubts = description.doubts
         self.adjacent_pairs = _adjacent_pairs(joints, shapes)
-        self._set_semantics(NOTHING)
+        self.virtual_joint: VirtualJoint | None = semantics.virtual_joint
+        self.groups: dict[str, Group] = semantics.groups
+        self.group_states = semantics.group_states
+        self.end_effectors = semantics.end_effectors
+        self.default_disabled = semantics.default_disabled
+        self.doubts = description.doubts + semantics.doubts
+        defaults = {
+            sorted_pair(link, other)
+            for link in semantics.default_disabled
+            for other in self.link_names
+            if other != link
+        }
+        self.disabled_pairs: Pairs = semantics.disabled | (defaults - semantics.enabled)
 
     @classmethod
     def from_urdf(
@@ -173,24 +185,7 @@ class Robot:
             semantics = read_srdf(parse(data, file), description.name, links, joints)
         virtual = _joint_of(semantics.virtual_joint, description) if moves else None
         shapes = shapes_of(description, MeshSource(path, package_dirs, read_mesh))
-        robot = cls(description, shapes, root, joints, virtual)
-        robot._set_semantics(semantics)
-        return robot
-
-    def _set_semantics(self, semantics: Semantics) -> None:
-        self.virtual_joint: VirtualJoint | None = semantics.virtual_joint
-        self.groups: dict[str, Group] = semantics.groups
-        self.group_states = semantics.group_states
-        self.end_effectors = semantics.end_effectors
-        self.default_disabled = semantics.default_disabled
-        self.doubts = self._doubts + semantics.doubts
-        defaults = {
-            sorted_pair(link, other)
-            for link in semantics.default_disabled
-            for other in self.link_names
-            if other != link
-        }
-        self.disabled_pairs: Pairs = semantics.disabled | (defaults - semantics.enabled)
+        return cls(description, semantics, shapes, root, joints, virtual)
 
     def link_poses(self, states: ArrayLike) -> Floats:
         """Return the poses of all links, in the frame of the root link.

@@ -12,14 +12,14 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""SRDF: what MoveIt knows of a robot beside its URDF: pairs not to check, groups, virtual joint."""
+"""SRDF: pairs of links not to check, groups, end effectors and the virtual joint of a robot."""
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
-from obb_collision.robots.description.urdf import Joint, JointKind, check_count
-from obb_collision.robots.description.xml_values import Element
+from obb_collision.robots.description.urdf import Joint, JointKind
+from obb_collision.robots.description.xml_values import Element, limited
 
 #: Maximum number of groups, and of what all of them hold: a hundred times that of large robots.
 MOST_GROUPS, MOST_MEMBERS = 1000, 10_000
@@ -120,12 +120,8 @@ class _Reader:
         """Return the virtual joint of the root; others are doubts."""
         chosen = None
         for element in self._srdf.children("virtual_joint"):
-            word, child = element.word("type"), element.word("child_link")
-            if word not in VIRTUAL:
-                raise element.refuse(f"its type must be one of {', '.join(VIRTUAL)}, got {word!r}")
-            joint = VirtualJoint(
-                element.word("name"), VIRTUAL[word], element.word("parent_frame"), child
-            )
+            kind, child = element.choice("type", VIRTUAL), element.word("child_link")
+            joint = VirtualJoint(element.word("name"), kind, element.word("parent_frame"), child)
             if joint.name in self._by_name:
                 raise element.refuse("a joint of the URDF has the same name")
             if child != self._links[0]:
@@ -139,66 +135,56 @@ class _Reader:
     def groups(self) -> dict[str, Group]:
         """Return all groups, with what their subgroups have."""
         elements: dict[str, Element] = {}
-        found = self._srdf.children("group")
-        check_count(found, MOST_GROUPS, "groups")
-        parts = [part for element in found for part in element.children()]
-        check_count(parts, MOST_MEMBERS, "parts of groups")
+        found = self._srdf.few("group", MOST_GROUPS, "groups")
+        limited(
+            [part for each in found for part in each.children()], MOST_MEMBERS, "parts of groups"
+        )
         for element in found:
-            name = element.word("name")
-            if name in elements:
+            if elements.setdefault(element.word("name"), element) is not element:
                 raise element.refuse("there is another group of this name")
-            elements[name] = element
         members = {name: self._members(element) for name, element in elements.items()}
         return {name: self._group(name, elements, members) for name in elements}
 
     def _group(
-        self, name: str, elements: dict[str, Element],
-        members: dict[str, tuple[set[str], set[str], list[str]]],
-    ) -> Group:  # fmt: skip
+        self,
+        name: str,
+        elements: dict[str, Element],
+        members: dict[str, tuple[set[str], list[str]]],
+    ) -> Group:
         """Return a group with all that its subgroups have, and theirs."""
         seen, waiting = {name}, [name]
-        joints: set[str] = set()
         links: set[str] = set()
         while waiting:
-            own_joints, own_links, below = members[waiting.pop()]
-            joints, links = joints | own_joints, links | own_links
-            for other in below:
-                if other == name:
-                    raise elements[name].refuse("it is a part of itself")
-                if other in members and other not in seen:
-                    seen.add(other)
-                    waiting.append(other)
+            own, below = members[waiting.pop()]
+            links |= own
+            if name in below:
+                raise elements[name].refuse("it is a part of itself")
+            new = [other for other in below if other in members and other not in seen]
+            seen.update(new)
+            waiting += new
         return Group(
-            tuple(joint.name for joint in self._joints if joint.name in joints),
+            tuple(joint.name for joint in self._joints if joint.child in links),
             tuple(link for link in self._links if link in links),
         )
 
-    def _members(self, group: Element) -> tuple[set[str], set[str], list[str]]:
-        """Return joints, links and the names of subgroups of a group's own elements.
+    def _members(self, group: Element) -> tuple[set[str], list[str]]:
+        """Return the links of a group's own elements, and the names of its subgroups.
 
-        A joint brings its child link, a link the joint above it.
+        A joint brings its child link, and a link the joint above it.
         """
-        joints: set[str] = set()
         links: set[str] = set()
         below: list[str] = []
         for element in group.children():
             if element.tag == "group":
                 below.append(element.word("name"))
             elif element.tag == "chain":
-                chain = self._chain(element)
-                joints |= {joint.name for joint in chain}
-                links |= {joint.child for joint in chain}
-            elif element.tag == "joint":
+                links.update(joint.child for joint in self._chain(element))
+            elif element.tag == "joint":  # the virtual joint is none of the URDF's
                 joint = self._by_name.get(element.word("name"))
-                if joint is None:  # the virtual joint is none of the URDF's
-                    continue
-                joints.add(joint.name)
-                links.add(joint.child)
+                links |= set() if joint is None else {joint.child}
             elif element.tag == "link" and (link := self.link(element, "name")) is not None:
                 links.add(link)
-                if link in self._parents:
-                    joints.add(self._parents[link].name)
-        return joints, links, below
+        return links, below
 
     def _chain(self, element: Element) -> list[Joint]:
         """Return the joints from the base of a chain to its tip."""
@@ -214,8 +200,7 @@ class _Reader:
 
     def end_effectors(self) -> dict[str, str]:
         """Return the group of each end effector, by its name."""
-        found = self._srdf.children("end_effector")
-        check_count(found, MOST_GROUPS, "end effectors")
+        found = self._srdf.few("end_effector", MOST_GROUPS, "end effectors")
         return {element.word("name"): element.word("group") for element in found}
 
     def group_states(self) -> dict[tuple[str, str], dict[str, tuple[float, ...]]]:

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""URDF as it is written: links with their collision geometries, joints with their limits.
+"""URDF: links with their collision geometries, joints with their limits.
 
 What it says of appearance, masses and simulation is left alone. Origins become poses here; files
 of meshes are read elsewhere.
@@ -23,10 +23,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from enum import IntEnum
+from pathlib import Path
 from typing import NamedTuple
 
 from obb_collision.geometry.poses import Pose
-from obb_collision.robots.description.xml_values import Element
+from obb_collision.robots.description.xml_values import Element, limited, parse, read_source
 
 #: Maximum number of links, ten times that of humanoids with hands: pairs of them are listed.
 MOST_LINKS = 1000
@@ -51,6 +52,9 @@ class JointKind(IntEnum):
     FLOATING = 5
 
 
+KINDS = {kind.name.lower(): kind for kind in JointKind}
+
+
 class Mimic(NamedTuple):
     """A joint's value is that of another one times a multiplier, plus an offset."""
 
@@ -62,7 +66,6 @@ class Mimic(NamedTuple):
 class Collision(NamedTuple):
     """A collision geometry as it is written, in the frame of its link."""
 
-    kind: str
     element: Element
     pose: Pose
 
@@ -108,12 +111,9 @@ def read_urdf(robot: Element) -> Description:
     if robot.tag != "robot":
         raise robot.refuse("the root of a URDF is <robot>")
     links: dict[str, tuple[Collision, ...]] = {}
-    elements = robot.children("link")
-    check_count(elements, MOST_LINKS, "links")
-    check_count(
-        [one for element in elements for one in element.children("collision")],
-        MOST_GEOMETRIES, "collision geometries",
-    )  # fmt: skip
+    elements = robot.few("link", MOST_LINKS, "links")
+    geometries = [one for element in elements for one in element.children("collision")]
+    limited(geometries, MOST_GEOMETRIES, "collision geometries")
     for element in elements:
         name = element.word("name")
         if name in links:
@@ -139,27 +139,17 @@ def read_urdf(robot: Element) -> Description:
     return Description(robot.word("name"), links, joints, robot, tuple(doubts))
 
 
-def check_count(elements: list[Element], most: int, what: str) -> None:
-    """Raise RobotError, naming the first one too many, for more elements than there may be."""
-    if len(elements) > most:
-        raise elements[most].refuse(f"there are {len(elements)} {what}, {most} is the limit")
-
-
 def _read_collision(element: Element) -> Collision:
     geometry = element.needed("geometry")
     found = geometry.children(*GEOMETRIES)
     if len(found) != 1:
         what = "none" if not found else f"{len(found)}"
         raise geometry.refuse(f"it must hold one of {', '.join(GEOMETRIES)}, got {what}")
-    return Collision(found[0].tag, found[0], _read_origin(element))
+    return Collision(found[0], _read_origin(element))
 
 
 def _read_joint(element: Element) -> Joint:
-    word = element.word("type")
-    kinds = {kind.name.lower(): kind for kind in JointKind}
-    if word not in kinds:
-        raise element.refuse(f"its type must be one of {', '.join(kinds)}, got {word!r}")
-    kind = kinds[word]
+    kind = element.choice("type", KINDS)
     lower, upper, velocity = _read_limits(element, kind)
     return Joint(
         element.word("name"), kind, element.needed("parent").word("link"),
@@ -178,11 +168,7 @@ def _read_origin(element: Element) -> Pose:
         return (x, y, z, *quaternion_of_angles(roll, pitch, yaw))
     if origin.get("rpy") is not None:
         raise origin.refuse("it has both rpy and quat_xyzw")
-    quaternion = origin.numbers("quat_xyzw", 4, ())
-    length = math.hypot(*quaternion)
-    if not length > 0.0:
-        raise origin.refuse("its quat_xyzw is zero")
-    qx, qy, qz, qw = (part / length for part in quaternion)
+    qx, qy, qz, qw = origin.unit("quat_xyzw", 4)
     return x, y, z, qx, qy, qz, qw
 
 
@@ -206,11 +192,7 @@ def _read_axis(element: Element, kind: JointKind) -> Triple | None:
     axis = None if kind in (JointKind.FIXED, JointKind.FLOATING) else element.child("axis")
     if axis is None or axis.get("xyz") is None:
         return None
-    numbers = axis.numbers("xyz", 3, ())
-    length = math.hypot(*numbers)
-    if not length > 0.0:
-        raise axis.refuse("its xyz is zero")
-    x, y, z = (part / length for part in numbers)
+    x, y, z = axis.unit("xyz", 3)
     length = math.hypot(x, y, z)  # of tiny numbers the division is not exact
     return x / length, y / length, z / length
 
@@ -240,3 +222,19 @@ def _read_mimic(element: Element, kind: JointKind) -> Mimic | None:
     if kind in (JointKind.PLANAR, JointKind.FLOATING):
         raise mimic.refuse(f"a {kind.name.lower()} joint can't mimic another one")
     return Mimic(mimic.word("joint"), mimic.number("multiplier", 1.0), mimic.number("offset", 0.0))
+
+
+def description_text(urdf: Path) -> str:
+    """Return the text of a URDF, its meshes by ``file://``: on a topic it has no folder.
+
+    ValueError where it is no XML.
+    """
+    from lxml import etree  # here, as what needs no robots need not load it
+
+    data, file, _ = read_source(urdf, "urdf")
+    top = parse(data, file).node
+    for mesh in top.iter("mesh"):
+        name = mesh.get("filename", "")
+        if name and "://" not in name:
+            mesh.set("filename", (urdf.parent / name).resolve().as_uri())
+    return str(etree.tostring(top, encoding="unicode"))

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""XML from anywhere, read within limits, and its values: whatever is wrong is named with its line.
+"""XML from anywhere, read within limits, and its values; errors name file, line and element.
 
 Nothing is fetched and nothing expanded: a document type, which defines entities and may refer to
 other files, is refused.
@@ -22,16 +22,16 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from obb_collision.geometry.shapes.files import read_file, shortened
 from obb_collision.numerics.constants import MAX_MAGNITUDE
 from obb_collision.words import MAX_PATH, printable, shown, text_fault
 
+T = TypeVar("T")
 #: Maximum size of a description, bytes: a hundred times the largest of real robots.
 LARGEST = 16_000_000
 #: Maximum levels of elements: a collision's mesh is at the fifth, Gazebo's extensions at the tenth.
@@ -71,9 +71,6 @@ class Element:
         self.tag = str(node.tag)
         self.label = label if name is not None or not within else f"{label} of {within}"
 
-    def __bool__(self) -> bool:
-        return True
-
     @property
     def line(self) -> int:
         """Its line in the file."""
@@ -83,18 +80,6 @@ class Element:
         """Return the error that names this element."""
         return RobotError(self._file, self.line, self.label, reason)
 
-    @contextmanager
-    def reasons(self) -> Iterator[None]:
-        """Name this element in the ValueErrors, and in the MemoryErrors, of the block."""
-        try:
-            yield
-        except RobotError:
-            raise
-        except ValueError as error:
-            raise self.refuse(str(error)) from error
-        except MemoryError as error:
-            raise self.refuse("there is not enough memory") from error
-
     def children(self, *tags: str) -> list[Element]:
         """Return the children of some tags, or all, in the order of the file."""
         return [
@@ -102,6 +87,10 @@ class Element:
             for node in self.node
             if isinstance(node.tag, str) and (not tags or node.tag in tags)
         ]
+
+    def few(self, tag: str, most: int, what: str) -> list[Element]:
+        """Return the children of a tag; RobotError, naming the first one too many, for more."""
+        return limited(self.children(tag), most, what)
 
     def child(self, tag: str) -> Element | None:
         """Return the child of a tag, None without one; RobotError for several."""
@@ -132,6 +121,21 @@ class Element:
             raise self.refuse(f"its {key} {fault}")
         return value
 
+    def choice(self, key: str, table: Mapping[str, T]) -> T:
+        """Return what an attribute names in a table; RobotError for anything else."""
+        word = self.word(key)
+        if word not in table:
+            raise self.refuse(f"its {key} must be one of {', '.join(table)}, got {word!r}")
+        return table[word]
+
+    def unit(self, key: str, count: int) -> tuple[float, ...]:
+        """Return the numbers of an attribute as a unit vector; RobotError for zeros."""
+        numbers = self.numbers(key, count, ())
+        length = math.hypot(*numbers)
+        if not length > 0.0:
+            raise self.refuse(f"its {key} is zero")
+        return tuple(part / length for part in numbers)
+
     def numbers(self, key: str, count: int, default: Sequence[float]) -> tuple[float, ...]:
         """Return the finite numbers of an attribute."""
         value = self.get(key)
@@ -160,6 +164,13 @@ class Element:
                 f"its {key} must be of finite numbers up to {MAX_MAGNITUDE:g}, got {shown(text)}"
             )
         return number
+
+
+def limited(elements: list[Element], most: int, what: str) -> list[Element]:
+    """Return elements; RobotError, naming the first one too many, for more than there may be."""
+    if len(elements) > most:
+        raise elements[most].refuse(f"there are {len(elements)} {what}, {most} is the limit")
+    return elements
 
 
 def read_source(source: str | bytes | PathLike[str], what: str) -> tuple[bytes, str, Path | None]:
@@ -192,40 +203,31 @@ def parse(data: bytes, file: str) -> Element:
         events=("start", "end"), resolve_entities=False, no_network=True, load_dtd=False,
         dtd_validation=False, huge_tree=False, remove_comments=True, remove_pis=True,
     )  # fmt: skip
+    count = level = 0
     try:
-        limits = _Limits(file)
-        for first in range(0, len(data), PORTION):
-            parser.feed(data[first : first + PORTION])
-            limits.look(parser.read_events())
-        root = parser.close()
-        limits.look(parser.read_events())
+        for first in range(0, len(data) + PORTION, PORTION):
+            if first < len(data):
+                parser.feed(data[first : first + PORTION])
+            else:
+                root = parser.close()
+            for event, node in parser.read_events():
+                level += 1 if event == "start" else -1
+                count += event == "start"
+                reason = _excess(node, count, level) if event == "start" else ""
+                if reason:
+                    raise RobotError(file, int(node.sourceline or 0), "", reason)
     except etree.XMLSyntaxError as error:
         reason = f"no XML: {shortened(str(error.msg))}"
         raise RobotError(file, int(error.lineno or 0), "", reason) from None
     return Element(root, file)
 
 
-class _Limits:
-    """What has been parsed of a file, against the limits."""
-
-    def __init__(self, file: str) -> None:
-        self._file, self._elements, self._level = file, 0, 0
-
-    def look(self, events: Any) -> None:
-        """Raise RobotError where a limit is exceeded."""
-        for event, node in events:
-            if event == "end":
-                self._level -= 1
-                continue
-            if self._elements == 0 and node.getroottree().docinfo.internalDTD is not None:
-                self._refuse(node, "a document type (<!DOCTYPE) is not read")
-            self._elements, self._level = self._elements + 1, self._level + 1
-            if self._level > MOST_LEVELS:
-                self._refuse(node, f"nested too deeply, more than {MOST_LEVELS} levels")
-            if self._elements > MOST_ELEMENTS:
-                self._refuse(node, f"there are more than {MOST_ELEMENTS} elements")
-            if XACRO in str(node.tag):
-                self._refuse(node, "this is a xacro file: run xacro on it first")
-
-    def _refuse(self, node: Any, reason: str) -> None:
-        raise RobotError(self._file, int(node.sourceline or 0), "", reason)
+def _excess(node: Any, count: int, level: int) -> str:
+    """Return why an element is refused, "" if it is not; count, level: of elements up to it."""
+    if count == 1 and node.getroottree().docinfo.internalDTD is not None:
+        return "a document type (<!DOCTYPE) is not read"
+    if level > MOST_LEVELS:
+        return f"nested too deeply, more than {MOST_LEVELS} levels"
+    if count > MOST_ELEMENTS:
+        return f"there are more than {MOST_ELEMENTS} elements"
+    return "this is a xacro file: run xacro on it first" if XACRO in str(node.tag) else ""

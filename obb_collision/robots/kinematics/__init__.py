@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""From states of joints to poses of links; splines as short straight motions."""
+"""Poses of links from states of joints; splines as short straight motions."""

@@ -71,13 +71,11 @@ def checked_states(
     for column in tree.columns[tree.kinds == FLOATING]:
         zeros = ~np.any(checked[:, column + 3 : column + 7], axis=1)
         refuse_where(zeros, f"{name} must have no quaternion of zeros", by_row=not single)
-    return checked, single
+    return (checked if checked.flags.writeable else checked.copy()), single  # kernels: one kind
 
 
 def link_poses(tree: Tree, states: Floats) -> Floats:
-    """Return the poses (n, links, 7) of links in the frame of the root, of valid states (n, m)."""
-    if not states.flags.writeable:  # the kernel would be compiled once more
-        states = states.copy()
+    """Return the poses (n, links, 7) of links in the root's frame, of checked states (n, m)."""
     poses = np.empty((len(states), len(tree.parents), 7))
     run(fill_link_poses, len(states), FEWEST_STATES, tree, states, poses)
     return poses

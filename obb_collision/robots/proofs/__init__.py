@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Which pairs of links can collide at all, proved; and SRDF made of it."""
+"""Proofs of which pairs of links can collide at all, and SRDF made of them."""

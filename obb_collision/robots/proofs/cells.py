@@ -12,34 +12,49 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Branch and bound over the variables between two links: what holds in a whole box of them.
+"""Kernels of proofs: branch and bound over the variables between two links.
 
 In a cell, a box of variables, a direction that separates two bodies in the middle of the cell
-separates them everywhere if it does so by more than the bodies can move along it (``cell_bounds``).
-Likewise they collide everywhere if they are deeper in the middle than they can move.
+separates them everywhere if it does so by more than the bodies can move along it. Likewise they
+collide everywhere if they are deeper in the middle than they can move.
+
+Joints are counted from the frame in which a direction n is fixed. The motion along n of a point p
+by joints with axes w_i through o_i, whose values are off by at most d_i, is at most
+
+    sum_i d_i |n.(w_i x (p - o_i))| + 1/2 sum_j r_j d_j (d_j + 2 sum_(i<j) d_i):
+
+the second derivative by joints i <= j is w_i x (w_j x (p - o_j)), which is no longer than the
+distance r_j of p from the axis of joint j. For a joint that slides, r_j is 1, and what belongs to
+two that slide is left out. It is at most sum_i min(d_i, 2) r_i as well. r_j holds in the whole
+cell: it is that in the middle, and what the joints behind j move.
 """
 
 from __future__ import annotations
 
+import math
+from typing import NamedTuple
+
 import numpy as np
 
 from obb_collision._jit import njit
-from obb_collision.numerics.vec3 import combined, dot, minus, negated, plus
-from obb_collision.queries.convex.depth import Polytope, deepest, room_for_depth
-from obb_collision.queries.meshes.tree_boxes import relative_pose
-from obb_collision.robots.proofs.cell_bounds import (
-    Moving,
-    Work,
-    add_curves,
-    add_slopes,
-    core_of,
-    distance_of,
-    least_along,
-    measure,
-    place_body,
-    work_for,
+from obb_collision.numerics.vec3 import (
+    axes_of,
+    combined,
+    components,
+    cross,
+    dot,
+    minus,
+    negated,
+    norm,
+    plus,
+    scaled,
+    vector_at,
 )
-from obb_collision.typing import Floats, Vector
+from obb_collision.queries.convex.depth import Polytope, deepest, room_for_depth
+from obb_collision.queries.convex.distance import Search, search
+from obb_collision.queries.convex.support import CORNERS, Core
+from obb_collision.queries.meshes.tree_boxes import Place, moved, relative_pose
+from obb_collision.typing import Axes, Floats, Integers, Mask, Vector
 
 #: What a proof must leave, relative to the reach of both bodies: far above all rounding, and above
 #: what counts as touching in checks of states.
@@ -55,22 +70,108 @@ GOES_ON, PROVED, FOUND, UNDECIDED = 0, 1, 2, 3
 STEPS, FARTHER, LONGEST = 100, 1.5, 0.3
 #: Cells that may wait: each division leaves one, and no variable is divided more than 60 times.
 MOST_CELLS = 4096
+NO_CELLS: Floats = np.empty((0, 2, 0))
 
 
-@njit
+class Chain(NamedTuple):
+    """k joints from a frame outwards: F_0 J_0 F_1 J_1 ... F_k, which is the frame of a link.
+
+    Joint i turns about an axis through the origin, or slides along it, by its factor times a
+    variable plus its offset.
+    """
+
+    places: Floats  #: (k + 1, 3) of F
+    turns: Floats  #: (k + 1, 3, 3)
+    axes: Floats  #: (k, 3) unit vectors
+    slides: Mask  #: (k,) whether it slides
+    columns: Integers  #: (k,) its variable, a row of the limits
+    factors: Floats  #: (k,)
+    offsets: Floats  #: (k,)
+
+
+class Moving(NamedTuple):
+    """A convex body, what moves it, and what kernels write to, of each joint."""
+
+    chain: Chain
+    blocks: Floats  #: (m, 3, LANES) corners in the frame of the link
+    center: Vector  #: of a sphere around it
+    sphere: float
+    round: float  #: radius around each point of the hull of the corners
+    reach: float  #: largest sum of magnitudes of coordinates of a point
+    origins: Floats  #: (k, 3) in the frame between the links
+    axes: Floats  #: (k, 3)
+    far: Floats  #: (k,) greatest distance of a point from the axis; 1 of those that slide
+    widths: Floats  #: (k,) half the width of the cell in its value
+
+
+class MovingPair(NamedTuple):
+    """Two bodies; limits (2, v): of the variables that move them against each other."""
+
+    a: Moving
+    b: Moving
+    limits: Floats
+
+
+class Gap(NamedTuple):
+    """Where two bodies are in a state, and how far the hulls of their corners are apart."""
+
+    a: Place
+    b: Place
+    found: Search  #: in the frame of a
+    n: Vector  #: from a to b, in the frame between the links
+    p: Vector  #: the nearest points
+    q: Vector
+
+
+def find_state(pair: MovingPair, states: Floats, collides: bool) -> int:
+    """Return the first of states (n, v) in which the bodies collide, or do not; -1 for none."""
+    return _search(pair, states, NO_CELLS, 0, 0, collides, np.empty(pair.limits.shape[1]))[2]
+
+
+def descend_from(pair: MovingPair, states: Floats, witness: Floats) -> bool:
+    """Return whether going downhill from one of states (n, v) finds a collision: ``witness``."""
+    return _search(pair, states, NO_CELLS, 0, 1, True, witness)[0] == FOUND
+
+
 def search_cells(
-    a: Moving, b: Moving, cells: Floats, waiting: int, most: int, always: bool, limits: Floats,
-    witness: Floats,
-) -> tuple[int, int, int]:  # fmt: skip
+    pair: MovingPair, cells: Floats, waiting: int, most: int, always: bool, witness: Floats
+) -> tuple[int, int, int]:
     """Go on with a search; return how it ended, how many cells wait, and how many were visited.
 
     cells (MOST_CELLS + 1, 2, v): lower and upper limits of those that wait. most: how many to
-    visit. always: whether to prove that the bodies collide everywhere, and not nowhere. limits
-    (2, v): of all states. witness (v,): a state that shows that it is not so (FOUND), or where it
-    could not be decided.
+    visit. always: whether to prove that the bodies collide everywhere, and not nowhere. witness
+    (v,): a state that shows that it is not so (FOUND), or where it could not be decided.
     """
-    work, room = work_for(a, b), room_for_depth()
-    visited = 0
+    return _search(pair, pair.limits, cells, waiting, most, always, witness)
+
+
+@njit
+def _search(
+    pair: MovingPair, states: Floats, cells: Floats, waiting: int, most: int, collides: bool,
+    witness: Floats,
+) -> tuple[int, int, int]:  # fmt: skip
+    """Search cells; without any, states (n, v), or downhill from them: whether most is not zero.
+
+    All in one kernel, as every one with distances in it takes seconds to compile.
+    """
+    if len(cells):
+        return _search_cells(pair, cells, waiting, most, collides, witness)
+    for n in range(len(states)):
+        for v in range(len(witness)):
+            witness[v] = states[n, v]
+        if most > 0:
+            if _descend(pair, witness):
+                return FOUND, 0, n
+        elif _touch(pair, _gap(pair, witness)) == collides:
+            return FOUND, 0, n
+    return UNDECIDED, 0, -1
+
+
+@njit
+def _search_cells(
+    pair: MovingPair, cells: Floats, waiting: int, most: int, always: bool, witness: Floats
+) -> tuple[int, int, int]:
+    room, visited = room_for_depth(), 0
     while waiting > 0:
         if visited == most:
             return GOES_ON, waiting, visited
@@ -79,13 +180,15 @@ def search_cells(
         lower, upper = cells[waiting, 0], cells[waiting, 1]
         for v in range(len(witness)):
             witness[v] = 0.5 * (lower[v] + upper[v])
-        proved, collides, column = _look(a, b, lower, upper, witness, always, work, room)
-        if proved:
+        gap = _gap(pair, witness)
+        collides = _touch(pair, gap)
+        if _is_proved(pair, gap, lower, upper, collides, always, room):
             continue
         if collides != always:
             return FOUND, waiting, visited
+        column = _widest(pair, gap, lower, upper)
         if column < 0 or upper[column] - lower[column] < NARROWEST or waiting + 2 > MOST_CELLS:
-            found = not always and _descend(a, b, witness, limits, work)
+            found = not always and _descend(pair, witness)
             return FOUND if found else UNDECIDED, waiting, visited
         for v in range(len(witness)):
             cells[waiting + 1, 0, v], cells[waiting + 1, 1, v] = lower[v], upper[v]
@@ -95,47 +198,17 @@ def search_cells(
 
 
 @njit
-def find_state(a: Moving, b: Moving, states: Floats, collides: bool) -> int:
-    """Return the first of states (n, v) in which the bodies collide, or do not; -1 for none."""
-    work = work_for(a, b)
-    for n in range(len(states)):
-        place_a, place_b = place_body(a, states[n], 0, work), place_body(b, states[n], 1, work)
-        found = distance_of(a, place_a, b, place_b)
-        if (found.distance <= a.round + b.round) == collides:
-            return n
-    return -1
-
-
-@njit
-def descend_from(
-    a: Moving, b: Moving, states: Floats, limits: Floats, witness: Floats
-) -> bool:  # fmt: skip
-    """Return whether going downhill from one of states (n, v) finds a collision: ``witness``."""
-    work = work_for(a, b)
-    for n in range(len(states)):
-        for v in range(len(witness)):
-            witness[v] = states[n, v]
-        if _descend(a, b, witness, limits, work):
-            return True
-    return False
-
-
-@njit
-def _descend(a: Moving, b: Moving, state: Floats, limits: Floats, work: Work) -> bool:
+def _descend(pair: MovingPair, state: Floats) -> bool:
     """Move a state to where the bodies collide; return whether there is such a place near it."""
-    slopes = np.empty(len(state))
+    slopes, limits = np.empty(len(state)), pair.limits
     for _ in range(STEPS):
-        place_a, place_b = place_body(a, state, 0, work), place_body(b, state, 1, work)
-        found = distance_of(a, place_a, b, place_b)
-        gap = found.distance - a.round - b.round
-        if gap <= 0.0:
+        gap = _gap(pair, state)
+        distance = gap.found.distance - pair.a.round - pair.b.round
+        if distance <= 0.0:
             return True
-        n = combined(place_a.axes, found.normal)
-        p = plus(place_a.center, combined(place_a.axes, found.p))
-        q = plus(place_b.center, combined(place_b.axes, found.q))
         slopes[:] = 0.0
-        add_slopes(a, p, negated(n), 0, work, slopes)
-        add_slopes(b, q, n, 1, work, slopes)
+        _add_slopes(pair.a, gap.p, negated(gap.n), slopes)
+        _add_slopes(pair.b, gap.q, gap.n, slopes)
         total = 0.0
         for v in range(len(state)):
             blocked = state[v] <= limits[0, v] if slopes[v] > 0.0 else state[v] >= limits[1, v]
@@ -144,68 +217,197 @@ def _descend(a: Moving, b: Moving, state: Floats, limits: Floats, work: Work) ->
         if total == 0.0:
             return False
         for v in range(len(state)):
-            step = -FARTHER * gap * slopes[v] / total
+            step = -FARTHER * distance * slopes[v] / total
             step = min(max(step, -LONGEST), LONGEST)
             state[v] = min(max(state[v] + step, limits[0, v]), limits[1, v])
     return False
 
 
 @njit
-def _look(
-    a: Moving, b: Moving, lower: Floats, upper: Floats, middle: Floats, always: bool, work: Work,
-    room: Polytope,
-) -> tuple[bool, bool, int]:  # fmt: skip
-    """Return whether a cell is proved, whether the middle collides, and where to divide it."""
-    place_a, place_b = place_body(a, middle, 0, work), place_body(b, middle, 1, work)
-    found = distance_of(a, place_a, b, place_b)
-    collides = found.distance <= a.round + b.round
-    spread_a = measure(a, place_a, lower, upper, 0, work)
-    spread_b = measure(b, place_b, lower, upper, 1, work)
-    size = a.reach + b.reach
-    n = combined(place_a.axes, found.normal)
-    if collides and always:
-        pose = relative_pose(place_a, place_b, size)
-        core_a, core_b = core_of(a), core_of(b)
-        depth = a.round + b.round
-        if found.distance > 0.0:
-            depth -= found.distance
-        else:
-            depth -= deepest(core_a, core_b, pose, found, room).gap
-        if depth - spread_a - spread_b > DEPTH_SLACK * size:
-            return True, collides, -1
-    if not collides and not always:
-        gap = least_along(b, place_b, n, spread_b, 1, work) + least_along(
-            a, place_a, negated(n), spread_a, 0, work
-        )
-        if gap > SLACK * size:
-            return True, collides, -1
-    p = plus(place_a.center, combined(place_a.axes, found.p))
-    q = plus(place_b.center, combined(place_b.axes, found.q))
-    return False, collides, _widest(a, p, b, q, n, lower, upper, work)
+def _gap(pair: MovingPair, state: Floats) -> Gap:
+    """Return where both bodies are in a state, and write the axes of their joints."""
+    a, b = _placed(pair.a, state), _placed(pair.b, state)
+    pose = relative_pose(a, b, pair.a.reach + pair.b.reach)
+    start = plus(moved(pose, pair.b.center), negated(pair.a.center))
+    found = search(_core_of(pair.a), _core_of(pair.b), pose, start, np.inf)
+    p, q = plus(a.center, combined(a.axes, found.p)), plus(b.center, combined(b.axes, found.q))
+    return Gap(a, b, found, combined(a.axes, found.normal), p, q)
 
 
 @njit
-def _widest(
-    a: Moving, p: Vector, b: Moving, q: Vector, n: Vector, lower: Floats, upper: Floats,
-    work: Work,
-) -> int:  # fmt: skip
+def _touch(pair: MovingPair, gap: Gap) -> bool:
+    """Return whether the bodies have a common point."""
+    return gap.found.distance <= pair.a.round + pair.b.round
+
+
+@njit
+def _placed(body: Moving, state: Floats) -> Place:
+    """Return where a body is, and write the axes of its joints."""
+    chain = body.chain
+    center, axes = vector_at(chain.places, 0), axes_of(chain.turns, 0)
+    for i in range(len(chain.axes)):
+        own = vector_at(chain.axes, i)
+        axis = combined(axes, own)
+        for k in range(3):
+            body.origins[i, k], body.axes[i, k] = center[k], axis[k]
+        value = chain.factors[i] * state[chain.columns[i]] + chain.offsets[i]
+        if chain.slides[i]:
+            center = plus(center, scaled(axis, value))
+        else:
+            axes = _product(axes, _turn(own, value))
+        center = plus(center, combined(axes, vector_at(chain.places, i + 1)))
+        axes = _product(axes, axes_of(chain.turns, i + 1))
+    return Place(center, axes)
+
+
+@njit
+def _product(a: Axes, b: Axes) -> Axes:
+    """Return the product of matrices, given and returned by columns."""
+    return combined(a, b[0]), combined(a, b[1]), combined(a, b[2])
+
+
+@njit
+def _turn(axis: Vector, angle: float) -> Axes:
+    """Return the columns of the rotation about a unit vector."""
+    x, y, z = axis
+    s, c = math.sin(angle), math.cos(angle)
+    d = 2.0 * math.sin(0.5 * angle) ** 2
+    return (
+        (c + d * x * x, d * x * y + s * z, d * x * z - s * y),
+        (d * x * y - s * z, c + d * y * y, d * y * z + s * x),
+        (d * x * z + s * y, d * y * z - s * x, c + d * z * z),
+    )
+
+
+@njit
+def _core_of(body: Moving) -> Core:
+    """Return the hull of the corners of a body, in the frame of its link."""
+    zero = 0.0, 0.0, 0.0
+    return Core(CORNERS, zero, 0.0, body.blocks, 0, len(body.blocks), body.reach, 0.0)
+
+
+@njit
+def _is_proved(
+    pair: MovingPair, gap: Gap, lower: Floats, upper: Floats, collides: bool, always: bool,
+    room: Polytope,
+) -> bool:  # fmt: skip
+    """Return whether the bodies collide, or do not, everywhere in a cell as they do in its middle.
+
+    Writes how far points are from the axes of joints, and how wide the cell is.
+    """
+    a, b, found = pair.a, pair.b, gap.found
+    spread_a, spread_b = _spread(a, gap.a, lower, upper), _spread(b, gap.b, lower, upper)
+    size = a.reach + b.reach
+    if collides != always:
+        return False
+    if not collides:
+        least = _least_along(b, gap.b, gap.n, spread_b)
+        return least + _least_along(a, gap.a, negated(gap.n), spread_a) > SLACK * size
+    depth = a.round + b.round
+    if found.distance > 0.0:
+        depth -= found.distance
+    else:
+        pose = relative_pose(gap.a, gap.b, size)
+        depth -= deepest(_core_of(a), _core_of(b), pose, found, room).gap
+    return depth - spread_a - spread_b > DEPTH_SLACK * size
+
+
+@njit
+def _spread(body: Moving, place: Place, lower: Floats, upper: Floats) -> float:
+    """Return how far points of a body move at most within a cell; write ``far`` and ``widths``."""
+    chain = body.chain
+    center = plus(place.center, combined(place.axes, body.center))
+    spread = 0.0
+    for i in range(len(chain.axes) - 1, -1, -1):
+        column = chain.columns[i]
+        width = 0.5 * abs(chain.factors[i]) * (upper[column] - lower[column])
+        far = 1.0
+        if not chain.slides[i]:
+            arm = minus(center, vector_at(body.origins, i))
+            far = norm(cross(vector_at(body.axes, i), arm)) + body.sphere + spread
+        body.far[i], body.widths[i] = far, width
+        spread += far * (width if chain.slides[i] else min(width, 2.0))
+    return spread
+
+
+@njit
+def _least_along(body: Moving, place: Place, n: Vector, spread: float) -> float:
+    """Return a lower bound of n.p for all points p of a body in all of a cell."""
+    count = len(body.chain.axes)
+    slopes = np.empty((count, 4))
+    curve = before = 0.0
+    for i in range(count):
+        axis, width = vector_at(body.axes, i), body.widths[i]
+        if body.chain.slides[i]:
+            slope, offset = (0.0, 0.0, 0.0), width * dot(n, axis)
+            curve += width * before
+        else:
+            across = scaled(cross(n, axis), width)  # n.(w x (p - o)) = (n x w).(p - o)
+            slope = components(place.axes, across)
+            offset = dot(across, minus(place.center, vector_at(body.origins, i)))
+            curve += body.far[i] * width * (0.5 * width + before)
+            before += width
+        slopes[i, 0], slopes[i, 1], slopes[i, 2] = slope
+        slopes[i, 3] = offset
+    own = components(place.axes, n)
+    bent = straight = np.inf
+    blocks = body.blocks
+    for block in range(len(blocks)):
+        for lane in range(blocks.shape[2]):
+            x = blocks[block, 0, lane], blocks[block, 1, lane], blocks[block, 2, lane]
+            along = dot(own, x)
+            straight = min(straight, along)
+            for i in range(count):
+                along -= abs(
+                    slopes[i, 0] * x[0] + slopes[i, 1] * x[1] + slopes[i, 2] * x[2] + slopes[i, 3]
+                )
+            bent = min(bent, along)
+    return dot(n, place.center) + max(bent - curve, straight - spread) - body.round
+
+
+@njit
+def _add_slopes(body: Moving, point: Vector, n: Vector, slopes: Floats) -> None:
+    """Add how fast a point of a body moves along n with each variable."""
+    chain = body.chain
+    for i in range(len(chain.axes)):
+        axis = vector_at(body.axes, i)
+        speed = axis
+        if not chain.slides[i]:
+            speed = cross(axis, minus(point, vector_at(body.origins, i)))
+        slopes[chain.columns[i]] += chain.factors[i] * dot(n, speed)
+
+
+@njit
+def _add_curves(body: Moving, curves: Floats) -> None:
+    """Add what each variable has to do with the curvature of the path of a body."""
+    chain = body.chain
+    total = 0.0
+    for i in range(len(chain.axes)):
+        if not chain.slides[i]:
+            total += body.widths[i]
+    for i in range(len(chain.axes)):
+        curves[chain.columns[i]] += body.widths[i] * body.far[i] * total
+
+
+@njit
+def _widest(pair: MovingPair, gap: Gap, lower: Floats, upper: Floats) -> int:
     """Return the variable that loosens the bound most; -1 if there is none.
 
     By the curvature of the paths, and where that alone does not prevent a proof, by how fast the
     nearest points p and q part along n.
     """
     slopes, curves = np.zeros(len(lower)), np.zeros(len(lower))
-    add_slopes(a, p, negated(n), 0, work, slopes)
-    add_slopes(b, q, n, 1, work, slopes)
-    add_curves(a, 0, work, curves)
-    add_curves(b, 1, work, curves)
-    gap = dot(n, minus(q, p)) - a.round - b.round
+    _add_slopes(pair.a, gap.p, negated(gap.n), slopes)
+    _add_slopes(pair.b, gap.q, gap.n, slopes)
+    _add_curves(pair.a, curves)
+    _add_curves(pair.b, curves)
+    room = dot(gap.n, minus(gap.q, gap.p)) - pair.a.round - pair.b.round
     for v in range(len(lower)):
         slopes[v] = 0.5 * abs(slopes[v]) * (upper[v] - lower[v])
-        gap -= slopes[v]
+        room -= slopes[v]
     best, found = 0.0, -1
     for v in range(len(lower)):
-        weight = curves[v] + (slopes[v] if gap <= 0.0 else 0.0)
+        weight = curves[v] + (slopes[v] if room <= 0.0 else 0.0)
         if weight > best and upper[v] > lower[v]:
             best, found = weight, v
     return found

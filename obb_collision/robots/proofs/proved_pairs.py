@@ -12,45 +12,53 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Which links of a robot can collide with each other at all, proved over all of its states.
+"""Proofs of which links of a robot can collide with each other at all, over all of its states.
 
 "never" and "always" are proved by branch and bound over the limits of the joints between two links
 (``cells``), for the convex bodies that stand for shapes at accuracy ``hull``; "can collide" comes
 with a state in which they do. What is neither proved nor found in time is undecided.
+
+Seen from a frame in the middle, each link is moved by half of the joints: bounds of their motion,
+which grow with the square of the number of joints, are a quarter of those seen from a link.
 """
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import combinations
+from typing import NamedTuple
 
 import numpy as np
 
+from obb_collision.geometry.poses import IDENTITY_POSE, compose_poses, inverse_poses, rotation_of
 from obb_collision.geometry.shapes.primitives import positive_number
 from obb_collision.geometry.validation import check_kind
-from obb_collision.numerics.intrinsics import in_blocks
-from obb_collision.robots.bodies.bodies import Body, body_of
-from obb_collision.robots.bodies.robot_arrays import chain_lengths
+from obb_collision.robots.checks.arrays import LinkBodies
+from obb_collision.robots.checks.bodies import body_of
+from obb_collision.robots.checks.robot_arrays import chain_lengths
 from obb_collision.robots.description.robot import Robot
 from obb_collision.robots.description.srdf import sorted_pair
-from obb_collision.robots.proofs.cell_bounds import Moving
+from obb_collision.robots.description.tree import driven
+from obb_collision.robots.description.urdf import Joint, JointKind
 from obb_collision.robots.proofs.cells import (
     FOUND,
     GOES_ON,
     MOST_CELLS,
     PROVED,
+    Chain,
+    Moving,
+    MovingPair,
     descend_from,
     find_state,
     search_cells,
 )
-from obb_collision.robots.proofs.chains import Between, Chain, chains_between
 from obb_collision.typing import Floats
 
-NEVER, ALWAYS, ADJACENT, CAN_COLLIDE, UNDECIDED = (
-    "never", "always", "adjacent", "can collide", "undecided"
-)  # fmt: skip
+NEVER, ALWAYS, ADJACENT = "never", "always", "adjacent"
+CAN_COLLIDE, UNDECIDED = "can collide", "undecided"
 #: Random states in which a collision is looked for first: those that are frequent are found so.
 SAMPLES = 1000
 #: Of them, from which one goes downhill to collisions that are rare: a hundredth of a second.
@@ -61,6 +69,8 @@ CELLS = 10_000
 SHARE = 4.0
 #: Seconds for "always", which is tried after a pair was found to collide in all samples.
 ALWAYS_TIME = 2.0
+#: The axis of a joint that has none.
+DEFAULT_AXIS = (1.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,9 +147,9 @@ def prove_pairs(
     done: dict[tuple[str, str], PairProof] = {}
     waiting = []
     for links in order:
-        between = None if links in robot.adjacent_pairs else chains_between(robot, *links)
+        between = None if links in robot.adjacent_pairs else _between(robot, *links)
         if between is not None:
-            waiting.append(_Pair(robot, links, between, bodies[links[0]], bodies[links[1]]))
+            waiting.append(_LinkPair(robot, links, between, bodies))
             continue
         done[links] = PairProof(links, ADJACENT if links in robot.adjacent_pairs else UNDECIDED)
         if progress is not None:
@@ -157,7 +167,7 @@ def prove_pairs(
     return [done[links] for links in order]
 
 
-def _bodies(robot: Robot) -> dict[str, list[Body]]:
+def _bodies(robot: Robot) -> dict[str, list[LinkBodies]]:
     """Return the bodies of all links with shapes, as checks of states have them."""
     chains = chain_lengths(robot.tree, robot.lower, robot.upper).tolist()
     return {
@@ -167,17 +177,27 @@ def _bodies(robot: Robot) -> dict[str, list[Body]]:
     }
 
 
-class _Pair:
+class _Between(NamedTuple):
+    """What moves two links relative to each other: two chains, and variables with limits."""
+
+    chains: tuple[Chain, Chain]
+    rows: list[int]  #: (v,) the variables in a state of the robot
+    limits: Floats  #: (2, v)
+
+
+class _LinkPair:
     """A pair of links and what moves them relative to each other."""
 
     def __init__(
-        self, robot: Robot, links: tuple[str, str], between: Between, a: list[Body], b: list[Body]
-    ) -> None:
+        self, robot: Robot, links: tuple[str, str], between: _Between,
+        bodies: dict[str, list[LinkBodies]],
+    ) -> None:  # fmt: skip
         self._robot, self.links, self.between = robot, links, between
-        self._bodies = [
-            (_moving(one, between.a), _moving(other, between.b)) for one in a for other in b
-        ]
-        self._limits: Floats = np.array([between.lower, between.upper])
+        a, b = (
+            [_moving(body, chain) for body in bodies[link]]
+            for link, chain in zip(links, between.chains, strict=True)
+        )
+        self._pairs = [MovingPair(one, other, between.limits) for one in a for other in b]
         self._cells = 0
 
     def prove(self, end: float) -> PairProof:
@@ -189,26 +209,20 @@ class _Pair:
 
     def load_kernels(self) -> None:
         """Compile or load the kernels, which takes up to a minute the first time."""
-        a, b = self._bodies[0]
-        count = len(self.between.rows)
-        find_state(a, b, np.empty((0, count)), True)
-        descend_from(a, b, np.empty((0, count)), self._limits, np.empty(count))
-        cells = np.empty((1, 2, count))
-        search_cells(a, b, cells, 0, 0, False, self._limits, np.empty(count))
+        find_state(self._pairs[0], np.empty((0, len(self.between.rows))), True)
 
     def _decide(self, end: float) -> tuple[str, Floats | None]:
-        between = self.between
-        random = np.random.default_rng(0)
-        states = random.uniform(between.lower, between.upper, (SAMPLES, len(between.rows)))
-        for a, b in self._bodies:
-            row = find_state(a, b, states, True)
+        lower, upper = self.between.limits
+        states = np.random.default_rng(0).uniform(lower, upper, (SAMPLES, len(lower)))
+        for pair in self._pairs:
+            row = find_state(pair, states, True)
             if row >= 0:
                 return self._always(states, min(end, time.monotonic() + ALWAYS_TIME)), states[row]
-        downhill = np.empty(len(between.rows))
-        for a, b in self._bodies:
-            if descend_from(a, b, states[:STARTS], self._limits, downhill):
+        downhill = np.empty(len(lower))
+        for pair in self._pairs:
+            if descend_from(pair, states[:STARTS], downhill):
                 return CAN_COLLIDE, downhill
-            outcome, state = self._search(a, b, end, False)
+            outcome, state = self._search(pair, end, False)
             if outcome == FOUND:
                 return CAN_COLLIDE, state
             if outcome != PROVED:
@@ -217,21 +231,18 @@ class _Pair:
 
     def _always(self, states: Floats, end: float) -> str:
         """Return whether the links collide always, or can do so only."""
-        for a, b in self._bodies:
-            if find_state(a, b, states, False) < 0 and self._search(a, b, end, True)[0] == PROVED:
+        for pair in self._pairs:
+            if find_state(pair, states, False) < 0 and self._search(pair, end, True)[0] == PROVED:
                 return ALWAYS
         return CAN_COLLIDE
 
-    def _search(self, a: Moving, b: Moving, end: float, always: bool) -> tuple[int, Floats]:
+    def _search(self, pair: MovingPair, end: float, always: bool) -> tuple[int, Floats]:
         """Search the cells of a pair of bodies until a time."""
-        count = len(self.between.rows)
-        cells = np.empty((MOST_CELLS + 1, 2, count))
-        cells[0] = self._limits
-        state, waiting, outcome = np.empty(count), 1, GOES_ON
+        cells = np.empty((MOST_CELLS + 1, *pair.limits.shape))
+        cells[0] = pair.limits
+        state, waiting, outcome = np.empty(pair.limits.shape[1]), 1, GOES_ON
         while outcome == GOES_ON and time.monotonic() < end:
-            outcome, waiting, visited = search_cells(
-                a, b, cells, waiting, CELLS, always, self._limits, state
-            )
+            outcome, waiting, visited = search_cells(pair, cells, waiting, CELLS, always, state)
             self._cells += visited
         return outcome, state
 
@@ -245,7 +256,101 @@ class _Pair:
         return whole
 
 
-def _moving(body: Body, chain: Chain) -> Moving:
-    x, y, z = body.center.tolist()
-    sphere = max(body.sphere - body.round, 0.0)
-    return Moving(chain, in_blocks(body.corners), (x, y, z), sphere, body.round, body.reach)
+def _moving(body: LinkBodies, chain: Chain) -> Moving:
+    x, y, z = body.centers[0].tolist()
+    radius, reach = float(body.rounds[0]), float(body.reaches[0])
+    sphere, count = max(float(body.spheres[0]) - radius, 0.0), len(chain.axes)
+    return Moving(
+        chain, body.blocks, (x, y, z), sphere, radius, reach,
+        np.empty((count, 3)), np.empty((count, 3)), np.empty(count), np.empty(count),
+    )  # fmt: skip
+
+
+class _Step(NamedTuple):
+    """A joint on the way from one link to another, up to the parent or down to the child."""
+
+    joint: Joint
+    is_up: bool
+
+
+def _between(robot: Robot, a: str, b: str) -> _Between | None:
+    """Return the joints between two links; None if one of them has no bounds."""
+    steps = _way(robot, a, b)
+    names = {joint.name: joint for joint in robot.joints}
+    moving = [k for k, step in enumerate(steps) if step.joint.kind is not JointKind.FIXED]
+    if any(steps[k].joint.kind in (JointKind.PLANAR, JointKind.FLOATING) for k in moving):
+        return None
+    driver = {k: driven(steps[k].joint, names) for k in moving}
+    rows = sorted({robot.joint_names.index(name) for name, _, _ in driver.values()})
+    lower, upper = robot.lower[rows], robot.upper[rows]
+    for column, row in enumerate(rows):
+        name = robot.joint_names[row]
+        by = [k for k in moving if driver[k][0] == name]
+        if _whole_turns_are_none([steps[k].joint for k in by], [driver[k][1] for k in by]):
+            lower[column], upper[column] = _one_turn(lower[column], upper[column])
+        elif not np.isfinite([lower[column], upper[column]]).all():
+            return None
+    middle = moving[len(moving) // 2] if moving else 0
+    undone = [_Step(step.joint, not step.is_up) for step in steps[:middle]][::-1]
+    back, on = (_chain(robot, way, names, rows) for way in (undone, steps[middle:]))
+    return _Between((back, on), rows, np.array([lower, upper]))
+
+
+def _whole_turns_are_none(joints: list[Joint], factors: list[float]) -> bool:
+    """Return whether a variable may be changed by whole turns: all that it drives turns by such."""
+    turning = (JointKind.REVOLUTE, JointKind.CONTINUOUS)
+    return all(joint.kind in turning for joint in joints) and all(
+        float(factor).is_integer() for factor in factors
+    )
+
+
+def _one_turn(lower: float, upper: float) -> tuple[float, float]:
+    """Return limits of one turn within others, or these if they are narrower."""
+    if lower <= -math.pi and upper >= math.pi:
+        return -math.pi, math.pi
+    return lower, min(upper, lower + 2.0 * math.pi)
+
+
+def _way(robot: Robot, a: str, b: str) -> list[_Step]:
+    """Return the joints from link a to link b."""
+    above = {joint.child: joint for joint in robot.joints if joint.parent in robot.link_names}
+
+    def to_root(link: str) -> list[Joint]:
+        found = []
+        while link in above:
+            found.append(above[link])
+            link = above[link].parent
+        return found
+
+    up, down = to_root(a), to_root(b)
+    while up and down and up[-1] is down[-1]:
+        up.pop()
+        down.pop()
+    return [_Step(joint, True) for joint in up] + [_Step(joint, False) for joint in down[::-1]]
+
+
+def _chain(robot: Robot, steps: list[_Step], names: dict[str, Joint], rows: list[int]) -> Chain:
+    """Return steps as a chain. Up, a joint is undone first, and then its origin."""
+    fixed: list[Floats] = [IDENTITY_POSE]
+    axes, slides, columns, factors, offsets = [], [], [], [], []
+    for joint, is_up in steps:
+        origin = np.array(joint.pose)
+        if not is_up:
+            fixed[-1] = compose_poses(fixed[-1], origin)
+        if joint.kind is not JointKind.FIXED:
+            name, factor, offset = driven(joint, names)
+            sign = -1.0 if is_up else 1.0
+            axes.append(joint.axis or DEFAULT_AXIS)
+            slides.append(joint.kind is JointKind.PRISMATIC)
+            columns.append(rows.index(robot.joint_names.index(name)))
+            factors.append(sign * factor)
+            offsets.append(sign * offset)
+            fixed.append(IDENTITY_POSE)
+        if is_up:
+            fixed[-1] = compose_poses(fixed[-1], inverse_poses(origin))
+    return Chain(
+        np.array([pose[:3] for pose in fixed]),
+        np.array([rotation_of(tuple(pose[3:].tolist())) for pose in fixed]),
+        np.array(axes, np.float64).reshape(-1, 3), np.array(slides, np.bool_),
+        np.array(columns, np.int64), np.array(factors, np.float64), np.array(offsets, np.float64),
+    )  # fmt: skip

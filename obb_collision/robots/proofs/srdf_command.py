@@ -12,23 +12,32 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The console script ``obb_collision srdf``: which pairs of links need not be checked, proved."""
+"""The command ``obb_collision srdf``: an SRDF of the pairs of links that need not be checked."""
 
 from __future__ import annotations
 
 import sys
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TextIO
+from typing import TYPE_CHECKING
+from xml.sax.saxutils import quoteattr
 
 from obb_collision.cli import Parser, interruptible, new_file, option, real
 from obb_collision.words import printable
+
+if TYPE_CHECKING:  # what needs no robots, as a wrong option, need not load them
+    from obb_collision.robots.description.robot import Robot
+    from obb_collision.robots.proofs.proved_pairs import PairProof
 
 NAME = "obb_collision srdf"
 #: Exit code where a description cannot be read, or the SRDF not be written.
 FAILED = 1
 #: Longest time limit, seconds: a day.
 LONGEST = 86400.0
+#: The reasons that MoveIt's setup writes, of pairs that are not checked; and the other verdicts.
+REASONS = {"adjacent": "Adjacent", "never": "Never", "always": "Always"}
+OTHERS = ("can collide", "undecided")
 
 
 def _parser() -> Parser:
@@ -64,8 +73,7 @@ def main(args: Sequence[str] | None = None) -> int:
         parser.error("the file of the robot is missing")
     from obb_collision.robots.description.robot import Robot
     from obb_collision.robots.description.xml_values import read_source
-    from obb_collision.robots.proofs.proved_pairs import PairProof, prove_pairs
-    from obb_collision.robots.proofs.srdf_text import report, srdf_text
+    from obb_collision.robots.proofs.proved_pairs import prove_pairs
 
     done = 0
 
@@ -81,24 +89,77 @@ def main(args: Sequence[str] | None = None) -> int:
         proofs = prove_pairs(robot, options.time_limit, progress)
         if sys.stderr.isatty():
             sys.stderr.write("\r\x1b[K")
-        _write(srdf_text(robot, proofs, given), options.output, sys.stdout)
-        _write(printable_lines(report(robot, proofs)), options.report, sys.stderr)
+        text = srdf_text(robot, proofs, given)
+        told = "".join(f"{printable(line)}\n" for line in report(robot, proofs).splitlines())
+        for lines, path, stream in (
+            (text, options.output, sys.stdout), (told, options.report, sys.stderr),
+        ):  # fmt: skip
+            if path is None:
+                stream.write(lines)
+            else:
+                path.write_text(lines, encoding="utf-8")
     except (ValueError, OSError) as error:
         sys.stderr.write(f"{NAME}: {printable(str(error))}\n")
         return FAILED
     return 0
 
 
-def printable_lines(text: str) -> str:
-    """Return a text, each of its lines printable."""
-    return "".join(f"{printable(line)}\n" for line in text.splitlines())
+def srdf_text(robot: Robot, proofs: Sequence[PairProof], srdf: bytes | None = None) -> str:
+    """Return an SRDF that has no pairs checked that are adjacent, or never or always collide.
+
+    srdf: another one, whose disabled pairs are replaced, and of which all else stays.
+    """
+    lines = [
+        f"  <disable_collisions link1={quoteattr(a)} link2={quoteattr(b)} "
+        f'reason="{REASONS[proof.verdict]}"/>'
+        for proof in proofs
+        for a, b in (proof.links,)
+        if proof.verdict in REASONS
+    ]
+    if srdf is None:
+        start = f'<?xml version="1.0"?>\n<robot name={quoteattr(robot.name)}>'
+        return "\n".join([start, *lines, "</robot>", ""])
+    return _merged(srdf, lines)
 
 
-def _write(text: str, path: Path | None, stream: TextIO) -> None:
-    if path is None:
-        stream.write(text)
+def _merged(srdf: bytes, lines: list[str]) -> str:
+    from lxml import etree
+
+    from obb_collision.robots.description.xml_values import parse
+
+    root = parse(srdf, "srdf").node
+    for element in root.findall("disable_collisions"):
+        root.remove(element)
+    if len(root):
+        root[-1].tail = "\n  "
     else:
-        path.write_text(text, encoding="utf-8")
+        root.text = "\n  "
+    for line in lines:
+        element = etree.fromstring(line.strip())
+        element.tail = "\n  "
+        root.append(element)
+    if len(root):
+        root[-1].tail = "\n"
+    text: str = etree.tostring(root, encoding="unicode")
+    return f'<?xml version="1.0"?>\n{text}\n'
+
+
+def report(robot: Robot, proofs: Sequence[PairProof]) -> str:
+    """Return what is proved of each pair, a line each, and how many there are of each kind."""
+    lines = [f"{a} - {b}: {_said(robot, proof)}" for proof in proofs for a, b in (proof.links,)]
+    counts = Counter(proof.verdict for proof in proofs)
+    parts = [f"{counts[kind]} {kind}" for kind in (*REASONS, *OTHERS) if counts[kind]]
+    total = (
+        f"{len(proofs)} pairs: {', '.join(parts)}" if proofs else "no pairs of links with shapes"
+    )
+    return "\n".join([*lines, total])
+
+
+def _said(robot: Robot, proof: PairProof) -> str:
+    if proof.witness is None:
+        return f"{proof.verdict} ({proof.cells} cells)" if proof.cells else proof.verdict
+    values = zip(robot.joint_names, proof.witness.tolist(), strict=True)
+    return f"{proof.verdict}, as at " + ", ".join(f"{name} {value:.4g}" for name, value in values)
 
 
 if __name__ == "__main__":

@@ -28,7 +28,7 @@ from urdfs import joint, link, urdf
 
 import obb_collision as oc
 from obb_collision.robots.proofs.proved_pairs import PairProof, prove_pairs
-from obb_collision.robots.proofs.srdf_text import report, srdf_text
+from obb_collision.robots.proofs.srdf_command import report, srdf_text
 
 CONFIG = Path(__file__).parents[3] / "config"
 RADIUS = 0.15

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Bodies of robots and of the world as arrays for kernels, and where they are in one state.
+"""Arrays for kernels: bodies of robots and of the world, and their places in one state.
 
 Error analysis, with u = 2^-53: a chain of k joints moves a point by at most 24 k u L from where
 real arithmetic has it, L being the lengths of the chain and the body, summed; rotations are
@@ -39,7 +39,7 @@ from obb_collision.typing import Floats, Integers, Mask, Vector
 LINK_PLACING = 2**14 * ROUNDOFF
 
 
-class Bodies(NamedTuple):
+class LinkBodies(NamedTuple):
     """Convex bodies (b,): those of the robots first, then those of the world.
 
     Each is a hull with a ball around every point of it, of radius ``rounds``; and a box and a
@@ -82,6 +82,21 @@ class Tests(NamedTuple):
     order: Integers
 
 
+class Checked(NamedTuple):
+    """Robots and the world: kinematics, bodies, and which of them are tested."""
+
+    tree: Tree
+    bodies: LinkBodies
+    tests: Tests
+
+
+class PairValues(NamedTuple):
+    """A number of each body against the world, and of each pair: by state (k,), or one for all."""
+
+    bodies: Floats  #: (k, robots' bodies)
+    pairs: Floats  #: (k, p)
+
+
 class Placed(NamedTuple):
     """Where frames and bodies are in one state; axes of boxes are computed where needed."""
 
@@ -97,8 +112,9 @@ class Placed(NamedTuple):
 
 
 @njit
-def new_placed(bodies: Bodies, tests: Tests, links: int) -> Placed:
+def new_placed(checked: Checked) -> Placed:
     """Return room for one state, in which the bodies of the world are placed."""
+    bodies, tests, links = checked.bodies, checked.tests, len(checked.tree.parents)
     count, first = len(bodies.frames), tests.first
     most = len(tests.pairs) + first * (count - first)
     placed = Placed(
@@ -118,13 +134,11 @@ def new_placed(bodies: Bodies, tests: Tests, links: int) -> Placed:
 
 
 @njit(inline=True, refcount=False)
-def place_state(
-    tree: Tree, bodies: Bodies, tests: Tests, states: Floats, n: int, placed: Placed
-) -> None:
+def place_state(checked: Checked, states: Floats, n: int, placed: Placed) -> None:
     """Place links and the robots' bodies in state n."""
     poses, positions, rotations = placed.poses, placed.positions, placed.rotations
-    place_links(tree, states, n, poses, 0)
-    for frame in tests.links:
+    place_links(checked.tree, states, n, poses, 0)
+    for frame in checked.tests.links:
         rows = rotation_of(
             (poses[0, frame, 3], poses[0, frame, 4], poses[0, frame, 5], poses[0, frame, 6])
         )
@@ -132,23 +146,23 @@ def place_state(
             positions[frame, k] = poses[0, frame, k]
             for m in range(3):
                 rotations[frame, k, m] = rows[k][m]
-    frames, centers = bodies.frames, placed.centers
-    for i in range(tests.first):
+    frames, middles, centers = checked.bodies.frames, checked.bodies.centers, placed.centers
+    for i in range(checked.tests.first):
         frame = frames[i]
-        center = components(rows_at(rotations, frame), vector_at(bodies.centers, i))
+        center = components(rows_at(rotations, frame), vector_at(middles, i))
         for k in range(3):
             centers[i, k] = positions[frame, k] + center[k]
         placed.ready[i] = False
 
 
 @njit(inline=True, refcount=False)
-def slack_of(bodies: Bodies, i: int, center: Vector) -> float:
+def slack_of(bodies: LinkBodies, i: int, center: Vector) -> float:
     """Return what body i may be off from where it is said to be, with its tests, metres."""
     return LINK_PLACING * (bodies.reaches[i] + sum_abs(center)) + MESH_UNDERFLOW
 
 
 @njit(inline=True, refcount=False)
-def placed_box(bodies: Bodies, placed: Placed, i: int) -> Box:
+def placed_box(bodies: LinkBodies, placed: Placed, i: int) -> Box:
     """Return the box of body i, whose axes are computed when it is first asked for."""
     axes = placed.axes
     if not placed.ready[i]:

@@ -1,0 +1,194 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Bodies of shapes, placed in the frames of links: convex ones for kernels, and meshes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from obb_collision.geometry.poses import as_poses, compose_poses
+from obb_collision.geometry.trees.circumscribed import excess
+from obb_collision.geometry.trees.convex_proxy import HULL_MARGIN, box_corners, hull_mesh
+from obb_collision.geometry.trees.obb_tree import BOX_CORNERS, MeshTrees
+from obb_collision.geometry.trees.pool import TreePool, segment_trees
+from obb_collision.numerics.constants import ROUNDOFF
+from obb_collision.numerics.intrinsics import in_blocks
+from obb_collision.obb import OBB
+from obb_collision.queries.meshes.placed import PlacedMeshes
+from obb_collision.robots.checks.arrays import LinkBodies
+from obb_collision.robots.kinematics.kinematics import Tree, link_poses
+from obb_collision.scene.objects import local_box
+from obb_collision.scene.store.kinds import BOX, BOXED, ROUND, kind_of, round_sizes
+from obb_collision.shapes import Box, Capsule, Shape
+from obb_collision.typing import Floats, Integers, Rows
+
+#: Relative growth of radii: more than their roundings.
+RADIUS_GROWTH = 1.0 + 64 * ROUNDOFF
+#: The same of balls within bodies; slivers among faces are off by more.
+NARROWER = 1.0 - 2.0**-10
+
+
+class Part(NamedTuple):
+    """A shape of a link, or attached to one, at a pose in its frame; owner: its row in names."""
+
+    shape: Shape | OBB
+    pose: ArrayLike
+    link: int
+    padding: float
+    owner: int
+
+
+def body_of(
+    shape: Shape | OBB, pose: ArrayLike, frame: int = 0, padding: float = 0.0, chain: float = 0.0
+) -> LinkBodies:
+    """Return the body of a shape at a pose (7,) in a frame, padded as in a scene.
+
+    chain: length of the chain up to the frame, metres.
+    """
+    positions, rotations = as_poses(np.array(pose, np.float64)[None], "pose")
+    center, rotation, half_extents = local_box(shape)
+    corners, radius, inner = _core(shape, padding)
+    box = rotations[0] @ center + positions[0], rotations[0] @ rotation, half_extents + padding
+    placed = corners @ rotations[0].T + positions[0]
+    body = placed_body(placed, radius, frame, box, excess(shape, corners), chain)
+    return body._replace(inner=np.array([inner]))
+
+
+def placed_body(
+    corners: Floats, radius: float, frame: int, box: tuple[Floats, Floats, Floats], beyond: float,
+    chain: float = 0.0,
+) -> LinkBodies:  # fmt: skip
+    """Return the body of corners (k, 3), a radius around them and a box, all in a frame.
+
+    beyond: how far it reaches beyond a curved shape.
+    """
+    sphere = (float(np.linalg.norm(corners - box[0], axis=1).max()) + radius) * RADIUS_GROWTH
+    farthest = float(np.abs(corners).sum(axis=1).max())
+    reach, blocks = chain + farthest + radius, in_blocks(corners)
+    return LinkBodies(
+        frames=np.array([frame]), centers=box[0][None], rotations=box[1][None],
+        half_extents=box[2][None], spheres=np.array([sphere]), inner=np.zeros(1),
+        boxes=np.zeros(1, np.bool_), rounds=np.array([radius]), radii=np.array([farthest]),
+        reaches=np.array([reach]), excess=np.array([beyond]),
+        blocks=blocks, starts=np.array([0, len(blocks)]),
+    )  # fmt: skip
+
+
+def box_bodies(centers: Floats, rotations: Floats, half_extents: Floats, frame: int) -> LinkBodies:
+    """Return boxes as bodies, all at once."""
+    count = len(centers)
+    grown = half_extents + HULL_MARGIN * half_extents.max(axis=1, keepdims=True, initial=0.0)
+    corners = centers[:, None] + np.einsum("nij,nkj->nki", rotations, BOX_CORNERS * grown[:, None])
+    radii = np.abs(corners).sum(axis=2).max(axis=1, initial=0.0)
+    return LinkBodies(
+        np.full(count, frame), centers, rotations, half_extents,
+        np.linalg.norm(grown, axis=1) * RADIUS_GROWTH, half_extents.min(axis=1, initial=np.inf),
+        np.ones(count, np.bool_), np.zeros(count), radii, radii, np.zeros(count),
+        np.ascontiguousarray(corners.transpose(0, 2, 1)), np.arange(count + 1),
+    )  # fmt: skip
+
+
+NO_BODIES = box_bodies(np.empty((0, 3)), np.empty((0, 3, 3)), np.empty((0, 3)), 0)
+
+
+def joined(bodies: Sequence[LinkBodies]) -> LinkBodies:
+    """Return bodies one after another."""
+    several = [NO_BODIES, *bodies]
+    arrays: dict[str, Any] = {
+        name: np.concatenate(values)
+        for name, *values in zip(LinkBodies._fields, *several, strict=True)
+    }
+    lengths = np.concatenate([np.diff(each.starts) for each in several])
+    return LinkBodies(**{**arrays, "starts": np.append(0, np.cumsum(lengths))})
+
+
+def enclosing_spheres(bodies: LinkBodies, starts: Integers) -> tuple[Floats, Floats]:
+    """Return centres (l, 3) and radii (l,) of spheres around bodies ``starts[k]:starts[k + 1]``."""
+    centers, radii = np.zeros((len(starts) - 1, 3)), np.zeros(len(starts) - 1)
+    for k, (first, last) in enumerate(pairwise(starts.tolist())):
+        places = bodies.centers[first:last]
+        centers[k] = places.mean(axis=0)
+        reaches = np.linalg.norm(places - centers[k], axis=1) + bodies.spheres[first:last]
+        radii[k] = reaches.max() * RADIUS_GROWTH
+    return centers, radii
+
+
+def _core(shape: Shape | OBB, padding: float) -> tuple[Floats, float, float]:
+    """Return the corners (k, 3) of a shape, the radius around each point, and that of a ball.
+
+    Padding makes boxes larger, and is a radius around others. The ball is within the hull, around
+    the centre of its box.
+    """
+    kind = kind_of(shape)
+    center, rotation, half_extents = local_box(shape)
+    if kind == ROUND:
+        radius, half = round_sizes(shape)
+        ends = (-half, half) if isinstance(shape, Capsule) else (0.0,)
+        return np.array([(0.0, 0.0, z) for z in ends]), radius + padding, radius * NARROWER
+    if kind in (BOX, BOXED):
+        half_extents = half_extents + padding
+        corners = box_corners(half_extents) @ rotation.T + center
+        return corners, 0.0, float(half_extents.min()) * NARROWER
+    assert isinstance(shape, Shape)
+    corners, faces = hull_mesh(shape)
+    a, b, c = (corners - center)[faces].transpose(1, 0, 2)
+    normals = np.cross(b - a, c - a)
+    heights = np.einsum("ij,ij->i", normals, a) / np.linalg.norm(normals, axis=1)
+    return corners, padding, max(float(heights.min()), 0.0) * NARROWER
+
+
+class LinkMeshes:
+    """The bodies of robots (b,) as meshes in frames (b,), with radii (b,) about them."""
+
+    def __init__(self, parts: Sequence[Part]) -> None:
+        self._frames = np.array([part.link for part in parts], np.int64)
+        self._poses = np.array([part.pose for part in parts], np.float64)
+        self.radii = np.array([part.padding for part in parts], np.float64)
+        self.kinds = np.array([kind_of(part.shape) for part in parts], np.int64)
+        self._rows = np.zeros(len(parts), np.int64)
+        built: dict[object, tuple[int, MeshTrees]] = {}
+        for n, (shape, *_) in enumerate(parts):
+            if isinstance(shape, OBB):  # in the middle of its pose from now on
+                place = np.append(shape.center, shape.quaternion)
+                self._poses[n] = compose_poses(self._poses[n], place)
+            elif self.kinds[n] == ROUND:
+                self.radii[n] += round_sizes(shape)[0]
+            key = shape if isinstance(shape, Shape) else n
+            if key not in built:
+                built[key] = len(built), _tree(shape)
+            self._rows[n] = built[key][0]
+        self._trees = MeshTrees.join([tree for _, tree in built.values()])
+
+    def placed(self, tree: Tree, states: Floats, bodies: Rows) -> PlacedMeshes:
+        """Return bodies (m,), each in the state (m, joints) of its row."""
+        links = link_poses(tree, np.ascontiguousarray(states))
+        frames = links[np.arange(len(bodies)), self._frames[bodies]]
+        poses = compose_poses(frames, self._poses[bodies])
+        return PlacedMeshes.trusted(self._trees, self._rows[bodies], *as_poses(poses))
+
+
+def _tree(shape: Shape | OBB) -> MeshTrees:
+    """Return the tree of a shape; that of a sphere or capsule is a segment."""
+    if isinstance(shape, (Box, OBB)):
+        return TreePool.built(local_box(shape)[2])
+    if kind_of(shape) != ROUND:
+        return TreePool.built(shape)
+    half = round_sizes(shape)[1] if isinstance(shape, Capsule) else 0.0
+    return segment_trees(np.array([half]))[0]
