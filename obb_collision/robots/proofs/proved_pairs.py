@@ -39,9 +39,8 @@ from obb_collision.geometry.validation import check_kind
 from obb_collision.robots.checks.arrays import LinkBodies
 from obb_collision.robots.checks.bodies import body_of
 from obb_collision.robots.checks.robot_arrays import chain_lengths
-from obb_collision.robots.description.robot import Robot
+from obb_collision.robots.description.robot import Robot, driven
 from obb_collision.robots.description.srdf import sorted_pair
-from obb_collision.robots.description.tree import driven
 from obb_collision.robots.description.urdf import Joint, JointKind
 from obb_collision.robots.proofs.cells import (
     FOUND,
