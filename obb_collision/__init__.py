@@ -40,8 +40,8 @@ missing, or to end, before seconds of imports. Examples take
 
 Layers, each importing only those before it: ``numerics`` (arithmetic), ``geometry`` (what things
 are), ``queries`` (a folder per question), ``obb`` and ``shapes`` (one box, what an object can be),
-``scene`` (the store, the broad phase, the check, effects), ``robots`` (URDF, kinematics),
-``scene_files`` (YAML and MoveIt), ``node`` (ROS), and above it ``demo`` and
+``scene`` (the store, the broad phase, the check, effects), ``regions``, ``robots`` (URDF,
+kinematics), ``scene_files`` (YAML and MoveIt), ``node`` (ROS), and above it ``demo`` and
 ``benchmarks``; more in CONTRIBUTING.md.
 """
 

@@ -38,8 +38,8 @@ from obb_collision.geometry.validation import (
 )
 from obb_collision.queries.points.containment import contains
 from obb_collision.queries.verdict.overlap import iou, overlap_volumes
-from obb_collision.queries.verdict.separations import separations
-from obb_collision.queries.verdict.verdict import SEPARATE, Verdict, verdicts
+from obb_collision.queries.verdict.separations import box_separations
+from obb_collision.queries.verdict.verdict import SEPARATE, Verdict, box_verdicts
 from obb_collision.typing import Floats
 from obb_collision.words import shown
 
@@ -390,7 +390,7 @@ class OBB(ArrayValue):
         True
         """
         check_kind(other, OBB, "other")
-        return int(verdicts(self._boxes(), other._boxes(), exact=exact)[0]) != SEPARATE
+        return int(box_verdicts(self._boxes(), other._boxes(), exact=exact)[0]) != SEPARATE
 
     def separation(self, other: OBB) -> Separation:
         """Return the signed gap, its axis, and the verdict.
@@ -421,7 +421,7 @@ class OBB(ArrayValue):
         (2.0, [1.0, 0.0, 0.0], 'SEPARATE')
         """
         check_kind(other, OBB, "other")
-        found = separations(self._boxes(), other._boxes())
+        found = box_separations(self._boxes(), other._boxes())
         verdict = Verdict(int(found.verdicts[0]))
         return Separation(float(found.separations[0]), found.normals[0], verdict)
 

@@ -189,10 +189,14 @@ def calls() -> Iterator[tuple[str, Callable[..., Any], dict[str, Any]]]:
     yield "cast_rays", oc.cast_rays, {"boxes": boxes, **rays}
     ends = {"starts": np.zeros((2, 3)), "ends": np.ones((2, 3))}
     yield "cast_segments", oc.cast_segments, {"boxes": boxes, **ends}
-    yield "plane_distances", oc.plane_distances, {
-        "boxes": boxes, "points": np.zeros((2, 3)), "normals": np.ones((2, 3)), "pairs": pairs
+    planes = {"points": np.zeros((2, 3)), "normals": np.ones((2, 3))}
+    yield "HalfSpaces", oc.HalfSpaces, planes
+    for question in (oc.verdicts, oc.separations):
+        spaces = {"a": boxes, "b": oc.HalfSpaces(**planes), "pairs": pairs}
+        yield "half-spaces", question, spaces
+    yield "clearances of capsules", oc.clearances, {
+        "a": capsules, "b": boxes, "pairs": pairs, "max_distance": 1.0
     }  # fmt: skip
-    yield "capsule_distances", oc.capsule_distances, {"a": capsules, "b": boxes, "pairs": pairs}
     mesh = {"vertices": TETRAHEDRON, "faces": FACES, "solid": None, "leaf": 1, "root": None}
     yield "MeshTrees.build", oc.MeshTrees.build, mesh
     yield "MeshTrees.from_half_extents", oc.MeshTrees.from_half_extents, {"half_extents": [1, 1, 1]}
@@ -202,24 +206,24 @@ def calls() -> Iterator[tuple[str, Callable[..., Any], dict[str, Any]]]:
             yield from tree_calls(name, value)
     yield "PlacedMeshes", oc.PlacedMeshes, {"trees": trees(), "meshes": [0, 1], **box}
     sides = {"a": bodies, "b": bodies, "pairs": pairs}
-    yield "mesh_verdicts", oc.mesh_verdicts, {**sides, "exact": True, "effort": 100}
-    yield "mesh_collisions", oc.mesh_collisions, {**sides, "depth": 2}
+    yield "verdicts of meshes", oc.verdicts, {**sides, "exact": True, "effort": 100}
+    yield "verdicts of trees", oc.verdicts, {**sides, "depth": 2}
     yield "cast_rays meshes", oc.cast_rays, {"boxes": bodies, **rays}
     yield "cast_segments meshes", oc.cast_segments, {"boxes": bodies, **ends}
     yield "points_inside meshes", oc.points_inside, {
         "boxes": bodies, "points": np.zeros((5, 3)), "margin": 0.1, "each_point": True
     }  # fmt: skip
-    yield "mesh_clearances", oc.mesh_clearances, {
+    yield "clearances of meshes", oc.clearances, {
         **sides, "max_distance": 1.0, "radii_a": 0.1, "radii_b": [0.1, 0.2]
     }  # fmt: skip
-    yield "mesh_sweeps", oc.mesh_sweeps, {
+    yield "sweeps of meshes", oc.sweeps, {
         **sides, "duration": 1.0, "twists_a": 0.1, "twists_b": [0.1] * 6, "radii_a": 0.1,
         "radii_b": [0.1, 0.2], "tolerance": 1e-4,
     }  # fmt: skip
     radii = {"radii_a": 0.1, "radii_b": [0.1, 0.2]}
-    yield "mesh_separations", oc.mesh_separations, {**sides, **radii}
-    yield "mesh_patches", oc.mesh_patches, {**sides, **radii, "max_points": 8}
-    yield "mesh_contacts", oc.mesh_contacts, {**sides, "capacity": 4}
+    yield "separations of meshes", oc.separations, {**sides, **radii}
+    yield "contacts of meshes", oc.contacts, {**sides, **radii, "max_points": 8}
+    yield "triangle_pairs", oc.triangle_pairs, {**sides, "capacity": 4}
     yield "Report", written, {"value": 10**9}
     yield from scene_calls()
 
@@ -246,7 +250,7 @@ def tree_calls(name: str, good: Any) -> Iterator[tuple[str, Callable[..., Any], 
 def used(made: oc.MeshTrees) -> Any:
     """Let the kernels go over trees."""
     bodies = oc.PlacedMeshes(made, [0, 1], np.zeros((2, 3)), [np.eye(3)] * 2)
-    return oc.mesh_verdicts(bodies, bodies, [[0, 1]]), oc.mesh_collisions(bodies, bodies, depth=3)
+    return oc.verdicts(bodies, bodies, [[0, 1]]), oc.verdicts(bodies, bodies, depth=3)
 
 
 def say(line: str) -> None:

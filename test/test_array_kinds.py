@@ -123,9 +123,9 @@ PAIRS = np.array([[0, 1], [2, 3], [0, 0]])
 CALLS: dict[str, tuple[Callable[[Any], Any], np.ndarray]] = {
     "verdicts pairs": (lambda v: oc.verdicts(boxes(), boxes(), v), PAIRS),
     "separations pairs": (lambda v: oc.separations(boxes(), boxes(), v).verdicts, PAIRS),
-    "mesh_verdicts pairs": (lambda v: oc.mesh_verdicts(bodies(), bodies(), v), PAIRS[:1]),
+    "verdicts of meshes pairs": (lambda v: oc.verdicts(bodies(), bodies(), v), PAIRS[:1]),
     "PlacedMeshes meshes": (
-        lambda v: oc.mesh_verdicts(bodies(v), bodies(), [[0, 1]]),
+        lambda v: oc.verdicts(bodies(v), bodies(), [[0, 1]]),
         FACES[0, :2],
     ),
     "Mesh vertices": (lambda v: Mesh(v, FACES).local_box, TETRAHEDRON),
@@ -224,7 +224,7 @@ def test_indices_that_are_checked_are_copies(name: str) -> None:
 RACES: dict[str, tuple[Callable[[np.ndarray], Any], np.ndarray]] = {
     "pairs": (lambda v: oc.verdicts(boxes(), boxes(), v), np.zeros((5000, 2), np.int64)),
     "contacts": (lambda v: oc.contacts(boxes(), boxes(), v), np.zeros((500, 2), np.int64)),
-    "meshes": (lambda v: oc.mesh_verdicts(bodies(), bodies(), v), np.zeros((50, 2), np.int64)),
+    "meshes": (lambda v: oc.verdicts(bodies(), bodies(), v), np.zeros((50, 2), np.int64)),
     "faces": (lambda v: Mesh(TETRAHEDRON, v).local_box, np.zeros((5000, 3), np.int64)),
     "offsets": (lambda v: oc.Boxes.from_points(TETRAHEDRON, v, fit="aabb"), np.array([0, 2, 4])),
     "indices": (moved, np.array([1, 0])),

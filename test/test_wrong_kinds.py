@@ -81,7 +81,7 @@ def with_cup(name: str) -> None:
 
 
 BOX, AROUND = oc.OBB(half_extents=[1, 1, 1]), oc.AABB([-1] * 3, [1] * 3)
-REGION = oc.Region([0] * 3, [1] * 3, 1.0)
+REGION = oc.regions.Region([0] * 3, [1] * 3, 1.0)
 MESHES = {"a": placed(), "b": placed(), "pairs": [[0, 0]]}
 ROCK = '<robot name="rock"><link name="rock"/></robot>'
 PAIRS = {"pairs": [[0, 1]]}
@@ -173,27 +173,29 @@ FUNCTIONS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
         {"boxes": boxes(), "origins": POINTS, "directions": UNITS, "max_distance": 1.0},
     ),
     "cast_segments": (oc.cast_segments, {"boxes": boxes(), "starts": POINTS, "ends": UNITS}),
-    "capsule_distances": (oc.capsule_distances, {"a": capsules(), "b": boxes(), **PAIRS}),
-    "plane_distances": (
-        oc.plane_distances, {"boxes": boxes(), "points": POINTS, "normals": UNITS, **PAIRS}
+    "HalfSpaces": (oc.HalfSpaces, {"points": POINTS, "normals": UNITS}),
+    "verdicts of half-spaces": (
+        oc.verdicts, {"a": boxes(), "b": oc.HalfSpaces(POINTS, UNITS), **PAIRS}
     ),
-    "mesh_clearances": (
-        oc.mesh_clearances, {**MESHES, "max_distance": 1.0, "radii_a": 0.1, "radii_b": 0.1}
+    "clearances of capsules": (oc.clearances, {"a": capsules(), "b": boxes(), **PAIRS}),
+    "clearances of meshes": (
+        oc.clearances, {**MESHES, "max_distance": 1.0, "radii_a": 0.1, "radii_b": 0.1}
     ),
-    "mesh_collisions": (oc.mesh_collisions, {**MESHES, "depth": 1}),
-    "mesh_contacts": (oc.mesh_contacts, {**MESHES, "capacity": 9}),
-    "mesh_sweeps": (
-        oc.mesh_sweeps,
+    "triangle_pairs": (oc.triangle_pairs, {**MESHES, "capacity": 9}),
+    "sweeps of meshes": (
+        oc.sweeps,
         {
             **MESHES, "duration": 1.0, "twists_a": 0.1, "twists_b": 0.1, "radii_a": 0.1,
             "radii_b": 0.1, "tolerance": 1e-4,
         },
     ),
-    "mesh_patches": (
-        oc.mesh_patches, {**MESHES, "max_points": 4, "radii_a": 0.1, "radii_b": 0.1}
+    "contacts of meshes": (
+        oc.contacts, {**MESHES, "max_points": 4, "radii_a": 0.1, "radii_b": 0.1}
     ),
-    "mesh_separations": (oc.mesh_separations, {**MESHES, "radii_a": 0.1, "radii_b": 0.1}),
-    "mesh_verdicts": (oc.mesh_verdicts, {**MESHES, "exact": False, "effort": 99}),
+    "separations of meshes": (oc.separations, {**MESHES, "radii_a": 0.1, "radii_b": 0.1}),
+    "verdicts of meshes": (
+        oc.verdicts, {**MESHES, "exact": False, "effort": 99, "depth": None}
+    ),
     "Robot.from_urdf": (
         oc.Robot.from_urdf,
         {
@@ -295,22 +297,24 @@ FUNCTIONS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     ),
     "Scene.effect_setting": (scene().effect_setting, {"name": "clearance"}),
     "Scene.check": (scene().check, {"effects": ["contacts"]}),
-    "Region": (oc.Region, {"minimum": [0] * 3, "maximum": [1] * 3, "halo": 1.0}),
-    "RegionMerger": (oc.RegionMerger, {"regions": ["west", "east"], "timeout": 0.5}),
-    "RegionMerger.mark_alive": (
-        oc.RegionMerger(["west"]).mark_alive, {"region": "west", "objects": 3, "now": 1.0}
+    "regions.Region": (oc.regions.Region, {"minimum": [0] * 3, "maximum": [1] * 3, "halo": 1.0}),
+    "regions.RegionMerger": (
+        oc.regions.RegionMerger, {"regions": ["west", "east"], "timeout": 0.5}
     ),
-    "RegionMerger.missing": (oc.RegionMerger(["west"]).missing, {"now": 1.0}),
-    "RegionMerger.take": (
-        oc.RegionMerger(["west"]).take,
+    "regions.RegionMerger.mark_alive": (
+        oc.regions.RegionMerger(["west"]).mark_alive, {"region": "west", "objects": 3, "now": 1.0}
+    ),
+    "regions.RegionMerger.missing": (oc.regions.RegionMerger(["west"]).missing, {"now": 1.0}),
+    "regions.RegionMerger.take": (
+        oc.regions.RegionMerger(["west"]).take,
         {
             "region": "west", "stamp": 1, "now": 1.0, "topic": "a",
             "rows": np.zeros(1, [("ns", "i4"), ("id", "i4")]),
         },
     ),
-    "Region.holds": (REGION.holds, {"points": POINTS}),
-    "split_regions": (
-        oc.split_regions,
+    "regions.Region.holds": (REGION.holds, {"points": POINTS}),
+    "regions.split_regions": (
+        oc.regions.split_regions,
         {"minimum": [0] * 3, "maximum": [1] * 3, "parts": [2, 1, 1], "halo": 1.0},
     ),
     "Report.result": (scene().check().result, {"effect": "contacts"}),
@@ -337,7 +341,7 @@ UNTRIED = {
 
 def test_every_public_function_is_tried() -> None:
     public = {*oc.__all__, *oc.shapes.__all__} - {"shapes"}
-    assert {name.split(".")[0] for name in FUNCTIONS} | RESULTS == public
+    assert {re.split(r"\.| of ", name)[0] for name in FUNCTIONS} | RESULTS == public
     kinds = (
         oc.OBB, oc.AABB, oc.Boxes, oc.Capsules, oc.Scene, oc.MeshTrees, oc.PlacedMeshes, oc.Robot,
         oc.RobotScene,

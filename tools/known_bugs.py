@@ -23,15 +23,14 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+import obb_collision as oc
+from obb_collision import clearances, verdicts
 from obb_collision.benchmarks.tables import as_markdown
 from obb_collision.cli import Parser, interruptible, new_file, option
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.trees.obb_tree import MeshTrees
-from obb_collision.queries.clearance.clearance import clearances
-from obb_collision.queries.mesh_contacts.surfaces import mesh_separations
-from obb_collision.queries.meshes.meshes import mesh_verdicts
 from obb_collision.queries.meshes.placed import PlacedMeshes
-from obb_collision.queries.verdict.verdict import SEPARATE, verdicts
+from obb_collision.queries.verdict.verdict import SEPARATE
 from tools.known_cases import KNOWN_BUGS, Body, KnownBug, PlacedBox
 from tools.peers.pairs import (
     FARTHEST,
@@ -75,8 +74,8 @@ def ours(a: Body, b: Body) -> Answer:
     assert not isinstance(b, PlacedBox)
     trees = MeshTrees.join([MeshTrees.build(x, outward_faces(x)) for x in (a, b)])
     bodies = PlacedMeshes(trees, [0, 1], np.zeros((2, 3)), [np.eye(3)] * 2)
-    verdict = mesh_verdicts(bodies, bodies, [[0, 1]], exact=True)[0]
-    apart = mesh_separations(bodies, bodies, [[0, 1]]).separations[0]
+    verdict = oc.verdicts(bodies, bodies, [[0, 1]], exact=True)[0]
+    apart = oc.separations(bodies, bodies, [[0, 1]]).separations[0]
     return Answer(bool(verdict != SEPARATE), float(apart))
 
 

@@ -33,10 +33,11 @@ from typing import Any
 
 import numpy as np
 
+from obb_collision import verdicts
 from obb_collision.benchmarks.tables import as_markdown, as_text
 from obb_collision.cli import MAX_SEED, Parser, interruptible, new_file, option, whole
 from obb_collision.geometry.boxes import Boxes
-from obb_collision.queries.verdict.verdict import Verdict, Verdicts, exact_verdict, verdicts
+from obb_collision.queries.verdict.verdict import Verdict, Verdicts, exact_verdict
 from tools.cases.families import FAMILIES, generate
 from tools.judges import (
     COLLIDING,

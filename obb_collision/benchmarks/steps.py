@@ -44,7 +44,7 @@ from obb_collision.benchmarks.forms import Frame, make_frames
 from obb_collision.benchmarks.tables import Table, as_markdown, digits
 from obb_collision.benchmarks.timing import Show, on_threads
 from obb_collision.geometry.boxes import Boxes
-from obb_collision.queries.verdict.separations import separations
+from obb_collision.queries.questions import separations
 from obb_collision.typing import Floats, Rows
 
 #: Why somebody is left out: who and why, and in which case.

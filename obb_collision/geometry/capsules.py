@@ -55,7 +55,7 @@ class Capsules(ArrayValue):
     --------
     >>> arm = oc.Capsules([[0, 0, 0]], [[0, 0, 1]], [0.1])
     >>> box = oc.Boxes([[0.5, 0, 0.5]], [np.eye(3)], [[0.25, 0.25, 0.25]])
-    >>> oc.capsule_distances(arm, box).separations.round(9).tolist()
+    >>> oc.clearances(arm, box).distances.round(9).tolist()
     [0.15]
     """
 

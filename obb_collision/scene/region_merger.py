@@ -71,7 +71,7 @@ class RegionMerger:
 
     Examples
     --------
-    >>> merger = oc.RegionMerger(["west", "east"], timeout=0.5)
+    >>> merger = oc.regions.RegionMerger(["west", "east"], timeout=0.5)
     >>> merger.missing(0.0)
     {'west': 'no message yet', 'east': 'no message yet'}
     """
@@ -114,7 +114,7 @@ class RegionMerger:
 
         Examples
         --------
-        >>> merger = oc.RegionMerger(["west"], timeout=0.5)
+        >>> merger = oc.regions.RegionMerger(["west"], timeout=0.5)
         >>> merger.mark_alive("west", 10, 0.0)
         >>> merger.missing(0.25)
         {'west': 'back for 0.2 s'}
@@ -142,7 +142,7 @@ class RegionMerger:
 
         Examples
         --------
-        >>> merger = oc.RegionMerger(["west"], timeout=0.5)
+        >>> merger = oc.regions.RegionMerger(["west"], timeout=0.5)
         >>> merger.mark_alive("west", 10, 0.0)
         >>> merger.missing(2.0)
         {'west': 'silent for 2.0 s'}
@@ -184,7 +184,7 @@ class RegionMerger:
 
         Examples
         --------
-        >>> merger = oc.RegionMerger(["west"], timeout=0.5)
+        >>> merger = oc.regions.RegionMerger(["west"], timeout=0.5)
         >>> for now in (0.0, 0.25, 0.5):
         ...     merger.mark_alive("west", 10, now)
         >>> rows = np.zeros(1, [("ns", "<i4"), ("id", "<i4")])

@@ -132,7 +132,7 @@ def _boxes() -> None:
     _crowds()
     pairs_of_keys(batch(), np.zeros(2 * FEWEST_NUMBERS, np.int64), False)
     _bounds()  # in this process, too
-    scene.region = oc.Region((-np.inf,) * 3, (1.0, np.inf, np.inf), 1.0)
+    scene.region = oc.regions.Region((-np.inf,) * 3, (1.0, np.inf, np.inf), 1.0)
     scene.check()
 
 
@@ -167,14 +167,14 @@ def _crowds() -> None:
 def _meshes() -> None:
     """Run the level "mesh", first what needs no tree to be built."""
     body = oc.PlacedMeshes.from_poses(triangle_tree(), np.zeros(1, np.int64), [TURNED])
-    oc.mesh_verdicts(body, body)
+    oc.verdicts(body, body)
     _level(Accuracy.MESH)
 
 
 def _obb_trees() -> None:
     """Run the level "obb_tree", first what needs no tree to be built."""
     body = oc.PlacedMeshes.from_poses(triangle_tree(), np.zeros(1, np.int64), [TURNED])
-    oc.mesh_collisions(body, body, depth=0)
+    oc.verdicts(body, body, depth=0)
     _level(Accuracy.OBB_TREE)
 
 
@@ -222,7 +222,7 @@ def _effect_on(name: str, level: Accuracy) -> None:
     convex_distances(bodies, bodies, row, row)
     if level == Accuracy.MESH and name == "contacts":
         body = oc.PlacedMeshes.from_poses(triangle_tree(), row, [TURNED])
-        oc.mesh_patches(body, body)  # meanwhile, another process compiles ``_trees``
+        oc.contacts(body, body)  # meanwhile, another process compiles ``_trees``
     for padding in (0.0, 0.01):
         scene = oc.Scene()
         scene.set_effect(name, accuracy=level.name.lower())
@@ -319,12 +319,11 @@ def _other_queries() -> None:
     boxes, zeros = batch(), np.zeros((4, 3))
     oc.cast_rays(boxes, zeros, zeros + 1.0)
     oc.cast_segments(boxes, zeros, zeros + 1.0)
-    oc.plane_distances(boxes, zeros, zeros + 1.0)
+    oc.separations(boxes, oc.HalfSpaces(zeros, zeros + 1.0))
     oc.points_inside(boxes, zeros, each_point=True)
     capsules = oc.Capsules(zeros, zeros + 1.0, np.full(4, 0.1))
     for other in (capsules, boxes):
-        capsule_verdicts(capsules, other)
-        oc.capsule_distances(capsules, other)
+        oc.separations(capsules, other)
     corners = np.array(TETRAHEDRON)[np.array(TETRAHEDRON_FACES)]
     triangle_verdicts(corners, corners, exact=True)
 
@@ -334,13 +333,13 @@ def _mesh_queries() -> None:
     trees = oc.MeshTrees.build(np.array(TETRAHEDRON), np.array(TETRAHEDRON_FACES))
     poses = np.tile(TURNED, (2, 1))
     bodies = oc.PlacedMeshes.from_poses(trees, np.zeros(2, np.int64), poses)
-    oc.mesh_contacts(bodies, bodies)
-    oc.mesh_clearances(bodies, bodies)
-    oc.mesh_sweeps(bodies, bodies, duration=1.0)
-    oc.mesh_patches(bodies, bodies)
+    oc.triangle_pairs(bodies, bodies)
+    oc.clearances(bodies, bodies)
+    oc.sweeps(bodies, bodies, duration=1.0)
+    oc.contacts(bodies, bodies)
     oc.cast_rays(bodies, np.zeros((1, 3)), np.ones((1, 3)))
     oc.points_inside(bodies, np.zeros((1, 3)))
-    oc.mesh_verdicts(bodies, bodies, exact=True)
+    oc.verdicts(bodies, bodies, exact=True)
     scene = oc.Scene()
     _add_crowd(scene, 0.01)
     for level in ("hull", "mesh"):
@@ -351,7 +350,7 @@ def _sweep_on(level: Accuracy) -> None:
     """Sweep shapes on a level above "obb", first what takes longest; pairs stay on boxes."""
     if level == Accuracy.MESH:
         body = oc.PlacedMeshes.from_poses(triangle_tree(), np.zeros(1, np.int64), [TURNED])
-        oc.mesh_sweeps(body, body, duration=1.0)
+        oc.sweeps(body, body, duration=1.0)
     else:
         _swept_hulls()
     scene = oc.Scene()
@@ -382,7 +381,7 @@ def _surfaces() -> None:
     """Find how far a mesh is from another, and from a round shape."""
     row = np.zeros(1, np.int64)
     bodies = oc.PlacedMeshes.from_poses(triangle_tree(), row, [TURNED])
-    oc.mesh_clearances(bodies, bodies)
+    oc.clearances(bodies, bodies)
     mesh_body_distances(bodies, np.zeros(1), convex_bodies(), row, row)
 
 

@@ -40,14 +40,14 @@ from error_bounds import (
 from oracle import Box
 from support import row_of
 
+import obb_collision as oc
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.capsules import Capsules
 from obb_collision.numerics.constants import CAREFUL_BOUND
 from obb_collision.numerics.vec3 import vector
 from obb_collision.queries.points.containment import INSIDE_BOUND, contains
 from obb_collision.queries.points.points import points_inside
-from obb_collision.queries.primitives.capsules import FAR_BOUND, NEAR_BOUND, capsule_verdicts
-from obb_collision.queries.primitives.planes import plane_distances
+from obb_collision.queries.primitives.capsules import FAR_BOUND, NEAR_BOUND
 from obb_collision.queries.rays.boxes import DISTANCE_SLACK, HIT_BOUND, Ray, enters_bounds
 from obb_collision.queries.rays.mesh_rays import moved_ahead
 from obb_collision.queries.rays.rays import _units_kernel, cast_rays
@@ -150,7 +150,7 @@ def check_capsules(record_property: Record, verdict: Verdict, limit: float, pair
     fixed = moving.other if pair else moving.moved.a
 
     def decide(distances: Floats) -> np.ndarray:
-        found = capsule_verdicts(moving.at(distances), fixed) == verdict
+        found = oc.verdicts(moving.at(distances), fixed) == verdict
         return found if sign > 0 else ~found
 
     def quantity(n: int, distance: float) -> Fraction:
@@ -202,14 +202,17 @@ def test_capsules_overlapping(record_property: Record) -> None:
 def test_planes(record_property: Record) -> None:
     moved = Moved(PAIRS, loose=True)
     points, boxes = moved.a.centers, moved.at(0.3 * moved.farthest)[1]
-    found = plane_distances(boxes, points, moved.directions)
+    low, high = (
+        oc.separations(boxes, oc.HalfSpaces(points, way)).separations
+        for way in (moved.directions, -moved.directions)
+    )
     ratios = []
     for n in range(len(boxes)):
         stored, normal = row_of(boxes, n), exact(moved.directions[n])
         offset = difference(exact(stored[0]), exact(points[n]))
         heights = [dot(normal, difference(c, exact(points[n]))) for c in corners(stored)]
         bound = Fraction(CAREFUL_BOUND) * (norm(offset) + extents(stored)) + Fraction(2) ** -1060
-        for value, height in ((found.lowest[n], min(heights)), (found.highest[n], max(heights))):
+        for value, height in ((low[n], min(heights)), (-high[n], max(heights))):
             ratios.append(abs(Fraction(value) - height / norm(normal)) / bound)
     check_ratios(record_property, ratios)
 

@@ -42,6 +42,7 @@ from oracle import Box
 from overlap_oracle import overlap_volume
 from support import family, joined, row_of, witnesses
 
+from obb_collision import clearances, contacts, verdicts
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.poses import matrices_from_quaternions, unit_quaternions
 from obb_collision.numerics.constants import (
@@ -51,9 +52,7 @@ from obb_collision.numerics.constants import (
     ORTHONORMAL_ROUNDING,
     UNDERFLOW,
 )
-from obb_collision.queries.clearance.clearance import clearances
 from obb_collision.queries.clearance.closest_points import NEAR, PROVEN
-from obb_collision.queries.contacts.contacts import contacts
 from obb_collision.queries.verdict.coarse import (
     MEETING_SLACK,
     SPHERE_SLACK,
@@ -64,7 +63,7 @@ from obb_collision.queries.verdict.coarse import (
 from obb_collision.queries.verdict.overlap import VOLUME_BOUND, overlap_volumes
 from obb_collision.queries.verdict.pair_frame import box_of, enter_frame, pair_of
 from obb_collision.queries.verdict.sat import best_face
-from obb_collision.queries.verdict.verdict import Verdict, fast_verdict, verdicts
+from obb_collision.queries.verdict.verdict import Verdict, fast_verdict
 from obb_collision.queries.verdict.witness import gap_bounds
 from obb_collision.typing import Mask
 from tools.cases.families import FAMILIES

@@ -41,6 +41,7 @@ from mesh_zoo import zoo
 from scipy.spatial.transform import Rotation
 from support import row_of
 
+import obb_collision as oc
 from obb_collision.geometry.fitting.enclosing import COORDINATE_BOUND, enclose_points
 from obb_collision.geometry.trees.build import WIDENING
 from obb_collision.geometry.trees.obb_tree import MeshTrees
@@ -50,7 +51,6 @@ from obb_collision.queries.convex.distance import CONVEX_ROUNDING
 from obb_collision.queries.convex.distances import convex_distances
 from obb_collision.queries.meshes.convex import GAP_BOUND, PlacedHulls, hulls_may_collide
 from obb_collision.queries.meshes.inside import SLAB_SLACK, outside_box
-from obb_collision.queries.meshes.mesh_clearance import mesh_clearances
 from obb_collision.queries.meshes.placed import PlacedMeshes
 from obb_collision.queries.meshes.tree_boxes import (
     POINT_BOUND,
@@ -123,7 +123,7 @@ def test_distances_of_meshes(record_property: Record) -> None:
             PlacedMeshes.trusted(trees, x.meshes, x.centers, rotations[[i + k]])
             for k, x in enumerate((a, b))
         ]
-        found = mesh_clearances(bodies[0], bodies[1])
+        found = oc.clearances(bodies[0], bodies[1])
         places = [
             [
                 dot(row, exact(corner)) + c

@@ -35,9 +35,8 @@ from scipy.spatial.transform import Rotation
 from support import witnesses
 from sweep_motions import CORNER_SIGNS
 
-from obb_collision.geometry.boxes import Boxes
+from obb_collision import Boxes, Verdict, verdicts
 from obb_collision.queries.sweep.course import BodyMotion
-from obb_collision.queries.verdict.verdict import Verdict, verdicts
 
 Pair = tuple[Any, Any]
 Rows = np.ndarray

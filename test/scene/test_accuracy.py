@@ -170,7 +170,7 @@ def test_mesh_verdicts_of_a_scene_are_those_of_the_mesh_queries() -> None:
         scene.add(f"{k}", shapes[kinds[k]], where[k])
     bodies = oc.PlacedMeshes.from_poses(trees, kinds, where)
     i, j = np.triu_indices(150, 1)
-    expected = oc.mesh_verdicts(bodies, bodies, np.stack([i, j], axis=1))
+    expected = oc.verdicts(bodies, bodies, np.stack([i, j], axis=1))
     hit = expected != SEPARATE
     report = scene.check()
     assert report.pairs.tolist() == np.stack([i[hit], j[hit]], axis=1).tolist()

@@ -263,7 +263,7 @@ def test_a_box_of_another_size_beside_a_mesh_is_not_what_it_was() -> None:
 
 
 def test_what_leaves_a_region_before_a_query_has_left_it() -> None:
-    scene = oc.Scene(region=oc.Region([-5, -5, -5], [5, 5, 5], halo=1.0))
+    scene = oc.Scene(region=oc.regions.Region([-5, -5, -5], [5, 5, 5], halo=1.0))
     for name in "ab":
         scene.add(name, SHAPES[0])
     assert scene.check().names() == [("a", "b")]

@@ -24,7 +24,6 @@ from scipy.spatial.transform import Rotation
 
 import obb_collision as oc
 from obb_collision.geometry.capsules import Capsules
-from obb_collision.queries.primitives.capsules import capsule_distances
 from obb_collision.shapes import Box, Capsule, Cone, Cylinder, Ellipsoid, Hull, Mesh, Shape, Sphere
 
 ZOO = zoo()
@@ -90,7 +89,7 @@ def test_spheres_and_capsules_are_decided_by_their_distances() -> None:
     axes = Rotation.from_quat(places[:, 3:]).as_matrix()[:, :, 2] * halves[:, None]
     capsules = Capsules(places[:, :3] - axes, places[:, :3] + axes, radii)
     i, j = np.triu_indices(200, 1)
-    gaps = capsule_distances(capsules[i], capsules[j]).separations
+    gaps = oc.clearances(capsules[i], capsules[j]).distances
     assert np.abs(gaps).min() > 1e-12
     expected = np.stack([i, j], axis=1)[gaps < 0.0]
     report = scene.check()

@@ -42,7 +42,7 @@ class Run:
     """A merger and a clock: all regions that are there say so every STEP."""
 
     def __init__(self, *regions: str, objects: int = 10) -> None:
-        self.merger = oc.RegionMerger(regions, timeout=0.5)
+        self.merger = oc.regions.RegionMerger(regions, timeout=0.5)
         self.now = 0.0
         self.objects = dict.fromkeys(regions, objects)
 
@@ -148,9 +148,9 @@ def test_rows_without_objects_unknown_regions_and_bad_names_are_refused(run: Run
         run.merger.mark_alive("north", 1, run.now)
     for wrong in ([], ["a", "a"], [""]):
         with pytest.raises(ValueError, match="regions"):
-            oc.RegionMerger(wrong)
+            oc.regions.RegionMerger(wrong)
     with pytest.raises(ValueError, match="timeout"):
-        oc.RegionMerger(["a"], 0.0)
+        oc.regions.RegionMerger(["a"], 0.0)
 
 
 def test_stamps_that_never_become_complete_take_bounded_room(run: Run) -> None:

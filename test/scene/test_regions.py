@@ -26,6 +26,7 @@ from hypothesis import strategies as st
 
 import obb_collision as oc
 from obb_collision.queries.verdict.coarse import meeting_bounds
+from obb_collision.regions import Region, split_regions
 from obb_collision.scene.store.region import owns
 
 FAR = 0.5
@@ -48,7 +49,7 @@ moves = st.lists(st.tuples(st.integers(0, 11), poses, st.tuples(*[SPEEDS] * 6)),
 splits = st.tuples(*[st.integers(1, 3)] * 3)
 
 
-def scene_of(given_boxes: Sequence[Any], region: oc.Region | None, **options: Any) -> oc.Scene:
+def scene_of(given_boxes: Sequence[Any], region: Region | None, **options: Any) -> oc.Scene:
     """Return a scene with boxes, and everything switched on."""
     scene = oc.Scene(**options)
     for name in EFFECTS:
@@ -111,7 +112,7 @@ def test_regions_find_together_what_one_scene_finds(
     given_boxes: Any, parts: Any, steps: Any, padded: bool
 ) -> None:
     options: dict[str, Any] = {"padding": 0.75, "exact": True} if padded else {}
-    regions = oc.split_regions([-1.5] * 3, [1.5] * 3, parts, FAR)
+    regions = split_regions([-1.5] * 3, [1.5] * 3, parts, FAR)
     whole = scene_of(given_boxes, None, **options)
     scenes = [scene_of(given_boxes, region, **options) for region in regions]
     check_union(whole, scenes)
@@ -128,7 +129,7 @@ def test_regions_find_together_what_one_scene_finds(
 @pytest.mark.parametrize("seed", range(2))
 def test_many_objects_that_come_move_and_go(seed: int, accuracy: str) -> None:
     random = np.random.default_rng(seed)
-    regions = oc.split_regions([0.0] * 3, [6.0] * 3, (2, 2, 1), FAR)
+    regions = split_regions([0.0] * 3, [6.0] * 3, (2, 2, 1), FAR)
     scenes = [scene_of([], region, accuracy=accuracy) for region in (None, *regions)]
     shapes = (oc.shapes.Box([1.0, 0.5, 2.0]), oc.shapes.Sphere(0.5), oc.shapes.Cylinder(0.25, 1.5))
     names = [f"a/{n}" for n in range(160)]
@@ -164,7 +165,7 @@ def test_a_pair_belongs_to_one_region_though_its_point_is_on_the_border() -> Non
             len(
                 scene_of(
                     cubes,
-                    oc.Region([ends[k], -np.inf, -np.inf], [ends[k + 1], np.inf, np.inf], FAR),
+                    Region([ends[k], -np.inf, -np.inf], [ends[k + 1], np.inf, np.inf], FAR),
                 ).check()
             )
             for k in range(2)
@@ -173,7 +174,7 @@ def test_a_pair_belongs_to_one_region_though_its_point_is_on_the_border() -> Non
 
 
 def test_what_stays_away_takes_no_part_and_what_comes_does() -> None:
-    region = oc.Region([-np.inf] * 3, [0.0, np.inf, np.inf], FAR)
+    region = Region([-np.inf] * 3, [0.0, np.inf, np.inf], FAR)
     scene = scene_of([([1, 1, 1], np.array([x, 0, 0, 0, 0, 0, 1.0])) for x in (-5, 50, 60)], region)
     report = scene.check()
     assert scene.indices_near.tolist() == [0]
@@ -195,7 +196,7 @@ def test_what_comes_by_its_twist_from_far_beyond_the_halo_is_predicted_once() ->
     cubes = [([1, 1, 1], np.array([x, 0, 0, 0, 0, 0, 1.0])) for x in (-1.0, 20.0)]
     whole = scene_of(cubes, None)
     scenes = [
-        scene_of(cubes, region) for region in oc.split_regions([-5] * 3, [5] * 3, (2, 1, 1), FAR)
+        scene_of(cubes, region) for region in split_regions([-5] * 3, [5] * 3, (2, 1, 1), FAR)
     ]
     for scene in (whole, *scenes):
         scene.set_twist("box/1", [-30.0, 0, 0, 0, 0, 0])
@@ -204,7 +205,7 @@ def test_what_comes_by_its_twist_from_far_beyond_the_halo_is_predicted_once() ->
 
 
 def test_only_objects_far_away_that_move_leave_the_report_as_it_is() -> None:
-    region = oc.Region([-np.inf] * 3, [0.0, np.inf, np.inf], 1.0)
+    region = Region([-np.inf] * 3, [0.0, np.inf, np.inf], 1.0)
     scene = oc.Scene(region=region)
     for n, x in enumerate((-5.0, -5.5, 50.0)):
         scene.add(str(n), oc.shapes.Box([1, 1, 1]), [x, 0, 0, 0, 0, 0, 1])
@@ -221,7 +222,7 @@ def test_only_objects_far_away_that_move_leave_the_report_as_it_is() -> None:
 
 
 def test_a_halo_smaller_than_what_effects_look_beyond_is_refused() -> None:
-    part = oc.Region([0, 0, 0], [1, 1, 1], 0.05)
+    part = Region([0, 0, 0], [1, 1, 1], 0.05)
     with pytest.raises(ValueError, match=r"halo .* at least 0\.1"):
         oc.Scene(region=part)
     scene = oc.Scene()
@@ -233,13 +234,13 @@ def test_a_halo_smaller_than_what_effects_look_beyond_is_refused() -> None:
             scene.set_effect(effect, **options)
         assert scene.effect_setting(effect) == before
     scene.set_effect("points", margin=0.05)
-    scene.region = oc.Region([-np.inf] * 3, [np.inf] * 3)  # of everything: no halo is needed
+    scene.region = Region([-np.inf] * 3, [np.inf] * 3)  # of everything: no halo is needed
     assert scene.region is None
 
 
 @pytest.mark.parametrize("parts", [(1, 1, 1), (3, 1, 1), (2, 3, 4)])
 def test_every_point_is_in_one_region_of_a_split(parts: tuple[int, int, int]) -> None:
-    regions = oc.split_regions([-1, 0, 2], [1, 3, 4], parts)
+    regions = split_regions([-1, 0, 2], [1, 3, 4], parts)
     assert len(regions) == np.prod(parts)
     cuts = np.unique([r.minimum for r in regions] + [r.maximum for r in regions])
     cuts = cuts[np.isfinite(cuts)]
@@ -263,7 +264,7 @@ def test_every_point_is_in_one_region_of_a_split(parts: tuple[int, int, int]) ->
 )
 def test_what_is_no_region_is_refused(given_ends: Any, reason: str) -> None:
     with pytest.raises(ValueError, match=reason):
-        oc.Region(*given_ends)
+        Region(*given_ends)
 
 
 @pytest.mark.parametrize(
@@ -272,8 +273,8 @@ def test_what_is_no_region_is_refused(given_ends: Any, reason: str) -> None:
 )
 def test_splits_that_make_no_sense_are_refused(parts: Any, reason: str) -> None:
     with pytest.raises(ValueError, match=reason):
-        oc.split_regions([0, 0, 0], [1, 1, 1], parts)
+        split_regions([0, 0, 0], [1, 1, 1], parts)
     with pytest.raises(ValueError, match="along an axis"):
-        oc.split_regions([0, 0, 0], [0, 1, 1], [2, 1, 1])
+        split_regions([0, 0, 0], [0, 1, 1], [2, 1, 1])
     with pytest.raises(ValueError, match="below maximum"):
-        oc.split_regions([1, 0, 0], [np.nextafter(1, 2), 1, 1], [9, 1, 1])
+        split_regions([1, 0, 0], [np.nextafter(1, 2), 1, 1], [9, 1, 1])

@@ -37,7 +37,7 @@ PYRAMID = Mesh(
     np.array([[0, 0, 0.8], [1, 0, 0], [0, 1, 0], [-1, -1, 0]]),
     np.array([[0, 1, 2], [0, 2, 3], [0, 3, 1], [1, 3, 2]]),
 )
-HALL = oc.Region([-5, -5, -5], [5, 5, 5], halo=2.0)
+HALL = oc.regions.Region([-5, -5, -5], [5, 5, 5], halo=2.0)
 
 
 def at(x: float, y: float = 0.0) -> list[float]:
@@ -106,7 +106,7 @@ CHANGES: dict[str, Callable[[oc.Scene], Any]] = {
     "allowed": lambda s: setattr(s, "allowed", [("pyramid", "*", True)]),
     "check only": lambda s: setattr(s, "check_only", [("pyramid", "*")]),
     "allowed within": lambda s: setattr(s, "allowed_within", ["box"]),
-    "region": lambda s: setattr(s, "region", oc.Region([-5] * 3, [2.2, 5, 5], halo=2.0)),
+    "region": lambda s: setattr(s, "region", oc.regions.Region([-5] * 3, [2.2, 5, 5], halo=2.0)),
     "max pairs": lambda s: setattr(s, "max_pairs", 2),
     "tree depth": lambda s: setattr(s, "tree_depth", 1),
     "effect": lambda s: s.set_effect("clearance", "on", max_distance=0.2),

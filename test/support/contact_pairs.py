@@ -22,9 +22,8 @@ import numpy as np
 from one_set import contacts
 from support import family, joined
 
-from obb_collision.geometry.boxes import Boxes
+from obb_collision import Boxes, Verdict, verdicts
 from obb_collision.queries.contacts.contacts import Contacts
-from obb_collision.queries.verdict.verdict import Verdict, verdicts
 from obb_collision.typing import Floats
 from tools.cases.placement import turns
 

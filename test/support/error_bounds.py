@@ -31,7 +31,7 @@ import numpy as np
 from oracle import Box, ExactPair
 from support import family, loosened, row_of, stored
 
-from obb_collision.geometry.boxes import Boxes
+from obb_collision import Boxes
 from obb_collision.typing import Floats, Mask
 from tools.cases.families import FAMILIES
 

@@ -18,21 +18,19 @@ from __future__ import annotations
 
 from numpy.typing import ArrayLike
 
-from obb_collision.geometry.boxes import Boxes
-from obb_collision.queries.clearance import clearance
+import obb_collision as oc
+from obb_collision import Boxes, MovingBoxes, sweeps
 from obb_collision.queries.clearance.clearance import Clearances
-from obb_collision.queries.contacts import contacts as contact_query
 from obb_collision.queries.contacts.contacts import Contacts
-from obb_collision.queries.sweep.moving import MovingBoxes
-from obb_collision.queries.sweep.sweep import TOLERANCE, Sweeps, sweeps
+from obb_collision.queries.sweep.sweep import TOLERANCE, Sweeps
 
 
 def contacts(boxes: Boxes, pairs: ArrayLike, limit: int = 4) -> Contacts:
-    return contact_query.contacts(boxes, boxes, pairs, max_points=limit)
+    return oc.contacts(boxes, boxes, pairs, max_points=limit)
 
 
 def clearances(boxes: Boxes, pairs: ArrayLike) -> Clearances:
-    return clearance.clearances(boxes, boxes, pairs)
+    return oc.clearances(boxes, boxes, pairs)
 
 
 def sweep(

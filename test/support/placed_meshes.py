@@ -23,10 +23,8 @@ from mesh_zoo import zoo
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
-from obb_collision.geometry.trees.obb_tree import MeshTrees
-from obb_collision.queries.meshes.meshes import mesh_verdicts
-from obb_collision.queries.meshes.placed import PlacedMeshes
-from obb_collision.queries.verdict.verdict import Verdict
+import obb_collision as oc
+from obb_collision import MeshTrees, PlacedMeshes, Verdict
 from obb_collision.typing import Floats
 
 Faces = NDArray[np.int64]
@@ -75,9 +73,16 @@ def place(vertices: ArrayLike, faces: ArrayLike, offset: ArrayLike = (0, 0, 0)) 
 
 
 def verdict_of(a: PlacedMeshes, b: PlacedMeshes, exact: bool = False) -> Verdict:
-    forward, backward = mesh_verdicts(a, b, exact=exact)[0], mesh_verdicts(b, a, exact=exact)[0]
+    forward, backward = oc.verdicts(a, b, exact=exact)[0], oc.verdicts(b, a, exact=exact)[0]
     assert forward == backward
     return Verdict(forward)
+
+
+def collisions(
+    a: PlacedMeshes, b: PlacedMeshes, pairs: ArrayLike | None = None, depth: int | None = None
+) -> NDArray[np.bool_]:
+    """Return which meshes collide, or boxes of a depth: the quickest question."""
+    return np.asarray(oc.verdicts(a, b, pairs, effort=0, depth=depth) != Verdict.SEPARATE)
 
 
 def placed_corners(bodies: PlacedMeshes, row: int) -> Floats:

@@ -21,7 +21,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from obb_collision.geometry.boxes import Boxes
+from obb_collision import Boxes
 from obb_collision.geometry.validation import orthonormal_defect
 from obb_collision.numerics.constants import ROUNDOFF
 from obb_collision.queries.verdict.blocks import witness_kernel

@@ -27,7 +27,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from obb_collision.geometry.boxes import Boxes
+from obb_collision import Boxes
 from tools.cases.placement import log_uniform, random_rotations, turns
 
 Rng = np.random.Generator

@@ -30,12 +30,12 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+import obb_collision as oc
 from obb_collision.benchmarks.pair_peers import coal_mesh, fcl_mesh
 from obb_collision.benchmarks.timing import on_threads, seconds_of
 from obb_collision.cli import Parser, interruptible, option, whole
 from obb_collision.geometry.shapes.meshes import Mesh
 from obb_collision.geometry.trees.obb_tree import MeshTrees
-from obb_collision.queries.meshes.mesh_clearance import mesh_clearances
 from obb_collision.queries.meshes.placed import PlacedMeshes
 from obb_collision.typing import Floats
 from tools.peers.meshes import TURNS, print_table
@@ -115,9 +115,9 @@ def compare(first: Any, second: Any, pairs: int, spread: float) -> dict[str, flo
         PEERS[name](importlib.import_module(name), shapes, centers, rotations) for name in names
     ]
     with on_threads(1):
-        found = mesh_clearances(bodies[0], bodies[1])
+        found = oc.clearances(bodies[0], bodies[1])
         theirs = [ask() for ask in asked]
-        runs: list[Callable[[], object]] = [lambda: mesh_clearances(bodies[0], bodies[1]), *asked]
+        runs: list[Callable[[], object]] = [lambda: oc.clearances(bodies[0], bodies[1]), *asked]
         times = np.array([[seconds_of(run)[1] for run in runs] for _ in range(TURNS)]).min(axis=0)
     apart = found.distances > 0.0
     row = {

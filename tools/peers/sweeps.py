@@ -39,12 +39,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from obb_collision import sweeps, verdicts
 from obb_collision.benchmarks.timing import seconds_of
 from obb_collision.cli import Parser, interruptible, new_file, option, whole
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.queries.sweep.moving import MovingBoxes
-from obb_collision.queries.sweep.sweep import Sweeps, sweeps
-from obb_collision.queries.verdict.verdict import Verdict, verdicts
+from obb_collision.queries.sweep.sweep import Sweeps
+from obb_collision.queries.verdict.verdict import Verdict
 from obb_collision.typing import Floats
 
 #: Turns of each side; the best counts, since others use the machine too.

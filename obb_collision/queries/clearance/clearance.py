@@ -43,7 +43,7 @@ from obb_collision.numerics.constants import MAX_MAGNITUDE
 from obb_collision.numerics.vec3 import components, minus, negated, scaled
 from obb_collision.queries.clearance.closest_points import NEAR, Points, points_apart, points_near
 from obb_collision.queries.verdict.pair_frame import Box, Pair, box_at, enter_frame, leave_frame
-from obb_collision.queries.verdict.pair_rows import as_pairs, check_boxes, one_set
+from obb_collision.queries.verdict.pair_rows import as_pairs, one_set
 from obb_collision.queries.verdict.sat import best_face
 from obb_collision.queries.verdict.verdict import SEPARATE, TOUCHING, box_verdict
 from obb_collision.queries.verdict.witness import box_witness
@@ -76,46 +76,10 @@ class Clearances:
         return len(self.distances)
 
 
-def clearances(
+def box_clearances(
     a: Boxes, b: Boxes, pairs: ArrayLike | None = None, *, max_distance: float = np.inf
 ) -> Clearances:
-    """Return how far apart boxes are, and the closest points.
-
-    Parameters
-    ----------
-    a, b : Boxes
-    pairs : (m, 2) array_like of int, optional
-        Rows of a and of b; without, each row of a against the same row of b.
-    max_distance : float
-        Metres; pairs farther apart are left out, and cost little where face normals show it.
-
-    Returns
-    -------
-    Clearances
-        pairs (k, 2), in the order given; distances (k,) metres, positive apart, minus the depth
-        where they overlap, 0 where they touch; positions_a and positions_b (k, 3) metres;
-        normals (k, 3) unit, from a to b.
-
-    Raises
-    ------
-    ValueError
-        For pairs that are no rows, and without pairs for different lengths; for a
-        negative distance.
-    TypeError
-        For anything but boxes.
-
-    References
-    ----------
-    Ericson, Real-Time Collision Detection (2005), 5.1 and 9.
-
-    Examples
-    --------
-    >>> boxes = oc.Boxes([[0, 0, 0], [1.5, 0, 0], [4, 0, 0]], [np.eye(3)] * 3, [[1, 1, 1]] * 3)
-    >>> found = oc.clearances(boxes, boxes, [[0, 1], [0, 2]])
-    >>> found.distances.tolist(), found.normals[1].tolist()
-    ([-0.5, 2.0], [1.0, 0.0, 0.0])
-    """
-    check_boxes(a, b)
+    """Return the clearances of boxes that are within a distance, in metres."""
     given = as_pairs(a, b, pairs)
     boxes, checked = one_set(a, b, given)
     found, near = near_pairs(boxes, checked, as_limit(max_distance))

@@ -70,7 +70,7 @@ from obb_collision.queries.verdict.blocks import (
     write_in,
 )
 from obb_collision.queries.verdict.pair_frame import Box, box_at
-from obb_collision.queries.verdict.pair_rows import as_pairs, check_boxes, one_set
+from obb_collision.queries.verdict.pair_rows import as_pairs, one_set
 from obb_collision.queries.verdict.verdict import careful_bound
 from obb_collision.typing import Floats, Integers, Vector
 from obb_collision.words import shown
@@ -118,48 +118,10 @@ class Contacts:
         return len(self.pairs)
 
 
-def contacts(
+def box_contacts(
     a: Boxes, b: Boxes, pairs: ArrayLike | None = None, *, max_points: int = 4
 ) -> Contacts:
-    """Return where boxes touch: normal, depth, and a few points that stand for the patch.
-
-    Every pair that is not certainly separate has a point at least, touching ones included.
-
-    Parameters
-    ----------
-    a, b : Boxes
-    pairs : (m, 2) array_like of int, optional
-        Rows of a and of b; without, each row of a against the same row of b.
-    max_points : int
-        Points per pair at most, 4 or 8.
-
-    Returns
-    -------
-    Contacts
-        normals (m, 3) unit, from a to b; depths (m,) metres; counts (m,), 0 where apart; positions
-        (m, max_points, 3) metres and position_depths (m, max_points), NaN past the count; axes
-        (m,).
-
-    Raises
-    ------
-    ValueError
-        For pairs that are no rows, and without pairs for different lengths; for another maximum.
-    TypeError
-        For anything but boxes.
-
-    References
-    ----------
-    Ericson, Real-Time Collision Detection (2005), 5.5; Gregorius, Robust Contact Creation for
-    Physics Simulations (GDC 2015).
-
-    Examples
-    --------
-    >>> floor, crate = oc.OBB(half_extents=[9, 9, 1]), oc.OBB([0, 0, 2], np.eye(3), [1, 1, 1.25])
-    >>> found = oc.contacts(oc.Boxes.from_obbs([floor]), oc.Boxes.from_obbs([crate]))
-    >>> found.depths.tolist(), found.normals.tolist(), found.counts.tolist()
-    ([0.25], [[0.0, 0.0, 1.0]], [4])
-    """
-    check_boxes(a, b)
+    """Return the contacts of boxes, with at most 4 or 8 points each."""
     limit = as_max_points(max_points)
     given = as_pairs(a, b, pairs)
     boxes, rows = one_set(a, b, given)

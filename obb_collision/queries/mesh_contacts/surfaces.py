@@ -44,12 +44,13 @@ from obb_collision.queries.mesh_contacts.push import (
     way_out,
 )
 from obb_collision.queries.meshes.mesh_clearance import as_radii, clearances_of
-from obb_collision.queries.meshes.placed import Meshes, PlacedMeshes, body_at, mesh_rows
+from obb_collision.queries.meshes.placed import Meshes, PlacedMeshes, body_at
 from obb_collision.queries.meshes.tree_descent import STACK
 from obb_collision.queries.meshes.tree_distance import TreeRoom
 from obb_collision.queries.meshes.triangle_distance import closest_points, crossing, foot
 from obb_collision.queries.meshes.triangles import Triangle
 from obb_collision.queries.primitives.segments import unit_scale
+from obb_collision.queries.verdict.pair_rows import as_sides
 from obb_collision.queries.verdict.separations import Separations
 from obb_collision.typing import Floats, Integers, Vector
 
@@ -65,49 +66,8 @@ def mesh_separations(
     radii_a: ArrayLike = 0.0,
     radii_b: ArrayLike = 0.0,
 ) -> Separations:
-    """Return how far apart meshes are, or how deep they overlap, along which direction.
-
-    Of meshes that are apart that is the distance of ``mesh_clearances``. Of others it is minus a
-    depth: moving b along the normal by the depth certainly parts them. No push along the normal of
-    their hulls is shorter, nor is the depth of their hulls but by 1e-9 of the size of the pair. For
-    convex meshes it is the least of all; for others a shorter one may exist along a direction that
-    was not tried.
-
-    Parameters
-    ----------
-    a, b : PlacedMeshes
-    pairs : (m, 2) array_like of int, optional
-        Rows of a and of b; without, each row of a against the same row of b.
-    radii_a, radii_b : float or (n,) array_like
-        Metres; a body is everything within its radius of its mesh.
-
-    Returns
-    -------
-    Separations
-        pairs (m, 2); separations (m,) metres, negative where they overlap; normals (m, 3) unit,
-        from a to b; positions (m, 3) metres, between the closest points, or those that touch last.
-
-    Raises
-    ------
-    ValueError
-        For pairs that are no rows, and without pairs for different lengths; for a negative radius.
-    TypeError
-        For anything but placed meshes.
-
-    References
-    ----------
-    Je, Tang, Lee, Lin, Kim, PolyDepth: real-time penetration depth computation (2012).
-
-    Examples
-    --------
-    >>> tree = oc.MeshTrees.from_half_extents([1, 1, 1])
-    >>> poses = [[0, 0, 0, 0, 0, 0, 1], [0, 0.1, 1.75, 0, 0, 0, 1]]
-    >>> bodies = oc.PlacedMeshes.from_poses(tree, [0, 0], poses)
-    >>> found = oc.mesh_separations(bodies, bodies, [[0, 1]])
-    >>> found.separations.round(6).tolist(), found.normals.round(6).tolist()
-    ([-0.25], [[0.0, 0.0, 1.0]])
-    """
-    i, j = mesh_rows(a, b, pairs)
+    """Return the signed separations of meshes, with radii."""
+    i, j = as_sides(a, b, pairs)
     first, second = as_radii(radii_a, "radii_a", len(a)), as_radii(radii_b, "radii_b", len(b))
     convex_a, convex_b = hulls_of(a, i, first), hulls_of(b, j, second)
     found, _ = convex_distances(convex_a, convex_b, i, j)
@@ -176,7 +136,7 @@ class Curve(NamedTuple):
     depths: Floats  #: (POINTS CONTACTS,)
 
 
-def mesh_patches(
+def mesh_contacts(
     a: PlacedMeshes,
     b: PlacedMeshes,
     pairs: ArrayLike | None = None,
@@ -185,52 +145,10 @@ def mesh_patches(
     radii_a: ArrayLike = 0.0,
     radii_b: ArrayLike = 0.0,
 ) -> Contacts:
-    """Return where meshes collide: normal, depth, and a few points of the curve where they cross.
-
-    Depths and normals are those of ``mesh_separations``. The points are on both surfaces to 1e-12
-    of the size of the pair, the deepest first (to 2^-24 of it),
-    the others as far from those before as possible. The
-    depth at a point is how far b must move along the normal until the two triangles that cross
-    there no longer touch. Where no surfaces cross, as one body is within the other or only their
-    radii overlap, there is one point, halfway between those that part last.
-
-    Parameters
-    ----------
-    a, b : PlacedMeshes
-    pairs : (m, 2) array_like of int, optional
-        Rows of a and of b; without, each row of a against the same row of b.
-    max_points : int
-        Points per pair at most, 4 or 8.
-    radii_a, radii_b : float or (n,) array_like
-        Metres; a body is everything within its radius of its mesh.
-
-    Returns
-    -------
-    Contacts
-        normals (m, 3) unit, from a to b; depths (m,) metres; counts (m,), 0 where apart; positions
-        (m, max_points, 3) metres and position_depths (m, max_points), NaN past the count; axes
-        (m,), all -1.
-
-    Raises
-    ------
-    ValueError
-        For pairs that are no rows, and without pairs for different lengths; for another maximum;
-        for a negative radius.
-    TypeError
-        For anything but placed meshes.
-
-    Examples
-    --------
-    >>> tree = oc.MeshTrees.from_half_extents([1, 1, 1])
-    >>> poses = [[0, 0, 0, 0, 0, 0, 1], [0.5, 0.5, 1.75, 0, 0, 0, 1]]
-    >>> bodies = oc.PlacedMeshes.from_poses(tree, [0, 0], poses)
-    >>> found = oc.mesh_patches(bodies, bodies, [[0, 1]])
-    >>> found.depths.round(6).tolist(), int(found.counts[0])
-    ([0.25], 4)
-    """
+    """Return the contacts of meshes, with radii: points of the curve where their surfaces cross."""
     limit = as_max_points(max_points)
     found = mesh_separations(a, b, pairs, radii_a=radii_a, radii_b=radii_b)
-    return patches_of(found, a, b, *mesh_rows(a, b, pairs), limit)
+    return patches_of(found, a, b, *as_sides(a, b, pairs), limit)
 
 
 def patches_of(

@@ -39,9 +39,9 @@ from obb_collision.geometry.trees.obb_tree import TreeArrays
 from obb_collision.geometry.validation import refuse_where
 from obb_collision.numerics.constants import MESH_UNDERFLOW
 from obb_collision.numerics.vec3 import combined, minus, norm, plus, scaled
-from obb_collision.queries.clearance.clearance import as_limit
+from obb_collision.queries.clearance.clearance import Clearances, as_limit
 from obb_collision.queries.meshes.meshes import UNLIMITED, nesting, pose_of, roots_apart
-from obb_collision.queries.meshes.placed import MeshAt, Meshes, PlacedMeshes, body_at, mesh_rows
+from obb_collision.queries.meshes.placed import MeshAt, Meshes, PlacedMeshes, body_at
 from obb_collision.queries.meshes.tree_boxes import Pose, moved
 from obb_collision.queries.meshes.tree_descent import STACK, Contacting, descend
 from obb_collision.queries.meshes.tree_distance import (
@@ -53,6 +53,7 @@ from obb_collision.queries.meshes.tree_distance import (
 )
 from obb_collision.queries.meshes.triangles import SEPARATE, TOUCHING
 from obb_collision.queries.primitives.segments import unit_scale
+from obb_collision.queries.verdict.pair_rows import as_sides
 from obb_collision.typing import Floats, Integers, Mask, Vector
 
 #: Pairs below which a second thread does not pay: 0.2 ms.
@@ -60,27 +61,16 @@ FEWEST_PAIRS = 16
 
 
 @dataclass(frozen=True, eq=False)
-class MeshClearances:
-    """Distance and closest points of m pairs of placed meshes a, b; metres, world frame."""
+class MeshClearances(Clearances):
+    """The same of placed meshes: no points are closer than the distance, 0 where they collide.
 
-    pairs: Integers
-    """(m, 2) rows of a and b."""
-    distances: Floats
-    """(m,) no points of the two are closer; 0 where they collide."""
+    There both positions are one that they have in common, and the normal is 0.
+    """
+
     upper: Floats
     """(m,) the positions are no farther apart, but for the rounding of world coordinates."""
-    positions_a: Floats
-    """(m, 3) the point of a closest to b; where they collide, one that they have in common."""
-    positions_b: Floats
-    """(m, 3) the same of b."""
-    normals: Floats
-    """(m, 3) unit vector from a to b along which they are apart by the distance; 0 where they
-    collide."""
     faces: Integers
     """(m, 2) the closest faces of a and of b; -1 where a piece lies inside the other."""
-
-    def __len__(self) -> int:
-        return len(self.distances)
 
 
 def mesh_clearances(
@@ -92,47 +82,8 @@ def mesh_clearances(
     radii_a: ArrayLike = 0.0,
     radii_b: ArrayLike = 0.0,
 ) -> MeshClearances:
-    """Return how far apart meshes are, with certainty, and the closest points.
-
-    Parameters
-    ----------
-    a, b : PlacedMeshes
-    pairs : (m, 2) array_like of int, optional
-        Rows of a and of b; without, each row of a against the same row of b.
-    max_distance : float
-        Metres; pairs farther apart are left out, and cost little.
-    radii_a, radii_b : float or (n,) array_like
-        Metres; a body is everything within its radius of its mesh.
-
-    Returns
-    -------
-    MeshClearances
-        pairs (k, 2), in the order given; distances (k,) metres, never above the truth, 0 where
-        they collide; upper (k,) metres; positions_a and positions_b (k, 3) metres; normals (k, 3)
-        unit, from a to b; faces (k, 2).
-
-    Raises
-    ------
-    ValueError
-        For pairs that are no rows, and without pairs for different lengths; for a
-        negative distance or radius.
-    TypeError
-        For anything but placed meshes.
-
-    References
-    ----------
-    Larsen, Gottschalk, Lin, Manocha, Fast Proximity Queries with Swept Sphere Volumes (1999).
-
-    Examples
-    --------
-    >>> tree = oc.MeshTrees.build([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
-    >>> poses = [[0, 0, 0, 0, 0, 0, 1], [0, 0, 2, 0, 0, 0, 1]]
-    >>> bodies = oc.PlacedMeshes.from_poses(tree, [0, 0], poses)
-    >>> found = oc.mesh_clearances(bodies, bodies, [[0, 1]], radii_b=0.5)
-    >>> bool(1.5 - 1e-9 < found.distances[0] <= 1.5 <= found.upper[0] < 1.5 + 1e-9)
-    True
-    """
-    i, j = mesh_rows(a, b, pairs)
+    """Return the clearances of meshes, with radii, that are within a distance, in metres."""
+    i, j = as_sides(a, b, pairs)
     limit = as_limit(max_distance)
     first, second = as_radii(radii_a, "radii_a", len(a)), as_radii(radii_b, "radii_b", len(b))
     found, near = clearances_of(a, first, b, second, i, j, limit)
@@ -156,7 +107,7 @@ def clearances_of(
         *(lower, upper, vectors[0], vectors[1], vectors[2], faces),
     )
     x, y, normals = vectors
-    return MeshClearances(np.stack([i, j], axis=1), lower, upper, x, y, normals, faces), near
+    return MeshClearances(np.stack([i, j], axis=1), lower, x, y, normals, upper, faces), near
 
 
 def as_radii(given: ArrayLike, name: str, count: int) -> Floats:

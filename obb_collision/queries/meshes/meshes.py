@@ -29,6 +29,7 @@ A box is a mesh too (``MeshTrees.from_half_extents``), exactly.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -37,8 +38,8 @@ from obb_collision._jit import njit
 from obb_collision._threads import run
 from obb_collision.geometry.trees.obb_tree import TreeArrays
 from obb_collision.geometry.validation import (
-    as_flag,
     as_whole,
+    check_kind,
 )
 from obb_collision.queries.meshes.inside import (
     INSIDE,
@@ -48,7 +49,7 @@ from obb_collision.queries.meshes.inside import (
     outside_box,
     point_side,
 )
-from obb_collision.queries.meshes.placed import MeshAt, Meshes, PlacedMeshes, body_at, mesh_rows
+from obb_collision.queries.meshes.placed import MeshAt, Meshes, PlacedMeshes, body_at
 from obb_collision.queries.meshes.tree_boxes import Pose, box_gap, moved, moved_back, relative_pose
 from obb_collision.queries.meshes.tree_descent import (
     STACK,
@@ -63,6 +64,7 @@ from obb_collision.queries.meshes.triangles import (
     exact_corners,
     exact_triangle_verdict,
 )
+from obb_collision.queries.verdict.pair_rows import as_sides
 from obb_collision.typing import Floats, Integers
 
 #: A verdict that none reaches: look at all triangles.
@@ -82,43 +84,17 @@ def mesh_verdicts(
     *,
     exact: bool = False,
     effort: int = UNLIMITED,
+    depth: int | None = None,
 ) -> NDArray[np.int8]:
-    """Return whether meshes collide, with certainty.
+    """Return the verdicts of meshes (m,), or of their boxes of a depth: then never OVERLAP.
 
-    Parameters
-    ----------
-    a, b : PlacedMeshes
-    pairs : (m, 2) array_like of int, optional
-        Rows of a and of b; without, each row of a against the same row of b.
-    exact : bool
-        Decide by integers what doubles can't tell from touching (0.1 ms per pair of triangles in
-        contact).
-    effort : int
-        Pairs of nodes to look at once triangles touch; then the verdict stays TOUCHING, though
-        others may overlap. Meshes that rest face to face take 0.1 s to rule that out.
-
-    Returns
-    -------
-    (m,) array of int8
-        Of ``Verdict``.
-
-    Raises
-    ------
-    ValueError
-        For pairs that are no rows, and without pairs for different lengths.
-    TypeError
-        For anything but placed meshes.
-
-    Examples
-    --------
-    >>> tree = oc.MeshTrees.build([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
-    >>> crossing = [[0, 0, 0, 0, 0, 0, 1], [0.25, 0.25, -0.25, 0.5, 0.5, 0.5, 0.5]]
-    >>> bodies = oc.PlacedMeshes.from_poses(tree, [0, 0], crossing)
-    >>> oc.mesh_verdicts(bodies, bodies, [[0, 1]]).tolist()
-    [2]
+    effort: pairs of nodes to look at once they touch.
     """
-    as_flag(exact, "exact")
-    i, j = mesh_rows(a, b, pairs)
+    if depth is not None:
+        return np.where(mesh_collisions(a, b, pairs, depth=depth), TOUCHING, SEPARATE).astype(
+            np.int8
+        )
+    i, j = as_sides(a, b, pairs)
     effort = as_whole(effort, "effort")
     result, _, _ = _find(a, b, i, j, OVERLAP, 0, effort)
     if exact:
@@ -138,43 +114,13 @@ def mesh_collisions(
     *,
     depth: int | None = None,
 ) -> NDArray[np.bool_]:
-    """Return which meshes collide; quicker than verdicts, since touching ends the search.
+    """Return which meshes collide (m,): quicker than verdicts, since touching ends the search.
 
-    Parameters
-    ----------
-    a, b : PlacedMeshes
-    pairs : (m, 2) array_like of int, optional
-        Rows of a and of b; without, each row of a against the same row of b.
-    depth : int, optional
-        Look at boxes of that depth (2^depth of them per mesh) instead of triangles: never misses
-        what triangles report. A pair whose boxes of a lesser depth are apart is not reported, even
-        where boxes below stick out of those above.
-
-    Returns
-    -------
-    (m,) array of bool
-        Whether they have a common point or a piece lies inside a solid.
-
-    Raises
-    ------
-    ValueError
-        For pairs that are no rows, and without pairs for different lengths.
-    TypeError
-        For anything but placed meshes.
-
-    References
-    ----------
-    Gottschalk, Lin, Manocha, OBBTree (SIGGRAPH 1996).
-
-    Examples
-    --------
-    >>> tree = oc.MeshTrees.build([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
-    >>> poses = [[0, 0, 0, 0, 0, 0, 1], [2, 0, 0, 0, 0, 0, 1]]
-    >>> bodies = oc.PlacedMeshes.from_poses(tree, [0, 0], poses)
-    >>> oc.mesh_collisions(bodies, bodies, [[0, 0], [0, 1]]).tolist()
-    [True, False]
+    depth: look at boxes of that depth (2^depth of them per mesh) instead of triangles: never misses
+    what triangles report. A pair whose boxes of a lesser depth are apart is not reported, even
+    where boxes below stick out of those above.
     """
-    i, j = mesh_rows(a, b, pairs)
+    i, j = as_sides(a, b, pairs)
     if depth is None:
         return _find(a, b, i, j, TOUCHING, 0)[0] != SEPARATE
     result = np.empty(len(i), np.bool_)
@@ -183,13 +129,30 @@ def mesh_collisions(
     return result
 
 
-def mesh_contacts(
+@dataclass(frozen=True, eq=False)
+class TrianglePairs:
+    """Pairs of triangles of meshes that are not certainly apart.
+
+    pairs (c,): the row of the pair of meshes that was asked about; faces (c, 2): of a and of b;
+    verdicts (c,) int8. count: how many there are, which may be more than there was room for.
+    """
+
+    pairs: Integers
+    faces: Integers
+    verdicts: NDArray[np.int8]
+    count: int
+
+    def __len__(self) -> int:
+        return len(self.pairs)
+
+
+def triangle_pairs(
     a: PlacedMeshes,
     b: PlacedMeshes,
     pairs: ArrayLike | None = None,
     *,
     capacity: int | None = None,
-) -> tuple[Integers, int]:
+) -> TrianglePairs:
     """Return which triangles of meshes are not certainly apart.
 
     Parameters
@@ -202,10 +165,8 @@ def mesh_contacts(
 
     Returns
     -------
-    faces : (c, 4) array of int64
-        Number of the pair, face of a, face of b, verdict.
-    count : int
-        How many there are.
+    TrianglePairs
+        pairs (c,) rows of the pairs; faces (c, 2) of a and b; verdicts (c,); count.
 
     Raises
     ------
@@ -218,11 +179,13 @@ def mesh_contacts(
     --------
     >>> tree = oc.MeshTrees.build([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
     >>> body = oc.PlacedMeshes.from_poses(tree, [0], [[0, 0, 0, 0, 0, 0, 1]])
-    >>> faces, count = oc.mesh_contacts(body, body)
-    >>> faces.tolist(), count
-    ([[0, 0, 0, 1]], 1)
+    >>> found = oc.triangle_pairs(body, body)
+    >>> found.faces.tolist(), found.verdicts.tolist(), found.count
+    ([[0, 0]], [1], 1)
     """
-    i, j = mesh_rows(a, b, pairs)
+    check_kind(a, PlacedMeshes, "a")
+    check_kind(b, PlacedMeshes, "b")
+    i, j = as_sides(a, b, pairs)
     if capacity is None:
         contacts = _all_contacts(a, b, i, j)
         count = len(contacts)
@@ -231,10 +194,8 @@ def mesh_contacts(
         _, contacts, count = _find(a, b, i, j, NEVER, min(room, FIRST_ROOM))
         if count > len(contacts) and room > FIRST_ROOM:  # no room is made that nothing fills
             _, contacts, count = _find(a, b, i, j, NEVER, min(room, count))
-    faces = contacts.copy()
-    faces[:, 1] = a.trees.faces[contacts[:, 1]]
-    faces[:, 2] = b.trees.faces[contacts[:, 2]]
-    return faces, count
+    faces = np.stack([a.trees.faces[contacts[:, 1]], b.trees.faces[contacts[:, 2]]], axis=1)
+    return TrianglePairs(contacts[:, 0].copy(), faces, contacts[:, 3].astype(np.int8), count)
 
 
 def _find(

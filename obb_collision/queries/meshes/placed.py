@@ -31,12 +31,10 @@ from obb_collision.geometry.validation import (
     as_array,
     as_rotations,
     as_rows,
-    check_kind,
     check_lengths,
 )
 from obb_collision.numerics.constants import MESH_UNDERFLOW
 from obb_collision.queries.meshes.tree_boxes import BOX_BOUND, Place, place_at
-from obb_collision.queries.verdict.pair_rows import as_sides
 from obb_collision.typing import Floats, Integers
 
 
@@ -172,12 +170,3 @@ class MeshAt(NamedTuple):
 def body_at(bodies: Meshes, i: int) -> MeshAt:
     """Return body i."""
     return MeshAt(bodies.meshes[i], place_at(bodies.centers, bodies.rotations, i))
-
-
-def mesh_rows(
-    a: PlacedMeshes, b: PlacedMeshes, pairs: ArrayLike | None
-) -> tuple[Integers, Integers]:
-    """Return rows (m,) of a and of b that are asked about."""
-    check_kind(a, PlacedMeshes, "a")
-    check_kind(b, PlacedMeshes, "b")
-    return as_sides(a, b, pairs)

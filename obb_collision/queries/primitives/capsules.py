@@ -29,7 +29,6 @@ to 64 u, is off by at most 2 x 96 u T for those and 10 u T for rounding, bounded
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -38,7 +37,6 @@ from numpy.typing import ArrayLike
 from obb_collision._jit import njit
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.capsules import Capsules
-from obb_collision.geometry.validation import check_kind
 from obb_collision.numerics.constants import ROUNDOFF
 from obb_collision.numerics.vec3 import (
     careful_cross,
@@ -54,6 +52,7 @@ from obb_collision.numerics.vec3 import (
     sum_abs,
     vector_at,
 )
+from obb_collision.queries.clearance.clearance import Clearances, as_limit
 from obb_collision.queries.primitives.segments import (
     across,
     box_gap,
@@ -64,9 +63,10 @@ from obb_collision.queries.primitives.segments import (
     widest_gap,
 )
 from obb_collision.queries.verdict.pair_frame import Box, box_at
-from obb_collision.queries.verdict.pair_rows import as_sides
+from obb_collision.queries.verdict.pair_rows import as_pairs, as_sides
+from obb_collision.queries.verdict.separations import CertifiedSeparations
 from obb_collision.queries.verdict.verdict import OVERLAP, SEPARATE, TOUCHING, Verdicts
-from obb_collision.typing import Floats, Rows, Vector
+from obb_collision.typing import Floats, Vector
 
 #: Bound of a distance that proves nearness, relative to T: 256 unit roundoffs (see ``capsules``).
 NEAR_BOUND = 256 * ROUNDOFF
@@ -288,29 +288,10 @@ def _any_normal(u: Vector, v: Vector) -> Vector:
     return n
 
 
-@dataclass(frozen=True, eq=False)
-class CapsuleDistances:
-    """How far apart row k of a and of b are, and where.
-
-    verdicts (n,) int8; separations (n,) metres, positive the distance, negative minus the least
-    translation that separates them; normals (n, 3) unit, from a to b; positions_a and positions_b
-    (n, 3) the nearest points of the surfaces, or the deepest: positions_b is
-    positions_a + separation x normal.
-    """
-
-    verdicts: Verdicts
-    separations: Floats
-    normals: Floats
-    positions_a: Floats
-    positions_b: Floats
-
-
 def capsule_verdicts(a: Capsules, b: Capsules | Boxes, pairs: ArrayLike | None = None) -> Verdicts:
-    """Return the ``Verdict`` (m,) int8 of capsules against capsules or boxes.
-
-    pairs as in ``capsule_distances``, of which this is the quicker half.
-    """
-    return capsule_pair_verdicts(a, *_sides(a, b, pairs))
+    """Return the verdicts (m,) int8 of capsules against capsules or boxes."""
+    first, second = as_sides(a, b, pairs)
+    return capsule_pair_verdicts(a, first, b, second)
 
 
 def capsule_pair_verdicts(
@@ -330,62 +311,38 @@ def capsule_pair_verdicts(
     return out
 
 
-def capsule_distances(
-    a: Capsules, b: Capsules | Boxes, pairs: ArrayLike | None = None
-) -> CapsuleDistances:
-    """Return how far capsules are from capsules or boxes: verdicts, distances, nearest points.
+def capsule_clearances(
+    a: Capsules,
+    b: Capsules | Boxes,
+    pairs: ArrayLike | None = None,
+    *,
+    max_distance: float = np.inf,
+) -> Clearances:
+    """Return the signed distances of capsules from capsules or boxes, and nearest points.
 
-    Parameters
-    ----------
-    a : Capsules
-    b : Capsules or Boxes
-    pairs : (m, 2) array_like of int, optional
-        Rows of a and of b; without, each row of a against the same row of b.
-
-    Returns
-    -------
-    CapsuleDistances
-        verdicts (m,) int8; separations (m,) metres, right to 2^-45 of the size of the pair,
-        negative overlapping; normals (m, 3) unit, from a to b; positions_a, positions_b (m, 3).
-
-    Raises
-    ------
-    ValueError
-        For pairs that are no rows, and without pairs for different lengths.
-    TypeError
-        For anything but capsules and boxes.
-
-    References
-    ----------
-    Ericson, Real-Time Collision Detection (2005), 4.5.1 and 5.1.9.
-
-    Examples
-    --------
-    >>> balls = oc.Capsules.spheres([[0, 0, 0], [3, 0, 0]], [1, 0.5])
-    >>> oc.capsule_distances(balls, balls, [[0, 1]]).separations.tolist()
-    [1.5]
+    Distances are minus the least translation that separates those that overlap; positions are then
+    the deepest: positions_b is positions_a + distance x normal.
     """
-    first, _, second = sides = _sides(a, b, pairs)
-    verdicts = capsule_pair_verdicts(a, *sides)
-    n = len(first)
-    separations, vectors = np.empty(n), np.empty((3, n, 3))
+    limit, rows = as_limit(max_distance), as_pairs(a, b, pairs)
+    first, second = np.ascontiguousarray(rows.T)
+    distances, vectors = np.empty(len(rows)), np.empty((3, len(rows), 3))
+    capsules = a.starts, a.ends, a.radii, first
     if isinstance(b, Boxes):
-        box_distances_kernel(
-            *(a.starts, a.ends, a.radii, first),
-            *(b.centers, b.rotations, b.half_extents, second, separations, *vectors),
-        )
+        box = b.centers, b.rotations, b.half_extents, second
+        box_distances_kernel(*capsules, *box, distances, *vectors)
     else:
-        capsule_distances_kernel(
-            *(a.starts, a.ends, a.radii, first),
-            *(b.starts, b.ends, b.radii, second, separations, *vectors),
-        )
-    return CapsuleDistances(verdicts, separations, *vectors)
+        other = b.starts, b.ends, b.radii, second
+        capsule_distances_kernel(*capsules, *other, distances, *vectors)
+    near = distances <= limit
+    normals, first_positions, second_positions = vectors[:, near]
+    return Clearances(rows[near], distances[near], first_positions, second_positions, normals)
 
 
-def _sides(
-    a: Capsules, b: Capsules | Boxes, pairs: ArrayLike | None
-) -> tuple[Rows, Capsules | Boxes, Rows]:
-    check_kind(a, Capsules, "a")
-    check_kind(b, Capsules, "b", Boxes)
-    first, second = as_sides(a, b, pairs)
-    return first, b, second
+def capsule_separations(
+    a: Capsules, b: Capsules | Boxes, pairs: ArrayLike | None = None
+) -> CertifiedSeparations:
+    """Return the signed separations of capsules from capsules or boxes, with their verdicts."""
+    found = capsule_clearances(a, b, pairs)
+    middles = 0.5 * (found.positions_a + found.positions_b)
+    verdicts = capsule_verdicts(a, b, found.pairs)
+    return CertifiedSeparations(found.pairs, found.distances, found.normals, middles, verdicts)

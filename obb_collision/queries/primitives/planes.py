@@ -12,129 +12,119 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Planes and half-spaces against boxes: certain verdicts."""
+"""Half-spaces against boxes: certain verdicts, and signed separations."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from obb_collision._jit import njit
 from obb_collision.geometry.boxes import Boxes
-from obb_collision.geometry.validation import as_array, check_kind, check_lengths, refuse_where
+from obb_collision.geometry.validation import ArrayValue, as_array, check_lengths, refuse_where
 from obb_collision.numerics.constants import CAREFUL_BOUND, UNDERFLOW
-from obb_collision.numerics.vec3 import components, dot, dot_abs, minus, norm, vector_at
+from obb_collision.numerics.vec3 import (
+    combined,
+    components,
+    dot,
+    dot_abs,
+    minus,
+    norm,
+    plus,
+    scaled,
+    vector_at,
+)
 from obb_collision.queries.verdict.pair_frame import Box, box_at
-from obb_collision.queries.verdict.pair_rows import as_sides
+from obb_collision.queries.verdict.pair_rows import as_pairs
+from obb_collision.queries.verdict.separations import CertifiedSeparations
 from obb_collision.queries.verdict.verdict import OVERLAP, SEPARATE, TOUCHING, Verdicts
 from obb_collision.typing import Floats, Vector
 
 
 @dataclass(frozen=True, eq=False)
-class PlaneDistances:
-    """Where boxes are along the normals of planes.
-
-    lowest and highest (n,) metres: signed distance from the plane of the lowest and the highest
-    point of the box. sides (n,) int8: 1 certainly above, -1 certainly below, 0 on the plane,
-    across it, or too near to tell.
-    """
-
-    lowest: Floats
-    highest: Floats
-    sides: NDArray[np.int8]
-    #: Verdicts (n,) of the box against the plane.
-    plane_verdicts: Verdicts
-    #: Verdicts (n,) of the box against the solid half-space below the plane; ``lowest`` is the
-    #: signed separation.
-    half_space_verdicts: Verdicts
-
-
-def plane_distances(
-    boxes: Boxes, points: ArrayLike, normals: ArrayLike, pairs: ArrayLike | None = None
-) -> PlaneDistances:
-    """Return where boxes are along the normals of planes.
+class HalfSpaces(ArrayValue):
+    """n solid half-spaces: all that is not above a plane.
 
     Parameters
     ----------
-    boxes : Boxes
-    points : (k, 3) array_like
-        One on each plane, metres; one near the box gives the sharpest result.
-    normals : (k, 3) array_like
-        Of the planes, of any length but zero.
-    pairs : (m, 2) array_like of int, optional
-        Rows of boxes and of planes; without, each box and the plane of the same row.
-
-    Returns
-    -------
-    PlaneDistances
-        lowest and highest (m,) metres above the plane; sides (m,), 1 certainly above, -1 certainly
-        below, else 0; plane_verdicts and half_space_verdicts (m,) int8.
+    points : (n, 3) array_like
+        One on each plane, metres; one near the boxes gives the sharpest result.
+    normals : (n, 3) array_like
+        Of the planes, upwards, of any length but zero.
 
     Raises
     ------
     ValueError
         Naming the argument and the row.
-    TypeError
-        For anything but boxes.
-
-    References
-    ----------
-    Ericson, Real-Time Collision Detection (2005), 5.2.3.
 
     Examples
     --------
     >>> crates = oc.Boxes([[0, 0, 0.5], [0, 0, 3]], [np.eye(3)] * 2, [[1, 1, 1]] * 2)
-    >>> above = oc.plane_distances(crates, [[0, 0, 0]], [[0, 0, 1]], [[0, 0], [1, 0]])
-    >>> above.lowest.tolist(), above.sides.tolist()
-    ([-0.5, 2.0], [0, 1])
+    >>> ground = oc.HalfSpaces([[0, 0, 0]], [[0, 0, 1]])
+    >>> oc.separations(crates, ground, [[0, 0], [1, 0]]).separations.tolist()
+    [-0.5, 2.0]
     """
-    check_kind(boxes, Boxes, "boxes")
-    p = as_array(points, "points", (None, 3))
-    n = as_array(normals, "normals", (None, 3))
-    check_lengths(**({"boxes": boxes} if pairs is None else {}), points=p, normals=n)
-    refuse_where((n == 0.0).all(axis=1), "normals must not be zero")
-    first, second = as_sides(boxes, p, pairs)
-    boxes, p, n = boxes[first], p[second], n[second]
-    lowest, highest, bounds = np.empty((3, len(p)))
-    _plane_kernel(
-        *(p, n, boxes.centers, boxes.rotations, boxes.half_extents, lowest, highest, bounds)
-    )
-    above, below = lowest > bounds, highest < -bounds
-    under, over = lowest < -bounds, highest > bounds
-    return PlaneDistances(
-        *(lowest, highest, above.astype(np.int8) - below.astype(np.int8)),
-        _verdicts(above | below, under & over),
-        _verdicts(above, under),
-    )
+
+    points: Floats
+    normals: Floats
+
+    def __init__(self, points: ArrayLike, normals: ArrayLike) -> None:
+        p = as_array(points, "points", (None, 3))
+        n = as_array(normals, "normals", (None, 3))
+        check_lengths(points=p, normals=n)
+        refuse_where((n == 0.0).all(axis=1), "normals must not be zero")
+        vars(self).update(points=p.copy(), normals=n.copy())
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+
+def half_space_verdicts(a: Boxes, b: HalfSpaces, pairs: ArrayLike | None = None) -> Verdicts:
+    """Return the verdicts of boxes against half-spaces, (m,) int8."""
+    return half_space_separations(a, b, pairs).verdicts
+
+
+def half_space_separations(
+    a: Boxes, b: HalfSpaces, pairs: ArrayLike | None = None
+) -> CertifiedSeparations:
+    """Return the heights of the lowest points of boxes over planes, with verdicts."""
+    rows = as_pairs(a, b, pairs)
+    heights, bounds = np.empty((2, len(rows)))
+    normals, places = np.empty((2, len(rows), 3))
+    box = a.centers, a.rotations, a.half_extents
+    _height_kernel(*box, b.points, b.normals, rows, heights, bounds, normals, places)
+    verdicts = np.select([heights > bounds, heights < -bounds], [SEPARATE, OVERLAP], TOUCHING)
+    return CertifiedSeparations(rows, heights, normals, places, verdicts.astype(np.int8))
 
 
 @njit
-def _plane_kernel(
-    points: Floats, normals: Floats, centers: Floats, axes: Floats, half_extents: Floats,
-    lowest: Floats, highest: Floats, bounds: Floats,
+def _height_kernel(
+    centers: Floats, axes: Floats, half_extents: Floats, points: Floats, normals: Floats,
+    pairs: np.ndarray, heights: Floats, bounds: Floats, down: Floats, places: Floats,
 ) -> None:  # fmt: skip
-    """Write the range of each box along the unit normal, and the error bound of its ends (n,).
+    """Write the least height of each box, its error bound, the way down, and a place near both."""
+    for row in range(len(pairs)):
+        box = box_at(centers, axes, half_extents, pairs[row, 0])
+        point, normal = vector_at(points, pairs[row, 1]), vector_at(normals, pairs[row, 1])
+        heights[row], bounds[row], n, place = _lowest(point, normal, box)
+        for k in range(3):
+            down[row, k], places[row, k] = -n[k], place[k]
+
+
+@njit
+def _lowest(point: Vector, normal: Vector, box: Box) -> tuple[float, float, Vector, Vector]:
+    """Return the least height of a box over a plane, its error bound, the unit normal, and a place.
 
     The error analysis is that of ``witness.careful_gap``; the plane's normal is exact here.
     """
-    for n in range(len(points)):
-        box = box_at(centers, axes, half_extents, n)
-        found = _range_of(vector_at(points, n), vector_at(normals, n), box)
-        lowest[n], highest[n], bounds[n] = found
-
-
-@njit
-def _range_of(point: Vector, normal: Vector, box: Box) -> Vector:
-    """Return the least and the largest height of a box over a plane, and their error bound."""
     size = norm(normal)
     n = normal[0] / size, normal[1] / size, normal[2] / size
-    d, h = minus(box.center, point), box.half_extents
-    middle, reach = dot(n, d), dot_abs(h, components(box.axes, n))
+    d, h, up = minus(box.center, point), box.half_extents, components(box.axes, n)
     bound = CAREFUL_BOUND * (norm(d) + h[0] + h[1] + h[2]) + UNDERFLOW
-    return middle - reach, middle + reach, bound
-
-
-def _verdicts(apart: NDArray[np.bool_], overlap: NDArray[np.bool_]) -> Verdicts:
-    return np.select([apart, overlap], [SEPARATE, OVERLAP], TOUCHING).astype(np.int8)
+    height = dot(n, d) - dot_abs(h, up)
+    # the middle of the lowest face, edge or corner, halfway to the plane
+    x, y, z = np.sign(up[0]) * h[0], np.sign(up[1]) * h[1], np.sign(up[2]) * h[2]
+    lowest = minus(box.center, combined(box.axes, (x, y, z)))
+    return height, bound, n, plus(lowest, scaled(n, -0.5 * height))

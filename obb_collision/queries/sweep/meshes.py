@@ -47,7 +47,7 @@ from obb_collision.queries.convex.mesh_distances import NOWHERE, CoreRoom, mesh_
 from obb_collision.queries.convex.support import ConvexBodies, Cores, core_at
 from obb_collision.queries.meshes.mesh_clearance import as_radii, surfaces_apart
 from obb_collision.queries.meshes.meshes import pose_of
-from obb_collision.queries.meshes.placed import MeshAt, Meshes, PlacedMeshes, mesh_rows
+from obb_collision.queries.meshes.placed import MeshAt, Meshes, PlacedMeshes
 from obb_collision.queries.meshes.placed import Meshes as MeshBodies
 from obb_collision.queries.meshes.tree_boxes import moved, relative_pose
 from obb_collision.queries.meshes.tree_descent import STACK
@@ -61,7 +61,8 @@ from obb_collision.queries.sweep.course import (
     places_at,
 )
 from obb_collision.queries.sweep.motion import OUTWARD, bounding_radii, place_at
-from obb_collision.queries.sweep.sweep import LEAST_TOLERANCE, TOLERANCE, Sweeps
+from obb_collision.queries.sweep.sweep import TOLERANCE, Sweeps, as_tolerance
+from obb_collision.queries.verdict.pair_rows import as_sides
 from obb_collision.typing import Floats, Integers, Mask
 
 #: Pairs below which a second thread does not pay: 0.2 ms.
@@ -80,63 +81,12 @@ def mesh_sweeps(
     radii_b: ArrayLike = 0.0,
     tolerance: float = TOLERANCE,
 ) -> Sweeps:
-    """Return when moving meshes first touch: never late, and no contact is missed.
-
-    At the time given they are nearer than ``tolerance`` times the radius of the smaller box (or
-    2e-6 of the larger one's where that is more). What takes more than 1000 steps is undecided, with
-    the time until which it is certainly apart.
-
-    Parameters
-    ----------
-    a, b : PlacedMeshes
-        Where they are at time 0.
-    pairs : (m, 2) array_like of int, optional
-        Rows of a and of b; without, each row of a against the same row of b.
-    duration : float
-        Seconds, positive.
-    twists_a, twists_b : (n, 6) array_like
-        Linear velocity x y z of the origin of each (m/s), angular velocity x y z (rad/s), in the
-        common frame; of all, where there is one row or a number.
-    radii_a, radii_b : float or (n,) array_like
-        Metres; a body is everything within its radius of its mesh.
-    tolerance : float
-        From 2e-6 to 1.
-
-    Returns
-    -------
-    Sweeps
-        hits and undecided (m,) bool; times and free_until (m,) seconds; positions (m, 3) metres;
-        normals (m, 3) unit, from a to b, zero where they collide at the start.
-
-    Raises
-    ------
-    ValueError
-        For pairs that are no rows, and without pairs for different lengths; for other shapes, a
-        duration that is not positive, a negative radius, another tolerance.
-    TypeError
-        For anything but placed meshes.
-
-    References
-    ----------
-    Mirtich, Impulse-based Dynamic Simulation of Rigid Body Systems (1996), 2.3.
-
-    Examples
-    --------
-    >>> tree = oc.MeshTrees.build([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
-    >>> poses = [[0, 0, 0, 0, 0, 0, 1], [0, 0, 2, 0, 0, 0, 1]]
-    >>> bodies = oc.PlacedMeshes.from_poses(tree, [0, 0], poses)
-    >>> twists = [[0, 0, 0.5, 0, 0, 0], [0, 0, 0, 0, 0, 1]]
-    >>> found = oc.mesh_sweeps(bodies, bodies, [[0, 1]], duration=10, twists_a=twists)
-    >>> found.times.round(3).tolist()
-    [4.0]
-    """
-    i, j = mesh_rows(a, b, pairs)
+    """Return when meshes, with radii, that keep their twists (n, 6) first touch."""
+    i, j = as_sides(a, b, pairs)
     seconds = float(as_array(duration, "duration", ()))
-    near = float(as_array(tolerance, "tolerance", ()))
+    near = as_tolerance(tolerance)
     if seconds <= 0.0:
         raise ValueError(f"duration must be positive, got {seconds:g}")
-    if not LEAST_TOLERANCE <= near <= 1.0:
-        raise ValueError(f"tolerance must be from {LEAST_TOLERANCE:g} to 1, got {near:g}")
     sides = ((a, i, twists_a, radii_a, "a"), (b, j, twists_b, radii_b, "b"))
     radii = [as_radii(r, f"radii_{name}", len(x))[rows] for x, rows, _, r, name in sides]
     motions = [

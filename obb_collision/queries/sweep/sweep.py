@@ -30,7 +30,7 @@ from numpy.typing import ArrayLike, NDArray
 from obb_collision._jit import njit
 from obb_collision._threads import run
 from obb_collision.geometry.boxes import Boxes
-from obb_collision.geometry.validation import as_array, as_flag, check_kind
+from obb_collision.geometry.validation import as_array
 from obb_collision.numerics.vec3 import (
     axes_of,
     clamp,
@@ -183,7 +183,7 @@ class Sweeps:
         return len(self.hits)
 
 
-def sweeps(
+def box_sweeps(
     a: MovingBoxes | Boxes,
     b: MovingBoxes | Boxes,
     pairs: ArrayLike | None = None,
@@ -191,62 +191,8 @@ def sweeps(
     tolerance: float = TOLERANCE,
     contacts: bool = True,
 ) -> Sweeps:
-    """Return when moving boxes first touch.
-
-    Boxes that collide at the start hit at time 0; touching counts.
-    Where neither box turns (rotations equal bit for bit), the time is exact but for rounding:
-    never late, and at that time they are less than 4e-15 T apart (see ``linear``).
-    Where one does, time and hit are conservative: never late, none missed, and at that time the
-    boxes are nearer than ``tolerance`` times the bounding radius of the smaller box (or 2e-6 of
-    the larger one's where that is more). A turning pair that passes by that near may hit. What
-    takes more than 2000 steps, or where rounding leaves less than the tolerance (after a way of
-    more than 1e9 times the size of the boxes or 1e5 turns), is undecided.
-
-    Parameters
-    ----------
-    a, b : MovingBoxes or Boxes
-        Boxes stand still.
-    pairs : (m, 2) array_like of int, optional
-        Rows of a and of b; without, each row of a against the same row of b.
-    tolerance : float
-        From 2e-6 to 1.
-    contacts : bool
-        Whether to compute positions and normals, too; else they have no rows.
-
-    Returns
-    -------
-    Sweeps
-        hits and undecided (m,) bool; times and free_until (m,), from 0 to 1 or in seconds;
-        positions (m, 3) metres; normals (m, 3) unit, from a to b.
-
-    Raises
-    ------
-    ValueError
-        For pairs that are no rows, and without pairs for different lengths; for another tolerance;
-        for sets that do not move during the same times.
-    TypeError
-        For anything but boxes.
-
-    References
-    ----------
-    Ericson, Real-Time Collision Detection (2005), 5.5; Mirtich, Timewarp Rigid Body Simulation
-    (SIGGRAPH 2000).
-
-    Examples
-    --------
-    >>> wall = oc.Boxes([[5, 0, 0]], [np.eye(3)], [[1, 9, 9]])
-    >>> robot = oc.Boxes([[0, 0, 0]], [np.eye(3)], [[1, 1, 1]])
-    >>> driving = oc.MovingBoxes.from_twists(robot, [[0.5, 0, 0, 0, 0, 0]], 10.0)
-    >>> found = oc.sweeps(driving, wall)
-    >>> found.times.round(9).tolist(), found.normals.tolist()
-    ([6.0], [[1.0, 0.0, 0.0]])
-    """
-    check_kind(a, MovingBoxes, "a", Boxes)
-    check_kind(b, MovingBoxes, "b", Boxes)
-    as_flag(contacts, "contacts")
-    near = float(as_array(tolerance, "tolerance", ()))
-    if not LEAST_TOLERANCE <= near <= 1.0:
-        raise ValueError(f"tolerance must be from {LEAST_TOLERANCE:g} to 1, got {near:g}")
+    """Return when moving boxes first touch, and where, if asked for contacts."""
+    near = as_tolerance(tolerance)
     given = as_pairs(a, b, pairs)
     motion, duration, rows = join_motions(a, b, given)
     free, undecided = np.empty(len(rows)), np.empty(len(rows), np.bool_)
@@ -256,6 +202,14 @@ def sweeps(
     free *= duration
     times = np.where(undecided, np.nan, free) if undecided.any() else free
     return Sweeps(given, np.isfinite(times), undecided, times, free, positions, normals)
+
+
+def as_tolerance(tolerance: float) -> float:
+    """Return a tolerance, ValueError for one that rounding does not allow, or above 1."""
+    near = float(as_array(tolerance, "tolerance", ()))
+    if not LEAST_TOLERANCE <= near <= 1.0:
+        raise ValueError(f"tolerance must be from {LEAST_TOLERANCE:g} to 1, got {near:g}")
+    return near
 
 
 @njit

@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike
 from obb_collision._threads import run
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.queries.verdict.blocks import witness_kernel
-from obb_collision.queries.verdict.pair_rows import as_pairs, check_boxes, one_set
+from obb_collision.queries.verdict.pair_rows import as_pairs, one_set
 from obb_collision.queries.verdict.verdict import Verdicts, pair_verdicts
 from obb_collision.typing import Floats, Integers
 
@@ -62,41 +62,8 @@ class CertifiedSeparations(Separations):
     verdicts: Verdicts
 
 
-def separations(a: Boxes, b: Boxes, pairs: ArrayLike | None = None) -> CertifiedSeparations:
-    """Return how far apart boxes are or how deep they overlap, along which axis.
-
-    Parameters
-    ----------
-    a, b : Boxes
-    pairs : (m, 2) array_like of int, optional
-        Rows of a and of b; without, each row of a against the same row of b.
-
-    Returns
-    -------
-    CertifiedSeparations
-        pairs (m, 2); separations (m,) metres, positive apart, negative overlapping, then the least
-        translation apart; normals (m, 3) unit, from a to b; positions (m, 3) metres, a place near
-        both boxes; verdicts (m,) int8.
-
-    Raises
-    ------
-    ValueError
-        For pairs that are no rows, and without pairs for different lengths.
-    TypeError
-        For anything but boxes.
-
-    References
-    ----------
-    Gottschalk, Lin, Manocha, OBBTree (SIGGRAPH 1996); Ericson 2005, 4.4.1.
-
-    Examples
-    --------
-    >>> boxes = oc.Boxes([[0, 0, 0], [1.5, 0, 0], [4, 0, 0]], [np.eye(3)] * 3, [[1, 1, 1]] * 3)
-    >>> found = oc.separations(boxes, boxes, [[0, 1], [0, 2]])
-    >>> found.separations.tolist(), found.normals[1].tolist()
-    ([-0.5, 2.0], [1.0, 0.0, 0.0])
-    """
-    check_boxes(a, b)
+def box_separations(a: Boxes, b: Boxes, pairs: ArrayLike | None = None) -> CertifiedSeparations:
+    """Return the signed separations of boxes, with their verdicts."""
     rows = as_pairs(a, b, pairs)
     found = pair_separations(*one_set(a, b, rows))
     verdicts = pair_verdicts(a, rows[:, 0].copy(), b, rows[:, 1].copy())

@@ -41,7 +41,6 @@ from numpy.typing import ArrayLike, NDArray
 from obb_collision._jit import njit
 from obb_collision._threads import run
 from obb_collision.geometry.boxes import Boxes
-from obb_collision.geometry.validation import as_flag
 from obb_collision.numerics.constants import CAREFUL_BOUND, FAST_BOUND, UNDERFLOW
 from obb_collision.numerics.error_free import sum_sorted
 from obb_collision.numerics.exact import Vector as Exact
@@ -52,7 +51,7 @@ from obb_collision.numerics.intrinsics import fetch_box
 from obb_collision.numerics.vec3 import minus, norm
 from obb_collision.queries.verdict.blocks import BLOCK, BOUND, GAP, ROWS, bound_block, gather
 from obb_collision.queries.verdict.pair_frame import Box, Pair, box_at, pair_of
-from obb_collision.queries.verdict.pair_rows import as_sides, check_boxes
+from obb_collision.queries.verdict.pair_rows import as_sides
 from obb_collision.queries.verdict.sat import (
     AXES,
     FACTORS,
@@ -93,44 +92,12 @@ FEWEST_PAIRS = 1024
 NEARLY_PARALLEL = 2.0**-20
 
 
-def verdicts(
+def box_verdicts(
     a: Boxes, b: Boxes, pairs: ArrayLike | None = None, *, exact: bool = False
 ) -> Verdicts:
-    """Return whether boxes collide, with certainty.
-
-    Parameters
-    ----------
-    a, b : Boxes
-    pairs : (m, 2) array_like of int, optional
-        Rows of a and of b; without, each row of a against the same row of b.
-    exact : bool
-        Decide by integer arithmetic what doubles can't: then TOUCHING means touching exactly.
-
-    Returns
-    -------
-    (m,) array of int8
-        Of ``Verdict``; SEPARATE and OVERLAP are certain, for the doubles as stored.
-
-    Raises
-    ------
-    ValueError
-        For pairs that are no rows, and without pairs for different lengths.
-    TypeError
-        For anything but boxes.
-
-    References
-    ----------
-    Gottschalk, Lin, Manocha, OBBTree (SIGGRAPH 1996); Ericson 2005, 4.4.1.
-
-    Examples
-    --------
-    >>> boxes = oc.Boxes([[0, 0, 0], [2, 0, 0], [4.5, 0, 0]], [np.eye(3)] * 3, [[1, 1, 1]] * 3)
-    >>> oc.verdicts(boxes, boxes, [[0, 1], [1, 2]], exact=True).tolist()  # touching, separate
-    [1, 0]
-    """
-    check_boxes(a, b)
+    """Return the verdicts of boxes, (m,) int8."""
     first, second = as_sides(a, b, pairs)
-    return pair_verdicts(a, first, b, second, as_flag(exact, "exact"))
+    return pair_verdicts(a, first, b, second, exact)
 
 
 def pair_verdicts(

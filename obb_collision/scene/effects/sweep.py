@@ -35,7 +35,7 @@ import numpy as np
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.queries.sweep.motion import sweep_needed, swept_bounds
 from obb_collision.queries.sweep.moving import MovingBoxes, twist_bounds
-from obb_collision.queries.sweep.sweep import LEAST_TOLERANCE, TOLERANCE, Sweeps, sweeps
+from obb_collision.queries.sweep.sweep import LEAST_TOLERANCE, TOLERANCE, Sweeps, box_sweeps
 from obb_collision.scene.broad_phase.broad_phase import NO_PAIRS, Pairs
 from obb_collision.scene.effects.base import (
     ACCURACY,
@@ -215,7 +215,7 @@ def _swept(cycle: Cycle, ride: Ride, pairs: Pairs, setting: Setting) -> Outcome:
     rows = np.searchsorted(ride.slots, pairs)
 
     def query(some: Pairs) -> Sweeps:
-        found = sweeps(ride.moving, ride.moving, some, tolerance=setting.values["tolerance"])
+        found = box_sweeps(ride.moving, ride.moving, some, tolerance=setting.values["tolerance"])
         return refined_sweeps(found, cycle, ride, ride.slots[some], setting)
 
     def name(row: int) -> str:

@@ -71,7 +71,7 @@ class Region(ArrayValue):
 
     Examples
     --------
-    >>> west = oc.Region([-np.inf, -np.inf, -np.inf], [5, np.inf, np.inf], halo=1.0)
+    >>> west = oc.regions.Region([-np.inf, -np.inf, -np.inf], [5, np.inf, np.inf], halo=1.0)
     >>> west.holds([[4.9, 0, 0], [5, 0, 0]]).tolist()
     [True, False]
     """
@@ -118,7 +118,7 @@ class Region(ArrayValue):
 
         Examples
         --------
-        >>> oc.Region([0, 0, 0], [1, 1, 1]).holds([[0, 0, 0], [0, 0, 1]]).tolist()
+        >>> oc.regions.Region([0, 0, 0], [1, 1, 1]).holds([[0, 0, 0], [0, 0, 1]]).tolist()
         [True, False]
         """
         return owns(self, as_array(points, "points", (None, 3)))
@@ -152,7 +152,7 @@ def split_regions(
 
     Examples
     --------
-    >>> [r.maximum[0].item() for r in oc.split_regions([0, 0, 0], [9, 1, 1], [3, 1, 1])]
+    >>> [r.maximum[0].item() for r in oc.regions.split_regions([0, 0, 0], [9, 1, 1], [3, 1, 1])]
     [3.0, 6.0, inf]
     """
     low, high = as_array(minimum, "minimum", (3,)), as_array(maximum, "maximum", (3,))

@@ -33,7 +33,6 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from rig import DOMAIN, LATCHED, NAMESPACE, OUTPUTS, Client
 
-from obb_collision import split_regions
 from obb_collision.node import namespace_number
 from obb_collision.node.merger import MergerNode, values_of
 from obb_collision.node.messages.conversions import stamp_from_ros
@@ -42,6 +41,7 @@ from obb_collision.node.objects.frames import FixedFrameOnly
 from obb_collision.node.parameters.entries import text_from_region
 from obb_collision.node.topics.cloud import Cloud
 from obb_collision.node.topics.topics import TOPICS
+from obb_collision.regions import split_regions
 
 REGIONS = ("west", "east")
 SIDE = 6.0

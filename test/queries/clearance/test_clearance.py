@@ -31,10 +31,9 @@ from membership import outside
 from one_set import clearances
 from support import family, joined, row_of, sizes, stored, witnesses
 
-from obb_collision.geometry.boxes import Boxes
+from obb_collision import Boxes, Verdict, verdicts
 from obb_collision.queries.clearance import clearance
 from obb_collision.queries.clearance.clearance import Clearances
-from obb_collision.queries.verdict.verdict import Verdict, verdicts
 from tools.cases.families import FAMILIES
 from tools.cases.placement import log_uniform, place, random_rotations, turns
 

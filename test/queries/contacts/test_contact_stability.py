@@ -24,7 +24,7 @@ from contact_pairs import CUBE, colliding, turned
 from one_set import contacts
 from support import joined, sizes, stored
 
-from obb_collision.geometry.boxes import Boxes
+from obb_collision import Boxes
 from obb_collision.typing import Floats
 from tools.cases.placement import turns
 

@@ -26,9 +26,8 @@ from hypothesis import strategies as st
 from one_set import contacts
 from support import family, row_of, sizes, stored
 
-from obb_collision.geometry.boxes import Boxes
+from obb_collision import Boxes, Verdict, verdicts
 from obb_collision.queries.contacts.patch import FEATURE_TIE, KEEP
-from obb_collision.queries.verdict.verdict import Verdict, verdicts
 from tools.cases.families import FAMILIES
 from tools.cases.placement import random_rotations
 

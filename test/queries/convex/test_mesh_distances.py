@@ -29,11 +29,10 @@ from placed_meshes import bodies_of, exact_corners
 from scipy.spatial import ConvexHull
 from triangle_distances import squared_distance_of_point
 
-from obb_collision.geometry.trees.obb_tree import MeshTrees
+from obb_collision import MeshTrees, PlacedMeshes
 from obb_collision.queries.convex.distances import convex_distances
 from obb_collision.queries.convex.mesh_distances import mesh_body_distances
 from obb_collision.queries.convex.support import NO_HULLS, ConvexBodies
-from obb_collision.queries.meshes.placed import PlacedMeshes
 from obb_collision.typing import Floats, Integers
 
 ROUND_KINDS = ("ellipsoid", "cylinder", "cone")

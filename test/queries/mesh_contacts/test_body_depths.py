@@ -25,12 +25,11 @@ from convex_planes import exact_gap
 from mesh_zoo import zoo
 from placed_meshes import bodies_of
 
-from obb_collision.geometry.trees.obb_tree import MeshTrees
+from obb_collision import MeshTrees, PlacedMeshes
 from obb_collision.queries.convex.distances import convex_distances
 from obb_collision.queries.convex.mesh_distances import mesh_body_distances
 from obb_collision.queries.convex.support import NO_HULLS, ConvexBodies
 from obb_collision.queries.mesh_contacts.body_depths import within_bodies
-from obb_collision.queries.meshes.placed import PlacedMeshes
 from obb_collision.queries.verdict.separations import Separations
 from obb_collision.typing import Floats, Integers
 

@@ -27,12 +27,11 @@ from placed_meshes import bodies_of, exact_corners
 from triangle_distances import squared_distance
 from triangle_pairs import FAMILIES, SHARE, Floats, Maker
 
-from obb_collision.geometry.trees.obb_tree import BOX_CORNERS, BOX_FACES, MeshTrees
+import obb_collision as oc
+from obb_collision import MeshTrees, PlacedMeshes
+from obb_collision.geometry.trees.obb_tree import BOX_CORNERS, BOX_FACES
 from obb_collision.queries.convex.distances import ConvexDistances, convex_distances
-from obb_collision.queries.mesh_contacts.surfaces import hulls_of, mesh_separations
-from obb_collision.queries.meshes.mesh_clearance import mesh_clearances
-from obb_collision.queries.meshes.meshes import mesh_verdicts
-from obb_collision.queries.meshes.placed import PlacedMeshes
+from obb_collision.queries.mesh_contacts.surfaces import hulls_of
 from obb_collision.queries.verdict.separations import Separations
 from obb_collision.queries.verdict.verdict import SEPARATE
 
@@ -63,13 +62,13 @@ def parted(b: PlacedMeshes, found: Separations, share: Floats | float = 1.0) -> 
 
 def check(a: PlacedMeshes, b: PlacedMeshes) -> Separations:
     """Assert what is promised of all pairs."""
-    found, outer, size = mesh_separations(a, b), hulls(a, b), sizes_of(a, b)
-    collide = mesh_verdicts(a, b) != SEPARATE
+    found, outer, size = oc.separations(a, b), hulls(a, b), sizes_of(a, b)
+    collide = oc.verdicts(a, b) != SEPARATE
     assert (found.separations <= 0.0)[collide].all()
     assert (found.separations >= 0.0)[~collide].all()
     np.testing.assert_allclose(np.linalg.norm(found.normals, axis=1), 1.0, atol=1e-12)
     assert (-found.separations <= np.maximum(-outer.lower, 0.0) + CLOSE * size)[collide].all()
-    assert (mesh_verdicts(a, parted(b, found), exact=True) == SEPARATE).all()
+    assert (oc.verdicts(a, parted(b, found), exact=True) == SEPARATE).all()
     return found
 
 
@@ -84,12 +83,12 @@ def test_depths_part_meshes_of_all_kinds(spread: float) -> None:
 def test_none_is_shorter_along_the_same_normal() -> None:
     """But for bodies within each other, which are pushed by their distance."""
     a, b = bodies_of(TREES, 150, 0.4, 8)
-    found, size = mesh_separations(a, b), sizes_of(a, b)
-    faces = mesh_clearances(a, b).faces[:, 0]
+    found, size = oc.separations(a, b), sizes_of(a, b)
+    faces = oc.clearances(a, b).faces[:, 0]
     deep = (found.separations < -1e-3 * size) & (faces >= 0)
     assert deep.sum() > 60
     for share in np.linspace(0.0, 1.0 - 1e-4, 12):
-        collide = mesh_verdicts(a, parted(b, found, share)) != SEPARATE
+        collide = oc.verdicts(a, parted(b, found, share)) != SEPARATE
         # a body may be within a solid on the way, as where the push passes a cavity
         assert collide[deep].all()
 
@@ -106,7 +105,7 @@ def test_convex_meshes_have_the_least_depth() -> None:
 
 def test_apart_it_is_the_distance() -> None:
     a, b = bodies_of(TREES, 60, 2.0, 10)
-    found, near = mesh_separations(a, b), mesh_clearances(a, b)
+    found, near = oc.separations(a, b), oc.clearances(a, b)
     apart = near.distances > 0.0
     assert apart.sum() > 40
     np.testing.assert_allclose(found.separations[apart], near.distances[apart], atol=1e-9)
@@ -119,7 +118,7 @@ def test_exact_arithmetic_finds_nothing_that_touches() -> None:
     names = ["box0", "star0", "cone1", "triangle", "crumbs0"]
     trees = MeshTrees.join([MeshTrees.build(*zoo()[name]) for name in names])
     a, b = bodies_of(trees, 12, 0.3, 4)
-    found = mesh_separations(a, b)
+    found = oc.separations(a, b)
     deep = np.flatnonzero(found.separations < 0.0)
     assert len(deep) >= 6
     for n in deep[:6].tolist():
@@ -147,8 +146,8 @@ def test_hostile_triangles_are_parted(make: Maker, pairs: int) -> None:
         still = np.zeros((count, 3)), np.tile(np.eye(3), (count, 1, 1))
         sides.append(PlacedMeshes(trees, np.arange(count), *still))
     a, b = sides
-    found, size = mesh_separations(a, b), sizes_of(a, b)
-    collide = mesh_verdicts(a, b) != SEPARATE
+    found, size = oc.separations(a, b), sizes_of(a, b)
+    collide = oc.verdicts(a, b) != SEPARATE
     assert (found.separations <= 0.0)[collide].all()
     assert (found.separations >= 0.0)[~collide].all()
     np.testing.assert_allclose(np.linalg.norm(found.normals, axis=1), 1.0, atol=1e-12)
@@ -172,7 +171,7 @@ def test_scaled_by_a_power_of_two_it_is_the_same(seed: int, power: int) -> None:
         trees = MeshTrees.join([MeshTrees.build(factor * x, BOX_FACES) for x in (p, q)])
         still = np.zeros((1, 3)), np.eye(3)[None]
         found.append(
-            mesh_separations(PlacedMeshes(trees, [0], *still), PlacedMeshes(trees, [1], *still))
+            oc.separations(PlacedMeshes(trees, [0], *still), PlacedMeshes(trees, [1], *still))
         )
     one, other = found
     assert other.separations[0] == pytest.approx(scale * one.separations[0], rel=1e-6)
@@ -190,10 +189,10 @@ def boxes_at(*offsets: list[float], solid: bool = True) -> tuple[PlacedMeshes, P
 
 def test_cubes_that_rest_on_each_other_or_are_one() -> None:
     a, b = boxes_at([0, 0, 2], [0, 0, 1.75], [0.5, 0, -1.9], [0, 0, 0], [2, 2, 2])
-    found = mesh_separations(a, b)
+    found = oc.separations(a, b)
     np.testing.assert_allclose(found.separations, [0, -0.25, -0.1, -2, 0], atol=1e-8)
     np.testing.assert_allclose(found.normals[:3], [[0, 0, 1], [0, 0, 1], [0, 0, -1]], atol=1e-9)
-    assert (mesh_verdicts(a, parted(b, found), exact=True) == SEPARATE).all()
+    assert (oc.verdicts(a, parted(b, found), exact=True) == SEPARATE).all()
 
 
 def test_open_cubes_part_as_soon_as_their_surfaces_do() -> None:
@@ -202,7 +201,7 @@ def test_open_cubes_part_as_soon_as_their_surfaces_do() -> None:
     still = np.zeros((1, 3)), np.eye(3)[None]
     hollow = PlacedMeshes(tree, [0], *still)
     inner = PlacedMeshes(ball, [0], [[1.6, 0, 0]], still[1])  # 0.05 past the inside of a wall
-    found = mesh_separations(hollow, inner)
+    found = oc.separations(hollow, inner)
     assert -0.06 < found.separations[0] < -0.01
     assert found.normals[0, 0] < -0.9  # back inside, as that is nearer
 
@@ -231,26 +230,26 @@ def test_a_box_in_a_corner_of_a_room_leaves_by_the_nearest_way() -> None:
     a = PlacedMeshes(room, [0], np.zeros((1, 3)), still)
     for place, depth in (([0, 0, 0.99], 0.01), ([-3.02, 0, 2.0], 0.02)):
         b = PlacedMeshes(crate, [0], [place], still)
-        assert -mesh_separations(a, b).separations[0] == pytest.approx(depth, abs=1e-8)
+        assert -oc.separations(a, b).separations[0] == pytest.approx(depth, abs=1e-8)
         assert -hulls(a, b).lower[0] > 0.5
     b = PlacedMeshes(crate, [0], [[-3.02, 0, 0.98]], still)  # in both
-    assert 0.02 <= -mesh_separations(a, b).separations[0] < 0.04
+    assert 0.02 <= -oc.separations(a, b).separations[0] < 0.04
 
 
 def test_radii_are_added() -> None:
     """Rounded cubes: as far apart as their radii leave, and pushed on by them."""
     a, b = boxes_at([0, 0, 3], [0, 0, 2.25], [0, 0, 1.75], [2.2, 2.2, 0.3])
-    found = mesh_separations(a, b, radii_a=0.25, radii_b=0.25)
+    found = oc.separations(a, b, radii_a=0.25, radii_b=0.25)
     corner = 0.5 - 0.2 * np.sqrt(2.0)
     np.testing.assert_allclose(found.separations, [0.5, -0.25, -0.75, -corner], atol=1e-8)
     away = parted(b, found)
-    np.testing.assert_array_less(0.5, mesh_clearances(a, away).upper + 1e-12)
+    np.testing.assert_array_less(0.5, oc.clearances(a, away).upper + 1e-12)
 
 
 def test_one_thread_or_many_is_the_same_bit_for_bit() -> None:
     a, b = bodies_of(TREES, 40, 0.4, 13)
-    every = mesh_separations(a, b)
+    every = oc.separations(a, b)
     for n in (0, 17, 39):
-        alone = mesh_separations(a, b, [[n, n]])
+        alone = oc.separations(a, b, [[n, n]])
         assert alone.separations[0] == every.separations[n]
         assert alone.normals[0].tolist() == every.normals[n].tolist()

@@ -15,7 +15,7 @@
 """Contacts of meshes are where python-fcl and coal see them.
 
 Both peers give a contact for every pair of triangles that touch, with a depth of these two alone;
-``mesh_patches`` has up to eight points for the pair of meshes, with a depth that parts them. So
+``contacts`` has up to eight points for the pair of meshes, with a depth that parts them. So
 what can agree is whether they collide, which triangles touch, and that the points lie in these.
 """
 
@@ -30,10 +30,8 @@ from mesh_zoo import zoo
 from placed_meshes import bodies_of, exact_corners
 from triangle_distances import squared_distance_of_point
 
-from obb_collision.geometry.trees.obb_tree import MeshTrees
-from obb_collision.queries.mesh_contacts.surfaces import mesh_patches
-from obb_collision.queries.meshes.meshes import mesh_contacts
-from obb_collision.queries.meshes.placed import PlacedMeshes
+import obb_collision as oc
+from obb_collision import MeshTrees, PlacedMeshes
 from obb_collision.queries.verdict.verdict import OVERLAP
 
 NAMES = ["torus1", "star1", "bumpy1", "open_sphere1", "sheet2", "cone1"]
@@ -82,12 +80,12 @@ def test_contacts_are_those_of_peers(peer: str, faces_of: Any) -> None:
     """Each pair of triangles that certainly pierce each other, and none that are apart."""
     module = pytest.importorskip(peer)
     a, b = bodies_of(TREES, 60, 0.3, 17)
-    faces, found = mesh_contacts(a, b)[0], mesh_patches(a, b, max_points=8)
+    met, found = oc.triangle_pairs(a, b), oc.contacts(a, b, max_points=8)
     seen = 0
     for n in range(len(a)):
-        own = faces[faces[:, 0] == n]
-        certain = {(int(s), int(t)) for _, s, t, verdict in own if verdict == OVERLAP}
-        every = {(int(s), int(t)) for _, s, t, _ in own}
+        own = met.pairs == n
+        every = set(map(tuple, met.faces[own].tolist()))
+        certain = set(map(tuple, met.faces[own & (met.verdicts == OVERLAP)].tolist()))
         theirs = faces_of(module, a, b, n)
         assert certain <= theirs <= every
         assert (found.counts[n] > 0) == bool(theirs)

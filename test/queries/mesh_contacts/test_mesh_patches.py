@@ -25,10 +25,9 @@ from placed_meshes import bodies_of, exact_corners
 from triangle_distances import squared_distance_of_point
 from triangle_pairs import FAMILIES, SHARE, Floats, Maker
 
-from obb_collision.geometry.trees.obb_tree import BOX_CORNERS, BOX_FACES, MeshTrees
-from obb_collision.queries.mesh_contacts.surfaces import mesh_patches, mesh_separations
-from obb_collision.queries.meshes.meshes import mesh_contacts, mesh_verdicts
-from obb_collision.queries.meshes.placed import PlacedMeshes
+import obb_collision as oc
+from obb_collision import MeshTrees, PlacedMeshes
+from obb_collision.geometry.trees.obb_tree import BOX_CORNERS, BOX_FACES
 from obb_collision.queries.verdict.verdict import SEPARATE
 
 TREES = MeshTrees.join([MeshTrees.build(*mesh) for mesh in zoo().values()])
@@ -61,8 +60,8 @@ def test_points_of_triangles_are_on_both_exactly(make: Maker, pairs: int) -> Non
         still = np.zeros((count, 3)), np.tile(np.eye(3), (count, 1, 1))
         sides.append(PlacedMeshes(trees, np.arange(count), *still))
     a, b = sides
-    found = mesh_patches(a, b, max_points=8)
-    collide = mesh_verdicts(a, b) != SEPARATE
+    found = oc.contacts(a, b, max_points=8)
+    collide = oc.verdicts(a, b) != SEPARATE
     assert (found.counts[collide] >= 1).all()
     for n in np.flatnonzero(collide).tolist():
         (p,), (q,) = exact_corners(a, n), exact_corners(b, n)
@@ -79,8 +78,8 @@ def test_points_of_meshes_are_on_both_exactly() -> None:
     names = ["box0", "star0", "cone1", "triangle", "open_sphere0"]
     trees = MeshTrees.join([MeshTrees.build(*zoo()[name]) for name in names])
     a, b = bodies_of(trees, 16, 0.3, 4)
-    found, checked = mesh_patches(a, b), 0
-    crossing = np.unique(mesh_contacts(a, b)[0][:, 0])
+    found, checked = oc.contacts(a, b), 0
+    crossing = np.unique(oc.triangle_pairs(a, b).pairs)
     for n in crossing[:8].tolist():
         for bodies in (a, b):
             corners = exact_corners(bodies, n)
@@ -93,7 +92,7 @@ def test_points_of_meshes_are_on_both_exactly() -> None:
 @pytest.mark.parametrize("max_points", [4, 8])
 def test_tables_are_as_promised(max_points: int) -> None:
     a, b = bodies_of(TREES, 200, 0.6, 14)
-    found, apart = mesh_patches(a, b, max_points=max_points), mesh_separations(a, b)
+    found, apart = oc.contacts(a, b, max_points=max_points), oc.separations(a, b)
     assert found.depths.tolist() == np.maximum(-apart.separations, 0.0).tolist()
     assert found.normals.tolist() == apart.normals.tolist()
     assert ((found.counts > 0) == (apart.separations <= 0.0)).all()
@@ -119,7 +118,7 @@ def test_a_crate_on_a_shelf_has_its_four_corners() -> None:
     a = PlacedMeshes(shelf, [0], np.zeros((1, 3)), still)
     for height in (4.99, 5.0):  # sunk in, and resting: then edges lie in the plane
         b = PlacedMeshes(crate, [0], [[0.3, 0.2, height]], still)
-        found = mesh_patches(a, b)
+        found = oc.contacts(a, b)
         assert found.counts[0] == 4
         flat = found.positions[0] - [0.3, 0.2, 4.0]
         np.testing.assert_allclose(np.abs(flat[:, 2]), 0.0, atol=1e-12)
@@ -133,10 +132,10 @@ def test_one_point_where_no_surfaces_cross() -> None:
     still = np.eye(3)[None]
     outer = PlacedMeshes(tree, [0], np.zeros((1, 3)), still)
     inner = PlacedMeshes(tree, [1], [[0.0, 0.0, 1.5]], still)
-    found = mesh_patches(outer, inner)
+    found = oc.contacts(outer, inner)
     assert found.counts.tolist() == [1]
     assert 1.25 <= found.positions[0, 0, 2] <= 2.0  # between the lowest of the one and the wall
     beside = PlacedMeshes(tree, [1], [[0.0, 0.0, 2.5]], still)
-    found = mesh_patches(outer, beside, radii_a=0.5)
+    found = oc.contacts(outer, beside, radii_a=0.5)
     assert found.counts.tolist() == [1]
     assert found.depths[0] == pytest.approx(0.25, abs=1e-8)

@@ -21,16 +21,15 @@ from typing import Any
 import numpy as np
 import pytest
 from mesh_zoo import zoo
+from placed_meshes import collisions
 from scipy.optimize import linprog
 from scipy.spatial.transform import Rotation
 
+from obb_collision import MeshTrees, PlacedMeshes
 from obb_collision.geometry.shapes.meshes import Hull
 from obb_collision.geometry.trees.convex_proxy import hull_mesh
-from obb_collision.geometry.trees.obb_tree import MeshTrees
 from obb_collision.geometry.trees.pool import HullPool, Hulls
 from obb_collision.queries.meshes.convex import PlacedHulls, hulls_may_collide
-from obb_collision.queries.meshes.meshes import mesh_collisions
-from obb_collision.queries.meshes.placed import PlacedMeshes
 from obb_collision.shapes import Cone, Cylinder
 from obb_collision.typing import Floats
 
@@ -60,7 +59,7 @@ def test_hulls_meet_where_their_surfaces_do_or_one_holds_the_other() -> None:
     a, b = (random_bodies(COUNT, len(meshes), 0.6, seed) for seed in (1, 2))
     rows = np.arange(COUNT)
     met = hulls_may_collide(PlacedHulls(hulls, *a), PlacedHulls(hulls, *b), rows, rows)
-    truth = mesh_collisions(PlacedMeshes(trees, *a), PlacedMeshes(trees, *b))
+    truth = collisions(PlacedMeshes(trees, *a), PlacedMeshes(trees, *b))
     assert 0.2 < truth.mean() < 0.8
     assert not (truth & ~met).any()
     doubtful = np.flatnonzero(met & ~truth)

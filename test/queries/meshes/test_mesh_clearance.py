@@ -27,10 +27,10 @@ from scipy.spatial.transform import Rotation
 from triangle_distances import squared_distance
 from triangle_pairs import FAMILIES, SHARE, Floats, Maker
 
-from obb_collision.geometry.trees.obb_tree import BOX_CORNERS, BOX_FACES, MeshTrees
-from obb_collision.queries.meshes.mesh_clearance import MeshClearances, mesh_clearances
-from obb_collision.queries.meshes.meshes import mesh_verdicts
-from obb_collision.queries.meshes.placed import PlacedMeshes
+import obb_collision as oc
+from obb_collision import MeshTrees, PlacedMeshes
+from obb_collision.geometry.trees.obb_tree import BOX_CORNERS, BOX_FACES
+from obb_collision.queries.meshes.mesh_clearance import MeshClearances
 from obb_collision.queries.verdict.verdict import SEPARATE
 
 #: What the bounds may differ by, relative to the size of a pair.
@@ -101,9 +101,9 @@ def test_triangles_against_exact_arithmetic(make: Maker, pairs: int) -> None:
                      np.where(half[:, None, None], a.rotations, x.rotations))
         for x in (a, b)
     ]  # fmt: skip
-    found = mesh_clearances(bodies[0], bodies[1])
-    verdicts = mesh_verdicts(bodies[0], bodies[1])
-    back = mesh_clearances(bodies[1], bodies[0])
+    found = oc.clearances(bodies[0], bodies[1])
+    verdicts = oc.verdicts(bodies[0], bodies[1])
+    back = oc.clearances(bodies[1], bodies[0])
     for n in range(count):
         (p,), (q,) = exact_corners(bodies[0], n), exact_corners(bodies[1], n)
         square, size = squared_distance(p, q), size_of(bodies[0], n, bodies[1], n)
@@ -129,7 +129,7 @@ def test_bounds_are_close_where_simplices_are_flat() -> None:
         )
         for side in (0, 1)
     )
-    found = mesh_clearances(a, b)
+    found = oc.clearances(a, b)
     assert (found.distances > 0.0).any()
     assert (found.upper - found.distances <= 1e-9 * (a.trees.radii + b.trees.radii)).all()
 
@@ -138,7 +138,7 @@ def test_meshes_against_exact_arithmetic() -> None:
     names = ["box0", "star0", "hull0", "cone1", "triangle", "open_sphere0", "hollow0", "crumbs0"]
     trees = MeshTrees.join([MeshTrees.build(*zoo()[name]) for name in names])
     a, b = bodies_of(trees, 60, 0.9, 3)
-    found, verdicts = mesh_clearances(a, b), mesh_verdicts(a, b)
+    found, verdicts = oc.clearances(a, b), oc.verdicts(a, b)
     apart = np.flatnonzero(verdicts == SEPARATE)
     assert 20 < len(apart) < 58
     np.testing.assert_array_equal(found.distances > 0.0, verdicts == SEPARATE)
@@ -151,7 +151,7 @@ def test_meshes_against_exact_arithmetic() -> None:
 def test_points_are_on_the_faces_named() -> None:
     trees = MeshTrees.build(*zoo()["torus1"])
     a, b = bodies_of(trees, 50, 2.0, 5)
-    found = mesh_clearances(a, b)
+    found = oc.clearances(a, b)
     vertices, faces = (np.asarray(x) for x in zoo()["torus1"])
     for bodies, points, side in ((a, found.positions_a, 0), (b, found.positions_b, 1)):
         local = np.einsum("nji,nj->ni", bodies.rotations, points - bodies.centers)
@@ -166,7 +166,7 @@ def test_normals_prove_the_distance() -> None:
     """All corners of the one are beyond those of the other where meshes are convex."""
     trees = MeshTrees.join([MeshTrees.build(*zoo()[name]) for name in ("hull1", "hull2", "box1")])
     a, b = bodies_of(trees, 300, 1.5, 6)
-    found = mesh_clearances(a, b)
+    found = oc.clearances(a, b)
     vertices = [np.asarray(zoo()[name][0]) for name in ("hull1", "hull2", "box1")]
     apart = np.flatnonzero(found.distances > 0.0)
     assert len(apart) > 100
@@ -183,13 +183,13 @@ def test_one_inside_the_other() -> None:
     still = [np.zeros((1, 3)), np.eye(3)[None]]
     inner = PlacedMeshes(ball, [0], *still)
     outer = PlacedMeshes(box, [0], *still)
-    found = mesh_clearances(outer, inner)
+    found = oc.clearances(outer, inner)
     assert found.distances[0] == found.upper[0] == 0.0
     assert found.faces.tolist() == [[-1, -1]]
     np.testing.assert_allclose(found.positions_a, found.positions_b)
     assert np.linalg.norm(found.positions_b) == pytest.approx(0.45)
     crate = MeshTrees.build(2.0 * BOX_CORNERS, BOX_FACES, solid=False)
-    hollow = mesh_clearances(PlacedMeshes(crate, [0], *still), inner)
+    hollow = oc.clearances(PlacedMeshes(crate, [0], *still), inner)
     assert 1.55 <= hollow.upper[0] <= 1.56
     assert hollow.upper[0] - hollow.distances[0] < 1e-9
 
@@ -201,11 +201,11 @@ def test_radii_are_exact() -> None:
     identity = np.eye(3)[None]
     ball = PlacedMeshes(point, [0], [[3.0, 4.0, 0.5]], identity)
     capsule = PlacedMeshes(segment, [0], np.zeros((1, 3)), identity)
-    found = mesh_clearances(ball, capsule, radii_a=1.0, radii_b=[2.0])
+    found = oc.clearances(ball, capsule, radii_a=1.0, radii_b=[2.0])
     assert found.distances[0] == pytest.approx(2.0, abs=1e-11)
     np.testing.assert_allclose(found.positions_a, [[2.4, 3.2, 0.5]], atol=1e-12)
     np.testing.assert_allclose(found.positions_b, [[1.2, 1.6, 0.5]], atol=1e-12)
-    deep = mesh_clearances(ball, capsule, radii_a=3.0, radii_b=3.0)
+    deep = oc.clearances(ball, capsule, radii_a=3.0, radii_b=3.0)
     assert deep.distances[0] == deep.upper[0] == 0.0
     np.testing.assert_allclose(deep.positions_a, deep.positions_b, atol=1e-12)
 
@@ -214,8 +214,8 @@ def test_a_limit_leaves_out_what_is_farther() -> None:
     trees = MeshTrees.join([MeshTrees.build(*zoo()[name]) for name in ("star1", "torus2")])
     a, b = bodies_of(trees, 60, 2.0, 8)
     pairs = np.stack([np.arange(60), np.arange(60)[::-1]], axis=1)
-    every = mesh_clearances(a, b, pairs)
-    some = mesh_clearances(a, b, pairs, max_distance=0.5)
+    every = oc.clearances(a, b, pairs)
+    some = oc.clearances(a, b, pairs, max_distance=0.5)
     near = every.distances <= 0.5
     assert 3 < near.sum() < 57
     np.testing.assert_array_equal(some.pairs, every.pairs[near])
@@ -225,13 +225,13 @@ def test_a_limit_leaves_out_what_is_farther() -> None:
 def test_sizes_by_powers_of_two_change_nothing() -> None:
     vertices, faces = zoo()["bumpy1"]
     a, b = bodies_of(MeshTrees.build(vertices, faces), 12, 1.5, 9)
-    found = mesh_clearances(a, b)
+    found = oc.clearances(a, b)
     for power in (-600, -40, 30, 600):
         trees = MeshTrees.build(np.ldexp(vertices, power), faces)
         sides = [
             PlacedMeshes(trees, x.meshes, np.ldexp(x.centers, power), x.rotations) for x in (a, b)
         ]
-        scaled = mesh_clearances(sides[0], sides[1])
+        scaled = oc.clearances(sides[0], sides[1])
         np.testing.assert_array_equal(np.ldexp(scaled.distances, -power), found.distances)
         np.testing.assert_array_equal(scaled.normals, found.normals)
 
@@ -240,6 +240,6 @@ def test_wrong_arguments() -> None:
     bodies = PlacedMeshes(MeshTrees.build(*zoo()["box0"]), [0], np.zeros((1, 3)), np.eye(3)[None])
     for radius in (-1.0, math.nan, math.inf, [1.0, 2.0], "much"):
         with pytest.raises(ValueError, match="radii_b must be"):
-            mesh_clearances(bodies, bodies, radii_b=radius)
+            oc.clearances(bodies, bodies, radii_b=radius)
     with pytest.raises(ValueError, match="max_distance must be"):
-        mesh_clearances(bodies, bodies, max_distance=-1.0)
+        oc.clearances(bodies, bodies, max_distance=-1.0)

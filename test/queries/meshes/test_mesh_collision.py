@@ -19,15 +19,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from mesh_zoo import zoo
-from placed_meshes import NAMES, PAIRS, bodies_of, place, verdict_of
+from placed_meshes import NAMES, PAIRS, bodies_of, collisions, place, verdict_of
 from scipy.spatial.transform import Rotation
 
-from obb_collision.geometry.boxes import Boxes
-from obb_collision.geometry.trees.obb_tree import MeshTrees
-from obb_collision.queries.meshes.meshes import mesh_collisions, mesh_contacts, mesh_verdicts
-from obb_collision.queries.meshes.placed import PlacedMeshes
+import obb_collision as oc
+from obb_collision import Boxes, MeshTrees, PlacedMeshes, Verdict, verdicts
 from obb_collision.queries.meshes.triangles import exact_triangle_verdict, triangle_verdicts
-from obb_collision.queries.verdict.verdict import Verdict, verdicts
 
 ZOO = zoo()
 
@@ -45,15 +42,15 @@ def test_a_cheaper_level_never_misses_what_an_exacter_one_reports(
     assert len(NAMES) >= 60
     small = MeshTrees.join([trees, MeshTrees.join(shrunk(0.15))])
     a, b = bodies_of(small, PAIRS, spread, seed)
-    mesh = mesh_collisions(a, b)
+    mesh = collisions(a, b)
     assert 0.02 < mesh.mean() < 0.98
-    assert (mesh == (mesh_verdicts(a, b) != Verdict.SEPARATE)).all()
+    assert (mesh == (oc.verdicts(a, b) != Verdict.SEPARATE)).all()
     within = np.flatnonzero(mesh)
-    touched = np.unique(mesh_contacts(a, b, np.stack([within, within], axis=1))[0][:, 0])
+    touched = np.unique(oc.triangle_pairs(a, b, np.stack([within, within], axis=1)).pairs)
     assert len(within) - len(touched) > 100  # one inside the other
     finer = mesh
     for depth in (6, 3, 1, 0):
-        coarser = mesh_collisions(a, b, depth=depth)
+        coarser = collisions(a, b, depth=depth)
         assert (coarser >= finer).all(), f"depth {depth} misses pairs"
         finer = coarser
     reported = verdicts(root_boxes(a), root_boxes(b)) != Verdict.SEPARATE
@@ -77,17 +74,17 @@ def test_trees_lose_no_pair_of_triangles() -> None:
     for name, other in [("torus1", "bumpy1"), ("star2", "sheet2"), ("crumbs0", "annulus1")]:
         a = place(*ZOO[name])
         b = place(*ZOO[other], offset=rng.integers(-20, 21, 3) / 64.0)
-        contacts, count = mesh_contacts(a, b)
+        met = oc.triangle_pairs(a, b)
         corners = [v[f] + p.centers[0] for (v, f), p in ((ZOO[name], a), (ZOO[other], b))]
         i, j = (k.ravel() for k in np.indices((len(corners[0]), len(corners[1]))))
         brute = triangle_verdicts(corners[0][i], corners[1][j]) == Verdict.OVERLAP
         expected = set(zip(i[brute].tolist(), j[brute].tolist(), strict=True))
-        found = contacts[contacts[:, 3] == Verdict.OVERLAP]
-        assert {(s, t) for _, s, t, _ in found.tolist()} == expected
-        assert count == len(contacts)
-        few, true_count = mesh_contacts(a, b, capacity=2)
-        assert true_count == count
-        assert len(few) == min(2, count)
+        found = met.faces[met.verdicts == Verdict.OVERLAP]
+        assert {(s, t) for s, t in found.tolist()} == expected
+        assert met.count == len(met)
+        few = oc.triangle_pairs(a, b, capacity=2)
+        assert few.count == met.count
+        assert len(few) == min(2, met.count)
 
 
 @pytest.mark.parametrize("exact", [False, True])
@@ -102,7 +99,7 @@ def test_resting_contact(exact: bool) -> None:
     ]
     a = PlacedMeshes(trees, [0] * 5, np.zeros((5, 3)), np.tile(np.eye(3), (5, 1, 1)))
     b = PlacedMeshes(trees, [0] * 5, offsets, np.tile(np.eye(3), (5, 1, 1)))
-    result = mesh_verdicts(a, b, exact=exact)
+    result = oc.verdicts(a, b, exact=exact)
     assert (result != Verdict.SEPARATE).tolist() == [True, False, True, True, True]
 
 
@@ -120,7 +117,7 @@ def test_a_box_is_the_mesh_of_its_corners() -> None:
         sides.append(PlacedMeshes(trees, rows[k], centers, rotations))
         boxes.append(Boxes(centers, sides[k].rotations, half_extents[k][rows[k]]))
     truth = verdicts(boxes[0], boxes[1], exact=True)
-    assert (mesh_verdicts(sides[0], sides[1]) == truth).all()
+    assert (oc.verdicts(sides[0], sides[1]) == truth).all()
 
 
 def test_far_from_the_origin_and_of_any_size() -> None:
@@ -133,7 +130,7 @@ def test_far_from_the_origin_and_of_any_size() -> None:
     def result(scale: float, far: float) -> list[int]:
         first, second = (MeshTrees.build(np.round(v * 2**20) / 2**20 * scale, f) for v, f in (a, b))
         here = np.full((300, 3), far)
-        return mesh_verdicts(
+        return oc.verdicts(
             PlacedMeshes(first, zero, here, rotations),
             PlacedMeshes(second, zero, here + offsets * scale, rotations),
         ).tolist()
@@ -194,10 +191,10 @@ def test_posed_triangles_that_nearly_touch_are_never_judged_wrongly() -> None:
         offset = ra @ target - rb @ source + gap
         first = PlacedMeshes(MeshTrees.build(a, [[0, 1, 2]]), [0], np.zeros((1, 3)), ra[None])
         second = PlacedMeshes(MeshTrees.build(b, [[0, 1, 2]]), [0], offset[None], rb[None])
-        verdict = mesh_verdicts(first, second)[0]
+        verdict = oc.verdicts(first, second)[0]
         truth = exact_triangle_verdict(a.ravel(), first.place(0), b.ravel(), second.place(0))
         decided += verdict != Verdict.TOUCHING
         wrong += verdict not in (Verdict.TOUCHING, truth)
-        assert mesh_verdicts(first, second, exact=True)[0] == truth
+        assert oc.verdicts(first, second, exact=True)[0] == truth
     assert wrong == 0
     assert decided > 0.95 * count

@@ -22,11 +22,10 @@ import numpy as np
 import pytest
 from mesh_zoo import zoo
 from numpy.typing import NDArray
-from placed_meshes import NAMES, PAIRS, bodies_of
+from placed_meshes import NAMES, PAIRS, bodies_of, collisions
 
-from obb_collision.geometry.trees.obb_tree import BOX_CORNERS, MeshTrees
-from obb_collision.queries.meshes.meshes import mesh_collisions
-from obb_collision.queries.meshes.placed import PlacedMeshes
+from obb_collision import MeshTrees, PlacedMeshes
+from obb_collision.geometry.trees.obb_tree import BOX_CORNERS
 
 ZOO = zoo()
 
@@ -37,7 +36,7 @@ def test_surfaces_agree_with_peers(peer: str) -> None:
     module = pytest.importorskip(peer)
     surfaces = MeshTrees.join([MeshTrees.build(*ZOO[name], solid=False) for name in NAMES])
     a, b = bodies_of(surfaces, PAIRS, 0.5, 4)
-    ours = mesh_collisions(a, b)
+    ours = collisions(a, b)
     theirs = (fcl_hits if peer == "fcl" else coal_hits)(module, a, b)
     for row in np.flatnonzero(ours != theirs).tolist():
         assert near_touching(a, b, row, 1e-9), f"pair {row}: ours {ours[row]}"
@@ -91,10 +90,6 @@ def near_touching(a: PlacedMeshes, b: PlacedMeshes, n: int, distance: float) -> 
     rows = np.full(len(nudges), n)
     moved = PlacedMeshes(b.trees, b.meshes[rows], b.centers[rows] + nudges, b.rotations[rows])
     return (
-        len(
-            set(
-                mesh_collisions(a, moved, np.stack([rows, np.arange(len(nudges))], axis=1)).tolist()
-            )
-        )
+        len(set(collisions(a, moved, np.stack([rows, np.arange(len(nudges))], axis=1)).tolist()))
         == 2
     )

@@ -19,13 +19,11 @@ from __future__ import annotations
 import numpy as np
 from mesh_zoo import zoo
 from numpy.typing import NDArray
-from placed_meshes import Faces, place, verdict_of
+from placed_meshes import Faces, collisions, place, verdict_of
 from trimesh import Trimesh, creation
 
-from obb_collision.geometry.trees.obb_tree import BOX_CORNERS, BOX_FACES, MeshTrees
-from obb_collision.queries.meshes.meshes import mesh_collisions
-from obb_collision.queries.meshes.placed import PlacedMeshes
-from obb_collision.queries.verdict.verdict import Verdict
+from obb_collision import MeshTrees, PlacedMeshes, Verdict
+from obb_collision.geometry.trees.obb_tree import BOX_CORNERS, BOX_FACES
 from obb_collision.typing import Floats
 
 ZOO = zoo()
@@ -70,7 +68,7 @@ def test_inside_is_told_however_rays_graze() -> None:
     )
     b = PlacedMeshes(speck, np.zeros(len(grid), int), grid, np.tile(np.eye(3), (len(grid), 1, 1)))
     expected = (np.abs(grid) <= 0.5).all(axis=1)
-    assert (mesh_collisions(a, b) == expected).all()
+    assert (collisions(a, b) == expected).all()
 
 
 def test_solid_means_watertight_as_trimesh_says() -> None:
@@ -94,7 +92,7 @@ def points_inside(trees: MeshTrees, points: Floats) -> NDArray[np.bool_]:
     still, zero = np.tile(np.eye(3), (count, 1, 1)), np.zeros(count, np.int64)
     speck = MeshTrees.build([[0.0, 0.0, 0.0]], [[0, 0, 0]])
     body = PlacedMeshes(trees, zero, np.zeros((count, 3)), still)
-    return mesh_collisions(body, PlacedMeshes(speck, zero, points, still))
+    return collisions(body, PlacedMeshes(speck, zero, points, still))
 
 
 def test_inside_agrees_with_solid_angles() -> None:

@@ -21,6 +21,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 from mesh_zoo import zoo
+from placed_meshes import collisions
 from scipy.spatial.transform import Rotation
 
 import obb_collision as oc
@@ -58,9 +59,9 @@ def test_any_number_of_threads_gives_the_same(number: int) -> None:
 
     def asked() -> list[bytes]:
         answers = (
-            oc.mesh_verdicts(bodies, bodies, pairs),
-            oc.mesh_collisions(bodies, bodies, pairs),
-            oc.mesh_collisions(bodies, bodies, pairs, depth=3),
+            oc.verdicts(bodies, bodies, pairs),
+            collisions(bodies, bodies, pairs),
+            collisions(bodies, bodies, pairs, depth=3),
             hulls_may_collide(bulks, bulks, first, second),
         )
         assert all(0.1 < (answer != 0).mean() < 0.9 for answer in answers)

@@ -21,8 +21,8 @@ import pytest
 from triangle_oracle import triangle_verdict
 from triangle_pairs import FAMILIES, Maker, Pair, coplanar, extreme_sizes
 
+from obb_collision import Verdict
 from obb_collision.queries.meshes.triangles import triangle_verdicts
-from obb_collision.queries.verdict.verdict import Verdict
 
 PAIRS = 120
 

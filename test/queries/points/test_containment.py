@@ -23,7 +23,7 @@ from hypothesis import strategies as st
 from membership import holds
 from support import family, row_of
 
-from obb_collision.obb import OBB
+from obb_collision import OBB
 from tools.cases.families import FAMILIES
 
 #: A point this near to the surface, relative to the size, may count as inside by default.

@@ -22,7 +22,7 @@ from beyond_bodies import beyond
 from convex_bodies import KINDS, bodies, corners_of, moved
 from scipy.spatial import ConvexHull
 
-from obb_collision.geometry.boxes import Boxes
+from obb_collision import Boxes
 from obb_collision.queries.convex.support import CORNERS, SEGMENT, ConvexBodies
 from obb_collision.queries.points.points import points_in_bodies
 from obb_collision.typing import Floats, Mask

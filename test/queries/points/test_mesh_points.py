@@ -26,10 +26,7 @@ from scipy.spatial.transform import Rotation
 from triangle_distances import squared_distance_of_point
 from triangle_pairs import FAMILIES, SHARE, Maker
 
-from obb_collision.geometry.boxes import Boxes
-from obb_collision.geometry.trees.obb_tree import MeshTrees
-from obb_collision.queries.meshes.placed import PlacedMeshes
-from obb_collision.queries.points.points import points_inside
+from obb_collision import Boxes, MeshTrees, PlacedMeshes, points_inside
 from obb_collision.typing import Floats
 
 SOLIDS = ["star1", "bumpy1", "torus2", "hollow1", "crumbs2", "hull1", "annulus0"]

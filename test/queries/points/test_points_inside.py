@@ -27,9 +27,9 @@ from scipy.spatial.transform import Rotation
 from support import family, row_of
 
 import obb_collision as oc
-from obb_collision.geometry.boxes import Boxes
+from obb_collision import Boxes, points_inside
 from obb_collision.queries.points.containment import contains
-from obb_collision.queries.points.points import CHUNK, PointsInside, points_inside
+from obb_collision.queries.points.points import CHUNK, PointsInside
 from tools.cases.families import FAMILIES
 
 #: By how much more than the margin a point may be away and still count, relative to its size.

@@ -29,13 +29,9 @@ from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 from support import row_of
 
-from obb_collision.geometry.boxes import Boxes
-from obb_collision.geometry.capsules import Capsules
-from obb_collision.queries.primitives.capsules import (
-    capsule_distances,
-    capsule_pair_verdicts,
-    capsule_verdicts,
-)
+import obb_collision as oc
+from obb_collision import Boxes, Capsules
+from obb_collision.queries.primitives.capsules import capsule_pair_verdicts
 from obb_collision.queries.verdict.verdict import OVERLAP, SEPARATE, TOUCHING
 
 #: What isn't told from touching is this near to it, relative to the size of the pair.
@@ -92,9 +88,9 @@ def test_capsules_against_boxes(scale: float) -> None:
     boxes, p, q = scene(100, 1)
     boxes = Boxes(boxes.centers * scale, boxes.rotations, boxes.half_extents * scale)
     p, q = p * scale, q * scale
-    bare = capsule_distances(Capsules(p, q, np.zeros(len(p))), boxes).separations
+    bare = oc.separations(Capsules(p, q, np.zeros(len(p))), boxes).separations
     radii = near_radii(bare, np.random.default_rng(2))
-    found = capsule_distances(Capsules(p, q, radii), boxes)
+    found = oc.separations(Capsules(p, q, radii), boxes)
     assert set(found.verdicts) == {SEPARATE, TOUCHING, OVERLAP}
     size = np.abs(p - boxes.centers).sum(axis=1) + np.abs(q - boxes.centers).sum(axis=1)
     size += boxes.half_extents.sum(axis=1) + radii
@@ -116,16 +112,16 @@ def test_capsules_against_capsules(scale: float) -> None:
     lean = rng.choice([0.0, 1e-16, 1e-12, 1e-8, 1e-4], (n, 1)) * scale
     ends[3, 60:200] = (ends[2] + way + lean * rng.uniform(-1, 1, (n, 3)))[60:200]
     ends[2, 200:220] = 0.5 * ends[0, 200:220] + 0.5 * ends[1, 200:220]  # they cross, or nearly
-    bare = capsule_distances(
+    bare = oc.separations(
         Capsules(ends[0], ends[1], np.zeros(n)), Capsules(ends[2], ends[3], np.zeros(n))
     )
     share = rng.uniform(0.0, 1.0, n)
     radii = near_radii(bare.separations, rng)
     a = Capsules(ends[0], ends[1], share * radii)
     b = Capsules(ends[2], ends[3], (1.0 - share) * radii)
-    found = capsule_distances(a, b)
+    found = oc.separations(a, b)
     assert set(found.verdicts) == {SEPARATE, TOUCHING, OVERLAP}
-    np.testing.assert_array_equal(found.verdicts, capsule_verdicts(b, a))
+    np.testing.assert_array_equal(found.verdicts, oc.verdicts(b, a))
     for k in range(n):
         square = distances.squared_distance(
             distances.segment(ends[0, k], ends[1, k]), distances.segment(ends[2, k], ends[3, k])
@@ -141,7 +137,7 @@ def test_depth_of_a_segment_in_a_box_is_the_least_way_out() -> None:
     boxes, p, q = boxes[solid], p[solid], q[solid]
     p = boxes.centers + 0.3 * (p - boxes.centers)
     radii = rng.uniform(0.0, 0.3, len(p))
-    found = capsule_distances(Capsules(p, q, radii), boxes)
+    found = oc.separations(Capsules(p, q, radii), boxes)
     inside = np.flatnonzero((found.separations + radii < -1e-6) & (p != q).any(axis=1))
     assert len(inside) > 50
     for n in inside:
@@ -156,10 +152,10 @@ def test_points_and_normals() -> None:
     radii = np.random.default_rng(7).uniform(0.0, 0.5, len(p))
     capsules = Capsules(p, q, radii)
     for other in (boxes, capsules[np.arange(len(p))[::-1]]):
-        found = capsule_distances(capsules, other)
+        found = oc.clearances(capsules, other)
         reach = 1e-12 * (1.0 + np.abs(boxes.centers).max())
         np.testing.assert_allclose(np.linalg.norm(found.normals, axis=1), 1.0, atol=1e-14)
-        step = found.separations[:, None] * found.normals
+        step = found.distances[:, None] * found.normals
         np.testing.assert_allclose(found.positions_a + step, found.positions_b, atol=reach)
         core = found.positions_a - radii[:, None] * found.normals
         np.testing.assert_allclose(_from_segments(core, p, q), 0.0, atol=reach)
@@ -183,7 +179,7 @@ def test_a_push_by_the_separation_along_the_normal_parts_them_by_no_less() -> No
     axes = boxes.rotations * boxes.half_extents[:, None]
     turned = Capsules(place + 0.3 * axes[:, :, 0], place - 0.7 * axes[:, :, 0], capsules.radii)
     for other in (boxes, turned):
-        found = capsule_distances(capsules, other)
+        found = oc.separations(capsules, other)
         top = _reach(capsules, found.normals)
         if isinstance(other, Boxes):
             across = np.abs(np.einsum("nij,ni->nj", axes, found.normals)).sum(axis=1)
@@ -209,16 +205,17 @@ def _from_segments(points: np.ndarray, p: np.ndarray, q: np.ndarray) -> np.ndarr
 def test_a_sphere_is_decided_by_its_centre_and_radius() -> None:
     box = Boxes([[0, 0, 0]] * 6, [np.eye(3)] * 6, [[1, 1, 1]] * 6)
     centers = np.array([[2, 0, 0], [2, 0, 0], [2, 0, 0], [0.5, 0, 0], [4, 5, 1], [0, 0, 0]])
-    found = capsule_distances(Capsules.spheres(centers, [1, 0.5, 1.5, 0.25, 5, 0]), box)
+    spheres = Capsules.spheres(centers, [1, 0.5, 1.5, 0.25, 5, 0])
+    found, near = oc.separations(spheres, box), oc.clearances(spheres, box)
     assert found.verdicts.tolist() == [TOUCHING, SEPARATE, OVERLAP, OVERLAP, TOUCHING, OVERLAP]
     assert found.separations.tolist() == [0.0, 0.5, -0.5, -0.75, 0.0, -1.0]
     assert found.normals[:4].tolist() == [[-1, 0, 0]] * 4
     np.testing.assert_allclose(found.normals[4], [-0.6, -0.8, 0], atol=1e-15)
-    assert found.positions_a[3].tolist() == [0.25, 0, 0]
-    assert found.positions_b[3].tolist() == [1, 0, 0]
+    assert near.positions_a[3].tolist() == [0.25, 0, 0]
+    assert near.positions_b[3].tolist() == [1, 0, 0]
     balls = Capsules.spheres([[0, 0, 0], [0, 0, 0]], [1, 2])
     other = Capsules.spheres([[0, 3, 0], [0, 0, 0]], [2, 1])
-    found = capsule_distances(balls, other)
+    found = oc.separations(balls, other)
     assert found.verdicts.tolist() == [TOUCHING, OVERLAP]
     assert found.separations.tolist() == [0.0, -3.0]
 
@@ -230,8 +227,8 @@ def test_rows_choose_the_pairs() -> None:
     i, j = rng.integers(0, 50, (2, 200))
     for other in (boxes, capsules):
         chosen = capsule_pair_verdicts(capsules, i, other, j)
-        np.testing.assert_array_equal(chosen, capsule_verdicts(capsules[i], other[j]))
-    assert len(capsule_verdicts(capsules[i[:0]], boxes[j[:0]])) == 0
+        np.testing.assert_array_equal(chosen, oc.verdicts(capsules[i], other[j]))
+    assert len(oc.verdicts(capsules[i[:0]], boxes[j[:0]])) == 0
 
 
 @given(st.integers(0, 2**32 - 1))
@@ -246,7 +243,7 @@ def test_boxes_never_miss_what_capsules_report(seed: int) -> None:
     step = rotations[:, :, 2] * half[:, None]
     around = Boxes(p, rotations, np.stack([radii, radii, half + radii], axis=1))
     capsules = Capsules(p - step, p + step, radii)
-    found = capsule_verdicts(capsules, boxes)
+    found = oc.verdicts(capsules, boxes)
     apart = oracle.verdicts(
         (around.centers, around.rotations, around.half_extents * (1 + 1e-15)),
         (boxes.centers, boxes.rotations, boxes.half_extents),
@@ -265,4 +262,4 @@ def test_bad_input() -> None:
     with pytest.raises(ValueError, match="same length"):
         Capsules.spheres([[0, 0, 0]], [1, 2])
     with pytest.raises(ValueError, match="same length"):
-        capsule_verdicts(Capsules.spheres([[0, 0, 0]] * 2, [1, 1]), box)
+        oc.verdicts(Capsules.spheres([[0, 0, 0]] * 2, [1, 1]), box)

@@ -24,8 +24,8 @@ import pytest
 from distances import root
 from support import family, row_of
 
-from obb_collision.geometry.boxes import Boxes
-from obb_collision.queries.primitives.planes import plane_distances
+import obb_collision as oc
+from obb_collision import Boxes, HalfSpaces
 from obb_collision.queries.verdict.verdict import OVERLAP, SEPARATE, TOUCHING
 
 #: What isn't told from touching is this near to it, relative to the size of the pair.
@@ -43,7 +43,8 @@ def test_planes(name: str) -> None:
     squares = (normals * normals).sum(axis=1, keepdims=True)
     shift = rng.choice([-1.0, -0.5, 0.0, 1.0, 1.0 + 1e-15, 1.5], (n, 1))
     points = boxes.centers + shift * normals * reach.sum(axis=1, keepdims=True) / squares
-    found = plane_distances(boxes, points, normals)
+    below, above = HalfSpaces(points, normals), HalfSpaces(points, -normals)
+    found, turned = oc.separations(boxes, below), oc.separations(boxes, above)
     for k in range(n):
         m = membership.fractions(normals[k])
         at = membership.fractions(points[k])
@@ -54,20 +55,23 @@ def test_planes(name: str) -> None:
         low, high = min(ends), max(ends)
         norm = root(sum((a * a for a in m), Fraction(0)))
         size = np.abs(points[k] - boxes.centers[k]).sum() + boxes.half_extents[k].sum()
-        assert abs(float(low) / norm - found.lowest[k]) <= DOUBT * size
-        assert abs(float(high) / norm - found.highest[k]) <= DOUBT * size
-        near = min(abs(low), abs(high)) <= Fraction(DOUBT * size * norm)
-        side = 1 if low > 0 else -1 if high < 0 else 0
-        assert found.sides[k] == side or (near and found.sides[k] == 0)
-        across = OVERLAP if low < 0 < high else SEPARATE if side else TOUCHING
-        assert found.plane_verdicts[k] == across or (near and found.plane_verdicts[k] == TOUCHING)
-        half = SEPARATE if low > 0 else OVERLAP if low < 0 else TOUCHING
-        assert found.half_space_verdicts[k] in (half, TOUCHING if near else half)
+        assert abs(float(low) / norm - found.separations[k]) <= DOUBT * size
+        assert abs(float(high) / norm + turned.separations[k]) <= DOUBT * size
+        for answer, gap in ((found, low), (turned, -high)):
+            truth = SEPARATE if gap > 0 else OVERLAP if gap < 0 else TOUCHING
+            near = abs(gap) <= Fraction(DOUBT * size * norm)
+            assert answer.verdicts[k] in (truth, TOUCHING if near else truth)
+            unit = normals[k] / norm * (-1 if answer is found else 1)
+            np.testing.assert_allclose(answer.normals[k], unit, atol=1e-15)
+            lowest = answer.positions[k] - 0.5 * answer.separations[k] * answer.normals[k]
+            height = np.dot(lowest - points[k], -answer.normals[k])
+            assert abs(height - answer.separations[k]) <= 1e-12 * (size + np.abs(points[k]).max())
+            assert boxes[k].padded(1e-9 * size).contains(lowest)
 
 
 def test_bad_input() -> None:
     box = Boxes([[0, 0, 0]], [np.eye(3)], [[1, 1, 1]])
     with pytest.raises(ValueError, match="normals must not be zero in row 0"):
-        plane_distances(box, [[0, 0, 0]], [[0, 0, 0]])
+        HalfSpaces([[0, 0, 0]], [[0, 0, 0]])
     with pytest.raises(ValueError, match="same length"):
-        plane_distances(box, [[0, 0, 0]] * 2, [[1, 0, 0]] * 2)
+        oc.verdicts(box, HalfSpaces([[0, 0, 0]] * 2, [[1, 0, 0]] * 2))

@@ -21,9 +21,9 @@ import pytest
 from beyond_bodies import beyond
 from convex_bodies import KINDS, bodies, moved
 
-from obb_collision.geometry.boxes import Boxes
+from obb_collision import Boxes, cast_rays
 from obb_collision.queries.convex.support import CORNERS, ConvexBodies
-from obb_collision.queries.rays.rays import as_rays, cast_at_bodies, cast_rays
+from obb_collision.queries.rays.rays import as_rays, cast_at_bodies
 from obb_collision.typing import Floats, Rows
 
 COUNT, SAMPLES = 200, 400

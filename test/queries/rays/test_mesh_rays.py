@@ -27,10 +27,8 @@ from scipy.spatial.transform import Rotation
 from triangle_distances import squared_distance
 from triangle_pairs import FAMILIES, SHARE, Maker
 
-from obb_collision.geometry.boxes import Boxes
-from obb_collision.geometry.trees.obb_tree import MeshTrees
-from obb_collision.queries.meshes.placed import PlacedMeshes
-from obb_collision.queries.rays.rays import RayHits, cast_rays, cast_segments
+from obb_collision import Boxes, MeshTrees, PlacedMeshes, cast_rays, cast_segments
+from obb_collision.queries.rays.rays import RayHits
 from obb_collision.typing import Floats
 
 TRIANGLE = np.array([[0, 1, 2]])

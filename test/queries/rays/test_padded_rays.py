@@ -29,8 +29,8 @@ from triangle_distances import squared_distance
 from triangle_pairs import FAMILIES, SHARE, Maker
 from trimesh.triangles import closest_point
 
-from obb_collision.geometry.trees.obb_tree import MeshTrees
-from obb_collision.queries.meshes.placed import PlacedMeshes, root_boxes
+from obb_collision import MeshTrees, PlacedMeshes
+from obb_collision.queries.meshes.placed import root_boxes
 from obb_collision.queries.points.points import points_in_bodies
 from obb_collision.queries.rays.rays import RayHits, as_rays, cast_at_padded
 from obb_collision.typing import Floats

@@ -27,8 +27,8 @@ from hypothesis import strategies as st
 from membership import Box, determinant, fractions, outside
 from support import family, row_of
 
-from obb_collision.geometry.boxes import Boxes
-from obb_collision.queries.rays.rays import RayHits, cast_rays, cast_segments
+from obb_collision import Boxes, cast_rays, cast_segments
+from obb_collision.queries.rays.rays import RayHits
 from tools.cases.families import FAMILIES
 
 #: Hits are right to this, relative to the size of box and ray.

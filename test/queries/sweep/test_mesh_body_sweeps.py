@@ -27,11 +27,10 @@ from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 from test_hull_sweeps import MOST_UNDECIDED, PLANE, TOO_FEW_DIGITS, gaps_at, near_of
 
-from obb_collision.geometry.trees.obb_tree import MeshTrees
+import obb_collision as oc
+from obb_collision import MeshTrees, PlacedMeshes
 from obb_collision.queries.convex.mesh_distances import mesh_body_distances
 from obb_collision.queries.convex.support import NO_HULLS, ConvexBodies
-from obb_collision.queries.meshes.meshes import mesh_verdicts
-from obb_collision.queries.meshes.placed import PlacedMeshes
 from obb_collision.queries.sweep.course import BodyMotion
 from obb_collision.queries.sweep.meshes import swept_mesh_bodies
 from obb_collision.queries.sweep.sweep import TOLERANCE, Sweeps
@@ -146,7 +145,7 @@ def test_meshes_do_not_overlap_what_is_in_the_shape_until_then(
     until = np.minimum(found.free_until, 1.0)
     for share in (*np.linspace(0.05, 0.95, 12), 0.999, 1.0 - 1e-12):
         x, y = (later(s, t, share * until) for s, t in zip((a, within), twists, strict=True))
-        assert (mesh_verdicts(x, y)[until > 0.0] != OVERLAP).all()
+        assert (oc.verdicts(x, y)[until > 0.0] != OVERLAP).all()
     x, y = (later(s, t, until) for s, t in zip((a, within), twists, strict=True))
     rows = np.arange(count)
     gaps = mesh_body_distances(x, np.zeros(count), round_bodies(kind, y), rows, rows)[0].upper

@@ -30,11 +30,7 @@ from scipy.spatial.transform import Rotation
 from triangle_pairs import FAMILIES, SHARE, Floats, Maker
 
 import obb_collision as oc
-from obb_collision.geometry.trees.obb_tree import MeshTrees
-from obb_collision.queries.meshes.mesh_clearance import mesh_clearances
-from obb_collision.queries.meshes.meshes import mesh_verdicts
-from obb_collision.queries.meshes.placed import PlacedMeshes
-from obb_collision.queries.sweep.meshes import mesh_sweeps
+from obb_collision import MeshTrees, PlacedMeshes
 from obb_collision.queries.sweep.sweep import TOLERANCE
 from obb_collision.queries.verdict.verdict import OVERLAP
 
@@ -69,7 +65,7 @@ def test_triangles_that_do_not_turn_are_apart_until_then_in_fractions(
     twists = np.zeros((count, 6))
     twists[:, :3] = back * rng.choice([0.5, 1.0, 2.0], (count, 1))
     twists[:, :3] += size * 0.1 * rng.normal(size=(count, 3)) * rng.choice([0, 1], (count, 1))
-    found = mesh_sweeps(a, b, duration=1.0, twists_b=twists)
+    found = oc.sweeps(a, b, duration=1.0, twists_b=twists)
     for n in range(count):
         (p,), (q,) = exact_corners(a, n), exact_corners(b, n)
         time = Fraction(min(found.free_until[n], 1.0))
@@ -101,14 +97,14 @@ def test_meshes_do_not_overlap_until_then_and_are_near_at_last(spin: float, pair
     rng = np.random.default_rng(6)
     twists = [rng.normal(size=(count, 6)) * rng.choice([0.0, 1.0], (count, 1)) for _ in range(2)]
     twists = [t * np.array([1, 1, 1, spin, spin, spin]) for t in twists]
-    found = mesh_sweeps(a, b, duration=1.0, twists_a=twists[0], twists_b=twists[1])
+    found = oc.sweeps(a, b, duration=1.0, twists_a=twists[0], twists_b=twists[1])
     until = np.minimum(found.free_until, 1.0)
     for share in (*np.linspace(0.05, 0.95, 12), 0.999, 1.0 - 1e-12):
         x, y = (moved_on(s, t, share * until) for s, t in zip((a, b), twists, strict=True))
-        verdicts = mesh_verdicts(x, y)
+        verdicts = oc.verdicts(x, y)
         assert (verdicts[until > 0.0] != OVERLAP).all()
     x, y = (moved_on(s, t, until) for s, t in zip((a, b), twists, strict=True))
-    gaps = mesh_clearances(x, y).upper
+    gaps = oc.clearances(x, y).upper
     for n in np.flatnonzero(found.hits).tolist():
         assert gaps[n] <= near_of(a, b, n) * (1.0 + 1e-6)
     assert found.hits.sum() > 10
@@ -120,18 +116,18 @@ def test_what_starts_inside_a_solid_or_touching_is_hit_at_once() -> None:
     vertices, faces = zoo()["box0"]
     box = place(vertices, faces)
     crumb = place(vertices * 0.1, faces)
-    found = mesh_sweeps(box, crumb, duration=1.0, twists_b=[0, 0, 9.0, 0, 0, 0])
+    found = oc.sweeps(box, crumb, duration=1.0, twists_b=[0, 0, 9.0, 0, 0, 0])
     assert (found.hits.tolist(), found.times.tolist()) == ([True], [0.0])
-    found = mesh_sweeps(box, box, duration=1.0)
+    found = oc.sweeps(box, box, duration=1.0)
     assert found.times.tolist() == [0.0]
 
 
 def test_nothing_that_moves_never_meets() -> None:
     vertices, faces = zoo()["box0"]
     box, far = place(vertices, faces), place(vertices, faces, (2.0, 0.0, 0.0))
-    assert mesh_sweeps(box, far, duration=1.0).free_until.tolist() == [np.inf]
+    assert oc.sweeps(box, far, duration=1.0).free_until.tolist() == [np.inf]
     together = [1e6, -1e6, 3e5, 0, 0, 0]
-    found = mesh_sweeps(box, far, duration=1.0, twists_a=together, twists_b=together)
+    found = oc.sweeps(box, far, duration=1.0, twists_a=together, twists_b=together)
     assert found.free_until.tolist() == [np.inf]
 
 
@@ -143,7 +139,7 @@ def test_a_ball_against_a_box_that_spins_about_its_way(
     ball = place(corners, TRIANGLE)
     vertices, faces = zoo()["box1"]
     box = place(vertices, faces, (4.0, 0.0, 0.0))
-    found = mesh_sweeps(
+    found = oc.sweeps(
         *(ball, box), duration=9.0, radii_a=radius,
         twists_a=[speed, 0, 0, 0, 0, 0], twists_b=[0, 0, 0, spin, 0, 0],
     )  # fmt: skip
@@ -165,7 +161,7 @@ def test_boxes_as_meshes_meet_when_boxes_do() -> None:
     pairs = np.arange(2 * count).reshape(-1, 2)
     truth = oc.sweeps(moving, moving, pairs)
     bodies = PlacedMeshes(MeshTrees.build(vertices, faces), [0] * (2 * count), centers, turns)
-    found = mesh_sweeps(bodies, bodies, pairs, duration=1.0, twists_a=twists, twists_b=twists)
+    found = oc.sweeps(bodies, bodies, pairs, duration=1.0, twists_a=twists, twists_b=twists)
     both = truth.hits & found.hits
     assert both.sum() > 10
     assert (truth.hits == found.hits).mean() > 0.95  # the others pass within the tolerance
@@ -187,4 +183,4 @@ def test_boxes_as_meshes_meet_when_boxes_do() -> None:
 def test_what_cannot_be_used_is_refused(change: dict[str, object], reason: str) -> None:
     box = place(*zoo()["box0"])
     with pytest.raises(ValueError, match=reason):
-        mesh_sweeps(box, box, **({"duration": 1.0} | change))  # type: ignore[arg-type]
+        oc.sweeps(box, box, **({"duration": 1.0} | change))  # type: ignore[arg-type]

@@ -31,10 +31,8 @@ from scipy.spatial.transform import Rotation
 from support import family, joined, row_of, sizes
 from sweep_oracle import ExactMotion
 
-from obb_collision.geometry.boxes import Boxes
-from obb_collision.obb import OBB
+from obb_collision import OBB, Boxes, Verdict, verdicts
 from obb_collision.queries.sweep.sweep import Sweeps
-from obb_collision.queries.verdict.verdict import Verdict, verdicts
 from tools.cases.families import FAMILIES
 from tools.cases.placement import log_uniform
 

@@ -25,7 +25,7 @@ from hypothesis import strategies as st
 from one_set import sweep_twists
 from sweep_oracle import TwistCourse, first_sampled_contact, gaps_at
 
-from obb_collision.geometry.boxes import Boxes
+from obb_collision import Boxes
 from obb_collision.queries.sweep.motion import bounding_radii
 from obb_collision.queries.sweep.rigid import FLOOR
 from obb_collision.queries.sweep.sweep import TOLERANCE

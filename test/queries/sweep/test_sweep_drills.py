@@ -31,11 +31,10 @@ from sweep_motions import CORNER_SIGNS, Twisting, drills, pair_rows
 from sweep_oracle import certain_overlap
 
 import obb_collision as oc
-from obb_collision.geometry.trees.obb_tree import MeshTrees
+from obb_collision import MeshTrees
 from obb_collision.geometry.trees.pool import HullPool, Hulls
 from obb_collision.queries.convex.support import BOX, CORNERS, ConvexBodies
 from obb_collision.queries.sweep.convex import convex_sweeps
-from obb_collision.queries.sweep.meshes import mesh_sweeps
 from obb_collision.queries.sweep.sweep import TOLERANCE
 from obb_collision.typing import Floats, Integers
 
@@ -76,7 +75,7 @@ def by_meshes(motion: Twisting, rows: Integers) -> Floats:
     trees = MeshTrees.join([MeshTrees.build(c, FACES) for c in corners_from_origins(motion)])
     every = np.arange(len(motion.boxes))
     placed = oc.PlacedMeshes(trees, every, motion.origins, motion.boxes.rotations)
-    found = mesh_sweeps(
+    found = oc.sweeps(
         placed, placed, rows, duration=1.0, twists_a=motion.twists, twists_b=motion.twists
     )
     return found.free_until

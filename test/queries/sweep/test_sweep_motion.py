@@ -22,7 +22,7 @@ from support import sizes
 from sweep_motions import TURNING, Motion, directions, motion, pair_rows, turn
 from sweep_oracle import PoseCourse, gaps_at, poses_at
 
-from obb_collision.geometry.boxes import Boxes
+from obb_collision import Boxes
 from obb_collision.queries.sweep.motion import (
     bounding_radii,
     motion_bounds,

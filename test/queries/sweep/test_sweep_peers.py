@@ -30,12 +30,11 @@ from mesh_zoo import zoo
 from moving_bodies import joined, radii_of
 from scipy.spatial.transform import Rotation
 
-from obb_collision.geometry.trees.obb_tree import MeshTrees
+import obb_collision as oc
+from obb_collision import MeshTrees, PlacedMeshes
 from obb_collision.queries.convex.support import BOX, CONE, CYLINDER, ROUND, SEGMENT, ConvexBodies
-from obb_collision.queries.meshes.placed import PlacedMeshes
 from obb_collision.queries.sweep.convex import convex_sweeps
 from obb_collision.queries.sweep.course import BodyMotion
-from obb_collision.queries.sweep.meshes import mesh_sweeps
 from obb_collision.queries.sweep.sweep import TOLERANCE, Sweeps
 from obb_collision.typing import Floats
 
@@ -127,7 +126,7 @@ def test_meshes() -> None:
     a, b = (PlacedMeshes(trees, rows[k], centers[k], turns[k]) for k in (0, 1))
     twists = np.zeros((count, 6))
     twists[:, :3] = (centers[0] - centers[1]) * 1.5 + rng.normal(size=(count, 3)) * 0.6
-    found = mesh_sweeps(a, b, duration=1.0, twists_b=twists)
+    found = oc.sweeps(a, b, duration=1.0, twists_b=twists)
     times = [
         sampled(
             models[rows[0, n]], models[rows[1, n]], (centers[0, n], centers[1, n]),

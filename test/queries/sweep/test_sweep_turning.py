@@ -29,7 +29,7 @@ from scipy.spatial.transform import Rotation
 from sweep_motions import TURNING, about_pi, pair_rows
 from sweep_oracle import PoseCourse, first_sampled_contact, gaps_at, poses_at
 
-from obb_collision.geometry.boxes import Boxes
+from obb_collision import Boxes
 from obb_collision.queries.sweep.motion import bounding_radii
 from obb_collision.queries.sweep.rigid import FLOOR
 from obb_collision.queries.sweep.sweep import TOLERANCE, Sweeps

@@ -32,13 +32,12 @@ from one_set import sweep, sweep_twists
 from sweep_motions import CORNER_SIGNS, TWISTING, Twisting, directions, pair_rows
 from sweep_oracle import TwistCourse, first_sampled_contact, gaps_at
 
-from obb_collision.geometry.boxes import Boxes
+from obb_collision import Boxes, Verdict, verdicts
 from obb_collision.queries.sweep import rigid as sweep_rigid
 from obb_collision.queries.sweep.motion import bounding_radii
 from obb_collision.queries.sweep.moving import twist_bounds
 from obb_collision.queries.sweep.rigid import FLOOR
 from obb_collision.queries.sweep.sweep import TOLERANCE, Sweeps
-from obb_collision.queries.verdict.verdict import Verdict, verdicts
 
 CHUNK = 500
 EYE = np.eye(3)

@@ -30,9 +30,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from support import family, row_of, stored, witnesses
 
-from obb_collision.geometry.boxes import Boxes
+from obb_collision import Boxes, verdicts
 from obb_collision.queries.verdict.pair_frame import box_of, pair_of
-from obb_collision.queries.verdict.verdict import UNDECIDED, careful_verdict, fast_verdict, verdicts
+from obb_collision.queries.verdict.verdict import UNDECIDED, careful_verdict, fast_verdict
 from tools.cases.families import FAMILIES
 
 ROWS = 300

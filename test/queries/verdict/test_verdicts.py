@@ -30,8 +30,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from support import chunks, family, loosened, row_of, stored, witnesses
 
-from obb_collision.geometry.boxes import Boxes
-from obb_collision.queries.verdict.verdict import Verdict, verdicts
+from obb_collision import Boxes, Verdict, verdicts
 from tools.cases.families import FAMILIES
 
 #: Promised width of what doubles leave undecided, relative to the sum of all half extents.

@@ -23,11 +23,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support import family, row_of, sizes, stored, witnesses
 
-from obb_collision.geometry.boxes import Boxes
-from obb_collision.obb import OBB
+from obb_collision import OBB, Boxes, Verdict, verdicts
 from obb_collision.queries.verdict.pair_frame import box_of, pair_of
 from obb_collision.queries.verdict.sat import AXES
-from obb_collision.queries.verdict.verdict import Verdict, verdicts
 from obb_collision.queries.verdict.witness import _before, box_witness, careful_gap, gap_bounds
 from tools.cases.families import FAMILIES
 from tools.cases.placement import random_rotations

@@ -26,8 +26,9 @@ from hypothesis import strategies as st
 from support import row_of, stored
 
 import obb_collision as oc
+from obb_collision import verdicts
 from obb_collision.geometry.boxes import Boxes
-from obb_collision.queries.verdict.verdict import Verdict, pair_verdicts, verdicts
+from obb_collision.queries.verdict.verdict import Verdict, pair_verdicts
 from obb_collision.scene.broad_phase.any_collision import any_collision, find_first
 from obb_collision.scene.broad_phase.broad_phase import find_candidates
 from obb_collision.scene.broad_phase.find_pairs import find_pairs

@@ -21,7 +21,7 @@ import numpy as np
 import pytest
 
 import obb_collision as oc
-from obb_collision.queries.sweep.sweep import sweeps
+from obb_collision import sweeps
 from obb_collision.scene.effects import sweep as module
 
 

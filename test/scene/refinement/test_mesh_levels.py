@@ -93,7 +93,8 @@ def test_no_level_misses_what_a_more_exact_one_reports(
     boxes = world_boxes(meshes, placed)
     i, j = np.arange(count), np.arange(count, 2 * count)
 
-    mesh = oc.mesh_collisions(placed, placed, np.stack([i, j], axis=1))
+    rows = np.stack([i, j], axis=1)
+    mesh = oc.verdicts(placed, placed, rows, effort=0) != SEPARATE
     hull = hulls_may_collide(convex, convex, i, j)
     obb = oc.verdicts(boxes[i], boxes[j]) != SEPARATE
     assert 0.01 < mesh.mean() < hull.mean() < obb.mean() < 0.99
@@ -101,7 +102,7 @@ def test_no_level_misses_what_a_more_exact_one_reports(
     assert not (mesh & ~obb).any()
     finer = mesh
     for depth in reversed(DEPTHS):
-        tree = oc.mesh_collisions(placed, placed, np.stack([i, j], axis=1), depth=depth)
+        tree = oc.verdicts(placed, placed, rows, depth=depth) != SEPARATE
         assert not (finer & ~tree).any(), depth
         finer = tree
     assert (finer == obb).mean() > 0.9999  # the first node of a tree is the mesh's box

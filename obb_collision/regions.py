@@ -1,0 +1,22 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Regions: scenes that each hold a part of a large space, and what merges their reports."""
+
+from __future__ import annotations
+
+from obb_collision.scene.region_merger import RegionMerger
+from obb_collision.scene.store.region import Region, split_regions
+
+__all__ = ["Region", "RegionMerger", "split_regions"]
