@@ -25,6 +25,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from each import each
 
 import obb_collision as oc
 from obb_collision.geometry.validation import as_rows
@@ -163,7 +164,7 @@ def same(a: Any, b: Any) -> bool:
     return np.array_equal(a, b)
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@each("kind", KINDS)
 @pytest.mark.parametrize("name", CALLS)
 def test_arrays_of_every_kind_are_read_as_what_they_hold(
     name: str, kind: str, tmp_path: Path
@@ -174,7 +175,7 @@ def test_arrays_of_every_kind_are_read_as_what_they_hold(
     assert same(call(KINDS[kind](good.copy(), tmp_path)), call(good))
 
 
-@pytest.mark.parametrize("name", CALLS)
+@each("name", CALLS)
 def test_what_is_given_is_not_kept(name: str) -> None:
     """What was given can be written afterwards: nothing refers to it."""
     call, good = CALLS[name]
@@ -210,7 +211,7 @@ CHECKED: dict[str, tuple[Callable[[Any], Any], np.ndarray]] = {
 }
 
 
-@pytest.mark.parametrize("name", CHECKED)
+@each("name", CHECKED)
 def test_indices_that_are_checked_are_copies(name: str) -> None:
     """Kernels release the interpreter's lock: what is checked must not be what is given."""
     check, good = CHECKED[name]
@@ -259,8 +260,8 @@ def test_indices_may_be_written_by_another_thread_meanwhile(name: str) -> None:
 NUMBERS = (np.nan, np.inf, -np.inf, 1e308, -1e308)
 
 
-@pytest.mark.parametrize("number", NUMBERS)
-@pytest.mark.parametrize("name", ["centers", "rotations", "half_extents"])
+@each("number", NUMBERS)
+@each("name", ["centers", "rotations", "half_extents"])
 def test_boxes_that_are_written_afterwards_lead_nowhere(name: str, number: float) -> None:
     """The answers mean nothing, but no kernel reads or writes outside of its arrays.
 

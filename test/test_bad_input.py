@@ -24,6 +24,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from each import each
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -132,7 +133,7 @@ def one_box() -> oc.Boxes:
     return oc.Boxes(np.zeros((1, 3)), np.eye(3)[None], np.ones((1, 3)))
 
 
-@pytest.mark.parametrize(("name", "call"), NONSENSE)
+@each("name, call", NONSENSE)
 def test_nonsense_is_refused_by_name(name: str, call: Call) -> None:
     with pytest.raises(ValueError, match=name):
         call()

@@ -28,6 +28,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from each import each
 
 import obb_collision as oc
 from obb_collision.accuracy import ALL_LEVELS
@@ -382,7 +383,7 @@ def test_one_effect_may_be_asked_for_by_its_name_alone() -> None:
         scene().check(effects="contact")
 
 
-@pytest.mark.parametrize("name", ["acuracy", "time_buget", "paddings", "points", "anything"])
+@each("name", ["acuracy", "time_buget", "paddings", "points", "anything"])
 def test_what_a_scene_has_not_cannot_be_set(name: str) -> None:
     made = scene()
     with pytest.raises(AttributeError, match=rf"Scene has no '{name}'") as error:

@@ -22,6 +22,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from each import each
 from support import family, joined
 
 import obb_collision as oc
@@ -84,7 +85,7 @@ def test_rows_of_two_sets_are_rows_of_one_that_holds_both(name: str) -> None:
         assert {tuple(pair) for pair in found.pairs.tolist()} <= rows
 
 
-@pytest.mark.parametrize("name", QUESTIONS)
+@each("name", QUESTIONS)
 def test_what_are_no_rows_of_both_is_refused(name: str) -> None:
     ask, make = QUESTIONS[name]
     a, b = make(A, slice(24)), make(B[:5], slice(5))

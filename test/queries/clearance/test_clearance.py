@@ -24,6 +24,7 @@ import numpy as np
 import oracle
 import pytest
 from distances import box, root, squared_distance
+from each import each
 from feature_distances import EXTENDED, distances
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -106,7 +107,7 @@ def scale(a: Boxes, b: Boxes, found: Clearances) -> np.ndarray:
 
 
 @pytest.mark.skipif(not EXTENDED, reason="longdouble is a double here")
-@pytest.mark.parametrize("kind", KINDS)
+@each("kind", KINDS)
 def test_distance_is_that_of_all_features_tried(kind: str, pairs: int) -> None:
     """11 kinds of 1,000 pairs as a rule."""
     a, b = apart(kind, max(pairs * 2 // 3, 100))
@@ -117,7 +118,7 @@ def test_distance_is_that_of_all_features_tried(kind: str, pairs: int) -> None:
 
 
 @pytest.mark.skipif(not EXTENDED, reason="longdouble is a double here")
-@pytest.mark.parametrize("name", FAMILIES)
+@each("name", FAMILIES)
 def test_hard_families_too(name: str, pairs: int) -> None:
     a, b = family(name, max(pairs // 5, 50), seed=3)
     apart = np.flatnonzero(verdicts(a, b) == Verdict.SEPARATE)
@@ -127,7 +128,7 @@ def test_hard_families_too(name: str, pairs: int) -> None:
     assert error.max() <= ACCURACY
 
 
-@pytest.mark.parametrize("kind", sorted(set(KINDS) - {"nearly touching", "nearly parallel"}))
+@each("kind", sorted(set(KINDS) - {"nearly touching", "nearly parallel"}))
 def test_normal_and_points_prove_the_distance(kind: str) -> None:
     """Exact fractions: no points are closer than the gap along the normal, ours hardly farther."""
     a, b = apart(kind, 60)
@@ -158,7 +159,7 @@ def test_distance_is_the_exact_least_square(kind: str) -> None:
     assert abs(found.distances[0] - truth) <= ACCURACY * scale(a, b, found)[0]
 
 
-@pytest.mark.parametrize("name", FAMILIES)
+@each("name", FAMILIES)
 def test_sign_of_the_distance_is_the_verdict(name: str) -> None:
     a, b = family(name, 1000)
     found, verdict = between(a, b), verdicts(a, b)
@@ -168,7 +169,7 @@ def test_sign_of_the_distance_is_the_verdict(name: str) -> None:
     np.testing.assert_array_equal(found.distances[overlap], witnesses(a, b)[0][overlap])
 
 
-@pytest.mark.parametrize("name", FAMILIES)
+@each("name", FAMILIES)
 def test_points_lie_in_their_boxes_and_differ_by_the_distance(name: str) -> None:
     """Overlapping too: points deepest in the other box, as far apart as the boxes are deep."""
     a, b = family(name, 1000, seed=1)
@@ -186,7 +187,7 @@ def test_points_lie_in_their_boxes_and_differ_by_the_distance(name: str) -> None
     assert (np.abs(length - np.abs(found.distances)) <= ACCURACY * room).all()
 
 
-@pytest.mark.parametrize("name", FAMILIES)
+@each("name", FAMILIES)
 def test_swapped_boxes_give_the_same_bits(name: str) -> None:
     a, b = family(name, 500)
     boxes, rows = joined(a, b)
@@ -250,7 +251,7 @@ def test_any_doubles_at_all(
     assert np.sign(found.distances[0]) == {0: 1.0, 1: 0.0, 2: -1.0}[int(verdicts(a, b)[0])]
 
 
-@pytest.mark.parametrize("turn", np.linspace(0.0, np.pi / 2.0, 7))
+@each("turn", np.linspace(0.0, np.pi / 2.0, 7))
 def test_parallel_faces_one_metre_apart(turn: float) -> None:
     """Crosswise, star-shaped or beside: faces that overlap have the distance of their planes."""
     tall = [np.cos(turn / 2.0), np.sin(turn / 2.0)]

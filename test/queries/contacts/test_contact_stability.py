@@ -21,6 +21,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from contact_pairs import CUBE, colliding, turned
+from each import each
 from one_set import contacts
 from support import joined, sizes, stored
 
@@ -51,10 +52,10 @@ def noisy(boxes: tuple[Floats, Floats, Floats], rng: np.random.Generator) -> Box
     return Boxes(centers + rng.uniform(-NOISE, NOISE, centers.shape), small @ rotations, half)
 
 
-@pytest.mark.parametrize("limit", [4, 8])
-@pytest.mark.parametrize("yaw", [0.0, 30.0, 45.0, 90.0, 17.0])
-@pytest.mark.parametrize("depth", [1e-6, 1e-3, 0.05])
-@pytest.mark.parametrize("base", BASES)
+@each("limit", [4, 8])
+@each("yaw", [0.0, 30.0, 45.0, 90.0, 17.0])
+@each("depth", [1e-6, 1e-3, 0.05])
+@each("base", BASES)
 def test_a_resting_stack_stays_under_noise(base: str, depth: float, yaw: float, limit: int) -> None:
     """Points keep their order and their places, to ten times the noise."""
     boxes = stack(yaw, depth, BASES[base])
@@ -70,8 +71,8 @@ def test_a_resting_stack_stays_under_noise(base: str, depth: float, yaw: float, 
         assert np.abs(found.normals - resting.normals).max() <= 10.0 * NOISE
 
 
-@pytest.mark.parametrize("limit", [4, 8])
-@pytest.mark.parametrize("angle", [1e-6, 1e-4, 1e-2])
+@each("limit", [4, 8])
+@each("angle", [1e-6, 1e-4, 1e-2])
 def test_edges_that_cross_at_a_small_angle_give_no_loose_points(angle: float, limit: int) -> None:
     """Where they cross moves a hundred to a million times as far as they do: no place for one."""
     boxes = stack(np.degrees(angle), 1e-3, BASES["tilted"])

@@ -21,6 +21,7 @@ import numpy as np
 import oracle
 import pytest
 from contact_pairs import between, colliding
+from each import each
 from hypothesis import given
 from hypothesis import strategies as st
 from one_set import contacts
@@ -49,7 +50,7 @@ def test_depth_and_normal_are_the_exact_least_penetration(pairs: int) -> None:
     np.testing.assert_allclose(np.linalg.norm(found.normals, axis=1), 1.0, rtol=0, atol=1e-15)
 
 
-@pytest.mark.parametrize("axis", range(15))
+@each("axis", range(15))
 def test_each_of_the_15_axes_in_both_orders(axis: int) -> None:
     a, b = family("each of the 15 axes alone", 15 * 20)
     rows = np.arange(axis + 15, len(a), 30)  # odd laps overlap
@@ -72,8 +73,8 @@ def test_each_of_the_15_axes_in_both_orders(axis: int) -> None:
         assert (np.abs((np.abs(local) - box.half_extents).max(axis=1)) <= 1e-12 * size[:, 0]).all()
 
 
-@pytest.mark.parametrize("limit", [4, 8])
-@pytest.mark.parametrize("name", FAMILIES)
+@each("limit", [4, 8])
+@each("name", FAMILIES)
 def test_points_lie_in_both_boxes(name: str, limit: int, pairs: int) -> None:
     a, b = colliding(name, pairs // 15)
     found = between(a, b, limit)
@@ -86,8 +87,8 @@ def test_points_lie_in_both_boxes(name: str, limit: int, pairs: int) -> None:
             assert max(membership.outside(box, points)) <= allowed
 
 
-@pytest.mark.parametrize("limit", [4, 8])
-@pytest.mark.parametrize("name", FAMILIES)
+@each("limit", [4, 8])
+@each("name", FAMILIES)
 def test_every_colliding_pair_has_points_and_no_other(name: str, limit: int) -> None:
     a, b = family(name, 1000)
     found = between(a, b, limit)

@@ -20,6 +20,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from convex_bodies import Pair, corners_of, family, moved, pair_of
+from each import each
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
@@ -70,7 +71,7 @@ def test_depths_of_polytopes_are_those_of_all_faces_of_their_difference(
         assert depth == pytest.approx(truth, abs=1e-9)
 
 
-@pytest.mark.parametrize("kinds", [*POLYTOPES, *CURVED])
+@each("kinds", [*POLYTOPES, *CURVED])
 def test_a_translation_by_the_depth_parts_bodies_and_a_shorter_one_does_not(
     kinds: tuple[str, str], pairs: int
 ) -> None:
@@ -82,7 +83,7 @@ def test_a_translation_by_the_depth_parts_bodies_and_a_shorter_one_does_not(
         assert (convex_may_collide(a, there, rows, rows) == collide).all()
 
 
-@pytest.mark.parametrize("kinds", [*POLYTOPES, *CURVED])
+@each("kinds", [*POLYTOPES, *CURVED])
 def test_contacts_lie_within_half_the_depth_of_both_bodies(
     kinds: tuple[str, str], pairs: int
 ) -> None:
@@ -102,7 +103,7 @@ def test_contacts_lie_within_half_the_depth_of_both_bodies(
             assert (apart <= 0.5 * depths[there] + 1e-9).all()
 
 
-@pytest.mark.parametrize("kinds", [*POLYTOPES, *CURVED, ("box", "cylinder"), ("cone", "ellipsoid")])
+@each("kinds", [*POLYTOPES, *CURVED, ("box", "cylinder"), ("cone", "ellipsoid")])
 @pytest.mark.parametrize("name", ["nearly touching", "parallel", *THIN])
 def test_contacts_of_bodies_that_hardly_overlap_lie_on_both(
     name: str, kinds: tuple[str, str], pairs: int
@@ -116,7 +117,7 @@ def test_contacts_of_bodies_that_hardly_overlap_lie_on_both(
 
 
 @pytest.mark.parametrize("on", ["plate", "tip"])
-@pytest.mark.parametrize("thin", [1e-3, 1e-7, 1e-9, 1e-11, 1e-13])
+@each("thin", [1e-3, 1e-7, 1e-9, 1e-11, 1e-13])
 def test_contacts_of_tips_lie_on_both(on: str, thin: float, pairs: int) -> None:
     """Needles with tips of any angle, on a plate or on each other: two sides meet nowhere else."""
     count, rng, pool = max(300, pairs // 10), np.random.default_rng(3), HullPool()

@@ -24,6 +24,7 @@ import pytest
 from beyond_bodies import beyond
 from convex_bodies import FAMILIES, KINDS, Pair, corners_of, family, hulls
 from convex_planes import exact_gap
+from each import each
 
 from obb_collision.queries.convex.distances import ConvexDistances, convex_distances
 from obb_collision.queries.convex.support import CORNERS, ConvexBodies
@@ -47,7 +48,7 @@ def reach(body: ConvexBodies) -> Floats:
 
 
 @pytest.mark.parametrize("name", FAMILIES)
-@pytest.mark.parametrize("kinds", POLYTOPES)
+@each("kinds", POLYTOPES)
 def test_distances_of_polytopes_are_those_of_fractions(
     name: str, kinds: tuple[str, str], pairs: int
 ) -> None:
@@ -73,7 +74,7 @@ def world_rounding(pair: Pair) -> Floats:
 
 
 @pytest.mark.parametrize("name", FAMILIES)
-@pytest.mark.parametrize("kinds", KIND_PAIRS)
+@each("kinds", KIND_PAIRS)
 def test_bounds_are_proved_by_the_normal_and_attained_by_the_points(
     name: str, kinds: tuple[str, str], pairs: int
 ) -> None:

@@ -19,6 +19,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from beyond_bodies import beyond
+from each import each
 
 from obb_collision.queries.convex.directions import across, feet
 from obb_collision.queries.convex.distance import search
@@ -55,8 +56,8 @@ def is_in(body: Core, point: Vector) -> bool:
     return bool(beyond(bodies, np.array([point]))[0] <= 1e-14)
 
 
-@pytest.mark.parametrize("round_ends", [True, False])
-@pytest.mark.parametrize("kind", KINDS)
+@each("round_ends", [True, False])
+@each("kind", KINDS)
 def test_feet_are_the_nearest_points(kind: int, round_ends: bool) -> None:
     rng = np.random.default_rng(kind)
     nearest = np.zeros(2, int)

@@ -24,6 +24,7 @@ import pytest
 from beyond_bodies import beyond
 from convex_bodies import FAMILIES, HULLS, KINDS, Pair, family, hulls
 from convex_planes import exact_gap
+from each import each
 from mesh_zoo import zoo
 from placed_meshes import bodies_of, exact_corners
 from scipy.spatial import ConvexHull
@@ -57,8 +58,8 @@ def size_of(meshes: PlacedMeshes, body: ConvexBodies) -> Floats:
     return size + np.abs(meshes.centers - body.centers).sum(axis=1)
 
 
-@pytest.mark.parametrize("name", FAMILIES)
-@pytest.mark.parametrize("kind", ROUND_KINDS)
+@each("name", FAMILIES)
+@each("kind", ROUND_KINDS)
 def test_bounds_of_triangles_are_proved_by_the_normal_and_attained_by_the_points(
     name: str, kind: str, pairs: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -95,8 +96,8 @@ def faces_of_hulls() -> list[Integers]:
     return found
 
 
-@pytest.mark.parametrize("name", FAMILIES)
-@pytest.mark.parametrize("kind", ROUND_KINDS)
+@each("name", FAMILIES)
+@each("kind", ROUND_KINDS)
 def test_convex_meshes_are_as_far_as_their_hulls(name: str, kind: str, pairs: int) -> None:
     """Those within each other among them: solids have no distance from what is in them."""
     pair = family(name, ("hull", kind), max(100, pairs // 100), 6)

@@ -22,6 +22,7 @@ import pytest
 from convex_bodies import FAMILIES, HULLS, KINDS, family, hulls
 from convex_bodies import moved as with_columns
 from convex_planes import exact_gap
+from each import each
 from mesh_zoo import zoo
 from placed_meshes import bodies_of
 
@@ -53,8 +54,8 @@ def size_of(meshes: PlacedMeshes, body: ConvexBodies) -> Floats:
     return size + np.abs(meshes.centers - body.centers).sum(axis=1)
 
 
-@pytest.mark.parametrize("name", FAMILIES)
-@pytest.mark.parametrize("kind", ROUND_KINDS)
+@each("name", FAMILIES)
+@each("kind", ROUND_KINDS)
 def test_a_depth_parts_triangles_and_bodies_and_nothing_shorter_does(
     name: str, kind: str, pairs: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -105,8 +106,8 @@ def round_bodies(kind: str, centers: Floats, rotations: Floats, radius: float) -
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("radius", [0.0, 0.03])
-@pytest.mark.parametrize("kind", ROUND_KINDS)
+@each("radius", [0.0, 0.03])
+@each("kind", ROUND_KINDS)
 def test_a_depth_parts_meshes_and_bodies_and_is_the_shortest_along_its_normal(
     kind: str, radius: float, pairs: int
 ) -> None:

@@ -20,6 +20,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from each import each
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mesh_zoo import zoo
@@ -135,7 +136,7 @@ def test_exact_arithmetic_finds_nothing_that_touches() -> None:
         assert all(squared_distance(first[k], second[m]) > 0 for k, m in rows)
 
 
-@pytest.mark.parametrize("make", FAMILIES, ids=lambda make: make.__name__.strip("_"))
+@each("make", FAMILIES)
 def test_hostile_triangles_are_parted(make: Maker, pairs: int) -> None:
     rng = np.random.default_rng(12)
     drawn = [make(rng) for _ in range(max(pairs // SHARE, 8))]

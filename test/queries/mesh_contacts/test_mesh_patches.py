@@ -20,6 +20,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from each import each
 from mesh_zoo import zoo
 from placed_meshes import bodies_of, exact_corners
 from triangle_distances import squared_distance_of_point
@@ -49,7 +50,7 @@ def distance_square(point: Floats, triangles: list[list[list[Fraction]]]) -> Fra
     return min((squared_distance_of_point(p, t) for t in near), default=Fraction(10**9))
 
 
-@pytest.mark.parametrize("make", FAMILIES, ids=lambda make: make.__name__.strip("_"))
+@each("make", FAMILIES)
 def test_points_of_triangles_are_on_both_exactly(make: Maker, pairs: int) -> None:
     rng = np.random.default_rng(21)
     drawn = [make(rng) for _ in range(max(pairs // SHARE, 8))]

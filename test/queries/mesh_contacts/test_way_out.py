@@ -20,6 +20,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from each import each
 from triangle_distances import squared_distance
 from triangle_pairs import FAMILIES, Floats, Maker
 
@@ -80,7 +81,7 @@ def _det(m: list[list[Fraction]]) -> Fraction:
     return a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
 
 
-@pytest.mark.parametrize("make", FAMILIES, ids=lambda make: make.__name__.strip("_"))
+@each("make", FAMILIES)
 def test_never_too_short(make: Maker, pairs: int) -> None:
     """After the way out of all, the triangles are apart or touch, exactly."""
     rng = np.random.default_rng(5)

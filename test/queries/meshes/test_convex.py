@@ -19,7 +19,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import pytest
+from each import each
 from mesh_zoo import zoo
 from placed_meshes import collisions
 from scipy.optimize import linprog
@@ -84,8 +84,8 @@ def test_separate_means_that_a_plane_exists() -> None:
         assert met[n] == (not plane.success)
 
 
-@pytest.mark.parametrize("scale", [2.0**-500, 2.0**-60, 1.0, 2.0**60, 2.0**500])
-@pytest.mark.parametrize("far", [0.0, 2.0**20])
+@each("scale", [2.0**-500, 2.0**-60, 1.0, 2.0**60, 2.0**500])
+@each("far", [0.0, 2.0**20])
 def test_any_size_and_any_place(scale: float, far: float) -> None:
     cube = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
     hulls = pool([scale * cube])

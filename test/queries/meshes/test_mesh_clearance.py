@@ -21,6 +21,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from each import each
 from mesh_zoo import zoo
 from placed_meshes import bodies_of, exact_corners
 from scipy.spatial.transform import Rotation
@@ -89,7 +90,7 @@ def single(triangles: list[Floats], rng: np.random.Generator) -> PlacedMeshes:
     return PlacedMeshes(trees, np.arange(count), centers, rotations)
 
 
-@pytest.mark.parametrize("make", FAMILIES, ids=lambda make: make.__name__.strip("_"))
+@each("make", FAMILIES)
 def test_triangles_against_exact_arithmetic(make: Maker, pairs: int) -> None:
     rng = np.random.default_rng(11)
     count = max(pairs // SHARE, 4)

@@ -20,6 +20,7 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
+from each import each
 from mesh_zoo import zoo
 from placed_meshes import collisions
 from scipy.spatial.transform import Rotation
@@ -73,7 +74,7 @@ def test_any_number_of_threads_gives_the_same(number: int) -> None:
     assert asked() == alone
 
 
-@pytest.mark.parametrize("count", [1, 7, 8, 9, 40])
+@each("count", [1, 7, 8, 9, 40])
 def test_the_farthest_point_is_the_first_of_the_farthest(count: int) -> None:
     rng = np.random.default_rng(count)
     points = rng.integers(-2, 3, (count, 3)).astype(float)  # many are equally far

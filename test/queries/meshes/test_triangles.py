@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from each import each
 from triangle_oracle import triangle_verdict
 from triangle_pairs import FAMILIES, Maker, Pair, coplanar, extreme_sizes
 
@@ -33,7 +34,7 @@ def _pairs(maker: Maker, count: int) -> Pair:
     return np.array([a for a, _ in made]), np.array([b for _, b in made])
 
 
-@pytest.mark.parametrize("maker", FAMILIES, ids=lambda f: f.__name__.strip("_"))
+@each("maker", FAMILIES)
 def test_against_exact_linear_programming(maker: Maker) -> None:
     a, b = _pairs(maker, PAIRS)
     truth = np.array([triangle_verdict(x, y) for x, y in zip(a, b, strict=True)])
@@ -43,7 +44,7 @@ def test_against_exact_linear_programming(maker: Maker) -> None:
     assert (triangle_verdicts(a, b, exact=True) == truth).all()
 
 
-@pytest.mark.parametrize("maker", FAMILIES, ids=lambda f: f.__name__.strip("_"))
+@each("maker", FAMILIES)
 def test_exact_verdicts_keep_the_symmetries(maker: Maker) -> None:
     a, b = _pairs(maker, 300)
     verdicts = triangle_verdicts(a, b, exact=True)

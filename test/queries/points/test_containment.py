@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from each import each
 from hypothesis import given
 from hypothesis import strategies as st
 from membership import holds
@@ -43,7 +44,7 @@ def points_near(obb: OBB, rng: np.random.Generator, n: int) -> np.ndarray:
     return points
 
 
-@pytest.mark.parametrize("name", FAMILIES)
+@each("name", FAMILIES)
 def test_points_near_the_surface(name: str) -> None:
     rng = np.random.default_rng(5)
     a, _ = family(name, 25)

@@ -17,9 +17,9 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 from beyond_bodies import beyond
 from convex_bodies import KINDS, bodies, corners_of, moved
+from each import each
 from scipy.spatial import ConvexHull
 
 from obb_collision import Boxes
@@ -86,8 +86,8 @@ def points_about(body: ConvexBodies, count: int, rng: np.random.Generator) -> Fl
     return np.asarray(local @ body.rotations[0].T + body.centers[0])
 
 
-@pytest.mark.parametrize("name", SCALES)
-@pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "hull"])
+@each("name", SCALES)
+@each("kind", [kind for kind in KINDS if kind != "hull"])
 def test_points_are_in_shapes_by_their_formulas(kind: str, name: str, pairs: int) -> None:
     rng = np.random.default_rng(3)
     several = bodies(KINDS[kind], 8, rng, np.array(SCALES[name]), 0.5 * min(SCALES[name]))
@@ -122,7 +122,7 @@ def test_points_are_in_hulls_by_their_planes(pairs: int) -> None:
         assert 20 < found.sum() < len(found)
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@each("kind", KINDS)
 def test_a_margin_and_a_radius_are_a_ball_about_the_shape(kind: str) -> None:
     rng = np.random.default_rng(5)
     several = bodies(KINDS[kind], 6, rng, np.ones(3), 0.5)

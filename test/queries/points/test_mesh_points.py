@@ -20,6 +20,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from each import each
 from mesh_zoo import zoo
 from placed_meshes import bodies_of, exact_corners, placed_corners, windings
 from scipy.spatial.transform import Rotation
@@ -141,7 +142,7 @@ def least_height(triangles: Floats) -> float:
     return float((areas / np.maximum(longest, 1e-300)).min())
 
 
-@pytest.mark.parametrize("make", FAMILIES, ids=lambda make: make.__name__.strip("_"))
+@each("make", FAMILIES)
 def test_tetrahedra_of_all_kinds_against_fractions(make: Maker, pairs: int) -> None:
     """Points on corners, edges and faces, inside, outside, and a rounding off all these."""
     rng = np.random.default_rng(47)

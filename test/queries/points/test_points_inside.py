@@ -21,6 +21,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 from distances import box, segment, squared_distance
+from each import each
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
@@ -73,7 +74,7 @@ def assert_as_each_box_by_itself(boxes: Boxes, points: np.ndarray, found: Points
     np.testing.assert_array_equal(found.boxes, lowest)
 
 
-@pytest.mark.parametrize("name", FAMILIES)
+@each("name", FAMILIES)
 def test_families(name: str) -> None:
     boxes, _ = family(name, 60)
     points = near(boxes, np.random.default_rng(1), 15)
@@ -114,8 +115,8 @@ KINDS = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+@each("kind", KINDS)
+@each("dtype", [np.float32, np.float64])
 def test_crowds(kind: str, dtype: type) -> None:
     rng = np.random.default_rng(2)
     boxes = crowded(kind, 80, rng)

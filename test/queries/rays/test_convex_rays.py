@@ -20,6 +20,7 @@ import numpy as np
 import pytest
 from beyond_bodies import beyond
 from convex_bodies import KINDS, bodies, moved
+from each import each
 
 from obb_collision import Boxes, cast_rays
 from obb_collision.queries.convex.support import CORNERS, ConvexBodies
@@ -56,8 +57,8 @@ def some(body: ConvexBodies, rows: Rows) -> ConvexBodies:
     )
 
 
-@pytest.mark.parametrize("name", SCALES)
-@pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "hull"])
+@each("name", SCALES)
+@each("kind", [kind for kind in KINDS if kind != "hull"])
 def test_rays_hit_where_the_shape_begins(kind: str, name: str) -> None:
     rng = np.random.default_rng(6)
     body = bodies(KINDS[kind], COUNT, rng, np.array(SCALES[name]), 0.5 * min(SCALES[name]))

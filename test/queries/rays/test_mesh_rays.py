@@ -20,6 +20,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from each import each
 from mesh_zoo import zoo
 from placed_meshes import bodies_of, exact_corners
 from ray_hits import first_hit
@@ -76,7 +77,7 @@ def aimed(corners: Floats, rng: np.random.Generator) -> tuple[Floats, Floats]:
     return target - way * rng.choice([0.0, 0.5, 3.0, 100.0]), way
 
 
-@pytest.mark.parametrize("make", FAMILIES, ids=lambda make: make.__name__.strip("_"))
+@each("make", FAMILIES)
 def test_triangles_against_fractions(make: Maker, pairs: int) -> None:
     rng = np.random.default_rng(21)
     hits = 0

@@ -21,6 +21,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from each import each
 from mesh_zoo import zoo
 from placed_meshes import bodies_of, exact_corners, placed_corners, windings
 from scipy.spatial.transform import Rotation
@@ -65,7 +66,7 @@ def check(
         assert near <= 1
 
 
-@pytest.mark.parametrize("make", FAMILIES, ids=lambda make: make.__name__.strip("_"))
+@each("make", FAMILIES)
 def test_rounded_triangles_against_fractions(make: Maker, pairs: int) -> None:
     rng = np.random.default_rng(41)
     hits = started = 0

@@ -22,6 +22,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 from distances import box, segment, squared_distance
+from each import each
 from hypothesis import given
 from hypothesis import strategies as st
 from membership import Box, determinant, fractions, outside
@@ -98,7 +99,7 @@ def check(boxes: Boxes, origins: np.ndarray, directions: np.ndarray, found: RayH
             assert np.linalg.norm(found.normals[n]) == pytest.approx(1.0, abs=1e-14)
 
 
-@pytest.mark.parametrize("name", FAMILIES)
+@each("name", FAMILIES)
 def test_rays_aimed_at_one_box(name: str) -> None:
     boxes, _ = family(name, 20)
     rng = np.random.default_rng(1)

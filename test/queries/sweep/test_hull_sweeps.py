@@ -25,6 +25,7 @@ import numpy as np
 import pytest
 from convex_bodies import FAMILIES, KINDS, corners_of, moved
 from convex_planes import exact_gap
+from each import each
 from hypothesis import given
 from hypothesis import strategies as st
 from moving_bodies import moving, places_at
@@ -61,7 +62,7 @@ def shifted(points: list[Any], way: list[Fraction], time: Fraction) -> list[Any]
 
 
 @pytest.mark.parametrize("name", FAMILIES)
-@pytest.mark.parametrize("kinds", POLYTOPES)
+@each("kinds", POLYTOPES)
 def test_polytopes_that_do_not_turn_are_apart_until_then_in_fractions(
     name: str, kinds: tuple[str, str], pairs: int
 ) -> None:
@@ -85,8 +86,8 @@ def test_polytopes_that_do_not_turn_are_apart_until_then_in_fractions(
             assert hull_distances.squared_distance(a, then) <= (radius + Fraction(near[n])) ** 2
 
 
-@pytest.mark.parametrize("kinds", KIND_PAIRS)
-@pytest.mark.parametrize("way", ["straight", "turning", "fast"])
+@each("kinds", KIND_PAIRS)
+@each("way", ["straight", "turning", "fast"])
 def test_a_plane_parts_the_bodies_until_then_and_they_are_near_at_last(
     kinds: tuple[str, str], way: str, pairs: int
 ) -> None:

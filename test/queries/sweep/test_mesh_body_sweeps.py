@@ -20,6 +20,7 @@ import convex_bodies
 import numpy as np
 import pytest
 from convex_bodies import FAMILIES, HULLS, KINDS, hulls
+from each import each
 from mesh_zoo import zoo
 from moving_bodies import moving
 from placed_meshes import bodies_of
@@ -45,9 +46,9 @@ SIZES = {
 }
 
 
-@pytest.mark.parametrize("name", FAMILIES)
-@pytest.mark.parametrize("kind", ROUND_KINDS)
-@pytest.mark.parametrize("way", ["straight", "turning", "fast"])
+@each("name", FAMILIES)
+@each("kind", ROUND_KINDS)
+@each("way", ["straight", "turning", "fast"])
 def test_a_plane_parts_triangles_and_bodies_until_then_and_they_are_near_at_last(
     name: str, kind: str, way: str, pairs: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -126,8 +127,8 @@ def later(bodies: PlacedMeshes, twists: Floats, times: Floats) -> PlacedMeshes:
     return PlacedMeshes(bodies.trees, bodies.meshes, centers, turns @ bodies.rotations)
 
 
-@pytest.mark.parametrize("spin", [0.0, 1.0, 12.0])
-@pytest.mark.parametrize("kind", ROUND_KINDS)
+@each("spin", [0.0, 1.0, 12.0])
+@each("kind", ROUND_KINDS)
 def test_meshes_do_not_overlap_what_is_in_the_shape_until_then(
     kind: str, spin: float, pairs: int
 ) -> None:

@@ -22,6 +22,7 @@ from fractions import Fraction
 import hull_distances
 import numpy as np
 import pytest
+from each import each
 from hypothesis import given
 from hypothesis import strategies as st
 from mesh_zoo import zoo
@@ -47,7 +48,7 @@ def near_of(a: PlacedMeshes, b: PlacedMeshes, n: int) -> float:
     return float(max(TOLERANCE * min(radii), 2e-6 * max(radii)))
 
 
-@pytest.mark.parametrize("make", FAMILIES, ids=lambda make: make.__name__.strip("_"))
+@each("make", FAMILIES)
 def test_triangles_that_do_not_turn_are_apart_until_then_in_fractions(
     make: Maker, pairs: int
 ) -> None:
@@ -168,8 +169,8 @@ def test_boxes_as_meshes_meet_when_boxes_do() -> None:
     assert np.abs(truth.times[both] - found.times[both]).max() < 0.01
 
 
-@pytest.mark.parametrize(
-    ("change", "reason"),
+@each(
+    "change, reason",
     [
         ({"duration": 0.0}, "duration must be positive"),
         ({"duration": math.nan}, "duration"),

@@ -24,6 +24,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from each import each
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from one_set import sweep, sweep_twists
@@ -87,7 +88,7 @@ def check_against_truth(start: Boxes, end: Boxes, rows: np.ndarray, found: Sweep
     return near_misses
 
 
-@pytest.mark.parametrize("name", FAMILIES)
+@each("name", FAMILIES)
 def test_exact_without_turning(name: str, pairs: int) -> None:
     n = max(60, pairs // len(FAMILIES))
     start, end, rows = moving(name, n)

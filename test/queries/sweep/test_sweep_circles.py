@@ -20,6 +20,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from each import each
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from one_set import sweep_twists
@@ -107,8 +108,8 @@ def fan_beside_wall(gap: float) -> Boxes:
     )
 
 
-@pytest.mark.parametrize("turns", [1, 10, 200, 1e4, 1e9])
-@pytest.mark.parametrize("gap", [1e-3, 0.02, 0.1])
+@each("turns", [1, 10, 200, 1e4, 1e9])
+@each("gap", [1e-3, 0.02, 0.1])
 def test_a_fan_beside_a_wall_is_free_for_any_number_of_turns(gap: float, turns: float) -> None:
     spin = [0, 0, 0, 0, 0, 2.0 * np.pi * turns]
     along, lean = [0, 1.0, 0.3, 0, 0, 2.0 * np.pi * turns], [0, 0, 0, 0.1, 0, 0.1 * gap]

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from each import each
 from support import sizes
 from sweep_motions import TURNING, Motion, directions, motion, pair_rows, turn
 from sweep_oracle import PoseCourse, gaps_at, poses_at
@@ -35,7 +36,7 @@ from tools.cases.placement import log_uniform, random_rotations
 TIMES = np.linspace(0.0, 1.0, 41)
 
 
-@pytest.mark.parametrize("name", TURNING)
+@each("name", TURNING)
 def test_swept_bounds_contain_the_motion(name: str) -> None:
     start, end = TURNING[name](np.random.default_rng(1), 100)
     low, high = swept_bounds(start, end)

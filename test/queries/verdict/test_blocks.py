@@ -20,6 +20,7 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
+from each import each
 from support import stored
 
 import obb_collision as oc
@@ -54,7 +55,7 @@ def pairs_of(family: str, count: int) -> tuple[oc.Boxes, oc.Boxes]:
     return oc.Boxes(*a), oc.Boxes(*b)
 
 
-@pytest.mark.parametrize("family", FAMILIES)
+@each("family", FAMILIES)
 def test_a_block_gives_the_verdicts_of_each_pair_alone(family: str) -> None:
     a, b = pairs_of(family, 20 * BLOCK + 1)
     wanted = np.empty(len(a), np.int8)

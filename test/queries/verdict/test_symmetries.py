@@ -25,7 +25,7 @@ from itertools import permutations, product
 from pathlib import Path
 
 import numpy as np
-import pytest
+from each import each
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from support import family, row_of, stored, witnesses
@@ -136,7 +136,7 @@ def on_grid(boxes: Boxes) -> Boxes:
     return Boxes(centers, boxes.rotations, boxes.half_extents)
 
 
-@pytest.mark.parametrize("name", FAMILIES)
+@each("name", FAMILIES)
 def test_the_two_stages_never_contradict_each_other(name: str) -> None:
     """What the fast stage decides, the careful one decides too: hence the symmetries hold."""
     a, b = cached_family(name, 2000, 0)
@@ -150,7 +150,7 @@ def test_the_two_stages_never_contradict_each_other(name: str) -> None:
     assert decided > 50
 
 
-@pytest.mark.parametrize("name", FAMILIES)
+@each("name", FAMILIES)
 def test_batches_of_any_length_agree(name: str) -> None:
     a, b = cached_family(name, ROWS, 0)
     whole = verdicts(a, b)

@@ -26,6 +26,7 @@ from typing import Any
 import numpy as np
 import oracle
 import pytest
+from each import each
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from support import chunks, family, loosened, row_of, stored, witnesses
@@ -61,7 +62,7 @@ def test_no_verdict_is_wrong(name: str, pairs: int) -> None:
     print(f"{name}: {pairs} pairs, widest gap left open {widest:.2e} of the size")  # noqa: T201
 
 
-@pytest.mark.parametrize("name", FAMILIES)
+@each("name", FAMILIES)
 def test_families_ask_both_questions(name: str) -> None:
     """A family in which every pair has the same answer would test nothing."""
     a, b = family(name, 1000)
@@ -120,7 +121,7 @@ def test_ordinary_scenes_leave_nothing_open() -> None:
     assert (verdicts(a, b) != Verdict.TOUCHING).all()
 
 
-@pytest.mark.parametrize("case", SHARED_PAIRS, ids=lambda case: case["name"])
+@each("case", SHARED_PAIRS)
 def test_shared_pairs(case: dict[str, Any]) -> None:
     """Pairs from public bug reports and test suites; the axes are listed row by row."""
     given = [
@@ -168,8 +169,8 @@ def sweep(offset: np.ndarray, axis: int, half: np.ndarray) -> tuple[Boxes, Boxes
     return a, b
 
 
-@pytest.mark.parametrize("axis", range(3))
-@pytest.mark.parametrize("gap", [1e-2, 1e-6, 1e-10, 1e-13])
+@each("axis", range(3))
+@each("gap", [1e-2, 1e-6, 1e-10, 1e-13])
 def test_no_flicker_in_a_sweep_of_angles(axis: int, gap: float) -> None:
     """Turning about the normal of the contact leaves the gap as it is, so the verdict too."""
     half = np.array([0.5, 0.375, 0.25])
@@ -179,9 +180,9 @@ def test_no_flicker_in_a_sweep_of_angles(axis: int, gap: float) -> None:
         assert (verdicts(*sweep(offset, axis, half)) == expected).all()
 
 
-@pytest.mark.parametrize("axis", range(3))
-@pytest.mark.parametrize("other", [1, 2])
-@pytest.mark.parametrize("gap", [0.0, 1e-15, -1e-15, 1e-12, -1e-12, 1e-7, -1e-7])
+@each("axis", range(3))
+@each("other", [1, 2])
+@each("gap", [0.0, 1e-15, -1e-15, 1e-12, -1e-12, 1e-7, -1e-7])
 def test_sweeps_that_tilt_the_contact(axis: int, other: int, gap: float) -> None:
     """Turning about an edge moves the gap through zero: right at every angle all the same."""
     half = np.array([0.5, 0.375, 0.25])

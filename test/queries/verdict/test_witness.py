@@ -19,6 +19,7 @@ from __future__ import annotations
 import numpy as np
 import oracle
 import pytest
+from each import each
 from hypothesis import given
 from hypothesis import strategies as st
 from support import family, row_of, sizes, stored, witnesses
@@ -56,7 +57,7 @@ def test_gap_is_the_largest_and_depth_the_least_over_15_axes(name: str, pairs: i
     np.testing.assert_allclose(np.linalg.norm(axes, axis=1), 1.0, rtol=0, atol=UNIT_ACCURACY)
 
 
-@pytest.mark.parametrize("name", FAMILIES)
+@each("name", FAMILIES)
 def test_sign_of_the_gap_agrees_with_the_verdict(name: str) -> None:
     a, b = family(name, 1000)
     gaps, _ = witnesses(a, b)
@@ -65,7 +66,7 @@ def test_sign_of_the_gap_agrees_with_the_verdict(name: str) -> None:
     assert (gaps[verdict == Verdict.OVERLAP] < 0.0).all()
 
 
-@pytest.mark.parametrize("name", FAMILIES)
+@each("name", FAMILIES)
 def test_moving_by_the_depth_ends_the_overlap(name: str) -> None:
     """The axis points from a to b: b pushed along it by the depth, and a little, is free."""
     a, b = family(name, 500)
@@ -87,7 +88,7 @@ def test_all_15_axes_come_out_as_least_penetration() -> None:
         assert found[2] == row % 15
 
 
-@pytest.mark.parametrize("name", FAMILIES)
+@each("name", FAMILIES)
 def test_axes_left_out_by_a_rough_look_could_not_have_won(name: str) -> None:
     a, b = family(name, 300)
     for row in range(len(a)):
