@@ -157,15 +157,13 @@ def points_in_bodies(
     grid = _grid(boxes, reach, len(cloud))
 
     def look(n: int) -> None:
-        end = min(starts[n] + size, len(cloud))
-        ignored[n] = points_kernel(
-            *(cloud, starts[n], end, *grid, reach, meshes, radii, convex),
-            *(found[n], squares[n], labels),
-        )
+        part = np.array(cloud[starts[n] : starts[n] + size], np.float64, order="C")  # of one kind
+        sides = *grid, reach, meshes, radii, convex
+        ignored[n] = points_kernel(part, starts[n], *sides, found[n], squares[n], labels)
 
     if len(starts) > 1:  # see ``_threads.run``
         points_kernel(
-            *(cloud, 0, 0, *grid, reach, meshes, radii, convex, found[0], squares[0], labels)
+            np.empty((0, 3)), 0, *grid, reach, meshes, radii, convex, found[0], squares[0], labels
         )
     run_parts(look, len(starts))
     return _merged(boxes, cloud, found, squares, int(ignored.sum()), labels if each_point else None)
@@ -229,13 +227,15 @@ def lengths_kernel(offsets: Floats, rows: np.ndarray, out: Floats) -> None:
 
 @njit
 def points_kernel(
-    points: np.ndarray, start: int, end: int,
+    points: Floats, first: int,
     whole: Floats, cells: np.ndarray, items: np.ndarray, frames: Floats, numbers: np.ndarray,
     records: Floats, margin: float,
     meshes: Meshes | None, radii: Floats, convex: Cores | None,
     found: np.ndarray, squares: Floats, labels: np.ndarray,
 ) -> int:  # fmt: skip
-    """Write what boxes hold of points start to end; return how many are not finite.
+    """Write what boxes hold of points (m, 3), of which the first has a number.
+
+    Return how many are not finite.
 
     Or the meshes in them, with radii about them, or the convex bodies in them, if there are.
 
@@ -245,9 +245,9 @@ def points_kernel(
     ignored = 0
     labelled = len(labels) > 0
     stack = np.empty((STACK, 2), np.int64)
-    for n in range(start, end):
-        x, y, z = float(points[n, 0]), float(points[n, 1]), float(points[n, 2])
-        label = -1
+    for row in range(len(points)):
+        n, label = first + row, -1
+        x, y, z = points[row, 0], points[row, 1], points[row, 2]
         if (
             (x >= whole[0]) & (y >= whole[1]) & (z >= whole[2])
             & (x <= whole[3]) & (y <= whole[4]) & (z <= whole[5])

@@ -65,8 +65,9 @@ def test_planes(name: str) -> None:
             np.testing.assert_allclose(answer.normals[k], unit, atol=1e-15)
             lowest = answer.positions[k] - 0.5 * answer.separations[k] * answer.normals[k]
             height = np.dot(lowest - points[k], -answer.normals[k])
-            assert abs(height - answer.separations[k]) <= 1e-12 * (size + np.abs(points[k]).max())
-            assert boxes[k].padded(1e-9 * size).contains(lowest)
+            rounding = 1e-9 * size + 1e-15 * np.abs(points[k]).max()
+            assert abs(height - answer.separations[k]) <= rounding
+            assert boxes[k].padded(rounding).contains(lowest)
 
 
 def test_bad_input() -> None:
