@@ -27,12 +27,12 @@ from rclpy.parameter import Parameter
 from rig import LATCHED, NAMESPACE, Rig, cube, sync
 from sensor_msgs.msg import PointCloud2
 
-from obb_collision import Region
 from obb_collision.node import named_events
 from obb_collision.node.merger import MergerNode, values_of
 from obb_collision.node.node import CollisionNode
 from obb_collision.node.objects.frames import FixedFrameOnly
 from obb_collision.node.parameters.entries import range_from_text, text_from_region
+from obb_collision.regions import Region
 
 
 def test_only_pairs_of_the_region_are_published_and_only_what_is_near_is_drawn() -> None:

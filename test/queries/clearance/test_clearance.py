@@ -32,8 +32,8 @@ from membership import outside
 from one_set import clearances
 from support import family, joined, row_of, sizes, stored, witnesses
 
+import obb_collision as oc
 from obb_collision import Boxes, Verdict, verdicts
-from obb_collision.queries.clearance import clearance
 from obb_collision.queries.clearance.clearance import Clearances
 from tools.cases.families import FAMILIES
 from tools.cases.placement import log_uniform, place, random_rotations, turns
@@ -221,7 +221,7 @@ def test_within_a_limit_are_those_no_farther(name: str) -> None:
     boxes, rows = joined(*family(name, 1000))
     every = clearances(boxes, rows)
     for limit in (0.0, float(np.median(np.abs(every.distances))), np.inf):
-        found = clearance.clearances(boxes, boxes, rows, max_distance=limit)
+        found = oc.clearances(boxes, boxes, rows, max_distance=limit)
         kept = np.flatnonzero(every.distances <= limit)
         np.testing.assert_array_equal(found.pairs, rows[kept])
         np.testing.assert_array_equal(found.distances, every.distances[kept])
@@ -287,5 +287,5 @@ def test_bad_input_is_refused_by_name() -> None:
             clearances(boxes, wrong)
     for limit in (-1.0, np.nan):
         with pytest.raises(ValueError, match="max_distance"):
-            clearance.clearances(boxes, boxes, [(0, 1)], max_distance=limit)
+            oc.clearances(boxes, boxes, [(0, 1)], max_distance=limit)
     assert len(clearances(boxes, [])) == 0
