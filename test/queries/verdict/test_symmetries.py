@@ -179,7 +179,7 @@ WITHOUT_JIT = """
 import sys
 import numpy as np
 from numba.core import config
-from obb_collision.queries.verdict.verdict import verdicts
+from obb_collision import verdicts
 from support import family, witnesses
 assert config.DISABLE_JIT
 out = {}
