@@ -39,10 +39,12 @@ INTERNAL = {
 def public_objects() -> Iterator[tuple[str, Any]]:
     """Yield name and value of all public classes and functions."""
     for name in oc.__all__:
-        if name != "shapes":
+        if name not in ("regions", "shapes"):
             yield name, getattr(oc, name)
     for name in oc.shapes.__all__:
         yield f"shapes.{name}", getattr(oc.shapes, name)
+    for name in oc.regions.__all__:
+        yield f"regions.{name}", getattr(oc.regions, name)
 
 
 def public_methods() -> Iterator[tuple[str, Any]]:

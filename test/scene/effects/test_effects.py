@@ -310,7 +310,7 @@ def test_objects_may_come_one_by_one_between_checks() -> None:
 def test_where_nothing_collides_no_kernel_of_an_effect_is_called(
     monkeypatch: pytest.MonkeyPatch, calls: list[int]
 ) -> None:
-    queries = (("contacts", "pair_contacts"), ("clearance", "near_pairs"), ("sweep", "sweeps"))
+    queries = (("contacts", "pair_contacts"), ("clearance", "near_pairs"), ("sweep", "box_sweeps"))
     for module, query in (*queries, ("points", "points_in_bodies")):
 
         def called(*_: Any, query: str = query, **__: Any) -> None:

@@ -48,7 +48,7 @@ def calls(monkeypatch: pytest.MonkeyPatch) -> list[str]:
         made.append("from pose to pose" if moving.motion.seconds == 0.0 else "by twists")
         return sweeps(moving, *arguments, **more)
 
-    monkeypatch.setattr(module, "sweeps", counted)
+    monkeypatch.setattr(module, "box_sweeps", counted)
     return made
 
 
@@ -157,7 +157,7 @@ def test_a_pair_whose_sweep_fails_is_named_and_the_others_are_swept(
             raise ArithmeticError("no answer")
         return sweeps(moving, moving, pairs, tolerance=tolerance)
 
-    monkeypatch.setattr(module, "sweeps", failing)
+    monkeypatch.setattr(module, "box_sweeps", failing)
     scene.move_many(["fast/1", "slow/1"], [at(1), at(3, 1)])
     report = scene.check()
     assert report.swept.passed.pairs.tolist() == [[0, 2]]
@@ -207,7 +207,7 @@ def test_a_step_that_can_not_be_decided_is_told(monkeypatch: pytest.MonkeyPatch)
         return replace(found, hits=~found.hits & False, undecided=found.hits,
                        times=nowhere[:, 0], positions=nowhere, normals=nowhere)  # fmt: skip
 
-    monkeypatch.setattr(module, "sweeps", unknown)
+    monkeypatch.setattr(module, "box_sweeps", unknown)
     scene.move("fast/1", at(1))
     found = scene.check().swept.passed
     assert (found.pairs.tolist(), found.hits.tolist()) == ([[0, 1]], [False])
