@@ -30,7 +30,7 @@ from obb_collision._threads import run
 from obb_collision.accuracy import Accuracy
 from obb_collision.geometry.trees.pool import Hulls
 from obb_collision.numerics.vec3 import dot, minus, norm, vector_at
-from obb_collision.queries.convex.depth import room_for_depth
+from obb_collision.queries.convex.depth import Polytope, room_for_depth
 from obb_collision.queries.convex.distances import NO_START, body_distance
 from obb_collision.queries.convex.support import BOX, CORNERS, Cores
 from obb_collision.queries.verdict.pair_frame import box_at
@@ -67,6 +67,16 @@ class Nearest(NamedTuple):
     vectors: Floats  #: (n, 3, 3): the closest points of both, and the direction
 
 
+class Room(NamedTuple):
+    """What the distances of one state are found with."""
+
+    placed: Placed
+    cores: Cores
+    polytope: Polytope
+    spheres: Floats  #: (b,) radii around bodies, or around their boxes
+    lower: Floats  #: (p,) bounds of the distances of all pairs
+
+
 @njit
 def distances_kernel(
     checked: Checked, boxes: bool, given: bool, states: Floats, limit: float, nearest: Nearest,
@@ -76,41 +86,51 @@ def distances_kernel(
 
     boxes: whether bodies are their boxes, or hulls; given: whether only the pairs that are there.
     """
-    bodies, tests, placed = checked.bodies, checked.tests, new_placed(checked)
-    cores, room = _cores(bodies, boxes), room_for_depth()
-    lower = np.empty(1 if given else len(placed.grown))
-    spheres = np.empty(len(bodies.spheres))
-    for i in range(len(spheres)):
-        h = vector_at(bodies.half_extents, i)
-        spheres[i] = norm(h) * SPHERE_GROWTH if boxes else bodies.spheres[i]
+    bodies, placed = checked.bodies, new_placed(checked)
+    lower, spheres = np.empty(1 if given else len(placed.grown)), bodies.spheres.copy()
+    for i in range(len(spheres) if boxes else 0):
+        spheres[i] = norm(vector_at(bodies.half_extents, i)) * SPHERE_GROWTH
+    room = Room(placed, _cores(bodies, boxes), room_for_depth(), spheres, lower)
+    _fill_distances(checked, boxes, given, states, limit, nearest, room, start, stop)
+
+
+@njit(inline=True, refcount=False)
+def _fill_distances(
+    checked: Checked, boxes: bool, given: bool, states: Floats, limit: float, nearest: Nearest,
+    room: Room, start: int, stop: int,
+) -> None:  # fmt: skip
+    bodies, tests, placed, cores, lower = (
+        checked.bodies, checked.tests, room.placed, room.cores, room.lower,
+    )  # fmt: skip
+    bounds, pairs, vectors = nearest.bounds, nearest.pairs, nearest.vectors
     for n in range(start, stop):
         place_state(checked, states, n, placed)
         for i in range(tests.first):
             _place_core(bodies, placed, i, cores, boxes)
         best = limit
         if not given:
-            _bound_all(bodies, tests, placed, spheres, lower)
-            nearest.bounds[n, 0] = nearest.bounds[n, 1] = np.inf
-            nearest.pairs[n, 0] = nearest.pairs[n, 1] = -1
+            _bound_all(bodies, tests, placed, room.spheres, lower)
+            bounds[n, 0] = bounds[n, 1] = np.inf
+            pairs[n, 0] = pairs[n, 1] = -1
         for k in range(-1, 0 if given else len(lower)):
             if given:
-                i, j = nearest.pairs[n, 0], nearest.pairs[n, 1]
+                i, j = pairs[n, 0], pairs[n, 1]
             elif len(lower) == 0 or (k >= 0 and not lower[k] < best):
                 continue
             else:  # first the one with the least bound
                 i, j = _pair_at(tests, k if k >= 0 else int(lower.argmin()))
-            found = body_distance(cores, i, cores, j, NO_START, best, room)
+            found = body_distance(cores, i, cores, j, NO_START, best, room.polytope)
             if not (given or found.lower < best):
                 continue
             best = found.lower
-            nearest.bounds[n, 0], nearest.bounds[n, 1] = found.lower, found.upper
-            nearest.pairs[n, 0], nearest.pairs[n, 1] = i, j
+            bounds[n, 0], bounds[n, 1] = found.lower, found.upper
+            pairs[n, 0], pairs[n, 1] = i, j
             for m in range(3):
-                nearest.vectors[n, 0, m], nearest.vectors[n, 1, m] = found.a[m], found.b[m]
-                nearest.vectors[n, 2, m] = found.normal[m]
+                vectors[n, 0, m], vectors[n, 1, m] = found.a[m], found.b[m]
+                vectors[n, 2, m] = found.normal[m]
 
 
-@njit
+@njit(refcount=False)
 def _pair_at(tests: Tests, m: int) -> tuple[int, int]:
     """Return the bodies of pair m: those of the robots first, then each with all of the world."""
     if m < len(tests.pairs):
@@ -120,7 +140,7 @@ def _pair_at(tests: Tests, m: int) -> tuple[int, int]:
     return m // count, tests.first + m % count
 
 
-@njit
+@njit(refcount=False)
 def _bound_all(
     bodies: LinkBodies, tests: Tests, placed: Placed, spheres: Floats, lower: Floats
 ) -> None:
@@ -164,7 +184,7 @@ def _cores(bodies: LinkBodies, boxes: bool) -> Cores:
     return cores
 
 
-@njit
+@njit(refcount=False)
 def _place_core(bodies: LinkBodies, placed: Placed, i: int, cores: Cores, boxes: bool) -> None:
     """Place the hull of body i by its frame, or its box."""
     frame = bodies.frames[i]

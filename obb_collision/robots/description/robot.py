@@ -25,13 +25,6 @@ from numpy.typing import ArrayLike
 
 from obb_collision.geometry.poses import IDENTITY_POSE, multiply_quaternions, rotate_vectors
 from obb_collision.geometry.validation import as_flag, check_kind
-from obb_collision.robots.description.link_shapes import (
-    MeshSource,
-    PackageDirs,
-    PlacedShape,
-    ReadMesh,
-    shapes_of,
-)
 from obb_collision.robots.description.srdf import (
     NOTHING,
     Group,
@@ -41,7 +34,16 @@ from obb_collision.robots.description.srdf import (
     read_srdf,
     sorted_pair,
 )
-from obb_collision.robots.description.urdf import Description, Joint, JointKind, read_urdf
+from obb_collision.robots.description.urdf import (
+    Description,
+    Joint,
+    JointKind,
+    MeshSource,
+    PackageDirs,
+    PlacedShape,
+    ReadMesh,
+    read_urdf,
+)
 from obb_collision.robots.description.xml_values import parse, read_source
 from obb_collision.robots.kinematics.kinematics import Tree, checked_states, link_poses
 from obb_collision.typing import Floats
@@ -119,10 +121,10 @@ class Robot:
     """
 
     def __init__(
-        self, description: Description, semantics: Semantics,
-        shapes: dict[str, tuple[PlacedShape, ...]], root: str, joints: list[Joint],
+        self, description: Description, semantics: Semantics, root: str, joints: list[Joint],
         virtual: Joint | None,
     ) -> None:  # fmt: skip
+        shapes = description.shapes
         moving = joints if virtual is None else [virtual, *joints]
         variables = _variables_of(moving)
         self.name = description.name
@@ -183,7 +185,8 @@ class Robot:
         moves = as_flag(move_virtual_joint, "move_virtual_joint")
         check_kind(urdf, str, "urdf", bytes, PathLike)
         data, file, path = read_source(urdf, "urdf")
-        description = read_urdf(parse(data, file))
+        source = MeshSource(path, package_dirs, read_mesh)
+        description = read_urdf(parse(data, file), source)
         root, joints = _ordered_joints(description)
         for joint in joints:
             driven(joint, description.joints)
@@ -194,8 +197,7 @@ class Robot:
             links = (root, *(joint.child for joint in joints))
             semantics = read_srdf(parse(data, file), description.name, links, joints)
         virtual = _joint_of(semantics.virtual_joint, description) if moves else None
-        shapes = shapes_of(description, MeshSource(path, package_dirs, read_mesh))
-        return cls(description, semantics, shapes, root, joints, virtual)
+        return cls(description, semantics, root, joints, virtual)
 
     def link_poses(self, states: ArrayLike) -> Floats:
         """Return the poses of all links, in the frame of the root link.
@@ -285,7 +287,7 @@ def _ordered_joints(description: Description) -> tuple[str, list[Joint]]:
             raise joint.element.refuse(f"joint {other!r} has the same child {joint.child!r}")
         parents[joint.child] = joint
         children.setdefault(joint.parent, []).append(joint)
-    roots = [link for link in description.links if link not in parents]
+    roots = [link for link in description.shapes if link not in parents]
     if not roots:
         raise description.element.refuse("there is no root: the joints form a loop")
     if len(roots) > 1:
