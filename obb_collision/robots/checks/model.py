@@ -24,7 +24,7 @@ from itertools import chain
 import numpy as np
 
 from obb_collision.obb import OBB
-from obb_collision.robots.checks.arrays import Checked, LinkBodies, Tests
+from obb_collision.robots.checks.arrays import Checked, LinkBodies, PairValues, Tests
 from obb_collision.robots.checks.bodies import (
     LinkMeshes,
     Part,
@@ -118,6 +118,12 @@ class Prepared:
     names: list[str]
     owners: Rows
     """(b + 1,) the row in names of each body, and -1 for none."""
+
+    @cached_property
+    def touching(self) -> PairValues:
+        """Distances of zero: bodies must touch to collide."""
+        tests = self.checked.tests
+        return PairValues(np.zeros((1, tests.first)), np.zeros((1, len(tests.pairs))))
 
     def owners_of(self, bodies: Integers) -> Integers:
         """Return pairs of rows of ``names``, the smaller first, for pairs of bodies (m, 2)."""

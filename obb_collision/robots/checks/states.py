@@ -242,36 +242,30 @@ def _fill_pairs(
             counts[n] = number
 
 
-def first_pairs(checked: Checked, accuracy: Accuracy, states: Floats) -> Integers:
+def first_pairs(prepared: Prepared, accuracy: Accuracy, states: Floats) -> Integers:
     """Return a pair of bodies (n, 2) that may collide in each state, -1 for none."""
     count = len(states)
-    found = Found(np.ones(count, np.int64), np.arange(1, count + 1), np.full((count, 2), -1))
-    near = no_distances(checked)
-    run(pairs_kernel, count, FEWEST_STATES, checked, int(accuracy), states, near, True, found)
-    return found.pairs
+    ends, pairs = np.arange(1, count + 1), np.empty((count, 2), np.int64)
+    pairs.fill(-1)
+    check = prepared.checked, int(accuracy), states, prepared.touching, True
+    run(pairs_kernel, count, FEWEST_STATES, *check, Found(ends, ends, pairs))
+    return pairs
 
 
 def all_pairs(
-    checked: Checked, accuracy: Accuracy, states: Floats, near: PairValues | None = None
+    checked: Checked, accuracy: Accuracy, states: Floats, near: PairValues
 ) -> tuple[Rows, Integers]:
     """Return the states (m,), ascending, of all pairs (m, 2) of bodies that may collide.
 
-    near: distances within which they count as colliding; zero by default.
+    near: distances within which they count as colliding.
     """
-    near = no_distances(checked) if near is None else near
     counts = np.zeros(len(states), np.int64)
     found = Found(counts, counts, np.empty((0, 2), np.int64))
     check = pairs_kernel, len(states), FEWEST_STATES, checked, int(accuracy), states, near, False
     run(*check, found)
-    ends = np.cumsum(counts)
-    found = Found(counts, ends, np.empty((int(counts.sum()), 2), np.int64))
+    found = Found(counts, np.cumsum(counts), np.empty((int(counts.sum()), 2), np.int64))
     run(*check, found)
     return np.repeat(np.arange(len(states)), counts), found.pairs
-
-
-def no_distances(checked: Checked) -> PairValues:
-    """Return that bodies must touch to collide."""
-    return PairValues(np.zeros((1, checked.tests.first)), np.zeros((1, len(checked.tests.pairs))))
 
 
 def check_states(
@@ -279,19 +273,19 @@ def check_states(
 ) -> StateReport:
     """Return which states (n, joints) are valid; every: with all colliding pairs."""
     checked = prepared.checked
-    first = prepared.owners_of(first_pairs(checked, accuracy, states))
+    first = prepared.owners_of(first_pairs(prepared, accuracy, states))
     found = None
     if accuracy == Accuracy.MESH:
         rows = np.flatnonzero(first[:, 0] >= 0)
         near = np.ascontiguousarray(states[rows])
-        numbers, pairs = all_pairs(checked, accuracy, near)
+        numbers, pairs = all_pairs(checked, accuracy, near, prepared.touching)
         kept = mesh_collisions_of(prepared, near[numbers], pairs)
         found = _named_pairs(prepared, rows[numbers[kept]], pairs[kept])
         first = np.full_like(first, -1)
         rows, places = np.unique(found.states, return_index=True)
         first[rows] = found.pairs[places]
     elif every:
-        found = _named_pairs(prepared, *all_pairs(checked, accuracy, states))
+        found = _named_pairs(prepared, *all_pairs(checked, accuracy, states, prepared.touching))
     out = prepared.limits.exceeded(states)
     return StateReport(out, first, prepared.names, found if every else None)
 
