@@ -48,6 +48,7 @@ SUBCOMMANDS = {
     "node": ("commands:node", "the collision node, until Ctrl-C"),
     "demo": ("commands:demo", "the node, and a scene that moves, in one process"),
     "view": ("commands:view", "a running node, live in the browser"),
+    "status": ("commands:status", "what running nodes say, and an exit code of it"),
     "merge": ("commands:merge", "join the nodes of several regions, until Ctrl-C"),
     "srdf": ("robots.proofs.srdf_command:main", "find which links of a robot can never collide"),
     "warm-up": ("warm_up.command:main", "compile everything, so that later starts need not"),
@@ -114,6 +115,15 @@ def view(args: Sequence[str] | None = None) -> int:
     from obb_collision.demo.command import view_main
 
     return view_main(args)
+
+
+@restored_signals()
+def status(args: Sequence[str] | None = None) -> int:
+    """Print what running nodes say; the exit code is the level of the worst."""
+    end_at_once_on_signals()
+    from obb_collision.demo.status import main
+
+    return main(args)
 
 
 def _script(command: Command) -> Command:

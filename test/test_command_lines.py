@@ -40,6 +40,7 @@ OPTIONS: dict[str, dict[str, list[str]]] = {
         "--seconds": REALS, "--objects": WHOLES, "--rate": REALS, "--picture": FILES, **SEED,
         "--scene": ["none", "/dev/zero", "/", "x" * 5000, "nul\0", "\ud800", "a\nb.yaml"],
     },
+    "obb_collision status": {"--timeout": REALS, "--node": ["a b", "/", "\ud800"]},
     "obb_collision view": {"--port": [*WHOLES, "65536"], "--scene": ["none", "/", "nul\0"]},
     "python -m tools.soak": {
         "--seconds": REALS, "--steps": WHOLES, "--objects": WHOLES, "--warm-up": REALS,

@@ -110,6 +110,7 @@ COMMANDS = {
     "obb_collision": commands.node,
     "obb_collision_demo": commands.demo,
     "obb_collision view": commands.view,
+    "obb_collision status": commands.status,
 }
 
 

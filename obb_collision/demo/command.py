@@ -271,7 +271,7 @@ def view_parser() -> argparse.ArgumentParser:
         "Ctrl-C. Needs viser.",
     )
     text = "full name of the node"
-    parser.add_argument("node", type=_node_name, nargs="?", default="/obb_collision", help=text)
+    parser.add_argument("node", type=node_name, nargs="?", default="/obb_collision", help=text)
     option(parser, "--scene", scene_file, text="its scene file: shapes and zones are on no topic")
     text = "port of the browser's page; the next free one if it is taken"
     option(parser, "--port", whole(0, 65535), DEFAULT_PORT, text)
@@ -280,7 +280,7 @@ def view_parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _node_name(text: str) -> str:
+def node_name(text: str) -> str:
     """Convert for argparse: a full node name."""
     if not re.fullmatch(r"/?[A-Za-z_]\w*(/[A-Za-z_]\w*)*", text, re.ASCII):
         raise argparse.ArgumentTypeError(f"{shown(text)} is not the name of a node")

@@ -1,0 +1,152 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The subcommand ``obb_collision status``: what running nodes say, on one screen or as JSON."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Sequence
+from contextlib import ExitStack
+from functools import partial
+from math import inf
+from time import monotonic
+from typing import TYPE_CHECKING, Any
+
+from obb_collision.cli import Parser, option, real
+from obb_collision.demo.command import Interrupts, node_name, run_with_ros, say
+from obb_collision.node.runtime.environment import is_ros_here, without_ros_arguments
+from obb_collision.words import printable
+
+if TYPE_CHECKING:
+    from rclpy.context import Context
+
+PROGRAM, TOPIC = "obb_collision status", "collision_status"
+LEVELS = {b"\0": "OK", b"\2": "ERROR", b"\3": "STALE"}
+EXIT_CODES = {"OK": 0, "ERROR": 1, "STALE": 2}
+NOBODY = 3
+#: Seconds between two looks for nodes.
+GLANCE = 0.1
+#: Seconds after its status within which a node sends ``/diagnostics``, if it does.
+DIAGNOSTICS = 2.5
+#: Values of the parts of /diagnostics that are shown; all of them are in the JSON.
+SHOWN = (
+    *("count", "colliding", "stale", "refused", "unplaceable", "cycle mean (ms)", "cycle max (ms)"),
+    *("overruns", "rate (Hz)", "age (s)", "rejected"),
+)
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Print what nodes say; the exit code is that of the worst: ERROR, then STALE, then OK."""
+    arguments = list(sys.argv[1:] if args is None else args)
+    parser = Parser(
+        prog=PROGRAM,
+        usage="%(prog)s [options] [--ros-args ...]",
+        description="Prints what running collision nodes say. The exit code is 0: nothing collides "
+        "(OK), 1: something does (ERROR), 2: not known (STALE), 3: no node was heard.",
+    )
+    option(parser, "--node", node_name, text="full name of the node (default: all there are)")
+    option(parser, "--timeout", real(0.1, 3600.0), 5.0, "how long to wait for an answer (s)")
+    parser.add_argument("--json", action="store_true", help="print all values as JSON")
+    options = parser.parse_args(without_ros_arguments(arguments))
+    if not is_ros_here(PROGRAM):
+        return NOBODY
+    return run_with_ros(PROGRAM, arguments, partial(_run, options))
+
+
+class Status:
+    """What one node has said so far: level, message, values, and parts of its diagnostics."""
+
+    def __init__(self) -> None:
+        self.level, self.message = "", ""
+        self.values: dict[str, str] = {}
+        self.parts: dict[str, dict[str, str]] = {}
+
+    def take(self, message: Any) -> None:
+        """Take a message of ``collision_status``."""
+        (status,) = message.status
+        self.level, self.message = LEVELS.get(status.level, "STALE"), status.message
+        self.values = {pair.key: pair.value for pair in status.values}
+
+    def lines(self, name: str) -> list[str]:
+        """Return what people read."""
+        reason = self.values.get("reason", "")
+        who = self.values.get("who", "")
+        head = f"{name}: {self.level}" + (f", {reason}" if reason else "")
+        lines = [head + (f" ({who})" if who else ""), f"  {self.message}"]
+        counts = {k: v for k, v in self.values.items() if k not in ("reason", "who", "reasons")}
+        lines.append("  " + ", ".join(f"{key} {value}" for key, value in counts.items()))
+        for part, values in self.parts.items():
+            shown = [f"{key} {values[key]}" for key in SHOWN if key in values]
+            lines.append(f"  {part}: " + "; ".join([values["message"], *shown]))
+        return [printable(line) for line in lines]
+
+
+def _run(options: Any, context: Context, interrupts: Interrupts, stack: ExitStack) -> int:
+    from diagnostic_msgs.msg import DiagnosticArray
+    from rclpy.executors import SingleThreadedExecutor
+    from rclpy.node import Node
+    from rclpy.qos import DurabilityPolicy, QoSProfile
+
+    listener = Node("obb_collision_status", context=context)
+    stack.callback(listener.destroy_node)
+    found: dict[str, Status] = {}
+    wanted = None if options.node is None else "/" + options.node.strip("/")
+
+    def take_diagnostics(message: Any) -> None:
+        for status in message.status:
+            name, _, part = status.name.partition(": ")
+            if (node := found.get(f"/{name}")) is not None:
+                node.parts[part] = {"message": status.message}
+                node.parts[part] |= {pair.key: pair.value for pair in status.values}
+
+    def look() -> None:
+        """Subscribe to the status of nodes that are new."""
+        for topic, _ in listener.get_topic_names_and_types():
+            if not topic.endswith(f"/{TOPIC}"):
+                continue
+            for end in listener.get_publishers_info_by_topic(topic):
+                name = f"{end.node_namespace.rstrip('/')}/{end.node_name}"
+                if name not in found and (wanted is None or name == wanted):
+                    status = found[name] = Status()
+                    listener.create_subscription(DiagnosticArray, topic, status.take, latched)
+
+    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    listener.create_subscription(DiagnosticArray, "/diagnostics", take_diagnostics, 10)
+    executor = SingleThreadedExecutor(context=context)
+    stack.callback(executor.shutdown)
+    executor.add_node(listener)
+    limit = monotonic() + options.timeout
+    first = inf
+    while monotonic() < limit and not interrupts.asked:
+        look()
+        executor.spin_once(timeout_sec=GLANCE)
+        if found and all(status.level for status in found.values()):
+            first = min(first, monotonic())
+            if all(status.parts for status in found.values()):
+                break
+            limit = min(limit, first + DIAGNOSTICS)  # some have none
+    heard = {name: status for name, status in sorted(found.items()) if status.level}
+    if options.json:
+        say(json.dumps({name: vars(status) for name, status in heard.items()}, indent=1))
+    else:
+        for name, status in heard.items():
+            say("\n".join(status.lines(name)))
+    if not heard:
+        who = options.node or "no collision node"
+        say(f"{PROGRAM}: {who} was not heard within {options.timeout:g} s", sys.stderr)
+        return NOBODY
+    codes = {EXIT_CODES[status.level] for status in heard.values()}
+    return min(codes - {0}, default=0)

@@ -1,0 +1,82 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""``obb_collision status`` beside a node on real topics: its screen, JSON and exit codes."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from threading import Thread
+
+import pytest
+
+pytest.importorskip("rclpy")
+from rig import DOMAIN, NAMESPACE, Rig, cube, sync
+
+from obb_collision.commands import status
+
+NODE = f"{NAMESPACE}/obb_collision"
+
+
+@pytest.fixture(autouse=True)
+def same_domain(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(DOMAIN))
+
+
+@pytest.fixture
+def running(rig: Rig) -> Iterator[Rig]:
+    """Yield a rig that spins in a thread once it is told to."""
+    yield rig
+    rig.executor.shutdown()
+
+
+def spin(rig: Rig) -> None:
+    Thread(target=rig.executor.spin, daemon=True).start()
+
+
+def test_levels_are_exit_codes_and_the_screen_says_why(
+    running: Rig, capsys: pytest.CaptureFixture[str]
+) -> None:
+    running.send(cube(("box", 1)), cube(("box", 2), (0.5, 0.0, 0.0)))
+    assert sync(running)
+    spin(running)
+    assert status(["--node", NODE, "--timeout", "60"]) == 1
+    text = capsys.readouterr().out
+    assert text.startswith(f"{NODE}: ERROR\n  1 pair collides")
+    for word in ("objects 3", "  objects: 3 objects; count 3; colliding 2", "  cycle: ", "input "):
+        assert word in text
+
+
+def test_free_is_zero_and_json_has_all_values(
+    running: Rig, capsys: pytest.CaptureFixture[str]
+) -> None:
+    sync(running)
+    spin(running)
+    assert status(["--json", "--timeout", "60"]) == 0  # found without its name
+    found = json.loads(capsys.readouterr().out)[NODE]
+    assert (found["level"], found["values"]["reason"]) == ("OK", "")
+    assert found["parts"]["objects"]["count"] == "1"
+    assert "cycle mean (ms)" in found["parts"]["cycle"]
+
+
+def test_not_known_is_two_with_its_reason(running: Rig, capsys: pytest.CaptureFixture[str]) -> None:
+    spin(running)
+    assert status(["--node", NODE[1:], "--timeout", "60"]) == 2
+    assert capsys.readouterr().out.startswith(f"{NODE}: STALE, no_objects\n")
+
+
+def test_nobody_heard_is_three(capsys: pytest.CaptureFixture[str]) -> None:
+    assert status(["--node", "/nobody", "--timeout", "0.2"]) == 3
+    assert "/nobody was not heard within 0.2 s" in capsys.readouterr().err
