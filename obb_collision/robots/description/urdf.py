@@ -218,7 +218,7 @@ def read_urdf(robot: Element, source: MeshSource) -> Description:
         name = element.word("name")
         if name in links:
             raise element.refuse("there is another link of this name")
-        links[name] = tuple(_read_collision(each, source) for each in element.children("collision"))
+        links[name] = ()
     if not links:
         raise robot.refuse("there are no links")
     joints: dict[str, Joint] = {}
@@ -236,6 +236,8 @@ def read_urdf(robot: Element, source: MeshSource) -> Description:
             reason = f"it mimics {joint.mimic.joint!r}, which is no joint: it moves by itself"
             doubts.append(str(joint.element.refuse(reason)))
             joints[joint.name] = replace(joint, mimic=None)
+    for element, name in zip(elements, links, strict=True):  # last, as meshes are read from files
+        links[name] = tuple(_read_collision(each, source) for each in element.children("collision"))
     return Description(robot.word("name"), links, joints, robot, tuple(doubts))
 
 

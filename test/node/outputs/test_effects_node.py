@@ -37,7 +37,7 @@ KERNELS = {
     "separations": [(separations, "pair_separations")],
     "contacts": [(contacts, "pair_contacts")],
     "clearance": [(clearance, "near_pairs")],
-    "sweep": [(sweep, "sweeps")],
+    "sweep": [(sweep, "box_sweeps")],
     "points": [(points, "points_in_bodies")],
 }
 """What an effect of the scene calls to compute."""
