@@ -38,9 +38,9 @@ from std_msgs.msg import Header
 from visualization_msgs.msg import Marker, MarkerArray
 
 from obb_collision.cli import MAX_SEED, Parser, interruptible, new_file, option, real, whole
-from obb_collision.node.messages.bulk_clouds import boxes_to_ros, poses_to_ros
+from obb_collision.node.messages.box_markers import MarkerArrayWriter
+from obb_collision.node.messages.clouds import boxes_to_ros, poses_to_ros
 from obb_collision.node.messages.conversions import NANOSECONDS, stamp_from_ros, stamp_to_ros
-from obb_collision.node.messages.marker_writer import MarkerArrayWriter
 from obb_collision.node.messages.names import namespace_number
 from obb_collision.node.node import CollisionNode
 from obb_collision.typing import Floats

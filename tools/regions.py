@@ -40,7 +40,7 @@ from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
 
 from obb_collision.cli import MAX_SEED, Parser, interruptible, new_file, option, real, whole
-from obb_collision.node.messages.bulk_clouds import boxes_to_ros
+from obb_collision.node.messages.clouds import boxes_to_ros
 from obb_collision.node.messages.conversions import NANOSECONDS, stamp_from_ros, stamp_to_ros
 from obb_collision.node.messages.names import namespace_number
 from obb_collision.node.parameters.entries import region_parameters

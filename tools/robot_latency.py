@@ -34,9 +34,9 @@ from sensor_msgs.msg import JointState, PointCloud2
 from std_msgs.msg import Header, String
 from visualization_msgs.msg import Marker, MarkerArray
 
+from obb_collision.node.messages.box_markers import MarkerArrayWriter
 from obb_collision.node.messages.clouds import cloud_from_ros, cloud_to_ros
 from obb_collision.node.messages.conversions import NANOSECONDS, stamp_to_ros
-from obb_collision.node.messages.marker_writer import MarkerArrayWriter
 from obb_collision.node.robots.validity import NOT_KNOWN, ROWS
 from obb_collision.robots.description.robot import Robot
 from obb_collision.scene_files.description import SceneObject

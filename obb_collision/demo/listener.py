@@ -36,7 +36,7 @@ from obb_collision.node.messages.box_markers import COLORS, DOUBTFUL
 from obb_collision.node.messages.clouds import points_from_ros
 from obb_collision.node.messages.conversions import NANOSECONDS, name_from_key, stamp_from_ros
 from obb_collision.node.messages.errors import RefusedError
-from obb_collision.node.messages.marker_kernels import (
+from obb_collision.node.messages.marker_scan import (
     ACTION,
     FRAME,
     ID,
@@ -45,8 +45,9 @@ from obb_collision.node.messages.marker_kernels import (
     STAMP_NANOSEC,
     STAMP_SEC,
     TYPE,
+    Scanned,
+    scan_markers,
 )
-from obb_collision.node.messages.marker_scan import Scanned, scan_markers
 from obb_collision.node.messages.marker_shapes import shape_from_ros
 from obb_collision.node.topics.topics import TOPICS
 from obb_collision.shapes import Shape

@@ -26,8 +26,7 @@ from std_msgs.msg import Header, String
 from visualization_msgs.msg import MarkerArray
 
 from obb_collision.demo.scene import DemoScene
-from obb_collision.node.messages.bulk_clouds import poses_to_ros
-from obb_collision.node.messages.clouds import cloud_to_ros
+from obb_collision.node.messages.clouds import cloud_to_ros, poses_to_ros
 from obb_collision.node.messages.conversions import pose_to_ros, stamp_to_ros, states_to_ros
 from obb_collision.node.messages.marker_shapes import shape_to_ros
 from obb_collision.node.messages.names import namespace_number

@@ -14,7 +14,7 @@
 
 """All public names of the node; ``obb_collision.node`` loads them from here when first used."""
 
-from obb_collision.node.messages.bulk_clouds import (
+from obb_collision.node.messages.clouds import (
     boxes_from_ros,
     boxes_to_ros,
     poses_from_ros,
@@ -22,15 +22,13 @@ from obb_collision.node.messages.bulk_clouds import (
 )
 from obb_collision.node.messages.conversions import namespace_table
 from obb_collision.node.messages.names import namespace_number
-from obb_collision.node.topics.records import (
+from obb_collision.node.topics.topics import (
     NamedClearance,
     NamedContact,
     NamedEvent,
     NamedPair,
     NamedPoints,
     NamedPrediction,
-)
-from obb_collision.node.topics.topics import (
     clearances_from_ros,
     collisions_from_ros,
     collisions_to_ros,

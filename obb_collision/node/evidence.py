@@ -35,9 +35,9 @@ from obb_collision.node.diagnostics.answer import (
     objects_answer,
 )
 from obb_collision.node.diagnostics.monitors import InputMonitor
-from obb_collision.node.inputs.unknown_objects import UnknownObjects
 from obb_collision.node.messages.conversions import name_from_key
 from obb_collision.node.objects.objects import Objects
+from obb_collision.node.objects.refusals import UnknownObjects
 from obb_collision.node.objects.table import Slots
 from obb_collision.node.outputs.collision_status import allowed_delay
 from obb_collision.node.parameters.groups import Groups

@@ -19,12 +19,11 @@ from __future__ import annotations
 import numpy as np
 
 from obb_collision.geometry.boxes import Boxes
-from obb_collision.node.inputs.marker_batch import Faults, settle
-from obb_collision.node.inputs.marker_rows import gather
+from obb_collision.node.inputs.batch import Faults, gather, settle
+from obb_collision.node.inputs.detections import FLOATS, INTEGERS, scan_detections
 from obb_collision.node.messages.box_markers import FREE, Markers
-from obb_collision.node.messages.cdr_kernels import texts
+from obb_collision.node.messages.cdr import texts
 from obb_collision.node.messages.conversions import pose_kinds
-from obb_collision.node.messages.detection_kernels import FLOATS, INTEGERS, scan_detections
 from obb_collision.node.messages.marker_scan import scan_markers
 
 

@@ -31,7 +31,7 @@ from obb_collision.node.inputs.detections import DETECTIONS, QUEUE
 from obb_collision.node.inputs.subscriptions import INPUTS, Input
 from obb_collision.node.parameters.parameters import SPECS
 from obb_collision.node.robots.robots import KINDS, OUTPUTS
-from obb_collision.node.topics import records
+from obb_collision.node.topics import topics as records
 from obb_collision.node.topics.cloud import Cloud
 from obb_collision.node.topics.topics import NAMESPACES, TOPICS
 

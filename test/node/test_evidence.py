@@ -25,7 +25,7 @@ pytest.importorskip("rclpy")
 from objects_rig import SECOND, START, ObjectsRig
 
 from obb_collision.node.diagnostics.answer import COLLIDING, FREE, UNKNOWN, Answer, Reason
-from obb_collision.node.inputs.unknown_objects import MAX_NAMES, MAX_READ, MEMORY, UnknownObjects
+from obb_collision.node.objects.refusals import MAX_NAMES, MAX_READ, MEMORY, UnknownObjects
 from obb_collision.node.objects.staleness import AgeLimits
 from obb_collision.node.objects.table import COLLIDE, IGNORE, KEEP
 from obb_collision.scene.store.overrides import Overrides

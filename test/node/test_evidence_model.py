@@ -61,7 +61,7 @@ from std_srvs.srv import SetBool, Trigger
 from visualization_msgs.msg import Marker, MarkerArray
 
 from obb_collision.node import boxes_to_ros, namespace_number, poses_to_ros
-from obb_collision.node.inputs.marker_application import MarkerApplication
+from obb_collision.node.inputs.markers import MarkerApplication
 from obb_collision.node.messages.conversions import (
     stamp_to_ros,
     states_to_ros,

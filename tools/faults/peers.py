@@ -37,7 +37,7 @@ from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
 from visualization_msgs.msg import Marker, MarkerArray
 
-from obb_collision.node.messages.bulk_clouds import poses_to_ros
+from obb_collision.node.messages.clouds import poses_to_ros
 from obb_collision.node.messages.conversions import pose_to_ros
 from obb_collision.node.messages.names import namespace_number
 from obb_collision.node.topics.topics import TOPICS

@@ -25,8 +25,7 @@ from sensor_msgs.msg import MultiDOFJointState, PointCloud2
 from std_msgs.msg import Header
 from visualization_msgs.msg import Marker, MarkerArray
 
-from obb_collision.node.messages.bulk_clouds import boxes_to_ros, poses_to_ros
-from obb_collision.node.messages.clouds import cloud_to_ros
+from obb_collision.node.messages.clouds import boxes_to_ros, cloud_to_ros, poses_to_ros
 from obb_collision.node.messages.conversions import (
     duration_to_ros,
     pose_to_ros,

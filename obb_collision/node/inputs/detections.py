@@ -24,26 +24,86 @@ from typing import Any, NamedTuple
 from zlib import crc32
 
 import numpy as np
+import numpy.typing as npt
 from rclpy.qos import ReliabilityPolicy
 
-from obb_collision.node.inputs.box_set import Source
-from obb_collision.node.inputs.boxes import Given, Message
+from obb_collision._jit import njit
+from obb_collision.node.inputs.boxes import Given, Message, Source
 from obb_collision.node.inputs.subscriptions import Input
-from obb_collision.node.messages.cdr import Header, Reader
-from obb_collision.node.messages.conversions import stamp_from_ros
-from obb_collision.node.messages.detection_kernels import (
-    FLOATS,
-    FRAME,
-    ID,
-    INTEGERS,
-    SAME_FRAME,
-    scan_detections,
+from obb_collision.node.messages.cdr import (
+    Bytes,
+    Header,
+    Reader,
+    aligned,
+    doubles,
+    equal,
+    text,
+    whole,
 )
+from obb_collision.node.messages.conversions import stamp_from_ros
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.messages.names import whole_from_text
 from obb_collision.node.messages.optional import optional_type
 from obb_collision.node.objects.table import ID_OFFSET
 from obb_collision.typing import Floats, Rows
+
+RESULT = 44
+"""Numbers of a result: a score, and a pose with its covariance."""
+FRAME, ID, SAME_FRAME, INTEGERS = 0, 2, 4, 5
+"""Columns of a detection: where texts begin and end, whether its frame is that of the one before;
+and their number."""
+FLOATS = 10
+"""Position, quaternion x y z w and size."""
+
+
+@njit
+def _skip_results(data: Bytes, at: int) -> int:
+    """Return where the results of a detection end, or -1."""
+    at = aligned(at, 4)
+    if at + 4 > len(data):
+        return -1
+    count = whole(data, at)
+    at += 4
+    if count > (len(data) - at) // (8 * RESULT):
+        return -1
+    for _ in range(count):
+        _, _, at = text(data, at)  # class
+        if at < 0:
+            return -1
+        at = aligned(at, 8) + 8 * RESULT
+        if at > len(data):
+            return -1
+    return at
+
+
+@njit
+def scan_detections(
+    data: Bytes, at: int, integers: npt.NDArray[np.int64], bits: npt.NDArray[np.uint64]
+) -> tuple[int, int]:
+    """Fill one row per detection; return how many are sound, and where the last of them ends."""
+    for n in range(len(integers)):
+        row = integers[n]
+        frame, size, end = text(data, aligned(at, 4) + 8)  # behind a stamp
+        if end >= 0:
+            end = _skip_results(data, end)
+        if end < 0:
+            return n, at
+        row[FRAME], row[FRAME + 1] = frame, frame + size
+        end = aligned(end, 8)
+        if end + 8 * FLOATS > len(data):
+            return n, at
+        doubles(data, end, bits[n])
+        ident, length, end = text(data, end + 8 * FLOATS)
+        if end < 0:
+            return n, at
+        row[ID], row[ID + 1] = ident, ident + length
+        at = end
+        if n > 0:
+            last = integers[n - 1]
+            same = size == last[FRAME + 1] - last[FRAME]
+            row[SAME_FRAME] = same and equal(data, frame, last[FRAME], size)
+    return len(integers), at
+
 
 MessageType: Any = optional_type("vision_msgs.msg", "Detection3DArray")
 """None where vision_msgs cannot be used."""
@@ -107,10 +167,10 @@ def numbers_of(texts: list[str]) -> Rows:
     numbers = np.full(len(texts), -1, np.int64)
     taken: set[int] = set()
     waiting = []
-    for row, text in enumerate(texts):
-        number = whole_from_text(text)
-        if number is None and text:
-            number = crc32(text.encode("utf-8", "replace")) - ID_OFFSET
+    for row, ident in enumerate(texts):
+        number = whole_from_text(ident)
+        if number is None and ident:
+            number = crc32(ident.encode("utf-8", "replace")) - ID_OFFSET
         if number is None or number in taken or not -ID_OFFSET <= number < ID_OFFSET:
             waiting.append(row)
         else:

@@ -25,12 +25,9 @@ from typing import TypeVar
 import numpy as np
 
 from obb_collision.node.diagnostics.monitors import InputMonitor
-from obb_collision.node.inputs.box_set import OWNED
-from obb_collision.node.inputs.boxes import BoxInput
+from obb_collision.node.inputs.boxes import OWNED, BoxInput
 from obb_collision.node.inputs.detections import DETECTIONS, read_detections
 from obb_collision.node.inputs.markers import MarkerInput
-from obb_collision.node.inputs.unknown_objects import UnknownObjects
-from obb_collision.node.messages.bulk_clouds import poses_from_ros
 from obb_collision.node.messages.cdr import (
     NamedPose,
     NamedStates,
@@ -38,6 +35,7 @@ from obb_collision.node.messages.cdr import (
     pose_from_bytes,
     states_from_bytes,
 )
+from obb_collision.node.messages.clouds import poses_from_ros
 from obb_collision.node.messages.conversions import (
     LARGEST_COORDINATE,
     UNUSABLE,
@@ -49,6 +47,7 @@ from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.messages.names import shortened, stand_in
 from obb_collision.node.objects.frames import FrameSource
 from obb_collision.node.objects.objects import Objects
+from obb_collision.node.objects.refusals import UnknownObjects
 from obb_collision.node.objects.states import OLDER, State
 from obb_collision.node.objects.table import Slots, signed
 from obb_collision.node.runtime.guard import INTERNAL_ERROR, Guard

@@ -29,8 +29,38 @@ from sensor_msgs.msg import MultiDOFJointState, PointCloud2
 from visualization_msgs.msg import MarkerArray
 
 from obb_collision.node.diagnostics.monitors import InputMonitor, overridable
-from obb_collision.node.inputs.losses import Losses
 from obb_collision.node.runtime.guard import INTERNAL_ERROR
+
+NO_NUMBER = 2**63
+"""Numbers from here on mean that the middleware gives none."""
+
+
+class Losses:
+    """Counts gaps in the numbers of messages. publishers: how many there are at present."""
+
+    def __init__(self, publishers: Callable[[], int]) -> None:
+        self._publishers = publishers
+        self._last: list[int] = []  # of each publisher, most recent last
+
+    def count(self, number: int | None) -> int:
+        """Return how many messages were lost before the one of a number."""
+        if not number or number >= NO_NUMBER:
+            return 0
+        if number - 1 in self._last:
+            self._last.remove(number - 1)
+            self._last.append(number)
+            return 0
+        known = self._publishers()
+        del self._last[: max(0, len(self._last) - known)]
+        before = [last for last in self._last if last < number]
+        lost = 0
+        if before and len(self._last) >= known:
+            lost = number - max(before) - 1
+            self._last.remove(max(before))
+        elif self._last and len(self._last) >= known:  # a publisher in place of one that ended
+            self._last.pop(0)
+        self._last.append(number)
+        return lost
 
 
 class Input(NamedTuple):

@@ -12,9 +12,18 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The world boxes as markers for RViz: free green, colliding red, stale or refused grey."""
+"""The world boxes as markers for RViz: free green, colliding red, stale or refused grey.
+
+rclpy takes 30 us and more to make and serialise one Marker, and a microsecond for every point of
+a list: a few thousand boxes would stop the cycle for a tenth of a second. ``publish`` takes
+serialised messages too, so the bytes are written here, see ``cdr``. The fields follow
+visualization_msgs/msg/Marker; a test reads the bytes back with rclpy.
+"""
 
 from __future__ import annotations
+
+import struct
+from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -22,9 +31,79 @@ from visualization_msgs.msg import Marker
 
 from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.poses import quaternions_from_matrices
-from obb_collision.node.messages.conversions import Key
-from obb_collision.node.messages.marker_writer import MarkerArrayWriter
+from obb_collision.node.messages.cdr import ENCAPSULATION, written_text
+from obb_collision.node.messages.conversions import NANOSECONDS, Key
 from obb_collision.typing import Floats
+
+NO_POINTS: Floats = np.empty((0, 3))
+IDENTITY = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+NO_SIZE = (0.0, 0.0, 0.0)
+CLEAR = (0.0, 0.0, 0.0, 0.0)
+
+
+class MarkerArrayWriter:
+    """Serialises a MarkerArray marker by marker; all share frame, stamp and lifetime."""
+
+    def __init__(self, frame: str, stamp: int, lifetime: float) -> None:
+        self._count = 0
+        self._bytes = bytearray(ENCAPSULATION + bytes(4))
+        self._head = struct.pack("<iI", *divmod(stamp, NANOSECONDS)) + written_text(frame)
+        whole, rest = divmod(round(lifetime * NANOSECONDS), NANOSECONDS)
+        self._lifetime = struct.pack("<iI", whole, rest)
+
+    def add(
+        self,
+        key: tuple[str, int],
+        kind: int,
+        action: int,
+        pose: Sequence[float] = IDENTITY,
+        scale: Sequence[float] = NO_SIZE,
+        color: Sequence[float] = CLEAR,
+        points: Floats = NO_POINTS,
+    ) -> None:
+        """Append a marker: key (ns, id), type and action; points (n, 3)."""
+        self._align(4)
+        self._bytes += self._head
+        self._align(4)
+        self._bytes += written_text(key[0])
+        self._align(4)
+        self._bytes += struct.pack("<iii", key[1], kind, action)
+        self._align(8)
+        self._bytes += struct.pack("<10d4f", *pose, *scale, *color)
+        self._bytes += self._lifetime + b"\x00"  # not frame_locked
+        self._align(4)
+        self._bytes += struct.pack("<I", len(points))
+        if len(points):
+            self._align(8)
+            self._bytes += np.ascontiguousarray(points, dtype="<f8").tobytes()
+        self._finish()
+        self._count += 1
+
+    def _finish(self) -> None:
+        """Append the fields behind ``points``, all empty."""
+        self._bytes += bytes(4)  # colors
+        self._string("")  # texture_resource
+        self._bytes += bytes(8)  # texture.header.stamp
+        self._string("")  # texture.header.frame_id
+        self._string("")  # texture.format
+        self._bytes += bytes(8)  # texture.data, uv_coordinates
+        self._string("")  # text
+        self._string("")  # mesh_resource
+        self._string("")  # mesh_file.filename
+        self._bytes += bytes(5)  # mesh_file.data, mesh_use_embedded_materials
+
+    def _string(self, text: str) -> None:
+        self._bytes += written_text(text)
+        self._align(4)
+
+    def _align(self, size: int) -> None:
+        self._bytes += bytes(-(len(self._bytes) - len(ENCAPSULATION)) % size)
+
+    def message(self) -> bytes:
+        """Return the serialised MarkerArray."""
+        struct.pack_into("<I", self._bytes, len(ENCAPSULATION), self._count)
+        return bytes(self._bytes)
+
 
 FREE, COLLIDING, DOUBTFUL = 0, 1, 2
 COLORS = ((0.1, 0.8, 0.2, 0.5), (0.9, 0.1, 0.1, 0.7), (0.5, 0.5, 0.5, 0.6))

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""PointCloud2 <-> arrays, always by field name; obstacle points."""
+"""PointCloud2 <-> arrays, always by field name: obstacle points, bulk poses, sets of boxes."""
 
 from __future__ import annotations
 
@@ -28,9 +28,10 @@ import numpy.typing as npt
 from sensor_msgs.msg import PointCloud2, PointField
 from std_msgs.msg import Header
 
+from obb_collision.node.messages.cdr import ENCAPSULATION, padded
 from obb_collision.node.messages.conversions import NANOSECONDS
 from obb_collision.node.messages.errors import RefusedError
-from obb_collision.node.messages.marker_writer import ENCAPSULATION, padded
+from obb_collision.typing import Floats, Integers
 
 TOO_MANY_POINTS = "too many points"
 """Reason: a cloud or a marker has more of them than the limit."""
@@ -214,3 +215,122 @@ def side_by_side(dtype: np.dtype[Any], names: tuple[str, ...]) -> np.dtype[Any] 
     layout: Any = {"names": ["all"], "formats": [(kind, len(names))], "offsets": [first]}
     layout["itemsize"] = dtype.itemsize
     return np.dtype(layout)
+
+
+POSE_FIELDS = ("x", "y", "z", "qx", "qy", "qz", "qw")
+SIZE_FIELDS = ("size_x", "size_y", "size_z")
+KEY_FIELDS = ("ns", "id")
+
+
+def poses_from_ros(
+    message: PointCloud2, most: int = NO_LIMIT
+) -> tuple[Integers | None, Integers, Floats]:
+    """Bulk poses: namespace numbers (n,) or None without a field ``ns``, ids (n,), poses (n, 7).
+
+    Raises RefusedError ("field layout") where a field is missing or of the wrong kind: ``id`` and
+    ``ns`` are integers of any size, the pose fields float32 or float64. Also ("too many points")
+    for more rows than ``most``.
+    """
+    return _rows_from_ros(message, POSE_FIELDS, most)
+
+
+def boxes_from_ros(
+    message: PointCloud2, most: int = NO_LIMIT
+) -> tuple[Integers | None, Integers, Floats, Floats]:
+    """Boxes of a message of ``object_boxes``: as ``poses_from_ros``, and sizes (n, 3) in metres.
+
+    Raises RefusedError ("field layout", "too many points").
+    """
+    namespaces, ids, values = _rows_from_ros(message, (*POSE_FIELDS, *SIZE_FIELDS), most)
+    return namespaces, ids, values[:, :7].copy(), values[:, 7:].copy()
+
+
+def _rows_from_ros(
+    message: PointCloud2, names: tuple[str, ...], most: int
+) -> tuple[Integers | None, Integers, Floats]:
+    """Return namespace numbers (n,) or None, ids (n,), and the values of fields (n, k)."""
+    rows = cloud_from_ros(message, (*KEY_FIELDS, *names), most)
+    has_namespaces, together = _layout_of(rows.dtype, names)
+    if together is None:
+        values = np.empty((len(rows), len(names)))
+        for column, name in enumerate(names):
+            values[:, column] = rows[name]
+    else:
+        values = rows.view(together)["all"].astype(np.float64)
+    namespaces = rows["ns"].astype(np.int64) if has_namespaces else None
+    return namespaces, rows["id"].astype(np.int64), values
+
+
+@lru_cache(KNOWN_LAYOUTS)
+def _layout_of(dtype: np.dtype[Any], names: tuple[str, ...]) -> tuple[bool, np.dtype[Any] | None]:
+    """Return whether rows have a field ``ns``, and a type that has the other fields together.
+
+    None for it where they are not side by side. RefusedError ("field layout").
+    """
+    fields: Mapping[str, Any] = dtype.fields or {}
+    for name in ("id", *names):
+        if name not in fields:
+            raise RefusedError("field layout", f"no field {name!r}")
+    for name in KEY_FIELDS:
+        if name in fields and fields[name][0].kind not in "iu":
+            raise RefusedError("field layout", f"field {name!r} is not an integer")
+    for name in names:
+        if fields[name][0].kind != "f":
+            raise RefusedError("field layout", f"field {name!r} is not a float")
+    return "ns" in fields, side_by_side(dtype, names)
+
+
+def poses_to_ros(
+    ids: npt.ArrayLike,
+    poses: npt.ArrayLike,
+    namespaces: npt.ArrayLike | None = None,
+    header: Header | None = None,
+    single: bool = False,
+) -> PointCloud2:
+    """Bulk poses for ``object_poses``: (n,) ids, (n, 7) poses, (n,) namespace numbers.
+
+    ``single`` writes float32, half the bytes and 7 decimal digits.
+    """
+    return _rows_to_ros(ids, np.asarray(poses, np.float64), POSE_FIELDS, namespaces, header, single)
+
+
+def boxes_to_ros(
+    ids: npt.ArrayLike,
+    poses: npt.ArrayLike,
+    sizes: npt.ArrayLike,
+    namespaces: npt.ArrayLike | None = None,
+    header: Header | None = None,
+    single: bool = False,
+) -> PointCloud2:
+    """Return the complete set of boxes for ``object_boxes``: as ``poses_to_ros``, and their sizes.
+
+    sizes: (n, 3) edge lengths in metres. Without namespaces all are in ``boxes``.
+    """
+    values = np.hstack(
+        (
+            np.asarray(poses, np.float64).reshape(-1, len(POSE_FIELDS)),
+            np.asarray(sizes, np.float64).reshape(-1, len(SIZE_FIELDS)),
+        )
+    )
+    return _rows_to_ros(ids, values, (*POSE_FIELDS, *SIZE_FIELDS), namespaces, header, single)
+
+
+def _rows_to_ros(
+    ids: npt.ArrayLike,
+    values: Floats,
+    names: tuple[str, ...],
+    namespaces: npt.ArrayLike | None,
+    header: Header | None,
+    single: bool,
+) -> PointCloud2:
+    ids = np.asarray(ids)
+    keys = KEY_FIELDS[1:] if namespaces is None else KEY_FIELDS
+    kind = "<f4" if single else "<f8"
+    layout = [*((name, kind) for name in names), *((name, "<i4") for name in keys)]
+    rows = np.zeros(len(ids), np.dtype(layout))
+    for column, name in enumerate(names):
+        rows[name] = values[:, column]
+    rows["id"] = ids
+    if namespaces is not None:
+        rows["ns"] = namespaces
+    return cloud_to_ros(rows, header)

@@ -12,20 +12,253 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Markers -> shapes and back; what each type of marker means is in ``shape_plans``."""
+"""Shapes of markers as RViz draws them: what ``scale`` means for each type; and markers of shapes.
+
+| type | the box is around |
+|---|---|
+| CUBE, SPHERE, CYLINDER | the unit body times ``scale`` (edge lengths, diameters, height along z) |
+| TRIANGLE_LIST, MESH_RESOURCE | the vertices times ``scale`` |
+| CUBE_LIST, SPHERE_LIST | all points, each a body of edge lengths (diameters) ``scale`` |
+| POINTS | all points, each as wide as the larger of ``scale.x``, ``scale.y`` |
+| LINE_LIST, LINE_STRIP | all points, each as wide as ``scale.x`` |
+| ARROW | the drawn arrow, head included (RViz draws the head twice as wide as scale.y, scale.z) |
+| TEXT_VIEW_FACING, ARROW_STRIP | refused: annotations, not bodies |
+
+Shapes of a formula are made at once. What takes long, or reads a file, becomes a job for another
+process: see ``scene.building``.
+"""
 
 from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import PurePath
+from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import Point
 from visualization_msgs.msg import Marker
 
 from obb_collision import shapes
+from obb_collision.geometry.fitting.candidates import complete_frame
+from obb_collision.geometry.fitting.enclosing import enclose_points
+from obb_collision.geometry.shapes.files import shortened
+from obb_collision.node.messages.conversions import LARGEST_COORDINATE, SMALLEST_MEANT
 from obb_collision.node.messages.errors import RefusedError
-from obb_collision.node.messages.shape_plans import MarkerShape, plan_shape
 from obb_collision.scene.building.errors import BuildError
-from obb_collision.scene.building.jobs import perform
+from obb_collision.scene.building.jobs import (
+    CUBE_CORNERS,
+    UNREADABLE,
+    Bodies,
+    Job,
+    MeshFile,
+    Triangles,
+    body_corners,
+    perform,
+)
 from obb_collision.typing import Floats
+
+Signature = tuple[Any, ...]
+"""Identifies a shape without fitting it: equal signatures, equal shapes."""
+
+ARROW_HEAD = np.array((1.0, 2.0, 2.0))
+"""Size of a drawn arrow in units of its scale: the head is twice as wide as the shaft."""
+
+SCALE_AXES = {
+    Marker.POINTS: 2,
+    Marker.LINE_LIST: 1,
+    Marker.LINE_STRIP: 1,
+}
+"""Number of components of ``scale`` that are used; all three where not named."""
+
+NO_BODY = "no body"
+"""Reason: a marker is an annotation, which can't collide."""
+ANNOTATIONS = (Marker.TEXT_VIEW_FACING, Marker.ARROW_STRIP)
+
+IMMEDIATE = (Marker.CUBE, Marker.SPHERE, Marker.CYLINDER, Marker.ARROW)
+"""Types whose shape is created immediately."""
+
+LONGEST_URI = 4096
+"""Characters of a URI; no path is longer on Linux."""
+
+
+@dataclass(frozen=True, eq=False)
+class MarkerShape:
+    """The shape of a marker: decoded, but not yet validated.
+
+    kind: ``Marker.type``; scale (3,); points (n, 3), which may be a view on the message's bytes;
+    resource, filename, data: the mesh resource, and the embedded mesh file (bytes of any kind).
+    """
+
+    kind: int
+    scale: Floats
+    points: Floats = field(default_factory=lambda: np.empty((0, 3)))
+    resource: str = ""
+    filename: str = ""
+    data: Any = b""
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """How to get a shape: it is here, or there is a job that builds it. One of them is None."""
+
+    signature: Signature
+    shape: shapes.Shape | None = None
+    job: Job | None = None
+
+
+def plan_shape(given: MarkerShape) -> Plan:
+    """Return how to get a marker's shape. RefusedError with the reason where it is no body.
+
+    What takes time in proportion to the points or the file is left to the job, but for one look
+    at their bytes, which identify those received before.
+    """
+    planner = PLANNERS.get(given.kind)
+    if planner is None:
+        reason = NO_BODY if given.kind in ANNOTATIONS else "unknown marker type"
+        raise RefusedError(reason, f"type {given.kind}")
+    try:
+        return planner(given, _checked_scale(given))
+    except RefusedError:
+        raise
+    except ValueError as error:
+        raise RefusedError("bad shape", str(error)) from error
+
+
+def _checked_scale(given: MarkerShape) -> Floats:
+    """Return the scale (3,). RefusedError unless finite, and positive where it counts."""
+    scale = given.scale
+    used = scale[: SCALE_AXES.get(given.kind, 3)]
+    if given.kind == Marker.ARROW and len(given.points):
+        used = scale[:2]  # head length 0 is RViz's "choose one"
+    meant = (used >= SMALLEST_MEANT) & (used <= LARGEST_COORDINATE)
+    if not (np.isfinite(scale).all() and meant.all()):
+        raise RefusedError("bad scale", f"{scale.tolist()} must be finite and positive")
+    return scale
+
+
+def _simple(given: MarkerShape, scale: Floats, shape: shapes.Shape) -> Plan:
+    _ = shape.local_box  # fitted here, where a failure can still be refused
+    return Plan((given.kind, *scale.tolist()), shape)
+
+
+def _cube(given: MarkerShape, scale: Floats) -> Plan:
+    return _simple(given, scale, shapes.Box(scale))
+
+
+def _sphere(given: MarkerShape, scale: Floats) -> Plan:
+    return _simple(given, scale, shapes.Ellipsoid(0.5 * scale))
+
+
+def _cylinder(given: MarkerShape, scale: Floats) -> Plan:
+    return _simple(given, scale, shapes.Cylinder(0.5, 1.0, scale=scale))
+
+
+def _arrow(given: MarkerShape, scale: Floats) -> Plan:
+    """Along x from the origin, or between two points with scale.x, scale.y as diameters."""
+    if len(given.points) == 1:
+        raise RefusedError("array lengths differ", "an arrow has no points or two")
+    if len(given.points) == 0:
+        from_tail = CUBE_CORNERS + np.array((0.5, 0.0, 0.0))
+        body = shapes.Hull(from_tail * scale * ARROW_HEAD, fit="aabb")  # its best fit, bit for bit
+        return _simple(given, scale, body)
+    ends = np.array(given.points[:2], dtype=np.float64)  # RViz looks at no more
+    _check_points(ends)
+    shape = _between(ends, float(scale[:2].max()))
+    return Plan((given.kind, *scale.tolist(), ends.tobytes()), shape)
+
+
+def _between(ends: Floats, width: float) -> shapes.Shape:
+    """Return the hull of a square bar between two points (2, 3), as wide as ``width``."""
+    along = ends[1] - ends[0]
+    if not along.any():
+        return shapes.Hull(body_corners(ends[:1], np.full(3, width)), fit="aabb")
+    rotation = complete_frame(along, np.zeros(3))
+    sides = np.array([(0.0, i, k) for i in (-0.5, 0.5) for k in (-0.5, 0.5)]) * width
+    corners = (ends[:, None] + sides @ rotation.T).reshape(-1, 3)
+    _check_points(corners)
+    center, half_extents = enclose_points(corners, rotation)
+    if half_extents.max() > LARGEST_COORDINATE:
+        return shapes.Hull(corners, fit="aabb")
+    return shapes.Hull.fitted(corners, (center, rotation, half_extents))
+
+
+def _check_points(points: Floats) -> None:
+    if not (np.abs(points) <= LARGEST_COORDINATE).all():
+        raise RefusedError("bad points", "points must be finite")
+
+
+def _triangles(given: MarkerShape, scale: Floats) -> Plan:
+    if len(given.points) % 3:
+        raise RefusedError("array lengths differ", f"{len(given.points)} points are no triangles")
+    points, signature = _known_points(given, scale)
+    return Plan(signature, job=Triangles(points, scale))
+
+
+def _bodies(given: MarkerShape, scale: Floats) -> Plan:
+    points, signature = _known_points(given, scale)
+    return Plan(signature, job=Bodies(points, scale))
+
+
+def _dots(given: MarkerShape, scale: Floats) -> Plan:
+    points, signature = _known_points(given, scale)
+    widths = np.full(3, scale[: SCALE_AXES[given.kind]].max())
+    return Plan(signature, job=Bodies(points, widths))
+
+
+def _known_points(given: MarkerShape, scale: Floats) -> tuple[Floats, Signature]:
+    points = given.points
+    if len(points) == 0:
+        raise RefusedError("no points", "this marker type needs points")
+    digest = _digest(np.ascontiguousarray(points).reshape(-1).view(np.uint8))
+    return _kept(points), (given.kind, *scale.tolist(), len(points), digest)
+
+
+def _kept(points: Floats) -> Floats:
+    """Return points that hold nothing else in memory: a message may be much larger."""
+    holder: Any = points
+    while isinstance(holder, np.ndarray) and holder.base is not None:
+        holder = holder.base
+    held = memoryview(holder).nbytes
+    return points if held <= 2 * points.nbytes else points.copy()
+
+
+def _digest(data: Any) -> bytes:
+    return hashlib.blake2b(data, digest_size=16).digest()
+
+
+def _mesh(given: MarkerShape, scale: Floats) -> Plan:
+    uri = given.resource
+    if len(given.data):
+        data = bytes(given.data)
+        name = "mesh" + PurePath(given.filename or uri).suffix
+        signature = (given.kind, *scale.tolist(), name, _digest(data))
+        return Plan(signature, job=MeshFile(name, scale, data))
+    if "://" not in uri:  # RViz takes URIs only; a bare path depends on where the node was started
+        raise RefusedError(UNREADABLE, f"{_short(uri)} is no file:// or package:// URI")
+    if len(uri) > LONGEST_URI:
+        raise RefusedError(UNREADABLE, f"{_short(uri)} has more than {LONGEST_URI} characters")
+    return Plan((given.kind, *scale.tolist(), uri), job=MeshFile(uri, scale))
+
+
+def _short(text: str) -> str:
+    return repr(shortened(text))
+
+
+PLANNERS: dict[int, Callable[[MarkerShape, Floats], Plan]] = {
+    Marker.CUBE: _cube,
+    Marker.SPHERE: _sphere,
+    Marker.CYLINDER: _cylinder,
+    Marker.ARROW: _arrow,
+    Marker.TRIANGLE_LIST: _triangles,
+    Marker.MESH_RESOURCE: _mesh,
+    Marker.CUBE_LIST: _bodies,
+    Marker.SPHERE_LIST: _bodies,
+    Marker.POINTS: _dots,
+    Marker.LINE_LIST: _dots,
+    Marker.LINE_STRIP: _dots,
+}
 
 
 def marker_shape_from_ros(marker: Marker) -> MarkerShape:

@@ -26,8 +26,8 @@ import numpy as np
 from obb_collision.accuracy import Accuracy
 from obb_collision.node.messages.conversions import Key, name_from_key
 from obb_collision.node.objects.frames import FrameSource
-from obb_collision.node.objects.notes import Notes
 from obb_collision.node.objects.placement import Placement
+from obb_collision.node.objects.refusals import Notes
 from obb_collision.node.objects.shapes import ObjectShapes
 from obb_collision.node.objects.staleness import Staleness
 from obb_collision.node.objects.states import States

@@ -48,10 +48,9 @@ from obb_collision.node.objects.conditions import (
     UNPLACED,
     WAITING,
 )
-from obb_collision.node.objects.frames import EXTRAPOLATION, LINK_NOT_KNOWN, FrameSource
-from obb_collision.node.objects.notes import Notes
+from obb_collision.node.objects.frames import EXTRAPOLATION, LINK_NOT_KNOWN, FrameSource, Transforms
+from obb_collision.node.objects.refusals import Notes
 from obb_collision.node.objects.table import ObjectTable, Slots
-from obb_collision.node.objects.transforms import Transforms
 from obb_collision.node.objects.waiting import (
     LONGEST_LAG,
     States,

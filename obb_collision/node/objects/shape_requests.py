@@ -37,7 +37,7 @@ from obb_collision.geometry.shapes.files import (
 from obb_collision.node.messages.clouds import TOO_MANY_POINTS
 from obb_collision.node.messages.conversions import Key
 from obb_collision.node.messages.errors import RefusedError
-from obb_collision.node.messages.shape_plans import Plan, Signature
+from obb_collision.node.messages.marker_shapes import Plan, Signature
 from obb_collision.scene.building.builder import Builder, Outcome
 from obb_collision.scene.building.errors import BuildError
 from obb_collision.scene.building.jobs import TOO_MANY_TRIANGLES, Bodies, Job, MeshFile, Triangles

@@ -32,8 +32,8 @@ from obb_collision.node.objects.conditions import (
     POSE_OVERTAKEN,
     POSE_REFUSED,
 )
-from obb_collision.node.objects.notes import Notes
 from obb_collision.node.objects.placement import Placement
+from obb_collision.node.objects.refusals import Notes
 from obb_collision.node.objects.table import ObjectTable, Slots
 from obb_collision.scene.store.placed import as_slice
 from obb_collision.typing import Floats, Mask

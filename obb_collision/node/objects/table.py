@@ -29,8 +29,8 @@ from visualization_msgs.msg import Marker
 
 from obb_collision.node.messages.conversions import Key
 from obb_collision.node.messages.errors import RefusedError
+from obb_collision.node.messages.marker_shapes import Signature
 from obb_collision.node.messages.names import NamespaceTable, whole_from_text
-from obb_collision.node.messages.shape_plans import Signature
 from obb_collision.node.objects.conditions import (
     ABSENT,
     DOUBTS,

@@ -33,18 +33,17 @@ from std_msgs.msg import Header
 from obb_collision.accuracy import Accuracy
 from obb_collision.node.diagnostics.monitors import overridable
 from obb_collision.node.messages.box_markers import COLLIDING, DOUBTFUL, FREE, Markers
+from obb_collision.node.messages.cdr import namespace_bytes
 from obb_collision.node.messages.clouds import cloud_to_bytes
 from obb_collision.node.messages.conversions import stamp_to_ros
-from obb_collision.node.messages.marker_writer import namespace_bytes
 from obb_collision.node.messages.names import NamespaceTable
-from obb_collision.node.messages.text import text_from_rows
 from obb_collision.node.objects.objects import Objects
 from obb_collision.node.outputs.events import Events
 from obb_collision.node.parameters.parameters import Parameters
 from obb_collision.node.runtime.guard import Guard
 from obb_collision.node.runtime.warm_up import WarmUp
 from obb_collision.node.topics.cloud import Cloud, Topic
-from obb_collision.node.topics.rows import CheckedState, StructuredRows
+from obb_collision.node.topics.rows import CheckedState, StructuredRows, text_from_rows
 from obb_collision.node.topics.topics import COLLISIONS, EVENTS, NAMESPACES, TOPICS, mode_names
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.effects.settings import AUTO, OFF, ON

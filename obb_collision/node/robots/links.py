@@ -30,7 +30,7 @@ from obb_collision.geometry.poses import (
     multiply_quaternions,
     rotate_vectors,
 )
-from obb_collision.node.inputs.box_set import OWNED
+from obb_collision.node.inputs.boxes import OWNED
 from obb_collision.node.messages.conversions import (
     LARGEST_COORDINATE,
     Key,

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What a check gave -> rows of the clouds, sorted by (ns_a, id_a, ns_b, id_b), a before b.
+"""Results of a check -> rows of the clouds, sorted by (ns_a, id_a, ns_b, id_b), a before b.
 
 The order is that of the numbers, the same in every node and run: ``ns`` and ``id`` as int32. Every
 ``..._rows`` takes a result, the state that was checked and the layout of a row.
@@ -20,16 +20,22 @@ The order is that of the numbers, the same in every node and run: ``ns`` and ``i
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from std_msgs.msg import Header
 
+from obb_collision.accuracy import ALL_LEVELS
+from obb_collision.node.messages.conversions import name_from_key
 from obb_collision.node.objects.table import ObjectTable, Slots
 from obb_collision.queries.clearance.clearance import Clearances
 from obb_collision.queries.contacts.contacts import Contacts
 from obb_collision.queries.points.points import PointsInside
+from obb_collision.queries.verdict.verdict import Verdict
 from obb_collision.scene.effects.base import join_rows
 from obb_collision.scene.effects.sweep import SweptPairs
 from obb_collision.scene.report import Report
@@ -191,3 +197,52 @@ def inside_rows(result: PointsInside, state: CheckedState, dtype: np.dtype[Any])
     if points is not None and len(found):
         _put(rows, POSITION_FIELDS, points[result.nearest[found]])
     return rows
+
+
+def text_from_rows(
+    rows: npt.NDArray[Any],
+    namespaces: Mapping[int, str],
+    header: Header,
+    limit: int,
+    total: int,
+    truncated: bool,
+) -> DiagnosticArray:
+    """Return a status with the total, then one per pair, at most ``limit``.
+
+    total: how many pairs collide; at least, if pairs are left out of the rows.
+    """
+    message_total = f"{'at least ' if truncated else ''}{total} pairs in collision"
+    if total > limit:
+        message_total += f", the first {min(limit, len(rows))} named"
+    values = [KeyValue(key="pairs", value=str(len(rows)))]
+    if truncated:
+        values.append(KeyValue(key="pairs at least", value=str(total)))
+    message = DiagnosticArray(header=header)
+    message.status = [DiagnosticStatus(name="collisions", message=message_total, values=values)]
+    for row in rows[:limit]:
+        a = name_from_key((namespaces[int(row["ns_a"])], int(row["id_a"])))
+        b = name_from_key((namespaces[int(row["ns_b"])], int(row["id_b"])))
+        touching = row["verdict"] == Verdict.TOUCHING
+        values = [
+            ("a", a),
+            ("b", b),
+            ("depth", repr(float(row["depth"]))),
+            ("normal", " ".join(f"{row['normal_' + axis]:.4f}" for axis in "xyz")),
+            ("verdict", Verdict(row["verdict"]).name.lower()),
+            ("accuracy", ALL_LEVELS[row["accuracy"]]),
+        ]
+        message.status.append(
+            DiagnosticStatus(
+                level=DiagnosticStatus.WARN,
+                name=f"{a} - {b}",
+                message=_told(row["depth"], touching),
+                values=[KeyValue(key=key, value=value) for key, value in values],
+            )
+        )
+    return message
+
+
+def _told(depth: float, touching: bool) -> str:
+    if touching:
+        return "touching"
+    return "overlapping" if np.isnan(depth) else f"{depth:.6f} m deep"

@@ -20,7 +20,8 @@ documentation with it.
 
 from __future__ import annotations
 
-from typing import Any
+from math import isnan
+from typing import Any, NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.duration import Duration
@@ -31,14 +32,6 @@ from visualization_msgs.msg import MarkerArray
 
 from obb_collision.node.messages.conversions import namespace_table
 from obb_collision.node.topics.cloud import LATCHED, Cloud, Namespaces, Topic
-from obb_collision.node.topics.records import (
-    NamedClearance,
-    NamedContact,
-    NamedEvent,
-    NamedPair,
-    NamedPoints,
-    NamedPrediction,
-)
 from obb_collision.node.topics.rows import (
     A_FIELDS,
     B_FIELDS,
@@ -58,6 +51,88 @@ from obb_collision.node.topics.rows import (
 from obb_collision.queries.verdict.verdict import Verdict
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.effects.base import Option
+
+Triple = tuple[float, float, float]
+
+
+class NamedPair(NamedTuple):
+    """One collision with the objects' names, ``ns/id``, and its depth (m).
+
+    touching: touching, or not distinguishable from touching in doubles; it counts as colliding.
+    """
+
+    a: str
+    b: str
+    depth: float
+    touching: bool
+
+
+class NamedContact(NamedTuple):
+    """One contact point: where (m), unit normal from a to b, depth (m)."""
+
+    a: str
+    b: str
+    point: Triple
+    normal: Triple
+    depth: float
+
+
+class NamedClearance(NamedTuple):
+    """One pair that is near: signed distance (m) and the closest points."""
+
+    a: str
+    b: str
+    distance: float
+    point_a: Triple
+    point_b: Triple
+
+
+class NamedPrediction(NamedTuple):
+    """One collision to come or passed: when (s from the stamp), where (m), unit normal from a to b.
+
+    If it is ``undecided``, it is not known whether the objects collide: they certainly don't
+    before the time, but they may from then on. Point and normal are NaN then.
+    """
+
+    a: str
+    b: str
+    time: float
+    point: Triple
+    normal: Triple
+
+    @property
+    def undecided(self) -> bool:
+        """Whether it is not known if they collide."""
+        return isnan(self.point[0])
+
+
+class NamedEvent(NamedTuple):
+    """The begin or end of a collision: "begin", "end", or "lasting" for one that began before.
+
+    depth: the greatest so far (m); duration: since the begin (s); reason: why it ended, "apart",
+    "removed" or "not checked"; "" if it did not.
+    """
+
+    a: str
+    b: str
+    event: str
+    depth: float
+    duration: float
+    reason: str
+
+
+class NamedPoints(NamedTuple):
+    """One object with points inside: how many, indices in the cloud of the first and the nearest.
+
+    distance: from the box centre to the nearest one (m).
+    """
+
+    name: str
+    points: int
+    first: int
+    nearest: int
+    distance: float
+
 
 DEADLINE = 0.5
 """Seconds within which the next ``collision_status`` is promised by default: five of its periods,

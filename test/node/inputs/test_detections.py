@@ -30,10 +30,9 @@ from rig import FRAME, Rig, cube, pose
 from sensor_msgs.msg import PointCloud2
 
 from obb_collision.node.inputs import detections
-from obb_collision.node.inputs.detections import detections_from_bytes, numbers_of
+from obb_collision.node.inputs.detections import RESULT, detections_from_bytes, numbers_of
 from obb_collision.node.inputs.subscriptions import Input
 from obb_collision.node.messages.cdr import Reader
-from obb_collision.node.messages.detection_kernels import RESULT
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.objects.conditions import BAD_POSE
 

@@ -23,7 +23,7 @@ import pytest
 pytest.importorskip("rclpy")
 from rig import Rig, cube, pose
 
-from obb_collision.node.inputs.losses import NO_NUMBER, Losses
+from obb_collision.node.inputs.subscriptions import NO_NUMBER, Losses
 
 
 def total(numbers: list[int], publishers: int = 1) -> int:

@@ -31,8 +31,7 @@ from rclpy.serialization import serialize_message
 from rig import cube
 from visualization_msgs.msg import Marker, MarkerArray
 
-from obb_collision.node.inputs.marker_batch import find_faults, remaining, settle
-from obb_collision.node.inputs.marker_rows import Gathered, gather, join
+from obb_collision.node.inputs.batch import Gathered, find_faults, gather, join, remaining, settle
 from obb_collision.node.messages.conversions import Key, stamp_to_ros
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.messages.marker_scan import scan_markers

@@ -29,10 +29,9 @@ from rig import FRAME, Rig, cube, pose, sync
 from visualization_msgs.msg import Marker, MarkerArray
 
 from obb_collision.node import collisions_from_ros
-from obb_collision.node.inputs import marker_adder, marker_rows
 from obb_collision.node.inputs import markers as marker_input
+from obb_collision.node.messages.box_markers import MarkerArrayWriter
 from obb_collision.node.messages.conversions import Key, stamp_to_ros
-from obb_collision.node.messages.marker_writer import MarkerArrayWriter
 
 SECOND = 1_000_000_000
 A1, A2, B1 = ("a", 1), ("a", 2), ("b", 1)
@@ -58,13 +57,13 @@ def count_calls(monkeypatch: pytest.MonkeyPatch, *names: str) -> Counter[str]:
     """Count how many objects pass through functions of the module."""
     calls: Counter[str] = Counter()
     for name in names:
-        given = getattr(marker_adder, name)
+        given = getattr(marker_input, name)
 
         def call(*args: Any, name: str = name, given: Any = given) -> Any:
             calls[name] += len(args[1])
             return given(*args)
 
-        monkeypatch.setattr(marker_adder, name, call)
+        monkeypatch.setattr(marker_input, name, call)
     return calls
 
 
@@ -96,7 +95,7 @@ def test_no_add_and_no_delete_of_a_backlog_is_lost(rig: Rig) -> None:
 
 def test_deleteall_drops_what_waits(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
     messages: list[int] = []
-    gather = marker_rows.gather
+    gather = marker_input.gather
 
     def count(parts: Any, *more: Any) -> Any:
         messages.append(len(parts))

@@ -34,9 +34,9 @@ from sensor_msgs.msg import PointCloud2, PointField
 from std_msgs.msg import Header
 
 from obb_collision.node import poses_from_ros, poses_to_ros
-from obb_collision.node.messages.bulk_clouds import POSE_FIELDS
 from obb_collision.node.messages.clouds import (
     DATATYPES,
+    POSE_FIELDS,
     cloud_to_bytes,
     cloud_to_ros,
     field_bytes,

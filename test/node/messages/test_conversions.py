@@ -33,9 +33,14 @@ from obb_collision.node import (
     namespace_number,
 )
 from obb_collision.node.messages import conversions as cv
-from obb_collision.node.messages.bulk_clouds import POSE_FIELDS, poses_from_ros, poses_to_ros
 from obb_collision.node.messages.cdr import states_from_bytes
-from obb_collision.node.messages.clouds import DATATYPE_OF, cloud_to_ros
+from obb_collision.node.messages.clouds import (
+    DATATYPE_OF,
+    POSE_FIELDS,
+    cloud_to_ros,
+    poses_from_ros,
+    poses_to_ros,
+)
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.topics.topics import COLLISIONS
 from obb_collision.queries.verdict.verdict import Verdict

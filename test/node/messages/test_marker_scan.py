@@ -36,7 +36,7 @@ from visualization_msgs.msg import Marker, MarkerArray, MeshFile, UVCoordinate
 from obb_collision.node.messages import cdr
 from obb_collision.node.messages.cdr import MALFORMED
 from obb_collision.node.messages.errors import RefusedError
-from obb_collision.node.messages.marker_kernels import (
+from obb_collision.node.messages.marker_scan import (
     ACTION,
     CONTENT,
     FILE,
@@ -53,8 +53,8 @@ from obb_collision.node.messages.marker_kernels import (
     STAMP_NANOSEC,
     STAMP_SEC,
     TYPE,
+    scan_markers,
 )
-from obb_collision.node.messages.marker_scan import scan_markers
 
 int32 = st.integers(-(2**31), 2**31 - 1)
 uint32 = st.integers(0, 2**32 - 1)

@@ -27,15 +27,15 @@ from rclpy.serialization import deserialize_message
 from visualization_msgs.msg import Marker, MarkerArray
 
 from obb_collision import OBB, Boxes, shapes
-from obb_collision.node.messages.box_markers import COLORS, Markers, edge_points
+from obb_collision.node.messages.box_markers import COLORS, MarkerArrayWriter, Markers, edge_points
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.messages.marker_shapes import (
+    Signature,
     marker_shape_from_ros,
+    plan_shape,
     shape_from_ros,
     shape_to_ros,
 )
-from obb_collision.node.messages.marker_writer import MarkerArrayWriter
-from obb_collision.node.messages.shape_plans import Signature, plan_shape
 
 POINTS = [(0.0, 0.0, 0.0), (2.0, 0.0, 0.0), (2.0, 1.0, 0.0)]
 

@@ -38,9 +38,9 @@ from obb_collision.node import (
     namespace_number,
     namespace_table,
 )
+from obb_collision.node.messages.cdr import namespace_bytes
 from obb_collision.node.messages.conversions import namespaces_to_ros
 from obb_collision.node.messages.errors import RefusedError
-from obb_collision.node.messages.marker_writer import namespace_bytes
 from obb_collision.node.messages.names import (
     MAX_FRAMES,
     MAX_NAME_BYTES,

@@ -27,10 +27,10 @@ from objects_rig import START, ObjectsRig
 from rig import Rig, color, cube, pose, sync
 
 from obb_collision.node import namespace_number
+from obb_collision.node.cycle import MAX_TRIES, RETRY_PERIOD, SetAside
 from obb_collision.node.diagnostics.answer import UNKNOWN, Reason, objects_answer
 from obb_collision.node.messages.box_markers import COLORS, DOUBTFUL
 from obb_collision.node.objects.conditions import ASIDE
-from obb_collision.node.objects.set_aside import MAX_TRIES, RETRY_PERIOD, SetAside
 from obb_collision.node.objects.states import State
 from obb_collision.node.runtime.guard import Guard
 from obb_collision.scene import checker

@@ -30,8 +30,9 @@ from sensor_msgs.msg import PointCloud2, PointField
 from std_msgs.msg import Header
 from visualization_msgs.msg import Marker
 
-from obb_collision.node.messages.bulk_clouds import boxes_to_ros, poses_to_ros
-from obb_collision.node.messages.marker_writer import ENCAPSULATION, MarkerArrayWriter
+from obb_collision.node.messages.box_markers import MarkerArrayWriter
+from obb_collision.node.messages.cdr import ENCAPSULATION
+from obb_collision.node.messages.clouds import boxes_to_ros, poses_to_ros
 from obb_collision.node.messages.names import namespace_number
 from tools.fuzz.messages.look_alikes import Box, Detection
 from tools.fuzz.messages.messages import Messages

@@ -31,7 +31,7 @@ from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
 
 from obb_collision.node.inputs.detections import MessageType
-from obb_collision.node.messages.marker_writer import ENCAPSULATION
+from obb_collision.node.messages.cdr import ENCAPSULATION
 
 TYPE: Any = PointCloud2 if MessageType is None else MessageType
 """The type by which detections are sent."""

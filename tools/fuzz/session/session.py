@@ -31,7 +31,7 @@ from random import Random
 import numpy as np
 from rclpy.serialization import serialize_message
 
-from obb_collision.node.messages.bulk_clouds import boxes_to_ros
+from obb_collision.node.messages.clouds import boxes_to_ros
 from obb_collision.node.messages.conversions import NANOSECONDS
 from obb_collision.node.messages.names import namespace_number
 from obb_collision.node.topics.topics import collisions_from_ros, points_inside_from_ros

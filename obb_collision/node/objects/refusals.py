@@ -12,17 +12,114 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Names that states come for although there is no such object: nobody knows what they would hit."""
+"""Items and new objects that were refused, and names of objects that are not there."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from itertools import islice
+from typing import NamedTuple
 
 from obb_collision.node.messages.conversions import NANOSECONDS, Key, name_from_key
+from obb_collision.node.messages.marker_shapes import NO_BODY
 from obb_collision.node.messages.names import namespace_number, shortened, stand_in, whole_from_text
-from obb_collision.node.objects.table import ObjectTable
+from obb_collision.node.objects.table import NEVER, ObjectTable
 from obb_collision.scene.store.overrides import Overrides
+
+
+class Note(NamedTuple):
+    """Items of a topic that are refused, or used but not trusted, for one reason; one is named."""
+
+    topic: str
+    reason: str
+    is_refused: bool
+    item: str
+    detail: str
+    total: int
+
+
+class Notes:
+    """Notes since they were last taken: one per topic and reason, with the latest item."""
+
+    def __init__(self) -> None:
+        self._notes: dict[tuple[str, str, bool], Note] = {}
+
+    def refuse(self, topic: str, reason: str, item: str, detail: str, count: int = 1) -> None:
+        """Note items that could not be used."""
+        self._add(Note(topic, reason, True, item, detail, count))
+
+    def doubt(self, topic: str, reason: str, item: str, detail: str, count: int = 1) -> None:
+        """Note items that are used, but not trusted."""
+        self._add(Note(topic, reason, False, item, detail, count))
+
+    def _add(self, note: Note) -> None:
+        before = self._notes.get(note[:3])
+        total = note.total + (0 if before is None else before.total)
+        self._notes[note[:3]] = note._replace(total=total)
+
+    def take(self) -> list[Note]:
+        """Return the notes, and reset them."""
+        notes, self._notes = self._notes, {}
+        return list(notes.values())
+
+
+MAX_UNPLACEABLE = 1000
+"""Maximum refused objects stored, the latest ones: bounds the memory that senders can use."""
+
+
+class Unplaceable(dict[Key, str]):
+    """The reasons by key; names that are too long are shortened."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._expiry: dict[Key, int] = {}
+        self._of_sets: set[Key] = set()
+
+    def add(self, key: Key, reason: str, expiry: int = NEVER, of_set: bool = False) -> None:
+        """Store a refused object whose lifetime would end at ``expiry`` (ns); not annotations.
+
+        of_set: whether it was in a complete set; then only the next set says that it is gone.
+        """
+        self.forget(key)
+        if reason == NO_BODY:
+            return
+        key = shortened(key[0]), key[1]
+        self[key] = reason
+        if expiry != NEVER:
+            self._expiry[key] = expiry
+        if of_set:
+            self._of_sets.add(key)
+        if len(self) > MAX_UNPLACEABLE:
+            self.forget(next(iter(self)))
+
+    def forget(self, key: Key) -> None:
+        """Remove one, if it is stored."""
+        key = shortened(key[0]), key[1]
+        self.pop(key, None)
+        self._expiry.pop(key, None)
+        self._of_sets.discard(key)
+
+    def delete(self, key: Key) -> None:
+        """Remove one that a marker deletes."""
+        if (shortened(key[0]), key[1]) not in self._of_sets:
+            self.forget(key)
+
+    def delete_all(self, namespace: str | None) -> None:
+        """Remove all that markers delete, or those of a namespace."""
+        shown = None if namespace is None else shortened(namespace)
+        for key in [key for key in self if shown in (None, key[0])]:
+            self.delete(key)
+
+    def expire(self, now: int) -> None:
+        """Remove those whose lifetime is over."""
+        for key in [key for key, expiry in self._expiry.items() if expiry <= now]:
+            self.forget(key)
+
+    def clock_jumped(self, shift: int) -> None:
+        """Shift times by a jump of the clock (ns)."""
+        for key in self._expiry:
+            self._expiry[key] += shift
+
 
 MEMORY = NANOSECONDS
 """For how long (ns) a name counts after its last state, and for how long not after its DELETE."""
