@@ -35,8 +35,9 @@ if TYPE_CHECKING:
 
 PROGRAM, TOPIC = "obb_collision status", "collision_status"
 LEVELS = {b"\0": "OK", b"\2": "ERROR", b"\3": "STALE"}
-EXIT_CODES = {"OK": 0, "ERROR": 1, "STALE": 2}
-NOBODY = 3
+#: 2 is left to wrong arguments, as in all commands.
+EXIT_CODES = {"OK": 0, "ERROR": 1, "STALE": 3}
+NOBODY = 4
 #: Seconds between two looks for nodes.
 GLANCE = 0.1
 #: Seconds after its status within which a node sends ``/diagnostics``, if it does.
@@ -55,7 +56,7 @@ def main(args: Sequence[str] | None = None) -> int:
         prog=PROGRAM,
         usage="%(prog)s [options] [--ros-args ...]",
         description="Prints what running collision nodes say. The exit code is 0: nothing collides "
-        "(OK), 1: something does (ERROR), 2: not known (STALE), 3: no node was heard.",
+        "(OK), 1: something does (ERROR), 3: not known (STALE), 4: no node was heard.",
     )
     option(parser, "--node", node_name, text="full name of the node (default: all there are)")
     option(parser, "--timeout", real(0.1, 3600.0), 5.0, "how long to wait for an answer (s)")
@@ -76,6 +77,10 @@ class Status:
 
     def take(self, message: Any) -> None:
         """Take a message of ``collision_status``."""
+        if len(message.status) != 1:
+            self.level, self.values = "STALE", {"reason": "unreadable"}
+            self.message = f"{len(message.status)} statuses in a message that must have one"
+            return
         (status,) = message.status
         self.level, self.message = LEVELS.get(status.level, "STALE"), status.message
         self.values = {pair.key: pair.value for pair in status.values}

@@ -23,6 +23,9 @@ from threading import Thread
 import pytest
 
 pytest.importorskip("rclpy")
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from rig import DOMAIN, NAMESPACE, Rig, cube, sync
 
 from obb_collision.commands import status
@@ -71,12 +74,29 @@ def test_free_is_zero_and_json_has_all_values(
     assert "cycle mean (ms)" in found["parts"]["cycle"]
 
 
-def test_not_known_is_two_with_its_reason(running: Rig, capsys: pytest.CaptureFixture[str]) -> None:
+def test_not_known_is_three_with_its_reason(
+    running: Rig, capsys: pytest.CaptureFixture[str]
+) -> None:
     spin(running)
-    assert status(["--node", NODE[1:], "--timeout", "60"]) == 2
+    assert status(["--node", NODE[1:], "--timeout", "60"]) == 3
     assert capsys.readouterr().out.startswith(f"{NODE}: STALE, no_objects\n")
 
 
-def test_nobody_heard_is_three(capsys: pytest.CaptureFixture[str]) -> None:
-    assert status(["--node", "/nobody", "--timeout", "0.2"]) == 3
+def test_nobody_heard_is_four(capsys: pytest.CaptureFixture[str]) -> None:
+    assert status(["--node", "/nobody", "--timeout", "0.2"]) == 4
     assert "/nobody was not heard within 0.2 s" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("count", [0, 2])
+def test_messages_of_strangers_are_unreadable(
+    rig: Rig, capsys: pytest.CaptureFixture[str], count: int
+) -> None:
+    stranger = Node("stranger", context=rig.context)
+    try:
+        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        publisher = stranger.create_publisher(DiagnosticArray, "/alien/collision_status", latched)
+        publisher.publish(DiagnosticArray(status=[DiagnosticStatus(level=b"\0")] * count))
+        assert status(["--node", "/stranger", "--timeout", "60"]) == 3
+    finally:
+        stranger.destroy_node()
+    assert capsys.readouterr().out.startswith("/stranger: STALE, unreadable\n")
