@@ -26,7 +26,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,7 +37,8 @@ from obb_collision.benchmarks.levels import Crowd
 from obb_collision.benchmarks.tables import as_text
 from obb_collision.benchmarks.timing import Show, take_turns
 from obb_collision.cli import MAX_SEED, Parser, interruptible, option, real, whole
-from obb_collision.geometry.boxes import Boxes
+from obb_collision.geometry.boxes import BoxArrays, Boxes
+from obb_collision.queries.verdict.blocks import RowPairs
 from obb_collision.queries.verdict.verdict import (
     OVERLAP,
     SEPARATE,
@@ -100,15 +101,12 @@ EPSILON = 1e-6
 
 
 @njit
-def plain_kernel(
-    ca: Floats, a: Floats, h: Floats, rows_a: np.ndarray,
-    cb: Floats, b: Floats, f: Floats, rows_b: np.ndarray, out: np.ndarray,
-    start: int, stop: int,
-) -> None:  # fmt: skip
+def plain_kernel(pairs: RowPairs, out: np.ndarray, start: int, stop: int) -> None:
     """Write 0 (apart) or 2 (colliding) for some pairs of rows; arrays as in ``separation``.
 
     Of float32 arrays everything is computed in float32.
     """
+    (ca, a, h), rows_a, (cb, b, f), rows_b = pairs
     for n in range(start, stop):
         out[n] = 2 if _collide(ca, a, h, rows_a[n], cb, b, f, rows_b[n]) else 0
 
@@ -200,10 +198,9 @@ def _run(
 ) -> Callable[[], None]:
     boxes = pairs.boxes
     with np.errstate(over="ignore", under="ignore"):
-        sides: list[Any] = [
-            x.astype(number) for x in (boxes.centers, boxes.rotations, boxes.half_extents)
-        ]
-    return lambda: kernel(*sides, pairs.first, *sides, pairs.second, out, 0, len(out))
+        arrays = BoxArrays(*(x.astype(number) for x in boxes.arrays))
+    rows = RowPairs(arrays, pairs.first, arrays, pairs.second)
+    return lambda: kernel(rows, out, 0, len(out))
 
 
 def table(rows: list[FloatRow]) -> list[list[str]]:

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, overload
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -45,6 +45,14 @@ from obb_collision.words import shown
 
 if TYPE_CHECKING:  # of a layer above: only its name
     from obb_collision.obb import OBB
+
+
+class BoxArrays(NamedTuple):
+    """Boxes for kernels: centers (n, 3), rotations (n, 3, 3), half extents (n, 3)."""
+
+    centers: Floats
+    rotations: Floats
+    half_extents: Floats
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -223,6 +231,11 @@ class Boxes(ArrayValue):
     def quaternions(self) -> Floats:
         """(n, 4) the orientations as unit quaternions x y z w, w >= 0."""
         return quaternions_from_matrices(self.rotations)
+
+    @property
+    def arrays(self) -> BoxArrays:
+        """The same arrays for kernels."""
+        return BoxArrays(self.centers, self.rotations, self.half_extents)
 
     @property
     def volumes(self) -> Floats:

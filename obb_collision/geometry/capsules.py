@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from numpy.typing import ArrayLike, NDArray
 
@@ -30,6 +30,14 @@ from obb_collision.geometry.validation import (
     select_rows,
 )
 from obb_collision.typing import Floats
+
+
+class CapsuleArrays(NamedTuple):
+    """Capsules for kernels: starts (n, 3), ends (n, 3), radii (n,)."""
+
+    starts: Floats
+    ends: Floats
+    radii: Floats
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -107,6 +115,11 @@ class Capsules(ArrayValue):
         r = as_half_extents(radii, "radii", (None,))
         check_lengths(centers=c, radii=r)
         return cls.trusted(c, c, r)
+
+    @property
+    def arrays(self) -> CapsuleArrays:
+        """The same arrays for kernels."""
+        return CapsuleArrays(self.starts, self.ends, self.radii)
 
     def __len__(self) -> int:
         return len(self.starts)

@@ -149,26 +149,24 @@ def _fetch_in_llvm(context: Any, array: Any, index: Any) -> Any:
 fetch: Any = _fetch_in_python if config.DISABLE_JIT else intrinsic(_fetch_in_llvm)
 
 
-@njit
+@njit(refcount=False)
 def fetch_row(array: Any, row: int, size: int) -> None:
     """Ask for a row of ``size`` doubles, at most nine, of a C-contiguous array."""
     fetch(array, row * size)
     fetch(array, row * size + size - 1)
 
 
-@njit
-def fetch_box(centers: Any, rotations: Any, half_extents: Any, row: int) -> None:
-    """Ask for a box of arrays (n, 3), (n, 3, 3) and (n, 3)."""
-    fetch_row(centers, row, 3)
-    fetch_row(rotations, row, 9)
-    fetch_row(half_extents, row, 3)
+@njit(refcount=False)
+def fetch_box(boxes: Any, row: int) -> None:
+    """Ask for a box of ``BoxArrays``."""
+    fetch_row(boxes.centers, row, 3)
+    fetch_row(boxes.rotations, row, 9)
+    fetch_row(boxes.half_extents, row, 3)
 
 
-@njit
-def fetch_pairs(
-    centers: Any, rotations: Any, half_extents: Any, pairs: Any, start: int, stop: int
-) -> None:
+@njit(refcount=False)
+def fetch_pairs(boxes: Any, pairs: Any, start: int, stop: int) -> None:
     """Ask for the boxes of pairs ``start`` to ``stop`` of rows (m, 2), as many as there are."""
     for n in range(start, min(stop, len(pairs))):
-        fetch_box(centers, rotations, half_extents, pairs[n, 0])
-        fetch_box(centers, rotations, half_extents, pairs[n, 1])
+        fetch_box(boxes, pairs[n, 0])
+        fetch_box(boxes, pairs[n, 1])

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from obb_collision._threads import run
 from obb_collision.accuracy import Accuracy
+from obb_collision.geometry.boxes import BoxArrays
 from obb_collision.queries.verdict.coarse import bounds_kernel, sphere_bounds
 from obb_collision.queries.verdict.verdict import SEPARATE, Verdicts, decide_exactly
 from obb_collision.scene.broad_phase.bounds_tree import BoundsTree
@@ -164,9 +165,10 @@ class Checker:
         store = self._store
         self._bounds = self._tree = None
         (pairs, verdicts), old = self._room, self._old
+        boxes = BoxArrays(store.centers, store.rotations, store.half_extents)
+        before = NO_PAIRS if last is None else last.pairs
         found, known = few_pairs(
-            *(store.centers, store.rotations, store.half_extents, self._layout.active),
-            *(store.changed, NO_PAIRS if last is None else last.pairs, pairs, verdicts, old),
+            boxes, self._layout.active, store.changed, before, pairs, verdicts, old
         )
         pairs, verdicts, old = pairs[:found].copy(), verdicts[:found].copy(), old[:found].copy()
         if exact or self.pair_filter is not None or self.region is not None:
@@ -345,8 +347,8 @@ class Checker:
         if layout.spheres:
             kept[0][anew], kept[1][anew] = sphere_bounds(store.boxes(anew))
         else:
-            boxes = store.centers, store.rotations, store.half_extents
-            run(bounds_kernel, len(anew), LEAST_BOUNDS, *boxes, anew, *kept)
+            boxes = BoxArrays(store.centers, store.rotations, store.half_extents)
+            run(bounds_kernel, len(anew), LEAST_BOUNDS, boxes, anew, *kept)
         self._bounds = kept
         if self._tree is not None and not self._tree.update(changed):
             self._tree = None

@@ -19,6 +19,7 @@ from __future__ import annotations
 import numpy as np
 
 from obb_collision._jit import njit
+from obb_collision.geometry.boxes import BoxArrays
 from obb_collision.queries.verdict.coarse import bounds_kernel
 from obb_collision.queries.verdict.pair_frame import box_at
 from obb_collision.queries.verdict.verdict import SEPARATE, box_verdict
@@ -30,9 +31,8 @@ FEW = 64
 
 @njit
 def few_pairs(
-    centers: Floats, rotations: Floats, half_extents: Floats, slots: np.ndarray,
-    changed: np.ndarray, last: np.ndarray, pairs: np.ndarray, verdicts: np.ndarray,
-    old: np.ndarray,
+    boxes: BoxArrays, slots: np.ndarray, changed: np.ndarray, last: np.ndarray,
+    pairs: np.ndarray, verdicts: np.ndarray, old: np.ndarray,
 ) -> tuple[int, int]:  # fmt: skip
     """Write the colliding pairs of slots (n,), ascending, their verdicts, and where they were.
 
@@ -41,8 +41,8 @@ def few_pairs(
     how many of them were there before.
     """
     count = len(slots)
-    minimum, maximum = np.empty((len(centers), 3)), np.empty((len(centers), 3))
-    bounds_kernel(centers, rotations, half_extents, slots, minimum, maximum, 0, count)
+    minimum, maximum = np.empty_like(boxes.centers), np.empty_like(boxes.centers)
+    bounds_kernel(boxes, slots, minimum, maximum, 0, count)
     found, known, before = 0, 0, 0
     for n in range(count):
         i = slots[n]
@@ -50,9 +50,7 @@ def few_pairs(
             j = slots[m]
             if not _overlap(minimum, maximum, i, j):
                 continue
-            a = box_at(centers, rotations, half_extents, i)
-            b = box_at(centers, rotations, half_extents, j)
-            verdict = box_verdict(a, b)
+            verdict = box_verdict(box_at(boxes, i), box_at(boxes, j))
             if verdict == SEPARATE:
                 continue
             pairs[found, 0], pairs[found, 1], verdicts[found] = i, j, verdict

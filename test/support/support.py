@@ -75,7 +75,7 @@ def witnesses(a: Boxes, b: Boxes) -> tuple[Floats, Floats]:
     """Signed gaps (n,) metres and unit axes (n, 3) from a to b."""
     boxes, pairs = joined(a, b)
     gaps, axes, points = np.empty(len(a)), np.empty((len(a), 3)), np.empty((len(a), 3))
-    witness_kernel(*stored(boxes), pairs, gaps, axes, points, 0, len(pairs))
+    witness_kernel(boxes.arrays, pairs, gaps, axes, points, 0, len(pairs))
     return gaps, axes
 
 

@@ -38,7 +38,7 @@ from numpy.typing import ArrayLike
 
 from obb_collision._jit import njit
 from obb_collision._threads import run
-from obb_collision.geometry.boxes import Boxes
+from obb_collision.geometry.boxes import BoxArrays, Boxes
 from obb_collision.numerics.constants import MAX_MAGNITUDE
 from obb_collision.numerics.vec3 import components, minus, negated, scaled
 from obb_collision.queries.clearance.closest_points import NEAR, Points, points_apart, points_near
@@ -97,37 +97,23 @@ def near_pairs(boxes: Boxes, pairs: Integers, limit: float) -> tuple[Clearances,
     """Return the clearances of pairs (m, 2) of rows within a limit, and which these are (m,)."""
     near = np.empty(len(pairs), np.bool_)
     distances, vectors = np.empty(len(pairs)), np.empty((3, len(pairs), 3))
-    run(
-        *(clearance_kernel, len(pairs), FEWEST_PAIRS),
-        *(boxes.centers, boxes.rotations, boxes.half_extents, pairs, limit),
-        *(near, distances, vectors[0], vectors[1], vectors[2]),
-    )
+    given = boxes.arrays, pairs, limit, near, distances, vectors
+    run(clearance_kernel, len(pairs), FEWEST_PAIRS, *given)
     return Clearances(pairs[near], distances[near], *vectors[:, near]), near
 
 
 @njit
 def clearance_kernel(
-    centers: Floats,
-    rotations: Floats,
-    half_extents: Floats,
-    pairs: np.ndarray,
-    limit: float,
-    near: np.ndarray,
-    distances: Floats,
-    positions_a: Floats,
-    positions_b: Floats,
-    normals: Floats,
-    start: int,
-    stop: int,
-) -> None:
+    boxes: BoxArrays, pairs: np.ndarray, limit: float,
+    near: np.ndarray, distances: Floats, vectors: Floats, start: int, stop: int,
+) -> None:  # fmt: skip
     """Write whether pairs ``start`` to ``stop`` of (m, 2) are within the limit.
 
-    And the distance, points and normal of those that are.
+    And the distance (m,), and points and normal (3, m, 3), of those that are.
     """
     for row in range(start, stop):
         near[row] = False
-        a = box_at(centers, rotations, half_extents, pairs[row, 0])
-        b = box_at(centers, rotations, half_extents, pairs[row, 1])
+        a, b = box_at(boxes, pairs[row, 0]), box_at(boxes, pairs[row, 1])
         swapped = _comes_before(b, a)
         if swapped:
             a, b = b, a
@@ -148,7 +134,7 @@ def clearance_kernel(
         if distance <= limit:
             near[row], distances[row] = True, distance
             for k in range(3):
-                positions_a[row, k], positions_b[row, k], normals[row, k] = p[k], q[k], n[k]
+                vectors[0, row, k], vectors[1, row, k], vectors[2, row, k] = p[k], q[k], n[k]
 
 
 @njit

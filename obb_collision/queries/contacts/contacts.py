@@ -32,7 +32,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from obb_collision._jit import njit
 from obb_collision._threads import run
-from obb_collision.geometry.boxes import Boxes
+from obb_collision.geometry.boxes import BoxArrays, Boxes
 from obb_collision.numerics.vec3 import max_abs, minus, plus, vector_at
 from obb_collision.queries.contacts.blocks import (
     BLOCK,
@@ -138,36 +138,22 @@ def as_max_points(value: int) -> int:
 def pair_contacts(boxes: Boxes, pairs: Integers, max_points: int) -> Contacts:
     """Return the contacts of pairs (m, 2) of rows of boxes."""
     result = Contacts.blank(pairs, max_points)
-    run(
-        *(contacts_kernel, len(pairs), FEWEST_PAIRS),
-        *(boxes.centers, boxes.rotations, boxes.half_extents, pairs),
-        *(result.normals, result.depths, result.counts),
-        *(result.positions, result.position_depths, result.axes),
-    )
+    out = tuple(vars(result).values())[1:]
+    run(contacts_kernel, len(pairs), FEWEST_PAIRS, boxes.arrays, pairs, out)
     return result
 
 
 @njit
 def contacts_kernel(
-    centers: Floats,
-    rotations: Floats,
-    half_extents: Floats,
-    pairs: np.ndarray,
-    normals: Floats,
-    depths: Floats,
-    counts: np.ndarray,
-    positions: Floats,
-    position_depths: Floats,
-    axes: np.ndarray,
-    start: int,
-    stop: int,
+    boxes: BoxArrays, pairs: np.ndarray, out: tuple[np.ndarray, ...], start: int, stop: int
 ) -> None:
     """Write the contacts of pairs ``start`` to ``stop`` of (m, 2), as in ``Contacts``."""
+    normals, depths, counts, positions, position_depths, axes = out
     block = np.zeros((ROWS, BLOCK))
     polygon, spare = np.empty((CAPACITY, 3)), np.empty((CAPACITY, 3))
     for first in range(start, stop, BLOCK):
         count = min(BLOCK, stop - first)
-        witness_block(centers, rotations, half_extents, pairs, first, count, block)
+        witness_block(boxes, pairs, first, count, block)
         lay_faces(block, count)
         slots = 0
         for n in range(count):
@@ -178,8 +164,7 @@ def contacts_kernel(
             depths[row] = max(0.0, -gap)
             counts[row] = 0
             if gap > 0.0:
-                a = box_at(centers, rotations, half_extents, pairs[row, 0])
-                b = box_at(centers, rotations, half_extents, pairs[row, 1])
+                a, b = box_at(boxes, pairs[row, 0]), box_at(boxes, pairs[row, 1])
                 if gap > careful_bound(a, b):
                     continue
             counts[row] = _find_vertices(block, n, position_depths.shape[1], polygon, spare)
@@ -187,7 +172,7 @@ def contacts_kernel(
         for slot in range(slots):
             place_points(block, count, slot)
         for n in range(count):
-            origin = vector_at(centers, pairs[first + n, 0])
+            origin = vector_at(boxes.centers, pairs[first + n, 0])
             found = _write_points(
                 block, n, counts[first + n], origin, positions, position_depths, first + n, spare
             )

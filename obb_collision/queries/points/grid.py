@@ -32,6 +32,7 @@ from typing import NamedTuple
 import numpy as np
 
 from obb_collision._jit import njit
+from obb_collision.geometry.boxes import BoxArrays
 from obb_collision.numerics.constants import ROUNDOFF
 from obb_collision.numerics.vec3 import dot, dot_abs, minus, sum_abs
 from obb_collision.queries.verdict.pair_frame import Box, box_at
@@ -64,9 +65,7 @@ class Contents(NamedTuple):
     """What is found in cells: bounds and boxes, as given to ``build_grid``."""
 
     bounds: Floats
-    centers: Floats
-    axes: Floats
-    extents: Floats
+    boxes: BoxArrays
 
 
 @njit
@@ -80,12 +79,12 @@ def find_cell(frames: Floats, numbers: np.ndarray, g: int, x: float, y: float, z
 
 @njit
 def build_grid(
-    bounds: Floats, centers: Floats, axes: Floats, extents: Floats, effort: int
+    bounds: Floats, boxes: BoxArrays, effort: int
 ) -> tuple[np.ndarray, np.ndarray, Floats, np.ndarray]:
     """Return cells (m, 4), items, frames (k, 9) and numbers (k, 3) of a tree of grids over boxes.
 
-    bounds (n, 6): the least and largest corner of what must be found of a box; extents (n, 3):
-    half extents of a box with the same axes that holds it. effort: how many pairs of box and cell
+    bounds (n, 6): the least and largest corner of what must be found of a box, all of it in the
+    box. effort: how many pairs of box and cell
     to look at, more or less. Cell 0 is the root. A frame is the least corner, cells per metre,
     and the last cell number along each axis.
     """
@@ -96,7 +95,7 @@ def build_grid(
     frames, numbers = np.empty((1, 9)), np.empty((1, 3), np.int32)
     pairs = np.empty((64, 2), np.int32)
     used_cells, used_items, grids = 1, n, 0
-    contents = Contents(bounds, centers, axes, extents)
+    contents = Contents(bounds, boxes)
     cell = 0
     while cell < used_cells and effort > 0:
         start, count = cells[cell, START], cells[cell, COUNT]
@@ -239,7 +238,7 @@ def _enter(
     low_z, wide_z, slack_z = _row(frames, g, 2)
     half = 0.5 * wide_x + slack_x, 0.5 * wide_y + slack_y, 0.5 * wide_z + slack_z
     certain = first != last and math.isfinite(half[0] + half[1] + half[2])
-    box = box_at(contents.centers, contents.axes, contents.extents, item)
+    box = box_at(contents.boxes, item)
     for i in range(_place(numbers, g, first, 0), _place(numbers, g, last, 0) + 1):
         x = low_x + (i + 0.5) * wide_x
         for j in range(_place(numbers, g, first, 1), _place(numbers, g, last, 1) + 1):

@@ -181,9 +181,8 @@ def _grid(
     pad = (margin + REACH * size + 4.0 * UNDERFLOW)[:, None]
     minimum, maximum = boxes.world_bounds()
     bounds = np.concatenate([minimum - pad, maximum + pad], axis=1)
-    cells, items, frames, numbers = build_grid(
-        *(bounds, boxes.centers, boxes.rotations, boxes.half_extents + pad, int(EFFORT * points))
-    )
+    grown = boxes.arrays._replace(half_extents=boxes.half_extents + pad)
+    cells, items, frames, numbers = build_grid(bounds, grown, int(EFFORT * points))
     whole = np.concatenate(
         [bounds[:, :3].min(axis=0, initial=np.inf), bounds[:, 3:].max(axis=0, initial=-np.inf)]
     )

@@ -35,8 +35,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from obb_collision._jit import njit
-from obb_collision.geometry.boxes import Boxes
-from obb_collision.geometry.capsules import Capsules
+from obb_collision.geometry.boxes import BoxArrays, Boxes
+from obb_collision.geometry.capsules import CapsuleArrays, Capsules
 from obb_collision.numerics.constants import ROUNDOFF
 from obb_collision.numerics.vec3 import (
     careful_cross,
@@ -108,10 +108,19 @@ class Segments(NamedTuple):
 Distance = tuple[float, Vector, Vector, Vector]
 
 
+@njit(refcount=False)
+def capsule_at(capsules: CapsuleArrays, i: int) -> CapsuleAt:
+    """Return capsule i."""
+    return CapsuleAt(vector_at(capsules.starts, i), vector_at(capsules.ends, i), capsules.radii[i])
+
+
 @njit
-def capsule_at(starts: Floats, ends: Floats, radii: Floats, i: int) -> CapsuleAt:
-    """Return capsule i of arrays (n, 3), (n, 3), (n,)."""
-    return CapsuleAt(vector_at(starts, i), vector_at(ends, i), radii[i])
+def _write(found: Distance, n: int, distances: Floats, vectors: Floats) -> None:
+    """Write a separation (m,), and normal and nearest points (3, m, 3)."""
+    distances[n] = found[0]
+    for k in range(3):
+        vectors[0, n, k] = found[1][k]
+        vectors[1, n, k], vectors[2, n, k] = found[2][k], found[3][k]
 
 
 @njit
@@ -130,13 +139,11 @@ def _about_box(a: CapsuleAt, b: Box) -> SegmentAndBox:
 
 @njit
 def box_verdicts_kernel(
-    starts: Floats, ends: Floats, radii: Floats, rows_a: np.ndarray,
-    centers: Floats, axes: Floats, half: Floats, rows_b: np.ndarray, out: np.ndarray,
-) -> None:  # fmt: skip
+    a: CapsuleArrays, rows_a: np.ndarray, b: BoxArrays, rows_b: np.ndarray, out: np.ndarray
+) -> None:
     """Write the verdict (m,) of each capsule rows_a[n] against box rows_b[n]."""
     for n in range(len(rows_a)):
-        a, b = capsule_at(starts, ends, radii, rows_a[n]), box_at(centers, axes, half, rows_b[n])
-        out[n] = _box_verdict(a, b)
+        out[n] = _box_verdict(capsule_at(a, rows_a[n]), box_at(b, rows_b[n]))
 
 
 @njit
@@ -161,18 +168,13 @@ def _box_verdict(a: CapsuleAt, b: Box) -> int:
 
 @njit
 def box_distances_kernel(
-    starts: Floats, ends: Floats, radii: Floats, rows_a: np.ndarray,
-    centers: Floats, axes: Floats, half: Floats, rows_b: np.ndarray,
-    separations: Floats, normals: Floats, positions_a: Floats, positions_b: Floats,
+    a: CapsuleArrays, rows_a: np.ndarray, b: BoxArrays, rows_b: np.ndarray,
+    distances: Floats, vectors: Floats,
 ) -> None:  # fmt: skip
-    """Write separation (m,), normal, points (m, 3) of capsule rows_a[n] and box rows_b[n]."""
+    """Write separation, and normal and points, of capsule rows_a[n] and box rows_b[n]."""
     for n in range(len(rows_a)):
-        a, b = capsule_at(starts, ends, radii, rows_a[n]), box_at(centers, axes, half, rows_b[n])
-        found = _box_distance(a, b)
-        separations[n] = found[0]
-        for k in range(3):
-            normals[n, k] = found[1][k]
-            positions_a[n, k], positions_b[n, k] = found[2][k], found[3][k]
+        found = _box_distance(capsule_at(a, rows_a[n]), box_at(b, rows_b[n]))
+        _write(found, n, distances, vectors)
 
 
 @njit
@@ -213,13 +215,11 @@ def _about_start(a: CapsuleAt, b: CapsuleAt) -> Segments:
 
 @njit
 def capsule_verdicts_kernel(
-    starts_a: Floats, ends_a: Floats, radii_a: Floats, rows_a: np.ndarray,
-    starts_b: Floats, ends_b: Floats, radii_b: Floats, rows_b: np.ndarray, out: np.ndarray,
-) -> None:  # fmt: skip
+    a: CapsuleArrays, rows_a: np.ndarray, b: CapsuleArrays, rows_b: np.ndarray, out: np.ndarray
+) -> None:
     """Write the verdict (m,) of each capsule rows_a[n] of a against rows_b[n] of b."""
     for n in range(len(rows_a)):
-        a = capsule_at(starts_a, ends_a, radii_a, rows_a[n])
-        out[n] = _capsule_verdict(a, capsule_at(starts_b, ends_b, radii_b, rows_b[n]))
+        out[n] = _capsule_verdict(capsule_at(a, rows_a[n]), capsule_at(b, rows_b[n]))
 
 
 @njit
@@ -238,18 +238,13 @@ def _capsule_verdict(a: CapsuleAt, b: CapsuleAt) -> int:
 
 @njit
 def capsule_distances_kernel(
-    starts_a: Floats, ends_a: Floats, radii_a: Floats, rows_a: np.ndarray,
-    starts_b: Floats, ends_b: Floats, radii_b: Floats, rows_b: np.ndarray,
-    separations: Floats, normals: Floats, positions_a: Floats, positions_b: Floats,
+    a: CapsuleArrays, rows_a: np.ndarray, b: CapsuleArrays, rows_b: np.ndarray,
+    distances: Floats, vectors: Floats,
 ) -> None:  # fmt: skip
-    """Write separation (m,), normal and points (m, 3) of capsules rows_a[n] and rows_b[n]."""
+    """Write separation, and normal and points, of capsules rows_a[n] and rows_b[n]."""
     for n in range(len(rows_a)):
-        a = capsule_at(starts_a, ends_a, radii_a, rows_a[n])
-        found = _capsule_distance(a, capsule_at(starts_b, ends_b, radii_b, rows_b[n]))
-        separations[n] = found[0]
-        for k in range(3):
-            normals[n, k] = found[1][k]
-            positions_a[n, k], positions_b[n, k] = found[2][k], found[3][k]
+        found = _capsule_distance(capsule_at(a, rows_a[n]), capsule_at(b, rows_b[n]))
+        _write(found, n, distances, vectors)
 
 
 @njit
@@ -299,15 +294,8 @@ def capsule_pair_verdicts(
 ) -> Verdicts:
     """Return the verdicts of ``a[rows_a[n]]`` against ``b[rows_b[n]]``, (n,) int8."""
     out = np.empty(len(rows_a), np.int8)
-    if isinstance(b, Boxes):
-        box_verdicts_kernel(
-            a.starts, a.ends, a.radii, rows_a,
-            b.centers, b.rotations, b.half_extents, rows_b, out,
-        )  # fmt: skip
-    else:
-        capsule_verdicts_kernel(
-            a.starts, a.ends, a.radii, rows_a, b.starts, b.ends, b.radii, rows_b, out
-        )
+    kernel = box_verdicts_kernel if isinstance(b, Boxes) else capsule_verdicts_kernel
+    kernel(a.arrays, rows_a, b.arrays, rows_b, out)
     return out
 
 
@@ -326,13 +314,8 @@ def capsule_clearances(
     limit, rows = as_limit(max_distance), as_pairs(a, b, pairs)
     first, second = np.ascontiguousarray(rows.T)
     distances, vectors = np.empty(len(rows)), np.empty((3, len(rows), 3))
-    capsules = a.starts, a.ends, a.radii, first
-    if isinstance(b, Boxes):
-        box = b.centers, b.rotations, b.half_extents, second
-        box_distances_kernel(*capsules, *box, distances, *vectors)
-    else:
-        other = b.starts, b.ends, b.radii, second
-        capsule_distances_kernel(*capsules, *other, distances, *vectors)
+    kernel = box_distances_kernel if isinstance(b, Boxes) else capsule_distances_kernel
+    kernel(a.arrays, first, b.arrays, second, distances, vectors)
     near = distances <= limit
     normals, first_positions, second_positions = vectors[:, near]
     return Clearances(rows[near], distances[near], first_positions, second_positions, normals)

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from obb_collision._jit import njit
-from obb_collision.geometry.boxes import Boxes
+from obb_collision.geometry.boxes import BoxArrays, Boxes
 from obb_collision.geometry.validation import ArrayValue, as_array, check_lengths, refuse_where
 from obb_collision.numerics.constants import CAREFUL_BOUND, UNDERFLOW
 from obb_collision.numerics.vec3 import (
@@ -93,20 +93,19 @@ def half_space_separations(
     rows = as_pairs(a, b, pairs)
     heights, bounds = np.empty((2, len(rows)))
     normals, places = np.empty((2, len(rows), 3))
-    box = a.centers, a.rotations, a.half_extents
-    _height_kernel(*box, b.points, b.normals, rows, heights, bounds, normals, places)
+    _height_kernel(a.arrays, b.points, b.normals, rows, heights, bounds, normals, places)
     verdicts = np.select([heights > bounds, heights < -bounds], [SEPARATE, OVERLAP], TOUCHING)
     return CertifiedSeparations(rows, heights, normals, places, verdicts.astype(np.int8))
 
 
 @njit
 def _height_kernel(
-    centers: Floats, axes: Floats, half_extents: Floats, points: Floats, normals: Floats,
-    pairs: np.ndarray, heights: Floats, bounds: Floats, down: Floats, places: Floats,
+    boxes: BoxArrays, points: Floats, normals: Floats, pairs: np.ndarray,
+    heights: Floats, bounds: Floats, down: Floats, places: Floats,
 ) -> None:  # fmt: skip
     """Write the least height of each box, its error bound, the way down, and a place near both."""
     for row in range(len(pairs)):
-        box = box_at(centers, axes, half_extents, pairs[row, 0])
+        box = box_at(boxes, pairs[row, 0])
         point, normal = vector_at(points, pairs[row, 1]), vector_at(normals, pairs[row, 1])
         heights[row], bounds[row], n, place = _lowest(point, normal, box)
         for k in range(3):

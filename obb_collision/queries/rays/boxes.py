@@ -24,6 +24,7 @@ from typing import NamedTuple
 import numpy as np
 
 from obb_collision._jit import njit
+from obb_collision.geometry.boxes import BoxArrays
 from obb_collision.numerics.constants import PARALLEL, ROUNDOFF, UNDERFLOW
 from obb_collision.numerics.vec3 import (
     axis_of,
@@ -153,14 +154,6 @@ class BoundsTree(NamedTuple):
     entries: Floats  #: (STACK,) where the ray enters them
 
 
-class BoxArrays(NamedTuple):
-    """Boxes, as arrays."""
-
-    centers: Floats
-    rotations: Floats
-    half_extents: Floats
-
-
 @njit
 def hit_box(ray: Ray, box: Box) -> tuple[float, int]:
     """Return the distance at which a ray hits a box, infinity if not within reach, and the axis.
@@ -233,14 +226,13 @@ def _normal(ray: Ray, across: Vector, axis: int) -> Vector:
 @njit
 def _nearest(ray: Ray, boxes: BoxArrays, tree: BoundsTree) -> tuple[int, float, int]:
     """Return the nearest box, its distance and the axis of its face; -1, infinity, -1 for none."""
-    centers, rotations, half_extents = boxes
     box, best, axis = -1, np.inf, -1
     leaf, depth = next_leaf(ray, best, tree, start_walk(ray, tree))
     while leaf >= 0:
         start, count = tree.nodes[leaf, START], tree.nodes[leaf, COUNT]
         for m in range(start, start + count):
             b = tree.order[m]
-            distance, face = hit_box(ray, box_at(centers, rotations, half_extents, b))
+            distance, face = hit_box(ray, box_at(boxes, b))
             if distance < best or (distance == best and b < box):
                 box, best, axis = b, distance, face
         leaf, depth = next_leaf(ray, best, tree, depth)

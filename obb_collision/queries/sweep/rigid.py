@@ -43,6 +43,7 @@ from typing import NamedTuple
 import numpy as np
 
 from obb_collision._jit import njit
+from obb_collision.geometry.boxes import BoxArrays
 from obb_collision.numerics.constants import ROUNDOFF
 from obb_collision.numerics.vec3 import axes_of, cross, dot, minus, norm, plus, scaled, vector_at
 from obb_collision.queries.sweep.bounds import (
@@ -238,12 +239,11 @@ def _fill_slice(
     return angle, skew * motion.reaches[i] * course.scale
 
 
-@njit
+@njit(refcount=False)
 def _touch(motion: Motion, i: int, j: int) -> bool:
     """Return whether two boxes are not certainly apart at time 0."""
-    starts, rotations, half_extents = motion.starts, motion.rotations, motion.half_extents
-    a, b = box_at(starts, rotations, half_extents, i), box_at(starts, rotations, half_extents, j)
-    return careful_verdict(a, b) != SEPARATE
+    boxes = BoxArrays(motion.starts, motion.rotations, motion.half_extents)
+    return careful_verdict(box_at(boxes, i), box_at(boxes, j)) != SEPARATE
 
 
 @njit

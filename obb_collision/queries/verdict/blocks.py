@@ -24,10 +24,12 @@ carefully. Pairs with more than one are left to ``largest_gap``.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from obb_collision._jit import njit
+from obb_collision.geometry.boxes import BoxArrays
 from obb_collision.numerics.constants import FAST_BOUND, PARALLEL, UNDERFLOW
 from obb_collision.numerics.intrinsics import fetch_pairs
 from obb_collision.numerics.vec3 import (
@@ -67,22 +69,28 @@ BLOCK = 64
 OFFSET, AXES_A, AXES_B, EXTENTS_A, EXTENTS_B, GAP, BOUND, ROWS = 0, 3, 12, 21, 24, 27, 28, 29
 
 
-@njit
-def gather(
-    centers_a: Floats, rotations_a: Floats, half_extents_a: Floats, rows_a: np.ndarray,
-    centers_b: Floats, rotations_b: Floats, half_extents_b: Floats, rows_b: np.ndarray,
-    start: int, count: int, block: Floats,
-) -> None:  # fmt: skip
-    """Write pairs ``start`` to ``start + count`` of rows into a block (ROWS, BLOCK)."""
+class RowPairs(NamedTuple):
+    """Pairs of boxes: box ``rows_a[n]`` of a with box ``rows_b[n]`` of b."""
+
+    a: BoxArrays
+    rows_a: np.ndarray
+    b: BoxArrays
+    rows_b: np.ndarray
+
+
+@njit(refcount=False)
+def gather(pairs: RowPairs, start: int, count: int, block: Floats) -> None:
+    """Write pairs ``start`` to ``start + count`` into a block (ROWS, BLOCK)."""
+    (a, rows_a, b, rows_b) = pairs
     for n in range(count):
         i, j = rows_a[start + n], rows_b[start + n]
         for k in range(3):
-            block[OFFSET + k, n] = centers_b[j, k] - centers_a[i, k]
-            block[EXTENTS_A + k, n] = half_extents_a[i, k]
-            block[EXTENTS_B + k, n] = half_extents_b[j, k]
+            block[OFFSET + k, n] = b.centers[j, k] - a.centers[i, k]
+            block[EXTENTS_A + k, n] = a.half_extents[i, k]
+            block[EXTENTS_B + k, n] = b.half_extents[j, k]
             for m in range(3):
-                block[AXES_A + 3 * k + m, n] = rotations_a[i, m, k]
-                block[AXES_B + 3 * k + m, n] = rotations_b[j, m, k]
+                block[AXES_A + 3 * k + m, n] = a.rotations[i, m, k]
+                block[AXES_B + 3 * k + m, n] = b.rotations[j, m, k]
 
 
 @njit
@@ -132,26 +140,19 @@ PLACE, SETTLED, GOING = 39, 42, 43
 
 @njit
 def witness_kernel(
-    centers: Floats,
-    rotations: Floats,
-    half_extents: Floats,
-    pairs: np.ndarray,
-    gaps: Floats,
-    axes: Floats,
-    points: Floats,
-    start: int,
-    stop: int,
-) -> None:
+    boxes: BoxArrays, pairs: np.ndarray, gaps: Floats, axes: Floats, points: Floats,
+    start: int, stop: int,
+) -> None:  # fmt: skip
     """Write gap (m,), axis (m, 3) and a point (m, 3) of the contact of some pairs of (m, 2)."""
     block = np.empty((ALL_ROWS, BLOCK))
     columns = np.empty(BLOCK, np.int64)
     for first in range(start, stop, BLOCK):
         count = min(BLOCK, stop - first)
-        witness_block(centers, rotations, half_extents, pairs, first, count, block)
+        witness_block(boxes, pairs, first, count, block)
         _common_points(block, count, columns)
         for n in range(count):
             point = combined(axes_in(block, AXES_A, n), vector_in(block, POINT, n))
-            point = plus(vector_at(centers, pairs[first + n, 0]), point)
+            point = plus(vector_at(boxes.centers, pairs[first + n, 0]), point)
             gaps[first + n] = block[LARGEST, n]
             for k in range(3):
                 axes[first + n, k], points[first + n, k] = block[NORMAL + k, n], point[k]
@@ -159,18 +160,14 @@ def witness_kernel(
 
 @njit(inline=True)
 def witness_block(
-    centers: Floats, rotations: Floats, half_extents: Floats, pairs: np.ndarray,
-    start: int, count: int, block: Floats,
-) -> None:  # fmt: skip
+    boxes: BoxArrays, pairs: np.ndarray, start: int, count: int, block: Floats
+) -> None:
     """Write gap, unit axis and its number of some pairs of (m, 2), and the boxes in the frame of a.
 
     block (ROWS, BLOCK).
     """
-    gather(
-        centers, rotations, half_extents, pairs[:, 0],
-        centers, rotations, half_extents, pairs[:, 1], start, count, block,
-    )  # fmt: skip
-    fetch_pairs(centers, rotations, half_extents, pairs, start + count, start + 2 * count)
+    gather(RowPairs(boxes, pairs[:, 0], boxes, pairs[:, 1]), start, count, block)
+    fetch_pairs(boxes, pairs, start + count, start + 2 * count)
     _bound_axes(block, count)
     for n in range(count):
         number, axes = 0, int(block[POSSIBLE, n])
@@ -185,8 +182,7 @@ def witness_block(
         number, axes = int(block[NUMBER, n]), int(block[POSSIBLE, n])
         if axes == 1 << number and block[LARGEST, n] > -np.inf:
             continue
-        a = box_at(centers, rotations, half_extents, pairs[start + n, 0])
-        b = box_at(centers, rotations, half_extents, pairs[start + n, 1])
+        a, b = box_at(boxes, pairs[start + n, 0]), box_at(boxes, pairs[start + n, 1])
         block[LARGEST, n], axis, number = largest_gap(a, b, axes)
         write_in(block, NORMAL, n, axis)
         block[NUMBER, n] = number

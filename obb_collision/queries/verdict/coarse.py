@@ -31,7 +31,7 @@ import numpy as np
 
 from obb_collision._jit import njit
 from obb_collision._threads import run
-from obb_collision.geometry.boxes import Boxes, world_bounds_of
+from obb_collision.geometry.boxes import BoxArrays, Boxes, world_bounds_of
 from obb_collision.numerics.constants import FAST_BOUND, ROUNDOFF, UNDERFLOW
 from obb_collision.numerics.vec3 import minus, norm, rows_at, sum_abs, vector_at
 from obb_collision.queries.verdict.pair_frame import Pair, box_at, pair_of
@@ -52,10 +52,8 @@ FEWEST_BOXES = 2048
 def meeting_bounds(boxes: Boxes) -> tuple[Floats, Floats]:
     """Return minimum and maximum (n, 3) of bounds which overlap for all boxes not SEPARATE."""
     minimum, maximum = np.empty((len(boxes), 3)), np.empty((len(boxes), 3))
-    run(
-        *(bounds_kernel, len(boxes), FEWEST_BOXES, boxes.centers, boxes.rotations),
-        *(boxes.half_extents, np.arange(len(boxes)), minimum, maximum),
-    )
+    rows = np.arange(len(boxes))
+    run(bounds_kernel, len(boxes), FEWEST_BOXES, boxes.arrays, rows, minimum, maximum)
     return minimum, maximum
 
 
@@ -91,16 +89,16 @@ def bounds_may_collide(boxes: Boxes, rows_a: Integers, rows_b: Integers) -> Mask
 def faces_may_collide(boxes: Boxes, rows_a: Integers, rows_b: Integers) -> Mask:
     """Return (m,) whether none of the six face normals separates two boxes certainly."""
     out = np.empty(len(rows_a), np.bool_)
-    _faces_kernel(boxes.centers, boxes.rotations, boxes.half_extents, rows_a, rows_b, out)
+    _faces_kernel(boxes.arrays, rows_a, rows_b, out)
     return out
 
 
 @njit
 def bounds_kernel(
-    centers: Floats, rotations: Floats, half_extents: Floats, rows: np.ndarray,
-    minimum: Floats, maximum: Floats, start: int, stop: int,
-) -> None:  # fmt: skip
+    boxes: BoxArrays, rows: np.ndarray, minimum: Floats, maximum: Floats, start: int, stop: int
+) -> None:
     """Write the ``meeting_bounds`` of rows ``rows[start:stop]`` to the same rows."""
+    centers, rotations, half_extents = boxes
     for number in range(start, stop):
         n = rows[number]
         low, high = world_bounds_of(
@@ -143,13 +141,11 @@ def _spheres_touch(offset: Vector, h: Vector, f: Vector) -> bool:
 
 @njit
 def _faces_kernel(
-    centers: Floats, axes: Floats, half_extents: Floats,
-    rows_a: np.ndarray, rows_b: np.ndarray, out: np.ndarray,
-) -> None:  # fmt: skip
+    boxes: BoxArrays, rows_a: np.ndarray, rows_b: np.ndarray, out: np.ndarray
+) -> None:
     for n in range(len(rows_a)):
-        a = box_at(centers, axes, half_extents, rows_a[n])
-        b = box_at(centers, axes, half_extents, rows_b[n])
-        out[n] = not faces_separate(*pair_of(a, b))
+        pair, size = pair_of(box_at(boxes, rows_a[n]), box_at(boxes, rows_b[n]))
+        out[n] = not faces_separate(pair, size)
 
 
 @njit

@@ -38,9 +38,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from obb_collision._jit import njit
-from obb_collision.geometry.boxes import Boxes, box_volumes
+from obb_collision.geometry.boxes import BoxArrays, Boxes, box_volumes
 from obb_collision.numerics.constants import ROUNDOFF
-from obb_collision.numerics.vec3 import dot, dot_abs
+from obb_collision.numerics.vec3 import dot, dot_abs, vector_at
 from obb_collision.queries.verdict.pair_frame import Pair, box_at, enter_frame
 from obb_collision.queries.verdict.pair_rows import as_pairs, check_boxes, one_set
 from obb_collision.queries.verdict.verdict import OVERLAP, pair_verdicts
@@ -120,10 +120,8 @@ def _overlaps(a: Boxes, b: Boxes, pairs: ArrayLike | None) -> tuple[Floats, Floa
     overlap = pair_verdicts(a, rows[:, 0].copy(), b, rows[:, 1].copy()) == OVERLAP
     boxes, rows = one_set(a, b, rows)
     volumes, ratios = np.empty(len(rows)), np.empty(len(rows))
-    overlap_kernel(
-        *(boxes.centers, boxes.rotations, boxes.half_extents, box_volumes(boxes.half_extents)),
-        *(rows, overlap, volumes, ratios),
-    )
+    sizes = box_volumes(boxes.half_extents)
+    overlap_kernel(boxes.arrays, sizes, rows, overlap, volumes, ratios)
     return volumes, ratios
 
 
@@ -143,8 +141,8 @@ LEAST = 5e-324
 
 @njit
 def overlap_kernel(
-    centers: Floats, rotations: Floats, half_extents: Floats, sizes: Floats,
-    pairs: np.ndarray, overlap: np.ndarray, volumes: Floats, ratios: Floats,
+    boxes: BoxArrays, sizes: Floats, pairs: np.ndarray, overlap: np.ndarray,
+    volumes: Floats, ratios: Floats,
 ) -> None:  # fmt: skip
     """Write overlap volume and intersection over union of each pair (m, 2).
 
@@ -156,13 +154,12 @@ def overlap_kernel(
     for n in range(len(pairs)):
         i, j = pairs[n, 0], pairs[n, 1]
         volumes[n] = ratios[n] = 0.0
-        if _same_set(centers, rotations, half_extents, i, j):
+        if _same_set(boxes, i, j):
             volumes[n], ratios[n] = sizes[i], 1.0
-        elif overlap[n] and _is_solid(half_extents, i) and _is_solid(half_extents, j):
-            if _comes_before(centers, rotations, half_extents, sizes, j, i):
+        elif overlap[n] and _is_solid(boxes, i) and _is_solid(boxes, j):
+            if _comes_before(boxes, sizes, j, i):
                 i, j = j, i
-            a = box_at(centers, rotations, half_extents, i)
-            pair, _, scale = enter_frame(a, box_at(centers, rotations, half_extents, j))
+            pair, _, scale = enter_frame(box_at(boxes, i), box_at(boxes, j))
             size, other = _volume_of(pair.h), _volume_of(pair.f)
             common = min(_clipped_volume(pair, edges, counts, cuts), size, other)
             larger, smaller = max(size, other), min(size, other)
@@ -172,9 +169,10 @@ def overlap_kernel(
             ratios[n] = max(ratios[n], LEAST)
 
 
-@njit
-def _is_solid(half_extents: Floats, i: int) -> bool:
-    return half_extents[i, 0] > 0.0 and half_extents[i, 1] > 0.0 and half_extents[i, 2] > 0.0
+@njit(refcount=False)
+def _is_solid(boxes: BoxArrays, i: int) -> bool:
+    x, y, z = vector_at(boxes.half_extents, i)
+    return x > 0.0 and y > 0.0 and z > 0.0
 
 
 @njit
@@ -185,9 +183,10 @@ def _volume_of(h: Vector) -> float:
     return (2.0 * small) * (2.0 * middle) * (2.0 * large)
 
 
-@njit
-def _same_set(centers: Floats, rotations: Floats, half_extents: Floats, i: int, j: int) -> bool:
+@njit(refcount=False)
+def _same_set(boxes: BoxArrays, i: int, j: int) -> bool:
     """Return whether two boxes are the same set: axes may be swapped and reversed."""
+    centers, rotations, half_extents = boxes
     flat_i, flat_j = 0, 0
     for k in range(3):
         if centers[i, k] != centers[j, k]:
@@ -215,11 +214,10 @@ def _parallel(rotations: Floats, i: int, k: int, j: int, m: int) -> bool:
     return same or reverse
 
 
-@njit
-def _comes_before(
-    centers: Floats, rotations: Floats, half_extents: Floats, sizes: Floats, i: int, j: int
-) -> bool:
+@njit(refcount=False)
+def _comes_before(boxes: BoxArrays, sizes: Floats, i: int, j: int) -> bool:
     """Order boxes by volume, then by their numbers: one is always clipped, the smaller."""
+    centers, rotations, half_extents = boxes
     if sizes[i] != sizes[j]:
         return bool(sizes[i] < sizes[j])
     for k in range(3):

@@ -20,6 +20,7 @@ import math
 from typing import NamedTuple
 
 from obb_collision._jit import njit
+from obb_collision.geometry.boxes import BoxArrays
 from obb_collision.numerics.vec3 import (
     axes_of,
     clamped,
@@ -59,10 +60,12 @@ class Pair(NamedTuple):
     f: Vector  #: half extents of b
 
 
-@njit
-def box_at(centers: Floats, rotations: Floats, half_extents: Floats, i: int) -> Box:
-    """Return box i of arrays (n, 3), (n, 3, 3), (n, 3)."""
-    return Box(vector_at(centers, i), axes_of(rotations, i), vector_at(half_extents, i))
+@njit(refcount=False)
+def box_at(boxes: BoxArrays, i: int) -> Box:
+    """Return box i."""
+    return Box(
+        vector_at(boxes.centers, i), axes_of(boxes.rotations, i), vector_at(boxes.half_extents, i)
+    )
 
 
 @njit

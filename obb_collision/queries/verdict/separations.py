@@ -73,9 +73,6 @@ def box_separations(a: Boxes, b: Boxes, pairs: ArrayLike | None = None) -> Certi
 def pair_separations(boxes: Boxes, pairs: Integers) -> Separations:
     """Return the separation of each pair (m, 2) of rows of boxes, as ``witness`` has it."""
     found = Separations.blank(pairs)
-    run(
-        *(witness_kernel, len(pairs), FEWEST_PAIRS),
-        *(boxes.centers, boxes.rotations, boxes.half_extents, pairs),
-        *(found.separations, found.normals, found.positions),
-    )
+    out = found.separations, found.normals, found.positions
+    run(witness_kernel, len(pairs), FEWEST_PAIRS, boxes.arrays, pairs, *out)
     return found

@@ -49,7 +49,15 @@ from obb_collision.numerics.exact import dot as exact_dot
 from obb_collision.numerics.exact import exact_axes, exact_integers
 from obb_collision.numerics.intrinsics import fetch_box
 from obb_collision.numerics.vec3 import minus, norm
-from obb_collision.queries.verdict.blocks import BLOCK, BOUND, GAP, ROWS, bound_block, gather
+from obb_collision.queries.verdict.blocks import (
+    BLOCK,
+    BOUND,
+    GAP,
+    ROWS,
+    RowPairs,
+    bound_block,
+    gather,
+)
 from obb_collision.queries.verdict.pair_frame import Box, Pair, box_at, pair_of
 from obb_collision.queries.verdict.pair_rows import as_sides
 from obb_collision.queries.verdict.sat import (
@@ -105,11 +113,8 @@ def pair_verdicts(
 ) -> Verdicts:
     """Return the verdicts of ``a[rows_a[n]]`` against ``b[rows_b[n]]``, (n,) int8."""
     result = np.empty(len(rows_a), np.int8)
-    run(
-        *(verdict_kernel, len(result), FEWEST_PAIRS),
-        *(a.centers, a.rotations, a.half_extents, rows_a),
-        *(b.centers, b.rotations, b.half_extents, rows_b, result),
-    )
+    pairs = RowPairs(a.arrays, rows_a, b.arrays, rows_b)
+    run(verdict_kernel, len(result), FEWEST_PAIRS, pairs, result)
     if exact:
         decide_exactly(a, rows_a, b, rows_b, result)
     return result
@@ -124,37 +129,20 @@ def decide_exactly(
 
 
 @njit
-def verdict_kernel(
-    centers_a: Floats, rotations_a: Floats, half_extents_a: Floats, rows_a: np.ndarray,
-    centers_b: Floats, rotations_b: Floats, half_extents_b: Floats, rows_b: np.ndarray,
-    out: np.ndarray, start: int, stop: int,
-) -> None:  # fmt: skip
-    """Write the certified verdicts of pairs ``start`` to ``stop`` of rows, as ``box_verdict``.
-
-    centers (n, 3), rotations (n, 3, 3), half extents (n, 3) of both sides; rows and out (m,).
-    """
+def verdict_kernel(pairs: RowPairs, out: np.ndarray, start: int, stop: int) -> None:
+    """Write the certified verdicts (m,) of pairs ``start`` to ``stop``, as ``box_verdict``."""
     block = np.empty((ROWS, BLOCK))
     for first in range(start, stop, BLOCK):
         for n in range(first + BLOCK, min(first + 2 * BLOCK, stop)):  # the next ones
-            fetch_box(centers_a, rotations_a, half_extents_a, rows_a[n])
-            fetch_box(centers_b, rotations_b, half_extents_b, rows_b[n])
-        decide_block(
-            centers_a, rotations_a, half_extents_a, rows_a, centers_b, rotations_b, half_extents_b,
-            rows_b, first, min(BLOCK, stop - first), block, out,
-        )  # fmt: skip
+            fetch_box(pairs.a, pairs.rows_a[n])
+            fetch_box(pairs.b, pairs.rows_b[n])
+        decide_block(pairs, first, min(BLOCK, stop - first), block, out)
 
 
-@njit
-def decide_block(
-    centers_a: Floats, rotations_a: Floats, half_extents_a: Floats, rows_a: np.ndarray,
-    centers_b: Floats, rotations_b: Floats, half_extents_b: Floats, rows_b: np.ndarray,
-    first: int, count: int, block: Floats, out: np.ndarray,
-) -> None:  # fmt: skip
-    """Write the verdicts of ``count`` pairs of rows from ``first`` on, at most BLOCK."""
-    gather(
-        centers_a, rotations_a, half_extents_a, rows_a,
-        centers_b, rotations_b, half_extents_b, rows_b, first, count, block,
-    )  # fmt: skip
+@njit(refcount=False)
+def decide_block(pairs: RowPairs, first: int, count: int, block: Floats, out: np.ndarray) -> None:
+    """Write the verdicts of ``count`` pairs from ``first`` on, at most BLOCK."""
+    gather(pairs, first, count, block)
     bound_block(block, count)
     for n in range(first, first + count):
         gap, bound = block[GAP, n - first], block[BOUND, n - first]
@@ -163,8 +151,8 @@ def decide_block(
         elif gap < -bound:
             out[n] = OVERLAP
         else:
-            a = box_at(centers_a, rotations_a, half_extents_a, rows_a[n])
-            out[n] = box_verdict(a, box_at(centers_b, rotations_b, half_extents_b, rows_b[n]))
+            a = box_at(pairs.a, pairs.rows_a[n])
+            out[n] = box_verdict(a, box_at(pairs.b, pairs.rows_b[n]))
 
 
 @njit

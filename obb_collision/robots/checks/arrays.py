@@ -27,6 +27,7 @@ from typing import NamedTuple
 import numpy as np
 
 from obb_collision._jit import njit
+from obb_collision.geometry.boxes import BoxArrays
 from obb_collision.geometry.poses import rotation_of
 from obb_collision.numerics.constants import MESH_UNDERFLOW, ROUNDOFF
 from obb_collision.numerics.vec3 import axes_of, components, rows_at, sum_abs, vector_at
@@ -172,4 +173,4 @@ def placed_box(bodies: LinkBodies, placed: Placed, i: int) -> Box:
         x, y, z = components(turn, x), components(turn, y), components(turn, z)
         for k in range(3):
             axes[i, k, 0], axes[i, k, 1], axes[i, k, 2] = x[k], y[k], z[k]
-    return box_at(placed.centers, axes, bodies.half_extents, i)
+    return box_at(BoxArrays(placed.centers, axes, bodies.half_extents), i)

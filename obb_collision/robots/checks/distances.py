@@ -28,6 +28,7 @@ import numpy as np
 from obb_collision._jit import njit
 from obb_collision._threads import run
 from obb_collision.accuracy import Accuracy
+from obb_collision.geometry.boxes import BoxArrays
 from obb_collision.geometry.trees.pool import Hulls
 from obb_collision.numerics.vec3 import dot, minus, norm, vector_at
 from obb_collision.queries.convex.depth import Polytope, room_for_depth
@@ -153,7 +154,7 @@ def _bound_all(
         d = minus(vector_at(placed.centers, j), vector_at(placed.centers, i))
         lower[m] = np.sqrt(dot(d, d)) - spheres[i] - spheres[j]
         if j >= tests.first:
-            box = box_at(placed.centers, placed.axes, bodies.half_extents, j)
+            box = box_at(BoxArrays(placed.centers, placed.axes, bodies.half_extents), j)
             square = square_distance(box, d)
             if square > 0.0:
                 lower[m] = max(lower[m], np.sqrt(square) - spheres[i])

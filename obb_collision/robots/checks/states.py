@@ -31,6 +31,7 @@ import numpy as np
 from obb_collision._jit import njit
 from obb_collision._threads import run
 from obb_collision.accuracy import Accuracy
+from obb_collision.geometry.boxes import BoxArrays
 from obb_collision.numerics.vec3 import (
     components,
     dot,
@@ -85,6 +86,7 @@ def gather(checked: Checked, placed: Placed, near: PairValues, row: int, stop: b
     bodies, tests = checked.bodies, checked.tests
     nodes, starts, order = tests.nodes, tests.levels, tests.order
     centers, spheres, inner = placed.centers, bodies.spheres, bodies.inner
+    world = BoxArrays(centers, placed.axes, bodies.half_extents)
     blocks, levels = placed.waiting[0], placed.waiting[1]
     candidates, limits, grown = placed.candidates, placed.grown, near.bodies
     allowed, ruled = tests.allowed, len(tests.allowed) > 0
@@ -115,7 +117,7 @@ def gather(checked: Checked, placed: Placed, near: PairValues, row: int, stop: b
                     depth += 1
                     continue
                 j = tests.first + order[child]
-                b = box_at(centers, placed.axes, bodies.half_extents, j)
+                b = box_at(world, j)
                 for i in range(first, last):
                     if ruled and allowed[i, order[child]]:
                         continue

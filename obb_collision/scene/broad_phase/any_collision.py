@@ -19,7 +19,7 @@ from __future__ import annotations
 import numpy as np
 
 from obb_collision._jit import njit
-from obb_collision.geometry.boxes import Boxes
+from obb_collision.geometry.boxes import BoxArrays, Boxes
 from obb_collision.geometry.validation import as_flag, check_kind
 from obb_collision.numerics.vec3 import vector_at
 from obb_collision.queries.verdict.coarse import meeting_bounds
@@ -70,12 +70,9 @@ def find_first(a: Boxes, b: Boxes | None, exact: bool) -> tuple[bool, int]:
     tree = BoundsTree.build(*meeting_bounds(others))
     low, high = (tree.minimum, tree.maximum) if b is None else meeting_bounds(a)
     place = np.zeros(3, np.int64)
-    sides = (
-        *(a.centers, a.rotations, a.half_extents),
-        *(others.centers, others.rotations, others.half_extents),
-    )
+    both = a.arrays, others.arrays
     while True:
-        other, verdict = _first_kernel(low, high, *tree, *sides, b is None, place)
+        other, verdict = _first_kernel(low, high, *tree, *both, b is None, place)
         if other < 0:
             return False, int(place[2])
         if verdict == OVERLAP or not exact:
@@ -88,9 +85,7 @@ def find_first(a: Boxes, b: Boxes | None, exact: bool) -> tuple[bool, int]:
 def _first_kernel(
     own_minimum: Floats, own_maximum: Floats,
     minimum: Floats, maximum: Floats, order: np.ndarray, nodes: Floats, starts: np.ndarray,
-    centers_a: Floats, rotations_a: Floats, half_extents_a: Floats,
-    centers_b: Floats, rotations_b: Floats, half_extents_b: Floats,
-    same: bool, place: np.ndarray,
+    a: BoxArrays, b: BoxArrays, same: bool, place: np.ndarray,
 ) -> tuple[int, int]:  # fmt: skip
     """Return the next row of b that collides with the row ``place[0]`` of a, and the verdict.
 
@@ -103,11 +98,11 @@ def _first_kernel(
         low, high = vector_at(own_minimum, row), vector_at(own_maximum, row)
         least = row + 1 if same else 0
         reached = overlapping(minimum, maximum, order, nodes, starts, low, high, least, column)
-        a = box_at(centers_a, rotations_a, half_extents_a, row)
+        box = box_at(a, row)
         for other in column[place[1] : reached]:
             place[1] += 1
             place[2] += 1
-            verdict = box_verdict(a, box_at(centers_b, rotations_b, half_extents_b, other))
+            verdict = box_verdict(box, box_at(b, other))
             if verdict != SEPARATE:
                 return other, verdict
         place[0], place[1] = row + 1, 0

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from obb_collision._jit import njit
 from obb_collision._threads import ranges, run_parts
 from obb_collision.accuracy import Accuracy, as_box_accuracy
-from obb_collision.geometry.boxes import Boxes
+from obb_collision.geometry.boxes import BoxArrays, Boxes
 from obb_collision.geometry.validation import as_flag, check_kind
 from obb_collision.numerics.intrinsics import fetch_pairs
 from obb_collision.numerics.sorting import (
@@ -33,7 +33,7 @@ from obb_collision.numerics.sorting import (
     run_buckets,
     sort_numbers,
 )
-from obb_collision.queries.verdict.blocks import BLOCK, ROWS
+from obb_collision.queries.verdict.blocks import BLOCK, ROWS, RowPairs
 from obb_collision.queries.verdict.coarse import (
     faces_may_collide,
     meeting_bounds,
@@ -182,8 +182,7 @@ def all_colliding_keys(boxes: Boxes, candidates: Pairs) -> NDArray[np.int64]:
 def colliding_keys(boxes: Boxes, candidates: Pairs) -> NDArray[np.int64]:
     """Return a number for each of the candidates (m, 2) that is not SEPARATE: pair and verdict."""
     keys = np.empty(len(candidates), np.int64)
-    kept = _keys_kernel(*(boxes.centers, boxes.rotations, boxes.half_extents, candidates, keys))
-    return keys[:kept]
+    return keys[: _keys_kernel(boxes.arrays, candidates, keys)]
 
 
 def pairs_of_keys(boxes: Boxes, keys: NDArray[np.int64], exact: bool) -> tuple[Pairs, Verdicts]:
@@ -204,24 +203,19 @@ def pairs_of_keys(boxes: Boxes, keys: NDArray[np.int64], exact: bool) -> tuple[P
 
 
 @njit
-def _keys_kernel(
-    centers: Floats, rotations: Floats, half_extents: Floats, pairs: np.ndarray, keys: np.ndarray
-) -> int:
+def _keys_kernel(boxes: BoxArrays, pairs: np.ndarray, keys: np.ndarray) -> int:
     """Write the keys of pairs (m, 2) of rows that are not SEPARATE; return how many there are."""
-    bits = bits_of(len(centers))
+    bits = bits_of(len(boxes.centers))
     block = np.empty((ROWS, BLOCK))
     first, second = np.empty(BLOCK, np.int64), np.empty(BLOCK, np.int64)
-    verdicts = np.empty(BLOCK, np.int8)
+    verdicts, rows = np.empty(BLOCK, np.int8), RowPairs(boxes, first, boxes, second)
     kept = 0
     for start in range(0, len(pairs), BLOCK):
         count = min(BLOCK, len(pairs) - start)
         for n in range(count):
             first[n], second[n] = pairs[start + n, 0], pairs[start + n, 1]
-        fetch_pairs(centers, rotations, half_extents, pairs, start + BLOCK, start + 2 * BLOCK)
-        decide_block(
-            centers, rotations, half_extents, first, centers, rotations, half_extents, second,
-            0, count, block, verdicts,
-        )  # fmt: skip
+        fetch_pairs(boxes, pairs, start + BLOCK, start + 2 * BLOCK)
+        decide_block(rows, 0, count, block, verdicts)
         for n in range(count):
             if verdicts[n] != SEPARATE:
                 keys[kept] = (((first[n] << bits) | second[n]) << VERDICT_BITS) | verdicts[n]

@@ -19,7 +19,7 @@ from __future__ import annotations
 import numpy as np
 
 from obb_collision._jit import njit
-from obb_collision.geometry.boxes import Boxes
+from obb_collision.geometry.boxes import BoxArrays, Boxes
 from obb_collision.queries.verdict.coarse import bounds_kernel
 from obb_collision.scene.broad_phase.bounds_tree import BoundsTree, move_kernel
 from obb_collision.scene.broad_phase.broad_phase import (
@@ -74,9 +74,8 @@ class KeptTree:
             return None
         pairs = np.empty((4 * ROOM_PER_ROW * len(slots) + LANES**2, 2), np.int64)
         found = _changes_kernel(
-            slots, changed, active, boxes.centers, boxes.rotations, boxes.half_extents,
-            *self._tree, self._places, pairs,
-        )  # fmt: skip
+            slots, changed, active, boxes.arrays, *self._tree, self._places, pairs
+        )
         if found < 0:  # no room
             return find_some_candidates_of(self._tree, slots[active[slots]], UNLIMITED)
         return pairs[:found]
@@ -84,8 +83,8 @@ class KeptTree:
 
 @njit
 def _changes_kernel(
-    slots: np.ndarray, changed: np.ndarray, active: np.ndarray, centers: Floats, rotations: Floats,
-    half_extents: Floats, minimum: Floats, maximum: Floats, order: np.ndarray, nodes: Floats,
+    slots: np.ndarray, changed: np.ndarray, active: np.ndarray, boxes: BoxArrays,
+    minimum: Floats, maximum: Floats, order: np.ndarray, nodes: Floats,
     starts: np.ndarray, places: np.ndarray, pairs: np.ndarray,
 ) -> int:  # fmt: skip
     """Bound slots, write that to the tree, and write their pairs; return how many, -1: no room."""
@@ -101,7 +100,7 @@ def _changes_kernel(
         else:
             for k in range(3):
                 minimum[slot, k], maximum[slot, k] = np.inf, -np.inf
-    bounds_kernel(centers, rotations, half_extents, rows, minimum, maximum, 0, count)
+    bounds_kernel(boxes, rows, minimum, maximum, 0, count)
     move_kernel(minimum, maximum, order, nodes, starts, moved)
     found, reached = row_overlaps(
         minimum, maximum, order, nodes, starts, rows, changed, UNLIMITED, pairs, 0, count

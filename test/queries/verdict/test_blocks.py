@@ -21,16 +21,15 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 from each import each
-from support import stored
 
 import obb_collision as oc
 from obb_collision._jit import njit
+from obb_collision.geometry.boxes import BoxArrays
 from obb_collision.queries.verdict import separations as separations_module
 from obb_collision.queries.verdict import verdict as verdict_module
 from obb_collision.queries.verdict.blocks import BLOCK
 from obb_collision.queries.verdict.pair_frame import box_at
 from obb_collision.queries.verdict.verdict import box_verdict
-from obb_collision.typing import Floats
 from tools.cases.families import FAMILIES
 
 
@@ -41,13 +40,9 @@ def _restore() -> Iterator[None]:
 
 
 @njit
-def one_by_one(
-    centers_a: Floats, rotations_a: Floats, half_extents_a: Floats,
-    centers_b: Floats, rotations_b: Floats, half_extents_b: Floats, out: np.ndarray,
-) -> None:  # fmt: skip
+def one_by_one(a: BoxArrays, b: BoxArrays, out: np.ndarray) -> None:
     for n in range(len(out)):
-        a = box_at(centers_a, rotations_a, half_extents_a, n)
-        out[n] = box_verdict(a, box_at(centers_b, rotations_b, half_extents_b, n))
+        out[n] = box_verdict(box_at(a, n), box_at(b, n))
 
 
 def pairs_of(family: str, count: int) -> tuple[oc.Boxes, oc.Boxes]:
@@ -59,7 +54,7 @@ def pairs_of(family: str, count: int) -> tuple[oc.Boxes, oc.Boxes]:
 def test_a_block_gives_the_verdicts_of_each_pair_alone(family: str) -> None:
     a, b = pairs_of(family, 20 * BLOCK + 1)
     wanted = np.empty(len(a), np.int8)
-    one_by_one(*stored(a), *stored(b), wanted)
+    one_by_one(a.arrays, b.arrays, wanted)
     for count in (1, BLOCK - 1, BLOCK, BLOCK + 1, len(a)):
         assert (oc.verdicts(a[:count], b[:count]) == wanted[:count]).all()
 
