@@ -30,8 +30,8 @@ from time import perf_counter
 import obb_collision
 from obb_collision.warm_up.steps import BOXES, MESSAGES, NODE_STEPS, possible_steps
 
-#: Seconds: the default node, what is switched on late, and everything by two processes.
-NODE, LATE, EVERYTHING = 12.0, 12.0, 60.0
+#: Seconds: the default node, that node once more, what is switched on late, and everything by two processes.
+NODE, WARM, LATE, EVERYTHING = 12.0, 2.0, 12.0, 60.0
 #: How a program compiles steps, as the node does beside its cycles.
 COMPILE = "from obb_collision.warm_up.processes import compile_steps; import sys; "
 COMPILE += "progress = compile_steps(sys.argv[1:]); sys.exit(bool(progress.failed))"
@@ -47,6 +47,7 @@ def measure_starts(show: Callable[[str], None]) -> Iterator[tuple[str, float, fl
         show("empty cache: default start")
         if find_spec("rclpy"):
             yield "default node ready", NODE, _node(home / "default")
+            yield "default node ready, kernels cached", WARM, _node(home / "default")
         else:
             seconds = _run(home / "default", [BOXES, "effect separations"])
             yield "kernels of a default scene", NODE, seconds

@@ -93,10 +93,13 @@ def without_ros_arguments(arguments: Iterable[str]) -> list[str]:
 
 
 def set_defaults() -> None:
-    """Set AMENT_PREFIX_PATH to this Python's prefix where ROS came by pip and it is unset.
+    """Set what is unset: AMENT_PREFIX_PATH where ROS came by pip, and OpenBLAS to one thread.
 
-    rclpy's wheels have the ament index there, and looking it up raises where the variable is unset.
+    rclpy's wheels have the ament index in this Python's prefix, and looking it up raises where the
+    variable is unset. Matrices here have three rows: further threads of numpy's and scipy's BLAS
+    would never work.
     """
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     if (Path(sys.prefix) / "share" / "ament_index").is_dir():
         os.environ.setdefault("AMENT_PREFIX_PATH", sys.prefix)
 

@@ -16,7 +16,7 @@
 
 Nothing is compiled in the node's process while it runs: numba compiles under one lock, and the
 cycle would wait for it. Other processes compile into the cache (see ``warm_up``), and a thread
-loads what they made. What the cache has is loaded at the start, whether asked for or not.
+loads what they made. Only what is requested is loaded, which costs memory and time.
 """
 
 from __future__ import annotations
@@ -76,6 +76,7 @@ class WarmUp:
         self._asked: dict[str, float] = {}  # when it may be requested again
         self._refused: dict[str, str] = {}
         self._queue: SimpleQueue[str | None] = SimpleQueue()
+        self._missing: list[str] = []  # requested, and to be compiled
         self._thread: Thread | None = None
         self._closed = Event()
         self._is_cache_full = False
@@ -85,7 +86,7 @@ class WarmUp:
     def start(
         self, things: Iterable[Thing], report: Callable[[str], None] = lambda text: None
     ) -> None:
-        """Make ready what every cycle needs, these things, and all that is compiled already.
+        """Make ready what every cycle needs, and these things.
 
         A step whose process hangs is refused, as one requested later, unless every cycle needs it.
         report: takes how far compiling is.
@@ -94,21 +95,22 @@ class WarmUp:
         always = {BOXES, MESSAGES, effect_step("separations")}
         wanted = always | set(map(_step, things))
         self._steps = (*NODE_STEPS, *sorted(wanted - set(NODE_STEPS)))
-        self._load(self._steps)
-        missing = [step for step in self._steps if step in wanted - self._ready]
+        needed = [step for step in self._steps if step in wanted]
+        self._load(needed)
+        missing = [step for step in needed if step not in self._ready]
         if not missing:
             return
         progress = self._compile(missing, self._stopped, 0, report)
-        self._load(self._steps)
+        self._load(missing)
         failed = [step for step in missing if step not in self._ready]
         if progress.stopped:
             return
         for step in failed:
             if step in progress.hung and step not in always:
                 self._refuse(step, progress.failed[step])
-        needed = [step for step in failed if step not in self._refused]
-        if needed:
-            self._compile_here(progress.failed.get(needed[0], "it is not in the cache"))
+        left = [step for step in failed if step not in self._refused]
+        if left:
+            self._compile_here(progress.failed.get(left[0], "it is not in the cache"))
 
     def has(self, thing: Thing) -> bool:
         """Return whether a thing is ready, and request nothing."""
@@ -148,35 +150,37 @@ class WarmUp:
             self._thread = thread
 
     def _work(self) -> None:
-        while (asked := self._next()) and not self._closed.is_set():
-            self._load(asked)
-            missing = [step for step in asked if step not in self._ready]
-            failed: dict[str, str] = {}
-            if missing:
-                try:
-                    progress = self._compile(
-                        missing, self._closed.is_set, NICENESS, lambda text: None
-                    )
-                except Exception as error:  # no memory for processes, for example
-                    failed = dict.fromkeys(missing, f"{type(error).__name__}: {error}")
-                else:
-                    if progress.stopped:
-                        return
-                    failed = progress.failed
-                self._load(missing)
-            for step in asked:
-                if step in self._ready:
-                    self._refused.pop(step, None)
-                else:
+        while not self._closed.is_set():
+            self._take_requests(wait=not self._missing)
+            self._load(self._missing)  # what was compiled meanwhile may have what they need
+            missing, self._missing = [n for n in self._missing if n not in self._ready], []
+            if not missing or self._closed.is_set():
+                continue
+            try:
+                progress = self._compile(missing, self._closed.is_set, NICENESS, lambda text: None)
+                failed = progress.failed
+            except Exception as error:  # no memory for processes, for example
+                failed = dict.fromkeys(missing, f"{type(error).__name__}: {error}")
+            else:
+                if progress.stopped:
+                    return
+            self._load(missing)
+            for step in missing:
+                if step not in self._ready:
                     self._refuse(step, failed.get(step, "it is not in the cache"))
 
-    def _next(self) -> list[str]:
-        """Return all requested steps, at least one; an empty list once closed."""
-        asked = [self._queue.get()]
+    def _take_requests(self, wait: bool) -> None:
+        """Load the requested steps that the cache has; the others are compiled next.
+
+        wait: for one request at least.
+        """
+        asked = [self._queue.get()] if wait else []
         with suppress(Empty):
             while True:
                 asked.append(self._queue.get_nowait())
-        return [] if None in asked else [step for step in asked if step is not None]
+        names = [step for step in asked if step is not None]
+        self._load(names)
+        self._missing += [step for step in names if step not in self._ready]
 
     def _refuse(self, step: str, reason: str) -> None:
         self._refused[step] = f"cannot be compiled: {reason}"
@@ -195,6 +199,7 @@ class WarmUp:
                 with _kernel_cache.only_loading():
                     steps.run(step)
                 self._ready.add(step)
+                self._refused.pop(step, None)
                 Garbage.settle_more()
             except _kernel_cache.KernelMissingError:
                 pass
@@ -221,6 +226,7 @@ class WarmUp:
 
         def look(progress: Progress) -> None:
             nonlocal due, noted, done
+            self._take_requests(wait=False)  # what the cache has need not wait for what compiles
             self._load(progress.done[done:])
             done = len(progress.done)
             for note in progress.notes[noted:]:

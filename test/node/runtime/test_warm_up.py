@@ -68,9 +68,11 @@ class Cache:
     def compile_steps(self, wanted: list[str], **options: Any) -> Progress:
         """Stand in for ``compile_steps``."""
         self.asked.set()
-        assert self.may_go_on.wait(PATIENCE)
-        done = [step for step in wanted if step not in self.failures]
-        progress = Progress(tuple(wanted), done=done)
+        progress, limit = Progress(tuple(wanted)), monotonic() + PATIENCE
+        while not self.may_go_on.wait(0.01):
+            assert monotonic() < limit, "may not go on"
+            options["look"](progress)
+        progress.done += [step for step in wanted if step not in self.failures]
         self.compiled += wanted
         progress.failed = {step: why for step, why in self.failures.items() if step in wanted}
         progress.hung, progress.unsaved = self.hung, self.unsaved
@@ -112,14 +114,28 @@ def cache(monkeypatch: pytest.MonkeyPatch) -> Cache:
     return made
 
 
-def test_what_is_compiled_already_is_loaded_at_the_start_without_a_word(
+def test_what_is_compiled_already_is_loaded_when_it_is_requested_without_a_word(
     cache: Cache, log: Log
 ) -> None:
     cache.kept = set(NODE_STEPS)
-    log.warm.start([])
-    assert all(log.warm.is_ready(level) for level in Accuracy)
-    assert log.warm.is_ready("sweep")
+    log.warm.start([Accuracy.HULL])
+    assert log.warm.is_ready(Accuracy.HULL)
+    assert not log.warm.has("sweep"), "it takes memory and time"
+    wait_for(lambda: all(log.warm.is_ready(thing) for thing in (*Accuracy, "sweep")))
     assert (cache.compiled, log.said, log.complained) == ([], [], [])
+
+
+def test_what_is_compiled_already_does_not_wait_for_what_is_being_compiled(
+    late_cache: Cache, log: Log
+) -> None:
+    late_cache.kept.add("effect sweep")
+    log.warm.start([])
+    assert not log.warm.is_ready("points")
+    assert late_cache.asked.wait(PATIENCE)
+    wait_for(lambda: log.warm.is_ready("sweep"))
+    assert not log.warm.is_ready("points")
+    late_cache.may_go_on.set()
+    wait_for(lambda: log.warm.is_ready("points"))
 
 
 def test_the_start_compiles_what_is_asked_for_and_nothing_more(cache: Cache, log: Log) -> None:
