@@ -12,28 +12,39 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""One test over a family of cases; a failure says which of them it was."""
+"""One test over a family of cases, which reports every case that fails."""
 
 from __future__ import annotations
 
 import inspect
+import traceback
 from collections.abc import Callable, Iterable
 from typing import Any
 
+import pytest
+
 
 def each(name: str, values: Iterable[Any]) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Run a test for each value of an argument, or of several, whose names commas part."""
+    """Run a test for each value of an argument, or of several, whose names commas part.
+
+    The first failure is raised after all cases; the others are printed.
+    """
     names, cases = [one.strip() for one in name.split(",")], list(values)
 
     def wrap(test: Callable[..., None]) -> Callable[..., None]:
         def run(**others: Any) -> None:
+            failures: list[BaseException] = []
             for case in cases:
                 given = zip(names, [case] if len(names) == 1 else case, strict=True)
                 try:
                     test(**dict(given), **others)
-                except BaseException:
+                except (Exception, pytest.fail.Exception) as error:
                     print(f"in the case {name} = {case!r}")  # noqa: T201  # shown with a failure
-                    raise
+                    if failures:
+                        traceback.print_exception(error)
+                    failures.append(error)
+            if failures:
+                raise failures[0]
 
         signature = inspect.signature(test)
         kept = [p for p in signature.parameters.values() if p.name not in names]
