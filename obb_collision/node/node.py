@@ -458,7 +458,7 @@ class CollisionNode(ManagedNode):
         for topic, number in superseded.items():
             self._monitors[topic].superseded += number
         superseded.clear()
-        for note in self.objects.notes.take():
+        for note in self.objects.notices.take():
             monitor = self._monitors[note.topic]
             count = monitor.refuse if note.is_refused else monitor.doubt
             count(now, note.reason, note.item, note.detail, note.total)

@@ -104,7 +104,7 @@ class SceneFile:
         refused = []
         for key, thing in zip(self.keys, self._scene.objects, strict=True):
             try:
-                slot = objects.shapes.put(key, thing.shape, (), None)
+                slot = objects.shapes.put(key, thing.shape)
                 objects.states.store(np.array([slot]), np.array([thing.pose]), State("", 0, now))
             except RefusedError as error:
                 objects.shapes.refuse(key, error.reason, shape=True)

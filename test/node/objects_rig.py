@@ -73,7 +73,7 @@ class ObjectsRig:
         self.limit(object_timeout)
         self.now = START
         self.slots = np.array(
-            [self.objects.shapes.put(key, Box([1.0, 1.0, 1.0]), (), None) for key in keys], np.int64
+            [self.objects.shapes.put(key, Box([1.0, 1.0, 1.0])) for key in keys], np.int64
         )
 
     @property
@@ -87,7 +87,7 @@ class ObjectsRig:
         return self._count(is_refused=False)
 
     def _count(self, is_refused: bool) -> Counter[tuple[str, str]]:
-        for note in self.objects.notes.take():
+        for note in self.objects.notices.take():
             assert note.item
             self._noted[note.is_refused][note.topic, note.reason] += note.total
         return self._noted[is_refused]

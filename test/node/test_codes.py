@@ -392,7 +392,6 @@ def test_an_error_nobody_foresaw_in_an_input_is_not_forgotten_until_clear(
             if where == "a cycle":
                 patch.setattr(node.objects.scene, "check", fail)
             elif where == "objects":
-                patch.setattr(node.inputs.markers, "_coalesce", fail)
                 patch.setattr(node.inputs.markers, "_run", fail)
             elif where == "object_boxes":
                 patch.setattr(node.inputs.boxes.waiting, "use_newest", fail)

@@ -83,7 +83,7 @@ def test_an_object_that_is_not_placed_in_time_is_late_until_it_is() -> None:
 
 def test_what_collides_is_said_though_another_object_is_not_placed_in_time() -> None:
     rig = late()
-    rig.objects.shapes.put(B1, Box((1.0, 1.0, 1.0)), (), None)
+    rig.objects.shapes.put(B1, Box((1.0, 1.0, 1.0)))
     rig.slots = np.append(rig.slots, rig.objects.table.slots[B1])
     rig.send(START, row=1)
     found = known(rig, 0.3)
@@ -102,7 +102,7 @@ def test_an_object_whose_latest_state_was_refused_is_not_known_until_one_is_acce
     assert (found.level, found.flag(True), found.flag(False)) == (UNKNOWN, True, False)
     assert found.reasons == (Reason("refused", ("a/1",), 1),)
     if shape:
-        rig.objects.shapes.put(A1, Box((1.0, 1.0, 1.0)), (), None)
+        rig.objects.shapes.put(A1, Box((1.0, 1.0, 1.0)))
     rig.send(START + 1)
     assert codes(rig) == {}
 

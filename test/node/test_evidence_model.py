@@ -61,7 +61,7 @@ from std_srvs.srv import SetBool, Trigger
 from visualization_msgs.msg import Marker, MarkerArray
 
 from obb_collision.node import boxes_to_ros, namespace_number, poses_to_ros
-from obb_collision.node.inputs.markers import MarkerApplication
+from obb_collision.node.inputs.markers import MarkerUpdate
 from obb_collision.node.messages.conversions import (
     stamp_to_ros,
     states_to_ros,
@@ -326,7 +326,7 @@ class EvidenceMachine(RuleBasedStateMachine):
             with patch.object(node.objects, "clear", fail):
                 self.clear(fails=True)
         elif what == "marker":
-            with patch.object(MarkerApplication, "run", fail):
+            with patch.object(MarkerUpdate, "run", fail):
                 self.send("objects", MarkerArray(markers=[cube(("b", 0))]))
                 node.inputs.markers.apply()
             self.model.fail("objects")

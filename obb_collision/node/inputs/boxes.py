@@ -30,7 +30,7 @@ from visualization_msgs.msg import Marker
 from obb_collision.geometry.poses import compose_poses
 from obb_collision.node.diagnostics.monitors import InputMonitor
 from obb_collision.node.inputs.batch import GOOD, Faults, each
-from obb_collision.node.inputs.waiting_clouds import Cloud, WaitingClouds
+from obb_collision.node.inputs.waiting_clouds import QueuedCloud, WaitingClouds
 from obb_collision.node.messages.cdr import cloud_from_bytes
 from obb_collision.node.messages.clouds import NO_LIMIT, boxes_from_ros
 from obb_collision.node.messages.conversions import (
@@ -48,7 +48,6 @@ from obb_collision.node.objects.conditions import POSE_REFUSED, SHAPE_REFUSED
 from obb_collision.node.objects.frames import FrameSource
 from obb_collision.node.objects.objects import Objects
 from obb_collision.node.objects.refusals import MAX_UNPLACEABLE
-from obb_collision.node.objects.shapes import have_shapes, put_primitives, touch_slots
 from obb_collision.node.objects.states import ANEW, OLDER, State
 from obb_collision.node.objects.table import ID_BITS, ID_OFFSET, NEVER, are_numbers, signed
 from obb_collision.node.runtime.guard import Guard
@@ -113,7 +112,11 @@ class BoxSet:
         def fail(row: int, error: RefusedError) -> None:
             faults.note(np.arange(len(ids)) == row, error, of_shape=True)
 
-        with self._removed(slots), self._room(numbers, slots, faults):
+        def refuse(beyond: Mask, error: RefusedError) -> None:
+            faults.note(beyond, error, of_shape=True)
+
+        new = (slots < 0) & (faults.number == GOOD)
+        with self._removed(slots), self._objects.shapes.room(new, numbers, self._admit, refuse):
 
             def put(rows: Rows) -> None:
                 slots[rows] = self._put(numbers[rows], ids[rows], poses[rows], sizes[rows])
@@ -142,51 +145,19 @@ class BoxSet:
         """Create boxes, and resize those that have other sizes; returns their slots."""
         table, shapes = self._table, self._objects.shapes
         slots, kinds = table.find(numbers, ids), np.full(len(ids), Marker.CUBE)
-        same = slots >= 0
-        never = np.full(len(ids), NEVER)
-        if same.any():
-            same &= have_shapes(table, slots, kinds, sizes)
-            touch_slots(shapes, slots[same], never[same])
+        same = table.have_shapes(slots, kinds, sizes)
+        shapes.touch(slots[same], NEVER)
         rest = np.flatnonzero(~same)
         if len(rest):
-            keys = numbers[rest], ids[rest], kinds[rest]
-            given = sizes[rest], poses[rest], never[rest]
-            slots[rest] = put_primitives(shapes, *keys, *given, shapes.strangers())
+            keys, given = (numbers[rest], ids[rest]), (kinds[rest], sizes[rest], poses[rest])
+            slots[rest] = shapes.put_primitives(keys, *given, instead=shapes.strangers())
             table.of_set[slots[rest]] = self._source.number
         return slots
 
-    @contextmanager
-    def _room(self, numbers: Rows, slots: Rows, faults: Faults) -> Iterator[None]:
-        """Make room in the tables for new boxes; those beyond are noted in ``faults``."""
-        table, admitted = self._table, []
-        new = (slots < 0) & (faults.number == GOOD)
-        most = self._objects.shapes.max_objects
-        surplus = np.flatnonzero(new)[max(0, most - len(table)) :]
-        if len(surplus):
-            new[surplus] = False
-            full = RefusedError("too many objects", f"{most} is the limit")
-            faults.note(np.isin(np.arange(len(new)), surplus), full, of_shape=True)
-        refused: dict[str, tuple[RefusedError, list[int]]] = {}
-        for number in np.unique(numbers[new]).tolist():
-            try:
-                self._admit(number)
-                table.namespaces.use(number)  # so that it stays till its objects are there
-                admitted.append(number)
-            except RefusedError as error:
-                refused.setdefault(error.reason, (error, []))[1].append(number)
-        for reason, several in refused.values():
-            faults.note(new & np.isin(numbers, several), reason, of_shape=True)
-        try:
-            yield
-        finally:
-            for number in admitted:
-                table.namespaces.leave(number)
-
-    def _admit(self, number: int) -> None:
+    def _admit(self, number: int) -> int:
         if number == namespace_number(self._source.namespace):
-            self._table.namespaces.admit(self._source.namespace)
-        else:
-            self._table.namespaces.admit_number(number)
+            return self._table.namespaces.admit(self._source.namespace)
+        return self._table.namespaces.admit_number(number)
 
     def _mark(self, numbers: Rows, ids: Rows, slots: Rows, faults: Faults) -> None:
         """Mark boxes whose latest row can't be used, and remember those that are not there."""
@@ -214,7 +185,7 @@ class BoxSet:
         self._unplaceable.clear()
 
 
-class Given(NamedTuple):
+class BoxRows(NamedTuple):
     """Boxes as received: keys (n,), poses (n, 7) and sizes (n, 3)."""
 
     namespaces: Integers | None
@@ -242,7 +213,7 @@ class Message(NamedTuple):
 
     frame: str
     stamp: int
-    given: Given
+    given: BoxRows
     size: int
 
 
@@ -250,7 +221,7 @@ def read_boxes(data: bytes, most: int) -> Message:
     """Return a serialised message of ``object_boxes``; RefusedError."""
     message = cloud_from_bytes(data)
     frame, stamp = message.header.frame_id, stamp_from_ros(message.header.stamp)
-    return Message(frame, stamp, Given(*boxes_from_ros(message, most)), len(message.data))
+    return Message(frame, stamp, BoxRows(*boxes_from_ros(message, most)), len(message.data))
 
 
 class BoxInput:
@@ -294,7 +265,7 @@ class BoxInput:
                 self._monitor.refuse_whole(now, error.reason, error.detail)
                 self._set.doubt()
             return
-        cloud = Cloud(given, frame, stamp, now, size)
+        cloud = QueuedCloud(given, frame, stamp, now, size)
         self._monitor.superseded += self.waiting.add(cloud)
 
     def _note_order(self, stamp: int, now: int) -> None:
@@ -320,9 +291,9 @@ class BoxInput:
         self.waiting.clock_jumped(shift)
         self._order = 0
 
-    def _use(self, cloud: Cloud, frame: Floats | None) -> None:
+    def _use(self, cloud: QueuedCloud, frame: Floats | None) -> None:
         """Bring the objects in line with a set, given in a frame that is at ``frame`` (7,)."""
-        given: Given = cloud.content
+        given: BoxRows = cloud.content
         numbers, ids, poses = given.numbers, given.ids, given.poses
         faults = Faults(len(ids))
         faults.note(~given.are_keys, BAD_KEY)
@@ -348,8 +319,8 @@ class BoxInput:
                 item = name_from_key(self._set.key(int(numbers[rows[-1]]), int(ids[rows[-1]])))
                 self._monitor.refuse(now, error.reason, item, error.detail, len(rows))
 
-    def _refuse(self, cloud: Cloud, error: RefusedError) -> None:
-        given: Given = cloud.content
+    def _refuse(self, cloud: QueuedCloud, error: RefusedError) -> None:
+        given: BoxRows = cloud.content
         rows = np.flatnonzero(given.are_keys)
         if len(rows) < len(given.ids) or len(rows) == 0:
             self._monitor.unreadable = error.reason

@@ -28,7 +28,7 @@ import numpy.typing as npt
 from rclpy.qos import ReliabilityPolicy
 
 from obb_collision._jit import njit
-from obb_collision.node.inputs.boxes import Given, Message, Source
+from obb_collision.node.inputs.boxes import BoxRows, Message, Source
 from obb_collision.node.inputs.subscriptions import Input
 from obb_collision.node.messages.cdr import (
     Bytes,
@@ -154,7 +154,7 @@ def read_detections(data: bytes, most: int) -> Message:
         frame = others.pop()
     if others:
         raise RefusedError("several frames", f"{sorted({frame, *others})[:2]}")
-    given = Given(None, numbers_of(found.ids), found.poses, found.sizes, DETECTIONS.namespace)
+    given = BoxRows(None, numbers_of(found.ids), found.poses, found.sizes, DETECTIONS.namespace)
     return Message(frame, stamp, given, len(data))
 
 

@@ -75,7 +75,9 @@ class Inputs:
         self._clock = clock
         self._wants_twists = wants_twists
         self._guard = guard
-        self.markers = MarkerInput(objects, monitors["objects"], clock, guard)
+        self.unknown = UnknownObjects(objects.table)
+        """Names that states came for, and that have no object."""
+        self.markers = MarkerInput(objects, monitors["objects"], clock, guard, self.unknown)
         self.boxes = BoxInput(objects, frames, monitors["object_boxes"], clock, guard)
         self.sets = [self.boxes]
         """All inputs whose messages are complete sets of boxes."""
@@ -83,9 +85,6 @@ class Inputs:
             monitor = monitors[DETECTIONS.topic]
             given = objects, frames, monitor, clock, guard
             self.sets.append(BoxInput(*given, DETECTIONS, read_detections))
-        self.unknown = UnknownObjects(objects.table)
-        """Names that states came for, and that have no object."""
-        self.markers.unknown = self.unknown
         self.bases: dict[str, Callable[[NamedPose, int, InputMonitor], None]] = {}
         """By name of a robot: what takes a pose of its base."""
 

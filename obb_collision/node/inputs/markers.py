@@ -21,8 +21,8 @@ them is looked at.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable
+from contextlib import suppress
 
 import numpy as np
 from visualization_msgs.msg import Marker
@@ -30,15 +30,12 @@ from visualization_msgs.msg import Marker
 from obb_collision.node.diagnostics.monitors import InputMonitor
 from obb_collision.node.inputs.batch import (
     GOOD,
-    MAX_TRIES,
+    Batch,
     Faults,
-    Gathered,
-    Outcome,
+    Settled,
     each,
     find_faults,
     gather,
-    join,
-    remaining,
     settle,
 )
 from obb_collision.node.inputs.boxes import OWNED
@@ -49,325 +46,30 @@ from obb_collision.node.messages.marker_shapes import (
     ANNOTATIONS,
     IMMEDIATE,
     MarkerShape,
-    Plan,
+    ShapePlan,
     plan_shape,
 )
 from obb_collision.node.objects.conditions import LIVE, UNPLACED
 from obb_collision.node.objects.objects import Objects
 from obb_collision.node.objects.refusals import UnknownObjects
-from obb_collision.node.objects.shapes import have_shapes, put_primitives, renew_slots, touch_slots
 from obb_collision.node.objects.states import OLDER, State
-from obb_collision.node.objects.table import NEVER, PRIMITIVES
+from obb_collision.node.objects.table import PRIMITIVES
 from obb_collision.node.runtime.guard import INTERNAL_ERROR, Guard
 from obb_collision.typing import Mask, Rows
 
+MAX_WAITING_BYTES = 64 << 20
+MAX_WAITING_MESSAGES = 1000
+MAX_TRIES = 3
+"""States of an object that are tried where the last one can't be built."""
 NO_NUMBER = -(1 << 40)
 """In place of the number of a namespace that is not in the table; no namespace has it."""
 
 
-class MarkerAdder:
-    """Gives objects the shapes and poses of markers, at a time (ns)."""
-
-    def __init__(self, objects: Objects, monitor: InputMonitor, guard: Guard, now: int) -> None:
-        self._objects, self._monitor, self._guard, self._now = objects, monitor, guard, now
-        self._plans: dict[int, Plan] = {}
-
-    def refuse(self, markers: Gathered, rows: Rows, error: RefusedError) -> None:
-        """Count refused markers."""
-        if len(rows):
-            item = name_from_key(markers.key(int(rows[-1])))
-            self._monitor.refuse(self._now, error.reason, item, error.detail, len(rows))
-
-    def number_of(self, namespace: str) -> int:
-        """Return the number of a namespace in the table, NO_NUMBER for none."""
-        number = self._objects.table.namespaces.find(namespace)
-        return NO_NUMBER if number is None else number
-
-    def find_slots(self, markers: Gathered, rows: Rows) -> Rows:
-        """Return the slots of the objects of markers, -1 for none."""
-        return self._objects.table.find(self._numbers(markers, rows), markers.id[rows])
-
-    def _numbers(self, markers: Gathered, rows: Rows) -> Rows:
-        """Return the numbers of the namespaces of markers, NO_NUMBER for none in the table."""
-        numbers = [
-            NO_NUMBER if index in markers.bad_namespaces else self.number_of(name)
-            for index, name in enumerate(markers.namespaces)
-        ]
-        return np.array(numbers, np.int64)[markers.ns[rows]]
-
-    def have_shapes(self, markers: Gathered, rows: Rows, slots: Rows) -> Mask:
-        """Return which objects (n,), -1 for none, have the shapes of primitive markers."""
-        same = (slots >= 0) & np.isin(markers.type[rows], PRIMITIVES)
-        some = rows[same]
-        same[same] = have_shapes(
-            self._objects.table, slots[same], markers.type[some], markers.scales[some]
-        )
-        return same
-
-    def have_built_shapes(self, markers: Gathered, rows: Rows, slots: Rows) -> Mask:
-        """Return which objects have the shapes of markers, where those take time to build."""
-        same = np.zeros(len(rows), np.bool_)
-        for index in np.flatnonzero(~np.isin(markers.type[rows], IMMEDIATE)).tolist():
-            with suppress(Exception):  # reported when it is added
-                signature = self._plan(markers, int(rows[index])).signature
-                same[index] = self._objects.table.signatures.get(int(slots[index])) == signature
-        return same
-
-    def add(self, markers: Gathered, rows: Rows, slots: Rows, previous: Rows) -> None:
-        """Give objects the shapes and poses of markers."""
-        current = ~self._are_old(markers, rows, slots)
-        rows, slots = rows[current], slots[current]
-        same = self.have_shapes(markers, rows, slots)
-        self._each(markers, rows[same], lambda some: self._touch(markers, some))
-        simple = ~same & np.isin(markers.type[rows], PRIMITIVES)
-        with self._room(markers, rows[simple], slots[simple]) as admitted:
-            self._each(markers, rows[simple][admitted], lambda some: self._put_many(markers, some))
-        for row in rows[~same & ~simple].tolist():
-            self._put_one_of(markers, row, previous)
-
-    def _put_one_of(self, markers: Gathered, last: int, previous: Rows) -> None:
-        """Give an object the last of its states that can be built."""
-        self._put_what_stays(markers, last, previous)
-        row = last
-        for _ in range(MAX_TRIES):
-            if self._each(markers, np.array([row]), lambda one: self._put(markers, int(one[0]))):
-                break
-            row = int(previous[row])
-            if row < 0:
-                return
-        if row != last:
-            self._objects.shapes.refuse(
-                markers.key(last), "", shape=True, expiry=int(markers.expiry[last])
-            )  # what it has is not the last
-
-    def _put_what_stays(self, markers: Gathered, row: int, previous: Rows) -> None:
-        """Put the last shape before one that has to be built: it stays if that can't be."""
-        if markers.type[row] in IMMEDIATE:
-            return
-        while row >= 0 and markers.type[row] not in IMMEDIATE:
-            row = int(previous[row])
-        if row >= 0:
-            self._each(markers, np.array([row]), lambda one: self._put(markers, int(one[0])))
-
-    def _are_old(self, markers: Gathered, rows: Rows, slots: Rows) -> Mask:
-        """Return which states are older than those their objects have; they are counted."""
-        old = self._objects.states.find_late(slots, markers.stamp[rows], markers.received[rows])
-        self.refuse(markers, rows[old], RefusedError(OLDER, "a newer state is known"))
-        return old
-
-    @contextmanager
-    def _room(self, markers: Gathered, rows: Rows, slots: Rows) -> Iterator[Mask]:
-        """Give for which objects (n,) there is room in the tables; new ones beyond are refused."""
-        objects, table = self._objects, self._objects.table
-        admitted, numbers = np.ones(len(rows), np.bool_), []
-        for index in np.unique(markers.ns[rows[slots < 0]]).tolist():
-            try:
-                numbers.append(table.namespaces.admit(markers.namespaces[index]))
-                table.namespaces.use(numbers[-1])  # so that it stays till its objects are there
-            except RefusedError as error:
-                bad = (slots < 0) & (markers.ns[rows] == index)
-                self.mark(markers, rows[bad], error)
-                admitted &= ~bad
-        surplus = np.flatnonzero(admitted & (slots < 0))[
-            max(0, objects.shapes.max_objects - len(table)) :
-        ]
-        if len(surplus):
-            full = RefusedError("too many objects", f"{objects.shapes.max_objects} is the limit")
-            self.mark(markers, rows[surplus], full)
-            admitted[surplus] = False
-        try:
-            yield admitted
-        finally:
-            for number in numbers:
-                table.namespaces.leave(number)
-
-    def mark(self, markers: Gathered, rows: Rows, error: RefusedError) -> None:
-        """Count refused states, and mark their objects."""
-        self.refuse(markers, rows, error)
-        for row in rows.tolist():
-            expiry = int(markers.expiry[row])
-            self._objects.shapes.refuse(markers.key(row), error.reason, shape=True, expiry=expiry)
-
-    def _each(self, markers: Gathered, rows: Rows, put: Callable[[Rows], None]) -> bool:
-        """Call ``put`` on all rows or, where that fails, on fewer; return whether none failed."""
-        return each(
-            *(rows, put, lambda row, error: self.mark(markers, np.array([row]), error)),
-            *(self._guard, "input objects", lambda row: name_from_key(markers.key(row))),
-        )
-
-    def _touch(self, markers: Gathered, rows: Rows) -> None:
-        slots = self.find_slots(markers, rows)
-        touch_slots(self._objects.shapes, slots, markers.expiry[rows])
-        self._store(markers, rows, slots)
-
-    def _put_many(self, markers: Gathered, rows: Rows) -> None:
-        slots = put_primitives(
-            self._objects.shapes,
-            self._numbers(markers, rows),
-            markers.id[rows],
-            *(markers.type[rows], markers.scales[rows], markers.poses[rows], markers.expiry[rows]),
-        )
-        self._store(markers, rows, slots)
-
-    def _put(self, markers: Gathered, row: int) -> None:
-        """Add one object of any type, or change it."""
-        expiry = int(markers.expiry[row])
-        slot = self._objects.shapes.take(
-            markers.key(row), self._plan(markers, row), None if expiry == NEVER else expiry
-        )
-        self._store(markers, np.array([row]), np.array([slot]))
-
-    def _plan(self, markers: Gathered, row: int) -> Plan:
-        """Return how to get the shape of a marker; RefusedError where it has none."""
-        if row not in self._plans:
-            self._plans[row] = plan_shape(_shape(markers, row))
-        return self._plans[row]
-
-    def _store(self, markers: Gathered, rows: Rows, slots: Rows) -> None:
-        """Store the poses of markers, those of the same frame together."""
-        for index in np.unique(markers.frame[rows]).tolist():
-            some = markers.frame[rows] == index
-            given = rows[some]
-            state = State(markers.frames[index], markers.stamp[given], markers.received[given])
-            self._objects.states.store(slots[some], markers.poses[given], state)
-        locked = markers.locked[rows]
-        if locked.any():
-            self._objects.states.lock(slots[locked])
-
-
-def _shape(markers: Gathered, row: int) -> MarkerShape:
-    """Return the shape of a marker as a copy: a view would hold the whole message in memory."""
-    kind, scale = int(markers.type[row]), markers.scales[row].copy()
-    if markers.source[row] < 0:  # nothing else of these is stored
-        return MarkerShape(kind, scale)
-    part, at = markers.sources[markers.source[row]], int(markers.row[row])
-    return MarkerShape(
-        kind,
-        scale,
-        part.points(at).copy(),
-        part.text(at, MESH).decode(errors="replace"),
-        part.text(at, FILE).decode(errors="replace"),
-        bytes(part.content(at)),
-    )
-
-
-class MarkerApplication:
-    """Applies markers at a time (ns)."""
-
-    def __init__(
-        self,
-        objects: Objects,
-        monitor: InputMonitor,
-        guard: Guard,
-        now: int,
-        unknown: UnknownObjects,
-    ) -> None:
-        self._objects, self._now, self._unknown = objects, now, unknown
-        self._adder = MarkerAdder(objects, monitor, guard, now)
-
-    def settle(self, markers: Gathered) -> tuple[Faults, Outcome]:
-        """Return the faults of markers, which are counted, and their outcome."""
-        faults = find_faults(markers, self._objects.placement.frame_index)
-        outcome = settle(markers, faults, self._now, self._objects.states.stamp_tolerance)
-        for number, error in enumerate(faults.errors):
-            bad = (faults.number == number) & ~markers.counted
-            self._adder.refuse(markers, np.flatnonzero(bad), error)
-        late = outcome.late & ~markers.counted
-        self._adder.refuse(markers, np.flatnonzero(late), RefusedError(OLDER))
-        new = (markers.action == Marker.ADD) & (faults.number == GOOD) & ~markers.counted
-        new[outcome.winner[outcome.winner >= 0]] = False
-        self._objects.states.superseded["objects"] += int(np.count_nonzero(new & ~outcome.late))
-        markers.counted[:] = True
-        return faults, outcome
-
-    def run(self, markers: Gathered, faults: Faults, outcome: Outcome) -> None:
-        """Apply them."""
-        objects = self._objects
-        outcome = self._without_boxes(markers, outcome)
-        slots = self._remove(markers, outcome)
-        there = np.flatnonzero(outcome.winner >= 0)
-        there = there[np.argsort(outcome.winner[there])]
-        self._adder.add(markers, outcome.winner[there], slots[there], outcome.previous)
-        for row in outcome.bad[outcome.bad >= 0].tolist():
-            number = faults.number[row]
-            error, of_shape = faults.errors[number], faults.of_shape[number]
-            expiry = int(markers.expiry[row])
-            objects.shapes.refuse(markers.key(row), error.reason, of_shape, expiry)
-
-    def _without_boxes(self, markers: Gathered, outcome: Outcome) -> Outcome:
-        """Exclude, and count, markers that name objects of sets of boxes, or links of robots."""
-        table = self._objects.table
-        slots = self._adder.find_slots(markers, outcome.first)
-        owned = (slots >= 0) & ((table.of_set[slots] > 0) | table.of_robot[slots])
-        if not owned.any():
-            return outcome
-        winner, removed = outcome.winner[owned], outcome.removed[owned]
-        self._adder.mark(markers, winner[winner >= 0], OWNED)
-        self._adder.refuse(markers, outcome.remover[owned][removed & (winner < 0)], OWNED)
-        return outcome._replace(
-            first=outcome.first[~owned],
-            winner=outcome.winner[~owned],
-            bad=outcome.bad[~owned],
-            removed=outcome.removed[~owned],
-            remover=outcome.remover[~owned],
-        )
-
-    def _remove(self, markers: Gathered, outcome: Outcome) -> Rows:
-        """Take out what was there and is deleted; return the slots (k,) of the rest, -1 for none.
-
-        What is deleted and comes again as it was, in the fixed frame, stays in its place.
-        """
-        objects, table = self._objects, self._objects.table
-        added, deletes = markers.action == Marker.ADD, markers.action == Marker.DELETE
-        added &= ~np.isin(markers.type, ANNOTATIONS)
-        everything = markers.ns[markers.action == Marker.DELETEALL]
-        was_something = not objects.is_empty or bool(objects.unplaceable) or added.any()
-        doomed = self._deleted_by_all(markers)
-        slots = self._adder.find_slots(markers, outcome.first)
-        doomed[slots[outcome.removed & (slots >= 0)]] = True
-        deleted = [markers.key(row) for row in outcome.first[outcome.removed].tolist()]
-        for key in deleted if objects.unplaceable else ():
-            objects.shapes.unplaceable.delete(key)
-        again = np.flatnonzero((slots >= 0) & (outcome.winner >= 0))
-        again = again[doomed[slots[again]]]
-        if len(again):
-            rows = outcome.winner[again]
-            is_fixed = [objects.placement.frame_table.is_fixed(frame) for frame in markers.frames]
-            fixed = np.array(is_fixed)[markers.frame[rows]]
-            same = self._adder.have_shapes(markers, rows, slots[again])
-            same |= self._adder.have_built_shapes(markers, rows, slots[again])
-            same &= fixed
-            again = again[same & ~table.has(UNPLACED, slots[again])]
-            doomed[slots[again]] = False
-        gone = np.flatnonzero(doomed & table.live)
-        self._unknown.deleted((*deleted, *table.keys(gone)), self._now)
-        objects.shapes.remove(gone)
-        told = was_something and (len(everything) or deletes.any())
-        if told or any(not markers.namespaces[index] for index in everything.tolist()):
-            objects.declare_empty()
-        renew_slots(objects.shapes, slots[again])
-        return np.where((slots >= 0) & table.has(LIVE, slots), slots, -1)
-
-    def _deleted_by_all(self, markers: Gathered) -> Mask:
-        """Return which slots are deleted by DELETEALL, of all or of a namespace, as in RViz."""
-        objects, table = self._objects, self._objects.table
-        doomed = np.zeros(len(table.condition), np.bool_)
-        for index in np.unique(markers.ns[markers.action == Marker.DELETEALL]).tolist():
-            name = markers.namespaces[index]
-            objects.shapes.unplaceable.delete_all(name or None)
-            if not name:
-                doomed |= table.live
-            elif index not in markers.bad_namespaces:
-                doomed |= table.live & (table.ns == self._adder.number_of(name))
-        return doomed & ~((table.of_set > 0) | table.of_robot)
-
-
-MAX_WAITING_BYTES = 64 << 20
-MAX_WAITING_MESSAGES = 1000
-
-
 class MarkerInput:
-    """Receives messages of ``objects``, and applies their outcome."""
+    """Receives messages of ``objects``, and applies their outcome.
+
+    unknown: takes the names of objects that are deleted.
+    """
 
     def __init__(
         self,
@@ -375,55 +77,53 @@ class MarkerInput:
         monitor: InputMonitor,
         clock: Callable[[], int],
         guard: Guard,
+        unknown: UnknownObjects,
     ) -> None:
         self._objects, self._monitor, self._clock, self._guard = objects, monitor, clock, guard
+        self._unknown = unknown
         self._waiting: list[tuple[bytes, int]] = []
-        self._kept: Gathered | None = None  # of messages before those
-        self._size = 0
-        self._messages = 0
-        self.unknown = UnknownObjects(objects.table)
-        """What takes the names of objects that are deleted."""
+        self.size = 0
+        """Bytes that wait."""
 
     def take(self, data: bytes) -> None:
         """Queue a serialised MarkerArray for the next cycle."""
         now = self._clock()
         self._monitor.received(now)
         self._waiting.append((data, now))
-        self._size += len(data)
-        if self._size > MAX_WAITING_BYTES or len(self._waiting) > MAX_WAITING_MESSAGES:
-            self._coalesce()
+        self.size += len(data)
+        if self.size > MAX_WAITING_BYTES or len(self._waiting) > MAX_WAITING_MESSAGES:
+            self.apply()
 
     def clock_jumped(self, shift: int) -> None:
         """Shift times by a jump of the clock (ns)."""
         self._waiting = [(data, at + shift) for data, at in self._waiting]
-        if self._kept is not None:
-            self._kept.received += shift
-            self._kept.expiry[self._kept.expiry != NEVER] += shift
 
-    def _gather(self) -> Gathered | None:
-        """Return all queued messages, and empty the queue.
+    def apply(self) -> None:
+        """Apply what waits."""
+        waiting, self._waiting, self.size = self._waiting, [], 0
+        found = self._scan_all(waiting) if waiting else []
+        if not found or self._run(found):
+            return
+        for one in found:  # one that fails takes no other with it
+            if not self._run([one]):
+                self._monitor.refuse_whole(self._clock(), INTERNAL_ERROR)
+                self._objects.broken = "input objects"
+
+    def _scan_all(self, waiting: list[tuple[bytes, int]]) -> list[tuple[Scanned, int]]:
+        """Return the markers of messages with their times of receipt.
 
         The newest message is read first: what comes before a DELETEALL is dropped unread.
         """
-        kept, waiting = self._kept, self._waiting
-        self._waiting, self._kept, self._size = [], None, 0
-        parts: list[Scanned] = []
-        received: list[int] = []
+        found: list[tuple[Scanned, int]] = []
         is_read = False
         for data, at in reversed(waiting):
             part = self._scan(data, is_read)
             is_read |= part is not None
             if part is not None and len(part):
-                parts.append(part)
-                received.append(at)
+                found.insert(0, (part, at))
                 if _deletes_all(part):
-                    kept = None
                     break
-        if not parts:
-            return kept
-        new = gather(parts[::-1], received[::-1], self._messages)
-        self._messages += len(parts)
-        return new if kept is None else join(kept, new)
+        return found
 
     def _scan(self, data: bytes, is_read_since: bool) -> Scanned | None:
         """Return the markers of a message, None if it is refused.
@@ -442,41 +142,265 @@ class MarkerInput:
             self._monitor.unreadable = ""
         return None
 
-    def _coalesce(self) -> None:
-        """Reduce the queue to its outcome, or apply that if it is still too large."""
-        markers = self._gather()
-        if markers is None:
-            return
-        _, outcome = self._application().settle(markers)
-        self._kept = remaining(markers, outcome)
-        self._size = self._kept.nbytes
-        if self._size > MAX_WAITING_BYTES // 2:
-            self.apply()
+    def _run(self, messages: list[tuple[Scanned, int]]) -> bool:
+        """Apply the markers of messages; return whether that went through."""
 
-    def apply(self) -> None:
-        """Apply what waits."""
-        markers = self._gather()
-        if markers is None or self._run(markers):
-            return
-        for number in np.unique(markers.message).tolist():  # one that fails takes no other with it
-            if not self._run(markers.take(np.flatnonzero(markers.message == number))):
-                self._monitor.refuse_whole(self._clock(), INTERNAL_ERROR)
-                self._objects.broken = "input objects"
+        def run() -> None:
+            markers, now = gather(*zip(*messages, strict=True)), self._clock()
+            given = self._objects, self._monitor, self._guard, self._unknown
+            MarkerUpdate(markers, now, *given).run()
 
-    def _run(self, markers: Gathered) -> bool:
-        """Apply markers; return whether that went through."""
-        application = self._application()
-        return self._guard.run(
-            "input objects",
-            lambda: application.run(markers, *application.settle(markers)),
-            "whole message",
-        )
-
-    def _application(self) -> MarkerApplication:
-        given = self._objects, self._monitor, self._guard, self._clock()
-        return MarkerApplication(*given, self.unknown)
+        return self._guard.run("input objects", run, "whole message")
 
 
 def _deletes_all(scanned: Scanned) -> bool:
     deletes = scanned.integers[:, ACTION] == Marker.DELETEALL
     return bool((deletes & (scanned.integers[:, NS + 1] == 0)).any())
+
+
+class MarkerUpdate:
+    """Applies the outcome of markers at a time (ns): objects are removed, added or changed."""
+
+    def __init__(
+        self,
+        markers: Batch,
+        now: int,
+        objects: Objects,
+        monitor: InputMonitor,
+        guard: Guard,
+        unknown: UnknownObjects,
+    ) -> None:
+        self._markers, self._now = markers, now
+        self._objects, self._table, self._shapes = objects, objects.table, objects.shapes
+        self._monitor, self._guard, self._unknown = monitor, guard, unknown
+        self._plans: dict[int, ShapePlan] = {}
+
+    def run(self) -> None:
+        """Apply them, and count those that are not used."""
+        markers, objects = self._markers, self._objects
+        faults = find_faults(markers, objects.placement.frame_index)
+        outcome = settle(markers, faults, self._now, objects.states.stamp_tolerance)
+        mine = self._without_owned(outcome)
+        slots = self._remove(mine)
+        there = np.flatnonzero(mine.winner >= 0)
+        there = there[np.argsort(mine.winner[there])]
+        self._add(mine.winner[there], slots[there], outcome.previous)
+        for row in mine.bad[mine.bad >= 0].tolist():
+            number = faults.number[row]
+            self._mark(row, faults.errors[number].reason, faults.of_shape[number])
+        self._count(faults, outcome)
+
+    def _count(self, faults: Faults, outcome: Settled) -> None:
+        """Count what is refused, late or superseded."""
+        for number, error in enumerate(faults.errors):
+            self._refuse(np.flatnonzero(faults.number == number), error)
+        self._refuse(np.flatnonzero(outcome.late), RefusedError(OLDER))
+        new = (self._markers.action == Marker.ADD) & (faults.number == GOOD) & ~outcome.late
+        new[outcome.winner[outcome.winner >= 0]] = False
+        self._objects.states.superseded["objects"] += int(np.count_nonzero(new))
+
+    def _refuse(self, rows: Rows, error: RefusedError, marks: bool = False) -> None:
+        """Count refused markers; marks: their objects have not the shapes that were sent last."""
+        if len(rows):
+            item = name_from_key(self._markers.key(int(rows[-1])))
+            self._monitor.refuse(self._now, error.reason, item, error.detail, len(rows))
+        for row in rows.tolist() if marks else ():
+            self._mark(row, error.reason)
+
+    def _mark(self, row: int, reason: str, of_shape: bool = True) -> None:
+        """Mark that the latest state of an object could not be used."""
+        expiry = int(self._markers.expiry[row])
+        self._shapes.refuse(self._markers.key(row), reason, of_shape, expiry)
+
+    def _number_of(self, name: str) -> int:
+        """Return the number of a namespace in the table, NO_NUMBER for none."""
+        number = self._table.namespaces.find(name)
+        return NO_NUMBER if number is None else number
+
+    def _keys(self, rows: Rows) -> tuple[Rows, Rows]:
+        """Return numbers of namespaces, NO_NUMBER for those not in the table, and ids."""
+        ns = self._markers.ns
+        numbers = [
+            NO_NUMBER if index in ns.bad else self._number_of(name)
+            for index, name in enumerate(ns.texts)
+        ]
+        return np.array(numbers, np.int64)[ns.of[rows]], self._markers.id[rows]
+
+    def _find_slots(self, rows: Rows) -> Rows:
+        """Return the slots of the objects of markers, -1 for none."""
+        return self._table.find(*self._keys(rows))
+
+    def _without_owned(self, outcome: Settled) -> Settled:
+        """Exclude, and count, markers that name objects of sets of boxes, or links of robots."""
+        slots = self._find_slots(outcome.first)
+        owned = (slots >= 0) & ((self._table.of_set[slots] > 0) | self._table.of_robot[slots])
+        if not owned.any():
+            return outcome
+        winner, remover = outcome.winner[owned], outcome.remover[owned]
+        self._refuse(winner[winner >= 0], OWNED, marks=True)
+        self._refuse(remover[(remover >= 0) & (winner < 0)], OWNED)
+        return outcome.take(~owned)
+
+    def _remove(self, outcome: Settled) -> Rows:
+        """Take out what was there and is deleted; return the slots (k,) of the rest, -1 for none.
+
+        What is deleted and comes again as it was, in the fixed frame, stays in its place.
+        """
+        markers, objects, table = self._markers, self._objects, self._table
+        added, deletes = markers.action == Marker.ADD, markers.action == Marker.DELETE
+        added &= ~np.isin(markers.type, ANNOTATIONS)
+        everything = markers.ns.of[markers.action == Marker.DELETEALL]
+        was_something = not objects.is_empty or bool(objects.unplaceable) or added.any()
+        doomed, removed = self._deleted_by_all(everything), outcome.remover >= 0
+        slots = self._find_slots(outcome.first)
+        doomed[slots[removed & (slots >= 0)]] = True
+        deleted = [markers.key(row) for row in outcome.first[removed].tolist()]
+        for key in deleted if objects.unplaceable else ():
+            objects.shapes.unplaceable.delete(key)
+        again = np.flatnonzero((slots >= 0) & (outcome.winner >= 0))
+        again = again[doomed[slots[again]]]
+        if len(again):
+            again = again[self._come_as_they_were(outcome.winner[again], slots[again])]
+            doomed[slots[again]] = False
+        gone = np.flatnonzero(doomed & table.live)
+        self._unknown.deleted((*deleted, *table.keys(gone)), self._now)
+        objects.shapes.remove(gone)
+        says_so = was_something and (len(everything) or deletes.any())
+        if says_so or any(not markers.ns.texts[index] for index in everything.tolist()):
+            objects.declare_empty()
+        objects.shapes.readd(slots[again])
+        return np.where((slots >= 0) & table.has(LIVE, slots), slots, -1)
+
+    def _come_as_they_were(self, rows: Rows, slots: Rows) -> Mask:
+        """Return which objects have the shapes of markers, and those the fixed frame."""
+        frame, frames = self._markers.frame, self._objects.placement.frame_table
+        same = self._have_shapes(rows, slots)
+        for index in np.flatnonzero(~np.isin(self._markers.type[rows], IMMEDIATE)).tolist():
+            with suppress(Exception):  # reported when it is added
+                signature = self._plan(int(rows[index])).signature
+                same[index] = self._table.signatures.get(int(slots[index])) == signature
+        same &= np.array([frames.is_fixed(name) for name in frame.texts])[frame.of[rows]]
+        return same & ~self._table.has(UNPLACED, slots)
+
+    def _deleted_by_all(self, namespaces: Rows) -> Mask:
+        """Return which slots are deleted by DELETEALL, of all or of a namespace, as in RViz."""
+        table, ns = self._table, self._markers.ns
+        doomed = np.zeros(len(table.condition), np.bool_)
+        for index in np.unique(namespaces).tolist():
+            name = ns.texts[index]
+            self._shapes.unplaceable.delete_all(name or None)
+            if not name:
+                doomed |= table.live
+            elif index not in ns.bad:
+                doomed |= table.live & (table.ns == self._number_of(name))
+        return doomed & ~((table.of_set > 0) | table.of_robot)
+
+    def _have_shapes(self, rows: Rows, slots: Rows) -> Mask:
+        """Return which objects (n,), -1 for none, have the shapes of primitive markers."""
+        return self._table.have_shapes(slots, self._markers.type[rows], self._markers.scales[rows])
+
+    def _add(self, rows: Rows, slots: Rows, previous: Rows) -> None:
+        """Give objects the shapes and poses of markers."""
+        markers, states = self._markers, self._objects.states
+        old = states.find_late(slots, markers.stamp[rows], markers.received[rows])
+        self._refuse(rows[old], RefusedError(OLDER, "a newer state is known"))
+        rows, slots = rows[~old], slots[~old]
+        same = self._have_shapes(rows, slots)
+        self._each(rows[same], self._touch)
+        simple = ~same & np.isin(markers.type[rows], PRIMITIVES)
+        some, ns = rows[simple], markers.ns
+
+        def refuse(bad: Mask, error: RefusedError) -> None:
+            self._refuse(some[bad], error, marks=True)
+
+        def admit(index: int) -> int:
+            return self._table.namespaces.admit(ns.texts[index])
+
+        with self._shapes.room(slots[simple] < 0, ns.of[some], admit, refuse) as admitted:
+            self._each(some[admitted], self._put_many)
+        for row in rows[~same & ~simple].tolist():
+            self._put_one_of(row, previous)
+
+    def _put_one_of(self, last: int, previous: Rows) -> None:
+        """Give an object the last of its states that can be built."""
+        self._put_what_stays(last, previous)
+        row = last
+        for _ in range(MAX_TRIES):
+            if self._each(np.array([row]), self._put):
+                break
+            row = int(previous[row])
+            if row < 0:
+                return
+        if row != last:
+            self._mark(last, "")  # what it has is not the last
+
+    def _put_what_stays(self, row: int, previous: Rows) -> None:
+        """Put the last shape before one that has to be built: it stays if that can't be."""
+        kinds = self._markers.type
+        if kinds[row] in IMMEDIATE:
+            return
+        while row >= 0 and kinds[row] not in IMMEDIATE:
+            row = int(previous[row])
+        if row >= 0:
+            self._each(np.array([row]), self._put)
+
+    def _each(self, rows: Rows, put: Callable[[Rows], None]) -> bool:
+        """Call ``put`` on all rows or, where that fails, on fewer; return whether none failed."""
+
+        def fail(row: int, error: RefusedError) -> None:
+            self._refuse(np.array([row]), error, marks=True)
+
+        def name(row: int) -> str:
+            return name_from_key(self._markers.key(row))
+
+        return each(rows, put, fail, self._guard, "input objects", name)
+
+    def _touch(self, rows: Rows) -> None:
+        """Extend objects whose shapes are unchanged."""
+        slots = self._find_slots(rows)
+        self._shapes.touch(slots, self._markers.expiry[rows])
+        self._store(rows, slots)
+
+    def _put_many(self, rows: Rows) -> None:
+        """Add objects of primitive shapes, or change them."""
+        m, keys = self._markers, self._keys(rows)
+        given = m.type[rows], m.scales[rows], m.poses[rows], m.expiry[rows]
+        self._store(rows, self._shapes.put_primitives(keys, *given))
+
+    def _put(self, rows: Rows) -> None:
+        """Add the object of one marker of any type, or change it."""
+        row = int(rows[0])
+        expiry = int(self._markers.expiry[row])
+        slot = self._shapes.take(self._markers.key(row), self._plan(row), expiry)
+        self._store(rows, np.array([slot]))
+
+    def _plan(self, row: int) -> ShapePlan:
+        """Return how to get the shape of a marker; RefusedError where it has none."""
+        if row not in self._plans:
+            self._plans[row] = plan_shape(_shape(self._markers, row))
+        return self._plans[row]
+
+    def _store(self, rows: Rows, slots: Rows) -> None:
+        """Store the poses of markers, those of the same frame together."""
+        markers, states = self._markers, self._objects.states
+        of = markers.frame.of[rows]
+        for index in np.unique(of).tolist():
+            some = rows[of == index]
+            state = State(markers.frame.texts[index], markers.stamp[some], markers.received[some])
+            states.store(slots[of == index], markers.poses[some], state)
+        locked = markers.locked[rows]
+        if locked.any():
+            states.lock(slots[locked])
+
+
+def _shape(markers: Batch, row: int) -> MarkerShape:
+    """Return the shape of a marker as a copy: a view would hold the whole message in memory."""
+    part, at = markers.parts[markers.part[row]], int(markers.row[row])
+    return MarkerShape(
+        int(markers.type[row]),
+        markers.scales[row].copy(),
+        part.points(at).copy(),
+        part.text(at, MESH).decode(errors="replace"),
+        part.text(at, FILE).decode(errors="replace"),
+        bytes(part.content(at)),
+    )

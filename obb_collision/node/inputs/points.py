@@ -24,7 +24,7 @@ import numpy.typing as npt
 
 from obb_collision.geometry.poses import as_poses
 from obb_collision.node.diagnostics.monitors import InputMonitor
-from obb_collision.node.inputs.waiting_clouds import Cloud, WaitingClouds
+from obb_collision.node.inputs.waiting_clouds import QueuedCloud, WaitingClouds
 from obb_collision.node.messages.cdr import cloud_from_bytes
 from obb_collision.node.messages.clouds import NO_LIMIT, points_from_ros
 from obb_collision.node.messages.conversions import NANOSECONDS, stamp_from_ros
@@ -73,13 +73,13 @@ class Obstacles:
             ahead = (stamp - now) / NANOSECONDS
             self._monitor.doubt(now, AHEAD, detail=f"{ahead:.1f} s ahead of the node's clock")
         size = len(message.data)
-        self.waiting.add(Cloud(message, message.header.frame_id, stamp, now, size))
+        self.waiting.add(QueuedCloud(message, message.header.frame_id, stamp, now, size))
 
     def place(self, now: int) -> None:
         """Give the scene the newest cloud that can be placed; the last good one stays otherwise."""
         self.waiting.use_newest(now, self._use)
 
-    def _use(self, cloud: Cloud, frame: Floats | None) -> None:
+    def _use(self, cloud: QueuedCloud, frame: Floats | None) -> None:
         """Give the scene a cloud; RefusedError if it can't be used."""
         points = points_from_ros(cloud.content, self.max_points)
         self._scene.obstacle_points = points if frame is None else placed_points(points, frame)

@@ -35,7 +35,7 @@ MAX_CLOUD_BYTES = 1 << 26
 """Maximum size of clouds that wait for transforms, 64 MB; the newest is always stored."""
 
 
-class Cloud(NamedTuple):
+class QueuedCloud(NamedTuple):
     """A queued cloud: content, frame, stamp and time of receipt (ns), size in bytes."""
 
     content: Any
@@ -53,12 +53,12 @@ class WaitingClouds:
     ) -> None:
         self._frames, self._fixed_frame = frames, fixed_frame
         self._monitor, self._guard = monitor, guard
-        self.clouds: list[Cloud] = []
+        self.clouds: list[QueuedCloud] = []
         """The newest one last."""
         self.timeout = 0.0
         """Maximum time that a cloud waits for its frame (s)."""
 
-    def add(self, cloud: Cloud) -> int:
+    def add(self, cloud: QueuedCloud) -> int:
         """Queue a cloud; returns the number of unused clouds that are dropped."""
         before = len(self.clouds)
         if not self._is_elsewhere(cloud):
@@ -79,16 +79,16 @@ class WaitingClouds:
     def use_newest(
         self,
         now: int,
-        use: Callable[[Cloud, Floats | None], None],
-        refuse: Callable[[Cloud, RefusedError], None] = lambda cloud, error: None,
+        use: Callable[[QueuedCloud, Floats | None], None],
+        refuse: Callable[[QueuedCloud, RefusedError], None] = lambda cloud, error: None,
     ) -> int:
         """Use the newest cloud that can be placed, and drop those before it; returns how many.
 
         use: takes a cloud and where its frame is (7,), None for the fixed frame; it may raise
         RefusedError. refuse: called for each cloud that can't be used.
         """
-        kept: list[Cloud] = []
-        refused: list[tuple[Cloud, RefusedError]] = []  # newer than the one used: told after that
+        kept: list[QueuedCloud] = []
+        refused: list[tuple[QueuedCloud, RefusedError]] = []  # newer than the one used
         waiting, self.clouds = self.clouds, kept
         while waiting:
             cloud = waiting.pop()
@@ -109,7 +109,7 @@ class WaitingClouds:
             refuse(newer, reason)
         return len(waiting)
 
-    def _place(self, cloud: Cloud) -> Floats | None:
+    def _place(self, cloud: QueuedCloud) -> Floats | None:
         if not self._is_elsewhere(cloud):
             return None
         frame = self._frames.lookup(cloud.frame, cloud.stamp)
@@ -117,11 +117,11 @@ class WaitingClouds:
             raise RefusedError("bad transform", f"{frame.tolist()}")
         return frame
 
-    def _may_wait(self, cloud: Cloud, now: int) -> bool:
+    def _may_wait(self, cloud: QueuedCloud, now: int) -> bool:
         late = now - cloud.received > int(self.timeout * NANOSECONDS)
         return self._frames.waits and not late
 
-    def _is_elsewhere(self, cloud: Cloud) -> bool:
+    def _is_elsewhere(self, cloud: QueuedCloud) -> bool:
         """Whether a cloud is in another frame than the fixed one."""
         return cloud.frame not in ("", self._fixed_frame)
 

@@ -100,7 +100,7 @@ class MarkerShape:
 
 
 @dataclass(frozen=True, eq=False)
-class Plan:
+class ShapePlan:
     """How to get a shape: it is here, or there is a job that builds it. One of them is None."""
 
     signature: Signature
@@ -108,7 +108,7 @@ class Plan:
     job: Job | None = None
 
 
-def plan_shape(given: MarkerShape) -> Plan:
+def plan_shape(given: MarkerShape) -> ShapePlan:
     """Return how to get a marker's shape. RefusedError with the reason where it is no body.
 
     What takes time in proportion to the points or the file is left to the job, but for one look
@@ -138,24 +138,24 @@ def _checked_scale(given: MarkerShape) -> Floats:
     return scale
 
 
-def _simple(given: MarkerShape, scale: Floats, shape: shapes.Shape) -> Plan:
+def _simple(given: MarkerShape, scale: Floats, shape: shapes.Shape) -> ShapePlan:
     _ = shape.local_box  # fitted here, where a failure can still be refused
-    return Plan((given.kind, *scale.tolist()), shape)
+    return ShapePlan((given.kind, *scale.tolist()), shape)
 
 
-def _cube(given: MarkerShape, scale: Floats) -> Plan:
+def _cube(given: MarkerShape, scale: Floats) -> ShapePlan:
     return _simple(given, scale, shapes.Box(scale))
 
 
-def _sphere(given: MarkerShape, scale: Floats) -> Plan:
+def _sphere(given: MarkerShape, scale: Floats) -> ShapePlan:
     return _simple(given, scale, shapes.Ellipsoid(0.5 * scale))
 
 
-def _cylinder(given: MarkerShape, scale: Floats) -> Plan:
+def _cylinder(given: MarkerShape, scale: Floats) -> ShapePlan:
     return _simple(given, scale, shapes.Cylinder(0.5, 1.0, scale=scale))
 
 
-def _arrow(given: MarkerShape, scale: Floats) -> Plan:
+def _arrow(given: MarkerShape, scale: Floats) -> ShapePlan:
     """Along x from the origin, or between two points with scale.x, scale.y as diameters."""
     if len(given.points) == 1:
         raise RefusedError("array lengths differ", "an arrow has no points or two")
@@ -166,7 +166,7 @@ def _arrow(given: MarkerShape, scale: Floats) -> Plan:
     ends = np.array(given.points[:2], dtype=np.float64)  # RViz looks at no more
     _check_points(ends)
     shape = _between(ends, float(scale[:2].max()))
-    return Plan((given.kind, *scale.tolist(), ends.tobytes()), shape)
+    return ShapePlan((given.kind, *scale.tolist(), ends.tobytes()), shape)
 
 
 def _between(ends: Floats, width: float) -> shapes.Shape:
@@ -189,22 +189,22 @@ def _check_points(points: Floats) -> None:
         raise RefusedError("bad points", "points must be finite")
 
 
-def _triangles(given: MarkerShape, scale: Floats) -> Plan:
+def _triangles(given: MarkerShape, scale: Floats) -> ShapePlan:
     if len(given.points) % 3:
         raise RefusedError("array lengths differ", f"{len(given.points)} points are no triangles")
     points, signature = _known_points(given, scale)
-    return Plan(signature, job=Triangles(points, scale))
+    return ShapePlan(signature, job=Triangles(points, scale))
 
 
-def _bodies(given: MarkerShape, scale: Floats) -> Plan:
+def _bodies(given: MarkerShape, scale: Floats) -> ShapePlan:
     points, signature = _known_points(given, scale)
-    return Plan(signature, job=Bodies(points, scale))
+    return ShapePlan(signature, job=Bodies(points, scale))
 
 
-def _dots(given: MarkerShape, scale: Floats) -> Plan:
+def _dots(given: MarkerShape, scale: Floats) -> ShapePlan:
     points, signature = _known_points(given, scale)
     widths = np.full(3, scale[: SCALE_AXES[given.kind]].max())
-    return Plan(signature, job=Bodies(points, widths))
+    return ShapePlan(signature, job=Bodies(points, widths))
 
 
 def _known_points(given: MarkerShape, scale: Floats) -> tuple[Floats, Signature]:
@@ -228,25 +228,25 @@ def _digest(data: Any) -> bytes:
     return hashlib.blake2b(data, digest_size=16).digest()
 
 
-def _mesh(given: MarkerShape, scale: Floats) -> Plan:
+def _mesh(given: MarkerShape, scale: Floats) -> ShapePlan:
     uri = given.resource
     if len(given.data):
         data = bytes(given.data)
         name = "mesh" + PurePath(given.filename or uri).suffix
         signature = (given.kind, *scale.tolist(), name, _digest(data))
-        return Plan(signature, job=MeshFile(name, scale, data))
+        return ShapePlan(signature, job=MeshFile(name, scale, data))
     if "://" not in uri:  # RViz takes URIs only; a bare path depends on where the node was started
         raise RefusedError(UNREADABLE, f"{_short(uri)} is no file:// or package:// URI")
     if len(uri) > LONGEST_URI:
         raise RefusedError(UNREADABLE, f"{_short(uri)} has more than {LONGEST_URI} characters")
-    return Plan((given.kind, *scale.tolist(), uri), job=MeshFile(uri, scale))
+    return ShapePlan((given.kind, *scale.tolist(), uri), job=MeshFile(uri, scale))
 
 
 def _short(text: str) -> str:
     return repr(shortened(text))
 
 
-PLANNERS: dict[int, Callable[[MarkerShape, Floats], Plan]] = {
+PLANNERS: dict[int, Callable[[MarkerShape, Floats], ShapePlan]] = {
     Marker.CUBE: _cube,
     Marker.SPHERE: _sphere,
     Marker.CYLINDER: _cylinder,

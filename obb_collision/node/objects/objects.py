@@ -27,7 +27,7 @@ from obb_collision.accuracy import Accuracy
 from obb_collision.node.messages.conversions import Key, name_from_key
 from obb_collision.node.objects.frames import FrameSource
 from obb_collision.node.objects.placement import Placement
-from obb_collision.node.objects.refusals import Notes
+from obb_collision.node.objects.refusals import Notices
 from obb_collision.node.objects.shapes import ObjectShapes
 from obb_collision.node.objects.staleness import Staleness
 from obb_collision.node.objects.states import States
@@ -46,15 +46,15 @@ NO_SLOTS: Slots = np.empty(0, np.int64)
 class Objects:
     """The table of objects, and what works on it: shapes, states, and their placement in the scene.
 
-    notes: items that were refused or are doubtful, until they are taken.
+    notices: items that were refused or are doubtful, until they are taken.
     """
 
     def __init__(self, fixed_frame: str, frames: FrameSource, guard: Guard) -> None:
-        self.scene, self.table, self.notes = Scene(), ObjectTable(), Notes()
-        self.placement = Placement(self.scene, self.table, frames, fixed_frame, self.notes, guard)
+        self.scene, self.table, self.notices = Scene(), ObjectTable(), Notices()
+        self.placement = Placement(self.scene, self.table, frames, fixed_frame, self.notices, guard)
         self.staleness = Staleness(self.scene, self.table, self.placement)
-        self.states = States(self.table, self.placement, self.notes)
-        self.shapes = ObjectShapes(self.scene, self.table, self.placement, self.notes)
+        self.states = States(self.table, self.placement, self.notices)
+        self.shapes = ObjectShapes(self.scene, self.table, self.placement, self.notices)
         self.table.namespaces.named = self._rename
         self._tree_builder = Builder()
         self.broken = ""

@@ -49,7 +49,7 @@ from obb_collision.node.objects.conditions import (
     WAITING,
 )
 from obb_collision.node.objects.frames import EXTRAPOLATION, LINK_NOT_KNOWN, FrameSource, Transforms
-from obb_collision.node.objects.refusals import Notes
+from obb_collision.node.objects.refusals import Notices
 from obb_collision.node.objects.table import ObjectTable, Slots
 from obb_collision.node.objects.waiting import (
     LONGEST_LAG,
@@ -71,7 +71,7 @@ RETRY_PERIOD = NANOSECONDS // 2
 class Placement:
     """Moves objects to the poses stored in the table, and includes them in collisions.
 
-    notes: takes poses that could not be placed.
+    notices: takes poses that could not be placed.
     """
 
     def __init__(
@@ -80,12 +80,12 @@ class Placement:
         table: ObjectTable,
         frames: FrameSource,
         fixed_frame: str,
-        notes: Notes,
+        notices: Notices,
         guard: Guard,
     ) -> None:
         self._scene, self._table, self._frames, self.guard = scene, table, frames, guard
         self.frame_table = FrameTable(fixed_frame)
-        self._notes = notes
+        self._notices = notices
         self._topics: list[str] = []
         self._next_retry = 0
         self._count = 0
@@ -243,7 +243,7 @@ class Placement:
             some = states[(states["frame"] == frame) & (states["topic"] == topic)]
             error = errors.get(int(frame)) or RefusedError("bad pose", "out of range once placed")
             name = name_from_key(table.key(int(some["slot"][0])))
-            self._notes.refuse(self._topics[topic], error.reason, name, error.detail, len(some))
+            self._notices.refuse(self._topics[topic], error.reason, name, error.detail, len(some))
 
     def _move_here(self, slots: Slots) -> None:
         """Move objects to their latest states, given in the fixed frame."""

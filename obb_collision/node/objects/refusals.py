@@ -27,7 +27,7 @@ from obb_collision.node.objects.table import NEVER, ObjectTable
 from obb_collision.scene.store.overrides import Overrides
 
 
-class Note(NamedTuple):
+class Notice(NamedTuple):
     """Items of a topic that are refused, or used but not trusted, for one reason; one is named."""
 
     topic: str
@@ -38,29 +38,29 @@ class Note(NamedTuple):
     total: int
 
 
-class Notes:
-    """Notes since they were last taken: one per topic and reason, with the latest item."""
+class Notices:
+    """Notices since they were last taken: one per topic and reason, with the latest item."""
 
     def __init__(self) -> None:
-        self._notes: dict[tuple[str, str, bool], Note] = {}
+        self._notices: dict[tuple[str, str, bool], Notice] = {}
 
     def refuse(self, topic: str, reason: str, item: str, detail: str, count: int = 1) -> None:
         """Note items that could not be used."""
-        self._add(Note(topic, reason, True, item, detail, count))
+        self._add(Notice(topic, reason, True, item, detail, count))
 
     def doubt(self, topic: str, reason: str, item: str, detail: str, count: int = 1) -> None:
         """Note items that are used, but not trusted."""
-        self._add(Note(topic, reason, False, item, detail, count))
+        self._add(Notice(topic, reason, False, item, detail, count))
 
-    def _add(self, note: Note) -> None:
-        before = self._notes.get(note[:3])
-        total = note.total + (0 if before is None else before.total)
-        self._notes[note[:3]] = note._replace(total=total)
+    def _add(self, notice: Notice) -> None:
+        before = self._notices.get(notice[:3])
+        total = notice.total + (0 if before is None else before.total)
+        self._notices[notice[:3]] = notice._replace(total=total)
 
-    def take(self) -> list[Note]:
-        """Return the notes, and reset them."""
-        notes, self._notes = self._notes, {}
-        return list(notes.values())
+    def take(self) -> list[Notice]:
+        """Return the notices, and reset them."""
+        notices, self._notices = self._notices, {}
+        return list(notices.values())
 
 
 MAX_UNPLACEABLE = 1000

@@ -37,7 +37,7 @@ from obb_collision.geometry.shapes.files import (
 from obb_collision.node.messages.clouds import TOO_MANY_POINTS
 from obb_collision.node.messages.conversions import Key
 from obb_collision.node.messages.errors import RefusedError
-from obb_collision.node.messages.marker_shapes import Plan, Signature
+from obb_collision.node.messages.marker_shapes import ShapePlan, Signature
 from obb_collision.scene.building.builder import Builder, Outcome
 from obb_collision.scene.building.errors import BuildError
 from obb_collision.scene.building.jobs import TOO_MANY_TRIANGLES, Bodies, Job, MeshFile, Triangles
@@ -53,7 +53,7 @@ CHECK = "check"
 
 
 @dataclass(frozen=True)
-class Given:
+class BuiltShape:
     """The result for objects: a shape or an error. keys: None for all objects of that shape."""
 
     signature: Signature
@@ -111,7 +111,7 @@ class ShapeRequests:
         self._recent_bytes = 0
         self.limits = ShapeLimits()
 
-    def built(self, plan: Plan) -> Shape | None:
+    def built(self, plan: ShapePlan) -> Shape | None:
         """Return the shape of a plan if it is there already."""
         shape = self._built.get(plan.signature)
         if shape is not None:
@@ -128,13 +128,13 @@ class ShapeRequests:
         while self._recent_bytes > KEPT_BYTES or len(recent) > KEPT_SHAPES:
             self._recent_bytes -= _size(recent.pop(next(iter(recent))))
 
-    def check_file(self, plan: Plan) -> None:
+    def check_file(self, plan: ShapePlan) -> None:
         """See to it that the file of a plan is looked at again, if there is one."""
         file = self._files.get(plan.signature)
         if file is not None:
             file.asked = True
 
-    def request(self, key: Key, plan: Plan) -> None:
+    def request(self, key: Key, plan: ShapePlan) -> None:
         """Have the shape of a plan built for an object.
 
         RefusedError where it exceeds a limit, or too many wait.
@@ -154,7 +154,7 @@ class ShapeRequests:
         """Return whether an object waits for a shape."""
         return self._builder.wants(key)
 
-    def poll(self) -> Iterator[Given]:
+    def poll(self) -> Iterator[BuiltShape]:
         """Yield what objects get since the last time."""
         for outcome in self._builder.poll():
             signature: Any = outcome.signature
@@ -162,7 +162,7 @@ class ShapeRequests:
                 yield from self._checked(signature[1], outcome)
             else:
                 keys: Any = tuple(outcome.keys)
-                yield Given(signature, *self._result(signature, outcome), keys)
+                yield BuiltShape(signature, *self._result(signature, outcome), keys)
         self._look_at_files()
 
     def _result(
@@ -201,12 +201,12 @@ class ShapeRequests:
             except BuildError:
                 file.asked = True
 
-    def _checked(self, signature: Signature, outcome: Outcome) -> Iterator[Given]:
+    def _checked(self, signature: Signature, outcome: Outcome) -> Iterator[BuiltShape]:
         """Yield the results for the objects of a file; none if it is unchanged."""
         if outcome.error is None and outcome.result is None:
             return
         if signature in self._files:
-            yield Given(signature, *self._result(signature, outcome))
+            yield BuiltShape(signature, *self._result(signature, outcome))
 
 
 def _size(shape: Shape) -> int:

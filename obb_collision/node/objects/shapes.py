@@ -16,14 +16,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
 import numpy as np
-import numpy.typing as npt
 from visualization_msgs.msg import Marker
 
 from obb_collision.accuracy import Accuracy
 from obb_collision.node.messages.conversions import Key, name_from_key
 from obb_collision.node.messages.errors import RefusedError
-from obb_collision.node.messages.marker_shapes import Plan, Signature
+from obb_collision.node.messages.marker_shapes import ShapePlan, Signature
 from obb_collision.node.objects.conditions import (
     ASIDE,
     FIRST_SHAPE_ASKED,
@@ -41,8 +43,8 @@ from obb_collision.node.objects.conditions import (
     UNSHAPED,
 )
 from obb_collision.node.objects.placement import Placement
-from obb_collision.node.objects.refusals import Notes, Unplaceable
-from obb_collision.node.objects.shape_requests import Given, ShapeRequests
+from obb_collision.node.objects.refusals import Notices, Unplaceable
+from obb_collision.node.objects.shape_requests import BuiltShape, ShapeRequests
 from obb_collision.node.objects.table import COLUMNS, NEVER, ObjectTable, Slots
 from obb_collision.node.runtime.guard import INTERNAL_ERROR
 from obb_collision.scene.building.builder import Builder
@@ -50,25 +52,23 @@ from obb_collision.scene.scene import Scene
 from obb_collision.scene.store.overrides import Overrides
 from obb_collision.scene.store.store import NO_ROWS
 from obb_collision.shapes import Box, Cylinder, Ellipsoid, Shape
-from obb_collision.typing import Floats
+from obb_collision.typing import Floats, Mask
 
 DEFAULT_LIMIT = 1000
 PLACEHOLDER = Box((1.0, 1.0, 1.0))
 """Stands for an object whose first shape is being built; it is not checked until then."""
 NO_SIGNATURE: Signature = ()
+KEPT = ("condition", "ns", "id", "serial", "kind", "size", "expiry")
+"""Columns that are unchanged if an object is removed and added again with the same shape."""
 
 
 class ObjectShapes:
     """Adds objects to scene and table, and takes them out."""
 
     def __init__(
-        self,
-        scene: Scene,
-        table: ObjectTable,
-        placement: Placement,
-        notes: Notes,
+        self, scene: Scene, table: ObjectTable, placement: Placement, notices: Notices
     ) -> None:
-        self.scene, self.table, self.placement, self._notes = scene, table, placement, notes
+        self.scene, self.table, self.placement, self._notices = scene, table, placement, notices
         self.unplaceable = Unplaceable()
         self.overrides: Overrides[Accuracy] = Overrides()
         self.max_objects = DEFAULT_LIMIT
@@ -76,7 +76,7 @@ class ObjectShapes:
         """Builds in another process."""
         self.requests = ShapeRequests(self.builder)
 
-    def take(self, key: Key, plan: Plan, expiry: int | None) -> int:
+    def take(self, key: Key, plan: ShapePlan, expiry: int = NEVER) -> int:
         """Add an object by the plan of its shape, or give it that; returns its slot.
 
         A shape that takes time is built elsewhere. Till it is there a new object takes part in
@@ -84,9 +84,9 @@ class ObjectShapes:
         ``put``. Raises RefusedError with the reason where there is no such shape.
         """
         slot = self.table.slots.get(key)
-        if self.table.signature(key) == plan.signature:
+        if slot is not None and self.table.signature(key) == plan.signature:
             self.requests.check_file(plan)
-            return self.put(key, None, plan.signature, expiry)
+            return self._touch_one(slot, expiry)
         shape = plan.shape or self.requests.built(plan)
         if shape is not None:
             return self.put(key, shape, plan.signature, expiry)
@@ -99,38 +99,66 @@ class ObjectShapes:
             self.placement.enable(np.array([slot]))
         else:
             self.table.mark(slot, SHAPE_ASKED)
-        self._renew(key, slot, expiry)
+        self._renew(np.array([slot]), expiry)
         return slot
 
     def put(
-        self,
-        key: Key,
-        shape: Shape | None,
-        signature: Signature,
-        expiry: int | None,
+        self, key: Key, shape: Shape, signature: Signature = NO_SIGNATURE, expiry: int = NEVER
     ) -> int:
-        """Add an object, or change its shape (None: unchanged); returns its slot.
+        """Add an object, or change its shape; returns its slot.
 
-        ``expiry`` is when its lifetime ends (ns), None for never. A new object takes part once it
-        has a pose. Raises RefusedError ("too many objects", "too many namespaces", "namespace
-        number taken", "bad name", "bad shape").
+        ``expiry`` is when its lifetime ends (ns). A new object takes part once it has a pose.
+        Raises RefusedError ("too many objects", "too many namespaces", "namespace number taken",
+        "bad name", "bad shape").
         """
-        slot = self.table.slots.get(key)
-        if slot is None:
+        if key not in self.table.slots:
             self._admit(key)
-        if shape is not None:
-            slot = self._give(key, shape, signature)
-        assert slot is not None
-        self.requests.cancel(key)
-        self.table.mark(slot, SHAPE_SETTLED)
-        self._renew(key, slot, expiry)
-        return slot
+        return self._touch_one(self._give(key, shape, signature), expiry)
 
     def _admit(self, key: Key) -> None:
         """Make room for a new object, or refuse it."""
         if len(self.table) >= self.max_objects:
-            raise RefusedError("too many objects", f"{self.max_objects} is the limit")
+            raise self._full
         self.table.namespaces.admit(key[0])
+
+    @property
+    def _full(self) -> RefusedError:
+        return RefusedError("too many objects", f"{self.max_objects} is the limit")
+
+    @contextmanager
+    def room(
+        self,
+        new: Mask,
+        groups: Slots,
+        admit: Callable[[int], int],
+        refuse: Callable[[Mask, RefusedError], None],
+    ) -> Iterator[Mask]:
+        """Make room for new ones of many objects (n,), and yield which have it.
+
+        groups (n,): namespaces; admit: takes one and returns its number, or raises RefusedError;
+        refuse: takes those (n,) that are refused for a reason.
+        """
+        names, admitted, numbers = self.table.namespaces, np.ones(len(new), np.bool_), []
+        refused: dict[str, tuple[RefusedError, list[int]]] = {}
+        for group in np.unique(groups[new]).tolist():
+            try:
+                numbers.append(admit(group))
+                names.use(numbers[-1])  # so that it stays till its objects are there
+            except RefusedError as error:
+                refused.setdefault(error.reason, (error, []))[1].append(group)
+        for error, several in refused.values():
+            bad = new & np.isin(groups, several)
+            refuse(bad, error)
+            admitted &= ~bad
+        surplus = np.flatnonzero(new & admitted)[max(0, self.max_objects - len(self.table)) :]
+        if len(surplus):
+            admitted[surplus] = False
+            refuse(np.isin(np.arange(len(new)), surplus), self._full)
+        try:
+            yield admitted
+        finally:
+            for number in numbers:
+                names.leave(number)
 
     def _give(self, key: Key, shape: Shape, signature: Signature) -> int:
         table, name = self.table, name_from_key(key)
@@ -152,11 +180,20 @@ class ObjectShapes:
         self.placement.enable(np.array([index]))
         return index
 
-    def _renew(self, key: Key, slot: int, expiry: int | None) -> None:
-        self.table.expiry[slot] = NEVER if expiry is None else expiry
-        self.table.mark(slot, SHAPE_CONFIRMED)
-        self.table.seen[slot] = False
-        self.unplaceable.forget(key)
+    def _touch_one(self, slot: int, expiry: int) -> int:
+        self.touch(np.array([slot]), expiry)
+        return slot
+
+    def touch(self, slots: Slots, expiry: Slots | int) -> None:
+        """Extend objects to their new expiry (n,) with the shapes that they have."""
+        self.cancel_pending(slots)
+        self._renew(slots, expiry)
+
+    def _renew(self, slots: Slots, expiry: Slots | int) -> None:
+        self.table.expiry[slots], self.table.seen[slots] = expiry, False
+        self.table.mark(slots, SHAPE_CONFIRMED)
+        for key in self.table.keys(slots) if self.unplaceable else ():
+            self.unplaceable.forget(key)
 
     def cancel_pending(self, slots: Slots) -> None:
         """Continue with the present shapes of objects: cancel what is being built for them."""
@@ -202,20 +239,109 @@ class ObjectShapes:
         self.cancel_pending(slots)
         self.table.release_many(slots)
 
+    def readd(self, slots: Slots) -> None:
+        """Take objects out and put them in again where they are, with the shapes they have."""
+        if len(slots) == 0:
+            return
+        table = self.table
+        self.cancel_pending(slots)
+        left_out = slots[table.has(STALE | ASIDE, slots)]
+        for column in COLUMNS:
+            if column not in KEPT:
+                getattr(table, column)[slots] = 0
+        table.mark(slots, RENEWED)
+        table.repeated[slots] = True  # this message is not the first one about them
+        self.placement.begin(slots)
+        self.scene.renew_indices(slots)
+        self.placement.enable(left_out)
+
+    def put_primitives(
+        self,
+        keys: tuple[Slots, Slots],
+        kinds: Slots,
+        sizes: Floats,
+        poses: Floats,
+        expiry: Slots | int = NEVER,
+        instead: Slots = NO_ROWS,
+    ) -> Slots:
+        """Add CUBE, SPHERE and CYLINDER of edge lengths (n, 3), or give objects those shapes.
+
+        keys: numbers of namespaces and ids (n,), all distinct; the namespaces are admitted, and
+        there is room for new objects. kinds (n,): types of markers; poses (n, 7), finite, of which
+        new objects get theirs; expiry (n,) as in the table; instead: slots of the scene that the
+        table has released, for boxes that come. Returns their slots; all or, on a RefusedError
+        ("bad shape"), none.
+        """
+        table, scene = self.table, self.scene
+        slots = table.find(*keys)
+        new = slots < 0
+        table.reach(len(scene) + len(slots))  # so that the table can take what the scene gets
+        cubes, were_cubes = kinds == Marker.CUBE, ~new & (table.kind[slots] == Marker.CUBE)
+        here, fresh = np.flatnonzero(cubes & were_cubes), np.flatnonzero(cubes & new)
+        other = np.flatnonzero(~(cubes & (new | were_cubes)))
+        if len(other):
+            given = slots[other], kinds[other], sizes[other]
+            slots[other] = self._put_bodies(*self._names(keys, other), *given)
+        if len(here):
+            scene.resize_boxes(slots[here], sizes[here])
+        if len(fresh):
+            names, levels = self._names(keys, fresh)
+            slots[fresh] = scene.begin_boxes(names, sizes[fresh], poses[fresh], levels, instead)
+        table.claim_many(slots[new], *(numbers[new] for numbers in keys))
+        self.placement.begin(slots[new])
+        table.note_primitives(slots, kinds, sizes)
+        table.mark(slots, SHAPE_GIVEN)
+        self.placement.enable(slots)
+        self.touch(slots, expiry)
+        return slots
+
+    def _put_bodies(
+        self,
+        names: list[str],
+        levels: list[Accuracy | None] | None,
+        slots: Slots,
+        kinds: Slots,
+        sizes: Floats,
+    ) -> Slots:
+        """Add objects that are no boxes, or change such; slots: -1 for new ones; returns all."""
+        poses = np.zeros((len(slots), 7))
+        poses[:, 6] = 1.0
+        there = slots >= 0
+        there[there] = ~self.table.has(UNPLACED, slots[there])
+        poses[there] = self.scene.poses_of(slots[there])
+        try:
+            bodies = [_body(*given) for given in zip(kinds.tolist(), sizes.tolist(), strict=True)]
+            return self.scene.add_boxes(names, sizes, poses, levels, bodies)
+        except ValueError as error:
+            raise RefusedError("bad shape", str(error)) from error
+
+    def _names(
+        self, keys: tuple[Slots, Slots], rows: Slots
+    ) -> tuple[list[str], list[Accuracy | None] | None]:
+        """Return the names of objects by their keys, and their accuracies if any has its own."""
+        texts, namespaces, ids = self.table.namespaces.names, keys[0][rows], keys[1][rows]
+        if (namespaces == namespaces[0]).all():  # as most senders have it: half the time
+            text = texts[int(namespaces[0])]
+            names = [f"{text}/{ident}" for ident in ids.tolist()]
+        else:
+            pairs = zip(namespaces.tolist(), ids.tolist(), strict=True)
+            names = [f"{texts[number]}/{ident}" for number, ident in pairs]
+        return names, [self.overrides.value(name) for name in names] if self.overrides else None
+
     def take_built(self) -> None:
         """Give objects the shapes that were built since the last cycle."""
         for given in self.requests.poll():
             for key in self._waiting_for(given):
                 self._take_built(key, given)
 
-    def _waiting_for(self, given: Given) -> list[Key]:
+    def _waiting_for(self, given: BuiltShape) -> list[Key]:
         if given.keys is not None:
             return [key for key in given.keys if key in self.table.slots]
         signatures = self.table.signatures.items()
         keys = [self.table.key(slot) for slot, known in signatures if known == given.signature]
         return [key for key in keys if not self.requests.is_waiting(key)]
 
-    def _take_built(self, key: Key, given: Given) -> None:
+    def _take_built(self, key: Key, given: BuiltShape) -> None:
         error = given.error
         if given.shape is not None:
             try:
@@ -230,109 +356,11 @@ class ObjectShapes:
             return
         self.table.mark(slot, SHAPE_SETTLED)
         if error is not None:
-            self._notes.refuse("objects", error.reason, name_from_key(key), error.detail)
+            self._notices.refuse("objects", error.reason, name_from_key(key), error.detail)
             expiry = int(self.table.expiry[slot])
             if self.table.has(UNSHAPED, slot):
                 self.remove(np.array([slot]))
             self.refuse(key, error.reason, True, expiry)
-
-
-KEPT = ("condition", "ns", "id", "serial", "kind", "size", "expiry")
-"""Columns that are unchanged if an object is removed and added again with the same shape."""
-
-
-def renew_slots(shapes: ObjectShapes, slots: Slots) -> None:
-    """Take objects out and put them in again where they are, with the shapes they have."""
-    if len(slots) == 0:
-        return
-    table = shapes.table
-    shapes.cancel_pending(slots)
-    left_out = slots[table.has(STALE | ASIDE, slots)]
-    for column in COLUMNS:
-        if column not in KEPT:
-            getattr(table, column)[slots] = 0
-    table.mark(slots, RENEWED)
-    table.repeated[slots] = True  # this message is not the first one about them
-    shapes.placement.begin(slots)
-    shapes.scene.renew_indices(slots)
-    shapes.placement.enable(left_out)
-
-
-def put_primitives(
-    shapes: ObjectShapes,
-    namespaces: Slots,
-    ids: Slots,
-    kinds: Slots,
-    sizes: Floats,
-    poses: Floats,
-    expiry: Slots,
-    instead: Slots = NO_ROWS,
-) -> Slots:
-    """Add CUBE, SPHERE and CYLINDER of edge lengths (n, 3), or give objects those shapes.
-
-    namespaces, ids (n,): keys, all distinct; the namespaces are admitted, and there is room for
-    new objects. kinds (n,): types of markers; poses (n, 7), finite, of which new objects get
-    theirs; expiry (n,) as in the table; instead: slots of the scene that the table has released,
-    for boxes that come. Returns their slots; all or, on a RefusedError ("bad shape"), none.
-    """
-    table = shapes.table
-    slots = table.find(namespaces, ids)
-    new = slots < 0
-    table.reach(len(shapes.scene) + len(slots))  # so that the table can take what the scene gets
-    cubes = kinds == Marker.CUBE
-    here = np.flatnonzero(~new & cubes & (table.kind[slots] == Marker.CUBE))
-    other = np.flatnonzero(~cubes | ~(new | (table.kind[slots] == Marker.CUBE)))
-    if len(other):
-        slots[other] = _put_bodies(
-            shapes, slots[other], namespaces[other], ids[other], kinds[other], sizes[other]
-        )
-    if len(here):
-        shapes.scene.resize_boxes(slots[here], sizes[here])
-    fresh = np.flatnonzero(new & cubes)
-    if len(fresh):
-        names = _names(table, namespaces[fresh], ids[fresh])
-        levels = _levels(shapes, names)
-        slots[fresh] = shapes.scene.begin_boxes(names, sizes[fresh], poses[fresh], levels, instead)
-    begun = slots[new]
-    table.claim_many(begun, namespaces[new], ids[new])
-    shapes.placement.begin(begun)
-    table.note_primitives(slots, kinds, sizes)
-    table.mark(slots, SHAPE_GIVEN)
-    shapes.placement.enable(slots)
-    touch_slots(shapes, slots, expiry)
-    return slots
-
-
-def _put_bodies(
-    shapes: ObjectShapes, slots: Slots, namespaces: Slots, ids: Slots, kinds: Slots, sizes: Floats
-) -> Slots:
-    """Add objects that are no boxes, or change such; slots: -1 for new ones; returns all slots."""
-    names = _names(shapes.table, namespaces, ids)
-    poses = np.zeros((len(slots), 7))
-    poses[:, 6] = 1.0
-    there = slots >= 0
-    there[there] = ~shapes.table.has(UNPLACED, slots[there])
-    poses[there] = shapes.scene.poses_of(slots[there])
-    pairs = zip(kinds.tolist(), sizes.tolist(), strict=True)
-    try:
-        bodies = [_body(kind, size) for kind, size in pairs]
-        return shapes.scene.add_boxes(names, sizes, poses, _levels(shapes, names), bodies)
-    except ValueError as error:
-        raise RefusedError("bad shape", str(error)) from error
-
-
-def _names(table: ObjectTable, namespaces: Slots, ids: Slots) -> list[str]:
-    texts = table.namespaces.names
-    if (namespaces == namespaces[0]).all():  # as most senders have it: half the time
-        text = texts[int(namespaces[0])]
-        return [f"{text}/{ident}" for ident in ids.tolist()]
-    pairs = zip(namespaces.tolist(), ids.tolist(), strict=True)
-    return [f"{texts[number]}/{ident}" for number, ident in pairs]
-
-
-def _levels(shapes: ObjectShapes, names: list[str]) -> list[Accuracy | None] | None:
-    overrides = shapes.overrides
-    return [overrides.value(name) for name in names] if overrides else None
 
 
 def _body(kind: int, size: list[float]) -> Shape | None:
@@ -343,25 +371,3 @@ def _body(kind: int, size: list[float]) -> Shape | None:
     if kind == Marker.CYLINDER:
         return Cylinder.trusted(0.5, 1.0, (x, y, z))
     return None
-
-
-def touch_slots(shapes: ObjectShapes, slots: Slots, expiry: Slots) -> None:
-    """Extend objects, whose shapes are unchanged, to their new expiry (n,)."""
-    table = shapes.table
-    table.expiry[slots] = expiry
-    table.seen[slots] = False
-    table.mark(slots, SHAPE_CONFIRMED)
-    shapes.cancel_pending(slots)
-    if shapes.unplaceable:
-        for slot in slots.tolist():
-            shapes.unplaceable.forget(table.key(slot))
-
-
-def have_shapes(
-    table: ObjectTable, slots: Slots, types: npt.NDArray[np.int64], scales: Floats
-) -> npt.NDArray[np.bool_]:
-    """Return which objects (n,) have the shapes that markers of PRIMITIVES and scales have."""
-    same: npt.NDArray[np.bool_] = (table.kind[slots] == types) & (table.size[slots] == scales).all(
-        axis=1
-    )
-    return same

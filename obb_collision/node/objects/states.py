@@ -33,7 +33,7 @@ from obb_collision.node.objects.conditions import (
     POSE_REFUSED,
 )
 from obb_collision.node.objects.placement import Placement
-from obb_collision.node.objects.refusals import Notes
+from obb_collision.node.objects.refusals import Notices
 from obb_collision.node.objects.table import ObjectTable, Slots
 from obb_collision.scene.store.placed import as_slice
 from obb_collision.typing import Floats, Mask
@@ -63,10 +63,10 @@ class State:
 
 
 class States:
-    """Stores states in the table, and notes their faults."""
+    """Stores states in the table, and notices their faults."""
 
-    def __init__(self, table: ObjectTable, placement: Placement, notes: Notes) -> None:
-        self._table, self._placement, self._notes = table, placement, notes
+    def __init__(self, table: ObjectTable, placement: Placement, notices: Notices) -> None:
+        self._table, self._placement, self._notices = table, placement, notices
         self.superseded: Counter[str] = Counter()
         """States, by topic, that newer ones replaced before a cycle placed them."""
         self.stamp_tolerance = NANOSECONDS // 2
@@ -152,7 +152,7 @@ class States:
 
     def _doubt(self, reason: str, slots: Slots, topic: str, detail: str) -> None:
         name = name_from_key(self._table.key(int(slots[0])))
-        self._notes.doubt(topic, reason, name, detail, len(slots))
+        self._notices.doubt(topic, reason, name, detail, len(slots))
 
     def lock(self, slots: Slots) -> None:
         """Place the stored poses in every cycle by the current transforms of their frames."""

@@ -22,7 +22,6 @@ times are whole nanoseconds of the node's clock.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import Any
 
 import numpy as np
 from visualization_msgs.msg import Marker
@@ -62,75 +61,46 @@ PRIMITIVES = (Marker.CUBE, Marker.SPHERE, Marker.CYLINDER)
 """Types of markers whose shape is the type and the scale, and nothing more."""
 
 POLICIES = UNKNOWN, COLLIDE, KEEP, IGNORE = ("unknown", "collide", "keep", "ignore")
-"""What a stale object is: not known where; grown; taken to be where it was; in no pair. The column
-``policy`` has the index."""
+"""What a stale object is: not known where; grown; taken to be where it was; in no pair."""
 
 NOTHING = (np.empty(0, np.int64),) * 3
 EVERY = slice(None)
 
-COLUMNS: dict[str, tuple[Any, tuple[int, ...]]] = {
-    "condition": (np.uint16, ()),  # see conditions.py, which alone writes it
-    "ns": (np.int64, ()),  # number of the namespace
-    "id": (np.int64, ()),
-    "serial": (np.int64, ()),  # no two objects ever share one
-    "of_set": (np.int64, ()),  # number of the input of complete sets by which it came; 0: none
-    "of_robot": (np.bool_, ()),  # belongs to a link of a robot
-    "kind": (np.int64, ()),  # of its shape, if that is one of PRIMITIVES, else 0
-    "size": (np.float64, (3,)),  # of such a shape: the scale
-    "given": (np.float64, (7,)),  # the latest pose as given, in ``frame``
-    "twist": (np.float64, (6,)),  # of ``given``: linear, angular; zero if there was none
-    "moving": (np.bool_, ()),  # the scene has a twist
-    "frame": (np.int64, ()),  # index into the table of frames, 0 is the fixed frame
-    "stamp": (np.int64, ()),  # of ``given``; 0: none
-    "order": (np.int64, ()),  # states with an older stamp are dropped
-    "received": (np.int64, ()),
-    "number": (np.int64, ()),  # of the latest state: the later it came, the higher
-    "topic": (np.int64, ()),  # by which it came
-    "world_stamp": (np.int64, ()),  # stamp of the state that is in the scene; 0: none
-    "world_received": (np.int64, ()),  # when it came
-    "world_number": (np.int64, ()),  # its number
-    "expiry": (np.int64, ()),
-    "seen": (np.bool_, ()),  # a cycle has looked at it since its last marker
-    "locked": (np.bool_, ()),  # frame_locked: placed anew every cycle
-    "repeated": (np.bool_, ()),  # more than one message has been about it
-    "limited": (np.bool_, ()),  # the next two columns are those of its name
-    "limit": (np.int64, ()),  # age (ns) from which on it is stale; 0: none, -1: that of all
-    "policy": (np.int8, ()),  # for then, see POLICIES
-    "speed": (np.float64, ()),  # of a stale one: the most of any of its points, by its last twist
-}
+DTYPES = {"Slots": np.int64, "Mask": np.bool_, "Floats": np.float64, "Conditions": np.uint16}
+WIDTHS = {"size": (3,), "given": (7,), "twist": (6,)}
 
 
 class ObjectTable:
-    """The columns above, and the rows of keys and names."""
+    """The columns, and the rows of keys and names."""
 
-    condition: Conditions
-    ns: Slots
+    condition: Conditions  # see conditions.py, which alone writes it
+    ns: Slots  # number of the namespace
     id: Slots
-    serial: Slots
-    of_set: Slots
-    of_robot: Mask
-    kind: Slots
-    size: Floats
-    given: Floats
-    twist: Floats
-    moving: Mask
-    frame: Slots
-    stamp: Slots
-    order: Slots
+    serial: Slots  # no two objects ever share one
+    of_set: Slots  # number of the input of complete sets by which it came; 0: none
+    of_robot: Mask  # belongs to a link of a robot
+    kind: Slots  # of its shape, if that is one of PRIMITIVES, else 0
+    size: Floats  # of such a shape: the scale
+    given: Floats  # the latest pose as given, in ``frame``
+    twist: Floats  # of ``given``: linear, angular; zero if there was none
+    moving: Mask  # the scene has a twist
+    frame: Slots  # index into the table of frames, 0 is the fixed frame
+    stamp: Slots  # of ``given``; 0: none
+    order: Slots  # states with an older stamp are dropped
     received: Slots
-    number: Slots
-    topic: Slots
-    world_stamp: Slots
-    world_received: Slots
-    world_number: Slots
+    number: Slots  # of the latest state: the later it came, the higher
+    topic: Slots  # by which it came
+    world_stamp: Slots  # stamp of the state that is in the scene; 0: none
+    world_received: Slots  # when it came
+    world_number: Slots  # its number
     expiry: Slots
-    seen: Mask
-    locked: Mask
-    repeated: Mask
-    limited: Mask
-    limit: Slots
-    policy: Slots
-    speed: Floats
+    seen: Mask  # a cycle has looked at it since its last marker
+    locked: Mask  # frame_locked: placed anew every cycle
+    repeated: Mask  # more than one message has been about it
+    limited: Mask  # the next two columns are those of its name
+    limit: Slots  # age (ns) from which on it is stale; 0: none, -1: that of all
+    policy: Slots  # for then, the index in POLICIES
+    speed: Floats  # of a stale one: the most of any of its points, by its last twist
 
     def __init__(self) -> None:
         self.namespaces = NamespaceTable()
@@ -142,8 +112,9 @@ class ObjectTable:
         self._last = NOTHING  # namespaces and ids that were looked for, and slots found
         self._ranks: Slots | None = None
         self._index: dict[int, int] | None = None
-        for name, (dtype, shape) in COLUMNS.items():
-            setattr(self, name, np.zeros((FIRST_ROWS, *shape), dtype))
+        for name, kind in COLUMNS.items():
+            shape = FIRST_ROWS, *WIDTHS.get(name, ())
+            setattr(self, name, np.zeros(shape, DTYPES[kind]))
 
     def __len__(self) -> int:
         return self._count
@@ -219,6 +190,12 @@ class ObjectTable:
             )
         else:
             self.kind[slot], self.signatures[slot] = 0, signature
+
+    def have_shapes(self, slots: Slots, kinds: Slots, sizes: Floats) -> Mask:
+        """Return which objects (n,), -1 for none, have the shapes of markers of PRIMITIVES."""
+        same = (slots >= 0) & (kinds != 0) & (self.kind[slots] == kinds)
+        result: Mask = same & (self.size[slots] == sizes).all(axis=1)
+        return result
 
     def note_primitives(self, slots: Slots, kinds: Slots, sizes: Floats) -> None:
         """Take note of the shapes (n,) that objects have, all of PRIMITIVES."""
@@ -371,6 +348,10 @@ class ObjectTable:
         """Whether numbers (n,) are those of namespaces in the table."""
         known = np.fromiter(self.namespaces.names, np.int64, len(self.namespaces))
         return are_numbers(namespaces) & np.isin(signed(namespaces), known)
+
+
+COLUMNS: dict[str, str] = dict(ObjectTable.__annotations__)
+"""Names of the columns, and their types."""
 
 
 class KeySlots(Mapping[Key, int]):

@@ -93,7 +93,7 @@ class LinkObjects:
         added: list[int] = []
         try:
             for key, shape in zip(self.keys, self._shapes, strict=True):
-                added.append(shapes.put(key, shape, (), None))
+                added.append(shapes.put(key, shape))
                 table.of_robot[added[-1]] = True
         except RefusedError:
             shapes.remove(np.array(added, np.int64))

@@ -29,7 +29,7 @@ from sensor_msgs.msg import PointCloud2
 from visualization_msgs.msg import Marker
 
 from obb_collision.node import boxes_from_ros, boxes_to_ros, namespace_number
-from obb_collision.node.inputs.boxes import Given, _repeated
+from obb_collision.node.inputs.boxes import BoxRows, _repeated
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.objects.table import ObjectTable
 
@@ -168,7 +168,7 @@ def test_keys_beyond_int32_are_refused(rig: Rig) -> None:
 
 def test_a_key_that_is_none_is_no_repetition_of_another() -> None:
     numbers, ids = np.array([6, 5]), np.array([-1, 2**32 - 1])
-    given = Given(numbers, ids, np.zeros((2, 7)), np.ones((2, 3)))
+    given = BoxRows(numbers, ids, np.zeros((2, 7)), np.ones((2, 3)))
     assert given.are_keys.tolist() == [True, False]
     assert not _repeated(numbers, ids, given.are_keys).any()
 

@@ -17,10 +17,8 @@
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-import numpy as np
-import numpy.typing as npt
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -31,7 +29,7 @@ from rclpy.serialization import serialize_message
 from rig import cube
 from visualization_msgs.msg import Marker, MarkerArray
 
-from obb_collision.node.inputs.batch import Gathered, find_faults, gather, join, remaining, settle
+from obb_collision.node.inputs.batch import Batch, find_faults, gather, settle
 from obb_collision.node.messages.conversions import Key, stamp_to_ros
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.messages.marker_scan import scan_markers
@@ -72,24 +70,7 @@ def marker_of(action: Action) -> Marker:
     return marker
 
 
-def coalesced(sent: list[list[Action]], now: int) -> Gathered:
-    """Return what is left of messages if all that wait are coalesced after each; x is the row."""
-    kept, count = None, 0
-    for number, one in enumerate(sent):
-        markers = [marker_of(action) for action in one]
-        for marker in markers:
-            marker.pose.position.x = float(count)
-            count += 1
-        scan = scan_markers(serialize_message(MarkerArray(markers=markers)))
-        new = gather([scan], [number * SECOND], number)
-        joined = new if kept is None else join(kept, new)
-        outcome = settle(joined, find_faults(joined, lambda frame: 0), now * SECOND, ANY)
-        kept = remaining(joined, outcome)
-    assert kept is not None
-    return kept
-
-
-def gathered(sent: list[list[Action]]) -> Gathered:
+def gathered(sent: list[list[Action]]) -> Batch:
     """Return messages, received a second apart."""
     arrays = [MarkerArray(markers=[marker_of(action) for action in one]) for one in sent]
     scans = [scan_markers(serialize_message(message)) for message in arrays]
@@ -156,13 +137,11 @@ def test_a_backlog_comes_to_what_its_messages_come_to_in_order(
     numbered = ((part, action) for part, one in enumerate(sent) for action in one)
     for row, (part, action) in enumerate(numbered):
         model.apply(row, action, part)
-    assert results(markers, sent, now, np.arange(len(markers))) == (model.rows, model.doubtful)
-    left = coalesced(sent, now)
-    assert results(left, sent, now, left.poses[:, 0]) == (model.rows, model.doubtful)
+    assert results(markers, sent, now) == (model.rows, model.doubtful)
 
 
 def results(
-    markers: Gathered, sent: list[list[Action]], now: int, numbers: npt.NDArray[Any]
+    markers: Batch, sent: list[list[Action]], now: int
 ) -> tuple[dict[Key, int], dict[Key, int]]:
     """Return the number of the marker that each object has in the end, and of that it refused."""
     found = settle(markers, find_faults(markers, lambda frame: 0), now * SECOND, ANY)
@@ -172,12 +151,12 @@ def results(
     doubtful = {}
     for index, first in enumerate(found.first.tolist()):
         key, winner, bad = markers.key(first), found.winner[index], found.bad[index]
-        if found.removed[index]:
+        if found.remover[index] >= 0:
             rows.pop(key, None)
         if winner >= 0:
-            rows[key] = int(numbers[winner])
+            rows[key] = int(winner)
         if bad >= 0:
-            doubtful[key] = int(numbers[bad])
+            doubtful[key] = int(bad)
     return rows, doubtful
 
 
@@ -222,5 +201,5 @@ def test_names_are_told_apart_by_their_bytes() -> None:
     data = serialize_message(MarkerArray(markers=[Marker(ns="abc"), Marker(ns="abd")]))
     scan = scan_markers(data.replace(b"abc", b"a\xffc").replace(b"abd", b"a\xfec"))
     markers = gather([scan, scan], [0, 1])
-    assert markers.ns.tolist() == [0, 1, 0, 1]
-    assert {error.reason for error in markers.bad_namespaces.values()} == {"bad name"}
+    assert markers.ns.of.tolist() == [0, 1, 0, 1]
+    assert {error.reason for error in markers.ns.bad.values()} == {"bad name"}

@@ -228,7 +228,7 @@ def test_what_waits_for_an_object_that_is_gone_moves_no_other_one() -> None:
     for stamp in (START + 1, START + 2):
         rig.send(stamp, "robot")
     rig.objects.shapes.remove(rig.slots[:1])
-    rig.slots[0] = rig.objects.shapes.put(A2, Box([1.0, 1.0, 1.0]), (), None)
+    rig.slots[0] = rig.objects.shapes.put(A2, Box([1.0, 1.0, 1.0]))
     rig.frames.spans["robot"] = START, START + 10
     rig.cycle()
     assert rig.objects.table.has(UNPLACED, rig.slots[0])

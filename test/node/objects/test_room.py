@@ -47,11 +47,11 @@ def test_an_object_without_room_in_the_tables_leaves_no_trace(
     objects = rig.objects
     monkeypatch.setattr(np, "zeros_like", zeros_like)
     with pytest.raises(MemoryError):
-        objects.shapes.put(keys[-1], Box([1.0, 1.0, 1.0]), (), None)
+        objects.shapes.put(keys[-1], Box([1.0, 1.0, 1.0]))
     monkeypatch.undo()
     assert len({len(getattr(objects.table, column)) for column in COLUMNS}) == 1
     for known in (keys[:-1], keys):
         objects.update(rig.now)
         assert objects.scene.names == [name_from_key(key) for key in known]
         assert objects.table.keys(objects.scene.indices) == known
-        objects.shapes.put(keys[-1], Box([1.0, 1.0, 1.0]), (), None)
+        objects.shapes.put(keys[-1], Box([1.0, 1.0, 1.0]))

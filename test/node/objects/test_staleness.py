@@ -161,7 +161,7 @@ def test_a_grown_box_contains_the_object_however_it_moved_and_turned() -> None:
         rig.limit(0.5, COLLIDE, reach=1e6)
         points = rng.uniform(-0.5, 0.5, (30, 3)) * size + rng.uniform(-1.0, 1.0, 3)
         faces = rng.integers(0, 30, (20, 3))
-        rig.slots = np.array([rig.objects.shapes.put(A1, Mesh(points, faces), (), None)])
+        rig.slots = np.array([rig.objects.shapes.put(A1, Mesh(points, faces))])
         start = np.append(rng.uniform(-5.0, 5.0, 3), Rotation.random(None, rng).as_quat())
         twist = rng.uniform(-2.0, 2.0, 6)
         rig.objects.states.store(rig.slots, start[None], State("", 0, rig.now), twist[None])
@@ -178,7 +178,7 @@ def test_a_removed_object_leaves_no_growth_to_the_next_one() -> None:
     step(rig, 1.5)
     assert half_extents(rig)[0] > 3.0
     rig.objects.shapes.remove(rig.slots[:1])
-    rig.slots[0] = rig.objects.shapes.put(A1, Box([1.0, 1.0, 1.0]), (), None)
+    rig.slots[0] = rig.objects.shapes.put(A1, Box([1.0, 1.0, 1.0]))
     send(rig, 0, 0.0)
     assert half_extents(rig).tolist() == [0.5] * 3
     step(rig, 0.01)
@@ -190,7 +190,7 @@ def test_a_new_shape_and_padding_keep_the_growth() -> None:
     step(rig, 1.0)
     rig.objects.scene.padding = 0.25
     assert half_extents(rig) == pytest.approx(0.75 + SPEED)
-    rig.objects.shapes.put(A1, Box([2.0, 2.0, 2.0]), (), None)
+    rig.objects.shapes.put(A1, Box([2.0, 2.0, 2.0]))
     assert half_extents(rig) == pytest.approx(1.25 + SPEED)
     send(rig, 0, 0.0)
     step(rig, 0.01)
@@ -224,7 +224,7 @@ def test_every_accuracy_respects_the_growth(accuracy: str) -> None:
     corners = np.array([[0.0, 0, 0], [0.4, 0, 0], [0, 0.4, 0], [0, 0, 0.4]])
     tetrahedron = Mesh(corners, np.array([[0, 1, 2], [0, 1, 3], [0, 2, 3], [1, 2, 3]]))
     for key, shape in ((A1, tetrahedron), (A2, Sphere(0.2))):
-        rig.objects.shapes.put(key, shape, (), None)
+        rig.objects.shapes.put(key, shape)
     rig.objects.scene.accuracy = accuracy
     send(rig, 0, 0.0)
     step(rig, 0.0)

@@ -111,7 +111,7 @@ def test_the_steady_clock_does_not_go_back() -> None:
 @pytest.mark.parametrize("shift", [-500 * SECOND, 500 * SECOND])
 def test_what_is_left_of_lifetimes_and_ages_stays(shift: int) -> None:
     rig = ObjectsRig(A1, object_timeout=3.0)
-    slot = rig.objects.shapes.put(A2, Box([1.0, 1.0, 1.0]), (), rig.now + 2 * SECOND)
+    slot = rig.objects.shapes.put(A2, Box([1.0, 1.0, 1.0]), expiry=rig.now + 2 * SECOND)
     rig.slots = np.append(rig.slots, slot)
     rig.objects.shapes.refuse(("b", 1), "bad scale", shape=True, expiry=rig.now + 2 * SECOND)
     rig.send(rig.now)

@@ -29,7 +29,6 @@ from rclpy.node import Node
 from rig import DOMAIN, NAMESPACE, Rig, cube, pose, sync
 from std_srvs.srv import Trigger
 
-from obb_collision.node.inputs import boxes, markers
 from obb_collision.node.messages.names import namespace_number
 from obb_collision.node.runtime.guard import INTERNAL_ERROR, Guard
 from obb_collision.node.runtime.running import spin
@@ -55,8 +54,8 @@ def failing(given: Callable[..., Any], fails: Callable[..., bool]) -> Callable[.
 def test_an_item_that_fails_is_refused_alone(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
     objects = rig.node.objects
     bad = namespace_number(BAD[0])
-    fails = failing(boxes.put_primitives, lambda _, numbers, *__: bad in numbers)
-    monkeypatch.setattr(markers, "put_primitives", fails)
+    fails = failing(objects.shapes.put_primitives, lambda keys, *_: bad in keys[0])
+    monkeypatch.setattr(objects.shapes, "put_primitives", fails)
     rig.send(cube(A), cube(BAD), cube(B, (0.5, 0, 0)))
     assert rig.pairs() == {("a/1", "a/2")}
     assert rig.refused("objects") == {INTERNAL_ERROR: 1}
@@ -66,8 +65,8 @@ def test_an_item_that_fails_is_refused_alone(rig: Rig, monkeypatch: pytest.Monke
 
 def test_a_box_that_fails_is_refused_alone(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
     objects = rig.node.objects
-    fails = failing(boxes.put_primitives, lambda _, numbers, ids, *__: 3 in ids)
-    monkeypatch.setattr(boxes, "put_primitives", fails)
+    fails = failing(objects.shapes.put_primitives, lambda keys, *_: 3 in keys[1])
+    monkeypatch.setattr(objects.shapes, "put_primitives", fails)
     rig.send_boxes([1, 2, 3], [pose(0), pose(0.5), pose(0.2)])
     assert rig.pairs() == {("boxes/1", "boxes/2")}
     assert rig.refused("object_boxes") == {INTERNAL_ERROR: 1}
