@@ -294,7 +294,8 @@ class Settled(NamedTuple):
 
     def take(self, objects: Mask) -> Settled:
         """Return the outcome for some of the objects."""
-        return Settled(*[column[objects] for column in self[:4]], self.late, self.previous)
+        columns = {name: getattr(self, name)[objects] for name in self._fields[:4]}
+        return self._replace(**columns)
 
 
 ADDS, BAD, DELETES, ENDS, CANCELLED = range(5)
@@ -360,7 +361,8 @@ def settle(markers: Batch, faults: Faults, now: int, tolerance: int) -> Settled:
     believed = np.where(markers.stamp <= markers.received + tolerance, markers.stamp, 0)
     times = np.column_stack((believed, markers.received, markers.expiry))
     found = _settle(keys, rows, effects, times, objects, late, previous)
-    return Settled(*objects[:found].T, late, previous)
+    first, winner, bad, remover = objects[:found].T
+    return Settled(first, winner, bad, remover, late, previous)
 
 
 def _cancelled(markers: Batch) -> Mask:

@@ -146,9 +146,9 @@ class ObjectShapes:
                 names.use(numbers[-1])  # so that it stays till its objects are there
             except RefusedError as error:
                 refused.setdefault(error.reason, (error, []))[1].append(group)
-        for error, several in refused.values():
+        for fault, several in refused.values():
             bad = new & np.isin(groups, several)
-            refuse(bad, error)
+            refuse(bad, fault)
             admitted &= ~bad
         surplus = np.flatnonzero(new & admitted)[max(0, self.max_objects - len(self.table)) :]
         if len(surplus):
@@ -280,8 +280,9 @@ class ObjectShapes:
         here, fresh = np.flatnonzero(cubes & were_cubes), np.flatnonzero(cubes & new)
         other = np.flatnonzero(~(cubes & (new | were_cubes)))
         if len(other):
-            given = slots[other], kinds[other], sizes[other]
-            slots[other] = self._put_bodies(*self._names(keys, other), *given)
+            names, levels = self._names(keys, other)
+            bodies = slots[other], kinds[other], sizes[other]
+            slots[other] = self._put_bodies(names, levels, bodies)
         if len(here):
             scene.resize_boxes(slots[here], sizes[here])
         if len(fresh):
@@ -299,18 +300,20 @@ class ObjectShapes:
         self,
         names: list[str],
         levels: list[Accuracy | None] | None,
-        slots: Slots,
-        kinds: Slots,
-        sizes: Floats,
+        given: tuple[Slots, Slots, Floats],
     ) -> Slots:
-        """Add objects that are no boxes, or change such; slots: -1 for new ones; returns all."""
+        """Add objects that are no boxes, or change such: slots, -1 for new ones, kinds and sizes.
+
+        Returns the slots of all.
+        """
+        slots, kinds, sizes = given
         poses = np.zeros((len(slots), 7))
         poses[:, 6] = 1.0
         there = slots >= 0
         there[there] = ~self.table.has(UNPLACED, slots[there])
         poses[there] = self.scene.poses_of(slots[there])
         try:
-            bodies = [_body(*given) for given in zip(kinds.tolist(), sizes.tolist(), strict=True)]
+            bodies = [_body(*one) for one in zip(kinds.tolist(), sizes.tolist(), strict=True)]
             return self.scene.add_boxes(names, sizes, poses, levels, bodies)
         except ValueError as error:
             raise RefusedError("bad shape", str(error)) from error
