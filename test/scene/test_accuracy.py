@@ -20,6 +20,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from each import each
 from hypothesis import given
 from hypothesis import strategies as st
 from mesh_zoo import zoo
@@ -50,7 +51,7 @@ def keys(pairs: NDArray[np.int64]) -> Keys:
     return set(map(tuple, pairs.tolist()))
 
 
-@pytest.mark.parametrize("name", FAMILIES)
+@each("name", FAMILIES)
 def test_a_coarse_level_never_misses_what_obb_reports(name: str) -> None:
     a, b = generate(name, PAIRS, seed=11)
     boxes = oc.Boxes(*(np.concatenate(both) for both in zip(a, b, strict=True)))
@@ -134,7 +135,7 @@ def mixed_scene(count: int, seed: int, **options: object) -> oc.Scene:
     return scene
 
 
-@pytest.mark.parametrize("seed", range(3))
+@each("seed", range(3))
 def test_every_level_of_a_scene_reports_what_the_exacter_ones_do(seed: int) -> None:
     scene = mixed_scene(500, seed)
     reported: dict[str, Keys] = {}
@@ -178,7 +179,7 @@ def test_mesh_verdicts_of_a_scene_are_those_of_the_mesh_queries() -> None:
     assert len(report) > 50
 
 
-@pytest.mark.parametrize("name", [*COARSE, *FINE])
+@each("name", [*COARSE, *FINE])
 def test_incremental_checks_find_what_a_check_from_scratch_finds(name: str) -> None:
     rng = np.random.default_rng(8)
     scene = mixed_scene(300, 8, accuracy=name)
@@ -310,7 +311,7 @@ def test_the_default_is_obb() -> None:
     ]
 
 
-@pytest.mark.parametrize("wrong", ["box", "OBB", 7, -1, None, True, 2.5, "hull", "mesh", 6])
+@each("wrong", ["box", "OBB", 7, -1, None, True, 2.5, "hull", "mesh", 6])
 def test_find_pairs_refuses_other_levels_and_names_the_choices(wrong: object) -> None:
     boxes = oc.Boxes(np.zeros((1, 3)), np.eye(3)[None], np.ones((1, 3)))
     with pytest.raises(ValueError, match="sphere, aabb, obb_faces, obb"):

@@ -20,6 +20,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from each import each
 
 import obb_collision as oc
 from obb_collision import shapes as kinds_of_shapes
@@ -133,7 +134,7 @@ def test_boxes_that_need_no_check_are_those_that_were_checked() -> None:
     assert state(one) == state(other)
 
 
-@pytest.mark.parametrize(("before", "after"), [(6, 6), (6, 4), (4, 6), (0, 3)])
+@each("before, after", [(6, 6), (6, 4), (4, 6), (0, 3)])
 def test_boxes_in_place_of_others_are_as_if_these_had_been_removed(before: int, after: int) -> None:
     one, other = (oc.Scene(padding=0.01, accuracy="hull") for _ in range(2))
     names, sizes, poses = some(before + 4, 6)

@@ -23,6 +23,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from each import each
 
 import obb_collision as oc
 from obb_collision.shapes import Box, Sphere
@@ -56,8 +57,8 @@ def test_a_rule_for_no_object_is_refused_where_asked() -> None:
     assert scene.check().names() == [("thing/0", "thing/1")]
 
 
-@pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy, pickle.dumps])
-@pytest.mark.parametrize("made", [oc.Scene, lambda: oc.RobotScene(oc.Robot.from_urdf(
+@each("copied", [copy.copy, copy.deepcopy, pickle.dumps])
+@each("made", [oc.Scene, lambda: oc.RobotScene(oc.Robot.from_urdf(
     '<robot name="arm"><link name="hand"/></robot>'))])  # fmt: skip
 def test_a_scene_is_not_copied(made: Callable[[], Any], copied: Callable[[Any], Any]) -> None:
     with pytest.raises(TypeError, match="Scene can be neither copied nor pickled"):

@@ -21,6 +21,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from each import each
 from mesh_zoo import zoo
 from scipy.spatial.transform import Rotation
 
@@ -174,9 +175,7 @@ def assert_same(report: oc.Report, anew: oc.Report, effects: tuple[str, ...] = E
             assert np.asarray(a).tobytes() == np.asarray(b).tobytes(), (effect, field.name)
 
 
-@pytest.mark.parametrize(
-    "settings", [{}, {"exact": True}, {"accuracy": "mesh"}, {"max_pairs": 120}], ids=str
-)
+@each("settings", [{}, {"exact": True}, {"accuracy": "mesh"}, {"max_pairs": 120}])
 @pytest.mark.parametrize(
     "seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 6))]
 )
@@ -202,7 +201,7 @@ def with_effects(scene: oc.Scene, level: str) -> oc.Scene:
     return scene
 
 
-@pytest.mark.parametrize("level", ALL_LEVELS)
+@each("level", ALL_LEVELS)
 def test_a_report_is_of_its_check_whatever_changes_before_it_is_read(
     level: str, pairs: int
 ) -> None:
@@ -214,9 +213,9 @@ def test_a_report_is_of_its_check_whatever_changes_before_it_is_read(
             twin.add()
         report, anew = twin.scene.check(), with_effects(twin.anew(), effects).check()
         read = twin.rng.permutation((*EFFECTS, "points"))[: twin.rng.integers(5)].tolist()
-        for each in (report, anew):
-            for effect in read:
-                each.result(effect)
+        for effect in read:
+            report.result(effect)
+            anew.result(effect)
         what = twin.rng.integers(3)
         if what:
             twin.scene.query(SHAPES[5], twin.pose())
@@ -233,7 +232,7 @@ def test_a_report_is_of_its_check_whatever_changes_before_it_is_read(
         assert_same(report, anew, (*EFFECTS, "points"))
 
 
-@pytest.mark.parametrize("once", ["remove", "disable", "accuracy"])
+@each("once", ["remove", "disable", "accuracy"])
 def test_spheres_leave_nothing_behind(once: str) -> None:
     scene = oc.Scene(accuracy="aabb")
     for k in range(80):

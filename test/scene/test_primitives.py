@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
+from each import each
 from mesh_zoo import zoo
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
@@ -62,7 +62,7 @@ def scene_of(count: int, seed: int, **options: object) -> oc.Scene:
     return scene
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@each("seed", [1, 2])
 def test_the_order_of_the_levels_holds_with_all_shapes(seed: int) -> None:
     scene = scene_of(480, seed)
     reported = {}
@@ -133,7 +133,7 @@ def test_what_is_padded_and_no_sphere_capsule_or_box_goes_to_hulls_and_meshes_to
         assert scene.check().accuracies.tolist() == [level]
 
 
-@pytest.mark.parametrize("name", FINE)
+@each("name", FINE)
 def test_round_shapes_leave_the_corners_of_their_boxes_free(name: str) -> None:
     """A sphere, cylinder, cone, ellipsoid beside a mesh, each in a corner of the other's box."""
     ball = Mesh(*ZOO["sphere2"])

@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
+from each import each
 from mesh_zoo import zoo
 from scipy.spatial.transform import Rotation
 
@@ -55,7 +56,7 @@ def count_tested(scene: oc.Scene) -> tuple[bool, int]:
     return any_collides(scene._store, scene._cache, pair_filter, 3, False)
 
 
-@pytest.mark.parametrize("accuracy", ["sphere", "aabb", "obb", "obb_tree", "hull", "mesh"])
+@each("accuracy", ["sphere", "aabb", "obb", "obb_tree", "hull", "mesh"])
 def test_any_collision_is_what_a_check_finds(accuracy: str) -> None:
     free = colliding = 0
     for seed in range(12):
@@ -84,7 +85,7 @@ def test_the_first_pair_ends_the_search() -> None:
     assert not oc.Scene().any_collision()
 
 
-@pytest.mark.parametrize("accuracy", ["sphere", "aabb", "obb", "hull", "mesh"])
+@each("accuracy", ["sphere", "aabb", "obb", "hull", "mesh"])
 def test_a_body_hits_what_it_collides_with_as_an_object(accuracy: str) -> None:
     rng = np.random.default_rng(3)
     scene = random_scene(5, 24, accuracy=accuracy)

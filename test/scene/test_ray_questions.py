@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from each import each
 from mesh_zoo import zoo
 
 import obb_collision as oc
@@ -58,7 +59,7 @@ def test_a_padded_ring_has_a_hole_yet() -> None:
     assert scene.name(scene.cast_rays(origins[:1], AHEAD, accuracy="hull").boxes[0]) == "ring"
 
 
-@pytest.mark.parametrize("padding", [0.0, 0.07])
+@each("padding", [0.0, 0.07])
 def test_coarser_is_never_later(padding: float) -> None:
     rng = np.random.default_rng(51)
     scene = oc.Scene(padding=padding)

@@ -21,6 +21,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from each import each
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -125,8 +126,8 @@ def test_regions_find_together_what_one_scene_finds(
         check_union(whole, scenes)
 
 
-@pytest.mark.parametrize("accuracy", ["sphere", "aabb", "obb", "mesh"])
-@pytest.mark.parametrize("seed", range(2))
+@each("accuracy", ["sphere", "aabb", "obb", "mesh"])
+@each("seed", range(2))
 def test_many_objects_that_come_move_and_go(seed: int, accuracy: str) -> None:
     random = np.random.default_rng(seed)
     regions = split_regions([0.0] * 3, [6.0] * 3, (2, 2, 1), FAR)
@@ -238,7 +239,7 @@ def test_a_halo_smaller_than_what_effects_look_beyond_is_refused() -> None:
     assert scene.region is None
 
 
-@pytest.mark.parametrize("parts", [(1, 1, 1), (3, 1, 1), (2, 3, 4)])
+@each("parts", [(1, 1, 1), (3, 1, 1), (2, 3, 4)])
 def test_every_point_is_in_one_region_of_a_split(parts: tuple[int, int, int]) -> None:
     regions = split_regions([-1, 0, 2], [1, 3, 4], parts)
     assert len(regions) == np.prod(parts)
@@ -251,8 +252,8 @@ def test_every_point_is_in_one_region_of_a_split(parts: tuple[int, int, int]) ->
     assert (np.sum([owns(region, infinite) for region in regions], axis=0) == 1).all()
 
 
-@pytest.mark.parametrize(
-    ("given_ends", "reason"),
+@each(
+    "given_ends, reason",
     [
         (([0, 0, 0], [1, 0, 1]), "minimum must be below maximum"),
         (([0, 0, np.nan], [1, 1, 1]), "minimum must be below maximum"),
@@ -267,8 +268,8 @@ def test_what_is_no_region_is_refused(given_ends: Any, reason: str) -> None:
         Region(*given_ends)
 
 
-@pytest.mark.parametrize(
-    ("parts", "reason"),
+@each(
+    "parts, reason",
     [([0, 1, 1], "parts"), ([2, 2], "three"), ([5000, 1, 1], "parts"), ([64, 64, 2], "4096")],
 )
 def test_splits_that_make_no_sense_are_refused(parts: Any, reason: str) -> None:

@@ -16,6 +16,7 @@
 
 import numpy as np
 import pytest
+from each import each
 from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
@@ -172,8 +173,8 @@ def test_indices_are_stable_and_used_again() -> None:
     assert len(scene.check()) == 0
 
 
-@pytest.mark.parametrize(
-    ("action", "error", "message"),
+@each(
+    "action, error, message",
     [
         (lambda s: s.move("nobody", IDENTITY), KeyError, "nobody"),
         (lambda s: s.remove("nobody"), KeyError, "nobody"),

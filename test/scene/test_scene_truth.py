@@ -19,6 +19,7 @@ from __future__ import annotations
 import numpy as np
 import oracle
 import pytest
+from each import each
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from support import stored
@@ -85,7 +86,7 @@ def test_any_history_of_changes(seed: int, exact: bool) -> None:
 
 
 @pytest.mark.filterwarnings("ignore:.*far from unit length")
-@pytest.mark.parametrize("exact", [False, True])
+@each("exact", [False, True])
 def test_a_wall_of_bricks_turned_as_one(exact: bool) -> None:
     """Resting contact everywhere, off by roundings after the turn: nothing may be lost."""
     scene = oc.Scene(exact=exact)

@@ -20,6 +20,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from each import each
 from scenes import random_poses
 
 import obb_collision as oc
@@ -63,7 +64,7 @@ def test_the_last_pose_of_an_object_counts_whatever_its_quaternion() -> None:
     assert (scene.boxes.centers[0] == [5, 0, 0]).all()
 
 
-@pytest.mark.parametrize("quaternion", [(0, 0, 0, 1), (0, 0, 0, 2)])
+@each("quaternion", [(0, 0, 0, 1), (0, 0, 0, 2)])
 @pytest.mark.filterwarnings("ignore:poses .quaternion. far from unit length")
 def test_a_move_that_is_interrupted_can_be_made_again(
     monkeypatch: pytest.MonkeyPatch, quaternion: tuple[float, ...]

@@ -21,6 +21,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from each import each
 from scenes import random_poses
 
 import obb_collision as oc
@@ -52,8 +53,8 @@ def some_poses(count: int, rng: np.random.Generator, spread: float) -> Floats:
     return poses
 
 
-@pytest.mark.parametrize("exact", [False, True])
-@pytest.mark.parametrize("count", [2, FEW - 1, FEW, FEW + 1, 300])
+@each("exact", [False, True])
+@each("count", [2, FEW - 1, FEW, FEW + 1, 300])
 def test_every_step_finds_what_a_new_scene_does(count: int, exact: bool) -> None:
     rng = np.random.default_rng(count)
     spread = 0.5 * count ** (1 / 3)
@@ -128,8 +129,8 @@ def test_of_an_object_named_twice_the_last_pose_counts() -> None:
         assert scene.obb("box/0").center.tolist() == poses[-1][:3].tolist()
 
 
-@pytest.mark.parametrize(
-    ("place", "wrong", "message"),
+@each(
+    "place, wrong, message",
     [
         ((7, 2), np.nan, "finite in row 7"),
         ((7, 2), 1e301, "must not exceed 1e.300 in magnitude in row 7"),
@@ -194,9 +195,9 @@ def steps_of(count: int, share: float, effects: tuple[str, ...]) -> Callable[[in
     return run
 
 
-@pytest.mark.parametrize("effects", [(), ("separations", "contacts")])
-@pytest.mark.parametrize("share", [1.0, 0.05, 0.0])
-@pytest.mark.parametrize("count", [20, 600])
+@each("effects", [(), ("separations", "contacts")])
+@each("share", [1.0, 0.05, 0.0])
+@each("count", [20, 600])
 def test_memory_does_not_grow_with_the_steps(
     count: int, share: float, effects: tuple[str, ...]
 ) -> None:

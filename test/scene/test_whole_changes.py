@@ -26,7 +26,7 @@ from types import FrameType
 from typing import Any
 
 import numpy as np
-import pytest
+from each import each
 
 import obb_collision as oc
 from obb_collision.shapes import Box, Capsule, Mesh, Sphere
@@ -183,8 +183,8 @@ def lines_of(change: Callable[[], Any], stop: int = -1) -> list[tuple[str, int]]
     return lines
 
 
-@pytest.mark.parametrize("prepared", PREPARED)
-@pytest.mark.parametrize("name", CHANGES)
+@each("prepared", PREPARED)
+@each("name", CHANGES)
 def test_an_interrupted_change_has_happened_or_has_not(
     name: str, prepared: str, pairs: int
 ) -> None:

@@ -20,7 +20,7 @@ from collections.abc import Callable
 
 import numpy as np
 import oracle
-import pytest
+from each import each
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from support import row_of, stored
@@ -140,8 +140,8 @@ def brute_force(boxes: Boxes, exact: bool = False) -> np.ndarray:
     return rows[found != Verdict.SEPARATE]
 
 
-@pytest.mark.parametrize("n", [2, 3, 5, 33, 300, 1000])
-@pytest.mark.parametrize("make", DISTRIBUTIONS, ids=lambda make: make.__name__)
+@each("n", [2, 3, 5, 33, 300, 1000])
+@each("make", DISTRIBUTIONS)
 def test_every_pair_is_found(make: Callable[[Rng, int], Boxes], n: int) -> None:
     boxes = make(np.random.default_rng(n), n)
     pairs = find_pairs(boxes)
@@ -149,7 +149,7 @@ def test_every_pair_is_found(make: Callable[[Rng, int], Boxes], n: int) -> None:
     np.testing.assert_array_equal(pairs, brute_force(boxes))
 
 
-@pytest.mark.parametrize("make", DISTRIBUTIONS, ids=lambda make: make.__name__)
+@each("make", DISTRIBUTIONS)
 def test_every_pair_is_found_by_exact_truth(make: Callable[[Rng, int], Boxes]) -> None:
     """The same against the oracle, which shares nothing with the library."""
     boxes = make(np.random.default_rng(99), 60)
@@ -161,7 +161,7 @@ def test_every_pair_is_found_by_exact_truth(make: Callable[[Rng, int], Boxes]) -
     assert {tuple(pair) for pair in truth.tolist()} <= default
 
 
-@pytest.mark.parametrize("make", DISTRIBUTIONS, ids=lambda make: make.__name__)
+@each("make", DISTRIBUTIONS)
 def test_bounds_contain_every_corner(make: Callable[[Rng, int], Boxes]) -> None:
     """No pair gets lost on the way to world bounds: they contain the exact corners."""
     boxes = make(np.random.default_rng(3), 40)
@@ -206,8 +206,8 @@ def nearly_touching(rng: Rng, n: int, exponents: tuple[int, int]) -> Boxes:
     return Boxes(*(np.concatenate(part) for part in parts))
 
 
-@pytest.mark.parametrize("accuracy", [None, "sphere", "aabb", "obb_faces"])
-@pytest.mark.parametrize(
+@each("accuracy", [None, "sphere", "aabb", "obb_faces"])
+@each(
     "exponents",
     [(-324, -300), (-170, -150), (-3, 3), (140, 170), (298, 300), (300, 300), (-324, 300)],
 )
@@ -239,7 +239,7 @@ def test_order_of_the_boxes_does_not_matter() -> None:
     np.testing.assert_array_equal(there[np.lexsort(there.T[::-1])], find_pairs(boxes))
 
 
-@pytest.mark.parametrize("n", [0, 1])
+@each("n", [0, 1])
 def test_no_pairs_without_two_boxes(n: int) -> None:
     boxes = Boxes(np.zeros((n, 3)), np.zeros((n, 3, 3)) + np.eye(3), np.ones((n, 3)))
     assert find_pairs(boxes).shape == (0, 2)
@@ -252,8 +252,8 @@ def brute_force_between(a: Boxes, b: Boxes, exact: bool = False) -> np.ndarray:
     return pairs[verdicts(a, b, pairs, exact=exact) != Verdict.SEPARATE]
 
 
-@pytest.mark.parametrize("exact", [False, True])
-@pytest.mark.parametrize(("n", "m"), [(0, 3), (3, 0), (1, 1), (1, 300), (300, 1), (150, 200)])
+@each("exact", [False, True])
+@each("n, m", [(0, 3), (3, 0), (1, 1), (1, 300), (300, 1), (150, 200)])
 def test_pairs_between_two_sets_are_those_of_brute_force(n: int, m: int, exact: bool) -> None:
     rng = np.random.default_rng(n + m)
     both = uniform(rng, n + m)
@@ -280,7 +280,7 @@ def test_pairs_between_two_sets_at_every_magnitude(seed: int, n: int, m: int) ->
     )
 
 
-@pytest.mark.parametrize("accuracy", ["sphere", "aabb", "obb_faces"])
+@each("accuracy", ["sphere", "aabb", "obb_faces"])
 def test_coarse_pairs_between_two_sets_are_those_of_one_set(accuracy: str) -> None:
     boxes = uniform(np.random.default_rng(8), 300)
     among = find_pairs(boxes, accuracy=accuracy)

@@ -22,6 +22,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from each import each
 
 import obb_collision as oc
 from obb_collision.geometry.trees.pool import hull_tree, mesh_tree
@@ -68,8 +69,8 @@ def collisions(name: str, size: float, accuracy: str) -> set[tuple[str, str]]:
     return set(report.names())
 
 
-@pytest.mark.parametrize("accuracy", ["obb", "obb_tree", "hull", "mesh"])
-@pytest.mark.parametrize("size", [1e300, 2.0**996, 2.0**-960, 3e-308])
+@each("accuracy", ["obb", "obb_tree", "hull", "mesh"])
+@each("size", [1e300, 2.0**996, 2.0**-960, 3e-308])
 def test_the_largest_and_smallest_shapes_get_a_verdict(size: float, accuracy: str) -> None:
     for name in SHAPES:
         found = collisions(name, size, accuracy)
@@ -83,7 +84,7 @@ def test_the_largest_and_smallest_shapes_get_a_verdict(size: float, accuracy: st
             assert same, name
 
 
-@pytest.mark.parametrize("accuracy", ["obb_tree", "mesh"])
+@each("accuracy", ["obb_tree", "mesh"])
 def test_vertices_that_no_face_uses_may_be_anywhere(accuracy: str) -> None:
     stray = np.concatenate([[[-1e300, 0.0, 1e300]], TETRAHEDRON])
     mesh = Mesh(stray, FACES + 1, scale=[2.0, 2.0, 2.0])  # the stray one ends at 2e300

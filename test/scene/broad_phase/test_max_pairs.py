@@ -22,6 +22,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from each import each
 from mesh_zoo import zoo
 from scipy.spatial.transform import Rotation
 
@@ -75,10 +76,8 @@ def crowd(seed: int, accuracy: str, **settings: Any) -> oc.Scene:
     return scene
 
 
-@pytest.mark.parametrize("accuracy", ALL_LEVELS)
-@pytest.mark.parametrize(
-    "rules", [[], [("0/*", "1/*", True), ("*/3", "*", True)]], ids=["", "rules"]
-)
+@each("accuracy", ALL_LEVELS)
+@each("rules", [[], [("0/*", "1/*", True), ("*/3", "*", True)]])
 def test_the_first_pairs_are_kept_and_all_that_collide_are_marked(
     room: bool, accuracy: str, rules: list[tuple[str, str, bool]]
 ) -> None:
@@ -198,7 +197,7 @@ def test_a_budget_and_a_limit_together_lose_no_object_that_collides() -> None:
         assert not report.pairs.flags.writeable
 
 
-@pytest.mark.parametrize("wrong", [0, -1, 1.0, True, "1", float("nan"), 2**53 + 1, 2**62, 2**64])
+@each("wrong", [0, -1, 1.0, True, "1", float("nan"), 2**53 + 1, 2**62, 2**64])
 def test_a_limit_is_a_positive_whole_number(wrong: Any) -> None:
     with pytest.raises(ValueError, match="max_pairs must be a whole number"):
         oc.Scene(max_pairs=wrong)

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from each import each
 from scipy.spatial.transform import Rotation
 
 import obb_collision as oc
@@ -33,7 +34,7 @@ def greedy(boxes: oc.Boxes, scores: list[float], threshold: float) -> list[int]:
     return kept
 
 
-@pytest.mark.parametrize("seed", range(40))
+@each("seed", range(40))
 def test_what_is_kept_is_what_the_definition_keeps(seed: int) -> None:
     rng = np.random.default_rng(seed)
     count = int(rng.integers(0, 80))
@@ -53,7 +54,7 @@ def test_what_is_kept_is_what_the_definition_keeps(seed: int) -> None:
         assert kept.dtype == np.int64
 
 
-@pytest.mark.parametrize("threshold", [-0.1, 1.1, np.nan])
+@each("threshold", [-0.1, 1.1, np.nan])
 def test_what_cannot_be_compared_is_refused(threshold: float) -> None:
     boxes = oc.Boxes(np.zeros((2, 3)), [np.eye(3)] * 2, np.ones((2, 3)))
     with pytest.raises(ValueError, match="threshold must be"):

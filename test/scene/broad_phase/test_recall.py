@@ -24,6 +24,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from each import each
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -117,8 +118,8 @@ def ordered(pairs: Pairs | None) -> list[list[int]]:
     return sorted(pairs.tolist())
 
 
-@pytest.mark.parametrize("count", COUNTS)
-@pytest.mark.parametrize("form", FORMS)
+@each("count", COUNTS)
+@each("form", FORMS)
 def test_candidates_are_all_overlapping_pairs(form: str, count: int) -> None:
     minimum, maximum = bounds_of(form, count)
     wanted = all_pairs(minimum, maximum).tolist()
@@ -130,7 +131,7 @@ def test_candidates_are_all_overlapping_pairs(form: str, count: int) -> None:
         assert (find_candidates(minimum, maximum) == pairs).all()  # in the same order, too
 
 
-@pytest.mark.parametrize("form", FORMS)
+@each("form", FORMS)
 def test_pairs_between_two_sets_and_of_some_rows(form: str) -> None:
     minimum, maximum = bounds_of(form, 1500)
     wanted = all_pairs(minimum, maximum)
@@ -154,8 +155,8 @@ def test_pairs_between_two_sets_and_of_some_rows(form: str) -> None:
     ]
 
 
-@pytest.mark.parametrize("threads", [1, 2])
-@pytest.mark.parametrize("form", ["uniform", "identical", "walls"])
+@each("threads", [1, 2])
+@each("form", ["uniform", "identical", "walls"])
 def test_more_pairs_than_the_most_are_none(form: str, threads: int) -> None:
     oc.set_threads(threads)
     minimum, maximum = bounds_of(form, 1500)
@@ -171,7 +172,7 @@ def test_more_pairs_than_the_most_are_none(form: str, threads: int) -> None:
         )
 
 
-@pytest.mark.parametrize("form", FORMS)
+@each("form", FORMS)
 def test_a_kept_tree_finds_what_a_new_one_does(form: str) -> None:
     minimum, maximum = bounds_of(form, 513)
     kept = KeptTree(minimum, maximum)
@@ -199,7 +200,7 @@ def test_bounds_are_compared_exactly(numbers: list[list[float]]) -> None:
     assert ordered(find_candidates(minimum, maximum)) == all_pairs(minimum, maximum).tolist()
 
 
-@pytest.mark.parametrize("form", FORMS)
+@each("form", FORMS)
 def test_the_order_has_each_row_once_and_empty_ones_last(form: str) -> None:
     minimum, maximum = bounds_of(form, 1500)
     order, spare = np.empty((2, len(minimum)), np.int64)
@@ -209,7 +210,7 @@ def test_the_order_has_each_row_once_and_empty_ones_last(form: str) -> None:
     assert (empty[1:] >= empty[:-1]).all()
 
 
-@pytest.mark.parametrize("form", [*FORMS, "not a number"])
+@each("form", [*FORMS, "not a number"])
 def test_many_are_ordered_by_several_threads_as_few_are(
     form: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -286,9 +287,9 @@ def lowest_kernel(mask: int) -> int:
     return int(lowest(mask))
 
 
-@pytest.mark.parametrize("count", [0, 1, FEW, FEW + 1, 3000])
-@pytest.mark.parametrize("low", [0, 2, 20])
-@pytest.mark.parametrize("bits", [1, DIGIT_BITS, DIGIT_BITS + 1, 40, 43])
+@each("count", [0, 1, FEW, FEW + 1, 3000])
+@each("low", [0, 2, 20])
+@each("bits", [1, DIGIT_BITS, DIGIT_BITS + 1, 40, 43])
 def test_numbers_are_sorted_by_some_of_their_bits(count: int, bits: int, low: int) -> None:
     rng = np.random.default_rng(count)
     keys = rng.integers(0, 2**bits, count)

@@ -24,6 +24,7 @@ import numpy as np
 import pytest
 import trimesh
 from builders import build
+from each import each
 
 from obb_collision.geometry.shapes.files import MeshFolders
 from obb_collision.scene.building.builder import Builder
@@ -84,8 +85,8 @@ def test_a_view_on_a_message_that_is_not_aligned_is_taken(builder: Builder) -> N
     np.testing.assert_array_equal(mesh.vertices, points)
 
 
-@pytest.mark.parametrize(
-    ("job", "reason"),
+@each(
+    "job, reason",
     [
         (Triangles(np.full((3, 3), np.nan), ONE), BAD_POINTS),
         (Bodies(np.full((3, 3), np.inf), ONE), BAD_POINTS),

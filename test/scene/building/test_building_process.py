@@ -25,6 +25,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from builders import build
+from each import each
 
 from obb_collision.scene.building import process
 from obb_collision.scene.building.builder import Builder
@@ -95,7 +96,7 @@ worker.perform = doomed
 """
 
 
-@pytest.mark.parametrize("deaths", [1, 2])
+@each("deaths", [1, 2])
 def test_a_job_whose_process_is_killed_is_tried_once_more(
     builder: Builder, deaths: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -114,6 +115,8 @@ def test_a_job_whose_process_is_killed_is_tried_once_more(
         assert caught.value.reason == NO_BUILDER
         assert isinstance(build(builder, job), Mesh), "the next one is built"
     assert count.read_text() == "x" * deaths
+    monkeypatch.undo()
+    builder.process.stop()
 
 
 def test_without_a_process_everything_is_refused(

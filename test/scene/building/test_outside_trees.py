@@ -23,6 +23,7 @@ import numpy as np
 import pytest
 import trimesh
 from builders import PATIENCE, wait_built
+from each import each
 
 import obb_collision as oc
 from obb_collision import _kernel_cache
@@ -83,7 +84,7 @@ def results(report: Report) -> list[tuple[str, str, int, int]]:
     return sorted((str(a), str(b), verdict, level) for (a, b), verdict, level in rows)
 
 
-@pytest.mark.parametrize("accuracy", ["obb_tree", "hull", "mesh"])
+@each("accuracy", ["obb_tree", "hull", "mesh"])
 def test_pairs_are_on_obb_until_their_trees_are_there(
     builder: Builder, accuracy: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -102,6 +103,7 @@ def test_pairs_are_on_obb_until_their_trees_are_there(
     assert trees.waiting
     assert results(settled(scenes[0], trees, builder)) == expected
     assert trees.waiting == len(builder) == 0
+    monkeypatch.undo()
 
 
 def test_the_accuracy_may_rise_while_meshes_are_there(builder: Builder) -> None:
@@ -209,7 +211,7 @@ def test_kernels_are_looked_for_in_the_folders_that_this_process_has(
     assert "compiling kernels" not in capfd.readouterr().err
 
 
-@pytest.mark.parametrize("small_pool", [0, 500, 10**9])
+@each("small_pool", [0, 500, 10**9])
 def test_objects_come_and_go_and_the_verdicts_are_those_of_a_scene_that_waits(
     builder: Builder, monkeypatch: pytest.MonkeyPatch, small_pool: int
 ) -> None:

@@ -22,6 +22,7 @@ import threading
 import numpy as np
 import pytest
 from builders import PATIENCE
+from each import each
 
 from obb_collision.scene.building.wire import Pipe
 
@@ -58,11 +59,7 @@ def test_messages_come_back_as_they_were() -> None:
     assert near.receive(PATIENCE) is None
 
 
-@pytest.mark.parametrize(
-    "data",
-    [b"\xff" * 8, b"\2" + bytes(7) + b"no", b"\2" + bytes(7) + b"{}"],
-    ids=["too long", "no JSON", "no message"],
-)
+@each("data", [b"\xff" * 8, b"\2" + bytes(7) + b"no", b"\2" + bytes(7) + b"{}"])
 def test_what_is_no_message_is_an_error(data: bytes) -> None:
     _, far, descriptors = pipes()
     os.write(descriptors[3], data)

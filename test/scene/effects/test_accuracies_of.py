@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from each import each
 from mesh_zoo import zoo
 
 import obb_collision as oc
@@ -62,7 +63,7 @@ def test_each_row_has_its_own() -> None:
     assert not found.flags.writeable
 
 
-@pytest.mark.parametrize("accuracy", ["aabb", "obb"])
+@each("accuracy", ["aabb", "obb"])
 def test_boxes_are_obb(accuracy: str) -> None:
     report = scene_of(accuracy).check("sweep")
     for effect in ("separations", "contacts", "clearance", "points"):

@@ -15,7 +15,7 @@
 """The effect ``clearance`` against looking at all pairs of a scene."""
 
 import numpy as np
-import pytest
+from each import each
 from one_set import clearances
 from scenes import filled_scene, random_poses
 
@@ -37,7 +37,7 @@ def found(report: oc.Report) -> dict[tuple[int, int], float]:
     return dict(zip(keys, near.distances.tolist(), strict=True))
 
 
-@pytest.mark.parametrize("limit", [0.0, 0.05, 1.0, 100.0])
+@each("limit", [0.0, 0.05, 1.0, 100.0])
 def test_all_pairs_within_the_limit_are_there_and_no_others(limit: float) -> None:
     scene = filled_scene(40)
     scene.set_effect("clearance", max_distance=limit)

@@ -16,6 +16,7 @@
 
 import numpy as np
 import pytest
+from each import each
 from one_set import contacts
 from scenes import filled_scene
 
@@ -28,7 +29,7 @@ def assert_equal(found: Contacts, expected: Contacts) -> None:
         np.testing.assert_array_equal(getattr(found, field), getattr(expected, field))
 
 
-@pytest.mark.parametrize("max_points", [4, 8])
+@each("max_points", [4, 8])
 def test_all_colliding_pairs_have_the_patch_of_their_boxes(max_points: int) -> None:
     scene = filled_scene(60)
     scene.set_effect("contacts", max_points=max_points)

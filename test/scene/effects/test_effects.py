@@ -24,6 +24,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from each import each
 
 import obb_collision as oc
 from obb_collision.queries.verdict.separations import pair_separations
@@ -214,7 +215,7 @@ def test_a_pair_that_fails_is_named_and_the_others_are_computed() -> None:
     assert outcome.result.values.tolist() == [1.0, 2.0, 4.0]
 
 
-@pytest.mark.parametrize("share", [1.0, 0.5, 0.01])
+@each("share", [1.0, 0.5, 0.01])
 def test_pairs_that_fail_are_looked_for_within_bounds(share: float) -> None:
     count = 10_000
     pairs = np.stack([np.arange(count), np.arange(count) + 1], axis=1)
@@ -240,8 +241,8 @@ def test_pairs_that_fail_are_looked_for_within_bounds(share: float) -> None:
         assert sum(together) + len(failures) == count  # none is left unsaid
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
+@each(
+    "arguments, message",
     [
         (("nothing",), "effect must be one of"),
         (("separations", "sometimes"), "must be off, auto or on"),
@@ -260,7 +261,7 @@ def test_what_cannot_be_set_is_refused(arguments: Any, message: str) -> None:
     assert scene.effect_setting("separations") == before
 
 
-@pytest.mark.parametrize("accuracy", ["sphere", "obb", "mesh"])
+@each("accuracy", ["sphere", "obb", "mesh"])
 def test_allowed_pairs_do_not_count(accuracy: str) -> None:
     scene = row_of_cubes()
     scene.accuracy = oc.Accuracy[accuracy.upper()]

@@ -21,6 +21,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from each import each
 from hull_distances import placed, squared_distance
 from scipy.spatial.transform import Rotation
 
@@ -67,7 +68,7 @@ def distances(report: oc.Report) -> dict[tuple[int, int], float]:
     return {(i, j): d for (i, j), d in zip(found.pairs.tolist(), found.distances, strict=True)}
 
 
-@pytest.mark.parametrize("seed", range(3))
+@each("seed", range(3))
 def test_distances_of_boxes_are_never_larger_than_those_of_shapes(seed: int) -> None:
     boxes = distances(mixed_scene("obb", seed).check("clearance"))
     hulls = distances(mixed_scene("hull", seed).check("clearance"))
@@ -105,8 +106,8 @@ def test_contacts_agree_with_separations_and_lie_between_the_shapes() -> None:
     assert (apart <= contacts.depths[:, None])[high].all()
 
 
-@pytest.mark.parametrize("level", ["hull", "mesh"])
-@pytest.mark.parametrize("exact", [False, True])
+@each("level", ["hull", "mesh"])
+@each("exact", [False, True])
 def test_pairs_that_hardly_touch_have_a_point_or_a_distance(level: str, exact: bool) -> None:
     # Moved until they touch but for rounding: verdicts and effects decide with other bounds.
     rng = np.random.default_rng(7)

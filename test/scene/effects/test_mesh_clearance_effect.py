@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from each import each
 from mesh_zoo import zoo
 from scipy.spatial.transform import Rotation
 
@@ -97,7 +98,7 @@ def test_spheres_and_capsules_are_exact() -> None:
     assert found[1, 2] == pytest.approx(2.5 - half[0], abs=1e-10)
 
 
-@pytest.mark.parametrize("padding", [0.0, 0.02])
+@each("padding", [0.0, 0.02])
 def test_cylinders_cones_and_ellipsoids_are_exact(padding: float) -> None:
     """Tilted, above a face by what each reaches; the meshes around them reach farther."""
     vertices, faces = zoo()["fine_box0"]

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from each import each
 from mesh_zoo import zoo
 from scipy.spatial.transform import Rotation
 
@@ -46,7 +47,7 @@ def crowded_scene(accuracy: str, padding: float = 0.0) -> oc.Scene:
     return scene
 
 
-@pytest.mark.parametrize("padding", [0.0, 0.02])
+@each("padding", [0.0, 0.02])
 def test_a_coarser_level_is_never_less_deep(padding: float) -> None:
     reports = [crowded_scene(level, padding).check(EFFECTS) for level in ("obb", "hull", "mesh")]
     depths = [dict(zip(map(tuple, r.pairs.tolist()), r.depths, strict=True)) for r in reports]
@@ -63,7 +64,7 @@ def test_a_coarser_level_is_never_less_deep(padding: float) -> None:
     assert (contacts.axes[high] == -1).all()
 
 
-@pytest.mark.parametrize("padding", [0.0, 0.02])
+@each("padding", [0.0, 0.02])
 def test_a_depth_parts_the_shapes(padding: float) -> None:
     scene, shapes = crowded_scene("mesh", padding), shapes_of()
     report = scene.check(EFFECTS)
@@ -126,9 +127,9 @@ def corner_of_walls() -> Mesh:
     return Mesh(np.concatenate([floor, wall]), np.concatenate([faces, faces + len(unit)]))
 
 
-@pytest.mark.parametrize("padding", [0.0, 0.03])
-@pytest.mark.parametrize("order", [1, -1])
-@pytest.mark.parametrize("gap", [-0.02, 0.02])
+@each("padding", [0.0, 0.03])
+@each("order", [1, -1])
+@each("gap", [-0.02, 0.02])
 def test_a_cylinder_on_the_floor_beside_a_wall_is_exact(
     padding: float, order: int, gap: float
 ) -> None:

@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
+from each import each
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mesh_zoo import zoo
@@ -112,7 +112,7 @@ def near(report: oc.Report) -> dict[tuple[int, ...], float]:
     return dict(zip(map(tuple, found.pairs.tolist()), found.distances.tolist(), strict=True))
 
 
-@pytest.mark.parametrize("accuracy", ["hull", "mesh"])
+@each("accuracy", ["hull", "mesh"])
 def test_round_shapes_collide_as_they_are(accuracy: str) -> None:
     """A polygon about a circle reaches farther at its corners; the circle does not."""
     vertices, faces = zoo()["torus0"]

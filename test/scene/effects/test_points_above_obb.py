@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from each import each
 from mesh_zoo import zoo
 from numpy.typing import NDArray
 
@@ -56,8 +57,8 @@ def counts(scene: oc.Scene, accuracy: str, margin: float = 0.0) -> NDArray[np.in
     return found.counts
 
 
-@pytest.mark.parametrize("padding", [0.0, 0.1])
-@pytest.mark.parametrize("margin", [0.0, 0.2])
+@each("padding", [0.0, 0.1])
+@each("margin", [0.0, 0.2])
 def test_a_finer_level_never_has_more_points(padding: float, margin: float) -> None:
     scene = mixed(padding)
     boxes, hulls, meshes = (counts(scene, level, margin) for level in LEVELS)

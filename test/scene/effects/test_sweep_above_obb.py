@@ -19,7 +19,7 @@ from __future__ import annotations
 from itertools import pairwise
 
 import numpy as np
-import pytest
+from each import each
 from scipy.spatial.transform import Rotation
 
 import obb_collision as oc
@@ -72,8 +72,8 @@ def free(found: Sweeps) -> dict[tuple[int, int], float]:
     return {(i, j): t for (i, j), t in zip(found.pairs.tolist(), found.free_until, strict=True)}
 
 
-@pytest.mark.parametrize("seed", range(4))
-@pytest.mark.parametrize("padding", [0.0, 0.02])
+@each("seed", range(4))
+@each("padding", [0.0, 0.02])
 def test_no_impact_is_before_that_at_a_coarser_level(seed: int, padding: float) -> None:
     rng = np.random.default_rng(seed)
     poses = np.column_stack([rng.uniform(-1.2, 1.2, (24, 3)), Rotation.random(24, rng).as_quat()])
@@ -93,8 +93,8 @@ def test_no_impact_is_before_that_at_a_coarser_level(seed: int, padding: float) 
         assert fine[0] != coarse[0]
 
 
-@pytest.mark.parametrize("level", LEVELS_OF_SWEEP)
-@pytest.mark.parametrize("seed", range(3))
+@each("level", LEVELS_OF_SWEEP)
+@each("seed", range(3))
 def test_nothing_predicted_is_late_or_missed(level: str, seed: int) -> None:
     """Against clearances on that level, step by step along the twists."""
     scene = moving_scene(seed, accuracy=level)
@@ -133,7 +133,7 @@ def test_shapes_pass_each_other_where_boxes_do_not() -> None:
         assert ([0, 2] in passed.pairs.tolist()) == bool(hits)
 
 
-@pytest.mark.parametrize("swapped", [False, True])
+@each("swapped", [False, True])
 def test_round_shapes_meet_meshes_at_their_very_radius(swapped: bool) -> None:
     """A mesh around the cylinder would be up to a few percent early."""
     corners = np.array([[0.0, -1, -1], [0, 1, -1], [0, 0, 1], [-0.1, 0, 0]])

@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from each import each
 
 import obb_collision as oc
 from obb_collision import sweeps
@@ -84,7 +85,7 @@ def test_pairs_that_collide_before_or_after_are_left_to_the_pairs() -> None:
     assert (len(report), len(report.swept.passed)) == (0, 0)
 
 
-@pytest.mark.parametrize("change", ["new object", "other shape", "disabled", "allowed", "caller"])
+@each("change", ["new object", "other shape", "disabled", "allowed", "caller"])
 def test_what_has_no_way_from_the_check_before_is_not_swept(change: str) -> None:
     scene = bullet_and_wall(objects="fast/*")
     if change == "new object":
@@ -173,9 +174,7 @@ def arm_and_post(post: Any, speed: float, horizon: float) -> Any:
     return scene.check(effects=["sweep"]).swept
 
 
-@pytest.mark.parametrize(
-    ("speed", "horizon"), [(1.0, 4.0), (1.0, 60.0), (1.0, 3600.0), (400.0, 1.0), (4000.0, 1.0)]
-)
+@each("speed, horizon", [(1.0, 4.0), (1.0, 60.0), (1.0, 3600.0), (400.0, 1.0), (4000.0, 1.0)])
 def test_an_arm_goes_round_in_a_circle_and_not_along_chords(speed: float, horizon: float) -> None:
     """A post 4 mm inside of the circle of 2 m, half a turn away; the corner meets it before."""
     swept = arm_and_post(-1.996, speed, horizon)

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from each import each
 from mesh_zoo import zoo
 from scipy.spatial.transform import Rotation
 
@@ -42,9 +43,9 @@ UPRIGHT = [0.0, 0.0, 0.0, 1.0]
 STEPS = [-1e-3, -1e-7, 0.0, 1e-7, 1e-3]
 
 
-@pytest.mark.parametrize("padding", [0.0, 0.05])
-@pytest.mark.parametrize("shape", SHAPES, ids=lambda shape: type(shape).__name__)
-@pytest.mark.parametrize("turned", [False, True])
+@each("padding", [0.0, 0.05])
+@each("shape", SHAPES)
+@each("turned", [False, True])
 def test_verdicts_say_what_effects_say(
     shape: Shape, padding: float, turned: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -90,8 +91,8 @@ def _consistent(scene: oc.Scene) -> bool:
     return True
 
 
-@pytest.mark.parametrize("padding", [0.0, 0.05])
-@pytest.mark.parametrize("length", [0.0, 0.3])
+@each("padding", [0.0, 0.05])
+@each("length", [0.0, 0.3])
 def test_round_shapes_beside_meshes_collide_at_their_very_radius(
     padding: float, length: float
 ) -> None:

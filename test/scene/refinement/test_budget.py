@@ -20,6 +20,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from each import each
 from mesh_zoo import zoo
 from numpy.typing import NDArray
 
@@ -117,7 +118,7 @@ def test_what_fits_is_decided_on_the_level_asked_for_from_the_start() -> None:
     assert world.cycle(budget, HULL).tolist() == [HULL] * 50
 
 
-@pytest.mark.parametrize("noise", [0.0, 0.1, 0.3])
+@each("noise", [0.0, 0.1, 0.3])
 def test_a_scene_that_takes_ten_times_the_budget_keeps_it(noise: float) -> None:
     world = World(1000, noise, spikes=0.01)
     assert COSTS[MESH] * len(world.levels) == 10.0 * BUDGET
@@ -133,8 +134,8 @@ def test_a_scene_that_takes_ten_times_the_budget_keeps_it(noise: float) -> None:
     assert np.mean([(level == HULL).all() for level in levels]) >= 0.95
 
 
-@pytest.mark.parametrize("share", [0.7, 0.85, 1.0])
-@pytest.mark.parametrize("noise", [0.05, 0.3])
+@each("share", [0.7, 0.85, 1.0])
+@each("noise", [0.05, 0.3])
 def test_a_level_that_just_fits_or_just_not_makes_nothing_flicker(
     share: float, noise: float
 ) -> None:
@@ -210,9 +211,9 @@ def busy(world: World, count: int) -> World:
     return world
 
 
-@pytest.mark.parametrize("noise", [0.0, 0.3])
-@pytest.mark.parametrize("slow", [2.0, 20.0, 1000.0])
-@pytest.mark.parametrize("cycles", [1, 5, 20, 200])
+@each("noise", [0.0, 0.3])
+@each("slow", [2.0, 20.0, 1000.0])
+@each("cycles", [1, 5, 20, 200])
 def test_a_slow_start_is_forgotten(cycles: int, slow: float, noise: float) -> None:
     world = busy(World(1000, noise), 400)
     budget = Budget(0.6 * BUDGET, world.clock)
@@ -230,8 +231,8 @@ def test_a_slow_start_is_forgotten(cycles: int, slow: float, noise: float) -> No
     assert np.mean(np.array(used) <= 0.6 * BUDGET) >= 0.95
 
 
-@pytest.mark.parametrize("slow", [5.0, 100.0])
-@pytest.mark.parametrize("cycles", [1, 10, 100])
+@each("slow", [5.0, 100.0])
+@each("cycles", [1, 10, 100])
 def test_the_level_is_found_again_after_a_slow_time(cycles: int, slow: float) -> None:
     world = busy(World(1000, 0.2, spikes=0.002), 400)
     budget = Budget(0.6 * BUDGET, world.clock)
@@ -248,7 +249,7 @@ def test_the_level_is_found_again_after_a_slow_time(cycles: int, slow: float) ->
         assert budget.cap == HULL
 
 
-@pytest.mark.parametrize("spikes", [0.005, 0.01, 0.02])  # of some 20 times a cycle
+@each("spikes", [0.005, 0.01, 0.02])  # of some 20 times a cycle
 def test_others_that_take_the_processor_again_and_again_do_not_keep_from_the_level(
     spikes: float,
 ) -> None:
@@ -322,7 +323,7 @@ def test_what_waits_is_refined_with_the_time_that_remains() -> None:
     assert ((verdicts != SEPARATE) == (world.levels == MESH)).all()
 
 
-@pytest.mark.parametrize("wrong", [0.0, -1.0, float("nan"), float("inf"), True])
+@each("wrong", [0.0, -1.0, float("nan"), float("inf"), True])
 def test_a_budget_is_positive_seconds(wrong: float) -> None:
     with pytest.raises(ValueError, match="time_budget"):
         Budget(wrong)

@@ -20,6 +20,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from each import each
 from mesh_zoo import zoo
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
@@ -72,7 +73,7 @@ def world_boxes(meshes: list[Mesh], placed: oc.PlacedMeshes) -> Boxes:
     return boxes
 
 
-@pytest.mark.parametrize(("spread", "seed"), [(0.3, 1), (0.6, 2), (1.0, 3)])
+@each("spread, seed", [(0.3, 1), (0.6, 2), (1.0, 3)])
 def test_no_level_misses_what_a_more_exact_one_reports(
     meshes: list[Mesh],
     stored: tuple[oc.MeshTrees, Hulls],
@@ -137,8 +138,8 @@ ODD = {name: Mesh(*mesh) for name, mesh in odd_meshes().items()}
 TORUS, BALL = Mesh(*ZOO["torus1"]), Mesh(*ZOO["sphere2"])
 
 
-@pytest.mark.parametrize("name", ODD)
-@pytest.mark.parametrize("level", LEVELS)
+@each("name", ODD)
+@each("level", LEVELS)
 def test_odd_meshes_collide_where_they_are_and_not_where_they_are_not(
     name: str, level: str
 ) -> None:
@@ -174,7 +175,7 @@ def huge(subdivisions: int) -> Mesh:
     return Mesh(ball.vertices, ball.faces, fit="aabb")
 
 
-@pytest.mark.parametrize("level", LEVELS)
+@each("level", LEVELS)
 def test_huge_meshes_are_decided_on_every_level(level: str, pairs: int) -> None:
     """20,480 triangles; with ``--pairs`` of 10,000 or more 1.3 million."""
     ball = huge(8 if pairs >= 10_000 else 5)

@@ -23,6 +23,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from each import each
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -137,8 +138,8 @@ def test_objects_may_touch_within_their_namespaces() -> None:
     assert scene.allowed_within == ["b"]
 
 
-@pytest.mark.parametrize(
-    ("name", "value"),
+@each(
+    "name, value",
     [
         ("check_only", [("", "a")]),
         ("check_only", [("a", ())]),
