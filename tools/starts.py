@@ -30,7 +30,8 @@ from time import perf_counter
 import obb_collision
 from obb_collision.warm_up.steps import BOXES, MESSAGES, NODE_STEPS, possible_steps
 
-#: Seconds: the default node, that node once more, what is switched on late, and everything by two processes.
+#: Seconds: the default node, the same once more, what is switched on late, and everything by two
+#: processes.
 NODE, WARM, LATE, EVERYTHING = 12.0, 2.0, 12.0, 60.0
 #: How a program compiles steps, as the node does beside its cycles.
 COMPILE = "from obb_collision.warm_up.processes import compile_steps; import sys; "

@@ -36,7 +36,7 @@ from obb_collision.node.objects.table import Slots
 from obb_collision.node.outputs.outputs import Effects, Outputs, Published
 from obb_collision.node.parameters.parameters import Parameters
 from obb_collision.node.runtime.guard import Guard
-from obb_collision.node.settings import SceneSettings
+from obb_collision.node.settings import SceneParameters
 from obb_collision.scene.broad_phase.broad_phase import NO_PAIRS
 from obb_collision.scene.effects import EFFECTS
 from obb_collision.scene.report import Report
@@ -139,7 +139,7 @@ class Cycle:
         parameters: Parameters,
         objects: Objects,
         obstacles: Obstacles,
-        settings: SceneSettings,
+        settings: SceneParameters,
         effects: Effects,
         outputs: Outputs,
         guard: Guard,

@@ -107,7 +107,10 @@ class MergerNode(Node):
         self._regions = list(regions)
         self._publishers_of = {
             topic.name: self.create_publisher(
-                *(topic.message, topic.name, copy(topic.qos)), qos_overriding_options=overridable()
+                topic.message,
+                topic.name,
+                copy(topic.qos),
+                qos_overriding_options=overridable(),
             )
             for topic in (*CLOUDS.values(), STATUS, FLAG, NAMESPACES)
         }

@@ -66,7 +66,7 @@ from obb_collision.node.scene_file import SceneFile
 from obb_collision.node.schedule import Schedule
 from obb_collision.node.self_test.service import SelfTestService
 from obb_collision.node.settings import (
-    SceneSettings,
+    SceneParameters,
     apply_limits,
     effect_levels,
     mesh_reading,
@@ -256,15 +256,21 @@ class CollisionNode(ManagedNode):
         if not self.parameters.robots:
             return None
         robots = Robots(
-            *(self, self.parameters, self.objects, self._link_frames, self._monitors, self._now),
-            *(lambda: self.evidence.not_known(), lambda: mesh_reading(self.parameters)),
+            self,
+            self.parameters,
+            self.objects,
+            self._link_frames,
+            self._monitors,
+            self._now,
+            lambda: self.evidence.not_known(),
+            lambda: mesh_reading(self.parameters),
         )
         self._configured.callback(robots.close)
         return robots
 
     def _make_cycle(self, allowed: list[Rule]) -> None:
         """Create the check, and what calls it."""
-        self._settings = SceneSettings(self.parameters, self.objects, self._warm, self._effects)
+        self._settings = SceneParameters(self.parameters, self.objects, self._warm, self._effects)
         self._settings.allowed = self._allowed = allowed
         self.cycle = Cycle(
             self.parameters,
@@ -279,8 +285,14 @@ class CollisionNode(ManagedNode):
         topics = [topic for topic, kind in self._topics.items() if not kind.is_query]
         inputs = {topic: self._monitors[topic] for topic in topics}
         self.evidence = Evidence(
-            *(self.parameters, self.objects, self.cycle, inputs, self.inputs.unknown),
-            *(self.robots, self._now, self._steady),
+            self.parameters,
+            self.objects,
+            self.cycle,
+            inputs,
+            self.inputs.unknown,
+            self.robots,
+            self._now,
+            self._steady,
         )
         self._schedule = Schedule(self, self.parameters, self._run_cycle)
         self._configured.callback(self._schedule.close)

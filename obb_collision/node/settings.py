@@ -41,7 +41,7 @@ from obb_collision.scene_files.mesh_files import MeshReading
 MEGABYTE = 1_000_000
 
 
-class SceneSettings:
+class SceneParameters:
     """Applies parameters to the scene; accuracies wait until their kernels are compiled."""
 
     def __init__(

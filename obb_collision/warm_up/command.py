@@ -28,7 +28,7 @@ from typing import TYPE_CHECKING, TextIO
 from obb_collision.cli import Parser, interruptible
 
 if TYPE_CHECKING:
-    from obb_collision.warm_up.processes import Progress
+    from obb_collision.warm_up.processes import CompileProgress
 
 WIDTH = 30
 """Characters of the bar."""
@@ -91,7 +91,7 @@ class Bar:
         self._shown = 0
         self._missing = missing
 
-    def show(self, progress: Progress) -> None:
+    def show(self, progress: CompileProgress) -> None:
         """Draw how far it is."""
         if not self._wanted:
             return

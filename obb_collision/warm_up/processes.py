@@ -65,8 +65,8 @@ CODE = (
 
 
 @dataclass
-class Progress:
-    """Progress: steps that are done, kernels compiled, and what failed.
+class CompileProgress:
+    """CompileProgress: steps that are done, kernels compiled, and what failed.
 
     failed: why, by step; hung: those of them whose process took too long; unsaved: kernels that no
     folder took; stopped: whether it was stopped before all steps were done; notes: lines that a
@@ -98,9 +98,9 @@ def compile_steps(
     private: Path | None = None,
     niceness: int = 0,
     patience: float = PATIENCE,
-    look: Callable[[Progress], None] = lambda progress: None,
+    look: Callable[[CompileProgress], None] = lambda progress: None,
     stopped: Callable[[], bool] = lambda: False,
-) -> Progress:
+) -> CompileProgress:
     """Compile what steps need and the cache lacks, in ``count`` processes; returns at the end.
 
     The longest steps have parts that are steps of their own, see ``steps.BESIDE``.
@@ -110,7 +110,7 @@ def compile_steps(
     from time to time, and whenever something has happened. stopped: asked every tenth of a second.
     """
     wanted = [part for step in names for part in (step, *steps.BESIDE.get(step, ()))]
-    progress = Progress(tuple(dict.fromkeys(wanted)))
+    progress = CompileProgress(tuple(dict.fromkeys(wanted)))
     waiting = list(progress.steps)
     if count is None:
         count = min(MOST_PROCESSES, cores())
@@ -170,7 +170,7 @@ class _Worker:
         self._step: str | None = None
         self._last_message = monotonic()
 
-    def give(self, waiting: list[str], progress: Progress) -> None:
+    def give(self, waiting: list[str], progress: CompileProgress) -> None:
         """Give the process the next step."""
         self._step = waiting.pop(0) if waiting else None
         if self._step is None:
@@ -180,7 +180,7 @@ class _Worker:
             self._in.write(f"{self._step}\n".encode())
             self._in.flush()
 
-    def take(self, waiting: list[str], progress: Progress) -> bool:
+    def take(self, waiting: list[str], progress: CompileProgress) -> bool:
         """Read what the process has written; return whether there may be more."""
         data = os.read(self.out.fileno(), 1 << 16)
         self._last_message = monotonic()
@@ -197,7 +197,7 @@ class _Worker:
             progress.running.remove(self._step)
         return bool(data) and self._step is not None
 
-    def _note(self, said: dict[str, Any], waiting: list[str], progress: Progress) -> None:
+    def _note(self, said: dict[str, Any], waiting: list[str], progress: CompileProgress) -> None:
         if said["event"] == "kernel":
             progress.kernels.append(said["name"])
         elif said["event"] == "note":
@@ -217,7 +217,7 @@ class _Worker:
         """Return whether nothing has come from the process for too long."""
         return self._step is not None and monotonic() - self._last_message > patience
 
-    def give_up(self, patience: float, progress: Progress) -> None:
+    def give_up(self, patience: float, progress: CompileProgress) -> None:
         """End a process that hangs; its step has failed."""
         self.end()
         if self._step is not None:
@@ -272,11 +272,11 @@ def _teller(out: TextIO) -> Callable[..., None]:
 def _listen(tell: Callable[..., None]) -> None:
     """Pass on what this package logs and the kernels it compiles."""
 
-    class Notes(logging.Handler):
+    class NoteHandler(logging.Handler):
         def emit(self, record: logging.LogRecord) -> None:
             tell("note", text=record.getMessage())
 
-    logger.handlers = [Notes()]
+    logger.handlers = [NoteHandler()]
     logger.propagate = False
     told = 0
 

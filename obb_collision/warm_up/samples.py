@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What the steps use kernels on: a few boxes, shapes of every kind, a mesh, clouds."""
+"""Samples that the steps use kernels on: a few boxes, shapes of every kind, a mesh, clouds."""
 
 from __future__ import annotations
 
@@ -73,11 +73,16 @@ def triangle_tree() -> oc.MeshTrees:
     """Return the tree of one triangle, for which none has to be built."""
     row, zero = np.array([*(0.0,) * 3, *np.eye(3).ravel(), *(1.0,) * 3, 3.0]), np.zeros(1, np.int64)
     return oc.MeshTrees.trusted(
-        triangles=np.arange(9.0)[None], faces=zero, counted=zero == 0, nodes=row[None],
-        children=zero - 1, starts=np.array([[0, 1]]), levels=zero, roots=zero, solid=zero == 0,
-        winding=zero == 0, radii=np.array([20.0]), pieces=np.zeros((1, 6, 3)),
+        triangles=np.arange(9.0)[None],
+        nodes=row[None],
+        children=zero - 1,
+        starts=np.array([[0, 1]]),
+        radii=np.array([20.0]),
+        pieces=np.zeros((1, 6, 3)),
         piece_starts=np.array([0, 1]),
-    )  # fmt: skip
+        **dict.fromkeys(("faces", "levels", "roots"), zero),
+        **dict.fromkeys(("counted", "solid", "winding"), zero == 0),
+    )
 
 
 def clouds() -> list[NDArray[np.floating]]:

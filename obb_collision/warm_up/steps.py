@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What uses the kernels, step by step: running a step compiles or loads what it is named after.
+"""Steps that use the kernels: running a step compiles or loads those it is named after.
 
 A kernel is compiled per kind of argument, so a step calls what users call, with arrays laid out
 as they come by every way: contiguous or not, read-only or not, of one object or many.
@@ -419,7 +419,8 @@ def _convex_pairs() -> None:
 def _swept_hulls() -> None:
     """Sweep two convex bodies."""
     bodies, row = convex_bodies(), np.zeros((1, 3))
-    motion = BodyMotion(*(row, row, 1.0), np.eye(3)[None], *(row, row), *np.ones((2, 1)))
+    one = np.ones(1)
+    motion = BodyMotion(row, row, 1.0, np.eye(3)[None], row, row, one, one)
     convex_sweeps(bodies, motion, np.zeros((1, 2), np.int64), np.zeros(1), 1e-4)
 
 

@@ -33,7 +33,7 @@ from obb_collision.accuracy import Accuracy
 from obb_collision.cli import INTERRUPTED
 from obb_collision.warm_up import processes
 from obb_collision.warm_up.command import Bar, main
-from obb_collision.warm_up.processes import Progress, compile_steps
+from obb_collision.warm_up.processes import CompileProgress, compile_steps
 from obb_collision.warm_up.steps import (
     BESIDE,
     BOXES,
@@ -205,7 +205,7 @@ def test_the_bar_fills_with_the_kernels_on_a_terminal_only() -> None:
         def isatty(self) -> bool:
             return True
 
-    progress = Progress(("a", "b"), running=["a"])
+    progress = CompileProgress(("a", "b"), running=["a"])
     for stream, quiet in ((Terminal(), False), (io.StringIO(), False), (Terminal(), True)):
         bar = Bar(stream, not quiet, 4)
         progress.kernels, progress.done = ["x", "x", "y"], ["a"]

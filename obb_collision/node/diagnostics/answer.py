@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What is known of collisions, and what is missing for the claim that there are none."""
+"""Answer to whether objects collide, and the reasons why it is unknown."""
 
 from __future__ import annotations
 

@@ -67,7 +67,9 @@ class Events:
 
         found: rows of ``collisions``; measured: whether distances are computed.
         """
-        limits = Limits(*(self._parameters.option("events", key) for key in Limits._fields))
+        limits = EventLimits(
+            *(self._parameters.option("events", key) for key in EventLimits._fields)
+        )
         if self._parameters.mode("separations") == OFF:  # there are no distances
             limits = limits._replace(begin_distance=0.0, clear_distance=0.0)
         rows = self.pairs.update(
@@ -112,14 +114,23 @@ def _part(rows: StructuredRows, given: CheckedState, distance: float, measured: 
     return Parted(reasons, apart)
 
 
-__all__ = ["BEGIN", "END", "LASTING", "NOT_CHECKED", "REMOVED", "Limits", "PairEvents", "Parted"]
+__all__ = [
+    "BEGIN",
+    "END",
+    "LASTING",
+    "NOT_CHECKED",
+    "REMOVED",
+    "EventLimits",
+    "PairEvents",
+    "Parted",
+]
 
 NEVER = np.iinfo(np.int64).max
 NANOSECONDS = 1e9
 TAKEN = (*POSITION_FIELDS, *NORMAL_FIELDS)
 
 
-class Limits(NamedTuple):
+class EventLimits(NamedTuple):
     """Distances (m) and times (s) for a collision to begin and to clear."""
 
     begin_distance: float = 0.0
@@ -172,7 +183,7 @@ class PairEvents:
         self,
         now: int,
         found: StructuredRows,
-        limits: Limits,
+        limits: EventLimits,
         part: Callable[[StructuredRows], Parted],
         whole: bool = True,
     ) -> StructuredRows:
@@ -229,7 +240,7 @@ class PairEvents:
         self._keys = self._keys[kept]
         self._rows, self._begun, self._since, self._start = (c[kept] for c in self._state)
 
-    def _begin(self, now: int, deep: Mask, limits: Limits, kept: Mask) -> Mask:
+    def _begin(self, now: int, deep: Mask, limits: EventLimits, kept: Mask) -> Mask:
         """Begin what has been deep for long enough; kept: pairs of which nothing is known."""
         waits = ~self._begun & deep
         self._since[waits & (self._since == NEVER)] = now
@@ -244,7 +255,7 @@ class PairEvents:
         self,
         now: int,
         collides: Mask,
-        limits: Limits,
+        limits: EventLimits,
         part: Callable[[StructuredRows], Parted],
         whole: bool,
     ) -> Mask:

@@ -51,7 +51,7 @@ from obb_collision.node.robots.validity import (
     ServiceType,
     SpeedScale,
     StateService,
-    Validity,
+    ValidityTopics,
 )
 from obb_collision.node.topics.cloud import LATCHED, RELIABLE
 from obb_collision.scene.store.allowed import Rule
@@ -105,7 +105,7 @@ class Robots:
         self._node, self._parameters, self._clock = node, parameters, clock
         self._publishers: dict[str, Publisher] = {}
         self._services: list[Any] = []
-        self._validity: dict[str, Validity] = {}
+        self._validity: dict[str, ValidityTopics] = {}
         self._speeds: list[SpeedScale] = []
         self._touch_links: list[tuple[str, str]] = []
         self._trajectories: dict[str, Trajectories] = {}
@@ -124,7 +124,7 @@ class Robots:
         name = checked.given.name
         ends = {kind: self._publisher(f"{name}/{kind}", *of) for kind, of in OUTPUTS.items()}
         topic = f"{name}/{STATES_TO_CHECK}"
-        self._validity[topic] = Validity(checked, ends[STATE_VALIDITY], monitors[topic])
+        self._validity[topic] = ValidityTopics(checked, ends[STATE_VALIDITY], monitors[topic])
         if ServiceType is not None:
             answer = StateService(checked, monitors[topic]).answer
             service = self._node.create_service(ServiceType, f"{name}/{SERVICE}", answer)

@@ -73,7 +73,7 @@ LONGEST_CHECK, QUICK = 0.2, 0.02
 meanwhile; and of a portion of them that is quick."""
 
 
-class Validity:
+class ValidityTopics:
     """Answers the states to check of one robot."""
 
     def __init__(self, checked: CheckedRobot, publisher: Publisher, monitor: InputMonitor) -> None:

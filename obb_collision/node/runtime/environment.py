@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What must be installed, and set in the environment, before rclpy is used."""
+"""Packages, variables of the environment and signals before rclpy is used."""
 
 from __future__ import annotations
 

@@ -33,7 +33,7 @@ from obb_collision import _kernel_cache
 from obb_collision.accuracy import Accuracy
 from obb_collision.node.runtime.running import Garbage
 from obb_collision.warm_up import steps
-from obb_collision.warm_up.processes import Progress, compile_steps
+from obb_collision.warm_up.processes import CompileProgress, compile_steps
 from obb_collision.warm_up.steps import (
     BOXES,
     MESSAGES,
@@ -213,7 +213,7 @@ class WarmUp:
         stopped: Callable[[], bool],
         niceness: int,
         report: Callable[[str], None],
-    ) -> Progress:
+    ) -> CompileProgress:
         """Compile in other processes, and log the progress."""
         kept = f"cached in {_kernel_cache.places[0]}" if _kernel_cache.places else "not cached"
         self._info(
@@ -224,7 +224,7 @@ class WarmUp:
         start = perf_counter()
         due, noted, done = start + FIRST_WORD, 0, 0
 
-        def look(progress: Progress) -> None:
+        def look(progress: CompileProgress) -> None:
             nonlocal due, noted, done
             self._take_requests(wait=False)  # what the cache has need not wait for what compiles
             self._load(progress.done[done:])

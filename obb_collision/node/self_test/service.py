@@ -93,7 +93,7 @@ class SelfTestService:
             if executor is not None and not self._closed.is_set():
                 executor.wake()  # it may have nothing else to do
 
-    def _status(self, result: Result) -> DiagnosticStatus:
+    def _status(self, result: Compared) -> DiagnosticStatus:
         values: list[tuple[str, object]] = [
             ("compared", result.compared),
             ("different", result.different),
@@ -121,7 +121,7 @@ LATE = "no time was left"
 
 
 @dataclass
-class Result:
+class Compared:
     """What one comparison came to: how many pieces were compared, and which of them differ."""
 
     comparison: Comparison
@@ -142,7 +142,7 @@ def compare_all(
     stopped: Callable[[], bool] = lambda: False,
     clock: Callable[[], float] = time.perf_counter,
     seconds: float = TIME,
-) -> Iterator[Result]:
+) -> Iterator[Compared]:
     """Yield the result of each comparison; what one leaves of its time is the next one's."""
     start = clock()
     for number, comparison in enumerate(COMPARISONS, 1):
@@ -154,9 +154,9 @@ def compare(
     stopped: Callable[[], bool],
     clock: Callable[[], float],
     end: float,
-) -> Result:
+) -> Compared:
     """Make one comparison until a time; kernels are not compiled, which would hold up cycles."""
-    result = Result(comparison)
+    result = Compared(comparison)
     start = paused = clock()
     pieces = comparison.run(np.random.default_rng(SEED))
     try:

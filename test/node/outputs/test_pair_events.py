@@ -31,7 +31,7 @@ from obb_collision.node.outputs.events import (
     LASTING,
     NOT_CHECKED,
     REMOVED,
-    Limits,
+    EventLimits,
     PairEvents,
     Parted,
 )
@@ -71,7 +71,7 @@ steps = st.lists(
 class Oracle:
     """What each pair should do, from all that was seen of it since its last event."""
 
-    def __init__(self, limits: Limits) -> None:
+    def __init__(self, limits: EventLimits) -> None:
         self.limits = limits
         self.seen: dict[int, list[tuple[int, str]]] = {n: [] for n in range(len(PAIRS))}
         self.start: dict[int, int] = {}
@@ -143,9 +143,11 @@ def number(row: Any) -> int:
 
 @given(
     steps,
-    st.builds(Limits, st.just(0.1), st.just(0.1), st.integers(0, 4), st.integers(0, 4)),
+    st.builds(EventLimits, st.just(0.1), st.just(0.1), st.integers(0, 4), st.integers(0, 4)),
 )
-def test_events_are_those_of_the_whole_history(given_steps: list[Step], limits: Limits) -> None:
+def test_events_are_those_of_the_whole_history(
+    given_steps: list[Step], limits: EventLimits
+) -> None:
     pairs, oracle = PairEvents(EVENTS.dtype), Oracle(limits)
     now = 1000
     for count, step in enumerate(given_steps):
@@ -186,28 +188,28 @@ def nothing_parts(rows: Any) -> Parted:
 
 def test_the_greatest_depth_and_the_last_place_are_told() -> None:
     pairs = PairEvents(EVENTS.dtype)
-    pairs.update(0, rows_of({}), Limits(), nothing_parts)
+    pairs.update(0, rows_of({}), EventLimits(), nothing_parts)
     for second, (depth, x) in enumerate([(0.25, 1.0), (0.75, 2.0), (np.nan, np.nan), (0.5, 3.0)]):
         rows = rows_of({0: DEEP})
         rows["depth"], rows["x"] = depth, x
-        events = pairs.update(second * SECOND, rows, Limits(), nothing_parts)
+        events = pairs.update(second * SECOND, rows, EventLimits(), nothing_parts)
         assert len(events) == (second == 0)
-    (event,) = pairs.update(4 * SECOND, rows_of({}), Limits(), nothing_parts)
+    (event,) = pairs.update(4 * SECOND, rows_of({}), EventLimits(), nothing_parts)
     assert (event["event"], event["depth"], event["x"], event["duration"]) == (END, 0.75, 3.0, 4.0)
     assert len(pairs.lasting(5 * SECOND)) == 0
 
 
 def test_an_unknown_depth_counts_as_deep() -> None:
     pairs = PairEvents(EVENTS.dtype)
-    pairs.update(0, rows_of({}), Limits(), nothing_parts)
+    pairs.update(0, rows_of({}), EventLimits(), nothing_parts)
     rows = rows_of({0: SHALLOW, 1: SHALLOW})
     rows["depth"][0] = np.nan
-    events = pairs.update(SECOND, rows, Limits(begin_distance=0.5), nothing_parts)
+    events = pairs.update(SECOND, rows, EventLimits(begin_distance=0.5), nothing_parts)
     assert [number(row) for row in events] == [number(rows[0])]
 
 
 def test_what_was_not_looked_at_does_not_count_as_apart() -> None:
-    pairs, limits = PairEvents(EVENTS.dtype), Limits(clear_time=3.0)
+    pairs, limits = PairEvents(EVENTS.dtype), EventLimits(clear_time=3.0)
     pairs.update(0, rows_of({0: DEEP}), limits, nothing_parts)
     assert len(pairs.update(SECOND, rows_of({}), limits, nothing_parts)) == 0
     pairs.interrupt()
@@ -217,12 +219,12 @@ def test_what_was_not_looked_at_does_not_count_as_apart() -> None:
 
 def test_no_begin_is_lost_where_parting_fails() -> None:
     pairs = PairEvents(EVENTS.dtype)
-    pairs.update(0, rows_of({0: DEEP}), Limits(), nothing_parts)
+    pairs.update(0, rows_of({0: DEEP}), EventLimits(), nothing_parts)
 
     def fails(rows: Any) -> Parted:
         raise RuntimeError("not today")
 
     with pytest.raises(RuntimeError):
-        pairs.update(SECOND, rows_of({1: DEEP}), Limits(), fails)
-    events = pairs.update(2 * SECOND, rows_of({1: DEEP}), Limits(), nothing_parts)
+        pairs.update(SECOND, rows_of({1: DEEP}), EventLimits(), fails)
+    events = pairs.update(2 * SECOND, rows_of({1: DEEP}), EventLimits(), nothing_parts)
     assert {number(row): row["event"] for row in events} == {0: END, 1: BEGIN}

@@ -34,7 +34,7 @@ from obb_collision.accuracy import Accuracy
 from obb_collision.node.runtime import warm_up
 from obb_collision.node.runtime.warm_up import WarmUp
 from obb_collision.warm_up import steps
-from obb_collision.warm_up.processes import Progress
+from obb_collision.warm_up.processes import CompileProgress
 from obb_collision.warm_up.steps import BOXES, MESSAGES, NODE_STEPS, STEPS
 
 SEPARATIONS = "effect separations"
@@ -65,10 +65,10 @@ class Cache:
             raise _kernel_cache.KernelMissingError(step)
         self.here.append(step)
 
-    def compile_steps(self, wanted: list[str], **options: Any) -> Progress:
+    def compile_steps(self, wanted: list[str], **options: Any) -> CompileProgress:
         """Stand in for ``compile_steps``."""
         self.asked.set()
-        progress, limit = Progress(tuple(wanted)), monotonic() + PATIENCE
+        progress, limit = CompileProgress(tuple(wanted)), monotonic() + PATIENCE
         while not self.may_go_on.wait(0.01):
             assert monotonic() < limit, "may not go on"
             options["look"](progress)
@@ -232,7 +232,7 @@ def test_a_step_is_ready_before_those_compiled_beside_it(
     seen = []
     compile_steps = cache.compile_steps
 
-    def compile_two(wanted: list[str], **options: Any) -> Progress:
+    def compile_two(wanted: list[str], **options: Any) -> CompileProgress:
         progress = compile_steps(wanted, **options)
         seen.append(log.warm.is_ready("sweep"))
         return progress
@@ -267,9 +267,9 @@ def test_a_private_folder_is_made_only_where_the_cache_does_not_take_kernels(
 def test_a_start_that_is_given_up_compiles_nothing_more(
     cache: Cache, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def stopped(wanted: list[str], **options: Any) -> Progress:
+    def stopped(wanted: list[str], **options: Any) -> CompileProgress:
         assert options["stopped"]()
-        return Progress(tuple(wanted), stopped=True)
+        return CompileProgress(tuple(wanted), stopped=True)
 
     monkeypatch.setattr(warm_up, "compile_steps", stopped)
     warm = WarmUp(lambda text: None, lambda text: None, lambda: True)
@@ -283,11 +283,11 @@ def test_closing_waits_until_nothing_is_compiled_any_more(
 ) -> None:
     begun, ended = Event(), Event()
 
-    def compile_until_stopped(wanted: list[str], **options: Any) -> Progress:
+    def compile_until_stopped(wanted: list[str], **options: Any) -> CompileProgress:
         begun.set()
         wait_for(options["stopped"])
         ended.set()  # here the processes are ended
-        return Progress(tuple(wanted), stopped=True)
+        return CompileProgress(tuple(wanted), stopped=True)
 
     monkeypatch.setattr(warm_up, "compile_steps", compile_until_stopped)
     cache.kept = {BOXES, MESSAGES, SEPARATIONS}

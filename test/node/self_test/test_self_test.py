@@ -155,7 +155,7 @@ def test_cycles_go_on_while_it_runs_in_a_thread_of_its_own(
     def waits(*_: Any) -> Iterator[Any]:
         threads.append(threading.current_thread().name)
         assert opened.wait(rig.patience)
-        yield service.Result(COMPARISONS[0], compared=1)
+        yield service.Compared(COMPARISONS[0], compared=1)
 
     monkeypatch.setattr(service, "compare_all", waits)
     client = rig.client.create_client(SelfTest, "obb_collision/self_test")
